@@ -1,0 +1,157 @@
+"""What every camera model offers."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.errors import ShapeError
+
+CHUNK_ROWS = 16_384  # temporaries of a chunk stay in the processor's cache
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraModel(ABC):
+    """A map between rays of the camera frame and pixels.
+
+    Attributes:
+        width: image width, px.
+        height: image height, px.
+    """
+
+    width: int
+    height: int
+
+    def __post_init__(self) -> None:
+        if not (int(self.width) == self.width > 0 and int(self.height) == self.height > 0):
+            raise ShapeError(f"camera model: wanted a positive image size, came {self.width} x {self.height}")
+        object.__setattr__(self, "width", int(self.width))
+        object.__setattr__(self, "height", int(self.height))
+
+    @property
+    @abstractmethod
+    def limit_angle_rad(self) -> float:
+        """Largest angle to the optical axis at which the mapping holds."""
+
+    @abstractmethod
+    def scaled(self, width: int, height: int) -> Self:
+        """The same lens seen in an image of another size.
+
+        The outer borders of the images coincide, so u' = (u + 0.5) width'/width - 0.5.
+        """
+
+    @abstractmethod
+    def _project(
+        self, points: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+        """u, v and validity of a chunk of (n, 3) points; anything where not valid."""
+
+    @abstractmethod
+    def _unproject(
+        self, u: NDArray[np.float64], v: NDArray[np.float64], rays: NDArray[np.float64]
+    ) -> NDArray[np.bool_]:
+        """Write unit rays of a chunk of n pixels into `rays` (n, 3); return validity."""
+
+    def project(self, points_camera: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Map points or rays of the camera frame to pixels.
+
+        Args:
+            points_camera: (N, 3) float64, camera frame, any length.
+
+        Returns:
+            pixels: (N, 2) float64, px, (u, v), also outside the image; NaN where not valid.
+            valid: (N,) bool; False for a zero or non-finite ray and beyond `limit_angle_rad`.
+
+        Raises:
+            ShapeError: `points_camera` is not (N, 3).
+        """
+        points = _rows(points_camera, 3, "points_camera")
+        pixels = np.empty((len(points), 2))
+        valid = np.empty(len(points), dtype=bool)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            for start in range(0, len(points), CHUNK_ROWS):
+                part = slice(start, start + CHUNK_ROWS)
+                pixels[part, 0], pixels[part, 1], valid[part] = self._project(points[part])
+        pixels[~valid] = np.nan
+        return pixels, valid
+
+    def unproject(self, pixels: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Map pixels to unit rays of the camera frame.
+
+        Args:
+            pixels: (N, 2) float64, px, (u, v); may lie outside the image.
+
+        Returns:
+            rays_camera: (N, 3) float64, unit length; NaN where not valid.
+            valid: (N,) bool; False where the lens maps no ray to the pixel.
+
+        Raises:
+            ShapeError: `pixels` is not (N, 2).
+        """
+        places = _rows(pixels, 2, "pixels")
+        rays = np.empty((len(places), 3))
+        valid = np.empty(len(places), dtype=bool)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            for start in range(0, len(places), CHUNK_ROWS):
+                part = slice(start, start + CHUNK_ROWS)
+                valid[part] = self._unproject(places[part, 0], places[part, 1], rays[part])
+        rays[~valid] = np.nan
+        return rays, valid
+
+    def contains(self, pixels: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Whether pixels lie in the image: (N, 2) -> (N,) bool; False for NaN."""
+        u, v = pixels[:, 0], pixels[:, 1]
+        return np.asarray((u >= -0.5) & (u < self.width - 0.5) & (v >= -0.5) & (v < self.height - 0.5))
+
+
+def finite_pair(values: object, name: str, *, positive: bool = False) -> tuple[float, float]:
+    """Two finite numbers as a tuple.
+
+    Raises:
+        ShapeError: anything else, or a number that is not positive where it must be.
+    """
+    numbers = finite_numbers(values, name)
+    if len(numbers) != 2 or (positive and min(numbers) <= 0):
+        raise ShapeError(f"{name}: wanted two {'positive ' if positive else ''}numbers, came {numbers}")
+    return numbers[0], numbers[1]
+
+
+def finite_numbers(values: object, name: str) -> tuple[float, ...]:
+    """Finite numbers as a tuple.
+
+    Raises:
+        ShapeError: a value that is not a finite number.
+    """
+    numbers = np.asarray(values, dtype=np.float64)
+    if numbers.ndim != 1 or not np.isfinite(numbers).all():
+        raise ShapeError(f"{name}: wanted finite numbers in a row, came {numbers.tolist()}")
+    return tuple(numbers.tolist())
+
+
+def rescaled_point(point: tuple[float, float], scale_u: float, scale_v: float) -> tuple[float, float]:
+    """A pixel position in an image scaled about its outer corner."""
+    return (point[0] + 0.5) * scale_u - 0.5, (point[1] + 0.5) * scale_v - 0.5
+
+
+def checked_max_angle(max_angle_rad: float | None) -> float:
+    """The lens's stated field limit; pi where none is stated.
+
+    Raises:
+        ShapeError: not in (0, pi].
+    """
+    if max_angle_rad is None:
+        return float(np.pi)
+    if not 0 < max_angle_rad <= np.pi + 1e-12:
+        raise ShapeError(f"max_angle_rad: wanted an angle in (0, pi], came {max_angle_rad}")
+    return float(max_angle_rad)
+
+
+def _rows(values: NDArray[np.float64], columns: int, name: str) -> NDArray[np.float64]:
+    rows = np.asarray(values, dtype=np.float64)
+    if rows.ndim != 2 or rows.shape[1] != columns:
+        raise ShapeError(f"{name}: wanted (N, {columns}), came {rows.shape}")
+    return rows

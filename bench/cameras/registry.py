@@ -1,0 +1,52 @@
+"""Camera models by name, as recordings store them."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from importlib import import_module
+from typing import Any
+
+from bench.cameras.model import CameraModel
+from bench.errors import ShapeError, UnknownNameError
+
+CAMERA_MODELS = {
+    "radial_polynomial": "bench.cameras.radial_polynomial:RadialPolynomialCamera",
+    "kannala_brandt": "bench.cameras.kannala_brandt:KannalaBrandtCamera",
+    "unified": "bench.cameras.unified:UnifiedCamera",
+    "pinhole": "bench.cameras.pinhole:PinholeCamera",
+}
+
+
+def camera_from_parameters(model: str, *, width: int, height: int, **parameters: Any) -> CameraModel:
+    """Build a camera from its stored form.
+
+    Args:
+        model: a name of `CAMERA_MODELS`.
+        width: image width, px.
+        height: image height, px.
+        parameters: the model's own fields.
+
+    Raises:
+        UnknownNameError: no such model.
+        ShapeError: parameters that are missing, unknown or out of their domain.
+    """
+    cls = _model_class(model)
+    try:
+        return cls(width=width, height=height, **parameters)
+    except TypeError as error:
+        known = ", ".join(f.name for f in fields(cls) if f.init)
+        raise ShapeError(f"camera model {model!r}: wanted the parameters {known}; {error}") from error
+
+
+def camera_parameters(camera: CameraModel) -> dict[str, Any]:
+    """The stored form of a camera: `camera_from_parameters(**camera_parameters(camera)) == camera`."""
+    name = next((n for n in CAMERA_MODELS if type(camera) is _model_class(n)), type(camera).__name__)
+    return {"model": name} | {f.name: getattr(camera, f.name) for f in fields(camera) if f.init}
+
+
+def _model_class(model: str) -> type[CameraModel]:
+    if model not in CAMERA_MODELS:
+        raise UnknownNameError("camera model", model, CAMERA_MODELS)
+    module, name = CAMERA_MODELS[model].split(":")
+    found: type[CameraModel] = getattr(import_module(module), name)
+    return found

@@ -1,0 +1,150 @@
+"""The unified (MEI) model with radial and tangential terms."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from typing_extensions import override
+
+from bench.cameras.model import CameraModel, checked_max_angle, finite_pair, rescaled_point
+from bench.cameras.monotone import MonotonePolynomial
+from bench.errors import ShapeError
+
+NEWTON_STEPS = 2  # from the purely radial solution; the tangential terms are small
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnifiedCamera(CameraModel):
+    """Projection on the unit sphere, then from a centre `xi` behind it, then distortion.
+
+    The unit vector (x, y, z) goes to m = (x, y)/(z + xi), is distorted as in OpenCV's Brown model, scaled by the
+    focal length and shifted to the principal point. The mapping holds while the radius of m rises with the
+    angle (cos theta > -1/xi for xi > 1, > -xi otherwise) and while the radial distortion rises with that radius;
+    never a test of z > 0.
+
+    Attributes:
+        xi: mirror parameter, >= 0; 0 is the pinhole.
+        focal: (fx, fy), px, also called gamma.
+        principal_point: (u, v), px, the centre of the first pixel being (0, 0).
+        radial: (k1, k2).
+        tangential: (p1, p2), which the KITTI-360 tools leave out.
+        max_angle_rad: field limit of the lens; None for as far as the mapping is one-to-one.
+
+    Source:
+        Mei and Rives 2007; KITTI-360 and aiMotive calibrations.
+    """
+
+    xi: float
+    focal: tuple[float, float]
+    principal_point: tuple[float, float]
+    radial: tuple[float, float] = (0.0, 0.0)
+    tangential: tuple[float, float] = (0.0, 0.0)
+    max_angle_rad: float | None = None
+    _distortion: MonotonePolynomial = field(init=False, repr=False, compare=False)
+    _limit_rad: float = field(init=False, repr=False, compare=False)
+    _limit_radius: float = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not (np.isfinite(self.xi) and self.xi >= 0):
+            raise ShapeError(f"xi: wanted a number >= 0, came {self.xi}")
+        object.__setattr__(self, "focal", finite_pair(self.focal, "focal", positive=True))
+        object.__setattr__(self, "principal_point", finite_pair(self.principal_point, "principal_point"))
+        object.__setattr__(self, "radial", finite_pair(self.radial, "radial"))
+        object.__setattr__(self, "tangential", finite_pair(self.tangential, "tangential"))
+        sphere_rad = np.arccos(-1.0 / self.xi) if self.xi > 1 else np.arccos(-self.xi)
+        wanted_rad = min(checked_max_angle(self.max_angle_rad), float(sphere_rad))
+        distortion = MonotonePolynomial((1.0, *self.radial), 2, self._radius_at(wanted_rad))
+        object.__setattr__(self, "_distortion", distortion)
+        object.__setattr__(self, "_limit_radius", distortion.limit)
+        object.__setattr__(self, "_limit_rad", min(wanted_rad, self._angle_at(distortion.limit)))
+
+    @property
+    @override
+    def limit_angle_rad(self) -> float:
+        return self._limit_rad
+
+    @override
+    def scaled(self, width: int, height: int) -> Self:
+        scale_u, scale_v = width / self.width, height / self.height
+        return type(self)(
+            width=width,
+            height=height,
+            xi=self.xi,
+            focal=(self.focal[0] * scale_u, self.focal[1] * scale_v),
+            principal_point=rescaled_point(self.principal_point, scale_u, scale_v),
+            radial=self.radial,
+            tangential=self.tangential,
+            max_angle_rad=self.max_angle_rad,
+        )
+
+    @override
+    def _project(
+        self, points: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+        x, y, z = points[:, 0], points[:, 1], points[:, 2]
+        length = np.sqrt(x * x + y * y + z * z)
+        depth = z + self.xi * length
+        m_x, m_y = x / depth, y / depth
+        (k1, k2), (p1, p2) = self.radial, self.tangential
+        xx, yy, xy = m_x * m_x, m_y * m_y, m_x * m_y
+        squared = xx + yy
+        stretch = 1.0 + squared * (k1 + squared * k2)
+        u = self.focal[0] * (m_x * stretch + 2 * p1 * xy + p2 * (squared + 2 * xx)) + self.principal_point[0]
+        v = self.focal[1] * (m_y * stretch + p1 * (squared + 2 * yy) + 2 * p2 * xy) + self.principal_point[1]
+        valid = (z >= np.cos(self._limit_rad) * length) & (length > 0) & (depth > 0) & np.isfinite(u) & np.isfinite(v)
+        return u, v, valid
+
+    @override
+    def _unproject(
+        self, u: NDArray[np.float64], v: NDArray[np.float64], rays: NDArray[np.float64]
+    ) -> NDArray[np.bool_]:
+        m_x, m_y, valid = self._undistorted(
+            (u - self.principal_point[0]) / self.focal[0], (v - self.principal_point[1]) / self.focal[1]
+        )
+        squared = m_x * m_x + m_y * m_y
+        lift = (self.xi + np.sqrt(1.0 + (1.0 - self.xi**2) * squared)) / (1.0 + squared)
+        rays[:, 0], rays[:, 1], rays[:, 2] = lift * m_x, lift * m_y, lift - self.xi
+        return np.asarray(valid & np.isfinite(lift) & (rays[:, 2] >= np.cos(self._limit_rad) - 1e-12))
+
+    def _undistorted(
+        self, x: NDArray[np.float64], y: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+        """Remove the distortion: exactly for the radial part, then Newton's method in the plane."""
+        radius = np.hypot(x, y)
+        shrink = self._distortion.inverse(radius) / radius
+        shrink[radius == 0] = 1.0
+        m_x, m_y = x * shrink, y * shrink
+        (k1, k2), (p1, p2) = self.radial, self.tangential
+        if p1 == 0 and p2 == 0:
+            return m_x, m_y, radius <= self._distortion.top
+        for _ in range(NEWTON_STEPS):
+            xx, yy, xy = m_x * m_x, m_y * m_y, m_x * m_y
+            squared = xx + yy
+            stretch = 1.0 + squared * (k1 + squared * k2)
+            slope = 2.0 * k1 + 4.0 * k2 * squared
+            miss_x = m_x * stretch + 2 * p1 * xy + p2 * (squared + 2 * xx) - x
+            miss_y = m_y * stretch + p1 * (squared + 2 * yy) + 2 * p2 * xy - y
+            j_xx = stretch + slope * xx + 2 * p1 * m_y + 6 * p2 * m_x
+            j_xy = slope * xy + 2 * p1 * m_x + 2 * p2 * m_y
+            j_yy = stretch + slope * yy + 6 * p1 * m_y + 2 * p2 * m_x
+            scale = 1.0 / (j_xx * j_yy - j_xy * j_xy)
+            m_x = m_x - scale * (j_yy * miss_x - j_xy * miss_y)
+            m_y = m_y - scale * (j_xx * miss_y - j_xy * miss_x)
+        # The tangential terms shift the border of validity by their own size: keep to the border of the radius.
+        return m_x, m_y, np.hypot(m_x, m_y) <= self._limit_radius * (1.0 + 1e-12)
+
+    def _radius_at(self, angle_rad: float) -> float:
+        depth = np.cos(angle_rad) + self.xi
+        return float(np.sin(angle_rad) / depth) if depth > 1e-9 else float("inf")
+
+    def _angle_at(self, radius: float) -> float:
+        """Angle to the optical axis of the sphere point that lands at `radius`."""
+        if not np.isfinite(radius):
+            return float(np.pi)
+        inside = 1.0 + (1.0 - self.xi**2) * radius**2
+        lift = (self.xi + np.sqrt(max(inside, 0.0))) / (1.0 + radius**2)
+        return float(np.arctan2(lift * radius, lift - self.xi))

@@ -1,0 +1,123 @@
+"""Dense flow by OpenCV."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.errors import ShapeError, UnknownNameError, UsageError
+
+
+class DenseFlow(Protocol):
+    """Computes dense flow between two grey images."""
+
+    def __call__(self, start: NDArray[np.uint8], end: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """Displacement of every pixel of `start` into `end`.
+
+        Args:
+            start: (H, W) uint8, grey.
+            end: (H, W) uint8, grey.
+
+        Returns:
+            (H, W, 2) float32, px: `start[x]` is found at `end[x + flow[x]]`.
+
+        Raises:
+            ShapeError: images of different size, or not grey.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FarnebackFlow:
+    """Farnebäck's polynomial expansion, the paper's choice; the paper names no parameters, these are OpenCV's usual.
+
+    Attributes:
+        pyramid_scale: size of each pyramid level against the one below.
+        levels: pyramid levels.
+        window_px: averaging window.
+        iterations: per level.
+        neighbourhood_px: size of the polynomial's neighbourhood.
+        neighbourhood_sigma: Gaussian weight in it, px.
+    """
+
+    pyramid_scale: float = 0.5
+    levels: int = 3
+    window_px: int = 15
+    iterations: int = 3
+    neighbourhood_px: int = 5
+    neighbourhood_sigma: float = 1.2
+
+    def __call__(self, start: NDArray[np.uint8], end: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """See `DenseFlow`."""
+        _check(start, end)
+        flow = cv2.calcOpticalFlowFarneback(
+            start,
+            end,
+            np.empty((*start.shape, 2), dtype=np.float32),
+            self.pyramid_scale,
+            self.levels,
+            self.window_px,
+            self.iterations,
+            self.neighbourhood_px,
+            self.neighbourhood_sigma,
+            0,
+        )
+        return np.asarray(flow, dtype=np.float32)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DisFlow:
+    """Dense inverse search (Kroeger et al. 2016).
+
+    Attributes:
+        preset: "ultrafast", "fast" or "medium".
+    """
+
+    preset: str = "medium"
+
+    def __post_init__(self) -> None:
+        if self.preset not in _DIS_PRESETS:
+            raise UnknownNameError("DIS preset", self.preset, _DIS_PRESETS)
+
+    def __call__(self, start: NDArray[np.uint8], end: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """See `DenseFlow`."""
+        _check(start, end)
+        # A fresh object per call: OpenCV's keeps the last flow and would start the next pair from it.
+        search = cv2.DISOpticalFlow.create(_DIS_PRESETS[self.preset])
+        return np.asarray(search.calc(start, end, np.empty((*start.shape, 2), dtype=np.float32)), dtype=np.float32)
+
+
+_DIS_PRESETS = {
+    "ultrafast": cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST,
+    "fast": cv2.DISOPTICAL_FLOW_PRESET_FAST,
+    "medium": cv2.DISOPTICAL_FLOW_PRESET_MEDIUM,
+}
+
+DENSE_FLOWS: dict[str, type[FarnebackFlow] | type[DisFlow]] = {"farneback": FarnebackFlow, "dis": DisFlow}
+
+
+def dense_flow(name: str, **parameters: object) -> FarnebackFlow | DisFlow:
+    """The flow of a name.
+
+    Raises:
+        UnknownNameError: no such flow.
+        UsageError: a parameter that the flow does not have.
+    """
+    if name not in DENSE_FLOWS:
+        raise UnknownNameError("dense flow", name, DENSE_FLOWS)
+    try:
+        return DENSE_FLOWS[name](**parameters)  # type: ignore[arg-type]
+    except TypeError as error:
+        raise UsageError(f"dense flow {name!r}: {error}") from error
+
+
+def _check(start: NDArray[np.uint8], end: NDArray[np.uint8]) -> None:
+    if start.ndim != 2 or start.shape != end.shape or start.dtype != np.uint8 or end.dtype != np.uint8:
+        raise ShapeError(
+            f"dense flow: wanted two grey uint8 images of one size, came {start.dtype} {start.shape} "
+            f"and {end.dtype} {end.shape}"
+        )

@@ -1,0 +1,119 @@
+"""Rotation and translation between two frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from bench.errors import ShapeError
+
+ORTHONORMAL_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RigidTransform:
+    """Maps points of frame b into frame a: `point_a = rotation @ point_b + translation_m`.
+
+    Attributes:
+        rotation: (3, 3) float64, proper and orthonormal to 1e-6.
+        translation_m: (3,) float64, m, the origin of b seen in a.
+
+    Raises:
+        ShapeError: another shape, a value that is not finite, a reflection or a scaled rotation.
+    """
+
+    rotation: NDArray[np.float64]
+    translation_m: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        rotation = np.array(self.rotation, dtype=np.float64)
+        translation_m = np.array(self.translation_m, dtype=np.float64)
+        if rotation.shape != (3, 3) or translation_m.shape != (3,):
+            raise ShapeError(
+                f"RigidTransform: wanted rotation (3, 3) and translation (3,), "
+                f"came {rotation.shape} and {translation_m.shape}"
+            )
+        if not (np.isfinite(rotation).all() and np.isfinite(translation_m).all()):
+            raise ShapeError("RigidTransform: wanted finite numbers, came NaN or infinity")
+        error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+        if error > ORTHONORMAL_TOLERANCE or np.linalg.det(rotation) < 0:
+            raise ShapeError(
+                f"RigidTransform: wanted a proper orthonormal rotation, came one off by {error:.2g} "
+                f"with determinant {np.linalg.det(rotation):.3f}"
+            )
+        rotation.flags.writeable = translation_m.flags.writeable = False
+        object.__setattr__(self, "rotation", rotation)
+        object.__setattr__(self, "translation_m", translation_m)
+
+    @classmethod
+    def identity(cls) -> RigidTransform:
+        """The transform that changes nothing."""
+        return cls(np.eye(3), np.zeros(3))
+
+    @classmethod
+    def from_matrix(cls, matrix: ArrayLike) -> RigidTransform:
+        """From a (4, 4) or (3, 4) homogeneous matrix; the rotation is brought to the nearest orthonormal one.
+
+        Calibration files print few digits, so a rotation off by up to 1e-3 is accepted and mended.
+
+        Raises:
+            ShapeError: another shape, or a rotation part that is off by more.
+        """
+        rows = np.asarray(matrix, dtype=np.float64)
+        if rows.shape not in {(4, 4), (3, 4)} or not np.isfinite(rows).all():
+            raise ShapeError(f"rigid transform: wanted a finite (4, 4) or (3, 4) matrix, came {rows.shape}")
+        left, stretch, right = np.linalg.svd(rows[:3, :3])
+        if np.abs(stretch - 1.0).max() > 1e-3:
+            raise ShapeError(f"rigid transform: wanted a rotation without scale, came one scaled by {stretch.round(4)}")
+        return cls(left @ right, rows[:3, 3])
+
+    @classmethod
+    def from_quaternion(cls, quaternion_wxyz: ArrayLike, translation_m: ArrayLike) -> RigidTransform:
+        """From a quaternion (w, x, y, z) of any positive length and a translation in metres.
+
+        Raises:
+            ShapeError: a zero quaternion or one that has not four numbers.
+        """
+        wxyz = np.asarray(quaternion_wxyz, dtype=np.float64)
+        if wxyz.shape != (4,) or not np.isfinite(wxyz).all() or not np.any(wxyz):
+            raise ShapeError(f"quaternion_wxyz: wanted four finite numbers, not all zero, came {wxyz.tolist()}")
+        rotation = Rotation.from_quat(wxyz, scalar_first=True).as_matrix()
+        return cls(rotation, np.asarray(translation_m, dtype=np.float64))
+
+    @classmethod
+    def from_yaw(cls, yaw_rad: float, translation_m: ArrayLike = (0.0, 0.0, 0.0)) -> RigidTransform:
+        """Planar motion: a turn about z (positive to the left) and a translation in metres."""
+        cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
+        rotation = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+        return cls(rotation, np.asarray(translation_m, dtype=np.float64))
+
+    @property
+    def quaternion_wxyz(self) -> NDArray[np.float64]:
+        """(4,) float64, unit quaternion with w >= 0."""
+        return np.asarray(Rotation.from_matrix(self.rotation).as_quat(canonical=True, scalar_first=True))
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """(4, 4) float64 homogeneous matrix."""
+        rows = np.eye(4)
+        rows[:3, :3], rows[:3, 3] = self.rotation, self.translation_m
+        return rows
+
+    def __matmul__(self, other: RigidTransform) -> RigidTransform:
+        """Chain: `a_from_c = a_from_b @ b_from_c`."""
+        return RigidTransform(self.rotation @ other.rotation, self.rotation @ other.translation_m + self.translation_m)
+
+    def inverse(self) -> RigidTransform:
+        """`b_from_a` of this `a_from_b`."""
+        return RigidTransform(self.rotation.T, -self.rotation.T @ self.translation_m)
+
+    def apply(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Points of frame b in frame a; (..., 3) float64, NaN rows stay NaN."""
+        return np.asarray(points @ self.rotation.T + self.translation_m)
+
+    def rotate(self, vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Directions of frame b in frame a; (..., 3) float64."""
+        return np.asarray(vectors @ self.rotation.T)

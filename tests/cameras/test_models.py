@@ -1,0 +1,147 @@
+"""Each model against an independent implementation or numbers worked out by hand."""
+
+import cv2
+import numpy as np
+import pytest
+
+from bench.cameras import KannalaBrandtCamera, RadialPolynomialCamera, UnifiedCamera
+from bench.errors import ShapeError
+from tests.cameras.lenses import LENSES, real_kannala_brandt, real_unified, real_woodscape
+from tests.real import needs_real
+
+
+def forward_rays(count=2000):
+    rng = np.random.default_rng(1)
+    return np.column_stack([rng.uniform(-3, 3, (count, 2)), np.ones(count)])
+
+
+def opencv_fisheye(rays, matrix, terms):
+    none = np.zeros(3)
+    return cv2.fisheye.projectPoints(rays[:, None], none, none, matrix, np.asarray(terms))[0].reshape(-1, 2)
+
+
+def test_kannala_brandt_is_opencvs_fisheye():
+    camera = LENSES["kannala_brandt"]
+    matrix = np.array([[302.0, 0, 496.6], [0, 320.0, 331.2], [0, 0, 1]])
+    rays = forward_rays()
+    np.testing.assert_allclose(camera.project(rays)[0], opencv_fisheye(rays, matrix, camera.coefficients), atol=1e-9)
+
+
+@needs_real
+def test_real_kannala_brandt_calibrations_are_opencvs_fisheye():
+    rays = forward_rays()
+    for camera, matrix, terms in real_kannala_brandt():
+        pixels, valid = camera.project(rays)
+        np.testing.assert_allclose(pixels[valid], opencv_fisheye(rays, matrix, terms)[valid], atol=1e-9)
+
+
+def test_kannala_brandt_at_90_degrees_by_hand():
+    camera = KannalaBrandtCamera(
+        width=100, height=100, focal=(100, 50), principal_point=(0, 0), coefficients=(0.1, 0, 0, 0)
+    )
+    half = np.pi / 2
+    np.testing.assert_allclose(camera.project(np.array([[5.0, 0, 0]]))[0], [[100 * (half + 0.1 * half**3), 0]])
+    np.testing.assert_allclose(camera.project(np.array([[0, 1.0, 0]]))[0], [[0, 50 * (half + 0.1 * half**3)]])
+
+
+def test_radial_polynomial_by_hand_with_pixel_centres_and_aspect():
+    intrinsic = {"cx_offset": 3.0, "cy_offset": -2.0, "width": 1280.0, "height": 966.0, "aspect_ratio": 1.5}
+    intrinsic |= {"poly_order": 4, "k1": 300.0, "k2": -20.0, "k3": 10.0, "k4": 1.0}
+    camera = RadialPolynomialCamera.from_woodscape(intrinsic)
+    assert camera.principal_point == (3.0 + 640 - 0.5, -2.0 + 483 - 0.5)
+    r = 300 * 1.0 - 20 * 1.0 + 10 + 1  # theta = 1 rad
+    ray = [np.sin(1.0) * 0.6, np.sin(1.0) * 0.8, np.cos(1.0)]
+    np.testing.assert_allclose(camera.project(np.array([ray]))[0], [[642.5 + 0.6 * r, 480.5 + 1.5 * 0.8 * r]])
+
+
+def test_radial_polynomial_ends_where_it_folds_back():
+    # r = 200 theta - 50 theta^2 rises up to theta = 2.
+    camera = RadialPolynomialCamera(width=500, height=500, coefficients=(200.0, -50.0), principal_point=(250, 250))
+    assert camera.limit_angle_rad == pytest.approx(2.0)
+    rays = np.array([[np.sin(a), 0, np.cos(a)] for a in (1.99, 2.01)])
+    assert camera.project(rays)[1].tolist() == [True, False]
+    # The largest radius is 200 px: beyond it no ray arrives.
+    assert camera.unproject(np.array([[250 + 199.9, 250.0], [250 + 200.1, 250.0]]))[1].tolist() == [True, False]
+
+
+def test_stated_field_limit_wins_over_the_fold():
+    camera = RadialPolynomialCamera(
+        width=500, height=500, coefficients=(200.0,), principal_point=(250, 250), max_angle_rad=1.0
+    )
+    assert camera.limit_angle_rad == 1.0
+    assert camera.unproject(np.array([[250 + 199.0, 250], [250 + 201.0, 250]]))[1].tolist() == [True, False]
+
+
+@needs_real
+def test_woodscape_calibrations_follow_their_readme():
+    rays = np.random.default_rng(2).normal(size=(500, 3))
+    for camera in real_woodscape():
+        chi = np.hypot(rays[:, 0], rays[:, 1])
+        theta = np.arctan2(chi, rays[:, 2])
+        rho = sum(k * theta ** (i + 1) for i, k in enumerate(camera.coefficients))
+        u = rho * rays[:, 0] / chi + camera.principal_point[0]
+        v = rho * rays[:, 1] / chi * camera.aspect_ratio + camera.principal_point[1]
+        pixels, valid = camera.project(rays)
+        np.testing.assert_allclose(pixels[valid], np.column_stack([u, v])[valid], atol=1e-9)
+        assert camera.limit_angle_rad > np.deg2rad(95)
+
+
+def mei_by_the_book(camera, ray):
+    """Mei and Rives, one ray at a time, with Brown's distortion as OpenCV prints it."""
+    x, y, z = ray / np.linalg.norm(ray)
+    x, y = x / (z + camera.xi), y / (z + camera.xi)
+    (k1, k2), (p1, p2) = camera.radial, camera.tangential
+    r2 = x * x + y * y
+    radial = 1 + k1 * r2 + k2 * r2**2
+    xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+    yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    return camera.focal[0] * xd + camera.principal_point[0], camera.focal[1] * yd + camera.principal_point[1]
+
+
+def test_unified_is_mei_by_the_book():
+    camera = LENSES["unified"]
+    rays = np.random.default_rng(3).normal(size=(200, 3))
+    pixels, valid = camera.project(rays)
+    expected = np.array([mei_by_the_book(camera, ray) for ray in rays])
+    np.testing.assert_allclose(pixels[valid], expected[valid], atol=1e-9)
+
+
+def test_unified_with_xi_zero_and_no_distortion_is_the_pinhole():
+    camera = UnifiedCamera(width=640, height=480, xi=0.0, focal=(400, 410), principal_point=(319.5, 239.5))
+    rays = forward_rays(50)
+    np.testing.assert_allclose(camera.project(rays)[0], LENSES["pinhole"].project(rays)[0], atol=1e-9)
+    assert camera.limit_angle_rad == pytest.approx(np.pi / 2)
+
+
+@needs_real
+def test_kitti360_lenses_see_to_117_degrees_and_their_tangential_terms_matter():
+    for camera in real_unified():
+        assert np.rad2deg(camera.limit_angle_rad) == pytest.approx(np.rad2deg(np.arccos(-1 / camera.xi)), abs=1e-6)
+        assert 110 < np.rad2deg(camera.limit_angle_rad) < 125
+        ray = np.array([[0.9, -0.3, 0.3]])
+        plain = UnifiedCamera(
+            width=1400,
+            height=1400,
+            xi=camera.xi,
+            focal=camera.focal,
+            principal_point=camera.principal_point,
+            radial=camera.radial,
+        )
+        assert 0.05 < np.abs(camera.project(ray)[0] - plain.project(ray)[0]).max() < 5
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"coefficients": (-1.0, 2.0)}, "positive linear term"),
+        ({"coefficients": (np.nan,)}, "finite numbers"),
+        ({"aspect_ratio": 0.0}, "aspect_ratio"),
+        ({"width": 0}, "image size"),
+        ({"max_angle_rad": 4.0}, "max_angle_rad"),
+        ({"principal_point": (1.0,)}, "principal_point"),
+    ],
+)
+def test_impossible_lenses_are_refused(change, message):
+    good = {"width": 640, "height": 480, "coefficients": (170.0,), "principal_point": (320, 240)}
+    with pytest.raises(ShapeError, match=message):
+        RadialPolynomialCamera(**(good | change))
