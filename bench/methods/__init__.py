@@ -1,0 +1,11 @@
+"""Segmentation methods: their contract, their registry, and the paper's own.
+
+A method is given consecutive images, calibration and ego-motion, never annotations, and says which cells of the
+**current** (last) image move. Installed packages add methods through the entry point group
+`fisheye_bench.methods`.
+"""
+
+from bench.methods.contract import Method, MethodInput, Segmentation
+from bench.methods.registry import METHODS, build_method, known_methods
+
+__all__ = ["METHODS", "Method", "MethodInput", "Segmentation", "build_method", "known_methods"]

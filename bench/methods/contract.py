@@ -1,0 +1,95 @@
+"""What a segmentation method is given and what it gives back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.cameras import CameraModel
+from bench.geometry import RigidTransform, RoadPlane
+
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MethodInput:
+    """Consecutive images with calibration and ego-motion; never annotations.
+
+    Attributes:
+        images: `history + 1` images, oldest first, the current one last; (H, W) uint8 grey, or (H, W, 3) uint8 BGR for
+            methods that ask for colour.
+        timestamps_ns: one per image.
+        camera: the lens, at the images' size.
+        road: the road below the camera.
+        current_from_previous: camera motion of each consecutive pair, oldest pair first; `history` of them.
+        valid: (H, W) bool; inside the lens's field and off the host's own body.
+    """
+
+    images: tuple[NDArray[np.uint8], ...]
+    timestamps_ns: tuple[int, ...]
+    camera: CameraModel
+    road: RoadPlane
+    current_from_previous: tuple[RigidTransform, ...]
+    valid: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Segmentation:
+    """A method's word on the current image, on square cells that tile it from the first pixel.
+
+    Attributes:
+        cell_size_px: side of a cell; 1 for every pixel.
+        mask: (rows, columns) bool; moving. It belongs to the current, that is the last, image.
+        likelihood: (rows, columns) float32; motion likelihood, 0 where undefined; None for a method without one.
+        undefined: (rows, columns) bool; where the method could not say and so says static; None for nowhere.
+        causes: names of what can flag a cell, for example the constraints; empty for a method without any.
+        cause: (rows, columns) uint8, index into `causes` of the largest contribution; None without causes.
+        parts: named (rows, columns) float arrays to look at, for example the single deviations and the flow.
+    """
+
+    cell_size_px: int
+    mask: NDArray[np.bool_]
+    likelihood: NDArray[np.float32] | None = None
+    undefined: NDArray[np.bool_] | None = None
+    causes: tuple[str, ...] = ()
+    cause: NDArray[np.uint8] | None = None
+    parts: dict[str, NDArray[np.float32]] | None = None
+
+    def mask_at(self, width: int, height: int) -> NDArray[np.bool_]:
+        """The mask at every pixel of the image: (height, width) bool."""
+        return self._spread(self.mask, width, height)
+
+    def cause_at(self, width: int, height: int) -> NDArray[np.uint8] | None:
+        """The cause at every pixel of the image: (height, width) uint8; None without causes."""
+        return None if self.cause is None else self._spread(self.cause, width, height)
+
+    def _spread(self, cells: NDArray[Scalar], width: int, height: int) -> NDArray[Scalar]:
+        if self.cell_size_px == 1:
+            return cells
+        rows = np.repeat(cells, self.cell_size_px, axis=0)
+        return np.repeat(rows, self.cell_size_px, axis=1)[:height, :width]
+
+
+class Method(Protocol):
+    """A segmentation method: it is built once per run and called once per frame.
+
+    Attributes:
+        name: as the registry knows it.
+        history: earlier images that it needs, at least 1 for anything that moves.
+        colour: whether it wants BGR instead of grey images.
+    """
+
+    name: str
+    history: int
+    colour: bool
+
+    def settings(self) -> dict[str, object]:
+        """Every parameter that decides the result, for provenance and caching."""
+        ...
+
+    def segment(self, frame: MethodInput) -> Segmentation:
+        """Say which cells of the current image move."""
+        ...

@@ -1,0 +1,83 @@
+"""From deviations to the likelihood of motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.errors import UsageError
+from bench.methods.spherical.deviations import Deviations
+
+CONSTRAINTS = ("epipolar", "positive_depth", "positive_height", "anti_parallel")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Weights:
+    """Weights mu of the deviations; the defaults are the paper's, whose divisor is always 2.4.
+
+    Raises:
+        UsageError: a negative weight, or none that is positive.
+    """
+
+    epipolar: float = 1.0
+    positive_depth: float = 1.0
+    positive_height: float = 0.2
+    anti_parallel: float = 0.2
+    three_view: float = 0.0
+
+    def __post_init__(self) -> None:
+        if min(self.as_tuple()) < 0 or self.total <= 0:
+            raise UsageError(f"weights: wanted numbers >= 0 with at least one positive, came {self.as_tuple()}")
+
+    def as_tuple(self) -> tuple[float, float, float, float, float]:
+        """In the paper's order: e, d, h, p, 3v."""
+        return self.epipolar, self.positive_depth, self.positive_height, self.anti_parallel, self.three_view
+
+    @property
+    def total(self) -> float:
+        """The divisor of the weighted mean."""
+        return float(sum(self.as_tuple()))
+
+
+PAPER_WEIGHTS = Weights()
+
+
+def motion_likelihood(
+    deviations: Deviations, weights: Weights, *, three_view: NDArray[np.float64] | None = None, root_sum: bool = False
+) -> NDArray[np.float64]:
+    """Weighted mean of the deviations.
+
+    Args:
+        deviations: of any shape.
+        weights: mu of each constraint; the divisor is their whole sum, whichever constraints fire.
+        three_view: xi_3v where tracks over three views exist; 0 is taken where it is NaN.
+        root_sum: use hypot(mu_e xi_e, mu_d xi_d) in place of their sum, since both measure parts of one
+            displacement; off in the paper.
+
+    Returns:
+        Motion likelihood xi, same shape, float64, 0 where not defined.
+
+    Source:
+        Mariotti and Eising, section III-H.
+    """
+    epipolar, depth = weights.epipolar * deviations.epipolar, weights.positive_depth * deviations.positive_depth
+    likelihood = np.hypot(epipolar, depth) if root_sum else epipolar + depth
+    likelihood += weights.positive_height * deviations.positive_height
+    likelihood += weights.anti_parallel * deviations.anti_parallel
+    if three_view is not None:
+        likelihood += weights.three_view * np.nan_to_num(three_view, nan=0.0)
+    likelihood /= weights.total
+    return np.asarray(likelihood)
+
+
+def largest_contribution(deviations: Deviations, weights: Weights) -> NDArray[np.uint8]:
+    """Index into `CONSTRAINTS` of the largest weighted deviation; the first of equals."""
+    parts = [getattr(weights, name) * getattr(deviations, name) for name in CONSTRAINTS]
+    best, cause = parts[0].copy(), np.zeros(parts[0].shape, dtype=np.uint8)
+    for index, part in enumerate(parts[1:], start=1):
+        larger = part > best
+        np.copyto(best, part, where=larger)
+        cause[larger] = index
+    return cause

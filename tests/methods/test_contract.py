@@ -1,0 +1,46 @@
+"""What holds for every registered method."""
+
+import numpy as np
+import pytest
+
+from bench.errors import UnknownNameError
+from bench.methods import METHODS, build_method, known_methods
+from tests.methods.test_spherical_method import HEIGHT, STEP, WIDTH, crossing, frame
+
+every_method = pytest.mark.parametrize("name", sorted(known_methods()))
+
+
+@every_method
+def test_contract(name):
+    method = build_method(name)
+    assert method.name == name
+    assert method.history == 1
+    assert isinstance(method.settings(), dict)
+    previous, current, _ = crossing()
+    given = frame(previous, current, STEP)
+    found = method.segment(given)
+    rows, columns = -(-HEIGHT // found.cell_size_px), -(-WIDTH // found.cell_size_px)
+    assert found.mask.shape == (rows, columns)
+    assert found.mask.dtype == bool
+    assert found.mask_at(WIDTH, HEIGHT).shape == (HEIGHT, WIDTH)
+    if found.likelihood is not None:
+        assert found.likelihood.shape == (rows, columns)
+        assert np.isfinite(found.likelihood).all()
+        assert found.likelihood.min() >= 0
+    if found.cause is not None:
+        assert found.cause.max() < len(found.causes)
+        assert found.cause_at(WIDTH, HEIGHT).shape == (HEIGHT, WIDTH)
+    again = method.segment(given)
+    np.testing.assert_array_equal(found.mask, again.mask)
+    np.testing.assert_array_equal(given.images[0], previous)
+
+
+def test_mask_of_cells_at_a_size_that_is_no_multiple():
+    found = build_method("spherical").segment(frame(*crossing()[:2], STEP))
+    assert found.mask_at(WIDTH - 3, HEIGHT - 2).shape == (HEIGHT - 2, WIDTH - 3)
+
+
+def test_unknown_method_names_the_nearest():
+    assert set(METHODS) <= set(known_methods())
+    with pytest.raises(UnknownNameError, match="did you mean 'spherical'"):
+        build_method("sperical")
