@@ -1,0 +1,211 @@
+"""From the annotations of a recording to the reference of each image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely import Polygon
+
+from bench.cameras import ray_grid
+from bench.geometry import RigidTransform
+from bench.recordings.records import ImageRef, MountedCamera, Recording
+from bench.reference.clusters import object_points, surface_points
+from bench.reference.motion import categorise, relative_direction
+from bench.reference.occlusion import compose
+from bench.reference.polygons import bounding_polygon, rasterise
+from bench.reference.records import Category, IgnoreReason, ReferenceFrame, ReferenceObject, Status
+from bench.reference.settings import ReferenceSettings
+from bench.reference.sightings import Sighting, SightingIndex
+from bench.reference.sweeps import PlacedSweep, SweepShelf
+
+
+def visible_region(camera: MountedCamera) -> NDArray[np.bool_]:
+    """V: pixels inside the lens's field and off the host's own body, (H, W) bool."""
+    valid = ray_grid(camera.model).valid
+    return valid.copy() if camera.ego_body is None else valid & ~camera.ego_body
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Exposure:
+    """What all objects of an image share."""
+
+    timestamp_ns: int
+    world_from_vehicle: RigidTransform
+    camera_from_world: RigidTransform
+    camera_position_m: NDArray[np.float64]  # world
+    ego_velocity_mps: NDArray[np.float64]  # over the ground, vehicle axes
+
+
+class ReferenceBuilder:
+    """Builds the reference of one camera's images, in any order; holds one sweep at a time.
+
+    Args:
+        recording: the drive.
+        camera: name of the camera.
+        settings: of the protocol.
+    """
+
+    def __init__(self, recording: Recording, camera: str, settings: ReferenceSettings) -> None:
+        self.recording, self.settings = recording, settings
+        self.camera = recording.cameras[camera]
+        self.valid = visible_region(self.camera)
+        self._index = SightingIndex(recording, settings)
+        self._shelf = SweepShelf(recording, settings.max_sweep_gap_ns)
+        ground_m = float(self.camera.vehicle_from_camera.translation_m[2]) - self.camera.road.height_m
+        self._lowest_m = ground_m + settings.ground_clearance_m
+
+    def build(self, image: ImageRef) -> ReferenceFrame:
+        """The reference of one image.
+
+        Raises:
+            DataError: no ego-motion at the exposure, or a sweep that cannot be read.
+        """
+        exposure = self._exposure(image.timestamp_ns)
+        found = [self._measure(sighting, exposure) for sighting in self._index.at(image.timestamp_ns)]
+        found.sort(key=lambda pair: (pair[1], pair[0].track_id))  # nearest first
+        objects, labels, ignored = compose([reference for reference, _ in found], self.valid)
+        return ReferenceFrame(
+            recording=self.recording.name,
+            camera=image.camera,
+            timestamp_ns=image.timestamp_ns,
+            ego_speed_mps=float(np.hypot(*exposure.ego_velocity_mps[:2])),
+            objects=objects,
+            labels=labels,
+            ignored=ignored,
+            valid=self.valid,
+        )
+
+    def cluster(self, track_id: str, image: ImageRef) -> NDArray[np.float64]:
+        """An object's lidar points at exposure, (K, 3) float64, m, vehicle frame; to look at, not to score."""
+        exposure = self._exposure(image.timestamp_ns)
+        for sighting in self._index.at(image.timestamp_ns):
+            if sighting.track.track_id == track_id:
+                points_world, _ = self._cluster(sighting, exposure)
+                return exposure.world_from_vehicle.inverse().apply(points_world)
+        return np.empty((0, 3))
+
+    def _exposure(self, timestamp_ns: int) -> _Exposure:
+        world_from_vehicle = self.recording.trajectory.world_from_vehicle(timestamp_ns)
+        world_from_camera = world_from_vehicle @ self.camera.vehicle_from_camera
+        return _Exposure(
+            timestamp_ns=timestamp_ns,
+            world_from_vehicle=world_from_vehicle,
+            camera_from_world=world_from_camera.inverse(),
+            camera_position_m=world_from_camera.translation_m,
+            ego_velocity_mps=self.recording.trajectory.velocity_vehicle_mps(timestamp_ns),
+        )
+
+    def _measure(self, sighting: Sighting, exposure: _Exposure) -> tuple[ReferenceObject, float]:
+        """One object by itself, before occlusion, and the distance that orders it."""
+        outline_world = self._outline(sighting, exposure)
+        points_world, placed = self._cluster(sighting, exposure)
+        pixels, points = self._projected(points_world, exposure)
+        if points >= self.settings.min_points:
+            polygon = self._polygon(pixels, kind=self.settings.polygon_kind)
+        else:
+            polygon = self._polygon(self._projected(outline_world, exposure)[0], kind="convex")
+        range_m = _nearest_m(points_world, exposure.camera_position_m)
+        motion_vehicle = exposure.world_from_vehicle.rotation.T @ sighting.smooth_world_mps
+        known = bool(np.isfinite(motion_vehicle).all())
+        reference = ReferenceObject(
+            track_id=sighting.track.track_id,
+            object_class=sighting.track.object_class,
+            status=Status.EVALUATED,
+            reason=None,
+            category=self._category(sighting, motion_vehicle, exposure),
+            direction=relative_direction(motion_vehicle, exposure.ego_velocity_mps) if known else None,
+            speed_mps=float(np.hypot(*motion_vehicle[:2])),
+            range_m=range_m,
+            centroid_m=exposure.world_from_vehicle.inverse().apply(_mean(points_world))[:2],
+            points=points,
+            polygon=polygon,
+            polygon_px=self._polygon_px(polygon),
+            region_px=0,
+        )
+        distance_m = range_m if len(points_world) else _nearest_m(outline_world, exposure.camera_position_m)
+        judged = self._judged(reference, sighting, swept=placed is not None)
+        return judged, float(np.nan_to_num(distance_m, nan=np.inf))
+
+    def _cluster(self, sighting: Sighting, exposure: _Exposure) -> tuple[NDArray[np.float64], PlacedSweep | None]:
+        """Lidar points on the object at exposure, world frame, and the sweep they come from."""
+        placed = self._shelf.take(sighting.state.shape, exposure.timestamp_ns)
+        if placed is None:
+            return np.empty((0, 3)), None
+        points_world = object_points(
+            placed,
+            sighting.state,
+            velocity_world_mps=sighting.velocity_world_mps,
+            world_from_vehicle=self.recording.trajectory.world_from_vehicle(sighting.state.timestamp_ns),
+            exposure_ns=exposure.timestamp_ns,
+            lowest_m=self._lowest_m,
+        )
+        return points_world, placed
+
+    def _outline(self, sighting: Sighting, exposure: _Exposure) -> NDArray[np.float64]:
+        """The annotated shape's surface at exposure, world frame."""
+        then = self.recording.trajectory.world_from_vehicle(sighting.state.timestamp_ns)
+        seconds = (exposure.timestamp_ns - sighting.state.timestamp_ns) / 1e9
+        drift_m = np.nan_to_num(sighting.velocity_world_mps) * seconds
+        return np.asarray(then.apply(surface_points(sighting.state.shape)) + drift_m)
+
+    def _projected(self, points_world: NDArray[np.float64], exposure: _Exposure) -> tuple[NDArray[np.float64], int]:
+        """Pixels of the points that the lens can see, and how many of them fall into the image."""
+        pixels, valid = self.camera.model.project(exposure.camera_from_world.apply(points_world))
+        return pixels[valid], int(self.camera.model.contains(pixels).sum())
+
+    def _polygon(self, pixels: NDArray[np.float64], *, kind: str) -> Polygon | None:
+        return bounding_polygon(
+            pixels,
+            kind=kind,
+            concave_ratio=self.settings.concave_ratio,
+            width=self.camera.model.width,
+            height=self.camera.model.height,
+        )
+
+    def _polygon_px(self, polygon: Polygon | None) -> int:
+        if polygon is None:
+            return 0
+        window, covered = rasterise(polygon, width=self.camera.model.width, height=self.camera.model.height)
+        return int((covered & self.valid[window]).sum())
+
+    def _category(
+        self, sighting: Sighting, motion_vehicle: NDArray[np.float64], exposure: _Exposure
+    ) -> Category | None:
+        """As annotated, else from velocities; None where neither tells."""
+        if sighting.state.category is not None:
+            return Category(sighting.state.category)
+        if not np.isfinite(motion_vehicle).all():
+            return None
+        return categorise(motion_vehicle, exposure.ego_velocity_mps, self.settings.motion)
+
+    def _judged(self, found: ReferenceObject, sighting: Sighting, *, swept: bool) -> ReferenceObject:
+        """Evaluated, static, or ignored for the first reason that applies; occlusion comes later."""
+        settings, annotated = self.settings, sighting.state.category is not None
+        unclear = sighting.state.unclear
+        if found.category is not None and not unclear and not annotated and not sighting.moving:
+            return replace(found, status=Status.STATIC, category=None)
+        reasons = {
+            IgnoreReason.UNCLEAR: unclear,
+            IgnoreReason.CLASS: found.object_class not in settings.classes,
+            IgnoreReason.MOTION_UNKNOWN: found.category is None,
+            IgnoreReason.CATEGORY: found.category not in settings.categories,
+            IgnoreReason.OUT_OF_VIEW: found.polygon_px == 0,
+            IgnoreReason.NO_SWEEP: not swept,
+            IgnoreReason.RANGE: found.range_m > settings.range_limit_m,
+            IgnoreReason.FEW_POINTS: found.points < settings.min_points,
+            IgnoreReason.SMALL_POLYGON: found.polygon_px < settings.min_polygon_px,
+        }
+        reason = next((reason for reason, applies in reasons.items() if applies), None)
+        return found if reason is None else replace(found, status=Status.IGNORED, reason=reason)
+
+
+def _nearest_m(points_world: NDArray[np.float64], position_m: NDArray[np.float64]) -> float:
+    """Horizontal distance of the nearest point; NaN without points."""
+    away = points_world[:, :2] - position_m[:2]
+    return float(np.sqrt((away * away).sum(axis=1).min())) if len(away) else float("nan")
+
+
+def _mean(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(points.mean(axis=0)) if len(points) else np.full(3, np.nan)

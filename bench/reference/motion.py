@@ -1,0 +1,150 @@
+"""How an annotated object moves: static or not, which category, which direction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.egomotion import Trajectory
+from bench.recordings.records import Cuboid, GroundPolygon, ObjectState, Track
+from bench.reference.records import Category, Direction
+from bench.reference.settings import MotionSettings
+
+SECOND_NS = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TrackMotion:
+    """Motion of a track at each of its states.
+
+    Attributes:
+        velocity_world_mps: (N, 3) float64, over the ground, world axes, as annotated or from the track's positions;
+            NaN where neither tells.
+        smooth_world_mps: (N, 3) float64, the same averaged along the track; NaN where unknown.
+        moving: (N,) bool, with hysteresis and minimum run length; False where unknown.
+    """
+
+    velocity_world_mps: NDArray[np.float64]
+    smooth_world_mps: NDArray[np.float64]
+    moving: NDArray[np.bool_]
+
+
+def track_motion(track: Track, trajectory: Trajectory, settings: MotionSettings) -> TrackMotion:
+    """Velocities and the moving state along a track.
+
+    Source:
+        metrics.md, category of a moving object, rule 1.
+    """
+    times_ns = np.array([state.timestamp_ns for state in track.states], dtype=np.int64)
+    rotations, positions_m, _ = trajectory.at(times_ns)
+    annotated = np.array([state.velocity_mps for state in track.states], dtype=np.float64).reshape(-1, 3)
+    velocity = np.einsum("nij,nj->ni", rotations, annotated)
+    centres = np.array([_centre(state) for state in track.states]).reshape(-1, 3)
+    places = np.einsum("nij,nj->ni", rotations, centres) + positions_m
+    velocity = np.where(np.isfinite(velocity), velocity, _differences(times_ns, places))
+    smooth = _smoothed(times_ns, velocity, settings.smoothing_ns)
+    speed = np.hypot(smooth[:, 0], smooth[:, 1])
+    return TrackMotion(
+        velocity_world_mps=velocity, smooth_world_mps=smooth, moving=moving_states(times_ns, speed, settings)
+    )
+
+
+def moving_states(
+    times_ns: NDArray[np.int64], speed_mps: NDArray[np.float64], settings: MotionSettings
+) -> NDArray[np.bool_]:
+    """Moving or static at each time, with hysteresis; runs that are too short take the state around them.
+
+    Args:
+        times_ns: (N,) int64, increasing.
+        speed_mps: (N,) float64, over the ground; NaN keeps the state before it.
+        settings: thresholds.
+
+    Returns:
+        (N,) bool.
+    """
+    moving = np.zeros(len(speed_mps), dtype=bool)
+    state: bool | None = None
+    for index, speed in enumerate(speed_mps):
+        if np.isfinite(speed):
+            limit = {None: settings.static_below_mps, True: settings.hysteresis_low_mps}.get(
+                state, settings.hysteresis_high_mps
+            )
+            state = bool(speed >= limit)
+        moving[index] = bool(state)
+    return _without_short_runs(times_ns, moving, settings.min_run_ns)
+
+
+def categorise(
+    velocity_world_mps: NDArray[np.float64], ego_velocity_world_mps: NDArray[np.float64], settings: MotionSettings
+) -> Category:
+    """Kind of motion of a moving object.
+
+    Args:
+        velocity_world_mps: (3,) float64, of the object over the ground.
+        ego_velocity_world_mps: (3,) float64, of the host; it points backwards along the vehicle in reverse gear.
+        settings: thresholds.
+
+    Source:
+        metrics.md, category of a moving object, rules 2 and 3.
+    """
+    ego_speed = float(np.hypot(*ego_velocity_world_mps[:2]))
+    if ego_speed < settings.ego_static_below_mps:
+        return Category.STATIC_EGO
+    along = float(velocity_world_mps[:2] @ ego_velocity_world_mps[:2]) / ego_speed
+    across = float(np.hypot(*velocity_world_mps[:2]) ** 2 - along**2)
+    angle_rad = float(np.arctan2(np.sqrt(max(across, 0.0)), along))
+    if angle_rad > settings.crossing_to_rad:
+        return Category.APPROACHING
+    if angle_rad >= settings.crossing_from_rad:
+        return Category.CROSSING
+    return Category.OVERTAKING if along >= ego_speed else Category.PRECEDING
+
+
+def relative_direction(velocity_vehicle_mps: NDArray[np.float64], ego_vehicle_mps: NDArray[np.float64]) -> Direction:
+    """Lateral or longitudinal, by the larger component of the relative velocity in the vehicle frame."""
+    relative = velocity_vehicle_mps - ego_vehicle_mps
+    return Direction.LATERAL if abs(relative[1]) > abs(relative[0]) else Direction.LONGITUDINAL
+
+
+def _centre(state: ObjectState) -> NDArray[np.float64]:
+    """A point that moves with the object, vehicle frame; NaN for point indices, whose centre needs the sweep."""
+    match state.shape:
+        case Cuboid():
+            return state.shape.vehicle_from_object.translation_m
+        case GroundPolygon():
+            return np.array([*state.shape.outline_m.mean(axis=0), state.shape.bottom_m])
+    return np.full(3, np.nan)
+
+
+def _differences(times_ns: NDArray[np.int64], places: NDArray[np.float64]) -> NDArray[np.float64]:
+    if len(times_ns) < 2:
+        return np.full_like(places, np.nan)
+    seconds = (times_ns - times_ns[0]) / SECOND_NS
+    return np.asarray(np.gradient(places, seconds, axis=0))
+
+
+def _smoothed(times_ns: NDArray[np.int64], values: NDArray[np.float64], window_ns: int) -> NDArray[np.float64]:
+    """Mean over a window around each time, NaN rows left out."""
+    known: NDArray[np.bool_] = np.asarray(np.isfinite(values).all(axis=1))
+    sums = np.vstack([np.zeros(3), np.cumsum(np.where(known[:, None], values, 0.0), axis=0)])
+    counts = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(known)])
+    first = np.searchsorted(times_ns, times_ns - window_ns // 2, side="left")
+    last = np.searchsorted(times_ns, times_ns + window_ns // 2, side="right")
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray((sums[last] - sums[first]) / (counts[last] - counts[first])[:, None])
+
+
+def _without_short_runs(times_ns: NDArray[np.int64], moving: NDArray[np.bool_], min_run_ns: int) -> NDArray[np.bool_]:
+    """Flip inner runs shorter than the limit, the shortest first; runs at the ends are cut off, not short."""
+    moving = moving.copy()
+    while True:
+        starts = np.flatnonzero(np.diff(moving)) + 1
+        if len(starts) < 2:
+            return moving
+        spans_ns = times_ns[starts[1:]] - times_ns[starts[:-1]]
+        shortest = int(np.argmin(spans_ns))
+        if spans_ns[shortest] >= min_run_ns:
+            return moving
+        moving[starts[shortest] : starts[shortest + 1]] ^= True

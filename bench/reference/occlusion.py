@@ -1,0 +1,53 @@
+"""The polygons of an image laid over each other, nearest first."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.reference.polygons import rasterise
+from bench.reference.records import IgnoreReason, ReferenceObject, Status
+
+
+def compose(
+    objects: Sequence[ReferenceObject], valid: NDArray[np.bool_]
+) -> tuple[tuple[ReferenceObject, ...], NDArray[np.int32], NDArray[np.bool_]]:
+    """Give every pixel to the nearest annotated object that covers it.
+
+    Static and ignored objects occlude as well: behind a parked car nothing can be detected. An evaluated object
+    of which nothing remains becomes ignored as occluded.
+
+    Args:
+        objects: nearest first.
+        valid: (H, W) bool, the region V.
+
+    Returns:
+        objects: with `region_px` filled in.
+        labels: (H, W) int32, k + 1 for pixels of G of object k, else 0.
+        ignored: (H, W) bool, the region I: polygons of ignored objects minus every G.
+    """
+    height, width = valid.shape
+    labels, taken = np.zeros(valid.shape, dtype=np.int32), np.zeros(valid.shape, dtype=bool)
+    ignored = np.zeros(valid.shape, dtype=bool)
+    settled = []
+    for number, found in enumerate(objects, start=1):
+        if found.polygon is None:
+            settled.append(found)
+            continue
+        window, covered = rasterise(found.polygon, width=width, height=height)
+        covered = covered & valid[window]
+        region = covered & ~taken[window]
+        taken[window] |= covered
+        result = found
+        if found.status is Status.EVALUATED and not region.any():
+            result = replace(found, status=Status.IGNORED, reason=IgnoreReason.OCCLUDED)
+        elif found.status is Status.EVALUATED:
+            labels[window][region] = number
+            result = replace(found, region_px=int(region.sum()))
+        if result.status is Status.IGNORED:
+            ignored[window] |= covered
+        settled.append(result)
+    return tuple(settled), labels, ignored & (labels == 0)

@@ -1,0 +1,112 @@
+"""What the reference says of one image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely import Polygon
+
+
+class Status(StrEnum):
+    """Where an annotated object ends; exactly one of the three."""
+
+    EVALUATED = "evaluated"
+    IGNORED = "ignored"
+    STATIC = "static"
+
+
+class Category(StrEnum):
+    """Kind of motion, in the order of the paper's table."""
+
+    CROSSING = "crossing"
+    OVERTAKING = "overtaking"
+    PRECEDING = "preceding"
+    APPROACHING = "approaching"
+    STATIC_EGO = "static_ego"
+
+
+class Direction(StrEnum):
+    """Direction of the motion relative to the host, for the range maps."""
+
+    LATERAL = "lateral"
+    LONGITUDINAL = "longitudinal"
+
+
+class IgnoreReason(StrEnum):
+    """Why a moving object is not evaluated; the first that applies, in this order."""
+
+    UNCLEAR = "unclear"
+    CLASS = "class_not_in_protocol"
+    MOTION_UNKNOWN = "motion_unknown"
+    CATEGORY = "category_not_in_protocol"
+    OUT_OF_VIEW = "out_of_view"
+    NO_SWEEP = "no_sweep"
+    RANGE = "beyond_range"
+    FEW_POINTS = "too_few_points"
+    SMALL_POLYGON = "polygon_too_small"
+    OCCLUDED = "occluded"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ReferenceObject:
+    """One annotated object in one image.
+
+    Attributes:
+        track_id: of the object.
+        object_class: of the object.
+        status: evaluated, ignored or static.
+        reason: why it is ignored; None unless ignored.
+        category: kind of motion; None where static or unknown.
+        direction: of the relative motion; None where unknown.
+        speed_mps: over the ground; NaN where unknown.
+        range_m: horizontal distance of the nearest lidar point from the camera; NaN without points.
+        centroid_m: (2,) float64, x and y of the cluster's centroid, vehicle frame at exposure, m; NaN without points.
+        points: lidar points on the object that fall into the image.
+        polygon: in pixels (u, v) of the evaluated image, may reach beyond its border. From lidar points where they
+            suffice, else the outline of the annotated shape, which is only ever ignored; None where the object is
+            out of view.
+        polygon_px: pixels of the polygon inside V before occlusion.
+        region_px: |G_i|, after occlusion; 0 unless evaluated.
+    """
+
+    track_id: str
+    object_class: str
+    status: Status
+    reason: IgnoreReason | None
+    category: Category | None
+    direction: Direction | None
+    speed_mps: float
+    range_m: float
+    centroid_m: NDArray[np.float64]
+    points: int
+    polygon: Polygon | None
+    polygon_px: int
+    region_px: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ReferenceFrame:
+    """The reference of one image, ready to be scored against.
+
+    Attributes:
+        recording: name.
+        camera: name.
+        timestamp_ns: exposure.
+        ego_speed_mps: over the ground, >= 0.
+        objects: nearest first, ties by track id; every annotated object of the frame once.
+        labels: (H, W) int32; k + 1 where the pixel belongs to G of `objects[k]`, 0 elsewhere.
+        ignored: (H, W) bool; the region I.
+        valid: (H, W) bool; the region V.
+    """
+
+    recording: str
+    camera: str
+    timestamp_ns: int
+    ego_speed_mps: float
+    objects: tuple[ReferenceObject, ...]
+    labels: NDArray[np.int32]
+    ignored: NDArray[np.bool_]
+    valid: NDArray[np.bool_]

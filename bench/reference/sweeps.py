@@ -1,0 +1,89 @@
+"""A lidar sweep placed in the world, and the choice of the sweep for an exposure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.egomotion import Trajectory
+from bench.errors import DataError
+from bench.geometry import RigidTransform
+from bench.lidar import LidarSweep, knot_times
+from bench.recordings.records import ObjectShape, PointIndices, Recording
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PlacedSweep:
+    """A sweep with the lidar's pose over its time, computed once for all objects.
+
+    Attributes:
+        sweep: the points.
+        times_ns: (N,) int64, time of each point.
+        knots_ns: (K,) int64, K >= 2.
+        rotations: (K, 3, 3) float64, world_from_lidar.
+        positions_m: (K, 3) float64, m.
+    """
+
+    sweep: LidarSweep
+    times_ns: NDArray[np.int64]
+    knots_ns: NDArray[np.int64]
+    rotations: NDArray[np.float64]
+    positions_m: NDArray[np.float64]
+
+
+def place_sweep(sweep: LidarSweep, trajectory: Trajectory, vehicle_from_lidar: RigidTransform) -> PlacedSweep | None:
+    """Find the lidar's poses during a sweep; None where it has no points or ego-motion is missing for part of it."""
+    times_ns = sweep.times_ns
+    knots_ns = knot_times(times_ns)
+    rotations, positions_m, valid = trajectory.at(knots_ns)
+    if not (len(knots_ns) and valid.all()):
+        return None
+    return PlacedSweep(
+        sweep=sweep,
+        times_ns=times_ns,
+        knots_ns=knots_ns,
+        rotations=rotations @ vehicle_from_lidar.rotation,
+        positions_m=rotations @ vehicle_from_lidar.translation_m + positions_m,
+    )
+
+
+class SweepShelf:
+    """Hands out the sweep for an exposure; holds the last one, since neighbouring images share it.
+
+    Args:
+        recording: the drive.
+        max_gap_ns: a sweep further from the exposure is not used.
+    """
+
+    def __init__(self, recording: Recording, max_gap_ns: int) -> None:
+        self._recording, self._max_gap_ns = recording, max_gap_ns
+        self._times_ns = np.array([ref.timestamp_ns for ref in recording.sweeps], dtype=np.int64)
+        self._held: tuple[int, PlacedSweep | None] | None = None
+
+    def take(self, shape: ObjectShape, exposure_ns: int) -> PlacedSweep | None:
+        """The sweep nearest to the exposure; for point indices the one that they count in.
+
+        Returns:
+            None where there is no sweep near enough, or no ego-motion for it.
+
+        Raises:
+            DataError: point indices of a sweep that does not exist, or a file that cannot be read.
+        """
+        counted_ns = shape.sweep_timestamp_ns if isinstance(shape, PointIndices) else None
+        away_ns = np.abs(self._times_ns - (exposure_ns if counted_ns is None else counted_ns))
+        if counted_ns is not None and not (away_ns == 0).any():
+            raise DataError(
+                self._recording.root,
+                field="annotations",
+                wanted=f"a lidar sweep at {counted_ns}, in which point indices count",
+                came="no sweep of that time",
+            )
+        if not away_ns.size or away_ns.min() > (self._max_gap_ns if counted_ns is None else 0):
+            return None
+        nearest = int(np.argmin(away_ns))
+        if self._held is None or self._held[0] != nearest:
+            sweep = self._recording.sweeps[nearest].read()
+            self._held = nearest, place_sweep(sweep, self._recording.trajectory, self._recording.vehicle_from_lidar)
+        return self._held[1]

@@ -1,0 +1,157 @@
+"""A drive whose truth is exact: a host, a spinning lidar with per-point times, and one moving box."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from bench.cameras import RadialPolynomialCamera
+from bench.egomotion import Trajectory
+from bench.geometry import RigidTransform, RoadPlane, advance_twist
+from bench.lidar import LidarSweep
+from bench.recordings import (
+    Cuboid,
+    ImageRef,
+    MountedCamera,
+    ObjectState,
+    Recording,
+    SweepRef,
+    Track,
+)
+from bench.reference import Category, MotionSettings, ReferenceSettings
+
+MS = 1_000_000
+SETTINGS = ReferenceSettings(
+    range_limit_m=8.0,
+    ground_clearance_m=0.05,
+    min_points=10,
+    min_polygon_px=20,
+    polygon_kind="convex",
+    concave_ratio=0.15,
+    classes=("pedestrian", "cyclist", "vehicle", "animal"),
+    categories=tuple(Category),
+    max_sweep_gap_ns=100 * MS,
+    max_annotation_gap_ns=100 * MS,
+    motion=MotionSettings(
+        static_below_mps=0.3,
+        hysteresis_low_mps=0.2,
+        hysteresis_high_mps=0.4,
+        min_run_ns=200 * MS,
+        smoothing_ns=300 * MS,
+        ego_static_below_mps=0.05,
+        crossing_from_rad=np.deg2rad(45),
+        crossing_to_rad=np.deg2rad(135),
+    ),
+)
+
+LENS = RadialPolynomialCamera(
+    width=640, height=480, coefficients=(170.0, -16.0, 24.0, -3.6), principal_point=(319.5, 239.5), max_angle_rad=1.7
+)
+PITCH = np.deg2rad(20)
+# x right, y down, z forward in vehicle axes: a camera that looks ahead and 20 degrees down.
+LOOK = np.array([[0, -1, 0], [-np.sin(PITCH), 0, -np.cos(PITCH)], [np.cos(PITCH), 0, -np.sin(PITCH)]]).T
+MOUNT = RigidTransform(LOOK, np.array([3.7, 0.0, 0.66]))
+LIDAR = RigidTransform.from_yaw(0.1, (1.0, 0.0, 1.8))
+
+
+def camera(ego_body=None) -> MountedCamera:
+    return MountedCamera(
+        name="front",
+        model=LENS,
+        vehicle_from_camera=MOUNT,
+        road=RoadPlane.below(MOUNT),
+        stored_size_px=(640, 480),
+        ego_body=ego_body,
+    )
+
+
+def circle(speed_mps: float, yaw_rate_radps: float, until_ns: int = 2000 * MS) -> Trajectory:
+    """A host that drives on a circle, sampled at 100 Hz."""
+    times_ns = np.arange(-200 * MS, until_ns + 1, 10 * MS)
+    seconds = times_ns / 1e9
+    turn = np.tile([0.0, 0.0, yaw_rate_radps], (len(times_ns), 1))
+    ahead = np.tile([speed_mps, 0.0, 0.0], (len(times_ns), 1))
+    rotations, positions_m = advance_twist(turn, ahead, seconds)
+    return Trajectory(source="circle", timestamps_ns=times_ns, rotations=rotations, positions_m=positions_m)
+
+
+class Box:
+    """A box that moves with constant velocity and yaw rate in the world."""
+
+    def __init__(self, place_m, size_m, velocity_mps, yaw_rate_radps=0.0, yaw_rad=0.0):
+        self.place_m, self.size_m = np.asarray(place_m, float), np.asarray(size_m, float)
+        self.velocity_mps, self.yaw_rate_radps, self.yaw_rad = np.asarray(velocity_mps, float), yaw_rate_radps, yaw_rad
+
+    def world_from_box(self, time_ns: int) -> RigidTransform:
+        seconds = time_ns / 1e9
+        place = self.place_m + self.velocity_mps * seconds
+        return RigidTransform.from_yaw(self.yaw_rad + self.yaw_rate_radps * seconds, place)
+
+    def skin(self, count: int, seed: int = 0) -> np.ndarray:
+        """Points on the box's sides, object frame, just inside of the annotated box."""
+        rng = np.random.default_rng(seed)
+        points = rng.uniform(-0.495, 0.495, (count, 3))
+        face, side = rng.integers(0, 3, count), rng.choice([-0.495, 0.495], count)
+        points[np.arange(count), face] = side
+        return points * self.size_m
+
+    def state(self, time_ns: int, trajectory: Trajectory, **words) -> ObjectState:
+        vehicle_from_world = trajectory.world_from_vehicle(time_ns).inverse()
+        return ObjectState(
+            timestamp_ns=time_ns,
+            shape=Cuboid(vehicle_from_object=vehicle_from_world @ self.world_from_box(time_ns), size_m=self.size_m),
+            velocity_mps=vehicle_from_world.rotate(self.velocity_mps),
+            yaw_rate_radps=self.yaw_rate_radps,
+            **words,
+        )
+
+
+def sweep_of(boxes, trajectory: Trajectory, reference_ns: int, points_each=400, *, timed=True) -> LidarSweep:
+    """What the lidar would see: every point is taken at its own time within +-50 ms."""
+    rng = np.random.default_rng(reference_ns % 1000 + 1)
+    rows, offsets = [], []
+    for box in boxes:
+        skin = box.skin(points_each)
+        offset_ns = (
+            np.linspace(-50 * MS, 50 * MS, points_each).astype(np.int64) if timed else np.zeros(points_each, np.int64)
+        )
+        for point, offset in zip(skin, offset_ns, strict=True):
+            time_ns = int(reference_ns + offset)
+            lidar_from_world = (trajectory.world_from_vehicle(time_ns) @ LIDAR).inverse()
+            rows.append(lidar_from_world.apply(box.world_from_box(time_ns).apply(point)))
+        offsets.append(offset_ns)
+    road = np.column_stack([rng.uniform(-20, 20, (200, 2)), np.full(200, -1.8)])  # z = 0 in the vehicle
+    points = np.vstack([*rows, road]) if rows else road
+    times = np.concatenate([*offsets, np.zeros(200, np.int64)])
+    return LidarSweep(timestamp_ns=reference_ns, points_lidar=points, time_offset_ns=times if timed else None)
+
+
+def drive(boxes, trajectory, *, sweep_ns=(0,), state_ns=(0,), exposures_ns=(0,), classes=None, **words) -> Recording:
+    """A recording of boxes, with sweeps and states at the given times."""
+    tracks = [
+        Track(
+            track_id=f"object-{i}",
+            object_class=(classes or ["vehicle"] * len(boxes))[i],
+            states=tuple(box.state(t, trajectory, **words) for t in state_ns),
+        )
+        for i, box in enumerate(boxes)
+    ]
+    sweeps = {t: sweep_of(boxes, trajectory, t) for t in sweep_ns}
+    return Recording(
+        name="drive",
+        root=Path("drive"),
+        licence="none",
+        frame_interval_ns=66_666_667,
+        cameras={"front": camera()},
+        images={"front": tuple(ImageRef(camera="front", timestamp_ns=t, path=Path(f"{t}.png")) for t in exposures_ns)},
+        trajectory=trajectory,
+        vehicle_from_lidar=LIDAR,
+        sweeps=tuple(
+            SweepRef(timestamp_ns=t, path=Path(f"{t}.npz"), reader=lambda _, time_ns: sweeps[time_ns]) for t in sweep_ns
+        ),
+        tracks=tuple(tracks),
+    )
+
+
+def with_settings(**changes) -> ReferenceSettings:
+    return replace(SETTINGS, **changes)

@@ -1,0 +1,102 @@
+"""Points of moving objects, taken over a tenth of a second from a moving host, meet at the exposure."""
+
+import numpy as np
+import pytest
+
+from bench.recordings import GroundPolygon, ObjectState, PointIndices
+from bench.reference.clusters import object_points, surface_points
+from bench.reference.sweeps import place_sweep
+from tests.reference.drives import LIDAR, MS, Box, circle, sweep_of
+
+CAR = {"size_m": (4.0, 1.8, 1.5), "place_m": (9.0, 2.0, 0.75)}
+EXPOSURE_NS = 40 * MS
+
+
+def cluster(box, trajectory, state, *, velocity=None, sweep=None):
+    sweep = sweep or sweep_of([box], trajectory, 0)
+    return object_points(
+        place_sweep(sweep, trajectory, LIDAR),
+        state,
+        velocity_world_mps=box.velocity_mps if velocity is None else velocity,
+        world_from_vehicle=trajectory.world_from_vehicle(state.timestamp_ns),
+        exposure_ns=EXPOSURE_NS,
+        lowest_m=0.003,
+    )
+
+
+@pytest.mark.parametrize("state_ns", [-30 * MS, 0, 25 * MS])
+@pytest.mark.parametrize(
+    ("ego_mps", "ego_radps", "velocity", "radps"),
+    [
+        (0.0, 0.0, (0, 0, 0), 0.0),
+        (12.0, 0.0, (0, 0, 0), 0.0),
+        (8.0, 0.6, (0, 0, 0), 0.0),
+        (8.0, -0.5, (10, 3, 0), 0.0),
+        (-3.0, 0.3, (4, -6, 0), 0.8),
+    ],
+)
+def test_every_point_returns_to_its_place_on_the_object(ego_mps, ego_radps, velocity, radps, state_ns):
+    trajectory = circle(ego_mps, ego_radps)
+    box = Box(velocity_mps=velocity, yaw_rate_radps=radps, yaw_rad=0.2, **CAR)
+    points = cluster(box, trajectory, box.state(state_ns, trajectory))
+    on_box = box.world_from_box(EXPOSURE_NS).inverse().apply(points)
+    order = np.lexsort(np.round(on_box, 2).T)
+    expected = box.skin(400)
+    expected_order = np.lexsort(np.round(expected, 2).T)
+    assert len(points) == 400  # all of the object's, none of the road's
+    assert np.abs(np.sort(on_box, axis=0) - np.sort(expected, axis=0)).max() < 2e-3
+    assert order.shape == expected_order.shape
+
+
+def test_without_compensation_the_points_would_be_metres_off():
+    """Ten metres per second against ten the other way: the sweep's ends lie up to a metre from the middle."""
+    trajectory, box = circle(10.0, 0.0), Box(velocity_mps=(-10, 0, 0), **CAR)
+    sweep = sweep_of([box], trajectory, 0)
+    raw = (trajectory.world_from_vehicle(0) @ LIDAR).apply(sweep.points_lidar[:400])
+    smeared = box.world_from_box(0).inverse().apply(raw)
+    assert np.abs(smeared[:, 0]).max() > 2.8  # half a length is 2 m
+    compensated = box.world_from_box(EXPOSURE_NS).inverse().apply(cluster(box, trajectory, box.state(0, trajectory)))
+    assert np.abs(compensated[:, 0]).max() < 2.0
+
+
+def test_a_sweep_without_point_times_is_taken_at_its_reference_time():
+    trajectory, box = circle(5.0, 0.0), Box(velocity_mps=(0, 4, 0), **CAR)
+    sweep = sweep_of([box], trajectory, 0, timed=False)
+    points = cluster(box, trajectory, box.state(0, trajectory), sweep=sweep)
+    on_box = box.world_from_box(EXPOSURE_NS).inverse().apply(points)
+    assert len(points) == 400
+    assert np.abs(on_box[:, 1]).max() < 0.9
+
+
+def test_unknown_velocity_counts_as_standing():
+    trajectory, box = circle(5.0, 0.0), Box(velocity_mps=(0, 0, 0), **CAR)
+    points = cluster(box, trajectory, box.state(0, trajectory), velocity=np.full(3, np.nan))
+    assert len(points) == 400
+
+
+def test_ground_polygon_with_height_span_selects_what_stands_on_it():
+    trajectory, box = circle(5.0, 0.2), Box(velocity_mps=(3, 0, 0), **CAR)
+    outline = np.array([[6.9, 1.0], [11.1, 1.0], [11.1, 3.0], [6.9, 3.0]])
+    shape = GroundPolygon(outline_m=outline, bottom_m=0.3, top_m=1.6)
+    state = ObjectState(timestamp_ns=0, shape=shape, velocity_mps=box.velocity_mps)
+    points = cluster(box, trajectory, state)
+    expected = box.skin(400)
+    assert len(points) == (expected[:, 2] + 0.75 >= 0.3).sum()
+    assert np.abs(box.world_from_box(EXPOSURE_NS).inverse().apply(points)[:, 0]).max() < 2.0
+
+
+def test_point_indices_select_exactly_themselves():
+    trajectory, box = circle(5.0, 0.2), Box(velocity_mps=(3, 1, 0), **CAR)
+    shape = PointIndices(indices=np.arange(100, 180), sweep_timestamp_ns=0)
+    points = cluster(box, trajectory, ObjectState(timestamp_ns=0, shape=shape, velocity_mps=box.velocity_mps))
+    on_box = box.world_from_box(EXPOSURE_NS).inverse().apply(points)
+    assert np.abs(on_box - box.skin(400)[100:180]).max() < 2e-3
+
+
+def test_surface_points_cover_the_whole_surface():
+    trajectory, box = circle(0.0, 0.0), Box(velocity_mps=(0, 0, 0), **CAR)
+    surface = surface_points(box.state(0, trajectory).shape)
+    np.testing.assert_allclose(surface.min(axis=0), [7.0, 1.1, 0.0], atol=1e-9)
+    np.testing.assert_allclose(surface.max(axis=0), [11.0, 2.9, 1.5], atol=1e-9)
+    assert len(surface) == 9**3 - 7**3
+    assert not len(surface_points(PointIndices(indices=np.arange(3), sweep_timestamp_ns=0)))
