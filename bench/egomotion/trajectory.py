@@ -1,0 +1,125 @@
+"""Poses of the vehicle over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from bench.errors import DataError
+from bench.geometry import RigidTransform, interpolate_poses
+
+SECOND_NS = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Trajectory:
+    """`world_from_vehicle` at times; the world is wherever the first pose puts it.
+
+    Attributes:
+        source: file that the poses come from, for messages.
+        timestamps_ns: (N,) int64, strictly increasing, N >= 2.
+        rotations: N rotations, world_from_vehicle.
+        positions_m: (N, 3) float64, m, vehicle origin in the world.
+        max_gap_ns: poses further apart than this are not interpolated between.
+        max_extrapolation_ns: how far beyond the ends the motion is continued; lidar points and exposures
+            lie a little outside of the signals at the ends of a recording.
+
+    Raises:
+        DataError: fewer than two poses, times that do not increase, numbers that are not finite.
+    """
+
+    source: str
+    timestamps_ns: NDArray[np.int64]
+    rotations: Rotation
+    positions_m: NDArray[np.float64]
+    max_gap_ns: int = SECOND_NS // 2
+    max_extrapolation_ns: int = SECOND_NS // 10
+
+    def __post_init__(self) -> None:
+        times_ns, positions_m = self.timestamps_ns, self.positions_m
+        if len(times_ns) < 2:
+            raise DataError(self.source, wanted="at least two poses", came=str(len(times_ns)))
+        steps_ns = np.diff(times_ns)
+        if steps_ns.min() <= 0:
+            row = int(np.argmax(steps_ns <= 0)) + 1
+            raise DataError(
+                self.source,
+                field="timestamp_ns",
+                wanted="times that increase",
+                came=f"{times_ns[row]} after {times_ns[row - 1]} in row {row + 1}",
+            )
+        if positions_m.shape != (len(times_ns), 3) or len(self.rotations) != len(times_ns):
+            raise DataError(
+                self.source, wanted=f"a pose for each of {len(times_ns)} times", came=f"{len(self.rotations)} poses"
+            )
+        if not np.isfinite(positions_m).all():
+            raise DataError(self.source, wanted="finite positions", came="NaN or infinity")
+
+    def at(
+        self, timestamps_ns: NDArray[np.int64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+        """Poses at any times.
+
+        Args:
+            timestamps_ns: (M,) int64.
+
+        Returns:
+            rotations: (M, 3, 3) float64, world_from_vehicle; NaN where not valid.
+            positions_m: (M, 3) float64, m; NaN where not valid.
+            valid: (M,) bool; False in gaps and too far beyond the ends.
+        """
+        times_ns = np.asarray(timestamps_ns, dtype=np.int64)
+        left, fraction, valid = self._places(times_ns)
+        rotations, positions_m = interpolate_poses(
+            self.rotations[left], self.positions_m[left], self.rotations[left + 1], self.positions_m[left + 1], fraction
+        )
+        matrices = rotations.as_matrix()
+        matrices[~valid] = np.nan
+        positions_m[~valid] = np.nan
+        return matrices, positions_m, valid
+
+    def world_from_vehicle(self, timestamp_ns: int) -> RigidTransform:
+        """The pose at one time.
+
+        Raises:
+            DataError: no ego-motion there.
+        """
+        rotations, positions_m, valid = self.at(np.array([timestamp_ns], dtype=np.int64))
+        if not valid[0]:
+            first_ns, last_ns = int(self.timestamps_ns[0]), int(self.timestamps_ns[-1])
+            raise DataError(
+                self.source,
+                field="timestamp_ns",
+                wanted=f"ego-motion at {timestamp_ns}",
+                came=f"poses from {first_ns} to {last_ns}, gaps over {self.max_gap_ns / 1e6:.0f} ms left open",
+                do="give ego-motion that covers every image and sweep",
+            )
+        return RigidTransform(rotations[0], positions_m[0])
+
+    def velocity_vehicle_mps(self, timestamp_ns: int) -> NDArray[np.float64]:
+        """Velocity of the vehicle's origin over the ground in the vehicle's own axes, (3,) float64, m/s.
+
+        The mean over the interval between poses that holds the time; negative x in reverse gear.
+
+        Raises:
+            DataError: no ego-motion there.
+        """
+        here = self.world_from_vehicle(timestamp_ns)
+        left, _, _ = self._places(np.array([timestamp_ns], dtype=np.int64))
+        i = int(left[0])
+        seconds = (self.timestamps_ns[i + 1] - self.timestamps_ns[i]) / SECOND_NS
+        return np.asarray(here.rotation.T @ ((self.positions_m[i + 1] - self.positions_m[i]) / seconds))
+
+    def _places(self, times_ns: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.bool_]]:
+        known = self.timestamps_ns
+        left = np.clip(np.searchsorted(known, times_ns, side="right") - 1, 0, len(known) - 2)
+        span_ns = known[left + 1] - known[left]
+        fraction = (times_ns - known[left]) / span_ns.astype(np.float64)
+        covered = (times_ns >= known[0] - self.max_extrapolation_ns) & (
+            times_ns <= known[-1] + self.max_extrapolation_ns
+        )
+        on_pose = (times_ns == known[left]) | (times_ns == known[left + 1])
+        return left, fraction, covered & ((span_ns <= self.max_gap_ns) | on_pose)

@@ -1,0 +1,95 @@
+"""Pose files in TUM form, as evo and many odometry tools write them."""
+
+from __future__ import annotations
+
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from bench.egomotion.trajectory import SECOND_NS, Trajectory
+from bench.errors import DataError
+
+COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
+QUATERNION_TOLERANCE = 1e-2
+
+
+def read_tum(path: Path) -> Trajectory:
+    """Read poses: `t x y z qx qy qz qw` a line, separated by spaces or commas; "#" begins a comment.
+
+    Times are seconds as decimal text and come out as exact nanoseconds; poses are world_from_vehicle.
+
+    Raises:
+        DataError: missing, a line that is not a pose, or times that do not increase.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(path, wanted="a readable text file", came=str(error)) from error
+    times_ns: list[int] = []
+    values: list[list[float]] = []
+    for number, line in enumerate(lines, start=1):
+        words = line.split("#")[0].replace(",", " ").split()
+        if not words:
+            continue
+        if len(words) != len(COLUMNS):
+            wanted = f"{len(COLUMNS)} numbers, {' '.join(COLUMNS)}"
+            raise DataError(path, field=f"line {number}", wanted=wanted, came=f"{len(words)}")
+        times_ns.append(_nanoseconds(words[0], path, number))
+        values.append([_number(w, path, number, column) for column, w in zip(COLUMNS[1:], words[1:], strict=True)])
+    rows = np.array(values, dtype=np.float64).reshape(-1, len(COLUMNS) - 1)
+    _refuse_other_quaternions(rows[:, 3:], path)
+    rotations = Rotation.from_quat(rows[:, 3:], scalar_first=False)
+    timestamps_ns = np.array(times_ns, dtype=np.int64)
+    return Trajectory(source=str(path), timestamps_ns=timestamps_ns, rotations=rotations, positions_m=rows[:, :3])
+
+
+def write_tum(
+    path: Path, *, timestamps_ns: NDArray[np.int64], rotations: Rotation, positions_m: NDArray[np.float64]
+) -> None:
+    """Write poses in TUM form; numbers keep every digit.
+
+    Args:
+        path: the file, overwritten.
+        timestamps_ns: (N,) int64.
+        rotations: N rotations, world_from_vehicle.
+        positions_m: (N, 3) float64, m.
+    """
+    lines = ["# " + " ".join(COLUMNS)]
+    quaternions_xyzw = rotations.as_quat(canonical=True, scalar_first=False)
+    for time_ns, position_m, xyzw in zip(timestamps_ns, positions_m, quaternions_xyzw, strict=True):
+        numbers = " ".join(repr(float(value)) for value in (*position_m, *xyzw))
+        lines.append(f"{_seconds_text(int(time_ns))} {numbers}")
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _seconds_text(time_ns: int) -> str:
+    seconds, rest_ns = divmod(abs(time_ns), SECOND_NS)
+    return f"{'-' if time_ns < 0 else ''}{seconds}.{rest_ns:09d}"
+
+
+def _nanoseconds(text: str, path: Path, line: int) -> int:
+    try:
+        return int((Decimal(text) * SECOND_NS).to_integral_value())
+    except (InvalidOperation, ValueError, OverflowError):
+        raise DataError(path, field=f"t, line {line}", wanted="seconds", came=repr(text)) from None
+
+
+def _number(text: str, path: Path, line: int, column: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise DataError(path, field=f"{column}, line {line}", wanted="a finite number", came=repr(text))
+    return value
+
+
+def _refuse_other_quaternions(quaternions_xyzw: NDArray[np.float64], path: Path) -> None:
+    off = np.abs(np.linalg.norm(quaternions_xyzw, axis=1) - 1.0) > QUATERNION_TOLERANCE
+    if off.any():
+        row = int(np.argmax(off))
+        came = f"{quaternions_xyzw[row].tolist()} in pose {row + 1}"
+        raise DataError(path, field="qx qy qz qw", wanted="a quaternion of length 1", came=came)

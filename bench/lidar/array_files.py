@@ -1,0 +1,116 @@
+"""Reading and writing .npz, .bin and .laz."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.errors import DataError
+
+Arrays = dict[str, NDArray[Any]]
+
+BIN_COLUMNS = 4  # x, y, z, intensity
+NPZ_TYPES = {
+    "points_lidar": {"f": "floating point"},
+    "intensity": {"f": "floating point"},
+    "time_offset_ns": {"i": "int64"},
+    "ring": {"u": "uint8", "i": "integers"},
+}
+NPZ_ARRAYS = tuple(NPZ_TYPES)
+NPZ_STORED = {"intensity": np.float32, "time_offset_ns": np.int64, "ring": np.uint8}
+
+
+def read_npz(path: Path) -> Arrays:
+    """Read our own arrays; objects (pickles) and arrays of other names are refused.
+
+    Raises:
+        DataError: cut short, an array that is missing, unknown or of another type.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            arrays: Arrays = {name: archive[name] for name in archive.files}
+    except (OSError, ValueError, EOFError, KeyError, AttributeError, TypeError, zipfile.BadZipFile) as error:
+        raise DataError(path, wanted="a whole .npz file of plain arrays", came=str(error)) from error
+    for name, values in arrays.items():
+        if name not in NPZ_TYPES:
+            raise DataError(path, field=name, wanted=f"only the arrays {', '.join(NPZ_ARRAYS)}", came="this one")
+        if values.dtype.kind not in NPZ_TYPES[name]:
+            wanted = " or ".join(NPZ_TYPES[name].values())
+            raise DataError(path, field=name, wanted=wanted, came=str(values.dtype))
+    if "points_lidar" not in arrays:
+        raise DataError(path, field="points_lidar", wanted="an array of this name", came="none")
+    if "ring" in arrays and arrays["ring"].size and not 0 <= int(arrays["ring"].max()) < 256:
+        raise DataError(path, field="ring", wanted="0 to 255", came=str(arrays["ring"].max()))
+    return {name: values.astype(NPZ_STORED.get(name, values.dtype), copy=False) for name, values in arrays.items()}
+
+
+def write_npz(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write our own arrays in a fixed order; zip entries carry a fixed date, so equal arrays give equal bytes."""
+    np.savez(path, **{name: arrays[name] for name in NPZ_ARRAYS if name in arrays})  # type: ignore[arg-type]
+
+
+def read_bin(path: Path) -> Arrays:
+    """Read KITTI's float32 rows of x, y, z and intensity.
+
+    Raises:
+        DataError: empty, or not whole rows.
+    """
+    values = np.fromfile(path, dtype="<f4")
+    size = path.stat().st_size
+    if not size or size % (4 * BIN_COLUMNS):
+        raise DataError(path, wanted="rows of four float32 (16 bytes)", came=f"{size} bytes; the file may be cut short")
+    rows = values.reshape(-1, BIN_COLUMNS)
+    return {"points_lidar": rows[:, :3].copy(), "intensity": rows[:, 3].copy()}
+
+
+def write_bin(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write KITTI's float32 rows; without intensities they are 0."""
+    points = arrays["points_lidar"]
+    intensity = arrays.get("intensity", np.zeros(len(points), dtype=np.float32))
+    np.column_stack([points, intensity]).astype("<f4").tofile(path)
+
+
+def read_laz(path: Path) -> Arrays:
+    """Read points, intensities and times as they stand in the file.
+
+    Raises:
+        DataError: cut short, or not a .laz file.
+    """
+    import laspy  # 0.15 s, and only these files need it
+
+    try:
+        cloud = laspy.read(path)
+        names = set(cloud.point_format.dimension_names)
+        arrays: Arrays = {
+            "points_lidar": np.ascontiguousarray(cloud.xyz, dtype=np.float64),
+            "intensity": np.asarray(cloud.intensity, dtype=np.float32),
+        }
+        if "gps_time" in names:
+            arrays["gps_time"] = np.asarray(cloud.gps_time, dtype=np.float64)
+    except Exception as error:  # the decompressor raises its own kinds, down to plain Exception
+        if isinstance(error, MemoryError):
+            raise
+        raise DataError(path, wanted="a whole .laz file", came=f"{type(error).__name__}: {error}") from error
+    if cloud.header.point_count != len(arrays["points_lidar"]):
+        came = f"{len(arrays['points_lidar'])}; the file may be cut short"
+        raise DataError(path, field="points", wanted=f"{cloud.header.point_count} points as its header says", came=came)
+    return arrays
+
+
+def write_laz(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write points to the millimetre, with intensities and times."""
+    import laspy
+
+    header = laspy.LasHeader(point_format=1, version="1.2")
+    header.scales = np.full(3, 0.001)
+    cloud = laspy.LasData(header)
+    cloud.xyz = arrays["points_lidar"]
+    for name in ("intensity", "gps_time"):
+        if name in arrays:
+            setattr(cloud, name, arrays[name])
+    cloud.write(path)

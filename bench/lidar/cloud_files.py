@@ -1,0 +1,92 @@
+"""Reading and writing .pcd and .ply, by open3d."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.errors import DataError
+from bench.lidar.open3d_loader import open3d
+
+Arrays = dict[str, NDArray[Any]]
+
+PLY_BYTES = {
+    **dict.fromkeys(("char", "uchar", "int8", "uint8"), 1),
+    **dict.fromkeys(("short", "ushort", "int16", "uint16"), 2),
+    **dict.fromkeys(("int", "uint", "int32", "uint32", "float", "float32"), 4),
+    **dict.fromkeys(("double", "float64"), 8),
+}
+
+
+def read_cloud(path: Path) -> Arrays:
+    """Read points, and intensities and rings where they are.
+
+    Raises:
+        DataError: cut short, empty, or not of the suffix's format.
+    """
+    _refuse_cut_short(path)
+    library = open3d()
+    quiet = library.utility.VerbosityContextManager(library.utility.VerbosityLevel.Error)
+    try:
+        with quiet:
+            cloud = library.t.io.read_point_cloud(str(path))
+    except RuntimeError as error:
+        raise DataError(path, wanted=f"a whole {path.suffix} file", came=" ".join(str(error).split())) from error
+    names = {str(name) for name in cloud.point}
+    if "positions" not in names or not len(cloud.point.positions):
+        raise DataError(path, wanted=f"a whole {path.suffix} file with points", came="none that could be read")
+    arrays: Arrays = {"points_lidar": cloud.point.positions.numpy().copy()}
+    for name, dtype in (("intensity", np.float32), ("ring", np.uint8)):
+        if name in names:
+            arrays[name] = cloud.point[name].numpy().reshape(-1).astype(dtype)
+    return arrays
+
+
+def _refuse_cut_short(path: Path) -> None:
+    """Compare the length of a .ply or .pcd file with its header: open3d fills up what is missing with zeros."""
+    content = path.read_bytes()
+    end = re.search(rb"^(end_header|DATA \w+)\r?\n", content, re.MULTILINE)
+    head = content[: end.end()].decode("ascii", "replace").split("\n") if end else []
+    words = [line.split() for line in head if line.strip()]
+    kind = next((w[1] for w in words if w[0] in {"format", "DATA"}), "")
+    try:
+        rows, row_bytes = _ply_rows(words) if path.suffix == ".ply" else _pcd_rows(words)
+    except (ValueError, IndexError, KeyError, StopIteration):
+        raise DataError(path, wanted=f"the header of a {path.suffix} file", came="another or none") from None
+    body = content[end.end() :] if end else b""
+    if kind == "ascii" and len(body.split(b"\n")) - body.endswith(b"\n") < rows:
+        raise DataError(path, wanted=f"{rows} lines of points", came="fewer; the file is cut short")
+    if kind.startswith("binary") and kind != "binary_compressed" and len(body) < rows * row_bytes:
+        came = f"{len(body)}; the file is cut short"
+        raise DataError(path, wanted=f"{rows} points of {row_bytes} bytes, {rows * row_bytes} bytes in all", came=came)
+
+
+def _ply_rows(words: list[list[str]]) -> tuple[int, int]:
+    """Number of vertices and bytes of one; the vertices come first in every point cloud."""
+    first = next(i for i, w in enumerate(words) if w[0] == "element")
+    if words[first][1] != "vertex":
+        raise ValueError("vertices do not come first")
+    after = next(i for i, w in enumerate([*words, ["end_header"]]) if i > first and w[0] in {"element", "end_header"})
+    return int(words[first][2]), sum(PLY_BYTES[w[1]] for w in words[first:after] if w[0] == "property")
+
+
+def _pcd_rows(words: list[list[str]]) -> tuple[int, int]:
+    entries = {w[0]: w[1:] for w in words}
+    counts = entries.get("COUNT", ["1"] * len(entries["SIZE"]))
+    return int(entries["POINTS"][0]), sum(int(s) * int(c) for s, c in zip(entries["SIZE"], counts, strict=True))
+
+
+def write_cloud(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write points and intensities, binary."""
+    library = open3d()
+    cloud = library.t.geometry.PointCloud()
+    cloud.point.positions = library.core.Tensor(np.ascontiguousarray(arrays["points_lidar"], dtype=np.float32))
+    if "intensity" in arrays:
+        cloud.point["intensity"] = library.core.Tensor(arrays["intensity"].astype(np.float32)[:, None])
+    if not library.t.io.write_point_cloud(str(path), cloud):
+        raise OSError(f"{path}: could not be written")

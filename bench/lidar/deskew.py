@@ -1,0 +1,62 @@
+"""Points taken from a moving sensor, brought into one frame that stands still."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+KNOT_SPACING_NS = 5_000_000  # at 1 rad/s the blend between knots is off by 3e-6 of the range
+
+
+def knot_times(times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Times, at most 5 ms apart, that span the times of points.
+
+    Args:
+        times_ns: (N,) int64.
+
+    Returns:
+        (K,) int64, increasing, K >= 2, the first at or before and the last after every point; empty for no points.
+    """
+    if not times_ns.size:
+        return np.empty(0, dtype=np.int64)
+    first, last = int(times_ns.min()), int(times_ns.max())
+    intervals = max(1, -(-(last + 1 - first) // KNOT_SPACING_NS))
+    return np.asarray(np.linspace(first, max(last, first + 1), intervals + 1).round().astype(np.int64))
+
+
+def deskew(
+    points_lidar: NDArray[np.floating],
+    times_ns: NDArray[np.int64],
+    *,
+    knots_ns: NDArray[np.int64],
+    rotations: NDArray[np.float64],
+    positions_m: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Apply to each point the sensor's pose at the point's own time.
+
+    Poses are blended linearly between knots, which is exact to second order in the few milliseconds between them.
+
+    Args:
+        points_lidar: (N, 3), m, lidar frame at each point's own time.
+        times_ns: (N,) int64, within the knots.
+        knots_ns: (K,) int64, increasing, K >= 2.
+        rotations: (K, 3, 3) float64, reference_from_lidar at the knots.
+        positions_m: (K, 3) float64, m, position of the lidar in the reference frame at the knots.
+
+    Returns:
+        (N, 3) float64, m, in the reference frame.
+    """
+    if not len(points_lidar):
+        return np.empty((0, 3))
+    after = np.clip(np.searchsorted(knots_ns, times_ns, side="right"), 1, len(knots_ns) - 1)
+    span_ns = (knots_ns[after] - knots_ns[after - 1]).astype(np.float64)
+    part = ((times_ns - knots_ns[after - 1]) / span_ns)[:, None]
+    points = points_lidar.astype(np.float64)
+    before = _moved(points, rotations[after - 1], positions_m[after - 1])
+    return np.asarray(before + part * (_moved(points, rotations[after], positions_m[after]) - before))
+
+
+def _moved(
+    points: NDArray[np.float64], rotations: NDArray[np.float64], positions_m: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    return np.asarray(np.einsum("nij,nj->ni", rotations, points) + positions_m)

@@ -1,0 +1,149 @@
+"""Point-cloud files: .npz (ours), .bin (KITTI), .pcd, .ply and .laz.
+
+Every reader gives the same named arrays: `points_lidar` (N, 3) and, where the file has them, `intensity`,
+`time_offset_ns`, `ring` and `gps_time`. Points that are not finite are refused: a file that holds them was written by
+a tool that keeps places for lost returns, and row numbers would depend on whether they count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.errors import DataError, ShapeError, UnknownNameError
+from bench.lidar.array_files import (
+    NPZ_ARRAYS,
+    Arrays,
+    read_bin,
+    read_laz,
+    read_npz,
+    write_bin,
+    write_laz,
+    write_npz,
+)
+from bench.lidar.cloud_files import read_cloud, write_cloud
+from bench.lidar.sweep import LidarSweep
+
+FARTHEST_TIME_NS = 1_000_000_000  # a point's time further from its sweep's means another clock or unit
+
+
+def read_points(path: Path) -> Arrays:
+    """Read the arrays of a point-cloud file, chosen by its suffix.
+
+    Returns:
+        points_lidar: (N, 3) float32 or float64, m, finite.
+        intensity: (N,) float32 as the file has it, if it has.
+        time_offset_ns: (N,) int64, from .npz, if it has.
+        ring: (N,) uint8, from .npz, if it has.
+        gps_time: (N,) float64 as the file has it, from .laz, if it has.
+
+    Raises:
+        UnknownNameError: a suffix that is not read here.
+        DataError: missing, cut short, an array that is missing or of another shape, or points that are not finite.
+    """
+    reader, _ = _format(path)
+    if not path.is_file():
+        raise DataError(path, wanted="a point-cloud file", came="no such file")
+    arrays = reader(path)
+    points = arrays["points_lidar"]
+    if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind != "f":
+        came = f"{points.shape} {points.dtype}"
+        raise DataError(path, field="points_lidar", wanted="(N, 3) floating point", came=came)
+    for name, values in arrays.items():
+        if name != "points_lidar" and values.shape != (len(points),):
+            raise DataError(path, field=name, wanted=f"({len(points)},), one per point", came=str(values.shape))
+        if values.dtype.kind == "f" and not np.isfinite(values).all():
+            rows = ~np.isfinite(values.reshape(len(points), -1)).all(axis=1)
+            came = f"NaN or infinity in {rows.sum()} rows, the first is {int(rows.argmax())}"
+            raise DataError(path, field=name, wanted="finite numbers", came=came)
+    return arrays
+
+
+def write_points(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write the arrays of a point cloud in the format of the suffix; what the format cannot hold is refused.
+
+    Args:
+        path: the file, overwritten.
+        arrays: as `read_points` gives them.
+
+    Raises:
+        UnknownNameError: a suffix that is not written here.
+        ShapeError: an array that the format cannot hold.
+    """
+    _, (writer, held) = _format(path)
+    for name in arrays:
+        if name not in held:
+            raise ShapeError(
+                f"{path.name}: wanted one of {', '.join(held)}, came {name}, which {path.suffix} cannot hold"
+            )
+    writer(path, arrays)
+
+
+def read_sweep(path: Path, timestamp_ns: int) -> LidarSweep:
+    """Read one revolution.
+
+    In .laz files `gps_time` is taken as absolute nanoseconds in the clock of `timestamp_ns`, and intensities as
+    0 to 255.
+
+    Args:
+        path: the file.
+        timestamp_ns: the sweep's reference time.
+
+    Raises:
+        DataError: as `read_points`, or points a second or more away from the sweep's time.
+    """
+    arrays = read_points(path)
+    intensity = arrays.get("intensity")
+    offsets_ns = arrays.get("time_offset_ns")
+    field = "time_offset_ns"
+    if path.suffix == ".laz":
+        intensity = None if intensity is None else intensity / np.float32(255.0)
+        field = "gps_time"
+        if field in arrays:
+            # Whole nanoseconds below 2^53 (104 days) are exact in the file's float64.
+            offsets_ns = arrays[field].round().astype(np.int64) - timestamp_ns
+    if offsets_ns is not None and offsets_ns.size and int(np.abs(offsets_ns).max()) >= FARTHEST_TIME_NS:
+        wanted = f"times within a second of {timestamp_ns}, ns"
+        came = f"{int(offsets_ns.min())} to {int(offsets_ns.max())} ns away"
+        raise DataError(path, field=field, wanted=wanted, came=came)
+    return LidarSweep(
+        timestamp_ns=timestamp_ns,
+        points_lidar=arrays["points_lidar"],
+        time_offset_ns=offsets_ns,
+        intensity=intensity,
+        ring=arrays.get("ring"),
+    )
+
+
+def write_sweep(path: Path, sweep: LidarSweep) -> None:
+    """Write one revolution as .npz; the same sweep gives the same bytes.
+
+    Args:
+        path: the file, overwritten.
+        sweep: the points; they are stored as float32.
+    """
+    values = {name: getattr(sweep, name) for name in NPZ_ARRAYS}
+    arrays = {name: array for name, array in values.items() if array is not None}
+    write_points(path, arrays | {"points_lidar": sweep.points_lidar.astype(np.float32)})
+
+
+_Reader = Callable[[Path], Arrays]
+_Writer = Callable[[Path, Mapping[str, NDArray[Any]]], None]
+
+FORMATS: Mapping[str, tuple[_Reader, tuple[_Writer, tuple[str, ...]]]] = {
+    ".npz": (read_npz, (write_npz, NPZ_ARRAYS)),
+    ".bin": (read_bin, (write_bin, ("points_lidar", "intensity"))),
+    ".pcd": (read_cloud, (write_cloud, ("points_lidar", "intensity"))),
+    ".ply": (read_cloud, (write_cloud, ("points_lidar", "intensity"))),
+    ".laz": (read_laz, (write_laz, ("points_lidar", "intensity", "gps_time"))),
+}
+
+
+def _format(path: Path) -> tuple[_Reader, tuple[_Writer, tuple[str, ...]]]:
+    if path.suffix not in FORMATS:
+        raise UnknownNameError("point-cloud suffix", path.suffix, FORMATS)
+    return FORMATS[path.suffix]

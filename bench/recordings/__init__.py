@@ -1,0 +1,61 @@
+"""Recordings: what a drive is (`records`), the native format, and the adapters that read other data sets into it.
+
+Opening a recording reads calibration, lists of files, ego-motion and annotations; images and sweeps are read one by one
+when they are wanted. Every fault of a file is a `DataError` that names file and field. Adapters translate a data set's
+conventions once, here, so that nobody above needs to know whose data it is.
+"""
+
+from bench.recordings.annotations import read_annotations
+from bench.recordings.atomic import replacing, write_bytes, write_text
+from bench.recordings.cards import DatasetCard, list_cards, load_card
+from bench.recordings.catalogue import ADAPTERS, open_dataset
+from bench.recordings.faults import recording_faults
+from bench.recordings.gaps import FrameGap, frame_gaps
+from bench.recordings.handles import Exclusion, RecordingHandle
+from bench.recordings.images import read_image, read_truth
+from bench.recordings.native import open_native
+from bench.recordings.records import (
+    Cuboid,
+    GroundPolygon,
+    ImageRef,
+    MountedCamera,
+    ObjectShape,
+    ObjectState,
+    PointIndices,
+    Recording,
+    SweepRef,
+    Track,
+)
+from bench.recordings.writing import RecordingWriter, write_annotations
+
+__all__ = [
+    "ADAPTERS",
+    "Cuboid",
+    "DatasetCard",
+    "Exclusion",
+    "FrameGap",
+    "GroundPolygon",
+    "ImageRef",
+    "MountedCamera",
+    "ObjectShape",
+    "ObjectState",
+    "PointIndices",
+    "Recording",
+    "RecordingHandle",
+    "RecordingWriter",
+    "SweepRef",
+    "Track",
+    "frame_gaps",
+    "list_cards",
+    "load_card",
+    "open_dataset",
+    "open_native",
+    "read_annotations",
+    "read_image",
+    "read_truth",
+    "recording_faults",
+    "replacing",
+    "write_annotations",
+    "write_bytes",
+    "write_text",
+]

@@ -1,0 +1,161 @@
+"""Annotation files <-> tracks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.errors import DataError
+from bench.geometry import RigidTransform
+from bench.recordings import openlabel
+from bench.recordings.records import Cuboid, GroundPolygon, ObjectShape, ObjectState, PointIndices, Track
+from bench.recordings.validation import read_json
+
+
+def read_annotations(file: Path) -> tuple[Track, ...]:
+    """Read an annotation file.
+
+    Returns:
+        Tracks in the order of the file; objects that no frame mentions have no states.
+
+    Raises:
+        DataError: missing, not of the OpenLABEL subset, or objects and frames that do not fit together.
+    """
+    content = read_json(openlabel.AnnotationFile, file).openlabel
+    states: dict[str, list[ObjectState]] = {uid: [] for uid in content.objects}
+    for number, frame in sorted(content.frames.items(), key=lambda item: item[1].frame_properties.timestamp):
+        timestamp_ns = frame.frame_properties.timestamp
+        for uid, entry in frame.objects.items():
+            field = f"openlabel.frames.{number}.objects.{uid}"
+            if uid not in states:
+                raise DataError(file, field=field, wanted="an object listed under openlabel.objects", came=repr(uid))
+            if states[uid] and states[uid][-1].timestamp_ns == timestamp_ns:
+                raise DataError(file, field=field, wanted="one frame for each time", came=f"{timestamp_ns} twice")
+            states[uid].append(_state(entry.object_data, timestamp_ns, file, field))
+    return tuple(
+        Track(
+            track_id=uid,
+            object_class=item.type,
+            states=tuple(states[uid]),
+            instance_id=item.object_data.num[0].val if item.object_data.num else None,
+        )
+        for uid, item in content.objects.items()
+    )
+
+
+def annotation_document(tracks: Sequence[Track], timestamps_ns: Iterable[int] = ()) -> dict[str, Any]:
+    """The content of an annotation file, as JSON values.
+
+    Args:
+        tracks: objects with their states.
+        timestamps_ns: further times at which the scene was annotated, also where it held nothing.
+    """
+    times_ns = sorted({state.timestamp_ns for track in tracks for state in track.states} | set(timestamps_ns))
+    frames: dict[int, dict[str, Any]] = {
+        time_ns: {"frame_properties": {"timestamp": int(time_ns)}, "objects": {}} for time_ns in times_ns
+    }
+    for track in tracks:
+        for state in track.states:
+            frames[state.timestamp_ns]["objects"][track.track_id] = {"object_data": _state_data(state)}
+    return {
+        "openlabel": {
+            "metadata": {"schema_version": openlabel.VERSION},
+            "coordinate_systems": {openlabel.COORDINATE_SYSTEM: {"type": "local_cs", "parent": "", "children": []}},
+            "objects": {track.track_id: _object(track) for track in tracks},
+            "frames": {str(i): frames[time_ns] for i, time_ns in enumerate(times_ns)},
+        }
+    }
+
+
+def _state(data: openlabel.FrameObjectData, timestamp_ns: int, file: Path, field: str) -> ObjectState:
+    numbers: dict[str, Any] = {entry.name: entry.val for entry in data.num}
+    vectors: dict[str, Any] = {entry.name: entry.val for entry in data.vec}
+    return ObjectState(
+        timestamp_ns=timestamp_ns,
+        shape=_shape(data, numbers, vectors, file, f"{field}.object_data"),
+        velocity_mps=np.array(vectors.get("velocity_mps", (np.nan,) * 3), dtype=np.float64),
+        yaw_rate_radps=float(numbers.get("yaw_rate_radps", 0.0)),
+        category=data.text[0].val if data.text else None,
+        unclear=data.boolean[0].val if data.boolean else False,
+    )
+
+
+def _shape(
+    data: openlabel.FrameObjectData, numbers: dict[str, Any], vectors: dict[str, Any], file: Path, field: str
+) -> ObjectShape:
+    if bool(data.cuboid) + bool(data.poly2d) + ("point_indices" in vectors) != 1:
+        given = [name for name in ("cuboid", "poly2d") if getattr(data, name)]
+        given += ["vec point_indices"] if "point_indices" in vectors else []
+        wanted = "one of cuboid, poly2d and vec point_indices"
+        raise DataError(file, field=field, wanted=wanted, came=" and ".join(given) or "none")
+    if data.cuboid:
+        x, y, z, qx, qy, qz, qw, *size_m = data.cuboid[0].val
+        return Cuboid(
+            vehicle_from_object=RigidTransform.from_quaternion((qw, qx, qy, qz), (x, y, z)), size_m=np.array(size_m)
+        )
+    if data.poly2d:
+        _demand(("bottom_m", "top_m"), numbers, file, field)
+        if numbers["bottom_m"] >= numbers["top_m"]:
+            came = f"{numbers['top_m']} over {numbers['bottom_m']}"
+            raise DataError(file, field=f"{field}.num", wanted="top_m above bottom_m", came=came)
+        outline_m = np.array(data.poly2d[0].val, dtype=np.float64).reshape(-1, 2)
+        return GroundPolygon(outline_m=outline_m, bottom_m=float(numbers["bottom_m"]), top_m=float(numbers["top_m"]))
+    _demand(("sweep_timestamp_ns",), numbers, file, field)
+    return PointIndices(
+        indices=np.array(vectors["point_indices"], dtype=np.int64), sweep_timestamp_ns=numbers["sweep_timestamp_ns"]
+    )
+
+
+def _demand(names: tuple[str, ...], numbers: dict[str, Any], file: Path, field: str) -> None:
+    for name in names:
+        if name not in numbers:
+            raise DataError(file, field=f"{field}.num", wanted=f"a number named {name}", came="none")
+
+
+def _object(track: Track) -> dict[str, Any]:
+    entry: dict[str, Any] = {"name": track.track_id, "type": track.object_class}
+    if track.instance_id is not None:
+        entry["object_data"] = {"num": [{"name": "instance_id", "val": int(track.instance_id)}]}
+    return entry
+
+
+def _state_data(state: ObjectState) -> dict[str, Any]:
+    data: dict[str, Any] = {}
+    numbers: dict[str, float] = {}
+    vectors: dict[str, list[Any]] = {}
+    match state.shape:
+        case Cuboid(vehicle_from_object=pose, size_m=size_m):
+            w, *xyz = pose.quaternion_wxyz.tolist()
+            val = [*pose.translation_m.tolist(), *xyz, w, *np.asarray(size_m, dtype=np.float64).tolist()]
+            data["cuboid"] = [{"name": "shape", "coordinate_system": openlabel.COORDINATE_SYSTEM, "val": val}]
+        case GroundPolygon(outline_m=outline_m, bottom_m=bottom_m, top_m=top_m):
+            data["poly2d"] = [
+                {
+                    "name": "ground_outline",
+                    "coordinate_system": openlabel.COORDINATE_SYSTEM,
+                    "mode": "MODE_POLY2D_ABSOLUTE",
+                    "closed": True,
+                    "val": np.asarray(outline_m, dtype=np.float64).ravel().tolist(),
+                }
+            ]
+            numbers |= {"bottom_m": float(bottom_m), "top_m": float(top_m)}
+        case PointIndices(indices=indices, sweep_timestamp_ns=sweep_ns):
+            vectors["point_indices"] = indices.tolist()
+            numbers["sweep_timestamp_ns"] = int(sweep_ns)
+    if np.isfinite(state.velocity_mps).all():
+        vectors["velocity_mps"] = np.asarray(state.velocity_mps, dtype=np.float64).tolist()
+    if state.yaw_rate_radps:
+        numbers["yaw_rate_radps"] = float(state.yaw_rate_radps)
+    data |= {kind: _named(entries) for kind, entries in (("num", numbers), ("vec", vectors)) if entries}
+    if state.category is not None:
+        data["text"] = [{"name": "category", "val": str(state.category)}]
+    if state.unclear:
+        data["boolean"] = [{"name": "unclear", "val": True}]
+    return data
+
+
+def _named(entries: dict[str, Any]) -> list[dict[str, Any]]:
+    return [{"name": name, "val": val} for name, val in entries.items()]

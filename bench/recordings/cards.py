@@ -1,0 +1,164 @@
+"""Data-set cards: one YAML file says where a data set lies, what reads it, and which parts count.
+
+A card never holds data. Its `root` may name environment variables (`${FISHEYE_BENCH_REAL}/aimotive`), so that a card
+can be committed while the data stays where each user keeps it.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import yaml
+from pydantic import Field, model_validator
+
+from bench.errors import DataError, UnknownNameError
+from bench.recordings.validation import FileModel, validated
+
+DEFAULT_FOLDER = Path("datasets")
+LARGEST_CARD_BYTES = 1_000_000
+
+
+class ExclusionEntry(FileModel):
+    """An entry of `exclusions`; without `frames` and `timestamps_ns` the whole recording is left out."""
+
+    recording: str
+    reason: str = Field(min_length=1)
+    frames: tuple[int | None, int | None] | None = None
+    timestamps_ns: tuple[int | None, int | None] | None = None
+
+
+class CardFile(FileModel):
+    """The keys of a card.
+
+    Attributes:
+        name: short name, as results carry it.
+        title: one line for lists.
+        adapter: a name of `ADAPTERS` or of an entry point.
+        root: folder of the data; relative to the card, `${VARIABLE}` expanded.
+        scenario: scenario file, relative to the card, that is rendered into `root` when that is missing.
+        annotations: folder of annotation files apart from the data, relative to the card.
+        licence: of the data.
+        source: where the data set comes from.
+        how_to_get: what a user does to have it.
+        splits: name -> recordings, or "*" for all.
+        exclusions: recordings, or parts of them, that are left out.
+        options: the adapter's own.
+    """
+
+    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")
+    title: str
+    adapter: str
+    root: str
+    scenario: str | None = None
+    annotations: str | None = None
+    licence: str
+    source: str = ""
+    how_to_get: str = ""
+    splits: dict[str, Literal["*"] | tuple[str, ...]] = Field(default={"all": "*"})
+    exclusions: tuple[ExclusionEntry, ...] = ()
+    options: dict[str, Any] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _has_splits(self) -> CardFile:
+        if not self.splits:
+            raise ValueError("at least one split, for example {all: '*'}")
+        return self
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DatasetCard:
+    """A card and the file it stands in.
+
+    Attributes:
+        file: the card.
+        content: what it says.
+    """
+
+    file: Path
+    content: CardFile
+
+    @property
+    def name(self) -> str:
+        """Short name."""
+        return self.content.name
+
+    @property
+    def splits(self) -> tuple[str, ...]:
+        """Names of the splits."""
+        return tuple(self.content.splits)
+
+    @property
+    def root(self) -> Path:
+        """Folder of the data, which need not exist.
+
+        Raises:
+            DataError: it names an environment variable that is not set.
+        """
+        return self._beside_card(self.content.root, "root")
+
+    @property
+    def scenario(self) -> Path | None:
+        """Scenario file that is rendered into `root` when that is missing; None where the data is recorded."""
+        return None if self.content.scenario is None else self._beside_card(self.content.scenario, "scenario")
+
+    @property
+    def annotations(self) -> Path | None:
+        """Folder of annotation files apart from the data; None for the data set's own."""
+        return None if self.content.annotations is None else self._beside_card(self.content.annotations, "annotations")
+
+    def _beside_card(self, path: str, field: str) -> Path:
+        def expanded(match: re.Match[str]) -> str:
+            value = os.environ.get(match[1])
+            if not value:
+                do = f"set {match[1]}, for example: export {match[1]}=/path/to/data"
+                came = f"the variable {match[1]}, which is not set"
+                raise DataError(self.file, field=field, wanted="a folder", came=came, do=do)
+            return value
+
+        return self.file.parent / Path(re.sub(r"\$\{(\w+)\}", expanded, path)).expanduser()
+
+
+def load_card(path_or_name: Path | str, *, folder: Path = DEFAULT_FOLDER) -> DatasetCard:
+    """Read a card.
+
+    Args:
+        path_or_name: path of a YAML file, or the name of one in `folder` without its suffix.
+        folder: where names are looked up.
+
+    Raises:
+        UnknownNameError: a name without a card.
+        DataError: a card that is missing or says what a card cannot say.
+    """
+    path = Path(path_or_name)
+    if path.suffix not in {".yaml", ".yml"}:
+        path = folder / f"{path_or_name}.yaml"
+        if not path.is_file():
+            raise UnknownNameError("data set", str(path_or_name), (p.stem for p in folder.glob("*.yaml")))
+    return DatasetCard(file=path, content=validated(CardFile, _read_yaml(path), file=path))
+
+
+def list_cards(folder: Path = DEFAULT_FOLDER) -> tuple[DatasetCard, ...]:
+    """Every card of a folder, by file name; other YAML files, which have no `adapter`, are passed over.
+
+    Raises:
+        DataError: a card that cannot be read.
+    """
+    return tuple(load_card(path) for path in sorted(folder.glob("*.yaml")) if "adapter" in _read_yaml(path))
+
+
+def _read_yaml(path: Path) -> dict[str, Any]:
+    try:
+        if path.stat().st_size > LARGEST_CARD_BYTES:
+            raise DataError(path, wanted=f"at most {LARGEST_CARD_BYTES} bytes", came=f"{path.stat().st_size}")
+        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise DataError(path, wanted="a readable card", came=error.strerror or str(error)) from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise DataError(path, wanted="YAML", came=" ".join(str(error).split())) from error
+    if not isinstance(values, dict):
+        raise DataError(path, wanted="keys and values", came=type(values).__name__)
+    return values

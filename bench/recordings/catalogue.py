@@ -1,0 +1,114 @@
+"""From a data set's card to its recordings: the adapters, and what of a data set a split holds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from importlib import import_module
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any, Protocol
+
+from bench.errors import DataError, UnknownNameError
+from bench.recordings.cards import DatasetCard, ExclusionEntry
+from bench.recordings.handles import Exclusion, RecordingHandle
+
+ADAPTERS = {
+    "native": "bench.recordings.native:native_recordings",
+    "aimotive": "bench.recordings.aimotive:aimotive_recordings",
+}
+ENTRY_POINTS = "fisheye_bench.adapters"
+
+
+class Adapter(Protocol):
+    """What an adapter is: a function that lists the recordings below a folder without opening them."""
+
+    def __call__(
+        self, root: Path, *, options: Mapping[str, Any], card: Path, annotations: Path | None
+    ) -> tuple[RecordingHandle, ...]:
+        """List recordings.
+
+        Args:
+            root: the data set's folder, which exists.
+            options: the card's `options`, for the adapter to validate.
+            card: the card's file, for messages.
+            annotations: folder of `<recording>.json` files that stand in for the data set's own annotations where
+                they exist; None for none.
+
+        Raises:
+            DataError: options that are wrong, or a folder that is not of this data set.
+        """
+        ...
+
+
+def open_dataset(card: DatasetCard, split: str | None = None) -> tuple[RecordingHandle, ...]:
+    """The recordings of a split, not opened yet, so that one that fails does not stop the others.
+
+    Args:
+        card: the data set.
+        split: name of a split; None for every recording.
+
+    Raises:
+        UnknownNameError: no such split or adapter.
+        DataError: the data is not there, the options are wrong, or a named recording does not exist.
+    """
+    if split is not None and split not in card.content.splits:
+        raise UnknownNameError("split", split, card.content.splits)
+    root = card.root
+    if not root.is_dir():
+        do = card.content.how_to_get or "see the card"
+        raise DataError(
+            card.file, field="root", wanted="a folder with the data", came=f"{root}, which is missing", do=do
+        )
+    listed = _adapter(card.content.adapter)(
+        root, options=card.content.options, card=card.file, annotations=card.annotations
+    )
+    handles = {handle.name: handle for handle in listed}
+    if len(handles) < len(listed):
+        twice = next(handle.name for handle in listed if handles[handle.name] is not handle)
+        raise DataError(root, wanted="recordings of different names", came=f"{twice!r} twice")
+    if not handles:
+        raise DataError(root, wanted=f"recordings of the adapter {card.content.adapter!r}", came="none")
+    chosen = card.content.splits.get(split, "*") if split is not None else "*"
+    names = tuple(handles) if chosen == "*" else chosen
+    _refuse_unknown(names, handles, card, f"splits.{split}")
+    _refuse_unknown((e.recording for e in card.content.exclusions), handles, card, "exclusions")
+    excluded = [_exclusion(entry) for entry in card.content.exclusions]
+    whole = {e.recording for e in excluded if e.covers_all}
+    return tuple(
+        replace(handles[name], exclusions=tuple(e for e in excluded if e.recording == name))
+        for name in names
+        if name not in whole
+    )
+
+
+def _adapter(name: str) -> Adapter:
+    added = {point.name: point.value for point in entry_points(group=ENTRY_POINTS)}
+    known = added | ADAPTERS
+    if name not in known:
+        raise UnknownNameError("adapter", name, known)
+    module, function = known[name].split(":")
+    adapter: Adapter = getattr(import_module(module), function)
+    return adapter
+
+
+def _exclusion(entry: ExclusionEntry) -> Exclusion:
+    first_frame, last_frame = entry.frames or (None, None)
+    first_ns, last_ns = entry.timestamps_ns or (None, None)
+    return Exclusion(
+        recording=entry.recording,
+        reason=entry.reason,
+        first_ns=first_ns,
+        last_ns=last_ns,
+        first_frame=first_frame,
+        last_frame=last_frame,
+    )
+
+
+def _refuse_unknown(
+    names: Iterable[str], handles: Mapping[str, RecordingHandle], card: DatasetCard, field: str
+) -> None:
+    for name in names:
+        if name not in handles:
+            known = ", ".join(sorted(handles)[:10])
+            raise DataError(card.file, field=field, wanted=f"recordings of {card.root}: {known}", came=repr(name))

@@ -1,0 +1,74 @@
+"""A recording that is known by name but not opened yet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from bench.recordings.records import ImageRef, Recording
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Exclusion:
+    """Images that a card leaves out.
+
+    Attributes:
+        recording: name.
+        reason: why.
+        first_ns: first excluded time; None for from the start.
+        last_ns: last excluded time, itself excluded; None for to the end.
+        first_frame: first excluded image of each camera, counted from 0; None for from the start.
+        last_frame: last excluded image, itself excluded; None for to the end.
+    """
+
+    recording: str
+    reason: str
+    first_ns: int | None = None
+    last_ns: int | None = None
+    first_frame: int | None = None
+    last_frame: int | None = None
+
+    @property
+    def covers_all(self) -> bool:
+        """Whether the whole recording is left out."""
+        return (self.first_ns, self.last_ns, self.first_frame, self.last_frame) == (None, None, None, None)
+
+    def covers(self, frame: int, timestamp_ns: int) -> bool:
+        """Whether an image is left out; an exclusion without any limit covers the whole recording."""
+        return _within(timestamp_ns, self.first_ns, self.last_ns) and _within(frame, self.first_frame, self.last_frame)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordingHandle:
+    """A recording by name; it travels to other processes and is opened there.
+
+    Attributes:
+        name: of the recording.
+        opener: opens it; a function of a module, or a `functools.partial` of one.
+        exclusions: images that are left out on opening.
+    """
+
+    name: str
+    opener: Callable[[], Recording]
+    exclusions: tuple[Exclusion, ...] = ()
+
+    def open(self) -> Recording:
+        """Open the recording: calibration, lists of images and sweeps, ego-motion and annotations; no bulk data.
+
+        Raises:
+            DataError: something in it is not what the format asks for.
+        """
+        recording = self.opener()
+        if not self.exclusions:
+            return recording
+        images = {camera: self._kept(refs) for camera, refs in recording.images.items()}
+        return replace(recording, images=images)
+
+    def _kept(self, refs: tuple[ImageRef, ...]) -> tuple[ImageRef, ...]:
+        return tuple(
+            ref for i, ref in enumerate(refs) if not any(e.covers(i, ref.timestamp_ns) for e in self.exclusions)
+        )
+
+
+def _within(value: int, first: int | None, last: int | None) -> bool:
+    return (first is None or value >= first) and (last is None or value <= last)

@@ -1,0 +1,130 @@
+"""Images from disk, at the size at which they are evaluated."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.errors import DataError
+from bench.recordings.records import ImageRef, MountedCamera
+
+PNG_START, JPEG_START, JPEG_END = b"\x89PNG\r\n\x1a\n", b"\xff\xd8", b"\xff\xd9"
+JPEG_TAIL_BYTES = 64  # some cameras pad the end
+
+
+def read_image(image: ImageRef, camera: MountedCamera, *, colour: bool = False) -> NDArray[np.uint8]:
+    """Read an image.
+
+    Args:
+        image: which.
+        camera: the camera that took it.
+        colour: BGR instead of grey.
+
+    Returns:
+        (height, width) uint8 grey or (height, width, 3) uint8 BGR, at the size of `camera.model`.
+
+    Raises:
+        DataError: missing, cut short, not to be decoded, or of another size than the calibration's.
+    """
+    kind = cv2.IMREAD_COLOR if colour else cv2.IMREAD_GRAYSCALE
+    pixels = _decode(image.path, kind | cv2.IMREAD_IGNORE_ORIENTATION)
+    _refuse_other_size(pixels, image.path, camera)
+    size = camera.model.width, camera.model.height
+    if size != camera.stored_size_px:
+        pixels = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
+    return np.asarray(pixels, dtype=np.uint8)
+
+
+def read_truth(image: ImageRef, camera: MountedCamera | None = None) -> NDArray[np.uint16]:
+    """Read the true instance ids of a synthetic image.
+
+    Args:
+        image: which.
+        camera: checks the size and brings the ids to the size of its model; None for the size on disk.
+
+    Returns:
+        (height, width) uint16; 0 where no object is seen.
+
+    Raises:
+        DataError: the recording has no truth for the image, or the file is not a 16-bit PNG of the right size.
+    """
+    if image.truth_path is None:
+        raise DataError(image.path, wanted="an image with truth beside it", came="one of a recording without")
+    ids = _decode(image.truth_path, cv2.IMREAD_UNCHANGED)
+    if ids.dtype != np.uint16 or ids.ndim != 2:
+        raise DataError(image.truth_path, wanted="a 16-bit grey PNG", came=f"{ids.dtype} {ids.shape}")
+    if camera is not None:
+        _refuse_other_size(ids, image.truth_path, camera)
+        size = camera.model.width, camera.model.height
+        if size != camera.stored_size_px:
+            ids = cv2.resize(ids, size, interpolation=cv2.INTER_NEAREST)
+    return np.asarray(ids, dtype=np.uint16)
+
+
+def read_mask(path: Path, size_px: tuple[int, int]) -> NDArray[np.bool_]:
+    """Read a mask: True where the image is not 0.
+
+    Args:
+        path: an image file.
+        size_px: (width, height) that it must have.
+
+    Raises:
+        DataError: missing, cut short, or of another size.
+    """
+    pixels = _decode(path, cv2.IMREAD_GRAYSCALE)
+    came = (pixels.shape[1], pixels.shape[0])
+    if came != tuple(size_px):
+        raise DataError(path, wanted="{} x {} px".format(*size_px), came="{} x {}".format(*came))
+    return np.asarray(pixels > 0)
+
+
+def _decode(path: Path, flags: int) -> NDArray[Any]:
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise DataError(path, wanted="an image file", came=error.strerror or str(error)) from error
+    fault = _fault(content)
+    if fault is not None:
+        raise DataError(path, wanted="a whole PNG or JPEG file", came=fault)
+    pixels = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags)
+    if pixels is None:
+        raise DataError(path, wanted="an image that can be decoded", came=f"{len(content)} bytes that cannot")
+    return pixels
+
+
+def _refuse_other_size(pixels: NDArray[Any], path: Path, camera: MountedCamera) -> None:
+    size = pixels.shape[1], pixels.shape[0]
+    if size != tuple(camera.stored_size_px):
+        wanted = "{} x {} px, as the calibration of camera {!r}".format(*camera.stored_size_px, camera.name)
+        raise DataError(path, field="image size", wanted=wanted, came="{} x {}".format(*size))
+
+
+def _fault(content: bytes) -> str | None:
+    """What is wrong with the file as a whole. OpenCV gives a partly grey image for one that is cut short."""
+    if content.startswith(PNG_START):
+        return _png_fault(content)
+    if content.startswith(JPEG_START):
+        return None if JPEG_END in content[-JPEG_TAIL_BYTES:] else f"a JPEG cut short at {len(content)} bytes"
+    return f"{len(content)} bytes that begin with {content[:8].hex(' ')}" if content else "an empty file"
+
+
+def _png_fault(content: bytes) -> str | None:
+    place = len(PNG_START)
+    while place + 12 <= len(content):
+        (length,) = struct.unpack_from(">I", content, place)
+        end = place + 12 + length
+        if end > len(content):
+            break
+        checksum = zlib.crc32(memoryview(content)[place + 4 : end - 4])
+        if checksum != struct.unpack_from(">I", content, end - 4)[0]:
+            return f"a PNG damaged near byte {place}"
+        if content[place + 4 : place + 8] == b"IEND":
+            return None
+        place = end
+    return f"a PNG cut short at {len(content)} bytes"

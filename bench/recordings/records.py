@@ -1,0 +1,195 @@
+"""What a recording is, whatever data set it comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.cameras import CameraModel
+from bench.egomotion import Trajectory
+from bench.geometry import RigidTransform, RoadPlane
+from bench.lidar import LidarSweep
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MountedCamera:
+    """A camera on the vehicle.
+
+    Attributes:
+        name: unique in the recording.
+        model: the lens, at the size at which images are evaluated.
+        vehicle_from_camera: the mounting.
+        road: the road below the camera, camera frame.
+        stored_size_px: (width, height) of the image files; larger or smaller than the model's where the data set's
+            card asks for evaluation at another size.
+        ego_body: (height, width) bool at the evaluated size, True where the camera sees its own vehicle; None for
+            nowhere.
+    """
+
+    name: str
+    model: CameraModel
+    vehicle_from_camera: RigidTransform
+    road: RoadPlane
+    stored_size_px: tuple[int, int]
+    ego_body: NDArray[np.bool_] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImageRef:
+    """An image on disk.
+
+    Attributes:
+        camera: name of the camera.
+        timestamp_ns: time of exposure (its middle).
+        path: PNG or JPEG file.
+        truth_path: 16-bit PNG of instance ids, in synthetic recordings; None elsewhere.
+    """
+
+    camera: str
+    timestamp_ns: int
+    path: Path
+    truth_path: Path | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweepRef:
+    """A lidar sweep on disk.
+
+    Attributes:
+        timestamp_ns: the sweep's reference time.
+        path: the file.
+        reader: reads it; a function of the module, so that a reference can travel to another process.
+    """
+
+    timestamp_ns: int
+    path: Path
+    reader: Callable[[Path, int], LidarSweep]
+
+    def read(self) -> LidarSweep:
+        """Read the sweep.
+
+        Raises:
+            DataError: the file is missing or not what the format asks for.
+        """
+        return self.reader(self.path, self.timestamp_ns)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Cuboid:
+    """A box around an object.
+
+    Attributes:
+        vehicle_from_object: pose of the box's centre; object frame x forward, y left, z up.
+        size_m: (3,) float64, full length (x), width (y) and height (z), m.
+    """
+
+    vehicle_from_object: RigidTransform
+    size_m: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GroundPolygon:
+    """An outline on the ground with a span of heights.
+
+    Attributes:
+        outline_m: (K, 2) float64, x and y in the vehicle frame, m, K >= 3, not closed.
+        bottom_m: lowest height in the vehicle frame, m.
+        top_m: highest height in the vehicle frame, m.
+    """
+
+    outline_m: NDArray[np.float64]
+    bottom_m: float
+    top_m: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PointIndices:
+    """The object's points, named one by one.
+
+    Attributes:
+        indices: (K,) int64, rows of the sweep's points.
+        sweep_timestamp_ns: the sweep they count in.
+    """
+
+    indices: NDArray[np.int64]
+    sweep_timestamp_ns: int
+
+
+ObjectShape = Cuboid | GroundPolygon | PointIndices
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ObjectState:
+    """An annotated object at one time.
+
+    Attributes:
+        timestamp_ns: time of the annotation.
+        shape: where it is, vehicle frame at `timestamp_ns`.
+        velocity_mps: (3,) float64, velocity over the ground along the vehicle's axes at `timestamp_ns`, m/s; NaN where
+            the annotation does not tell.
+        yaw_rate_radps: turn of the object about its own centre, positive to the left; 0 where not told.
+        category: kind of motion where the annotation names it, else None.
+        unclear: the annotator was not sure; the object is ignored.
+    """
+
+    timestamp_ns: int
+    shape: ObjectShape
+    velocity_mps: NDArray[np.float64]
+    yaw_rate_radps: float = 0.0
+    category: str | None = None
+    unclear: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Track:
+    """One object through the recording.
+
+    Attributes:
+        track_id: unique in the recording.
+        object_class: "pedestrian", "cyclist", "vehicle" or "animal"; what else a data set knows is mapped by its
+            adapter.
+        states: by increasing time.
+        instance_id: the object's number in truth images, in synthetic recordings; None elsewhere.
+    """
+
+    track_id: str
+    object_class: str
+    states: tuple[ObjectState, ...]
+    instance_id: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Recording:
+    """One drive: cameras, images, lidar, ego-motion and annotations, opened but not yet read.
+
+    Attributes:
+        name: unique in the data set; also the unit that intervals resample.
+        root: folder that every path of the recording stays inside.
+        licence: of the data.
+        frame_interval_ns: nominal time between images.
+        cameras: by name.
+        images: by camera name, by increasing time.
+        trajectory: ego-motion.
+        vehicle_from_lidar: mounting of the lidar.
+        sweeps: by increasing time.
+        tracks: annotated objects.
+        vehicle_outline_m: (K, 2) float64, the host seen from above, vehicle frame, m.
+    """
+
+    name: str
+    root: Path
+    licence: str
+    frame_interval_ns: int
+    cameras: Mapping[str, MountedCamera]
+    images: Mapping[str, tuple[ImageRef, ...]]
+    trajectory: Trajectory
+    vehicle_from_lidar: RigidTransform
+    sweeps: tuple[SweepRef, ...]
+    tracks: tuple[Track, ...]
+    vehicle_outline_m: NDArray[np.float64] = field(
+        default_factory=lambda: np.array([[-1.0, -0.9], [3.8, -0.9], [3.8, 0.9], [-1.0, 0.9]])
+    )

@@ -1,0 +1,91 @@
+"""`recording.json`, the head of a native recording, key by key."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, field_validator
+
+from bench.recordings.validation import FileModel
+
+SCHEMA_VERSION = 1
+CONVENTIONS = (
+    "Vehicle frame: x forward, y left, z up, metres, origin on the ground below the middle of the rear axle. "
+    "Camera frame: x right, y down, z along the optical axis. a_from_b maps points of frame b into frame a. "
+    "Pixels are (u, v), the centre of the first pixel is (0, 0). Quaternions are w, x, y, z here and x, y, z, w in "
+    "annotations.json, as OpenLABEL has it. Times are nanoseconds."
+)
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
+Vector3 = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+
+class Mounting(FileModel):
+    """A rigid transform: where a sensor sits on the vehicle."""
+
+    quaternion_wxyz: Quaternion
+    translation_m: Vector3
+
+    @field_validator("quaternion_wxyz")
+    @classmethod
+    def _unit(cls, wxyz: Quaternion) -> Quaternion:
+        length = sum(part * part for part in wxyz) ** 0.5
+        if abs(length - 1.0) > 1e-3:
+            raise ValueError(f"a quaternion w, x, y, z of length 1 (this one has {length:.4g})")
+        return wxyz
+
+
+class VehicleHead(FileModel):
+    """The host.
+
+    Attributes:
+        outline_m: x and y of its outline seen from above.
+        ground_height_m: height of the road in the vehicle frame.
+    """
+
+    outline_m: tuple[tuple[float, float], ...] = Field(min_length=3)
+    ground_height_m: float = 0.0
+
+
+class CameraHead(FileModel):
+    """A camera.
+
+    Attributes:
+        model: `model` is the name of a camera model, the rest are its parameters without the image size.
+        image_size: width and height of the stored images, px.
+        vehicle_from_camera: the mounting.
+        ego_body_mask: image in the recording, not 0 where the camera sees its own vehicle; null for nowhere.
+    """
+
+    model: dict[str, Any]
+    image_size: tuple[Annotated[int, Field(gt=0)], Annotated[int, Field(gt=0)]]
+    vehicle_from_camera: Mounting
+    ego_body_mask: str | None = None
+
+
+class LidarHead(FileModel):
+    """The lidar."""
+
+    vehicle_from_lidar: Mounting
+
+
+class RecordingHead(FileModel):
+    """`recording.json`.
+
+    Attributes:
+        schema_version: of this format.
+        name: of the recording, the same as its folder's.
+        licence: of the data.
+        frame_interval_ns: nominal time between images.
+        conventions: the frames and orders in words, for whoever opens the file.
+    """
+
+    schema_version: Literal[1]
+    name: Name
+    licence: str
+    frame_interval_ns: int = Field(gt=0)
+    conventions: str = CONVENTIONS
+    vehicle: VehicleHead
+    cameras: dict[Name, CameraHead] = Field(min_length=1)
+    lidar: LidarHead

@@ -1,0 +1,91 @@
+"""Pydantic's verdict on a file, told as one line that names file, field, what was wanted and what came."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from bench.errors import DataError, ShapeError
+
+LONGEST_VALUE = 80  # characters of a wrong value that a message shows
+
+
+class FileModel(BaseModel):
+    """A part of a file: unknown keys, NaN and infinity are refused."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
+
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def read_json(model: type[Model], file: Path) -> Model:
+    """Read and validate a JSON file; numbers must be numbers and times whole.
+
+    Raises:
+        DataError: missing, not JSON, or not what the model asks for.
+    """
+    try:
+        content = file.read_bytes()
+    except OSError as error:
+        raise DataError(file, wanted="a readable file", came=error.strerror or str(error)) from error
+    try:
+        return model.model_validate_json(content, strict=True)
+    except ValidationError as error:
+        raise _data_error(error, file) from None
+
+
+def validated(model: type[Model], values: Mapping[str, Any], *, file: Path, field: str = "") -> Model:
+    """Validate values that came from a file.
+
+    Args:
+        model: what they must be.
+        values: the values.
+        file: where they came from.
+        field: path of the values in the file.
+
+    Raises:
+        DataError: they are not.
+    """
+    try:
+        return model.model_validate(values)
+    except ValidationError as error:
+        raise _data_error(error, file, field) from None
+
+
+def data_error(error: ShapeError, *, file: Path, field: str) -> DataError:
+    """The same fault with its place in a file; "focal: wanted a, came b" goes to `field.focal`."""
+    told = re.fullmatch(r"(?:(\w+): )?.*?wanted (.*?), came (.*)", str(error), re.DOTALL)
+    if told is None:
+        return DataError(file, field=field, wanted="values that fit together", came=str(error))
+    name, wanted, came = told.groups()
+    return DataError(file, field=f"{field}.{name}" if name else field, wanted=wanted, came=came)
+
+
+def _data_error(error: ValidationError, file: Path, prefix: str = "") -> DataError:
+    faults = error.errors(include_url=False, include_context=False)
+    first = faults[0]
+    path = ".".join(str(part) for part in (*([prefix] if prefix else []), *first["loc"]))
+    wanted, came = _told(first["type"], first["msg"], first.get("input"))
+    do = f"{len(faults) - 1} more faults in this file" if len(faults) > 1 else ""
+    return DataError(file, field=path or None, wanted=wanted, came=came, do=do)
+
+
+def _told(kind: str, message: str, value: object) -> tuple[str, str]:
+    if kind == "missing":
+        return "a value", "nothing"
+    if kind == "extra_forbidden":
+        return "no such key", _short(value)
+    if kind == "json_invalid":
+        return "JSON", message.removeprefix("Invalid JSON: ")
+    wanted = message.removeprefix("Value error, ").removeprefix("Input should be ")
+    return wanted, _short(value)
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= LONGEST_VALUE else text[: LONGEST_VALUE - 3] + "..."

@@ -1,0 +1,185 @@
+"""Write a native recording, file by file; each appears whole or not at all, with the same bytes every time."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from bench.cameras import camera_parameters
+from bench.egomotion import write_tum
+from bench.errors import ShapeError
+from bench.geometry import RigidTransform
+from bench.lidar import LidarSweep
+from bench.lidar.files import write_sweep
+from bench.recordings.annotations import annotation_document
+from bench.recordings.atomic import replacing, write_bytes, write_text
+from bench.recordings.records import MountedCamera, Track
+from bench.recordings.schema import CONVENTIONS, SCHEMA_VERSION, RecordingHead
+
+
+class RecordingWriter:
+    """Writes the files of one recording.
+
+    Args:
+        root: folder of the recording; its name is the recording's.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+
+    def header(
+        self,
+        *,
+        name: str,
+        licence: str,
+        frame_interval_ns: int,
+        cameras: Mapping[str, MountedCamera],
+        vehicle_from_lidar: RigidTransform,
+        vehicle_outline_m: NDArray[np.float64],
+        ground_height_m: float = 0.0,
+    ) -> None:
+        """Write `recording.json` and the masks of the host's own body.
+
+        Args:
+            name: of the recording.
+            licence: of the data.
+            frame_interval_ns: nominal time between images.
+            cameras: by name, with the lens at the size of the images.
+            vehicle_from_lidar: mounting of the lidar.
+            vehicle_outline_m: (K, 2) float64, the host seen from above, vehicle frame, m.
+            ground_height_m: height of the road in the vehicle frame.
+
+        Raises:
+            ShapeError: a camera whose lens has another size than its images, or a value that the format refuses.
+        """
+        head = {
+            "schema_version": SCHEMA_VERSION,
+            "name": name,
+            "licence": licence,
+            "frame_interval_ns": int(frame_interval_ns),
+            "conventions": CONVENTIONS,
+            "vehicle": {
+                "outline_m": np.asarray(vehicle_outline_m, dtype=np.float64).tolist(),
+                "ground_height_m": float(ground_height_m),
+            },
+            "cameras": {camera: self._camera(camera, mounted) for camera, mounted in cameras.items()},
+            "lidar": {"vehicle_from_lidar": _mounting(vehicle_from_lidar)},
+        }
+        text = _json(head)
+        try:
+            RecordingHead.model_validate_json(text, strict=True)
+        except ValueError as error:
+            raise ShapeError(f"recording {name!r}: {error}") from error
+        write_text(self.root / "recording.json", text)
+
+    def image(self, camera: str, timestamp_ns: int, pixels: NDArray[np.uint8]) -> None:
+        """Write an image: (H, W) grey or (H, W, 3) BGR, uint8, as PNG."""
+        _write_png(self.root / "images" / camera / f"{int(timestamp_ns)}.png", pixels, np.uint8)
+
+    def truth(self, camera: str, timestamp_ns: int, instance_ids: NDArray[np.uint16]) -> None:
+        """Write the true instance ids of an image: (H, W) uint16, 0 where no object is seen."""
+        _write_png(self.root / "truth" / camera / f"{int(timestamp_ns)}.png", instance_ids, np.uint16)
+
+    def sweep(self, sweep: LidarSweep) -> None:
+        """Write a lidar sweep."""
+        with replacing(self.root / "lidar" / f"{int(sweep.timestamp_ns)}.npz") as temporary:
+            write_sweep(temporary, sweep)
+
+    def bus_signals(
+        self,
+        *,
+        timestamps_ns: NDArray[np.int64],
+        speed_mps: NDArray[np.float64],
+        yaw_rate_radps: NDArray[np.float64],
+        gear: Sequence[str | int] | NDArray[Any] | None = None,
+    ) -> None:
+        """Write `egomotion.csv`, one row per time; gear "R" or -1 is reverse, and the speed counts backwards."""
+        lines = ["timestamp_ns,speed_mps,yaw_rate_radps" + ("" if gear is None else ",gear")]
+        for i, (time_ns, speed, rate) in enumerate(zip(timestamps_ns, speed_mps, yaw_rate_radps, strict=True)):
+            last = "" if gear is None else f",{gear[i]}"
+            lines.append(f"{int(time_ns)},{float(speed)!r},{float(rate)!r}{last}")
+        write_text(self.root / "egomotion.csv", "\n".join(lines) + "\n")
+
+    def poses(
+        self,
+        timestamps_ns: NDArray[np.int64],
+        rotations: Rotation,
+        positions_m: NDArray[np.float64],
+        *,
+        truth: bool = False,
+    ) -> None:
+        """Write `poses.csv` in TUM form, world_from_vehicle.
+
+        Args:
+            timestamps_ns: (N,) int64.
+            rotations: N rotations, world_from_vehicle.
+            positions_m: (N, 3) float64, m.
+            truth: write `truth/poses.csv` instead: the exact poses of a synthetic drive, which no method sees.
+        """
+        path = self.root / "truth" / "poses.csv" if truth else self.root / "poses.csv"
+        with replacing(path) as temporary:
+            write_tum(temporary, timestamps_ns=timestamps_ns, rotations=rotations, positions_m=positions_m)
+
+    def annotations(self, tracks: Sequence[Track], *, timestamps_ns: Iterable[int] = ()) -> None:
+        """Write `annotations.json`.
+
+        Args:
+            tracks: objects with their states.
+            timestamps_ns: further times at which the scene was annotated, also where it held nothing.
+        """
+        write_annotations(self.root / "annotations.json", tracks, timestamps_ns=timestamps_ns)
+
+    def _camera(self, name: str, camera: MountedCamera) -> dict[str, Any]:
+        size = camera.model.width, camera.model.height
+        if camera.stored_size_px != size:
+            raise ShapeError(
+                f"camera {name!r}: wanted a lens at the size of the images {camera.stored_size_px}, came {size}"
+            )
+        parameters = camera_parameters(camera.model)
+        mask = None
+        if camera.ego_body is not None:
+            mask = f"ego_body/{name}.png"
+            _write_png(self.root / mask, camera.ego_body.astype(np.uint8) * 255, np.uint8)
+        return {
+            "model": {key: value for key, value in parameters.items() if key not in {"width", "height"}},
+            "image_size": size,
+            "vehicle_from_camera": _mounting(camera.vehicle_from_camera),
+            "ego_body_mask": mask,
+        }
+
+
+def write_annotations(path: Path, tracks: Sequence[Track], *, timestamps_ns: Iterable[int] = ()) -> None:
+    """Write tracks as an annotation file.
+
+    Args:
+        path: the file.
+        tracks: objects with their states.
+        timestamps_ns: further times at which the scene was annotated, also where it held nothing.
+    """
+    write_text(path, _json(annotation_document(tracks, timestamps_ns)))
+
+
+def _mounting(vehicle_from_sensor: RigidTransform) -> dict[str, Any]:
+    return {
+        "quaternion_wxyz": vehicle_from_sensor.quaternion_wxyz.tolist(),
+        "translation_m": vehicle_from_sensor.translation_m.tolist(),
+    }
+
+
+def _json(values: Any) -> str:
+    return json.dumps(values, indent=1, allow_nan=False) + "\n"
+
+
+def _write_png(path: Path, pixels: NDArray[Any], dtype: type[np.generic]) -> None:
+    if pixels.dtype != dtype or pixels.ndim not in {2, 3}:
+        raise ShapeError(f"{path.name}: wanted an image of {dtype.__name__}, came {pixels.dtype} {pixels.shape}")
+    written, encoded = cv2.imencode(".png", pixels)
+    assert written
+    write_bytes(path, encoded.tobytes())

@@ -1,0 +1,131 @@
+"""Odometry by hand and by law."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench.egomotion import planar_trajectory, read_bus_signals
+from bench.errors import DataError
+
+SECOND_NS = 1_000_000_000
+START_NS = 1_700_000_000_123_456_789  # more digits than float64 holds
+
+
+def drive(speed_mps, yaw_rate_radps, gear=None, step_ns=SECOND_NS // 10):
+    times_ns = START_NS + step_ns * np.arange(len(speed_mps), dtype=np.int64)
+    return planar_trajectory(
+        source="drive.csv",
+        timestamps_ns=times_ns,
+        speed_mps=np.array(speed_mps, dtype=float),
+        yaw_rate_radps=np.array(yaw_rate_radps, dtype=float),
+        gear=gear,
+    )
+
+
+def test_straight_on_at_ten_metres_a_second():
+    assert drive([10.0] * 11, [0.0] * 11).positions_m[-1] == pytest.approx([10.0, 0.0, 0.0])
+
+
+def test_speed_is_the_mean_of_the_ends():
+    assert drive([0.0, 10.0], [0.0, 0.0]).positions_m[-1] == pytest.approx([0.5, 0.0, 0.0])
+
+
+def test_a_quarter_circle_is_exact_however_few_the_samples():
+    # Radius 10 m to the left: after a quarter of it the vehicle is 10 m ahead and 10 m to the left, heading left.
+    quarter_s = 10 * np.pi / 2 / 5.0
+    path = drive([5.0, 5.0], [0.5, 0.5], step_ns=round(quarter_s * SECOND_NS))
+    assert path.positions_m[-1] == pytest.approx([10.0, 10.0, 0.0], abs=1e-6)
+    assert path.rotations[-1].apply([1.0, 0.0, 0.0]) == pytest.approx([0.0, 1.0, 0.0], abs=1e-6)
+
+
+@pytest.mark.parametrize("reverse", ["R", "r", -1, "-1"])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_reverse_gear_drives_backwards_whatever_the_sign_of_the_speed(reverse, sign):
+    assert drive([sign * 2.0] * 11, [0.0] * 11, gear=[reverse] * 11).positions_m[-1, 0] == pytest.approx(-2.0)
+
+
+def test_a_signed_speed_drives_backwards_without_a_gear():
+    path = drive([-2.0] * 11, [0.0] * 11)
+    assert path.positions_m[-1, 0] == pytest.approx(-2.0)
+    assert path.velocity_vehicle_mps(START_NS + SECOND_NS // 2) == pytest.approx([-2.0, 0.0, 0.0])
+
+
+def test_standstill_stays_put():
+    path = drive([0.0] * 5, [0.0] * 5)
+    assert not path.positions_m.any()
+    assert path.velocity_vehicle_mps(START_NS) == pytest.approx([0.0, 0.0, 0.0])
+
+
+@given(
+    speed=st.floats(-30, 30),
+    rate=st.floats(-1, 1),
+    samples=st.integers(2, 30),
+)
+def test_constant_signals_do_not_depend_on_the_sampling(speed, rate, samples):
+    whole = drive([speed] * 2, [rate] * 2, step_ns=(samples - 1) * 100_000_000)
+    parts = drive([speed] * samples, [rate] * samples)
+    assert parts.positions_m[-1] == pytest.approx(whole.positions_m[-1], abs=1e-6)
+
+
+@pytest.mark.parametrize("column", ["speed_mps", "yaw_rate_radps"])
+def test_a_value_that_is_not_finite_is_named(column):
+    signals = {"speed_mps": [1.0, 1.0, 1.0], "yaw_rate_radps": [0.0, 0.0, 0.0]}
+    signals[column][1] = np.nan
+    with pytest.raises(DataError, match=rf"drive.csv: {column}, row 2: wanted a finite number, came nan"):
+        drive(**signals)
+
+
+def csv(tmp_path, text):
+    path = tmp_path / "egomotion.csv"
+    path.write_text(text)
+    return path
+
+
+def test_times_of_nineteen_digits_stay_exact(tmp_path):
+    path = csv(tmp_path, f"timestamp_ns,speed_mps,yaw_rate_radps\n{START_NS},1,0\n{START_NS + 1},2,0.5\n")
+    signals = read_bus_signals(path)
+    assert signals.timestamps_ns.tolist() == [START_NS, START_NS + 1]
+    assert signals.speed_mps.tolist() == [1.0, 2.0]
+    assert signals.yaw_rate_radps.tolist() == [0.0, 0.5]
+    assert signals.gear is None
+
+
+def test_gears_and_comments_are_read(tmp_path):
+    path = csv(tmp_path, "# from the bus\ntimestamp_ns,speed_mps,yaw_rate_radps,gear\n0,2,0,R\n1000000000,2,0,R\n")
+    assert read_bus_signals(path).trajectory().positions_m[-1] == pytest.approx([-2.0, 0.0, 0.0])
+
+
+def test_columns_of_other_names_means_and_constants(tmp_path):
+    path = csv(tmp_path, "t,front,rear\n5,10.0,20.0\n6,12.0,12.0\n")
+    columns = {"timestamp_ns": "t", "speed_mps": ["front", "rear"], "yaw_rate_radps": 0.0}
+    signals = read_bus_signals(path, columns=columns)
+    assert signals.speed_mps.tolist() == [15.0, 12.0]
+    assert signals.yaw_rate_radps.tolist() == [0.0, 0.0]
+
+
+HEAD = "timestamp_ns,speed_mps,yaw_rate_radps\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (HEAD + "0,1,0\n10,nan,0\n", "speed_mps, row 2: wanted a finite number, came 'nan'"),
+        (HEAD + "0,1,0\n10,1,fast\n", "yaw_rate_radps, row 2: wanted a finite number, came 'fast'"),
+        (HEAD + "0,1,0\n10,,0\n", "speed_mps, row 2: wanted a finite number, came ''"),
+        (HEAD + "0,1,0\n1.5e1,1,0\n", "timestamp_ns, row 2: wanted a whole number of nanoseconds, came '1.5e1'"),
+        (HEAD + "10,1,0\n10,1,0\n", "timestamp_ns, row 2: wanted times that increase, came 10 after 10"),
+        ("timestamp_ns,speed\n0,1\n", "speed_mps: wanted a column of this name, came timestamp_ns, speed"),
+        ("", "wanted a table with a header"),
+        (HEAD + "0,1,0\n", "wanted at least two poses, came 1"),
+    ],
+)
+def test_faults_name_file_column_and_row(tmp_path, text, message):
+    with pytest.raises(DataError, match=r"egomotion\.csv: ") as caught:
+        read_bus_signals(csv(tmp_path, text)).trajectory()
+    assert message in str(caught.value)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(DataError, match=r"none\.csv: wanted a readable file"):
+        read_bus_signals(tmp_path / "none.csv")

@@ -1,0 +1,81 @@
+"""Poses between poses, in gaps and beyond the ends."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from bench.egomotion import Trajectory, planar_trajectory
+from bench.errors import DataError
+
+STEP_NS = 100_000_000
+
+
+def straight(times_ns, speed_mps=10.0):
+    times_ns = np.array(times_ns, dtype=np.int64)
+    positions_m = np.zeros((len(times_ns), 3))
+    positions_m[:, 0] = speed_mps * (times_ns - times_ns[0]) / 1e9
+    return Trajectory(
+        source="poses.csv",
+        timestamps_ns=times_ns,
+        rotations=Rotation.identity(len(times_ns)),
+        positions_m=positions_m,
+    )
+
+
+def test_half_way_is_half_way():
+    assert straight([0, STEP_NS]).world_from_vehicle(STEP_NS // 2).translation_m == pytest.approx([0.5, 0.0, 0.0])
+
+
+def test_a_pose_is_met_exactly():
+    path = straight([0, STEP_NS, 2 * STEP_NS])
+    assert path.world_from_vehicle(STEP_NS).translation_m == pytest.approx([1.0, 0.0, 0.0], abs=1e-15)
+
+
+def test_motion_goes_on_for_a_tenth_of_a_second_beyond_the_ends():
+    path = straight([0, STEP_NS])
+    _, positions_m, valid = path.at(np.array([-STEP_NS, 2 * STEP_NS, -STEP_NS - 1, 2 * STEP_NS + 1]))
+    assert valid.tolist() == [True, True, False, False]
+    assert positions_m[:2, 0] == pytest.approx([-1.0, 2.0])
+    assert np.isnan(positions_m[2:]).all()
+
+
+def test_nothing_is_invented_inside_a_gap():
+    path = straight([0, STEP_NS, STEP_NS + 600_000_000])
+    _, _, valid = path.at(np.array([STEP_NS // 2, STEP_NS, STEP_NS + 1, STEP_NS + 600_000_000]))
+    assert valid.tolist() == [True, True, False, True]
+    with pytest.raises(DataError, match=r"poses\.csv: timestamp_ns: wanted ego-motion at 100000001"):
+        path.world_from_vehicle(STEP_NS + 1)
+
+
+@given(fraction=st.floats(0, 1), rate=st.floats(-2, 2), speed=st.floats(-20, 20))
+def test_a_car_on_a_circle_stays_on_the_circle(fraction, rate, speed):
+    times_ns = np.array([0, 400_000_000], dtype=np.int64)
+    signals = {"speed_mps": np.full(2, speed), "yaw_rate_radps": np.full(2, rate)}
+    path = planar_trajectory(source="x", timestamps_ns=times_ns, **signals)
+    pose = path.world_from_vehicle(round(fraction * 4e8))
+    heading_rad = rate * round(fraction * 4e8) / 1e9
+    assert pose.rotation[:2, 0] == pytest.approx([np.cos(heading_rad), np.sin(heading_rad)], abs=1e-9)
+    centre_m = np.array([0.0, speed / rate]) if abs(rate) > 1e-3 else None
+    if centre_m is not None:
+        assert np.hypot(*(pose.translation_m[:2] - centre_m)) == pytest.approx(abs(speed / rate), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("times_ns", "message"),
+    [
+        ([0], "wanted at least two poses, came 1"),
+        ([0, 0], "timestamp_ns: wanted times that increase, came 0 after 0 in row 2"),
+        ([0, 5, 3], "timestamp_ns: wanted times that increase, came 3 after 5 in row 3"),
+    ],
+)
+def test_times_that_do_not_increase_are_refused(times_ns, message):
+    with pytest.raises(DataError) as caught:
+        straight(times_ns)
+    assert message in str(caught.value)
+
+
+def test_positions_must_be_finite():
+    with pytest.raises(DataError, match="finite positions"):
+        straight([0, STEP_NS], speed_mps=np.nan)

@@ -1,0 +1,100 @@
+"""What every adapter promises."""
+
+import pickle
+import subprocess
+import sys
+from importlib.metadata import EntryPoint
+
+import numpy as np
+import pytest
+import yaml
+
+from bench.errors import DataError
+from bench.recordings import ADAPTERS, catalogue, load_card, open_dataset, read_image
+from tests.recordings import tiny, tiny_aimotive
+
+
+def native(root):
+    tiny.write_recording(root / "drive")
+    return {}
+
+
+def aimotive(root):
+    tiny_aimotive.write_data_set(root)
+    return tiny_aimotive.OPTIONS
+
+
+DATA_SETS = {"native": native, "aimotive": aimotive}
+
+
+def test_every_adapter_is_tried():
+    assert set(DATA_SETS) == set(ADAPTERS)
+
+
+def write_card(tmp_path, adapter, options):
+    content = {"name": "x", "title": "x", "adapter": adapter, "root": "data", "licence": "x", "options": options}
+    path = tmp_path / "x.yaml"
+    path.write_text(yaml.safe_dump(content))
+    return load_card(path)
+
+
+@pytest.fixture(params=DATA_SETS)
+def card(request, tmp_path):
+    (tmp_path / "data").mkdir()
+    return write_card(tmp_path, request.param, DATA_SETS[request.param](tmp_path / "data"))
+
+
+def test_recordings_keep_the_contract(card):
+    (handle,) = pickle.loads(pickle.dumps(open_dataset(card)))
+    recording = handle.open()
+    assert recording.name == handle.name
+    assert set(recording.images) == set(recording.cameras)
+    for name, camera in recording.cameras.items():
+        assert camera.name == name
+        assert camera.ego_body.shape == (camera.model.height, camera.model.width)
+        times_ns = [image.timestamp_ns for image in recording.images[name]]
+        assert times_ns == sorted(set(times_ns))
+        assert recording.trajectory.at(np.array(times_ns))[2].all()
+        for image in recording.images[name]:
+            assert image.path.is_relative_to(recording.root)
+            pixels = read_image(image, camera)
+            assert pixels.dtype == np.uint8
+            assert pixels.shape == (camera.model.height, camera.model.width)
+    assert recording.sweeps
+    for reference in recording.sweeps:
+        sweep = reference.read()
+        assert np.isfinite(sweep.points_lidar).all()
+        assert recording.trajectory.at(sweep.times_ns)[2].all()
+    assert recording.tracks
+    for track in recording.tracks:
+        assert track.object_class in {"pedestrian", "cyclist", "vehicle", "animal"}
+        times_ns = [state.timestamp_ns for state in track.states]
+        assert times_ns == sorted(set(times_ns))
+    assert recording.vehicle_outline_m.shape[1] == 2
+
+
+def test_half_the_size_is_an_option_of_every_adapter(card, tmp_path):
+    options = {**card.content.options, "evaluated_size_px": [32, 18]}
+    (handle,) = open_dataset(write_card(tmp_path, card.content.adapter, options))
+    for camera in handle.open().cameras.values():
+        assert (camera.model.width, camera.model.height) == (32, 18)
+
+
+def test_unknown_options_are_refused_before_anything_is_opened(card, tmp_path):
+    options = {**card.content.options, "colour": "red"}
+    with pytest.raises(DataError, match=r"x\.yaml: options\.colour: wanted no such key, came 'red'"):
+        open_dataset(write_card(tmp_path, card.content.adapter, options))
+
+
+def test_a_package_adds_an_adapter(tmp_path, monkeypatch):
+    point = EntryPoint(name="mine", value="bench.recordings.native:native_recordings", group="fisheye_bench.adapters")
+    monkeypatch.setattr(catalogue, "entry_points", lambda group: [point] if group == point.group else [])
+    native(tmp_path / "data")
+    (handle,) = open_dataset(write_card(tmp_path, "mine", {}))
+    assert handle.open().name == "drive"
+
+
+def test_importing_the_room_loads_nothing_heavy():
+    heavy = "('open3d', 'pandas', 'laspy', 'matplotlib')"
+    code = f"import sys, bench.recordings; print([m for m in {heavy} if m in sys.modules])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"

@@ -1,0 +1,213 @@
+"""Annotation files: tracks there and back, and every fault with its place."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench.errors import DataError
+from bench.geometry import RigidTransform
+from bench.recordings import (
+    Cuboid,
+    GroundPolygon,
+    ObjectState,
+    PointIndices,
+    Track,
+    read_annotations,
+    write_annotations,
+)
+from bench.recordings.openlabel import schema_text
+from tests.recordings import tiny
+
+FOLDER = Path(__file__).parents[2] / "annotations"
+
+
+def assert_same_state(one, other):
+    assert one.timestamp_ns == other.timestamp_ns
+    assert np.array_equal(one.velocity_mps, other.velocity_mps, equal_nan=True)
+    assert (one.yaw_rate_radps, one.category, one.unclear) == (other.yaw_rate_radps, other.category, other.unclear)
+    assert type(one.shape) is type(other.shape)
+    match one.shape:
+        case Cuboid(vehicle_from_object=pose, size_m=size_m):
+            assert pose.matrix == pytest.approx(other.shape.vehicle_from_object.matrix, abs=1e-12)
+            assert np.array_equal(size_m, other.shape.size_m)
+        case GroundPolygon(outline_m=outline_m, bottom_m=bottom_m, top_m=top_m):
+            assert np.array_equal(outline_m, other.shape.outline_m)
+            assert (bottom_m, top_m) == (other.shape.bottom_m, other.shape.top_m)
+        case PointIndices(indices=indices, sweep_timestamp_ns=sweep_ns):
+            assert indices.tolist() == other.shape.indices.tolist()
+            assert sweep_ns == other.shape.sweep_timestamp_ns
+
+
+def assert_same_tracks(some, others):
+    assert [(t.track_id, t.object_class, t.instance_id) for t in some] == [
+        (t.track_id, t.object_class, t.instance_id) for t in others
+    ]
+    for one, other in zip(some, others, strict=True):
+        assert len(one.states) == len(other.states)
+        for state, wanted in zip(one.states, other.states, strict=True):
+            assert_same_state(state, wanted)
+
+
+def test_every_shape_comes_back(tmp_path):
+    write_annotations(tmp_path / "a.json", tiny.tracks())
+    assert_same_tracks(read_annotations(tmp_path / "a.json"), tiny.tracks())
+
+
+number = st.floats(-1e4, 1e4)
+size = st.floats(0.01, 30)
+cuboids = st.builds(
+    lambda wxyz, place, sizes: Cuboid(
+        vehicle_from_object=RigidTransform.from_quaternion(wxyz, place), size_m=np.array(sizes)
+    ),
+    st.tuples(*[st.floats(0.1, 1)] * 4),
+    st.tuples(number, number, number),
+    st.tuples(size, size, size),
+)
+outlines = st.builds(
+    lambda points, bottom, height: GroundPolygon(outline_m=np.array(points), bottom_m=bottom, top_m=bottom + height),
+    st.lists(st.tuples(number, number), min_size=3, max_size=6),
+    st.floats(-3, 3),
+    size,
+)
+indices = st.builds(
+    lambda rows, time_ns: PointIndices(indices=np.array(rows, dtype=np.int64), sweep_timestamp_ns=time_ns),
+    st.lists(st.integers(0, 10**6), max_size=5),
+    st.integers(0, 2**62),
+)
+states = st.builds(
+    lambda time_ns, shape, velocity, rate, category, unclear: ObjectState(
+        timestamp_ns=time_ns,
+        shape=shape,
+        velocity_mps=np.full(3, np.nan) if velocity is None else np.array(velocity),
+        yaw_rate_radps=rate,
+        category=category,
+        unclear=unclear,
+    ),
+    st.integers(0, 2**62),
+    cuboids | outlines | indices,
+    st.none() | st.tuples(number, number, number),
+    number,
+    st.none() | st.sampled_from(["crossing", "preceding"]),
+    st.booleans(),
+)
+some_tracks = st.lists(
+    st.builds(
+        lambda name, kind, some, instance: Track(
+            track_id=name,
+            object_class=kind,
+            states=tuple(sorted(some, key=lambda state: state.timestamp_ns)),
+            instance_id=instance,
+        ),
+        st.text(st.characters(codec="utf-8"), min_size=1, max_size=5),
+        st.sampled_from(["pedestrian", "cyclist", "vehicle", "animal"]),
+        st.lists(states, max_size=3, unique_by=lambda state: state.timestamp_ns),
+        st.none() | st.integers(1, 65535),
+    ),
+    max_size=3,
+    unique_by=lambda track: track.track_id,
+)
+
+
+@given(tracks=some_tracks)
+def test_any_tracks_come_back(tmp_path_factory, tracks):
+    path = tmp_path_factory.mktemp("labels") / "a.json"
+    write_annotations(path, tracks)
+    assert_same_tracks(read_annotations(path), tracks)
+
+
+def test_times_without_objects_can_be_said(tmp_path):
+    write_annotations(tmp_path / "a.json", (), timestamps_ns=(5, 7))
+    frames = json.loads((tmp_path / "a.json").read_text())["openlabel"]["frames"]
+    assert [frame["frame_properties"]["timestamp"] for frame in frames.values()] == [5, 7]
+    assert read_annotations(tmp_path / "a.json") == ()
+
+
+def minimal(**data):
+    return {
+        "openlabel": {
+            "metadata": {"schema_version": "1.0.0"},
+            "objects": {"van": {"name": "van", "type": "vehicle"}},
+            "frames": {"0": {"frame_properties": {"timestamp": 5}, "objects": {"van": {"object_data": data}}}},
+        }
+    }
+
+
+BOX = {"name": "shape", "val": [8.0, -3.5, 1.0, 0.0, 0.0, 0.7071067811865476, 0.7071067811865476, 5.0, 2.0, 1.5]}
+OUTLINE = {"name": "ground_outline", "closed": True, "mode": "MODE_POLY2D_ABSOLUTE", "val": [0, 0, 1, 0, 1, 1]}
+
+
+def test_quaternions_are_xyzw(tmp_path):
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps(minimal(cuboid=[BOX])))
+    (track,) = read_annotations(path)
+    pose = track.states[0].shape.vehicle_from_object
+    assert pose.apply(np.array([1.0, 0.0, 0.0])) == pytest.approx([8.0, -2.5, 1.0])
+
+
+PLACE = "openlabel.frames.0.objects.van.object_data"
+FAULTS = [
+    (minimal(), f"{PLACE}: wanted one of cuboid, poly2d and vec point_indices, came none"),
+    (minimal(cuboid=[BOX], poly2d=[OUTLINE]), "came cuboid and poly2d"),
+    (minimal(cuboid=[BOX, BOX]), f"{PLACE}.cuboid"),
+    (minimal(cuboid=[{"name": "shape", "val": [0.0] * 9}]), f"{PLACE}.cuboid.0.val.9: wanted a value, came nothing"),
+    (minimal(cuboid=[{"name": "shape", "val": [0.0] * 10}]), "numbers 4 to 7 to be a quaternion"),
+    (minimal(cuboid=[{**BOX, "val": [*BOX["val"][:9], 0.0]}]), "numbers 8 to 10 to be sizes above 0"),
+    (minimal(cuboid=[{**BOX, "colour": "red"}]), f"{PLACE}.cuboid.0.colour: wanted no such key, came 'red'"),
+    (minimal(poly2d=[OUTLINE]), f"{PLACE}.num: wanted a number named bottom_m, came none"),
+    (minimal(poly2d=[{**OUTLINE, "closed": False}]), f"{PLACE}.poly2d.0.closed: wanted True, came False"),
+    (minimal(poly2d=[{**OUTLINE, "val": [0, 0, 1, 0, 1, 1, 2]}]), "an even number of values"),
+    (
+        minimal(poly2d=[OUTLINE], num=[{"name": "bottom_m", "val": 2}, {"name": "top_m", "val": 1}]),
+        f"{PLACE}.num: wanted top_m above bottom_m, came 1 over 2",
+    ),
+    (minimal(vec=[{"name": "point_indices", "val": [1]}]), "wanted a number named sweep_timestamp_ns, came none"),
+    (minimal(vec=[{"name": "point_indices", "val": [-1]}]), "point_indices.val.0: wanted greater than or equal to 0"),
+    (minimal(cuboid=[BOX], vec=[{"name": "velocity_mps", "val": [1.0, 2.0]}]), "velocity_mps.val.2: wanted a value"),
+    (minimal(cuboid=[BOX], vec=[{"name": "velocity", "val": [1.0]}]), f"{PLACE}.vec.0"),
+    (minimal(cuboid=[BOX], num=[{"name": "yaw_rate_radps", "val": 0.0}] * 2), f"{PLACE}.num: wanted each name once"),
+]
+
+
+@pytest.mark.parametrize(("content", "message"), FAULTS, ids=[message for _, message in FAULTS])
+def test_faults_name_file_and_place(tmp_path, content, message):
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps(content))
+    with pytest.raises(DataError) as caught:
+        read_annotations(path)
+    assert str(caught.value).startswith(f"{path}: openlabel.")
+    assert message in str(caught.value)
+
+
+def test_objects_and_frames_must_fit_together(tmp_path):
+    path = tmp_path / "a.json"
+    content = minimal(cuboid=[BOX])
+    content["openlabel"]["objects"] = {}
+    path.write_text(json.dumps(content))
+    with pytest.raises(DataError, match=r"wanted an object listed under openlabel.objects, came 'van'"):
+        read_annotations(path)
+    content = minimal(cuboid=[BOX])
+    content["openlabel"]["frames"]["1"] = content["openlabel"]["frames"]["0"]
+    path.write_text(json.dumps(content))
+    with pytest.raises(DataError, match="wanted one frame for each time, came 5 twice"):
+        read_annotations(path)
+    content = minimal(cuboid=[BOX])
+    content["openlabel"]["objects"]["van"]["type"] = "tram"
+    path.write_text(json.dumps(content))
+    with pytest.raises(DataError, match=r"openlabel\.objects\.van\.type: wanted 'pedestrian', 'cyclist'"):
+        read_annotations(path)
+
+
+def test_the_committed_schema_is_in_step():
+    assert (FOLDER / "openlabel-subset.schema.json").read_text() == schema_text()
+
+
+def test_the_example_of_the_readme_is_valid(tmp_path):
+    (example,) = re.findall(r"```json\n(.*?)```", (FOLDER / "README.md").read_text(), re.DOTALL)
+    (tmp_path / "a.json").write_text(example)
+    (track,) = read_annotations(tmp_path / "a.json")
+    assert track.states[0].velocity_mps.tolist() == [6.0, 0.0, 0.0]

@@ -1,0 +1,178 @@
+"""Cards: what they say, what they may not say, and how they lead to recordings."""
+
+import pickle
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+
+from bench.errors import DataError, UnknownNameError
+from bench.recordings import (
+    list_cards,
+    load_card,
+    open_dataset,
+    open_native,
+    recording_faults,
+    write_annotations,
+)
+from tests.recordings import tiny
+
+REPOSITORY = Path(__file__).parents[2]
+CONTENT = {"name": "drives", "title": "Two drives", "adapter": "native", "root": "data", "licence": "Apache-2.0"}
+
+
+def card_file(tmp_path, **content):
+    path = tmp_path / "drives.yaml"
+    path.write_text(yaml.safe_dump({**CONTENT, **content}))
+    return path
+
+
+@pytest.fixture
+def data(tmp_path):
+    for name in ("a", "b"):
+        tiny.write_recording(tmp_path / "data" / name)
+    return tmp_path / "data"
+
+
+def names(handles):
+    return [handle.name for handle in handles]
+
+
+def test_a_data_set_opens(tmp_path, data):
+    card = load_card(card_file(tmp_path))
+    handles = open_dataset(card)
+    assert names(handles) == ["a", "b"]
+    assert [handle.open().name for handle in pickle.loads(pickle.dumps(handles))] == ["a", "b"]
+    assert card.splits == ("all",)
+    assert card.scenario is None
+
+
+def test_splits_choose_recordings(tmp_path, data):
+    card = load_card(card_file(tmp_path, splits={"all": "*", "second": ["b"]}))
+    assert names(open_dataset(card, "second")) == ["b"]
+    assert names(open_dataset(card, "all")) == ["a", "b"]
+    with pytest.raises(UnknownNameError, match="unknown split 'secnd': known are all, second; did you mean 'second'"):
+        open_dataset(card, "secnd")
+
+
+def test_exclusions_leave_out_recordings_frames_and_times(tmp_path, data):
+    exclusions = [
+        {"recording": "a", "reason": "rain on the lens"},
+        {"recording": "b", "reason": "labels begin later", "frames": [0, 0]},
+        {"recording": "b", "reason": "labels end", "timestamps_ns": [tiny.TIMES_NS[2], None]},
+    ]
+    (handle,) = open_dataset(load_card(card_file(tmp_path, exclusions=exclusions)))
+    images = pickle.loads(pickle.dumps(handle)).open().images["front"]
+    assert [image.timestamp_ns for image in images] == [tiny.TIMES_NS[1]]
+
+
+def test_one_recording_that_fails_does_not_stop_the_others(tmp_path, data):
+    (data / "a/egomotion.csv").unlink()
+    broken, whole = open_dataset(load_card(card_file(tmp_path)))
+    with pytest.raises(DataError, match="came neither"):
+        broken.open()
+    assert whole.open().name == "b"
+
+
+def test_annotations_may_lie_apart(tmp_path, data):
+    write_annotations(tmp_path / "labels/a.json", tiny.tracks()[:1])
+    (data / "a/annotations.json").unlink()
+    a, b = (handle.open() for handle in open_dataset(load_card(card_file(tmp_path, annotations="labels"))))
+    assert [track.track_id for track in a.tracks] == ["van"]
+    assert [track.track_id for track in b.tracks] == ["van", "walker"]
+
+
+def test_a_variable_in_the_root(tmp_path, data, monkeypatch):
+    card = load_card(card_file(tmp_path, root="${DRIVES_HOME}/data"))
+    monkeypatch.delenv("DRIVES_HOME", raising=False)
+    with pytest.raises(
+        DataError, match=r"drives\.yaml: root: wanted a folder, came the variable DRIVES_HOME.*export DRIVES"
+    ):
+        open_dataset(card)
+    monkeypatch.setenv("DRIVES_HOME", str(tmp_path))
+    assert names(open_dataset(card)) == ["a", "b"]
+
+
+def test_data_that_is_not_there_says_how_to_get_it(tmp_path):
+    with pytest.raises(DataError, match=r"root: wanted a folder with the data, came .*data, which is missing; ask Ada"):
+        open_dataset(load_card(card_file(tmp_path, how_to_get="ask Ada")))
+    (tmp_path / "data").mkdir()
+    with pytest.raises(DataError, match="wanted recordings of the adapter 'native', came none"):
+        open_dataset(load_card(card_file(tmp_path)))
+
+
+FAULTS = [
+    ({"colour": "red"}, "colour: wanted no such key, came 'red'"),
+    ({"title": 3}, "title: wanted a valid string, came 3"),
+    ({"name": "my drives"}, "name: "),
+    ({"splits": {}}, "wanted at least one split"),
+    ({"exclusions": [{"recording": "a"}]}, "exclusions.0.reason: wanted a value, came nothing"),
+]
+
+
+@pytest.mark.parametrize(("content", "message"), FAULTS)
+def test_faults_of_a_card_name_file_and_field(tmp_path, content, message):
+    with pytest.raises(DataError) as caught:
+        load_card(card_file(tmp_path, **content))
+    assert "drives.yaml: " in str(caught.value)
+    assert message in str(caught.value)
+
+
+def test_what_a_card_names_must_exist(tmp_path, data):
+    with pytest.raises(UnknownNameError, match=r"unknown adapter 'nativ': known are .*did you mean 'native'"):
+        open_dataset(load_card(card_file(tmp_path, adapter="nativ")))
+    with pytest.raises(DataError, match=r"splits\.all: wanted recordings of .*data: a, b, came 'c'"):
+        open_dataset(load_card(card_file(tmp_path, splits={"all": ["c"]})), "all")
+    with pytest.raises(DataError, match=r"exclusions: wanted recordings"):
+        open_dataset(load_card(card_file(tmp_path, exclusions=[{"recording": "c", "reason": "x"}])))
+
+
+@pytest.mark.parametrize("text", ["[1, 2", "- a\n- b\n", "!!python/object/apply:os.getcwd []"])
+def test_yaml_that_is_no_card_is_refused(tmp_path, text):
+    path = tmp_path / "drives.yaml"
+    path.write_text(text)
+    with pytest.raises(DataError, match=r"drives\.yaml: wanted"):
+        load_card(path)
+
+
+def test_cards_are_found_by_name(tmp_path):
+    card_file(tmp_path)
+    (tmp_path / "demo.scenario.yaml").write_text("seed: 1\n")
+    assert [card.name for card in list_cards(tmp_path)] == ["drives"]
+    assert load_card("drives", folder=tmp_path).content.title == "Two drives"
+    with pytest.raises(UnknownNameError, match="unknown data set 'drive'"):
+        load_card("drive", folder=tmp_path)
+    with pytest.raises(DataError, match=r"none\.yaml: wanted a readable card"):
+        load_card(tmp_path / "none.yaml")
+
+
+def test_the_committed_cards_are_cards():
+    assert "aimotive-sample" in [card.name for card in list_cards(REPOSITORY / "datasets")]
+
+
+def test_the_examples_of_the_readme_are_valid(tmp_path, root):
+    text = (REPOSITORY / "datasets/README.md").read_text()
+    (card,) = re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
+    (tmp_path / "example.yaml").write_text(card)
+    assert len(load_card(tmp_path / "example.yaml").content.exclusions) == 3
+    (head,) = re.findall(r"```json\n(.*?)```", text, re.DOTALL)
+    (root / "recording.json").write_text(head)
+    front = open_native(root.rename(tmp_path / "drive-01")).cameras["front"].vehicle_from_camera
+    assert front.rotation == pytest.approx(tiny.FRONT.rotation, abs=1e-15)
+
+
+def test_every_broken_file_is_found(root):
+    (handle,) = open_dataset(load_card(card_file(root.parent, root="drive")))
+    assert list(recording_faults(handle)) == []
+    images = root / "images/front"
+    (images / f"{tiny.TIMES_NS[1]}.png").unlink()
+    (images / f"{tiny.TIMES_NS[2]}.png").write_bytes(b"")
+    (root / f"lidar/{tiny.TIMES_NS[0]}.npz").write_bytes(b"")
+    told = [str(fault) for fault in recording_faults(handle)]
+    assert len(told) == 3
+    assert "wanted an image about 66666667 ns after" in told[0]
+    assert "came an empty file" in told[1]
+    assert ".npz: wanted a whole .npz file" in told[2]
+    (root / "recording.json").unlink()
+    assert ["recording.json" in str(fault) for fault in recording_faults(handle)] == [True]

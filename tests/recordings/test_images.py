@@ -1,0 +1,81 @@
+"""Images: whole, broken, and of another size."""
+
+import cv2
+import numpy as np
+import pytest
+
+from bench.errors import DataError
+from bench.recordings import ImageRef, open_native, read_image, read_truth
+from tests.recordings import tiny
+
+
+def stored(tmp_path, suffix, shape=(tiny.HEIGHT, tiny.WIDTH)):
+    path = tmp_path / f"1{suffix}"
+    smooth = np.add.outer(np.arange(shape[0]), np.arange(shape[1])).astype(np.uint8)
+    assert cv2.imwrite(str(path), smooth)
+    return ImageRef(camera="front", timestamp_ns=1, path=path), smooth
+
+
+@pytest.mark.parametrize(("suffix", "error"), [(".png", 0), (".jpg", 4)])
+def test_grey_and_colour(tmp_path, suffix, error):
+    image, smooth = stored(tmp_path, suffix)
+    camera = tiny.front_camera()
+    grey, colour = read_image(image, camera), read_image(image, camera, colour=True)
+    assert np.abs(grey.astype(int) - smooth).max() <= error
+    assert colour.shape == (48, 64, 3)
+    assert np.abs(colour.astype(int) - smooth[:, :, None]).max() <= error
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+@pytest.mark.parametrize("missing", [1, 12, 60])
+def test_an_image_cut_short_is_refused(tmp_path, suffix, missing):
+    image, _ = stored(tmp_path, suffix)
+    content = image.path.read_bytes()
+    image.path.write_bytes(content[:-missing])
+    with pytest.raises(DataError, match=rf"1\{suffix}: wanted a whole PNG or JPEG file, came a \w+ cut short"):
+        read_image(image, tiny.front_camera())
+
+
+def test_a_damaged_png_is_refused(tmp_path):
+    image, _ = stored(tmp_path, ".png")
+    content = bytearray(image.path.read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    image.path.write_bytes(bytes(content))
+    with pytest.raises(DataError, match="came a PNG damaged near byte"):
+        read_image(image, tiny.front_camera())
+
+
+@pytest.mark.parametrize(
+    ("content", "came"),
+    [(b"", "an empty file"), (b"GIF89a etc", "10 bytes that begin with"), (b"\xff\xd8\xff\xd9", "4 bytes that cannot")],
+)
+def test_a_file_that_is_no_image_is_refused(tmp_path, content, came):
+    path = tmp_path / "1.png"
+    path.write_bytes(content)
+    with pytest.raises(DataError) as caught:
+        read_image(ImageRef(camera="front", timestamp_ns=1, path=path), tiny.front_camera())
+    assert f"came {came}" in str(caught.value)
+
+
+def test_a_missing_image_is_named(tmp_path):
+    with pytest.raises(DataError, match=r"9\.png: wanted an image file"):
+        read_image(ImageRef(camera="front", timestamp_ns=9, path=tmp_path / "9.png"), tiny.front_camera())
+
+
+def test_an_image_of_another_size_is_refused(tmp_path):
+    image, _ = stored(tmp_path, ".png", shape=(48, 60))
+    with pytest.raises(
+        DataError, match=r"image size: wanted 64 x 48 px, as the calibration of camera 'front', came 60 x 48"
+    ):
+        read_image(image, tiny.front_camera())
+
+
+def test_truth_is_sixteen_bits_and_only_where_there_is_some(root, tmp_path):
+    image, _ = stored(tmp_path, ".png")
+    with pytest.raises(DataError, match="wanted an image with truth beside it"):
+        read_truth(image)
+    recording = open_native(root)
+    first = recording.images["front"][0]
+    cv2.imwrite(str(first.truth_path), np.zeros((48, 64), np.uint8))
+    with pytest.raises(DataError, match="wanted a 16-bit grey PNG, came uint8"):
+        read_truth(first, recording.cameras["front"])

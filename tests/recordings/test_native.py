@@ -1,0 +1,288 @@
+"""The native format: what is written is what is read, and every fault has its line."""
+
+import json
+import pickle
+
+import cv2
+import numpy as np
+import pytest
+
+from bench.cameras import KannalaBrandtCamera, PinholeCamera, UnifiedCamera
+from bench.cameras.registry import CAMERA_MODELS
+from bench.egomotion import read_tum
+from bench.errors import DataError, ShapeError
+from bench.recordings import RecordingWriter, frame_gaps, open_native, read_image, read_truth
+from tests.recordings import tiny
+
+
+def test_the_head_comes_back(root):
+    recording = open_native(root)
+    camera = recording.cameras["front"]
+    assert (recording.name, recording.licence, recording.frame_interval_ns) == ("drive", "Apache-2.0", tiny.STEP_NS)
+    assert camera.model == tiny.lens()
+    assert camera.stored_size_px == (64, 48)
+    assert camera.vehicle_from_camera.matrix == pytest.approx(tiny.FRONT.matrix, abs=1e-15)
+    assert camera.road.height_m == pytest.approx(0.65)
+    assert camera.road.down == pytest.approx([0.0, 1.0, 0.0], abs=1e-15)
+    assert np.array_equal(camera.ego_body, tiny.front_camera().ego_body)
+    assert recording.vehicle_from_lidar.matrix == pytest.approx(tiny.VEHICLE_FROM_LIDAR.matrix, abs=1e-15)
+    assert np.array_equal(recording.vehicle_outline_m, tiny.OUTLINE_M)
+
+
+MODELS = {
+    "radial_polynomial": tiny.lens(),
+    "kannala_brandt": KannalaBrandtCamera(
+        width=64, height=48, focal=(20.0, 21.0), principal_point=(31.0, 23.0), coefficients=(0.1, 0.0, 0.01, 0.0)
+    ),
+    "unified": UnifiedCamera(
+        width=64,
+        height=48,
+        xi=1.5,
+        focal=(40.0, 41.0),
+        principal_point=(31.0, 23.0),
+        radial=(0.01, 0.1),
+        tangential=(1e-3, -1e-3),
+        max_angle_rad=1.5,
+    ),
+    "pinhole": PinholeCamera(width=64, height=48, focal=(50.0, 50.0), principal_point=(31.5, 23.5)),
+}
+
+
+def test_every_camera_model_is_tried():
+    assert set(MODELS) == set(CAMERA_MODELS)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_every_camera_model_comes_back(tmp_path, name):
+    root = tiny.write_recording(tmp_path / "drive", model=MODELS[name])
+    assert open_native(root).cameras["front"].model == MODELS[name]
+
+
+def test_images_truth_and_sweeps_come_back(root):
+    recording = open_native(root)
+    camera = recording.cameras["front"]
+    images = recording.images["front"]
+    assert [image.timestamp_ns for image in images] == list(tiny.TIMES_NS)
+    for i, image in enumerate(images):
+        assert np.array_equal(read_image(image, camera), tiny.pixels(i))
+        assert np.array_equal(read_truth(image, camera), tiny.truth(i))
+        assert np.array_equal(read_truth(image), tiny.truth(i))
+    assert len(recording.sweeps) == 2
+    for i, reference in enumerate(recording.sweeps):
+        sweep, wanted = pickle.loads(pickle.dumps(reference)).read(), tiny.sweep(i)
+        assert sweep.timestamp_ns == wanted.timestamp_ns
+        for field in ("points_lidar", "time_offset_ns", "intensity", "ring"):
+            assert np.array_equal(getattr(sweep, field), getattr(wanted, field))
+
+
+def test_ego_motion_comes_back(root):
+    trajectory = open_native(root).trajectory
+    assert trajectory.timestamps_ns.tolist() == list(tiny.TIMES_NS)
+    assert trajectory.positions_m[-1] == pytest.approx([0.4, 0.0, 0.0], abs=1e-8)
+    assert read_tum(root / "truth/poses.csv").positions_m[-1].tolist() == [0.4, 0.0, 0.0]
+
+
+def test_poses_do_instead_of_bus_signals(root):
+    (root / "egomotion.csv").unlink()
+    (root / "truth/poses.csv").rename(root / "poses.csv")
+    assert open_native(root).trajectory.positions_m[-1].tolist() == [0.4, 0.0, 0.0]
+
+
+def test_writing_twice_gives_the_same_bytes(tmp_path):
+    one, two = (tiny.write_recording(tmp_path / place / "drive") for place in ("one", "two"))
+    files = sorted(path.relative_to(one) for path in one.rglob("*") if path.is_file())
+    assert len(files) == 13
+    assert files == sorted(path.relative_to(two) for path in two.rglob("*") if path.is_file())
+    for file in files:
+        assert (one / file).read_bytes() == (two / file).read_bytes(), file
+
+
+def test_evaluated_at_half_the_size(root):
+    recording = open_native(root, evaluated_size_px=(32, 24))
+    camera, image = recording.cameras["front"], recording.images["front"][0]
+    assert (camera.model.width, camera.model.height) == (32, 24)
+    assert camera.stored_size_px == (64, 48)
+    assert camera.ego_body.shape == (24, 32)
+    assert camera.ego_body.sum() == 8 * 40 // 4
+    stored = tiny.pixels(0).astype(float)
+    means = stored.reshape(24, 2, 32, 2).mean(axis=(1, 3))
+    assert np.abs(read_image(image, camera) - means).max() <= 1.0
+    assert read_image(image, camera, colour=True).shape == (24, 32, 3)
+    assert set(np.unique(read_truth(image, camera))) == {0, 40_000}
+
+
+def test_the_ground_may_lie_elsewhere(tmp_path):
+    root = tiny.write_recording(tmp_path / "drive", ground_height_m=-0.1)
+    assert open_native(root).cameras["front"].road.height_m == pytest.approx(0.75)
+
+
+def test_a_gap_in_time_is_told_but_no_fault_of_opening(root):
+    images = root / "images/front"
+    (images / f"{tiny.TIMES_NS[1]}.png").unlink()
+    recording = open_native(root)
+    (gap,) = frame_gaps(recording, "front")
+    assert (gap.index, gap.previous_ns, gap.current_ns) == (1, tiny.TIMES_NS[0], tiny.TIMES_NS[2])
+
+
+def test_no_gaps_where_images_are_regular(root):
+    assert frame_gaps(open_native(root), "front") == ()
+
+
+def change(root, path, value):
+    """Set a value deep in recording.json; a value of `...` removes it."""
+    file = root / "recording.json"
+    head = json.loads(file.read_text())
+    *parents, last = path.split(".")
+    place = head
+    for key in parents:
+        place = place[key]
+    if value is ...:
+        del place[last]
+    else:
+        place[last] = value
+    file.write_text(json.dumps(head))
+
+
+HEAD_FAULTS = [
+    ("schema_version", 2, "schema_version: wanted 1, came 2"),
+    ("frame_interval_ns", 0, "frame_interval_ns: wanted greater than 0, came 0"),
+    ("frame_interval_ns", 1.5, "frame_interval_ns: wanted a valid integer, came 1.5"),
+    ("licence", ..., "licence: wanted a value, came nothing"),
+    ("name", "drive-7", "name: wanted 'drive', as its folder, came 'drive-7'"),
+    ("colour", "red", "colour: wanted no such key, came 'red'"),
+    ("cameras.front.modle", {}, "cameras.front.modle: wanted no such key, came {}"),
+    ("cameras.front.image_size", [64, 0], "cameras.front.image_size.1: wanted greater than 0, came 0"),
+    ("cameras.front.model.model", "fisheye", "cameras.front.model.model: wanted one of kannala_brandt, pinhole"),
+    (
+        "cameras.front.model.principal_point",
+        [1.0],
+        "cameras.front.model.principal_point: wanted two numbers, came (1.0,)",
+    ),
+    ("cameras.front.model.coefficients", ["a"], "cameras.front.model: wanted numbers"),
+    ("cameras.front.model.xi", 1.0, "cameras.front.model"),
+    ("cameras.front.model.width", 64, "cameras.front.model.width: wanted no such key, came one; image_size says it"),
+    (
+        "cameras.front.vehicle_from_camera.quaternion_wxyz",
+        [1.0, 1.0, 0.0, 0.0],
+        "quaternion_wxyz: wanted a quaternion w, x",
+    ),
+    ("cameras.front.vehicle_from_camera.translation_m", [0.0, 0.0, -1.0], "wanted a camera above the road"),
+    ("lidar.vehicle_from_lidar.translation_m", [0.0, 1.0], "lidar.vehicle_from_lidar.translation_m"),
+    ("vehicle.outline_m", [[0.0, 0.0]], "vehicle.outline_m"),
+    (
+        "cameras.front.ego_body_mask",
+        "../outside.png",
+        "cameras.front.ego_body_mask: wanted a relative path without '..'",
+    ),
+    ("cameras.front.ego_body_mask", "/etc/passwd", "cameras.front.ego_body_mask: wanted a relative path without '..'"),
+    ("cameras.front.ego_body_mask", "none.png", "none.png: wanted an image file"),
+    ("cameras", {}, "cameras: wanted"),
+]
+
+
+@pytest.mark.parametrize(("path", "value", "message"), HEAD_FAULTS, ids=[f"{p}={v}" for p, v, _ in HEAD_FAULTS])
+def test_faults_of_the_head_name_file_and_field(root, path, value, message):
+    change(root, path, value)
+    with pytest.raises(DataError) as caught:
+        open_native(root)
+    assert str(root) in str(caught.value)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_nan_and_broken_json_are_refused(root):
+    file = root / "recording.json"
+    file.write_text(file.read_text().replace("1.2", "NaN", 1))
+    with pytest.raises(
+        DataError, match=r"recording\.json: lidar.vehicle_from_lidar.translation_m.0: wanted a finite number"
+    ):
+        open_native(root)
+    file.write_text(file.read_text()[:50])
+    with pytest.raises(DataError, match=r"recording\.json: wanted JSON"):
+        open_native(root)
+
+
+def test_images_without_a_calibration_are_named(root):
+    (root / "images/rear").mkdir()
+    with pytest.raises(
+        DataError, match=r"recording\.json: cameras\.rear: wanted a calibration for images/rear, came none"
+    ):
+        open_native(root)
+
+
+def test_a_camera_without_images_is_named(root):
+    for path in (root / "images/front").iterdir():
+        path.unlink()
+    with pytest.raises(DataError, match=r"images/front: wanted images named <timestamp_ns>"):
+        open_native(root)
+
+
+@pytest.mark.parametrize("name", ["first.png", "1.5.png", "-3.png"])
+def test_a_name_that_is_no_time_is_named(root, name):
+    (root / "images/front" / name).write_bytes(b"")
+    with pytest.raises(DataError, match="wanted a name that is a time in nanoseconds"):
+        open_native(root)
+
+
+def test_two_files_of_one_time_are_refused(root):
+    (root / f"images/front/{tiny.TIMES_NS[0]}.jpg").write_bytes(b"")
+    with pytest.raises(DataError, match="wanted one file for each time"):
+        open_native(root)
+
+
+def test_hidden_files_are_not_finished_and_passed_over(root):
+    (root / "images/front/.12.abc.png").write_bytes(b"")
+    assert len(open_native(root).images["front"]) == 3
+
+
+@pytest.mark.parametrize("place", ["images/front", "lidar", "images/front/12.png", "annotations.json", "egomotion.csv"])
+def test_links_that_lead_outside_are_refused(root, tmp_path, place):
+    outside, path = tmp_path / "outside", root / place
+    if path.exists():
+        path.rename(outside)
+    else:
+        outside.write_bytes(b"")
+    path.symlink_to(outside)
+    with pytest.raises(DataError, match="a link that leads outside"):
+        open_native(root)
+
+
+def test_missing_and_doubled_files_are_named(root):
+    (root / "poses.csv").write_text("")
+    with pytest.raises(DataError, match=r"wanted one of egomotion.csv and poses.csv, came both"):
+        open_native(root)
+    (root / "poses.csv").unlink()
+    (root / "annotations.json").rename(root / "labels.json")
+    with pytest.raises(DataError, match=r"annotations\.json: wanted an annotation file, came no such file"):
+        open_native(root)
+    (root / "egomotion.csv").unlink()
+    with pytest.raises(DataError, match="came neither"):
+        open_native(root)
+    (root / "recording.json").unlink()
+    with pytest.raises(DataError, match=r"recording\.json: wanted a readable file"):
+        open_native(root)
+
+
+def test_a_broken_sweep_is_named_when_it_is_read(root):
+    sweep = open_native(root).sweeps[0]
+    sweep.path.write_bytes(sweep.path.read_bytes()[:100])
+    with pytest.raises(DataError, match=rf"{tiny.TIMES_NS[0]}\.npz: wanted a whole \.npz file"):
+        sweep.read()
+    sweep.path.unlink()
+    with pytest.raises(DataError, match="no such file"):
+        sweep.read()
+
+
+def test_the_writer_refuses_what_the_format_cannot_hold(tmp_path):
+    writer = RecordingWriter(tmp_path / "drive")
+    with pytest.raises(ShapeError, match="wanted an image of uint8, came float64"):
+        writer.image("front", 0, np.zeros((4, 4)))
+    assert not (tmp_path / "drive").exists()
+
+
+def test_colour_images_are_written(root):
+    RecordingWriter(root).image("front", tiny.TIMES_NS[0], np.full((48, 64, 3), (10, 20, 30), np.uint8))
+    recording = open_native(root)
+    image = read_image(recording.images["front"][0], recording.cameras["front"], colour=True)
+    assert image[5, 5].tolist() == [10, 20, 30]
+    assert cv2.imread(str(recording.images["front"][0].path))[5, 5].tolist() == [10, 20, 30]
