@@ -9,7 +9,15 @@ Source:
 """
 
 from bench.reference.build import ReferenceBuilder, visible_region
-from bench.reference.records import Category, Direction, IgnoreReason, ReferenceFrame, ReferenceObject, Status
+from bench.reference.records import (
+    Category,
+    Direction,
+    IgnoreReason,
+    ObjectGeometry,
+    ReferenceFrame,
+    ReferenceObject,
+    Status,
+)
 from bench.reference.settings import MotionSettings, ReferenceSettings
 
 __all__ = [
@@ -17,6 +25,7 @@ __all__ = [
     "Direction",
     "IgnoreReason",
     "MotionSettings",
+    "ObjectGeometry",
     "ReferenceBuilder",
     "ReferenceFrame",
     "ReferenceObject",

@@ -5,17 +5,26 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
 from bench.cameras import ray_grid
+from bench.errors import UsageError
 from bench.geometry import RigidTransform
 from bench.recordings.records import ImageRef, MountedCamera, Recording
 from bench.reference.clusters import object_points, surface_points
 from bench.reference.motion import categorise, relative_direction
 from bench.reference.occlusion import compose
 from bench.reference.polygons import bounding_polygon, rasterise
-from bench.reference.records import Category, IgnoreReason, ReferenceFrame, ReferenceObject, Status
+from bench.reference.records import (
+    Category,
+    IgnoreReason,
+    ObjectGeometry,
+    ReferenceFrame,
+    ReferenceObject,
+    Status,
+)
 from bench.reference.settings import ReferenceSettings
 from bench.reference.sightings import Sighting, SightingIndex
 from bench.reference.sweeps import PlacedSweep, SweepShelf
@@ -77,14 +86,27 @@ class ReferenceBuilder:
             valid=self.valid,
         )
 
-    def cluster(self, track_id: str, image: ImageRef) -> NDArray[np.float64]:
-        """An object's lidar points at exposure, (K, 3) float64, m, vehicle frame; to look at, not to score."""
+    def geometry(self, track_id: str, image: ImageRef) -> ObjectGeometry:
+        """An object's lidar points and outline at exposure; to look at, not to score.
+
+        Raises:
+            UsageError: the image has no such object.
+        """
         exposure = self._exposure(image.timestamp_ns)
-        for sighting in self._index.at(image.timestamp_ns):
-            if sighting.track.track_id == track_id:
-                points_world, _ = self._cluster(sighting, exposure)
-                return exposure.world_from_vehicle.inverse().apply(points_world)
-        return np.empty((0, 3))
+        found = [s for s in self._index.at(image.timestamp_ns) if s.track.track_id == track_id]
+        if not found:
+            raise UsageError(f"{image.path}: wanted an annotated object {track_id!r}, came an image without it")
+        vehicle_from_world = exposure.world_from_vehicle.inverse()
+        points_world, placed = self._cluster(found[0], exposure)
+        around_world = np.empty((0, 3)) if placed is None else placed.points_world()
+        outline = vehicle_from_world.apply(self._outline(found[0], exposure))[:, :2]
+        hull = shapely.MultiPoint(outline).convex_hull
+        return ObjectGeometry(
+            surroundings_vehicle=vehicle_from_world.apply(around_world),
+            cluster_vehicle=vehicle_from_world.apply(points_world),
+            outline_m=np.asarray(hull.exterior.coords)[:-1] if isinstance(hull, Polygon) else np.empty((0, 2)),
+            pixels=self._projected(points_world, exposure)[0],
+        )
 
     def _exposure(self, timestamp_ns: int) -> _Exposure:
         world_from_vehicle = self.recording.trajectory.world_from_vehicle(timestamp_ns)

@@ -7,7 +7,6 @@ import shapely
 from numpy.typing import NDArray
 
 from bench.geometry import RigidTransform
-from bench.lidar import deskew
 from bench.recordings.records import Cuboid, GroundPolygon, ObjectShape, ObjectState, PointIndices
 from bench.reference.sweeps import PlacedSweep
 
@@ -43,13 +42,7 @@ def object_points(
     velocity = np.nan_to_num(velocity_world_mps, nan=0.0)
     chosen = _candidates(placed, state, world_from_vehicle, float(np.linalg.norm(velocity)))
     times_ns = placed.times_ns[chosen]
-    points = deskew(
-        placed.sweep.points_lidar[chosen],
-        times_ns,
-        knots_ns=placed.knots_ns,
-        rotations=placed.rotations,
-        positions_m=placed.positions_m,
-    )
+    points = placed.points_world(chosen)
     if not len(points):
         return points
     centre = _centre_world(state.shape, world_from_vehicle, points)

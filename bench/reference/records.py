@@ -110,3 +110,21 @@ class ReferenceFrame:
     labels: NDArray[np.int32]
     ignored: NDArray[np.bool_]
     valid: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ObjectGeometry:
+    """An object and its surroundings at exposure, to look at.
+
+    Attributes:
+        surroundings_vehicle: (N, 3) float64, m, the whole sweep freed of the lidar's own motion, vehicle frame.
+        cluster_vehicle: (K, 3) float64, m, the points on the object, vehicle frame.
+        outline_m: (M, 2) float64, m, the annotated shape from above, vehicle frame, not closed; empty for point
+            indices.
+        pixels: (K', 2) float64, px, the cluster as far as the lens can see it.
+    """
+
+    surroundings_vehicle: NDArray[np.float64]
+    cluster_vehicle: NDArray[np.float64]
+    outline_m: NDArray[np.float64]
+    pixels: NDArray[np.float64]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from bench.egomotion import Trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.lidar import LidarSweep, knot_times
+from bench.lidar import LidarSweep, deskew, knot_times
 from bench.recordings.records import ObjectShape, PointIndices, Recording
 
 
@@ -31,6 +31,16 @@ class PlacedSweep:
     knots_ns: NDArray[np.int64]
     rotations: NDArray[np.float64]
     positions_m: NDArray[np.float64]
+
+    def points_world(self, rows: NDArray[np.intp] | slice = slice(None)) -> NDArray[np.float64]:
+        """Points freed of the lidar's own motion, (K, 3) float64, m, world frame; each where it was at its own time."""
+        return deskew(
+            self.sweep.points_lidar[rows],
+            self.times_ns[rows],
+            knots_ns=self.knots_ns,
+            rotations=self.rotations,
+            positions_m=self.positions_m,
+        )
 
 
 def place_sweep(sweep: LidarSweep, trajectory: Trajectory, vehicle_from_lidar: RigidTransform) -> PlacedSweep | None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from bench.errors import DataError
+from bench.errors import DataError, UsageError
 from bench.recordings import ImageRef, ObjectState, PointIndices, Track
 from bench.reference import Category, Direction, IgnoreReason, ReferenceBuilder, Status
 from tests.reference.drives import MS, SETTINGS, Box, camera, circle, drive, with_settings
@@ -173,8 +173,14 @@ def test_no_ego_motion_is_a_clear_error():
         builder.build(ImageRef(camera="front", timestamp_ns=9000 * MS, path=recording.images["front"][0].path))
 
 
-def test_cluster_to_look_at():
+def test_geometry_to_look_at():
     recording = drive([WALKER], circle(**EGO), exposures_ns=(30 * MS,))
     builder, image = ReferenceBuilder(recording, "front", SETTINGS), recording.images["front"][0]
-    assert len(builder.cluster("object-0", image)) > 300
-    assert builder.cluster("nobody", image).shape == (0, 3)
+    found = builder.geometry("object-0", image)
+    assert len(found.cluster_vehicle) == len(found.pixels) > 300
+    assert len(found.surroundings_vehicle) == 600
+    # Seen from above: a square of a metre around the walker, where it is 30 ms later.
+    np.testing.assert_allclose(found.outline_m.mean(axis=0), [8.0 - 0.15, 1.0 - 0.042], atol=1e-6)
+    np.testing.assert_allclose(np.ptp(found.outline_m, axis=0), [1.0, 1.0], atol=1e-6)
+    with pytest.raises(UsageError, match="nobody"):
+        builder.geometry("nobody", image)
