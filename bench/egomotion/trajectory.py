@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bench.errors import DataError
-from bench.geometry import RigidTransform, interpolate_poses
+from bench.geometry import RigidTransform, advance_twist, twist_between
 
 SECOND_NS = 1_000_000_000
 
@@ -37,6 +37,9 @@ class Trajectory:
     positions_m: NDArray[np.float64]
     max_gap_ns: int = SECOND_NS // 2
     max_extrapolation_ns: int = SECOND_NS // 10
+    _matrices: NDArray[np.float64] = field(init=False, repr=False)
+    _turns_rad: NDArray[np.float64] = field(init=False, repr=False)
+    _paths_m: NDArray[np.float64] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         times_ns, positions_m = self.timestamps_ns, self.positions_m
@@ -57,6 +60,10 @@ class Trajectory:
             )
         if not np.isfinite(positions_m).all():
             raise DataError(self.source, wanted="finite positions", came="NaN or infinity")
+        turns_rad, paths_m = twist_between(self.rotations[:-1], positions_m[:-1], self.rotations[1:], positions_m[1:])
+        object.__setattr__(self, "_matrices", self.rotations.as_matrix())
+        object.__setattr__(self, "_turns_rad", turns_rad)
+        object.__setattr__(self, "_paths_m", paths_m)
 
     def at(
         self, timestamps_ns: NDArray[np.int64]
@@ -73,10 +80,10 @@ class Trajectory:
         """
         times_ns = np.asarray(timestamps_ns, dtype=np.int64)
         left, fraction, valid = self._places(times_ns)
-        rotations, positions_m = interpolate_poses(
-            self.rotations[left], self.positions_m[left], self.rotations[left + 1], self.positions_m[left + 1], fraction
-        )
-        matrices = rotations.as_matrix()
+        turns, advances_m = advance_twist(self._turns_rad[left], self._paths_m[left], fraction)
+        start = self._matrices[left]
+        matrices = start @ turns.as_matrix()
+        positions_m = self.positions_m[left] + (start @ advances_m[..., None])[..., 0]
         matrices[~valid] = np.nan
         positions_m[~valid] = np.nan
         return matrices, positions_m, valid

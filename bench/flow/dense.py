@@ -86,9 +86,9 @@ class DisFlow:
     def __call__(self, start: NDArray[np.uint8], end: NDArray[np.uint8]) -> NDArray[np.float32]:
         """See `DenseFlow`."""
         _check(start, end)
-        # A fresh object per call: OpenCV's keeps the last flow and would start the next pair from it.
+        # A flow handed in would be taken as the first guess; zeros are what OpenCV starts from without one.
         search = cv2.DISOpticalFlow.create(_DIS_PRESETS[self.preset])
-        return np.asarray(search.calc(start, end, np.empty((*start.shape, 2), dtype=np.float32)), dtype=np.float32)
+        return np.asarray(search.calc(start, end, np.zeros((*start.shape, 2), np.float32)), dtype=np.float32)
 
 
 _DIS_PRESETS = {

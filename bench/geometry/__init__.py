@@ -11,7 +11,7 @@ Conventions of the whole project, written here once:
 - Quaternions are wxyz. Angles are radians, times int64 nanoseconds, geometry is float64.
 """
 
-from bench.geometry.interpolation import advance_twist, interpolate_poses
+from bench.geometry.interpolation import advance_twist, twist_between
 from bench.geometry.plane import RoadPlane
 from bench.geometry.rigid import RigidTransform
 from bench.geometry.sphere import angle_between, cross, dot, normalise
@@ -23,6 +23,6 @@ __all__ = [
     "angle_between",
     "cross",
     "dot",
-    "interpolate_poses",
     "normalise",
+    "twist_between",
 ]

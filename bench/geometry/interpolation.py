@@ -16,48 +16,43 @@ from bench.geometry.sphere import cross, dot
 SMALL_ANGLE_RAD = 1e-8
 
 
-def interpolate_poses(
+def twist_between(
     rotations_from: Rotation,
     positions_from_m: NDArray[np.float64],
     rotations_to: Rotation,
     positions_to_m: NDArray[np.float64],
-    fraction: NDArray[np.float64],
-) -> tuple[Rotation, NDArray[np.float64]]:
-    """Constant-twist interpolation, one row each.
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The constant twist that leads from one pose to the other, one row each.
 
     Args:
-        rotations_from: N rotations, world from body, at fraction 0.
-        positions_from_m: (N, 3) float64, m, at fraction 0.
-        rotations_to: N rotations at fraction 1.
-        positions_to_m: (N, 3) float64, m, at fraction 1.
-        fraction: (N,) float64; outside [0, 1] it extrapolates.
+        rotations_from: N rotations, world from body.
+        positions_from_m: (N, 3) float64, m.
+        rotations_to: N rotations, world from body.
+        positions_to_m: (N, 3) float64, m.
 
     Returns:
-        rotations: N rotations, world from body.
-        positions_m: (N, 3) float64, m.
+        turn_rad: (N, 3) float64, rotation vector of the whole step, body axes.
+        path_m: (N, 3) float64, path of the body in its own axes over the whole step, m.
     """
-    step = rotations_from.inv() * rotations_to
-    turn_rad = step.as_rotvec()
-    advance_m = rotations_from.inv().apply(positions_to_m - positions_from_m)
-    part_turn, part_advance = advance_twist(turn_rad, _inverse_jacobian(turn_rad, advance_m), fraction)
-    return rotations_from * part_turn, positions_from_m + rotations_from.apply(part_advance)
+    turn_rad = (rotations_from.inv() * rotations_to).as_rotvec()
+    return turn_rad, _inverse_jacobian(turn_rad, rotations_from.inv().apply(positions_to_m - positions_from_m))
 
 
 def advance_twist(
-    turn_rad: NDArray[np.float64], velocity_m: NDArray[np.float64], fraction: NDArray[np.float64]
+    turn_rad: NDArray[np.float64], path_m: NDArray[np.float64], fraction: NDArray[np.float64]
 ) -> tuple[Rotation, NDArray[np.float64]]:
     """Move along a constant twist.
 
     Args:
         turn_rad: (N, 3) float64, rotation vector of the whole step, body axes.
-        velocity_m: (N, 3) float64, path of the body in its own axes over the whole step, m.
-        fraction: (N,) float64, part of the step.
+        path_m: (N, 3) float64, path of the body in its own axes over the whole step, m.
+        fraction: (N,) float64, part of the step; outside [0, 1] it extrapolates.
 
     Returns:
         rotations: N rotations of the part of the step.
         advances_m: (N, 3) float64, m, in the axes at the start of the step.
     """
-    part_rad, part_m = turn_rad * fraction[..., None], velocity_m * fraction[..., None]
+    part_rad, part_m = turn_rad * fraction[..., None], path_m * fraction[..., None]
     angle = np.sqrt(dot(part_rad, part_rad))
     small = angle < SMALL_ANGLE_RAD
     safe = np.where(small, 1.0, angle)

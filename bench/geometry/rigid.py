@@ -44,9 +44,18 @@ class RigidTransform:
                 f"RigidTransform: wanted a proper orthonormal rotation, came one off by {error:.2g} "
                 f"with determinant {np.linalg.det(rotation):.3f}"
             )
+        self._hold(rotation, translation_m)
+
+    def _hold(self, rotation: NDArray[np.float64], translation_m: NDArray[np.float64]) -> RigidTransform:
         rotation.flags.writeable = translation_m.flags.writeable = False
         object.__setattr__(self, "rotation", rotation)
         object.__setattr__(self, "translation_m", translation_m)
+        return self
+
+    @classmethod
+    def _unchecked(cls, rotation: NDArray[np.float64], translation_m: NDArray[np.float64]) -> RigidTransform:
+        """What is made of valid transforms is valid: no second check on the hot path."""
+        return cls.__new__(cls)._hold(rotation, translation_m)
 
     @classmethod
     def identity(cls) -> RigidTransform:
@@ -104,11 +113,11 @@ class RigidTransform:
 
     def __matmul__(self, other: RigidTransform) -> RigidTransform:
         """Chain: `a_from_c = a_from_b @ b_from_c`."""
-        return RigidTransform(self.rotation @ other.rotation, self.rotation @ other.translation_m + self.translation_m)
+        return self._unchecked(self.rotation @ other.rotation, self.rotation @ other.translation_m + self.translation_m)
 
     def inverse(self) -> RigidTransform:
         """`b_from_a` of this `a_from_b`."""
-        return RigidTransform(self.rotation.T, -self.rotation.T @ self.translation_m)
+        return self._unchecked(self.rotation.T.copy(), -self.rotation.T @ self.translation_m)
 
     def apply(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Points of frame b in frame a; (..., 3) float64, NaN rows stay NaN."""

@@ -62,6 +62,12 @@ class Segmentation:
         """The mask at every pixel of the image: (height, width) bool."""
         return self._spread(self.mask, width, height)
 
+    def undefined_at(self, width: int, height: int) -> NDArray[np.bool_]:
+        """Pixels of cells where the method could not say: (height, width) bool."""
+        if self.undefined is None:
+            return np.zeros((height, width), dtype=bool)
+        return self._spread(self.undefined, width, height)
+
     def cause_at(self, width: int, height: int) -> NDArray[np.uint8] | None:
         """The cause at every pixel of the image: (height, width) uint8; None without causes."""
         return None if self.cause is None else self._spread(self.cause, width, height)

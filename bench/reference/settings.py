@@ -51,7 +51,7 @@ class ReferenceSettings:
     """
 
     range_limit_m: float
-    ground_clearance_m: float = 0.05
+    ground_clearance_m: float
     min_points: int
     min_polygon_px: int
     polygon_kind: str

@@ -3,13 +3,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
-from bench.geometry import interpolate_poses
+from bench.geometry import advance_twist, twist_between
 
 angles = st.floats(-3.0, 3.0)
 
 
 def one(rotation, position):
     return Rotation.concatenate([rotation]), np.array([position], dtype=float)
+
+
+def interpolate_poses(rotations_from, positions_from, rotations_to, positions_to, fraction):
+    turn, path = twist_between(rotations_from, positions_from, rotations_to, positions_to)
+    part, advance = advance_twist(turn, path, fraction)
+    return rotations_from * part, positions_from + rotations_from.apply(advance)
 
 
 def test_car_on_a_circle_stays_on_the_circle():

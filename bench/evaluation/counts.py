@@ -1,0 +1,208 @@
+"""Integer pixel counts of one image: per object and for the frame. No ratio is taken here.
+
+The regions are those of `bench.evaluation`: V valid, G_i of object i, I ignored, D detected within V.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.errors import ShapeError
+from bench.evaluation.sharing import share_in_proportion
+from bench.reference.records import ReferenceFrame, Status
+
+Counts = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ObjectCounts:
+    """Pixels of one object in one image; all 0 unless it is evaluated.
+
+    Attributes:
+        tp: |D n G_i|.
+        fn: |G_i minus D|.
+        fp: its share of the false positives in the components of D that touch G_i.
+    """
+
+    tp: int
+    fn: int
+    fp: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameCounts:
+    """Pixels of one image.
+
+    A false-positive component is what of one 8-connected component of D lies outside all G and I.
+
+    Attributes:
+        width: of the image, px.
+        height: of the image, px.
+        valid_px: |V|.
+        reference_px: |all G|.
+        ignored_px: |I| within V.
+        detected_px: |D|.
+        tp_px: |D n all G|.
+        fn_px: |all G minus D|.
+        fp_px: |D minus (all G u I)|.
+        fp_unattached_px: those of `fp_px` in components that touch no object; the rest is shared among the objects.
+        fp_components: false-positive components.
+        fp_large_components: those larger than the protocol's size.
+        fp_largest_px: size of the largest, 0 without any.
+        fp_by_cause: `fp_px` by the cause that the method names; empty for a method that names none.
+    """
+
+    width: int
+    height: int
+    valid_px: int
+    reference_px: int
+    ignored_px: int
+    detected_px: int
+    tp_px: int
+    fn_px: int
+    fp_px: int
+    fp_unattached_px: int
+    fp_components: int
+    fp_large_components: int
+    fp_largest_px: int
+    fp_by_cause: Mapping[str, int]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Detection:
+    """D, taken apart.
+
+    Attributes:
+        detected_px: |D|.
+        component: (H, W) int32, 1 for the first component of D, 0 outside D.
+        components: how many numbers `component` knows, 0 included.
+        true: (H, W) bool, D in all G.
+        false: (H, W) bool, D outside all G and I.
+    """
+
+    detected_px: int
+    component: NDArray[np.int32]
+    components: int
+    true: NDArray[np.bool_]
+    false: NDArray[np.bool_]
+
+
+def count_frame(
+    reference: ReferenceFrame,
+    detected: NDArray[np.bool_],
+    *,
+    cause: NDArray[np.uint8] | None = None,
+    causes: tuple[str, ...] = (),
+    component_size_px: int,
+) -> tuple[FrameCounts, tuple[ObjectCounts, ...]]:
+    """Count one image.
+
+    Args:
+        reference: of the image.
+        detected: (H, W) bool, the method's mask; what lies outside V is left out.
+        cause: (H, W) uint8, index into `causes`; None for a method that names none.
+        causes: what can flag a pixel.
+        component_size_px: false-positive components with more pixels than this are large.
+
+    Returns:
+        frame: counts of the image.
+        objects: one per `reference.objects`, in their order.
+
+    Raises:
+        ShapeError: `detected` or `cause` is not of the image's size.
+
+    Source:
+        Mariotti and Eising 2020, section IV (TP, FN and FP areas); component-wise sharing of false positives after
+        Chan et al. 2021 (SegmentMeIfYouCan).
+    """
+    _check_shapes(reference, detected, cause)
+    order = _canonical_order(reference)
+    detection = _take_apart(reference, detected)
+    region_px = _region_px(reference)
+    fp_of_component = _false_positives_by_component(detection)
+    overlap = _overlap(reference, detection)
+    tp = overlap.sum(axis=0)
+    fp = np.zeros_like(tp)
+    fp[order] = share_in_proportion(fp_of_component, weights=overlap[:, order])
+
+    frame = FrameCounts(
+        width=reference.valid.shape[1],
+        height=reference.valid.shape[0],
+        valid_px=int(np.count_nonzero(reference.valid)),
+        reference_px=int(region_px.sum()),
+        ignored_px=int(np.count_nonzero(reference.ignored & reference.valid)),
+        detected_px=detection.detected_px,
+        tp_px=int(tp.sum()),
+        fn_px=int((region_px - tp).sum()),
+        fp_px=int(fp_of_component.sum()),
+        fp_unattached_px=int(fp_of_component[~overlap.any(axis=1)].sum()),
+        fp_components=int(np.count_nonzero(fp_of_component)),
+        fp_large_components=int(np.count_nonzero(fp_of_component > component_size_px)),
+        fp_largest_px=int(fp_of_component.max(initial=0)),
+        fp_by_cause=_false_positives_by_cause(detection, cause, causes),
+    )
+    columns = zip(tp.tolist(), (region_px - tp).tolist(), fp.tolist(), strict=True)
+    return frame, tuple(ObjectCounts(tp=t, fn=n, fp=f) for t, n, f in columns)
+
+
+def _false_positives_by_component(detection: _Detection) -> Counts:
+    """(components,) pixels outside all G and I."""
+    return np.bincount(detection.component[detection.false], minlength=detection.components)
+
+
+def _overlap(reference: ReferenceFrame, detection: _Detection) -> Counts:
+    """(components, objects) pixels of each component of D in each G_i."""
+    shape = (detection.components, len(reference.objects))
+    component = detection.component[detection.true].astype(np.int64)
+    label = reference.labels[detection.true]
+    return np.bincount(component * shape[1] + label - 1, minlength=shape[0] * shape[1]).reshape(shape)
+
+
+def _false_positives_by_cause(
+    detection: _Detection, cause: NDArray[np.uint8] | None, causes: tuple[str, ...]
+) -> dict[str, int]:
+    if cause is None:
+        return {}
+    found = np.bincount(cause[detection.false], minlength=len(causes))
+    return dict(zip(causes, found.tolist(), strict=True))
+
+
+def _region_px(reference: ReferenceFrame) -> Counts:
+    """|G_i|: (objects,)."""
+    inside = reference.labels[reference.labels > 0]
+    region_px = np.bincount(inside, minlength=len(reference.objects) + 1)[1:]
+    evaluated = np.array([item.status is Status.EVALUATED for item in reference.objects], dtype=bool)
+    assert np.array_equal(region_px > 0, evaluated), "exactly the evaluated objects have a region"
+    return region_px
+
+
+def _take_apart(reference: ReferenceFrame, detected: NDArray[np.bool_]) -> _Detection:
+    mask = detected & reference.valid
+    components, component = cv2.connectedComponents(mask.view(np.uint8), connectivity=8, ltype=cv2.CV_32S)
+    true = mask & (reference.labels > 0)
+    return _Detection(
+        detected_px=int(np.count_nonzero(mask)),
+        component=component.astype(np.int32, copy=False),
+        components=components,
+        true=true,
+        false=mask & ~true & ~reference.ignored,
+    )
+
+
+def _canonical_order(reference: ReferenceFrame) -> NDArray[np.int64]:
+    """Objects by track id, so that ties are broken the same way whatever order they come in."""
+    ids = [item.track_id for item in reference.objects]
+    return np.array(sorted(range(len(ids)), key=ids.__getitem__), dtype=np.int64)
+
+
+def _check_shapes(reference: ReferenceFrame, detected: NDArray[np.bool_], cause: NDArray[np.uint8] | None) -> None:
+    wanted = reference.valid.shape
+    for name, array in (("mask", detected), ("cause", cause)):
+        if array is not None and array.shape != wanted:
+            where = f"{reference.recording}, {reference.camera}, {reference.timestamp_ns} ns"
+            raise ShapeError(f"{where}: wanted a {name} of {wanted} (height, width), came {array.shape}")

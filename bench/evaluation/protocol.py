@@ -1,0 +1,197 @@
+"""The rules of an evaluation as a versioned file; released files are never edited, only superseded."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from functools import cached_property
+from importlib import resources
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Literal
+
+import yaml
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from bench.errors import DataError, UnknownNameError
+from bench.reference.records import Category
+from bench.reference.settings import MotionSettings, ReferenceSettings
+
+
+def _edges(values: tuple[float, ...]) -> tuple[float, ...]:
+    if not values or values[0] != 0 or any(b <= a for a, b in pairwise(values)):
+        raise ValueError("bin edges start at 0 and increase")
+    return values
+
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Level = Annotated[float, Field(gt=0, le=1)]
+Edges = Annotated[tuple[NotNegative, ...], AfterValidator(_edges)]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class MotionRules(_Part):
+    """When an annotated object moves, and in which way."""
+
+    object_static_mps: NotNegative
+    hysteresis_low_mps: NotNegative
+    hysteresis_high_mps: NotNegative
+    min_run_s: NotNegative
+    smoothing_s: NotNegative
+    ego_static_mps: NotNegative
+    crossing_from_deg: Annotated[float, Field(gt=0, lt=180)]
+    crossing_to_deg: Annotated[float, Field(gt=0, lt=180)]
+
+    @model_validator(mode="after")
+    def _ordered(self) -> MotionRules:
+        if not self.hysteresis_low_mps <= self.object_static_mps <= self.hysteresis_high_mps:
+            raise ValueError("wanted hysteresis_low_mps <= object_static_mps <= hysteresis_high_mps")
+        if self.crossing_from_deg >= self.crossing_to_deg:
+            raise ValueError("wanted crossing_from_deg < crossing_to_deg")
+        return self
+
+
+class ReferenceRules(_Part):
+    """Which objects are evaluated and how their polygons are built; see `ReferenceSettings`."""
+
+    range_limit_m: Positive
+    ground_clearance_m: NotNegative
+    min_points: Annotated[int, Field(ge=1)]
+    min_polygon_px: Annotated[int, Field(ge=1)]
+    polygon_kind: Literal["convex", "concave"]
+    concave_ratio: Annotated[float, Field(ge=0, le=1)]
+    classes: Annotated[tuple[str, ...], Field(min_length=1)]
+    categories: Annotated[tuple[Category, ...], Field(min_length=1)]
+    max_sweep_gap_ms: NotNegative
+    max_annotation_gap_ms: NotNegative
+    motion: MotionRules
+
+
+class ScoringRules(_Part):
+    """What counts as detected and as a false alarm.
+
+    Attributes:
+        detection_levels: least coverages of an object, beside "any pixel".
+        chance_lag_s: how far away in time the other frame is whose mask gives the chance level.
+        false_positive_component_px: components with more false-positive pixels than this make a false-positive frame.
+    """
+
+    detection_levels: tuple[Level, ...]
+    chance_lag_s: Positive
+    false_positive_component_px: Annotated[int, Field(ge=0)]
+
+
+class Bins(_Part):
+    """Edges of the half-open bins `[a, b)` of the breakdowns; the last bin is open to the right."""
+
+    range_m: Edges
+    ego_speed_mps: Edges
+    points: Edges
+
+
+class RangeMapRules(_Part):
+    """Cells of the range maps; those with fewer object-frames are hatched, not coloured."""
+
+    cell_m: Positive
+    min_object_frames: Annotated[int, Field(ge=1)]
+
+
+class BootstrapRules(_Part):
+    """Draws of the cluster bootstrap."""
+
+    draws: Annotated[int, Field(ge=2000)]
+    seed: Annotated[int, Field(ge=0)]
+
+
+class Protocol(_Part):
+    """Everything that decides a score, apart from data and method."""
+
+    name: Annotated[str, Field(min_length=1)]
+    version: Annotated[int, Field(ge=1)]
+    reference: ReferenceRules
+    scoring: ScoringRules
+    bins: Bins
+    range_map: RangeMapRules
+    bootstrap: BootstrapRules
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of the content, in hexadecimal; comments, order of keys and white space do not matter."""
+        # Fields that a later version of the model adds with a default stay out, so released digests hold.
+        content = self.model_dump(mode="json", exclude_unset=True)
+        return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+    def reference_settings(self) -> ReferenceSettings:
+        """What the reference room needs to know, in its units."""
+        rules = self.reference
+        return ReferenceSettings(
+            range_limit_m=rules.range_limit_m,
+            ground_clearance_m=rules.ground_clearance_m,
+            min_points=rules.min_points,
+            min_polygon_px=rules.min_polygon_px,
+            polygon_kind=rules.polygon_kind,
+            concave_ratio=rules.concave_ratio,
+            classes=rules.classes,
+            categories=rules.categories,
+            max_sweep_gap_ns=round(rules.max_sweep_gap_ms * 1e6),
+            max_annotation_gap_ns=round(rules.max_annotation_gap_ms * 1e6),
+            motion=_motion_settings(rules.motion),
+        )
+
+    @property
+    def chance_lag_ns(self) -> int:
+        """`chance_lag_s` in nanoseconds."""
+        return round(self.scoring.chance_lag_s * 1e9)
+
+
+def known_protocols() -> tuple[str, ...]:
+    """Names of the protocols in the package."""
+    folder = resources.files("bench.evaluation") / "protocols"
+    return tuple(sorted(f.name.removesuffix(".yaml") for f in folder.iterdir() if f.name.endswith(".yaml")))
+
+
+def load_protocol(name_or_path: str | Path) -> Protocol:
+    """Read a protocol of the package by name, or any other by the path of its YAML file.
+
+    Raises:
+        UnknownNameError: neither a name nor a file.
+        DataError: the file is not a protocol; the message names the field.
+    """
+    if isinstance(name_or_path, str) and name_or_path in known_protocols():
+        file = resources.files("bench.evaluation") / "protocols" / f"{name_or_path}.yaml"
+        return _parse(file.read_text("utf-8"), str(file))
+    path = Path(name_or_path)
+    if not path.is_file():
+        raise UnknownNameError("protocol", str(name_or_path), known_protocols())
+    return _parse(path.read_text("utf-8"), str(path))
+
+
+def _parse(text: str, file: str) -> Protocol:
+    try:
+        content = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise DataError(file, wanted="YAML", came=" ".join(str(error).split())) from error
+    try:
+        return Protocol.model_validate(content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = ".".join(str(part) for part in first["loc"]) or None
+        raise DataError(file, field=field, wanted="a protocol", came=first["msg"]) from error
+
+
+def _motion_settings(rules: MotionRules) -> MotionSettings:
+    return MotionSettings(
+        static_below_mps=rules.object_static_mps,
+        hysteresis_low_mps=rules.hysteresis_low_mps,
+        hysteresis_high_mps=rules.hysteresis_high_mps,
+        min_run_ns=round(rules.min_run_s * 1e9),
+        smoothing_ns=round(rules.smoothing_s * 1e9),
+        ego_static_below_mps=rules.ego_static_mps,
+        crossing_from_rad=math.radians(rules.crossing_from_deg),
+        crossing_to_rad=math.radians(rules.crossing_to_deg),
+    )

@@ -1,0 +1,79 @@
+"""The recipe: reference and segmentation of each image in, the two tables of the sequence out."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import pyarrow as pa
+
+from bench.evaluation.chance import ChanceScorer
+from bench.evaluation.counts import count_frame
+from bench.evaluation.protocol import Protocol
+from bench.evaluation.rows import Row, frame_row, frames_table, object_rows, objects_table, unscored_frame_row
+from bench.methods.contract import Segmentation
+from bench.reference.records import ReferenceFrame
+
+
+class SequenceScorer:
+    """Scores the frames of one camera in one recording, in time order.
+
+    Args:
+        protocol: the rules.
+    """
+
+    def __init__(self, protocol: Protocol) -> None:
+        self._component_size_px = protocol.scoring.false_positive_component_px
+        self._chance = ChanceScorer(lag_ns=protocol.chance_lag_ns)
+        self._objects: list[Row] = []
+        self._frames: list[Row] = []
+
+    def add(self, reference: ReferenceFrame, segmentation: Segmentation) -> None:
+        """Score a frame.
+
+        Raises:
+            ShapeError: the mask is not of the image's size.
+        """
+        height, width = reference.valid.shape
+        detected = segmentation.mask_at(width, height)
+        frame, objects = count_frame(
+            reference,
+            detected,
+            cause=segmentation.cause_at(width, height),
+            causes=segmentation.causes,
+            component_size_px=self._component_size_px,
+        )
+        self._chance.add(reference, detected)
+        self._frames.append(frame_row(reference, frame, undefined_px=_undefined_px(reference, segmentation)))
+        self._objects.extend(object_rows(reference, objects))
+
+    def leave_out(
+        self,
+        *,
+        recording: str,
+        camera: str,
+        timestamp_ns: int,
+        status: Literal["failed", "skipped"],
+        problem: str,
+    ) -> None:
+        """Record that a frame could not be scored, and why."""
+        self._frames.append(
+            unscored_frame_row(
+                recording=recording, camera=camera, timestamp_ns=timestamp_ns, status=status, problem=problem
+            )
+        )
+
+    def finish(self) -> tuple[pa.Table, pa.Table]:
+        """End the sequence: the objects table and the frames table."""
+        chance_tp = self._chance.finish()
+        for row in self._objects:
+            row["chance_tp"] = chance_tp.get(row["timestamp_ns"], {}).get(row["track_id"])
+        return objects_table(self._objects), frames_table(self._frames)
+
+
+def _undefined_px(reference: ReferenceFrame, segmentation: Segmentation) -> int:
+    """Pixels of V where the method could not say."""
+    if segmentation.undefined is None:
+        return 0
+    height, width = reference.valid.shape
+    return int(np.count_nonzero(segmentation.undefined_at(width, height) & reference.valid))

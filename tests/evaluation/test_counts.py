@@ -1,0 +1,220 @@
+"""Counts of one image: examples to check by hand, a brute-force twin, and the laws that always hold."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from bench.errors import ShapeError
+from bench.evaluation.counts import FrameCounts, ObjectCounts, count_frame
+from bench.reference.records import ReferenceFrame, Status
+from tests.evaluation.frames import frames, mask, masks, picture, reference_frame, reordered
+
+
+def count(frame: ReferenceFrame, detected: NDArray[np.bool_]) -> tuple[FrameCounts, tuple[ObjectCounts, ...]]:
+    return count_frame(frame, detected, component_size_px=3)
+
+
+def test_one_object_half_detected_with_a_spill_and_a_blob_elsewhere() -> None:
+    frame = reference_frame(
+        picture("""
+        11......
+        11......
+        ........
+        """)
+    )
+    detected = mask("""
+        .xxx....
+        .x....xx
+        .......x
+        """)
+    counts, (item,) = count(frame, detected)
+    assert (item.tp, item.fn, item.fp) == (2, 2, 2)
+    assert (counts.tp_px, counts.fn_px, counts.fp_px, counts.fp_unattached_px) == (2, 2, 5, 3)
+    assert (counts.fp_components, counts.fp_large_components, counts.fp_largest_px) == (2, 0, 3)
+    assert (counts.width, counts.height, counts.valid_px, counts.reference_px, counts.detected_px) == (8, 3, 24, 4, 7)
+
+
+def test_a_diagonal_step_joins_a_component() -> None:
+    frame = reference_frame(picture("1....\n....."))
+    counts, (item,) = count(frame, mask("x....\n.x..."))
+    assert (item.tp, item.fp, counts.fp_unattached_px) == (1, 1, 0)
+
+
+def test_a_shared_component_is_split_by_overlap_and_stays_whole() -> None:
+    frame = reference_frame(picture("1.....22\n........"))
+    counts, (one, two) = count(frame, mask("xxxxxxxx\n........"))
+    # 5 false pixels over overlaps 1 and 2: 1 2/3 and 3 1/3, so the spare pixel goes to the larger remainder.
+    assert (one.fp, two.fp, counts.fp_px) == (2, 3, 5)
+
+
+def test_an_equal_remainder_goes_to_the_first_track_id_in_any_order() -> None:
+    frame = reference_frame(picture("1...2"))
+    for order in ([0, 1], [1, 0]):
+        turned = reordered(frame, order)
+        counts = dict(zip((o.track_id for o in turned.objects), count(turned, mask("xxxxx"))[1], strict=True))
+        assert (counts["a"].fp, counts["b"].fp) == (2, 1)
+
+
+def test_ignored_pixels_are_neither_right_nor_wrong() -> None:
+    frame = reference_frame(picture("1...."), ignored=mask(".xx.."))
+    counts, (item,) = count(frame, mask("xxxx."))
+    assert (item.tp, item.fp, counts.fp_px, counts.ignored_px) == (1, 1, 1, 2)
+
+
+def test_the_mask_outside_the_valid_pixels_does_not_exist() -> None:
+    frame = reference_frame(picture("1...1"), valid=mask("xx.xx"))
+    counts, (item,) = count(frame, mask("xxxx."))
+    assert (item.tp, item.fn, item.fp) == (1, 1, 1)
+    assert (counts.detected_px, counts.fp_unattached_px) == (3, 1)
+
+
+def test_false_positives_by_cause() -> None:
+    frame = reference_frame(picture("1...."))
+    cause = np.array([[1, 0, 0, 1, 1]], dtype=np.uint8)
+    counts, _ = count_frame(frame, mask("xxxx."), cause=cause, causes=("epipolar", "depth"), component_size_px=3)
+    assert counts.fp_by_cause == {"epipolar": 2, "depth": 1}
+
+
+def test_a_component_is_large_above_the_stated_size() -> None:
+    counts, _ = count(reference_frame(picture("........")), mask("xxx.xxxx"))
+    assert (counts.fp_components, counts.fp_large_components, counts.fp_largest_px) == (2, 1, 4)
+
+
+def test_a_frame_without_objects() -> None:
+    counts, objects = count(reference_frame(picture("....")), mask(".x.."))
+    assert objects == ()
+    assert (counts.reference_px, counts.fp_px, counts.fp_unattached_px) == (0, 1, 1)
+
+
+def test_a_mask_of_another_size_is_refused_with_the_frame_named() -> None:
+    with pytest.raises(ShapeError, match=r"drive, front, 0 ns: wanted a mask of \(1, 4\).*came \(1, 3\)"):
+        count(reference_frame(picture("....")), mask("..."))
+
+
+@given(frames(), masks)
+def test_counts_agree_with_plain_loops(frame: ReferenceFrame, detected: NDArray[np.bool_]) -> None:
+    counts, objects = count(frame, detected)
+    expected, expected_objects = brute_force(frame, detected)
+    assert {name: getattr(counts, name) for name in expected} == expected
+    assert objects == expected_objects
+
+
+@given(frames(), masks)
+def test_every_false_positive_is_shared_or_unattached(frame: ReferenceFrame, detected: NDArray[np.bool_]) -> None:
+    counts, objects = count(frame, detected)
+    assert sum(item.fp for item in objects) + counts.fp_unattached_px == counts.fp_px
+    assert sum(item.tp for item in objects) == counts.tp_px
+    assert sum(item.fn for item in objects) == counts.fn_px
+    assert [item.tp + item.fn for item in objects] == [item.region_px for item in frame.objects]
+    assert all(min(item.tp, item.fn, item.fp) >= 0 for item in objects)
+
+
+@given(frames(), masks, st.data())
+def test_counts_are_invariant_to_the_order_of_objects(
+    frame: ReferenceFrame, detected: NDArray[np.bool_], data: st.DataObject
+) -> None:
+    order = data.draw(st.permutations(range(len(frame.objects))))
+    counts, objects = count(frame, detected)
+    turned_counts, turned = count(reordered(frame, order), detected)
+    assert turned_counts == counts
+    assert turned == tuple(objects[k] for k in order)
+
+
+@given(frames())
+def test_the_reference_against_itself_is_perfect(frame: ReferenceFrame) -> None:
+    counts, objects = count(frame, frame.labels > 0)
+    assert (counts.tp_px, counts.fn_px, counts.fp_px) == (counts.reference_px, 0, 0)
+    assert all((item.fn, item.fp) == (0, 0) for item in objects)
+
+
+@given(frames())
+def test_an_empty_prediction_finds_nothing(frame: ReferenceFrame) -> None:
+    counts, objects = count(frame, np.zeros(frame.valid.shape, dtype=bool))
+    assert (counts.tp_px, counts.fp_px, counts.fn_px) == (0, 0, counts.reference_px)
+    assert all((item.tp, item.fp) == (0, 0) for item in objects)
+
+
+@given(frames(all_valid=True))
+def test_a_full_prediction_covers_all_but_the_regions(frame: ReferenceFrame) -> None:
+    counts, objects = count(frame, np.ones(frame.valid.shape, dtype=bool))
+    regions = np.count_nonzero((frame.labels > 0) | frame.ignored)
+    assert Fraction(counts.fp_px, counts.width * counts.height) == 1 - Fraction(regions, frame.valid.size)
+    assert all(item.fn == 0 for item in objects)
+
+
+@given(frames(), masks)
+def test_predictions_on_other_objects_are_neutral(frame: ReferenceFrame, detected: NDArray[np.bool_]) -> None:
+    """Detections in I and on others change no TP and FN of ours; nor FP, unless they touch a component of ours."""
+    others = frame.ignored | (frame.labels > 1)
+    own = detected & ~others
+    with_others, without = count(frame, own | others), count(frame, own)
+    for mine, alone in list(zip(with_others[1], without[1], strict=True))[:1]:
+        assert (mine.tp, mine.fn) == (alone.tp, alone.fn)
+        near = _grown(others)
+        if not (own & near).any():
+            assert mine.fp == alone.fp
+    assert with_others[0].fp_px == without[0].fp_px
+
+
+def _grown(region: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    padded = np.pad(region, 1)
+    height, width = region.shape
+    return np.any([padded[v : v + height, u : u + width] for v in range(3) for u in range(3)], axis=0)
+
+
+def brute_force(frame: ReferenceFrame, detected: NDArray[np.bool_]) -> tuple[dict[str, int], tuple[ObjectCounts, ...]]:
+    """The definitions once more, pixel by pixel and with exact fractions."""
+    height, width = frame.labels.shape
+    pixels = [(v, u) for v in range(height) for u in range(width)]
+    mask_px = {p for p in pixels if detected[p] and frame.valid[p]}
+    regions = [{p for p in pixels if frame.labels[p] == k + 1} for k in range(len(frame.objects))]
+    false = {p for p in mask_px if frame.labels[p] == 0 and not frame.ignored[p]}
+    shares = [0] * len(regions)
+    sizes, unattached = [], 0
+    for component in _components(mask_px):
+        size = len(component & false)
+        sizes.append(size)
+        overlaps = {k: len(component & region) for k, region in enumerate(regions) if component & region}
+        unattached += 0 if overlaps else size
+        exact = {k: Fraction(size * overlap, sum(overlaps.values())) for k, overlap in overlaps.items()}
+        spare = size - sum(int(share) for share in exact.values()) if exact else 0
+        first = sorted(exact, key=lambda k: (-(exact[k] % 1), frame.objects[k].track_id))[:spare]
+        for k, share in exact.items():
+            shares[k] += int(share) + (k in first)
+    objects = tuple(
+        ObjectCounts(tp=len(region & mask_px), fn=len(region - mask_px), fp=share)
+        for region, share in zip(regions, shares, strict=True)
+    )
+    totals = {
+        "detected_px": len(mask_px),
+        "reference_px": sum(len(region) for region in regions),
+        "tp_px": sum(item.tp for item in objects),
+        "fn_px": sum(item.fn for item in objects),
+        "fp_px": len(false),
+        "fp_unattached_px": unattached,
+        "fp_components": sum(size > 0 for size in sizes),
+        "fp_large_components": sum(size > 3 for size in sizes),
+        "fp_largest_px": max(sizes, default=0),
+    }
+    assert all((o.status is Status.EVALUATED) == bool(r) for o, r in zip(frame.objects, regions, strict=True))
+    return totals, objects
+
+
+def _components(pixels: set[tuple[int, int]]) -> list[set[tuple[int, int]]]:
+    left, found = set(pixels), []
+    while left:
+        component, edge = set(), [left.pop()]
+        while edge:
+            v, u = edge.pop()
+            component.add((v, u))
+            near = {(v + i, u + j) for i in (-1, 0, 1) for j in (-1, 0, 1)} & left
+            left -= near
+            edge.extend(near)
+        found.append(component)
+    return found

@@ -1,0 +1,91 @@
+"""Protocols: released files stay as they are, own files are checked."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+import yaml
+
+from bench.errors import DataError, UnknownNameError
+from bench.evaluation import known_protocols, load_protocol
+from bench.reference.records import Category
+
+# A released protocol is never edited, only superseded by a new file with a line of its own here.
+RELEASED = {
+    "extended-v1": "c457588be8e7527ad94a9160ba750dc65d508e3c5ed461135096acf2f4330392",
+    "paper-v1": "dde8f4b79b8fab2816f3ef8d9f16d26be1f84e3942ba01dd68270b3c368b0eee",
+}
+
+
+def write(path: Path, content: object) -> Path:
+    path.write_text(yaml.safe_dump(content), "utf-8")
+    return path
+
+
+def content_of(name: str) -> dict[str, object]:
+    content: dict[str, object] = load_protocol(name).model_dump(mode="json")
+    return content
+
+
+def test_released_protocols_are_unchanged() -> None:
+    assert {name: load_protocol(name).digest for name in known_protocols()} == RELEASED
+
+
+def test_names_are_those_of_the_files() -> None:
+    assert [load_protocol(name).name for name in known_protocols()] == list(known_protocols())
+
+
+def test_the_papers_rules() -> None:
+    settings = load_protocol("paper-v1").reference_settings()
+    assert (settings.range_limit_m, settings.polygon_kind) == (8.0, "convex")
+    assert settings.categories == tuple(Category)
+    assert settings.max_annotation_gap_ns == 100_000_000
+    assert settings.motion.crossing_from_rad == math.pi / 4
+    assert load_protocol("paper-v1").chance_lag_ns == 1_000_000_000
+
+
+def test_extended_reaches_further_with_concave_polygons() -> None:
+    settings = load_protocol("extended-v1").reference_settings()
+    assert (settings.range_limit_m, settings.polygon_kind, settings.concave_ratio) == (20.0, "concave", 0.15)
+
+
+def test_the_digest_is_of_the_content_not_of_its_writing(tmp_path: Path) -> None:
+    turned = write(tmp_path / "same.yaml", dict(reversed(content_of("paper-v1").items())))
+    turned.write_text("# a comment\n\n" + turned.read_text("utf-8").replace("8.0", "8"), "utf-8")
+    assert load_protocol(turned).digest == load_protocol("paper-v1").digest
+
+
+def test_the_digest_changes_with_any_rule(tmp_path: Path) -> None:
+    other = write(tmp_path / "other.yaml", content_of("paper-v1") | {"bootstrap": {"draws": 2000, "seed": 1}})
+    assert load_protocol(other).digest != load_protocol("paper-v1").digest
+
+
+def test_an_unknown_name_lists_the_known_ones() -> None:
+    with pytest.raises(UnknownNameError, match=r"extended-v1, paper-v1; did you mean 'paper-v1'"):
+        load_protocol("paper-v2")
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
+        ({"colour": "red"}, "colour"),
+        ({"scoring": {"detection_levels": [2], "chance_lag_s": 1, "false_positive_component_px": 1}}, "levels.0"),
+        ({"bins": {"range_m": [0, 2, 2], "ego_speed_mps": [0], "points": [0]}}, "bins.range_m"),
+        ({"bins": {"range_m": [1, 2], "ego_speed_mps": [0], "points": [0]}}, "bins.range_m"),
+        ({"bootstrap": {"draws": 10, "seed": 1}}, "bootstrap.draws"),
+    ],
+)
+def test_a_fault_names_file_and_field(tmp_path: Path, change: dict[str, object], field: str) -> None:
+    file = write(tmp_path / "mine.yaml", content_of("paper-v1") | change)
+    with pytest.raises(DataError, match=rf"mine\.yaml: .*{field}: wanted a protocol"):
+        load_protocol(file)
+
+
+@pytest.mark.parametrize("text", ["[1, 2", "- a list", ""])
+def test_what_is_no_protocol_at_all_is_refused(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text(text, "utf-8")
+    with pytest.raises(DataError, match=r"mine\.yaml"):
+        load_protocol(file)

@@ -1,0 +1,213 @@
+"""The reduction of a run, and the checks that must always hold."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from bench.evaluation import Figure, Summary, summarise
+from bench.reference.records import Category, ReferenceFrame, Status
+from tests.evaluation.frames import frames, mask, picture, reference_frame, reference_object
+from tests.evaluation.runs import PAPER, joined, random_run, scored, shuffled
+
+few = settings(max_examples=8, deadline=None)
+Predict = Callable[[ReferenceFrame], NDArray[np.bool_]]
+
+
+def summary_of(tables: tuple[pa.Table, pa.Table]) -> Summary:
+    return summarise(*tables, protocol=PAPER)
+
+
+def three_objects() -> Summary:
+    """Two recordings; coverages 1/2, 0 and 1, false positives 2, 0 and 0."""
+    one = reference_frame(picture("11..\n11..\n....\n2..."), recording="one")
+    two = reference_frame(picture("1111"), recording="two")
+    return summary_of(
+        joined([scored([(one, mask(".xx.\n.x..\n.x..\n...."))]), scored([(two, mask("xxxx"))])]),
+    )
+
+
+def test_figures_to_check_by_hand() -> None:
+    row = three_objects().categories["crossing"]
+    assert (row.object_frames, row.tracks, row.recordings) == (3, 3, 2)
+    assert row.detection_rate.value == 2 / 3
+    assert row.figure("detection_rate_50").value == 2 / 3
+    assert row.tpr.value == 3 / 4
+    assert row.tpr_all.value == 1 / 2
+    assert row.iou.value == pytest.approx((2 / 6 + 0 + 1) / 3)
+    assert row.iou_detected.value == pytest.approx((2 / 6 + 1) / 2)
+    assert row.tpr.cases == 2
+    assert row.iou.cases == 3
+
+
+def test_false_positives_to_check_by_hand() -> None:
+    summary = three_objects()
+    assert summary.false_positives.frames == 2
+    assert summary.false_positives.coverage.value == (2 / 16 + 0) / 2
+    assert summary.false_positives.components_per_frame.value == 0.5
+    assert summary.segmentation.precision.value == 6 / 8
+    assert summary.segmentation.recall.value == 6 / 9
+    assert summary.segmentation.iou.value == 6 / 11
+    assert summary.segmentation.f1.value == 12 / 17
+
+
+def test_one_recording_has_figures_without_intervals() -> None:
+    summary = summary_of(scored([(reference_frame(picture("1.")), mask("x."))]))
+    assert summary.all_moving.iou == Figure(value=1.0, ci95=None, cases=1)
+
+
+def test_no_cases_are_nan_and_null() -> None:
+    summary = three_objects()
+    empty = summary.categories["static_ego"].iou
+    assert math.isnan(empty.value)
+    assert (empty.ci95, empty.cases) == (None, 0)
+    stored = json.loads(summary.model_dump_json())
+    assert stored["categories"]["static_ego"]["iou"] == {"value": None, "ci95": None, "cases": 0}
+
+
+def test_a_run_of_nothing() -> None:
+    summary = summary_of(scored([]))
+    assert summary.objects.annotated == summary.images.images == 0
+    assert math.isnan(summary.false_positives.coverage.value)
+
+
+def test_a_summary_survives_its_file() -> None:
+    summary = summary_of(random_run(5))
+    text = summary.model_dump_json()
+    assert Summary.model_validate_json(text).model_dump_json() == text
+
+
+def test_the_names_of_a_rows_figures() -> None:
+    names = three_objects().all_moving.figure_names()
+    assert set(names) == {
+        *("detection_rate", "detection_rate_10", "detection_rate_50", "chance", "chance_10", "chance_50"),
+        *("tpr", "tpr_all", "iou", "iou_detected"),
+    }
+
+
+def run_of(frame: ReferenceFrame, predict: Predict) -> Summary:
+    return summary_of(scored([(frame, predict(frame))]))
+
+
+@few
+@given(frames())
+def test_the_reference_against_itself(frame: ReferenceFrame) -> None:
+    summary = run_of(frame, lambda frame: frame.labels > 0)
+    if summary.all_moving.object_frames:
+        row = summary.all_moving
+        assert [row.figure(name).value for name in row.figure_names() if "chance" not in name] == [1.0] * 7
+    assert summary.false_positives.coverage.value == 0
+
+
+@few
+@given(frames())
+def test_an_empty_prediction(frame: ReferenceFrame) -> None:
+    summary = run_of(frame, lambda frame: np.zeros_like(frame.valid))
+    row = summary.all_moving
+    if row.object_frames:
+        assert (row.detection_rate.value, row.iou.value) == (0.0, 0.0)
+    assert math.isnan(row.tpr.value)
+    assert row.tpr.cases == 0
+    assert summary.false_positives.coverage.value == 0
+
+
+@few
+@given(frames(all_valid=True))
+def test_a_full_image_prediction(frame: ReferenceFrame) -> None:
+    summary = run_of(frame, lambda frame: np.ones_like(frame.valid))
+    if summary.all_moving.object_frames:
+        assert (summary.all_moving.detection_rate.value, summary.all_moving.tpr.value) == (1.0, 1.0)
+    regions = np.count_nonzero((frame.labels > 0) | frame.ignored)
+    assert summary.false_positives.coverage.value == pytest.approx(1 - regions / frame.valid.size)
+
+
+@few
+@given(frames())
+def test_every_annotated_object_is_in_the_ledger_once(frame: ReferenceFrame) -> None:
+    ledger = run_of(frame, lambda frame: frame.valid).objects
+    statuses = [item.status for item in frame.objects]
+    assert ledger.annotated == len(statuses) == ledger.evaluated + ledger.static + sum(ledger.ignored.values())
+    assert ledger.evaluated == statuses.count(Status.EVALUATED)
+
+
+@few
+@given(st.integers(0, 1000))
+def test_the_order_of_the_rows_changes_no_byte(seed: int) -> None:
+    objects, images = random_run(seed % 7)
+    turned = summary_of((shuffled(objects, seed), shuffled(images, seed + 1)))
+    assert turned.model_dump_json() == summary_of((objects, images)).model_dump_json()
+
+
+def test_every_object_frame_is_in_one_category_and_one_slice_of_each_breakdown() -> None:
+    summary = summary_of(random_run(3))
+    for rows in (summary.categories, *summary.breakdowns.values()):
+        assert sum(row.object_frames for row in rows.values()) == summary.objects.evaluated
+    for slices in summary.false_positive_breakdowns.values():
+        assert sum(row.frames for row in slices.values()) == summary.images.evaluated
+
+
+def test_figures_lie_in_their_intervals() -> None:
+    summary = summary_of(random_run(4, recordings=20))
+    rows = [summary.all_moving, *summary.categories.values()]
+    figures = [row.figure(name) for row in rows for name in row.figure_names()]
+    figures += [summary.false_positives.coverage, summary.segmentation.f1, *summary.false_positive_causes.values()]
+    assert all(f.ci95 is not None and f.ci95[0] <= f.value <= f.ci95[1] for f in figures)
+
+
+def test_causes_share_all_false_positives() -> None:
+    causes = summary_of(random_run(4)).false_positive_causes
+    assert list(causes) == ["depth", "epipolar"]
+    assert sum(figure.value for figure in causes.values()) == pytest.approx(1)
+
+
+def test_failed_images_are_counted_and_score_nothing() -> None:
+    objects, images = random_run(6)
+    summary = summary_of((objects, images))
+    assert summary.images.failed > 0
+    assert summary.images.problems == {"truncated image": summary.images.failed}
+    scored_only = images.filter(pa.compute.equal(images["status"], "evaluated"))
+    assert summary_of((objects, scored_only)).false_positives == summary.false_positives
+
+
+def test_a_detection_on_another_slice_is_neutral() -> None:
+    """A crossing pedestrian and an overtaking vehicle: finding the one says nothing about the other."""
+    objects = [
+        reference_object("a"),
+        reference_object("b", object_class="vehicle", category=Category.OVERTAKING, range_m=7.0),
+    ]
+    frame = reference_frame(picture("11..22\n......"), objects=objects)
+    blind = summary_of(scored([(frame, mask("x.....\nx....."))]))
+    seeing = summary_of(scored([(frame, mask("x...xx\nx....x"))]))
+    assert seeing.categories["overtaking"] != blind.categories["overtaking"]
+    for path in (
+        lambda s: s.categories["crossing"],
+        lambda s: s.breakdowns["object_class"]["pedestrian"],
+        lambda s: s.breakdowns["range_m"]["[2, 4)"],
+    ):
+        assert path(seeing).model_dump_json() == path(blind).model_dump_json()
+
+
+def test_bins_are_half_open() -> None:
+    objects = [reference_object(chr(97 + k), range_m=range_m) for k, range_m in enumerate([1.99, 2.0, 8.0, 50.0])]
+    rows = summary_of(scored([(reference_frame(picture("1234"), objects=objects), mask("xxxx"))])).breakdowns["range_m"]
+    assert {name: row.object_frames for name, row in rows.items()} == {
+        "[0, 2)": 1,
+        "[2, 4)": 1,
+        "[4, 6)": 0,
+        "[6, 8)": 0,
+        "[8, inf)": 2,
+    }
+
+
+def test_the_same_image_twice_is_our_own_mistake() -> None:
+    tables = scored([(reference_frame(picture("1.")), mask("x."))])
+    with pytest.raises(AssertionError, match="names each row once"):
+        summary_of(joined([tables, tables]))
