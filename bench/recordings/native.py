@@ -45,13 +45,15 @@ class NativeOptions(FileModel):
 def native_recordings(
     root: Path, *, options: Mapping[str, Any], card: Path, annotations: Path | None
 ) -> tuple[RecordingHandle, ...]:
-    """The adapter `native`: each folder of `root` with a `recording.json`, or `root` itself.
+    """The adapter `native`: each folder of `root` that looks like a recording, or `root` itself.
+
+    One without `recording.json` but with images or annotations is listed too: opening it says what is missing.
 
     Raises:
         DataError: options that do not exist.
     """
     chosen = validated(NativeOptions, options, file=card, field="options")
-    folders = [root] if (root / HEAD).is_file() else sorted(path.parent for path in root.glob(f"*/{HEAD}"))
+    folders = [root] if (root / HEAD).is_file() else sorted(path for path in root.glob("[!.]*/") if _is_recording(path))
     return tuple(
         RecordingHandle(
             name=folder.name,
@@ -64,6 +66,10 @@ def native_recordings(
         )
         for folder in folders
     )
+
+
+def _is_recording(folder: Path) -> bool:
+    return any((folder / name).exists() for name in (HEAD, "images", "annotations.json"))
 
 
 def open_native(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely import Polygon
+from shapely import LineString, Polygon
 
 from bench.errors import UsageError
 
@@ -32,7 +32,7 @@ def bounding_polygon(
         return None
     if kind not in {"convex", "concave"}:
         raise UsageError(f"polygon kind: wanted 'convex' or 'concave', came {kind!r}")
-    row = shapely.linestrings(pixels)  # the hulls take its corners; ten times faster to build than a MultiPoint
+    row = LineString(pixels)  # the hulls take its corners; ten times faster to build than a MultiPoint
     hull = row.convex_hull if kind == "convex" else shapely.concave_hull(row, ratio=concave_ratio)
     frame = (-width, -height, 2 * width, 2 * height)
     if not hull.is_empty and not shapely.box(*frame).contains(hull):
@@ -43,8 +43,8 @@ def bounding_polygon(
 def rasterise(polygon: Polygon, *, width: int, height: int) -> tuple[tuple[slice, slice], NDArray[np.bool_]]:
     """Pixels whose centre lies in a polygon.
 
-    Exact, by the crossings of every row of pixel centres with the polygon's edges. (OpenCV's `fillPoly` adds the outline and
-    is off by a pixel where edges are cut by the border.)
+    Exact, by the crossings of every row of pixel centres with the polygon's edges. (OpenCV's `fillPoly` adds the outline
+    and is off by a pixel where edges are cut by the border.)
 
     Args:
         polygon: in pixels (u, v), without holes.

@@ -1,3 +1,4 @@
+# ruff: noqa: E501 - a table reads better with its rows whole
 """The golden answers and the laws of the method."""
 
 import numpy as np

@@ -1,0 +1,52 @@
+# `make` lists the targets. Everything is installed into .venv; nothing needs root.
+PYTHON ?= python3
+DATASET ?= datasets/demo.yaml
+METHOD ?= spherical
+
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALLED := $(VENV)/installed
+INSTALLED_DEV := $(VENV)/installed-dev
+
+.DEFAULT_GOAL := help
+.PHONY: help benchmark perf test check format clean
+
+help: ## list the targets
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):[^#]*## /\1|/' | awk -F'|' '{ printf "  make %-10s %s\n", $$1, $$2 }'
+
+benchmark: $(INSTALLED) ## score METHOD= (spherical) on DATASET= (the demo): the paper's table, range maps, pictures
+	$(BIN)/fisheye-bench run $(DATASET) --method $(METHOD)
+
+perf: $(INSTALLED_DEV) ## time every stage against the flow alone, and the hot functions
+	$(BIN)/fisheye-bench perf $(DATASET) --method $(METHOD)
+	$(BIN)/pytest tests/perf --benchmark-enable --benchmark-only --benchmark-columns=min,median,ops -p no:cacheprovider
+
+test: $(INSTALLED_DEV) ## run the tests
+	$(BIN)/pytest
+
+check: $(INSTALLED_DEV) ## format, lint, types, layers
+	$(BIN)/ruff format --check
+	$(BIN)/ruff check
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: $(INSTALLED_DEV) ## put the code into shape
+	$(BIN)/ruff format
+	$(BIN)/ruff check --fix
+
+clean: ## remove the environment, rendered data and runs
+	rm -rf $(VENV) datasets/data reports/runs
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+		{ echo "wanted Python 3.11 or newer, came $$($(PYTHON) --version 2>&1); call make PYTHON=python3.11 ..." >&2; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+
+$(INSTALLED): pyproject.toml constraints.txt | $(BIN)/python
+	@echo "installing into $(VENV) ..."
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable .
+	@touch $@
+
+$(INSTALLED_DEV): $(INSTALLED)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	@touch $@

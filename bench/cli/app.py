@@ -1,0 +1,130 @@
+"""The commands. Everything heavy is imported when a command runs, so that `--help` is quick."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bench.errors import BenchError
+
+DATA_ERROR = 2
+
+app = typer.Typer(
+    name="fisheye-bench",
+    help="Score moving-object segmentation in automotive fisheye images against lidar reference polygons.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+Dataset = Annotated[str, typer.Argument(help="A data-set card: its path, or the name of one under datasets/.")]
+MethodName = Annotated[str, typer.Option("--method", help="The method; see `methods`.")]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the method, as YAML; repeatable."),
+]
+ProtocolName = Annotated[str, typer.Option("--protocol", help="paper-v1, extended-v1, or a YAML file.")]
+Split = Annotated[str | None, typer.Option("--split", help="A split of the data set; all recordings without it.")]
+
+
+def main() -> None:
+    """Run the command line and exit."""
+    try:
+        app()
+    except BenchError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(DATA_ERROR)
+
+
+@app.command()
+def run(
+    dataset: Dataset,
+    method: MethodName = "spherical",
+    set_: Settings = None,
+    protocol: ProtocolName = "paper-v1",
+    split: Split = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder of the run; reports/runs/<data set>-<method> without it.")
+    ] = None,
+    pictures: Annotated[bool, typer.Option(help="Also draw a telling frame of every category.")] = True,
+) -> None:
+    """Score a method on a data set: the paper's table, the range maps, pictures."""
+    from bench.cli import running
+
+    failures = running.run(
+        dataset, method=method, settings=set_ or [], protocol=protocol, split=split, out=out, pictures=pictures
+    )
+    if failures:
+        raise typer.Exit(DATA_ERROR)
+
+
+@app.command()
+def view(
+    dataset: Dataset,
+    recording: Annotated[str | None, typer.Option(help="Name of the recording; the first without it.")] = None,
+    camera: Annotated[str | None, typer.Option(help="Name of the camera; the first without it.")] = None,
+    frame: Annotated[int | None, typer.Option(help="Index of the image; the middle one without it.")] = None,
+    method: MethodName = "spherical",
+    set_: Settings = None,
+    protocol: ProtocolName = "paper-v1",
+    out: Annotated[Path, typer.Option(help="Folder for the pictures.")] = Path("reports/runs/view"),
+) -> None:
+    """Draw one frame: panels, areas, overlay, and the lidar cluster of each object."""
+    from bench.cli import viewing
+
+    viewing.view(
+        dataset,
+        recording=recording,
+        camera=camera,
+        frame=frame,
+        method=method,
+        settings=set_ or [],
+        protocol=protocol,
+        out=out,
+    )
+
+
+@app.command()
+def synthesize(
+    scenario: Annotated[Path, typer.Argument(help="A scenario file.")],
+    out: Annotated[Path, typer.Option(help="Folder of the recordings.")],
+    workers: Annotated[int | None, typer.Option(help="Processes; one per core without it.")] = None,
+) -> None:
+    """Render a scenario into recordings; what is there and up to date is kept."""
+    from bench.cli import rendering
+
+    rendering.render(scenario, out, workers=workers)
+
+
+@app.command()
+def perf(
+    dataset: Annotated[str, typer.Argument(help="A data-set card.")] = "datasets/demo.yaml",
+    method: MethodName = "spherical",
+    set_: Settings = None,
+    protocol: ProtocolName = "paper-v1",
+    images: Annotated[int, typer.Option(help="Images to time.")] = 200,
+) -> None:
+    """Time every stage, and the whole against its Farnebäck call alone in the same run."""
+    from bench.cli import timing
+
+    timing.perf(dataset, method=method, settings=set_ or [], protocol=protocol, images=images)
+
+
+@app.command()
+def datasets(folder: Annotated[Path, typer.Argument(help="Folder of cards.")] = Path("datasets")) -> None:
+    """List the data-set cards of a folder."""
+    from bench.cli import listing
+
+    listing.datasets(folder)
+
+
+@app.command()
+def methods() -> None:
+    """List the methods that can be scored."""
+    from bench.cli import listing
+
+    listing.methods()

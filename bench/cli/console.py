@@ -1,0 +1,46 @@
+"""The terminal: one console, progress bars that vanish where nobody watches."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+TABLE_COLUMNS = 110  # of tables that go into a file or a log
+
+
+def console() -> Console:
+    """The console for results; a table keeps its width where there is no terminal."""
+    probe = Console()
+    return probe if probe.is_terminal else Console(width=TABLE_COLUMNS)
+
+
+@contextmanager
+def progress_bar(title: str, unit: str) -> Iterator[Callable[[float, int], None]]:
+    """A bar on the error stream; silent when that is not a terminal.
+
+    Args:
+        title: what goes on.
+        unit: of what is counted.
+
+    Yields:
+        Takes the amount done, fractions allowed, and the total.
+    """
+    terminal = Console(stderr=True)
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TaskProgressColumn(),
+        TextColumn(f"{{task.fields[whole]}} {unit}"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=terminal, disable=not terminal.is_terminal) as bar:
+        task = bar.add_task(title, total=None, whole="")
+
+        def report(done: float, total: int) -> None:
+            bar.update(task, completed=done, total=total, whole=f"{int(done)}/{total}")
+
+        yield report

@@ -1,0 +1,22 @@
+"""Render scenarios."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from bench.cli.console import console, progress_bar
+from bench.recordings import DatasetCard
+from bench.synthesis import synthesize
+
+
+def render(scenario: Path, out: Path, *, workers: int | None = None) -> None:
+    """Render a scenario with a progress bar and say where."""
+    with progress_bar(f"rendering {scenario.stem}", "recordings") as report:
+        folders = synthesize(scenario, out, workers=workers, progress=report)
+    console().print(f"{len(folders)} recordings in {out}", highlight=False, soft_wrap=True)
+
+
+def render_if_synthetic(card: DatasetCard) -> None:
+    """Render what a card's scenario asks for and is not there yet."""
+    if card.scenario is not None:
+        render(card.scenario, card.root)

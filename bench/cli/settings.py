@@ -1,0 +1,45 @@
+"""`--set name=value`, with dots for what lies deeper."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import yaml
+
+from bench.errors import UsageError
+
+
+def parse_settings(pairs: Sequence[str]) -> dict[str, Any]:
+    """Parse assignments: `weights.anti_parallel=0` becomes `{"weights": {"anti_parallel": 0}}`.
+
+    Raises:
+        UsageError: no `=`, a value that is no YAML, or a name that is both a value and a group.
+    """
+    parsed: dict[str, Any] = {}
+    for pair in pairs:
+        name, equals, text = pair.partition("=")
+        if not (equals and name):
+            raise UsageError(f"--set: wanted NAME=VALUE, came {pair!r}")
+        try:
+            value = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise UsageError(f"--set {name}: wanted a YAML value, came {text!r}") from error
+        group = parsed
+        *parents, leaf = name.split(".")
+        for parent in parents:
+            group = group.setdefault(parent, {})
+            if not isinstance(group, dict):
+                raise UsageError(f"--set {name}: {parent!r} already has the value {group!r}")
+        group[leaf] = _number(value)
+    return parsed
+
+
+def _number(value: object) -> object:
+    """YAML 1.1 reads `6e-4` as text; users mean the number."""
+    if isinstance(value, str):
+        try:
+            return float(value)
+        except ValueError:
+            return value
+    return value

@@ -1,0 +1,24 @@
+"""The harness: plan the units of work, run them, store what they count, reduce it to a summary.
+
+The unit is recording x camera x chunk of images. A unit writes its rows and a status file, atomically; the summary is a
+pure reduction over the stored rows. A unit that fails is reported and the rest goes on. The harness hands a method
+images, calibration and ego-motion, never annotations.
+"""
+
+from bench.harness.frames import FramePipeline, ProcessedFrame
+from bench.harness.provenance import Provenance
+from bench.harness.run import run_benchmark
+from bench.harness.stored import RunSummary, read_run, read_tables
+from bench.harness.units import Unit, plan_units
+
+__all__ = [
+    "FramePipeline",
+    "ProcessedFrame",
+    "Provenance",
+    "RunSummary",
+    "Unit",
+    "plan_units",
+    "read_run",
+    "read_tables",
+    "run_benchmark",
+]

@@ -1,0 +1,114 @@
+"""One image from disk to the two things that are scored against each other: segmentation and reference."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.egomotion import camera_motion
+from bench.evaluation import Protocol
+from bench.harness.stages import StageClock
+from bench.methods import Method, MethodInput, Segmentation
+from bench.recordings import ImageRef, Recording, frame_gaps, read_image
+from bench.reference import ReferenceBuilder, ReferenceFrame
+
+
+class UnscorableFrame(Exception):  # noqa: N818 - it is not an error
+    """An image that has no history to compare with, for a reason that is nobody's fault."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ProcessedFrame:
+    """All that is needed to score one image, and to look at it.
+
+    Attributes:
+        image: which.
+        pixels: (H, W) uint8 or (H, W, 3), as the method saw it.
+        segmentation: the method's word.
+        reference: what it is scored against.
+    """
+
+    image: ImageRef
+    pixels: NDArray[np.uint8]
+    segmentation: Segmentation
+    reference: ReferenceFrame
+
+
+class FramePipeline:
+    """Processes the images of one camera of a recording; keeps as many images as the method looks back.
+
+    Args:
+        recording: the drive.
+        camera: name of the camera.
+        method: to be run.
+        protocol: the rules of the reference.
+        clock: adds up the time of each stage.
+    """
+
+    def __init__(
+        self, recording: Recording, camera: str, *, method: Method, protocol: Protocol, clock: StageClock | None = None
+    ) -> None:
+        self.recording, self.camera = recording, recording.cameras[camera]
+        self.images = recording.images[camera]
+        self.references = ReferenceBuilder(recording, camera, protocol.reference_settings())
+        self._method = method
+        self._clock = clock or StageClock()
+        self._gaps = {gap.index: gap for gap in frame_gaps(recording, camera)}
+        self._held: dict[int, NDArray[np.uint8]] = {}
+
+    def process(self, index: int) -> ProcessedFrame:
+        """Process the image of an index, at least `method.history` from the start.
+
+        Raises:
+            DataError: an image, a sweep or the ego-motion of the frame cannot be used.
+            UnscorableFrame: the images before it are missing.
+        """
+        given = self.method_input(index)
+        with self._clock.stage("method"):
+            segmentation = self._method.segment(given)
+        with self._clock.stage("reference"):
+            reference = self.references.build(self.images[index])
+        return ProcessedFrame(
+            image=self.images[index], pixels=given.images[-1], segmentation=segmentation, reference=reference
+        )
+
+    def method_input(self, index: int) -> MethodInput:
+        """What a method may see of the images up to `index`."""
+        first = index - self._method.history
+        for later in range(first + 1, index + 1):
+            if later in self._gaps:
+                gap = self._gaps[later]
+                raise UnscorableFrame(
+                    f"{self.images[later].path}: {(gap.current_ns - gap.previous_ns) / 1e6:.1f} ms after the image "
+                    f"before it, where {self.recording.frame_interval_ns / 1e6:.1f} ms are due"
+                )
+        with self._clock.stage("decode"):
+            images = tuple(self._pixels(i) for i in range(first, index + 1))
+            self._held = {i: pixels for i, pixels in self._held.items() if i >= first}
+        with self._clock.stage("ego-motion"):
+            times_ns = tuple(self.images[i].timestamp_ns for i in range(first, index + 1))
+            poses = [self.recording.trajectory.world_from_vehicle(t) for t in times_ns]
+            motions = tuple(
+                camera_motion(
+                    world_from_vehicle_previous=previous,
+                    world_from_vehicle_current=current,
+                    vehicle_from_camera=self.camera.vehicle_from_camera,
+                )
+                for previous, current in pairwise(poses)
+            )
+        return MethodInput(
+            images=images,
+            timestamps_ns=times_ns,
+            camera=self.camera.model,
+            road=self.camera.road,
+            current_from_previous=motions,
+            valid=self.references.valid,
+        )
+
+    def _pixels(self, index: int) -> NDArray[np.uint8]:
+        if index not in self._held:
+            self._held[index] = read_image(self.images[index], self.camera, colour=self._method.colour)
+        return self._held[index]

@@ -1,0 +1,77 @@
+"""What a run costs against the flow that it cannot do without."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from time import perf_counter
+
+from bench.evaluation import Protocol, SequenceScorer
+from bench.flow import FarnebackFlow
+from bench.harness.frames import FramePipeline, UnscorableFrame
+from bench.harness.stages import StageClock
+from bench.harness.threads import single_threaded
+from bench.methods import Method
+from bench.recordings import Recording
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PerfReport:
+    """Times of one run, in one process with one thread per library.
+
+    Attributes:
+        images: timed images.
+        stage_ms: mean time of each stage per image, ms.
+        total_ms: mean time of an image from file to counts, ms.
+        flow_ms: mean time of a Farnebäck call on the same pairs of images, taken in between, ms.
+    """
+
+    images: int
+    stage_ms: dict[str, float]
+    total_ms: float
+    flow_ms: float
+
+    @property
+    def ratio(self) -> float:
+        """Whole over flow alone."""
+        return self.total_ms / self.flow_ms
+
+
+def measure(
+    recordings: Iterator[Recording],
+    *,
+    method: Method,
+    protocol: Protocol,
+    images: int,
+    progress: Callable[[float, int], None],
+) -> PerfReport:
+    """Time up to `images` images of recordings, each followed by a Farnebäck call alone on the same pair."""
+    clock, flow, done, total_s, flow_s = StageClock(), FarnebackFlow(), 0, 0.0, 0.0
+    with single_threaded():
+        for recording in recordings:
+            camera = sorted(recording.cameras)[0]
+            pipeline = FramePipeline(recording, camera, method=method, protocol=protocol, clock=clock)
+            scorer = SequenceScorer(protocol)
+            for index in range(method.history, len(pipeline.images)):
+                if done >= images:
+                    break
+                start = perf_counter()
+                try:
+                    processed = pipeline.process(index)
+                except UnscorableFrame:
+                    continue
+                with clock.stage("counts"):
+                    scorer.add(processed.reference, processed.segmentation)
+                middle = perf_counter()
+                pair = pipeline.method_input(index).images
+                begin = perf_counter()
+                flow(pair[-1], pair[-2])
+                total_s, flow_s, done = total_s + middle - start, flow_s + perf_counter() - begin, done + 1
+                progress(done, images)
+            scorer.finish()
+    return PerfReport(
+        images=done,
+        stage_ms={name: 1e3 * seconds / done for name, seconds in clock.seconds.items()},
+        total_ms=1e3 * total_s / done,
+        flow_ms=1e3 * flow_s / done,
+    )

@@ -1,0 +1,111 @@
+"""Where a result comes from: code, libraries, data, time."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+import subprocess
+from importlib.metadata import version
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict
+
+import bench
+from bench.recordings import Recording
+
+LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "shapely", "pandas", "pyarrow")
+
+
+class Provenance(BaseModel):
+    """What made a run; none of it decides a figure.
+
+    Attributes:
+        version: of the package.
+        commit: of the checkout that ran, "+" behind it where files were changed; None outside of a checkout.
+        python: version of the interpreter.
+        libraries: their versions.
+        data_fingerprint: SHA-256 over names and sizes of the files read and the content of the small ones.
+        started_utc: ISO 8601.
+        seconds: wall time of the run.
+        stage_seconds: time of each stage, summed over images.
+        images: scored images.
+        peak_memory_mb: largest resident size of the process.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    version: str
+    commit: str | None
+    python: str
+    libraries: dict[str, str]
+    data_fingerprint: str
+    started_utc: str
+    seconds: float
+    stage_seconds: dict[str, float]
+    images: int
+    peak_memory_mb: float
+
+
+def package_version() -> str:
+    """Version of this package."""
+    return bench.__version__
+
+
+def library_versions() -> dict[str, str]:
+    """Versions of the libraries that decide figures."""
+    return {name: version(name) for name in LIBRARIES}
+
+
+def python_version() -> str:
+    """Version of the interpreter."""
+    return platform.python_version()
+
+
+def package_commit() -> str | None:
+    """Commit of the checkout that the package runs from; None where there is none."""
+    folder = Path(bench.__file__).parent
+
+    def git(*words: str) -> str:
+        done = subprocess.run(
+            ["git", "-C", str(folder), *words], capture_output=True, text=True, check=True, timeout=10
+        )
+        return done.stdout.strip()
+
+    try:
+        top = Path(git("rev-parse", "--show-toplevel"))
+        if folder.parent.resolve() != top.resolve():
+            return None
+        return git("rev-parse", "HEAD") + ("+" if git("status", "--porcelain", "--untracked-files=no") else "")
+    except (OSError, subprocess.SubprocessError):
+        return None
+
+
+def peak_memory_mb() -> float:
+    """Largest resident size of this process so far, MB; NaN where the system does not tell."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return float("nan")
+    size = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return size / (1e6 if platform.system() == "Darwin" else 1e3)
+
+
+def recording_fingerprint(recording: Recording) -> str:
+    """SHA-256 over the relative paths and sizes of images and sweeps, and over annotations and calibration as read."""
+    digest = hashlib.sha256(recording.name.encode())
+    paths = [image.path for images in recording.images.values() for image in images]
+    for path in sorted([*paths, *(sweep.path for sweep in recording.sweeps)]):
+        size = path.stat().st_size if path.exists() else -1
+        digest.update(f"{path.relative_to(recording.root).as_posix()}:{size}\n".encode())
+    for name, camera in sorted(recording.cameras.items()):
+        digest.update(f"{name}:{camera.model}:{camera.vehicle_from_camera.matrix.tolist()}".encode())
+    for track in recording.tracks:
+        digest.update(f"{track.track_id}:{track.object_class}".encode())
+        digest.update(b"".join(state.velocity_mps.tobytes() for state in track.states))
+    digest.update(recording.trajectory.timestamps_ns.tobytes() + recording.trajectory.positions_m.tobytes())
+    return digest.hexdigest()
+
+
+def combined_fingerprint(parts: list[str]) -> str:
+    """SHA-256 over fingerprints, whatever their order."""
+    return hashlib.sha256("".join(sorted(parts)).encode()).hexdigest()

@@ -1,0 +1,153 @@
+"""A whole run: data set, method and protocol in, tables and a summary out."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from itertools import count
+from pathlib import Path
+from time import perf_counter
+
+from bench.errors import BenchError, DataError
+from bench.evaluation import Protocol, summarise
+from bench.harness import provenance as origin
+from bench.harness.stages import StageClock
+from bench.harness.stored import (
+    SCHEMA_VERSION,
+    MethodStamp,
+    RunSummary,
+    join_units,
+    read_tables,
+    write_summary,
+    write_unit,
+)
+from bench.harness.threads import single_threaded
+from bench.harness.unit import run_unit
+from bench.harness.units import Unit, plan_units
+from bench.methods import Method
+from bench.recordings import DatasetCard, Recording, RecordingHandle, open_dataset
+
+Progress = Callable[[float, int], None]
+MARK = "units"
+
+
+def run_benchmark(
+    card: DatasetCard,
+    *,
+    method: Method,
+    protocol: Protocol,
+    out: Path,
+    split: str | None = None,
+    progress: Progress | None = None,
+) -> RunSummary:
+    """Score a method on a data set and store the run.
+
+    Args:
+        card: the data set.
+        method: to be scored.
+        protocol: the rules.
+        out: folder of the run; an older run in it is replaced.
+        split: of the data set; None for all of it.
+        progress: called with the recordings done (with a fraction for the one at work) and their number.
+
+    Returns:
+        The summary, also stored as `summary.json`. Recordings, units and images that could not be used are listed
+        in `failures`; the figures are of the rest.
+
+    Raises:
+        DataError: the data set is not there, nothing of it could be used, or `out` holds something that is no run.
+    """
+    started, start = datetime.now(UTC), perf_counter()
+    _clear(out)
+    handles = open_dataset(card, split)
+    work = _Work(method=method, protocol=protocol, out=out)
+    with single_threaded():
+        for number, handle in enumerate(handles):
+            work.run_recording(handle, _reporter(progress, number, len(handles)))
+    if not work.finished:
+        raise DataError(card.file, wanted="a recording that can be used", came="; ".join(work.failures) or "none")
+    join_units(out, work.finished)
+    figures = summarise(*read_tables(out), protocol=protocol)
+    summary = RunSummary(
+        **{name: getattr(figures, name) for name in type(figures).model_fields},
+        schema_version=SCHEMA_VERSION,
+        dataset=card.name,
+        split=split,
+        method=MethodStamp(name=method.name, settings=method.settings()),
+        provenance=origin.Provenance(
+            version=origin.package_version(),
+            commit=origin.package_commit(),
+            python=origin.python_version(),
+            libraries=origin.library_versions(),
+            data_fingerprint=origin.combined_fingerprint(work.fingerprints),
+            started_utc=started.isoformat(timespec="seconds"),
+            seconds=round(perf_counter() - start, 3),
+            stage_seconds={name: round(seconds, 3) for name, seconds in sorted(work.clock.seconds.items())},
+            images=figures.images.evaluated,
+            peak_memory_mb=round(origin.peak_memory_mb(), 1),
+        ),
+        failures=tuple(work.failures),
+    )
+    write_summary(out, summary)
+    return summary
+
+
+@dataclass(kw_only=True)
+class _Work:
+    """What piles up while a run goes on."""
+
+    method: Method
+    protocol: Protocol
+    out: Path
+    clock: StageClock = field(default_factory=StageClock)
+    fingerprints: list[str] = field(default_factory=list)
+    failures: list[str] = field(default_factory=list)
+    finished: list[Unit] = field(default_factory=list)
+
+    def run_recording(self, handle: RecordingHandle, report: Callable[[float], None]) -> None:
+        """Score one recording; what fails is listed and the rest goes on."""
+        try:
+            with self.clock.stage("open"):
+                recording = handle.open()
+                self.fingerprints.append(origin.recording_fingerprint(recording))
+            units = list(plan_units(recording, self.method))
+        except BenchError as error:
+            self.failures.append(f"recording {handle.name!r}: {error}")
+            units = []
+        total, done = sum(unit.stop - unit.start for unit in units), count(1)
+        for unit in units:
+            self._run_unit(recording, unit, lambda: report(next(done) / total))
+        report(1.0)
+
+    def _run_unit(self, recording: Recording, unit: Unit, advance: Callable[[], None]) -> None:
+        try:
+            tables = run_unit(
+                recording, unit, method=self.method, protocol=self.protocol, clock=self.clock, progress=advance
+            )
+        except BenchError as error:
+            self.failures.append(f"recording {unit.recording!r}, camera {unit.camera!r}: {error}")
+            return
+        self.failures += tables.problems
+        with self.clock.stage("store"):
+            write_unit(self.out, unit, tables)
+        self.finished.append(unit)
+
+
+def _reporter(progress: Progress | None, number: int, total: int) -> Callable[[float], None]:
+    def report(share: float) -> None:
+        if progress is not None:
+            progress(number + share, total)
+
+    return report
+
+
+def _clear(out: Path) -> None:
+    """Make room for the run; never remove a folder that is not a run."""
+    if out.exists() and any(out.iterdir()) and not (out / MARK).is_dir():
+        raise DataError(out, wanted="an empty folder or an older run", came="a folder with other files")
+    for file in ("summary.json", "objects.parquet", "frames.parquet"):
+        (out / file).unlink(missing_ok=True)
+    shutil.rmtree(out / MARK, ignore_errors=True)
+    (out / MARK).mkdir(parents=True)

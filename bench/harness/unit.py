@@ -1,0 +1,82 @@
+"""Run one unit: every image of a chunk to rows of the two tables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import pyarrow as pa
+
+from bench.errors import BenchError
+from bench.evaluation import Protocol, SequenceScorer
+from bench.harness.frames import FramePipeline, UnscorableFrame
+from bench.harness.stages import StageClock
+from bench.harness.units import Unit
+from bench.methods import Method
+from bench.recordings import Recording
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class UnitTables:
+    """What a unit counted.
+
+    Attributes:
+        objects: rows of `OBJECTS_SCHEMA`.
+        frames: rows of `FRAMES_SCHEMA`, one per image of the unit.
+        problems: one line per image that could not be used.
+    """
+
+    objects: pa.Table
+    frames: pa.Table
+    problems: tuple[str, ...]
+
+
+def run_unit(
+    recording: Recording,
+    unit: Unit,
+    *,
+    method: Method,
+    protocol: Protocol,
+    clock: StageClock,
+    progress: Callable[[], None] | None = None,
+) -> UnitTables:
+    """Score the images of a unit. An image that cannot be used is reported; the others go on.
+
+    Args:
+        recording: of the unit.
+        unit: which images.
+        method: to be scored.
+        protocol: the rules.
+        clock: adds up the time of each stage.
+        progress: called after every image.
+    """
+    pipeline = FramePipeline(recording, unit.camera, method=method, protocol=protocol, clock=clock)
+    scorer = SequenceScorer(protocol)
+    problems: list[str] = []
+
+    def leave_out(index: int, status: Literal["failed", "skipped"], problem: str) -> None:
+        scorer.leave_out(
+            recording=unit.recording,
+            camera=unit.camera,
+            timestamp_ns=pipeline.images[index].timestamp_ns,
+            status=status,
+            problem=problem,
+        )
+
+    for index in range(unit.start, unit.stop):
+        try:
+            processed = pipeline.process(index)
+        except UnscorableFrame as reason:
+            leave_out(index, "skipped", str(reason))
+        except BenchError as error:
+            problems.append(str(error))
+            leave_out(index, "failed", str(error))
+        else:
+            with clock.stage("counts"):
+                scorer.add(processed.reference, processed.segmentation)
+        if progress is not None:
+            progress()
+    with clock.stage("counts"):
+        objects, frames = scorer.finish()
+    return UnitTables(objects=objects, frames=frames, problems=tuple(problems))

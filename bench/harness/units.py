@@ -1,0 +1,36 @@
+"""The units of work of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from bench.methods import Method
+from bench.recordings import Recording
+
+CHUNK_IMAGES = 200  # bounds the rows that are held before they are written
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unit:
+    """Images `start` to `stop` (itself out) of a camera; the method may read images before `start`.
+
+    Attributes:
+        recording: name.
+        camera: name.
+        start: index of the first image to score.
+        stop: index after the last.
+    """
+
+    recording: str
+    camera: str
+    start: int
+    stop: int
+
+
+def plan_units(recording: Recording, method: Method, *, chunk_images: int = CHUNK_IMAGES) -> Iterator[Unit]:
+    """Cut a recording into units; the first images of a camera, which have no history, belong to none."""
+    for camera in sorted(recording.cameras):
+        images = len(recording.images[camera])
+        for start in range(method.history, images, chunk_images):
+            yield Unit(recording=recording.name, camera=camera, start=start, stop=min(start + chunk_images, images))

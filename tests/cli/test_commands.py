@@ -1,0 +1,134 @@
+"""Every command once: exit status, what it prints, which files it leaves."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from bench.cli import main
+from bench.cli.settings import parse_settings
+from bench.errors import UsageError
+
+COMMANDS = {"run", "view", "synthesize", "perf", "datasets", "methods"}
+
+
+def call(monkeypatch, *words) -> int:
+    monkeypatch.setattr(sys, "argv", ["fisheye-bench", *map(str, words)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return 0 if ended.value.code is None else int(ended.value.code)
+
+
+def test_help_lists_every_command(monkeypatch, capsys):
+    assert call(monkeypatch, "--help") == 0
+    shown = capsys.readouterr().out
+    assert all(f"  {command} " in shown for command in COMMANDS)
+
+
+def test_run_writes_the_report_and_ends_with_the_table(monkeypatch, capsys, tiny_card, tmp_path):
+    out = tmp_path / "run"
+    assert call(monkeypatch, "run", tiny_card, "--out", out) == 0
+    shown = capsys.readouterr().out
+    for name in ("summary.json", "table.md", "table.csv", "table.tex", "table.json", "range_map.png", "range_map.svg"):
+        assert (out / name).stat().st_size > 100
+        assert str(out / name) in shown
+    for name in ("Crossing", "Overtaking", "Preceding", "Approaching", "Static ego-vehicle", "False positives"):
+        assert name in shown
+    assert "16 annotated object-frames" in shown
+    for picture in ("panels", "areas", "overlay", "cluster-walker"):
+        assert (out / "pictures" / "crossing" / f"{picture}.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_run_with_failures_says_so_and_exits_with_2(monkeypatch, capsys, tiny_card, tmp_path):
+    import shutil
+
+    folder = shutil.copytree(tiny_card.parent, tmp_path / "datasets")
+    (folder / tiny_card.name).write_text((folder / tiny_card.name).read_text().replace("scenario:", "source:"))
+    (folder / "data" / "tiny" / "standing" / "egomotion.csv").unlink()
+    status = call(monkeypatch, "run", folder / tiny_card.name, "--out", tmp_path / "run", "--no-pictures")
+    shown = capsys.readouterr().out
+    assert status == 2
+    assert "failed: recording 'standing'" in shown
+    assert (tmp_path / "run" / "summary.json").exists()
+
+
+def test_view_draws_the_frame_that_is_asked_for(monkeypatch, capsys, tiny_card, tmp_path):
+    words = ("view", tiny_card, "--recording", "overtaking", "--frame", 3, "--out", tmp_path / "pictures")
+    assert call(monkeypatch, *words) == 0
+    made = sorted(path.name for path in (tmp_path / "pictures").iterdir())
+    assert made == ["areas.png", "cluster-car.png", "overlay.png", "panels.png"]
+    assert str(tmp_path / "pictures" / "panels.png") in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("run", "nowhere.yaml"), "nowhere"),
+        (("run", "CARD", "--method", "sperical"), "did you mean 'spherical'"),
+        (("run", "CARD", "--protocol", "paper-v9"), "known are extended-v1, paper-v1"),
+        (("run", "CARD", "--split", "test"), "known are all, moving"),
+        (("run", "CARD", "--set", "threshold"), "wanted NAME=VALUE"),
+        (("run", "CARD", "--set", "treshold=1"), "takes flow"),
+        (("view", "CARD", "--recording", "crosing"), "did you mean 'crossing'"),
+        (("view", "CARD", "--frame", "0"), "--frame: wanted 1 to 4, came 0"),
+        (("view", "CARD", "--camera", "rear"), "known are front"),
+        (("synthesize", "nowhere.yaml", "--out", "OUT"), "nowhere.yaml"),
+    ],
+)
+def test_mistakes_are_one_clear_line_and_status_2(monkeypatch, capsys, tiny_card, tmp_path, words, message):
+    named = [str(tiny_card) if w == "CARD" else str(tmp_path / "out") if w == "OUT" else w for w in words]
+    if words[0] != "synthesize":
+        named += ["--out", str(tmp_path / "out")]
+    assert call(monkeypatch, *named) == 2
+    shown = capsys.readouterr().err
+    assert message in shown
+    assert shown.startswith("error: ")
+    assert shown.count("\n") == 1
+
+
+def test_synthesize_keeps_what_is_there(monkeypatch, capsys, tiny_card, tmp_path):
+    scenario = tiny_card.parent / "tiny.scenario.yaml"
+    assert call(monkeypatch, "synthesize", scenario, "--out", tiny_card.parent / "data" / "tiny") == 0
+    assert "3 recordings in" in capsys.readouterr().out
+
+
+def test_perf_prints_the_ratio(monkeypatch, capsys, tiny_card):
+    assert call(monkeypatch, "perf", tiny_card, "--images", 3) == 0
+    shown = capsys.readouterr().out
+    assert "whole / Farnebäck alone = " in shown
+    assert all(stage in shown for stage in ("decode", "method", "reference", "counts"))
+
+
+def test_lists(monkeypatch, capsys, tiny_card):
+    assert call(monkeypatch, "datasets", tiny_card.parent) == 0
+    assert "three short drives" in capsys.readouterr().out
+    assert call(monkeypatch, "methods") == 0
+    assert "spherical" in capsys.readouterr().out
+
+
+def test_settings_nest_and_numbers_are_numbers():
+    parsed = parse_settings(["weights.anti_parallel=0", "threshold=6e-4", "flow=dis", "root_sum=true"])
+    assert parsed == {"weights": {"anti_parallel": 0}, "threshold": 6e-4, "flow": "dis", "root_sum": True}
+    with pytest.raises(UsageError, match="already has the value"):
+        parse_settings(["weights=1", "weights.epipolar=2"])
+    with pytest.raises(UsageError, match="a YAML value"):
+        parse_settings(["flow=["])
+
+
+def test_python_m_bench_is_the_same_command():
+    done = subprocess.run([sys.executable, "-m", "bench", "methods"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0
+    assert "spherical" in done.stdout
+
+
+def test_help_imports_nothing_heavy():
+    heavy = ("cv2", "open3d", "pandas", "scipy", "matplotlib")
+    script = f"import sys; from bench.cli import main; print([m for m in {heavy} if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_every_command_is_tested():
+    here = Path(__file__).read_text()
+    assert all(f'"{command}"' in here for command in COMMANDS)

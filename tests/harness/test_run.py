@@ -1,0 +1,168 @@
+"""A whole run on rendered drives: what is stored, what fails, and what goes on."""
+
+import json
+import shutil
+from functools import partial
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from bench.errors import DataError
+from bench.evaluation import load_protocol
+from bench.harness import plan_units, read_run, read_tables, run_benchmark
+from bench.methods import build_method
+from bench.recordings import load_card, open_dataset
+
+PROTOCOL = load_protocol("paper-v1")
+
+
+def run(card: Path, out: Path, method="spherical", **options):
+    return run_benchmark(load_card(str(card)), method=build_method(method), protocol=PROTOCOL, out=out, **options)
+
+
+@pytest.fixture
+def own_card(tiny_card: Path, tmp_path: Path) -> Path:
+    """A copy that a test may damage."""
+    folder = shutil.copytree(tiny_card.parent, tmp_path / "datasets")
+    return folder / tiny_card.name
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    names = ("objects.parquet", "frames.parquet")
+    return {name: (folder / name).read_bytes() for name in names}
+
+
+def test_run_stores_rows_of_every_image_and_object(tiny_card, tmp_path):
+    summary = run(tiny_card, tmp_path / "run")
+    objects, frames = read_tables(tmp_path / "run")
+    assert frames.num_rows == 3 * 4  # the first image of each recording has nothing before it
+    assert objects.num_rows == (2 + 1 + 1) * 4
+    assert summary.objects.annotated == 16
+    assert summary.objects.static == 4  # the parked car
+    assert summary.images.evaluated == 12
+    assert summary.categories["crossing"].object_frames == 4
+    assert summary.categories["static_ego"].object_frames == 4
+    assert summary.categories["overtaking"].object_frames == 4
+    assert summary.categories["approaching"].object_frames == 0
+    assert summary.failures == ()
+    assert read_run(tmp_path / "run") == summary
+    stored = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert stored["categories"]["approaching"]["tpr"]["value"] is None
+    assert {"schema_version", "dataset", "method", "protocol", "false_positives", "provenance"} <= set(stored)
+
+
+def test_moving_objects_are_found(tiny_card, tmp_path):
+    summary = run(tiny_card, tmp_path / "run")
+    assert summary.categories["static_ego"].tpr.value > 0.5
+    assert summary.all_moving.detection_rate.value > 0.9
+
+
+def test_two_runs_store_the_same_bytes(tiny_card, tmp_path):
+    first, second = (run(tiny_card, tmp_path / name) for name in ("a", "b"))
+    assert files_of(tmp_path / "a") == files_of(tmp_path / "b")
+    different = {"provenance"}
+    assert first.model_dump(exclude=different) == second.model_dump(exclude=different)
+    assert first.provenance.data_fingerprint == second.provenance.data_fingerprint
+
+
+def test_a_run_replaces_an_older_one_but_nothing_else(tiny_card, tmp_path):
+    run(tiny_card, tmp_path / "run")
+    assert run(tiny_card, tmp_path / "run", split="moving").images.images == 8
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.tex").write_text("precious")
+    with pytest.raises(DataError, match="a folder with other files"):
+        run(tiny_card, tmp_path / "mine")
+    assert (tmp_path / "mine" / "thesis.tex").exists()
+
+
+def test_everything_and_nothing_bound_the_table(tiny_card, tmp_path):
+    nothing, everything = (run(tiny_card, tmp_path / name, method=name) for name in ("nothing", "everything"))
+    assert nothing.all_moving.detection_rate.value == 0
+    assert nothing.false_positives.coverage.value == 0
+    assert everything.all_moving.detection_rate.value == 1
+    assert everything.all_moving.tpr.value == 1
+
+
+def images_of(card: Path, recording: str) -> list[Path]:
+    return sorted((card.parent / "data" / "tiny" / recording / "images" / "front").iterdir())
+
+
+def test_a_truncated_image_costs_its_two_pairs_and_is_named(own_card, tmp_path):
+    victim = images_of(own_card, "crossing")[2]
+    victim.write_bytes(victim.read_bytes()[:-200])
+    summary = run(own_card, tmp_path / "run")
+    assert (summary.images.failed, summary.images.evaluated) == (2, 10)
+    assert all(victim.name in failure for failure in summary.failures)
+    _, frames = read_tables(tmp_path / "run")
+    assert sum(victim.name in (p or "") for p in frames["problem"].to_pylist()) == 2
+
+
+def test_a_missing_image_is_a_gap_that_is_skipped_not_bridged(own_card, tmp_path):
+    images_of(own_card, "crossing")[2].unlink()
+    summary = run(own_card, tmp_path / "run")
+    assert (summary.images.images, summary.images.skipped, summary.images.failed) == (11, 1, 0)
+    assert summary.failures == ()
+    (problem,) = summary.images.problems
+    assert "133.3 ms after the image before it, where 66.7 ms are due" in problem
+
+
+def test_a_recording_without_calibration_does_not_stop_the_rest(own_card, tmp_path):
+    (own_card.parent / "data" / "tiny" / "crossing" / "recording.json").unlink()
+    summary = run(own_card, tmp_path / "run")
+    assert summary.images.evaluated == 8
+    (failure,) = summary.failures
+    assert "recording 'crossing'" in failure
+    assert "recording.json" in failure
+
+
+def test_a_damaged_sweep_costs_the_images_that_need_it(own_card, tmp_path):
+    sweeps = sorted((own_card.parent / "data" / "tiny" / "crossing" / "lidar").iterdir())
+    for sweep in sweeps:
+        sweep.write_bytes(sweep.read_bytes()[:1000])
+    summary = run(own_card, tmp_path / "run")
+    assert (summary.images.failed, summary.images.evaluated) == (4, 8)
+    assert "lidar" in summary.failures[0]
+
+
+def test_when_nothing_can_be_used_the_run_says_why(own_card, tmp_path):
+    for recording in ("crossing", "standing", "overtaking"):
+        (own_card.parent / "data" / "tiny" / recording / "recording.json").write_text("{}")
+    with pytest.raises(DataError, match=r"a recording that can be used.*recording\.json"):
+        run(own_card, tmp_path / "run")
+
+
+def test_progress_rises_to_the_number_of_recordings(tiny_card, tmp_path):
+    seen = []
+    run(tiny_card, tmp_path / "run", method="nothing", progress=lambda done, total: seen.append((done, total)))
+    done = [d for d, _ in seen]
+    assert done == sorted(done)
+    assert seen[-1] == (3.0, 3)
+    assert len(seen) > 12
+
+
+def test_units_cover_every_image_once(tiny_card):
+    recording = open_dataset(load_card(str(tiny_card)))[0].open()
+    units = list(plan_units(recording, build_method("spherical"), chunk_images=3))
+    assert [(u.start, u.stop) for u in units] == [(1, 4), (4, 5)]
+
+
+def test_chunks_give_the_same_counts(tiny_card, tmp_path, monkeypatch):
+    run(tiny_card, tmp_path / "whole")
+    monkeypatch.setattr("bench.harness.run.plan_units", partial(plan_units, chunk_images=2))
+    run(tiny_card, tmp_path / "chunks")
+    assert len(list((tmp_path / "chunks" / "units").glob("*.json"))) == 6
+    for name in ("objects", "frames"):
+        whole, chunks = (pq.read_table(tmp_path / d / f"{name}.parquet").to_pylist() for d in ("whole", "chunks"))
+        key = lambda row: (row["recording"], row["timestamp_ns"], row.get("track_id") or "")  # noqa: E731
+        assert sorted(whole, key=key) == sorted(chunks, key=key)
+
+
+def test_what_is_no_summary_is_refused_by_name(tmp_path):
+    with pytest.raises(DataError, match=r"summary\.json: wanted the summary of a run"):
+        read_run(tmp_path)
+    (tmp_path / "summary.json").write_text('{"schema_version": 1}')
+    with pytest.raises(DataError, match=r"summary\.json: protocol"):
+        read_run(tmp_path)
+    with pytest.raises(DataError, match=r"objects\.parquet"):
+        read_tables(tmp_path)
