@@ -1,0 +1,149 @@
+"""The picture that explains true positive, false negative and false positive areas of one frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import IntEnum
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from bench.errors import ShapeError
+from bench.evaluation.counts import ObjectCounts, count_frame
+from bench.reference.records import ReferenceFrame, Status
+from bench.reporting.canvas import faded, new_figure, rgb_image, show_image, styled
+from bench.reporting.colours import FALSE_NEGATIVE, FALSE_POSITIVE, GREY, TRUE_POSITIVE, rgb
+from bench.reporting.outlines import draw_outline, place_labels
+
+WIDTH_IN = 3.5
+_LEGEND_IN, _TITLE_IN, _MARGIN_IN = 0.36, 0.2, 0.04
+_BACKGROUND_STRENGTH, _OUTSIDE_STRENGTH, _TINT = 0.8, 0.3, 0.62
+
+
+class PixelClass(IntEnum):
+    """What a pixel counts as; every pixel is exactly one of these."""
+
+    OUTSIDE = 0  # not in V
+    BACKGROUND = 1  # in V, neither reference nor detection
+    TRUE_POSITIVE = 2
+    FALSE_NEGATIVE = 3
+    FALSE_POSITIVE = 4
+    IGNORED = 5
+
+
+def pixel_classes(reference: ReferenceFrame, *, detected: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Say of every pixel what it counts as.
+
+    Args:
+        reference: the frame's reference.
+        detected: (H, W) bool; the method's mask at every pixel.
+
+    Returns:
+        (H, W) uint8 of `PixelClass`.
+
+    Raises:
+        ShapeError: `detected` has another size than the reference.
+    """
+    if detected.shape != reference.labels.shape:
+        raise ShapeError(f"detected: wanted {reference.labels.shape}, came {detected.shape}")
+    region = reference.labels > 0
+    classes = np.full(region.shape, PixelClass.BACKGROUND, dtype=np.uint8)
+    classes[detected] = PixelClass.FALSE_POSITIVE
+    classes[reference.ignored] = PixelClass.IGNORED
+    classes[region & detected] = PixelClass.TRUE_POSITIVE
+    classes[region & ~detected] = PixelClass.FALSE_NEGATIVE
+    classes[~reference.valid] = PixelClass.OUTSIDE
+    return classes
+
+
+@styled
+def draw_counts(
+    image: NDArray[np.uint8],
+    *,
+    reference: ReferenceFrame,
+    detected: NDArray[np.bool_],
+) -> Figure:
+    """Draw the areas that a frame is scored by.
+
+    Args:
+        image: (H, W) grey or (H, W, 3) BGR uint8.
+        reference: the frame's reference.
+        detected: (H, W) bool; the method's mask at every pixel.
+
+    Returns:
+        One picture at the width of a paper's column, with its legend and the frame's figures.
+
+    Source:
+        Mariotti and Eising 2020, the figure that explains the detection rates.
+    """
+    height, width = detected.shape
+    classes = pixel_classes(reference, detected=detected)
+    picture_in = WIDTH_IN - 2 * _MARGIN_IN
+    full_in = _TITLE_IN + picture_in * height / width + _LEGEND_IN
+    figure = new_figure(WIDTH_IN, full_in)
+    axes = figure.add_axes(
+        (_MARGIN_IN / WIDTH_IN, _LEGEND_IN / full_in, picture_in / WIDTH_IN, 1 - (_TITLE_IN + _LEGEND_IN) / full_in)
+    )
+    show_image(axes, _tinted(rgb_image(image), classes))
+    _hatch_ignored(axes, classes)
+    frame, objects = count_frame(reference, detected, component_size_px=0)
+    _outline_objects(axes, reference, objects)
+    coverage = frame.fp_px / (frame.width * frame.height)
+    axes.set_title(f"false-positive coverage {100 * coverage:.1f} % of the image", pad=3, fontsize=7)
+    figure.legend(handles=_legend(), loc="lower center", ncols=3, frameon=False, borderaxespad=0.1, fontsize=6.5,
+                  handlelength=1.6, columnspacing=1.2, labelspacing=0.3)  # fmt: skip
+    return figure
+
+
+def _tinted(image_rgb: NDArray[np.uint8], classes: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    grey = faded(image_rgb, _BACKGROUND_STRENGTH).astype(np.float32)
+    grey[classes == PixelClass.OUTSIDE] *= _OUTSIDE_STRENGTH
+    colours = {
+        PixelClass.TRUE_POSITIVE: TRUE_POSITIVE,
+        PixelClass.FALSE_NEGATIVE: FALSE_NEGATIVE,
+        PixelClass.FALSE_POSITIVE: FALSE_POSITIVE,
+    }
+    for kind, colour in colours.items():
+        area = classes == kind
+        grey[area] = (1 - _TINT) * grey[area] + _TINT * np.array(rgb(colour), dtype=np.float32)
+    return grey.astype(np.uint8)
+
+
+def _hatch_ignored(axes: Axes, classes: NDArray[np.uint8]) -> None:
+    ignored = classes == PixelClass.IGNORED
+    if ignored.any():
+        filled = axes.contourf(ignored.astype(float), levels=[0.5, 1.5], colors=[(1, 1, 1, 0.35)], hatches=["//////"])
+        filled.set_edgecolor("#404040")
+        filled.set_linewidth(0.0)
+
+
+def _outline_objects(axes: Axes, reference: ReferenceFrame, counts: Sequence[ObjectCounts]) -> None:
+    polygons, texts = [], []
+    for target, count in zip(reference.objects, counts, strict=True):
+        if target.status is Status.EVALUATED and target.polygon is not None:
+            draw_outline(axes, target.polygon, colour="white", style="--", width=0.9)
+            polygons.append(target.polygon)
+            texts.append(f"{target.track_id}: {_figures(count)}")
+    place_labels(axes, polygons, texts)
+
+
+def _figures(count: ObjectCounts) -> str:
+    """Coverage and IoU of an evaluated object, whose region is never empty."""
+    coverage = count.tp / (count.tp + count.fn)
+    iou = count.tp / (count.tp + count.fp + count.fn)
+    return f"TPR {100 * coverage:.0f} %, IoU {100 * iou:.0f} %"
+
+
+def _legend() -> list[Patch | Line2D]:
+    return [
+        Patch(color=TRUE_POSITIVE, label="TP, true positive"),
+        Patch(color=FALSE_NEGATIVE, label="FN, false negative"),
+        Patch(color=FALSE_POSITIVE, label="FP, false positive"),
+        Line2D([], [], color=GREY, linestyle="--", linewidth=1.2, label="reference polygon"),
+        Patch(facecolor="white", edgecolor="#404040", hatch="//////", linewidth=0.4, label="ignored"),
+        Patch(color="#404040", label="not evaluated"),
+    ]

@@ -1,0 +1,128 @@
+"""Detection rate around the host, per class and direction of relative motion (the paper's detection-rate maps)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import Collection
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from bench.evaluation.maps import RangeMap, RangeMaps
+from bench.reference.records import Direction
+from bench.reporting.canvas import new_figure, styled
+from bench.reporting.vehicle_plan import draw_rings, draw_vehicle, plan_axes
+
+CLASSES = ("pedestrian", "cyclist", "vehicle")
+COLOUR_MAP = "viridis"
+HATCH = "//////"
+RING_STEP_M = 5.0
+_WIDTH_IN, _LEFT_IN, _GAP_X_IN, _GAP_Y_IN = 7.0, 0.42, 0.16, 0.4
+_TOP_IN, _BOTTOM_IN, _BAR_IN = 0.34, 0.62, 0.72
+_LEAST_REACH_M = 10.0
+
+
+@styled
+def draw_range_maps(range_maps: RangeMaps, *, vehicle_outline_m: NDArray[np.float64]) -> Figure:
+    """Draw classes by two directions over the host seen from above; the paper's three classes always.
+
+    Args:
+        range_maps: counts per cell, of any classes; a class and direction without any is drawn empty.
+        vehicle_outline_m: (K, 2) float64, the host from above, vehicle frame, m.
+
+    Source:
+        Mariotti and Eising 2020, the figure of detection ranges.
+    """
+    found = {(m.object_class, m.direction): m for m in range_maps.maps}
+    classes = _classes(range_maps.maps)
+    reach_m = _reach(range_maps.maps)
+    panel_in = (_WIDTH_IN - _LEFT_IN - (len(classes) - 1) * _GAP_X_IN - _BAR_IN) / len(classes)
+    full_in = _TOP_IN + 2 * panel_in + _GAP_Y_IN + _BOTTOM_IN
+    figure = new_figure(_WIDTH_IN, full_in)
+    for r, direction in enumerate(Direction):
+        for c, object_class in enumerate(classes):
+            left = _LEFT_IN + c * (panel_in + _GAP_X_IN)
+            bottom = full_in - _TOP_IN - (r + 1) * panel_in - r * _GAP_Y_IN
+            axes = figure.add_axes((left / _WIDTH_IN, bottom / full_in, panel_in / _WIDTH_IN, panel_in / full_in))
+            range_map = found.get((object_class, direction))
+            _draw_panel(axes, range_map, reach_m, vehicle_outline_m)
+            total = 0 if range_map is None else int(range_map.object_frames.sum())
+            axes.set_title(f"{object_class}, {direction.value}\n{total} object-frames", pad=3, fontsize=7)
+            axes.tick_params(labelleft=c == 0, labelbottom=r == 1)
+    _name_axes(figure, full_in, panel_in, len(classes))
+    _colour_bar(figure, full_in, panel_in, len(classes))
+    _legend(figure, range_maps)
+    return figure
+
+
+def draw_cells(axes: Axes, range_map: RangeMap) -> tuple[Collection, Collection]:
+    """Colour the cells that have enough object-frames, hatch those that have some but too few.
+
+    Returns:
+        The coloured and the hatched cells.
+    """
+    few = (range_map.object_frames > 0) & ~range_map.enough
+    edges_m = range_map.edges_m  # columns of the arrays go along y, rows along x
+    rate = np.ma.masked_array(range_map.rate, mask=~range_map.enough)
+    coloured = axes.pcolor(edges_m, edges_m, rate, cmap=COLOUR_MAP, norm=Normalize(vmin=0.0, vmax=1.0))
+    coloured.set(edgecolor="face", linewidth=0.1)
+    hatched = axes.pcolor(edges_m, edges_m, np.ma.masked_array(few, mask=~few), hatch=HATCH)
+    hatched.set(facecolor="none", edgecolor="#808080", linewidth=0.3)
+    return coloured, hatched
+
+
+def _draw_panel(axes: Axes, range_map: RangeMap | None, reach_m: float, vehicle_outline_m: NDArray[np.float64]) -> None:
+    if range_map is not None:
+        draw_cells(axes, range_map)
+    draw_rings(axes, np.arange(RING_STEP_M, reach_m * np.sqrt(2), RING_STEP_M).tolist())
+    draw_vehicle(axes, vehicle_outline_m)
+    plan_axes(axes, x_m=(-reach_m, reach_m), y_m=(-reach_m, reach_m), labels=False)
+
+
+def _classes(maps: Sequence[RangeMap]) -> tuple[str, ...]:
+    """The paper's classes, then any other that was seen, so that no object-frame is dropped."""
+    seen = dict.fromkeys(one.object_class for one in maps if one.object_frames.any())
+    return (*CLASSES, *(name for name in seen if name not in CLASSES))
+
+
+def _reach(maps: Sequence[RangeMap]) -> float:
+    """Half the side of the square about the vehicle's origin that holds every cell with an object."""
+    reach_m = _LEAST_REACH_M
+    for one in maps:
+        for across in (0, 1):
+            filled = np.flatnonzero(one.object_frames.any(axis=across))
+            if filled.size:
+                reach_m = max(reach_m, -float(one.edges_m[filled[0]]), float(one.edges_m[filled[-1] + 1]))
+    return float(np.ceil(reach_m)) + 0.5  # the outermost ticks stay off the corners
+
+
+def _name_axes(figure: Figure, full_in: float, panel_in: float, columns: int) -> None:
+    middle_x = (_LEFT_IN + (columns * panel_in + (columns - 1) * _GAP_X_IN) / 2) / _WIDTH_IN
+    middle_y = (_BOTTOM_IN + panel_in + _GAP_Y_IN / 2) / full_in
+    figure.text(middle_x, (_BOTTOM_IN - 0.3) / full_in, "y (m), left of the host", ha="center", va="center")
+    figure.text(0.1 / _WIDTH_IN, middle_y, "x (m), ahead of the host", rotation=90, ha="center", va="center")
+
+
+def _colour_bar(figure: Figure, full_in: float, panel_in: float, columns: int) -> None:
+    left = (_LEFT_IN + columns * (panel_in + _GAP_X_IN)) / _WIDTH_IN
+    tall = 2 * panel_in + _GAP_Y_IN
+    axes = figure.add_axes((left, _BOTTOM_IN / full_in, 0.1 / _WIDTH_IN, tall / full_in))
+    scale = ScalarMappable(norm=Normalize(vmin=0.0, vmax=100.0), cmap=COLOUR_MAP)
+    figure.colorbar(scale, cax=axes, ticks=range(0, 101, 20)).set_label("detection rate (%)", labelpad=2)
+
+
+def _legend(figure: Figure, range_maps: RangeMaps) -> None:
+    least = max((m.min_object_frames for m in range_maps.maps), default=1)
+    few = Patch(
+        facecolor="white", edgecolor="#808080", hatch=HATCH, linewidth=0.4, label=f"fewer than {least} object-frames"
+    )
+    none = Patch(facecolor="white", edgecolor="#808080", linewidth=0.4, label="none")
+    figure.legend(handles=[few, none], loc="lower center", ncols=2, frameon=False)
+    if range_maps.unplaced:
+        note = f"{range_maps.unplaced} object-frames of unknown direction left out"
+        figure.text(0.99, 0.02, note, ha="right", va="bottom", fontsize=6)

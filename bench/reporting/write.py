@@ -1,0 +1,84 @@
+"""The files of a report, from the stored results of a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from bench.errors import UsageError
+from bench.evaluation.maps import range_maps
+from bench.evaluation.protocol import Protocol, load_protocol
+from bench.harness import RunSummary, read_run, read_tables
+from bench.recordings.atomic import write_bytes, write_text
+from bench.reporting.canvas import PictureFormat, figure_bytes
+from bench.reporting.range_maps import draw_range_maps
+from bench.reporting.table_files import to_csv, to_json, to_latex, to_markdown
+from bench.reporting.tables import TableRow, table_rows
+
+TABLES = {"table.md": to_markdown, "table.csv": to_csv, "table.tex": to_latex, "table.json": to_json}
+PICTURE_FORMATS: tuple[PictureFormat, ...] = ("png", "svg")
+HOST_OUTLINE_M = np.array([[-1.0, -0.9], [3.8, -0.9], [3.8, 0.9], [-1.0, 0.9]])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Report:
+    """What was written.
+
+    Attributes:
+        rows: of the table, for the terminal.
+        files: paths, tables first.
+    """
+
+    rows: tuple[TableRow, ...]
+    files: tuple[Path, ...]
+
+
+def write_report_files(
+    run: Path, *, protocol: Protocol | None = None, vehicle_outline_m: NDArray[np.float64] = HOST_OUTLINE_M
+) -> Report:
+    """Write `table.md`, `.csv`, `.tex`, `.json` and `range_map.png`, `.svg` into the folder of a run.
+
+    Args:
+        run: holds `summary.json` and `objects.parquet`.
+        protocol: that the run was scored by; None to find it by its name in the package.
+        vehicle_outline_m: (K, 2) float64, the host from above, vehicle frame, m.
+
+    Raises:
+        DataError: a stored result is missing or damaged.
+        UnknownNameError: the package has no protocol of the run's name; hand it in.
+        UsageError: `protocol` is not the one that the run was scored by.
+    """
+    summary = read_run(run)
+    rules = _checked_protocol(run, summary, protocol)
+    objects, _ = read_tables(run)
+    rows = table_rows(summary)
+    picture = draw_range_maps(range_maps(objects, protocol=rules), vehicle_outline_m=vehicle_outline_m)
+    tables = [_write_table(run / name, rows) for name in TABLES]
+    return Report(rows=tuple(rows), files=(*tables, *write_picture(run / "range_map", picture)))
+
+
+def write_picture(stem: Path, figure: Figure) -> tuple[Path, ...]:
+    """Write a figure as `<stem>.png` and `<stem>.svg`, each whole or not at all."""
+    files = tuple(stem.with_name(f"{stem.name}.{picture_format}") for picture_format in PICTURE_FORMATS)
+    for file, picture_format in zip(files, PICTURE_FORMATS, strict=True):
+        write_bytes(file, figure_bytes(figure, picture_format))
+    return files
+
+
+def _write_table(file: Path, rows: list[TableRow]) -> Path:
+    write_text(file, TABLES[file.name](rows))
+    return file
+
+
+def _checked_protocol(run: Path, summary: RunSummary, protocol: Protocol | None) -> Protocol:
+    rules = protocol or load_protocol(summary.protocol.name)
+    if rules.digest != summary.protocol.digest:
+        raise UsageError(
+            f"{run}: wanted the protocol of the run, {summary.protocol.name!r} with digest "
+            f"{summary.protocol.digest[:12]}, came {rules.name!r} with digest {rules.digest[:12]}"
+        )
+    return rules

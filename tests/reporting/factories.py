@@ -1,0 +1,133 @@
+"""Synthetic frames to draw: a textured fisheye disc with a few objects, and flow and deviations to match."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from shapely import Polygon, box
+
+from bench.methods.contract import Segmentation
+from bench.reference.records import (
+    Category,
+    Direction,
+    IgnoreReason,
+    ObjectGeometry,
+    ReferenceFrame,
+    ReferenceObject,
+    Status,
+)
+from bench.reporting.cluster_view import ClusterView
+
+CELL_PX = 5
+
+
+def fisheye_image(width: int = 640, height: int = 480) -> NDArray[np.uint8]:
+    noise = np.random.default_rng(1).integers(0, 255, (height // 8, width // 8)).astype(np.uint8)
+    image = cv2.GaussianBlur(cv2.resize(noise, (width, height), interpolation=cv2.INTER_CUBIC), (0, 0), 3)
+    shade = np.linspace(1.0, 0.5, height)[:, None]
+    image = np.clip(60 + 0.5 * image * shade, 0, 255).astype(np.uint8)
+    image[~field_of_view(width, height)] = 0
+    return image
+
+
+def field_of_view(width: int = 640, height: int = 480) -> NDArray[np.bool_]:
+    v, u = np.mgrid[:height, :width]
+    return np.hypot(u - width / 2, v - height / 2) < 0.58 * width
+
+
+def reference_object(
+    track_id: str,
+    polygon: Polygon,
+    *,
+    category: Category | None = Category.CROSSING,
+    status: Status = Status.EVALUATED,
+) -> ReferenceObject:
+    return ReferenceObject(
+        track_id=track_id, object_class="pedestrian", status=status,
+        reason=IgnoreReason.RANGE if status is Status.IGNORED else None, category=category, direction=Direction.LATERAL,
+        speed_mps=1.4, range_m=5.0, centroid_m=np.array([5.0, 1.0]), points=80, polygon=polygon,
+        polygon_px=int(polygon.area), region_px=int(polygon.area),
+    )  # fmt: skip
+
+
+def reference_frame(objects: list[ReferenceObject], *, width: int = 640, height: int = 480) -> ReferenceFrame:
+    labels = np.zeros((height, width), dtype=np.int32)
+    ignored = np.zeros((height, width), dtype=np.uint8)
+    valid = field_of_view(width, height)
+    for index in reversed(range(len(objects))):
+        target = objects[index]
+        assert target.polygon is not None
+        corners = np.round(np.asarray(target.polygon.exterior.coords)).astype(np.int32)
+        if target.status is Status.EVALUATED:
+            cv2.fillPoly(labels, [corners], index + 1)
+        elif target.status is Status.IGNORED:
+            cv2.fillPoly(ignored, [corners], 1)
+    labels[~valid] = 0
+    return ReferenceFrame(
+        recording="demo", camera="front", timestamp_ns=1_200_000_000, ego_speed_mps=4.0, objects=tuple(objects),
+        labels=labels, ignored=(ignored > 0) & (labels == 0) & valid, valid=valid,
+    )  # fmt: skip
+
+
+def busy_frame() -> ReferenceFrame:
+    return reference_frame(
+        [
+            reference_object("pedestrian-1", Polygon([(150, 180), (185, 170), (200, 230), (190, 330), (150, 335)])),
+            reference_object("pedestrian-2", Polygon([(190, 185), (215, 180), (225, 320), (195, 325)])),
+            reference_object("car-7", box(420, 200, 590, 320), category=Category.OVERTAKING),
+            reference_object("car-8", box(330, 215, 360, 240), category=Category.PRECEDING),
+            reference_object("van-3", box(255, 190, 315, 240), status=Status.IGNORED),
+        ]
+    )
+
+
+def segmentation(reference: ReferenceFrame, *, parts: bool = True) -> Segmentation:
+    height, width = reference.labels.shape
+    v, u = np.mgrid[2:height:CELL_PX, 2:width:CELL_PX].astype(np.float32)
+    random = np.random.default_rng(2)
+    objects = reference.labels[2::CELL_PX, 2::CELL_PX] > 0
+    below = np.clip((v - 220) / 260, 0, None)
+    flow_u = -(u - 330) * (0.02 + 0.06 * below) + 6 * objects
+    flow_v = -(v - 220) * (0.02 + 0.10 * below)
+    noise = np.abs(random.normal(0, 0.0006, u.shape))
+    deviations = {
+        "epipolar": noise + 0.03 * objects * (u < 300),
+        "positive_depth": noise + 0.04 * objects * (u > 400),
+        "positive_height": (noise + 0.02 * objects * (u > 300)) * (below > 0),
+        "anti_parallel": (noise + 0.02 * ((u - 80) ** 2 + (v - 350) ** 2 < 50**2)) * (below > 0),
+    }
+    weights = dict(zip(deviations, (1.0, 1.0, 0.2, 0.2), strict=True))
+    likelihood = sum(weights[name] * values for name, values in deviations.items()) / 2.4
+    named = {"flow_u": flow_u, "flow_v": flow_v} | deviations
+    return Segmentation(
+        cell_size_px=CELL_PX,
+        mask=likelihood > 1e-3,
+        likelihood=likelihood.astype(np.float32),
+        undefined=np.hypot(u - 330, v - 220) < 12,
+        parts={name: values.astype(np.float32) for name, values in named.items()} if parts else None,
+    )
+
+
+def cluster_view(*, outline: bool = True) -> ClusterView:
+    random = np.random.default_rng(3)
+    azimuth = np.tile(np.linspace(-np.pi, np.pi, 900), 20)
+    radius = np.repeat(np.geomspace(3.5, 25, 20), 900) + random.normal(0, 0.02, azimuth.size)
+    ground = np.column_stack([radius * np.cos(azimuth) + 1.4, radius * np.sin(azimuth), np.zeros(azimuth.size)])
+    side = np.column_stack([random.uniform(4, 8.3, 300), np.full(300, 2.1), random.uniform(0.2, 1.5, 300)])
+    back = np.column_stack([np.full(120, 4.0), random.uniform(2.1, 3.9, 120), random.uniform(0.2, 1.5, 120)])
+    cluster = np.concatenate([side, back])
+    pixels = np.column_stack([330 - 90 * cluster[:, 1] / cluster[:, 0] * 2, 250 - 60 * (cluster[:, 2] - 0.7)])
+    hull = box(pixels[:, 0].min(), pixels[:, 1].min(), pixels[:, 0].max(), pixels[:, 1].max())
+    return ClusterView(
+        geometry=ObjectGeometry(
+            surroundings_vehicle=np.concatenate([ground, cluster]),
+            cluster_vehicle=cluster,
+            outline_m=np.array([[4.0, 2.1], [8.4, 2.1], [8.4, 3.9], [4.0, 3.9]]) if outline else np.empty((0, 2)),
+            pixels=pixels,
+        ),
+        image=fisheye_image(),
+        polygon=hull,
+        vehicle_outline_m=np.array([[-1.0, -0.9], [3.8, -0.9], [3.8, 0.9], [-1.0, 0.9]]),
+        title="fisheye image, front, car-7",
+    )

@@ -1,0 +1,34 @@
+import numpy as np
+import pytest
+from shapely import box
+
+from bench.errors import ShapeError
+from bench.reporting.overlay import overlay_frame, overlay_mask, overlay_polygons
+from tests.reporting.factories import busy_frame, fisheye_image, segmentation
+
+
+def test_a_mask_tints_its_pixels_and_no_others():
+    image = np.full((4, 4), 100, dtype=np.uint8)
+    mask = np.eye(4, dtype=bool)
+    tinted = overlay_mask(image, mask=mask, colour="#ff0000", strength=1.0)
+    assert (tinted[mask] == (0, 0, 255)).all()  # BGR
+    assert (tinted[~mask] == 100).all()
+    assert (image == 100).all()
+
+
+def test_a_polygon_lies_on_the_pixels_that_its_corners_name():
+    drawn = overlay_polygons(np.zeros((20, 20), dtype=np.uint8), polygons=[box(5, 5, 10, 12)], colours=["#ffffff"])
+    v, u = np.nonzero(drawn[:, :, 0] > 200)
+    assert (u.min(), u.max(), v.min(), v.max()) == (5, 10, 5, 12)
+    assert not drawn[8, 8].any()
+
+
+def test_a_frame_has_the_size_of_its_image():
+    reference = busy_frame()
+    detected = segmentation(reference).mask_at(640, 480)
+    assert overlay_frame(fisheye_image(), reference=reference, detected=detected).shape == (480, 640, 3)
+
+
+def test_sizes_must_agree():
+    with pytest.raises(ShapeError, match="mask"):
+        overlay_mask(np.zeros((4, 4), dtype=np.uint8), mask=np.zeros((3, 4), dtype=bool))

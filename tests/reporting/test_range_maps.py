@@ -1,0 +1,87 @@
+import numpy as np
+from matplotlib.colors import to_rgba
+
+from bench.evaluation.maps import RangeMap, RangeMaps
+from bench.reference.records import Direction
+from bench.reporting.canvas import figure_bytes, new_figure
+from bench.reporting.range_maps import HATCH, draw_cells, draw_range_maps
+
+OUTLINE_M = np.array([[-1.0, -0.9], [3.8, -0.9], [3.8, 0.9], [-1.0, 0.9]])
+EDGES_M = np.arange(-8.0, 9.0)
+
+
+def range_map(cells, *, object_class="vehicle", direction=Direction.LATERAL, least=5):
+    """Cells as {(x, y): (object-frames, detected)}, by their lower corner."""
+    frames, detected = (np.zeros((16, 16), dtype=np.int64) for _ in range(2))
+    for (x, y), (total, found) in cells.items():
+        frames[x + 8, y + 8], detected[x + 8, y + 8] = total, found
+    return RangeMap(
+        object_class=object_class, direction=direction, edges_m=EDGES_M, object_frames=frames, detected=detected,
+        min_object_frames=least,
+    )  # fmt: skip
+
+
+def corners(collection):
+    """(left, bottom) of each drawn cell, in data coordinates (y, x)."""
+    return {tuple(path.vertices.min(axis=0)) for path in collection.get_paths()}
+
+
+def test_cells_under_the_least_number_are_hatched_and_the_others_coloured():
+    axes = new_figure(2, 2).add_axes((0, 0, 1, 1))
+    coloured, hatched = draw_cells(axes, range_map({(3, 2): (5, 4), (6, -2): (4, 4)}))
+    assert corners(coloured) == {(2.0, 3.0)}
+    assert corners(hatched) == {(-2.0, 6.0)}
+    assert hatched.get_hatch() == HATCH
+    assert hatched.get_facecolor().size == 0 or hatched.get_facecolor()[0, 3] == 0
+    assert coloured.get_array().compressed().tolist() == [0.8]
+    assert (coloured.norm.vmin, coloured.norm.vmax) == (0.0, 1.0)
+
+
+def test_ahead_is_up_and_left_is_left():
+    """A cell ahead on the left is drawn in the upper left quarter of its panel."""
+    maps = RangeMaps(maps=(range_map({(6, 6): (9, 9)}, object_class="pedestrian"),), unplaced=0)
+    figure = draw_range_maps(maps, vehicle_outline_m=OUTLINE_M)
+    panel = figure.axes[0]
+    assert panel.get_title() == "pedestrian, lateral\n9 object-frames"
+    across, up = panel.transAxes.inverted().transform(panel.transData.transform((6.5, 6.5)))  # data are (y, x)
+    assert across < 0.5 < up
+    figure.canvas.draw()
+    image = np.asarray(figure.canvas.buffer_rgba())
+    u, v = panel.transData.transform((6.5, 6.5)).astype(int)
+    assert np.allclose(
+        image[image.shape[0] - v, u, :3], 255 * np.array(to_rgba("#fde725")[:3]), atol=1
+    )  # top of viridis
+
+
+def test_a_class_beyond_the_papers_gets_a_column_once_it_is_seen():
+    seen, unseen = range_map({(3, 2): (5, 4)}, object_class="animal"), range_map({}, object_class="train")
+    figure = draw_range_maps(RangeMaps(maps=(seen, unseen), unplaced=0), vehicle_outline_m=OUTLINE_M)
+    titles = [axes.get_title().split("\n")[0] for axes in figure.axes]
+    assert "animal, lateral" in titles
+    assert "train, lateral" not in titles
+
+
+def test_three_classes_by_two_directions_whatever_there_is():
+    figure = draw_range_maps(RangeMaps(maps=(), unplaced=0), vehicle_outline_m=OUTLINE_M)
+    titles = [axes.get_title() for axes in figure.axes if axes.get_title()]
+    assert [title.split("\n")[0] for title in titles] == [
+        "pedestrian, lateral",
+        "cyclist, lateral",
+        "vehicle, lateral",
+        "pedestrian, longitudinal",
+        "cyclist, longitudinal",
+        "vehicle, longitudinal",
+    ]
+    assert all(title.endswith("0 object-frames") for title in titles)
+
+
+def test_object_frames_in_no_map_are_told():
+    figure = draw_range_maps(RangeMaps(maps=(), unplaced=3), vehicle_outline_m=OUTLINE_M)
+    assert "3 object-frames of unknown direction left out" in [text.get_text() for text in figure.texts]
+
+
+def test_the_same_bytes_twice():
+    maps = RangeMaps(maps=(range_map({(3, 2): (5, 4), (6, -2): (4, 4)}),), unplaced=0)
+    first, second = (figure_bytes(draw_range_maps(maps, vehicle_outline_m=OUTLINE_M), "svg") for _ in range(2))
+    assert first == second
+    assert b"<dc:date>" not in first

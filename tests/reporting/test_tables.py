@@ -1,0 +1,166 @@
+import csv
+import io
+import json
+import math
+import re
+
+import pytest
+from rich.console import Console
+
+from bench.reporting.numbers import difference, ours, ours_with_interval, paper, percent
+from bench.reporting.sheets import COMPARED, COVERAGES, detection_figures
+from bench.reporting.table_files import escape_latex, to_csv, to_json, to_latex, to_markdown
+from bench.reporting.tables import FALSE_POSITIVES, table_rows
+from bench.reporting.terminal_table import MIN_COLUMNS, to_rich
+from tests.reporting.summaries import summary
+
+ROWS = table_rows(summary())
+
+
+def number(text):
+    return float(text) if text else math.nan
+
+
+def same(a, b):
+    return a == b or (math.isnan(a) and math.isnan(b))
+
+
+def printed(width=MIN_COLUMNS):
+    console = Console(width=width, record=True, file=io.StringIO())
+    console.print(to_rich(ROWS))
+    return console.export_text()
+
+
+def test_the_rows_are_the_papers_with_the_papers_figures():
+    assert [(row.label, row.paper_frames) for row in ROWS] == [
+        ("Crossing (epipolar)", 3848),
+        ("Overtaking (positive depth)", 2757),
+        ("Preceding (positive height)", 789),
+        ("Approaching (anti-parallel)", 224),
+        ("Static ego-vehicle (degenerate)", 475),
+        ("False positives", 5000),
+    ]
+    crossing, last = ROWS[0].figures, ROWS[-1].figures
+    assert (crossing["detection_rate"].paper, crossing["tpr"].paper, crossing["iou_detected"].paper) == (
+        0.72,
+        0.64,
+        0.55,
+    )
+    assert last["coverage"].paper == 0.13
+
+
+def test_the_papers_iou_and_tpr_stand_beside_ours_over_the_detected_only():
+    assert math.isnan(ROWS[0].figures["iou"].paper)
+    assert math.isnan(ROWS[0].figures["tpr_all"].paper)
+
+
+def test_differences_are_percentage_points():
+    assert ROWS[0].figures["detection_rate"].difference_points == pytest.approx(0.14)
+    assert difference(ROWS[0].figures["detection_rate"]) == "+0.1"
+    assert difference(ROWS[0].figures["chance"]) == ""
+
+
+def test_csv_and_json_carry_the_rows_without_loss():
+    lines = {(line["row"], line["figure"]): line for line in csv.DictReader(io.StringIO(to_csv(ROWS)))}
+    content = {row["name"]: row for row in json.loads(to_json(ROWS))["rows"]}
+    assert len(lines) == sum(len(row.figures) for row in ROWS)
+    for row in ROWS:
+        assert content[row.name]["frames"] == row.frames
+        for name, figure in row.figures.items():
+            line, stored = lines[row.name, name], content[row.name]["figures"][name]
+            assert same(number(line["value"]), figure.value)
+            assert same(number(line["paper"]), figure.paper)
+            assert same(number(line["difference_points"]), figure.difference_points)
+            assert stored["value"] == (None if math.isnan(figure.value) else figure.value)
+            low_high = None if stored["ci95"] is None else tuple(stored["ci95"])
+            assert low_high == figure.ci95
+
+
+@pytest.mark.parametrize("write", [to_markdown, lambda rows: to_latex(rows).replace(r"\%", "%")])
+def test_markdown_and_latex_show_the_same_figures(write):
+    text = write(ROWS)
+    for row in ROWS[:-1]:
+        for name in [*detection_figures(ROWS), *COVERAGES, "chance", "chance_10", "chance_50"]:
+            assert ours_with_interval(row.figures[name]) in text
+        for name in COMPARED:
+            shown = [ours(row.figures[name]), paper(row.figures[name]), difference(row.figures[name])]
+            assert re.search(r" +[|&] +".join(map(re.escape, shown)).replace(r"[|&] +$", ""), text)
+    last = ROWS[-1].figures
+    assert all(ours_with_interval(last[name]) in text for name in ("coverage", "coverage_valid", "frame_rate"))
+    assert "12.5 [11.0, 14.2]" in text
+
+
+def test_the_terminal_shows_the_same_figures_at_100_columns():
+    text = printed()
+    assert max(map(len, text.splitlines())) <= 100
+    assert "…" not in text
+    for row in ROWS[:-1]:
+        for name in [*detection_figures(ROWS), *COVERAGES]:
+            value = row.figures[name].value
+            assert ("n/a" if math.isnan(value) else f"{100 * value:.1f}") in text
+    crossing = text[text.index("Crossing") : text.index("Overtaking")].splitlines()
+    assert crossing[0].split() == [
+        "Crossing",
+        "ours",
+        "100",
+        "7",
+        "72.1",
+        "64.9",
+        "36.1",
+        "57.7",
+        "50.5",
+        "32.5",
+        "43.3",
+    ]
+    assert crossing[2].split() == ["chance", "28.9", "14.4", "7.2"]
+    assert crossing[3].split() == ["paper", "3848", "72", "64", "55"]
+    assert crossing[4].split() == ["diff.", "+0.1", "-6.3", "-11.7"]
+
+
+def test_nothing_to_average_is_said_and_not_made_up():
+    assert percent(math.nan) == "n/a (0 cases)"
+    for write in (to_markdown, to_latex):
+        text = write(ROWS)
+        assert "n/a (0 cases)" in text
+        assert "nan" not in text.lower()
+    static = next(row for row in json.loads(to_json(ROWS))["rows"] if row["name"] == "static_ego")
+    assert static["figures"]["tpr"] == {
+        "value": None,
+        "ci95": None,
+        "cases": 0,
+        "paper": 0.78,
+        "difference_points": None,
+    }
+    assert "nan" not in to_csv(ROWS)
+
+
+def test_a_single_recording_has_no_interval():
+    only = summary()
+    crossing = only.categories["crossing"].model_copy(
+        update={"detection_rate": only.categories["crossing"].detection_rate.model_copy(update={"ci95": None})}
+    )
+    rows = table_rows(only.model_copy(update={"categories": {"crossing": crossing}}))
+    assert ours_with_interval(rows[0].figures["detection_rate"]) == "72.1 %"
+    assert [row.name for row in rows] == ["crossing", FALSE_POSITIVES]
+
+
+def test_latex_escapes_what_latex_reads():
+    assert escape_latex("50 % of a_b & #1 {x} $ ~ ^ \\") == (
+        r"50 \% of a\_b \& \#1 \{x\} \$ \textasciitilde{} \textasciicircum{} \textbackslash{}"
+    )
+
+
+def test_latex_is_balanced_and_every_line_has_its_columns():
+    text = to_latex(ROWS)
+    assert text.count(r"\begin{") == text.count(r"\end{")
+    body = [line for line in text.splitlines() if not line.startswith("%")]
+    assert not any(re.search(r"(?<!\\)%", line) for line in body)
+    for table in text.split(r"\begin{tabular}")[1:]:
+        columns = len(re.findall("[lr]", table[1 : table.index("}")]))
+        rows = [line for line in table.splitlines() if line.endswith(r"\\ \hline")]
+        assert {len(re.findall(r"(?<!\\)&", line)) + 1 for line in rows} == {columns}
+
+
+def test_markdown_tables_have_as_many_cells_in_every_line():
+    for table in re.findall(r"(?:^\|.*\n)+", to_markdown(ROWS), flags=re.MULTILINE):
+        assert len({line.count("|") for line in table.splitlines()}) == 1

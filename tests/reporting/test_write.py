@@ -1,0 +1,96 @@
+import math
+import os
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from bench.errors import DataError, UsageError
+from bench.evaluation import load_protocol, summarise
+from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA, frames_table, objects_table
+from bench.harness import Provenance, RunSummary
+from bench.harness.stored import MethodStamp, write_summary
+from bench.reporting.write import HOST_OUTLINE_M, write_report_files
+
+NAMES = ["table.md", "table.csv", "table.tex", "table.json", "range_map.png", "range_map.svg"]
+
+
+def object_row(number):
+    key = {"recording": f"drive-{number % 3}", "camera": "front", "timestamp_ns": number * 100, "track_id": "a"}
+    what = {"object_class": "vehicle", "status": "evaluated", "reason": None, "category": "crossing"}
+    where = {"direction": "lateral", "range_m": 4.0, "x_m": 5.5, "y_m": 2.5, "speed_mps": 2.0, "ego_speed_mps": 1.0}
+    counts = {"points": 50, "polygon_px": 100, "region_px": 100, "tp": 50, "fn": 50, "fp": 10, "chance_tp": 5}
+    return dict.fromkeys(OBJECTS_SCHEMA.names) | key | what | where | counts
+
+
+def frame_row(number):
+    key = {"recording": f"drive-{number % 3}", "camera": "front", "timestamp_ns": number * 100, "ego_speed_mps": 1.0}
+    counts = {name: 0 for name in FRAMES_SCHEMA.names if name.endswith("_px") or name.startswith("fp_")}
+    size = {"width": 640, "height": 480, "valid_px": 300_000, "fp_px": 3072}
+    return counts | key | size | {"status": "evaluated", "problem": None, "fp_by_cause": []}
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    """A run of nine images with one crossing vehicle each, half of it found."""
+    run = tmp_path_factory.mktemp("run")
+    objects = objects_table([object_row(n) for n in range(9)])
+    frames = frames_table([frame_row(n) for n in range(9)])
+    pq.write_table(objects, run / "objects.parquet")
+    pq.write_table(frames, run / "frames.parquet")
+    figures = summarise(objects, frames, protocol=load_protocol("paper-v1"))
+    provenance = Provenance(
+        version="0", commit=None, python="3", libraries={}, data_fingerprint="", started_utc="", seconds=1.0,
+        stage_seconds={}, images=9, peak_memory_mb=1.0,
+    )  # fmt: skip
+    summary = RunSummary(
+        **{name: getattr(figures, name) for name in type(figures).model_fields},
+        schema_version=1, dataset="demo", split=None, method=MethodStamp(name="empty", settings={}),
+        provenance=provenance, failures=(),
+    )  # fmt: skip
+    write_summary(run, summary)
+    return run
+
+
+def test_all_files_are_written_from_the_stored_results(stored):
+    report = write_report_files(stored)
+    assert [file.name for file in report.files] == NAMES
+    assert all(file.parent == stored and file.stat().st_size > 0 for file in report.files)
+    crossing, last = report.rows[0].figures, report.rows[-1].figures
+    assert crossing["tpr"].value == 0.5
+    assert crossing["iou"].value == pytest.approx(50 / 110)
+    assert last["coverage"].value == 0.01
+    assert math.isnan(report.rows[1].figures["tpr"].value)
+
+
+def test_the_same_bytes_twice(stored):
+    first = {file.name: file.read_bytes() for file in write_report_files(stored).files}
+    second = {file.name: file.read_bytes() for file in write_report_files(stored).files}
+    assert first == second
+
+
+def test_a_file_that_cannot_be_replaced_stays_whole(stored, monkeypatch):
+    write_report_files(stored)
+    before = (stored / "table.md").read_bytes()
+    wider = HOST_OUTLINE_M * np.array([1.0, 2.0])
+
+    def fail(*_):
+        raise OSError("disk full")
+
+    monkeypatch.setattr(os, "replace", fail)
+    with pytest.raises(OSError, match="disk full"):
+        write_report_files(stored, vehicle_outline_m=wider)
+    assert (stored / "table.md").read_bytes() == before
+    assert sorted(file.name for file in stored.iterdir()) == sorted(
+        [*NAMES, "objects.parquet", "frames.parquet", "summary.json"]
+    )
+
+
+def test_another_protocol_is_refused(stored):
+    with pytest.raises(UsageError, match="wanted the protocol of the run"):
+        write_report_files(stored, protocol=load_protocol("extended-v1"))
+
+
+def test_a_folder_without_a_run_is_named(tmp_path):
+    with pytest.raises(DataError, match=r"summary\.json"):
+        write_report_files(tmp_path)
