@@ -2,6 +2,7 @@
 PYTHON ?= python3
 DATASET ?= datasets/demo.yaml
 METHOD ?= spherical
+PROTOCOL ?= paper-v1
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -14,11 +15,11 @@ INSTALLED_DEV := $(VENV)/installed-dev
 help: ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):[^#]*## /\1|/' | awk -F'|' '{ printf "  make %-10s %s\n", $$1, $$2 }'
 
-benchmark: $(INSTALLED) ## score METHOD= (spherical) on DATASET= (the demo): the paper's table, range maps, pictures
-	$(BIN)/fisheye-bench run $(DATASET) --method $(METHOD)
+benchmark: $(INSTALLED) ## score METHOD= on DATASET= (the demo) by PROTOCOL=: the table, range maps, pictures
+	$(BIN)/fisheye-bench run $(DATASET) --method $(METHOD) --protocol $(PROTOCOL)
 
 perf: $(INSTALLED_DEV) ## time every stage against the flow alone, and the hot functions
-	$(BIN)/fisheye-bench perf $(DATASET) --method $(METHOD)
+	$(BIN)/fisheye-bench perf $(DATASET) --method $(METHOD) --protocol $(PROTOCOL)
 	$(BIN)/pytest tests/perf --benchmark-enable --benchmark-only --benchmark-columns=min,median,ops -p no:cacheprovider
 
 test: $(INSTALLED_DEV) ## run the tests

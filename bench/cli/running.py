@@ -33,7 +33,7 @@ def run(
     """Score a method, write the report, print the table and the paths; return the number of failures."""
     card, rules = load_card(dataset), load_protocol(protocol)
     chosen = build_method(method, parse_settings(settings))
-    folder = out or RUNS / f"{card.name}-{method}"
+    folder = out or RUNS / f"{card.name}-{chosen.name}"
     render_if_synthetic(card)
     with progress_bar(f"scoring {method} on {card.name}", "recordings") as report:
         summary = run_benchmark(card, method=chosen, protocol=rules, out=folder, split=split, progress=report)

@@ -26,15 +26,20 @@ class ProcessedFrame:
 
     Attributes:
         image: which.
-        pixels: (H, W) uint8 or (H, W, 3), as the method saw it.
+        given: what the method saw.
         segmentation: the method's word.
         reference: what it is scored against.
     """
 
     image: ImageRef
-    pixels: NDArray[np.uint8]
+    given: MethodInput
     segmentation: Segmentation
     reference: ReferenceFrame
+
+    @property
+    def pixels(self) -> NDArray[np.uint8]:
+        """The current image, (H, W) uint8 grey or (H, W, 3) uint8 BGR."""
+        return self.given.images[-1]
 
 
 class FramePipeline:
@@ -66,16 +71,14 @@ class FramePipeline:
             DataError: an image, a sweep or the ego-motion of the frame cannot be used.
             UnscorableFrame: the images before it are missing.
         """
-        given = self.method_input(index)
+        given = self._method_input(index)
         with self._clock.stage("method"):
             segmentation = self._method.segment(given)
         with self._clock.stage("reference"):
             reference = self.references.build(self.images[index])
-        return ProcessedFrame(
-            image=self.images[index], pixels=given.images[-1], segmentation=segmentation, reference=reference
-        )
+        return ProcessedFrame(image=self.images[index], given=given, segmentation=segmentation, reference=reference)
 
-    def method_input(self, index: int) -> MethodInput:
+    def _method_input(self, index: int) -> MethodInput:
         """What a method may see of the images up to `index`."""
         first = index - self._method.history
         for later in range(first + 1, index + 1):

@@ -63,10 +63,8 @@ def measure(
                 with clock.stage("counts"):
                     scorer.add(processed.reference, processed.segmentation)
                 middle = perf_counter()
-                pair = pipeline.method_input(index).images
-                begin = perf_counter()
-                flow(pair[-1], pair[-2])
-                total_s, flow_s, done = total_s + middle - start, flow_s + perf_counter() - begin, done + 1
+                flow(processed.given.images[-1], processed.given.images[-2])
+                total_s, flow_s, done = total_s + middle - start, flow_s + perf_counter() - middle, done + 1
                 progress(done, images)
             scorer.finish()
     return PerfReport(

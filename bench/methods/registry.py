@@ -29,18 +29,21 @@ def build_method(name: str, parameters: Mapping[str, object] | None = None) -> M
     """Build a method.
 
     Args:
-        name: as the registry knows it.
+        name: as the registry knows it, or "module:Class" of anything that can be imported.
         parameters: what its class takes; the defaults without.
 
     Raises:
         UnknownNameError: no such method.
-        UsageError: a parameter that the method does not take, or a value that it refuses.
+        UsageError: nothing to import there, a parameter that the method does not take, or a value that it refuses.
     """
     known = known_methods()
-    if name not in known:
+    if name not in known and ":" not in name:
         raise UnknownNameError("method", name, known)
-    module, _, attribute = known[name].partition(":")
-    factory = getattr(import_module(module), attribute)
+    module, _, attribute = known.get(name, name).partition(":")
+    try:
+        factory = getattr(import_module(module), attribute)
+    except (ImportError, AttributeError) as error:
+        raise UsageError(f"method {name!r}: wanted a class that can be imported; {error}") from error
     try:
         method: Method = factory(**(parameters or {}))
     except TypeError as error:

@@ -121,14 +121,15 @@ class ReferenceBuilder:
 
     def _measure(self, sighting: Sighting, exposure: _Exposure) -> tuple[ReferenceObject, float]:
         """One object by itself, before occlusion, and the distance that orders it."""
-        outline_world = self._outline(sighting, exposure)
         points_world, placed = self._cluster(sighting, exposure)
         pixels, points = self._projected(points_world, exposure)
+        distance_m = range_m = _nearest_m(points_world, exposure.camera_position_m)
         if points >= self.settings.min_points:
             polygon = self._polygon(pixels, kind=self.settings.polygon_kind)
         else:
+            outline_world = self._outline(sighting, exposure)
             polygon = self._polygon(self._projected(outline_world, exposure)[0], kind="convex")
-        range_m = _nearest_m(points_world, exposure.camera_position_m)
+            distance_m = _nearest_m(outline_world, exposure.camera_position_m) if np.isnan(range_m) else range_m
         motion_vehicle = exposure.world_from_vehicle.rotation.T @ sighting.smooth_world_mps
         known = bool(np.isfinite(motion_vehicle).all())
         reference = ReferenceObject(
@@ -146,7 +147,6 @@ class ReferenceBuilder:
             polygon_px=self._polygon_px(polygon),
             region_px=0,
         )
-        distance_m = range_m if len(points_world) else _nearest_m(outline_world, exposure.camera_position_m)
         judged = self._judged(reference, sighting, swept=placed is not None)
         return judged, float(np.nan_to_num(distance_m, nan=np.inf))
 
@@ -159,7 +159,7 @@ class ReferenceBuilder:
             placed,
             sighting.state,
             velocity_world_mps=sighting.velocity_world_mps,
-            world_from_vehicle=self.recording.trajectory.world_from_vehicle(sighting.state.timestamp_ns),
+            world_from_vehicle=sighting.world_from_vehicle,
             exposure_ns=exposure.timestamp_ns,
             lowest_m=self._lowest_m,
         )
@@ -167,10 +167,9 @@ class ReferenceBuilder:
 
     def _outline(self, sighting: Sighting, exposure: _Exposure) -> NDArray[np.float64]:
         """The annotated shape's surface at exposure, world frame."""
-        then = self.recording.trajectory.world_from_vehicle(sighting.state.timestamp_ns)
         seconds = (exposure.timestamp_ns - sighting.state.timestamp_ns) / 1e9
         drift_m = np.nan_to_num(sighting.velocity_world_mps) * seconds
-        return np.asarray(then.apply(surface_points(sighting.state.shape)) + drift_m)
+        return np.asarray(sighting.world_from_vehicle.apply(surface_points(sighting.state.shape)) + drift_m)
 
     def _projected(self, points_world: NDArray[np.float64], exposure: _Exposure) -> tuple[NDArray[np.float64], int]:
         """Pixels of the points that the lens can see, and how many of them fall into the image."""

@@ -43,8 +43,8 @@ def bounding_polygon(
 def rasterise(polygon: Polygon, *, width: int, height: int) -> tuple[tuple[slice, slice], NDArray[np.bool_]]:
     """Pixels whose centre lies in a polygon.
 
-    Exact, by the crossings of every row of pixel centres with the polygon's edges. (OpenCV's `fillPoly` adds the outline
-    and is off by a pixel where edges are cut by the border.)
+    Exact, by the crossings of every row of pixel centres with the polygon's edges. OpenCV's `fillPoly` adds the outline
+    and is off by a pixel where edges are cut by the border.
 
     Args:
         polygon: in pixels (u, v), without holes.

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bench.errors import UnknownNameError
+from bench.errors import UnknownNameError, UsageError
 from bench.methods import METHODS, build_method, known_methods
 from tests.methods.test_spherical_method import HEIGHT, STEP, WIDTH, crossing, frame
 
@@ -44,3 +44,11 @@ def test_unknown_method_names_the_nearest():
     assert set(METHODS) <= set(known_methods())
     with pytest.raises(UnknownNameError, match="did you mean 'spherical'"):
         build_method("sperical")
+
+
+def test_a_method_by_its_place():
+    assert build_method("bench.methods.baselines:Nothing").name == "nothing"
+    with pytest.raises(UsageError, match="No module named 'nowhere'"):
+        build_method("nowhere:Method")
+    with pytest.raises(UsageError, match="no attribute 'Nobody'"):
+        build_method("bench.methods.baselines:Nobody")

@@ -112,7 +112,7 @@ def test_a_crossing_board_is_found_where_it_is_now_and_the_world_stands():
 class ExactFlow(SphericalMethod):
     """The method with the flow that the scene really has."""
 
-    def mean_flow(self, frame):
+    def mean_flow(self, frame):  # noqa: ARG002 - it knows the scene
         before, now = np.array([3.0, -0.6, 0.0]), np.array([3.0, -0.3, 0.0])
         hit, _, board = scene(STEP, now)
         was = np.where(board[..., None], hit - (now - before), hit)[2::5, 2::5]

@@ -16,11 +16,12 @@ Source:
 """
 
 from bench.methods.spherical.deviations import Deviations, Variants, deviations
-from bench.methods.spherical.likelihood import Weights, motion_likelihood
+from bench.methods.spherical.likelihood import PAPER_WEIGHTS, Weights, motion_likelihood
 from bench.methods.spherical.static_camera import static_camera_deviation
 from bench.methods.spherical.three_view import three_view_deviation
 
 __all__ = [
+    "PAPER_WEIGHTS",
     "Deviations",
     "Variants",
     "Weights",
