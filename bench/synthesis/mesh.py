@@ -1,0 +1,141 @@
+"""Triangles with a surface: what rays can hit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import ConvexHull
+
+from bench.geometry import RigidTransform, cross, dot, normalise
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Surface:
+    """What a face looks like.
+
+    Attributes:
+        albedo: mean reflectance, 0 to 1.
+        contrast: standard deviation of the texture relative to the albedo.
+        texel_m: size of the finest texture detail, m.
+        lit: False for what shines by itself, such as the sky.
+    """
+
+    albedo: float
+    contrast: float
+    texel_m: float = 0.008
+    lit: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Mesh:
+    """Triangles that share nothing, so that meshes join and move without bookkeeping.
+
+    Attributes:
+        corners_m: (T, 3, 3) float64, m, the corners of each triangle; anticlockwise seen from outside.
+        texture_m: (T, 3, 2) float64, m, texture coordinates of the corners.
+        surfaces: (T, 4) float64, columns albedo, contrast, texel_m, lit, as in `Surface`.
+    """
+
+    corners_m: NDArray[np.float64]
+    texture_m: NDArray[np.float64]
+    surfaces: NDArray[np.float64]
+
+    def moved(self, a_from_b: RigidTransform) -> Mesh:
+        """The same mesh in frame a; the texture stays on its faces."""
+        return replace(self, corners_m=a_from_b.apply(self.corners_m))
+
+    def with_texture_shift(self, shift_m: ArrayLike) -> Mesh:
+        """The same mesh with its texture taken from elsewhere, so that two bodies do not look alike."""
+        return replace(self, texture_m=self.texture_m + np.asarray(shift_m, dtype=np.float64))
+
+
+def joined(meshes: Sequence[Mesh]) -> Mesh:
+    """All triangles of several meshes, in order."""
+    return Mesh(
+        corners_m=np.concatenate([mesh.corners_m for mesh in meshes]),
+        texture_m=np.concatenate([mesh.texture_m for mesh in meshes]),
+        surfaces=np.concatenate([mesh.surfaces for mesh in meshes]),
+    )
+
+
+def face_normals(corners_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Outward unit normals: (T, 3, 3) -> (T, 3)."""
+    return normalise(cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0]))
+
+
+def convex(points_m: ArrayLike, surface: Surface) -> Mesh:
+    """The convex body around points.
+
+    Args:
+        points_m: (N, 3), m, N >= 4, not in one plane.
+        surface: of all its faces.
+    """
+    points = np.asarray(points_m, dtype=np.float64)
+    corners = points[ConvexHull(points).simplices]
+    outward = dot(
+        cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), corners[:, 0] - points.mean(axis=0)
+    )
+    corners[outward < 0] = corners[outward < 0][:, ::-1]
+    return _textured(corners, surface)
+
+
+def quad(corners_m: ArrayLike, surface: Surface) -> Mesh:
+    """A flat patch of four corners, anticlockwise seen from the side that faces outwards."""
+    a, b, c, d = np.asarray(corners_m, dtype=np.float64)
+    return _textured(np.array([[a, b, c], [a, c, d]]), surface)
+
+
+def box(size_m: ArrayLike, centre_m: ArrayLike, surface: Surface) -> Mesh:
+    """A box along the axes."""
+    signs = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, 8).T
+    return convex(signs * np.asarray(size_m) + np.asarray(centre_m), surface)
+
+
+def slab(profile_xz_m: ArrayLike, half_width_m: float | ArrayLike, surface: Surface) -> Mesh:
+    """A side view drawn out to both sides; `half_width_m` may differ from point to point.
+
+    Args:
+        profile_xz_m: (N, 2), m, x and z of a convex outline.
+        half_width_m: one number or (N,), m.
+        surface: of all its faces.
+    """
+    profile = np.asarray(profile_xz_m, dtype=np.float64)
+    half = np.broadcast_to(np.asarray(half_width_m, dtype=np.float64), len(profile))
+    right = np.column_stack([profile[:, 0], -half, profile[:, 1]])
+    left = np.column_stack([profile[:, 0], half, profile[:, 1]])
+    return convex(np.concatenate([right, left]), surface)
+
+
+def tube(
+    start_m: ArrayLike, end_m: ArrayLike, radius_m: float, surface: Surface, *, sides: int = 8, taper: float = 1.0
+) -> Mesh:
+    """A round bar; `taper` is the radius at the end over that at the start."""
+    start, end = np.asarray(start_m, dtype=np.float64), np.asarray(end_m, dtype=np.float64)
+    along = normalise(end - start)
+    aside = normalise(cross(along, np.eye(3)[np.argmin(np.abs(along))]))
+    angles = np.arange(sides) * (2 * np.pi / sides)
+    ring = np.outer(np.cos(angles), aside) + np.outer(np.sin(angles), cross(along, aside))
+    return convex(np.concatenate([start + radius_m * ring, end + radius_m * taper * ring]), surface)
+
+
+def ball(centre_m: ArrayLike, radii_m: ArrayLike, surface: Surface) -> Mesh:
+    """An ellipsoid along the axes, as a body of 42 corners."""
+    latitudes, longitudes = np.meshgrid(np.linspace(-np.pi / 2, np.pi / 2, 7)[1:-1], np.arange(8) * (np.pi / 4))
+    flat = np.cos(latitudes).ravel()
+    sphere = np.column_stack(
+        [flat * np.cos(longitudes).ravel(), flat * np.sin(longitudes).ravel(), np.sin(latitudes).ravel()]
+    )
+    sphere = np.concatenate([sphere, [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]])
+    return convex(sphere * np.asarray(radii_m) + np.asarray(centre_m), surface)
+
+
+def _textured(corners_m: NDArray[np.float64], surface: Surface) -> Mesh:
+    """Lay the texture on each face along the two axes that it faces least."""
+    facing = np.argmax(np.abs(face_normals(corners_m)), axis=1)
+    axes = np.array([[1, 2], [0, 2], [0, 1]])[facing]
+    texture_m = np.take_along_axis(corners_m, axes[:, None, :], axis=2)
+    row = [surface.albedo, surface.contrast, surface.texel_m, float(surface.lit)]
+    return Mesh(corners_m=corners_m, texture_m=texture_m, surfaces=np.tile(row, (len(corners_m), 1)))

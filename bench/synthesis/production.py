@@ -1,0 +1,144 @@
+"""A whole scenario, rendered in parallel, resumed where it was interrupted."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
+from pathlib import Path
+
+import cv2
+from threadpoolctl import threadpool_limits
+
+from bench.errors import DataError, UsageError
+from bench.recordings import write_text
+from bench.synthesis.scenario import RecordingSpec, Scenario
+from bench.synthesis.scenario_file import read_scenario
+from bench.synthesis.stage import render_recording
+
+GENERATOR_VERSION = 1  # raise it whenever the same scenario gives other bytes
+MARK = "synthesis.json"
+UNFINISHED = ".unfinished"
+
+Progress = Callable[[int, int], None]
+
+
+def synthesize(
+    scenario_path: Path, out: Path, *, workers: int | None = None, progress: Progress | None = None
+) -> list[Path]:
+    """Render every recording of a scenario that is not there yet.
+
+    A recording is rendered aside and moved into place whole. What is there is kept if it was made by the same
+    generator from the same lines of the scenario, and replaced otherwise; recordings that the scenario
+    no longer has are removed. Recordings do not depend on each other, on the order or on the number of workers.
+
+    Args:
+        scenario_path: the scenario file.
+        out: folder of the recordings.
+        workers: processes; None for one per core that this process may use.
+        progress: called with the numbers of finished and of all recordings.
+
+    Returns:
+        Folders of the recordings, in the scenario's order.
+
+    Raises:
+        DataError: the scenario is not one, or a folder in the way was not made by `synthesize`.
+        UsageError: fewer than one worker.
+    """
+    if workers is not None and workers < 1:
+        raise UsageError(f"workers: wanted at least 1, came {workers}")
+    scenario = read_scenario(scenario_path)
+    out.mkdir(parents=True, exist_ok=True)
+    _remove_former(scenario, out)
+    missing = [spec for spec in scenario.recordings if _mark_of(out / spec.name) != _mark(scenario, spec)]
+    done, total = len(scenario.recordings) - len(missing), len(scenario.recordings)
+    if progress is not None:
+        progress(done, total)
+    for count, _ in enumerate(_rendered(scenario, missing, out, workers or _cores()), start=done + 1):
+        if progress is not None:
+            progress(count, total)
+    shutil.rmtree(out / UNFINISHED, ignore_errors=True)
+    return [out / spec.name for spec in scenario.recordings]
+
+
+def _rendered(scenario: Scenario, specs: list[RecordingSpec], out: Path, workers: int) -> Iterator[Path]:
+    if workers == 1 or len(specs) <= 1:
+        threads = cv2.getNumThreads()
+        with threadpool_limits(1):
+            cv2.setNumThreads(1)
+            try:
+                for spec in specs:
+                    yield _produce(scenario, spec, out)
+            finally:
+                cv2.setNumThreads(threads)
+        return
+    with ProcessPoolExecutor(
+        min(workers, len(specs)), mp_context=get_context("spawn"), initializer=_one_thread
+    ) as pool:
+        futures = [pool.submit(_produce, scenario, spec, out) for spec in specs]
+        try:
+            for future in as_completed(futures):
+                yield future.result()
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _one_thread() -> None:
+    cv2.setNumThreads(1)
+    threadpool_limits(1)
+
+
+def _produce(scenario: Scenario, spec: RecordingSpec, out: Path) -> Path:
+    """Render one recording aside, then move it into place."""
+    aside, place = out / UNFINISHED / spec.name, out / spec.name
+    shutil.rmtree(aside, ignore_errors=True)
+    render_recording(scenario, spec, aside)
+    write_text(aside / MARK, json.dumps(_mark(scenario, spec), indent=1) + "\n")
+    if place.exists():
+        _refuse_foreign(place)
+        shutil.rmtree(place)
+    aside.replace(place)
+    return place
+
+
+def _mark(scenario: Scenario, spec: RecordingSpec) -> dict[str, str]:
+    """What a recording was made from: the generator, the sensors and the recording's own lines."""
+    shared = scenario.model_dump(mode="json", exclude={"recordings"})
+    content = json.dumps([GENERATOR_VERSION, shared, spec.model_dump(mode="json")], sort_keys=True)
+    return {"scenario": scenario.name, "fingerprint": hashlib.sha256(content.encode()).hexdigest()}
+
+
+def _mark_of(folder: Path) -> dict[str, str] | None:
+    try:
+        mark = json.loads((folder / MARK).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return mark if isinstance(mark, dict) else None
+
+
+def _refuse_foreign(folder: Path) -> None:
+    if _mark_of(folder) is None:
+        do = "render into another folder, or move this one away"
+        raise DataError(
+            folder, wanted="a free place or a recording made by synthesize", came="a folder without its mark", do=do
+        )
+
+
+def _remove_former(scenario: Scenario, out: Path) -> None:
+    """Remove recordings of this scenario that it no longer has, and refuse to write over anyone else's."""
+    names = {spec.name for spec in scenario.recordings}
+    for folder in sorted(path for path in out.iterdir() if path.is_dir() and path.name != UNFINISHED):
+        mark = _mark_of(folder)
+        if folder.name in names:
+            _refuse_foreign(folder)
+        elif mark is not None and mark.get("scenario") == scenario.name:
+            shutil.rmtree(folder)

@@ -1,0 +1,40 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+MINIATURE = """
+name: miniature
+licence: CC0-1.0
+seed: 7
+cameras:
+  - name: front
+    model: radial_polynomial
+    width: 80
+    height: 60
+    parameters: {coefficients: [21.0, -2.0, 3.0, -0.5], principal_point: [39.5, 29.5], max_angle_rad: 1.7}
+    position_m: [3.7, 0.0, 0.66]
+    pitch_down_deg: 20
+lidar: {position_m: [1.2, 0.0, 1.8], sector_deg: 120, max_range_m: 20}
+recordings:
+  - name: crossing
+    frames: 2
+    host: {times_s: [0, 0.1], speed_kmh: [18, 14], yaw_rate_degps: [10, -5]}
+    actors:
+      - {name: walker, kind: adult, position_m: [8, -1], heading_deg: 90, speed_mps: 1.4}
+      - {name: car, kind: car, position_m: [10, 3.2], heading_deg: 180, speed_mps: 5, yaw_rate_degps: 12}
+  - name: reversing
+    frames: 2
+    host: {speed_kmh: [5], gear: reverse}
+    street: {buildings: false}
+    actors:
+      - {name: rider, kind: cyclist, position_m: [7, 1.5], heading_deg: 0, speed_mps: 4}
+"""
+
+
+@pytest.fixture
+def scenario_file(tmp_path: Path) -> Path:
+    path = tmp_path / "miniature.scenario.yaml"
+    path.write_text(MINIATURE)
+    return path

@@ -1,0 +1,131 @@
+"""Files of a recording agree with each other: lidar, annotations, truth and ego-motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from bench.recordings import Cuboid, ObjectState, Recording, open_native, read_truth
+from bench.synthesis import synthesize
+
+NOISE_M = 0.02
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> list[Recording]:
+    from tests.synthesis.conftest import MINIATURE
+
+    folder = tmp_path_factory.mktemp("stage")
+    (folder / "scenario.yaml").write_text(MINIATURE)
+    return [open_native(root) for root in synthesize(folder / "scenario.yaml", folder / "out", workers=1)]
+
+
+def world_points(recording: Recording, sweep_index: int) -> tuple[np.ndarray, np.ndarray]:
+    sweep = recording.sweeps[sweep_index].read()
+    rotations, positions_m, valid = recording.trajectory.at(sweep.times_ns)
+    assert valid.all()
+    points_vehicle = recording.vehicle_from_lidar.apply(sweep.points_lidar.astype(np.float64))
+    return np.einsum("nij,nj->ni", rotations, points_vehicle) + positions_m, sweep.times_ns
+
+
+def to_cuboid(recording: Recording, state: ObjectState, points_world: np.ndarray, times_ns: np.ndarray) -> np.ndarray:
+    """Points in the cuboid's frame, taken back to the annotation's time by the object's own motion."""
+    assert isinstance(state.shape, Cuboid)
+    world_from_vehicle = recording.trajectory.world_from_vehicle(state.timestamp_ns)
+    world_from_object = world_from_vehicle @ state.shape.vehicle_from_object
+    velocity_mps = world_from_vehicle.rotate(state.velocity_mps)
+    seconds = (times_ns - state.timestamp_ns)[:, None] / 1e9
+    moved = points_world - seconds * velocity_mps - world_from_object.translation_m
+    turned = Rotation.from_rotvec(-seconds * [0.0, 0.0, state.yaw_rate_radps]).apply(moved)
+    return np.asarray(turned @ world_from_object.rotation)
+
+
+def test_lidar_points_of_actors_lie_on_their_cuboids(recordings: list[Recording]) -> None:
+    for recording in recordings:
+        index = len(recording.sweeps) // 2
+        points_world, times_ns = world_points(recording, index)
+        for track in recording.tracks:
+            state = next(s for s in track.states if s.timestamp_ns == recording.sweeps[index].timestamp_ns)
+            assert isinstance(state.shape, Cuboid)
+            local_m, half_m = to_cuboid(recording, state, points_world, times_ns), state.shape.size_m / 2
+            above_kerb = local_m[:, 2] > -half_m[2] + 0.2
+            near = above_kerb & (np.abs(local_m) < half_m + 0.3).all(axis=1)
+            inside = (np.abs(local_m[near]) <= half_m + 5 * NOISE_M).all(axis=1)
+            assert near.sum() > 30, track.track_id
+            assert inside.all(), track.track_id
+
+
+def test_ignoring_the_motion_would_be_seen(recordings: list[Recording]) -> None:
+    # The same points without the object's own motion leave the cuboid: the sweep is smeared as a real one.
+    recording = recordings[0]
+    track = next(t for t in recording.tracks if t.track_id == "car")
+    index = len(recording.sweeps) // 2
+    points_world, times_ns = world_points(recording, index)
+    state = next(s for s in track.states if s.timestamp_ns == recording.sweeps[index].timestamp_ns)
+    local_m = to_cuboid(recording, state, points_world, times_ns)
+    on_car = (np.abs(local_m) < state.shape.size_m / 2 + 0.05).all(axis=1) & (local_m[:, 2] > -0.6)  # type: ignore[union-attr]
+    still_m = to_cuboid(recording, state, points_world[on_car], np.full(on_car.sum(), state.timestamp_ns))
+    assert np.abs(still_m - local_m[on_car]).max() > 0.02
+
+
+def test_road_points_lie_on_the_road(recordings: list[Recording]) -> None:
+    for recording in recordings:
+        points_world, _ = world_points(recording, 1)
+        vehicle_from_world = recording.trajectory.world_from_vehicle(recording.sweeps[1].timestamp_ns).inverse()
+        points_vehicle = vehicle_from_world.apply(points_world)
+        road = (np.abs(points_vehicle[:, 1]) < 0.5) & (points_vehicle[:, 0] < 6.5) & (points_vehicle[:, 2] < 0.3)
+        assert road.sum() > 300
+        assert np.abs(points_vehicle[road, 2]).max() < 5 * NOISE_M
+        assert abs(points_vehicle[road, 2].mean()) < 0.005
+
+
+def test_annotated_velocity_is_the_change_of_the_place(recordings: list[Recording]) -> None:
+    for recording in recordings:
+        for track in recording.tracks:
+            first, second = track.states[0], track.states[1]
+            places_m = []
+            for state in (first, second):
+                assert isinstance(state.shape, Cuboid)
+                world_from_vehicle = recording.trajectory.world_from_vehicle(state.timestamp_ns)
+                places_m.append((world_from_vehicle @ state.shape.vehicle_from_object).translation_m)
+            seconds = (second.timestamp_ns - first.timestamp_ns) / 1e9
+            assert np.linalg.norm(places_m[1] - places_m[0]) / seconds == pytest.approx(
+                np.linalg.norm(first.velocity_mps), abs=0.02
+            )
+
+
+def test_sweeps_surround_the_images_and_are_annotated(recordings: list[Recording]) -> None:
+    for recording in recordings:
+        images = [image.timestamp_ns for image in recording.images["front"]]
+        sweeps = [sweep.timestamp_ns for sweep in recording.sweeps]
+        assert sweeps[0] < images[0]
+        assert sweeps[-1] > images[-1]
+        assert np.diff(images).tolist() == [recording.frame_interval_ns]
+        for track in recording.tracks:
+            assert [state.timestamp_ns for state in track.states] == sweeps
+
+
+def test_truth_holds_the_tracks(recordings: list[Recording]) -> None:
+    for recording in recordings:
+        ids = {track.instance_id for track in recording.tracks}
+        assert ids == set(range(1, len(recording.tracks) + 1))
+        seen: set[int] = set()
+        for image in recording.images["front"]:
+            assert image.truth_path is not None
+            seen |= set(np.unique(read_truth(image)).tolist())
+        assert seen == ids | {0}
+
+
+def test_beams_and_times_are_those_of_the_sensor(recordings: list[Recording]) -> None:
+    sweep = recordings[1].sweeps[1].read()
+    assert sweep.ring is not None
+    assert sweep.time_offset_ns is not None
+    azimuths = np.degrees(np.arctan2(sweep.points_lidar[:, 1], sweep.points_lidar[:, 0]))
+    # One revolution of 100 ms, clockwise, straight ahead at the reference time.
+    assert azimuths == pytest.approx(-sweep.time_offset_ns / 100e6 * 360.0, abs=0.2)
+    elevations = np.degrees(np.arcsin(sweep.points_lidar[:, 2] / np.linalg.norm(sweep.points_lidar, axis=1)))
+    lowest = elevations[sweep.ring == 63]
+    assert lowest == pytest.approx(np.full(len(lowest), -24.8), abs=0.1)
+    highest = elevations[sweep.ring == sweep.ring.min()]
+    assert highest == pytest.approx(np.full(len(highest), np.linspace(2.0, -8.33, 32)[sweep.ring.min()]), abs=0.1)
