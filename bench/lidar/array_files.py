@@ -51,7 +51,7 @@ def read_npz(path: Path) -> Arrays:
 
 def write_npz(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
     """Write our own arrays in a fixed order; zip entries carry a fixed date, so equal arrays give equal bytes."""
-    np.savez(path, **{name: arrays[name] for name in NPZ_ARRAYS if name in arrays})  # type: ignore[arg-type]
+    np.savez_compressed(path, **{name: arrays[name] for name in NPZ_ARRAYS if name in arrays})  # type: ignore[arg-type]
 
 
 def read_bin(path: Path) -> Arrays:
