@@ -15,6 +15,8 @@ from bench.errors import DataError
 Arrays = dict[str, NDArray[Any]]
 
 BIN_COLUMNS = 4  # x, y, z, intensity
+LARGEST_BYTES = 1 << 30  # of an unpacked sweep: ten million points
+UNREADABLE = (OSError, ValueError, EOFError, KeyError, AttributeError, TypeError, MemoryError)
 NPZ_TYPES = {
     "points_lidar": {"f": "floating point"},
     "intensity": {"f": "floating point"},
@@ -32,9 +34,13 @@ def read_npz(path: Path) -> Arrays:
         DataError: cut short, an array that is missing, unknown or of another type.
     """
     try:
+        with zipfile.ZipFile(path) as content:
+            unpacked = sum(entry.file_size for entry in content.infolist())
+        if unpacked > LARGEST_BYTES:
+            raise DataError(path, wanted=f"at most {LARGEST_BYTES} bytes of arrays", came=f"{unpacked} when unpacked")
         with np.load(path, allow_pickle=False) as archive:
             arrays: Arrays = {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, EOFError, KeyError, AttributeError, TypeError, zipfile.BadZipFile) as error:
+    except (*UNREADABLE, zipfile.BadZipFile) as error:
         raise DataError(path, wanted="a whole .npz file of plain arrays", came=str(error)) from error
     for name, values in arrays.items():
         if name not in NPZ_TYPES:

@@ -1,0 +1,26 @@
+"""The README's example of a method runs as it is printed."""
+
+import re
+import sys
+from pathlib import Path
+
+from bench.evaluation import load_protocol
+from bench.harness import run_benchmark
+from bench.methods import build_method
+from bench.recordings import load_card
+
+README = Path(__file__).parents[1] / "README.md"
+
+
+def test_the_example_method_can_be_pasted(tiny_card, tmp_path, monkeypatch):
+    (example,) = re.findall(r"```python\n(.*?)```", README.read_text("utf-8"), re.DOTALL)
+    (tmp_path / "my_method.py").write_text(example, "utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    method = build_method("my_method:FrameDifference", {"threshold": 20.0})
+    summary = run_benchmark(
+        load_card(str(tiny_card)), method=method, protocol=load_protocol("paper-v1"), out=tmp_path / "run"
+    )
+    assert summary.method.name == "frame-difference"
+    assert summary.images.evaluated == 12
+    assert len(example.splitlines()) <= 32
+    sys.modules.pop("my_method")
