@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Any
 
 from typing_extensions import override
 
 from bench.cameras.angular import AngularCamera
-from bench.cameras.model import checked_max_angle, finite_numbers, finite_pair, rescaled_point
+from bench.cameras.model import checked_max_angle, finite_numbers, finite_pair
 from bench.cameras.monotone import MonotonePolynomial
 
 
@@ -18,7 +18,6 @@ class KannalaBrandtCamera(AngularCamera):
 
     Attributes:
         focal: (fx, fy), px.
-        principal_point: (u, v), px, the centre of the first pixel being (0, 0).
         coefficients: k1 ... k4; any number of them, none for the equidistant lens.
         max_angle_rad: field limit of the lens; None for as far as the polynomial rises.
 
@@ -27,26 +26,16 @@ class KannalaBrandtCamera(AngularCamera):
     """
 
     focal: tuple[float, float]
-    principal_point: tuple[float, float]
     coefficients: tuple[float, ...]
     max_angle_rad: float | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
         object.__setattr__(self, "focal", finite_pair(self.focal, "focal", positive=True))
-        object.__setattr__(self, "principal_point", finite_pair(self.principal_point, "principal_point"))
         object.__setattr__(self, "coefficients", finite_numbers(self.coefficients, "coefficients"))
         radius = MonotonePolynomial((1.0, *self.coefficients), 2, checked_max_angle(self.max_angle_rad))
         self._prepare(radius, scale=self.focal, centre=self.principal_point)
 
     @override
-    def scaled(self, width: int, height: int) -> Self:
-        scale_u, scale_v = width / self.width, height / self.height
-        return type(self)(
-            width=width,
-            height=height,
-            focal=(self.focal[0] * scale_u, self.focal[1] * scale_v),
-            principal_point=rescaled_point(self.principal_point, scale_u, scale_v),
-            coefficients=self.coefficients,
-            max_angle_rad=self.max_angle_rad,
-        )
+    def _rescaled(self, scale_u: float, scale_v: float) -> dict[str, Any]:
+        return {"focal": (self.focal[0] * scale_u, self.focal[1] * scale_v)}

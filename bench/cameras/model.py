@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from typing import Self
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,16 +21,19 @@ class CameraModel(ABC):
     Attributes:
         width: image width, px.
         height: image height, px.
+        principal_point: (u, v), px, where the optical axis meets the image; the centre of the first pixel is (0, 0).
     """
 
     width: int
     height: int
+    principal_point: tuple[float, float]
 
     def __post_init__(self) -> None:
         if not (int(self.width) == self.width > 0 and int(self.height) == self.height > 0):
             raise ShapeError(f"camera model: wanted a positive image size, came {self.width} x {self.height}")
         object.__setattr__(self, "width", int(self.width))
         object.__setattr__(self, "height", int(self.height))
+        object.__setattr__(self, "principal_point", finite_pair(self.principal_point, "principal_point"))
 
     @property
     @abstractmethod
@@ -38,11 +41,8 @@ class CameraModel(ABC):
         """Largest angle to the optical axis at which the mapping holds."""
 
     @abstractmethod
-    def scaled(self, width: int, height: int) -> Self:
-        """The same lens seen in an image of another size.
-
-        The outer borders of the images coincide, so u' = (u + 0.5) width'/width - 0.5.
-        """
+    def _rescaled(self, scale_u: float, scale_v: float) -> dict[str, Any]:
+        """The model's own fields that change in an image stretched by these factors."""
 
     @abstractmethod
     def _project(
@@ -102,6 +102,16 @@ class CameraModel(ABC):
         rays[~valid] = np.nan
         return rays, valid
 
+    def scaled(self, width: int, height: int) -> Self:
+        """The same lens seen in an image of another size.
+
+        The outer borders of the images coincide, so u' = (u + 0.5) width'/width - 0.5.
+        """
+        scale_u, scale_v = width / self.width, height / self.height
+        u, v = self.principal_point
+        centre = (u + 0.5) * scale_u - 0.5, (v + 0.5) * scale_v - 0.5
+        return replace(self, width=width, height=height, principal_point=centre, **self._rescaled(scale_u, scale_v))
+
     def contains(self, pixels: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Whether pixels lie in the image: (N, 2) -> (N,) bool; False for NaN."""
         u, v = pixels[:, 0], pixels[:, 1]
@@ -130,11 +140,6 @@ def finite_numbers(values: object, name: str) -> tuple[float, ...]:
     if numbers.ndim != 1 or not np.isfinite(numbers).all():
         raise ShapeError(f"{name}: wanted finite numbers in a row, came {numbers.tolist()}")
     return tuple(numbers.tolist())
-
-
-def rescaled_point(point: tuple[float, float], scale_u: float, scale_v: float) -> tuple[float, float]:
-    """A pixel position in an image scaled about its outer corner."""
-    return (point[0] + 0.5) * scale_u - 0.5, (point[1] + 0.5) * scale_v - 0.5
 
 
 def checked_max_angle(max_angle_rad: float | None) -> float:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
-from bench.cameras.model import CameraModel, finite_pair, rescaled_point
+from bench.cameras.model import CameraModel, finite_pair
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,16 +18,13 @@ class PinholeCamera(CameraModel):
 
     Attributes:
         focal: (fx, fy), px.
-        principal_point: (u, v), px, the centre of the first pixel being (0, 0).
     """
 
     focal: tuple[float, float]
-    principal_point: tuple[float, float]
 
     def __post_init__(self) -> None:
         super().__post_init__()
         object.__setattr__(self, "focal", finite_pair(self.focal, "focal", positive=True))
-        object.__setattr__(self, "principal_point", finite_pair(self.principal_point, "principal_point"))
 
     @property
     @override
@@ -35,14 +32,8 @@ class PinholeCamera(CameraModel):
         return float(np.pi / 2)
 
     @override
-    def scaled(self, width: int, height: int) -> Self:
-        scale_u, scale_v = width / self.width, height / self.height
-        return type(self)(
-            width=width,
-            height=height,
-            focal=(self.focal[0] * scale_u, self.focal[1] * scale_v),
-            principal_point=rescaled_point(self.principal_point, scale_u, scale_v),
-        )
+    def _rescaled(self, scale_u: float, scale_v: float) -> dict[str, Any]:
+        return {"focal": (self.focal[0] * scale_u, self.focal[1] * scale_v)}
 
     @override
     def _project(

@@ -10,7 +10,7 @@ import numpy as np
 from typing_extensions import override
 
 from bench.cameras.angular import AngularCamera
-from bench.cameras.model import checked_max_angle, finite_numbers, finite_pair, rescaled_point
+from bench.cameras.model import checked_max_angle, finite_numbers
 from bench.cameras.monotone import MonotonePolynomial
 from bench.errors import ShapeError
 
@@ -21,7 +21,6 @@ class RadialPolynomialCamera(AngularCamera):
 
     Attributes:
         coefficients: a1 ... a4, px/rad^n; any number of them.
-        principal_point: (u, v), px, the centre of the first pixel being (0, 0).
         aspect_ratio: stretch of v against u.
         max_angle_rad: field limit of the lens; None for as far as the polynomial rises.
 
@@ -30,14 +29,12 @@ class RadialPolynomialCamera(AngularCamera):
     """
 
     coefficients: tuple[float, ...]
-    principal_point: tuple[float, float]
     aspect_ratio: float = 1.0
     max_angle_rad: float | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
         object.__setattr__(self, "coefficients", finite_numbers(self.coefficients, "coefficients"))
-        object.__setattr__(self, "principal_point", finite_pair(self.principal_point, "principal_point"))
         if not (np.isfinite(self.aspect_ratio) and self.aspect_ratio > 0):
             raise ShapeError(f"aspect_ratio: wanted a positive number, came {self.aspect_ratio}")
         radius = MonotonePolynomial(self.coefficients, 1, checked_max_angle(self.max_angle_rad))
@@ -57,13 +54,8 @@ class RadialPolynomialCamera(AngularCamera):
         )
 
     @override
-    def scaled(self, width: int, height: int) -> Self:
-        scale_u, scale_v = width / self.width, height / self.height
-        return type(self)(
-            width=width,
-            height=height,
-            coefficients=tuple(a * scale_u for a in self.coefficients),
-            principal_point=rescaled_point(self.principal_point, scale_u, scale_v),
-            aspect_ratio=self.aspect_ratio * scale_v / scale_u,
-            max_angle_rad=self.max_angle_rad,
-        )
+    def _rescaled(self, scale_u: float, scale_v: float) -> dict[str, Any]:
+        return {
+            "coefficients": tuple(a * scale_u for a in self.coefficients),
+            "aspect_ratio": self.aspect_ratio * scale_v / scale_u,
+        }

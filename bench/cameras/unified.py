@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
-from bench.cameras.model import CameraModel, checked_max_angle, finite_pair, rescaled_point
+from bench.cameras.model import CameraModel, checked_max_angle, finite_pair
 from bench.cameras.monotone import MonotonePolynomial
 from bench.errors import ShapeError
 
@@ -28,7 +28,6 @@ class UnifiedCamera(CameraModel):
     Attributes:
         xi: mirror parameter, >= 0; 0 is the pinhole.
         focal: (fx, fy), px, also called gamma.
-        principal_point: (u, v), px, the centre of the first pixel being (0, 0).
         radial: (k1, k2).
         tangential: (p1, p2), which the KITTI-360 tools leave out.
         max_angle_rad: field limit of the lens; None for as far as the mapping is one-to-one.
@@ -39,7 +38,6 @@ class UnifiedCamera(CameraModel):
 
     xi: float
     focal: tuple[float, float]
-    principal_point: tuple[float, float]
     radial: tuple[float, float] = (0.0, 0.0)
     tangential: tuple[float, float] = (0.0, 0.0)
     max_angle_rad: float | None = None
@@ -52,7 +50,6 @@ class UnifiedCamera(CameraModel):
         if not (np.isfinite(self.xi) and self.xi >= 0):
             raise ShapeError(f"xi: wanted a number >= 0, came {self.xi}")
         object.__setattr__(self, "focal", finite_pair(self.focal, "focal", positive=True))
-        object.__setattr__(self, "principal_point", finite_pair(self.principal_point, "principal_point"))
         object.__setattr__(self, "radial", finite_pair(self.radial, "radial"))
         object.__setattr__(self, "tangential", finite_pair(self.tangential, "tangential"))
         sphere_rad = np.arccos(-1.0 / self.xi) if self.xi > 1 else np.arccos(-self.xi)
@@ -68,18 +65,8 @@ class UnifiedCamera(CameraModel):
         return self._limit_rad
 
     @override
-    def scaled(self, width: int, height: int) -> Self:
-        scale_u, scale_v = width / self.width, height / self.height
-        return type(self)(
-            width=width,
-            height=height,
-            xi=self.xi,
-            focal=(self.focal[0] * scale_u, self.focal[1] * scale_v),
-            principal_point=rescaled_point(self.principal_point, scale_u, scale_v),
-            radial=self.radial,
-            tangential=self.tangential,
-            max_angle_rad=self.max_angle_rad,
-        )
+    def _rescaled(self, scale_u: float, scale_v: float) -> dict[str, Any]:
+        return {"focal": (self.focal[0] * scale_u, self.focal[1] * scale_v)}
 
     @override
     def _project(

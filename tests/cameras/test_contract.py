@@ -114,5 +114,5 @@ def test_wrong_shapes_are_refused(camera):
 def test_unknown_model_names_the_nearest():
     with pytest.raises(UnknownNameError, match="did you mean 'kannala_brandt'"):
         camera_from_parameters("kanala_brandt", width=1, height=1)
-    with pytest.raises(ShapeError, match="wanted the parameters width, height, focal, principal_point"):
+    with pytest.raises(ShapeError, match="wanted the parameters width, height, principal_point, focal"):
         camera_from_parameters("pinhole", width=1, height=1, fx=3)
