@@ -37,7 +37,7 @@ def run(
     render_if_synthetic(card)
     with progress_bar(f"scoring {method} on {card.name}", "recordings") as report:
         summary = run_benchmark(card, method=chosen, protocol=rules, out=folder, split=split, progress=report)
-    written = write_report_files(folder, protocol=rules)
+    written = write_report_files(folder)
     drawn: list[Path] = []
     if pictures:
         with progress_bar("drawing", "pictures") as report:

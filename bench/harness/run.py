@@ -20,6 +20,8 @@ from bench.harness.stored import (
     RunSummary,
     join_units,
     read_tables,
+    reference_fingerprint,
+    write_protocol,
     write_summary,
     write_unit,
 )
@@ -69,11 +71,15 @@ def run_benchmark(
     if not work.finished:
         raise DataError(card.file, wanted="a recording that can be used", came="; ".join(work.failures) or "none")
     join_units(out, work.finished)
-    figures = summarise(*read_tables(out), protocol=protocol)
+    objects, frames = read_tables(out)
+    figures = summarise(objects, frames, protocol=protocol)
+    write_protocol(out, protocol)
     summary = RunSummary(
         **{name: getattr(figures, name) for name in type(figures).model_fields},
         schema_version=SCHEMA_VERSION,
         dataset=card.name,
+        card=str(card.file),
+        reference_fingerprint=reference_fingerprint(objects, frames),
         split=split,
         method=MethodStamp(name=method.name, settings=method.settings()),
         provenance=origin.Provenance(
@@ -88,6 +94,7 @@ def run_benchmark(
             images=figures.images.evaluated,
             peak_memory_mb=round(origin.peak_memory_mb(), 1),
         ),
+        vehicle_outline_m=work.vehicle_outline_m,
         failures=tuple(work.failures),
     )
     write_summary(out, summary)
@@ -105,6 +112,7 @@ class _Work:
     fingerprints: list[str] = field(default_factory=list)
     failures: list[str] = field(default_factory=list)
     finished: list[Unit] = field(default_factory=list)
+    vehicle_outline_m: tuple[tuple[float, float], ...] = ()
 
     def run_recording(self, handle: RecordingHandle, report: Callable[[float], None]) -> None:
         """Score one recording; what fails is listed and the rest goes on."""
@@ -112,6 +120,7 @@ class _Work:
             with self.clock.stage("open"):
                 recording = handle.open()
                 self.fingerprints.append(origin.recording_fingerprint(recording))
+            self.vehicle_outline_m = tuple((float(x), float(y)) for x, y in recording.vehicle_outline_m)
             units = list(plan_units(recording, self.method))
         except BenchError as error:
             self.failures.append(f"recording {handle.name!r}: {error}")
@@ -147,7 +156,7 @@ def _clear(out: Path) -> None:
     """Make room for the run; never remove a folder that is not a run."""
     if out.exists() and any(out.iterdir()) and not (out / MARK).is_dir():
         raise DataError(out, wanted="an empty folder or an older run", came="a folder with other files")
-    for file in ("summary.json", "objects.parquet", "frames.parquet"):
+    for file in ("summary.json", "objects.parquet", "frames.parquet", "protocol.json"):
         (out / file).unlink(missing_ok=True)
     shutil.rmtree(out / MARK, ignore_errors=True)
     (out / MARK).mkdir(parents=True)

@@ -3,29 +3,39 @@
 ```
 <run>/units/<recording>-<camera>-<start>.{objects,frames}.parquet and .json    a unit's rows and its status
 <run>/objects.parquet, frames.parquet, summary.json                            the whole run
+<run>/protocol.json                                                            the rules that it was scored by
 ```
 """
 
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import re
 from collections.abc import Sequence
 from pathlib import Path
 
 import pyarrow as pa
+import pyarrow.csv
 import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from bench.errors import DataError
-from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, Summary
+from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, Protocol, Summary, load_protocol
 from bench.harness.provenance import Provenance
 from bench.harness.unit import UnitTables
 from bench.harness.units import Unit
 from bench.recordings import replacing, write_text
 
 SCHEMA_VERSION = 1
+
+# What the reference alone decides, in whole numbers and words: no floats, whose text could differ between versions.
+REFERENCE_OF_OBJECTS = (
+    *("recording", "camera", "timestamp_ns", "track_id", "object_class", "status", "reason", "category", "direction"),
+    *("points", "polygon_px", "region_px"),
+)
+REFERENCE_OF_FRAMES = ("recording", "camera", "timestamp_ns", "status", "valid_px", "reference_px", "ignored_px")
 
 
 class MethodStamp(BaseModel):
@@ -48,17 +58,23 @@ class RunSummary(Summary):
     Attributes:
         schema_version: of this file.
         dataset: name of the data set.
+        card: file of the data set's card, as it was named.
+        reference_fingerprint: SHA-256 over what the reference alone decides; runs of different ones do not compare.
         split: of the data set; None for all of it.
         method: that was scored.
         provenance: where the result comes from.
+        vehicle_outline_m: the host from above, vehicle frame, for pictures.
         failures: one line per recording, unit or image that could not be used; the figures are of the rest.
     """
 
     schema_version: int
     dataset: str
+    card: str
+    reference_fingerprint: str
     split: str | None
     method: MethodStamp
     provenance: Provenance
+    vehicle_outline_m: tuple[tuple[float, float], ...]
     failures: tuple[str, ...]
 
 
@@ -94,6 +110,33 @@ def read_tables(run: Path) -> tuple[pa.Table, pa.Table]:
         DataError: missing or damaged.
     """
     return _read_table(run / "objects.parquet"), _read_table(run / "frames.parquet")
+
+
+def write_protocol(run: Path, protocol: Protocol) -> None:
+    """Write `protocol.json`, so that a run can be read without the file that its rules came from."""
+    write_text(run / "protocol.json", protocol.model_dump_json(indent=1, exclude_unset=True) + "\n")
+
+
+def read_protocol(run: Path) -> Protocol:
+    """The rules of a run.
+
+    Raises:
+        DataError: missing or not a protocol.
+    """
+    if not (run / "protocol.json").is_file():
+        raise DataError(run / "protocol.json", wanted="the protocol of a run", came="no such file")
+    return load_protocol(run / "protocol.json")  # JSON is YAML
+
+
+def reference_fingerprint(objects: pa.Table, frames: pa.Table) -> str:
+    """SHA-256 over the columns that the method has no part in."""
+    digest = hashlib.sha256()
+    for table, columns in ((objects, REFERENCE_OF_OBJECTS), (frames, REFERENCE_OF_FRAMES)):
+        order = [(name, "ascending") for name in columns[:4] if name in table.column_names]
+        text = io.BytesIO()
+        pyarrow.csv.write_csv(table.select(list(columns)).sort_by(order), text)
+        digest.update(text.getvalue())
+    return digest.hexdigest()
 
 
 def write_summary(run: Path, summary: RunSummary) -> None:

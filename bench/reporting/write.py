@@ -7,12 +7,11 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from bench.errors import UsageError
+from bench.errors import DataError
 from bench.evaluation.maps import range_maps
-from bench.evaluation.protocol import Protocol, load_protocol
-from bench.harness import RunSummary, read_run, read_tables
+from bench.evaluation.protocol import Protocol
+from bench.harness import RunSummary, read_protocol, read_run, read_tables
 from bench.recordings.atomic import write_bytes, write_text
 from bench.reporting.canvas import PictureFormat, figure_bytes
 from bench.reporting.range_maps import draw_range_maps
@@ -21,7 +20,6 @@ from bench.reporting.tables import TableRow, table_rows
 
 TABLES = {"table.md": to_markdown, "table.csv": to_csv, "table.tex": to_latex, "table.json": to_json}
 PICTURE_FORMATS: tuple[PictureFormat, ...] = ("png", "svg")
-HOST_OUTLINE_M = np.array([[-1.0, -0.9], [3.8, -0.9], [3.8, 0.9], [-1.0, 0.9]])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,26 +35,18 @@ class Report:
     files: tuple[Path, ...]
 
 
-def write_report_files(
-    run: Path, *, protocol: Protocol | None = None, vehicle_outline_m: NDArray[np.float64] = HOST_OUTLINE_M
-) -> Report:
+def write_report_files(run: Path) -> Report:
     """Write `table.md`, `.csv`, `.tex`, `.json` and `range_map.png`, `.svg` into the folder of a run.
 
-    Args:
-        run: holds `summary.json` and `objects.parquet`.
-        protocol: that the run was scored by; None to find it by its name in the package.
-        vehicle_outline_m: (K, 2) float64, the host from above, vehicle frame, m.
-
     Raises:
-        DataError: a stored result is missing or damaged.
-        UnknownNameError: the package has no protocol of the run's name; hand it in.
-        UsageError: `protocol` is not the one that the run was scored by.
+        DataError: a stored result is missing or damaged, or the files are not of one run.
     """
     summary = read_run(run)
-    rules = _checked_protocol(run, summary, protocol)
+    rules = _rules(run, summary)
     objects, _ = read_tables(run)
     rows = table_rows(summary)
-    picture = draw_range_maps(range_maps(objects, protocol=rules), vehicle_outline_m=vehicle_outline_m)
+    outline_m = np.array(summary.vehicle_outline_m, dtype=np.float64)
+    picture = draw_range_maps(range_maps(objects, protocol=rules), vehicle_outline_m=outline_m)
     tables = [_write_table(run / name, rows) for name in TABLES]
     return Report(rows=tuple(rows), files=(*tables, *write_picture(run / "range_map", picture)))
 
@@ -74,11 +64,12 @@ def _write_table(file: Path, rows: list[TableRow]) -> Path:
     return file
 
 
-def _checked_protocol(run: Path, summary: RunSummary, protocol: Protocol | None) -> Protocol:
-    rules = protocol or load_protocol(summary.protocol.name)
+def _rules(run: Path, summary: RunSummary) -> Protocol:
+    rules = read_protocol(run)
     if rules.digest != summary.protocol.digest:
-        raise UsageError(
-            f"{run}: wanted the protocol of the run, {summary.protocol.name!r} with digest "
-            f"{summary.protocol.digest[:12]}, came {rules.name!r} with digest {rules.digest[:12]}"
+        raise DataError(
+            run / "protocol.json",
+            wanted=f"the protocol of summary.json, with digest {summary.protocol.digest[:12]}",
+            came=f"{rules.name!r} with digest {rules.digest[:12]}",
         )
     return rules

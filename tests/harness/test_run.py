@@ -10,7 +10,7 @@ import pytest
 
 from bench.errors import DataError
 from bench.evaluation import load_protocol
-from bench.harness import plan_units, read_run, read_tables, run_benchmark
+from bench.harness import plan_units, read_protocol, read_run, read_tables, run_benchmark
 from bench.methods import build_method
 from bench.recordings import load_card, open_dataset
 
@@ -64,6 +64,16 @@ def test_two_runs_store_the_same_bytes(tiny_card, tmp_path):
     different = {"provenance"}
     assert first.model_dump(exclude=different) == second.model_dump(exclude=different)
     assert first.provenance.data_fingerprint == second.provenance.data_fingerprint
+
+
+def test_the_reference_fingerprint_is_of_the_reference_alone(tiny_card, own_card, tmp_path):
+    ours, nothing = (run(tiny_card, tmp_path / name, method=name) for name in ("spherical", "nothing"))
+    assert ours.reference_fingerprint == nothing.reference_fingerprint
+    labels = own_card.parent / "data" / "tiny" / "crossing" / "annotations.json"
+    labels.write_text(labels.read_text().replace('"pedestrian"', '"cyclist"'))
+    other = run(own_card, tmp_path / "other", method="nothing")
+    assert other.reference_fingerprint != ours.reference_fingerprint
+    assert read_protocol(tmp_path / "other").digest == PROTOCOL.digest == ours.protocol.digest
 
 
 def test_a_run_replaces_an_older_one_but_nothing_else(tiny_card, tmp_path):

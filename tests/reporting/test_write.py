@@ -1,16 +1,15 @@
 import math
 import os
 
-import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from bench.errors import DataError, UsageError
+from bench.errors import DataError
 from bench.evaluation import load_protocol, summarise
 from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA, frames_table, objects_table
 from bench.harness import Provenance, RunSummary
-from bench.harness.stored import MethodStamp, write_summary
-from bench.reporting.write import HOST_OUTLINE_M, write_report_files
+from bench.harness.stored import MethodStamp, write_protocol, write_summary
+from bench.reporting.write import write_report_files
 
 NAMES = ["table.md", "table.csv", "table.tex", "table.json", "range_map.png", "range_map.svg"]
 
@@ -45,10 +44,12 @@ def stored(tmp_path_factory):
     )  # fmt: skip
     summary = RunSummary(
         **{name: getattr(figures, name) for name in type(figures).model_fields},
-        schema_version=1, dataset="demo", split=None, method=MethodStamp(name="empty", settings={}),
-        provenance=provenance, failures=(),
+        schema_version=1, dataset="demo", card="datasets/demo.yaml", reference_fingerprint="",
+        split=None, method=MethodStamp(name="empty", settings={}),
+        provenance=provenance, failures=(), vehicle_outline_m=((-1.0, -0.9), (3.8, -0.9), (3.8, 0.9), (-1.0, 0.9)),
     )  # fmt: skip
     write_summary(run, summary)
+    write_protocol(run, load_protocol("paper-v1"))
     return run
 
 
@@ -72,23 +73,23 @@ def test_the_same_bytes_twice(stored):
 def test_a_file_that_cannot_be_replaced_stays_whole(stored, monkeypatch):
     write_report_files(stored)
     before = (stored / "table.md").read_bytes()
-    wider = HOST_OUTLINE_M * np.array([1.0, 2.0])
 
     def fail(*_):
         raise OSError("disk full")
 
     monkeypatch.setattr(os, "replace", fail)
     with pytest.raises(OSError, match="disk full"):
-        write_report_files(stored, vehicle_outline_m=wider)
+        write_report_files(stored)
     assert (stored / "table.md").read_bytes() == before
     assert sorted(file.name for file in stored.iterdir()) == sorted(
-        [*NAMES, "objects.parquet", "frames.parquet", "summary.json"]
+        [*NAMES, "objects.parquet", "frames.parquet", "summary.json", "protocol.json"]
     )
 
 
-def test_another_protocol_is_refused(stored):
-    with pytest.raises(UsageError, match="wanted the protocol of the run"):
-        write_report_files(stored, protocol=load_protocol("extended-v1"))
+def test_files_of_another_run_are_refused(stored):
+    write_protocol(stored, load_protocol("extended-v1"))
+    with pytest.raises(DataError, match=r"protocol\.json: wanted the protocol of summary\.json"):
+        write_report_files(stored)
 
 
 def test_a_folder_without_a_run_is_named(tmp_path):
