@@ -87,6 +87,7 @@ def deviations(
         (equation 8) and p'_r (equation 12) are normalised; p'_r uses the rotated ray; the conditions on n'.p of
         equations 15 and 16 mean n'.v; equation 16 is xi_p and both thresholds clamp at 0.
     """
+    rays_previous, rays_current = np.asarray(rays_previous, float), np.asarray(rays_current, float)
     if rays_previous.shape != rays_current.shape or rays_current.shape[-1:] != (3,):
         raise ShapeError(f"rays: wanted two arrays (..., 3), came {rays_previous.shape} and {rays_current.shape}")
     if not np.any(current_from_previous.translation_m):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,17 @@ class Weights:
         if min(self.as_tuple()) < 0 or self.total <= 0:
             raise UsageError(f"weights: wanted numbers >= 0 with at least one positive, came {self.as_tuple()}")
 
+    @classmethod
+    def from_numbers(cls, numbers: Sequence[float]) -> Weights:
+        """From four or five numbers in the paper's order.
+
+        Raises:
+            UsageError: another number of them.
+        """
+        if len(numbers) not in {4, 5}:
+            raise UsageError(f"weights: wanted four or five numbers (e, d, h, p, 3v), came {len(numbers)}")
+        return cls(**dict(zip((f.name for f in fields(cls)), map(float, numbers), strict=False)))
+
     def as_tuple(self) -> tuple[float, float, float, float, float]:
         """In the paper's order: e, d, h, p, 3v."""
         return self.epipolar, self.positive_depth, self.positive_height, self.anti_parallel, self.three_view
@@ -45,13 +57,18 @@ PAPER_WEIGHTS = Weights()
 
 
 def motion_likelihood(
-    deviations: Deviations, weights: Weights, *, three_view: NDArray[np.float64] | None = None, root_sum: bool = False
+    deviations: Deviations,
+    weights: Weights | Sequence[float],
+    *,
+    three_view: NDArray[np.float64] | None = None,
+    root_sum: bool = False,
 ) -> NDArray[np.float64]:
     """Weighted mean of the deviations.
 
     Args:
         deviations: of any shape.
-        weights: mu of each constraint; the divisor is their whole sum, whichever constraints fire.
+        weights: mu of each constraint, also as numbers in the paper's order e, d, h, p and, if there, 3v; the divisor
+            is their whole sum, whichever constraints fire.
         three_view: xi_3v where tracks over three views exist; 0 is taken where it is NaN.
         root_sum: use hypot(mu_e xi_e, mu_d xi_d) in place of their sum, since both measure parts of one
             displacement; off in the paper.
@@ -62,6 +79,7 @@ def motion_likelihood(
     Source:
         Mariotti and Eising, section III-H.
     """
+    weights = weights if isinstance(weights, Weights) else Weights.from_numbers(weights)
     epipolar, depth = weights.epipolar * deviations.epipolar, weights.positive_depth * deviations.positive_depth
     likelihood = np.hypot(epipolar, depth) if root_sum else epipolar + depth
     likelihood += weights.positive_height * deviations.positive_height
