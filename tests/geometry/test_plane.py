@@ -21,6 +21,7 @@ def test_distance_along_a_ray_30_degrees_down():
     assert road.distance_m(down30) == pytest.approx(1.32)
     assert np.isinf(road.distance_m(np.array([0.0, 0.0, 1.0])))
     assert np.isinf(road.distance_m(np.array([0.0, -1.0, 0.0])))
+    assert np.isinf(road.distance_m(np.array([0.0, 1e-320, 1.0])))  # a hair below the horizon
 
 
 @pytest.mark.parametrize(("down", "height_m"), [([0, 0, 0], 1.0), ([0, 1], 1.0), ([0, 1, 0], 0.0), ([0, 1, 0], -1.0)])

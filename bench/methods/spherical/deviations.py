@@ -93,7 +93,7 @@ def deviations(
     if not np.any(current_from_previous.translation_m):
         raise ShapeError("deviations: the camera did not move and has no epipole; use static_camera_deviation")
     t = current_from_previous.translation_m
-    with np.errstate(invalid="ignore", divide="ignore"):
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         q = current_from_previous.rotate(rays_previous)
         c = cross(q, t / np.linalg.norm(t))
         length = np.sqrt(dot(c, c))
