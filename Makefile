@@ -3,6 +3,10 @@ PYTHON ?= python3
 DATASET ?= datasets/demo.yaml
 METHOD ?= spherical
 PROTOCOL ?= paper-v1
+CATEGORY ?=
+RUN ?= reports/runs/$(basename $(notdir $(DATASET)))-$(METHOD)
+BASELINE ?= reports/baselines/$(basename $(notdir $(DATASET))).json
+TOLERANCES ?= $(if $(filter datasets/demo.yaml,$(DATASET)),rendered-v1,default-v1)
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -10,13 +14,20 @@ INSTALLED := $(VENV)/installed
 INSTALLED_DEV := $(VENV)/installed-dev
 
 .DEFAULT_GOAL := help
-.PHONY: help benchmark perf test check format clean
+.PHONY: help benchmark report gate perf test check format clean
 
 help: ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):[^#]*## /\1|/' | awk -F'|' '{ printf "  make %-10s %s\n", $$1, $$2 }'
 
 benchmark: $(INSTALLED) ## score METHOD= on DATASET= (the demo) by PROTOCOL=: the table, range maps, pictures
 	$(BIN)/fisheye-bench run $(DATASET) --method $(METHOD) --protocol $(PROTOCOL)
+
+gate: benchmark ## score, then judge the run by BASELINE= (committed) and TOLERANCES=
+	$(BIN)/fisheye-bench gate $(RUN) --baseline $(BASELINE) --tolerances $(TOLERANCES) \
+		--junit reports/runs/gate/junit.xml --json reports/runs/gate/verdict.json $(if $(GITHUB_ACTIONS),--github)
+
+report: $(INSTALLED) ## write the page of RUN= (the demo's), or of one kind of motion with CATEGORY=
+	$(BIN)/fisheye-bench report $(RUN) $(if $(CATEGORY),--category $(CATEGORY))
 
 perf: $(INSTALLED_DEV) ## time every stage against the flow alone, and the hot functions
 	$(BIN)/fisheye-bench perf $(DATASET) --method $(METHOD) --protocol $(PROTOCOL)

@@ -128,3 +128,93 @@ def methods() -> None:
     from bench.cli import listing
 
     listing.methods()
+
+
+@app.command()
+def report(
+    run: Annotated[Path, typer.Argument(help="Folder of a stored run.")],
+    category: Annotated[str | None, typer.Option(help="Only this kind of motion, for example preceding.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="The file; index.html or index-CATEGORY.html in the run without it.")
+    ] = None,
+    pictures: Annotated[bool, typer.Option(help="Draw the worst frames, from the data set.")] = True,
+) -> None:
+    """Write one page to read, from disk and without a network: figures, charts, the worst cases."""
+    from bench.cli import paging
+
+    paging.report(run, category=category, out=out, pictures=pictures)
+
+
+@app.command()
+def gate(
+    run: Annotated[Path, typer.Argument(help="Folder of a stored run.")],
+    baseline: Annotated[Path, typer.Option(help="The baseline, for example reports/baselines/demo.json.")],
+    tolerances: Annotated[
+        str | None, typer.Option(help="default-v1, rendered-v1, or a YAML file; default-v1 without it.")
+    ] = None,
+    junit: Annotated[Path | None, typer.Option(help="Write JUnit XML to this file.")] = None,
+    json: Annotated[Path | None, typer.Option(help="Write the verdict as JSON to this file.")] = None,
+    github: Annotated[bool, typer.Option("--github", help="Print GitHub annotations.")] = False,
+    update: Annotated[bool, typer.Option("--update", help="Judge nothing; store the run as the baseline.")] = False,
+    allow_dirty: Annotated[
+        bool, typer.Option("--allow-dirty", help="With --update: also from changed, uncommitted code.")
+    ] = False,
+) -> None:
+    """Judge a run by a baseline: 0 no regression, 1 a regression, 2 usage or data error, 3 no baseline."""
+    from bench.cli import gating
+
+    if update:
+        gating.refuse_with_update(tolerances=tolerances, junit=junit, json=json, github=github)
+        gating.update(run, baseline=baseline, allow_dirty=allow_dirty)
+        return
+    status = gating.gate(run, baseline=baseline, tolerances=tolerances, junit=junit, json=json, github=github)
+    raise typer.Exit(status)
+
+
+@app.command()
+def sweep(
+    dataset: Dataset,
+    what: Annotated[str, typer.Option(help="What to change, for example threshold; `list` lists all.")],
+    values: Annotated[str | None, typer.Option(help="Values with commas in between; usual ones without it.")] = None,
+    method: MethodName = "spherical",
+    set_: Settings = None,
+    protocol: ProtocolName = "paper-v1",
+    split: Split = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder of sweeps and of their flow; reports/runs/sweeps-<data set> without it.")
+    ] = None,
+) -> None:
+    """Score one thing through many values: a table and a chart."""
+    from bench.cli import sweeping
+
+    failures = sweeping.sweep(
+        dataset, what=what, values=values, method=method, settings=set_ or [], protocol=protocol, split=split, out=out
+    )
+    if failures:
+        raise typer.Exit(DATA_ERROR)
+
+
+@app.command()
+def compare(
+    runs: Annotated[list[Path], typer.Argument(help="Folders of stored runs; the first is compared against.")],
+    out: Annotated[
+        Path | None, typer.Option(help="Folder of the comparison; reports/runs/compare-<run>-<run> without it.")
+    ] = None,
+    pictures: Annotated[bool, typer.Option(help="Draw the frames that changed most, from the data set.")] = True,
+) -> None:
+    """Compare runs in pairs: differences with intervals, object-frames gained and lost, pictures of the biggest."""
+    from bench.cli import comparing
+
+    comparing.compare(runs, out=out, pictures=pictures)
+
+
+@app.command()
+def leaderboard(
+    folder: Annotated[Path, typer.Argument(help="Folder that holds runs at any depth.")] = Path("reports/runs"),
+    out: Annotated[Path | None, typer.Option(help="Also write leaderboard.md, .csv, .json into this folder.")] = None,
+) -> None:
+    """List all runs of a folder, those that compare in one table each."""
+    from bench.cli import comparing
+
+    if comparing.leaderboard(folder, out=out):
+        raise typer.Exit(DATA_ERROR)

@@ -22,19 +22,32 @@ having 0, and `iou_detected` the mean over the detected ones. The latter compare
 (72 % detected, 64 % TPR, 55 % IoU) is impossible for a mean over all. 0/0 is NaN, null in JSON, "n/a (0 cases)" in
 words. Intervals resample whole recordings, since frames of one are not independent.
 
-The files, in the order of the data: `protocol` (the rules, a versioned file with a digest), `counts` with `sharing`
-(one image), `chance`, `scorer` (the recipe over a sequence), `rows` (the two tables), `totals` with `object_figures`,
-`frame_figures`, `ledger`, `bins`, `ratios` and `bootstrap` (the reduction), `summary` (what comes out), `maps`
-(detection rate by place), `published` (the paper's numbers). The harness calls `SequenceScorer` and `summarise`;
-reporting and the gate read `Summary`, the tables and `range_maps`.
+Beside its counts an image leaves two histograms of pixels over the motion likelihood, from which the score at any
+threshold follows, and adds to its camera's map of misses and false positives.
 
-Sources: Mariotti and Eising 2020, section IV; Chan et al. 2021 (SegmentMeIfYouCan) for the sharing of components.
+**Between two runs** over the same data nothing is compared but sums by recording (the score sheet): both runs are
+resampled by the same draws of recordings, so that what makes a recording hard cancels out.
+
+The files, in the order of the data: `protocol` (the rules, a versioned file with a digest), `regions` (one image taken
+apart), `counts` with `sharing`, `likelihood` and `image_maps` (what is counted in it), `chance`, `scorer` (the recipe
+over a sequence), `rows` (the two tables), `totals` with `slices`, `object_figures`, `frame_figures`, `ledger`, `bins`,
+`ratios` and `bootstrap` (the reduction), `summary` (what comes out), `maps` (detection rate by place), `score_sheet`
+with `metric_sums`, `paired` and `changes` (two runs), `published` (the paper's numbers). The harness calls
+`SequenceScorer` and `summarise`; reporting and the gate read `Summary`, `ScoreSheet`, the tables, `range_maps`,
+`ImageMap` and `threshold_sweep`.
+
+Sources: Mariotti and Eising 2020, section IV; Chan et al. 2021 (SegmentMeIfYouCan) for the sharing of components;
+Efron and Tibshirani 1993 for the bootstrap; Holm 1979.
 """
 
+from bench.evaluation.changes import object_changes
 from bench.evaluation.counts import FrameCounts, ObjectCounts, count_frame
+from bench.evaluation.image_maps import ImageMap, add_image_maps
+from bench.evaluation.likelihood import ThresholdSweep, threshold_sweep
 from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
 from bench.evaluation.protocol import Protocol, known_protocols, load_protocol
 from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA
+from bench.evaluation.score_sheet import MetricSums, PairedChange, ScoreSheet, holm, paired_change, score_sheet
 from bench.evaluation.scorer import SequenceScorer
 from bench.evaluation.summary import FalsePositiveFigures, Figure, ObjectFigures, Summary
 from bench.evaluation.totals import summarise
@@ -45,16 +58,27 @@ __all__ = [
     "FalsePositiveFigures",
     "Figure",
     "FrameCounts",
+    "ImageMap",
+    "MetricSums",
     "ObjectCounts",
     "ObjectFigures",
+    "PairedChange",
     "Protocol",
     "RangeMap",
     "RangeMaps",
+    "ScoreSheet",
     "SequenceScorer",
     "Summary",
+    "ThresholdSweep",
+    "add_image_maps",
     "count_frame",
+    "holm",
     "known_protocols",
     "load_protocol",
+    "object_changes",
+    "paired_change",
     "range_maps",
+    "score_sheet",
     "summarise",
+    "threshold_sweep",
 ]

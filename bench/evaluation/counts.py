@@ -8,11 +8,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.errors import ShapeError
+from bench.evaluation.regions import Regions, check_shape, take_apart
 from bench.evaluation.sharing import share_in_proportion
 from bench.reference.records import ReferenceFrame, Status
 
@@ -73,25 +72,6 @@ class FrameCounts:
     fp_by_cause: Mapping[str, int]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Detection:
-    """D, taken apart.
-
-    Attributes:
-        detected_px: |D|.
-        component: (H, W) int32, 1 for the first component of D, 0 outside D.
-        components: how many numbers `component` knows, 0 included.
-        true: (H, W) bool, D in all G.
-        false: (H, W) bool, D outside all G and I.
-    """
-
-    detected_px: int
-    component: NDArray[np.int32]
-    components: int
-    true: NDArray[np.bool_]
-    false: NDArray[np.bool_]
-
-
 def count_frame(
     reference: ReferenceFrame,
     detected: NDArray[np.bool_],
@@ -99,6 +79,7 @@ def count_frame(
     cause: NDArray[np.uint8] | None = None,
     causes: tuple[str, ...] = (),
     component_size_px: int,
+    regions: Regions | None = None,
 ) -> tuple[FrameCounts, tuple[ObjectCounts, ...]]:
     """Count one image.
 
@@ -108,6 +89,7 @@ def count_frame(
         cause: (H, W) uint8, index into `causes`; None for a method that names none.
         causes: what can flag a pixel.
         component_size_px: false-positive components with more pixels than this are large.
+        regions: of the image, where the caller has taken it apart already.
 
     Returns:
         frame: counts of the image.
@@ -120,12 +102,13 @@ def count_frame(
         Mariotti and Eising 2020, section IV (TP, FN and FP areas); component-wise sharing of false positives after
         Chan et al. 2021 (SegmentMeIfYouCan).
     """
-    _check_shapes(reference, detected, cause)
+    if cause is not None:
+        check_shape(reference, "cause", cause.shape)
     order = _canonical_order(reference)
-    detection = _take_apart(reference, detected)
+    regions = regions or take_apart(reference, detected)
     region_px = _region_px(reference)
-    fp_of_component = _false_positives_by_component(detection)
-    overlap = _overlap(reference, detection)
+    fp_of_component = _false_positives_by_component(regions)
+    overlap = _overlap(reference, regions)
     tp = overlap.sum(axis=0)
     fp = np.zeros_like(tp)
     fp[order] = share_in_proportion(fp_of_component, weights=overlap[:, order])
@@ -136,7 +119,7 @@ def count_frame(
         valid_px=int(np.count_nonzero(reference.valid)),
         reference_px=int(region_px.sum()),
         ignored_px=int(np.count_nonzero(reference.ignored & reference.valid)),
-        detected_px=detection.detected_px,
+        detected_px=regions.detected_px,
         tp_px=int(tp.sum()),
         fn_px=int((region_px - tp).sum()),
         fp_px=int(fp_of_component.sum()),
@@ -144,31 +127,31 @@ def count_frame(
         fp_components=int(np.count_nonzero(fp_of_component)),
         fp_large_components=int(np.count_nonzero(fp_of_component > component_size_px)),
         fp_largest_px=int(fp_of_component.max(initial=0)),
-        fp_by_cause=_false_positives_by_cause(detection, cause, causes),
+        fp_by_cause=_false_positives_by_cause(regions, cause, causes),
     )
     columns = zip(tp.tolist(), (region_px - tp).tolist(), fp.tolist(), strict=True)
     return frame, tuple(ObjectCounts(tp=t, fn=n, fp=f) for t, n, f in columns)
 
 
-def _false_positives_by_component(detection: _Detection) -> Counts:
+def _false_positives_by_component(regions: Regions) -> Counts:
     """(components,) pixels outside all G and I."""
-    return np.bincount(detection.component[detection.false], minlength=detection.components)
+    return np.bincount(regions.component[regions.false], minlength=regions.components)
 
 
-def _overlap(reference: ReferenceFrame, detection: _Detection) -> Counts:
+def _overlap(reference: ReferenceFrame, regions: Regions) -> Counts:
     """(components, objects) pixels of each component of D in each G_i."""
-    shape = (detection.components, len(reference.objects))
-    component = detection.component[detection.true].astype(np.int64)
-    label = reference.labels[detection.true]
+    shape = (regions.components, len(reference.objects))
+    component = regions.component[regions.true].astype(np.int64)
+    label = reference.labels[regions.true]
     return np.bincount(component * shape[1] + label - 1, minlength=shape[0] * shape[1]).reshape(shape)
 
 
 def _false_positives_by_cause(
-    detection: _Detection, cause: NDArray[np.uint8] | None, causes: tuple[str, ...]
+    regions: Regions, cause: NDArray[np.uint8] | None, causes: tuple[str, ...]
 ) -> dict[str, int]:
     if cause is None:
         return {}
-    found = np.bincount(cause[detection.false], minlength=len(causes))
+    found = np.bincount(cause[regions.false], minlength=len(causes))
     return dict(zip(causes, found.tolist(), strict=True))
 
 
@@ -181,28 +164,7 @@ def _region_px(reference: ReferenceFrame) -> Counts:
     return region_px
 
 
-def _take_apart(reference: ReferenceFrame, detected: NDArray[np.bool_]) -> _Detection:
-    mask = detected & reference.valid
-    components, component = cv2.connectedComponents(mask.view(np.uint8), connectivity=8, ltype=cv2.CV_32S)
-    true = mask & (reference.labels > 0)
-    return _Detection(
-        detected_px=int(np.count_nonzero(mask)),
-        component=component.astype(np.int32, copy=False),
-        components=components,
-        true=true,
-        false=mask & ~true & ~reference.ignored,
-    )
-
-
 def _canonical_order(reference: ReferenceFrame) -> NDArray[np.int64]:
     """Objects by track id, so that ties are broken the same way whatever order they come in."""
     ids = [item.track_id for item in reference.objects]
     return np.array(sorted(range(len(ids)), key=ids.__getitem__), dtype=np.int64)
-
-
-def _check_shapes(reference: ReferenceFrame, detected: NDArray[np.bool_], cause: NDArray[np.uint8] | None) -> None:
-    wanted = reference.valid.shape
-    for name, array in (("mask", detected), ("cause", cause)):
-        if array is not None and array.shape != wanted:
-            where = f"{reference.recording}, {reference.camera}, {reference.timestamp_ns} ns"
-            raise ShapeError(f"{where}: wanted a {name} of {wanted} (height, width), came {array.shape}")

@@ -9,6 +9,7 @@ from typing import Any, Literal
 import pyarrow as pa
 
 from bench.evaluation.counts import FrameCounts, ObjectCounts
+from bench.evaluation.likelihood import OUTSIDE_COLUMN, REFERENCE_COLUMN, LikelihoodCounts
 from bench.reference.records import ReferenceFrame, ReferenceObject
 
 Row = dict[str, Any]
@@ -58,7 +59,8 @@ _FRAME_COUNTS = (
     "fp_largest_px",
 )
 
-# One row per image. All counts are 0 unless evaluated; `fp_by_cause` is empty for a method that names no causes.
+# One row per image. All counts are 0 unless evaluated; `fp_by_cause` is empty for a method that names no causes. The
+# histograms over `bench.evaluation.likelihood.EDGES` are null unless evaluated and where the method has no likelihood.
 FRAMES_SCHEMA = pa.schema(
     [
         *_IMAGE_KEY,
@@ -68,6 +70,8 @@ FRAMES_SCHEMA = pa.schema(
         *[(name, pa.int64()) for name in _FRAME_COUNTS],
         ("undefined_px", pa.int64()),
         ("fp_by_cause", pa.map_(pa.string(), pa.int64())),
+        (REFERENCE_COLUMN, pa.list_(pa.int64())),
+        (OUTSIDE_COLUMN, pa.list_(pa.int64())),
     ]
 )
 
@@ -83,11 +87,17 @@ def object_rows(reference: ReferenceFrame, counts: Sequence[ObjectCounts]) -> li
     return [image | _object_row(item, count) for item, count in zip(reference.objects, counts, strict=True)]
 
 
-def frame_row(reference: ReferenceFrame, counts: FrameCounts, *, undefined_px: int) -> Row:
+def frame_row(
+    reference: ReferenceFrame, counts: FrameCounts, *, undefined_px: int, likelihood: LikelihoodCounts | None = None
+) -> Row:
     """The row of `FRAMES_SCHEMA` of an image that was scored."""
     row = _image_key(reference) | {"ego_speed_mps": reference.ego_speed_mps, "status": "evaluated", "problem": None}
     row |= {name: getattr(counts, name) for name in _FRAME_COUNTS}
-    return row | {"undefined_px": undefined_px, "fp_by_cause": sorted(counts.fp_by_cause.items())}
+    row |= {"undefined_px": undefined_px, "fp_by_cause": sorted(counts.fp_by_cause.items())}
+    return row | {
+        REFERENCE_COLUMN: None if likelihood is None else likelihood.reference_px,
+        OUTSIDE_COLUMN: None if likelihood is None else likelihood.outside_px,
+    }
 
 
 def unscored_frame_row(
@@ -96,7 +106,7 @@ def unscored_frame_row(
     """The row of `FRAMES_SCHEMA` of an image that could not be scored, with the reason in words."""
     row: Row = {"recording": recording, "camera": camera, "timestamp_ns": timestamp_ns, "ego_speed_mps": math.nan}
     row |= {"status": status, "problem": problem} | dict.fromkeys(_FRAME_COUNTS, 0)
-    return row | {"undefined_px": 0, "fp_by_cause": []}
+    return row | {"undefined_px": 0, "fp_by_cause": [], REFERENCE_COLUMN: None, OUTSIDE_COLUMN: None}
 
 
 def objects_table(rows: Iterable[Mapping[str, Any]]) -> pa.Table:

@@ -9,7 +9,10 @@ import pyarrow as pa
 
 from bench.evaluation.chance import ChanceScorer
 from bench.evaluation.counts import count_frame
+from bench.evaluation.image_maps import ImageMap, ImageMapSums
+from bench.evaluation.likelihood import LikelihoodCounts, count_likelihood
 from bench.evaluation.protocol import Protocol
+from bench.evaluation.regions import Regions, take_apart
 from bench.evaluation.rows import Row, frame_row, frames_table, object_rows, objects_table, unscored_frame_row
 from bench.methods.contract import Segmentation
 from bench.reference.records import ReferenceFrame
@@ -27,6 +30,7 @@ class SequenceScorer:
         self._chance = ChanceScorer(lag_ns=protocol.chance_lag_ns)
         self._objects: list[Row] = []
         self._frames: list[Row] = []
+        self._maps: ImageMapSums | None = None
 
     def add(self, reference: ReferenceFrame, segmentation: Segmentation) -> None:
         """Score a frame.
@@ -36,15 +40,21 @@ class SequenceScorer:
         """
         height, width = reference.valid.shape
         detected = segmentation.mask_at(width, height)
+        regions = take_apart(reference, detected)
         frame, objects = count_frame(
             reference,
             detected,
             cause=segmentation.cause_at(width, height),
             causes=segmentation.causes,
             component_size_px=self._component_size_px,
+            regions=regions,
         )
         self._chance.add(reference, detected)
-        self._frames.append(frame_row(reference, frame, undefined_px=_undefined_px(reference, segmentation)))
+        undefined_px, likelihood = _undefined_px(reference, segmentation), _likelihood(regions, segmentation)
+        self._frames.append(frame_row(reference, frame, undefined_px=undefined_px, likelihood=likelihood))
+        if self._maps is None:
+            self._maps = ImageMapSums(camera=reference.camera, width=width, height=height)
+        self._maps.add(regions)
         self._objects.extend(object_rows(reference, objects))
 
     def leave_out(
@@ -69,6 +79,16 @@ class SequenceScorer:
         for row in self._objects:
             row["chance_tp"] = chance_tp.get(row["timestamp_ns"], {}).get(row["track_id"])
         return objects_table(self._objects), frames_table(self._frames)
+
+    def image_map(self) -> ImageMap | None:
+        """Where in the image the frames so far were right and wrong; None without any scored frame."""
+        return None if self._maps is None else self._maps.finish()
+
+
+def _likelihood(regions: Regions, segmentation: Segmentation) -> LikelihoodCounts | None:
+    if segmentation.likelihood is None:
+        return None
+    return count_likelihood(segmentation.likelihood, regions, cell_size_px=segmentation.cell_size_px)
 
 
 def _undefined_px(reference: ReferenceFrame, segmentation: Segmentation) -> int:

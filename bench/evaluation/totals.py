@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from bench.evaluation.bins import bin_names, name_bins
 from bench.evaluation.bootstrap import sequence_weights
 from bench.evaluation.frame_figures import false_positive_causes, false_positive_figures, segmentation_figures
 from bench.evaluation.ledger import frame_ledger, object_ledger
 from bench.evaluation.object_figures import object_figures
 from bench.evaluation.protocol import Protocol
 from bench.evaluation.ratios import Cases
+from bench.evaluation.slices import IMAGE, Split, frame_splits, object_splits, read_rows
 from bench.evaluation.summary import FalsePositiveFigures, ObjectFigures, ProtocolStamp, Summary
-
-_IMAGE = ["recording", "camera", "timestamp_ns"]
 
 
 def summarise(objects: pa.Table, frames: pa.Table, *, protocol: Protocol) -> Summary:
@@ -29,7 +25,7 @@ def summarise(objects: pa.Table, frames: pa.Table, *, protocol: Protocol) -> Sum
         frames: of `FRAMES_SCHEMA`, rows in any order.
         protocol: that the run was made with.
     """
-    all_objects, all_frames = _read(objects, key=[*_IMAGE, "track_id"]), _read(frames, key=_IMAGE)
+    all_objects, all_frames = read_rows(objects, key=[*IMAGE, "track_id"]), read_rows(frames, key=IMAGE)
     object_cases, frame_cases = _cases(all_objects, all_frames, protocol)
     cameras = sorted(set(all_frames["camera"]))
     levels = protocol.scoring.detection_levels
@@ -47,12 +43,6 @@ def summarise(objects: pa.Table, frames: pa.Table, *, protocol: Protocol) -> Sum
     )
 
 
-def _read(table: pa.Table, *, key: list[str]) -> pd.DataFrame:
-    rows: pd.DataFrame = table.to_pandas().sort_values(key, ignore_index=True)
-    assert not rows.duplicated(key).any(), f"{key} names each row once"
-    return rows
-
-
 def _cases(objects: pd.DataFrame, frames: pd.DataFrame, protocol: Protocol) -> tuple[Cases, Cases]:
     """The evaluated object-frames and the scored image-frames, over the same resampled recordings."""
     evaluated = objects[objects["status"] == "evaluated"].reset_index(drop=True)
@@ -68,24 +58,16 @@ def _cases(objects: pd.DataFrame, frames: pd.DataFrame, protocol: Protocol) -> t
 
 
 def _categories(cases: Cases, protocol: Protocol) -> dict[str, ObjectFigures]:
-    return _split(cases, cases.rows["category"].to_numpy(), protocol.reference.categories, protocol)
+    return _split(cases, (cases.rows["category"].to_numpy(), protocol.reference.categories), protocol)
 
 
 def _breakdowns(cases: Cases, protocol: Protocol, cameras: list[str]) -> dict[str, dict[str, ObjectFigures]]:
-    names = {
-        "object_class": (cases.rows["object_class"].to_numpy(), protocol.reference.classes),
-        "range_m": _binned(cases, "range_m", protocol.bins.range_m),
-        "ego_speed_mps": _binned(cases, "ego_speed_mps", protocol.bins.ego_speed_mps),
-        "camera": (cases.rows["camera"].to_numpy(), cameras),
-        "points": _binned(cases, "points", protocol.bins.points),
-    }
-    return {column: _split(cases, of_row, every, protocol) for column, (of_row, every) in names.items()}
+    splits = object_splits(cases.rows, protocol=protocol, cameras=cameras)
+    return {name: _split(cases, split, protocol) for name, split in splits.items()}
 
 
-def _split(
-    cases: Cases, of_row: NDArray[np.object_], names: Iterable[str], protocol: Protocol
-) -> dict[str, ObjectFigures]:
-    levels = protocol.scoring.detection_levels
+def _split(cases: Cases, split: Split, protocol: Protocol) -> dict[str, ObjectFigures]:
+    (of_row, names), levels = split, protocol.scoring.detection_levels
     rows = {str(name): object_figures(cases, levels=levels, where=of_row == str(name)) for name in names}
     assert sum(row.object_frames for row in rows.values()) == len(cases.rows), "every object-frame is in one slice"
     return rows
@@ -94,16 +76,11 @@ def _split(
 def _false_positive_breakdowns(
     cases: Cases, protocol: Protocol, cameras: list[str]
 ) -> dict[str, dict[str, FalsePositiveFigures]]:
-    camera = cases.rows["camera"].to_numpy()
-    speed, speeds = _binned(cases, "ego_speed_mps", protocol.bins.ego_speed_mps)
+    splits = frame_splits(cases.rows, protocol=protocol, cameras=cameras)
     return {
-        "ego_speed_mps": {name: false_positive_figures(cases, where=speed == name) for name in speeds},
-        "camera": {name: false_positive_figures(cases, where=camera == name) for name in cameras},
+        split: {name: false_positive_figures(cases, where=of_row == name) for name in names}
+        for split, (of_row, names) in splits.items()
     }
-
-
-def _binned(cases: Cases, column: str, edges: tuple[float, ...]) -> tuple[NDArray[np.object_], tuple[str, ...]]:
-    return name_bins(cases.column(column), edges=edges), bin_names(edges)
 
 
 def _every_row(cases: Cases) -> NDArray[np.bool_]:

@@ -8,7 +8,7 @@ images, calibration and ego-motion, never annotations.
 from bench.harness.frames import FramePipeline, ProcessedFrame
 from bench.harness.provenance import Provenance
 from bench.harness.run import run_benchmark
-from bench.harness.stored import RunSummary, read_protocol, read_run, read_tables
+from bench.harness.stored import RunSummary, read_image_maps, read_protocol, read_run, read_tables
 from bench.harness.units import Unit, plan_units
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "RunSummary",
     "Unit",
     "plan_units",
+    "read_image_maps",
     "read_protocol",
     "read_run",
     "read_tables",

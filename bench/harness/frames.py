@@ -71,14 +71,14 @@ class FramePipeline:
             DataError: an image, a sweep or the ego-motion of the frame cannot be used.
             UnscorableFrame: the images before it are missing.
         """
-        given = self._method_input(index)
+        given = self.method_input(index)
         with self._clock.stage("method"):
             segmentation = self._method.segment(given)
         with self._clock.stage("reference"):
             reference = self.references.build(self.images[index])
         return ProcessedFrame(image=self.images[index], given=given, segmentation=segmentation, reference=reference)
 
-    def _method_input(self, index: int) -> MethodInput:
+    def method_input(self, index: int) -> MethodInput:
         """What a method may see of the images up to `index`."""
         first = index - self._method.history
         for later in range(first + 1, index + 1):

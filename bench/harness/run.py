@@ -15,6 +15,7 @@ from bench.evaluation import Protocol, summarise
 from bench.harness import provenance as origin
 from bench.harness.stages import StageClock
 from bench.harness.stored import (
+    IMAGE_MAPS,
     SCHEMA_VERSION,
     MethodStamp,
     RunSummary,
@@ -71,7 +72,7 @@ def run_benchmark(
     if not work.finished:
         raise DataError(card.file, wanted="a recording that can be used", came="; ".join(work.failures) or "none")
     join_units(out, work.finished)
-    objects, frames = read_tables(out)
+    objects, frames = read_tables(out, histograms=False)
     figures = summarise(objects, frames, protocol=protocol)
     write_protocol(out, protocol)
     summary = RunSummary(
@@ -81,7 +82,7 @@ def run_benchmark(
         card=str(card.file),
         reference_fingerprint=reference_fingerprint(objects, frames),
         split=split,
-        method=MethodStamp(name=method.name, settings=method.settings()),
+        method=MethodStamp.of(method),
         provenance=origin.Provenance(
             version=origin.package_version(),
             commit=origin.package_commit(),
@@ -156,7 +157,7 @@ def _clear(out: Path) -> None:
     """Make room for the run; never remove a folder that is not a run."""
     if out.exists() and any(out.iterdir()) and not (out / MARK).is_dir():
         raise DataError(out, wanted="an empty folder or an older run", came="a folder with other files")
-    for file in ("summary.json", "objects.parquet", "frames.parquet", "protocol.json"):
+    for file in ("summary.json", "objects.parquet", "frames.parquet", IMAGE_MAPS, "protocol.json"):
         (out / file).unlink(missing_ok=True)
     shutil.rmtree(out / MARK, ignore_errors=True)
     (out / MARK).mkdir(parents=True)

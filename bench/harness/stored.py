@@ -1,10 +1,13 @@
 """The files of a run: written once, atomically; everything above reads only these.
 
 ```
-<run>/units/<recording>-<camera>-<start>.{objects,frames}.parquet and .json    a unit's rows and its status
-<run>/objects.parquet, frames.parquet, summary.json                            the whole run
-<run>/protocol.json                                                            the rules that it was scored by
+<run>/units/<recording>-<camera>-<start>.{objects,frames}.parquet, .maps.npz, .json    a unit's counts and its status
+<run>/objects.parquet, frames.parquet, image_maps.npz, summary.json                    the whole run
+<run>/protocol.json                                                                    the rules that it was scored by
 ```
+
+Runs of older versions are read for ever: columns that came later are null in them, files that came later are missed by
+name.
 """
 
 from __future__ import annotations
@@ -13,6 +16,7 @@ import hashlib
 import io
 import json
 import re
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -22,13 +26,26 @@ import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from bench.errors import DataError
-from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, Protocol, Summary, load_protocol
+from bench.evaluation import (
+    FRAMES_SCHEMA,
+    OBJECTS_SCHEMA,
+    ImageMap,
+    Protocol,
+    Summary,
+    add_image_maps,
+    load_protocol,
+)
+from bench.harness.map_files import load_image_maps, write_image_maps
 from bench.harness.provenance import Provenance
 from bench.harness.unit import UnitTables
 from bench.harness.units import Unit
+from bench.methods import Method, build_method, known_methods
 from bench.recordings import replacing, write_text
 
 SCHEMA_VERSION = 1
+IMAGE_MAPS = "image_maps.npz"
+HISTOGRAMS = frozenset({"likelihood_reference_px", "likelihood_outside_px"})
+LATER_COLUMNS = HISTOGRAMS  # not in the first runs of version 1
 
 # What the reference alone decides, in whole numbers and words: no floats, whose text could differ between versions.
 REFERENCE_OF_OBJECTS = (
@@ -42,14 +59,36 @@ class MethodStamp(BaseModel):
     """Which method made the figures.
 
     Attributes:
-        name: as the registry knows it.
+        name: its own.
         settings: every parameter.
+        place: "module:Class", by which a method is found that no registry knows; None in runs of older versions.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str
     settings: dict[str, object]
+    place: str | None = None
+
+    @classmethod
+    def of(cls, method: Method) -> MethodStamp:
+        """The stamp of a method."""
+        kind = type(method)
+        return cls(name=method.name, settings=method.settings(), place=f"{kind.__module__}:{kind.__qualname__}")
+
+    @property
+    def called(self) -> str:
+        """What `--method` takes for it."""
+        return self.name if self.place is None or self.name in known_methods() else self.place
+
+    def build(self) -> Method:
+        """The method again, to look at single frames.
+
+        Raises:
+            UnknownNameError: neither the registry nor the place knows it.
+            UsageError: it does not take its own settings.
+        """
+        return build_method(self.called, self.settings)
 
 
 class RunSummary(Summary):
@@ -91,25 +130,54 @@ def write_unit(run: Path, unit: Unit, tables: UnitTables) -> None:
     for name, table in (("objects", tables.objects), ("frames", tables.frames)):
         with replacing(run / "units" / f"{stem}.{name}.parquet") as temporary:
             pq.write_table(table, temporary, compression="zstd")
+    if tables.image_map is not None:
+        write_image_maps(run / "units" / f"{stem}.maps.npz", [tables.image_map])
     status = {"unit": {name: getattr(unit, name) for name in unit.__slots__}, "problems": list(tables.problems)}
     write_text(run / "units" / f"{stem}.json", json.dumps(status, indent=1) + "\n")
 
 
 def join_units(run: Path, units: Sequence[Unit]) -> None:
-    """Write `objects.parquet` and `frames.parquet` from the units, one unit in memory at a time."""
+    """Write `objects.parquet`, `frames.parquet` and `image_maps.npz` from the units, one unit in memory at a time."""
     stems = sorted(unit_stem(unit) for unit in units)
     for name, schema in (("objects", OBJECTS_SCHEMA), ("frames", FRAMES_SCHEMA)):
         with replacing(run / f"{name}.parquet") as temporary:
             _concatenate([run / "units" / f"{stem}.{name}.parquet" for stem in stems], schema, temporary)
+    maps: tuple[ImageMap, ...] = ()
+    for stem in stems:
+        file = run / "units" / f"{stem}.maps.npz"
+        if file.exists():  # a unit without a scored image has none
+            maps = add_image_maps([*maps, *load_image_maps(file)])
+    write_image_maps(run / IMAGE_MAPS, maps)
 
 
-def read_tables(run: Path) -> tuple[pa.Table, pa.Table]:
+def read_tables(run: Path, *, histograms: bool = True) -> tuple[pa.Table, pa.Table]:
     """The run's objects and frames.
+
+    Args:
+        run: folder.
+        histograms: whether to read those over the likelihood, which take ten times the rest of a frame's row; they
+            are null otherwise.
 
     Raises:
         DataError: missing or damaged.
     """
-    return _read_table(run / "objects.parquet"), _read_table(run / "frames.parquet")
+    unread = frozenset() if histograms else HISTOGRAMS
+    objects = _read_table(run / "objects.parquet", OBJECTS_SCHEMA)
+    return objects, _read_table(run / "frames.parquet", FRAMES_SCHEMA, unread=unread)
+
+
+def read_image_maps(run: Path) -> dict[str, ImageMap]:
+    """Where in the image a run's method was right and wrong, by camera.
+
+    A camera that comes in several sizes has one map for each, as "front, 640 x 480".
+
+    Raises:
+        DataError: missing, as in runs of older versions, or damaged.
+    """
+    maps = load_image_maps(run / IMAGE_MAPS)
+    several = [camera for camera, count in Counter(item.camera for item in maps).items() if count > 1]
+    names = [f"{m.camera}, {m.width} x {m.height}" if m.camera in several else m.camera for m in maps]
+    return dict(zip(names, maps, strict=True))
 
 
 def write_protocol(run: Path, protocol: Protocol) -> None:
@@ -169,8 +237,14 @@ def _concatenate(files: Sequence[Path], schema: pa.Schema, out: Path) -> None:
             writer.write_table(pq.read_table(file, schema=schema))
 
 
-def _read_table(file: Path) -> pa.Table:
+def _read_table(file: Path, schema: pa.Schema, *, unread: frozenset[str] = frozenset()) -> pa.Table:
     try:
-        return pq.read_table(file)
+        table = pq.read_table(file, columns=[name for name in pq.read_schema(file).names if name not in unread])
+        for name in LATER_COLUMNS & set(schema.names) - set(table.column_names):
+            table = table.append_column(schema.field(name), pa.nulls(len(table), schema.field(name).type))
+        missing = [name for name in schema.names if name not in table.column_names]
+        if missing:
+            raise DataError(file, field=missing[0], wanted="this column of a run's table", came="none")
+        return table.select(schema.names).cast(schema)
     except (OSError, pa.ArrowInvalid) as error:
         raise DataError(file, wanted="a table of a run", came=" ".join(str(error).split())[:200]) from error

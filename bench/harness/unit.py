@@ -9,7 +9,7 @@ from typing import Literal
 import pyarrow as pa
 
 from bench.errors import BenchError
-from bench.evaluation import Protocol, SequenceScorer
+from bench.evaluation import ImageMap, Protocol, SequenceScorer
 from bench.harness.frames import FramePipeline, UnscorableFrame
 from bench.harness.stages import StageClock
 from bench.harness.units import Unit
@@ -24,11 +24,13 @@ class UnitTables:
     Attributes:
         objects: rows of `OBJECTS_SCHEMA`.
         frames: rows of `FRAMES_SCHEMA`, one per image of the unit.
+        image_map: sums over its scored images; None without any.
         problems: one line per image that could not be used.
     """
 
     objects: pa.Table
     frames: pa.Table
+    image_map: ImageMap | None
     problems: tuple[str, ...]
 
 
@@ -79,4 +81,4 @@ def run_unit(
             progress()
     with clock.stage("counts"):
         objects, frames = scorer.finish()
-    return UnitTables(objects=objects, frames=frames, problems=tuple(problems))
+    return UnitTables(objects=objects, frames=frames, image_map=scorer.image_map(), problems=tuple(problems))

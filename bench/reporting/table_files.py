@@ -13,6 +13,7 @@ from bench.reporting.sheets import NOTE, Sheet, sheets
 from bench.reporting.tables import Comparison, TableRow
 
 SCHEMA_VERSION = 1
+_SCRIPT_SIZE_HOLDS = 150  # letters across both columns of IEEEtran
 _LATEX_SPECIAL = str.maketrans(
     {
         "\\": r"\textbackslash{}",
@@ -95,7 +96,7 @@ def _latex_sheet(sheet: Sheet) -> str:
             r"\begin{table*}",
             rf"\caption{{{escape_latex(sheet.title)}}}",
             r"\begin{center}",
-            r"\scriptsize",
+            r"\fontsize{6}{7}\selectfont" if _width(sheet) > _SCRIPT_SIZE_HOLDS else r"\scriptsize",
             r"\setlength{\tabcolsep}{3pt}",
             r"\renewcommand{\arraystretch}{1.5}",
             rf"\begin{{tabular}}{{{columns}}}",
@@ -107,6 +108,11 @@ def _latex_sheet(sheet: Sheet) -> str:
             r"\end{table*}",
         ]
     )
+
+
+def _width(sheet: Sheet) -> int:
+    """Letters in a line of the table, each column as wide as its widest cell."""
+    return sum(max(len(cell) for cell in column) for column in zip(sheet.headings, *sheet.rows, strict=True))
 
 
 def _json_figure(figure: Comparison) -> dict[str, Any]:

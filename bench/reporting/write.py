@@ -42,7 +42,7 @@ def write_report_files(run: Path) -> Report:
         DataError: a stored result is missing or damaged, or the files are not of one run.
     """
     summary = read_run(run)
-    rules = _rules(run, summary)
+    rules = read_rules(run, summary)
     objects, _ = read_tables(run)
     rows = table_rows(summary)
     outline_m = np.array(summary.vehicle_outline_m, dtype=np.float64)
@@ -59,12 +59,12 @@ def write_picture(stem: Path, figure: Figure) -> tuple[Path, ...]:
     return files
 
 
-def _write_table(file: Path, rows: list[TableRow]) -> Path:
-    write_text(file, TABLES[file.name](rows))
-    return file
+def read_rules(run: Path, summary: RunSummary) -> Protocol:
+    """The protocol of a run.
 
-
-def _rules(run: Path, summary: RunSummary) -> Protocol:
+    Raises:
+        DataError: missing, or not that of the summary.
+    """
     rules = read_protocol(run)
     if rules.digest != summary.protocol.digest:
         raise DataError(
@@ -73,3 +73,8 @@ def _rules(run: Path, summary: RunSummary) -> Protocol:
             came=f"{rules.name!r} with digest {rules.digest[:12]}",
         )
     return rules
+
+
+def _write_table(file: Path, rows: list[TableRow]) -> Path:
+    write_text(file, TABLES[file.name](rows))
+    return file

@@ -10,7 +10,19 @@ from bench.cli import main
 from bench.cli.settings import parse_settings
 from bench.errors import UsageError
 
-COMMANDS = {"run", "view", "synthesize", "perf", "datasets", "methods"}
+COMMANDS = {
+    "run",
+    "view",
+    "synthesize",
+    "perf",
+    "datasets",
+    "methods",
+    "sweep",
+    "gate",
+    "report",
+    "compare",
+    "leaderboard",
+}
 
 
 def call(monkeypatch, *words) -> int:

@@ -54,7 +54,8 @@ def shuffled(table: pa.Table, seed: int) -> pa.Table:
 
 def _frame_row(draw: np.random.Generator, recording: str, camera: str, timestamp_ns: int) -> dict[str, object]:
     failed = draw.random() < 0.1
-    counts = {name: 0 if failed else int(draw.integers(1, 200)) for name in FRAMES_SCHEMA.names[6:-1]}
+    names = [field.name for field in FRAMES_SCHEMA if field.type == pa.int64() and field.name != "timestamp_ns"]
+    counts = {name: 0 if failed else int(draw.integers(1, 200)) for name in names}
     causes = [] if failed else [("depth", counts["fp_px"] // 3), ("epipolar", counts["fp_px"] - counts["fp_px"] // 3)]
     return {
         "recording": recording,

@@ -11,6 +11,7 @@ import pytest
 from bench.errors import DataError
 from bench.evaluation import load_protocol
 from bench.harness import plan_units, read_protocol, read_run, read_tables, run_benchmark
+from bench.harness.stored import MethodStamp
 from bench.methods import build_method
 from bench.recordings import load_card, open_dataset
 
@@ -176,3 +177,11 @@ def test_what_is_no_summary_is_refused_by_name(tmp_path):
         read_run(tmp_path)
     with pytest.raises(DataError, match=r"objects\.parquet"):
         read_tables(tmp_path)
+
+
+def test_a_stored_method_can_be_built_again_whether_registered_or_not(tiny_card, tmp_path):
+    ours = run(tiny_card, tmp_path / "ours").method
+    assert (ours.called, ours.build().settings()) == ("spherical", ours.settings)
+    stranger = MethodStamp(name="stranger", settings={}, place="bench.methods.baselines:Nothing")
+    assert stranger.called == "bench.methods.baselines:Nothing"
+    assert stranger.build().name == "nothing"

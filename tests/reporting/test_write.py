@@ -1,6 +1,7 @@
 import math
 import os
 
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -24,7 +25,7 @@ def object_row(number):
 
 def frame_row(number):
     key = {"recording": f"drive-{number % 3}", "camera": "front", "timestamp_ns": number * 100, "ego_speed_mps": 1.0}
-    counts = {name: 0 for name in FRAMES_SCHEMA.names if name.endswith("_px") or name.startswith("fp_")}
+    counts = {field.name: 0 for field in FRAMES_SCHEMA if field.type == pa.int64()}
     size = {"width": 640, "height": 480, "valid_px": 300_000, "fp_px": 3072}
     return counts | key | size | {"status": "evaluated", "problem": None, "fp_by_cause": []}
 

@@ -25,6 +25,25 @@ from bench.methods.spherical.static_camera import static_camera_deviation
 STATIC_CAUSE = "static_camera"
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Measurement:
+    """What the cells of an image show before anything is weighed; exactly one of `moving` and `standing` is there.
+
+    Attributes:
+        flow: (rows, columns, 2) float32, px, to the previous image.
+        seen: (rows, columns) bool; both images could see the cell's content.
+        defined: (rows, columns) bool; the deviations say something.
+        moving: deviations for a camera that moves.
+        standing: (rows, columns) float64, deviation for a camera that stands.
+    """
+
+    flow: NDArray[np.float32]
+    seen: NDArray[np.bool_]
+    defined: NDArray[np.bool_]
+    moving: Deviations | None = None
+    standing: NDArray[np.float64] | None = None
+
+
 @dataclass(frozen=True, kw_only=True)
 class SphericalMethod:
     """Flow on cells, deviations on the sphere, weighted mean, threshold.
@@ -83,36 +102,64 @@ class SphericalMethod:
 
     def segment(self, frame: MethodInput) -> Segmentation:
         """Segment the last image of the pair; see `bench.methods.contract`."""
+        return self.judge(self.measure(frame, self.mean_flow(frame)))
+
+    def mean_flow(self, frame: MethodInput) -> NDArray[np.float32]:
+        """Flow from the current to the previous image, (rows, columns, 2) float32, px, mean over each cell."""
+        compute = dense_flow(self.flow, **self.flow_parameters)
+        return cell_mean(compute(frame.images[-1], frame.images[-2]), self.cell_size_px)
+
+    def measure(self, frame: MethodInput, flow: NDArray[np.float32]) -> Measurement:
+        """Deviations of each cell from a static world; neither weights nor thresholds have a part in them.
+
+        Args:
+            frame: its images are not looked at.
+            flow: from `mean_flow`.
+        """
         cells = ray_grid(frame.camera, self.cell_size_px)
-        flow = self.mean_flow(frame)
         rays_previous, seen = self._rays_previous(frame, cells, flow)
-        if np.linalg.norm(frame.current_from_previous[-1].translation_m) < self.static_below_m:
-            return self._segment_standing(frame, cells, flow, rays_previous, seen)
-        measured = deviations(
+        motion = frame.current_from_previous[-1]
+        if np.linalg.norm(motion.translation_m) < self.static_below_m:
+            standing, defined = static_camera_deviation(
+                rays_previous,
+                cells.rays_camera,
+                current_from_previous=motion,
+                road=frame.road,
+                lambda_static_m=self.lambda_static_m,
+            )
+            return Measurement(flow=flow, seen=seen, defined=defined, standing=standing)
+        moving = deviations(
             rays_previous,
             cells.rays_camera,
-            current_from_previous=frame.current_from_previous[-1],
+            current_from_previous=motion,
             road=frame.road,
             lambda_height=self.lambda_height,
             lambda_anti_parallel=self.lambda_anti_parallel,
             min_epipole_sine=self.min_epipole_sine,
             variants=self.variants,
         )
-        likelihood = motion_likelihood(measured, self.weights, root_sum=self.root_sum)
-        return Segmentation(
-            cell_size_px=self.cell_size_px,
-            mask=(likelihood > self.threshold) & seen,
-            likelihood=np.where(seen, likelihood, 0.0).astype(np.float32),
-            undefined=~(measured.defined & seen),
-            causes=CONSTRAINTS,
-            cause=largest_contribution(measured, self.weights),
-            parts=_flow_parts(flow) | _deviation_parts(measured),
-        )
+        return Measurement(flow=flow, seen=seen, defined=moving.defined, moving=moving)
 
-    def mean_flow(self, frame: MethodInput) -> NDArray[np.float32]:
-        """Flow from the current to the previous image, (rows, columns, 2) float32, px, mean over each cell."""
-        compute = dense_flow(self.flow, **self.flow_parameters)
-        return cell_mean(compute(frame.images[-1], frame.images[-2]), self.cell_size_px)
+    def judge(self, measured: Measurement) -> Segmentation:
+        """Weigh the deviations and apply the threshold."""
+        if measured.moving is None:
+            assert measured.standing is not None, "a camera moves or stands"
+            return self._segmentation(
+                measured,
+                measured.standing,
+                threshold=self.static_threshold,
+                causes=(STATIC_CAUSE,),
+                cause=np.zeros(measured.seen.shape, dtype=np.uint8),
+                parts={},
+            )
+        return self._segmentation(
+            measured,
+            motion_likelihood(measured.moving, self.weights, root_sum=self.root_sum),
+            threshold=self.threshold,
+            causes=CONSTRAINTS,
+            cause=largest_contribution(measured.moving, self.weights),
+            parts=_deviation_parts(measured.moving),
+        )
 
     def _rays_previous(
         self, frame: MethodInput, cells: RayGrid, flow: NDArray[np.float32]
@@ -124,29 +171,24 @@ class SphericalMethod:
         seen &= cells.valid & _at_centres(frame.valid, cells)
         return rays.reshape(cells.rays_camera.shape), seen
 
-    def _segment_standing(
+    def _segmentation(
         self,
-        frame: MethodInput,
-        cells: RayGrid,
-        flow: NDArray[np.float32],
-        rays_previous: NDArray[np.float64],
-        seen: NDArray[np.bool_],
+        measured: Measurement,
+        likelihood: NDArray[np.float64],
+        *,
+        threshold: float,
+        causes: tuple[str, ...],
+        cause: NDArray[np.uint8],
+        parts: dict[str, NDArray[np.float32]],
     ) -> Segmentation:
-        deviation, defined = static_camera_deviation(
-            rays_previous,
-            cells.rays_camera,
-            current_from_previous=frame.current_from_previous[-1],
-            road=frame.road,
-            lambda_static_m=self.lambda_static_m,
-        )
         return Segmentation(
             cell_size_px=self.cell_size_px,
-            mask=(deviation > self.static_threshold) & seen,
-            likelihood=np.where(seen, deviation, 0.0).astype(np.float32),
-            undefined=~(defined & seen),
-            causes=(STATIC_CAUSE,),
-            cause=np.zeros(cells.valid.shape, dtype=np.uint8),
-            parts=_flow_parts(flow),
+            mask=(likelihood > threshold) & measured.seen,
+            likelihood=np.where(measured.seen, likelihood, 0.0).astype(np.float32),
+            undefined=~(measured.defined & measured.seen),
+            causes=causes,
+            cause=cause,
+            parts=_flow_parts(measured.flow) | parts,
         )
 
 

@@ -1,0 +1,53 @@
+"""`compare` and `leaderboard`: runs beside each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from bench.cli.console import console, progress_bar
+from bench.reporting.compare.comparison import category_line, verdict_line
+from bench.reporting.compare.comparison_table import to_rich
+from bench.reporting.compare.leaderboard import read_leaderboard
+from bench.reporting.compare.leaderboard_files import leaderboard_tables, write_leaderboard
+from bench.reporting.compare.write import write_comparison
+
+RUNS = Path("reports/runs")
+
+
+def compare(runs: Sequence[Path], *, out: Path | None, pictures: bool) -> None:
+    """Compare the first run with each of the others; print tables, verdicts and files."""
+    folder = out or RUNS / f"compare-{'-'.join(run.resolve().name for run in runs)}"
+    with progress_bar("drawing what changed", "pictures") as report:
+        written = write_comparison(runs, folder, pictures=pictures, progress=report)
+    screen = console()
+    for comparison in written.comparisons:
+        screen.print(to_rich(comparison))
+        counts = comparison.detections[-1]
+        _say(f"{counts.object_frames} object-frames, detected: {counts.before} before, {counts.after} after; "
+             f"{counts.gained} newly detected, {counts.lost} newly missed")  # fmt: skip
+        for note in comparison.notes:
+            _say(note)
+        _say(verdict_line(comparison), style="bold")
+        _say(category_line(comparison))
+    for remark in written.remarks:
+        _say(remark, style="red")
+    for file in written.files:
+        _say(str(file))
+
+
+def leaderboard(folder: Path, *, out: Path | None) -> int:
+    """Print a table per group of comparable runs under a folder; return the number of runs that cannot be read."""
+    found = read_leaderboard(folder)
+    screen = console()
+    for table in leaderboard_tables(found):
+        screen.print(table)
+    for run, fault in found.damaged:
+        _say(f"damaged: {run}: {fault}", style="red")
+    for file in write_leaderboard(found, out) if out else ():
+        _say(str(file))
+    return len(found.damaged)
+
+
+def _say(text: str, *, style: str | None = None) -> None:
+    console().print(text, style=style, highlight=False, soft_wrap=True, markup=False)

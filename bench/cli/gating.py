@@ -1,0 +1,103 @@
+"""Judge a run by a baseline, or make the baseline."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+from bench.cli.console import console
+from bench.errors import UsageError
+from bench.gate import (
+    MissingBaselineError,
+    ScoredRun,
+    Verdict,
+    judge,
+    load_tolerances,
+    read_baseline,
+    scored_run,
+    write_baseline,
+)
+from bench.gate.annotations import to_annotations
+from bench.gate.junit import to_junit
+from bench.gate.step_summary import LARGEST_BYTES, to_markdown
+from bench.gate.terminal_table import check_lines, not_judged_lines, to_rich
+from bench.gate.tolerances import DEFAULT
+from bench.gate.verdict_json import to_json
+from bench.recordings.atomic import write_bytes, write_text
+
+PASSED, FAILED, NO_BASELINE = 0, 1, 3
+
+
+def gate(
+    run: Path,
+    *,
+    baseline: Path,
+    tolerances: str | None,
+    junit: Path | None,
+    json: Path | None,
+    github: bool,
+) -> int:
+    """Judge a run, print and write the verdict; return the exit status."""
+    rules, scored = load_tolerances(tolerances or DEFAULT), scored_run(run)
+    try:
+        verdict = judge(read_baseline(baseline), scored, tolerances=rules)
+    except MissingBaselineError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return NO_BASELINE
+    _print_verdict(verdict)
+    if junit is not None:
+        write_bytes(junit, to_junit(verdict))
+    if json is not None:
+        write_text(json, to_json(verdict))
+    if github:
+        for line in to_annotations(verdict):
+            print(line)
+    if summary := os.environ.get("GITHUB_STEP_SUMMARY"):
+        _append_summary(Path(summary), verdict)
+    return PASSED if verdict.passed else FAILED
+
+
+def update(run: Path, *, baseline: Path, allow_dirty: bool) -> None:
+    """Store a run as the baseline."""
+    scored = scored_run(run)
+    write_baseline(scored, baseline, allow_dirty=allow_dirty)
+    _say(f"{baseline}: {_origin(scored)}")
+
+
+def refuse_with_update(**options: object) -> None:
+    """Refuse options of a verdict where none is made, so that no script takes an update for a pass."""
+    for name, value in options.items():
+        if value:
+            raise UsageError(f"--{name}: wanted only with a verdict, came with --update, which makes none")
+
+
+def _print_verdict(verdict: Verdict) -> None:
+    screen = console()
+    screen.print(to_rich(verdict))
+    for line in (*check_lines(verdict), *not_judged_lines(verdict)):
+        screen.print(line, soft_wrap=True)
+    screen.print(verdict.headline, style="green" if verdict.passed else "bold red", highlight=False, soft_wrap=True)
+
+
+def _append_summary(file: Path, verdict: Verdict) -> None:
+    """Append to the step's summary; other commands of the step may have written to it before."""
+    try:
+        written = file.stat().st_size if file.exists() else 0
+        with file.open("a", encoding="utf-8") as summary:
+            summary.write(to_markdown(verdict, largest_bytes=LARGEST_BYTES - written))
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise UsageError(f"GITHUB_STEP_SUMMARY: wanted a file to append to, came {str(file)!r}: {reason}") from error
+
+
+def _origin(scored: ScoredRun) -> str:
+    commit = scored.origin.commit
+    made = f"commit {commit[:12]}{'+' if commit.endswith('+') else ''}" if commit else "no checkout"
+    return (
+        f"{scored.method.name} on {scored.dataset} by {scored.protocol.name}, version {scored.origin.version}, {made}"
+    )
+
+
+def _say(text: str) -> None:
+    console().print(text, highlight=False, soft_wrap=True, markup=False)

@@ -1,0 +1,95 @@
+"""`sweep`: one thing through many values."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.table import Table
+
+from bench.cli.console import console, progress_bar
+from bench.cli.rendering import render_if_synthetic
+from bench.cli.settings import parse_settings
+from bench.errors import UsageError
+from bench.evaluation import load_protocol
+from bench.harness.sweep import SWEEPS, FlowCache, SweepResult, Trial, plan_sweep, run_sweep
+from bench.methods import build_method
+from bench.recordings import load_card
+from bench.reporting.sweep_files import write_sweep_files
+from bench.reporting.sweep_report import to_rich
+
+RUNS = Path("reports/runs")
+LIST = "list"
+SHOWN_FAILURES = 10
+
+
+def sweep(
+    dataset: str,
+    *,
+    what: str,
+    values: str | None,
+    method: str,
+    settings: Sequence[str],
+    protocol: str,
+    split: str | None,
+    out: Path | None,
+) -> int:
+    """Run a sweep, write table and chart, print the table and the paths; return the number of failures."""
+    if what == LIST:
+        print_sweeps()
+        return 0
+    card = load_card(dataset)
+    base = Trial(method=build_method(method, parse_settings(settings)), protocol=load_protocol(protocol))
+    plan = plan_sweep(what, base=base, values=_split(values))
+    render_if_synthetic(card)
+    folder = out or RUNS / f"sweeps-{card.name}"
+    with progress_bar(f"sweeping {what} over {len(plan.values)} values on {card.name}", "recordings") as report:
+        result = run_sweep(
+            card,
+            plan=plan,
+            out=folder / what,
+            cache=FlowCache(folder=folder / "cache"),
+            split=split,
+            progress=report,
+        )
+    files = write_sweep_files(folder / what)
+    screen = console()
+    screen.print(to_rich(result))
+    _print_ends(result, files)
+    return len(result.failures)
+
+
+def print_sweeps() -> None:
+    """Print what can be swept."""
+    table = Table("name", "values", "what it is", box=None)
+    for name, one in sorted(SWEEPS.items()):
+        table.add_row(name, ", ".join(f"{v:g}" if not isinstance(v, str) else v for v in one.values), one.title)
+    console().print(table)
+
+
+def _split(values: str | None) -> list[str]:
+    if values is None:
+        return []
+    parts = [part.strip() for part in values.split(",")]
+    if not all(parts):
+        raise UsageError(f"--values: wanted values with commas in between, came {values!r}")
+    return parts
+
+
+def _print_ends(result: SweepResult, files: Sequence[Path]) -> None:
+    screen, made = console(), result.provenance
+
+    def say(text: str, *, style: str | None = None) -> None:
+        screen.print(text, style=style, highlight=False, soft_wrap=True, markup=False)
+
+    stages = ", ".join(f"{name} {seconds:.1f}" for name, seconds in made.stage_seconds.items())
+    say(
+        f"{len(result.rows)} values on {made.images} images in {made.seconds:.1f} s ({stages}); flow computed "
+        f"{result.flow.computed} times, read {result.flow.read} times; peak memory {made.peak_memory_mb:.0f} MB"
+    )
+    for failure in result.failures[:SHOWN_FAILURES]:
+        say(f"failed: {failure}", style="red")
+    if len(result.failures) > SHOWN_FAILURES:
+        say(f"... and {len(result.failures) - SHOWN_FAILURES} more failures, all in sweep.json", style="red")
+    for file in files:
+        say(str(file))

@@ -1,0 +1,168 @@
+"""Scores at every threshold, from histograms that were counted once.
+
+Each image is counted into two histograms over the motion likelihood: pixels of G and pixels of V outside all G and I.
+Masks at any edge of the bins, and so the whole curve, follow without another look at an image.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from bench.errors import ShapeError
+from bench.evaluation.regions import Regions, count_by_cell
+
+# The paper's threshold is an edge, so that its operating point lies on the curve. 20 bins a decade, from a thousandth
+# of it to beyond pi, which no weighted mean of angles exceeds.
+PAPER_THRESHOLD = 6e-4
+PER_DECADE = 20
+_LOWEST, _HIGHEST = -3 * PER_DECADE, 4 * PER_DECADE
+EDGES: NDArray[np.float64] = np.concatenate(
+    [[0.0], PAPER_THRESHOLD * 10 ** (np.arange(_LOWEST, _HIGHEST + 1) / PER_DECADE), [np.inf]]
+)
+EDGES.setflags(write=False)
+BINS = len(EDGES) - 1
+
+REFERENCE_COLUMN, OUTSIDE_COLUMN = "likelihood_reference_px", "likelihood_outside_px"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LikelihoodCounts:
+    """Pixels of one image by likelihood; bin k is the interval (EDGES[k], EDGES[k + 1]], and bin 0 holds 0 too.
+
+    Attributes:
+        reference_px: (BINS,) int64, pixels of all G.
+        outside_px: (BINS,) int64, pixels of V outside all G and I.
+    """
+
+    reference_px: NDArray[np.int64]
+    outside_px: NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ThresholdSweep:
+    """The figures of masks "likelihood above the threshold", over all images with a likelihood.
+
+    Attributes:
+        thresholds: (K,) float64, increasing; the first, 0, stands for a mask of everything.
+        tpr: (K,) float64, share of the pixels of all G; the same as `recall`.
+        false_positive_coverage: (K,) float64, mean over images of FP / (width x height).
+        precision: (K,) float64, TP / (TP + FP); NaN where nothing is above the threshold.
+        recall: (K,) float64, TP / (TP + FN); NaN without any G.
+        auprc: area under precision over recall, as the sum of precision x gain in recall; NaN without any G.
+        frames: images with a likelihood.
+    """
+
+    thresholds: NDArray[np.float64]
+    tpr: NDArray[np.float64]
+    false_positive_coverage: NDArray[np.float64]
+    precision: NDArray[np.float64]
+    recall: NDArray[np.float64]
+    auprc: float
+    frames: int
+
+
+def count_likelihood(likelihood: NDArray[np.float32], regions: Regions, *, cell_size_px: int) -> LikelihoodCounts:
+    """Count an image into both histograms.
+
+    Args:
+        likelihood: (rows, columns), of each cell; NaN counts as 0, as it is above no threshold.
+        regions: of the image.
+        cell_size_px: side of a cell, px.
+
+    Raises:
+        ShapeError: the cells do not tile the image.
+    """
+    bins = find_bins(likelihood)
+
+    def histogram(region: NDArray[np.bool_]) -> NDArray[np.int64]:
+        weights = count_by_cell(region, cell_size_px)
+        if weights.shape != bins.shape:
+            raise ShapeError(f"wanted a likelihood of {weights.shape} (rows, columns) cells, came {bins.shape}")
+        # Sums of whole numbers below 2^53 are exact in float64.
+        return np.bincount(bins.ravel(), weights=weights.ravel(), minlength=BINS).astype(np.int64)
+
+    return LikelihoodCounts(reference_px=histogram(regions.moving), outside_px=histogram(regions.outside))
+
+
+def find_bins(likelihood: NDArray[np.float32]) -> NDArray[np.int64]:
+    """The bin of each likelihood, in its shape; k where EDGES[k] < likelihood <= EDGES[k + 1]."""
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        place = np.ceil(np.log10(likelihood / np.float32(PAPER_THRESHOLD)) * np.float32(PER_DECADE)) - _LOWEST
+    # fmax and fmin pass NaN by. The logarithm may round across an edge; the two comparisons in float64 decide. A search
+    # in the edges takes several times longer.
+    bins: NDArray[np.int64] = np.fmin(np.fmax(place, 0), BINS - 1).astype(np.int64)
+    values = likelihood.astype(np.float64)
+    bins += values > EDGES[bins + 1]
+    bins -= (values <= EDGES[bins]) & (bins > 0)
+    return bins
+
+
+def threshold_sweep(frames: pa.Table) -> ThresholdSweep | None:
+    """Take the figures at every edge.
+
+    Args:
+        frames: of `FRAMES_SCHEMA`, rows in any order.
+
+    Returns:
+        None for a method without a likelihood.
+    """
+    by_area = _sums_by_area(frames)
+    images = sum(count for _, _, count in by_area.values())
+    if not images:
+        return None
+    reference = sum((of_area[0] for of_area in by_area.values()), np.zeros(BINS, dtype=np.int64))
+    outside = sum((of_area[1] for of_area in by_area.values()), np.zeros(BINS, dtype=np.int64))
+    covered = sum((_above(by_area[area][1]) / area for area in sorted(by_area)), np.zeros(BINS))
+    tp, fp, total = _above(reference), _above(outside), int(reference.sum())
+    precision = _ratio(tp, tp + fp)
+    recall = _ratio(tp, np.full(BINS, total))
+    gained = reference / total if total else np.full(BINS, np.nan)
+    return ThresholdSweep(
+        thresholds=EDGES[:-1].copy(),
+        tpr=recall,
+        false_positive_coverage=covered / images,
+        precision=precision,
+        recall=recall,
+        # A bin without G gains nothing, whatever its precision, which may be 0/0.
+        auprc=float(np.sum(np.where(gained == 0, 0.0, precision * gained))),
+        frames=images,
+    )
+
+
+def _sums_by_area(frames: pa.Table) -> dict[int, tuple[NDArray[np.int64], NDArray[np.int64], int]]:
+    """Both histograms and the number of images, by width x height."""
+    held = frames.filter(pc.is_valid(frames[REFERENCE_COLUMN]))
+    sums: defaultdict[int, tuple[NDArray[np.int64], NDArray[np.int64], int]] = defaultdict(
+        lambda: (np.zeros(BINS, dtype=np.int64), np.zeros(BINS, dtype=np.int64), 0)
+    )
+    for batch in held.to_batches(max_chunksize=4096):
+        area = batch["width"].to_numpy() * batch["height"].to_numpy()
+        reference, outside = (_rows(batch[name]) for name in (REFERENCE_COLUMN, OUTSIDE_COLUMN))
+        for size in np.unique(area):
+            of_size, before = area == size, sums[int(size)]
+            sums[int(size)] = (
+                before[0] + reference[of_size].sum(axis=0),
+                before[1] + outside[of_size].sum(axis=0),
+                before[2] + int(np.count_nonzero(of_size)),
+            )
+    return dict(sums)
+
+
+def _rows(lists: pa.ListArray) -> NDArray[np.int64]:
+    counts: NDArray[np.int64] = lists.flatten().to_numpy(zero_copy_only=False).reshape(len(lists), BINS)
+    return counts
+
+
+def _above(histogram: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(BINS,) pixels above each lower edge."""
+    return np.cumsum(histogram[::-1])[::-1]
+
+
+def _ratio(numerator: NDArray[np.int64], denominator: NDArray[np.int64]) -> NDArray[np.float64]:
+    return np.where(denominator > 0, numerator / np.where(denominator > 0, denominator, 1), np.nan)

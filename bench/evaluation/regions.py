@@ -1,0 +1,101 @@
+"""The regions of one image, taken apart once for everything that counts pixels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.errors import ShapeError
+from bench.reference.records import ReferenceFrame
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Regions:
+    """Where a detection is right, wrong, or missing.
+
+    Attributes:
+        moving: (H, W) bool, all G.
+        outside: (H, W) bool, V minus (all G u I).
+        detected_px: |D|.
+        true: (H, W) bool, D in all G.
+        false: (H, W) bool, D outside all G and I.
+        component: (H, W) int32, 1 for the first 8-connected component of D, 0 outside D.
+        components: how many numbers `component` knows, 0 included.
+    """
+
+    moving: Mask
+    outside: Mask
+    detected_px: int
+    true: Mask
+    false: Mask
+    component: NDArray[np.int32]
+    components: int
+
+
+def take_apart(reference: ReferenceFrame, detected: Mask) -> Regions:
+    """Take an image apart.
+
+    Args:
+        reference: of the image.
+        detected: (H, W) bool, the method's mask; what lies outside V is left out.
+
+    Raises:
+        ShapeError: `detected` is not of the image's size.
+    """
+    check_shape(reference, "mask", detected.shape)
+    mask = detected & reference.valid
+    components, component = cv2.connectedComponents(mask.view(np.uint8), connectivity=8, ltype=cv2.CV_32S)
+    moving = reference.labels > 0
+    outside = reference.valid & ~(moving | reference.ignored)
+    return Regions(
+        moving=moving,
+        outside=outside,
+        detected_px=int(np.count_nonzero(mask)),
+        true=mask & moving,
+        false=mask & outside,
+        component=component.astype(np.int32, copy=False),
+        components=components,
+    )
+
+
+def check_shape(reference: ReferenceFrame, name: str, shape: tuple[int, ...]) -> None:
+    """Refuse what is not of the image's size.
+
+    Raises:
+        ShapeError: says which image, which array, and both sizes.
+    """
+    wanted = reference.valid.shape
+    if shape != wanted:
+        where = f"{reference.recording}, {reference.camera}, {reference.timestamp_ns} ns"
+        raise ShapeError(f"{where}: wanted a {name} of {wanted} (height, width), came {shape}")
+
+
+def count_by_cell(mask: Mask, cell_size_px: int) -> NDArray[np.int64]:
+    """Pixels of a mask in each square cell; cells tile the image from its first pixel.
+
+    Args:
+        mask: (H, W) bool.
+        cell_size_px: side of a cell, px.
+
+    Returns:
+        (ceil(H / cell), ceil(W / cell)) int64, exact; cells at the border hold what the image has.
+    """
+    height, width = mask.shape
+    below, right = -height % cell_size_px, -width % cell_size_px
+    pixels = (np.pad(mask, ((0, below), (0, right))) if below or right else mask).view(np.uint8)
+    # Strided slices in the narrowest type: a tenth of the time of a reshape and a sum over two axes.
+    columns = _add(pixels, cell_size_px, np.min_scalar_type(cell_size_px))
+    return _add(columns.T, cell_size_px, np.min_scalar_type(cell_size_px**2)).T.astype(np.int64)
+
+
+def _add(values: NDArray[np.unsignedinteger], every: int, kind: np.dtype) -> NDArray[np.unsignedinteger]:
+    """Sum of each `every` rows."""
+    total = values[0::every].astype(kind)
+    for offset in range(1, every):
+        total += values[offset::every]
+    return total

@@ -1,0 +1,153 @@
+"""A run reduced to what the gate judges; stored in a file, it is a baseline."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Literal
+
+from bench.errors import DataError, UsageError
+from bench.evaluation.score_sheet import ScoreSheet, score_sheet
+from bench.evaluation.summary import ProtocolStamp
+from bench.harness import RunSummary, read_protocol, read_run, read_tables
+from bench.harness.stored import MethodStamp
+from bench.recordings import write_text
+from bench.recordings.validation import FileModel, read_json
+
+SCHEMA_VERSION: Literal[1] = 1
+ONE_LINE_DEPTH = 4  # of the stored JSON: the sums of one metric of one slice, so that a diff shows what changed
+
+
+class MissingBaselineError(UsageError):
+    """There is no baseline to judge by, which is never a pass."""
+
+    def __init__(self, file: Path) -> None:
+        self.file = file
+        super().__init__(f"{file}: no baseline there, so nothing was judged; make one with --update")
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return MissingBaselineError, (self.file,)
+
+
+class Origin(FileModel):
+    """Where the figures come from.
+
+    Attributes:
+        version: of the package.
+        commit: of the checkout, "+" behind it where files were changed; None outside of a checkout.
+        python: version of the interpreter.
+        libraries: their versions.
+        started_utc: of the run, ISO 8601.
+    """
+
+    version: str
+    commit: str | None
+    python: str
+    libraries: dict[str, str]
+    started_utc: str
+
+
+class ScoredRun(FileModel):
+    """What the gate compares.
+
+    Attributes:
+        schema_version: of the file.
+        dataset: name of the data set.
+        split: of it; None for all of it.
+        protocol: that made the figures.
+        method: that was scored.
+        reference_fingerprint: of the run.
+        data_fingerprint: of the run.
+        origin: where it comes from.
+        failures: of the run; none in a baseline.
+        sheet: sums of every metric by slice and recording, and the counts.
+    """
+
+    schema_version: Literal[1]
+    dataset: str
+    split: str | None
+    protocol: ProtocolStamp
+    method: MethodStamp
+    reference_fingerprint: str
+    data_fingerprint: str
+    origin: Origin
+    failures: tuple[str, ...] = ()
+    sheet: ScoreSheet
+
+
+def scored_run(run: Path) -> ScoredRun:
+    """Reduce a stored run.
+
+    Raises:
+        DataError: a file of the run is missing or damaged, or they are not of one run.
+    """
+    summary, protocol = read_run(run), read_protocol(run)
+    if protocol.digest != summary.protocol.digest:
+        raise DataError(
+            run / "protocol.json",
+            wanted=f"the protocol of summary.json, with digest {summary.protocol.digest[:12]}",
+            came=f"{protocol.name!r} with digest {protocol.digest[:12]}",
+        )
+    objects, frames = read_tables(run)
+    return ScoredRun(
+        schema_version=SCHEMA_VERSION,
+        dataset=summary.dataset,
+        split=summary.split,
+        protocol=summary.protocol,
+        method=summary.method,
+        reference_fingerprint=summary.reference_fingerprint,
+        data_fingerprint=summary.provenance.data_fingerprint,
+        origin=_origin(summary),
+        failures=summary.failures,
+        sheet=score_sheet(objects, frames, protocol=protocol),
+    )
+
+
+def read_baseline(file: Path) -> ScoredRun:
+    """Read a baseline.
+
+    Raises:
+        MissingBaselineError: no such file.
+        DataError: not a baseline; names the field.
+    """
+    if not file.exists():
+        raise MissingBaselineError(file)
+    return read_json(ScoredRun, file)
+
+
+def write_baseline(run: ScoredRun, file: Path, *, allow_dirty: bool = False) -> None:
+    """Store a run as the baseline, whole or not at all.
+
+    Raises:
+        UsageError: the run has failures, or was made by changed files and `allow_dirty` is not set.
+    """
+    if run.failures:
+        count = len(run.failures)
+        raise UsageError(f"a run with failures makes no baseline; this one has {count}, the first: {run.failures[0]}")
+    commit = run.origin.commit
+    if commit is not None and commit.endswith("+") and not allow_dirty:
+        raise UsageError(
+            f"the run was made by changed files on top of commit {commit[:12]}, which nobody can repeat; "
+            "commit them and run again, or say --allow-dirty"
+        )
+    write_text(file, _text(run.model_dump(mode="json", exclude_defaults=True), depth=0) + "\n")
+
+
+def _origin(summary: RunSummary) -> Origin:
+    made = summary.provenance
+    return Origin(
+        version=made.version,
+        commit=made.commit,
+        python=made.python,
+        libraries=made.libraries,
+        started_utc=made.started_utc,
+    )
+
+
+def _text(value: object, *, depth: int) -> str:
+    """JSON with one line for each part at `ONE_LINE_DEPTH`."""
+    if not isinstance(value, dict) or not value or depth == ONE_LINE_DEPTH:
+        return json.dumps(value, sort_keys=True, allow_nan=False)
+    indent = " " * (depth + 1)
+    parts = [f"{indent}{json.dumps(key)}: {_text(part, depth=depth + 1)}" for key, part in value.items()]
+    return "{\n" + ",\n".join(parts) + "\n" + " " * depth + "}"

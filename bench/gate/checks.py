@@ -1,0 +1,136 @@
+"""Whether baseline and run measured the same things; a score over fewer objects is not a better score."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from bench.errors import UsageError
+from bench.evaluation.score_sheet import MetricSums
+from bench.gate.baseline import ScoredRun
+from bench.gate.tolerances import Tolerances
+from bench.gate.verdict import Check, Outcome
+
+# What these are taken over depends on what the method detects; of all others, on the reference alone.
+OVER_DETECTIONS = ("tpr", "iou_detected", "precision", "segmentation_iou")
+TOLD = 4  # differences that a message lists
+UNITS = {"object_frames": "object-frames", "annotated": "annotated objects", "evaluated": "scored images"}
+
+
+def refuse_another_kind(baseline: ScoredRun, run: ScoredRun) -> None:
+    """Refuse what cannot be compared at all.
+
+    Raises:
+        UsageError: another data set, split or protocol.
+    """
+    for name, before, after in (
+        ("data set", baseline.dataset, run.dataset),
+        ("split", baseline.split, run.split),
+        ("protocol", _stamp(baseline), _stamp(run)),
+    ):
+        if before != after:
+            raise UsageError(f"the baseline is of {name} {before!r}, the run of {after!r}: they do not compare")
+
+
+def data_checks(baseline: ScoredRun, run: ScoredRun, *, tolerances: Tolerances) -> tuple[Check, ...]:
+    """Check run against baseline, always the same checks in the same order."""
+    changed_data = Outcome.FAILED if tolerances.changed_data == "fail" else Outcome.SUSPECT
+    return (
+        _check("failures", list(run.failures), "the run has {count} failures: {told}"),
+        _check("counts", list(_count_differences(baseline, run)), "reference changed: {told}"),
+        _check("cases", list(_case_differences(baseline, run)), "metrics are over other cases: {told}"),
+        _check("metrics", list(_missing(baseline, run)), "in the baseline, but not in the run: {told}"),
+        _check(
+            "reference_fingerprint",
+            _changed(baseline.reference_fingerprint, run.reference_fingerprint),
+            "reference changed: other objects, polygons or regions; fingerprint {told}",
+        ),
+        _check(
+            "data_fingerprint",
+            _changed(baseline.data_fingerprint, run.data_fingerprint),
+            "data changed: other images, sweeps, labels, calibration or ego-motion; fingerprint {told}",
+            outcome=changed_data,
+        ),
+        _check(
+            "method",
+            list(_method_differences(baseline, run)),
+            "method changed: {told}",
+            outcome=Outcome.SUSPECT,
+        ),
+    )
+
+
+def _check(name: str, faults: Sequence[str], message: str, *, outcome: Outcome = Outcome.FAILED) -> Check:
+    if not faults:
+        return Check(name=name, outcome=Outcome.PASSED, message="as in the baseline")
+    more = f"; and {len(faults) - TOLD} more" if len(faults) > TOLD else ""
+    told = "; ".join(faults[:TOLD]) + more
+    return Check(name=name, outcome=outcome, message=message.format(count=len(faults), told=told))
+
+
+def _count_differences(baseline: ScoredRun, run: ScoredRun) -> Iterator[str]:
+    """For example "4 object-frames fewer in all_moving (12, were 16)"; the slices of everything first."""
+    differences = [
+        (UNITS.get(name, name.replace("_", " ")), slice_name, was, run.sheet.counts.get(slice_name, {}).get(name, 0))
+        for slice_name, names in baseline.sheet.counts.items()
+        for name, was in names.items()
+    ]
+    whole = {"all_moving": 0, "frames": 1}
+    for unit, slice_name, was, now in sorted(differences, key=lambda found: whole.get(found[1], 2)):
+        if now != was:
+            yield _difference(unit, slice_name, was, now)
+
+
+def _case_differences(baseline: ScoredRun, run: ScoredRun) -> Iterator[str]:
+    for slice_name, metric, before in _metrics(baseline):
+        after = run.sheet.slices.get(slice_name, {}).get(metric)
+        if after is None or metric in OVER_DETECTIONS or after.denominators == before.denominators:
+            continue
+        if after.cases == before.cases:
+            yield f"{metric} of {slice_name}: {before.cases} cases, spread otherwise over the recordings"
+        else:
+            yield f"{metric}: {_difference('cases', slice_name, before.cases, after.cases)}"
+
+
+def _missing(baseline: ScoredRun, run: ScoredRun) -> Iterator[str]:
+    for slice_name, metric, _ in _metrics(baseline):
+        if metric not in run.sheet.slices.get(slice_name, {}):
+            yield f"{metric} of {slice_name}"
+
+
+def _method_differences(baseline: ScoredRun, run: ScoredRun) -> Iterator[str]:
+    before, after = baseline.method, run.method
+    if before.name != after.name:
+        yield f"{after.name!r}, was {before.name!r}"
+        return
+    was, now = dict(_flat(before.settings)), dict(_flat(after.settings))
+    for name in sorted(was.keys() | now.keys()):
+        if was.get(name) != now.get(name):
+            yield f"{name} = {now.get(name)}, was {was.get(name)}"
+
+
+def _flat(settings: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
+    """Nested settings by their dotted names, as `--set` takes them."""
+    for name, value in settings.items():
+        if isinstance(value, Mapping) and value:
+            yield from _flat(value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", value
+
+
+def _metrics(scored: ScoredRun) -> Iterator[tuple[str, str, MetricSums]]:
+    for slice_name, metrics in scored.sheet.slices.items():
+        for metric, sums in metrics.items():
+            yield slice_name, metric, sums
+
+
+def _difference(unit: str, slice_name: str, was: int, now: int) -> str:
+    return f"{abs(now - was)} {unit} {'fewer' if now < was else 'more'} in {slice_name} ({now}, were {was})"
+
+
+def _changed(before: str, after: str) -> list[str]:
+    return [] if before == after else [f"{after[:12]}, was {before[:12]}"]
+
+
+def _stamp(scored: ScoredRun) -> str:
+    stamp = scored.protocol
+    return f"{stamp.name} version {stamp.version} ({stamp.digest[:12]})"

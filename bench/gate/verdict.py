@@ -1,0 +1,129 @@
+"""The verdict: what was checked, how each metric changed, and whether the run passes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+from bench.evaluation.score_sheet import PairedChange
+from bench.gate.baseline import Origin
+
+
+class Outcome(StrEnum):
+    """How a metric of a slice, or a check of the data, came out.
+
+    FAILED: worse than tolerated, and the interval excludes no change; or a check that fails.
+    SUSPECT: worse than tolerated, but the interval does not exclude no change; or a check that is only reported.
+    IMPROVED: better by more than the tolerance, and the interval excludes no change.
+    PASSED: within tolerance.
+    NOT_JUDGED: for a stated reason.
+    """
+
+    FAILED = "failed"
+    SUSPECT = "suspect"
+    IMPROVED = "improved"
+    PASSED = "passed"
+    NOT_JUDGED = "not judged"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Check:
+    """A check that baseline and run measured the same things.
+
+    Attributes:
+        name: of the check.
+        outcome: FAILED, SUSPECT or PASSED.
+        message: one line.
+    """
+
+    name: str
+    outcome: Outcome
+    message: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """One metric of one slice.
+
+    Attributes:
+        slice_name: as the score sheet names it.
+        metric: as the score sheet names it.
+        outcome: of the metric.
+        reason: one line; empty where the numbers say it all.
+        change: before, after, interval.
+        worsening: how much worse, negative for better; NaN without a value or a direction.
+        allowed: the largest worsening that is tolerated; NaN without a tolerance or a baseline.
+        worst_recording: the recording that contributes most to the worsening; None where none got worse.
+    """
+
+    slice_name: str
+    metric: str
+    outcome: Outcome
+    reason: str
+    change: PairedChange
+    worsening: float
+    allowed: float
+    worst_recording: str | None
+
+    @property
+    def severity(self) -> float:
+        """Worsening in units of what is tolerated."""
+        if math.isnan(self.worsening):
+            return -math.inf
+        return self.worsening / self.allowed if self.allowed > 0 else math.copysign(math.inf, self.worsening)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """All of it.
+
+    Attributes:
+        dataset: name of the data set.
+        method: name of the run's method.
+        tolerances: name of the rules.
+        baseline_origin: of the baseline.
+        run_origin: of the run.
+        checks: that both measured the same things, in a fixed order.
+        rows: metrics by slice, in the order of the score sheet.
+    """
+
+    dataset: str
+    method: str
+    tolerances: str
+    baseline_origin: Origin
+    run_origin: Origin
+    checks: tuple[Check, ...]
+    rows: tuple[Row, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Nothing failed."""
+        return not self.failed_checks and not self.rows_with(Outcome.FAILED)
+
+    @property
+    def failed_checks(self) -> tuple[Check, ...]:
+        """The checks that fail the gate."""
+        return tuple(check for check in self.checks if check.outcome is Outcome.FAILED)
+
+    def rows_with(self, outcome: Outcome) -> tuple[Row, ...]:
+        """Rows of one outcome, the worst first."""
+        return tuple(sorted((row for row in self.rows if row.outcome is outcome), key=_worst_first))
+
+    @property
+    def headline(self) -> str:
+        """One line: passed or failed, and how many of each."""
+        numbers = {outcome: len(self.rows_with(outcome)) for outcome in Outcome}
+        told = [f"{count} {_plural(outcome)}" for outcome, count in numbers.items() if count]
+        if self.failed_checks:
+            told.insert(0, f"{len(self.failed_checks)} of {len(self.checks)} checks of the data failed")
+        return f"gate {'passed' if self.passed else 'FAILED'}: {', '.join(told) or 'nothing to compare'}"
+
+
+def _plural(outcome: Outcome) -> str:
+    return "within tolerance" if outcome is Outcome.PASSED else str(outcome)
+
+
+def _worst_first(row: Row) -> tuple[float, bool, str, str]:
+    # With one camera the slice "camera=front" is all of it; the plain name comes first.
+    return -row.severity, "=" in row.slice_name, row.slice_name, row.metric

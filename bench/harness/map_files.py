@@ -1,0 +1,45 @@
+"""Image maps as files: plain arrays and an index, no pickles."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+
+from bench.errors import DataError
+from bench.evaluation import ImageMap
+from bench.recordings import replacing
+
+_WORDS = ("camera", "width", "height", "cell_px", "frames")
+_GRIDS = ("reference_px", "missed_px", "false_px")
+
+
+def write_image_maps(file: Path, maps: Sequence[ImageMap]) -> None:
+    """Write an `.npz`: `index` (JSON, one entry per map), and `<number>.reference_px` and so on; atomically."""
+    index = [{name: getattr(item, name) for name in _WORDS} for item in maps]
+    grids = {f"{number}.{name}": getattr(item, name) for number, item in enumerate(maps) for name in _GRIDS}
+    with replacing(file) as temporary:
+        np.savez_compressed(temporary, index=np.array(json.dumps(index)), **grids)
+
+
+def load_image_maps(file: Path) -> tuple[ImageMap, ...]:
+    """Read what `write_image_maps` wrote.
+
+    Raises:
+        DataError: missing or damaged.
+    """
+    try:
+        with np.load(file, allow_pickle=False) as content:
+            index = json.loads(str(content["index"]))
+            return tuple(
+                ImageMap(**{name: entry[name] for name in _WORDS}, **{g: content[f"{number}.{g}"] for g in _GRIDS})
+                for number, entry in enumerate(index)
+            )
+    except FileNotFoundError as error:
+        came = "no such file; runs of older versions have none"
+        raise DataError(file, wanted="the image maps of a run", came=came) from error
+    except (OSError, ValueError, KeyError, TypeError, BadZipFile, EOFError) as error:
+        raise DataError(file, wanted="the image maps of a run", came=" ".join(str(error).split())[:200]) from error

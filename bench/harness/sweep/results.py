@@ -1,0 +1,118 @@
+"""`sweep.json`: the figures of every value of a sweep."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from bench.errors import DataError
+from bench.evaluation import FalsePositiveFigures, ObjectFigures
+from bench.harness.provenance import Provenance
+from bench.harness.stored import MethodStamp
+from bench.harness.sweep.definition import Part, Scale, Value
+from bench.recordings import write_text
+
+SCHEMA_VERSION = 1
+FILE = "sweep.json"
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class SweepRow(_Part):
+    """One value.
+
+    Attributes:
+        value: of what is swept.
+        operating: whether it is the value that method, protocol and input have of themselves.
+        settings: of the method.
+        protocol_digest: of the rules, which a sweep of the reference changes.
+        injected: errors of the method's input that are not 0, by name.
+        categories: figures by kind of motion.
+        all_moving: figures over all of them.
+        false_positives: figures over the images.
+    """
+
+    value: Value
+    operating: bool
+    settings: dict[str, object]
+    protocol_digest: str
+    injected: dict[str, float]
+    categories: dict[str, ObjectFigures]
+    all_moving: ObjectFigures
+    false_positives: FalsePositiveFigures
+
+
+class FlowCalls(_Part):
+    """Where the flow on cells came from.
+
+    Attributes:
+        computed: flows computed.
+        read: flows found in the cache.
+    """
+
+    computed: int
+    read: int
+
+
+class SweepResult(_Part):
+    """A sweep: all values scored on the same images.
+
+    Attributes:
+        schema_version: of this file.
+        what: name of the sweep.
+        title: of the values, with their unit.
+        about: one line.
+        part: what a value changes: the method, the reference, or the input that the method is told.
+        scale: how the values lie on an axis.
+        dataset: name of the data set.
+        card: file of the data set's card, as it was named.
+        split: of the data set; None for all of it.
+        method: with its own settings.
+        protocol: name of the rules; those of a row by its digest.
+        rows: one per value.
+        flow: where the flow came from; 0 and 0 for a method that is not the spherical one.
+        provenance: where the result comes from.
+        failures: one line per recording, unit or image that could not be used, by any value; the figures of all values
+            are of the rest.
+    """
+
+    schema_version: int
+    what: str
+    title: str
+    about: str
+    part: Part
+    scale: Scale
+    dataset: str
+    card: str
+    split: str | None
+    method: MethodStamp
+    protocol: str
+    rows: tuple[SweepRow, ...]
+    flow: FlowCalls
+    provenance: Provenance
+    failures: tuple[str, ...]
+
+
+def write_sweep(folder: Path, result: SweepResult) -> None:
+    """Write `sweep.json`; NaN becomes null."""
+    write_text(folder / FILE, result.model_dump_json(indent=1) + "\n")
+
+
+def read_sweep(folder: Path) -> SweepResult:
+    """Read `sweep.json`.
+
+    Raises:
+        DataError: missing, or not a sweep; names the field.
+    """
+    file = folder / FILE
+    try:
+        return SweepResult.model_validate_json(file.read_text("utf-8"))
+    except OSError as error:
+        raise DataError(file, wanted="the result of a sweep", came=error.strerror or str(error)) from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = ".".join(str(part) for part in first["loc"]) or None
+        raise DataError(file, field=field, wanted="the result of a sweep", came=first["msg"]) from error

@@ -1,0 +1,128 @@
+"""One image segmented for every value of a sweep; what the values have in common is computed once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from bench.harness.stages import StageClock
+from bench.harness.sweep.cache import Flow, FlowCache, FlowShelf
+from bench.harness.sweep.perturb import believed, with_noise
+from bench.harness.sweep.trial import Trial
+from bench.harness.units import Unit
+from bench.methods import MethodInput, Segmentation
+from bench.methods.spherical.likelihood import PAPER_WEIGHTS
+from bench.methods.spherical.method import Measurement, SphericalMethod
+from bench.recordings import Recording
+
+
+class TrialSegmenter:
+    """Segments the images of a unit for every trial.
+
+    Trials that differ only in weights and thresholds share the measurement, those that differ in what the method is
+    told share the flow. Another method than the spherical one is called once per injection.
+
+    Args:
+        trials: what to segment.
+        recording: of the unit.
+        unit: which images.
+        cache: for flow.
+        clock: adds up the time of each stage.
+    """
+
+    def __init__(
+        self, trials: Sequence[Trial], *, recording: Recording, unit: Unit, cache: FlowCache, clock: StageClock
+    ) -> None:
+        self._trials, self._recording, self._unit = trials, recording, unit
+        self._cache, self._clock = cache, clock
+        self._settings = [_flow_setting(trial) for trial in trials]
+        self._flow_of = numbered(self._settings)
+        self._measurement_of = numbered([_measured(trial) for trial in trials])
+        self._segmentation_of = numbered([(trial.method, trial.injection) for trial in trials])
+        self._shelves: dict[int, FlowShelf] = {
+            number: cache.shelf(recording, unit, setting)
+            for number, setting in zip(self._flow_of, self._settings, strict=True)
+            if setting is not None
+        }
+
+    @property
+    def computed(self) -> int:
+        """Flows computed so far."""
+        return sum(shelf.computed for shelf in self._shelves.values())
+
+    @property
+    def read(self) -> int:
+        """Flows found in the cache so far."""
+        return sum(shelf.read for shelf in self._shelves.values())
+
+    def segment(self, given: MethodInput) -> list[Segmentation]:
+        """Segment an image for every trial, in their order.
+
+        Raises:
+            DataError: no ego-motion at the times that a trial asks for.
+        """
+        flows: dict[int, Flow] = {}
+        measured: dict[int, Measurement] = {}
+        made: dict[int, Segmentation] = {}
+        for index, trial in enumerate(self._trials):
+            number = self._segmentation_of[index]
+            if number in made:
+                continue
+            if not isinstance(trial.method, SphericalMethod):
+                with self._clock.stage("method"):
+                    made[number] = trial.method.segment(self._told(self._noisy(given, trial), trial))
+                continue
+            flow, measurement = self._flow_of[index], self._measurement_of[index]
+            if flow not in flows:
+                with self._clock.stage("flow"):
+                    flows[flow] = self._flow(given, trial, trial.method, flow)
+            with self._clock.stage("method"):
+                if measurement not in measured:
+                    measured[measurement] = trial.method.measure(self._told(given, trial), flows[flow])
+                made[number] = trial.method.judge(measured[measurement])
+        return [made[number] for number in self._segmentation_of]
+
+    def close(self) -> None:
+        """Keep the flow that was computed."""
+        for shelf in self._shelves.values():
+            shelf.close(room_bytes=self._cache.room_bytes)
+
+    def _flow(self, given: MethodInput, trial: Trial, method: SphericalMethod, number: int) -> Flow:
+        shelf = self._shelves[number]
+        return shelf.take(given.timestamps_ns[-1], lambda: method.mean_flow(self._noisy(given, trial)))
+
+    def _noisy(self, given: MethodInput, trial: Trial) -> MethodInput:
+        name = f"{self._unit.recording} {self._unit.camera}"
+        return with_noise(given, name=name, strength_grey=trial.injection.image_noise_grey)
+
+    def _told(self, given: MethodInput, trial: Trial) -> MethodInput:
+        mounted, trajectory = self._recording.cameras[self._unit.camera], self._recording.trajectory
+        return believed(given, mounted=mounted, trajectory=trajectory, injection=trial.injection)
+
+
+def numbered(items: Sequence[object]) -> list[int]:
+    """Equal items have equal numbers, counted from 0 by first appearance; nothing needs a hash."""
+    known: list[object] = []
+    numbers = []
+    for item in items:
+        if item not in known:
+            known.append(item)
+        numbers.append(known.index(item))
+    return numbers
+
+
+def _flow_setting(trial: Trial) -> object:
+    """What decides the flow on cells; None for a method whose flow is its own affair."""
+    method = trial.method
+    if not isinstance(method, SphericalMethod):
+        return None
+    parameters = sorted(method.flow_parameters.items())
+    return method.flow, parameters, method.cell_size_px, trial.injection.image_noise_grey
+
+
+def _measured(trial: Trial) -> object:
+    """What decides the measurement: all but weights and thresholds."""
+    method = trial.method
+    if isinstance(method, SphericalMethod):
+        method = replace(method, weights=PAPER_WEIGHTS, root_sum=False, threshold=1.0, static_threshold=1.0)
+    return method, trial.injection

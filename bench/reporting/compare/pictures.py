@@ -1,0 +1,183 @@
+"""Both methods on one frame, side by side: the frames of two runs that changed most."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.errors import BenchError
+from bench.evaluation import count_frame
+from bench.harness import FramePipeline, ProcessedFrame
+from bench.harness.frames import UnscorableFrame
+from bench.recordings import Recording, load_card, open_dataset
+from bench.reporting.canvas import figure_bytes, new_figure, styled
+from bench.reporting.compare.comparison import RunComparison
+from bench.reporting.compare.detections import ChangedFrame, Kind
+from bench.reporting.compare.stored_runs import StoredRun
+from bench.reporting.count_view import draw_counts
+from bench.reporting.overlay import overlay_frame
+
+PICTURED = 2  # of each kind
+QUALITY = 90  # of JPEG; as PNG a picture takes 2 MB
+_TITLE_IN, _HEAD_IN, _SIDE_IN = 0.34, 0.22, 3.5
+_TOLERANCE = 1e-9
+Picture = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DrawnFrame:
+    """A picture of a changed frame.
+
+    Attributes:
+        frame: what it shows.
+        title: that stands above it.
+        name: of its file.
+        jpeg: the file.
+    """
+
+    frame: ChangedFrame
+    title: str
+    name: str
+    jpeg: bytes
+
+
+def draw_changed_frames(
+    comparison: RunComparison,
+    *,
+    number: int,
+    progress: Callable[[float, int], None] | None = None,
+) -> tuple[list[DrawnFrame], list[str]]:
+    """Process the frames that changed most by both methods and draw them.
+
+    Args:
+        comparison: of two runs.
+        number: of the comparison, for the names of the files.
+        progress: called with the pictures done and their number.
+
+    Returns:
+        The pictures, and a line for every reason why one could not be made or does not show what was stored.
+    """
+    chosen = _chosen(comparison.frames)
+    try:
+        processors = [_Processor(run) for run in (comparison.before, comparison.after)] if chosen else []
+    except BenchError as error:
+        return [], [f"no pictures: {error}"]
+    drawn, remarks = [], []
+    for place, frame in enumerate(chosen, start=1):
+        name = f"{number:02d}-{place:02d}-{frame.kind.value.replace(' ', '-')}.jpg"
+        try:
+            sides = [processor.process(frame) for processor in processors]
+        except (BenchError, UnscorableFrame) as error:
+            remarks.append(f"no picture {name}: {error}")
+            continue
+        remarks += _remarks(name, frame, sides, comparison)
+        title = frame_title(frame)
+        drawn.append(DrawnFrame(frame=frame, title=title, name=name, jpeg=_compose(title, frame, sides, comparison)))
+        if progress is not None:
+            progress(place, len(chosen))
+    return drawn, remarks
+
+
+def frame_title(frame: ChangedFrame) -> str:
+    """For example "newly missed: pedestrian 'a', crossing, 5.0 m (drive-1, front, 1200 ms)"."""
+    what = f": {frame.what}" if frame.what else ""
+    return f"{frame.kind.value}{what} ({frame.recording}, {frame.camera}, {frame.timestamp_ns / 1e6:.0f} ms)"
+
+
+class _Processor:
+    """Processes frames by the method of a run, each recording opened once."""
+
+    def __init__(self, run: StoredRun) -> None:
+        summary = run.summary
+        self._run, self._method = run, summary.method.build()
+        self._handles = {handle.name: handle for handle in open_dataset(load_card(summary.card), summary.split)}
+        self._opened: dict[str, Recording] = {}
+
+    def process(self, frame: ChangedFrame) -> ProcessedFrame:
+        if frame.recording not in self._opened:
+            if frame.recording not in self._handles:
+                raise UnscorableFrame(f"the data set has no recording {frame.recording!r} any more")
+            self._opened[frame.recording] = self._handles[frame.recording].open()
+        recording = self._opened[frame.recording]
+        times_ns = [image.timestamp_ns for image in recording.images.get(frame.camera, ())]
+        if frame.timestamp_ns not in times_ns:
+            raise UnscorableFrame(f"recording {frame.recording!r} has no image {frame.camera} {frame.timestamp_ns}")
+        pipeline = FramePipeline(recording, frame.camera, method=self._method, protocol=self._run.rules)
+        return pipeline.process(times_ns.index(frame.timestamp_ns))
+
+
+def _chosen(frames: Sequence[ChangedFrame]) -> list[ChangedFrame]:
+    by_kind: Mapping[Kind, list[ChangedFrame]] = {kind: [f for f in frames if f.kind is kind] for kind in Kind}
+    return [frame for found in by_kind.values() for frame in found[:PICTURED]]
+
+
+@styled
+def _compose(title: str, frame: ChangedFrame, sides: Sequence[ProcessedFrame], comparison: RunComparison) -> bytes:
+    """Title; then for each run its name and figures, what it detects, and what that counts as."""
+    columns = []
+    runs, methods = (comparison.before, comparison.after), comparison.methods
+    values, ious = (frame.before, frame.after), (frame.iou_before, frame.iou_after)
+    for side, run, method, value, iou in zip(sides, runs, methods, values, ious, strict=True):
+        figures = f"false positives {100 * value:.1f} %"
+        if iou is not None:
+            figures = f"coverage {100 * value:.1f} %, IoU {100 * iou:.1f} %"
+        detected = _detected(side)
+        areas = _decoded(figure_bytes(draw_counts(side.pixels, reference=side.reference, detected=detected), "png"))
+        overlay = overlay_frame(side.pixels, reference=side.reference, detected=detected)
+        height = round(overlay.shape[0] * areas.shape[1] / overlay.shape[1])
+        overlay = np.asarray(cv2.resize(overlay, (areas.shape[1], height), interpolation=cv2.INTER_AREA), np.uint8)
+        name = run.label if method == run.label else f"{run.label}: {method}"
+        head = _text([_shortened(name, 78), figures], width_in=_SIDE_IN, height_in=_HEAD_IN + 0.08, size=6.5)
+        columns.append(np.vstack([head, overlay, areas]))
+    gap = np.full((columns[0].shape[0], 8, 3), 255, np.uint8)
+    body = np.hstack([columns[0], gap, columns[1]])
+    strip = _text([_shortened(title, 120)], width_in=2 * _SIDE_IN, height_in=_TITLE_IN, size=8.0, bold=True)
+    strip = np.pad(strip, ((0, 0), (0, body.shape[1] - strip.shape[1]), (0, 0)), constant_values=255)
+    return cv2.imencode(".jpg", np.vstack([strip, body]), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes()
+
+
+def _text(lines: Sequence[str], *, width_in: float, height_in: float, size: float, bold: bool = False) -> Picture:
+    figure = new_figure(width_in, height_in)
+    weight = "bold" if bold else "normal"
+    text = "\n".join(line.replace("$", r"\$") for line in lines)
+    figure.text(0.02, 0.5, text, ha="left", va="center", fontsize=size, fontweight=weight)
+    return _decoded(figure_bytes(figure, "png"))
+
+
+def _shortened(text: str, longest: int) -> str:
+    return text if len(text) <= longest else text[: longest - 4] + " ..."
+
+
+def _decoded(png: bytes) -> Picture:
+    return np.asarray(cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR), np.uint8)
+
+
+def _detected(side: ProcessedFrame) -> NDArray[np.bool_]:
+    height, width = side.reference.valid.shape
+    return side.segmentation.mask_at(width, height) & side.reference.valid
+
+
+def _remarks(name: str, frame: ChangedFrame, sides: Sequence[ProcessedFrame], comparison: RunComparison) -> list[str]:
+    """Where code or data changed since a run, so that its picture is not what was scored."""
+    runs, stored = (comparison.before, comparison.after), (frame.before, frame.after)
+    found = []
+    for side, run, value in zip(sides, runs, stored, strict=True):
+        now = _figure_now(frame, side)
+        if now is None or abs(now - value) > _TOLERANCE:
+            shown = "without the object" if now is None else f"{100 * now:.1f} %"
+            found.append(f"{name}: {run.label} comes to {shown} today, {100 * value:.1f} % are stored")
+    return found
+
+
+def _figure_now(frame: ChangedFrame, side: ProcessedFrame) -> float | None:
+    counted, objects = count_frame(side.reference, _detected(side), component_size_px=0)
+    if frame.track_id is None:
+        return counted.fp_px / (counted.width * counted.height)
+    for found, counts in zip(side.reference.objects, objects, strict=True):
+        if found.track_id == frame.track_id and counts.tp + counts.fn:
+            return counts.tp / (counts.tp + counts.fn)
+    return None

@@ -1,0 +1,144 @@
+"use strict";
+(() => {
+  const PAGE = 50;
+  const data = JSON.parse(document.getElementById("rows").textContent);
+  const { columns, words } = data;
+  // Name, heading, digits after the point; null for a column of words.
+  const SHOWN = [
+    ["recording", "recording", null], ["camera", "camera", null], ["time_s", "time (s)", 2], ["track_id", "object", null],
+    ["object_class", "class", null], ["category", "kind", null], ["outcome", "outcome", null], ["coverage", "coverage %", 1],
+    ["iou", "IoU %", 1], ["false_px", "false px", 0], ["region_px", "object px", 0], ["range_m", "range (m)", 1],
+    ["ego_kmh", "host (km/h)", 1], ["points", "points", 0],
+  ];
+  const by = (id) => document.getElementById(id);
+  const head = document.querySelector("#objects thead tr"), body = document.querySelector("#objects tbody");
+  const filters = [...document.querySelectorAll("[data-filter]")];
+  const texts = Array.from({ length: data.rows }, (_, row) =>
+    ["recording", "camera", "track_id", "object_class", "category", "outcome"].map((name) => word(name, row)).join(" ").toLowerCase());
+  let sorted = { name: "coverage", down: false }, order = [], page = 0;
+
+  function word(name, row) { return words[name][columns[name][row]]; }
+
+  function make(tag, text, parent, className) {
+    const element = document.createElement(tag);
+    element.textContent = text;
+    if (className) element.className = className;
+    if (parent) parent.append(element);
+    return element;
+  }
+
+  function shown(name, digits, row) {
+    if (digits === null) return word(name, row);
+    const value = columns[name][row];
+    return value === null ? "" : value.toFixed(digits);
+  }
+
+  // The dictionaries are in order, so the places of words compare as the words do. Empty cells come last both ways.
+  function compare(a, b) {
+    const left = columns[sorted.name][a], right = columns[sorted.name][b];
+    if (left === right) return a - b;
+    if (left === null) return 1;
+    if (right === null) return -1;
+    return sorted.down ? right - left : left - right;
+  }
+
+  function refresh() {
+    const asked = by("search").value.toLowerCase().split(/\s+/).filter(Boolean);
+    const wanted = filters.filter((select) => select.value !== "").map((select) => [select.dataset.filter, Number(select.value)]);
+    const pictured = by("pictured").checked;
+    order = [];
+    for (let row = 0; row < data.rows; row += 1) {
+      if (pictured && !columns.picture[row]) continue;
+      if (wanted.some(([name, place]) => columns[name][row] !== place)) continue;
+      if (asked.every((part) => texts[row].includes(part))) order.push(row);
+    }
+    order.sort(compare);
+    page = 0;
+    draw();
+  }
+
+  function draw() {
+    const last = Math.max(0, Math.ceil(order.length / PAGE) - 1);
+    page = Math.min(Math.max(page, 0), last);
+    by("found").textContent = `${order.length} of ${data.rows} object-frames`;
+    by("where").textContent = `Page ${page + 1} of ${last + 1}`;
+    by("back").disabled = page === 0;
+    by("next").disabled = page === last;
+    for (const cell of head.children) {
+      if (!cell.dataset.name) continue;
+      cell.setAttribute("aria-sort", cell.dataset.name !== sorted.name ? "none" : sorted.down ? "descending" : "ascending");
+    }
+    body.replaceChildren(...order.slice(page * PAGE, (page + 1) * PAGE).map(line));
+  }
+
+  function line(row) {
+    const element = document.createElement("tr");
+    const button = make("button", columns.picture[row] ? "picture" : "command", make("td", "", element));
+    button.type = "button";
+    button.addEventListener("click", () => open(row));
+    for (const [name, , digits] of SHOWN) make("td", shown(name, digits, row), element, digits === null ? "" : "number");
+    return element;
+  }
+
+  function open(row) {
+    const parts = [word("object_class", row), word("track_id", row), "in", word("recording", row), "camera", word("camera", row)];
+    by("viewer-title").textContent = `${parts.join(" ")}, ${columns.time_s[row].toFixed(2)} s`;
+    const coverage = columns.coverage[row];
+    const told = coverage === null ? word("outcome", row) : `${word("category", row)}, ${coverage.toFixed(1)} % found, IoU ${columns.iou[row].toFixed(1)} %`;
+    const content = by("viewer-body");
+    content.replaceChildren(make("p", told));
+    if (columns.picture[row]) {
+      const card = by(columns.picture[row]);
+      const own = [...card.querySelectorAll("[data-object]")].some((image) => image.dataset.object === word("track_id", row));
+      if (own) content.append(card.querySelector(".reason").cloneNode(true));
+      for (const image of card.querySelectorAll("img")) {
+        if (!image.dataset.object || image.dataset.object === word("track_id", row)) content.append(image.cloneNode());
+      }
+    } else {
+      make("p", "This page holds no picture of this image. This draws it:", content);
+    }
+    const call = ["recording", "camera"].reduce((text, name) => text.replace(`{${name}}`, () => quoted(word(name, row))), data.command);
+    make("pre", call.replace("{index}", () => columns.index[row]), content);
+    by("viewer").showModal();
+  }
+
+  function quoted(text) { return /^[\w@%+=:,./-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\"'\"'")}'`; }
+
+  make("th", "picture", head).scope = "col";
+  for (const [name, heading, digits] of SHOWN) {
+    const cell = make("th", "", head, digits === null ? "" : "number");
+    cell.scope = "col";
+    cell.dataset.name = name;
+    const button = make("button", heading, cell);
+    button.type = "button";
+    button.addEventListener("click", () => {
+      sorted = { name, down: sorted.name === name && !sorted.down };
+      order.sort(compare);
+      page = 0;
+      draw();
+    });
+  }
+  for (const select of filters) {
+    select.append(new Option("any", ""));
+    words[select.dataset.filter].forEach((text, place) => select.append(new Option(text || "unknown", place)));
+    select.addEventListener("change", refresh);
+  }
+  const evaluated = words.outcome.indexOf("evaluated");
+  const outcome = document.querySelector("[data-filter=outcome]");
+  if (evaluated >= 0) outcome.value = String(evaluated);
+  by("search").addEventListener("input", refresh);
+  by("pictured").addEventListener("change", refresh);
+  by("filters").addEventListener("submit", (event) => event.preventDefault());
+  by("filters").addEventListener("reset", () => setTimeout(refresh));
+  by("back").addEventListener("click", () => { page -= 1; draw(); });
+  by("next").addEventListener("click", () => { page += 1; draw(); });
+  for (const image of document.querySelectorAll(".card .pictures img")) {
+    image.addEventListener("click", () => {
+      by("viewer-title").textContent = image.closest(".card").querySelector("h4").textContent;
+      by("viewer-body").replaceChildren(image.cloneNode());
+      by("viewer").showModal();
+    });
+  }
+  addEventListener("beforeprint", () => { for (const part of document.querySelectorAll("section > details")) part.open = true; });
+  refresh();
+})();

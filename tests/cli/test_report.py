@@ -1,0 +1,42 @@
+"""The command `report`."""
+
+import sys
+
+import pytest
+
+from bench.cli import main
+
+
+def call(monkeypatch, *words) -> int:
+    monkeypatch.setattr(sys, "argv", ["fisheye-bench", *map(str, words)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return 0 if ended.value.code is None else int(ended.value.code)
+
+
+def test_report_writes_the_page_and_names_the_files(monkeypatch, capsys, tiny_card, tmp_path):
+    run = tmp_path / "run"
+    assert call(monkeypatch, "run", tiny_card, "--out", run, "--no-pictures", "--split", "moving") == 0
+    assert call(monkeypatch, "report", run, "--no-pictures") == 0
+    assert call(monkeypatch, "report", run, "--category", "crossing") == 0
+    shown = capsys.readouterr().out
+    for name in ("index.html", "index-crossing.html", "figures/range_map.pdf"):
+        assert (run / name).stat().st_size > 1000
+        assert str(run / name) in shown
+    assert b"data:image/jpeg" in (run / "index-crossing.html").read_bytes()
+    assert b"<img" not in (run / "index.html").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("report", "RUN"), "summary.json: wanted the summary of a run"),
+        (("report", "RUN", "--category", "preceeding"), "did you mean 'preceding'"),
+    ],
+)
+def test_mistakes_are_one_clear_line_and_status_2(monkeypatch, capsys, tmp_path, words, message):
+    assert call(monkeypatch, *(tmp_path if word == "RUN" else word for word in words)) == 2
+    shown = capsys.readouterr().err
+    assert shown.startswith("error: ")
+    assert message in shown
+    assert shown.count("\n") == 1

@@ -1,0 +1,35 @@
+"""A rendered data set on which regressions show, and runs of it."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from bench.evaluation import load_protocol
+from bench.harness import run_benchmark
+from bench.methods import Method, build_method
+from bench.recordings import load_card
+from bench.synthesis import synthesize
+from tests.gate.drives import CARD, SCENARIO
+
+Run = Callable[[Method, Path], Path]
+
+
+@pytest.fixture(scope="session")
+def gated_card(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("gated")
+    (folder / "gated.scenario.yaml").write_text(SCENARIO)
+    (folder / "gated.yaml").write_text(CARD)
+    synthesize(folder / "gated.scenario.yaml", folder / "data" / "gated", workers=1)
+    return folder / "gated.yaml"
+
+
+def run(card: Path, out: Path, method: Method | None = None) -> Path:
+    chosen = method or build_method("spherical")
+    run_benchmark(load_card(str(card)), method=chosen, protocol=load_protocol("paper-v1"), out=out)
+    return out
+
+
+@pytest.fixture(scope="session")
+def good_run(gated_card: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return run(gated_card, tmp_path_factory.mktemp("good") / "run")

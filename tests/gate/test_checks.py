@@ -1,0 +1,117 @@
+"""A score over other objects, images or data is no better score."""
+
+import pytest
+
+from bench.errors import UsageError
+from bench.evaluation.summary import ProtocolStamp
+from bench.gate import Outcome, load_tolerances
+from bench.harness.stored import MethodStamp
+from tests.gate.factories import RULES, one, scored, sums, verdict_of
+
+COUNTS = {"all_moving": {"object_frames": 40, "annotated": 60}, "frames": {"frames": 20, "evaluated": 20}}
+
+
+def check(before, after, name, rules=RULES):
+    verdict = verdict_of(before, after, rules)
+    return next(found for found in verdict.checks if found.name == name), verdict
+
+
+@pytest.mark.parametrize(
+    ("slice_name", "unit", "told"),
+    [
+        ("all_moving", "object_frames", "3 object-frames fewer in all_moving (37, were 40)"),
+        ("all_moving", "annotated", "3 annotated objects fewer in all_moving (57, were 60)"),
+        ("frames", "evaluated", "3 scored images fewer in frames (17, were 20)"),
+    ],
+)
+def test_fewer_objects_or_images_fail(slice_name, unit, told):
+    fewer = {name: dict(part) for name, part in COUNTS.items()}
+    fewer[slice_name][unit] -= 3
+    found, verdict = check(scored({}, counts=COUNTS), scored({}, counts=fewer), "counts")
+    assert found.outcome is Outcome.FAILED
+    assert found.message == f"reference changed: {told}"
+    assert not verdict.passed
+
+
+def test_more_objects_fail_too():
+    more = COUNTS | {"all_moving": {"object_frames": 41, "annotated": 60}}
+    found, _ = check(scored({}, counts=COUNTS), scored({}, counts=more), "counts")
+    assert "1 object-frames more in all_moving (41, were 40)" in found.message
+
+
+def test_a_metric_over_fewer_cases_fails_though_it_scores_better():
+    before, after = one([0.5] * 4), one([1.0] * 4, cases=8)
+    found, verdict = check(before, after, "cases")
+    assert found.message == "metrics are over other cases: tpr_all: 8 cases fewer in crossing (32, were 40)"
+    assert verdict.rows[0].outcome is Outcome.IMPROVED
+    assert not verdict.passed
+
+
+def test_as_many_cases_of_other_recordings_fail():
+    before = one([0.5] * 4)
+    moved = sums([0.5] * 4)
+    moved = moved.model_copy(update={"denominators": moved.denominators | {"drive-0": 11.0, "drive-1": 9.0}})
+    found, verdict = check(before, scored({"crossing": {"tpr_all": moved}}), "cases")
+    assert "spread otherwise over the recordings" in found.message
+    assert not verdict.passed
+
+
+def test_metrics_over_detections_may_change_their_cases():
+    _, verdict = check(one([0.5] * 4, metric="tpr"), one([0.5] * 4, metric="tpr", cases=8), "cases")
+    assert verdict.passed
+
+
+def test_a_metric_or_a_slice_that_is_gone_fails():
+    found, verdict = check(one([0.5] * 4), scored({}), "metrics")
+    assert found.message == "in the baseline, but not in the run: tpr_all of crossing"
+    assert not verdict.passed
+
+
+def test_another_reference_fails():
+    found, verdict = check(
+        one([0.5] * 4), one([0.5] * 4).model_copy(update={"reference_fingerprint": "x" * 64}), "reference_fingerprint"
+    )
+    assert "reference changed" in found.message
+    assert not verdict.passed
+
+
+def test_other_data_fail_unless_the_rules_say_report():
+    after = one([0.5] * 4).model_copy(update={"data_fingerprint": "x" * 64})
+    found, verdict = check(one([0.5] * 4), after, "data_fingerprint")
+    assert (found.outcome, verdict.passed) == (Outcome.FAILED, False)
+    found, verdict = check(one([0.5] * 4), after, "data_fingerprint", load_tolerances("rendered-v1"))
+    assert (found.outcome, verdict.passed) == (Outcome.SUSPECT, True)
+
+
+def test_a_run_with_failures_fails():
+    after = one([0.5] * 4).model_copy(update={"failures": ("recording 'a': no calibration", "recording 'b': no lidar")})
+    found, verdict = check(one([0.5] * 4), after, "failures")
+    assert found.message.startswith("the run has 2 failures: recording 'a': no calibration;")
+    assert not verdict.passed
+
+
+def test_changed_settings_are_told_by_their_dotted_names_and_fail_nothing():
+    settings = {"weights": {"epipolar": 0.5}, "threshold": 6e-4}
+    after = one([0.5] * 4).model_copy(update={"method": MethodStamp(name="spherical", settings=settings)})
+    found, verdict = check(one([0.5] * 4), after, "method")
+    assert found.message == "method changed: weights.epipolar = 0.5, was 1.0"
+    assert verdict.passed
+
+
+def test_a_long_list_is_cut_with_its_count():
+    counts = {f"points={k}": {"object_frames": 9} for k in range(6)}
+    found, _ = check(scored({}, counts=counts), scored({}), "counts")
+    assert found.message.endswith("; and 2 more")
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"dataset": "other"}, "data set 'demo', the run of 'other'"),
+        ({"split": "night"}, "split None, the run of 'night'"),
+        ({"protocol": ProtocolStamp(name="paper-v1", version=1, digest="e" * 64)}, "protocol 'paper-v1 version 1"),
+    ],
+)
+def test_another_data_set_split_or_protocol_is_refused(changes, told):
+    with pytest.raises(UsageError, match=told):
+        verdict_of(one([0.5] * 4), one([0.5] * 4).model_copy(update=changes))

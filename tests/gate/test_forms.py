@@ -1,0 +1,154 @@
+"""The verdict for people and machines."""
+
+import json
+from io import BytesIO, StringIO
+from xml.etree import ElementTree
+
+import pytest
+from junitparser import JUnitXml
+from rich.console import Console
+
+from bench.gate import Check, Outcome
+from bench.gate.annotations import to_annotations
+from bench.gate.junit import to_junit
+from bench.gate.step_summary import to_markdown
+from bench.gate.terminal_table import check_lines, not_judged_lines, to_rich
+from bench.gate.verdict_json import to_json
+from tests.gate.factories import one, scored, sums, verdict_of
+
+
+@pytest.fixture(scope="module")
+def mixed():
+    """One row of every outcome."""
+    before = {
+        "crossing": {"tpr_all": sums([0.9] * 4), "iou": sums([0.2] * 4)},
+        "overtaking": {"tpr_all": sums([0.5] * 6), "iou": sums([0.5] * 4)},
+        "points=[30, 100)": {"tpr_all": sums([0.5])},
+    }
+    after = {
+        "crossing": {"tpr_all": sums([0.5] * 4), "iou": sums([0.4] * 4)},
+        "overtaking": {"tpr_all": sums([0.5] * 5 + [0.0]), "iou": sums([0.5] * 4)},
+        "points=[30, 100)": {"tpr_all": sums([0.5])},
+    }
+    return verdict_of(scored(before), scored(after, data_fingerprint="x" * 64))
+
+
+@pytest.fixture(scope="module")
+def many():
+    """Thirty failures, the later the worse."""
+    before = {f"slice-{k:02d}": {"tpr_all": sums([0.9] * 4)} for k in range(30)}
+    after = {f"slice-{k:02d}": {"tpr_all": sums([0.8 - 0.02 * k] * 4)} for k in range(30)}
+    return verdict_of(scored(before), scored(after))
+
+
+def with_message(verdict, message):
+    from dataclasses import replace
+
+    return replace(verdict, checks=(Check(name="failures", outcome=Outcome.FAILED, message=message),))
+
+
+def test_junit_has_a_case_for_every_check_and_row(mixed):
+    document = JUnitXml.fromstring(to_junit(mixed))
+    cases = {(case.classname, case.name): case for suite in document for case in suite}
+    assert len(cases) == len(mixed.checks) + len(mixed.rows) == 7 + 5
+    assert cases["gate.crossing", "tpr_all"].is_failure
+    assert "90.0 % -> 50.0 %, -40.0 pt" in cases["gate.crossing", "tpr_all"].result[0].message
+    assert cases["gate.data", "data_fingerprint"].is_failure
+    assert cases["gate.overtaking", "tpr_all"].is_passed
+    assert cases["gate.overtaking", "tpr_all"].system_out.startswith("suspect: ")
+    skipped = cases["gate.points=[30, 100)", "tpr_all"]
+    assert skipped.is_skipped
+    assert skipped.result[0].message == "cases in 1 recording, 2 are needed"
+    root = ElementTree.parse(BytesIO(to_junit(mixed))).getroot()
+    assert root.attrib["failures"] == "2"
+    assert root.attrib["skipped"] == "1"
+    assert root.attrib["tests"] == "12"
+
+
+def test_junit_survives_what_xml_cannot_hold(mixed):
+    text = to_junit(with_message(mixed, 'a\x00b\x1bc <&"> \ud800 ü'))
+    failure = ElementTree.fromstring(text).find(".//failure")
+    assert failure.text == 'a\ufffdb\ufffdc <&"> \ufffd ü'
+
+
+def test_annotations_are_ten_at_most_the_worst_first(many):
+    lines = to_annotations(many)
+    assert len(lines) == 11
+    assert all(line.startswith("::error title=gate%3A slice-") for line in lines[:10])
+    assert [line.split("slice-")[1][:2] for line in lines[:10]] == [f"{k}" for k in range(29, 19, -1)]
+    assert lines[10] == "and 20 more"
+
+
+def test_checks_come_before_metrics_in_annotations(mixed):
+    lines = to_annotations(mixed)
+    assert lines[0].startswith("::error title=gate%3A data::data changed: ")
+    assert lines[1].startswith("::error title=gate%3A crossing tpr_all::tpr_all of crossing: 90.0 %25 -> 50.0 %25")
+    assert len(lines) == 2
+
+
+def test_annotations_escape_what_would_start_another_command(mixed):
+    (line, *_) = to_annotations(with_message(mixed, "100 %0A\r\n::error::injected"))
+    assert line == "::error title=gate%3A data::100 %250A%0D%0A::error::injected"
+    before, after = (scored({"points=[1, 2)": {"tpr_all": sums([v] * 4)}}) for v in (0.9, 0.1))
+    assert "title=gate%3A points=[1%2C 2) tpr_all::" in to_annotations(verdict_of(before, after))[0]
+
+
+def test_a_pass_has_no_annotations():
+    assert to_annotations(verdict_of(one([0.5] * 4), one([0.5] * 4))) == []
+
+
+def test_the_summary_tells_failures_first(mixed):
+    text = to_markdown(mixed)
+    rows = [line for line in text.splitlines() if line.startswith("| ")][1:]
+    assert [row.split("|")[1].split()[-1] for row in rows] == ["failed", "suspect", "improved", "tolerance", "judged"]
+    assert text.startswith("## gate FAILED: 1 of 7 checks of the data failed, 1 failed, 1 suspect, 1 improved, ")
+    assert "- ❌ failed: data changed" in text
+    assert "most in drive-5" in rows[1]
+
+
+def test_the_summary_is_cut_at_a_row_with_the_count(many):
+    whole = to_markdown(many)
+    cut = to_markdown(many, largest_bytes=2000)
+    assert len(cut.encode()) <= 2000
+    kept = [line for line in cut.splitlines() if line.startswith("| ")][1:]
+    assert all(line in whole.splitlines() for line in kept)
+    assert f"{30 - len(kept)} more rows are left out" in cut
+    assert to_markdown(many, largest_bytes=100) == ""
+
+
+def test_a_summary_of_many_slices_stays_below_github_s_limit():
+    slices = {f"recording-{'x' * 200}-{k}": {"tpr_all": sums([0.9] * 4)} for k in range(5000)}
+    rules_free = scored(slices)
+    rows = verdict_of(scored({}), rules_free)
+    text = to_markdown(rows)
+    assert 1_000_000 < len(text.encode()) < 1024 * 1024
+    assert "more rows are left out" in text
+
+
+def test_the_summary_escapes_what_markdown_would_read(mixed):
+    text = to_markdown(with_message(mixed, "a|b <script> `c`\nd"))
+    assert "a\\|b &lt;script&gt; \\`c\\` d" in text
+
+
+def test_json_holds_everything_and_no_nan(mixed):
+    content = json.loads(to_json(mixed), parse_constant=pytest.fail)
+    assert content["passed"] is False
+    assert len(content["rows"]) == 5
+    assert len(content["checks"]) == 7
+    failed = next(row for row in content["rows"] if row["outcome"] == "failed")
+    assert (failed["slice"], failed["metric"], failed["before"], failed["after"]) == ("crossing", "tpr_all", 0.9, 0.5)
+    single = next(row for row in content["rows"] if row["outcome"] == "not judged")
+    assert (single["difference_ci95"], single["p_value"]) == (None, None)
+
+
+def test_the_terminal_shows_failures_first_and_why_not_judged(mixed):
+    stream = StringIO()
+    screen = Console(file=stream, width=110)
+    screen.print(to_rich(mixed))
+    for line in (*check_lines(mixed), *not_judged_lines(mixed)):
+        screen.print(line)
+    shown = stream.getvalue()
+    order = [shown.index(word) for word in (" failed ", " suspect ", " improved ")]
+    assert order == sorted(order)
+    assert "failed: data changed" in shown
+    assert "not judged: 1 metrics, cases in 1 recording, 2 are needed: points=[30, 100)" in shown

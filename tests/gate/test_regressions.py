@@ -1,0 +1,186 @@
+"""Seeded regressions on rendered drives: each makes the gate fail, and the same code never does."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+import pytest
+
+from bench.cli import gating
+from bench.evaluation.score_sheet import MetricSums, score_sheet
+from bench.gate import Outcome, Tolerances, Verdict, judge, load_tolerances, scored_run, write_baseline
+from bench.gate import baseline as stored
+from bench.methods import build_method
+from tests.gate.conftest import run
+from tests.gate.regressions import CalibrationShifted, YawSignFlipped
+
+SEEDS = range(20)
+
+
+@pytest.fixture(scope="module")
+def baseline(good_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("baselines") / "gated.json"
+    write_baseline(scored_run(good_run), file, allow_dirty=True)
+    return file
+
+
+def command(folder: Path, baseline: Path) -> int:
+    return gating.gate(folder, baseline=baseline, tolerances=None, junit=None, json=None, github=False)
+
+
+def verdict(good: Path, other: Path) -> Verdict:
+    return judge(scored_run(good), scored_run(other), tolerances=load_tolerances())
+
+
+def seeded(seed: int) -> Tolerances:
+    rules = load_tolerances()
+    return rules.model_copy(update={"bootstrap": rules.bootstrap.model_copy(update={"seed": seed})})
+
+
+def failed(found: Verdict) -> set[tuple[str, str]]:
+    return {(row.slice_name, row.metric) for row in found.rows_with(Outcome.FAILED)}
+
+
+def copied(good: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(good, tmp_path / "copy")
+
+
+def test_positive_depth_switched_off(gated_card, good_run, baseline, tmp_path):
+    method = build_method("spherical", {"weights": {"positive_depth": 0}})
+    found = verdict(good_run, run(gated_card, tmp_path / "run", method))
+    assert failed(found) >= {("overtaking", "tpr_all"), ("overtaking", "iou"), ("frames", "recall")}
+    assert not found.failed_checks  # the data are the same: the score tells it
+    assert command(tmp_path / "run", baseline) == 1
+
+
+def test_sign_of_the_yaw_rate_flipped(gated_card, good_run, baseline, tmp_path):
+    found = verdict(good_run, run(gated_card, tmp_path / "run", YawSignFlipped()))
+    assert failed(found) >= {("frames", "false_positive_coverage"), ("frames", "precision")}
+    assert not found.failed_checks
+    worst = next(row for row in found.rows_with(Outcome.FAILED) if row.slice_name == "frames")
+    assert worst.worst_recording.startswith("turning")
+    assert command(tmp_path / "run", baseline) == 1
+
+
+def test_calibration_shifted_by_5_px_in_the_code(gated_card, good_run, baseline, tmp_path):
+    found = verdict(good_run, run(gated_card, tmp_path / "run", CalibrationShifted()))
+    assert ("frames", "false_positive_coverage") in failed(found)
+    assert not found.failed_checks
+    assert command(tmp_path / "run", baseline) == 1
+
+
+def test_calibration_shifted_by_5_px_in_the_data(gated_card, good_run, baseline, tmp_path):
+    folder = shutil.copytree(gated_card.parent, tmp_path / "datasets")
+    for file in folder.glob("data/gated/*/recording.json"):
+        recording = json.loads(file.read_text())
+        (camera,) = recording["cameras"].values()
+        camera["model"]["principal_point"][0] += 5
+        file.write_text(json.dumps(recording))
+    found = verdict(good_run, run(folder / gated_card.name, tmp_path / "run"))
+    assert {check.name for check in found.failed_checks} >= {"reference_fingerprint", "data_fingerprint"}
+    assert command(tmp_path / "run", baseline) == 1
+
+
+def test_a_run_that_drops_its_hardest_objects(good_run, baseline, tmp_path):
+    folder = copied(good_run, tmp_path)
+    objects = pq.read_table(folder / "objects.parquet")
+    kept = _well_covered(objects)
+    dropped = objects.num_rows - kept.num_rows
+    assert dropped > 0
+    pq.write_table(kept, folder / "objects.parquet")
+    found = verdict(good_run, folder)
+    (counts,) = [check for check in found.failed_checks if check.name == "counts"]
+    assert counts.message.startswith(f"reference changed: {dropped} object-frames fewer in all_moving")
+    assert not failed(found)  # the scores got no worse, which is why the objects are counted
+    assert command(folder, baseline) == 1
+
+
+def test_a_metric_that_drops_objects(good_run, baseline, monkeypatch, capsys):
+    before = scored_run(good_run)
+
+    def dropping(objects, frames, *, protocol):
+        """The score sheet, but `tpr_all` leaves out what is covered by less than 90 %."""
+        whole = score_sheet(objects, frames, protocol=protocol)
+        partial = score_sheet(_well_covered(objects), frames, protocol=protocol)
+        slices = {
+            name: metrics | {key: partial.slices[name][key] for key in metrics if key == "tpr_all"}
+            for name, metrics in whole.slices.items()
+        }
+        return whole.model_copy(update={"slices": slices})
+
+    monkeypatch.setattr(stored, "score_sheet", dropping)
+    found = judge(before, scored_run(good_run), tolerances=load_tolerances())
+    assert [check.name for check in found.failed_checks] == ["cases"]
+    assert "tpr_all: " in found.failed_checks[0].message
+    assert "cases fewer in" in found.failed_checks[0].message
+    assert not failed(found)
+    assert command(good_run, baseline) == 1
+    assert "metrics are over other cases" in " ".join(capsys.readouterr().out.split())
+
+
+def test_a_regression_in_a_single_recording_is_suspect_not_failed(gated_card, good_run, tmp_path):
+    """A limit of the gate: where few recordings show a mistake, the interval includes no change."""
+    folder = run(gated_card, tmp_path / "run", YawSignFlipped())
+    good, bad = scored_run(good_run), scored_run(folder)
+    kept = "turning-left"
+
+    def mixed(before: MetricSums, after: MetricSums) -> MetricSums:
+        part = {name: name in after.numerators and name == kept for name in before.numerators}
+        return MetricSums(
+            numerators={n: after.numerators[n] if part[n] else v for n, v in before.numerators.items()},
+            denominators={n: after.denominators[n] if part[n] else v for n, v in before.denominators.items()},
+        )
+
+    slices = {
+        name: {metric: mixed(part, bad.sheet.slices[name][metric]) for metric, part in metrics.items()}
+        for name, metrics in good.sheet.slices.items()
+    }
+    one = bad.model_copy(update={"sheet": good.sheet.model_copy(update={"slices": slices})})
+    found = judge(good, one, tolerances=load_tolerances())
+    suspect = {(row.slice_name, row.metric): row for row in found.rows_with(Outcome.SUSPECT)}
+    assert suspect["frames", "false_positive_coverage"].worst_recording == kept
+    assert ("frames", "false_positive_coverage") not in failed(found)
+
+
+def test_the_same_code_never_fails_whatever_the_seed(gated_card, good_run, baseline, tmp_path):
+    good, again = scored_run(good_run), scored_run(run(gated_card, tmp_path / "run"))
+    assert again.sheet == good.sheet
+    for seed in SEEDS:
+        found = judge(good, again, tolerances=seeded(seed))
+        assert found.passed
+        assert {row.outcome for row in found.rows} == {Outcome.PASSED, Outcome.NOT_JUDGED}
+    assert command(tmp_path / "run", baseline) == 0
+
+
+def test_noise_of_another_processor_never_fails_whatever_the_seed(good_run):
+    """Half a percent of every recording's sums; another processor moved false-positive coverage by a hundredth."""
+    good = scored_run(good_run)
+    for seed in SEEDS:
+        draw = np.random.default_rng(seed)
+
+        def shaken(part: MetricSums, draw: np.random.Generator = draw) -> MetricSums:
+            factors = {name: 1 + draw.uniform(-0.005, 0.005) for name in part.numerators}
+            return part.model_copy(update={"numerators": {n: v * factors[n] for n, v in part.numerators.items()}})
+
+        slices = {
+            name: {metric: shaken(part) for metric, part in metrics.items()}
+            for name, metrics in good.sheet.slices.items()
+        }
+        other = good.model_copy(update={"sheet": good.sheet.model_copy(update={"slices": slices})})
+        assert judge(good, other, tolerances=load_tolerances()).passed
+
+
+def test_the_same_regression_fails_whatever_the_seed(gated_card, good_run, tmp_path):
+    good, bad = scored_run(good_run), scored_run(run(gated_card, tmp_path / "run", YawSignFlipped()))
+    assert not any(judge(good, bad, tolerances=seeded(seed)).passed for seed in range(5))
+
+
+def _well_covered(objects: pa.Table) -> pa.Table:
+    """All rows but the evaluated objects that are covered by less than 90 %."""
+    covered = pc.divide(pc.cast(objects["tp"], "float64"), pc.cast(objects["region_px"], "float64"))
+    poor = pc.and_(pc.equal(objects["status"], "evaluated"), pc.less(covered, 0.9))
+    return objects.filter(pc.invert(poor))

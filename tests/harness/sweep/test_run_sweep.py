@@ -1,0 +1,177 @@
+"""A sweep on rendered drives gives what single runs give, without computing flow again."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from bench.errors import DataError
+from bench.evaluation import load_protocol
+from bench.flow import FarnebackFlow
+from bench.harness import run_benchmark
+from bench.harness.sweep import FlowCache, Trial, plan_sweep, read_sweep, run_sweep
+from bench.methods import build_method
+from bench.recordings import load_card
+
+PROTOCOL = load_protocol("paper-v1")
+PAIRS = 12  # three drives of five images
+
+
+@pytest.fixture
+def flow_calls(monkeypatch) -> list[int]:
+    """One entry per call of the flow itself."""
+    calls: list[int] = []
+    compute = FarnebackFlow.__call__
+
+    def counted(self, start, end):
+        calls.append(1)
+        return compute(self, start, end)
+
+    monkeypatch.setattr(FarnebackFlow, "__call__", counted)
+    return calls
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory) -> FlowCache:
+    """Shared by the tests that do not count flow calls."""
+    return FlowCache(folder=tmp_path_factory.mktemp("cache"))
+
+
+def sweep(card: Path, what, out: Path, *, values=(), cache=None, method="spherical", protocol=PROTOCOL, split=None):
+    base = Trial(method=build_method(method), protocol=protocol)
+    plan = plan_sweep(what, base=base, values=values)
+    return run_sweep(
+        load_card(str(card)), plan=plan, out=out, cache=cache or FlowCache(folder=out / "cache"), split=split
+    )
+
+
+def figures(row) -> tuple:
+    return row.categories, row.all_moving, row.false_positives
+
+
+def by_value(result) -> dict:
+    return {row.value: row for row in result.rows}
+
+
+@pytest.mark.parametrize(
+    ("what", "value", "settings"),
+    [
+        ("threshold", "0.002", {"threshold": 0.002}),
+        ("ablation", "without epipolar", {"weights": {"epipolar": 0.0}}),
+        ("cell_size_px", "8", {"cell_size_px": 8}),
+    ],
+)
+def test_each_value_is_what_a_run_with_it_gives(tiny_card, tmp_path, cache, what, value, settings):
+    found = sweep(tiny_card, what, tmp_path / "sweep", values=[value], cache=cache)
+    run = run_benchmark(
+        load_card(str(tiny_card)), method=build_method("spherical", settings), protocol=PROTOCOL, out=tmp_path / "run"
+    )
+    row = next(row for row in found.rows if not row.operating)
+    assert row.model_dump_json(include={"categories", "all_moving", "false_positives"}) == run.model_dump_json(
+        include={"categories", "all_moving", "false_positives"}
+    )
+    assert read_sweep(tmp_path / "sweep").model_dump_json() == found.model_dump_json()
+
+
+def test_a_sweep_over_the_reference_is_what_runs_by_those_rules_give(tiny_card, tmp_path, cache):
+    found = by_value(sweep(tiny_card, "min_points", tmp_path / "sweep", values=["1000"], cache=cache))
+    assert found[1000].protocol_digest != found[PROTOCOL.reference.min_points].protocol_digest
+    assert found[1000].all_moving.object_frames < found[PROTOCOL.reference.min_points].all_moving.object_frames
+    content = PROTOCOL.model_dump(exclude_unset=True)
+    content["reference"]["min_points"] = 1000
+    rules = type(PROTOCOL).model_validate(content)
+    run = run_benchmark(
+        load_card(str(tiny_card)), method=build_method("spherical"), protocol=rules, out=tmp_path / "run"
+    )
+    assert found[1000].all_moving.model_dump_json() == run.all_moving.model_dump_json()
+
+
+def test_flow_is_computed_once_for_all_values_and_sweeps(tiny_card, tmp_path, flow_calls):
+    cache = FlowCache(folder=tmp_path / "cache")
+    first = sweep(tiny_card, "threshold", tmp_path / "a", cache=cache)
+    assert (len(first.rows), len(flow_calls)) == (10, PAIRS)
+    assert (first.flow.computed, first.flow.read) == (PAIRS, 0)
+    later = {
+        "weights.positive_depth": "0",
+        "ablation": "only epipolar",
+        "error.yaw_rate": "1",
+        "error.principal_point_u": "2",
+        "min_points": "5",
+    }
+    for what, value in later.items():
+        again = sweep(tiny_card, what, tmp_path / what, values=[value], cache=cache)
+        assert again.flow.computed == 0
+        assert again.flow.read == PAIRS
+    assert len(flow_calls) == PAIRS
+    base = [next(row for row in one.rows if row.operating) for one in (first, again)]
+    assert base[0].all_moving.model_dump_json() == base[1].all_moving.model_dump_json()
+
+
+def test_noise_and_flow_settings_need_their_own_flow(tiny_card, tmp_path, flow_calls):
+    found = sweep(tiny_card, "error.image_noise", tmp_path / "a", values=["0", "16"], split="moving")
+    assert found.flow.computed == len(flow_calls) == 2 * 8
+    clean, noisy = found.rows
+    assert noisy.injected == {"image_noise_grey": 16.0}
+    assert noisy.all_moving.model_dump_json() != clean.all_moving.model_dump_json()
+    found = sweep(tiny_card, "flow.levels", tmp_path / "b", values=["1"], split="moving")
+    assert found.flow.computed == 2 * 8
+
+
+def test_changed_images_and_damaged_files_are_not_taken_from_the_cache(tiny_card, tmp_path, flow_calls):
+    folder = shutil.copytree(tiny_card.parent, tmp_path / "datasets")
+    card, cache = folder / tiny_card.name, FlowCache(folder=tmp_path / "cache")
+    sweep(card, "threshold", tmp_path / "a", values=["1e-3"], cache=cache)
+    damaged, *others = sorted(cache.folder.glob("*.npz"))
+    assert len(others) == 2
+    damaged.write_bytes(damaged.read_bytes()[:1000])
+    assert sweep(card, "threshold", tmp_path / "b", values=["1e-3"], cache=cache).flow.computed == 4
+    image = next((folder / "data" / "tiny" / "crossing" / "images" / "front").glob("*.png"))
+    image.touch()
+    assert sweep(card, "threshold", tmp_path / "c", values=["1e-3"], cache=cache).flow.computed == 4
+
+
+def test_the_cache_keeps_to_its_limit(tiny_card, tmp_path):
+    one_drive = 4 * 48 * 64 * 2 * 4
+    cache = FlowCache(folder=tmp_path / "cache", limit_bytes=one_drive + one_drive // 2)
+    sweep(tiny_card, "threshold", tmp_path / "a", values=["1e-3"], cache=cache)
+    assert len(list(cache.folder.glob("*.npz"))) == 1
+    assert cache.room_bytes > 0
+    found = sweep(tiny_card, "threshold", tmp_path / "b", values=["1e-3"], cache=cache)
+    assert (found.flow.computed, found.flow.read) == (8, 4)
+
+
+def test_errors_reach_the_method_and_not_the_reference(tiny_card, tmp_path, cache):
+    found = by_value(sweep(tiny_card, "error.pitch_rate", tmp_path / "sweep", values=["4"], cache=cache))
+    true, wrong = found[0.0], found[4.0]
+    assert wrong.false_positives.coverage.value > true.false_positives.coverage.value + 0.1
+    assert {name: row.object_frames for name, row in true.categories.items()} == {
+        name: row.object_frames for name, row in wrong.categories.items()
+    }
+    assert wrong.protocol_digest == true.protocol_digest
+    assert wrong.settings == true.settings
+
+
+def test_another_method_can_be_told_errors(tiny_card, tmp_path):
+    found = sweep(tiny_card, "error.speed", tmp_path / "sweep", values=["10"], method="everything", split="moving")
+    assert [row.all_moving.tpr_all.value for row in found.rows] == [1.0, 1.0]
+    assert (found.flow.computed, found.flow.read) == (0, 0)
+
+
+def test_an_image_that_one_value_cannot_use_is_left_out_for_all(tiny_card, tmp_path, cache):
+    values = ["0", "550"]  # beyond the end of the ego-motion for some images
+    found = sweep(tiny_card, "error.time", tmp_path / "sweep", values=values, cache=cache)
+    frames = {row.false_positives.frames for row in found.rows}
+    assert len(frames) == 1
+    assert 0 < frames.pop() < PAIRS
+    assert any("ego-motion at" in failure for failure in found.failures)
+
+
+def test_nothing_that_can_be_used_is_an_error(tiny_card, tmp_path):
+    folder = shutil.copytree(tiny_card.parent, tmp_path / "datasets")
+    (folder / tiny_card.name).write_text((folder / tiny_card.name).read_text().replace("scenario:", "source:"))
+    for drive in (folder / "data" / "tiny").iterdir():
+        (drive / "egomotion.csv").unlink(missing_ok=True)
+    with pytest.raises(DataError, match="a recording that can be used"):
+        sweep(folder / tiny_card.name, "threshold", tmp_path / "sweep")
+    with pytest.raises(DataError, match="the result of a sweep"):
+        read_sweep(tmp_path / "sweep")

@@ -1,0 +1,114 @@
+"""Runs that earlier versions stored: they load, and reduce to the figures that they had, for ever."""
+
+import math
+import shutil
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from bench.errors import DataError
+from bench.evaluation import Figure, score_sheet, summarise, threshold_sweep
+from bench.harness import read_image_maps, read_protocol, read_run, read_tables
+from bench.harness.stored import HISTOGRAMS, LATER_COLUMNS
+
+STORED = Path(__file__).parents[1] / "stored"
+RUNS = sorted(folder for folder in STORED.iterdir() if folder.is_dir())
+
+
+@pytest.fixture(params=RUNS, ids=[run.name for run in RUNS])
+def stored(request) -> Path:
+    return request.param
+
+
+def figures_of(part: object, path: str = "") -> dict[str, Figure]:
+    """All figures of a summary by their place in it."""
+    if isinstance(part, Figure):
+        return {path: part}
+    pairs = part.items() if isinstance(part, dict) else part if hasattr(part, "model_dump") else ()
+    return {name: figure for key, inner in pairs for name, figure in figures_of(inner, f"{path}/{key}").items()}
+
+
+def test_there_is_a_stored_run_of_version_1():
+    assert "v1" in [run.name for run in RUNS]
+
+
+def test_a_stored_run_reduces_to_its_figures(stored):
+    summary, protocol = read_run(stored), read_protocol(stored)
+    assert protocol.digest == summary.protocol.digest
+    again = summarise(*read_tables(stored), protocol=protocol)
+    assert (again.objects, again.images) == (summary.objects, summary.images)
+    then, now = figures_of(summary), figures_of(again)
+    assert then.keys() == now.keys()
+    assert len(then) > 200
+    for name, figure in then.items():
+        assert now[name].value == pytest.approx(figure.value, rel=1e-9, nan_ok=True), name
+        assert now[name].cases == figure.cases, name
+        assert now[name].ci95 == (None if figure.ci95 is None else pytest.approx(figure.ci95, rel=1e-9)), name
+
+
+def test_a_stored_runs_score_sheet_has_its_figures(stored):
+    summary, protocol = read_run(stored), read_protocol(stored)
+    sheet = score_sheet(*read_tables(stored), protocol=protocol)
+    for category, row in summary.categories.items():
+        for metric, sums in sheet.slices[category].items():
+            assert sums.value == pytest.approx(row.figure(metric).value, rel=1e-9, nan_ok=True), (category, metric)
+    coverage = sheet.slices["frames"]["false_positive_coverage"]
+    assert coverage.value == pytest.approx(summary.false_positives.coverage.value)
+    assert sheet.counts["all_moving"]["annotated"] == summary.objects.annotated
+
+
+def test_a_stored_runs_curve_and_maps_agree_with_its_figures(stored):
+    summary, (_, frames) = read_run(stored), read_tables(stored)
+    sweep = threshold_sweep(frames)
+    threshold = summary.method.settings["threshold"]
+    (at,) = [k for k, edge in enumerate(sweep.thresholds.tolist()) if edge == threshold]
+    assert sweep.recall[at] == pytest.approx(summary.segmentation.recall.value)
+    assert sweep.precision[at] == pytest.approx(summary.segmentation.precision.value)
+    assert sweep.false_positive_coverage[at] == pytest.approx(summary.false_positives.coverage.value)
+    (front,) = read_image_maps(stored).values()
+    assert (front.camera, front.frames) == ("front", summary.images.evaluated)
+    for grid, column in ((front.reference_px, "reference_px"), (front.missed_px, "fn_px"), (front.false_px, "fp_px")):
+        assert grid.sum() == sum(frames[column].to_pylist()) > 0
+
+
+def rewrite(file: Path, change) -> None:
+    pq.write_table(change(pq.read_table(file)), file)
+
+
+def test_columns_that_came_later_are_null_in_older_runs(stored, tmp_path):
+    run = Path(shutil.copytree(stored, tmp_path / "run"))
+    rewrite(run / "frames.parquet", lambda table: table.drop_columns(sorted(LATER_COLUMNS)))
+    _, frames = read_tables(run)
+    assert frames.schema == read_tables(stored)[1].schema
+    assert all(frames[name].null_count == frames.num_rows for name in LATER_COLUMNS)
+    assert threshold_sweep(frames) is None
+
+
+def test_histograms_may_stay_unread(stored):
+    objects, frames = read_tables(stored, histograms=False)
+    assert all(frames[name].null_count == frames.num_rows for name in HISTOGRAMS)
+    whole = read_tables(stored)
+    assert objects == whole[0]
+    assert frames.drop_columns(sorted(HISTOGRAMS)) == whole[1].drop_columns(sorted(HISTOGRAMS))
+
+
+def test_any_other_missing_column_is_named(stored, tmp_path):
+    run = Path(shutil.copytree(stored, tmp_path / "run"))
+    rewrite(run / "frames.parquet", lambda table: table.drop_columns(["fp_px"]))
+    with pytest.raises(DataError, match=r"frames\.parquet: fp_px: wanted this column"):
+        read_tables(run)
+
+
+def test_a_column_of_another_kind_is_named(stored, tmp_path):
+    run = Path(shutil.copytree(stored, tmp_path / "run"))
+    words = lambda table: table.set_column(table.schema.names.index("tp"), "tp", pa.array(["x"] * len(table)))  # noqa: E731
+    rewrite(run / "objects.parquet", words)
+    with pytest.raises(DataError, match=r"objects\.parquet"):
+        read_tables(run)
+
+
+def test_nan_is_compared_as_nan(stored):
+    """The comparison above would be empty of meaning if 0/0 were left out."""
+    assert any(math.isnan(figure.value) for figure in figures_of(read_run(stored)).values())

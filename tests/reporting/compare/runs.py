@@ -1,0 +1,86 @@
+"""Stored runs whose differences a reader can count."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, load_protocol, summarise
+from bench.harness import Provenance, RunSummary
+from bench.harness.stored import MethodStamp, reference_fingerprint, write_protocol, write_summary
+
+RECORDINGS, IMAGES = 8, 4
+REGION_PX, IMAGE_PX = 100, 640 * 480
+
+# (recording, image, category) -> detected pixels of the one object of that kind
+Detected = dict[tuple[int, int, str], int]
+
+
+def drawn(px: int, *, categories: tuple[str, ...] = ("crossing", "preceding")) -> Detected:
+    """Every object of every image with the same number of detected pixels; preceding ones in three recordings only."""
+    return {
+        (r, n, category): px
+        for r in range(RECORDINGS)
+        for n in range(IMAGES)
+        for category in categories
+        if category != "preceding" or r < 3
+    }
+
+
+def write_run(
+    folder: Path,
+    detected: Detected,
+    *,
+    fp_px: int = 3072,
+    protocol: str = "paper-v1",
+    dataset: str = "demo",
+    split: str | None = None,
+    card: str = "nowhere.yaml",
+    method: str = "nothing",
+    settings: dict[str, object] | None = None,
+    region_px: int = REGION_PX,
+) -> Path:
+    """Store a run; all of its reference comes from the keys of `detected` and from `region_px`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    objects = pa.Table.from_pylist([_object(*key, px, region_px) for key, px in detected.items()], OBJECTS_SCHEMA)
+    images = sorted({key[:2] for key in detected})
+    frames = pa.Table.from_pylist([_frame(*image, fp_px, region_px) for image in images], FRAMES_SCHEMA)
+    pq.write_table(objects, folder / "objects.parquet")
+    pq.write_table(frames, folder / "frames.parquet")
+    rules = load_protocol(protocol)
+    figures = summarise(objects, frames, protocol=rules)
+    provenance = Provenance(
+        version="0", commit="0123456789+", python="3", libraries={}, data_fingerprint="",
+        started_utc="2026-01-02T03:04", seconds=2.0, stage_seconds={}, images=len(images), peak_memory_mb=1.0,
+    )  # fmt: skip
+    summary = RunSummary(
+        **{name: getattr(figures, name) for name in type(figures).model_fields},
+        schema_version=1, dataset=dataset, card=card, reference_fingerprint=reference_fingerprint(objects, frames),
+        split=split, method=MethodStamp(name=method, settings=settings or {}), provenance=provenance, failures=(),
+        vehicle_outline_m=((-1.0, -0.9), (3.8, -0.9), (3.8, 0.9), (-1.0, 0.9)),
+    )  # fmt: skip
+    write_summary(folder, summary)
+    write_protocol(folder, rules)
+    return folder
+
+
+def _object(recording: int, image: int, category: str, px: int, region_px: int) -> dict[str, object]:
+    return {
+        **_key(recording, image), "track_id": category, "object_class": "vehicle", "status": "evaluated",
+        "reason": None, "category": category, "direction": "lateral", "range_m": 4.0, "x_m": 5.5, "y_m": 2.5,
+        "speed_mps": 2.0, "points": 50, "polygon_px": region_px, "region_px": region_px, "tp": px,
+        "fn": region_px - px, "fp": 10, "chance_tp": 5,
+    }  # fmt: skip
+
+
+def _frame(recording: int, image: int, fp_px: int, region_px: int) -> dict[str, object]:
+    counts = {field.name: 0 for field in FRAMES_SCHEMA if field.type == pa.int64()}
+    size = {"width": 640, "height": 480, "valid_px": 300_000, "fp_px": fp_px, "reference_px": region_px}
+    return counts | _key(recording, image) | size | {"status": "evaluated", "problem": None, "fp_by_cause": []}
+
+
+def _key(recording: int, image: int) -> dict[str, object]:
+    times = {"timestamp_ns": image * 100_000_000, "ego_speed_mps": 1.0}
+    return {"recording": f"drive-{recording}", "camera": "front"} | times

@@ -1,0 +1,103 @@
+import csv
+import io
+import json
+
+import pytest
+from rich.console import Console
+
+from bench.reporting.compare.comparison import compare_runs
+from bench.reporting.compare.comparison_table import MIN_COLUMNS, to_rich
+from bench.reporting.compare.comparison_text import points
+from bench.reporting.compare.stored_runs import read_comparable
+from bench.reporting.compare.write import write_comparison
+from tests.reporting.compare.runs import drawn, write_run
+
+NAMES = ["compare.md", "compare.csv", "object_changes.csv", "compare.json"]
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    runs = tmp_path_factory.mktemp("runs")
+    after = {key: 0 if key[0] < 7 and key[1] == 1 else 20 + key[0] for key in drawn(50)}
+    return [write_run(runs / "old", drawn(50)), write_run(runs / "new", after, fp_px=0), write_run(runs / "x|y", after)]
+
+
+def test_equal_input_gives_equal_bytes(folders, tmp_path):
+    first = write_comparison(folders, tmp_path / "one")
+    second = write_comparison(folders, tmp_path / "two")
+    assert [file.name for file in first.files] == NAMES
+    assert [file.read_bytes() for file in first.files] == [file.read_bytes() for file in second.files]
+
+
+def test_all_forms_carry_the_same_numbers(folders, tmp_path):
+    write_comparison(folders, tmp_path)
+    (row,) = [
+        row
+        for row in csv.DictReader(io.StringIO((tmp_path / "compare.csv").read_text()))
+        if (row["after_run"], row["row"], row["metric"]) == ("new", "crossing", "detection_rate")
+    ]
+    stored = json.loads((tmp_path / "compare.json").read_text())["comparisons"][0]
+    (of_row,) = [r for r in stored["rows"] if r["name"] == "crossing"]
+    cell = of_row["metrics"]["detection_rate"]
+    assert cell["difference"] == float(row["difference"]) == pytest.approx(-7 / 32)
+    assert cell["ci95"] == [float(row["ci95_low"]), float(row["ci95_high"])]
+    assert cell["p_holm"] == float(row["p_holm"])
+    assert cell["verdict"] == row["verdict"] == "worse"
+    assert f"| Crossing | 32 | 8 | 100.0 | 78.1 | {points(-7 / 32)} |" in (tmp_path / "compare.md").read_text()
+    changed = list(csv.DictReader(io.StringIO((tmp_path / "object_changes.csv").read_text())))
+    lost = [r for r in changed if r["after_run"] == "new" and r["change"] == "lost"]
+    assert len(lost) == stored["detections"][-1]["lost"] == 7 + 3
+    assert {r["coverage_after"] for r in lost} == {"0.0"}
+
+
+def test_markdown_says_what_is_better_and_what_is_worse(folders, tmp_path):
+    write_comparison(folders, tmp_path)
+    text = (tmp_path / "compare.md").read_text()
+    assert "**new against old, over everything: better: False-positive coverage. worse: Detection rate; TPR" in text
+    assert "By category: worse: Crossing (Detection rate), Crossing (TPR, detected), Crossing (IoU, detected)" in text
+    assert "too few recordings to judge in at least one metric: Preceding (3)" in text
+    assert "| vehicle 'crossing', crossing, 4.0 m (drive-0, front, 100 ms) | 50.0 | 0.0 |" in text
+    assert "| (drive-0, front, 0 ms) | 1.0 | 0.0 |" in text, "fewer false positives"
+    lines = [line for line in text.splitlines() if line.startswith("|")]
+    assert all(line.replace(r"\|", "").count("|") >= 3 for line in lines)
+
+
+def test_without_data_there_are_no_pictures_and_the_reason_is_said(folders, tmp_path):
+    written = write_comparison(folders, tmp_path)
+    assert not (tmp_path / "pictures").exists()
+    assert len(written.remarks) == 2
+    assert all(remark.startswith("no pictures: nowhere.yaml") for remark in written.remarks)
+    assert "no pictures: nowhere.yaml" in (tmp_path / "compare.md").read_text()
+
+
+def test_a_method_that_cannot_be_built_is_said(tmp_path):
+    runs = [write_run(tmp_path / name, drawn(px), method="my-own") for name, px in (("a", 50), ("b", 0))]
+    written = write_comparison(runs, tmp_path / "out")
+    assert [remark.split(":")[0] for remark in written.remarks] == ["no pictures"]
+    assert "unknown method 'my-own'" in written.remarks[0]
+
+
+def test_old_pictures_go_and_other_files_stay(folders, tmp_path):
+    pictures = tmp_path / "pictures"
+    pictures.mkdir()
+    for name in ("01-01-newly-missed.jpg", "mine.jpg"):
+        (pictures / name).write_bytes(b"")
+    write_comparison(folders, tmp_path)
+    assert [file.name for file in pictures.iterdir()] == ["mine.jpg"]
+
+
+def test_the_terminal_table_fits(folders):
+    comparison = compare_runs(read_comparable(folders))[0]
+    console = Console(width=MIN_COLUMNS, record=True, file=io.StringIO())
+    console.print(to_rich(comparison))
+    shown = console.export_text()
+    assert "…" not in shown
+    for word in ("new (after) against old (before)", "Crossing", "False positives", "worse", "-21.9", "too few"):
+        assert word in shown
+
+
+@pytest.mark.parametrize(
+    ("ratio", "text"), [(0.0, "0.0"), (-0.00001, "-0.0"), (0.12345, "+12.3"), (float("nan"), "n/a")]
+)
+def test_points(ratio, text):
+    assert points(ratio) == text

@@ -1,0 +1,64 @@
+"""A stored run of the tiny data set, its page, and a real browser."""
+
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+from selenium import webdriver
+from selenium.webdriver.chrome.options import Options
+from selenium.webdriver.chrome.service import Service
+
+from bench.evaluation import load_protocol
+from bench.harness import run_benchmark
+from bench.methods import build_method
+from bench.recordings import load_card
+from bench.reporting.page.build import write_page
+from tests.reporting.page.hostile import hostile_run
+
+FLAGS = (
+    "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--disable-background-networking",
+    "--disable-component-update", "--disable-sync", "--no-first-run",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="session")
+def tiny_run(tiny_card, tmp_path_factory) -> Path:
+    """A run of the tiny data set; tests that change it copy it first."""
+    run = tmp_path_factory.mktemp("runs") / "tiny-run"
+    method = build_method("spherical", {"threshold": 5e-4})
+    run_benchmark(load_card(tiny_card), method=method, protocol=load_protocol("paper-v1"), out=run)
+    return run
+
+
+@pytest.fixture(scope="session")
+def tiny_page(tiny_run) -> Path:
+    """The page of that run, with its pictures."""
+    page = write_page(tiny_run)
+    assert page.problems == ()
+    return page.file
+
+
+@pytest.fixture(scope="session")
+def hostile_page(tiny_run, tmp_path_factory) -> Path:
+    """A page of names that would break a careless one; without pictures."""
+    return write_page(hostile_run(tiny_run, tmp_path_factory.mktemp("hostile")), pictures=False).file
+
+
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory):
+    """Headless chromium; on CI its absence is a failure."""
+    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if chromium is None or driver is None:
+        message = "wanted chromium and chromedriver, came none; install them: apt-get install chromium chromium-driver"
+        if os.environ.get("CI"):
+            pytest.fail(message)
+        pytest.skip(message)
+    options = Options()
+    options.binary_location = chromium
+    for flag in (*FLAGS, f"--user-data-dir={tmp_path_factory.mktemp('chromium')}"):
+        options.add_argument(flag)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    opened = webdriver.Chrome(options=options, service=Service(driver))
+    yield opened
+    opened.quit()

@@ -1,0 +1,28 @@
+"""Names that a data set may hold and a page must survive."""
+
+import shutil
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from bench.evaluation import load_protocol, summarise
+from bench.harness import read_run, read_tables
+from bench.harness.stored import write_summary
+
+TRACK = "</script><script>window.broken = true</script><!--<img src=x onerror='window.broken = true'> it's & \u2028"
+PLAIN = "walker"
+
+
+def hostile_run(run, folder):
+    """A copy of the run in which one object has a name that would end the script and start another."""
+    copy = shutil.copytree(run, folder / "hostile")
+    objects, frames = read_tables(copy)
+    names = [TRACK if name == PLAIN else name for name in objects["track_id"].to_pylist()]
+    place = objects.schema.get_field_index("track_id")
+    objects = objects.set_column(place, objects.schema.field(place), pa.array(names))
+    pq.write_table(objects, copy / "objects.parquet")
+    figures = summarise(objects, frames, protocol=load_protocol("paper-v1"))
+    summary = read_run(copy)
+    changed = {name: getattr(figures, name) for name in type(figures).model_fields}
+    write_summary(copy, summary.model_copy(update=changed | {"failures": ("<b>one & all</b>",)}))
+    return copy

@@ -1,0 +1,70 @@
+"""The sentences at the top of the page."""
+
+import math
+
+from bench.evaluation.summary import Figure, FrameLedger
+from bench.reference import Category
+from bench.reporting.page.cells import figure_cell, figures_table
+from bench.reporting.page.glance import remarks
+from tests.reporting.summaries import object_figures, summary
+
+
+def told(figures, category=None):
+    return [(remark.kind, remark.text) for remark in remarks(figures, category=category)]
+
+
+def test_best_and_weakest_are_named_with_their_figures():
+    (good, best), (bad, weakest), *others = told(summary())
+    assert (good, bad) == ("good", "bad")
+    assert best == "Best: overtaking, on average 70.0 % of an object is found, over 100 object-frames of 7 objects."
+    assert weakest.startswith("Weakest: preceding, on average 23.3 %")
+    assert others[-1] == ("bad", "Wrongly marked as moving: 10.5 % of the image on average.")
+
+
+def test_a_kind_that_chance_reaches_is_named():
+    figures = summary()
+    row = figures.categories["crossing"]
+    lucky = row.model_copy(update={"detection_rate_50": Figure(value=0.2, ci95=(0.1, 0.3), cases=100)})
+    lucky.__pydantic_extra__["chance_50"] = Figure(value=0.15, ci95=None, cases=100)
+    lucky.__pydantic_extra__["detection_rate_50"] = Figure(value=0.2, ci95=(0.1, 0.3), cases=100)
+    sentence = (
+        "Not clearly better than chance when half of an object must be found: crossing (20.0 %, by chance 15.0 %)."
+    )
+    assert ("bad", sentence) not in told(figures)
+    assert ("bad", sentence) in told(figures.model_copy(update={"categories": {"crossing": lucky}}))
+
+
+def test_the_weakest_place_is_named_where_it_stands_out():
+    rows = {"[0, 2)": object_figures(0.9), "[2, 4)": object_figures(0.2), "[4, 6)": object_figures(math.nan)}
+    figures = summary().model_copy(update={"breakdowns": {"range_m": rows}})
+    sentence = "Where least of an object is found (on average 42.0 %): range [2, 4) m with 14.0 %."
+    assert ("bad", sentence) in told(figures)
+    even = {name: object_figures(0.6) for name in rows}
+    assert not any(
+        "Where least" in text for _, text in told(summary().model_copy(update={"breakdowns": {"range_m": even}}))
+    )
+
+
+def test_images_that_were_not_scored_are_said():
+    images = FrameLedger(images=10, evaluated=7, failed=2, skipped=1, problems={})
+    texts = [text for _, text in told(summary().model_copy(update={"images": images}))]
+    assert "3 of 10 images could not be scored; the last section says why." in texts
+
+
+def test_a_page_of_one_kind_says_nothing_of_images():
+    figures = summary()
+    only = figures.model_copy(update={"categories": {"crossing": figures.categories["crossing"]}})
+    assert all("of the image" not in text for _, text in told(only, Category.CROSSING))
+    none = figures.model_copy(update={"categories": {"crossing": object_figures(math.nan)}})
+    assert [kind for kind, _ in told(none, Category.CROSSING)] == ["note"]
+
+
+def test_the_lowest_of_a_table_is_marked_and_cells_without_cases_have_no_bar():
+    rows = {"a": object_figures(0.9), "b": object_figures(0.2), "c": object_figures(math.nan)}
+    table = figures_table("By letter", "letter", rows)
+    place = table.headings.index("share found (TPR, all)") - 3
+    assert [row.cells[place].weakest for row in table.rows] == [False, True, False]
+    assert table.rows[2].cells[place].value is None
+    assert table.rows[2].cells[place].text == "n/a (0 cases)"
+    cell = figure_cell(Figure(value=0.5, ci95=(0.25, 0.75), cases=4))
+    assert (cell.value, cell.low, cell.high, cell.interval) == (50, 25, 75, "25.0 to 75.0")

@@ -1,0 +1,175 @@
+"""The page as a file."""
+
+import json
+import re
+import shutil
+
+import pytest
+
+from bench.errors import DataError
+from bench.harness import read_run, read_tables
+from bench.recordings import load_card, open_dataset
+from bench.reference import Category
+from bench.reporting.page.build import write_page
+from bench.reporting.page.figure_files import write_figures
+from bench.reporting.page.object_table import script_json, table_data
+from bench.reporting.page.source import read_source
+from tests.reporting.page.hostile import TRACK
+
+SECTIONS = [
+    "glance", "results", "splits", "around", "plane", "coverage", "threshold", "causes", "worst", "frames", "time",
+    "origin", "ledger",
+]  # fmt: skip
+OF_FRAMES = {"plane", "threshold", "causes"}
+
+
+def sections(text):
+    return re.findall(r'<section id="(\w+)"><h2>.*?</h2>\s*(<\w+)', text)
+
+
+def rows_of(text):
+    return json.loads(re.search(r'id="rows">(.*?)</script>', text, flags=re.DOTALL)[1])
+
+
+def test_every_section_opens_with_a_sentence(tiny_page):
+    assert sections(tiny_page.read_text()) == [(name, "<p") for name in SECTIONS]
+
+
+def test_it_holds_everything_itself(tiny_page):
+    text = tiny_page.read_text()
+    addresses = re.findall(r'(?:src|href|url)\s*[=(]\s*"?([^\s")>]+)', text)
+    assert len(addresses) > 20
+    assert all(address.startswith(("data:", "#")) for address in addresses)
+    assert text.count("<script") == 2
+    assert "@import" not in text
+
+
+def test_identifiers_are_used_once(tiny_page):
+    found = re.findall(r'\sid="([^"]+)"', tiny_page.read_text())
+    assert len(found) == len(set(found))
+
+
+def test_the_same_bytes_twice(tiny_run, tmp_path):
+    files = [write_page(tiny_run, category=Category.CROSSING, out=tmp_path / name).file for name in ("a", "b")]
+    assert b"data:image/jpeg" in files[0].read_bytes()
+    assert files[0].read_bytes() == files[1].read_bytes()
+
+
+def test_figures_for_papers_are_pdf_and_the_same_twice(tiny_run):
+    made = {file.name: file.read_bytes() for file in write_figures(tiny_run)}
+    kinds = {f"coverage-{kind}.pdf" for kind in ("crossing", "overtaking", "static_ego")}
+    of_frames = {"threshold_sweep.pdf", "precision_recall.pdf", "missed-0.pdf", "false-0.pdf"}
+    assert set(made) == {"range_map.pdf"} | kinds | of_frames
+    assert all(content.startswith(b"%PDF") for content in made.values())
+    again = write_figures(tiny_run, category=Category.CROSSING)
+    assert [file.name for file in again] == ["range_map-crossing.pdf", "coverage-crossing.pdf"]
+    assert again[1].read_bytes() == made["coverage-crossing.pdf"]
+
+
+def test_every_annotated_object_is_a_row(tiny_run, tiny_page):
+    objects, _ = read_tables(tiny_run)
+    shown = rows_of(tiny_page.read_text())
+    assert shown["rows"] == objects.num_rows == read_run(tiny_run).objects.annotated
+    assert all(len(values) == objects.num_rows for values in shown["columns"].values())
+
+
+def test_a_row_says_what_is_stored(tiny_run):
+    data = table_data(read_source(tiny_run), pictured={})
+    stored = read_tables(tiny_run)[0].to_pandas().sort_values(["recording", "camera", "timestamp_ns", "track_id"])
+    for place, (_, row) in enumerate(stored.iterrows()):
+        of_row = {name: values[place] for name, values in data["columns"].items()}
+        assert data["words"]["track_id"][of_row["track_id"]] == row["track_id"]
+        if row["status"] == "evaluated":
+            assert of_row["coverage"] == pytest.approx(100 * row["tp"] / (row["tp"] + row["fn"]), abs=0.051)
+            assert of_row["iou"] == pytest.approx(100 * row["tp"] / (row["tp"] + row["fn"] + row["fp"]), abs=0.051)
+        else:
+            assert of_row["coverage"] is None
+
+
+def test_a_row_opens_its_own_card_or_that_of_its_image(tiny_run):
+    source = read_source(tiny_run)
+    one, other = read_tables(tiny_run)[0].to_pylist()[:2]
+    keys = [(row["recording"], row["camera"], row["timestamp_ns"]) for row in (one, other)]
+    assert keys[0] == keys[1], "two objects of one image"
+    pictured = {(*keys[0], ""): "first", (*keys[0], other["track_id"]): "own"}
+    data = table_data(source, pictured=pictured)
+    shown = zip(data["columns"]["track_id"], data["columns"]["picture"], strict=True)
+    found = {data["words"]["track_id"][track]: picture for track, picture in shown if picture}
+    assert found == {one["track_id"]: "first", other["track_id"]: "own"}
+
+
+def test_the_index_of_a_row_is_that_of_its_image(tiny_run, tiny_card):
+    data = table_data(read_source(tiny_run), pictured={})
+    images = {handle.name: handle.open().images["front"] for handle in open_dataset(load_card(tiny_card))}
+    columns, words = data["columns"], data["words"]["recording"]
+    for recording, index, time_s in zip(columns["recording"], columns["index"], columns["time_s"], strict=True):
+        assert images[words[recording]][index].timestamp_ns / 1e9 == pytest.approx(time_s, abs=1e-3)
+
+
+def test_json_in_a_script_cannot_end_it():
+    text = str(script_json({TRACK: [1.5, None]}))
+    assert not set("<>&\u2028") & set(text)
+    assert json.loads(text) == {TRACK: [1.5, None]}
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        script_json([float("nan")])
+
+
+def test_names_from_the_data_are_escaped(hostile_page):
+    text = hostile_page.read_text()
+    assert "<script>window.broken" not in text
+    assert "<img src=x" not in text
+    assert "&lt;b&gt;one &amp; all&lt;/b&gt;" in text
+
+
+def test_without_the_data_it_says_so_and_is_complete(tiny_run, tmp_path):
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    summary = (run / "summary.json").read_text()
+    card = json.loads(summary)["card"]
+    (run / "summary.json").write_text(summary.replace(card, str(tmp_path / "gone.yaml")))
+    page = write_page(run)
+    text = page.file.read_text()
+    assert len(page.problems) == 1
+    assert "gone.yaml" in page.problems[0]
+    assert "Pictures are missing" in text
+    assert "No picture: the data set was not at hand." in text
+    assert "<img" not in text
+    assert [name for name, _ in sections(text)] == SECTIONS
+    assert "Reason found" in text
+
+
+def test_a_run_of_an_older_version_still_makes_a_page(tiny_run, tmp_path):
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    (run / "image_maps.npz").unlink()
+    text = write_page(run, pictures=False).file.read_text()
+    assert "holds no maps of the image plane" in text
+    assert [name for name, _ in sections(text)] == SECTIONS
+
+
+def test_a_changed_picture_is_not_passed_off_as_the_scored_one(tiny_run, tmp_path):
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    summary = json.loads((run / "summary.json").read_text())
+    summary["method"]["settings"]["threshold"] = 1e-6
+    (run / "summary.json").write_text(json.dumps(summary))
+    text = write_page(run, category=Category.CROSSING).file.read_text()
+    assert "another state of the data or the code" in text
+
+
+def test_a_page_of_one_kind_has_only_its_rows(tiny_run):
+    page = write_page(tiny_run, category=Category.OVERTAKING)
+    text = page.file.read_text()
+    assert page.file.name == "index-overtaking.html"
+    assert [name for name, _ in sections(text)] == [name for name in SECTIONS if name not in OF_FRAMES]
+    assert rows_of(text)["words"]["category"] == ["overtaking"]
+    assert "Crossing (epipolar)" not in text
+    assert 'id="worst-overtaking-0"' in text
+
+
+def test_a_kind_without_cases_is_no_error(tiny_run, tmp_path):
+    text = write_page(tiny_run, category=Category.PRECEDING, out=tmp_path / "page.html").file.read_text()
+    assert "No object-frame of this kind was evaluated." in text
+    assert "n/a (0 cases)" in text
+
+
+def test_a_folder_without_a_run_is_named(tmp_path):
+    with pytest.raises(DataError, match=r"summary\.json"):
+        write_page(tmp_path)
