@@ -8,7 +8,9 @@ Callers import the file they need, since this room's drawing files load matplotl
 
 - `tables` (rows: ours beside the paper's), `table_files` (Markdown, LaTeX, CSV, JSON), `terminal_table` (`rich`);
 - `range_maps`, `panels`, `count_view`, `cluster_view` (the paper's figures), `overlay` (fast, OpenCV only);
-- `write` (the files of a report), `frame_pictures` (all pictures of one frame).
+- `write` (the files of a report), `frame_pictures` (all pictures of one frame);
+- `sweep_report`, `sweep_chart`, `sweep_files` (one thing through many values);
+- `page` (the page of a run), `compare` (runs against each other, leaderboard).
 
 Images are (H, W) grey or (H, W, 3) BGR uint8, pixels (u, v) with the centre of the first pixel at (0, 0). Pictures of
 the ground are in the vehicle frame, x forward up and y left to the left.
