@@ -5,8 +5,12 @@ from __future__ import annotations
 import hashlib
 import platform
 import subprocess
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
+from time import perf_counter
 
 from pydantic import BaseModel, ConfigDict
 
@@ -46,19 +50,52 @@ class Provenance(BaseModel):
     peak_memory_mb: float
 
 
-def package_version() -> str:
-    """Version of this package."""
-    return bench.__version__
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Start:
+    """When work began.
+
+    Attributes:
+        utc: by the calendar.
+        seconds: by the clock that never goes back.
+    """
+
+    utc: datetime
+    seconds: float
+
+    @classmethod
+    def now(cls) -> Start:
+        """Begin."""
+        return cls(utc=datetime.now(UTC), seconds=perf_counter())
+
+
+def provenance_since(
+    start: Start, *, fingerprints: Sequence[str], stage_seconds: Mapping[str, float], images: int
+) -> Provenance:
+    """The provenance of work that ends now.
+
+    Args:
+        start: when it began.
+        fingerprints: of the recordings that it read.
+        stage_seconds: time of each stage.
+        images: that were scored.
+    """
+    return Provenance(
+        version=bench.__version__,
+        commit=package_commit(),
+        python=platform.python_version(),
+        libraries=library_versions(),
+        data_fingerprint=combined_fingerprint(fingerprints),
+        started_utc=start.utc.isoformat(timespec="seconds"),
+        seconds=round(perf_counter() - start.seconds, 3),
+        stage_seconds={name: round(seconds, 3) for name, seconds in sorted(stage_seconds.items())},
+        images=images,
+        peak_memory_mb=round(peak_memory_mb(), 1),
+    )
 
 
 def library_versions() -> dict[str, str]:
     """Versions of the libraries that decide figures."""
     return {name: version(name) for name in LIBRARIES}
-
-
-def python_version() -> str:
-    """Version of the interpreter."""
-    return platform.python_version()
 
 
 def package_commit() -> str | None:
@@ -106,6 +143,6 @@ def recording_fingerprint(recording: Recording) -> str:
     return digest.hexdigest()
 
 
-def combined_fingerprint(parts: list[str]) -> str:
+def combined_fingerprint(parts: Sequence[str]) -> str:
     """SHA-256 over fingerprints, whatever their order."""
     return hashlib.sha256("".join(sorted(parts)).encode()).hexdigest()

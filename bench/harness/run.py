@@ -5,10 +5,8 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from itertools import count
 from pathlib import Path
-from time import perf_counter
 
 from bench.errors import BenchError, DataError
 from bench.evaluation import Protocol, summarise
@@ -62,7 +60,7 @@ def run_benchmark(
     Raises:
         DataError: the data set is not there, nothing of it could be used, or `out` holds something that is no run.
     """
-    started, start = datetime.now(UTC), perf_counter()
+    start = origin.Start.now()
     _clear(out)
     handles = open_dataset(card, split)
     work = _Work(method=method, protocol=protocol, out=out)
@@ -83,17 +81,8 @@ def run_benchmark(
         reference_fingerprint=reference_fingerprint(objects, frames),
         split=split,
         method=MethodStamp.of(method),
-        provenance=origin.Provenance(
-            version=origin.package_version(),
-            commit=origin.package_commit(),
-            python=origin.python_version(),
-            libraries=origin.library_versions(),
-            data_fingerprint=origin.combined_fingerprint(work.fingerprints),
-            started_utc=started.isoformat(timespec="seconds"),
-            seconds=round(perf_counter() - start, 3),
-            stage_seconds={name: round(seconds, 3) for name, seconds in sorted(work.clock.seconds.items())},
-            images=figures.images.evaluated,
-            peak_memory_mb=round(origin.peak_memory_mb(), 1),
+        provenance=origin.provenance_since(
+            start, fingerprints=work.fingerprints, stage_seconds=work.clock.seconds, images=figures.images.evaluated
         ),
         vehicle_outline_m=work.vehicle_outline_m,
         failures=tuple(work.failures),

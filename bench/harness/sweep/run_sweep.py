@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
-from datetime import UTC, datetime
 from itertools import count
 from pathlib import Path
-from time import perf_counter
 from typing import Literal
 
 import pyarrow as pa
@@ -62,7 +60,7 @@ def run_sweep(
     Raises:
         DataError: the data set is not there, or nothing of it could be used.
     """
-    started, start = datetime.now(UTC), perf_counter()
+    start = origin.Start.now()
     handles = open_dataset(card, split)
     work = _Work(plan=plan, cache=cache)
     with single_threaded():
@@ -82,21 +80,15 @@ def run_sweep(
         dataset=card.name,
         card=str(card.file),
         split=split,
-        method=MethodStamp(name=method.name, settings=method.settings()),
+        method=MethodStamp.of(method),
         protocol=plan.base.protocol.name,
         rows=rows,
         flow=FlowCalls(computed=work.computed, read=work.read),
-        provenance=origin.Provenance(
-            version=origin.package_version(),
-            commit=origin.package_commit(),
-            python=origin.python_version(),
-            libraries=origin.library_versions(),
-            data_fingerprint=origin.combined_fingerprint(work.fingerprints),
-            started_utc=started.isoformat(timespec="seconds"),
-            seconds=round(perf_counter() - start, 3),
-            stage_seconds={name: round(seconds, 3) for name, seconds in sorted(work.clock.seconds.items())},
+        provenance=origin.provenance_since(
+            start,
+            fingerprints=work.fingerprints,
+            stage_seconds=work.clock.seconds,
             images=rows[0].false_positives.frames,
-            peak_memory_mb=round(origin.peak_memory_mb(), 1),
         ),
         failures=tuple(work.failures),
     )

@@ -15,10 +15,10 @@ Source:
     Mariotti and Eising, "Spherical formulation of geometric motion segmentation constraints in fisheye cameras".
 """
 
-from bench.methods.spherical.deviations import Deviations, Variants, deviations
 from bench.methods.spherical.likelihood import PAPER_WEIGHTS, Weights, motion_likelihood
 from bench.methods.spherical.static_camera import static_camera_deviation
 from bench.methods.spherical.three_view import three_view_deviation
+from bench.methods.spherical.two_view import Deviations, Variants, deviations
 
 __all__ = [
     "PAPER_WEIGHTS",

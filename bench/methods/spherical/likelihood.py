@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import UsageError
-from bench.methods.spherical.deviations import Deviations
+from bench.methods.spherical.two_view import Deviations
 
 CONSTRAINTS = ("epipolar", "positive_depth", "positive_height", "anti_parallel")
 

@@ -12,7 +12,6 @@ from bench.cameras import RayGrid, ray_grid
 from bench.errors import UsageError
 from bench.flow import cell_mean, dense_flow
 from bench.methods.contract import MethodInput, Segmentation
-from bench.methods.spherical.deviations import PAPER, Deviations, Variants, deviations
 from bench.methods.spherical.likelihood import (
     CONSTRAINTS,
     PAPER_WEIGHTS,
@@ -21,6 +20,7 @@ from bench.methods.spherical.likelihood import (
     motion_likelihood,
 )
 from bench.methods.spherical.static_camera import static_camera_deviation
+from bench.methods.spherical.two_view import PAPER, Deviations, Variants, deviations
 
 STATIC_CAUSE = "static_camera"
 
