@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from bench.methods import Method
 from bench.recordings import Recording
 
-CHUNK_IMAGES = 200  # bounds the rows that are held before they are written
+CHUNK_IMAGES = 100  # bounds the rows that are held before they are written; many times the lag of the chance level
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
