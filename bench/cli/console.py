@@ -2,19 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 TABLE_COLUMNS = 110  # of tables that go into a file or a log
+SHOWN_FAILURES = 10
 
 
 def console() -> Console:
     """The console for results; a table keeps its width where there is no terminal."""
     probe = Console()
     return probe if probe.is_terminal else Console(width=TABLE_COLUMNS)
+
+
+def print_failures(failures: Sequence[str], *, all_in: str) -> None:
+    """Print what failed, the first few of it.
+
+    Args:
+        failures: one line each.
+        all_in: file that holds all of them.
+    """
+    shown = [f"failed: {failure}" for failure in failures[:SHOWN_FAILURES]]
+    if len(failures) > SHOWN_FAILURES:
+        shown.append(f"... and {len(failures) - SHOWN_FAILURES} more failures, all in {all_in}")
+    for line in shown:
+        console().print(line, style="red", highlight=False, soft_wrap=True, markup=False)
 
 
 @contextmanager

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from bench.cli.console import console, progress_bar
+from bench.cli.console import console, print_failures, progress_bar
 from bench.cli.rendering import render_if_synthetic
 from bench.cli.settings import parse_settings
 from bench.cli.viewing import draw_telling_frames
@@ -17,7 +17,6 @@ from bench.reporting.terminal_table import to_rich
 from bench.reporting.write import write_report_files
 
 RUNS = Path("reports/runs")
-SHOWN_FAILURES = 10
 
 
 def run(
@@ -64,9 +63,6 @@ def _print_ends(summary: RunSummary, files: Sequence[Path]) -> None:
     stages = ", ".join(f"{name} {seconds:.1f}" for name, seconds in made.stage_seconds.items())
     rate = made.images / made.seconds if made.seconds else 0.0
     say(f"{made.seconds:.1f} s ({stages}), {rate:.1f} images per second, peak memory {made.peak_memory_mb:.0f} MB")
-    for failure in summary.failures[:SHOWN_FAILURES]:
-        say(f"failed: {failure}", style="red")
-    if len(summary.failures) > SHOWN_FAILURES:
-        say(f"... and {len(summary.failures) - SHOWN_FAILURES} more failures, all in summary.json", style="red")
+    print_failures(summary.failures, all_in="summary.json")
     for file in files:
         say(str(file))

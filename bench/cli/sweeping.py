@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rich.table import Table
 
-from bench.cli.console import console, progress_bar
+from bench.cli.console import console, print_failures, progress_bar
 from bench.cli.rendering import render_if_synthetic
 from bench.cli.settings import parse_settings
 from bench.errors import UsageError
@@ -20,7 +20,6 @@ from bench.reporting.sweep_report import to_rich
 
 RUNS = Path("reports/runs")
 LIST = "list"
-SHOWN_FAILURES = 10
 
 
 def sweep(
@@ -87,9 +86,6 @@ def _print_ends(result: SweepResult, files: Sequence[Path]) -> None:
         f"{len(result.rows)} values on {made.images} images in {made.seconds:.1f} s ({stages}); flow computed "
         f"{result.flow.computed} times, read {result.flow.read} times; peak memory {made.peak_memory_mb:.0f} MB"
     )
-    for failure in result.failures[:SHOWN_FAILURES]:
-        say(f"failed: {failure}", style="red")
-    if len(result.failures) > SHOWN_FAILURES:
-        say(f"... and {len(result.failures) - SHOWN_FAILURES} more failures, all in sweep.json", style="red")
+    print_failures(result.failures, all_in="sweep.json")
     for file in files:
         say(str(file))

@@ -13,8 +13,7 @@ import pyarrow as pa
 from pydantic import BaseModel, ConfigDict
 
 from bench.evaluation.changes import object_changes
-from bench.evaluation.metric_sums import MetricSums, by_recording, frame_metrics
-from bench.evaluation.metric_sums import object_metrics as _object_metrics
+from bench.evaluation.metric_sums import MetricSums, by_recording, frame_metrics, object_metrics
 from bench.evaluation.paired import PairedChange, holm, paired_change
 from bench.evaluation.protocol import Protocol
 from bench.evaluation.slices import ALL_MOVING, FRAMES, IMAGE, frame_slices, object_slices, read_rows
@@ -55,7 +54,7 @@ def score_sheet(objects: pa.Table, frames: pa.Table, *, protocol: Protocol) -> S
     of_objects = object_slices(evaluated, protocol=protocol, cameras=cameras)
     of_frames = frame_slices(scored, protocol=protocol, cameras=cameras)
 
-    object_sums = by_recording(evaluated, _object_metrics(evaluated, protocol))
+    object_sums = by_recording(evaluated, object_metrics(evaluated, protocol))
     frame_sums = by_recording(scored, frame_metrics(scored))
     slices = {name: object_sums(where) for name, where in of_objects.items()}
     counts = {name: _object_counts(evaluated[where]) for name, where in of_objects.items()}

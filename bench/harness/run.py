@@ -11,6 +11,7 @@ from pathlib import Path
 from bench.errors import BenchError, DataError
 from bench.evaluation import Protocol, summarise
 from bench.harness import provenance as origin
+from bench.harness.progress import Progress, recording_reporter
 from bench.harness.stages import StageClock
 from bench.harness.stored import (
     IMAGE_MAPS,
@@ -30,7 +31,6 @@ from bench.harness.units import Unit, plan_units
 from bench.methods import Method
 from bench.recordings import DatasetCard, Recording, RecordingHandle, open_dataset
 
-Progress = Callable[[float, int], None]
 MARK = "units"
 
 
@@ -66,7 +66,7 @@ def run_benchmark(
     work = _Work(method=method, protocol=protocol, out=out)
     with single_threaded():
         for number, handle in enumerate(handles):
-            work.run_recording(handle, _reporter(progress, number, len(handles)))
+            work.run_recording(handle, recording_reporter(progress, number, len(handles)))
     if not work.finished:
         raise DataError(card.file, wanted="a recording that can be used", came="; ".join(work.failures) or "none")
     join_units(out, work.finished)
@@ -132,14 +132,6 @@ class _Work:
         with self.clock.stage("store"):
             write_unit(self.out, unit, tables)
         self.finished.append(unit)
-
-
-def _reporter(progress: Progress | None, number: int, total: int) -> Callable[[float], None]:
-    def report(share: float) -> None:
-        if progress is not None:
-            progress(number + share, total)
-
-    return report
 
 
 def _clear(out: Path) -> None:

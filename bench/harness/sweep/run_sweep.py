@@ -14,6 +14,7 @@ from bench.errors import BenchError, DataError
 from bench.evaluation import Protocol, SequenceScorer, summarise
 from bench.harness import provenance as origin
 from bench.harness.frames import FramePipeline, UnscorableFrame
+from bench.harness.progress import Progress, recording_reporter
 from bench.harness.stages import StageClock
 from bench.harness.stored import MethodStamp
 from bench.harness.sweep.cache import FlowCache
@@ -28,8 +29,6 @@ from bench.harness.units import Unit, plan_units
 from bench.methods import MethodInput, Segmentation
 from bench.recordings import DatasetCard, Recording, RecordingHandle, open_dataset
 from bench.reference import ReferenceBuilder, ReferenceFrame
-
-Progress = Callable[[float, int], None]
 
 
 def run_sweep(
@@ -65,7 +64,7 @@ def run_sweep(
     work = _Work(plan=plan, cache=cache)
     with single_threaded():
         for number, handle in enumerate(handles):
-            work.run_recording(handle, _reporter(progress, number, len(handles)))
+            work.run_recording(handle, recording_reporter(progress, number, len(handles)))
     if not work.units:
         raise DataError(card.file, wanted="a recording that can be used", came="; ".join(work.failures) or "none")
     rows = work.rows()
@@ -231,11 +230,3 @@ def _row(value: Value, trial: Trial, tables: list[tuple[pa.Table, pa.Table]], *,
         all_moving=figures.all_moving,
         false_positives=figures.false_positives,
     )
-
-
-def _reporter(progress: Progress | None, number: int, total: int) -> Callable[[float], None]:
-    def report(share: float) -> None:
-        if progress is not None:
-            progress(number + share, total)
-
-    return report
