@@ -79,9 +79,15 @@ class RecordingWriter:
             raise ShapeError(f"recording {name!r}: {error}") from error
         write_text(self.root / "recording.json", text)
 
-    def image(self, camera: str, timestamp_ns: int, pixels: NDArray[np.uint8]) -> None:
-        """Write an image: (H, W) grey or (H, W, 3) BGR, uint8, as PNG."""
-        _write_png(self.root / "images" / camera / f"{int(timestamp_ns)}.png", pixels, np.uint8)
+    def image(
+        self, camera: str, timestamp_ns: int, pixels: NDArray[np.uint8], *, jpeg_quality: int | None = None
+    ) -> None:
+        """Write an image: (H, W) grey or (H, W, 3) BGR, uint8; as PNG, or as JPEG of a quality from 1 to 100."""
+        path = self.root / "images" / camera / f"{int(timestamp_ns)}.png"
+        if jpeg_quality is None:
+            _write_png(path, pixels, np.uint8)
+        else:
+            _write_encoded(path.with_suffix(".jpg"), pixels, np.uint8, options=[cv2.IMWRITE_JPEG_QUALITY, jpeg_quality])
 
     def truth(self, camera: str, timestamp_ns: int, instance_ids: NDArray[np.uint16]) -> None:
         """Write the true instance ids of an image: (H, W) uint16, 0 where no object is seen."""
@@ -126,6 +132,19 @@ class RecordingWriter:
         path = self.root / "truth" / "poses.csv" if truth else self.root / "poses.csv"
         with replacing(path) as temporary:
             write_tum(temporary, timestamps_ns=timestamps_ns, rotations=rotations, positions_m=positions_m)
+
+    def true_calibration(self, *, cameras: Mapping[str, MountedCamera], vehicle_from_lidar: RigidTransform) -> None:
+        """Write `truth/calibration.json`: where the sensors of a synthetic recording sit, which no method sees.
+
+        Args:
+            cameras: by name.
+            vehicle_from_lidar: mounting of the lidar.
+        """
+        mountings = {
+            "vehicle_from_camera": {name: _mounting(camera.vehicle_from_camera) for name, camera in cameras.items()},
+            "vehicle_from_lidar": _mounting(vehicle_from_lidar),
+        }
+        write_text(self.root / "truth" / "calibration.json", _json(mountings))
 
     def annotations(self, tracks: Sequence[Track], *, timestamps_ns: Iterable[int] = ()) -> None:
         """Write `annotations.json`.
@@ -178,8 +197,12 @@ def _json(values: Any) -> str:
 
 
 def _write_png(path: Path, pixels: NDArray[Any], dtype: type[np.generic]) -> None:
+    _write_encoded(path, pixels, dtype, options=[])
+
+
+def _write_encoded(path: Path, pixels: NDArray[Any], dtype: type[np.generic], *, options: list[int]) -> None:
     if pixels.dtype != dtype or pixels.ndim not in {2, 3}:
         raise ShapeError(f"{path.name}: wanted an image of {dtype.__name__}, came {pixels.dtype} {pixels.shape}")
-    written, encoded = cv2.imencode(".png", pixels)
+    written, encoded = cv2.imencode(path.suffix, pixels, options)
     assert written
     write_bytes(path, encoded.tobytes())

@@ -9,7 +9,7 @@ the harness call this room; it knows nothing of methods, references or scores.
 """
 
 from bench.synthesis.production import GENERATOR_VERSION, synthesize
+from bench.synthesis.reading import read_scenario
 from bench.synthesis.scenario import Scenario
-from bench.synthesis.scenario_file import read_scenario
 
 __all__ = ["GENERATOR_VERSION", "Scenario", "read_scenario", "synthesize"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,13 +20,17 @@ class Surface:
         albedo: mean reflectance, 0 to 1.
         contrast: standard deviation of the texture relative to the albedo.
         texel_m: size of the finest texture detail, m.
-        lit: False for what shines by itself, such as the sky.
+        mirror: share of the light that is reflected as by a mirror when looked at squarely; 0.04 for glass.
+        glow: what it shines by itself, 1 as bright as white paper by day: lamps.
+        sky: part of the sky, whose brightness the recording's light decides.
     """
 
     albedo: float
     contrast: float
     texel_m: float = 0.008
-    lit: bool = True
+    mirror: float = 0.0
+    glow: float = 0.0
+    sky: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -36,7 +40,7 @@ class Mesh:
     Attributes:
         corners_m: (T, 3, 3) float64, m, the corners of each triangle; anticlockwise seen from outside.
         texture_m: (T, 3, 2) float64, m, texture coordinates of the corners.
-        surfaces: (T, 4) float64, columns albedo, contrast, texel_m, lit, as in `Surface`.
+        surfaces: (T, 6) float64, columns as the fields of `Surface`.
     """
 
     corners_m: NDArray[np.float64]
@@ -50,6 +54,19 @@ class Mesh:
     def with_texture_shift(self, shift_m: ArrayLike) -> Mesh:
         """The same mesh with its texture taken from elsewhere, so that two bodies do not look alike."""
         return replace(self, texture_m=self.texture_m + np.asarray(shift_m, dtype=np.float64))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PlacedMesh:
+    """A mesh where it is at some time.
+
+    Attributes:
+        mesh: world frame.
+        instance_id: in truth images; 0 for the static world.
+    """
+
+    mesh: Mesh
+    instance_id: int = 0
 
 
 def joined(meshes: Sequence[Mesh]) -> Mesh:
@@ -86,6 +103,34 @@ def quad(corners_m: ArrayLike, surface: Surface) -> Mesh:
     """A flat patch of four corners, anticlockwise seen from the side that faces outwards."""
     a, b, c, d = np.asarray(corners_m, dtype=np.float64)
     return _textured(np.array([[a, b, c], [a, c, d]]), surface)
+
+
+def quads(
+    corners_m: ArrayLike, surface: Surface, *, albedos: ArrayLike | None = None, shifts_m: ArrayLike | None = None
+) -> Mesh:
+    """Many flat patches at once.
+
+    Args:
+        corners_m: (N, 4, 3), m, each anticlockwise seen from the side that faces outwards.
+        surface: of all of them.
+        albedos: (N,), instead of the surface's.
+        shifts_m: (N, 2), m, where each patch takes its texture from, so that no two look alike.
+    """
+    corners = np.asarray(corners_m, dtype=np.float64).reshape(-1, 4, 3)
+    mesh = surfaced(corners[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, 3), surface)
+    if albedos is not None:
+        mesh.surfaces[:, 0] = np.repeat(np.asarray(albedos, dtype=np.float64), 2)
+    if shifts_m is not None:
+        mesh = mesh.with_texture_shift(np.repeat(np.asarray(shifts_m, dtype=np.float64), 2, axis=0)[:, None, :])
+    return mesh
+
+
+def surfaced(corners_m: NDArray[np.float64], surface: Surface) -> Mesh:
+    """Triangles (T, 3, 3) of one surface, anticlockwise seen from outside."""
+    if len(corners_m) == 0:
+        row = np.array(astuple(surface), dtype=np.float64)
+        return Mesh(corners_m=corners_m, texture_m=corners_m[:, :, :2], surfaces=np.empty((0, len(row))))
+    return _textured(corners_m, surface)
 
 
 def box(size_m: ArrayLike, centre_m: ArrayLike, surface: Surface) -> Mesh:
@@ -137,5 +182,5 @@ def _textured(corners_m: NDArray[np.float64], surface: Surface) -> Mesh:
     facing = np.argmax(np.abs(face_normals(corners_m)), axis=1)
     axes = np.array([[1, 2], [0, 2], [0, 1]])[facing]
     texture_m = np.take_along_axis(corners_m, axes[:, None, :], axis=2)
-    row = [surface.albedo, surface.contrast, surface.texel_m, float(surface.lit)]
+    row = np.array(astuple(surface), dtype=np.float64)
     return Mesh(corners_m=corners_m, texture_m=texture_m, surfaces=np.tile(row, (len(corners_m), 1)))

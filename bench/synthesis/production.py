@@ -6,8 +6,10 @@ import hashlib
 import json
 import os
 import shutil
+import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -16,11 +18,14 @@ from threadpoolctl import threadpool_limits
 
 from bench.errors import DataError, UsageError
 from bench.recordings import write_text
+from bench.synthesis.reading import read_scenario
+from bench.synthesis.recorder import render_recording
 from bench.synthesis.scenario import RecordingSpec, Scenario
-from bench.synthesis.scenario_file import read_scenario
-from bench.synthesis.stage import render_recording
 
-GENERATOR_VERSION = 1  # raise it whenever the same scenario gives other bytes
+if sys.platform != "win32":
+    import fcntl
+
+GENERATOR_VERSION = 3  # raise it whenever the same scenario gives other bytes
 MARK = "synthesis.json"
 UNFINISHED = ".unfinished"
 
@@ -35,6 +40,7 @@ def synthesize(
     A recording is rendered aside and moved into place whole. What is there is kept if it was made by the same
     generator from the same lines of the scenario, and replaced otherwise; recordings that the scenario
     no longer has are removed. Recordings do not depend on each other, on the order or on the number of workers.
+    A second call for the same folder waits until the first is done, and then finds everything there.
 
     Args:
         scenario_path: the scenario file.
@@ -53,16 +59,31 @@ def synthesize(
         raise UsageError(f"workers: wanted at least 1, came {workers}")
     scenario = read_scenario(scenario_path)
     out.mkdir(parents=True, exist_ok=True)
-    _remove_former(scenario, out)
-    missing = [spec for spec in scenario.recordings if _mark_of(out / spec.name) != _mark(scenario, spec)]
-    done, total = len(scenario.recordings) - len(missing), len(scenario.recordings)
-    if progress is not None:
-        progress(done, total)
-    for count, _ in enumerate(_rendered(scenario, missing, out, workers or _cores()), start=done + 1):
+    with _alone_in(out):
+        _remove_former(scenario, out)
+        missing = [spec for spec in scenario.recordings if _mark_of(out / spec.name) != _mark(scenario, spec)]
+        done, total = len(scenario.recordings) - len(missing), len(scenario.recordings)
         if progress is not None:
-            progress(count, total)
-    shutil.rmtree(out / UNFINISHED, ignore_errors=True)
+            progress(done, total)
+        for count, _ in enumerate(_rendered(scenario, missing, out, workers or _cores()), start=done + 1):
+            if progress is not None:
+                progress(count, total)
+        shutil.rmtree(out / UNFINISHED, ignore_errors=True)
     return [out / spec.name for spec in scenario.recordings]
+
+
+@contextmanager
+def _alone_in(folder: Path) -> Iterator[None]:
+    """Wait until no other process renders into a folder; the lock goes with the process, however it ends."""
+    if sys.platform == "win32":  # no such locks there
+        yield
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
 
 
 def _rendered(scenario: Scenario, specs: list[RecordingSpec], out: Path, workers: int) -> Iterator[Path]:

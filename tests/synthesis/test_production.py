@@ -1,11 +1,13 @@
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 
 import pytest
 
 from bench.errors import DataError, UsageError
 from bench.synthesis import production, synthesize
+from tests.synthesis.conftest import MINIATURE
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -69,6 +71,40 @@ def test_only_what_changed_is_rendered_again_and_former_recordings_go(
     scenario_file.write_text(scenario_file.read_text().split("  - name: reversing")[0])
     synthesize(scenario_file, out, workers=1)
     assert [path.name for path in out.iterdir()] == ["crossing"]
+
+
+def test_second_run_into_the_same_folder_waits_for_the_first_and_renders_nothing(
+    scenario_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, render = tmp_path / "out", production.render_recording
+    rendered: list[str] = []
+    seconds: list[threading.Thread] = []
+
+    def starts_another_run(scenario: object, spec: object, root: Path) -> None:
+        if not seconds:
+            seconds.append(threading.Thread(target=synthesize, args=(scenario_file, out), kwargs={"workers": 1}))
+            seconds[0].start()
+            seconds[0].join(timeout=0.5)
+            assert seconds[0].is_alive(), "the second run has to wait"
+        rendered.append(root.name)
+        render(scenario, spec, root)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(production, "render_recording", starts_another_run)
+    synthesize(scenario_file, out, workers=1)
+    seconds[0].join()
+    assert rendered == ["crossing", "reversing"]
+
+
+def test_recording_of_a_longer_series_is_not_rendered_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    head = MINIATURE.split("recordings:\n")[0]
+    series = "series:\n  - {name: drive, count: COUNT, frames: 2, host: {speed_kmh: [{uniform: [5, 20]}]}}\n"
+    scenario_file = tmp_path / "series.scenario.yaml"
+    scenario_file.write_text(head + series.replace("COUNT", "1"))
+    synthesize(scenario_file, tmp_path / "out", workers=1)
+    scenario_file.write_text(head + series.replace("COUNT", "2"))
+    monkeypatch.setattr(production, "render_recording", _only("drive-02", production.render_recording))
+    folders = synthesize(scenario_file, tmp_path / "out", workers=1)
+    assert [folder.name for folder in folders] == ["drive-01", "drive-02"]
 
 
 def test_foreign_folder_is_not_overwritten(scenario_file: Path, tmp_path: Path) -> None:

@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 from bench.cameras import CAMERA_MODELS, CameraModel, camera_from_parameters, ray_grid
 from bench.geometry import RigidTransform, RoadPlane
 from bench.recordings import MountedCamera
-from bench.synthesis.host import AHEAD_FROM_CAMERA, mounted_camera, own_body
-from bench.synthesis.mesh import Surface, box, quad
-from bench.synthesis.renderer import ImageRenderer, PlacedMesh, RenderedImage
-from bench.synthesis.scenario import CameraSpec
-from bench.synthesis.textures import texture_atlas
+from bench.synthesis.driving.host import AHEAD_FROM_CAMERA, mounted_camera, own_body
+from bench.synthesis.imaging.renderer import ImageRenderer, Moment, RenderedImage
+from bench.synthesis.imaging.textures import texture_atlas
+from bench.synthesis.lighting import Lighting
+from bench.synthesis.mesh import PlacedMesh, Surface, box, quad
+from bench.synthesis.scenario import CameraSpec, SensorSpec
 
 GREY = Surface(albedo=0.5, contrast=0.2)
 SIZE = {"width": 320, "height": 240}
@@ -28,7 +29,8 @@ PITCH = RigidTransform(
 )
 VEHICLE_FROM_CAMERA = RigidTransform(PITCH.rotation @ AHEAD_FROM_CAMERA, np.array([3.7, 0.1, 0.8]))
 WORLD_FROM_VEHICLE = RigidTransform.from_yaw(0.4, [20.0, -7.0, 0.0])
-ROAD = PlacedMesh(mesh=quad([[-90, -90, 0], [90, -90, 0], [90, 90, 0], [-90, 90, 0]], GREY))
+ROAD = quad([[-90, -90, 0], [90, -90, 0], [90, 90, 0], [-90, 90, 0]], GREY)
+NOON = Lighting(kind="sunny", towards_sun=np.array([0.0, 0.6, 0.8]))
 
 
 def mounted(model: CameraModel) -> MountedCamera:
@@ -44,9 +46,10 @@ def mounted(model: CameraModel) -> MountedCamera:
 def rendered(camera: MountedCamera, *placed: PlacedMesh) -> RenderedImage:
     below_ground = box([1, 1, 1], [0, 0, -50], GREY)
     renderer = ImageRenderer(
-        camera, own_body=below_ground, atlas=texture_atlas(0), sun_world=np.array([0.0, 0.6, 0.8]), noise_grey=1.0
+        camera, own_body=below_ground, world=ROAD, atlas=texture_atlas(0), light=NOON, sensor=SensorSpec()
     )
-    return renderer.render([ROAD, *placed], world_from_vehicle=WORLD_FROM_VEHICLE, rng=np.random.default_rng(0))
+    moment = Moment(placed=placed, world_from_vehicle=WORLD_FROM_VEHICLE)
+    return renderer.render(moment, rng=np.random.default_rng(0))
 
 
 def box_surface_m(size_m: list[float], centre_m: list[float]) -> NDArray[np.float64]:

@@ -1,0 +1,1 @@
+"""Images: light, surfaces, lens and sensor."""

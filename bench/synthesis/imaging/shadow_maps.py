@@ -1,0 +1,183 @@
+"""How high the light of a far source is blocked above every place on the ground.
+
+A point (x, y, z) is moved along the light to the ground, (x, y) - z slope; points with the same place there lie on one
+ray. A map keeps the highest z of any surface on each ray: a point below it lies in shadow. On level ground this has no
+slope to trip over, whatever the elevation of the sun.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.synthesis.imaging.compiled import inlined, looped
+
+NOTHING_M = np.float32(-1e3)  # height where there is no surface
+
+
+class HeightMap(NamedTuple):
+    """Heights on a square of ground.
+
+    Attributes:
+        heights_m: (N, N) float32, rows along y.
+        left_m: x of the square's edge.
+        near_m: y of the square's edge.
+        texel_m: size of a cell.
+        slope: (2,) float64, shift of x and y on the ground for each metre of height.
+    """
+
+    heights_m: NDArray[np.float32]
+    left_m: float
+    near_m: float
+    texel_m: float
+    slope: NDArray[np.float64]
+
+
+class ShadowSquare:
+    """A height map that follows the camera in steps, and holds the moving bodies for one image at a time.
+
+    Args:
+        corners_m: (T, 3, 3), m, the static world.
+        slope: (2,), see `HeightMap`; 0 looks straight down.
+        texel_m: size of a cell.
+        cells: along a side.
+        blur_cells: side of the window that heights are averaged over; 1 for none.
+        ceiling_m: heights above the camera's ground are cut here; infinite for none.
+    """
+
+    def __init__(
+        self,
+        corners_m: NDArray[np.float64],
+        *,
+        slope: NDArray[np.float64],
+        texel_m: float,
+        cells: int,
+        blur_cells: int = 1,
+        ceiling_m: float = np.inf,
+    ) -> None:
+        self._corners, self._slope, self._texel_m, self._cells = corners_m, slope, texel_m, cells
+        self._blur, self._ceiling_m = blur_cells, np.float32(ceiling_m)
+        self._step_m = texel_m * (cells // 4)
+        self._place: tuple[int, int] | None = None
+        self._raw = np.empty((0, 0), dtype=np.float32)
+        self._map = HeightMap(self._raw, 0.0, 0.0, texel_m, slope)
+
+    def around(self, place_m: NDArray[np.float64]) -> HeightMap:
+        """The static world around a place, (3,) m; the same for the same place, whatever came before."""
+        place = (int(np.floor(place_m[0] / self._step_m + 0.5)), int(np.floor(place_m[1] / self._step_m + 0.5)))
+        if place != self._place:
+            half_m = self._cells * self._texel_m / 2
+            left_m, near_m = (float(k * self._step_m - half_m) for k in place)
+            self._raw = np.full((self._cells, self._cells), NOTHING_M)
+            self._map = HeightMap(self._raw, left_m, near_m, self._texel_m, self._slope)
+            draw_heights(self._corners, self._map)
+            self._map = self._map._replace(heights_m=self._smooth(self._raw))
+            self._place = place
+        return self._map
+
+    def with_bodies(self, corners_m: list[NDArray[np.float64]]) -> list[tuple[slice, slice, NDArray[np.float32]]]:
+        """Put bodies onto the map; returns what `without_bodies` needs."""
+        kept = []
+        for corners in corners_m:
+            flat = corners[..., :2] - corners[..., 2:] * self._slope
+            low = np.floor((flat.min(axis=(0, 1)) - (self._map.left_m, self._map.near_m)) / self._texel_m).astype(int)
+            high = np.ceil((flat.max(axis=(0, 1)) - (self._map.left_m, self._map.near_m)) / self._texel_m).astype(int)
+            low = np.clip(low - self._blur, 0, self._cells)
+            high = np.clip(high + self._blur, 0, self._cells)
+            if (low >= high).any():
+                continue
+            rows, columns = slice(low[1], high[1]), slice(low[0], high[0])
+            kept.append((rows, columns, self._map.heights_m[rows, columns].copy()))
+            patch = (self._raw if self._blur > 1 else self._map.heights_m)[rows, columns].copy()
+            left_m, near_m = self._map.left_m + low[0] * self._texel_m, self._map.near_m + low[1] * self._texel_m
+            draw_heights(corners, self._map._replace(heights_m=patch, left_m=float(left_m), near_m=float(near_m)))
+            heights = self._map.heights_m[rows, columns]
+            np.maximum(heights, self._smooth(patch), out=heights)
+        return kept
+
+    def without_bodies(self, kept: list[tuple[slice, slice, NDArray[np.float32]]]) -> None:
+        """Take the bodies off again."""
+        for rows, columns, heights in reversed(kept):
+            self._map.heights_m[rows, columns] = heights
+
+    def _smooth(self, heights_m: NDArray[np.float32]) -> NDArray[np.float32]:
+        if self._blur == 1:
+            return heights_m
+        window = (self._blur, self._blur)
+        return np.asarray(cv2.blur(np.minimum(heights_m, self._ceiling_m), window), dtype=np.float32)
+
+
+@looped
+def draw_heights(corners: NDArray[np.float64], ground: HeightMap) -> None:
+    """Raise a map to all surfaces that lie above it.
+
+    Args:
+        corners: (T, 3, 3), m.
+        ground: changed.
+    """
+    heights = ground.heights_m
+    rows, columns = heights.shape
+    per_m = 1.0 / ground.texel_m
+    for t in range(len(corners)):
+        z0, z1, z2 = corners[t, 0, 2], corners[t, 1, 2], corners[t, 2, 2]
+        x0 = (corners[t, 0, 0] - z0 * ground.slope[0] - ground.left_m) * per_m - 0.5
+        x1 = (corners[t, 1, 0] - z1 * ground.slope[0] - ground.left_m) * per_m - 0.5
+        x2 = (corners[t, 2, 0] - z2 * ground.slope[0] - ground.left_m) * per_m - 0.5
+        y0 = (corners[t, 0, 1] - z0 * ground.slope[1] - ground.near_m) * per_m - 0.5
+        y1 = (corners[t, 1, 1] - z1 * ground.slope[1] - ground.near_m) * per_m - 0.5
+        y2 = (corners[t, 2, 1] - z2 * ground.slope[1] - ground.near_m) * per_m - 0.5
+        area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
+        if area == 0.0:
+            continue
+        first_u, last_u = max(np.ceil(min(x0, x1, x2)), 0.0), min(np.floor(max(x0, x1, x2)), columns - 1.0)
+        first_v, last_v = max(np.ceil(min(y0, y1, y2)), 0.0), min(np.floor(max(y0, y1, y2)), rows - 1.0)
+        if first_u > last_u or first_v > last_v:
+            continue
+        # Weights of the second and third corner, and with them the height, change by the same from cell to cell.
+        j_step, k_step = (y2 - y0) / area, -(y1 - y0) / area
+        step = j_step * (z1 - z0) + k_step * (z2 - z0)
+        for v in range(int(first_v), int(last_v) + 1):
+            j0 = ((first_u - x0) * (y2 - y0) - (x2 - x0) * (v - y0)) / area
+            k0 = ((x1 - x0) * (v - y0) - (first_u - x0) * (y1 - y0)) / area
+            height0 = z0 + j0 * (z1 - z0) + k0 * (z2 - z0)
+            for n in range(int(last_u) - int(first_u) + 1):
+                j, k = j0 + n * j_step, k0 + n * k_step
+                if j >= 0 and k >= 0 and j + k <= 1:
+                    height = np.float32(height0 + n * step)
+                    if height > heights[v, int(first_u) + n]:
+                        heights[v, int(first_u) + n] = height
+
+
+@inlined
+def lit_share(x: float, y: float, z: float, bias: float, ground: HeightMap) -> float:
+    """Share of the four cells around a point that do not shade it; -1 beyond the map."""
+    column = (x - z * ground.slope[0] - ground.left_m) / ground.texel_m - 0.5
+    row = (y - z * ground.slope[1] - ground.near_m) / ground.texel_m - 0.5
+    size = ground.heights_m.shape[0]
+    if not (0 <= column < size - 1 and 0 <= row < size - 1):
+        return -1.0
+    i, j = int(row), int(column)
+    a, b = row - i, column - j
+    top = z + bias
+    lit = (1 - a) * (1 - b) if ground.heights_m[i, j] <= top else 0.0
+    lit += (1 - a) * b if ground.heights_m[i, j + 1] <= top else 0.0
+    lit += a * (1 - b) if ground.heights_m[i + 1, j] <= top else 0.0
+    lit += a * b if ground.heights_m[i + 1, j + 1] <= top else 0.0
+    return lit
+
+
+@inlined
+def height_at(x: float, y: float, ground: HeightMap) -> float:
+    """Height between the cells of a map that looks straight down; far below everything beyond the map."""
+    column, row = (x - ground.left_m) / ground.texel_m - 0.5, (y - ground.near_m) / ground.texel_m - 0.5
+    size = ground.heights_m.shape[0]
+    if not (0 <= column < size - 1 and 0 <= row < size - 1):
+        return -1000.0
+    i, j = int(row), int(column)
+    a, b = row - i, column - j
+    upper = (1 - b) * ground.heights_m[i, j] + b * ground.heights_m[i, j + 1]
+    lower = (1 - b) * ground.heights_m[i + 1, j] + b * ground.heights_m[i + 1, j + 1]
+    return float((1 - a) * upper + a * lower)

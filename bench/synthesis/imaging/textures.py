@@ -1,0 +1,122 @@
+"""One seamless noise texture in all its mip levels.
+
+Each octave of the noise has the same strength, so that a surface has something to track at every distance; the
+level is chosen by the size of the pixel on the surface, so that far surfaces turn smooth instead of flickering.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.synthesis.imaging.compiled import compiled, inlined
+
+SIZE = 1024  # texels along one period of the texture
+LEVELS = 9  # 1024 down to 4 texels
+BORDER = 2  # texels repeated around each level, so that sampling wraps
+OCTAVES = (512, 256, 128, 64, 32, 16, 8)  # lattice points along one period
+COARSE_FADE = 0.25  # asphalt and plaster are grainy rather than blotched
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TextureAtlas:
+    """All mip levels beside each other in one image.
+
+    Attributes:
+        image: float32, mean 0, standard deviation 1 at the finest level.
+        left: (LEVELS,) float32, column of each level's first texel; all levels start in row `BORDER`.
+        scale: (LEVELS,) float32, texels of each level along one period.
+    """
+
+    image: NDArray[np.float32]
+    left: NDArray[np.float32]
+    scale: NDArray[np.float32]
+
+    @property
+    def layout(self) -> NDArray[np.float32]:
+        """(LEVELS, 2) float32: left and scale of each level, for `atlas_at`."""
+        return np.stack([self.left, self.scale], axis=1)
+
+    def sample(self, u: NDArray[np.float32], v: NDArray[np.float32], level: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The texture at places, smoothed to a level.
+
+        Args:
+            u: (N,) float32, in periods of the texture.
+            v: (N,) float32.
+            level: (N,) float32, log2 of the wanted smoothness in texels; kept within the levels there are.
+
+        Returns:
+            (N,) float32.
+        """
+        return _sample(u, v, level, self.image, self.layout)
+
+
+@inlined
+def atlas_at(u: float, v: float, level: float, image: NDArray[np.float32], layout: NDArray[np.float32]) -> float:
+    """The texture at one place: between four texels of each of two levels."""
+    u -= np.floor(u)
+    v -= np.floor(v)
+    level = min(max(level, 0.0), LEVELS - 1.001)
+    lower = int(level)
+    share = level - lower
+    value = (1.0 - share) * _texel(u, v, lower, image, layout)
+    if share > 0.0:
+        value += share * _texel(u, v, lower + 1, image, layout)
+    return value
+
+
+@inlined
+def _texel(u: float, v: float, level: int, image: NDArray[np.float32], layout: NDArray[np.float32]) -> float:
+    column = u * layout[level, 1] + layout[level, 0]
+    row = v * layout[level, 1] + (BORDER - 0.5)
+    i, j = int(row), int(column)
+    a, b = row - i, column - j
+    upper = image[i, j] + b * (image[i, j + 1] - image[i, j])
+    lower = image[i + 1, j] + b * (image[i + 1, j + 1] - image[i + 1, j])
+    return float(upper + a * (lower - upper))
+
+
+@compiled
+def _sample(
+    u: NDArray[np.float32],
+    v: NDArray[np.float32],
+    level: NDArray[np.float32],
+    image: NDArray[np.float32],
+    layout: NDArray[np.float32],
+) -> NDArray[np.float32]:
+    values = np.empty(len(u), dtype=np.float32)
+    for k in range(len(u)):
+        values[k] = atlas_at(u[k], v[k], level[k], image, layout)
+    return values
+
+
+@cache
+def texture_atlas(seed: int) -> TextureAtlas:
+    """The atlas of a seed: the same for every recording of a scenario."""
+    level = _noise(np.random.default_rng(seed))
+    widths = [(SIZE >> k) + 2 * BORDER for k in range(LEVELS)]
+    image = np.zeros((SIZE + 2 * BORDER, sum(widths)), dtype=np.float32)
+    lefts = np.concatenate([[0], np.cumsum(widths)[:-1]])
+    for left in lefts:
+        wrapped = np.pad(level, BORDER, mode="wrap")
+        image[: wrapped.shape[0], left : left + wrapped.shape[1]] = wrapped
+        level = level.reshape(level.shape[0] // 2, 2, level.shape[1] // 2, 2).mean(axis=(1, 3))
+    # Texel k covers [k, k + 1) of its level: its centre lies half a texel in.
+    return TextureAtlas(
+        image, (lefts + BORDER - 0.5).astype(np.float32), (SIZE / 2.0 ** np.arange(LEVELS)).astype(np.float32)
+    )
+
+
+def _noise(rng: np.random.Generator) -> NDArray[np.float32]:
+    total = np.zeros((SIZE, SIZE), dtype=np.float32)
+    for points in OCTAVES:
+        lattice = np.pad(rng.standard_normal((points, points), dtype=np.float32), 4, mode="wrap")
+        factor = SIZE // points
+        fine = cv2.resize(lattice, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
+        octave = fine[4 * factor : -4 * factor, 4 * factor : -4 * factor]
+        total += octave / octave.std() * (points / OCTAVES[0]) ** COARSE_FADE
+    return np.asarray(total / total.std(), dtype=np.float32)

@@ -1,0 +1,160 @@
+"""Values that a series draws: every recording of it gets numbers of its own.
+
+In place of a value of a series stands a mapping with one of these keys:
+
+    {uniform: [a, b]}        any number from a to b
+    {choice: [p, q, ...]}    one of these, which may be whole lists or mappings
+    {steps: [a, b]}          from a in the first recording of the series to b in the last, evenly
+    {each: [p, q, ...]}      the k-th of these in the k-th repeat of an actor
+    {value: name}            what `values` of the series calls so
+    {sum: [p, q, ...]}       of numbers, drawn or not
+    {product: [p, q, ...]}   likewise
+
+Every draw has random numbers of its own, named by the series, the recording's number in it and the place of the draw:
+another series, another field or a longer series change nothing in a recording
+(a longer series moves its `steps` alone).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from bench.synthesis.seeds import named_rng
+
+DECIMALS = 4  # of drawn numbers: a tenth of a millimetre
+
+
+class DrawError(ValueError):
+    """A draw that cannot be made.
+
+    Args:
+        path: keys on the way to it, from the series on.
+        wanted: what can stand there.
+        came: what does.
+    """
+
+    def __init__(self, path: str, wanted: str, came: object) -> None:
+        self.path, self.wanted, self.came = path, wanted, repr(came)
+        super().__init__(f"{path}: wanted {wanted}, came {came!r}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Dice:
+    """Draws the values of one recording of a series.
+
+    Attributes:
+        seed: of the scenario.
+        series: name of the series.
+        index: of the recording in the series, from 0.
+        count: recordings of the series.
+        attempt: 0, or how often the recording was drawn before without finding room for everybody.
+        values: the series' named values, drawn where a field asks for them.
+    """
+
+    seed: int
+    series: str
+    index: int
+    count: int
+    attempt: int = 0
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+    def drawn(self, node: Any, path: str, *, repeat: int | None = None) -> Any:
+        """A part of the series with every draw replaced by what it gives.
+
+        Args:
+            node: the part.
+            path: keys on the way to it.
+            repeat: number of the repeat that it stands in, from 0.
+
+        Raises:
+            DrawError: something that is not a draw.
+        """
+        if isinstance(node, dict):
+            if len(node) == 1 and (kind := next(iter(node))) in DRAWS:
+                return DRAWS[kind](self, node[kind], path, repeat)
+            return {key: self.drawn(part, f"{path}.{key}", repeat=repeat) for key, part in node.items()}
+        if isinstance(node, list):
+            return [self.drawn(part, f"{path}.{k}", repeat=repeat) for k, part in enumerate(node)]
+        return node
+
+    def number(self, node: Any, path: str, repeat: int | None) -> float:
+        """A number, drawn or not."""
+        value = self.drawn(node, path, repeat=repeat)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise DrawError(path, "a number", value)
+        return value
+
+    def share(self, path: str, repeat: int | None) -> float:
+        """The random number of a place, from 0 to 1."""
+        names = (self.series, self.index, self.attempt, path, "" if repeat is None else repeat)
+        return float(named_rng(self.seed, "series", *names).random())
+
+
+def _uniform(dice: Dice, node: Any, path: str, repeat: int | None) -> float:
+    low, high = _two(dice, node, path, repeat)
+    return round(low + (high - low) * dice.share(path, repeat), DECIMALS)
+
+
+def _choice(dice: Dice, node: Any, path: str, repeat: int | None) -> Any:
+    options = _filled(node, path)
+    number = int(dice.share(path, repeat) * len(options))
+    return dice.drawn(options[number], f"{path}.choice.{number}", repeat=repeat)
+
+
+def _steps(dice: Dice, node: Any, path: str, repeat: int | None) -> float:
+    low, high = _two(dice, node, path, repeat)
+    return round(low + (high - low) * (dice.index / max(dice.count - 1, 1)), DECIMALS)
+
+
+def _each(dice: Dice, node: Any, path: str, repeat: int | None) -> Any:
+    options = _filled(node, path)
+    if repeat is None or repeat >= len(options):
+        raise DrawError(path, f"at most {len(options)} repeats of the actor", "none" if repeat is None else repeat + 1)
+    return dice.drawn(options[repeat], f"{path}.each.{repeat}", repeat=repeat)
+
+
+def _value(dice: Dice, node: Any, path: str, repeat: int | None) -> Any:  # noqa: ARG001
+    if not isinstance(node, str) or node not in dice.values:
+        raise DrawError(path, f"a name under values ({', '.join(dice.values) or 'there are none'})", node)
+    rest = {name: value for name, value in dice.values.items() if name != node}  # so that none can hold itself
+    known = Dice(
+        seed=dice.seed, series=dice.series, index=dice.index, count=dice.count, attempt=dice.attempt, values=rest
+    )
+    return known.drawn(dice.values[node], f"values.{node}")
+
+
+def _sum(dice: Dice, node: Any, path: str, repeat: int | None) -> float:
+    parts = _filled(node, path)
+    return round(math.fsum(dice.number(part, f"{path}.sum.{k}", repeat) for k, part in enumerate(parts)), DECIMALS)
+
+
+def _product(dice: Dice, node: Any, path: str, repeat: int | None) -> float:
+    parts = _filled(node, path)
+    return round(math.prod(dice.number(part, f"{path}.product.{k}", repeat) for k, part in enumerate(parts)), DECIMALS)
+
+
+def _filled(node: Any, path: str) -> list[Any]:
+    if not isinstance(node, list) or not node:
+        raise DrawError(path, "a list of at least one", node)
+    return node
+
+
+def _two(dice: Dice, node: Any, path: str, repeat: int | None) -> tuple[float, float]:
+    if not isinstance(node, list) or len(node) != 2:
+        raise DrawError(path, "two numbers, [from, to]", node)
+    low, high = (dice.number(part, f"{path}.{k}", repeat) for k, part in enumerate(node))
+    return low, high
+
+
+DRAWS: dict[str, Callable[[Dice, Any, str, int | None], Any]] = {
+    "uniform": _uniform,
+    "choice": _choice,
+    "steps": _steps,
+    "each": _each,
+    "value": _value,
+    "sum": _sum,
+    "product": _product,
+}

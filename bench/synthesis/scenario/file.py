@@ -1,0 +1,90 @@
+"""The text of a scenario file; a fault is told with its line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import BaseModel
+
+from bench.errors import DataError
+from bench.recordings.validation import validated
+
+LARGEST_BYTES = 4_000_000
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ScenarioText:
+    """A scenario file as it was read.
+
+    Attributes:
+        path: the file.
+        values: what it says.
+        tree: the same with the line of everything.
+    """
+
+    path: Path
+    values: dict[str, Any]
+    tree: yaml.Node
+
+    def validated(self, model: type[Model], values: dict[str, Any], *, field: str = "") -> Model:
+        """Values from this file, as a model.
+
+        Args:
+            model: what they must be.
+            values: the values.
+            field: where they come from.
+
+        Raises:
+            DataError: they are not; the message names file, line and field.
+        """
+        try:
+            return validated(model, values, file=self.path, field=field)
+        except DataError as error:
+            raise self.fault(error.field or "", wanted=error.wanted, came=error.came, do=error.do) from None
+
+    def fault(self, field: str, *, wanted: str, came: str, do: str = "") -> DataError:
+        """An error about a field, with its line."""
+        place = f"{self.path}:{_line_of(self.tree, field.split('.'))}"
+        return DataError(place, field=field or None, wanted=wanted, came=came, do=do)
+
+
+def read_text(path: Path) -> ScenarioText:
+    """Read the text of a scenario file.
+
+    Raises:
+        DataError: missing, too large, or not YAML with keys and values.
+    """
+    try:
+        if path.stat().st_size > LARGEST_BYTES:
+            raise DataError(path, wanted=f"at most {LARGEST_BYTES} bytes", came=f"{path.stat().st_size}")
+        text = path.read_text(encoding="utf-8")
+        loader = yaml.SafeLoader(text)
+        tree = loader.get_single_node()
+        values = None if tree is None else loader.construct_document(tree)
+    except OSError as error:
+        raise DataError(path, wanted="a readable scenario", came=error.strerror or str(error)) from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise DataError(path, wanted="YAML", came=" ".join(str(error).split())) from error
+    if not isinstance(values, dict) or tree is None:
+        raise DataError(path, wanted="keys and values", came=type(values).__name__)
+    return ScenarioText(path=path, values=values, tree=tree)
+
+
+def _line_of(node: yaml.Node | None, keys: list[str]) -> int:
+    """Line of the deepest node on the way to a field, counted from 1."""
+    line = 1
+    for key in keys:
+        if isinstance(node, yaml.MappingNode):
+            found = next(((k, v) for k, v in node.value if k.value == key), None)
+            if found is None:
+                return line
+            line, node = found[0].start_mark.line + 1, found[1]
+        elif isinstance(node, yaml.SequenceNode) and key.isdigit() and int(key) < len(node.value):
+            node = node.value[int(key)]
+            line = node.start_mark.line + 1
+    return line

@@ -1,0 +1,190 @@
+"""What stands on a pavement: lamp posts, signs, bins, bollards, planters, cabinets, shelters and advertising.
+
+Each thing has a frame of its own on the ground: y away from the road, x against the traffic beside it, so that a sign
+faces x.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.synthesis.mesh import Mesh, Surface, quads, surfaced
+from bench.synthesis.world.greenery import bush
+from bench.synthesis.world.materials import (
+    CONCRETE,
+    DARK_STEEL,
+    LAMP_LENS,
+    LIT_ADVERT,
+    PANE,
+    SIGN_BLUE,
+    SIGN_RED,
+    SIGN_WHITE,
+    STEEL,
+    WOOD,
+    tinted,
+)
+from bench.synthesis.world.solids import assembled, blobs, boxes, posts
+
+FOOT_M = -0.05  # posts reach this far into the ground
+
+
+def lamp_post(height_m: float, reach_m: float) -> Mesh:
+    """A lamp post whose head hangs over the road: 4 to 6 m high in a street, 9 m on an avenue."""
+    head_y = -reach_m
+    return assembled(
+        [
+            posts([[0.0, 0.0, FOOT_M]], height_m, 0.085, STEEL, sides=8, taper=0.6),
+            boxes([[0.0, head_y / 2, height_m - 0.06]], [0.07, reach_m, 0.07], STEEL),
+            boxes([[0.0, head_y - 0.25, height_m - 0.03]], [0.28, 0.62, 0.12], DARK_STEEL),
+            boxes([[0.0, head_y - 0.25, height_m - 0.10]], [0.22, 0.5, 0.03], LAMP_LENS),
+        ]
+    )
+
+
+def sign(rng: np.random.Generator) -> Mesh:
+    """A traffic sign: a disc, triangle or rectangle with a symbol, on a post."""
+    shape = str(rng.choice(["disc", "triangle", "square"]))
+    z, size_m = float(rng.uniform(2.1, 2.4)), 0.6
+    sides = {"disc": 16, "triangle": 3, "square": 4}[shape]
+    angles = np.arange(sides) * (2 * np.pi / sides) + (np.pi / 2 if shape == "triangle" else np.pi / 4)
+    radius_m = 0.42 if shape != "disc" else size_m / 2
+    rim, face = (SIGN_BLUE, SIGN_WHITE) if shape == "square" else (SIGN_RED, SIGN_WHITE)
+    if shape == "disc" and rng.random() < 0.3:
+        rim = face = SIGN_BLUE
+    parts = [posts([[0.0, 0.0, FOOT_M]], z + 0.35, 0.03, STEEL, sides=6)]
+    for share, before_m, surface in ((1.0, 0.045, rim), (0.76, 0.05, face)):
+        ring = share * radius_m * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        parts.append(_plate(ring, before_m, z, surface))
+    parts.append(_plate(radius_m * np.stack([np.cos(angles), -np.sin(angles)], axis=1), 0.04, z, STEEL))
+    bars = rng.uniform((-0.1, -0.14), (0.1, 0.06), (int(rng.integers(1, 4)), 2))
+    tall = np.array([[-0.04, 0.0], [0.04, 0.0], [0.04, 0.13], [-0.04, 0.13]])
+    symbol = np.insert(bars[:, None] + tall, 0, 0.055, axis=2) + np.array([0.0, 0.0, z])
+    return assembled([*parts, quads(symbol, tinted(SIGN_BLUE, 0.4))])
+
+
+def _plate(ring: NDArray[np.float64], x_m: float, z_m: float, surface: Surface) -> Mesh:
+    """A convex plate in the plane of y and z; it faces x if its ring runs anticlockwise from y to z."""
+    corners = np.column_stack([np.full(len(ring), x_m), ring[:, 0], ring[:, 1] + z_m])
+    fan = np.stack([np.tile(corners[0], (len(ring) - 2, 1)), corners[1:-1], corners[2:]], axis=1)
+    return surfaced(fan, surface)
+
+
+def litter_bin(rng: np.random.Generator) -> Mesh:
+    """A bin on a post, or wheeled bins put out for collection."""
+    if rng.random() < 0.5:
+        dark = tinted(DARK_STEEL, float(rng.uniform(0.6, 2.0)))
+        return assembled([posts([[0, 0, FOOT_M]], 1.1, 0.03, STEEL), posts([[0, 0.0, 0.5]], 0.55, 0.19, dark, sides=9)])
+    x = np.arange(int(rng.integers(1, 4))) * 0.68
+    body = np.stack([x, np.zeros(len(x)), np.full(len(x), 0.5)], axis=1)
+    shades = rng.uniform(0.1, 0.35, len(x))
+    plastic = Surface(albedo=0.2, contrast=0.06)
+    lids = boxes(body + np.array([0, -0.03, 0.54]), [0.6, 0.78, 0.09], plastic, albedos=1.3 * shades)
+    return assembled([boxes(body, [0.56, 0.7, 1.0], plastic, albedos=shades), lids])
+
+
+def bollards(rng: np.random.Generator) -> Mesh:
+    """A row of three to five bollards, of steel or of stone."""
+    count = int(rng.integers(3, 6))
+    feet = np.stack([1.5 * np.arange(count), np.zeros(count), np.full(count, FOOT_M)], axis=1)
+    stone = rng.random() < 0.4
+    return assembled(
+        [
+            posts(
+                feet, 0.9 if not stone else 0.6, 0.05 if not stone else 0.17, CONCRETE if stone else DARK_STEEL, sides=8
+            ),
+            posts(feet + np.array([0, 0, 0.72]), 0.1, 0.052 if not stone else 0.02, SIGN_WHITE, sides=8),
+        ]
+    )
+
+
+def planter(rng: np.random.Generator) -> Mesh:
+    """A concrete or wooden tub with a bush."""
+    tub = tinted(CONCRETE, float(rng.uniform(0.7, 1.2))) if rng.random() < 0.6 else WOOD
+    return assembled([boxes([[0, 0, 0.25]], [1.3, 0.8, 0.5], tub), _lifted(bush(rng), 0.3)])
+
+
+def cabinet(rng: np.random.Generator) -> Mesh:
+    """A cabinet of the telephone or power company, stickers on its doors."""
+    width_m = float(rng.uniform(0.7, 1.6))
+    grey = Surface(albedo=float(rng.uniform(0.4, 0.6)), contrast=0.06)
+    body = boxes([[0, 0.0, 0.6]], [width_m, 0.35, 1.3], grey)
+    places = rng.uniform((-width_m / 2.6, 0.3), (width_m / 2.6, 1.0), (4, 2))
+    low = np.stack([places[:, 0], np.full(4, -0.185), places[:, 1]], axis=1)
+    half = rng.uniform(0.03, 0.12, (4, 1, 2))
+    square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
+    faces = low[:, None] + np.insert(square, 1, 0.0, axis=2)
+    return assembled([body, quads(faces, SIGN_WHITE, albedos=rng.uniform(0.15, 0.9, 4))])
+
+
+def advertising(rng: np.random.Generator) -> Mesh:
+    """A round column or a lit panel, its posters a patchwork of light and dark."""
+    if rng.random() < 0.4:
+        column = posts([[0, 0, FOOT_M]], 2.9, 0.6, SIGN_WHITE, sides=14)
+        column.surfaces[:28, 0] = np.repeat(rng.uniform(0.15, 0.85, 14), 2)
+        lid = posts([[0, 0, 2.85]], 0.2, 0.7, DARK_STEEL, sides=14)
+        return assembled([column, lid])
+    frame = boxes([[0, 0, 1.45]], [0.14, 1.35, 2.4], DARK_STEEL)
+    feet = boxes([[0, 0, 0.1]], [0.12, 1.0, 0.4], DARK_STEEL)
+    rows, columns = np.meshgrid(np.arange(5), np.arange(3))
+    corner = np.stack([columns.ravel() * 0.4 - 0.6, rows.ravel() * 0.42 + 0.4], axis=1)
+    cell = np.array([[0.0, 0.0], [0.4, 0.0], [0.4, 0.42], [0.0, 0.42]])
+    poster = np.insert(corner[:, None] + cell, 0, 0.075, axis=2)
+    shades = rng.uniform(0.15, 0.85, len(poster))
+    back = poster[:, ::-1] * (-1, 1, 1)
+    return assembled([frame, feet, quads(np.concatenate([poster, back]), LIT_ADVERT, albedos=np.tile(shades, 2))])
+
+
+def shelter(rng: np.random.Generator) -> Mesh:
+    """A bus shelter of glass with a bench."""
+    del rng
+    corners = [[x, y, FOOT_M] for x in (-1.9, 1.9) for y in (0.0, 1.3)]
+    back = [[-1.9, 1.3, 0.2], [1.9, 1.3, 0.2], [1.9, 1.3, 2.2], [-1.9, 1.3, 2.2]]
+    side = [[-1.9, 0.1, 0.2], [-1.9, 1.3, 0.2], [-1.9, 1.3, 2.2], [-1.9, 0.1, 2.2]]
+    return assembled(
+        [
+            posts(corners, 2.4, 0.045, DARK_STEEL),
+            boxes([[0, 0.6, 2.4]], [4.2, 1.7, 0.12], STEEL),
+            boxes([[0, 1.0, 0.47]], [2.4, 0.4, 0.06], WOOD),
+            boxes([[0, 1.05, 0.22]], [2.0, 0.08, 0.45], DARK_STEEL),
+            quads([back, side], PANE),
+        ]
+    )
+
+
+def bicycle_stands(rng: np.random.Generator) -> Mesh:
+    """Hoops to lock a bicycle to."""
+    count = int(rng.integers(2, 5))
+    feet = np.array([[0.9 * k, y, FOOT_M] for k in range(count) for y in (-0.35, 0.35)])
+    bars = boxes([[0.9 * k, 0.0, 0.78] for k in range(count)], [0.05, 0.75, 0.05], STEEL)
+    return assembled([posts(feet, 0.85, 0.025, STEEL, sides=6), bars])
+
+
+def globe_lamp(rng: np.random.Generator) -> Mesh:
+    """A short post with a globe, as squares and car parks have."""
+    return assembled(
+        [
+            posts([[0.0, 0.0, FOOT_M]], 3.6, 0.06, DARK_STEEL, sides=8, taper=0.7),
+            blobs([[0.0, 0.0, 3.75]], [[0.22, 0.22, 0.22]], LAMP_LENS, rng),
+        ]
+    )
+
+
+def _lifted(mesh: Mesh, by_m: float) -> Mesh:
+    mesh.corners_m[..., 2] += by_m
+    return mesh
+
+
+# What may stand near a kerb, how often, and the half length and half depth that it needs, m.
+THINGS: tuple[tuple[Callable[[np.random.Generator], Mesh], float, tuple[float, float]], ...] = (
+    (sign, 0.30, (0.35, 0.35)),
+    (litter_bin, 0.18, (0.3, 0.4)),
+    (bollards, 0.12, (0.2, 0.2)),
+    (planter, 0.12, (0.8, 0.55)),
+    (cabinet, 0.10, (0.8, 0.25)),
+    (advertising, 0.08, (0.7, 0.7)),
+    (bicycle_stands, 0.07, (0.3, 0.45)),
+    (shelter, 0.03, (2.1, 0.8)),
+)

@@ -1,0 +1,145 @@
+"""Many simple solids at once: boxes, round posts, blobs and leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import ConvexHull
+
+from bench.synthesis.mesh import Mesh, Surface, joined, quads, surfaced
+
+# Faces of the box around (-1, -1, -1) to (1, 1, 1), each anticlockwise from outside.
+_CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+_FACES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+
+
+def assembled(meshes: Sequence[Mesh]) -> Mesh:
+    """All triangles of several meshes, none at all if there are none."""
+    return joined(meshes) if meshes else surfaced(np.empty((0, 3, 3)), Surface(albedo=0.0, contrast=0.0))
+
+
+def boxes(
+    centres_m: ArrayLike,
+    sizes_m: ArrayLike,
+    surface: Surface,
+    *,
+    yaws_rad: ArrayLike = 0.0,
+    albedos: ArrayLike | None = None,
+) -> Mesh:
+    """Upright boxes: (N, 3) centres, (N, 3) sizes or one for all, (N,) turns about z."""
+    centres = np.asarray(centres_m, dtype=np.float64).reshape(-1, 3)
+    half = np.broadcast_to(np.asarray(sizes_m, dtype=np.float64), centres.shape) / 2
+    yaws = np.broadcast_to(np.asarray(yaws_rad, dtype=np.float64), len(centres))
+    corners = _CORNERS * half[:, None]
+    faces = _turned(corners, yaws) + centres[:, None]
+    repeated = None if albedos is None else np.repeat(np.asarray(albedos), len(_FACES))
+    return quads(faces[:, _FACES].reshape(-1, 4, 3), surface, albedos=repeated)
+
+
+def posts(
+    feet_m: ArrayLike,
+    heights_m: ArrayLike,
+    radii_m: ArrayLike,
+    surface: Surface,
+    *,
+    sides: int = 7,
+    taper: float = 1.0,
+) -> Mesh:
+    """Upright round bars with a lid: (N, 3) feet, (N,) heights and radii, or one for all."""
+    feet = np.asarray(feet_m, dtype=np.float64).reshape(-1, 3)
+    heights = np.broadcast_to(np.asarray(heights_m, dtype=np.float64), len(feet))
+    tops = feet + heights[:, None] * np.array([0.0, 0.0, 1.0])
+    return bars(feet, tops, radii_m, surface, sides=sides, taper=taper)
+
+
+def bars(
+    feet_m: NDArray[np.float64],
+    tops_m: NDArray[np.float64],
+    radii_m: ArrayLike,
+    surface: Surface,
+    *,
+    sides: int = 7,
+    taper: float = 1.0,
+) -> Mesh:
+    """Round bars that rise from (N, 3) feet to (N, 3) tops, cut level at both ends, with a lid."""
+    radii = np.broadcast_to(np.asarray(radii_m, dtype=np.float64), len(feet_m))
+    angles = np.arange(sides + 1) * (2 * np.pi / sides)
+    ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(sides + 1)], axis=1)
+    low = feet_m[:, None] + radii[:, None, None] * ring
+    high = tops_m[:, None] + taper * radii[:, None, None] * ring
+    walls = np.stack([low[:, :-1], low[:, 1:], high[:, 1:], high[:, :-1]], axis=2).reshape(-1, 4, 3)
+    middle = np.broadcast_to(tops_m[:, None], (len(feet_m), sides, 3))
+    lids = np.stack([middle, high[:, :-1], high[:, 1:]], axis=2).reshape(-1, 3, 3)
+    return joined([quads(walls, surface), surfaced(lids, surface)])
+
+
+def blobs(centres_m: ArrayLike, radii_m: ArrayLike, surface: Surface, rng: np.random.Generator) -> Mesh:
+    """Lumps about (N, 3) centres, of (N, 3) radii give or take a fifth."""
+    centres, radii = (np.asarray(a, dtype=np.float64).reshape(-1, 1, 3) for a in (centres_m, radii_m))
+    points, faces = _ball()
+    lumps = points * radii * rng.uniform(0.8, 1.2, (len(centres), len(points), 1)) + centres
+    return surfaced(lumps[:, faces].reshape(-1, 3, 3), surface)
+
+
+def leaves(
+    centres_m: NDArray[np.float64],
+    radii_m: NDArray[np.float64],
+    surface: Surface,
+    rng: np.random.Generator,
+    *,
+    count: int,
+    size_m: float,
+) -> Mesh:
+    """Small patches in all directions near the skin of ellipsoids, light and dark: what makes a crown ragged."""
+    which = rng.integers(len(centres_m), size=count)
+    outwards = rng.standard_normal((count, 3))
+    outwards /= np.linalg.norm(outwards, axis=1, keepdims=True)
+    places = centres_m[which] + outwards * radii_m[which] * rng.uniform(0.85, 1.3, (count, 1))
+    along = np.cross(outwards, rng.standard_normal((count, 3)))
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    across = np.cross(outwards, along) + 0.5 * rng.standard_normal((count, 1)) * outwards
+    half = 0.5 * size_m * rng.uniform(0.6, 1.4, (count, 1))
+    sides = [(-along - across), (along - across), (along + across), (across - along)]
+    corners = np.stack([places + half * side for side in sides], axis=1)
+    return quads(corners, surface, albedos=surface.albedo * rng.uniform(0.55, 1.35, count))
+
+
+def flat(corners_xy_m: ArrayLike, height_m: float | ArrayLike) -> NDArray[np.float64]:
+    """Corners on the ground (..., 2) lifted to a height: (..., 3)."""
+    corners = np.asarray(corners_xy_m, dtype=np.float64)
+    height = np.broadcast_to(np.asarray(height_m, dtype=np.float64), corners.shape[:-1])
+    return np.concatenate([corners, height[..., None]], axis=-1)
+
+
+def fans(rims_m: ArrayLike, surface: Surface, *, albedos: ArrayLike | None = None) -> Mesh:
+    """Star-shaped flat patches: (N, K, 3) rims, anticlockwise from above, about their means."""
+    rims = np.asarray(rims_m, dtype=np.float64)
+    middle = np.broadcast_to(rims.mean(axis=1, keepdims=True), rims.shape)
+    corners = np.stack([middle, rims, np.roll(rims, -1, axis=1)], axis=2)
+    mesh = surfaced(corners.reshape(-1, 3, 3), surface)
+    if albedos is not None:
+        mesh.surfaces[:, 0] = np.repeat(np.asarray(albedos, dtype=np.float64), rims.shape[1])
+    return mesh
+
+
+def _turned(corners_m: NDArray[np.float64], yaws_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    cosine, sine = np.cos(yaws_rad)[:, None], np.sin(yaws_rad)[:, None]
+    x, y, z = corners_m[..., 0], corners_m[..., 1], corners_m[..., 2]
+    return np.stack([cosine * x - sine * y, sine * x + cosine * y, z], axis=-1)
+
+
+@cache
+def _ball() -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Corners of a unit ball and its faces, anticlockwise from outside."""
+    latitudes, longitudes = np.meshgrid(np.radians([-45.0, 0.0, 45.0]), np.radians([0.0, 60, 120, 180, 240, 300]))
+    flat_m = np.cos(latitudes).ravel()
+    ring = [flat_m * np.cos(longitudes).ravel(), flat_m * np.sin(longitudes).ravel(), np.sin(latitudes).ravel()]
+    points = np.concatenate([np.stack(ring, axis=1), [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]])
+    faces = ConvexHull(points).simplices.astype(np.intp)
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    inwards = np.einsum("ni,ni->n", np.cross(b - a, c - a), a + b + c) < 0
+    faces[inwards] = faces[inwards][:, ::-1]
+    return points, faces

@@ -1,0 +1,210 @@
+"""What years do to a road: wheel tracks, resurfaced stretches, patches, trenches, cracks, stains, covers and litter.
+
+Counts are for the 80 m that a recording sees from near, at full wear. Everything lies in layers of fractions of a
+millimetre, too thin for the lidar and for a shadow.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.synthesis.mesh import Mesh, Surface, quads
+from bench.synthesis.world.alignment import Alignment
+from bench.synthesis.world.materials import BITUMEN, CAST_IRON, CONCRETE, drawn_asphalt, tinted
+from bench.synthesis.world.plan import Plan
+from bench.synthesis.world.solids import fans, flat
+
+NEAR_M = (-15.0, 65.0)  # along the lane
+JOINTS, TRACKS, RESURFACED, RIMS, PATCHES, CRACKS, STAINS, COVERS, LITTER = (
+    np.arange(0.3, 2.9, 0.3) / 1000.0
+)  # m, layers
+TRACK_M, TRACK_OFFSET_M = 0.55, 0.75  # width of a wheel track, and its way from the middle of the lane
+RIM_M = 0.05  # bitumen around a patch
+JOINT_M = 0.03  # between the courses of the paver, which lays lane by lane
+FULL = {"patches": 30, "trenches": 6, "cracks": 45, "stains": 70, "litter": 200, "covers": 8}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Carriageway:
+    """Where the wear is: a lane and how far the road reaches to its sides.
+
+    Attributes:
+        way: along the road.
+        right_m: its right edge, to the left of the way.
+        left_m: its left edge.
+        near_m: the stretch that gets details.
+    """
+
+    way: Alignment
+    right_m: float
+    left_m: float
+    near_m: tuple[float, float]
+
+    def drawn_places(self, count: int, rng: np.random.Generator, *, edge_m: float = 0.3) -> NDArray[np.float64]:
+        """(count, 2) along and left, anywhere on the road."""
+        along = rng.uniform(*self.near_m, count)
+        return np.stack([along, rng.uniform(self.right_m + edge_m, self.left_m - edge_m, count)], axis=1)
+
+
+def wear(plan: Plan, asphalt: Surface, rng: np.random.Generator) -> list[Mesh]:
+    """Everything that makes one piece of road differ from the next."""
+    amount = float(rng.beta(2.0, 2.5)) if plan.spec.wear is None else plan.spec.wear
+    section = plan.section
+    inner_m = section.left_m + 0.4 if plan.spec.kind == "avenue" else section.left_kerb_m
+    road = Carriageway(way=plan.lane, right_m=section.right_kerb_m, left_m=inner_m, near_m=NEAR_M)
+    meshes = _courses(plan, asphalt, rng) + _tracks(plan, asphalt, amount)
+    meshes += _patches(road, asphalt, amount, rng) + _trenches(road, asphalt, amount, rng)
+    meshes += _cracks(road, asphalt, amount, rng) + _stains(road, asphalt, amount, rng)
+    return meshes + _covers(road, rng) + _litter(road, asphalt, rng)
+
+
+def _courses(plan: Plan, asphalt: Surface, rng: np.random.Generator) -> list[Mesh]:
+    """Joints between the paver's courses, and a lane or two that was resurfaced for a stretch."""
+    spec, meshes = plan.spec, []
+    for k in range(1, spec.lanes_left + spec.lanes_right + 1):
+        joint_m = plan.section.right_m + k * spec.lane_width_m + float(rng.uniform(-0.25, 0.25))
+        cells = plan.lane.cells(*NEAR_M, joint_m, joint_m + JOINT_M)
+        meshes.append(quads(flat(cells, JOINTS), tinted(asphalt, 0.72)))
+    for _ in range(int(rng.integers(3))):
+        k, start_m = int(rng.integers(spec.lanes_left + spec.lanes_right + 1)), float(rng.uniform(NEAR_M[0], 45.0))
+        edge_m = plan.section.right_m + k * spec.lane_width_m
+        cells = plan.lane.cells(start_m, start_m + float(rng.uniform(8, 25)), edge_m, edge_m + spec.lane_width_m)
+        fresh = tinted(drawn_asphalt(rng), float(rng.uniform(0.75, 1.0)))
+        meshes.append(quads(flat(cells, RESURFACED), fresh, shifts_m=np.tile(rng.uniform(0, 8, 2), (len(cells), 1))))
+    return meshes
+
+
+def _tracks(plan: Plan, asphalt: Surface, amount: float) -> list[Mesh]:
+    """Tyres polish the stones: each track a few per cent darker, in two steps so that its edge is soft."""
+    spec, lane, meshes = plan.spec, plan.lane, []
+    for k in range(spec.lanes_left + spec.lanes_right + 1):
+        middle_m = plan.section.right_m + (k + 0.5) * spec.lane_width_m
+        for offset_m in (-TRACK_OFFSET_M, TRACK_OFFSET_M):
+            for step, half_m in enumerate((0.5 * TRACK_M, 0.28 * TRACK_M), start=1):
+                centre_m = middle_m + offset_m
+                cells = lane.cells(lane.begin_m, lane.end_m, centre_m - half_m, centre_m + half_m)
+                surface = tinted(asphalt, 1.0 - 0.04 * step * (0.4 + amount))
+                meshes.append(quads(flat(cells, TRACKS + step * 5e-5), surface))
+    return meshes
+
+
+def _patches(road: Carriageway, asphalt: Surface, amount: float, rng: np.random.Generator) -> list[Mesh]:
+    """Holes that were cut square and filled, most with a rim of bitumen."""
+    count = rng.poisson(FULL["patches"] * amount)
+    places, meshes = road.drawn_places(count, rng, edge_m=0.8), []
+    for place in places:
+        half = rng.uniform((0.25, 0.2), (1.6, 0.7))
+        meshes += _patch(road.way, place, half, float(rng.normal(0, 0.05)), asphalt, rng)
+    return meshes
+
+
+def _trenches(road: Carriageway, asphalt: Surface, amount: float, rng: np.random.Generator) -> list[Mesh]:
+    """Strips over pipes and cables: right across the road, or along it."""
+    meshes = []
+    for _ in range(rng.poisson(FULL["trenches"] * amount)):
+        along_m = float(rng.uniform(*road.near_m))
+        if rng.random() < 0.6:
+            place, half = (along_m, (road.left_m + road.right_m) / 2), (0.3, (road.left_m - road.right_m) / 2)
+        else:
+            place, half = tuple(road.drawn_places(1, rng, edge_m=0.8)[0]), (float(rng.uniform(2, 5)), 0.3)
+        meshes += _patch(road.way, np.array(place), np.array(half), float(rng.normal(0, 0.01)), asphalt, rng)
+    return meshes
+
+
+def _patch(
+    way: Alignment,
+    place: NDArray[np.float64],
+    half_m: NDArray[np.float64],
+    turn_rad: float,
+    asphalt: Surface,
+    rng: np.random.Generator,
+) -> list[Mesh]:
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    turn = np.array([[np.cos(turn_rad), np.sin(turn_rad)], [-np.sin(turn_rad), np.cos(turn_rad)]])
+    fill = Surface(
+        albedo=asphalt.albedo * float(rng.uniform(0.68, 1.12)),
+        contrast=asphalt.contrast * float(rng.uniform(0.8, 1.2)),
+        texel_m=asphalt.texel_m * float(rng.uniform(0.8, 1.4)),
+    )
+    shift = rng.uniform(0, 8, (1, 2))
+    meshes = [quads(flat(way.patches(place, (corners * half_m) @ turn), PATCHES), fill, shifts_m=shift)]
+    if rng.random() < 0.6:
+        meshes.append(quads(flat(way.patches(place, (corners * (half_m + RIM_M)) @ turn), RIMS), BITUMEN))
+    return meshes
+
+
+def _cracks(road: Carriageway, asphalt: Surface, amount: float, rng: np.random.Generator) -> list[Mesh]:
+    """Wandering lines: open ones of one or two centimetres, sealed ones as wide as a hand."""
+    meshes = []
+    for place in road.drawn_places(rng.poisson(FULL["cracks"] * amount), rng, edge_m=0.5):
+        sealed = rng.random() < 0.4
+        count, heading = int(rng.integers(6, 28)), float(rng.choice([0.0, np.pi / 2])) + rng.normal(0, 0.3)
+        headings = heading + 0.35 * rng.standard_normal(count).cumsum() * 0.5 + 0.25 * rng.standard_normal(count)
+        steps = rng.uniform(0.12, 0.3, count)[:, None] * np.stack([np.cos(headings), np.sin(headings)], axis=1)
+        line = place + np.concatenate([np.zeros((1, 2)), steps.cumsum(axis=0)])
+        line[:, 1] = np.clip(line[:, 1], road.right_m + 0.05, road.left_m - 0.05)
+        half = (0.03 if sealed else 0.008) * rng.uniform(0.6, 1.3, count + 1)[:, None]
+        aside = np.gradient(line, axis=0)[:, ::-1] * (-1, 1)
+        aside /= np.maximum(np.linalg.norm(aside, axis=1, keepdims=True), 1e-9)
+        left, right = (road.way.points(*(line + sign * half * aside).T) for sign in (1, -1))
+        cells = np.stack([right[:-1], right[1:], left[1:], left[:-1]], axis=1)
+        meshes.append(quads(flat(cells, CRACKS), BITUMEN if sealed else tinted(asphalt, 0.55)))
+    return meshes
+
+
+def _stains(road: Carriageway, asphalt: Surface, amount: float, rng: np.random.Generator) -> list[Mesh]:
+    """Oil, damp and spilt paint: blots with a darker heart."""
+    count = rng.poisson(FULL["stains"] * (0.3 + 0.7 * amount))
+    places = road.drawn_places(count, rng)
+    factor = np.where(rng.random(count) < 0.85, rng.uniform(0.72, 0.93, count), rng.uniform(1.06, 1.2, count))
+    angles = np.arange(11) * (2 * np.pi / 11)
+    rims = np.exp(0.25 * rng.standard_normal((count, 11, 1))) * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    rims = rims * rng.uniform(0.08, 0.5, (count, 1, 1)) * rng.uniform((0.6, 0.4), (1.6, 0.9), (count, 1, 2))
+    meshes = []
+    for step, share in enumerate((1.0, 0.6)):
+        lifted = flat(road.way.patches(places, share * rims), STAINS + step * 1e-4)
+        meshes.append(fans(lifted, asphalt, albedos=asphalt.albedo * factor ** (0.6 + 0.6 * step)))
+    return meshes
+
+
+def _covers(road: Carriageway, rng: np.random.Generator) -> list[Mesh]:
+    """Manholes in the lanes, and gullies at the kerb every 20 m or so."""
+    count = 2 + rng.poisson(FULL["covers"] / 2)
+    places = road.drawn_places(count, rng, edge_m=0.9)
+    angles = np.arange(14) * (2 * np.pi / 14)
+    rim = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    meshes = [
+        fans(flat(road.way.patches(places, np.tile(radius_m * rim, (count, 1, 1))), COVERS + lift_m), surface)
+        for radius_m, lift_m, surface in (
+            (0.36, 0.0, tinted(CONCRETE, 0.8)),
+            (0.32, 1e-4, CAST_IRON),
+            (0.22, 2e-4, tinted(CAST_IRON, 1.2)),
+        )
+    ]
+    for edge_m, sign in ((road.right_m, 1.0), (road.left_m, -1.0)):
+        along = np.arange(road.near_m[0] + rng.uniform(0, 15), road.near_m[1], 19.0)
+        centres = np.stack([along, np.full(len(along), edge_m + sign * 0.2)], axis=1)
+        for scale, lift_m, surface in (((0.26, 0.17), 0.0, CAST_IRON), ((0.2, 0.02), 2e-4, tinted(CAST_IRON, 0.3))):
+            bars = (
+                centres if lift_m == 0 else np.concatenate([centres + np.array([0.0, dy]) for dy in (-0.09, 0.0, 0.09)])
+            )
+            corners = np.array(scale) * [[-1, -1], [1, -1], [1, 1], [-1, 1]]
+            cells = road.way.patches(bars, np.broadcast_to(corners, (len(bars), 4, 2)))
+            meshes.append(quads(flat(cells, COVERS + lift_m), surface))
+    return meshes
+
+
+def _litter(road: Carriageway, asphalt: Surface, rng: np.random.Generator) -> list[Mesh]:
+    """Leaves, stones, gum and paper: specks of a few centimetres, most of them near the kerb."""
+    count = rng.poisson(FULL["litter"] * rng.uniform(0.2, 1.0))
+    away = rng.exponential(0.7, count)
+    left = np.where(rng.random(count) < 0.5, road.right_m + 0.05 + away, road.left_m - 0.05 - away)
+    left = np.clip(left, road.right_m + 0.05, road.left_m - 0.05)
+    centres = np.stack([rng.uniform(*road.near_m, count), left], axis=1)
+    turn = rng.uniform(0, 2 * np.pi, (count, 1)) + np.arange(4) * (np.pi / 2)
+    corners = rng.uniform(0.012, 0.045, (count, 1, 1)) * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+    shade = asphalt.albedo * rng.choice([0.5, 0.7, 1.3, 1.6], count)
+    return [quads(flat(road.way.patches(centres, corners), LITTER), asphalt, albedos=shade)]

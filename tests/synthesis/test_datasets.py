@@ -1,0 +1,124 @@
+"""The rendered data sets hold what they are meant to hold; told from their geometry, before anything is rendered."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.recordings import load_card
+from bench.synthesis import Scenario, read_scenario
+from bench.synthesis.bodies import BODIES
+from bench.synthesis.ways import find_ways
+from tests.synthesis.composition import object_frames
+
+DATASETS = Path(__file__).parents[2] / "datasets"
+# Object-frames by row of the paper's table.
+PUBLISHED = {"crossing": 3848, "overtaking": 2757, "preceding": 789, "approaching": 224, "static_ego": 475}
+
+
+@pytest.fixture(scope="module")
+def paper() -> Scenario:
+    return read_scenario(DATASETS / "paper.scenario.yaml")
+
+
+@pytest.fixture(scope="module")
+def range_maps() -> Scenario:
+    return read_scenario(DATASETS / "range-maps.scenario.yaml")
+
+
+@pytest.mark.parametrize("name", ["demo", "paper", "paper-exact", "range-maps"])
+def test_card_names_its_scenario(name: str) -> None:
+    card = load_card(DATASETS / f"{name}.yaml")
+    assert card.name == name
+    assert card.scenario is not None
+    assert card.scenario.is_file()
+
+
+def test_both_cards_of_the_paper_read_the_same_recordings() -> None:
+    recorded, exact = (load_card(DATASETS / f"{name}.yaml") for name in ("paper", "paper-exact"))
+    assert (recorded.root, recorded.scenario) == (exact.root, exact.scenario)
+    assert exact.content.options == {"ego_motion": "exact", "calibration": "exact"}
+
+
+def test_paper_has_5000_images_in_at_least_100_recordings(paper: Scenario) -> None:
+    assert [camera.name for camera in paper.cameras] == ["front"]
+    assert (paper.cameras[0].width, paper.cameras[0].height, paper.frame_rate_hz) == (640, 480, 15.0)
+    assert len(paper.recordings) >= 100
+    assert sum(spec.frames for spec in paper.recordings) == 5000
+
+
+def test_host_of_the_paper_drives_0_to_50_kmh(paper: Scenario) -> None:
+    speeds_kmh = np.concatenate(
+        [
+            3.6 * np.abs((ways := find_ways(paper, spec)).host.signals(ways.image_times_ns)[0])
+            for spec in paper.recordings
+        ]
+    )
+    assert speeds_kmh.min() == 0.0
+    assert 45.0 < speeds_kmh.max() <= 50.0
+    # Every bin of 10 km/h is driven in.
+    assert (np.histogram(speeds_kmh, bins=[0, 10, 20, 30, 40, 50])[0] >= 100).all()
+
+
+def test_composition_of_the_paper_is_about_that_of_its_table(paper: Scenario) -> None:
+    found = object_frames(paper, every=8)
+    total: Counter[str] = sum(found.values(), Counter())
+    assert total.total() == pytest.approx(sum(PUBLISHED.values()), rel=0.15)
+    for category, published in PUBLISHED.items():
+        assert total[category] >= 200, category
+        assert total[category] == pytest.approx(published, rel=0.2), category
+        assert sum(1 for counts in found.values() if counts[category]) >= 7, f"{category} in too few recordings"
+
+
+def test_only_vehicles_overtake_in_the_paper(paper: Scenario) -> None:
+    for spec in paper.recordings:
+        if spec.name.startswith(("avenue", "fast-lane", "queue", "passed-in")):
+            assert {BODIES[actor.kind][0] for actor in spec.actors} == {"vehicle"}, spec.name
+
+
+def test_paper_has_every_light_place_and_special_case(paper: Scenario) -> None:
+    lights = Counter(spec.light.kind for spec in paper.recordings)
+    assert lights.keys() == {"sunny", "overcast", "low_sun", "night"}
+    assert 0.04 <= lights["night"] / len(paper.recordings) <= 0.2
+    assert {spec.street.kind for spec in paper.recordings} == {"street", "car_park", "avenue"}
+    assert any(spec.host.gear == "reverse" for spec in paper.recordings)
+    assert any(any(spec.host.yaw_rate_degps) for spec in paper.recordings)
+    kinds = Counter(actor.kind for spec in paper.recordings for actor in spec.actors)
+    assert kinds["dog"] >= 4
+    standing = [a for spec in paper.recordings for a in spec.actors if a.speed_mps == 0.0]
+    assert sum(BODIES[actor.kind][0] == "pedestrian" for actor in standing) >= 8
+
+
+def test_range_maps_have_four_cameras_and_few_enough_images(range_maps: Scenario) -> None:
+    assert {camera.name for camera in range_maps.cameras} == {"front", "rear", "left", "right"}
+    assert 2000 <= sum(spec.frames for spec in range_maps.recordings) <= 2500
+
+
+def test_range_maps_reach_20_m_in_every_direction_for_every_class(range_maps: Scenario) -> None:
+    for object_class in ("pedestrian", "cyclist", "vehicle"):
+        for direction, lateral in (("lateral", True), ("longitudinal", False)):
+            specs = [s for s in range_maps.recordings if s.name.startswith(f"{object_class}-{direction}")]
+            places, relative = _seen_from_the_host(range_maps, specs)
+            sideways = np.abs(relative[:, 1]) > np.abs(relative[:, 0])
+            assert (sideways if lateral else ~sideways).mean() > 0.95, (object_class, direction)
+            cells = np.unique(np.floor(places), axis=0)
+            assert len(cells) > 250, (object_class, direction)
+            for axis in (0, 1):
+                assert places[:, axis].max() > 14, (object_class, direction, axis)
+                assert places[:, axis].min() < -14, (object_class, direction, axis)
+
+
+def _seen_from_the_host(scenario: Scenario, specs: list) -> tuple[np.ndarray, np.ndarray]:
+    """Places and velocities of all actors in the host's frame, at every image."""
+    places, velocities = [], []
+    for spec in specs:
+        ways = find_ways(scenario, spec)
+        host = ways.host.at(ways.image_times_ns)
+        for way in ways.actors:
+            away = way.at(ways.image_times_ns).positions_m - host.positions_m
+            places.append(np.einsum("nji,nj->ni", host.rotations, away)[:, :2])
+            velocities.append(np.gradient(places[-1], ways.image_times_ns / 1e9, axis=0))
+    return np.concatenate(places), np.concatenate(velocities)

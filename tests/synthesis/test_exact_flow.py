@@ -1,0 +1,147 @@
+"""The exact flow against what geometry says by other ways."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import yaml
+
+from bench.cameras import ray_grid
+from bench.methods.spherical import deviations
+from bench.recordings import MountedCamera, Recording, open_native, read_truth
+from bench.reference import visible_region
+from bench.synthesis import read_scenario, synthesize
+from bench.synthesis.exact_flow import ExactFlow, ExactFlowCaster
+from bench.synthesis.stage import FIRST_IMAGE_NS, Stage, set_stage
+from tests.synthesis.conftest import MINIATURE
+
+TWICE_AS_FINE = {
+    "width": 320,
+    "height": 240,
+    "parameters": {
+        "coefficients": [85.0, -7.5, 12.0, -2.0],
+        "principal_point": [159.5, 119.5],
+        "max_angle_rad": 1.7,
+    },
+}
+
+
+class Drive:
+    """The first recording of a scenario, staged, and its last pair of images."""
+
+    def __init__(self, recording: Recording, stage: Stage) -> None:
+        self.recording, self.stage = recording, stage
+        self.camera: MountedCamera = recording.cameras["front"]
+        self.previous_ns, self.current_ns = (image.timestamp_ns for image in recording.images["front"][-2:])
+        self.caster = ExactFlowCaster(stage, self.camera, valid=visible_region(self.camera))
+        self.found: ExactFlow = self.caster.flow(current_ns=self.current_ns, previous_ns=self.previous_ns)
+
+    @property
+    def pixels(self) -> np.ndarray:
+        return ray_grid(self.camera.model).pixels
+
+    def ids(self, index: int) -> np.ndarray:
+        return read_truth(self.recording.images["front"][index])
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Drive:
+    folder = tmp_path_factory.mktemp("exact")
+    content = yaml.safe_load(MINIATURE)
+    content["cameras"][0] |= TWICE_AS_FINE
+    content["recordings"] = content["recordings"][:1]
+    (folder / "scenario.yaml").write_text(yaml.safe_dump(content))
+    scenario = read_scenario(folder / "scenario.yaml")
+    (root,) = synthesize(folder / "scenario.yaml", folder / "out", workers=1)
+    return Drive(open_native(root), set_stage(scenario, scenario.recordings[0]))
+
+
+def test_cells_see_what_the_truth_images_show(drive: Drive) -> None:
+    shown = visible_region(drive.camera)
+    cast, rendered = drive.found.instance_ids[shown], drive.ids(-1)[shown]
+    objects = (cast > 0) | (rendered > 0)
+    assert objects.sum() > 500
+    assert (cast != rendered)[objects].mean() < 0.02  # the renderer may place a ray that grazes an edge otherwise
+    assert {1, 2} <= set(np.unique(drive.found.instance_ids).tolist())
+
+
+def test_static_points_deviate_from_nothing(drive: Drive) -> None:
+    previous, valid = drive.camera.model.unproject((drive.pixels + drive.found.flow).reshape(-1, 2))
+    rays_previous = previous.reshape(*drive.found.visible.shape, 3)
+    found = deviations(
+        rays_previous,
+        ray_grid(drive.camera.model).rays_camera,
+        current_from_previous=drive.caster.motion(current_ns=drive.current_ns, previous_ns=drive.previous_ns),
+        road=drive.caster.road(drive.current_ns),
+    )
+    static = valid.reshape(drive.found.visible.shape) & (drive.found.instance_ids == 0) & visible_region(drive.camera)
+    assert static.mean() > 0.5
+    assert found.epipolar[static].max() < 1e-9
+    assert found.positive_depth[static].max() < 1e-9
+    moving = drive.found.instance_ids == 1
+    assert np.median(found.epipolar[moving & found.defined]) > 1e-4
+
+
+def test_road_moves_as_the_road_plane_says(drive: Drive) -> None:
+    rays = ray_grid(drive.camera.model).rays_camera
+    reach_m = drive.caster.road(drive.current_ns).distance_m(rays)
+    motion = drive.caster.motion(current_ns=drive.current_ns, previous_ns=drive.previous_ns)
+    reached_m = drive.camera.vehicle_from_camera.apply(rays * np.where(reach_m < 3.0, reach_m, np.nan)[..., None])
+    lane = np.abs(reached_m[..., 1]) < 1.0  # off the kerb
+    near = lane & (drive.found.instance_ids == 0) & visible_region(drive.camera)
+    pixels, valid = drive.camera.model.project(motion.inverse().apply(rays[near] * reach_m[near, None]))
+    wanted = pixels - drive.pixels[near]
+    assert valid.all()
+    assert near.sum() > 1000
+    length, off = np.linalg.norm(wanted, axis=1), np.linalg.norm(drive.found.flow[near] - wanted, axis=1)
+    assert length.max() > 3.0
+    assert (off < 0.01 * length + 0.01).all()  # patches and lids lie some millimetres high
+
+
+def rigid_flow(drive: Drive, number: int) -> tuple[np.ndarray, np.ndarray]:
+    """Flow of an actor's cells if it moved without any limb, and the exact one."""
+    actor = drive.stage.actors[number]
+    cells = drive.found.instance_ids == actor.instance_id
+    now_ns, before_ns = drive.current_ns - FIRST_IMAGE_NS, drive.previous_ns - FIRST_IMAGE_NS
+    now, before = (drive.stage.host.at([t]).transform() @ drive.camera.vehicle_from_camera for t in (now_ns, before_ns))
+    centre_m = (actor.path.at([now_ns]).positions_m[0] + [0, 0, 0.8]) - now.translation_m
+    rays = now.rotate(ray_grid(drive.camera.model).rays_camera[cells])
+    points_m = now.translation_m + rays * (rays @ centre_m)[:, None]  # about as deep as its middle
+    moved = actor.path.at([before_ns]).transform() @ actor.path.at([now_ns]).transform().inverse()
+    pixels, _ = drive.camera.model.project(before.inverse().apply(moved.apply(points_m)))
+    return pixels - drive.pixels[cells], drive.found.flow[cells]
+
+
+def test_actors_move_and_so_do_their_limbs(drive: Drive) -> None:
+    rigid, exact = rigid_flow(drive, 0)
+    apart = np.linalg.norm(rigid - exact, axis=1)
+    row = np.nonzero(drive.found.instance_ids == 1)[0]
+    head, legs = row < np.quantile(row, 0.15), row > np.quantile(row, 0.6)
+    assert np.linalg.norm(exact, axis=1).mean() > 1.0
+    assert np.median(apart[head]) < 0.5 * np.median(np.linalg.norm(exact[head], axis=1))
+    assert apart[legs].max() > 3 * np.median(apart[head])
+
+
+def test_a_visible_point_is_seen_where_the_flow_says(drive: Drive) -> None:
+    before = drive.ids(-2)
+    aims = np.rint(drive.pixels + np.nan_to_num(drive.found.flow)).astype(int)
+    inside = drive.camera.model.contains(aims.reshape(-1, 2).astype(float)).reshape(aims.shape[:2])
+    seen = inside & np.isfinite(drive.found.flow[..., 0]) & visible_region(drive.camera)
+    column, row = np.where(inside[..., None], aims, 0).transpose(2, 0, 1)
+    same = before[row, column] == drive.found.instance_ids
+    shown, hidden = seen & drive.found.visible, seen & ~drive.found.visible
+    assert same[shown].mean() > 0.98
+    assert hidden.any()
+    # What was hidden by an actor has come out from behind it: it was where the actor is seen in the image before.
+    static = drive.found.instance_ids == 0
+    behind = before[row, column] > 0
+    assert behind[hidden & static].mean() > 0.1
+    assert behind[shown & static].mean() < 0.005
+    assert drive.found.visible.mean() > 0.5
+
+
+def test_coarse_cells_are_the_fine_ones_at_their_centres(drive: Drive) -> None:
+    caster = ExactFlowCaster(drive.stage, drive.camera, valid=visible_region(drive.camera), cell_size_px=5)
+    coarse = caster.flow(current_ns=drive.current_ns, previous_ns=drive.previous_ns)
+    np.testing.assert_allclose(coarse.flow, drive.found.flow[2::5, 2::5], atol=1e-7)
+    assert np.array_equal(coarse.visible, drive.found.visible[2::5, 2::5])

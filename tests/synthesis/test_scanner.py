@@ -1,0 +1,213 @@
+"""Lidar sweeps: beams, times, lost pulses, and the way back to the surfaces."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bench.geometry import RigidTransform
+from bench.lidar import LidarSweep, deskew, knot_times
+from bench.lidar.files import read_sweep, write_sweep
+from bench.synthesis.bodies import make_body
+from bench.synthesis.driving.host import own_body
+from bench.synthesis.driving.motion import HostMotion, host_motion
+from bench.synthesis.driving.path import SECOND_NS, driven_path
+from bench.synthesis.mesh import Mesh, Surface, joined, quad
+from bench.synthesis.scanning.beams import BEAMS_DEG, revolution
+from bench.synthesis.scanning.echoes import COLUMN_OF, _are_panes
+from bench.synthesis.scanning.scanner import LidarScanner
+from bench.synthesis.scenario import LidarSpec, StreetSpec, SuspensionSpec
+from bench.synthesis.stage import Actor
+from bench.synthesis.world import build_world
+
+GREY = Surface(albedo=0.4, contrast=0.0)
+ROOF = RigidTransform(np.eye(3), np.array([1.2, 0.0, 1.8]))
+PERFECT = {"position_m": (1.2, 0.0, 1.8), "range_noise_m": 0.0, "weakest_return_per_m2": 0.0}
+
+
+def floor(surface: Surface = GREY) -> Mesh:
+    return quad([[-60, -60, 0], [60, -60, 0], [60, 60, 0], [-60, 60, 0]], surface)
+
+
+def wall(x_m: float, surface: Surface = GREY) -> Mesh:
+    return quad([[x_m, 20, 0], [x_m, -20, 0], [x_m, -20, 8], [x_m, 20, 8]], surface)
+
+
+def host(speed_mps: float = 0.0, yaw_rate_radps: float = 0.0, suspension: SuspensionSpec | None = None) -> HostMotion:
+    path = driven_path(
+        times_s=[0, 2],
+        speeds_mps=[speed_mps, speed_mps / 2],
+        yaw_rates_radps=yaw_rate_radps,
+        first_ns=-SECOND_NS,
+        last_ns=2 * SECOND_NS,
+    )
+    return host_motion(path, suspension, rng=np.random.default_rng(4))
+
+
+def scanner(world: Mesh, motion: HostMotion, actors: tuple[Actor, ...] = (), **changes: float) -> LidarScanner:
+    spec = LidarSpec(**(PERFECT | changes))  # type: ignore[arg-type]
+    return LidarScanner(spec, vehicle_from_lidar=ROOF, world=world, own_body=own_body(), actors=actors, host=motion)
+
+
+def scan(lidar: LidarScanner, time_ns: int = SECOND_NS // 2, seed: int = 0) -> LidarSweep:
+    return lidar.scan(time_ns, timestamp_ns=time_ns, rng=np.random.default_rng(seed))
+
+
+def placed(sweep: LidarSweep, motion: HostMotion) -> np.ndarray:
+    """Points in the world, by the project's own de-skewing with the true poses."""
+    knots_ns = knot_times(sweep.times_ns)
+    poses = motion.at(knots_ns)
+    return deskew(
+        sweep.points_lidar,
+        sweep.times_ns,
+        knots_ns=knots_ns,
+        rotations=poses.rotations @ ROOF.rotation,
+        positions_m=poses.rotations @ ROOF.translation_m + poses.positions_m,
+    )
+
+
+def test_beams_are_those_of_the_manual() -> None:
+    assert len(BEAMS_DEG) == 64
+    assert BEAMS_DEG[[0, 31, 32, 63]] == pytest.approx([2.0, -8.3333, -8.83, -24.33], abs=1e-3)
+    beams = revolution(LidarSpec(position_m=(0, 0, 2)))
+    assert beams.rays_lidar.shape == (2083, 64, 3)
+    assert np.linalg.norm(beams.rays_lidar, axis=2) == pytest.approx(1.0, abs=1e-6)
+    quarter = np.searchsorted(beams.offsets_ns, 25_000_000)  # clockwise: a quarter later it looks to the right
+    assert np.degrees(np.arctan2(*beams.rays_lidar[quarter, 0, 1::-1])) == pytest.approx(-90.0, abs=0.2)
+    assert len(revolution(LidarSpec(position_m=(0, 0, 2), rotation_hz=20)).offsets_ns) == 1042
+
+
+def test_static_points_freed_of_the_hosts_motion_lie_on_their_surfaces() -> None:
+    motion = host(12.0, 0.35, SuspensionSpec(road_class="B"))
+    world = joined([floor(), wall(22.0)])
+    sweep = scan(scanner(world, motion))
+    points_world = placed(sweep, motion)
+    off_m = np.minimum(np.abs(points_world[:, 2]), np.abs(points_world[:, 0] - 22.0))
+    assert len(off_m) > 50_000
+    # Coordinates are stored to the nearest 1/256 m.
+    assert off_m.max() < 4e-3
+    # The same with the level host: its pitch and roll would be seen.
+    level = placed(sweep, host(12.0, 0.35))
+    assert np.minimum(np.abs(level[:, 2]), np.abs(level[:, 0] - 22.0)).max() > 0.05
+
+
+def test_range_noise_is_as_stated() -> None:
+    sweep = scan(scanner(wall(10.0), host(), range_noise_m=0.02))
+    ranges_m = np.linalg.norm(sweep.points_lidar, axis=1)
+    true_m = 8.8 / (sweep.points_lidar[:, 0] / ranges_m)
+    assert (ranges_m - true_m).std() == pytest.approx(0.02, rel=0.05)
+    assert abs((ranges_m - true_m).mean()) < 1e-3
+
+
+def share_returned(surface: Surface, x_m: float, **changes: float) -> float:
+    """Of the pulses within 20 degrees of straight ahead on a wall."""
+    found, possible = (
+        len(scan(scanner(wall(x_m, look), host(), sector_deg=40.0, max_range_m=80.0, **more)).points_lidar)
+        for look, more in ((surface, changes), (GREY, {}))
+    )
+    return found / possible
+
+
+def test_dark_and_far_surfaces_return_fewer_pulses() -> None:
+    real = {"weakest_return_per_m2": 5e-6}
+    assert share_returned(Surface(albedo=0.5, contrast=0.0), 20.0, **real) > 0.999
+    assert share_returned(Surface(albedo=0.02, contrast=0.0), 20.0, **real) > 0.99
+    assert 0.3 < share_returned(Surface(albedo=0.02, contrast=0.0), 65.0, **real) < 0.7
+    assert share_returned(Surface(albedo=0.004, contrast=0.0), 65.0, **real) < 0.05
+
+
+def test_grazing_pulses_are_lost_on_the_road_far_away() -> None:
+    sweep = scan(scanner(floor(Surface(albedo=0.2, contrast=0.0)), host(), weakest_return_per_m2=5e-6, max_range_m=80))
+    ranges_m = np.linalg.norm(sweep.points_lidar, axis=1)
+    whole = scan(scanner(floor(), host(), max_range_m=80))
+    whole_m = np.linalg.norm(whole.points_lidar, axis=1)
+    near, far = [(ranges_m < 20).sum() / (whole_m < 20).sum(), (ranges_m > 50).sum() / (whole_m > 50).sum()]
+    assert near > 0.99
+    assert far < 0.5
+
+
+def test_panes_return_few_pulses_and_gloss_paint_all_of_them() -> None:
+    pane, black = (Surface(albedo=0.05, contrast=contrast, mirror=0.04) for contrast in (0.25, 0.07))
+    assert 0.1 < share_returned(pane, 6.0, pane_returns=0.2) < 0.2
+    assert share_returned(pane, 6.0, pane_returns=0.0) == 0.0
+    assert share_returned(black, 6.0, weakest_return_per_m2=5e-6) > 0.999
+
+
+def test_windows_of_cars_and_houses_are_panes() -> None:
+    street = build_world(StreetSpec(), np.random.default_rng(0)).mesh.surfaces
+    for surfaces in (make_body("car", np.random.default_rng(0)).mesh.surfaces, street):
+        assert 0.0 < _are_panes(surfaces).mean() < 0.4
+
+
+def test_the_sky_returns_nothing() -> None:
+    assert len(scan(scanner(wall(10.0, Surface(albedo=0.9, contrast=0.0, sky=True)), host())).points_lidar) == 0
+
+
+def test_intensity_tells_albedo_and_incidence() -> None:
+    world = joined([wall(10.0, Surface(albedo=0.5, contrast=0.0))])
+    sweep = scan(scanner(world, host(), sector_deg=20))
+    assert sweep.intensity is not None
+    assert sweep.intensity.dtype == np.float32
+    assert np.median(sweep.intensity) == pytest.approx(0.5, rel=0.05)
+    flat = scan(scanner(floor(), host(), max_range_m=15))
+    assert flat.intensity is not None
+    steep, grazing = flat.ring == 63, flat.ring == 40
+    assert np.median(flat.intensity[steep]) > 1.5 * np.median(flat.intensity[grazing])
+
+
+def test_the_hosts_roof_gives_no_points() -> None:
+    sweep = scan(scanner(floor(), host()))
+    points_vehicle = ROOF.apply(sweep.points_lidar.astype(np.float64))
+    assert np.abs(points_vehicle[:, 2]).max() < 0.01
+    behind = points_vehicle[np.abs(points_vehicle[:, 1]) < 0.3]
+    assert behind[behind[:, 0] < 0][:, 0].max() < -3.0  # the roof shades the road close behind
+
+
+def test_an_actor_hides_the_world_and_is_met_where_it_is_at_the_beams_own_time() -> None:
+    body = make_body("car", np.random.default_rng(1))
+    body.mesh.surfaces[:, COLUMN_OF["mirror"]] = 0.0  # no panes, which lose pulses
+    path = driven_path(
+        times_s=0.0,
+        speeds_mps=9.0,
+        yaw_rates_radps=0.0,
+        first_ns=-SECOND_NS,
+        last_ns=2 * SECOND_NS,
+        through=(9.0, 3.0, np.pi / 2),
+        through_ns=SECOND_NS // 2,
+    )
+    car = Actor(name="car", instance_id=1, body=body, path=path)
+    motion = host(6.0, 0.0, SuspensionSpec())
+    sweep = scan(scanner(floor(), motion, (car,)))
+    points_world = placed(sweep, motion)
+    on_car = points_world[:, 2] > 0.05
+    assert on_car.sum() > 500
+    poses = path.at(sweep.times_ns[on_car])
+    local_m = np.einsum("nji,nj->ni", poses.rotations, points_world[on_car] - poses.positions_m)
+    half_m = body.size_m / 2
+    assert (np.abs(local_m[:, :2]) <= half_m[:2] + 4e-3).all()
+    assert (local_m[:, 2] <= body.size_m[2] + 4e-3).all()
+    # Each pulse has one echo: the car takes as many as the world loses.
+    room = joined([floor(), wall(16.0)])
+    with_car, without = (scan(scanner(room, motion, actors, sector_deg=60, max_range_m=100)) for actors in ((car,), ()))
+    assert len(with_car.points_lidar) == len(without.points_lidar)
+    nearer_m = np.linalg.norm(without.points_lidar, axis=1) - np.linalg.norm(with_car.points_lidar, axis=1)
+    assert nearer_m.min() > -1e-2
+    assert (nearer_m > 0.1).sum() > 500
+
+
+def test_a_sweep_comes_back_from_its_file_and_is_small(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    sweep = scan(scanner(floor(), host(5.0), range_noise_m=0.02, sector_deg=180, max_range_m=30))
+    write_sweep(tmp_path / "1.npz", sweep)
+    again = read_sweep(tmp_path / "1.npz", sweep.timestamp_ns)
+    for name in ("points_lidar", "time_offset_ns", "intensity", "ring"):
+        assert np.array_equal(getattr(again, name), getattr(sweep, name))
+    assert (tmp_path / "1.npz").stat().st_size < 5.5 * len(sweep.points_lidar)
+
+
+def test_noise_depends_on_its_generator_alone() -> None:
+    lidar = scanner(floor(), host(), range_noise_m=0.02, weakest_return_per_m2=5e-6)
+    first, second, other = scan(lidar, seed=1), scan(lidar, seed=1), scan(lidar, seed=2)
+    assert np.array_equal(first.points_lidar, second.points_lidar)
+    assert first.points_lidar.shape != other.points_lidar.shape or not np.array_equal(
+        first.points_lidar, other.points_lidar
+    )
