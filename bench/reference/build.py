@@ -13,9 +13,13 @@ from bench.cameras import ray_grid
 from bench.errors import UsageError
 from bench.geometry import RigidTransform
 from bench.recordings.records import ImageRef, MountedCamera, Recording
-from bench.reference.clusters import object_points, surface_points
+from bench.reference.clusters import Cluster, object_cluster, surface_points
+from bench.reference.footprint import footprint_polygon
+from bench.reference.masks import mask_reference
 from bench.reference.motion import categorise, relative_direction
+from bench.reference.neighbours import find_grid
 from bench.reference.occlusion import compose
+from bench.reference.patches import reach_bounds, surface_patches
 from bench.reference.polygons import bounding_polygon, rasterise
 from bench.reference.records import (
     Category,
@@ -27,7 +31,9 @@ from bench.reference.records import (
 )
 from bench.reference.settings import ReferenceSettings
 from bench.reference.sightings import Sighting, SightingIndex
-from bench.reference.sweeps import PlacedSweep, SweepShelf
+from bench.reference.sweeps import PlacedSweep, SweepShelf, slopes_of
+
+SOLID_CLASSES = ("vehicle",)  # seen through their windows at most, which belong to them
 
 
 def visible_region(camera: MountedCamera) -> NDArray[np.bool_]:
@@ -72,6 +78,15 @@ class ReferenceBuilder:
             DataError: no ego-motion at the exposure, or a sweep that cannot be read.
         """
         exposure = self._exposure(image.timestamp_ns)
+        if image.moving_path is not None:
+            return mask_reference(
+                image,
+                self.camera,
+                recording=self.recording.name,
+                ego_speed_mps=float(np.hypot(*exposure.ego_velocity_mps[:2])),
+                valid=self.valid,
+                settings=self.settings,
+            )
         found = [self._measure(sighting, exposure) for sighting in self._index.at(image.timestamp_ns)]
         found.sort(key=lambda pair: (pair[1], pair[0].track_id))  # nearest first
         objects, labels, ignored = compose([reference for reference, _ in found], self.valid)
@@ -97,7 +112,8 @@ class ReferenceBuilder:
         if not found:
             raise UsageError(f"{image.path}: wanted an annotated object {track_id!r}, came an image without it")
         vehicle_from_world = exposure.world_from_vehicle.inverse()
-        points_world, placed = self._cluster(found[0], exposure)
+        cluster, placed = self._cluster(found[0], exposure)
+        points_world = cluster.points_world
         around_world = np.empty((0, 3)) if placed is None else placed.points_world()
         outline = vehicle_from_world.apply(self._outline(found[0], exposure))[:, :2]
         hull = shapely.MultiPoint(outline).convex_hull
@@ -121,11 +137,12 @@ class ReferenceBuilder:
 
     def _measure(self, sighting: Sighting, exposure: _Exposure) -> tuple[ReferenceObject, float]:
         """One object by itself, before occlusion, and the distance that orders it."""
-        points_world, placed = self._cluster(sighting, exposure)
+        cluster, placed = self._cluster(sighting, exposure)
+        points_world = cluster.points_world
         pixels, points = self._projected(points_world, exposure)
         distance_m = range_m = _nearest_m(points_world, exposure.camera_position_m)
-        if points >= self.settings.min_points:
-            polygon = self._polygon(pixels, kind=self.settings.polygon_kind)
+        if points >= self.settings.min_points and placed is not None:
+            polygon = self._scanned(cluster, placed, sighting, exposure, pixels)
         else:
             outline_world = self._outline(sighting, exposure)
             polygon = self._polygon(self._projected(outline_world, exposure)[0], kind="convex")
@@ -150,20 +167,21 @@ class ReferenceBuilder:
         judged = self._judged(reference, sighting, swept=placed is not None)
         return judged, float(np.nan_to_num(distance_m, nan=np.inf))
 
-    def _cluster(self, sighting: Sighting, exposure: _Exposure) -> tuple[NDArray[np.float64], PlacedSweep | None]:
-        """Lidar points on the object at exposure, world frame, and the sweep they come from."""
+    def _cluster(self, sighting: Sighting, exposure: _Exposure) -> tuple[Cluster, PlacedSweep | None]:
+        """Lidar points on the object at exposure, and the sweep they come from."""
         placed = self._shelf.take(sighting.state.shape, exposure.timestamp_ns)
         if placed is None:
-            return np.empty((0, 3)), None
-        points_world = object_points(
+            return Cluster(points_world=np.empty((0, 3)), rows=np.empty(0, dtype=np.intp)), None
+        cluster = object_cluster(
             placed,
             sighting.state,
             velocity_world_mps=sighting.velocity_world_mps,
             world_from_vehicle=sighting.world_from_vehicle,
             exposure_ns=exposure.timestamp_ns,
             lowest_m=self._lowest_m,
+            clearance_m=self.settings.ground_clearance_m if self.settings.polygon_kind == "footprint" else 0.0,
         )
-        return points_world, placed
+        return cluster, placed
 
     def _outline(self, sighting: Sighting, exposure: _Exposure) -> NDArray[np.float64]:
         """The annotated shape's surface at exposure, world frame."""
@@ -175,6 +193,56 @@ class ReferenceBuilder:
         """Pixels of the points that the lens can see, and how many of them fall into the image."""
         pixels, valid = self.camera.model.project(exposure.camera_from_world.apply(points_world))
         return pixels[valid], int(self.camera.model.contains(pixels).sum())
+
+    def _scanned(
+        self,
+        cluster: Cluster,
+        placed: PlacedSweep,
+        sighting: Sighting,
+        exposure: _Exposure,
+        pixels: NDArray[np.float64],
+    ) -> Polygon | None:
+        """The polygon of the kind that the protocol asks for, from lidar points."""
+        if self.settings.polygon_kind != "footprint":
+            return self._polygon(pixels, kind=self.settings.polygon_kind)
+        patches_world = self._patches(cluster, placed, self._outline(sighting, exposure))
+        corners, valid = self.camera.model.project(exposure.camera_from_world.apply(patches_world.reshape(-1, 3)))
+        seen = valid[0::4] & valid[1::4] & valid[2::4] & valid[3::4]
+        patches_px = corners.reshape(-1, 4, 2)[seen]
+        found = footprint_polygon(
+            patches_px,
+            width=self.camera.model.width,
+            height=self.camera.model.height,
+            solid=sighting.track.object_class in SOLID_CLASSES,
+        )
+        return self._polygon(pixels, kind="concave") if found is None else found
+
+    def _patches(
+        self, cluster: Cluster, placed: PlacedSweep, outline_world: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """(N, 4, 3) float64, m, world frame: the surface that the returns stand for; empty if too few tell."""
+        points_lidar = placed.sweep.points_lidar[cluster.rows]
+        grid = find_grid(points_lidar)
+        if grid is None:
+            return np.empty((0, 4, 3))
+        knot = np.searchsorted(placed.knots_ns, np.median(placed.times_ns[cluster.rows]))
+        patches = surface_patches(
+            points_lidar,
+            cluster.points_world,
+            world_from_lidar=placed.rotations[min(int(knot), len(placed.rotations) - 1)],
+            grid=grid,
+        )
+        if not len(outline_world):
+            return patches
+        slopes = slopes_of(points_lidar)
+        return reach_bounds(
+            patches,
+            at_lowest_beam=slopes < placed.lowest_slope + grid.row_step_rad / 2,
+            at_highest_beam=slopes > placed.highest_slope - grid.row_step_rad / 2,
+            bottom_m=float(outline_world[:, 2].min()),
+            top_m=float(outline_world[:, 2].max()),
+            clearance_m=self.settings.ground_clearance_m,
+        )
 
     def _polygon(self, pixels: NDArray[np.float64], *, kind: str) -> Polygon | None:
         return bounding_polygon(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -13,7 +15,20 @@ from bench.reference.sweeps import PlacedSweep
 SECOND_NS = 1_000_000_000
 
 
-def object_points(
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Cluster:
+    """The lidar returns of one object.
+
+    Attributes:
+        points_world: (K, 3) float64, m, where they were at exposure, world frame.
+        rows: (K,) intp, which points of the sweep they are.
+    """
+
+    points_world: NDArray[np.float64]
+    rows: NDArray[np.intp]
+
+
+def object_cluster(
     placed: PlacedSweep,
     state: ObjectState,
     *,
@@ -21,7 +36,8 @@ def object_points(
     world_from_vehicle: RigidTransform,
     exposure_ns: int,
     lowest_m: float = -np.inf,
-) -> NDArray[np.float64]:
+    clearance_m: float = 0.0,
+) -> Cluster:
     """The points on an object, moved to where they were at exposure.
 
     Each point is freed of the lidar's own motion by the lidar's pose at the point's own time, then moved with the
@@ -35,21 +51,21 @@ def object_points(
         world_from_vehicle: pose of the vehicle at the time of the annotation.
         exposure_ns: when the image was taken.
         lowest_m: points below this height in the vehicle frame are the road's; point indices are taken at their word.
-
-    Returns:
-        (K, 3) float64, m, world frame.
+        clearance_m: points less than this above the bottom of the shape are the ground's on which the object stands,
+            be it road or pavement.
     """
     velocity = np.nan_to_num(velocity_world_mps, nan=0.0)
     chosen = _candidates(placed, state, world_from_vehicle, float(np.linalg.norm(velocity)))
     times_ns = placed.times_ns[chosen]
     points = placed.points_world(chosen)
     if not len(points):
-        return points
+        return Cluster(points_world=points, rows=chosen)
     centre = _centre_world(state.shape, world_from_vehicle, points)
     moved = _carried(points, centre, velocity, state.yaw_rate_radps, (state.timestamp_ns - times_ns) / SECOND_NS)
-    belongs = _inside(state.shape, world_from_vehicle.inverse().apply(moved), lowest_m)
+    belongs = _inside(state.shape, world_from_vehicle.inverse().apply(moved), lowest_m, clearance_m)
     later = np.full(int(belongs.sum()), (exposure_ns - state.timestamp_ns) / SECOND_NS)
-    return _carried(moved[belongs], centre, velocity, state.yaw_rate_radps, later, forwards=True)
+    carried = _carried(moved[belongs], centre, velocity, state.yaw_rate_radps, later, forwards=True)
+    return Cluster(points_world=carried, rows=chosen[belongs])
 
 
 def surface_points(shape: ObjectShape, *, steps: int = 9) -> NDArray[np.float64]:
@@ -118,14 +134,17 @@ def _centre_world(
     return np.asarray(points_world.mean(axis=0))
 
 
-def _inside(shape: ObjectShape, points_vehicle: NDArray[np.float64], lowest_m: float) -> NDArray[np.bool_]:
+def _inside(
+    shape: ObjectShape, points_vehicle: NDArray[np.float64], lowest_m: float, clearance_m: float
+) -> NDArray[np.bool_]:
     above_road = points_vehicle[:, 2] >= lowest_m
     match shape:
         case Cuboid():
             local = shape.vehicle_from_object.inverse().apply(points_vehicle)
-            return np.asarray((np.abs(local) <= shape.size_m / 2).all(axis=1) & above_road)
+            above_ground = local[:, 2] >= clearance_m - shape.size_m[2] / 2
+            return np.asarray((np.abs(local) <= shape.size_m / 2).all(axis=1) & above_road & above_ground)
         case GroundPolygon():
             x, y, z = points_vehicle.T
             within = np.asarray(shapely.contains_xy(shapely.Polygon(shape.outline_m), x, y), dtype=bool)
-            return np.asarray(within & (z >= shape.bottom_m) & (z <= shape.top_m) & above_road)
+            return np.asarray(within & (z >= shape.bottom_m + clearance_m) & (z <= shape.top_m) & above_road)
     return np.ones(len(points_vehicle), dtype=bool)

@@ -9,6 +9,8 @@ from shapely import LineString, Polygon
 
 from bench.errors import UsageError
 
+FROM, TO = slice(None, -1), slice(1, None)  # the ends of a ring's edges
+
 
 def bounding_polygon(
     pixels: NDArray[np.float64], *, kind: str, concave_ratio: float, width: int, height: int
@@ -47,7 +49,7 @@ def rasterise(polygon: Polygon, *, width: int, height: int) -> tuple[tuple[slice
     and is off by a pixel where edges are cut by the border.
 
     Args:
-        polygon: in pixels (u, v), without holes.
+        polygon: in pixels (u, v); holes stay open.
         width: of the image, px.
         height: of the image, px.
 
@@ -59,8 +61,8 @@ def rasterise(polygon: Polygon, *, width: int, height: int) -> tuple[tuple[slice
     u0, u1 = max(int(np.ceil(left)), 0), min(int(np.floor(right)) + 1, width)
     v0, v1 = max(int(np.ceil(top)), 0), min(int(np.floor(bottom)) + 1, height)
     columns, rows = max(u1 - u0, 0), max(v1 - v0, 0)
-    corners = np.asarray(polygon.exterior.coords)[:, :2]
-    (start_u, start_v), (end_u, end_v) = corners[:-1].T, corners[1:].T
+    rings = [np.asarray(ring.coords)[:, :2] for ring in (polygon.exterior, *polygon.interiors)]
+    (start_u, start_v), (end_u, end_v) = (np.concatenate([ring[part] for ring in rings]).T for part in (FROM, TO))
     v = np.arange(v0, v0 + rows)[:, None]
     row, edge = np.nonzero((v >= start_v) != (v >= end_v))
     share = (row + v0 - start_v[edge]) / (end_v[edge] - start_v[edge])

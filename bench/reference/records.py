@@ -19,13 +19,14 @@ class Status(StrEnum):
 
 
 class Category(StrEnum):
-    """Kind of motion, in the order of the paper's table."""
+    """Kind of motion, in the order of the paper's table; then motion of which the data set does not tell the kind."""
 
     CROSSING = "crossing"
     OVERTAKING = "overtaking"
     PRECEDING = "preceding"
     APPROACHING = "approaching"
     STATIC_EGO = "static_ego"
+    MOVING = "moving"
 
 
 class Direction(StrEnum):

@@ -41,7 +41,8 @@ class ReferenceSettings:
         ground_clearance_m: points lower than this above the road are the road's, not an object's.
         min_points: objects with fewer visible lidar points are ignored.
         min_polygon_px: objects whose polygon has fewer pixels in V are ignored.
-        polygon_kind: "convex" (the paper's bounding polygon) or "concave".
+        polygon_kind: "convex" (the paper's bounding polygon), "concave" (a tighter hull of the points) or "footprint"
+            (the union of the surface that each point stands for; see `bench.reference.patches`).
         concave_ratio: tightness of the concave hull, 0 the tightest, 1 the convex hull.
         classes: object classes that are evaluated.
         categories: kinds of motion that are evaluated.

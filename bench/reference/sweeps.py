@@ -24,6 +24,9 @@ class PlacedSweep:
         knots_ns: (K,) int64, K >= 2.
         rotations: (K, 3, 3) float64, world_from_lidar.
         positions_m: (K, 3) float64, m.
+        lowest_slope: tangent of the elevation of the lowest point, seen from the lidar: that of the lowest beam,
+            which meets the road.
+        highest_slope: of its highest point: that of the highest beam that meets anything.
     """
 
     sweep: LidarSweep
@@ -31,6 +34,8 @@ class PlacedSweep:
     knots_ns: NDArray[np.int64]
     rotations: NDArray[np.float64]
     positions_m: NDArray[np.float64]
+    lowest_slope: float
+    highest_slope: float
 
     def points_world(self, rows: NDArray[np.intp] | slice = slice(None)) -> NDArray[np.float64]:
         """Points freed of the lidar's own motion, (K, 3) float64, m, world frame; each where it was at its own time."""
@@ -50,13 +55,22 @@ def place_sweep(sweep: LidarSweep, trajectory: Trajectory, vehicle_from_lidar: R
     rotations, positions_m, valid = trajectory.at(knots_ns)
     if not (len(knots_ns) and valid.all()):
         return None
+    slopes = slopes_of(sweep.points_lidar)
     return PlacedSweep(
         sweep=sweep,
         times_ns=times_ns,
         knots_ns=knots_ns,
         rotations=rotations @ vehicle_from_lidar.rotation,
         positions_m=rotations @ vehicle_from_lidar.translation_m + positions_m,
+        lowest_slope=float(slopes.min()),
+        highest_slope=float(slopes.max()),
     )
+
+
+def slopes_of(points_lidar: NDArray[np.floating]) -> NDArray[np.float64]:
+    """(N,) float64, tangent of the elevation of points, lidar frame."""
+    x, y, z = points_lidar.T.astype(np.float64)
+    return np.asarray(z / np.maximum(np.hypot(x, y), 1e-9))
 
 
 class SweepShelf:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bench.recordings import GroundPolygon, ObjectState, PointIndices
-from bench.reference.clusters import object_points, surface_points
+from bench.reference.clusters import object_cluster, surface_points
 from bench.reference.sweeps import place_sweep
 from tests.reference.drives import LIDAR, MS, Box, circle, sweep_of
 
@@ -14,14 +14,14 @@ EXPOSURE_NS = 40 * MS
 
 def cluster(box, trajectory, state, *, velocity=None, sweep=None):
     sweep = sweep or sweep_of([box], trajectory, 0)
-    return object_points(
+    return object_cluster(
         place_sweep(sweep, trajectory, LIDAR),
         state,
         velocity_world_mps=box.velocity_mps if velocity is None else velocity,
         world_from_vehicle=trajectory.world_from_vehicle(state.timestamp_ns),
         exposure_ns=EXPOSURE_NS,
         lowest_m=0.003,
-    )
+    ).points_world
 
 
 @pytest.mark.parametrize("state_ns", [-30 * MS, 0, 25 * MS])

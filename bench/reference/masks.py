@@ -1,0 +1,107 @@
+"""The reference of an image whose data set gives a mask of what moves instead of annotated objects."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from shapely import Polygon
+
+from bench.errors import DataError
+from bench.recordings.images import read_moving_mask
+from bench.recordings.records import ImageRef, MountedCamera
+from bench.reference.records import Category, IgnoreReason, ReferenceFrame, ReferenceObject, Status
+from bench.reference.settings import ReferenceSettings
+
+OBJECT_CLASS = "unknown"
+MOST_OBJECTS = 10_000
+
+
+def mask_reference(
+    image: ImageRef,
+    camera: MountedCamera,
+    *,
+    recording: str,
+    ego_speed_mps: float,
+    valid: NDArray[np.bool_],
+    settings: ReferenceSettings,
+) -> ReferenceFrame:
+    """Take each connected component of the mask (8-neighbours) for an object.
+
+    Things that touch in the image are one object, and a thing that is cut in two by another is two. Nothing is known of
+    their range, speed, class and kind of motion: the category is "moving", and protocols without it ignore them all.
+
+    Args:
+        image: with a mask.
+        camera: that took it.
+        recording: name.
+        ego_speed_mps: of the host, >= 0.
+        valid: (H, W) bool, the region V.
+        settings: of the protocol.
+
+    Raises:
+        DataError: a mask that cannot be read, of another size, or that is noise.
+    """
+    moving = read_moving_mask(image, camera) & valid
+    count, component, told, _ = cv2.connectedComponentsWithStats(moving.astype(np.uint8), connectivity=8)
+    if count - 1 > MOST_OBJECTS:
+        wanted = f"at most {MOST_OBJECTS} connected components"
+        raise DataError(image.moving_path or image.path, wanted=wanted, came=str(count - 1))
+    found = [_Component(component == number, int(told[number, cv2.CC_STAT_AREA])) for number in range(1, count)]
+    found.sort(key=lambda part: -part.area_px)  # stable: equal ones stay in the order of their first rows
+    objects = tuple(_judged(part, number, settings) for number, part in enumerate(found, start=1))
+    labels, ignored = np.zeros(valid.shape, dtype=np.int32), np.zeros(valid.shape, dtype=bool)
+    for number, (part, judged) in enumerate(zip(found, objects, strict=True), start=1):
+        if judged.status is Status.EVALUATED:
+            labels[part.covered] = number
+        else:
+            ignored |= part.covered
+    return ReferenceFrame(
+        recording=recording,
+        camera=image.camera,
+        timestamp_ns=image.timestamp_ns,
+        ego_speed_mps=ego_speed_mps,
+        objects=objects,
+        labels=labels,
+        ignored=ignored,
+        valid=valid,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Component:
+    covered: NDArray[np.bool_]
+    area_px: int
+
+
+def _judged(part: _Component, number: int, settings: ReferenceSettings) -> ReferenceObject:
+    reasons = {
+        IgnoreReason.CLASS: OBJECT_CLASS not in settings.classes,
+        IgnoreReason.CATEGORY: Category.MOVING not in settings.categories,
+        IgnoreReason.SMALL_POLYGON: part.area_px < settings.min_polygon_px,
+    }
+    reason = next((reason for reason, applies in reasons.items() if applies), None)
+    return ReferenceObject(
+        track_id=f"component-{number}",
+        object_class=OBJECT_CLASS,
+        status=Status.EVALUATED if reason is None else Status.IGNORED,
+        reason=reason,
+        category=Category.MOVING,
+        direction=None,
+        speed_mps=float("nan"),
+        range_m=float("nan"),
+        centroid_m=np.full(2, np.nan),
+        points=0,
+        polygon=_outline(part.covered),
+        polygon_px=part.area_px,
+        region_px=part.area_px if reason is None else 0,
+    )
+
+
+def _outline(covered: NDArray[np.bool_]) -> Polygon | None:
+    """The outer border through the centres of its pixels, to draw; None for what has no area."""
+    borders, _ = cv2.findContours(covered.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    corners = borders[0][:, 0, :].astype(np.float64)
+    return Polygon(corners) if len(corners) >= 3 else None

@@ -1,0 +1,168 @@
+"""From patches to pixels, from pixels to one polygon, and both in the reference of a drive."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from bench.lidar import LidarSweep
+from bench.recordings import SweepRef
+from bench.reference import ReferenceBuilder, Status
+from bench.reference.footprint import footprint_polygon, patch_pixels
+from bench.reference.neighbours import find_grid
+from bench.reference.polygons import rasterise
+from tests.reference.drives import LIDAR, Box, camera, circle, drive, with_settings
+
+SIZE = {"width": 64, "height": 48}
+UNIT = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float64)
+
+
+def squares(*corners, side=4.0):
+    """Patches by their upper left corner."""
+    return np.array([np.array(corner) + side * UNIT for corner in corners])
+
+
+def image_of(polygon):
+    image = np.zeros((SIZE["height"], SIZE["width"]), dtype=bool)
+    window, covered = rasterise(polygon, **SIZE)
+    image[window] = covered
+    return image
+
+
+def test_pixels_of_two_overlapping_patches_by_hand():
+    covered, corner = patch_pixels(squares((10.5, 20.5), (12.5, 20.5)), **SIZE)
+    assert np.argwhere(covered).min(axis=0).tolist() == [21 - corner[1], 11 - corner[0]]
+    assert covered.sum() == 4 * 6
+
+
+patch = st.tuples(
+    st.floats(-8, 70), st.floats(-8, 54), st.floats(1, 12), st.floats(1, 12), st.floats(-3, 3), st.booleans()
+)
+
+
+@given(st.lists(patch, min_size=1, max_size=8))
+def test_pixels_are_those_whose_centre_any_patch_covers_whichever_way_it_turns(boxes):
+    patches = np.array(
+        [
+            (np.array([u, v]) + UNIT * [wide, tall] + UNIT[:, ::-1] * [slant, 0])[:: -1 if flipped else 1]
+            for u, v, wide, tall, slant, flipped in boxes
+        ]
+    )
+    covered, (left, top) = patch_pixels(patches, **SIZE)
+    union = shapely.union_all(shapely.polygons(patches))
+    u, v = np.meshgrid(np.arange(covered.shape[1]) + left, np.arange(covered.shape[0]) + top)
+    assert covered[shapely.contains_xy(union.buffer(-1e-6), u, v)].all()
+    assert not covered[~shapely.contains_xy(union.buffer(1e-6), u, v)].any()
+
+
+def test_holes_stay_open_and_slits_of_a_pixel_are_closed():
+    ring = squares(*[(u, v) for u in (10.5, 14.5, 18.5) for v in (10.5, 14.5, 18.5) if (u, v) != (14.5, 14.5)])
+    polygon = footprint_polygon(ring, **SIZE)
+    assert len(polygon.interiors) == 1
+    assert image_of(polygon).sum() == 144 - 16
+    assert image_of(footprint_polygon(ring, **SIZE, solid=True)).sum() == 144
+    slit = footprint_polygon(squares((10.5, 10.5), (15.5, 10.5)), **SIZE)
+    assert image_of(slit).sum() == 9 * 4
+
+
+def test_parts_are_linked_by_a_hair_to_one_valid_polygon():
+    polygon = footprint_polygon(squares((10.5, 10.5), (30.5, 12.5)), **SIZE)
+    assert polygon.geom_type == "Polygon"
+    assert polygon.is_valid
+    image = image_of(polygon)
+    assert image[11:15, 11:15].all()
+    assert image[13:17, 31:35].all()
+    assert image.sum() <= 2 * 16 + 2
+
+
+@given(arrays(bool, (7, 9)))
+def test_the_polygon_gives_back_its_pixels(mask):
+    cells = [(u + 20 - 0.5, v + 20 - 0.5) for v, u in np.argwhere(mask)]
+    if not cells:
+        return
+    polygon = footprint_polygon(squares(*cells, side=1.0), **SIZE)
+    assert polygon.is_valid
+    assert image_of(polygon)[20:27, 20:29][mask].all()
+
+
+@pytest.mark.parametrize(
+    "patches", [np.empty((0, 4, 2)), squares((10.2, 10.2), side=0.5), squares((500, 10)), squares((-90, 10))]
+)
+def test_patches_that_cover_no_pixel_give_no_polygon(patches):
+    assert footprint_polygon(patches, **SIZE) is None
+
+
+def wall_recording(width_m=1.0, height_m=1.7, away_m=8.0, steps_deg=(0.1728, 0.42)):
+    """A standing host before a thin wall that slides sideways, scanned by a regular grid of beams."""
+    trajectory = circle(0.0, 0.0)
+    wall = Box((away_m, 0.4, height_m / 2), (0.02, width_m, height_m), (0.0, 1.0, 0.0))
+    columns = np.radians(np.arange(-40, 40, steps_deg[0]))
+    rows = np.radians(np.arange(-24.8, 2.0, steps_deg[1]))
+    azimuth, elevation = (angles.ravel() for angles in np.meshgrid(columns, rows))
+    rays = np.column_stack(
+        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+    )
+    rays_vehicle = LIDAR.rotate(rays)
+    points = rays * ((away_m - LIDAR.translation_m[0]) / rays_vehicle[:, 0])[:, None]
+    y, z = LIDAR.apply(points)[:, 1:].T
+    on_wall = (np.abs(y - 0.4) <= width_m / 2) & (z >= 0) & (z <= height_m)
+    sweep = LidarSweep(timestamp_ns=0, points_lidar=points[on_wall | (z < -0.01)])
+    recording = drive([wall], trajectory, exposures_ns=(0,))
+    ref = SweepRef(timestamp_ns=0, path=Path("0.npz"), reader=lambda *_: sweep)
+    ring = shapely.segmentize(shapely.box(0.4 - width_m / 2, 0.0, 0.4 + width_m / 2, height_m), 0.02).exterior.coords
+    outline = np.column_stack([np.full(len(ring), away_m), np.asarray(ring)])
+    mounted = camera()
+    truth = shapely.Polygon(mounted.model.project(mounted.vehicle_from_camera.inverse().apply(outline))[0])
+    return replace(recording, sweeps=(ref,)), truth
+
+
+@pytest.mark.parametrize("away_m", [6.0, 8.0, 11.0])
+def test_a_scanned_wall_is_covered_down_to_the_road_where_hulls_end_early(away_m):
+    recording, truth = wall_recording(away_m=away_m)
+    found = {}
+    for kind in ("convex", "concave", "footprint"):
+        settings = with_settings(polygon_kind=kind)
+        (wall,) = ReferenceBuilder(recording, "front", settings).build(recording.images["front"][0]).objects
+        assert wall.status is Status.EVALUATED
+        found[kind] = wall.polygon.intersection(truth).area / wall.polygon.union(truth).area
+        if kind == "footprint":  # no pixels to count beyond the true outline's border
+            assert wall.polygon.difference(truth.buffer(1.0)).area < 0.01 * truth.area
+    assert found["footprint"] > max(found["convex"], found["concave"])
+    assert found["footprint"] > 0.9
+
+
+def test_what_lies_above_the_highest_beam_goes_on_to_the_top_of_the_annotated_shape():
+    """A van of 2.6 m at 4 m from the lidar: beams rise by 2 degrees, so its upper half metre is never met."""
+    recording, truth = wall_recording(away_m=6.0, width_m=2.0, height_m=2.6)
+    frames = {
+        kind: ReferenceBuilder(recording, "front", with_settings(polygon_kind=kind)).build(recording.images["front"][0])
+        for kind in ("concave", "footprint")
+    }
+    shares = {kind: f.objects[0].polygon.intersection(truth).area / truth.area for kind, f in frames.items()}
+    assert shares["concave"] < 0.8
+    assert shares["footprint"] > 0.95
+
+
+def test_points_without_rows_fall_back_to_the_concave_hull():
+    recording, _ = wall_recording()
+    rows = np.arange(12)
+    zigzag = np.column_stack([np.full(12, 8.0), 0.4 + 0.08 * (rows % 2), 0.2 + 0.11 * rows])
+    points = LIDAR.inverse().apply(zigzag)
+    assert find_grid(points) is None
+    sweep = LidarSweep(timestamp_ns=0, points_lidar=points)
+    ref = SweepRef(timestamp_ns=0, path=Path("0.npz"), reader=lambda *_: sweep)
+    sparse = replace(recording, sweeps=(ref,))
+    polygons = [
+        ReferenceBuilder(sparse, "front", with_settings(polygon_kind=kind))
+        .build(sparse.images["front"][0])
+        .objects[0]
+        .polygon
+        for kind in ("concave", "footprint")
+    ]
+    assert polygons[0].area > 20
+    assert polygons[1].equals(polygons[0])

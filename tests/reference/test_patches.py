@@ -1,0 +1,103 @@
+"""What each return stands for: unbiased, open where the lidar saw through, closed over dropouts."""
+
+import numpy as np
+import pytest
+import shapely
+from shapely.affinity import scale
+
+from bench.reference.neighbours import find_grid
+from bench.reference.patches import reach_bounds, surface_patches
+from tests.reference.scans import SENSORS, footprint, iou, patches_of, scan
+
+ELLIPSE = scale(shapely.Point(0.2, -0.4).buffer(1.0, quad_segs=32), 0.45, 0.9)
+LEGS = shapely.box(-0.5, -1.0, -0.15, 0.6).union(shapely.box(0.15, -1.0, 0.5, 0.6))
+
+
+@pytest.mark.parametrize("name", SENSORS)
+def test_steps_between_columns_and_rows_are_found_from_the_points(name):
+    column, row = np.radians(SENSORS[name])
+    grid = find_grid(scan(shapely.box(-1.5, -1.5, 1.5, 1.5), steps_deg=SENSORS[name], jitter_rad=0.02 * column))
+    assert grid.column_step_rad == pytest.approx(column, rel=0.06)
+    assert np.median(grid.row_step_rad) == pytest.approx(row, rel=0.06)
+    inner = (grid.up >= 0) & (grid.down >= 0) & (grid.left >= 0) & (grid.right >= 0)
+    assert inner.mean() > 0.5
+
+
+def test_rows_that_lie_close_at_the_horizon_and_far_apart_below_leave_no_stripes():
+    box = shapely.box(-1.0, -2.0, 1.0, 0.5)
+    dense = scan(shapely.box(-1.0, -0.5, 1.0, 0.5), steps_deg=(0.2, 0.17))
+    sparse = scan(shapely.box(-1.0, -2.0, 1.0, -0.5), steps_deg=(0.2, 1.0))
+    assert footprint(np.vstack([dense, sparse])).area == pytest.approx(box.area, rel=0.05)
+
+
+@pytest.mark.parametrize("phase", [(0.0, 0.0), (0.4, 0.8), (0.7, 0.3)])
+@pytest.mark.parametrize("name", ["hdl-64e", "128 rows", "wide columns"])
+def test_the_area_of_a_scanned_ellipse_is_right_whatever_the_beams_and_where_they_fall(name, phase):
+    points = scan(ELLIPSE, steps_deg=SENSORS[name], phase=phase)
+    found, hull = footprint(points), shapely.MultiPoint(points[:, 1:]).convex_hull
+    assert hull.area < ELLIPSE.area
+    assert found.area == pytest.approx(ELLIPSE.area, rel=0.06)
+    assert iou(found, ELLIPSE) > max(0.90, iou(hull, ELLIPSE) - 0.01)
+
+
+def test_a_rectangle_is_right_on_average_over_where_the_beams_fall():
+    box, hulls, areas = shapely.box(-0.4, -0.9, 0.4, 0.8), [], []
+    for phase in np.random.default_rng(3).random((12, 2)):
+        points = scan(box, steps_deg=SENSORS["hdl-64e"], phase=phase)
+        areas.append(footprint(points).area / box.area)
+        hulls.append(shapely.MultiPoint(points[:, 1:]).convex_hull.area / box.area)
+    assert np.mean(areas) == pytest.approx(1.0, abs=0.01)
+    assert np.mean(hulls) < 0.96
+
+
+def test_the_gap_between_two_legs_stays_open():
+    found = footprint(scan(LEGS, steps_deg=SENSORS["hdl-64e"]))
+    assert found.intersection(shapely.box(-0.1, -1.0, 0.1, 0.6)).area == 0
+    assert iou(found, LEGS) > 0.93
+
+
+def test_one_missing_return_in_five_leaves_the_area_as_it_is():
+    points = scan(ELLIPSE, steps_deg=SENSORS["hdl-64e"])
+    kept = np.random.default_rng(1).random(len(points)) > 0.2
+    assert footprint(points[kept]).area == pytest.approx(ELLIPSE.area, rel=0.06)
+
+
+def test_two_surfaces_one_behind_the_other_are_not_joined():
+    """Seen along x they touch; a patch from one to the other would hang in the air between them."""
+    near = scan(shapely.box(-0.5, -0.5, 0.0, 0.5), steps_deg=SENSORS["hdl-64e"], distance_m=6.0)
+    far = scan(shapely.box(0.0, -0.6, 0.6, 0.6), steps_deg=SENSORS["hdl-64e"], distance_m=8.0)
+    depths = patches_of(np.vstack([near, far]))[:, :, 0]
+    assert np.abs(depths - np.round(depths)).max() < 0.05
+
+
+def test_the_order_of_points_and_a_turn_of_the_sensor_do_not_matter():
+    points = scan(ELLIPSE, steps_deg=SENSORS["hdl-64e"], jitter_rad=1e-4)
+    area = footprint(points).area
+    assert footprint(np.random.default_rng(2).permutation(points)).area == pytest.approx(
+        area, rel=0.005
+    )  # other returns tell the step
+    backwards = np.diag([-1.0, -1.0, 1.0])  # the cluster now lies across the jump of the azimuth
+    turned = surface_patches(points @ backwards, points, world_from_lidar=backwards, grid=find_grid(points @ backwards))
+    assert shapely.union_all(shapely.polygons(turned[:, :, 1:])).area == pytest.approx(area, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    "points", [np.empty((0, 3)), [(5, 0, 0)], [(5, 0, 0.1), (5, 0, 0.2), (5, 0, 0.3)], [(5, 1, 0)] * 4]
+)
+def test_returns_that_do_not_lie_beside_each_other_have_no_grid(points):
+    assert find_grid(np.array(points, dtype=np.float64).reshape(-1, 3)) is None
+
+
+def test_patches_reach_the_ground_and_the_ends_of_the_lidars_field_only_where_it_is_due():
+    patch = np.array([[5, 0.1, 0.5], [5, -0.1, 0.5], [5, -0.1, 0.3], [5, 0.1, 0.3]])
+    low = patch - [0, 0, 0.26]
+    no = np.array([False, False])
+    bounds = {"bottom_m": 0.0, "top_m": 1.8, "clearance_m": 0.05}
+    found = reach_bounds(np.stack([patch, low]), at_lowest_beam=no, at_highest_beam=no, **bounds)
+    np.testing.assert_array_equal(found[0], patch)  # a bumper: the lidar saw the road below it
+    np.testing.assert_allclose(found[1, :, 2], [0.24, 0.24, 0.0, 0.0])  # a shoe
+    found = reach_bounds(
+        np.stack([patch, patch]), at_lowest_beam=~no, at_highest_beam=np.array([False, True]), **bounds
+    )
+    np.testing.assert_allclose(found[:, :, 2], [[0.5, 0.5, 0, 0], [1.8, 1.8, 0, 0]])
+    np.testing.assert_array_equal(found[:, :, :2], np.stack([patch, patch])[:, :, :2])
