@@ -1,0 +1,169 @@
+"""What an audit comes to, as `audit.json` stores it."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict
+
+from bench.evaluation import FalsePositiveFigures, ObjectFigures
+from bench.evaluation.summary import ProtocolStamp, Ratio
+from bench.harness.provenance import Provenance
+from bench.harness.stored import MethodStamp
+
+ALL = "all"
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Quartiles(_Part):
+    """The quarter, half and three quarters of the values lie below; NaN, null in JSON, without values."""
+
+    low: Ratio
+    median: Ratio
+    high: Ratio
+
+
+class PolygonFigures(_Part):
+    """How well the polygons of one slice fit; the measures are those of `RegionFit`.
+
+    Attributes:
+        kind: of polygon.
+        compensation: of the motion between lidar and camera.
+        object_class: or "all".
+        range_m: bin, or "all".
+        object_frames: how many.
+    """
+
+    kind: str
+    compensation: str
+    object_class: str
+    range_m: str
+    object_frames: int
+    iou: Quartiles
+    area_error: Quartiles
+    missing: Quartiles
+    surplus: Quartiles
+    boundary_px: Quartiles
+    centroid_px: Quartiles
+    filled_iou: Quartiles
+    solid: Quartiles
+
+
+class Aim(_Part):
+    """Whether a kind of polygon is good enough for a class.
+
+    Attributes:
+        kind: of polygon, with full compensation.
+        object_class: of the objects, within `within_m`.
+        within_m: range.
+        object_frames: how many.
+        median_iou: of them; NaN, null in JSON, without any.
+        median_filled_iou: the same with masks whose holes are filled.
+        wanted: least median.
+        met: whether it is; None without object-frames.
+    """
+
+    kind: str
+    object_class: str
+    within_m: float
+    object_frames: int
+    median_iou: Ratio
+    median_filled_iou: Ratio
+    wanted: float
+    met: bool | None
+
+
+class Scores(_Part):
+    """The evaluation's figures of one `Scoring`."""
+
+    categories: dict[str, ObjectFigures]
+    all_moving: ObjectFigures
+    false_positives: FalsePositiveFigures
+
+
+class MissFigures(_Part):
+    """Cells of one kind of motion, on the exact masks.
+
+    Attributes:
+        category: or "all".
+        object_frames: evaluated ones that fill a cell.
+        cells: of them; equal to `hit + sum(causes.values())`.
+        hit: found.
+        hit_by_error: of `hit`, where the exact flow fires nothing: found through an error of flow or ego-motion.
+        causes: cells that are missed, by `MissCause`.
+        flow_error_px: median flow error on each object-frame's visible cells, px.
+    """
+
+    category: str
+    object_frames: int
+    cells: int
+    hit: int
+    hit_by_error: int
+    causes: dict[str, int]
+    flow_error_px: Quartiles
+
+    @property
+    def missed(self) -> int:
+        """Cells that are not found."""
+        return self.cells - self.hit
+
+
+class FalseAlarmFigures(_Part):
+    """Cells of the static world.
+
+    Attributes:
+        images: that were looked at.
+        cells: in V, on nothing that moves.
+        flagged: of them; equal to `sum(causes.values())`.
+        causes: by `FalseCause`.
+        flow_error_px: median flow error on each image's visible static cells, px.
+    """
+
+    images: int
+    cells: int
+    flagged: int
+    causes: dict[str, int]
+    flow_error_px: Quartiles
+
+
+class AuditSummary(_Part):
+    """`audit.json`.
+
+    Attributes:
+        schema_version: of this file.
+        dataset: name of the data set.
+        card: its file, as it was named.
+        split: of it; None for all.
+        recordings: audited.
+        method: whose detections are scored.
+        protocol: that says which object-frames count.
+        polygon_kinds: the protocol's own first.
+        polygons: by kind, compensation, class and range.
+        aims: for the kinds that are meant to follow the outline.
+        not_seen: evaluated object-frames of which the camera sees no pixel; they are in none of the figures.
+        scores: by `Scoring`.
+        misses: by kind of motion, then "all"; empty without exact flow.
+        false_alarms: None without exact flow.
+        left_out: why there is no exact flow; empty where there is.
+        failures: one line per recording or image that could not be used.
+        provenance: where the audit comes from.
+    """
+
+    schema_version: int
+    dataset: str
+    card: str
+    split: str | None
+    recordings: int
+    method: MethodStamp
+    protocol: ProtocolStamp
+    polygon_kinds: tuple[str, ...]
+    polygons: tuple[PolygonFigures, ...]
+    aims: tuple[Aim, ...]
+    not_seen: int
+    scores: dict[str, Scores]
+    misses: tuple[MissFigures, ...]
+    false_alarms: FalseAlarmFigures | None
+    left_out: str
+    failures: tuple[str, ...]
+    provenance: Provenance

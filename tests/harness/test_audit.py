@@ -1,0 +1,215 @@
+"""A whole audit of a small rendered data set."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from bench.errors import DataError, UsageError
+from bench.evaluation import load_protocol
+from bench.harness import run_benchmark
+from bench.harness.audit import AuditSummary, Compensation, Scoring, read_audit, read_polygons, run_audit
+from bench.methods import build_method
+from bench.recordings import load_card
+from tests.cli.test_commands import call
+
+TABLES = ("polygons.parquet", "scores.parquet", "misses.parquet", "false_alarms.parquet")
+PAPER = load_protocol("paper-v1")
+
+
+def audited(card: Path, out: Path, *, method: str = "spherical", **options: object) -> AuditSummary:
+    return run_audit(load_card(card), method=build_method(method), protocol=PAPER, out=out, **options)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def folder(tiny_card: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("audit") / "tiny"
+    audited(tiny_card, out)
+    return out
+
+
+@pytest.fixture(scope="module")
+def audit(folder: Path) -> AuditSummary:
+    return read_audit(folder)
+
+
+def copied(tiny_card: Path, folder: Path) -> Path:
+    return shutil.copytree(tiny_card.parent, folder / "datasets") / tiny_card.name
+
+
+def test_everything_is_audited(audit: AuditSummary):
+    assert audit.failures == ()
+    assert audit.left_out == ""
+    assert audit.recordings == 3
+    assert set(audit.scores) == {scoring.value for scoring in Scoring}
+    assert audit.polygon_kinds[0] == "convex"
+    assert "concave" in audit.polygon_kinds
+
+
+def test_scores_against_lidar_polygons_are_the_benchmark(audit: AuditSummary, tiny_card: Path, tmp_path: Path):
+    run = run_benchmark(load_card(tiny_card), method=build_method("spherical"), protocol=PAPER, out=tmp_path / "run")
+    assert audit.not_seen == 0
+    found = audit.scores[Scoring.LIDAR]
+    assert found.categories == run.categories
+    assert found.false_positives == run.false_positives
+
+
+def test_every_scoring_is_over_the_same_object_frames(folder: Path):
+    rows = pq.read_table(folder / "scores.parquet").to_pandas()
+    rows = rows[rows["status"] == "evaluated"]
+    keys = ["recording", "camera", "timestamp_ns", "track_id", "category"]
+    sets = [set(part[keys].itertuples(index=False, name=None)) for _, part in rows.groupby("scoring")]
+    assert len(sets) == len(Scoring)
+    assert all(other == sets[0] for other in sets)
+    assert len(sets[0]) > 5
+
+
+def test_perfect_cells_bound_the_method_with_exact_flow(audit: AuditSummary):
+    exact, cells = (audit.scores[scoring] for scoring in (Scoring.EXACT_FLOW, Scoring.CELLS))
+    assert cells.all_moving.detection_rate.value == 1
+    assert cells.all_moving.tpr_all.value > 0.7
+    # All but a bound: a static cell that anti-parallel flags may hold some pixels of an object.
+    assert exact.all_moving.tpr_all.value < cells.all_moving.tpr_all.value + 0.02
+    assert exact.all_moving.iou.value < cells.all_moving.iou.value + 0.02
+    assert exact.false_positives.coverage.value < 0.2 * audit.scores[Scoring.MASKS].false_positives.coverage.value
+
+
+def test_polygons_of_every_kind_and_compensation_are_compared(folder: Path, audit: AuditSummary):
+    rows = read_polygons(folder).to_pandas()
+    assert set(rows["kind"]) == set(audit.polygon_kinds)
+    assert set(rows["compensation"]) == {compensation.value for compensation in Compensation}
+    full = rows[rows["compensation"] == Compensation.FULL.value]
+    assert full.groupby("kind").size().nunique() == 1
+    median = full.groupby("kind")["iou"].median()
+    assert (median > 0.4).all()
+    assert (median <= 1).all()
+    bound = full["mask_px"] + full["region_px"]
+    overlap = (full["mask_px"] * (1 - full["missing"])).round()
+    assert (full["iou"] - overlap / (bound - overlap)).abs().max() < 1e-9
+
+
+def test_shares_add_up(audit: AuditSummary):
+    for row in audit.misses:
+        assert row.cells == row.hit + sum(row.causes.values())
+        assert row.hit_by_error <= row.hit
+    *categories, every = audit.misses
+    assert every.cells == sum(row.cells for row in categories) > 100
+    assert audit.false_alarms is not None
+    assert audit.false_alarms.flagged == sum(audit.false_alarms.causes.values()) > 0
+    assert audit.false_alarms.causes["other_constraint"] == 0  # a static point obeys epipolar plane and depth
+
+
+def test_processes_change_nothing(folder: Path, tiny_card: Path, tmp_path: Path):
+    audited(tiny_card, tmp_path / "again", workers=2)
+    for name in TABLES:
+        assert pq.read_table(tmp_path / "again" / name).equals(pq.read_table(folder / name)), name
+    first, second = (
+        read_audit(place).model_dump_json(exclude={"provenance"}) for place in (folder, tmp_path / "again")
+    )
+    assert first == second
+
+
+def test_some_recordings_are_spread_over_the_data_set(tiny_card: Path, tmp_path: Path):
+    found = audited(tiny_card, tmp_path / "some", recordings=1, method="everything")
+    assert found.recordings == 1
+    with pytest.raises(UsageError, match="--recordings: wanted at least 1"):
+        audited(tiny_card, tmp_path / "none", recordings=0)
+    with pytest.raises(UsageError, match="--workers: wanted at least 1"):
+        audited(tiny_card, tmp_path / "none", workers=0)
+
+
+def test_another_method_is_scored_but_not_explained(tiny_card: Path, tmp_path: Path):
+    found = audited(tiny_card, tmp_path / "everything", method="everything", recordings=1)
+    assert set(found.scores) == {Scoring.LIDAR, Scoring.MASKS}
+    assert found.scores[Scoring.MASKS].all_moving.tpr_all.value == 1
+    assert "does not take flow from outside" in found.left_out
+    assert (found.misses, found.false_alarms) == ((), None)
+
+
+def test_without_a_scenario_there_is_no_exact_flow(tiny_card: Path, tmp_path: Path):
+    card = copied(tiny_card, tmp_path)
+    card.write_text(card.read_text().replace("scenario:", "source:"))
+    found = audited(card, tmp_path / "out", recordings=1)
+    assert "names no scenario" in found.left_out
+    assert found.polygons
+    assert found.failures == ()
+
+
+def test_without_masks_there_is_nothing_to_compare(tiny_card: Path, tmp_path: Path):
+    card = copied(tiny_card, tmp_path)
+    card.write_text(card.read_text().replace("scenario:", "source:"))
+    for folder in (card.parent / "data" / "tiny").glob("*/truth/front"):
+        shutil.rmtree(folder)
+    with pytest.raises(DataError, match=r"wanted rendered masks .* audit a rendered data set"):
+        audited(card, tmp_path / "out")
+
+
+def test_a_scene_that_was_not_rendered_is_refused(tiny_card: Path, tmp_path: Path):
+    card = copied(tiny_card, tmp_path)
+    scenario = card.parent / "tiny.scenario.yaml"
+    text = scenario.read_text()
+    assert "position_m: [8.0, 0.8]" in text
+    scenario.write_text(text.replace("position_m: [8.0, 0.8]", "position_m: [8.0, 1.1]"))
+    found = audited(card, tmp_path / "out", split="moving")
+    (failure,) = found.failures
+    assert "recording 'crossing', camera 'front', without exact flow" in failure
+    assert "render the data set again" in failure
+    assert found.scores[Scoring.EXACT_FLOW].false_positives.frames == 4
+    assert found.scores[Scoring.LIDAR].false_positives.frames == 8
+    assert set(pq.read_table(tmp_path / "out" / "misses.parquet")["recording"].to_pylist()) == {"overtaking"}
+
+
+def test_images_that_cannot_be_used_are_reported(tiny_card: Path, tmp_path: Path):
+    card = copied(tiny_card, tmp_path)
+    card.write_text(card.read_text().replace("scenario:", "source:"))
+    image = sorted((card.parent / "data" / "tiny" / "crossing" / "truth" / "front").iterdir())[2]
+    image.write_bytes(image.read_bytes()[:100])
+    found = audited(card, tmp_path / "out", split="moving")
+    assert any("cut short" in failure and image.name in failure for failure in found.failures)
+    assert found.scores[Scoring.LIDAR].false_positives.frames == 7
+
+
+def test_a_damaged_audit_is_refused(folder: Path, tmp_path: Path):
+    with pytest.raises(DataError, match="wanted the figures of an audit"):
+        read_audit(tmp_path)
+    text = (folder / "audit.json").read_text()
+    (tmp_path / "audit.json").write_text(text.replace('"recordings": 3', '"recordings": "many"'))
+    with pytest.raises(DataError, match="recordings"):
+        read_audit(tmp_path)
+    (tmp_path / "polygons.parquet").write_bytes(b"no table")
+    with pytest.raises(DataError, match="wanted a table of an audit"):
+        read_polygons(tmp_path)
+
+
+def test_the_command_prints_the_tables_and_leaves_the_files(monkeypatch, capsys, tiny_card, tmp_path):
+    out = tmp_path / "audit"
+    assert call(monkeypatch, "audit", tiny_card, "--out", out, "--split", "moving", "--set", "threshold=0.01") == 0
+    shown = capsys.readouterr().out
+    for text in (
+        "How well the reference polygons",
+        "NOT MET",
+        "lidar polygons",
+        "Why cells of moving",
+        "flow: elsewhere",
+    ):
+        assert text in shown
+    for name in ("audit.json", "audit.md", "audit.csv", "fit.png", "examples-pedestrian.png", "causes-crossing.png"):
+        assert (out / name).stat().st_size > 100
+        assert str(out / name) in shown
+
+
+def test_the_command_tells_a_mistake_in_one_line(monkeypatch, capsys, tiny_card, tmp_path):
+    assert call(monkeypatch, "audit", tiny_card, "--out", tmp_path / "audit", "--split", "test") == 2
+    shown = capsys.readouterr().err
+    assert "known are all, moving" in shown
+    assert shown.count("\n") == 1
+
+
+def test_no_recording_is_asked_twice(folder: Path):
+    table: pa.Table = pq.read_table(folder / "false_alarms.parquet")
+    assert len(table) == 3 * 4
+    assert len({tuple(row.values()) for row in table.select(["recording", "timestamp_ns"]).to_pylist()}) == 12

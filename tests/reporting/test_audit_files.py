@@ -1,0 +1,138 @@
+"""Tables and pictures of an audit."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from bench.errors import UsageError
+from bench.evaluation import load_protocol
+from bench.harness.audit import (
+    AuditSummary,
+    MissCause,
+    audit_sources,
+    explain_image,
+    read_audit,
+    read_misses,
+    read_polygons,
+    run_audit,
+)
+from bench.methods import build_method
+from bench.recordings import load_card, open_dataset
+from bench.reporting.audit_cause_pictures import worst_images, write_cause_pictures
+from bench.reporting.audit_files import write_audit_files
+from bench.reporting.audit_pictures import example_rows, write_examples
+from bench.reporting.audit_tables import audit_tables
+from bench.reporting.audit_text import to_csv, to_markdown, to_rich
+
+METHOD = build_method("spherical", {"threshold": 0.01})  # so that something is missed
+
+
+@pytest.fixture(scope="module")
+def folder(tiny_card: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("audit")
+    run_audit(load_card(tiny_card), method=METHOD, protocol=load_protocol("paper-v1"), out=out)
+    return out
+
+
+@pytest.fixture(scope="module")
+def audit(folder: Path) -> AuditSummary:
+    return read_audit(folder)
+
+
+def test_markdown_holds_every_table_in_full(audit: AuditSummary):
+    text = to_markdown(audit)
+    tables = audit_tables(audit)
+    assert [line[3:] for line in text.splitlines() if line.startswith("## ")] == [t.sheet.title for t in tables]
+    for table in tables:
+        assert table.note in text
+        assert all(len(row) == len(table.sheet.headings) for row in table.sheet.rows)
+        assert all(f"| {' | '.join(row)} |" in text for row in table.sheet.rows)
+
+
+def test_shares_of_a_line_are_100_percent(audit: AuditSummary):
+    misses, false = audit_tables(audit)[-2:]
+    first = misses.sheet.headings.index("by error %") + 1
+    rows = [row for row in misses.sheet.rows if row[first] != "n/a"]  # where something is missed
+    assert rows
+    for row in rows:
+        assert sum(map(float, row[first : first + len(MissCause)])) == pytest.approx(100, abs=0.4)
+    assert sum(map(float, false.sheet.rows[0][3:-1])) == pytest.approx(100, abs=0.4)
+
+
+def test_csv_holds_the_figures_at_full_precision(audit: AuditSummary):
+    rows = list(csv.DictReader(io.StringIO(to_csv(audit))))
+    assert {row["table"] for row in rows} == {"polygons", "scores", "misses", "false_alarms"}
+    wanted = audit.polygons[0]
+    found = next(
+        row
+        for row in rows
+        if (row["kind"], row["compensation"], row["slice"], row["range_m"], row["figure"])
+        == (wanted.kind, wanted.compensation, wanted.object_class, wanted.range_m, "iou.median")
+    )
+    assert float(found["value"]) == wanted.iou.median
+    assert "nan" not in {row["value"] for row in rows}
+
+
+def test_the_terminal_cuts_nothing(audit: AuditSummary):
+    console = Console(width=110, record=True, file=io.StringIO())
+    for table, note in to_rich(audit):
+        console.print(table)
+        console.print(note, markup=False)
+    shown = console.export_text()
+    assert "…" not in shown
+    assert "How well the reference polygons" in shown
+    assert "blind: above horizon" in shown
+
+
+def test_files_are_the_same_every_time(folder: Path, tmp_path: Path):
+    first = {file: file.read_bytes() for file in write_audit_files(folder)}
+    assert {file.name for file in first} == {"audit.json", "audit.md", "audit.csv", "fit.png", "fit.svg"}
+    assert all(len(content) > 500 for content in first.values())
+    assert {file: file.read_bytes() for file in write_audit_files(folder)} == first
+
+
+def test_examples_are_the_median_and_the_worst_of_a_class(folder: Path, audit: AuditSummary, tiny_card: Path):
+    polygons = read_polygons(folder)
+    found = example_rows(polygons, kind="convex")
+    rows = polygons.to_pandas()
+    rows = rows[(rows["kind"] == "convex") & (rows["compensation"] == "full")]
+    for name, examples in found.items():
+        iou = rows[rows["object_class"] == name]["iou"]
+        assert examples["worst"]["iou"] == iou.min()
+        assert (iou < examples["median"]["iou"]).sum() == len(iou) // 2
+    handles = {handle.name: handle for handle in open_dataset(load_card(tiny_card))}
+    files = write_examples(folder, audit, polygons, handles=handles, protocol=load_protocol("paper-v1"))
+    assert {file.name for file in files} == {f"examples-{name}.{kind}" for name in found for kind in ("png", "svg")}
+    assert all(file.stat().st_size > 1000 for file in files)
+
+
+def test_causes_are_drawn_where_most_is_missed(folder: Path, tiny_card: Path):
+    misses, rules = read_misses(folder), load_protocol("paper-v1")
+    found = worst_images(misses)
+    rows = misses.to_pandas()
+    rows["missed"] = rows["cells"] - rows["hit"]
+    assert set(found) == set(rows.loc[rows["missed"] > 0, "category"])
+    sources = {
+        source.recorded.name: source for source in audit_sources(load_card(tiny_card), split=None, recordings=None)
+    }
+    for category, (recording, camera, timestamp_ns) in found.items():
+        row = rows[(rows["recording"] == recording) & (rows["timestamp_ns"] == timestamp_ns)]
+        assert row["missed"].max() == rows.loc[rows["category"] == category, "missed"].max()
+        explained = explain_image(
+            sources[recording], camera=camera, timestamp_ns=timestamp_ns, method=METHOD, protocol=rules
+        )
+        assert explained.hit.sum() == row["hit"].sum()
+        assert {cause.value: cells.sum() for cause, cells in explained.missed.items()} == {
+            cause.value: row[cause.value].sum() for cause in MissCause
+        }
+    files = write_cause_pictures(folder, misses, sources=sources, method=METHOD, protocol=rules)
+    assert len(files) == 2 * len(found) > 0
+    with pytest.raises(UsageError, match="wanted the method 'spherical'"):
+        explain_image(
+            sources["crossing"], camera="front", timestamp_ns=0, method=build_method("nothing"), protocol=rules
+        )
