@@ -1,10 +1,21 @@
-"""Dense optical flow and its average on cells.
+"""Dense optical flow, its average on cells, and sparse tracks.
 
 Flow is asked for **from the current image to the previous one**: the pixel x of the current image was at
-`x + flow[x]` in the previous image. So whatever is computed from it belongs to the current image.
+`x + flow[x]` in the previous image. So whatever is computed from it belongs to the current image. Tracks likewise
+start at corners of the current image and go back in time.
 """
 
 from bench.flow.cells import cell_mean
 from bench.flow.dense import DENSE_FLOWS, DenseFlow, DisFlow, FarnebackFlow, dense_flow
+from bench.flow.tracks import LucasKanadeTracker, Tracks
 
-__all__ = ["DENSE_FLOWS", "DenseFlow", "DisFlow", "FarnebackFlow", "cell_mean", "dense_flow"]
+__all__ = [
+    "DENSE_FLOWS",
+    "DenseFlow",
+    "DisFlow",
+    "FarnebackFlow",
+    "LucasKanadeTracker",
+    "Tracks",
+    "cell_mean",
+    "dense_flow",
+]

@@ -5,7 +5,16 @@ A method is given consecutive images, calibration and ego-motion, never annotati
 `fisheye_bench.methods`.
 """
 
-from bench.methods.contract import Method, MethodInput, Segmentation
-from bench.methods.registry import METHODS, build_method, known_methods
+from bench.methods.contract import Method, MethodInput, Segmentation, UnansweredImage
+from bench.methods.registry import METHODS, build_method, describe_method, known_methods
 
-__all__ = ["METHODS", "Method", "MethodInput", "Segmentation", "build_method", "known_methods"]
+__all__ = [
+    "METHODS",
+    "Method",
+    "MethodInput",
+    "Segmentation",
+    "UnansweredImage",
+    "build_method",
+    "describe_method",
+    "known_methods",
+]

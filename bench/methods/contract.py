@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
@@ -19,21 +20,29 @@ class MethodInput:
     """Consecutive images with calibration and ego-motion; never annotations.
 
     Attributes:
-        images: `history + 1` images, oldest first, the current one last; (H, W) uint8 grey, or (H, W, 3) uint8 BGR for
-            methods that ask for colour.
+        images: `history + 1` images, oldest first, the current one last, and more for methods that can use more; (H, W)
+            uint8 grey, or (H, W, 3) uint8 BGR for methods that ask for colour.
         timestamps_ns: one per image.
         camera: the lens, at the images' size.
         road: the road below the camera.
-        current_from_previous: camera motion of each consecutive pair, oldest pair first; `history` of them.
+        current_from_previous: camera motion of each consecutive pair, oldest pair first; one fewer than images.
         valid: (H, W) bool; inside the lens's field and off the host's own body.
+        recording: name of the recording; empty where nobody says.
+        camera_name: name of the camera; empty where nobody says.
     """
 
-    images: tuple[NDArray[np.uint8], ...]
+    images: Sequence[NDArray[np.uint8]]
     timestamps_ns: tuple[int, ...]
     camera: CameraModel
     road: RoadPlane
     current_from_previous: tuple[RigidTransform, ...]
     valid: NDArray[np.bool_]
+    recording: str = ""
+    camera_name: str = ""
+
+
+class UnansweredImage(Exception):  # noqa: N818 - it is not an error
+    """A method has nothing to say on an image, for a reason that is nobody's fault; the image stays unscored."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -47,6 +56,8 @@ class Segmentation:
         undefined: (rows, columns) bool; where the method could not say and so says static; None for nowhere.
         causes: names of what can flag a cell, for example the constraints; empty for a method without any.
         cause: (rows, columns) uint8, index into `causes` of the largest contribution; None without causes.
+        likelihood_is_score: the likelihood is a score in [0, 1], for example a network's, not the paper's mean of
+            angles; it decides the bins of histograms and the scale of pictures.
         parts: named (rows, columns) float arrays to look at, for example the single deviations and the flow.
     """
 
@@ -57,6 +68,7 @@ class Segmentation:
     causes: tuple[str, ...] = ()
     cause: NDArray[np.uint8] | None = None
     parts: dict[str, NDArray[np.float32]] | None = None
+    likelihood_is_score: bool = False
 
     def mask_at(self, width: int, height: int) -> NDArray[np.bool_]:
         """The mask at every pixel of the image: (height, width) bool."""
@@ -86,6 +98,13 @@ class Method(Protocol):
         name: as the registry knows it.
         history: earlier images that it needs, at least 1 for anything that moves.
         colour: whether it wants BGR instead of grey images.
+
+    A method that can use more images than it needs may also have an attribute `longest_history`; it is then given up to
+    so many earlier ones, fewer at the start of a drive, after a gap and after an image that cannot be read. So it is
+    scored on the same images as a method that needs `history`, wherever a drive is cut into pieces.
+
+    A method that does without images may also have an attribute `reads_images = False`; they are then read only if it,
+    or somebody who draws a picture, looks at them.
     """
 
     name: str

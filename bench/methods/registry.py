@@ -6,6 +6,7 @@ import inspect
 from collections.abc import Mapping
 from importlib import import_module
 from importlib.metadata import entry_points
+from typing import Any
 
 from bench.errors import UnknownNameError, UsageError
 from bench.methods.contract import Method
@@ -14,8 +15,19 @@ ENTRY_POINTS = "fisheye_bench.methods"
 
 METHODS = {
     "spherical": "bench.methods.spherical.method:SphericalMethod",
-    "nothing": "bench.methods.baselines:Nothing",
-    "everything": "bench.methods.baselines:Everything",
+    "spherical-sparse": "bench.methods.spherical.sparse:SparseSphericalMethod",
+    "spherical-visual-odometry": "bench.methods.spherical.visual:VisualOdometryMethod",
+    "epipolar-only": "bench.methods.spherical.single:EpipolarOnly",
+    "positive-depth-only": "bench.methods.spherical.single:PositiveDepthOnly",
+    "positive-height-only": "bench.methods.spherical.single:PositiveHeightOnly",
+    "anti-parallel-only": "bench.methods.spherical.single:AntiParallelOnly",
+    "three-view-only": "bench.methods.spherical.sparse:ThreeViewOnly",
+    "flow-magnitude": "bench.methods.baselines.flow_angle:FlowMagnitude",
+    "rotation-compensated-flow": "bench.methods.baselines.flow_angle:RotationCompensatedFlow",
+    "frame-difference": "bench.methods.baselines.frame_difference:FrameDifference",
+    "background-subtraction": "bench.methods.baselines.background:BackgroundSubtraction",
+    "nothing": "bench.methods.baselines.ends:Nothing",
+    "everything": "bench.methods.baselines.ends:Everything",
 }
 
 
@@ -23,6 +35,18 @@ def known_methods() -> dict[str, str]:
     """Name -> "module:Class" of the package's methods and of those that installed packages add."""
     added = {point.name: point.value for point in entry_points(group=ENTRY_POINTS)}
     return added | METHODS
+
+
+def describe_method(place: str) -> str:
+    """What a method is, in one line: the first of its class's docstring.
+
+    Args:
+        place: "module:Class".
+
+    Raises:
+        UsageError: nothing to import there.
+    """
+    return next(iter((inspect.getdoc(_imported(place, place)) or "").splitlines()), "")
 
 
 def build_method(name: str, parameters: Mapping[str, object] | None = None) -> Method:
@@ -39,14 +63,18 @@ def build_method(name: str, parameters: Mapping[str, object] | None = None) -> M
     known = known_methods()
     if name not in known and ":" not in name:
         raise UnknownNameError("method", name, known)
-    module, _, attribute = known.get(name, name).partition(":")
-    try:
-        factory = getattr(import_module(module), attribute)
-    except (ImportError, AttributeError) as error:
-        raise UsageError(f"method {name!r}: wanted a class that can be imported; {error}") from error
+    factory = _imported(name, known.get(name, name))
     try:
         method: Method = factory(**(parameters or {}))
     except TypeError as error:
         takes = ", ".join(inspect.signature(factory).parameters) or "no parameters"
         raise UsageError(f"method {name!r} takes {takes}; {error}") from error
     return method
+
+
+def _imported(name: str, place: str) -> Any:
+    module, _, attribute = place.partition(":")
+    try:
+        return getattr(import_module(module), attribute)
+    except (ImportError, AttributeError) as error:
+        raise UsageError(f"method {name!r}: wanted a class that can be imported; {error}") from error

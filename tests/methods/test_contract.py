@@ -1,10 +1,12 @@
 """What holds for every registered method."""
 
+import json
+
 import numpy as np
 import pytest
 
 from bench.errors import UnknownNameError, UsageError
-from bench.methods import METHODS, build_method, known_methods
+from bench.methods import METHODS, build_method, describe_method, known_methods
 from tests.methods.test_spherical_method import HEIGHT, STEP, WIDTH, crossing, frame
 
 every_method = pytest.mark.parametrize("name", sorted(known_methods()))
@@ -15,7 +17,10 @@ def test_contract(name):
     method = build_method(name)
     assert method.name == name
     assert method.history == 1
-    assert isinstance(method.settings(), dict)
+    assert getattr(method, "longest_history", 1) >= 1
+    again = build_method(name, json.loads(json.dumps(method.settings())))
+    assert again.settings() == method.settings()
+    assert describe_method(known_methods()[name])
     previous, current, _ = crossing()
     given = frame(previous, current, STEP)
     found = method.segment(given)

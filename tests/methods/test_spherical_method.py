@@ -163,7 +163,7 @@ def test_where_the_host_sees_itself_nothing_is_detected():
 def test_parameters_from_a_file_and_bad_ones():
     method = build_method("spherical", {"weights": {"anti_parallel": 0.0}, "variants": {"geodesic": True}})
     assert method.settings()["weights"]["anti_parallel"] == 0.0
-    with pytest.raises(UsageError, match="takes flow"):
+    with pytest.raises(UsageError, match=r"takes cell_size_px, .*, flow, flow_parameters"):
         build_method("spherical", {"treshold": 1})
     with pytest.raises(UsageError, match="thresholds > 0"):
         build_method("spherical", {"threshold": 0})

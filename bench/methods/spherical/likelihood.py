@@ -54,6 +54,24 @@ class Weights:
 
 
 PAPER_WEIGHTS = Weights()
+PAPER_THRESHOLD = 6e-4
+# Above this angle the paper's method sees motion by the epipolar or the positive depth constraint alone; 0.24 px at 165
+# px per radian. What is compared with the paper's method at one angle takes it from here.
+PAPER_ANGLE_RAD = PAPER_THRESHOLD * PAPER_WEIGHTS.total
+
+
+def alone(constraint: str, weight: float = 1.0) -> tuple[Weights, float]:
+    """Weights of one constraint alone, and the threshold at which it marks what it marks alone in the paper's method.
+
+    There a cell moves where `mu_i xi_i / 2.4 > 6e-4`. With a single weight of 1 the likelihood is xi_i itself, so the
+    threshold becomes `6e-4 x 2.4 / mu_i`.
+
+    Args:
+        constraint: name of a field of `Weights`.
+        weight: mu_i, its weight among the others.
+    """
+    none = dict.fromkeys((f.name for f in fields(Weights)), 0.0)
+    return Weights(**none | {constraint: 1.0}), PAPER_ANGLE_RAD / weight
 
 
 def motion_likelihood(
@@ -90,9 +108,13 @@ def motion_likelihood(
     return np.asarray(likelihood)
 
 
-def largest_contribution(deviations: Deviations, weights: Weights) -> NDArray[np.uint8]:
-    """Index into `CONSTRAINTS` of the largest weighted deviation; the first of equals."""
+def largest_contribution(
+    deviations: Deviations, weights: Weights, *, three_view: NDArray[np.float64] | None = None
+) -> NDArray[np.uint8]:
+    """Index into `CONSTRAINTS`, then `three_view`, of the largest weighted deviation; the first of equals."""
     parts = [getattr(weights, name) * getattr(deviations, name) for name in CONSTRAINTS]
+    if three_view is not None:
+        parts.append(weights.three_view * three_view)
     best, cause = parts[0].copy(), np.zeros(parts[0].shape, dtype=np.uint8)
     for index, part in enumerate(parts[1:], start=1):
         larger = part > best

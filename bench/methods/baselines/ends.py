@@ -1,4 +1,4 @@
-"""The two trivial methods that bound every table."""
+"""The two methods that bound every table."""
 
 from __future__ import annotations
 

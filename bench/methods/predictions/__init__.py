@@ -1,0 +1,36 @@
+"""Masks and scores that some other program has made, read from disk and paired with images by name.
+
+```
+DIR/[recording/]camera/<name>.png     mask: 8 bits, 0 and 255 or 0 and 1; score: 16 bits, 0 to 65535 for 0 to 1
+DIR/[recording/]camera/<name>.npz     score: an array `score` of floats in [0, 1]
+DIR/[recording/]camera.json           masks: a list of {"image": name, "segmentation": COCO run lengths or null}
+DIR/recording.json                    the same, with "camera" in every entry
+```
+
+The recording's folder may be left out where the data set has only one. `<name>` is the image's time in nanoseconds,
+its frame number, or the name of its file without the suffix; which of them is found out for each camera, and ambiguous
+names are refused. A frame number is the number that names the image's file, else its place among all images of its
+camera in the data set, from 0, excluded ones included.
+
+`index`, with `pairing`, is the pass over the folder that finds everything that is wrong before anything is scored;
+`method` then hands out what was found, as any other segmentation method. The rest is one idea each: `images` (what is
+to be predicted), `folder` (which files there are), `names` (which image a name means), `reading` with `png_maps`,
+`npz_scores` and `run_lengths` (the kinds of file), `sizes` (maps smaller or larger than the image), `faults`.
+"""
+
+from bench.methods.predictions.faults import Fault, FaultKind
+from bench.methods.predictions.index import PredictionIndex, index_predictions
+from bench.methods.predictions.method import MISSING_POLICIES, MissingPolicy, PredictedMotion
+from bench.methods.predictions.names import NAMINGS, Naming
+
+__all__ = [
+    "MISSING_POLICIES",
+    "NAMINGS",
+    "Fault",
+    "FaultKind",
+    "MissingPolicy",
+    "Naming",
+    "PredictedMotion",
+    "PredictionIndex",
+    "index_predictions",
+]

@@ -1,0 +1,105 @@
+"""The images of a data set that predictions are paired with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+from bench.methods.predictions.sizes import ImageSizes
+from bench.recordings import ImageRef, RecordingHandle, frame_gaps
+
+
+class ImageKey(NamedTuple):
+    """An image of a data set; it sorts by recording, camera and time."""
+
+    recording: str
+    camera: str
+    timestamp_ns: int
+
+    def __str__(self) -> str:
+        return f"{self.recording}/{self.camera}/{self.timestamp_ns}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NamedImage:
+    """An image and what it may be called.
+
+    Attributes:
+        timestamp_ns: its time.
+        frame: its number.
+        stem: name of its file without the suffix.
+        scored: whether it will be scored: not excluded, with as many images before it as are asked for, no gap between.
+    """
+
+    timestamp_ns: int
+    frame: int
+    stem: str
+    scored: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraImages:
+    """All images of a camera in a recording, excluded ones included, by increasing time."""
+
+    recording: str
+    camera: str
+    sizes: ImageSizes
+    images: tuple[NamedImage, ...]
+
+    def key(self, image: NamedImage) -> ImageKey:
+        """The image among all of the data set."""
+        return ImageKey(self.recording, self.camera, image.timestamp_ns)
+
+
+def camera_images(handle: RecordingHandle, *, history: int) -> Iterator[CameraImages]:
+    """The images of a recording, camera by camera.
+
+    Args:
+        handle: of the recording.
+        history: images that must lie before one that is scored, each at its due time.
+
+    Raises:
+        DataError: the recording cannot be opened.
+    """
+    whole = replace(handle, exclusions=()).open()
+    kept = {
+        camera: tuple(
+            ref for i, ref in enumerate(refs) if not any(e.covers(i, ref.timestamp_ns) for e in handle.exclusions)
+        )
+        for camera, refs in whole.images.items()
+    }
+    rest = replace(whole, images=kept)
+    for name, camera in sorted(whole.cameras.items()):
+        refs = whole.images[name]
+        late = {gap.index for gap in frame_gaps(rest, name)}
+        scored = {
+            ref.timestamp_ns
+            for i, ref in enumerate(kept[name])
+            if i >= history and late.isdisjoint(range(i - history + 1, i + 1))
+        }
+        yield CameraImages(
+            recording=whole.name,
+            camera=name,
+            sizes=ImageSizes(
+                evaluated_px=(camera.model.width, camera.model.height),
+                stored_px=(camera.stored_size_px[0], camera.stored_size_px[1]),
+            ),
+            images=tuple(
+                NamedImage(
+                    timestamp_ns=ref.timestamp_ns, frame=frame, stem=ref.path.stem, scored=ref.timestamp_ns in scored
+                )
+                for ref, frame in zip(refs, _frame_numbers(refs), strict=True)
+            ),
+        )
+
+
+def _frame_numbers(refs: Sequence[ImageRef]) -> list[int]:
+    """The numbers that name the files, where numbers do that are no times; else places from 0."""
+    stems = [ref.path.stem for ref in refs]
+    if all(stem.isascii() and stem.isdigit() for stem in stems):
+        numbers = [int(stem) for stem in stems]
+        times = [ref.timestamp_ns for ref in refs]
+        if numbers != times and len(set(numbers)) == len(numbers):
+            return numbers
+    return list(range(len(refs)))

@@ -1,0 +1,135 @@
+"""Predictions from disk as a segmentation method."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+
+from bench.errors import DataError, UsageError
+from bench.methods.contract import MethodInput, Segmentation, UnansweredImage
+from bench.methods.predictions.images import ImageKey
+from bench.methods.predictions.index import PredictionIndex, index_predictions
+from bench.methods.predictions.names import NAMINGS, Naming
+from bench.methods.predictions.reading import PredictionReader
+from bench.methods.predictions.sizes import on_cells
+from bench.recordings import load_card
+
+MissingPolicy = Literal["error", "skip", "empty"]
+MISSING_POLICIES: tuple[MissingPolicy, ...] = get_args(MissingPolicy)
+DEFAULT_THRESHOLD = 0.5
+HALF = 0.5  # of a block's pixels, from which on the block moves
+
+
+class PredictedMotion:
+    """Says of each image what a file says.
+
+    The folder is gone through once, when the first image is asked for, unless that has been done before.
+
+    Args:
+        name: what the results call it.
+        folder: of the predictions.
+        dataset: card of the data set whose images they name.
+        split: of the data set; None for all of it.
+        threshold: score above which a pixel moves; None for masks, and 0.5 for scores.
+        missing: what becomes of an image without a prediction: "error" to fail, "skip" to leave it unscored, "empty"
+            for nothing that moves.
+        naming: what the names of the files are.
+        history: images that must lie before one that is scored; 1 scores the same images as methods that compare two.
+        fingerprint: that the folder must have; None for any.
+
+    Raises:
+        UsageError: a value that an argument cannot have.
+    """
+
+    colour = False
+    reads_images = False
+
+    def __init__(
+        self,
+        *,
+        name: str,
+        folder: str,
+        dataset: str,
+        split: str | None = None,
+        threshold: float | None = None,
+        missing: MissingPolicy = "error",
+        naming: Naming = "auto",
+        history: int = 1,
+        fingerprint: str | None = None,
+    ) -> None:
+        _refuse_unknown("missing", missing, MISSING_POLICIES)
+        _refuse_unknown("names", naming, NAMINGS)
+        if history < 1:
+            raise UsageError(f"history: wanted 1 or more, came {history}")
+        if threshold is not None and not 0 <= threshold < 1:
+            raise UsageError(f"threshold: wanted a number in [0, 1), came {threshold}")
+        self.name, self.folder, self.dataset, self.split = name, folder, dataset, split
+        self.threshold, self.missing, self.naming, self.history = threshold, missing, naming, history
+        self.fingerprint = fingerprint
+        self._index: PredictionIndex | None = None
+        self._reader = PredictionReader()
+
+    def settings(self) -> dict[str, object]:
+        """Every parameter that decides the result."""
+        names = ("name", "folder", "dataset", "split", "threshold", "missing", "naming", "history", "fingerprint")
+        return {name: getattr(self, name) for name in names}
+
+    def use(self, index: PredictionIndex) -> None:
+        """Take a folder that was gone through.
+
+        Raises:
+            DataError: it has another fingerprint than was asked for.
+            UsageError: a threshold for masks.
+        """
+        if self.fingerprint is not None and index.fingerprint != self.fingerprint:
+            wanted = f"predictions with the fingerprint {self.fingerprint[:12]}"
+            raise DataError(self.folder, wanted=wanted, came=f"{index.fingerprint[:12]}; they have changed")
+        if index.form == "mask" and self.threshold is not None:
+            raise UsageError(f"threshold: wanted none for masks, came {self.threshold}; {self.folder} holds no scores")
+        if index.form == "score" and self.threshold is None:
+            self.threshold = DEFAULT_THRESHOLD
+        self.fingerprint, self._index = index.fingerprint, index
+
+    def segment(self, frame: MethodInput) -> Segmentation:
+        """What the image's file says.
+
+        Raises:
+            DataError: the prediction cannot be used, or is missing where that is an error.
+            UnansweredImage: the prediction is missing and to be skipped.
+            UsageError: the harness does not say which image it is.
+        """
+        if not frame.recording:
+            raise UsageError(f"{self.name}: wanted to know which recording and camera it is, came neither")
+        index, key = self._indexed(), ImageKey(frame.recording, frame.camera_name, frame.timestamps_ns[-1])
+        if key in index.faulty:
+            fault = index.faulty[key]
+            raise DataError(fault.file, field=fault.field, wanted=fault.wanted, came=fault.came, do=fault.do)
+        if key in index.usable:
+            prediction = index.usable[key]
+            values = self._reader.read(prediction)
+            cells, size_px = on_cells(values, prediction.sizes)
+        elif self.missing == "empty":
+            cells, size_px = np.zeros(frame.valid.shape, dtype=np.float32), 1
+        elif self.missing == "skip":
+            raise UnansweredImage(f"{self.folder}: no prediction of {key}")
+        else:
+            raise DataError(self.folder, wanted=f"a prediction of {key}", came="none")
+        if self.threshold is None:
+            return Segmentation(cell_size_px=size_px, mask=cells >= HALF)
+        mask = cells > np.float32(self.threshold)
+        return Segmentation(cell_size_px=size_px, mask=mask, likelihood=cells, likelihood_is_score=True)
+
+    def _indexed(self) -> PredictionIndex:
+        if self._index is None:
+            card = load_card(self.dataset)
+            folder = Path(self.folder)
+            self.use(index_predictions(folder, card, split=self.split, naming=self.naming, history=self.history))
+        assert self._index is not None
+        return self._index
+
+
+def _refuse_unknown(option: str, came: str, known: tuple[str, ...]) -> None:
+    if came not in known:
+        raise UsageError(f"{option}: wanted {', '.join(known)}, came {came!r}")

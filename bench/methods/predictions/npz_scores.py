@@ -1,0 +1,65 @@
+"""Scores as NumPy archives."""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+
+from bench.errors import DataError
+from bench.methods.predictions.faults import UnclearError
+from bench.methods.predictions.sizes import ImageSizes
+
+ARRAY = "score"
+_UNREADABLE = (OSError, ValueError, EOFError, KeyError, NotImplementedError, RuntimeError, zlib.error)
+_HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
+
+
+def read_npz_scores(path: Path, sizes: ImageSizes) -> NDArray[np.float32]:
+    """Read the array `score`; other arrays of the file are not looked at.
+
+    Args:
+        path: an `.npz` file.
+        sizes: of the image.
+
+    Returns:
+        (rows, columns) float32 in [0, 1].
+
+    Raises:
+        DataError: missing, cut short, pickled, or without floats of this name.
+        WrongSizeError: before anything is unpacked.
+        UnclearError: NaN, or values outside [0, 1].
+    """
+    try:
+        with zipfile.ZipFile(path) as archive, archive.open(f"{ARRAY}.npy") as member:
+            shape = _shape(path, member)
+            sizes.refuse_unfit((shape[1], shape[0]), file=path, field=ARRAY)
+            member.seek(0)
+            scores = npy.read_array(member, allow_pickle=False)
+    except DataError:
+        raise
+    except (*_UNREADABLE, zipfile.BadZipFile) as error:
+        came = " ".join(str(error).split())[:200] or type(error).__name__
+        raise DataError(path, field=ARRAY, wanted="an .npz file with this array", came=came) from error
+    low, high = float(scores.min()), float(scores.max())
+    if not (low >= 0 and high <= 1):  # also for NaN
+        came = f"{low:g} to {high:g}"
+        do = "bring them to [0, 1], for example by the logistic function; the order is what counts"
+        raise UnclearError(path, field=ARRAY, wanted="scores in [0, 1]", came=came, do=do)
+    return scores.astype(np.float32)
+
+
+def _shape(path: Path, member: IO[bytes]) -> tuple[int, int]:
+    """(rows, columns) from the header."""
+    version = npy.read_magic(member)
+    if version not in _HEADERS:
+        raise DataError(path, field=ARRAY, wanted="an array of NumPy's format 1 or 2", came=f"{version}")
+    shape, _, kind = _HEADERS[version](member)
+    if len(shape) != 2 or kind.kind != "f":
+        raise DataError(path, field=ARRAY, wanted="floats on (rows, columns)", came=f"{kind} {shape}")
+    return shape[0], shape[1]

@@ -1,0 +1,155 @@
+"""The constraints on sparse tracks, three views included."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from bench.cameras import RayGrid, ray_grid
+from bench.flow import LucasKanadeTracker, Tracks
+from bench.methods.cells import flow_parts, seen_at_centres
+from bench.methods.contract import MethodInput, Segmentation
+from bench.methods.spherical.likelihood import (
+    CONSTRAINTS,
+    PAPER_ANGLE_RAD,
+    Weights,
+    alone,
+    largest_contribution,
+    motion_likelihood,
+)
+from bench.methods.spherical.settings import STATIC_CAUSE, SphericalSettings
+from bench.methods.spherical.three_view import three_view_deviation
+
+Value = TypeVar("Value", bound=np.generic)
+
+THREE_VIEW = "three_view"
+# xi_3v is close to a second difference a - 2b + c of the angles of one point, with 6 times the variance of one angle;
+# xi_e and xi_d are first differences, with 2 times. So this weight lets tracking noise weigh the same in both.
+THREE_VIEW_WEIGHT = 3**-0.5
+_WEIGHTS = Weights(three_view=THREE_VIEW_WEIGHT)
+_ALONE = alone(THREE_VIEW, THREE_VIEW_WEIGHT)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SparseSphericalMethod(SphericalSettings):
+    """The paper's constraints on Lucas-Kanade tracks instead of dense flow, with the three-view constraint.
+
+    A track speaks for the cells whose centre lies in the window in which it was matched; where windows overlap, the
+    nearest track does (by the larger of the distances in u and v). Cells without a track are undefined, and so static.
+    The three-view constraint weighs in where a track reaches back two images; elsewhere, and on an image with only one
+    image before it, its deviation is 0.
+
+    The paper gives three views the weight 0. The threshold keeps what the two-view constraints mark: the sum of
+    weighted deviations counts from 6e-4 x 2.4 on, as in the paper's method.
+
+    Attributes:
+        tracker: finds and follows corners.
+
+    Source:
+        Mariotti and Eising, sections III-F and III-H.
+    """
+
+    name: ClassVar[str] = "spherical-sparse"
+    history: ClassVar[int] = 1
+    longest_history: ClassVar[int] = 2
+    colour: ClassVar[bool] = False
+
+    weights: Weights = _WEIGHTS
+    threshold: float = PAPER_ANGLE_RAD / _WEIGHTS.total
+    tracker: LucasKanadeTracker = field(default_factory=LucasKanadeTracker)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if isinstance(self.tracker, dict):
+            object.__setattr__(self, "tracker", LucasKanadeTracker(**self.tracker))
+
+    def segment(self, frame: MethodInput) -> Segmentation:
+        """Segment the last image; see `bench.methods.contract`."""
+        tracks = self.tracker(tuple(frame.images[-1 : -self.longest_history - 2 : -1]), valid=frame.valid)
+        rays, known = _rays(frame, tracks)
+        cells = ray_grid(frame.camera, self.cell_size_px)
+        usable = np.flatnonzero(known[0] & known[1])
+        place, near = _nearest(tracks.pixels[0, usable], cells, reach_px=self.tracker.reach_px)
+        near &= seen_at_centres(frame.valid, cells)
+        found = self.compare(rays[1][usable], rays[0][usable], motion=frame.current_from_previous[-1], road=frame.road)
+        flow = tracks.pixels[1, usable] - tracks.pixels[0, usable]
+        if found.moving is None:
+            assert found.standing is not None, "a camera moves or stands"
+            likelihood, threshold = found.standing, self.static_threshold
+            causes: tuple[str, ...] = (STATIC_CAUSE,)
+            cause = np.zeros(len(usable), dtype=np.uint8)
+            parts = {}
+        else:
+            three = self._three_view(frame, rays[:, usable])
+            weights, threshold = self.weights, self.threshold
+            likelihood = motion_likelihood(found.moving, weights, three_view=three, root_sum=self.root_sum)
+            causes = (*CONSTRAINTS, THREE_VIEW)
+            cause = largest_contribution(found.moving, weights, three_view=three)
+            parts = {name: getattr(found.moving, name) for name in CONSTRAINTS} | {THREE_VIEW: three}
+
+        def spread(values: NDArray[np.generic]) -> NDArray[np.float32]:
+            return _spread(values.astype(np.float32), place, near)
+
+        marks = spread(likelihood)
+        return Segmentation(
+            cell_size_px=self.cell_size_px,
+            mask=_spread(likelihood > threshold, place, near),
+            likelihood=marks,
+            undefined=~_spread(found.defined, place, near),
+            causes=causes,
+            cause=_spread(cause, place, near),
+            parts=flow_parts(np.dstack([spread(flow[:, 0]), spread(flow[:, 1])]))
+            | {name: spread(values) for name, values in parts.items()},
+        )
+
+    def _three_view(self, frame: MethodInput, rays: NDArray[np.float64]) -> NDArray[np.float64]:
+        """xi_3v of each track; 0 where it says nothing."""
+        motions = frame.current_from_previous[-2:]
+        lengths_m = [float(np.linalg.norm(motion.translation_m)) for motion in motions]
+        if len(rays) < 3 or len(motions) < 2 or min(lengths_m) < self.static_below_m:
+            return np.zeros(rays.shape[1])
+        deviation, _ = three_view_deviation(
+            rays[2], rays[1], rays[0], second_from_first=motions[0], third_from_second=motions[1]
+        )
+        return deviation
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThreeViewOnly(SparseSphericalMethod):
+    """The three-view constraint alone, on Lucas-Kanade tracks; needs scale, sees changes of speed and crossing."""
+
+    name: ClassVar[str] = "three-view-only"
+    weights: Weights = _ALONE[0]
+    threshold: float = _ALONE[1]
+
+
+def _rays(frame: MethodInput, tracks: Tracks) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Rays of all tracks in all images, (K, N, 3), and where there are any, (K, N)."""
+    count, number = tracks.followed.shape
+    rays, valid = frame.camera.unproject(tracks.pixels.reshape(-1, 2))
+    return rays.reshape(count, number, 3), valid.reshape(count, number) & tracks.followed
+
+
+def _nearest(
+    pixels: NDArray[np.float64], cells: RayGrid, *, reach_px: int
+) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """For every cell the nearest track, and whether its window covers the cell's centre; both (rows, columns)."""
+    shape = cells.valid.shape
+    if not len(pixels):
+        return np.zeros(shape, dtype=np.intp), np.zeros(shape, dtype=bool)
+    distance_px, nearest = cKDTree(pixels).query(
+        cells.pixels.reshape(-1, 2), p=np.inf, distance_upper_bound=reach_px + 0.5
+    )
+    near = np.isfinite(distance_px).reshape(shape) & cells.valid
+    return np.where(near, nearest.reshape(shape), 0), near
+
+
+def _spread(values: NDArray[Value], place: NDArray[np.intp], near: NDArray[np.bool_]) -> NDArray[Value]:
+    """What a track says, on its cells; 0 elsewhere."""
+    spread = np.zeros(place.shape, dtype=values.dtype)
+    spread[near] = values[place[near]]
+    return spread

@@ -1,0 +1,92 @@
+"""The paper's method where ego-motion is missing or bad: motion from the images themselves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import ClassVar, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.egomotion import VisualOdometry
+from bench.errors import UsageError
+from bench.flow import LucasKanadeTracker
+from bench.geometry import RigidTransform
+from bench.methods.contract import MethodInput, Segmentation
+from bench.methods.spherical.likelihood import PAPER_ANGLE_RAD, Weights
+from bench.methods.spherical.method import Measurement, SphericalMethod
+
+Scale = Literal["none", "given"]
+NEED_SCALE = ("positive_height", "anti_parallel")
+SCALE_FREE = Weights(positive_height=0.0, anti_parallel=0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class VisualOdometryMethod(SphericalMethod):
+    """The paper's method with visual odometry: rotation and direction of travel from tracks of the same images.
+
+    Two views of one camera do not tell how far it went. Without a scale only the epipolar and the positive depth
+    constraint run, and a weight on another one is refused; with `scale="given"` the length of the way, but neither its
+    direction nor the rotation, is that of the given ego-motion, and all constraints run. Where the camera stands, or
+    only turns, the images show no direction, and the branch for a standing camera takes over. Where they show nothing,
+    all is undefined, and so static.
+
+    Attributes:
+        scale: "none", or "given" for the length of the given ego-motion.
+        tracker: finds the tracks.
+        odometry: estimates the motion from them.
+
+    Raises:
+        UsageError: a weight on a constraint that needs the scale, without one.
+    """
+
+    name: ClassVar[str] = "spherical-visual-odometry"
+
+    weights: Weights = SCALE_FREE
+    threshold: float = PAPER_ANGLE_RAD / SCALE_FREE.total
+    scale: Scale = "none"
+    tracker: LucasKanadeTracker = field(default_factory=LucasKanadeTracker)
+    odometry: VisualOdometry = field(default_factory=VisualOdometry)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if isinstance(self.tracker, dict):
+            object.__setattr__(self, "tracker", LucasKanadeTracker(**self.tracker))
+        if isinstance(self.odometry, dict):
+            object.__setattr__(self, "odometry", VisualOdometry(**self.odometry))
+        if self.scale not in get_args(Scale):
+            raise UsageError(f"scale: wanted {' or '.join(get_args(Scale))}, came {self.scale!r}")
+        asked = [name for name in NEED_SCALE if getattr(self.weights, name) > 0]
+        if self.scale == "none" and asked:
+            raise UsageError(
+                f"{self.name}: {' and '.join(asked)} need the length of the way, which images do not tell; "
+                f"set {' '.join(f'weights.{name}=0' for name in asked)}, or scale=given for the recording's own"
+            )
+
+    def measure(self, frame: MethodInput, flow: NDArray[np.float32]) -> Measurement:
+        """See `SphericalMethod.measure`; without scale the deviations that need one are 0."""
+        measured = super().measure(frame, flow)
+        if self.scale == "given" or measured.moving is None:
+            return measured
+        unknown = np.zeros(measured.defined.shape)
+        return replace(measured, moving=replace(measured.moving, positive_height=unknown, anti_parallel=unknown))
+
+    def judge(self, measured: Measurement) -> Segmentation:
+        """See `SphericalMethod.judge`; deviations that are not known are not shown either."""
+        found = super().judge(measured)
+        hidden = NEED_SCALE if self.scale == "none" else ()
+        return replace(found, parts={name: part for name, part in (found.parts or {}).items() if name not in hidden})
+
+    def motion(self, frame: MethodInput) -> RigidTransform | None:
+        """Motion of the camera as its images show it; without scale its length is 1, or 0 where it stands."""
+        tracks = self.tracker((frame.images[-1], frame.images[-2]), valid=frame.valid)
+        kept = tracks.followed[1]
+        current, _ = frame.camera.unproject(tracks.pixels[0, kept])
+        previous, _ = frame.camera.unproject(tracks.pixels[1, kept])
+        found = self.odometry(previous, current)
+        if found is None:
+            return None
+        length_m = 1.0
+        if self.scale == "given":
+            length_m = float(np.linalg.norm(frame.current_from_previous[-1].translation_m))
+        return RigidTransform(found.rotation, length_m * found.direction if found.moves else np.zeros(3))

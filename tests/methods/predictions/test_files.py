@@ -1,0 +1,254 @@
+"""The three kinds of file: what they say, and what no file can do to us."""
+
+import json
+import struct
+import zipfile
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pycocotools import mask as coco
+
+from bench.errors import DataError
+from bench.methods.predictions.faults import UnclearError, WrongSizeError
+from bench.methods.predictions.npz_scores import read_npz_scores
+from bench.methods.predictions.png_maps import read_png_map
+from bench.methods.predictions.run_lengths import MaskEntry, RunLengths, decode_union, read_entries
+from bench.methods.predictions.sizes import ImageSizes
+
+SIZES = ImageSizes(evaluated_px=(6, 4), stored_px=(6, 4))
+MASK = np.array([[0, 0, 0, 0, 0, 1], [0, 1, 1, 0, 0, 1], [0, 0, 1, 0, 0, 0], [0, 0, 0, 0, 0, 0]], dtype=bool)
+
+
+def write_png(path, values):
+    assert cv2.imwrite(str(path), values)
+    return path
+
+
+@pytest.mark.parametrize("moving", [1, 255])
+def test_a_mask_of_either_scale(tmp_path, moving):
+    found = read_png_map(write_png(tmp_path / "a.png", MASK.astype(np.uint8) * moving), SIZES)
+    assert found.dtype == bool
+    np.testing.assert_array_equal(found, MASK)
+
+
+def test_a_mask_of_one_bit(tmp_path):
+    write_png(tmp_path / "a.png", MASK.astype(np.uint8) * 255)
+    assert cv2.imwrite(str(tmp_path / "a.png"), MASK.astype(np.uint8) * 255, [cv2.IMWRITE_PNG_BILEVEL, 1])
+    assert (tmp_path / "a.png").read_bytes()[24] == 1
+    np.testing.assert_array_equal(read_png_map(tmp_path / "a.png", SIZES), MASK)
+
+
+def test_16_bits_are_scores(tmp_path):
+    values = np.zeros((4, 6), dtype=np.uint16)
+    values[0, :3] = 65535, 32768, 1
+    found = read_png_map(write_png(tmp_path / "a.png", values), SIZES)
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found[0, :4], [1, 32768 / 65535, 1 / 65535, 0], rtol=1e-6)
+
+
+@pytest.mark.parametrize(("values", "came"), [((0, 1, 255), "0, 1, 255"), ((37,), "37"), ((0, 128), "0, 128")])
+def test_other_values_are_unclear(tmp_path, values, came):
+    grey = np.resize(np.array(values, dtype=np.uint8), (4, 6))
+    with pytest.raises(UnclearError, match=f"came the values {came}; write scores as 16-bit"):
+        read_png_map(write_png(tmp_path / "a.png", grey), SIZES)
+
+
+def png_header(width: int, height: int, *, bits: int, colour: int) -> bytes:
+    body = b"IHDR" + struct.pack(">IIBBBBB", width, height, bits, colour, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + body + struct.pack(">I", zlib.crc32(body))
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "came an empty file"),
+        (b"GIF89a", "6 bytes that begin with 47 49 46"),
+        (png_header(6, 4, bits=8, colour=2), "wanted one grey channel, came a colour PNG"),
+        (png_header(6, 4, bits=8, colour=3), "wanted one grey channel, came a PNG with a palette"),
+        (png_header(6, 4, bits=8, colour=4), "wanted one grey channel, came a PNG with transparency"),
+        (png_header(6, 4, bits=7, colour=0), "came 7 bits"),
+        (png_header(6, 4, bits=8, colour=0), "a PNG cut short at 33 bytes"),
+        (png_header(60_000, 40_000, bits=8, colour=0), "at most 67108864 pixels, came 60000 x 40000"),
+        (png_header(6, 5, bits=16, colour=0), "came 6 x 5"),
+    ],
+)
+def test_what_is_no_mask_is_refused(tmp_path, content, message):
+    (tmp_path / "a.png").write_bytes(content)
+    with pytest.raises(DataError, match=message):
+        read_png_map(tmp_path / "a.png", SIZES)
+
+
+def test_a_damaged_png_is_refused(tmp_path):
+    file = write_png(tmp_path / "a.png", MASK.astype(np.uint8) * 255)
+    content = bytearray(file.read_bytes())
+    content[45] ^= 0xFF
+    file.write_bytes(content)
+    with pytest.raises(DataError, match="damaged"):
+        read_png_map(file, SIZES)
+
+
+@pytest.mark.parametrize("kind", [np.float16, np.float32, np.float64])
+def test_scores_of_any_float(tmp_path, kind):
+    scores = np.linspace(0, 1, 24).reshape(4, 6).astype(kind)
+    np.savez_compressed(tmp_path / "a.npz", score=scores, other=np.array([object()]))
+    found = read_npz_scores(tmp_path / "a.npz", SIZES)
+    assert found.dtype == np.float32
+    np.testing.assert_array_equal(found, scores.astype(np.float32))
+
+
+@pytest.mark.parametrize(
+    ("scores", "error", "message"),
+    [
+        (np.full((4, 6), 2.0), UnclearError, r"scores in \[0, 1\], came 2 to 2; bring them to"),
+        (np.full((4, 6), -0.1), UnclearError, "came -0.1 to -0.1"),
+        (np.full((4, 6), np.nan), UnclearError, "came nan to nan"),
+        (np.full((4, 6), np.inf), UnclearError, "came inf to inf"),
+        (np.zeros((3, 6)), WrongSizeError, "came 6 x 3"),
+        (np.zeros((0, 0)), WrongSizeError, "came 0 x 0"),
+        (np.zeros((4, 6, 1)), DataError, r"floats on \(rows, columns\), came float64 \(4, 6, 1\)"),
+        (np.zeros((4, 6), dtype=np.uint8), DataError, "came uint8"),
+        (np.array([[object()] * 6] * 4), DataError, "came object"),
+    ],
+)
+def test_what_is_no_score_is_refused(tmp_path, scores, error, message):
+    np.savez(tmp_path / "a.npz", score=scores)
+    with pytest.raises(error, match=message):
+        read_npz_scores(tmp_path / "a.npz", SIZES)
+
+
+def npy_header(shape: tuple[int, ...]) -> bytes:
+    text = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}".encode().ljust(117) + b"\n"
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text
+
+
+@pytest.mark.parametrize(
+    ("member", "message"),
+    [
+        (npy_header((600_000_000, 600_000_000)), "came 600000000 x 600000000"),  # nothing is unpacked for it
+        (npy_header((4, 6)), "score: wanted an .npz file with this array"),  # and no numbers
+        (b"no array", "score: wanted an .npz file with this array"),
+        (b"\x93NUMPY\x07\x00", "format 1 or 2"),
+        (npy_header((4, 6)).replace(b"False", b"f(x) "), "score: wanted an .npz file with this array"),
+    ],
+)
+def test_hostile_archives_are_refused(tmp_path, member, message):
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        archive.writestr("score.npy", member)
+    with pytest.raises(DataError, match=message):
+        read_npz_scores(tmp_path / "a.npz", SIZES)
+
+
+def test_a_zip_of_zeros_is_not_unpacked(tmp_path):
+    with zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("score.npy", npy_header((4, 6)) + bytes(192) + bytes(1 << 28))
+    assert read_npz_scores(tmp_path / "a.npz", SIZES).max() == 0
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"x" * 100])
+def test_what_is_no_archive_is_refused(tmp_path, content):
+    (tmp_path / "a.npz").write_bytes(content)
+    with pytest.raises(DataError, match=r"score: wanted an \.npz file with this array"):
+        read_npz_scores(tmp_path / "a.npz", SIZES)
+
+
+def entry(size, counts) -> MaskEntry:
+    return MaskEntry(image=1, segmentation=RunLengths(size=size, counts=counts))
+
+
+def encoded(mask) -> MaskEntry:
+    found = coco.encode(np.asfortranarray(mask.astype(np.uint8)))
+    return entry(found["size"], found["counts"].decode())
+
+
+def test_run_lengths_go_down_the_columns(tmp_path):
+    np.testing.assert_array_equal(decode_union([entry((4, 6), [5, 1, 3, 2, 9, 2, 2])], SIZES, file=tmp_path), MASK)
+
+
+@given(st.integers(0, 10_000), st.integers(1, 40), st.integers(1, 40), st.floats(0, 1))
+def test_text_means_what_coco_means(seed, height, width, share):
+    mask = np.random.default_rng(seed).random((height, width)) < share
+    sizes = ImageSizes(evaluated_px=(width, height), stored_px=(width, height))
+    np.testing.assert_array_equal(decode_union([encoded(mask)], sizes, file="a.json"), mask)
+
+
+def test_long_runs_have_several_groups():
+    mask = np.zeros((1000, 2000), dtype=bool)
+    mask[:, 700:1300] = True
+    sizes = ImageSizes(evaluated_px=(2000, 1000), stored_px=(2000, 1000))
+    np.testing.assert_array_equal(decode_union([encoded(mask)], sizes, file="a.json"), mask)
+
+
+def test_several_masks_of_an_image_are_united_and_none_is_empty():
+    one, other = MASK & (np.arange(6) < 3), MASK & (np.arange(6) >= 3)
+    found = decode_union([encoded(one), encoded(other), MaskEntry(image=1, segmentation=None)], SIZES, file="a.json")
+    np.testing.assert_array_equal(found, MASK)
+    assert not decode_union([MaskEntry(image=1, segmentation=None)], SIZES, file="a.json").any()
+
+
+@pytest.mark.parametrize(
+    ("size", "counts", "message"),
+    [
+        ((4, 6), [24, 1], "add up to 4 x 6 = 24, came a sum of 25"),
+        ((4, 6), [1, 2], "came a sum of 3"),
+        ((4, 6), [], "came a sum of 0"),
+        ((4, 6), [10**30], "came a sum of 1000000000"),
+        ((4, 6), "5", "came a sum of 5"),
+        ((4, 6), "", "came a sum of 0"),
+        ((4, 6), "h0N", "came a negative length"),
+        ((4, 6), "~", "wanted COCO run lengths, came '~'"),
+        ((4, 6), "é", "wanted COCO run lengths, came 'é'"),
+        ((4, 6), "P", "came a number that is cut short"),
+        ((4, 6), "P" * 1000, "wanted COCO run lengths"),
+        ((4_000_000, 6_000_000), [24 * 10**12], "at most 67108864 pixels, came 6000000 x 4000000"),
+        ((5, 6), [30], "came 6 x 5"),
+    ],
+)
+def test_run_lengths_that_are_none_are_refused(size, counts, message):
+    with pytest.raises(DataError, match=message):
+        decode_union([entry(size, counts)], SIZES, file="a.json")
+
+
+def test_masks_of_different_sizes_cannot_be_united():
+    with pytest.raises(DataError, match="all masks of an image at one size"):
+        decode_union([entry((4, 6), [24]), entry((2, 3), [6])], SIZES, file="a.json")
+
+
+def test_a_file_of_masks(tmp_path):
+    entries = [
+        {"image": "000", "segmentation": {"size": [4, 6], "counts": [24]}, "category_id": 3, "score": 0.5},
+        {"image": 7, "camera": "front", "segmentation": None},
+    ]
+    (tmp_path / "a.json").write_text(json.dumps(entries))
+    assert [(e.name, e.camera) for e in read_entries(tmp_path / "a.json")] == [("000", None), ("7", "front")]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "a.json: wanted a list of"),
+        ("{}", "a.json: wanted a list of"),
+        ("[" * 100_000, "a.json: wanted a list of"),
+        ('[{"image": 1}]', "0.segmentation: wanted"),
+        ('[{"image": 1.5, "segmentation": null}]', "0.image"),
+        ('[{"image": 1, "segmentation": {"size": [4], "counts": []}}]', "0.segmentation.size"),
+        ('[{"image": 1, "segmentation": {"size": [4, -6], "counts": []}}]', "0.segmentation.size.1"),
+        ('[{"image": 1, "segmentation": {"size": [4, 6], "counts": [1.5]}}]', "0.segmentation.counts"),
+        ('[{"image": 1, "segmentation": {"size": [4, 6], "counts": [-1]}}]', "0.segmentation.counts"),
+        ('[{"image": NaN, "segmentation": null}]', "0.image"),
+    ],
+)
+def test_other_files_are_refused_with_the_field(tmp_path, content, message):
+    (tmp_path / "a.json").write_text(content)
+    with pytest.raises(DataError, match=message):
+        read_entries(tmp_path / "a.json")
+
+
+def test_a_file_that_is_too_large_is_not_read(tmp_path):
+    with (tmp_path / "a.json").open("wb") as file:
+        file.truncate(1 << 40)
+    with pytest.raises(DataError, match="a file of at most 67108864 bytes, came 1099511627776"):
+        read_entries(tmp_path / "a.json")

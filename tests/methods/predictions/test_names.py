@@ -1,0 +1,66 @@
+"""Which image a name means."""
+
+import pytest
+
+from bench.errors import UsageError
+from bench.methods.predictions.images import CameraImages, NamedImage
+from bench.methods.predictions.names import named_images
+from bench.methods.predictions.sizes import ImageSizes
+
+SIZES = ImageSizes(evaluated_px=(8, 4), stored_px=(8, 4))
+
+
+def camera(images) -> CameraImages:
+    named = [NamedImage(timestamp_ns=t, frame=f, stem=s, scored=True) for t, f, s in images]
+    return CameraImages(recording="drive", camera="front", sizes=SIZES, images=tuple(named))
+
+
+DRIVE = camera([(1_000, 0, "1000"), (2_000, 1, "2000"), (3_000, 2, "3000")])
+PAIRS = camera([(1_000, 0, "00000_FV"), (2_000, 1, "00001_FV")])
+FROM_ZERO = camera([(0, 0, "0"), (1, 1, "1"), (2, 2, "2"), (66, 3, "66")])
+SHIFTED = camera([(0, 250, "0000000250"), (250, 251, "0000000251"), (500, 252, "0000000252")])
+
+
+def times(names, images, **options) -> dict[str, int]:
+    return {name: image.timestamp_ns for name, image in named_images(names, images, **options).items()}
+
+
+def test_times_frames_and_files_are_told_apart():
+    assert times(["3000", "1000"], DRIVE) == {"3000": 3000, "1000": 1000}
+    assert times(["0002", "0"], DRIVE) == {"0002": 3000, "0": 1000}
+    assert times(["00001_FV"], PAIRS) == {"00001_FV": 2000}
+
+
+def test_names_that_mean_no_image_are_left_out():
+    assert times(["1000", "4000", "x", "-1", "9" * 5000, "²", "../1000"], DRIVE) == {"1000": 1000}
+    assert times([], DRIVE) == {}
+
+
+def test_most_names_decide():
+    assert times(["0", "1", "2", "3"], FROM_ZERO) == {"0": 0, "1": 1, "2": 2, "3": 66}
+    assert times(["0", "1", "2", "66"], FROM_ZERO) == {"0": 0, "1": 1, "2": 2, "66": 66}
+
+
+def test_names_that_fit_two_readings_equally_are_refused():
+    both = camera([(0, 0, "a"), (2, 1, "b"), (1, 2, "c")])
+    with pytest.raises(UsageError, match=r"drive/front: '1' may be a timestamp or a frame.*--names timestamp or"):
+        named_images(["0", "1", "2"], both)
+    assert times(["0", "1", "2"], both, naming="timestamp") == {"0": 0, "1": 1, "2": 2}
+    assert times(["0", "1", "2"], both, naming="frame") == {"0": 0, "1": 2, "2": 1}
+
+
+def test_both_readings_may_mean_the_same_image():
+    assert times(["0", "1", "2"], FROM_ZERO) == {"0": 0, "1": 1, "2": 2}
+
+
+def test_numbers_of_the_files_are_the_frame_numbers():
+    with pytest.raises(UsageError, match="'250' may be a timestamp or a frame"):
+        named_images(["250"], SHIFTED)
+    assert times(["250", "251"], SHIFTED) == {"250": 0, "251": 250}
+    assert times(["0000000250"], SHIFTED, naming="image") == {"0000000250": 0}
+
+
+def test_an_asked_for_naming_is_the_only_one():
+    assert times(["0", "1000"], DRIVE, naming="frame") == {"0": 1000}
+    assert times(["0", "1000"], DRIVE, naming="timestamp") == {"1000": 1000}
+    assert times(["0", "00001_FV"], PAIRS, naming="image") == {"00001_FV": 2000}
