@@ -21,7 +21,8 @@ def knot_times(times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
         return np.empty(0, dtype=np.int64)
     first, last = int(times_ns.min()), int(times_ns.max())
     intervals = max(1, -(-(last + 1 - first) // KNOT_SPACING_NS))
-    return np.asarray(np.linspace(first, max(last, first + 1), intervals + 1).round().astype(np.int64))
+    # From 0 on: times since 1970 have more digits than a float, and knots would fall together.
+    return np.asarray(first + np.linspace(0, max(last - first, 1), intervals + 1).round().astype(np.int64))
 
 
 def deskew(

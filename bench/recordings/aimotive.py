@@ -2,10 +2,11 @@
 
 ```
 data/<split>/<odd>/<sequence>/
-  sensor/calibration/calibration.json           per camera: MEI model and RT_body_from_sensor
+  sensor/calibration/calibration.json           per camera: MEI or pinhole model and RT_body_from_sensor
   sensor/camera/<CAMERA>/<CAMERA>_<frame>.jpg
   dynamic/raw-revolutions/frame_<frame>.laz     body frame at each point's own time; gps_time in ns
   dynamic/box/3d_body/frame_<frame>.json        time of the frame and tracked boxes
+  sensor/gnssins/egomotion.json                 pose of each frame; where the card names no other ego-motion
 ```
 
 What is translated here, once:
@@ -14,7 +15,8 @@ What is translated here, once:
   the road is. It serves as the vehicle frame as it stands.
 - An image has the time of the box file with its number.
 - Points are in body axes already, so `vehicle_from_lidar` is the identity; a revolution runs from about 68 ms before to
-  32 ms after the time of its frame, in the same clock.
+  32 ms after the time of its frame, in the same clock. Frames are 67 ms apart, so neighbouring revolutions share the
+  points of 33 ms; an image takes those of one revolution only.
 - Boxes tell velocity relative to the ego vehicle in body axes; over the ground it is the ego's velocity plus that. The
   turn of an object comes from the headings of its boxes.
 """
@@ -35,6 +37,7 @@ from bench.geometry import RigidTransform
 from bench.lidar import read_sweep
 from bench.recordings.aimotive_boxes import read_box_frame, tracks_from_boxes
 from bench.recordings.aimotive_cameras import read_cameras
+from bench.recordings.aimotive_egomotion import read_egomotion
 from bench.recordings.aimotive_options import AimotiveOptions
 from bench.recordings.annotations import read_annotations
 from bench.recordings.handles import RecordingHandle
@@ -86,9 +89,9 @@ def open_aimotive(root: Path, *, sequence: str, options: AimotiveOptions, annota
     folder = root / sequence
     cameras = read_cameras(folder, options)
     frames = _frames(root, folder)
-    trajectory = _trajectory(root, folder, options)
     boxes = {number: read_box_frame(path) for number, path in frames.items()}
     times_ns = {number: frame.timestamp_ns for number, frame in boxes.items()}
+    trajectory = _trajectory(root, folder, options, times_ns)
     if annotations is not None and annotations.is_file():
         tracks = read_annotations(annotations)
     else:
@@ -148,7 +151,9 @@ def _numbered(root: Path, folder: Path, pattern: str) -> dict[int, Path]:
     return dict(sorted(found.items()))
 
 
-def _trajectory(root: Path, folder: Path, options: AimotiveOptions) -> Trajectory:
+def _trajectory(root: Path, folder: Path, options: AimotiveOptions, times_ns: Mapping[int, int]) -> Trajectory:
+    if options.ego_motion is None:
+        return read_egomotion(root, folder, times_ns)
     name = options.ego_motion.file.replace("{sequence}", folder.name)
     path = path_inside(root, name, file=root, field="options.ego_motion.file")
     return read_bus_signals(path, columns=options.ego_motion.columns).trajectory()

@@ -15,6 +15,7 @@ from pydantic import ConfigDict, Field, field_validator
 from bench.egomotion import Trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
+from bench.recordings.object_motion import yaw_rates
 from bench.recordings.records import Cuboid, ObjectState, Track
 from bench.recordings.validation import FileModel, read_json
 
@@ -36,8 +37,6 @@ CLASSES = {
     "ANIMAL": "animal",
     "OTHER_ANIMAL": "animal",
 }
-TURN_SPAN_NS = 500_000_000  # headings are compared over about this time, since single ones jitter
-SECOND_NS = 1_000_000_000
 
 
 class Box(FileModel):
@@ -158,26 +157,3 @@ def _track(
         for time_ns, box, pose, rate in zip(times_ns, boxes, poses, rates, strict=True)
     )
     return Track(track_id=str(number), object_class=CLASSES[boxes[0].object_type], states=states)
-
-
-def yaw_rates(
-    timestamps_ns: NDArray[np.int64], vehicle_from_object: NDArray[np.float64], trajectory: Trajectory
-) -> NDArray[np.float64]:
-    """Turn of an object over the ground, from its headings a quarter of a second before and after.
-
-    Args:
-        timestamps_ns: (N,) int64, increasing.
-        vehicle_from_object: (N, 3, 3) float64, rotation of the box at each time.
-        trajectory: of the ego vehicle.
-
-    Returns:
-        (N,) float64, rad/s, positive to the left; 0 for an object seen once.
-    """
-    world_from_vehicle, _, _ = trajectory.at(timestamps_ns)
-    forward_world = (world_from_vehicle @ vehicle_from_object)[:, :, 0]
-    heading_rad = np.unwrap(np.arctan2(forward_world[:, 1], forward_world[:, 0]))
-    first = np.searchsorted(timestamps_ns, timestamps_ns - TURN_SPAN_NS // 2)
-    last = np.searchsorted(timestamps_ns, timestamps_ns + TURN_SPAN_NS // 2, side="right") - 1
-    span_s = (timestamps_ns[last] - timestamps_ns[first]) / SECOND_NS
-    turn_rad = heading_rad[last] - heading_rad[first]
-    return np.asarray(np.where(span_s > 0, turn_rad / np.where(span_s > 0, span_s, 1.0), 0.0))

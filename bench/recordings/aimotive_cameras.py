@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 
 from bench.cameras import UnifiedCamera
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform, RoadPlane
-from bench.recordings.aimotive_options import AimotiveOptions, Polygon
+from bench.recordings.aimotive_options import AimotiveOptions
+from bench.recordings.body_polygons import body_mask
 from bench.recordings.records import MountedCamera
 from bench.recordings.resizing import scaled_camera
 from bench.recordings.validation import FileModel, data_error, validated
 
 CALIBRATION = "sensor/calibration/calibration.json"
+MODELS = ("mei", "opencv_pinhole")  # the second is the first with its centre of projection in the sphere's: xi = 0
 
 
 class CameraCalibration(FileModel):
@@ -29,7 +29,7 @@ class CameraCalibration(FileModel):
     model_config = ConfigDict(extra="ignore")
 
     model: str
-    xi: float
+    xi: float | None = None
     focal_length_px: tuple[float, float]
     principal_point_px: tuple[float, float]
     distortion_coeffs: tuple[float, ...] = Field(min_length=4)
@@ -61,31 +61,33 @@ def read_cameras(folder: Path, options: AimotiveOptions) -> dict[str, MountedCam
         if name not in content:
             raise DataError(file, field=name, wanted="a calibration of this camera", came="none")
     if not names:
-        raise DataError(folder / "sensor/camera", wanted="images of a camera with a MEI model", came="none")
+        raise DataError(folder / "sensor/camera", wanted="images of a camera with a known model", came="none")
     return {name: _camera(name, content[name], file, options) for name in names}
 
 
 def _camera_names(folder: Path, content: Mapping[str, Any]) -> tuple[str, ...]:
     present = sorted(path.name for path in folder.glob("sensor/camera/*") if path.is_dir())
-    return tuple(n for n in present if n not in content or content[n].get("model") == "mei")
+    return tuple(n for n in present if n not in content or content[n].get("model") in MODELS)
 
 
 def _camera(name: str, content: Mapping[str, Any], file: Path, options: AimotiveOptions) -> MountedCamera:
     entry = validated(CameraCalibration, content, file=file, field=name)
-    if entry.model != "mei":
-        raise DataError(file, field=f"{name}.model", wanted="'mei'", came=repr(entry.model))
+    if entry.model not in MODELS:
+        raise DataError(file, field=f"{name}.model", wanted=" or ".join(map(repr, MODELS)), came=repr(entry.model))
     k1, k2, p1, p2 = entry.distortion_coeffs[:4]
     if any(entry.distortion_coeffs[4:]):
         raise DataError(
             file, field=f"{name}.distortion_coeffs", wanted="k1, k2, p1, p2, 0", came="a fifth that is not 0"
         )
+    if entry.xi is None and entry.model == "mei":
+        raise DataError(file, field=f"{name}.xi", wanted="a value", came="nothing")
     field_deg = options.field_of_view_deg.get(name)
     try:
         vehicle_from_camera = RigidTransform.from_matrix(entry.RT_body_from_sensor)
         model = UnifiedCamera(
             width=entry.image_resolution_px[0],
             height=entry.image_resolution_px[1],
-            xi=entry.xi,
+            xi=0.0 if entry.xi is None else entry.xi,
             focal=entry.focal_length_px,
             principal_point=entry.principal_point_px,
             radial=(k1, k2),
@@ -101,14 +103,6 @@ def _camera(name: str, content: Mapping[str, Any], file: Path, options: Aimotive
         vehicle_from_camera=vehicle_from_camera,
         road=road,
         stored_size_px=entry.image_resolution_px,
-        ego_body=_ego_body(entry.image_resolution_px, options.body_polygons.get(name, ())),
+        ego_body=body_mask(entry.image_resolution_px, options.body_polygons.get(name, ())),
     )
     return scaled_camera(camera, options.evaluated_size_px)
-
-
-def _ego_body(size_px: tuple[int, int], polygons: Sequence[Polygon]) -> NDArray[np.bool_] | None:
-    if not polygons:
-        return None
-    filled = np.zeros((size_px[1], size_px[0]), dtype=np.uint8)
-    cv2.fillPoly(filled, [np.rint(polygon).astype(np.int32) for polygon in polygons], 1)
-    return filled.astype(bool)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from pydantic import Field
 
+from bench.recordings.body_polygons import Polygon
 from bench.recordings.validation import FileModel
 
 LICENCE = "CC BY-NC-SA 4.0"
-
-Polygon = tuple[tuple[float, float], ...]
 
 
 class EgoMotionOptions(FileModel):
@@ -27,8 +26,8 @@ class AimotiveOptions(FileModel):
     """The card's `options`.
 
     Attributes:
-        cameras: those to evaluate; null for every MEI camera that has images.
-        ego_motion: where ego-motion comes from.
+        cameras: those to evaluate; null for every camera that has images.
+        ego_motion: where ego-motion comes from; null for the data set's own `egomotion.json`.
         evaluated_size_px: (width, height) at which images are evaluated; null for as stored.
         field_of_view_deg: per camera, full angle of the lens, beyond which the image is dark; absent for as far as the
             calibration holds.
@@ -39,7 +38,7 @@ class AimotiveOptions(FileModel):
     """
 
     cameras: tuple[str, ...] | None = None
-    ego_motion: EgoMotionOptions
+    ego_motion: EgoMotionOptions | None = None
     evaluated_size_px: tuple[int, int] | None = None
     field_of_view_deg: dict[str, float] = Field(default_factory=dict)
     body_polygons: dict[str, tuple[Polygon, ...]] = Field(default_factory=dict)

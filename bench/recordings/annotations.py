@@ -34,7 +34,7 @@ def read_annotations(file: Path) -> tuple[Track, ...]:
                 raise DataError(file, field=field, wanted="an object listed under openlabel.objects", came=repr(uid))
             if states[uid] and states[uid][-1].timestamp_ns == timestamp_ns:
                 raise DataError(file, field=field, wanted="one frame for each time", came=f"{timestamp_ns} twice")
-            states[uid].append(_state(entry.object_data, timestamp_ns, file, field))
+            states[uid].append(read_state(entry.object_data, timestamp_ns, file=file, field=field))
     return tuple(
         Track(
             track_id=uid,
@@ -70,7 +70,18 @@ def annotation_document(tracks: Sequence[Track], timestamps_ns: Iterable[int] = 
     }
 
 
-def _state(data: openlabel.FrameObjectData, timestamp_ns: int, file: Path, field: str) -> ObjectState:
+def read_state(data: openlabel.FrameObjectData, timestamp_ns: int, *, file: Path, field: str) -> ObjectState:
+    """One object in one frame.
+
+    Args:
+        data: what the file says of it.
+        timestamp_ns: of the frame.
+        file: for messages.
+        field: place of the object in the file, for messages.
+
+    Raises:
+        DataError: no shape or more than one, or a shape without what belongs to it.
+    """
     numbers: dict[str, Any] = {entry.name: entry.val for entry in data.num}
     vectors: dict[str, Any] = {entry.name: entry.val for entry in data.vec}
     return ObjectState(

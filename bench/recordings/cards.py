@@ -44,6 +44,7 @@ class CardFile(FileModel):
         licence: of the data.
         source: where the data set comes from.
         how_to_get: what a user does to have it.
+        caveats: what a reader of its results has to know, above all where it differs from the paper's data.
         splits: name -> recordings, or "*" for all.
         exclusions: recordings, or parts of them, that are left out.
         options: the adapter's own.
@@ -58,6 +59,7 @@ class CardFile(FileModel):
     licence: str
     source: str = ""
     how_to_get: str = ""
+    caveats: str = ""
     splits: dict[str, Literal["*"] | tuple[str, ...]] = Field(default={"all": "*"})
     exclusions: tuple[ExclusionEntry, ...] = ()
     options: dict[str, Any] = Field(default_factory=dict)

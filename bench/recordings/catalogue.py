@@ -14,8 +14,10 @@ from bench.recordings.cards import DatasetCard, ExclusionEntry
 from bench.recordings.handles import Exclusion, RecordingHandle
 
 ADAPTERS = {
-    "native": "bench.recordings.native:native_recordings",
+    "native": "bench.recordings.native_listing:native_recordings",
     "aimotive": "bench.recordings.aimotive:aimotive_recordings",
+    "kitti360": "bench.recordings.kitti360:kitti360_recordings",
+    "woodscape": "bench.recordings.woodscape:woodscape_recordings",
 }
 ENTRY_POINTS = "fisheye_bench.adapters"
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from bench.recordings.records import ImageRef, Recording
+from bench.recordings.salvage import Salvaged
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,11 +47,14 @@ class RecordingHandle:
         name: of the recording.
         opener: opens it; a function of a module, or a `functools.partial` of one.
         exclusions: images that are left out on opening.
+        salvager: finds all faults of a recording that does not open, and what of it can be used; None where the adapter
+            has none, then the first fault is the only one known.
     """
 
     name: str
     opener: Callable[[], Recording]
     exclusions: tuple[Exclusion, ...] = ()
+    salvager: Callable[[], Salvaged] | None = None
 
     def open(self) -> Recording:
         """Open the recording: calibration, lists of images and sweeps, ego-motion and annotations; no bulk data.

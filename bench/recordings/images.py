@@ -67,6 +67,31 @@ def read_truth(image: ImageRef, camera: MountedCamera | None = None) -> NDArray[
     return np.asarray(ids, dtype=np.uint16)
 
 
+def read_moving_mask(image: ImageRef, camera: MountedCamera) -> NDArray[np.bool_]:
+    """Read what moves in an image, where its data set has masks: any value but 0.
+
+    Args:
+        image: which.
+        camera: the camera that took it.
+
+    Returns:
+        (height, width) bool, at the size of `camera.model`.
+
+    Raises:
+        DataError: the image has no mask, or a file that is not an 8-bit grey image of the calibration's size.
+    """
+    if image.moving_path is None:
+        raise DataError(image.path, wanted="an image with a mask of what moves", came="one without")
+    classes = _decode(image.moving_path, cv2.IMREAD_UNCHANGED)
+    if classes.dtype != np.uint8 or classes.ndim != 2:
+        raise DataError(image.moving_path, wanted="an 8-bit grey PNG", came=f"{classes.dtype} {classes.shape}")
+    _refuse_other_size(classes, image.moving_path, camera)
+    size = camera.model.width, camera.model.height
+    if size != camera.stored_size_px:
+        classes = cv2.resize(classes, size, interpolation=cv2.INTER_NEAREST)
+    return np.asarray(classes > 0)
+
+
 def read_mask(path: Path, size_px: tuple[int, int]) -> NDArray[np.bool_]:
     """Read a mask: True where the image is not 0.
 
@@ -82,6 +107,15 @@ def read_mask(path: Path, size_px: tuple[int, int]) -> NDArray[np.bool_]:
     if came != tuple(size_px):
         raise DataError(path, wanted="{} x {} px".format(*size_px), came="{} x {}".format(*came))
     return np.asarray(pixels > 0)
+
+
+def read_unchanged(path: Path) -> NDArray[Any]:
+    """Read an image file with the channels and the depth that it has.
+
+    Raises:
+        DataError: missing, cut short, or not to be decoded.
+    """
+    return _decode(path, cv2.IMREAD_UNCHANGED)
 
 
 def _decode(path: Path, flags: int) -> NDArray[Any]:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import partial
+from collections.abc import Callable
 from os import scandir
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,18 +17,22 @@ from bench.errors import DataError, ShapeError, UnknownNameError
 from bench.geometry import RigidTransform, RoadPlane
 from bench.lidar import read_sweep
 from bench.recordings.annotations import read_annotations
-from bench.recordings.handles import RecordingHandle
 from bench.recordings.images import read_mask
 from bench.recordings.paths import path_inside, refuse_escape
 from bench.recordings.records import ImageRef, MountedCamera, Recording, SweepRef, Track
 from bench.recordings.resizing import scaled_camera
-from bench.recordings.schema import CameraHead, Mounting, RecordingHead
-from bench.recordings.validation import FileModel, data_error, read_json, validated
+from bench.recordings.schema import CameraHead, Mounting, RecordingHead, TrueCalibration
+from bench.recordings.validation import FileModel, data_error, read_json
 
 HEAD = "recording.json"
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 SWEEP_SUFFIXES = (".npz", ".bin", ".pcd", ".ply", ".laz")
 EGOMOTION_FILES = ("egomotion.csv", "poses.csv")
+TRUE_POSES, TRUE_CALIBRATION = "truth/poses.csv", "truth/calibration.json"
+
+Source = Literal["recorded", "exact"]
+Complaint = Callable[[DataError], None]
+LATEST_NS = 2**63 - 1
 
 
 class NativeOptions(FileModel):
@@ -37,79 +40,101 @@ class NativeOptions(FileModel):
 
     Attributes:
         evaluated_size_px: (width, height) at which images are evaluated; null for as stored.
+        ego_motion: "recorded", what the car reports, or "exact", the true poses of a synthetic recording.
+        calibration: "recorded", what `recording.json` says, or "exact", where the sensors of a synthetic recording are.
     """
 
     evaluated_size_px: tuple[int, int] | None = Field(default=None)
-
-
-def native_recordings(
-    root: Path, *, options: Mapping[str, Any], card: Path, annotations: Path | None
-) -> tuple[RecordingHandle, ...]:
-    """The adapter `native`: each folder of `root` that looks like a recording, or `root` itself.
-
-    One without `recording.json` but with images or annotations is listed too: opening it says what is missing.
-
-    Raises:
-        DataError: options that do not exist.
-    """
-    chosen = validated(NativeOptions, options, file=card, field="options")
-    folders = [root] if (root / HEAD).is_file() else sorted(path for path in root.glob("[!.]*/") if _is_recording(path))
-    return tuple(
-        RecordingHandle(
-            name=folder.name,
-            opener=partial(
-                open_native,
-                folder,
-                evaluated_size_px=chosen.evaluated_size_px,
-                annotations=None if annotations is None else annotations / f"{folder.name}.json",
-            ),
-        )
-        for folder in folders
-    )
-
-
-def _is_recording(folder: Path) -> bool:
-    return any((folder / name).exists() for name in (HEAD, "images", "annotations.json"))
+    ego_motion: Source = "recorded"
+    calibration: Source = "recorded"
 
 
 def open_native(
-    root: Path, *, evaluated_size_px: tuple[int, int] | None = None, annotations: Path | None = None
+    root: Path,
+    *,
+    evaluated_size_px: tuple[int, int] | None = None,
+    ego_motion: Source = "recorded",
+    calibration: Source = "recorded",
+    annotations: Path | None = None,
 ) -> Recording:
     """Open a native recording.
 
     Args:
         root: its folder.
         evaluated_size_px: (width, height) at which images are evaluated; None for as stored.
+        ego_motion: "exact" for the true poses of a synthetic recording instead of what its car reports.
+        calibration: "exact" for where its sensors are instead of where its calibration says that they are.
         annotations: annotation file that stands in for the recording's own where it exists.
 
     Raises:
         DataError: a file that is missing or not what the format asks for.
     """
-    file = root / HEAD
-    head = read_json(RecordingHead, file)
-    refuse_escape(root, file, file=file)
-    if head.name != root.resolve().name:
-        raise DataError(file, field="name", wanted=f"{root.resolve().name!r}, as its folder", came=repr(head.name))
-    _refuse_uncalibrated(root, head)
-    cameras = {name: _camera(root, name, entry, head, evaluated_size_px) for name, entry in head.cameras.items()}
+    head = read_head(root, calibration)
+    refuse_other_name(root, head)
+    refuse_uncalibrated(root, head)
+    cameras = {name: mounted_camera(root, name, entry, head, evaluated_size_px) for name, entry in head.cameras.items()}
     return Recording(
         name=head.name,
         root=root,
         licence=head.licence,
         frame_interval_ns=head.frame_interval_ns,
         cameras=cameras,
-        images={name: _images(root, name) for name in cameras},
-        trajectory=_trajectory(root),
+        images={name: image_refs(root, name) for name in cameras},
+        trajectory=ego_motion_of(root, ego_motion),
         vehicle_from_lidar=_transform(head.lidar.vehicle_from_lidar),
-        sweeps=_sweeps(root),
-        tracks=_tracks(root, annotations),
+        sweeps=sweep_refs(root),
+        tracks=annotated_tracks(root, annotations),
         vehicle_outline_m=np.array(head.vehicle.outline_m, dtype=np.float64),
     )
 
 
-def _camera(
+def read_head(root: Path, calibration: Source = "recorded") -> RecordingHead:
+    """`recording.json`, with the true mountings where `calibration` is "exact"."""
+    file = root / HEAD
+    head = read_json(RecordingHead, file)
+    refuse_escape(root, file, file=file)
+    return head if calibration == "recorded" else _truly_calibrated(root, head)
+
+
+def refuse_other_name(root: Path, head: RecordingHead) -> None:
+    """Refuse a name that is not the folder's."""
+    if head.name != root.resolve().name:
+        wanted = f"{root.resolve().name!r}, as its folder"
+        raise DataError(root / HEAD, field="name", wanted=wanted, came=repr(head.name))
+
+
+def _truly_calibrated(root: Path, head: RecordingHead) -> RecordingHead:
+    file = _truth(root, TRUE_CALIBRATION, "calibration")
+    true = read_json(TrueCalibration, file)
+    if set(true.vehicle_from_camera) != set(head.cameras):
+        raise DataError(
+            file,
+            field="vehicle_from_camera",
+            wanted=f"the cameras of {HEAD}: {', '.join(sorted(head.cameras))}",
+            came=", ".join(sorted(true.vehicle_from_camera)) or "none",
+        )
+    cameras = {
+        name: entry.model_copy(update={"vehicle_from_camera": true.vehicle_from_camera[name]})
+        for name, entry in head.cameras.items()
+    }
+    lidar = head.lidar.model_copy(update={"vehicle_from_lidar": true.vehicle_from_lidar})
+    return head.model_copy(update={"cameras": cameras, "lidar": lidar})
+
+
+def _truth(root: Path, name: str, option: str) -> Path:
+    """A file of the exact truth, which only synthetic recordings have."""
+    file = root / name
+    if not file.is_file():
+        do = f"set the card's option {option}: recorded, or render the recording again"
+        raise DataError(file, wanted=f"the truth for {option}: exact", came="no such file", do=do)
+    refuse_escape(root, file, file=file)
+    return file
+
+
+def mounted_camera(
     root: Path, name: str, entry: CameraHead, head: RecordingHead, size_px: tuple[int, int] | None
 ) -> MountedCamera:
+    """A camera of the head, at the size at which it is evaluated."""
     vehicle_from_camera = _transform(entry.vehicle_from_camera)
     try:
         road = RoadPlane.below(vehicle_from_camera, ground_height_m=head.vehicle.ground_height_m)
@@ -157,7 +182,8 @@ def _transform(mounting: Mounting) -> RigidTransform:
     return RigidTransform.from_quaternion(mounting.quaternion_wxyz, mounting.translation_m)
 
 
-def _refuse_uncalibrated(root: Path, head: RecordingHead) -> None:
+def refuse_uncalibrated(root: Path, head: RecordingHead) -> None:
+    """Refuse folders of images that the head has no camera for."""
     folder = root / "images"
     if not folder.is_dir():
         raise DataError(folder, wanted="a folder with one folder of images per camera", came="no such folder")
@@ -167,55 +193,72 @@ def _refuse_uncalibrated(root: Path, head: RecordingHead) -> None:
             raise DataError(root / HEAD, field=f"cameras.{path.name}", wanted=wanted, came="none")
 
 
-def _images(root: Path, camera: str) -> tuple[ImageRef, ...]:
+def _refuse(error: DataError) -> None:
+    raise error
+
+
+def image_refs(root: Path, camera: str, complain: Complaint = _refuse) -> tuple[ImageRef, ...]:
+    """The images of a camera, by time; what is wrong with a name goes to `complain`."""
     folder = root / "images" / camera
-    paths = _timed_files(root, folder, IMAGE_SUFFIXES)
+    paths = _timed_files(root, folder, IMAGE_SUFFIXES, complain)
     if not paths:
-        raise DataError(folder, wanted="images named <timestamp_ns>.png or .jpg", came="none")
-    truth = _timed_files(root, root / "truth" / camera, (".png",))
+        complain(DataError(folder, wanted="images named <timestamp_ns>.png or .jpg", came="none"))
+    truth = _timed_files(root, root / "truth" / camera, (".png",), complain)
     return tuple(
         ImageRef(camera=camera, timestamp_ns=time_ns, path=path, truth_path=truth.get(time_ns))
         for time_ns, path in sorted(paths.items())
     )
 
 
-def _sweeps(root: Path) -> tuple[SweepRef, ...]:
-    paths = _timed_files(root, root / "lidar", SWEEP_SUFFIXES)
+def sweep_refs(root: Path, complain: Complaint = _refuse) -> tuple[SweepRef, ...]:
+    """The sweeps, by time; what is wrong with a name goes to `complain`."""
+    paths = _timed_files(root, root / "lidar", SWEEP_SUFFIXES, complain)
     return tuple(SweepRef(timestamp_ns=t, path=path, reader=read_sweep) for t, path in sorted(paths.items()))
 
 
-def _timed_files(root: Path, folder: Path, suffixes: tuple[str, ...]) -> dict[int, Path]:
+def _timed_files(root: Path, folder: Path, suffixes: tuple[str, ...], complain: Complaint) -> dict[int, Path]:
     """Files named by their time; hidden ones are not finished and passed over."""
     if not folder.is_dir():
         return {}
     refuse_escape(root, folder, file=folder)
     found: dict[int, Path] = {}
-    for entry in scandir(folder):
+    for entry in sorted(scandir(folder), key=lambda entry: entry.name):
         path = Path(entry.path)
         if entry.name.startswith(".") or path.suffix.lower() not in suffixes:
             continue
-        if not path.stem.isascii() or not path.stem.isdigit():
-            raise DataError(path, wanted="a name that is a time in nanoseconds", came=repr(path.stem))
+        if not path.stem.isascii() or not path.stem.isdigit() or int(path.stem) > LATEST_NS:
+            complain(DataError(path, wanted="a name that is a time in nanoseconds", came=repr(path.stem)))
+            continue
         if int(path.stem) in found:
-            raise DataError(path, wanted="one file for each time", came=f"also {found[int(path.stem)].name}")
+            complain(DataError(path, wanted="one file for each time", came=f"also {found[int(path.stem)].name}"))
+            continue
         if entry.is_symlink():
-            refuse_escape(root, path, file=path)
+            try:
+                refuse_escape(root, path, file=path)
+            except DataError as error:
+                complain(error)
+                continue
         found[int(path.stem)] = path
     return found
 
 
-def _trajectory(root: Path) -> Trajectory:
+def ego_motion_of(root: Path, ego_motion: Source = "recorded") -> Trajectory:
+    """What the car reports of its motion, or the true poses."""
+    if ego_motion == "exact":
+        return read_tum(_truth(root, TRUE_POSES, "ego_motion"))
     present = [root / name for name in EGOMOTION_FILES if (root / name).is_file()]
     if len(present) != 1:
         wanted = f"one of {' and '.join(EGOMOTION_FILES)}"
-        raise DataError(root, wanted=wanted, came="both" if present else "neither")
+        do = "" if present else "the reference cannot do without: it moves lidar points to the time of the image"
+        raise DataError(root, wanted=wanted, came="both" if present else "neither", do=do)
     refuse_escape(root, present[0], file=present[0])
     if present[0].name == "egomotion.csv":
         return read_bus_signals(present[0]).trajectory()
     return read_tum(present[0])
 
 
-def _tracks(root: Path, annotations: Path | None) -> tuple[Track, ...]:
+def annotated_tracks(root: Path, annotations: Path | None) -> tuple[Track, ...]:
+    """The objects of `annotations` where that file exists, else of the recording's own file."""
     if annotations is not None and annotations.is_file():
         return read_annotations(annotations)
     file = root / "annotations.json"

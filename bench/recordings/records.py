@@ -47,12 +47,16 @@ class ImageRef:
         timestamp_ns: time of exposure (its middle).
         path: PNG or JPEG file.
         truth_path: 16-bit PNG of instance ids, in synthetic recordings; None elsewhere.
+        moving_path: mask of what moves, where a data set has masks instead of annotated objects; None elsewhere.
+        scored: False for an image that is there only as the one before another.
     """
 
     camera: str
     timestamp_ns: int
     path: Path
     truth_path: Path | None = None
+    moving_path: Path | None = None
+    scored: bool = True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -70,6 +70,18 @@ class LidarHead(FileModel):
     vehicle_from_lidar: Mounting
 
 
+class TrueCalibration(FileModel):
+    """`truth/calibration.json` of a synthetic recording: where the sensors sit, apart from what the head says.
+
+    Attributes:
+        vehicle_from_camera: by the camera's name.
+        vehicle_from_lidar: of the lidar.
+    """
+
+    vehicle_from_camera: dict[Name, Mounting]
+    vehicle_from_lidar: Mounting
+
+
 class RecordingHead(FileModel):
     """`recording.json`.
 

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic_core import ErrorDetails
 
 from bench.errors import DataError, ShapeError
 
 LONGEST_VALUE = 80  # characters of a wrong value that a message shows
+MOST_FAULTS = 200  # of one file that are told one by one
 
 
 class FileModel(BaseModel):
@@ -37,6 +41,39 @@ def read_json(model: type[Model], file: Path) -> Model:
         return model.model_validate_json(content, strict=True)
     except ValidationError as error:
         raise _data_error(error, file) from None
+
+
+def json_faults(model: type[BaseModel], file: Path) -> tuple[DataError, ...]:
+    """Everything that `read_json` would refuse, one error each; at most 200."""
+    try:
+        content = file.read_bytes()
+    except OSError as error:
+        return (DataError(file, wanted="a readable file", came=error.strerror or str(error)),)
+    try:
+        model.model_validate_json(content, strict=True)
+    except ValidationError as error:
+        faults = error.errors(include_url=False, include_context=False)[:MOST_FAULTS]
+        return tuple(_one_error(fault, file) for fault in faults)
+    return ()
+
+
+def keys_twice(file: Path) -> tuple[DataError, ...]:
+    """Keys that an object of a JSON file has twice, at most 200; parsers keep the last one and say nothing."""
+    twice: list[str] = []
+
+    def keep(pairs: list[tuple[str, object]]) -> None:
+        seen: set[str] = set()
+        for key, _ in pairs:
+            if key in seen:
+                twice.append(key)
+            seen.add(key)
+
+    with suppress(OSError, RecursionError, ValueError):  # those are told by who reads the file
+        json.loads(file.read_bytes(), object_pairs_hook=keep)
+    return tuple(
+        DataError(file, field=_short(key), wanted="each key of an object once", came="it twice")
+        for key in twice[:MOST_FAULTS]
+    )
 
 
 def validated(model: type[Model], values: Mapping[str, Any], *, file: Path, field: str = "") -> Model:
@@ -68,10 +105,13 @@ def data_error(error: ShapeError, *, file: Path, field: str) -> DataError:
 
 def _data_error(error: ValidationError, file: Path, prefix: str = "") -> DataError:
     faults = error.errors(include_url=False, include_context=False)
-    first = faults[0]
-    path = ".".join(str(part) for part in (*([prefix] if prefix else []), *first["loc"]))
-    wanted, came = _told(first["type"], first["msg"], first.get("input"))
     do = f"{len(faults) - 1} more faults in this file" if len(faults) > 1 else ""
+    return _one_error(faults[0], file, prefix, do)
+
+
+def _one_error(fault: ErrorDetails, file: Path, prefix: str = "", do: str = "") -> DataError:
+    path = ".".join(str(part) for part in (*([prefix] if prefix else []), *fault["loc"]))
+    wanted, came = _told(fault["type"], fault["msg"], fault.get("input"))
     return DataError(file, field=path or None, wanted=wanted, came=came, do=do)
 
 

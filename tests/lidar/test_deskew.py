@@ -55,3 +55,10 @@ def test_a_turning_sensor_sees_a_point_stand_still():
 def test_times_of_points_default_to_that_of_the_sweep():
     sweep = LidarSweep(timestamp_ns=5, points_lidar=np.zeros((2, 3), np.float32))
     assert sweep.times_ns.tolist() == [5, 5]
+
+
+def test_knots_of_times_since_1970_stay_apart():
+    """Such times have more digits than a float holds; a sweep without times of its points is one instant."""
+    time_ns = 1_700_000_000_000_000_001
+    knots_ns = knot_times(np.array([time_ns, time_ns], dtype=np.int64))
+    assert knots_ns.tolist() == [time_ns, time_ns + 1]

@@ -11,7 +11,7 @@ import yaml
 
 from bench.errors import DataError
 from bench.recordings import ADAPTERS, catalogue, load_card, open_dataset, read_image
-from tests.recordings import tiny, tiny_aimotive
+from tests.recordings import tiny, tiny_aimotive, tiny_kitti360, tiny_woodscape
 
 
 def native(root):
@@ -24,7 +24,18 @@ def aimotive(root):
     return tiny_aimotive.OPTIONS
 
 
-DATA_SETS = {"native": native, "aimotive": aimotive}
+def kitti360(root):
+    tiny_kitti360.write_data_set(root)
+    return tiny_kitti360.OPTIONS
+
+
+def woodscape(root):
+    tiny_woodscape.write_data_set(root)
+    return tiny_woodscape.OPTIONS | {"cameras": ["FV"]}
+
+
+DATA_SETS = {"native": native, "aimotive": aimotive, "kitti360": kitti360, "woodscape": woodscape}
+MASKED = {"woodscape"}  # masks in place of lidar and annotated objects
 
 
 def test_every_adapter_is_tried():
@@ -60,12 +71,14 @@ def test_recordings_keep_the_contract(card):
             pixels = read_image(image, camera)
             assert pixels.dtype == np.uint8
             assert pixels.shape == (camera.model.height, camera.model.width)
-    assert recording.sweeps
+    masked = card.content.adapter in MASKED
+    assert all(images[-1].moving_path is not None for images in recording.images.values()) == masked
+    assert bool(recording.sweeps) != masked
     for reference in recording.sweeps:
         sweep = reference.read()
         assert np.isfinite(sweep.points_lidar).all()
         assert recording.trajectory.at(sweep.times_ns)[2].all()
-    assert recording.tracks
+    assert bool(recording.tracks) != masked
     for track in recording.tracks:
         assert track.object_class in {"pedestrian", "cyclist", "vehicle", "animal"}
         times_ns = [state.timestamp_ns for state in track.states]
@@ -87,7 +100,9 @@ def test_unknown_options_are_refused_before_anything_is_opened(card, tmp_path):
 
 
 def test_a_package_adds_an_adapter(tmp_path, monkeypatch):
-    point = EntryPoint(name="mine", value="bench.recordings.native:native_recordings", group="fisheye_bench.adapters")
+    point = EntryPoint(
+        name="mine", value="bench.recordings.native_listing:native_recordings", group="fisheye_bench.adapters"
+    )
     monkeypatch.setattr(catalogue, "entry_points", lambda group: [point] if group == point.group else [])
     native(tmp_path / "data")
     (handle,) = open_dataset(write_card(tmp_path, "mine", {}))

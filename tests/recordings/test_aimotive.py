@@ -11,6 +11,8 @@ from bench.errors import DataError
 from bench.lidar import deskew, knot_times
 from bench.recordings import load_card, open_dataset, read_image
 from bench.recordings.aimotive import aimotive_recordings
+from bench.recordings.aimotive_cameras import read_cameras
+from bench.recordings.aimotive_options import AimotiveOptions
 from tests.real import needs_real
 from tests.recordings import tiny_aimotive as tiny
 
@@ -109,8 +111,11 @@ def test_calibration_must_be_there_and_complete(folder, tmp_path):
     with pytest.raises(DataError, match=r"calibration\.json: B_CAM: wanted a calibration of this camera, came none"):
         opened(tmp_path, cameras=["B_CAM"])
     edited(file, lambda content: content[tiny.CAMERA].update(model="pinhole"))
-    with pytest.raises(DataError, match=r"calibration\.json: M_FISHEYE_R\.model: wanted 'mei', came 'pinhole'"):
+    with pytest.raises(
+        DataError, match=r"calibration\.json: M_FISHEYE_R\.model: wanted 'mei' or 'opencv_pinhole', came 'pinhole'"
+    ):
         opened(tmp_path)
+    edited(file, lambda content: content[tiny.CAMERA].update(model="mei"))
     edited(file, lambda content: content[tiny.CAMERA].pop("xi"))
     with pytest.raises(DataError, match=r"calibration\.json: M_FISHEYE_R\.xi: wanted a value, came nothing"):
         opened(tmp_path)
@@ -205,3 +210,111 @@ def test_points_moved_to_the_exposure_fill_the_vans_box(real, index):
     inside = np.abs(points_object[near][:, 0]) < half_m[0] + 0.1
     assert near.sum() > 5000
     assert inside.mean() > 0.99
+
+
+# A place in the Black Forest, and the axes east, north and up there.
+LATITUDE, LONGITUDE = np.radians(48.0), np.radians(8.0)
+NORMAL_RADIUS_M = 6_378_137.0 / np.sqrt(1.0 - 0.00669437999014 * np.sin(LATITUDE) ** 2)
+EARTH_FROM_LOCAL = np.array(
+    [
+        [-np.sin(LONGITUDE), -np.sin(LATITUDE) * np.cos(LONGITUDE), np.cos(LATITUDE) * np.cos(LONGITUDE)],
+        [np.cos(LONGITUDE), -np.sin(LATITUDE) * np.sin(LONGITUDE), np.cos(LATITUDE) * np.sin(LONGITUDE)],
+        [0.0, np.cos(LATITUDE), np.sin(LATITUDE)],
+    ]
+)
+PLACE_M = (
+    np.array([NORMAL_RADIUS_M, NORMAL_RADIUS_M, NORMAL_RADIUS_M * (1 - 0.00669437999014)]) * EARTH_FROM_LOCAL[:, 2]
+)
+
+
+def egomotion(frame):
+    """Northwards at 30 m/s on level ground."""
+    pose = np.eye(4)
+    pose[:3, :3] = EARTH_FROM_LOCAL @ [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
+    pose[:3, 3] = PLACE_M + EARTH_FROM_LOCAL[:, 1] * tiny.EGO_MPS * frame * tiny.STEP_NS / 1e9
+    return {"RT_ECEF_body": pose.tolist(), "time_host": "unused"}
+
+
+@pytest.fixture
+def own_odometry(folder):
+    file = folder / "sensor/gnssins/egomotion.json"
+    file.parent.mkdir(parents=True)
+    file.write_text(json.dumps({str(tiny.FIRST_FRAME + n): egomotion(n) for n in range(-1, 3)}))
+    return file
+
+
+def test_the_data_sets_own_odometry(own_odometry, tmp_path):
+    recording = opened(tmp_path, ego_motion=None)
+    trajectory = recording.trajectory
+    assert trajectory.timestamps_ns.tolist() == [tiny.START_NS + n * tiny.STEP_NS for n in range(3)]
+    for n in range(3):
+        time_ns = tiny.START_NS + n * tiny.STEP_NS
+        pose = trajectory.world_from_vehicle(time_ns)
+        assert pose.rotation[:, 2] == pytest.approx([0, 0, 1], abs=1e-6)  # upright, though the earth is round
+        assert pose.translation_m[2] == pytest.approx(0, abs=1e-4)
+        assert trajectory.velocity_vehicle_mps(time_ns) == pytest.approx([tiny.EGO_MPS, 0, 0], abs=1e-4)
+    (track,) = recording.tracks
+    assert track.states[0].velocity_mps == pytest.approx([24.0, 0.25, 0.0], abs=1e-4)
+
+
+ODOMETRY_FAULTS = [
+    ("", "wanted text, came an empty file"),
+    ("[1, 2", "wanted JSON"),
+    ("[1, 2]", "wanted poses by frame number, came list"),
+    ("[" * 100_000, "wanted JSON"),
+    ('{"1": {}, "../x": {}}', "wanted poses of two frames at least, of those from 100 to 102, came 0"),
+    ('{"100": {}}', "100.RT_ECEF_body: wanted a 4 x 4 matrix, came none (KeyError)"),
+    ('{"100": {"RT_ECEF_body": [[1, 2], [3]]}}', "100.RT_ECEF_body: wanted a 4 x 4 matrix"),
+    (
+        '{"100": {"RT_ECEF_body": [[NaN, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]}}',
+        "wanted a finite (4, 4) or (3, 4) matrix",
+    ),
+]
+
+
+@pytest.mark.parametrize(("text", "message"), ODOMETRY_FAULTS, ids=range(len(ODOMETRY_FAULTS)))
+def test_faults_of_the_odometry(own_odometry, tmp_path, text, message):
+    own_odometry.write_text(text)
+    with pytest.raises(DataError) as caught:
+        opened(tmp_path, ego_motion=None)
+    assert "egomotion.json: " in str(caught.value)
+    assert message in str(caught.value)
+
+
+def test_all_cameras_of_a_sequence(folder, tmp_path):
+    name = "F_MIDLONGRANGECAM_CL"
+    images = folder / "sensor/camera"
+    (images / name).mkdir()
+    for path in sorted((images / tiny.CAMERA).iterdir()):
+        (images / name / path.name.replace(tiny.CAMERA, name)).write_bytes(path.read_bytes())
+    pinhole = tiny.calibration()[tiny.CAMERA] | {
+        "model": "opencv_pinhole",
+        "distortion_coeffs": [-0.3, 0.08, 0.002, 0, 0],
+    }
+    del pinhole["xi"]
+    edited(folder / "sensor/calibration/calibration.json", lambda content: content.update({name: pinhole}))
+    recording = opened(tmp_path, cameras=None)
+    assert set(recording.cameras) == {name, tiny.CAMERA}
+    assert len(recording.images[name]) == 3
+    # By hand: OpenCV's formula for x = 0.2, y = 0.1, r^2 = 0.05.
+    stretch = 1 - 0.3 * 0.05 + 0.08 * 0.05**2
+    u = 28.0 * (0.2 * stretch + 2 * 0.002 * 0.2 * 0.1) + 32.0
+    v = 25.0 * (0.1 * stretch + 0.002 * (0.05 + 2 * 0.01)) + 17.5
+    pixels, valid = recording.cameras[name].model.project(np.array([[2.0, 1.0, 10.0], [0.0, 1.0, -1.0]]))
+    assert valid.tolist() == [True, False]
+    assert pixels[0] == pytest.approx([u, v])
+
+
+@needs_real
+def test_the_real_pinhole_cameras():
+    card = load_card(Path(__file__).parents[2] / "datasets/aimotive-sample.yaml")
+    folder = next(card.root.glob("data/*/*/*"))
+    options = AimotiveOptions(cameras=("B_MIDRANGECAM_C", "F_MIDLONGRANGECAM_CL", "M_FISHEYE_L"))
+    cameras = read_cameras(folder, options)
+    ahead = {name: camera.vehicle_from_camera.rotation[:, 2] for name, camera in cameras.items()}
+    assert ahead["F_MIDLONGRANGECAM_CL"] == pytest.approx([1, 0, 0], abs=0.1)
+    assert ahead["B_MIDRANGECAM_C"] == pytest.approx([-1, 0, 0], abs=0.1)
+    corners = np.array([[0.0, 0.0], [1279.0, 703.0]])
+    rays, valid = cameras["F_MIDLONGRANGECAM_CL"].model.unproject(corners)
+    assert valid.all()
+    assert cameras["F_MIDLONGRANGECAM_CL"].model.project(rays)[0] == pytest.approx(corners, abs=1e-4)

@@ -16,6 +16,7 @@ from bench.recordings import (
     recording_faults,
     write_annotations,
 )
+from bench.synthesis import read_scenario
 from tests.recordings import tiny
 
 REPOSITORY = Path(__file__).parents[2]
@@ -153,9 +154,13 @@ def test_the_committed_cards_are_cards():
 
 def test_the_examples_of_the_readme_are_valid(tmp_path, root):
     text = (REPOSITORY / "datasets/README.md").read_text()
-    (card,) = re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
+    card, series = re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
     (tmp_path / "example.yaml").write_text(card)
     assert len(load_card(tmp_path / "example.yaml").content.exclusions) == 3
+    head = (REPOSITORY / "datasets/demo.scenario.yaml").read_text().split("\nrecordings:")[0]
+    (tmp_path / "example.scenario.yaml").write_text(f"{head}\n{series}")
+    names = [recording.name for recording in read_scenario(tmp_path / "example.scenario.yaml").recordings]
+    assert names == [f"turning-{k:02}" for k in range(1, 10)]
     (head,) = re.findall(r"```json\n(.*?)```", text, re.DOTALL)
     (root / "recording.json").write_text(head)
     front = open_native(root.rename(tmp_path / "drive-01")).cameras["front"].vehicle_from_camera

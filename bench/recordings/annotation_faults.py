@@ -1,0 +1,44 @@
+"""Everything that is wrong with an annotation file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from bench.errors import DataError
+from bench.recordings import openlabel
+from bench.recordings.annotations import read_state
+from bench.recordings.validation import json_faults, read_json
+
+MOST_FAULTS = 200
+
+
+def annotation_faults(file: Path) -> tuple[DataError, ...]:
+    """All that `read_annotations` would refuse; at most 200.
+
+    Faults of a value come first: only a file without any is searched for objects and frames that do not fit together.
+    """
+    faults = json_faults(openlabel.AnnotationFile, file)
+    try:
+        content = read_json(openlabel.AnnotationFile, file).openlabel
+    except DataError:
+        return faults
+    found = list(faults)
+    seen: set[tuple[str, int]] = set()
+    for number, frame in content.frames.items():
+        timestamp_ns = frame.frame_properties.timestamp
+        for uid, entry in frame.objects.items():
+            field = f"openlabel.frames.{number}.objects.{uid}"
+            if uid not in content.objects:
+                found.append(
+                    DataError(file, field=field, wanted="an object listed under openlabel.objects", came=repr(uid))
+                )
+            if (uid, timestamp_ns) in seen:
+                found.append(
+                    DataError(file, field=field, wanted="one frame for each time", came=f"{timestamp_ns} twice")
+                )
+            seen.add((uid, timestamp_ns))
+            try:
+                read_state(entry.object_data, timestamp_ns, file=file, field=field)
+            except DataError as error:
+                found.append(error)
+    return tuple(found[:MOST_FAULTS])

@@ -1,0 +1,290 @@
+"""What every adapter promises, as a test that its author can run on his own data.
+
+    from bench.recordings.contract import check_adapter
+
+    def test_my_adapter_keeps_the_contract():
+        check_adapter(my_recordings, Path("/data/mine"), options={"camera": "rear"})
+
+or, without a line of code:
+
+    fisheye-bench validate --adapter mypackage.mine:my_recordings /data/mine --set camera=rear
+"""
+
+from __future__ import annotations
+
+import pickle
+import sys
+import tempfile
+import tracemalloc
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.errors import BenchError, DataError
+from bench.recordings.catalogue import Adapter
+from bench.recordings.handles import RecordingHandle
+from bench.recordings.images import read_image
+from bench.recordings.records import Recording, SweepRef, Track
+
+CLASSES = ("pedestrian", "cyclist", "vehicle", "animal")
+LARGEST_HANDLE_BYTES = 100_000
+READ_IMAGES, READ_SWEEPS = 12, 4
+LEAK_BYTES = 1_000_000
+NO_SUCH_OPTION = "no_such_option_of_any_adapter"
+
+
+def check_adapter(adapter: Adapter, root: Path, *, options: Mapping[str, Any] | None = None) -> None:
+    """Refuse an adapter that breaks the contract. Arguments as for `adapter_faults`.
+
+    Raises:
+        AssertionError: with one line for each broken promise.
+    """
+    faults = adapter_faults(adapter, root, options=options)
+    if faults:
+        raise AssertionError("the adapter breaks its contract:\n- " + "\n- ".join(faults))
+
+
+def adapter_faults(
+    adapter: Adapter,
+    root: Path,
+    *,
+    options: Mapping[str, Any] | None = None,
+    progress: Callable[[float, int], None] | None = None,
+) -> tuple[str, ...]:
+    """The promises that an adapter breaks on a data set, one line each.
+
+    It must list recordings without opening them, refuse unknown options, give handles that travel to other processes,
+    name everything once, give times that increase, stay below `root`, read images and sweeps one by one without holding
+    them, and tell every fault as a `DataError`.
+
+    Args:
+        adapter: the function.
+        root: a small data set that is known to be good.
+        options: the card's options for it.
+        progress: called with recordings done and their number.
+    """
+    card = root / "card.yaml"
+
+    def listing(where: Path, chosen: Mapping[str, Any]) -> tuple[RecordingHandle, ...]:
+        return adapter(where, options=chosen, card=card, annotations=None)
+
+    chosen = dict(options or {})
+    faults = [*_refusals(listing, root, chosen)]
+    with _opened_files() as opened:
+        handles, told = _called("listing", lambda: listing(root, chosen))
+    if handles is None:
+        return (*faults, told)
+    if not (isinstance(handles, tuple) and handles and all(isinstance(h, RecordingHandle) for h in handles)):
+        return (*faults, f"listing: wanted a tuple of RecordingHandle, came {_shown(handles)}")
+    names = [handle.name for handle in handles]
+    faults += [f"listing: wanted each name once, came {n!r} twice" for n in sorted(set(names)) if names.count(n) > 1]
+    listed = set(opened)
+    for number, handle in enumerate(handles, start=1):
+        faults += [f"{handle.name}: {fault}" for fault in _handle_faults(handle, root, listed)]
+        if progress is not None:
+            progress(number, len(handles))
+    return tuple(faults)
+
+
+def _refusals(listing: Callable[..., Any], root: Path, options: Mapping[str, Any]) -> Iterator[str]:
+    """What has to be refused, with a `DataError` and nothing else."""
+    try:
+        listing(root, {**options, NO_SUCH_OPTION: 1})
+        yield "options: wanted a DataError for an option that does not exist, came none"
+    except DataError:
+        pass
+    except Exception as error:  # noqa: BLE001 - any other is what we look for
+        yield f"options: wanted a DataError for an option that does not exist, came {_shown(error)}"
+    with tempfile.TemporaryDirectory() as empty:
+        try:
+            found = listing(Path(empty), options)
+            if len(found):
+                yield f"empty folder: wanted no recordings, came {len(found)}"
+        except DataError:
+            pass
+        except Exception as error:  # noqa: BLE001
+            yield f"empty folder: wanted no recordings or a DataError, came {_shown(error)}"
+
+
+def _handle_faults(handle: RecordingHandle, root: Path, listed: set[str]) -> Iterator[str]:
+    try:
+        packed = pickle.dumps(handle)
+        travelled: RecordingHandle = pickle.loads(packed)
+    except Exception as error:  # noqa: BLE001
+        yield f"handle: wanted one that pickles (a function of a module, or a partial of one), came {_shown(error)}"
+        return
+    if len(packed) > LARGEST_HANDLE_BYTES:
+        yield f"handle: wanted a small one that knows where to look, came {len(packed)} bytes"
+    with _opened_files() as opened:
+        recording, told = _called("open", travelled.open)
+    if recording is None:
+        yield told
+        return
+    if not isinstance(recording, Recording):
+        yield f"open: wanted a Recording, came {_shown(recording)}"
+        return
+    if recording.name != handle.name:
+        yield f"name: wanted {handle.name!r}, as listed, came {recording.name!r}"
+    bulk = {str(image.path.resolve()) for images in recording.images.values() for image in images}
+    bulk |= {str(sweep.path.resolve()) for sweep in recording.sweeps}
+    for when, files in (("listing", listed), ("open", set(opened))):
+        if early := sorted(files & bulk):
+            yield f"{when}: wanted no image or sweep read yet, came {len(early)}, the first {early[0]}"
+    yield from _camera_faults(recording, root)
+    yield from _image_faults(recording)
+    yield from _sweep_faults(recording, root)
+    yield from _track_faults(recording.tracks)
+
+
+def _camera_faults(recording: Recording, root: Path) -> Iterator[str]:
+    if set(recording.images) != set(recording.cameras) or not recording.cameras:
+        yield f"images: wanted one row for each camera of {sorted(recording.cameras)}, came {sorted(recording.images)}"
+    for name, camera in recording.cameras.items():
+        size = camera.model.height, camera.model.width
+        if camera.name != name:
+            yield f"cameras.{name}: wanted its own name, came {camera.name!r}"
+        if camera.ego_body is not None and (camera.ego_body.shape != size or camera.ego_body.dtype != bool):
+            came = f"{camera.ego_body.shape} {camera.ego_body.dtype}"
+            yield f"cameras.{name}.ego_body: wanted {size} bool, came {came}"
+        images = recording.images.get(name, ())
+        yield from _time_faults([image.timestamp_ns for image in images], f"images.{name}")
+        for image in images:
+            if image.camera != name:
+                yield f"images.{name}: wanted this camera, came {image.camera!r}"
+                break
+        yield from _places([image.path for image in images], root, f"images.{name}")
+        times_ns = np.array([image.timestamp_ns for image in images], dtype=np.int64)
+        if len(times_ns) and not recording.trajectory.at(times_ns)[2].any():
+            yield f"trajectory: wanted ego-motion at the images of {name}, came none at any"
+
+
+def _image_faults(recording: Recording) -> Iterator[str]:
+    for name, camera in recording.cameras.items():
+        images = recording.images.get(name, ())[:READ_IMAGES]
+        size = camera.model.height, camera.model.width
+        held: list[int] = []
+        tracemalloc.start()
+        try:
+            for image in images:
+                pixels, told = _called(f"images.{name}, {image.path.name}", partial(read_image, image, camera))
+                if pixels is None:
+                    yield told
+                elif pixels.shape != size or pixels.dtype != np.uint8:
+                    yield f"images.{name}: wanted {size} uint8, came {pixels.shape} {pixels.dtype}"
+                del pixels
+                held.append(tracemalloc.get_traced_memory()[0])
+        finally:
+            tracemalloc.stop()
+        if len(held) > 2 and held[-1] - held[1] > LEAK_BYTES + size[0] * size[1]:
+            came = f"{held[-1] - held[1]} bytes held after {len(held)}"
+            yield f"images.{name}: wanted images that are let go, came {came}"
+
+
+def _sweep_faults(recording: Recording, root: Path) -> Iterator[str]:
+    yield from _time_faults([sweep.timestamp_ns for sweep in recording.sweeps], "sweeps")
+    yield from _places([sweep.path for sweep in recording.sweeps], root, "sweeps")
+    for reference in recording.sweeps[:READ_SWEEPS]:
+        place = f"sweeps, {reference.path.name}"
+        try:
+            pickle.dumps(reference)
+        except Exception as error:  # noqa: BLE001
+            yield f"{place}: wanted a reference that pickles, came {_shown(error)}"
+        sweep, told = _called(place, reference.read)
+        if sweep is None:
+            yield told
+            continue
+        if not np.isfinite(sweep.points_lidar).all():
+            yield f"{place}: wanted finite points, came NaN or infinity"
+        if sweep.timestamp_ns != reference.timestamp_ns:
+            yield f"{place}: wanted the time {reference.timestamp_ns}, came {sweep.timestamp_ns}"
+    yield from _cut_sweep(recording.sweeps[:1])
+
+
+def _cut_sweep(sweeps: Sequence[SweepRef]) -> Iterator[str]:
+    """A sweep file of which half is missing, and one that is not there."""
+    for reference in sweeps:
+        if not reference.path.is_file():
+            continue
+        with tempfile.TemporaryDirectory() as folder:
+            cut = Path(folder) / reference.path.name
+            for what in ("missing", "cut short"):
+                try:
+                    reference.reader(cut, reference.timestamp_ns)
+                    if what == "missing":
+                        yield "sweeps: wanted a DataError for a file that is missing, came none"
+                except DataError:
+                    pass
+                except Exception as error:  # noqa: BLE001
+                    yield f"sweeps: wanted a DataError for a file that is {what}, came {_shown(error)}"
+                with reference.path.open("rb") as whole:
+                    cut.write_bytes(whole.read(reference.path.stat().st_size // 2))
+
+
+def _track_faults(tracks: Sequence[Track]) -> Iterator[str]:
+    ids = [track.track_id for track in tracks]
+    yield from (f"tracks: wanted each id once, came {i!r} twice" for i in sorted(set(ids)) if ids.count(i) > 1)
+    for track in tracks:
+        place = f"tracks, {track.track_id}"
+        if track.object_class not in CLASSES:
+            yield f"{place}: wanted a class of {', '.join(CLASSES)}, came {track.object_class!r}"
+        yield from _time_faults([state.timestamp_ns for state in track.states], place)
+        if any(np.shape(state.velocity_mps) != (3,) for state in track.states):
+            yield f"{place}: wanted velocities (3,), NaN where not told, came another shape"
+
+
+def _time_faults(times_ns: Sequence[object], place: str) -> Iterator[str]:
+    whole = [time for time in times_ns if isinstance(time, int) and not isinstance(time, bool)]
+    if len(whole) < len(times_ns):
+        odd = next(time for time in times_ns if not isinstance(time, int) or isinstance(time, bool))
+        yield f"{place}: wanted times as int nanoseconds, came {type(odd).__name__}"
+    elif whole != sorted(set(whole)):
+        yield f"{place}: wanted times that increase, came one twice or out of order"
+
+
+def _places(paths: Sequence[Path], root: Path, place: str) -> Iterator[str]:
+    outside = [path for path in paths if not path.resolve().is_relative_to(root.resolve())]
+    if outside:
+        yield f"{place}: wanted files below {root}, came {outside[0]}"
+
+
+def _called(what: str, call: Callable[[], Any]) -> tuple[Any, str]:
+    """The result, or None and what went wrong on a data set that is known to be good."""
+    try:
+        return call(), f"{what}: wanted a result, came None"
+    except BenchError as error:
+        return None, f"{what}: {error}"
+    except Exception as error:  # noqa: BLE001 - a traceback would hide the other promises
+        return None, f"{what}: wanted no error, or a DataError for a fault of the data, came {_shown(error)}"
+
+
+def _shown(value: object) -> str:
+    text = f"{type(value).__name__}: {value}" if isinstance(value, Exception) else repr(value)
+    return " ".join(text.split())[:200]
+
+
+_watchers: list[list[str]] = []
+
+
+def _watch(event: str, arguments: tuple[Any, ...]) -> None:
+    if event == "open" and _watchers and isinstance(arguments[0], str):
+        for watcher in _watchers:
+            watcher.append(arguments[0])
+
+
+@contextmanager
+def _opened_files() -> Iterator[list[str]]:
+    """Resolved names of the files that Python opens meanwhile; what libraries open by themselves is not seen."""
+    if not getattr(_watch, "installed", False):
+        sys.addaudithook(_watch)  # there is no way to take one away, so there is only ever one
+        _watch.installed = True  # type: ignore[attr-defined]
+    names: list[str] = []
+    _watchers.append(names)
+    try:
+        yield names
+    finally:
+        _watchers.remove(names)
+        names[:] = [str(Path(name).resolve()) for name in names]

@@ -1,0 +1,85 @@
+"""Small text files of data sets, read whole but never without a limit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.errors import DataError
+
+LARGEST_BYTES = 100_000_000  # a million rows of poses
+
+
+def read_text(file: Path, *, largest_bytes: int = LARGEST_BYTES) -> str:
+    """Read a text file.
+
+    Args:
+        file: UTF-8 text.
+        largest_bytes: a larger file is refused before it is read.
+
+    Raises:
+        DataError: missing, too large, empty, or not UTF-8.
+    """
+    try:
+        size = file.stat().st_size
+        if size > largest_bytes:
+            raise DataError(file, wanted=f"at most {largest_bytes} bytes", came=str(size))
+        text = file.read_text(encoding="utf-8")
+    except OSError as error:
+        raise DataError(file, wanted="a readable text file", came=error.strerror or str(error)) from error
+    except UnicodeDecodeError as error:
+        raise DataError(
+            file, wanted="UTF-8 text", came=f"byte {error.object[error.start]:#04x} at {error.start}"
+        ) from None
+    if not text.strip():
+        raise DataError(file, wanted="text", came="an empty file")
+    return text
+
+
+def number_rows(file: Path, columns: int) -> NDArray[np.float64]:
+    """Read rows of numbers, separated by blanks.
+
+    Args:
+        file: text; blank lines are passed over.
+        columns: numbers in each row.
+
+    Returns:
+        (N, columns) float64, N >= 1, finite.
+
+    Raises:
+        DataError: a row of another length, or something that is not a finite number.
+    """
+    rows: list[list[float]] = []
+    for number, line in enumerate(read_text(file).splitlines(), start=1):
+        words = line.split()
+        if words:
+            rows.append(numbers(words, columns, file=file, field=f"line {number}"))
+    return np.array(rows, dtype=np.float64)
+
+
+def numbers(words: list[str], count: int, *, file: Path, field: str) -> list[float]:
+    """Turn words into finite numbers.
+
+    Args:
+        words: as they stand in the file.
+        count: how many there must be.
+        file: where they come from.
+        field: where in the file.
+
+    Raises:
+        DataError: more or fewer, or something that is not a finite number.
+    """
+    if len(words) != count:
+        raise DataError(file, field=field, wanted=f"{count} numbers", came=str(len(words)))
+    values = []
+    for word in words:
+        try:
+            value = float(word)
+        except ValueError:
+            value = float("nan")
+        if not np.isfinite(value):
+            raise DataError(file, field=field, wanted="finite numbers", came=repr(word[:40]))
+        values.append(value)
+    return values

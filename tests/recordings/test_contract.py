@@ -1,0 +1,165 @@
+"""The contract test finds each broken promise, and every adapter of ours passes it."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from bench.errors import DataError
+from bench.lidar import LidarSweep
+from bench.recordings import RecordingHandle
+from bench.recordings.contract import adapter_faults, check_adapter
+from bench.recordings.native import open_native
+from bench.recordings.native_listing import native_recordings
+from bench.recordings.validation import FileModel, validated
+from tests.recordings import tiny, tiny_aimotive
+
+
+class Options(FileModel):
+    """None."""
+
+
+@pytest.fixture
+def root(tmp_path):
+    tiny.write_recording(tmp_path / "data" / "drive")
+    return tmp_path / "data"
+
+
+def adapter_of(opener, *, names=("drive",)):
+    """An adapter like a user's own: a few lines around a function that opens."""
+
+    def listing(root, *, options, card, annotations):
+        validated(Options, options, file=card, field="options")
+        if not (root / "drive").is_dir():
+            return ()
+        return tuple(RecordingHandle(name=name, opener=partial(opener, root / "drive")) for name in names)
+
+    return listing
+
+
+def changed(root, **changes):
+    return replace(open_native(root), **changes)
+
+
+def wrong_name(root):
+    return changed(root, name="other")
+
+
+def out_of_order(root):
+    recording = open_native(root)
+    return replace(recording, images={"front": recording.images["front"][::-1]})
+
+
+def floats_for_times(root):
+    recording = open_native(root)
+    images = tuple(replace(image, timestamp_ns=float(image.timestamp_ns)) for image in recording.images["front"])
+    return replace(recording, images={"front": images})
+
+
+def outside(root):
+    recording = open_native(root)
+    image = recording.images["front"][0]
+    place = root.parent.parent / "elsewhere.png"
+    place.write_bytes(image.path.read_bytes())
+    return replace(recording, images={"front": (replace(image, path=place),)})
+
+
+def reads_images_early(root):
+    recording = open_native(root)
+    recording.images["front"][0].path.read_bytes()
+    return recording
+
+
+def tracks_twice(root):
+    recording = open_native(root)
+    return replace(recording, tracks=recording.tracks + recording.tracks[:1])
+
+
+def odd_class(root):
+    recording = open_native(root)
+    return replace(recording, tracks=(replace(recording.tracks[0], object_class="tram"),))
+
+
+def read_with_traceback(path, timestamp_ns):
+    points = np.load(path)["points_lidar"]
+    return LidarSweep(timestamp_ns=timestamp_ns, points_lidar=points)
+
+
+def sweeps_with_traceback(root):
+    recording = open_native(root)
+    return replace(recording, sweeps=tuple(replace(sweep, reader=read_with_traceback) for sweep in recording.sweeps))
+
+
+def read_at_another_time(path, timestamp_ns):
+    return LidarSweep(timestamp_ns=timestamp_ns + 1, points_lidar=np.full((3, 3), np.nan))
+
+
+def sweeps_of_another_time(root):
+    recording = open_native(root)
+    return replace(recording, sweeps=tuple(replace(sweep, reader=read_at_another_time) for sweep in recording.sweeps))
+
+
+def raises_key_error(root):
+    raise KeyError("fx")
+
+
+def refuses(root):
+    raise DataError(root, wanted="a calibration", came="none")
+
+
+def test_our_adapters_keep_it(root, tmp_path):
+    check_adapter(native_recordings, root)
+    check_adapter(adapter_of(open_native), root)
+    (tmp_path / "aimotive").mkdir()
+    tiny_aimotive.write_data_set(tmp_path / "aimotive")
+    from bench.recordings.aimotive import aimotive_recordings
+
+    check_adapter(aimotive_recordings, tmp_path / "aimotive", options=tiny_aimotive.OPTIONS)
+
+
+@pytest.mark.parametrize(
+    ("opener", "fault"),
+    [
+        (wrong_name, "drive: name: wanted 'drive', as listed, came 'other'"),
+        (out_of_order, "drive: images.front: wanted times that increase"),
+        (floats_for_times, "drive: images.front: wanted times as int nanoseconds, came float"),
+        (outside, "drive: images.front: wanted files below"),
+        (reads_images_early, "drive: open: wanted no image or sweep read yet, came 1"),
+        (tracks_twice, "drive: tracks: wanted each id once, came 'van' twice"),
+        (odd_class, "drive: tracks, van: wanted a class of pedestrian, cyclist, vehicle, animal, came 'tram'"),
+        (sweeps_with_traceback, "drive: sweeps: wanted a DataError for a file that is missing, came FileNotFoundError"),
+        (sweeps_of_another_time, "wanted finite points, came NaN or infinity"),
+        (raises_key_error, "drive: open: wanted no error, or a DataError for a fault of the data, came KeyError: 'fx'"),
+        (refuses, "wanted a calibration, came none"),
+    ],
+)
+def test_each_broken_promise_is_told(root, opener, fault):
+    faults = adapter_faults(adapter_of(opener), root)
+    assert any(fault in told for told in faults), faults
+    with pytest.raises(AssertionError, match="breaks its contract"):
+        check_adapter(adapter_of(opener), root)
+
+
+def test_names_twice_and_handles_that_cannot_travel(root):
+    assert "listing: wanted each name once, came 'drive' twice" in adapter_faults(
+        adapter_of(open_native, names=("drive", "drive")), root
+    )
+
+    def local(place):
+        return open_native(place)
+
+    (fault,) = adapter_faults(adapter_of(local), root)
+    assert "wanted one that pickles" in fault
+
+
+def test_an_adapter_that_takes_any_option_and_opens_while_it_lists(root):
+    def eager(place, *, options, card, annotations):
+        for image in (place / "drive" / "images" / "front").glob("*"):
+            image.read_bytes()
+        return (RecordingHandle(name="drive", opener=partial(open_native, place / "drive")),)
+
+    faults = adapter_faults(eager, root)
+    assert "options: wanted a DataError for an option that does not exist, came none" in faults
+    assert any("listing: wanted no image or sweep read yet, came 3" in fault for fault in faults)
+    assert any(fault.startswith("empty folder: wanted no recordings, came 1") for fault in faults)

@@ -1,0 +1,229 @@
+"""The WoodScape adapter: a miniature with known truth, and the real calibrations."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from bench.errors import DataError
+from bench.evaluation import load_protocol
+from bench.harness.units import plan_units
+from bench.methods import build_method
+from bench.recordings import load_card, open_dataset, read_image
+from bench.recordings.woodscape import read_camera, woodscape_recordings
+from bench.recordings.woodscape_options import WoodscapeOptions
+from bench.reference import IgnoreReason, ReferenceBuilder, Status
+from tests.real import REAL, needs_real
+from tests.recordings import tiny_woodscape as tiny
+
+
+@pytest.fixture
+def root(tmp_path):
+    return tiny.write_data_set(tmp_path / "WoodScape")
+
+
+def handles(root, **options):
+    return woodscape_recordings(root, options=tiny.OPTIONS | options, card=root / "card.yaml", annotations=None)
+
+
+def opened(root, number=0, **options):
+    return handles(root, **options)[number].open()
+
+
+def reference_of(recording, protocol="masks-v1"):
+    (camera,) = recording.cameras
+    builder = ReferenceBuilder(recording, camera, load_protocol(protocol).reference_settings())
+    return builder.build(recording.images[camera][1])
+
+
+@pytest.mark.parametrize("flat", [False, True])
+def test_a_pair_is_a_recording_wherever_its_files_lie(tmp_path, flat):
+    root = tiny.write_data_set(tmp_path / "WoodScape", flat=flat)
+    assert [handle.name for handle in handles(root)] == list(tiny.NAMES)
+    recording = opened(root)
+    before, now = recording.images["FV"]
+    assert (before.scored, now.scored) == (False, True)
+    assert now.timestamp_ns == tiny.TIME_US * 1000
+    assert now.timestamp_ns - before.timestamp_ns == recording.frame_interval_ns == tiny.WAIT_US * 1000
+    pixels = read_image(now, recording.cameras["FV"])
+    assert np.roll(pixels, 1, axis=1) == pytest.approx(read_image(before, recording.cameras["FV"]))
+
+
+def test_only_the_later_image_is_scored(root):
+    for name in ("nothing", "frame-difference"):
+        (unit,) = plan_units(opened(root), build_method(name))
+        assert (unit.start, unit.stop) == (1, 2)
+
+
+def test_camera(root):
+    camera = opened(root).cameras["FV"]
+    assert camera.model.coefficients == (17.0, -1.6, 2.4, -0.36)
+    assert camera.model.principal_point == pytest.approx((31.7, 23.4))  # offset + middle - half a pixel
+    assert camera.vehicle_from_camera.rotation[:, 2] == pytest.approx([1, 0, 0])
+    assert camera.vehicle_from_camera.rotation[:, 0] == pytest.approx([0, -1, 0])
+    mirror = opened(root, 1).cameras["MVR"].vehicle_from_camera
+    assert mirror.rotation[:, 2] == pytest.approx([0, 1, 0])
+    assert camera.road.height_m == pytest.approx(0.66)
+
+
+@pytest.mark.parametrize(("side", "sign"), [("left", 1), ("right", -1)])
+def test_speed_is_in_kmh_and_yaw_rate_in_degrees(root, side, sign):
+    recording = opened(root, yaw_rate_positive=side)
+    before, now = recording.images["FV"]
+    assert recording.trajectory.velocity_vehicle_mps(before.timestamp_ns)[0] == pytest.approx(10.0, rel=1e-4)
+    pose = recording.trajectory.world_from_vehicle(now.timestamp_ns)
+    # 0.3332 m, as the data set's own ego_distance has it, and 9 degrees a second for 33 ms.
+    assert np.linalg.norm(pose.translation_m) == pytest.approx(0.3332, abs=1e-5)
+    assert np.arctan2(pose.rotation[1, 0], pose.rotation[0, 0]) == pytest.approx(sign * np.radians(9.0) * 0.03332)
+
+
+def edited(path, **values):
+    path.write_text(json.dumps(json.loads(path.read_text()) | values))
+
+
+def test_reverse_gear_goes_backwards(root):
+    for folder in ("rgb_images", "previous_images"):
+        edited(root / "vehicle_data" / folder / "00000_FV.json", ego_gear="R")
+    recording = opened(root)
+    before = recording.images["FV"][0]
+    assert recording.trajectory.velocity_vehicle_mps(before.timestamp_ns)[0] == pytest.approx(-10.0, rel=1e-4)
+
+
+def test_objects_are_the_connected_components_of_the_mask(root):
+    reference = reference_of(opened(root))
+    # 80 + 16 px joined by a corner, 60 px, a speck of one; the part on the host's own body is not in V.
+    assert [(o.polygon_px, o.status) for o in reference.objects] == [
+        (96, Status.EVALUATED),
+        (60, Status.EVALUATED),
+        (1, Status.IGNORED),
+    ]
+    assert reference.objects[2].reason is IgnoreReason.SMALL_POLYGON
+    assert {o.category.value for o in reference.objects} == {"moving"}
+    assert np.isnan([o.range_m for o in reference.objects]).all()
+    expected = tiny.motion("FV") > 0
+    expected[44:] = False
+    assert ((reference.labels > 0) | reference.ignored).tolist() == expected.tolist()
+    assert (reference.labels == 1).sum() == 96
+    assert reference.ego_speed_mps == pytest.approx(10.0, rel=1e-4)
+
+
+def test_protocols_of_polygons_ignore_masks(root):
+    reference = reference_of(opened(root), "paper-v1")
+    assert {o.reason for o in reference.objects} == {IgnoreReason.CLASS}
+    assert not reference.labels.any()
+
+
+def test_an_image_in_which_nothing_moves(root):
+    assert reference_of(opened(root, 1)).objects == ()
+
+
+def test_half_the_size(root):
+    reference = reference_of(opened(root, evaluated_size_px=[32, 24]))
+    assert reference.labels.shape == (24, 32)
+    assert [o.polygon_px for o in reference.objects][:1] == [24]
+
+
+CALIBRATION, VEHICLE = "calibration_data/calibration/00000_FV.json", "vehicle_data/rgb_images/00000_FV.json"
+FAULTS = [
+    (VEHICLE, {"ego_speed": "fast"}, "ego_speed: wanted a valid number, came 'fast'"),
+    (VEHICLE, {"ego_speed": "nan"}, "ego_speed: wanted a finite number, came nan"),
+    (VEHICLE, {"ego_speed": "3600"}, "ego_speed: wanted at most 360 km/h"),
+    (VEHICLE, {"timestamp": "1" * 30}, "timestamp: wanted a valid integer"),
+    (
+        VEHICLE,
+        {"timestamp": str(tiny.TIME_US + 10_000_000)},
+        "timestamp: wanted a time up to 500000 microseconds after",
+    ),
+    (VEHICLE, {"timestamp": str(tiny.TIME_US - tiny.WAIT_US)}, "came one 0 after it"),
+    (CALIBRATION, {"name": "RV"}, "name: wanted 'FV', came 'RV'"),
+    (CALIBRATION, {"name": "../x"}, "name: wanted 'FV', 'RV', 'MVL' or 'MVR', came '../x'"),
+    (
+        CALIBRATION,
+        {"extrinsic": {"quaternion": [0, 0, 0, 0], "translation": [0, 0, 1]}},
+        "quaternion_wxyz: wanted four",
+    ),
+    (CALIBRATION, {"intrinsic": {}}, "intrinsic.model: wanted a value, came nothing"),
+]
+
+
+@pytest.mark.parametrize(("file", "values", "message"), FAULTS, ids=[message for *_, message in FAULTS])
+def test_faults_name_file_and_field(root, file, values, message):
+    edited(root / file, **values)
+    with pytest.raises(DataError) as caught:
+        opened(root)
+    assert file in str(caught.value)
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize("content", [b"", b"\xff\xfe{", b'{"name": ', b"[" * 100_000])
+def test_files_that_are_no_json(root, content):
+    (root / CALIBRATION).write_bytes(content)
+    with pytest.raises(DataError, match=r"00000_FV\.json: wanted JSON"):
+        opened(root)
+
+
+@pytest.mark.parametrize(
+    "file", ["previous_images/00000_FV_prev.png", "motion_annotations/gtLabels/00000_FV.png", VEHICLE, CALIBRATION]
+)
+def test_a_missing_file_says_where_it_was_looked_for(root, file):
+    (root / file).unlink()
+    with pytest.raises(DataError, match=r"wanted a file in .*, came none of this name"):
+        opened(root)
+    assert opened(root, 1).name == tiny.NAMES[1]
+
+
+def test_masks_that_cannot_be_used(root):
+    file = root / "motion_annotations/gtLabels/00000_FV.png"
+    recording = opened(root)
+    whole = file.read_bytes()
+    file.write_bytes(whole[:-9])
+    with pytest.raises(DataError, match=r"gtLabels/00000_FV\.png: wanted a whole PNG"):
+        reference_of(recording)
+    cv2.imwrite(str(file), np.zeros((10, 10), dtype=np.uint8))
+    with pytest.raises(DataError, match=r"image size: wanted 64 x 48 px"):
+        reference_of(recording)
+    cv2.imwrite(str(file), np.zeros((48, 64, 3), dtype=np.uint8))
+    with pytest.raises(DataError, match="wanted an 8-bit grey PNG"):
+        reference_of(recording)
+
+
+def test_links_that_lead_outside_are_refused(root, tmp_path):
+    (root / CALIBRATION).rename(tmp_path / "outside.json")
+    (root / CALIBRATION).symlink_to(tmp_path / "outside.json")
+    with pytest.raises(DataError, match="a link that leads outside"):
+        opened(root)
+
+
+def test_a_folder_that_is_not_the_data_set_and_annotations_apart(tmp_path, root):
+    with pytest.raises(DataError, match=r"rgb_images: wanted images <index>_<camera>\.png"):
+        handles(tmp_path)
+    with pytest.raises(DataError, match=r"annotations: wanted none: this data set has masks"):
+        woodscape_recordings(root, options={}, card=tmp_path / "x.yaml", annotations=tmp_path)
+
+
+def test_the_card(root, monkeypatch):
+    monkeypatch.setenv("WOODSCAPE_DATASET", str(root))
+    assert [handle.name for handle in open_dataset(load_card("woodscape"))] == list(tiny.NAMES)
+
+
+@needs_real
+@pytest.mark.parametrize(
+    ("name", "height_m", "looks"),
+    [
+        ("00000_FV", 0.66, [1, 0]),
+        ("00086_RV", None, [-1, 0]),
+        ("00096_MVR", None, [-0.37, -0.93]),
+        ("00141_MVL", None, [-0.31, 0.95]),
+    ],
+)
+def test_the_real_calibrations(name, height_m, looks):
+    camera = read_camera(REAL / "woodscape/calibration" / f"{name}.json", WoodscapeOptions())
+    assert (camera.name, camera.stored_size_px) == (name.split("_")[1], (1280, 966))
+    along = camera.vehicle_from_camera.rotation[:2, 2]
+    assert along / np.linalg.norm(along) == pytest.approx(looks, abs=0.05)
+    assert camera.road.height_m == pytest.approx(0.9 if height_m is None else height_m, abs=0.01 if height_m else 0.3)
+    pixels = np.array([[640.0, 480.0], [100.0, 200.0], [1200.0, 900.0]])
+    rays, valid = camera.model.unproject(pixels)
+    assert valid.all()
+    assert camera.model.project(rays)[0] == pytest.approx(pixels, abs=1e-6)
