@@ -14,13 +14,24 @@ INSTALLED := $(VENV)/installed
 INSTALLED_DEV := $(VENV)/installed-dev
 
 .DEFAULT_GOAL := help
-.PHONY: help benchmark report gate perf test check format clean
+.PHONY: help benchmark paper report gate perf test check format clean
 
 help: ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):[^#]*## /\1|/' | awk -F'|' '{ printf "  make %-10s %s\n", $$1, $$2 }'
 
 benchmark: $(INSTALLED) ## score METHOD= on DATASET= (the demo) by PROTOCOL=: the table, range maps, pictures
 	$(BIN)/fisheye-bench run $(DATASET) --method $(METHOD) --protocol $(PROTOCOL)
+
+paper: $(INSTALLED) ## rebuild reports/paper: the staged experiment with both ego-motions, the range maps, the audit (an hour, 4 GB)
+	$(BIN)/fisheye-bench run datasets/paper.yaml --no-pictures
+	$(BIN)/fisheye-bench run datasets/paper-exact.yaml --no-pictures
+	$(BIN)/fisheye-bench run datasets/range-maps.yaml --protocol extended-v1 --no-pictures
+	$(BIN)/fisheye-bench audit datasets/paper.yaml --recordings 25 --out reports/audit/paper
+	cp reports/runs/paper-spherical/table.md reports/paper/table.md
+	cp reports/runs/paper-exact-spherical/table.md reports/paper/table-exact.md
+	cp reports/runs/range-maps-spherical/range_map.png reports/paper/range_map.png
+	cp reports/runs/range-maps-spherical/table.md reports/paper/table-range-maps.md
+	cp reports/audit/paper/audit.md reports/audit/paper/fit.png reports/paper/
 
 gate: benchmark ## score, then judge the run by BASELINE= (committed) and TOLERANCES=
 	$(BIN)/fisheye-bench gate $(RUN) --baseline $(BASELINE) --tolerances $(TOLERANCES) \
@@ -47,7 +58,7 @@ format: $(INSTALLED_DEV) ## put the code into shape
 	$(BIN)/ruff check --fix
 
 clean: ## remove the environment, rendered data and runs
-	rm -rf $(VENV) datasets/data reports/runs
+	rm -rf $(VENV) datasets/data reports/runs reports/audit
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -28,6 +28,8 @@ Settings = Annotated[
     typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the method, as YAML; repeatable."),
 ]
 ProtocolName = Annotated[str, typer.Option("--protocol", help="paper-v1, extended-v1, or a YAML file.")]
+Missing = Literal["error", "skip", "empty"]
+Names = Literal["auto", "timestamp", "frame", "image"]
 Split = Annotated[str | None, typer.Option("--split", help="A split of the data set; all recordings without it.")]
 
 
@@ -63,29 +65,110 @@ def run(
 
 
 @app.command()
+def evaluate(
+    dataset: Dataset,
+    predictions: Annotated[Path, typer.Option(help="Folder of masks or scores: [recording/]camera/<name>.png ...")],
+    name: Annotated[str | None, typer.Option(help="What results call them; predictions-<folder> without it.")] = None,
+    missing: Annotated[
+        Missing, typer.Option(help="Images without a prediction: refuse, leave unscored, or count as empty.")
+    ] = "error",
+    names: Annotated[Names, typer.Option(help="What files are named by; found out without it.")] = "auto",
+    threshold: Annotated[float | None, typer.Option(help="Score above which a pixel moves; 0.5 without it.")] = None,
+    history: Annotated[
+        int, typer.Option(help="Score images with this many before them; 1 as methods that compare two.")
+    ] = 1,
+    protocol: ProtocolName = "paper-v1",
+    split: Split = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder of the run; reports/runs/<data set>-NAME without it.")
+    ] = None,
+    pictures: Annotated[bool, typer.Option(help="Also draw a telling frame of every category.")] = True,
+) -> None:
+    """Score masks or scores that any other program wrote, paired with the images by name."""
+    from bench.cli import evaluating
+
+    failures = evaluating.evaluate(
+        dataset,
+        predictions=predictions,
+        name=name,
+        missing=missing,
+        naming=names,
+        threshold=threshold,
+        history=history,
+        protocol=protocol,
+        split=split,
+        out=out,
+        pictures=pictures,
+    )
+    if failures:
+        raise typer.Exit(DATA_ERROR)
+
+
+@app.command()
 def view(
     dataset: Dataset,
     recording: Annotated[str | None, typer.Option(help="Name of the recording; the first without it.")] = None,
     camera: Annotated[str | None, typer.Option(help="Name of the camera; the first without it.")] = None,
     frame: Annotated[int | None, typer.Option(help="Index of the image; the middle one without it.")] = None,
+    frames: Annotated[
+        str | None, typer.Option(metavar="FIRST:LAST[:STEP]", help="Several images, the last one included.")
+    ] = None,
+    time_ns: Annotated[int | None, typer.Option(help="The image nearest to this time.")] = None,
     method: MethodName = "spherical",
     set_: Settings = None,
     protocol: ProtocolName = "paper-v1",
-    out: Annotated[Path, typer.Option(help="Folder for the pictures.")] = Path("reports/runs/view"),
+    out: Annotated[
+        Path | None, typer.Option(help="Folder of pictures; reports/runs/view, or none beside a video or log.")
+    ] = None,
+    video: Annotated[
+        Path | None,
+        typer.Option(help="Video (.mp4, .webm, .avi) of true and false areas."),
+    ] = None,
+    rrd: Annotated[
+        Path | None, typer.Option(help="File for the viewer rerun (the optional extra `viewer`), with lidar and boxes.")
+    ] = None,
+    lidar: Annotated[bool, typer.Option(help="Draw lidar points into the video.")] = True,
 ) -> None:
-    """Draw one frame: panels, areas, overlay, and the lidar cluster of each object."""
+    """Draw frames: panels, areas, overlay and lidar clusters of each, a video, or a log for the viewer."""
     from bench.cli import viewing
 
-    viewing.view(
-        dataset,
+    request = viewing.ViewRequest(
         recording=recording,
         camera=camera,
         frame=frame,
-        method=method,
-        settings=set_ or [],
-        protocol=protocol,
+        frames=frames,
+        time_ns=time_ns,
         out=out,
+        video=video,
+        rrd=rrd,
+        lidar=lidar,
     )
+    viewing.view(dataset, request, method=method, settings=set_ or [], protocol=protocol)
+
+
+@app.command()
+def validate(
+    dataset: Annotated[str, typer.Argument(help="A data-set card; with --adapter a folder of data.")],
+    split: Split = None,
+    deep: Annotated[bool, typer.Option("--deep", help="Read every image and sweep, not a sample.")] = False,
+    strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 for warnings too.")] = False,
+    json: Annotated[Path | None, typer.Option(help="Write all findings as JSON to this file.")] = None,
+    adapter: Annotated[
+        str | None, typer.Option(help="MODULE:FUNCTION; tries whether your adapter keeps the contract.")
+    ] = None,
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="With --adapter: an option of it.")
+    ] = None,
+) -> None:
+    """List everything that is wrong with a data set: 0 nothing, 1 faults, 2 usage or data error."""
+    from bench.cli import validating
+
+    if adapter is not None:
+        passed = validating.validate_adapter(adapter, Path(dataset), settings=set_ or [])
+    else:
+        passed = validating.validate(dataset, split=split, deep=deep, strict=strict, json=json)
+    if not passed:
+        raise typer.Exit(1)
 
 
 @app.command()
@@ -189,6 +272,38 @@ def sweep(
 
     failures = sweeping.sweep(
         dataset, what=what, values=values, method=method, settings=set_ or [], protocol=protocol, split=split, out=out
+    )
+    if failures:
+        raise typer.Exit(DATA_ERROR)
+
+
+@app.command()
+def audit(
+    dataset: Dataset,
+    method: MethodName = "spherical",
+    set_: Settings = None,
+    protocol: ProtocolName = "paper-v1",
+    split: Split = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the audit; reports/audit/<data set> without it.")] = None,
+    recordings: Annotated[
+        int | None, typer.Option(help="How many recordings, spread over the split; all without it.")
+    ] = None,
+    workers: Annotated[int, typer.Option(help="Processes.")] = 1,
+    pictures: Annotated[bool, typer.Option(help="Draw median and worst examples of every class.")] = True,
+) -> None:
+    """Audit a rendered data set: lidar polygons against exact masks, and why the method misses."""
+    from bench.cli import auditing
+
+    failures = auditing.audit(
+        dataset,
+        method=method,
+        settings=set_ or [],
+        protocol=protocol,
+        split=split,
+        out=out,
+        recordings=recordings,
+        workers=workers,
+        pictures=pictures,
     )
     if failures:
         raise typer.Exit(DATA_ERROR)

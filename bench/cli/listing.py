@@ -5,9 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from rich.table import Table
+from rich.text import Text
 
 from bench.cli.console import console
-from bench.methods import known_methods
+from bench.errors import UsageError
+from bench.harness import scorable_methods
+from bench.methods import describe_method
 from bench.recordings import list_cards
 
 
@@ -20,8 +23,12 @@ def datasets(folder: Path) -> None:
 
 
 def methods() -> None:
-    """Print the methods and where they come from."""
-    table = Table("name", "class", box=None)
-    for name, place in sorted(known_methods().items()):
-        table.add_row(name, place)
+    """Print the methods, what each is, and where those come from that are not the package's own."""
+    table = Table("name", "what it is", box=None)
+    for name, place in scorable_methods().items():
+        try:
+            about = describe_method(place)
+        except UsageError as error:  # of another package; the list of the others is still wanted
+            about = str(error)
+        table.add_row(Text(name), Text(about if place.startswith("bench.") else f"{about} ({place})"))
     console().print(table)

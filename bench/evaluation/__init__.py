@@ -32,7 +32,8 @@ The files, in the order of the data: `protocol` (the rules, a versioned file wit
 apart), `counts` with `sharing`, `likelihood` and `image_maps` (what is counted in it), `chance`, `scorer` (the recipe
 over a sequence), `rows` (the two tables), `totals` with `slices`, `object_figures`, `frame_figures`, `ledger`, `bins`,
 `ratios` and `bootstrap` (the reduction), `summary` (what comes out), `maps` (detection rate by place), `score_sheet`
-with `metric_sums`, `paired` and `changes` (two runs), `published` (the paper's numbers). The harness calls
+with `metric_sums`, `paired` and `changes` (two runs), `published` (the paper's numbers),
+`threshold_free` (what a likelihood is worth at all thresholds together). The harness calls
 `SequenceScorer` and `summarise`; reporting and the gate read `Summary`, `ScoreSheet`, the tables, `range_maps`,
 `ImageMap` and `threshold_sweep`.
 
@@ -50,6 +51,7 @@ from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA
 from bench.evaluation.score_sheet import MetricSums, PairedChange, ScoreSheet, holm, paired_change, score_sheet
 from bench.evaluation.scorer import SequenceScorer
 from bench.evaluation.summary import FalsePositiveFigures, Figure, ObjectFigures, Summary
+from bench.evaluation.threshold_free import ThresholdFreeFigures, threshold_free_figures
 from bench.evaluation.totals import summarise
 
 __all__ = [
@@ -69,6 +71,7 @@ __all__ = [
     "ScoreSheet",
     "SequenceScorer",
     "Summary",
+    "ThresholdFreeFigures",
     "ThresholdSweep",
     "add_image_maps",
     "count_frame",
@@ -80,5 +83,6 @@ __all__ = [
     "range_maps",
     "score_sheet",
     "summarise",
+    "threshold_free_figures",
     "threshold_sweep",
 ]

@@ -49,6 +49,11 @@ def cluster_interval(
     numerator = np.einsum("ds,s->d", weights[:, used], numerators[used])
     denominator = np.einsum("ds,s->d", weights[:, used], denominators[used])
     drawn = denominator > 0
+    return percentile_interval(numerator[drawn] / denominator[drawn])
+
+
+def percentile_interval(drawn: NDArray[np.float64]) -> tuple[float, float]:
+    """The 95 % percentile interval of a figure that was taken on every draw: (draws,) float64, at least one."""
     tail = (1 - CONFIDENCE) / 2
-    low, high = np.quantile(numerator[drawn] / denominator[drawn], [tail, 1 - tail])
+    low, high = np.quantile(drawn, [tail, 1 - tail])
     return float(low), float(high)

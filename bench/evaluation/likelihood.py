@@ -28,12 +28,21 @@ EDGES: NDArray[np.float64] = np.concatenate(
 EDGES.setflags(write=False)
 BINS = len(EDGES) - 1
 
+# A score in [0, 1] is binned by its odds s / (1 - s), since networks crowd at both ends: 20 bins a decade, evenly to
+# both sides of 0.5, which is an edge. They reach from odds of 1 : 3162 to 3162 : 1; scores beyond share the end bins.
+_MIDDLE = (len(EDGES) - 1) // 2
+_ODDS = 10.0 ** ((np.arange(1, BINS) - _MIDDLE) / PER_DECADE)
+SCORE_EDGES: NDArray[np.float64] = np.concatenate([[0.0], _ODDS / (1.0 + _ODDS), [np.inf]])
+SCORE_EDGES.setflags(write=False)
+
 REFERENCE_COLUMN, OUTSIDE_COLUMN = "likelihood_reference_px", "likelihood_outside_px"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LikelihoodCounts:
     """Pixels of one image by likelihood; bin k is the interval (EDGES[k], EDGES[k + 1]], and bin 0 holds 0 too.
+
+    For a likelihood that is a score, the edges are `SCORE_EDGES`.
 
     Attributes:
         reference_px: (BINS,) int64, pixels of all G.
@@ -49,7 +58,8 @@ class ThresholdSweep:
     """The figures of masks "likelihood above the threshold", over all images with a likelihood.
 
     Attributes:
-        thresholds: (K,) float64, increasing; the first, 0, stands for a mask of everything.
+        thresholds: (K,) float64, increasing; the first, 0, stands for a mask of everything. For scores, `SCORE_EDGES`
+            stand in the place of these.
         tpr: (K,) float64, share of the pixels of all G; the same as `recall`.
         false_positive_coverage: (K,) float64, mean over images of FP / (width x height).
         precision: (K,) float64, TP / (TP + FP); NaN where nothing is above the threshold.
@@ -67,18 +77,21 @@ class ThresholdSweep:
     frames: int
 
 
-def count_likelihood(likelihood: NDArray[np.float32], regions: Regions, *, cell_size_px: int) -> LikelihoodCounts:
+def count_likelihood(
+    likelihood: NDArray[np.float32], regions: Regions, *, cell_size_px: int, is_score: bool = False
+) -> LikelihoodCounts:
     """Count an image into both histograms.
 
     Args:
         likelihood: (rows, columns), of each cell; NaN counts as 0, as it is above no threshold.
         regions: of the image.
         cell_size_px: side of a cell, px.
+        is_score: whether the likelihood is a score in [0, 1], whose bins have the edges `SCORE_EDGES`.
 
     Raises:
         ShapeError: the cells do not tile the image.
     """
-    bins = find_bins(likelihood)
+    bins = find_score_bins(likelihood) if is_score else find_bins(likelihood)
 
     def histogram(region: NDArray[np.bool_]) -> NDArray[np.int64]:
         weights = count_by_cell(region, cell_size_px)
@@ -101,6 +114,11 @@ def find_bins(likelihood: NDArray[np.float32]) -> NDArray[np.int64]:
     bins += values > EDGES[bins + 1]
     bins -= (values <= EDGES[bins]) & (bins > 0)
     return bins
+
+
+def find_score_bins(scores: NDArray[np.float32]) -> NDArray[np.int64]:
+    """The bin of each score in [0, 1], in its shape; k where SCORE_EDGES[k] < score <= SCORE_EDGES[k + 1]."""
+    return np.searchsorted(SCORE_EDGES[1:-1], scores.astype(np.float64), side="left")
 
 
 def threshold_sweep(frames: pa.Table) -> ThresholdSweep | None:

@@ -100,6 +100,7 @@ def _count_by_cell(rows: pd.DataFrame, edges_m: NDArray[np.float64]) -> NDArray[
 
 def _edges_m(evaluated: pd.DataFrame, protocol: Protocol) -> NDArray[np.float64]:
     cell_m = protocol.range_map.cell_m
-    furthest_m = float(np.abs(evaluated[["x_m", "y_m"]].to_numpy(dtype=np.float64)).max(initial=0.0))
+    places_m = np.abs(evaluated[["x_m", "y_m"]].to_numpy(dtype=np.float64))
+    furthest_m = float(places_m[np.isfinite(places_m)].max(initial=0.0))  # masks tell no place
     half = max(math.ceil(protocol.reference.range_limit_m / cell_m), math.floor(furthest_m / cell_m) + 1)
     return np.arange(-half, half + 1, dtype=np.float64) * cell_m

@@ -63,7 +63,7 @@ class ReferenceRules(_Part):
     ground_clearance_m: NotNegative
     min_points: Annotated[int, Field(ge=1)]
     min_polygon_px: Annotated[int, Field(ge=1)]
-    polygon_kind: Literal["convex", "concave"]
+    polygon_kind: Literal["convex", "concave", "footprint"]
     concave_ratio: Annotated[float, Field(ge=0, le=1)]
     classes: Annotated[tuple[str, ...], Field(min_length=1)]
     categories: Annotated[tuple[Category, ...], Field(min_length=1)]

@@ -88,7 +88,12 @@ class SequenceScorer:
 def _likelihood(regions: Regions, segmentation: Segmentation) -> LikelihoodCounts | None:
     if segmentation.likelihood is None:
         return None
-    return count_likelihood(segmentation.likelihood, regions, cell_size_px=segmentation.cell_size_px)
+    return count_likelihood(
+        segmentation.likelihood,
+        regions,
+        cell_size_px=segmentation.cell_size_px,
+        is_score=segmentation.likelihood_is_score,
+    )
 
 
 def _undefined_px(reference: ReferenceFrame, segmentation: Segmentation) -> int:

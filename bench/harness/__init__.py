@@ -6,21 +6,28 @@ images, calibration and ego-motion, never annotations.
 """
 
 from bench.harness.frames import FramePipeline, ProcessedFrame
+from bench.harness.predicted import PredictionReport, check_predictions, evaluate_predictions
 from bench.harness.provenance import Provenance
+from bench.harness.reference_itself import build_scorable, scorable_methods
 from bench.harness.run import run_benchmark
 from bench.harness.stored import RunSummary, read_image_maps, read_protocol, read_run, read_tables
 from bench.harness.units import Unit, plan_units
 
 __all__ = [
     "FramePipeline",
+    "PredictionReport",
     "ProcessedFrame",
     "Provenance",
     "RunSummary",
     "Unit",
+    "build_scorable",
+    "check_predictions",
+    "evaluate_predictions",
     "plan_units",
     "read_image_maps",
     "read_protocol",
     "read_run",
     "read_tables",
     "run_benchmark",
+    "scorable_methods",
 ]

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.egomotion import camera_motion
+from bench.errors import DataError
 from bench.evaluation import Protocol
+from bench.harness.reference_itself import ReferenceItself, repeat_reference
 from bench.harness.stages import StageClock
-from bench.methods import Method, MethodInput, Segmentation
+from bench.methods import Method, MethodInput, Segmentation, UnansweredImage
 from bench.recordings import ImageRef, Recording, frame_gaps, read_image
 from bench.reference import ReferenceBuilder, ReferenceFrame
 
@@ -69,14 +73,22 @@ class FramePipeline:
 
         Raises:
             DataError: an image, a sweep or the ego-motion of the frame cannot be used.
-            UnscorableFrame: the images before it are missing.
+            UnscorableFrame: the images before it are missing, or the method has nothing to say.
         """
         given = self.method_input(index)
-        with self._clock.stage("method"):
-            segmentation = self._method.segment(given)
+        segmentation = None if isinstance(self._method, ReferenceItself) else self._answer(given)
         with self._clock.stage("reference"):
             reference = self.references.build(self.images[index])
+        if segmentation is None:
+            segmentation = repeat_reference(reference)
         return ProcessedFrame(image=self.images[index], given=given, segmentation=segmentation, reference=reference)
+
+    def _answer(self, given: MethodInput) -> Segmentation:
+        with self._clock.stage("method"):
+            try:
+                return self._method.segment(given)
+            except UnansweredImage as reason:
+                raise UnscorableFrame(str(reason)) from reason
 
     def method_input(self, index: int) -> MethodInput:
         """What a method may see of the images up to `index`."""
@@ -88,8 +100,11 @@ class FramePipeline:
                     f"{self.images[later].path}: {(gap.current_ns - gap.previous_ns) / 1e6:.1f} ms after the image "
                     f"before it, where {self.recording.frame_interval_ns / 1e6:.1f} ms are due"
                 )
+        first = self._oldest(first)
+        images: Sequence[NDArray[np.uint8]] = _ImagesOnDemand(range(first, index + 1), self._pixels)
         with self._clock.stage("decode"):
-            images = tuple(self._pixels(i) for i in range(first, index + 1))
+            if getattr(self._method, "reads_images", True):
+                images = tuple(images)
             self._held = {i: pixels for i, pixels in self._held.items() if i >= first}
         with self._clock.stage("ego-motion"):
             times_ns = tuple(self.images[i].timestamp_ns for i in range(first, index + 1))
@@ -109,9 +124,45 @@ class FramePipeline:
             road=self.camera.road,
             current_from_previous=motions,
             valid=self.references.valid,
+            recording=self.recording.name,
+            camera_name=self.camera.name,
         )
+
+    def _oldest(self, first: int) -> int:
+        """The oldest image for a method that can use more than it needs: without a gap, readable, with ego-motion."""
+        spare = getattr(self._method, "longest_history", self._method.history) - self._method.history
+        for earlier in range(first - 1, max(first - spare, 0) - 1, -1):
+            try:
+                if earlier + 1 in self._gaps:
+                    return earlier + 1
+                self._pixels(earlier)
+                self.recording.trajectory.world_from_vehicle(self.images[earlier].timestamp_ns)
+            except DataError:
+                return earlier + 1
+        return max(first - spare, 0)
 
     def _pixels(self, index: int) -> NDArray[np.uint8]:
         if index not in self._held:
             self._held[index] = read_image(self.images[index], self.camera, colour=self._method.colour)
         return self._held[index]
+
+
+class _ImagesOnDemand(Sequence[NDArray[np.uint8]]):
+    """Images that are read when somebody looks at them."""
+
+    def __init__(self, indices: range, read: Callable[[int], NDArray[np.uint8]]) -> None:
+        self._indices, self._read = indices, read
+
+    def __len__(self) -> int:
+        return len(self._indices)
+
+    @overload
+    def __getitem__(self, place: int) -> NDArray[np.uint8]: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> Sequence[NDArray[np.uint8]]: ...
+
+    def __getitem__(self, place: int | slice) -> NDArray[np.uint8] | Sequence[NDArray[np.uint8]]:
+        if isinstance(place, slice):
+            return _ImagesOnDemand(self._indices[place], self._read)
+        return self._read(self._indices[place])

@@ -15,11 +15,13 @@ from bench.harness.progress import Progress, recording_reporter
 from bench.harness.stages import StageClock
 from bench.harness.stored import (
     IMAGE_MAPS,
+    PREDICTIONS,
     SCHEMA_VERSION,
     MethodStamp,
     RunSummary,
     join_units,
     read_tables,
+    read_threshold_free,
     reference_fingerprint,
     write_protocol,
     write_summary,
@@ -86,6 +88,8 @@ def run_benchmark(
         ),
         vehicle_outline_m=work.vehicle_outline_m,
         failures=tuple(work.failures),
+        caveats=card.content.caveats,
+        threshold_free=read_threshold_free(out, protocol),
     )
     write_summary(out, summary)
     return summary
@@ -138,7 +142,7 @@ def _clear(out: Path) -> None:
     """Make room for the run; never remove a folder that is not a run."""
     if out.exists() and any(out.iterdir()) and not (out / MARK).is_dir():
         raise DataError(out, wanted="an empty folder or an older run", came="a folder with other files")
-    for file in ("summary.json", "objects.parquet", "frames.parquet", IMAGE_MAPS, "protocol.json"):
+    for file in ("summary.json", "objects.parquet", "frames.parquet", IMAGE_MAPS, "protocol.json", PREDICTIONS):
         (out / file).unlink(missing_ok=True)
     shutil.rmtree(out / MARK, ignore_errors=True)
     (out / MARK).mkdir(parents=True)

@@ -32,9 +32,12 @@ from bench.evaluation import (
     ImageMap,
     Protocol,
     Summary,
+    ThresholdFreeFigures,
     add_image_maps,
     load_protocol,
+    threshold_free_figures,
 )
+from bench.evaluation.threshold_free import COLUMNS as THRESHOLD_FREE_COLUMNS
 from bench.harness.map_files import load_image_maps, write_image_maps
 from bench.harness.provenance import Provenance
 from bench.harness.unit import UnitTables
@@ -43,7 +46,9 @@ from bench.methods import Method, build_method, known_methods
 from bench.recordings import replacing, write_text
 
 SCHEMA_VERSION = 1
+BATCH_IMAGES = 512
 IMAGE_MAPS = "image_maps.npz"
+PREDICTIONS = "predictions.json"  # of runs of predictions from disk
 HISTOGRAMS = frozenset({"likelihood_reference_px", "likelihood_outside_px"})
 LATER_COLUMNS = HISTOGRAMS  # not in the first runs of version 1
 
@@ -79,7 +84,7 @@ class MethodStamp(BaseModel):
     @property
     def called(self) -> str:
         """What `--method` takes for it."""
-        return self.name if self.place is None or self.name in known_methods() else self.place
+        return self.name if self.place in {None, known_methods().get(self.name)} else str(self.place)
 
     def build(self) -> Method:
         """The method again, to look at single frames.
@@ -103,7 +108,10 @@ class RunSummary(Summary):
         method: that was scored.
         provenance: where the result comes from.
         vehicle_outline_m: the host from above, vehicle frame, for pictures.
+        caveats: what a reader has to know of the data set, from its card.
         failures: one line per recording, unit or image that could not be used; the figures are of the rest.
+        threshold_free: what the method's likelihood is worth at all thresholds; None for a method without one and in
+            runs of older versions.
     """
 
     schema_version: int
@@ -115,6 +123,8 @@ class RunSummary(Summary):
     provenance: Provenance
     vehicle_outline_m: tuple[tuple[float, float], ...]
     failures: tuple[str, ...]
+    caveats: str = ""
+    threshold_free: ThresholdFreeFigures | None = None
 
 
 def unit_stem(unit: Unit) -> str:
@@ -164,6 +174,22 @@ def read_tables(run: Path, *, histograms: bool = True) -> tuple[pa.Table, pa.Tab
     unread = frozenset() if histograms else HISTOGRAMS
     objects = _read_table(run / "objects.parquet", OBJECTS_SCHEMA)
     return objects, _read_table(run / "frames.parquet", FRAMES_SCHEMA, unread=unread)
+
+
+def read_threshold_free(run: Path, protocol: Protocol) -> ThresholdFreeFigures | None:
+    """Take the threshold-free figures of a run from its frames, some hundred of them in memory at a time.
+
+    Raises:
+        DataError: the frames are missing or damaged.
+    """
+    file = run / "frames.parquet"
+    try:
+        with pq.ParquetFile(file) as frames:
+            return threshold_free_figures(
+                frames.iter_batches(batch_size=BATCH_IMAGES, columns=list(THRESHOLD_FREE_COLUMNS)), protocol=protocol
+            )
+    except (OSError, pa.ArrowInvalid) as error:
+        raise DataError(file, wanted="a table of a run", came=" ".join(str(error).split())[:200]) from error
 
 
 def read_image_maps(run: Path) -> dict[str, ImageMap]:

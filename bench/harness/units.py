@@ -29,8 +29,9 @@ class Unit:
 
 
 def plan_units(recording: Recording, method: Method, *, chunk_images: int = CHUNK_IMAGES) -> Iterator[Unit]:
-    """Cut a recording into units; the first images of a camera, which have no history, belong to none."""
+    """Cut a recording into units; a camera's first images, without history or not to be scored, belong to none."""
     for camera in sorted(recording.cameras):
         images = len(recording.images[camera])
-        for start in range(method.history, images, chunk_images):
+        first = next((i for i, image in enumerate(recording.images[camera]) if image.scored), images)
+        for start in range(max(method.history, first), images, chunk_images):
             yield Unit(recording=recording.name, camera=camera, start=start, stop=min(start + chunk_images, images))

@@ -30,6 +30,7 @@ CATEGORY_COLOURS = {
     Category.PRECEDING: VERMILION,
     Category.APPROACHING: PURPLE,
     Category.STATIC_EGO: ORANGE,
+    Category.MOVING: BLUE,
 }
 
 

@@ -42,7 +42,7 @@ def write_frame_pictures(processed: ProcessedFrame, pipeline: FramePipeline, fol
         "overlay": cv2.imencode(".png", overlay)[1].tobytes(),
     }
     for found in processed.reference.objects:
-        if found.status is Status.EVALUATED:
+        if found.status is Status.EVALUATED and processed.image.moving_path is None:
             view = _cluster_view(found, processed, pipeline)
             pictures[f"cluster-{_file_name(found.track_id)}"] = figure_bytes(draw_cluster(view), "png")
     for name, content in pictures.items():

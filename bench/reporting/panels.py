@@ -20,6 +20,7 @@ from bench.reporting.outlines import draw_references
 from bench.reporting.panel_grid import PanelGrid
 
 LIKELIHOOD_SATURATION = 0.02  # the paper's figure 6
+SCORE_SATURATION = 1.0
 DEVIATION_SATURATION = 0.05  # a deviation of weight 1 that makes a likelihood of 0.02 by itself is 0.048
 FLOW_SATURATION_PX = 16.0
 ARROWS_ACROSS = 24
@@ -30,8 +31,9 @@ DEVIATIONS = {
     "positive_depth": "positive depth",
     "positive_height": "positive height",
     "anti_parallel": "anti-parallel",
+    "three_view": "three views",
 }
-_NUMERALS = ("I", "II", "III", "IV", "V", "VI", "VII")
+_NUMERALS = ("I", "II", "III", "IV", "V", "VI", "VII", "VIII")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -123,10 +125,17 @@ def _rows() -> list[_Row]:
         *deviations,
         _Row(
             label="likelihood",
-            wanted=lambda frame: frame.segmentation.likelihood is not None,
+            wanted=lambda frame: _has_likelihood(frame, score=False),
             draw=_draw_likelihood,
             saturation=LIKELIHOOD_SATURATION,
             unit="likelihood",
+        ),
+        _Row(
+            label="score",
+            wanted=lambda frame: _has_likelihood(frame, score=True),
+            draw=_draw_likelihood,
+            saturation=SCORE_SATURATION,
+            unit="score",
         ),
         _Row(label="segmentation", wanted=lambda _: True, draw=_draw_segmentation),
     ]
@@ -152,6 +161,10 @@ def _draw_flow(axes: Axes, frame: PanelColumn) -> None:
     )  # fmt: skip
 
 
+def _has_likelihood(frame: PanelColumn, *, score: bool) -> bool:
+    return frame.segmentation.likelihood is not None and frame.segmentation.likelihood_is_score == score
+
+
 def _draw_deviation(axes: Axes, frame: PanelColumn, name: str) -> None:
     assert frame.segmentation.parts is not None
     _draw_cells(axes, frame, frame.segmentation.parts[name], DEVIATION_SATURATION)
@@ -159,7 +172,8 @@ def _draw_deviation(axes: Axes, frame: PanelColumn, name: str) -> None:
 
 def _draw_likelihood(axes: Axes, frame: PanelColumn) -> None:
     assert frame.segmentation.likelihood is not None
-    _draw_cells(axes, frame, frame.segmentation.likelihood, LIKELIHOOD_SATURATION)
+    saturation = SCORE_SATURATION if frame.segmentation.likelihood_is_score else LIKELIHOOD_SATURATION
+    _draw_cells(axes, frame, frame.segmentation.likelihood, saturation)
 
 
 def _draw_cells(axes: Axes, frame: PanelColumn, values: NDArray[np.float32], saturation: float) -> None:

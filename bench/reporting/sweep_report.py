@@ -43,6 +43,7 @@ _SHORT = {
     Category.PRECEDING: "prec.",
     Category.APPROACHING: "appr.",
     Category.STATIC_EGO: "stat.",
+    Category.MOVING: "mov.",
 }
 
 

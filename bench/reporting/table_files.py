@@ -24,9 +24,11 @@ _LATEX_SPECIAL = str.maketrans(
 )
 
 
-def to_markdown(rows: Sequence[TableRow]) -> str:
-    """The table as GitHub's Markdown."""
-    return "\n\n".join([*(_markdown_sheet(sheet) for sheet in sheets(rows)), NOTE]) + "\n"
+def to_markdown(rows: Sequence[TableRow], *, threshold_free: str = "", caveats: str = "") -> str:
+    """The table as GitHub's Markdown, with figures over all thresholds and what a reader has to know of the data."""
+    notes = [note for note in (threshold_free, NOTE) if note]
+    notes += [f"The data: {caveats.strip()}"] if caveats.strip() else []
+    return "\n\n".join([*(_markdown_sheet(sheet) for sheet in sheets(rows)), *notes]) + "\n"
 
 
 def to_latex(rows: Sequence[TableRow]) -> str:

@@ -16,6 +16,7 @@ LABELS = {
     Category.PRECEDING: "Preceding (positive height)",
     Category.APPROACHING: "Approaching (anti-parallel)",
     Category.STATIC_EGO: "Static ego-vehicle (degenerate)",
+    Category.MOVING: "Moving (kind not told)",
 }
 FALSE_POSITIVES = "false_positives"
 
@@ -74,13 +75,13 @@ def table_rows(summary: Summary) -> list[TableRow]:
 
 
 def _category_row(category: Category, figures: ObjectFigures) -> TableRow:
-    theirs = published.CATEGORIES[category]
-    paper = {"detection_rate": theirs.detection_rate, "tpr": theirs.tpr, "iou_detected": theirs.iou}
+    theirs = published.CATEGORIES.get(category)
+    paper = {"detection_rate": theirs.detection_rate, "tpr": theirs.tpr, "iou_detected": theirs.iou} if theirs else {}
     return TableRow(
         name=category.value,
         label=LABELS[category],
         frames=figures.object_frames,
-        paper_frames=theirs.object_frames,
+        paper_frames=theirs.object_frames if theirs else 0,
         tracks=figures.tracks,
         figures={name: _compare(figures.figure(name), paper.get(name)) for name in figures.figure_names()},
     )

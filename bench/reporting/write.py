@@ -17,8 +17,8 @@ from bench.reporting.canvas import PictureFormat, figure_bytes
 from bench.reporting.range_maps import draw_range_maps
 from bench.reporting.table_files import to_csv, to_json, to_latex, to_markdown
 from bench.reporting.tables import TableRow, table_rows
+from bench.reporting.threshold_free_line import threshold_free_line
 
-TABLES = {"table.md": to_markdown, "table.csv": to_csv, "table.tex": to_latex, "table.json": to_json}
 PICTURE_FORMATS: tuple[PictureFormat, ...] = ("png", "svg")
 
 
@@ -47,7 +47,15 @@ def write_report_files(run: Path) -> Report:
     rows = table_rows(summary)
     outline_m = np.array(summary.vehicle_outline_m, dtype=np.float64)
     picture = draw_range_maps(range_maps(objects, protocol=rules), vehicle_outline_m=outline_m)
-    tables = [_write_table(run / name, rows) for name in TABLES]
+    over_all = "" if summary.threshold_free is None else threshold_free_line(summary.threshold_free)
+    tables = {
+        run / "table.md": to_markdown(rows, threshold_free=over_all, caveats=summary.caveats),
+        run / "table.csv": to_csv(rows),
+        run / "table.tex": to_latex(rows),
+        run / "table.json": to_json(rows),
+    }
+    for file, text in tables.items():
+        write_text(file, text)
     return Report(rows=tuple(rows), files=(*tables, *write_picture(run / "range_map", picture)))
 
 
@@ -73,8 +81,3 @@ def read_rules(run: Path, summary: RunSummary) -> Protocol:
             came=f"{rules.name!r} with digest {rules.digest[:12]}",
         )
     return rules
-
-
-def _write_table(file: Path, rows: list[TableRow]) -> Path:
-    write_text(file, TABLES[file.name](rows))
-    return file

@@ -12,7 +12,9 @@ from bench.errors import UsageError
 
 COMMANDS = {
     "run",
+    "evaluate",
     "view",
+    "validate",
     "synthesize",
     "perf",
     "datasets",
@@ -78,10 +80,10 @@ def test_view_draws_the_frame_that_is_asked_for(monkeypatch, capsys, tiny_card, 
     [
         (("run", "nowhere.yaml"), "nowhere"),
         (("run", "CARD", "--method", "sperical"), "did you mean 'spherical'"),
-        (("run", "CARD", "--protocol", "paper-v9"), "known are extended-v1, paper-v1"),
+        (("run", "CARD", "--protocol", "paper-v9"), "known are extended-v1, masks-v1, paper-v1"),
         (("run", "CARD", "--split", "test"), "known are all, moving"),
         (("run", "CARD", "--set", "threshold"), "wanted NAME=VALUE"),
-        (("run", "CARD", "--set", "treshold=1"), "takes flow"),
+        (("run", "CARD", "--set", "treshold=1"), "takes cell_size_px"),
         (("view", "CARD", "--recording", "crosing"), "did you mean 'crossing'"),
         (("view", "CARD", "--frame", "0"), "--frame: wanted 1 to 4, came 0"),
         (("view", "CARD", "--camera", "rear"), "known are front"),

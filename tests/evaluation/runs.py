@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, Protocol, SequenceScorer, load_protocol
 from bench.methods.contract import Segmentation
-from bench.reference.records import Category, Direction, IgnoreReason, ReferenceFrame, Status
+from bench.reference.records import Direction, IgnoreReason, ReferenceFrame, Status
 
 PAPER = load_protocol("paper-v1")
 
@@ -80,7 +80,7 @@ def _object_row(draw: np.random.Generator, frame: dict[str, object], track_id: s
         "object_class": draw.choice(PAPER.reference.classes),
         "status": str(status),
         "reason": str(draw.choice(list(IgnoreReason))) if status == Status.IGNORED else None,
-        "category": None if status == Status.STATIC else str(draw.choice(list(Category))),
+        "category": None if status == Status.STATIC else str(draw.choice(PAPER.reference.categories)),
         "direction": str(draw.choice(list(Direction))) if draw.random() < 0.9 else None,
         "range_m": draw.uniform(0, 8),
         "x_m": draw.uniform(-8, 11),

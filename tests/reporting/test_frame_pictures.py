@@ -19,7 +19,10 @@ def test_every_picture_of_a_frame_stays_in_the_folder_whatever_the_track_is_call
     strange = busy_frame().objects[0]
     reference = reference_frame([replace(strange, track_id="../x y")])
     processed = SimpleNamespace(
-        image=None, pixels=fisheye_image(), segmentation=segmentation(reference), reference=reference
+        image=SimpleNamespace(moving_path=None),
+        pixels=fisheye_image(),
+        segmentation=segmentation(reference),
+        reference=reference,
     )
     view = cluster_view()
     pipeline = Mock()

@@ -47,7 +47,8 @@ def stored(tmp_path_factory):
         **{name: getattr(figures, name) for name in type(figures).model_fields},
         schema_version=1, dataset="demo", card="datasets/demo.yaml", reference_fingerprint="",
         split=None, method=MethodStamp(name="empty", settings={}),
-        provenance=provenance, failures=(), vehicle_outline_m=((-1.0, -0.9), (3.8, -0.9), (3.8, 0.9), (-1.0, 0.9)),
+        provenance=provenance, failures=(), caveats="Staged, not the paper's.",
+        vehicle_outline_m=((-1.0, -0.9), (3.8, -0.9), (3.8, 0.9), (-1.0, 0.9)),
     )  # fmt: skip
     write_summary(run, summary)
     write_protocol(run, load_protocol("paper-v1"))
@@ -58,6 +59,7 @@ def test_all_files_are_written_from_the_stored_results(stored):
     report = write_report_files(stored)
     assert [file.name for file in report.files] == NAMES
     assert all(file.parent == stored and file.stat().st_size > 0 for file in report.files)
+    assert (stored / "table.md").read_text().rstrip().endswith("The data: Staged, not the paper's.")
     crossing, last = report.rows[0].figures, report.rows[-1].figures
     assert crossing["tpr"].value == 0.5
     assert crossing["iou"].value == pytest.approx(50 / 110)

@@ -169,14 +169,14 @@ SWEEPS: dict[str, Sweep] = {
     "flow.window_px": _farneback("window_px", "averaging window of Farnebäck (px)", (7, 11, 15, 21, 31)),
     "flow.levels": _farneback("levels", "pyramid levels of Farnebäck", (1, 2, 3, 4, 5)),
     "polygon_kind": Sweep(
-        title="hull of the lidar points",
+        title="polygon around the lidar points",
         about="convex is the paper's bounding polygon",
         part="reference",
         scale="names",
-        values=("convex", "concave"),
+        values=("convex", "concave", "footprint"),
         change=_polygon_kind,
         operating=lambda trial: trial.protocol.reference.polygon_kind,
-        choices=("convex", "concave"),
+        choices=("convex", "concave", "footprint"),
     ),
     "concave_ratio": Sweep(
         title="ratio of the concave hull (1: convex)",

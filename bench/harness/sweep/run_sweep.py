@@ -26,7 +26,7 @@ from bench.harness.sweep.segmenter import TrialSegmenter, numbered
 from bench.harness.sweep.trial import Trial
 from bench.harness.threads import single_threaded
 from bench.harness.units import Unit, plan_units
-from bench.methods import MethodInput, Segmentation
+from bench.methods import MethodInput, Segmentation, UnansweredImage
 from bench.recordings import DatasetCard, Recording, RecordingHandle, open_dataset
 from bench.reference import ReferenceBuilder, ReferenceFrame
 
@@ -186,7 +186,7 @@ class _UnitSweep:
             with self._clock.stage("reference"):
                 image = self._pipeline.images[index]
                 references = {number: builder.build(image) for number, builder in self._builders.items()}
-        except UnscorableFrame as reason:
+        except (UnscorableFrame, UnansweredImage) as reason:
             self._leave_out(index, "skipped", str(reason))
         except BenchError as error:
             self.problems.append(str(error))

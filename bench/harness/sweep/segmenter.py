@@ -11,8 +11,8 @@ from bench.harness.sweep.perturb import believed, with_noise
 from bench.harness.sweep.trial import Trial
 from bench.harness.units import Unit
 from bench.methods import MethodInput, Segmentation
-from bench.methods.spherical.likelihood import PAPER_WEIGHTS
 from bench.methods.spherical.method import Measurement, SphericalMethod
+from bench.methods.spherical.visual import SCALE_FREE
 from bench.recordings import Recording
 
 
@@ -78,7 +78,8 @@ class TrialSegmenter:
                     flows[flow] = self._flow(given, trial, trial.method, flow)
             with self._clock.stage("method"):
                 if measurement not in measured:
-                    measured[measurement] = trial.method.measure(self._told(given, trial), flows[flow])
+                    told = self._told(self._noisy(given, trial), trial)  # a method may find its motion in the images
+                    measured[measurement] = trial.method.measure(told, flows[flow])
                 made[number] = trial.method.judge(measured[measurement])
         return [made[number] for number in self._segmentation_of]
 
@@ -124,5 +125,5 @@ def _measured(trial: Trial) -> object:
     """What decides the measurement: all but weights and thresholds."""
     method = trial.method
     if isinstance(method, SphericalMethod):
-        method = replace(method, weights=PAPER_WEIGHTS, root_sum=False, threshold=1.0, static_threshold=1.0)
+        method = replace(method, weights=SCALE_FREE, root_sum=False, threshold=1.0, static_threshold=1.0)
     return method, trial.injection

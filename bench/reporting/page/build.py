@@ -105,6 +105,7 @@ def _render(
         "sheets": sheets(rows)[1 : 4 if whole else 3],
         "false_positives": false_positive_lines(source.figures) if whole else None,
         "note": NOTE,
+        "caveats": source.run.caveats,
         "breakdowns": breakdown_tables(source.figures),
         "range_map": range_chart(source),
         "plane_maps": plane_charts(source) if whole else None,

@@ -1,0 +1,76 @@
+"""`evaluate`: masks or scores of any program, scored."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from bench.cli.console import console, progress_bar
+from bench.cli.rendering import render_if_synthetic
+from bench.cli.running import RUNS, finish_run
+from bench.errors import UsageError
+from bench.evaluation import load_protocol
+from bench.harness import PredictionReport, check_predictions, evaluate_predictions
+from bench.harness.predicted import write_report
+from bench.methods import known_methods
+from bench.methods.predictions import MissingPolicy, Naming, PredictedMotion
+from bench.recordings import load_card
+from bench.reporting.prediction_table import prediction_line, prediction_table
+
+
+def evaluate(
+    dataset: str,
+    *,
+    predictions: Path,
+    name: str | None,
+    missing: MissingPolicy,
+    naming: Naming,
+    threshold: float | None,
+    history: int,
+    protocol: str,
+    split: str | None,
+    out: Path | None,
+    pictures: bool,
+) -> int:
+    """Check a folder of predictions, score it, write the report; return the number of failures.
+
+    Raises:
+        DataError: the predictions do not fit; what does not is printed and listed in a file.
+    """
+    card, rules = load_card(dataset), load_protocol(protocol)
+    called = name or f"predictions-{predictions.resolve().name}"
+    if called in known_methods():
+        raise UsageError(f"--name: wanted another name than those of methods, came {called!r}")
+    method = PredictedMotion(
+        name=called,
+        folder=str(predictions),
+        dataset=str(card.file),
+        split=split,
+        threshold=threshold,
+        missing=missing,
+        naming=naming,
+        history=history,
+    )
+    folder = out or RUNS / f"{card.name}-{re.sub(r'[^A-Za-z0-9_.-]+', '_', called)}"
+    listed = folder.with_name(f"{folder.name}-predictions.json")
+    if not card.root.is_dir():  # what is there stays as it was when the predictions were made
+        render_if_synthetic(card)
+    with progress_bar(f"reading {predictions}", "recordings") as report:
+        checked = check_predictions(card, method=method, progress=report)
+    _print_check(checked)
+    if checked.refusal is not None:
+        write_report(listed, checked)
+        raise checked.refuse(listed)
+    listed.unlink(missing_ok=True)  # of an earlier refusal
+    with progress_bar(f"scoring {called} on {card.name}", "recordings") as report:
+        summary = evaluate_predictions(card, method=method, report=checked, protocol=rules, out=folder, progress=report)
+    finish_run(card, summary, folder, method=method, protocol=rules, split=split, pictures=pictures)
+    return len(summary.failures)
+
+
+def _print_check(report: PredictionReport) -> None:
+    screen = console()
+    table = prediction_table(report)
+    if table is not None:
+        screen.print(table)
+    screen.print(prediction_line(report), highlight=False, soft_wrap=True, markup=False)

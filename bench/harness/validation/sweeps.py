@@ -1,0 +1,162 @@
+"""Lidar sweeps, read one by one: their points, their times, the road they see, and the boxes they meet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from hashlib import blake2b
+
+import numpy as np
+
+from bench.errors import DataError
+from bench.harness.validation.findings import Finding, Severity, calibration_file, unusable
+from bench.harness.validation.ground import SeenRoad, seen_road
+from bench.harness.validation.limits import LIDAR_REACH_M
+from bench.harness.validation.occupancy import Occupancy
+from bench.lidar import LidarSweep
+from bench.recordings import Recording
+
+FEW = 0.1  # of the middle number of points
+MOST_AT_ORIGIN, ORIGIN_M = 0.01, 0.05
+MOST_BEYOND = 0.5
+SMALL_M = 1.0  # a sweep all within this is in another unit
+ROAD_OFF_M, ROAD_TILT_RAD = 0.25, float(np.radians(4.0))
+LEAST_ROADS = 2
+LONGEST_SWEEPS = 2.5  # of the interval: revolutions overlap, but not that much
+MICRO = 1e-3
+
+
+class SweepChecks:
+    """Takes sweeps in turn and tells in the end what is wrong with all of them.
+
+    Args:
+        recording: the drive.
+        occupancy: tells which boxes are empty.
+    """
+
+    def __init__(self, recording: Recording, occupancy: Occupancy | None) -> None:
+        self._recording, self._occupancy = recording, occupancy
+        self._counts: list[tuple[int, int, str]] = []
+        self._roads: list[SeenRoad] = []
+        self._faults: dict[str, list[tuple[LidarSweep, str, str]]] = {}
+        self._before: tuple[int, bytes] | None = None
+        steps_ns = np.diff(np.array([s.timestamp_ns for s in recording.sweeps], dtype=np.int64))
+        self._interval_ns = float(np.median(steps_ns)) if len(steps_ns) else None
+
+    def check(self, rows: list[int], progress: Callable[[], None]) -> Iterator[Finding]:
+        """Read the sweeps of these indices.
+
+        Args:
+            rows: increasing; neighbours are compared.
+            progress: called after every sweep.
+        """
+        for row in rows:
+            reference = self._recording.sweeps[row]
+            try:
+                sweep = reference.read()
+            except DataError as error:
+                yield unusable(error, check="sweep", timestamp_ns=reference.timestamp_ns)
+            else:
+                self._look_at(sweep, row, str(reference.path))
+            progress()
+        yield from self._told()
+
+    def _look_at(self, sweep: LidarSweep, row: int, file: str) -> None:
+        points = sweep.points_lidar
+        self._counts.append((sweep.timestamp_ns, len(points), file))
+        if not len(points):
+            return
+        away_m = np.linalg.norm(points, axis=1)
+        digest = blake2b(np.ascontiguousarray(points).tobytes(), digest_size=16).digest()
+        if self._before == (row - 1, digest):
+            self._note("same-sweep", sweep, file, "the points of the sweep before it, to the last digit")
+        self._before = row, digest
+        if (away_m < ORIGIN_M).mean() > MOST_AT_ORIGIN:
+            came = f"{100 * (away_m < ORIGIN_M).mean():.0f} % of the points at the lidar itself"
+            self._note("lost-returns", sweep, file, came)
+        if (away_m > LIDAR_REACH_M).mean() > MOST_BEYOND or float(away_m.max()) < SMALL_M:
+            self._note("sweep-range", sweep, file, f"points {np.median(away_m):.3g} m away in the middle")
+            return
+        self._look_at_times(sweep, file)
+        points_vehicle = self._recording.vehicle_from_lidar.apply(points.astype(np.float64))
+        road = seen_road(points_vehicle)
+        if road is not None:
+            self._roads.append(road)
+        if self._occupancy is not None:
+            self._occupancy.add(sweep)
+
+    def _look_at_times(self, sweep: LidarSweep, file: str) -> None:
+        offsets_ns = sweep.time_offset_ns
+        if offsets_ns is None or self._interval_ns is None or len(offsets_ns) < 2:
+            return
+        span_ns = int(offsets_ns.max()) - int(offsets_ns.min())
+        away_ns = max(int(offsets_ns.min()), -int(offsets_ns.max()), 0)
+        if span_ns > LONGEST_SWEEPS * self._interval_ns:
+            self._note("point-times", sweep, file, f"points over {span_ns / 1e6:.1f} ms")
+        elif 0 < span_ns < 2 * MICRO * self._interval_ns:
+            self._note("point-times", sweep, file, f"points over {span_ns} ns, as microseconds would be")
+        elif away_ns > self._interval_ns:
+            self._note("point-times", sweep, file, f"points {away_ns / 1e6:.1f} ms away from it")
+
+    def _note(self, check: str, sweep: LidarSweep, file: str, came: str) -> None:
+        self._faults.setdefault(check, []).append((sweep, file, came))
+
+    def _told(self) -> Iterator[Finding]:
+        middle = float(np.median([count for _, count, _ in self._counts])) if self._counts else 0.0
+        empty = [(time_ns, file) for time_ns, count, file in self._counts if count == 0]
+        few = [(time_ns, count, file) for time_ns, count, file in self._counts if 0 < count < FEW * middle]
+        if empty:
+            yield Finding(check="empty-sweep", file=empty[0][1], wanted="points", came="none",
+                          times=len(empty), timestamp_ns=empty[0][0])  # fmt: skip
+        if few:
+            yield Finding(check="thin-sweep", severity=Severity.WARNING, file=few[0][2],
+                          wanted=f"about {middle:.0f} points, as the others", came=str(few[0][1]),
+                          times=len(few), timestamp_ns=few[0][0])  # fmt: skip
+        wanted = {
+            "same-sweep": ("new points in each sweep", ""),
+            "lost-returns": ("points that something sent back", "leave out lost returns"),
+            "sweep-range": (f"points within {LIDAR_REACH_M:.0f} m", "check the unit: metres are due"),
+            "point-times": ("points of one revolution around the sweep's time", "check the unit: nanoseconds are due"),
+        }
+        for check, found in self._faults.items():
+            sweep, file, came = found[0]
+            yield Finding(
+                check=check,
+                severity=Severity.WARNING if check == "lost-returns" else Severity.ERROR,
+                file=file,
+                wanted=wanted[check][0],
+                came=came,
+                do=wanted[check][1],
+                times=len(found),
+                timestamp_ns=sweep.timestamp_ns,
+            )
+        yield from self._road()
+
+    def _road(self) -> Iterator[Finding]:
+        if len(self._roads) < LEAST_ROADS:
+            return
+        height_m = float(np.median([road.height_m for road in self._roads]))
+        tilt_rad = float(np.median([road.tilt_rad for road in self._roads]))
+        cameras = self._recording.cameras.values()
+        stated_m = float(np.median([c.vehicle_from_camera.translation_m[2] - c.road.height_m for c in cameras]))
+        file = calibration_file(self._recording)
+        if abs(height_m - stated_m) > ROAD_OFF_M:
+            yield Finding(
+                check="road-height",
+                file=file,
+                field="lidar.vehicle_from_lidar or the road's height",
+                wanted=f"the road at {stated_m:+.2f} m in the vehicle frame, as the calibration says",
+                came=f"{height_m:+.2f} m in the middle of {len(self._roads)} sweeps",
+                do="check the height of the lidar, and that its mounting is applied once",
+                times=len(self._roads),
+            )
+        if tilt_rad > ROAD_TILT_RAD:
+            yield Finding(
+                check="road-tilt",
+                severity=Severity.WARNING,
+                file=file,
+                field="lidar.vehicle_from_lidar",
+                wanted="a road level in the vehicle frame",
+                came=f"one tilted by {np.degrees(tilt_rad):.1f} degrees in the middle of {len(self._roads)} sweeps",
+                do="check roll and pitch of the lidar, and the order of its quaternion",
+                times=len(self._roads),
+            )

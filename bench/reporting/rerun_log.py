@@ -1,0 +1,136 @@
+"""A recording for the viewer rerun: the path, the lidar in the world, boxes, and the overlay of each image.
+
+The viewer knows pinhole cameras only, so what a fisheye sees is projected here and logged as a flat picture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from bench.errors import UsageError
+from bench.recordings import Cuboid, ImageRef, Recording
+from bench.recordings.atomic import replacing
+from bench.reporting.lidar_pixels import SeenSweep
+
+TIMELINE = "exposure"
+NEAR_STATE_NS = 60_000_000
+POINT_RADIUS_M = 0.03
+
+
+class RerunLog:
+    """Takes frames in turn; see `rerun_log`."""
+
+    def __init__(self, rerun: ModuleType, stream: Any, recording: Recording, camera: str) -> None:
+        self._rr, self._stream, self._recording, self._camera = rerun, stream, recording, camera
+        stream.log("world", rerun.ViewCoordinates.FLU, static=True)
+        path_m = recording.trajectory.positions_m.astype(np.float32)
+        stream.log("world/path", rerun.LineStrips3D([path_m]), static=True)
+        outline = np.column_stack([recording.vehicle_outline_m, np.zeros(len(recording.vehicle_outline_m))])
+        stream.log("world/vehicle/outline", rerun.LineStrips3D([np.vstack([outline, outline[:1]])]), static=True)
+
+    def add(self, image: ImageRef, picture: NDArray[np.uint8], seen: SeenSweep | None) -> None:
+        """Log one image.
+
+        Args:
+            image: which.
+            picture: (H, W, 3) BGR uint8, its overlay.
+            seen: its lidar sweep, if there is one.
+
+        Raises:
+            DataError: no ego-motion at the image.
+        """
+        rr, stream = self._rr, self._stream
+        stream.set_time(TIMELINE, timestamp=np.datetime64(image.timestamp_ns, "ns"))
+        pose = self._recording.trajectory.world_from_vehicle(image.timestamp_ns)
+        stream.log("world/vehicle", rr.Transform3D(translation=pose.translation_m, mat3x3=pose.rotation))
+        rgb = cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
+        stream.log(f"images/{self._camera}", rr.Image(rgb).compress(jpeg_quality=90))
+        if seen is not None:
+            stream.log("world/lidar", rr.Points3D(seen.points_world.astype(np.float32), radii=POINT_RADIUS_M))
+        self._boxes(image.timestamp_ns)
+
+    def _boxes(self, time_ns: int) -> None:
+        centres, halves, turns, labels = [], [], [], []
+        for track in self._recording.tracks:
+            state = min(track.states, key=lambda state: abs(state.timestamp_ns - time_ns), default=None)
+            if (
+                state is None
+                or abs(state.timestamp_ns - time_ns) > NEAR_STATE_NS
+                or not isinstance(state.shape, Cuboid)
+            ):
+                continue
+            pose = self._recording.trajectory.world_from_vehicle(state.timestamp_ns) @ state.shape.vehicle_from_object
+            centres.append(pose.translation_m)
+            halves.append(state.shape.size_m / 2)
+            turns.append(Rotation.from_matrix(pose.rotation).as_quat(scalar_first=False))
+            labels.append(f"{track.object_class} {track.track_id}")
+        boxes = self._rr.Boxes3D(
+            centers=np.array(centres).reshape(-1, 3),
+            half_sizes=np.array(halves).reshape(-1, 3),
+            quaternions=np.array(turns).reshape(-1, 4),
+            labels=labels,
+        )
+        self._stream.log("world/objects", boxes)
+
+
+@contextmanager
+def rerun_log(path: Path, *, recording: Recording, camera: str) -> Iterator[RerunLog]:
+    """A file for the viewer that appears whole or not at all.
+
+    Args:
+        path: *.rrd.
+        recording: the drive.
+        camera: name of the camera whose images are logged.
+
+    Yields:
+        Takes the frames.
+
+    Raises:
+        UsageError: the viewer's library is not installed, or another suffix.
+    """
+    rerun = viewer()
+    refuse_other_log(path)
+    with replacing(path) as temporary:
+        stream = rerun.RecordingStream("fisheye-bench", recording_id=f"{recording.name}-{camera}")
+        stream.save(str(temporary))
+        try:
+            yield RerunLog(rerun, stream, recording, camera)
+        finally:
+            stream.flush()
+            stream.disconnect()
+
+
+def viewer() -> ModuleType:
+    """The viewer's library, which is optional.
+
+    Raises:
+        UsageError: it is not installed.
+    """
+    try:
+        import rerun
+    except ImportError as error:
+        raise UsageError(
+            f"--rrd: wanted the optional viewer rerun, came none ({error}); "
+            "install it: pip install 'fisheye-bench[viewer]', or write a --video instead"
+        ) from error
+    module: ModuleType = rerun
+    return module
+
+
+def refuse_other_log(path: Path) -> None:
+    """Refuse a file that is not *.rrd.
+
+    Raises:
+        UsageError: it is not.
+    """
+    if path.suffix.lower() != ".rrd":
+        raise UsageError(f"--rrd: wanted a file *.rrd, came {path.name!r}")

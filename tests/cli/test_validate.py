@@ -1,0 +1,110 @@
+"""`validate`: exit status, table and JSON; `validate --adapter`."""
+
+import json
+import shutil
+
+import pytest
+
+from tests.cli.test_commands import call
+from tests.harness.validation import drive
+
+CARD = "name: street\ntitle: a street\nadapter: native\nroot: data\nlicence: x\nannotations: {layer}\n"
+
+
+@pytest.fixture(scope="module")
+def clean(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("street")
+    drive.write_drive(folder / "data" / "drive")
+    (folder / "street.yaml").write_text(CARD.replace("annotations: {layer}\n", ""))
+    return folder
+
+
+@pytest.fixture
+def folder(clean, tmp_path):
+    return shutil.copytree(clean, tmp_path / "street")
+
+
+def test_a_clean_data_set_exits_with_0(monkeypatch, capsys, clean):
+    assert call(monkeypatch, "validate", clean / "street.yaml", "--strict", "--deep") == 0
+    shown = capsys.readouterr().out
+    assert "0 errors and 0 warnings in 1 recordings; read 24 of 24 images and 16 of 16 sweeps" in shown
+
+
+def test_faults_exit_with_1_and_stand_in_table_and_json(monkeypatch, capsys, folder):
+    images = sorted((folder / "data" / "drive" / "images" / "front").iterdir())
+    images[3].write_bytes(images[3].read_bytes()[:100])
+    images[7].write_bytes(b"[red]not a picture[/]")
+    out = folder / "found" / "faults.json"
+    assert call(monkeypatch, "validate", folder / "street.yaml", "--json", out) == 1
+    shown = capsys.readouterr().out
+    assert "2 errors and 0 warnings" in shown
+    assert str(out) in shown
+    content = json.loads(out.read_text())
+    assert (content["dataset"], content["errors"], content["warnings"]) == ("street", 2, 0)
+    assert content["recordings"] == [
+        {"name": "drive", "images": {"read": 24, "all": 24}, "sweeps": {"read": 16, "all": 16}}
+    ]
+    assert [finding["file"] for finding in content["findings"]] == [str(images[3]), str(images[7])]
+    assert {finding["check"] for finding in content["findings"]} == {"image"}
+    assert content["findings"][0]["timestamp_ns"] == int(images[3].stem)
+
+
+def test_warnings_alone_pass_unless_strict(monkeypatch, capsys, folder):
+    images = sorted((folder / "data" / "drive" / "images" / "front").iterdir())
+    for path in images[10:13]:
+        path.unlink()
+    assert call(monkeypatch, "validate", folder / "street.yaml") == 0
+    assert "0 errors and 1 warnings" in capsys.readouterr().out
+    assert call(monkeypatch, "validate", folder / "street.yaml", "--strict") == 1
+    assert "image-gaps" in capsys.readouterr().out
+
+
+def test_one_bad_recording_does_not_stop_the_others(monkeypatch, capsys, folder):
+    (folder / "data" / "broken").mkdir()
+    (folder / "data" / "broken" / "recording.json").write_text('{"schema_version": 1}')
+    out = folder / "faults.json"
+    assert call(monkeypatch, "validate", folder / "street.yaml", "--json", out) == 1
+    content = json.loads(out.read_text())
+    assert [entry["name"] for entry in content["recordings"]] == ["broken", "drive"]
+    assert {finding["recording"] for finding in content["findings"]} == {"broken"}
+    fields = {finding["field"] for finding in content["findings"]}
+    assert {"name", "licence", "frame_interval_ns", "vehicle", "cameras", "lidar"} <= fields
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("nowhere.yaml",), "nowhere.yaml"),
+        (("CARD", "--split", "test"), "unknown split 'test'"),
+        (("DATA", "--adapter", "nomodule"), "wanted module:function, came 'nomodule'"),
+        (("DATA", "--adapter", "no_such_module_here:list"), "that can be imported"),
+        (("DATA", "--adapter", "bench.recordings:no_such"), "that can be imported"),
+        (("nowhere", "--adapter", "bench.recordings.native_listing:native_recordings"), "which is missing"),
+    ],
+)
+def test_mistakes_are_one_clear_line_and_status_2(monkeypatch, capsys, clean, words, message):
+    named = {"CARD": clean / "street.yaml", "DATA": clean / "data"}
+    assert call(monkeypatch, "validate", *(named.get(word, word) for word in words)) == 2
+    shown = capsys.readouterr().err
+    assert message in shown
+    assert shown.startswith("error: ")
+    assert shown.count("\n") == 1
+
+
+def test_an_adapter_of_the_users_own(monkeypatch, capsys, clean, tmp_path):
+    """A module in the folder where the command is called, not installed."""
+    (tmp_path / "my_own_adapter.py").write_text(
+        "from functools import partial\n"
+        "from bench.recordings import RecordingHandle, open_native\n"
+        "def listing(root, *, options, card, annotations):\n"
+        "    return tuple(RecordingHandle(name=p.name, opener=partial(open_native, p)) for p in root.glob('*/'))\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert call(monkeypatch, "validate", clean / "data", "--adapter", "my_own_adapter:listing") == 1
+    shown = capsys.readouterr().out
+    assert "options: wanted a DataError for an option that does not exist, came none" in shown
+    assert "my_own_adapter:listing breaks 1 promises of the contract of adapters" in shown
+    name = "bench.recordings.native_listing:native_recordings"
+    assert call(monkeypatch, "validate", clean / "data", "--adapter", name, "--set", "evaluated_size_px=[32,24]") == 0
+    assert f"{name} keeps the contract of adapters" in capsys.readouterr().out

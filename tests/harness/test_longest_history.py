@@ -1,0 +1,76 @@
+"""Methods that can use more images than they need: as many as there are, and scored on the same images."""
+
+import shutil
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.evaluation import load_protocol
+from bench.harness import FramePipeline, plan_units, read_tables, run_benchmark
+from bench.methods import Segmentation, build_method
+from bench.recordings import load_card, open_dataset
+
+PROTOCOL = load_protocol("paper-v1")
+
+
+class Greedy:
+    name, history, longest_history, colour = "greedy", 1, 3, False
+
+    def __init__(self):
+        self.seen = []
+
+    def settings(self):
+        return {}
+
+    def segment(self, frame):
+        assert len(frame.images) == len(frame.timestamps_ns) == len(frame.current_from_previous) + 1
+        self.seen.append(len(frame.images))
+        return Segmentation(cell_size_px=1, mask=np.zeros(frame.valid.shape, bool))
+
+
+@pytest.fixture
+def own_card(tiny_card: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(tiny_card.parent, tmp_path / "datasets") / tiny_card.name
+
+
+def images_seen(card, indices):
+    recording = next(h for h in open_dataset(load_card(str(card))) if h.name == "crossing").open()
+    method = Greedy()
+    pipeline = FramePipeline(recording, "front", method=method, protocol=PROTOCOL)
+    for index in indices:
+        pipeline.process(index)
+    return method.seen
+
+
+def image_file(card: Path, index: int) -> Path:
+    return sorted((card.parent / "data/tiny/crossing/images/front").iterdir())[index]
+
+
+def test_as_many_images_as_there_are_up_to_the_longest(tiny_card):
+    assert images_seen(tiny_card, [1, 2, 3, 4]) == [2, 3, 4, 4]
+    assert images_seen(tiny_card, [4]) == [4]  # wherever a drive is entered
+
+
+def test_an_older_image_that_cannot_be_read_shortens_what_is_seen(own_card):
+    image_file(own_card, 1).write_bytes(b"no picture")
+    assert images_seen(own_card, [3, 4]) == [2, 3]
+
+
+def test_a_gap_shortens_what_is_seen(own_card):
+    image_file(own_card, 2).unlink()  # the images after it are now numbers 2 and 3, with a gap before the first
+    assert images_seen(own_card, [1, 3]) == [2, 2]
+
+
+@pytest.mark.parametrize("name", ["background-subtraction", "spherical-sparse"])
+def test_chunks_give_the_same_masks(tiny_card, tmp_path, monkeypatch, name):
+    def rows(out):
+        run_benchmark(load_card(str(tiny_card)), method=build_method(name), protocol=PROTOCOL, out=tmp_path / out)
+        key = lambda row: (row["recording"], row["timestamp_ns"], row.get("track_id") or "")  # noqa: E731
+        return [sorted(table.to_pylist(), key=key) for table in read_tables(tmp_path / out)]
+
+    whole = rows("whole")
+    monkeypatch.setattr("bench.harness.run.plan_units", partial(plan_units, chunk_images=1))
+    assert rows("chunks") == whole
+    assert len(whole[1]) == 12
