@@ -9,7 +9,6 @@ from bench.recordings.annotations import read_annotations
 from bench.recordings.atomic import replacing, write_bytes, write_text
 from bench.recordings.cards import DatasetCard, list_cards, load_card
 from bench.recordings.catalogue import ADAPTERS, open_dataset
-from bench.recordings.faults import recording_faults
 from bench.recordings.gaps import FrameGap, frame_gaps
 from bench.recordings.handles import Exclusion, RecordingHandle
 from bench.recordings.images import read_image, read_truth
@@ -53,7 +52,6 @@ __all__ = [
     "read_annotations",
     "read_image",
     "read_truth",
-    "recording_faults",
     "replacing",
     "write_annotations",
     "write_bytes",

@@ -79,7 +79,8 @@ def _figure_lines(row: TableRow, name: str) -> dict[str, str]:
         chance = row.figures[name.replace("detection_rate", "chance")]
         found["chance"] = "" if math.isnan(chance.value) else _number(chance.value)
     if name in COMPARED or row.name == FALSE_POSITIVES:
-        found |= {"paper": f"{100 * figure.paper:.0f}", "diff.": difference(figure)}
+        known = not math.isnan(figure.paper)
+        found |= {"paper": f"{100 * figure.paper:.0f}" if known else "", "diff.": difference(figure)}
     return found
 
 

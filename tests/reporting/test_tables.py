@@ -12,7 +12,7 @@ from bench.reporting.sheets import COMPARED, COVERAGES, detection_figures
 from bench.reporting.table_files import escape_latex, to_csv, to_json, to_latex, to_markdown
 from bench.reporting.tables import FALSE_POSITIVES, table_rows
 from bench.reporting.terminal_table import MIN_COLUMNS, to_rich
-from tests.reporting.summaries import summary
+from tests.reporting.summaries import object_figures, summary
 
 ROWS = table_rows(summary())
 
@@ -25,9 +25,9 @@ def same(a, b):
     return a == b or (math.isnan(a) and math.isnan(b))
 
 
-def printed(width=MIN_COLUMNS):
+def printed(width=MIN_COLUMNS, rows=ROWS):
     console = Console(width=width, record=True, file=io.StringIO())
-    console.print(to_rich(ROWS))
+    console.print(to_rich(rows))
     return console.export_text()
 
 
@@ -115,6 +115,14 @@ def test_the_terminal_shows_the_same_figures_at_100_columns():
     assert crossing[2].split() == ["chance", "28.9", "14.4", "7.2"]
     assert crossing[3].split() == ["paper", "3848", "72", "64", "55"]
     assert crossing[4].split() == ["diff.", "+0.1", "-6.3", "-11.7"]
+
+
+def test_a_row_that_the_paper_does_not_have_leaves_its_line_empty():
+    masks = summary().model_copy(update={"categories": {"moving": object_figures(0.6)}})
+    text = printed(rows=table_rows(masks))
+    assert "Moving" in text
+    assert "60.0" in text
+    assert "nan" not in text
 
 
 def test_nothing_to_average_is_said_and_not_made_up():
