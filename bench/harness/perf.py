@@ -10,9 +10,9 @@ from bench.evaluation import Protocol, SequenceScorer
 from bench.flow import FarnebackFlow
 from bench.harness.frames import FramePipeline, UnscorableFrame
 from bench.harness.stages import StageClock
-from bench.harness.threads import single_threaded
 from bench.methods import Method
 from bench.recordings import Recording
+from bench.threads import single_threaded
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -27,11 +27,11 @@ from bench.harness.stored import (
     write_summary,
     write_unit,
 )
-from bench.harness.threads import single_threaded
 from bench.harness.unit import run_unit
 from bench.harness.units import Unit, plan_units
 from bench.methods import Method
 from bench.recordings import DatasetCard, Recording, RecordingHandle, open_dataset
+from bench.threads import single_threaded
 
 MARK = "units"
 

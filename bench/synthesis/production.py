@@ -13,14 +13,12 @@ from contextlib import contextmanager
 from multiprocessing import get_context
 from pathlib import Path
 
-import cv2
-from threadpoolctl import threadpool_limits
-
 from bench.errors import DataError, UsageError
 from bench.recordings import write_text
 from bench.synthesis.reading import read_scenario
 from bench.synthesis.recorder import render_recording
 from bench.synthesis.scenario import RecordingSpec, Scenario
+from bench.threads import single_threaded, use_one_thread
 
 if sys.platform != "win32":
     import fcntl
@@ -88,17 +86,12 @@ def _alone_in(folder: Path) -> Iterator[None]:
 
 def _rendered(scenario: Scenario, specs: list[RecordingSpec], out: Path, workers: int) -> Iterator[Path]:
     if workers == 1 or len(specs) <= 1:
-        threads = cv2.getNumThreads()
-        with threadpool_limits(1):
-            cv2.setNumThreads(1)
-            try:
-                for spec in specs:
-                    yield _produce(scenario, spec, out)
-            finally:
-                cv2.setNumThreads(threads)
+        with single_threaded():
+            for spec in specs:
+                yield _produce(scenario, spec, out)
         return
     with ProcessPoolExecutor(
-        min(workers, len(specs)), mp_context=get_context("spawn"), initializer=_one_thread
+        min(workers, len(specs)), mp_context=get_context("spawn"), initializer=use_one_thread
     ) as pool:
         futures = [pool.submit(_produce, scenario, spec, out) for spec in specs]
         try:
@@ -111,11 +104,6 @@ def _rendered(scenario: Scenario, specs: list[RecordingSpec], out: Path, workers
 def _cores() -> int:
     """Cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _one_thread() -> None:
-    cv2.setNumThreads(1)
-    threadpool_limits(1)
 
 
 def _produce(scenario: Scenario, spec: RecordingSpec, out: Path) -> Path:

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from bench.flow import dense_flow
-from bench.harness.threads import single_threaded
 from bench.synthesis import read_scenario
 from bench.synthesis.driving.host import mounted_camera, own_body
 from bench.synthesis.imaging.film import moment
 from bench.synthesis.imaging.renderer import ImageRenderer
 from bench.synthesis.imaging.textures import texture_atlas
 from bench.synthesis.stage import set_stage
+from bench.threads import single_threaded
 
 DEMO = Path(__file__).parents[2] / "datasets" / "demo.scenario.yaml"
 

@@ -14,7 +14,7 @@ from bench.synthesis.mesh import Mesh
 from bench.synthesis.ray_scene import Hits, RayScene
 from bench.synthesis.scenario.street import SideStreetSpec, StreetSpec
 from bench.synthesis.seeds import named_rng
-from bench.synthesis.world import World, build_world, street
+from bench.synthesis.world import World, build_world
 
 SPECS = {
     "street": StreetSpec(parking="both", zebra_at_m=(12.0,), trees=0.6),
@@ -93,7 +93,7 @@ def test_the_ground_has_no_holes(world: World) -> None:
 
 def test_pavement_lies_a_kerb_above_the_road() -> None:
     spec = StreetSpec(kerb_m=0.14, pavement_m=3.0, trees=0.0)
-    mesh = street(spec, named_rng(0, "kerb"))
+    mesh = build_world(spec, named_rng(0, "kerb")).mesh
     edge_m = 0.5 * spec.lane_width_m
     _, road_m = seen_from_above(mesh, grid((0, 40), (-edge_m + 0.1, -edge_m + 0.5)), from_m=1.0)
     _, kerb_m = seen_from_above(mesh, grid((0, 40), (-edge_m - 0.12, -edge_m - 0.03), 0.05), from_m=1.0)
@@ -107,7 +107,7 @@ def test_pavement_lies_a_kerb_above_the_road() -> None:
 
 def test_zebra_crossing_is_painted_from_kerb_to_lowered_kerb() -> None:
     spec = StreetSpec(zebra_at_m=(12.0,), wear=0.0)
-    mesh = street(spec, named_rng(0, "zebra"))
+    mesh = build_world(spec, named_rng(0, "zebra")).mesh
     across = np.stack([np.full(400, 12.0), np.linspace(-1.6, 4.85, 400)], axis=1)
     hits, height_m = seen_from_above(mesh, across, from_m=1.0)
     painted = mesh.surfaces[hits.triangles, 0] > 0.45
@@ -120,7 +120,7 @@ def test_zebra_crossing_is_painted_from_kerb_to_lowered_kerb() -> None:
 
 def test_side_street_opens_the_kerb_with_rounded_corners() -> None:
     spec = StreetSpec(side_streets=(SideStreetSpec(at_m=20, side="right", width_m=6),), trees=0.0)
-    mesh = street(spec, named_rng(0, "side"))
+    mesh = build_world(spec, named_rng(0, "side")).mesh
     _, mouth_m = seen_from_above(mesh, grid((17.2, 22.8), (-30.0, -2.0)), from_m=1.0)
     assert np.quantile(np.abs(mouth_m), 0.99) < FLAT_M
     _, corners_m = seen_from_above(mesh, np.array([[16.5, -2.1], [14.0, -4.0]]), from_m=1.0)
@@ -140,7 +140,7 @@ def test_parked_cars_take_their_share_of_the_places(share: float) -> None:
 
 def test_an_avenue_has_as_many_lanes_on_both_sides_of_its_rail() -> None:
     spec = StreetSpec(kind="avenue", lanes_left=1, wear=0.0)
-    mesh = street(spec, named_rng(0, "avenue"))
+    mesh = build_world(spec, named_rng(0, "avenue")).mesh
     left_m = 1.5 * spec.lane_width_m
     _, own_m = seen_from_above(mesh, grid((0, 40), (-1.5, left_m)), from_m=3.0)
     _, opposite_m = seen_from_above(mesh, grid((0, 40), (left_m + 3.0, left_m + 3.0 + 6.5)), from_m=3.0)
@@ -173,7 +173,7 @@ def test_world_is_sound_and_small_enough_to_render(world: World) -> None:
 
 
 def test_there_are_mirrors_and_lamps() -> None:
-    mesh = street(SPECS["street"], named_rng(3, "street"))
+    mesh = build_world(SPECS["street"], named_rng(3, "street")).mesh
     assert (mesh.surfaces[:, 3] > 0.03).sum() > 50
     lamps = mesh.corners_m[mesh.surfaces[:, 4] >= 0.9].reshape(-1, 3)
     assert len(lamps) > 0

@@ -8,9 +8,6 @@ from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 
-import cv2
-from threadpoolctl import threadpool_limits
-
 from bench.errors import BenchError, DataError, UsageError
 from bench.evaluation import Protocol
 from bench.evaluation.summary import ProtocolStamp
@@ -23,10 +20,10 @@ from bench.harness.audit.sources import NO_SCENARIO, AuditSource, audit_sources
 from bench.harness.audit.stored import SCHEMA_VERSION, write_audit
 from bench.harness.progress import Progress, recording_reporter
 from bench.harness.stored import MethodStamp
-from bench.harness.threads import single_threaded
 from bench.methods import Method
 from bench.methods.spherical.method import SphericalMethod
 from bench.recordings import DatasetCard
+from bench.threads import single_threaded, use_one_thread
 
 Outcome = RecordingAudit | BenchError
 
@@ -159,7 +156,7 @@ def _side_by_side(
     sources: tuple[AuditSource, ...], audit_one: partial[RecordingAudit], workers: int, progress: Progress | None
 ) -> Iterator[tuple[int, Outcome]]:
     processes = min(workers, len(sources))
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn"), initializer=_one_thread) as pool:
+    with ProcessPoolExecutor(processes, mp_context=get_context("spawn"), initializer=use_one_thread) as pool:
         numbers = {pool.submit(_outcome, audit_one, source): number for number, source in enumerate(sources)}
         try:
             for done, future in enumerate(as_completed(numbers), start=1):
@@ -176,8 +173,3 @@ def _outcome(audit_one: partial[RecordingAudit], source: AuditSource) -> Outcome
         return audit_one(source)
     except DataError as error:
         return error
-
-
-def _one_thread() -> None:
-    cv2.setNumThreads(1)
-    threadpool_limits(1)

@@ -24,11 +24,11 @@ from bench.harness.sweep.plan import SweepPlan
 from bench.harness.sweep.results import SCHEMA_VERSION, FlowCalls, SweepResult, SweepRow, write_sweep
 from bench.harness.sweep.segmenter import TrialSegmenter, numbered
 from bench.harness.sweep.trial import Trial
-from bench.harness.threads import single_threaded
 from bench.harness.units import Unit, plan_units
 from bench.methods import MethodInput, Segmentation, UnansweredImage
 from bench.recordings import DatasetCard, Recording, RecordingHandle, open_dataset
 from bench.reference import ReferenceBuilder, ReferenceFrame
+from bench.threads import single_threaded
 
 
 def run_sweep(

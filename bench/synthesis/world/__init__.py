@@ -4,7 +4,7 @@
 puts parked cars, lamps, trees, furniture and fronts where nothing else stands and no actor comes by.
 """
 
-from bench.synthesis.world.build import build_world, street
+from bench.synthesis.world.build import build_world
 from bench.synthesis.world.site import World
 
-__all__ = ["World", "build_world", "street"]
+__all__ = ["World", "build_world"]

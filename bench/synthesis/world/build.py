@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 
-from bench.synthesis.mesh import Mesh
 from bench.synthesis.scenario import StreetSpec
 from bench.synthesis.world.greenery import drawn_trees
 from bench.synthesis.world.ground import ground
@@ -56,8 +55,3 @@ def build_world(spec: StreetSpec, rng: np.random.Generator, keep_clear: Sequence
         meshes += things(plan, side, site, put)
         meshes += fronts(plan, side, site, built)
     return World(mesh=assembled(meshes), obstacles=tuple(site.obstacles))
-
-
-def street(spec: StreetSpec, rng: np.random.Generator) -> Mesh:
-    """The mesh alone, with nothing kept clear."""
-    return build_world(spec, rng).mesh

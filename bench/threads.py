@@ -9,6 +9,12 @@ import cv2
 from threadpoolctl import threadpool_limits
 
 
+def use_one_thread() -> None:
+    """Keep OpenCV and BLAS to one thread for the rest of this process: the start of a worker."""
+    cv2.setNumThreads(1)
+    threadpool_limits(1)
+
+
 @contextmanager
 def single_threaded() -> Iterator[None]:
     """Keep OpenCV and BLAS to one thread inside the block."""
