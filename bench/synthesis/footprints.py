@@ -36,8 +36,15 @@ def footprints(path: Path, outline_m: ArrayLike, times_ns: NDArray[np.int64]) ->
         (N,) shapely polygons, world, m.
     """
     poses = path.at(times_ns)
+    return outlines_at(poses.rotations, poses.positions_m, outline_m)
+
+
+def outlines_at(
+    rotations: NDArray[np.float64], positions_m: NDArray[np.float64], outline_m: ArrayLike
+) -> NDArray[np.object_]:
+    """Where an outline lies at (N, 3, 3) turns and (N, 3) places of its body: (N,) shapely polygons, world, m."""
     outline = np.asarray(outline_m, dtype=np.float64)
-    rings = np.einsum("nij,kj->nki", poses.rotations[:, :2, :2], outline) + poses.positions_m[:, None, :2]
+    rings = np.einsum("nij,kj->nki", rotations[:, :2, :2], outline) + positions_m[:, None, :2]
     return np.asarray(shapely.polygons(rings))
 
 

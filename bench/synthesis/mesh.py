@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull
 
 from bench.geometry import RigidTransform, cross, dot, normalise
+
+AXES_BESIDE = np.array([[1, 2], [0, 2], [0, 1]])[:, None, :]  # the two axes that are not the k-th
+# The box around (-1, -1, -1) to (1, 1, 1); its faces, each anticlockwise from outside.
+BOX_CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+BOX_FACES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,6 +38,11 @@ class Surface:
     glow: float = 0.0
     sky: bool = False
 
+    @property
+    def row(self) -> tuple[float, ...]:
+        """Its row in `Mesh.surfaces`."""
+        return self.albedo, self.contrast, self.texel_m, self.mirror, self.glow, float(self.sky)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Mesh:
@@ -49,11 +60,17 @@ class Mesh:
 
     def moved(self, a_from_b: RigidTransform) -> Mesh:
         """The same mesh in frame a; the texture stays on its faces."""
-        return replace(self, corners_m=a_from_b.apply(self.corners_m))
+        moved_m = a_from_b.apply(self.corners_m.reshape(-1, 3)).reshape(-1, 3, 3)
+        return Mesh(corners_m=moved_m, texture_m=self.texture_m, surfaces=self.surfaces)
+
+    def picked(self, kept: NDArray[np.bool_]) -> Mesh:
+        """Some of its triangles: (T,) bool."""
+        return Mesh(corners_m=self.corners_m[kept], texture_m=self.texture_m[kept], surfaces=self.surfaces[kept])
 
     def with_texture_shift(self, shift_m: ArrayLike) -> Mesh:
         """The same mesh with its texture taken from elsewhere, so that two bodies do not look alike."""
-        return replace(self, texture_m=self.texture_m + np.asarray(shift_m, dtype=np.float64))
+        shifted_m = self.texture_m + np.asarray(shift_m, dtype=np.float64)
+        return Mesh(corners_m=self.corners_m, texture_m=shifted_m, surfaces=self.surfaces)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -96,13 +113,13 @@ def convex(points_m: ArrayLike, surface: Surface) -> Mesh:
         cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), corners[:, 0] - points.mean(axis=0)
     )
     corners[outward < 0] = corners[outward < 0][:, ::-1]
-    return _textured(corners, surface)
+    return surfaced(corners, surface)
 
 
 def quad(corners_m: ArrayLike, surface: Surface) -> Mesh:
     """A flat patch of four corners, anticlockwise seen from the side that faces outwards."""
     a, b, c, d = np.asarray(corners_m, dtype=np.float64)
-    return _textured(np.array([[a, b, c], [a, c, d]]), surface)
+    return surfaced(np.array([[a, b, c], [a, c, d]]), surface)
 
 
 def quads(
@@ -125,18 +142,31 @@ def quads(
     return mesh
 
 
-def surfaced(corners_m: NDArray[np.float64], surface: Surface) -> Mesh:
-    """Triangles (T, 3, 3) of one surface, anticlockwise seen from outside."""
-    if len(corners_m) == 0:
-        row = np.array(astuple(surface), dtype=np.float64)
-        return Mesh(corners_m=corners_m, texture_m=corners_m[:, :, :2], surfaces=np.empty((0, len(row))))
-    return _textured(corners_m, surface)
+def surfaced(
+    corners_m: NDArray[np.float64], surfaces: Surface | Sequence[Surface], worn: NDArray[np.intp] | None = None
+) -> Mesh:
+    """Triangles, the texture laid on each along the two axes that it faces least.
+
+    Args:
+        corners_m: (T, 3, 3) float64, m, anticlockwise seen from outside.
+        surfaces: of all of them, or several to choose from.
+        worn: (T,) which of several surfaces each triangle has.
+    """
+    one_m, two_m = corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0]
+    beside = AXES_BESIDE[np.abs(cross(one_m, two_m)).argmax(axis=1)]
+    texture_m = corners_m[np.arange(len(corners_m))[:, None, None], np.arange(3)[:, None], beside]
+    if isinstance(surfaces, Surface):
+        rows = np.empty((len(corners_m), len(surfaces.row)))
+        rows[:] = surfaces.row
+    else:
+        rows = np.array([surface.row for surface in surfaces])[worn]
+    return Mesh(corners_m=corners_m, texture_m=texture_m, surfaces=rows)
 
 
 def box(size_m: ArrayLike, centre_m: ArrayLike, surface: Surface) -> Mesh:
     """A box along the axes."""
-    signs = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, 8).T
-    return convex(signs * np.asarray(size_m) + np.asarray(centre_m), surface)
+    corners = BOX_CORNERS * (np.asarray(size_m, dtype=np.float64) / 2) + np.asarray(centre_m, dtype=np.float64)
+    return quads(corners[BOX_FACES], surface)
 
 
 def slab(profile_xz_m: ArrayLike, half_width_m: float | ArrayLike, surface: Surface) -> Mesh:
@@ -162,8 +192,31 @@ def tube(
     along = normalise(end - start)
     aside = normalise(cross(along, np.eye(3)[np.argmin(np.abs(along))]))
     angles = np.arange(sides) * (2 * np.pi / sides)
-    ring = np.outer(np.cos(angles), aside) + np.outer(np.sin(angles), cross(along, aside))
-    return convex(np.concatenate([start + radius_m * ring, end + radius_m * taper * ring]), surface)
+    ring = radius_m * (np.outer(np.cos(angles), aside) + np.outer(np.sin(angles), cross(along, aside)))
+    return prism(start + ring, end + taper * ring, surface)
+
+
+def prism(start_m: NDArray[np.float64], end_m: NDArray[np.float64], surface: Surface) -> Mesh:
+    """The body between two outlines of as many corners, each convex and flat; or many such bodies.
+
+    Args:
+        start_m: (..., K, 3) float64, m, anticlockwise seen from the end.
+        end_m: (..., K, 3) float64, m, each corner opposite its own of the start.
+        surface: of all its faces.
+    """
+    corners = np.concatenate([start_m, end_m], axis=-2)[..., _prism_faces(start_m.shape[-2]), :]
+    return surfaced(corners.reshape(-1, 3, 3), surface)
+
+
+@cache
+def _prism_faces(sides: int) -> NDArray[np.intp]:
+    """Corners of a prism's triangles, (T, 3): rows of its start, then of its end."""
+    low, high = np.arange(sides), np.arange(sides) + sides
+    low_next, high_next = np.roll(low, -1), np.roll(high, -1)
+    walls = np.stack([low, low_next, high_next, low, high_next, high], axis=1).reshape(-1, 3)
+    fan = np.arange(1, sides - 1)
+    lid = np.stack([np.zeros_like(fan), fan, fan + 1], axis=1)
+    return np.concatenate([walls, lid[:, ::-1], sides + lid])
 
 
 def ball(centre_m: ArrayLike, radii_m: ArrayLike, surface: Surface) -> Mesh:
@@ -175,12 +228,3 @@ def ball(centre_m: ArrayLike, radii_m: ArrayLike, surface: Surface) -> Mesh:
     )
     sphere = np.concatenate([sphere, [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]])
     return convex(sphere * np.asarray(radii_m) + np.asarray(centre_m), surface)
-
-
-def _textured(corners_m: NDArray[np.float64], surface: Surface) -> Mesh:
-    """Lay the texture on each face along the two axes that it faces least."""
-    facing = np.argmax(np.abs(face_normals(corners_m)), axis=1)
-    axes = np.array([[1, 2], [0, 2], [0, 1]])[facing]
-    texture_m = np.take_along_axis(corners_m, axes[:, None, :], axis=2)
-    row = np.array(astuple(surface), dtype=np.float64)
-    return Mesh(corners_m=corners_m, texture_m=texture_m, surfaces=np.tile(row, (len(corners_m), 1)))

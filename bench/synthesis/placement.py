@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from bench.synthesis.bodies import make_body
 from bench.synthesis.driving.host import OUTLINE_M, own_body
-from bench.synthesis.footprints import box_outline, footprints, watched_times
+from bench.synthesis.driving.path import Poses
+from bench.synthesis.footprints import box_outline, outlines_at, watched_times
 from bench.synthesis.scenario import CameraSpec, RecordingSpec, ScenarioHead
 from bench.synthesis.seeds import named_rng
-from bench.synthesis.ways import Ways, find_ways
+from bench.synthesis.ways import find_ways
 
 TOUCH_M2 = 0.01  # boxes that overlap by less only touch
 
@@ -42,18 +43,21 @@ def first_clash(head: ScenarioHead, spec: RecordingSpec) -> Clash | None:
     """
     ways = find_ways(head, spec)
     times_ns = watched_times(ways)
+    host = _Mover(poses=ways.host.at(times_ns), outline_m=OUTLINE_M)
     sizes_m = [box_size(actor.kind) for actor in spec.actors]
-    boxes = [footprints(way, box_outline(size), times_ns) for way, size in zip(ways.actors, sizes_m, strict=True)]
-    host = footprints(ways.host, OUTLINE_M, times_ns)
+    movers = [
+        _Mover(poses=way.at(times_ns), outline_m=box_outline(size))
+        for way, size in zip(ways.actors, sizes_m, strict=True)
+    ]
     for number, actor in enumerate(spec.actors):
-        if (at := _first_overlap(boxes[number], host)) is not None:
+        if (at := _first_overlap(movers[number], host)) is not None:
             return Clash(actor=number, told=f"{actor.name!r} inside the host at {_seconds(times_ns[at])}")
         for camera in head.cameras:
-            if (at := _first_inside(camera, ways, times_ns, number, sizes_m[number])) is not None:
+            if (at := _first_inside(camera, host, movers[number], sizes_m[number])) is not None:
                 told = f"the camera {camera.name!r} inside {actor.name!r} at {_seconds(times_ns[at])}"
                 return Clash(actor=number, told=told)
-    for one, other in combinations(range(len(boxes)), 2):
-        if (at := _first_overlap(boxes[one], boxes[other])) is not None:
+    for one, other in combinations(range(len(movers)), 2):
+        if (at := _first_overlap(movers[one], movers[other])) is not None:
             names = f"{spec.actors[other].name!r} inside {spec.actors[one].name!r}"
             return Clash(actor=other, told=f"{names} at {_seconds(times_ns[at])}")
     return None
@@ -74,20 +78,43 @@ def box_size(kind: str) -> NDArray[np.float64]:
     return make_body(kind, named_rng(0, "box", kind)).size_m
 
 
-def _first_overlap(one: NDArray[np.object_], other: NDArray[np.object_]) -> int | None:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Mover:
+    """A body at all times that are looked at.
+
+    Attributes:
+        poses: of the body, N rows.
+        outline_m: (K, 2), m, in its frame.
+    """
+
+    poses: Poses
+    outline_m: NDArray[np.float64]
+
+    def footprints(self, rows: NDArray[np.intp]) -> NDArray[np.object_]:
+        """At some rows."""
+        return outlines_at(self.poses.rotations[rows], self.poses.positions_m[rows], self.outline_m)
+
+    def rows_near(self, other: _Mover) -> NDArray[np.intp]:
+        """Rows at which the circles around both outlines meet; elsewhere nothing needs a closer look."""
+        apart_m = (self.poses.positions_m - other.poses.positions_m)[:, :2]
+        reach_m = sum(float(np.linalg.norm(outline, axis=1).max()) for outline in (self.outline_m, other.outline_m))
+        return np.flatnonzero(np.hypot(*apart_m.T) <= reach_m)
+
+
+def _first_overlap(one: _Mover, other: _Mover) -> int | None:
     """Row of the first time at which two footprints overlap by more than a touch."""
-    near = np.flatnonzero(shapely.intersects(one, other))
-    inside = near[shapely.area(shapely.intersection(one[near], other[near])) > TOUCH_M2]
+    rows = one.rows_near(other)
+    if rows.size == 0:
+        return None
+    shared = shapely.intersection(one.footprints(rows), other.footprints(rows))
+    inside = rows[shapely.area(shared) > TOUCH_M2]
     return int(inside[0]) if inside.size else None
 
 
-def _first_inside(
-    camera: CameraSpec, ways: Ways, times_ns: NDArray[np.int64], actor: int, size_m: NDArray[np.float64]
-) -> int | None:
+def _first_inside(camera: CameraSpec, host: _Mover, other: _Mover, size_m: NDArray[np.float64]) -> int | None:
     """Row of the first time at which a camera is inside the box around an actor."""
-    host, other = ways.host.at(times_ns), ways.actors[actor].at(times_ns)
-    cameras_world = host.rotations @ np.array(camera.position_m) + host.positions_m
-    local_m = np.einsum("nji,nj->ni", other.rotations, cameras_world - other.positions_m)
+    cameras_world = host.poses.rotations @ np.array(camera.position_m) + host.poses.positions_m
+    local_m = np.einsum("nji,nj->ni", other.poses.rotations, cameras_world - other.poses.positions_m)
     middle_m = np.array([0.0, 0.0, size_m[2] / 2])
     inside = np.flatnonzero((np.abs(local_m - middle_m) < size_m / 2).all(axis=1))
     return int(inside[0]) if inside.size else None

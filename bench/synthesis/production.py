@@ -17,14 +17,14 @@ from bench.errors import DataError, UsageError
 from bench.recordings import write_text
 from bench.synthesis.reading import read_scenario
 from bench.synthesis.recorder import render_recording
-from bench.synthesis.scenario import RecordingSpec, Scenario
+from bench.synthesis.scenario import LARGEST_BYTES, RecordingSpec, Scenario
+from bench.synthesis.stamp import MARK, stamped, write_stamp
 from bench.threads import single_threaded, use_one_thread
 
 if sys.platform != "win32":
     import fcntl
 
-GENERATOR_VERSION = 3  # raise it whenever the same scenario gives other bytes
-MARK = "synthesis.json"
+GENERATOR_VERSION = 4  # raise it whenever the same scenario gives other bytes
 UNFINISHED = ".unfinished"
 
 Progress = Callable[[int, int], None]
@@ -38,7 +38,8 @@ def synthesize(
     A recording is rendered aside and moved into place whole. What is there is kept if it was made by the same
     generator from the same lines of the scenario, and replaced otherwise; recordings that the scenario
     no longer has are removed. Recordings do not depend on each other, on the order or on the number of workers.
-    A second call for the same folder waits until the first is done, and then finds everything there.
+    A second call for the same folder waits until the first is done, and then finds everything there. A stamp in the
+    folder says that everything is there; while it fits, a call costs a few milliseconds.
 
     Args:
         scenario_path: the scenario file.
@@ -55,6 +56,11 @@ def synthesize(
     """
     if workers is not None and workers < 1:
         raise UsageError(f"workers: wanted at least 1, came {workers}")
+    content = _content(scenario_path)
+    if content is not None and (folders := stamped(out, scenario=content, version=GENERATOR_VERSION)) is not None:
+        if progress is not None:
+            progress(len(folders), len(folders))
+        return folders
     scenario = read_scenario(scenario_path)
     out.mkdir(parents=True, exist_ok=True)
     with _alone_in(out):
@@ -67,7 +73,18 @@ def synthesize(
             if progress is not None:
                 progress(count, total)
         shutil.rmtree(out / UNFINISHED, ignore_errors=True)
+        if content is not None and content == _content(scenario_path):  # nobody edited it while it was read
+            names = [spec.name for spec in scenario.recordings]
+            write_stamp(out, scenario=content, version=GENERATOR_VERSION, names=names)
     return [out / spec.name for spec in scenario.recordings]
+
+
+def _content(path: Path) -> bytes | None:
+    """The bytes of a scenario; None if it cannot be read, which reading it tells better."""
+    try:
+        return path.read_bytes() if path.stat().st_size <= LARGEST_BYTES else None
+    except OSError:
+        return None
 
 
 @contextmanager

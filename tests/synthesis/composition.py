@@ -43,30 +43,27 @@ def _of_recording(
 ) -> Counter[str]:
     ways = find_ways(scenario, spec)
     sizes = [box_size(actor.kind) for actor in spec.actors]
-    due = [_categories(ways, k, settings) for k in range(len(spec.actors))]
     found: Counter[str] = Counter()
-    for camera in cameras:
-        for frame, time_ns in list(enumerate(ways.image_times_ns.tolist()))[every // 2 :: every]:
-            boxes = [_Box(ways, k, size, time_ns) for k, size in enumerate(sizes)]
-            for k, box in enumerate(boxes):
-                if due[k][frame] is None or BODIES[spec.actors[k].kind][0] not in settings.classes:
-                    continue
+    for time_ns in ways.image_times_ns[every // 2 :: every].tolist():
+        boxes = [_Box(ways, k, size, time_ns) for k, size in enumerate(sizes)]
+        for k, box in enumerate(boxes):
+            category = _category(ways, k, time_ns, settings)
+            if category is None or BODIES[spec.actors[k].kind][0] not in settings.classes:
+                continue
+            for camera in cameras:
                 if box.range_m(ways, camera, time_ns) > settings.range_limit_m:
                     continue
                 if box.seen_share(ways, camera, time_ns, boxes[:k] + boxes[k + 1 :]) >= SEEN_SHARE:
-                    found[str(due[k][frame])] += every
+                    found[category] += every
     return found
 
 
-def _categories(ways: Ways, actor: int, settings: ReferenceSettings) -> list[str | None]:
-    """Category at each image; None while the actor stands."""
-    found: list[str | None] = []
-    for time_ns in ways.image_times_ns.tolist():
-        motion = ways.actors[actor].velocity_mps(time_ns)
-        host = ways.host.velocity_mps(time_ns)
-        moving = float(np.hypot(*motion[:2])) >= settings.motion.static_below_mps
-        found.append(categorise(motion, host, settings.motion).value if moving else None)
-    return found
+def _category(ways: Ways, actor: int, time_ns: int, settings: ReferenceSettings) -> str | None:
+    """Category at an image; None while the actor stands."""
+    motion = ways.actors[actor].velocity_mps(time_ns)
+    if float(np.hypot(*motion[:2])) < settings.motion.static_below_mps:
+        return None
+    return str(categorise(motion, ways.host.velocity_mps(time_ns), settings.motion).value)
 
 
 class _Box:

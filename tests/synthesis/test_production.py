@@ -1,21 +1,47 @@
 from __future__ import annotations
 
+import shutil
 import threading
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from bench.errors import DataError, UsageError
-from bench.synthesis import production, synthesize
+from bench.synthesis import Scenario, production, read_scenario, stamp, synthesize
+from bench.synthesis.scenario import RecordingSpec
+from bench.synthesis.stamp import MARK, STAMP
 from tests.synthesis.conftest import MINIATURE
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+    """All files of the recordings below a folder."""
+    paths = sorted(path for path in folder.rglob("*") if path.is_file() and path.name != STAMP)
+    return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
 
 
-def test_same_scenario_gives_same_bytes_in_one_process_and_in_two(scenario_file: Path, tmp_path: Path) -> None:
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Recordings that hold their lines of the scenario instead of images; gives the names of what was made."""
+    made: list[str] = []
+
+    def written(scenario: Scenario, spec: RecordingSpec, root: Path) -> None:
+        made.append(root.name)
+        (root / "images").mkdir(parents=True)
+        (root / "images" / "0.png").write_text(spec.model_dump_json())
+        (root / "recording.json").write_text(scenario.model_dump_json(exclude={"recordings"}))
+
+    monkeypatch.setattr(production, "render_recording", written)
+    return made
+
+
+def test_same_scenario_gives_same_bytes_in_two_processes_and_in_another_order(
+    scenario_file: Path, tmp_path: Path
+) -> None:
     synthesize(scenario_file, tmp_path / "once", workers=1)
+    head, recordings = scenario_file.read_text().split("recordings:\n")
+    first, second = recordings.split("  - name: reversing")
+    scenario_file.write_text(f"{head}recordings:\n  - name: reversing{second}{first}")
     synthesize(scenario_file, tmp_path / "again", workers=2)
     once, again = contents(tmp_path / "once"), contents(tmp_path / "again")
     assert len([name for name in once if name.startswith("crossing/images/front/")]) == 2
@@ -23,23 +49,14 @@ def test_same_scenario_gives_same_bytes_in_one_process_and_in_two(scenario_file:
     assert [name for name in once if once[name] != again[name]] == []
 
 
-def test_order_of_recordings_changes_nothing(scenario_file: Path, tmp_path: Path) -> None:
-    synthesize(scenario_file, tmp_path / "a", workers=1)
-    head, recordings = scenario_file.read_text().split("recordings:\n")
-    first, second = recordings.split("  - name: reversing")
-    scenario_file.write_text(f"{head}recordings:\n  - name: reversing{second}{first}")
-    synthesize(scenario_file, tmp_path / "b", workers=1)
-    assert contents(tmp_path / "a") == contents(tmp_path / "b")
-
-
 def test_interrupted_run_leaves_whole_recordings_and_resumes(
-    scenario_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    scenario_file: Path, tmp_path: Path, quick: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "out"
     render = production.render_recording
 
-    def fails_on_second(scenario: object, spec: object, root: Path) -> None:
-        render(scenario, spec, root)  # type: ignore[arg-type]
+    def fails_on_second(scenario: Scenario, spec: RecordingSpec, root: Path) -> None:
+        render(scenario, spec, root)
         if root.name == "reversing":
             raise KeyboardInterrupt
 
@@ -48,63 +65,157 @@ def test_interrupted_run_leaves_whole_recordings_and_resumes(
         synthesize(scenario_file, out, workers=1)
     assert [path.parent.name for path in out.glob("*/recording.json")] == ["crossing"]
     before = contents(out / "crossing")
-    monkeypatch.setattr(production, "render_recording", _only("reversing", render))
+    monkeypatch.setattr(production, "render_recording", render)
+    quick.clear()
     seen: list[tuple[int, int]] = []
     folders = synthesize(scenario_file, out, workers=1, progress=lambda done, total: seen.append((done, total)))
+    assert quick == ["reversing"]
     assert folders == [out / "crossing", out / "reversing"]
     assert all((folder / "recording.json").is_file() for folder in folders)
     assert seen == [(1, 2), (2, 2)]
     assert contents(out / "crossing") == before
-    assert sorted(path.name for path in out.iterdir()) == ["crossing", "reversing"]
+    assert sorted(path.name for path in out.iterdir()) == [STAMP, "crossing", "reversing"]
 
 
 def test_only_what_changed_is_rendered_again_and_former_recordings_go(
-    scenario_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    scenario_file: Path, tmp_path: Path, quick: list[str]
 ) -> None:
     out = tmp_path / "out"
     synthesize(scenario_file, out, workers=1)
     before = contents(out / "crossing")
     scenario_file.write_text(scenario_file.read_text().replace("speed_kmh: [5]", "speed_kmh: [6]"))
-    monkeypatch.setattr(production, "render_recording", _only("reversing", production.render_recording))
     synthesize(scenario_file, out, workers=1)
+    assert quick == ["crossing", "reversing", "reversing"]
     assert contents(out / "crossing") == before
     scenario_file.write_text(scenario_file.read_text().split("  - name: reversing")[0])
     synthesize(scenario_file, out, workers=1)
-    assert [path.name for path in out.iterdir()] == ["crossing"]
+    assert sorted(path.name for path in out.iterdir()) == [STAMP, "crossing"]
 
 
 def test_second_run_into_the_same_folder_waits_for_the_first_and_renders_nothing(
-    scenario_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    scenario_file: Path, tmp_path: Path, quick: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out, render = tmp_path / "out", production.render_recording
-    rendered: list[str] = []
     seconds: list[threading.Thread] = []
 
-    def starts_another_run(scenario: object, spec: object, root: Path) -> None:
+    def starts_another_run(scenario: Scenario, spec: RecordingSpec, root: Path) -> None:
         if not seconds:
             seconds.append(threading.Thread(target=synthesize, args=(scenario_file, out), kwargs={"workers": 1}))
             seconds[0].start()
             seconds[0].join(timeout=0.5)
             assert seconds[0].is_alive(), "the second run has to wait"
-        rendered.append(root.name)
-        render(scenario, spec, root)  # type: ignore[arg-type]
+        render(scenario, spec, root)
 
     monkeypatch.setattr(production, "render_recording", starts_another_run)
     synthesize(scenario_file, out, workers=1)
     seconds[0].join()
-    assert rendered == ["crossing", "reversing"]
+    assert quick == ["crossing", "reversing"]
 
 
-def test_recording_of_a_longer_series_is_not_rendered_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_recording_of_a_longer_series_is_not_rendered_again(tmp_path: Path, quick: list[str]) -> None:
     head = MINIATURE.split("recordings:\n")[0]
     series = "series:\n  - {name: drive, count: COUNT, frames: 2, host: {speed_kmh: [{uniform: [5, 20]}]}}\n"
     scenario_file = tmp_path / "series.scenario.yaml"
     scenario_file.write_text(head + series.replace("COUNT", "1"))
     synthesize(scenario_file, tmp_path / "out", workers=1)
     scenario_file.write_text(head + series.replace("COUNT", "2"))
-    monkeypatch.setattr(production, "render_recording", _only("drive-02", production.render_recording))
     folders = synthesize(scenario_file, tmp_path / "out", workers=1)
     assert [folder.name for folder in folders] == ["drive-01", "drive-02"]
+    assert quick == ["drive-01", "drive-02"]
+
+
+def test_call_for_what_is_there_does_not_even_draw_the_scenario(
+    scenario_file: Path, tmp_path: Path, quick: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    made = synthesize(scenario_file, out, workers=1)
+    before = contents(out)
+    monkeypatch.setattr(production, "read_scenario", _must_not_be_called)
+    seen: list[tuple[int, int]] = []
+    assert synthesize(scenario_file, out, progress=lambda done, total: seen.append((done, total))) == made
+    assert seen == [(2, 2)]
+    assert len(quick) == 2
+    assert contents(out) == before
+
+
+CHANGES: dict[str, Callable[[Path, Path, pytest.MonkeyPatch], object]] = {
+    "speed": lambda text, _, __: text.write_text(text.read_text().replace("speed_kmh: [5]", "speed_kmh: [6]")),
+    "generator": lambda _, __, patch: patch.setattr(production, "GENERATOR_VERSION", -1),
+    "a recording removed": lambda _, out, __: shutil.rmtree(out / "reversing"),
+    "another's mark": lambda _, out, __: shutil.copy(out / "crossing" / MARK, out / "reversing" / MARK),
+    "a broken mark": lambda _, out, __: (out / "reversing" / MARK).write_text("{}"),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES.keys())
+def test_stale_recordings_are_never_taken_for_fresh_ones(
+    change: Callable[[Path, Path, pytest.MonkeyPatch], object],
+    scenario_file: Path, tmp_path: Path, quick: list[str], monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    out = tmp_path / "out"
+    synthesize(scenario_file, out, workers=1)
+    change(scenario_file, out, monkeypatch)
+    quick.clear()
+    synthesize(scenario_file, out, workers=1)
+    assert "reversing" in quick
+    fresh = tmp_path / "fresh"
+    synthesize(scenario_file, fresh, workers=1)
+    assert contents(out) == contents(fresh)
+
+
+def test_change_of_how_a_series_is_drawn_is_noticed_without_a_new_version(
+    scenario_file: Path, tmp_path: Path, quick: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synthesize(scenario_file, tmp_path / "out", workers=1)
+    monkeypatch.setattr(stamp, "_source_digest", lambda: "another")
+    scenario = read_scenario(scenario_file)
+    slower = scenario.recordings[1].model_copy(update={"frames": 3})
+    changed = scenario.model_copy(update={"recordings": (scenario.recordings[0], slower)})
+    monkeypatch.setattr(production, "read_scenario", lambda _: changed)
+    synthesize(scenario_file, tmp_path / "out", workers=1)
+    assert quick == ["crossing", "reversing", "reversing"]
+
+
+def test_recording_left_over_from_an_older_scenario_goes_in_spite_of_a_stamp(
+    scenario_file: Path, tmp_path: Path, quick: list[str]
+) -> None:
+    out = tmp_path / "out"
+    synthesize(scenario_file, out, workers=1)
+    shutil.copytree(out / "crossing", out / "crossing-old")
+    synthesize(scenario_file, out, workers=1)
+    assert sorted(path.name for path in out.iterdir() if path.is_dir()) == ["crossing", "reversing"]
+    assert len(quick) == 2
+
+
+HOSTILE_STAMPS = ["", "[]", "null", "{}", '{"made_from": 1}', "[" * 100_000, "\x00", '{"made_from": "", "marks": []}']
+
+
+@pytest.mark.parametrize("text", HOSTILE_STAMPS, ids=range(len(HOSTILE_STAMPS)))
+def test_stamp_that_is_none_is_passed_over(text: str, scenario_file: Path, tmp_path: Path, quick: list[str]) -> None:
+    out = tmp_path / "out"
+    made = synthesize(scenario_file, out, workers=1)
+    whole = (out / STAMP).read_bytes()
+    (out / STAMP).write_text(text)
+    assert synthesize(scenario_file, out, workers=1) == made
+    assert len(quick) == 2
+    assert (out / STAMP).read_bytes() == whole
+
+
+def test_scenario_edited_while_it_is_rendered_gets_no_stamp(
+    scenario_file: Path, tmp_path: Path, quick: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, render, first = tmp_path / "out", production.render_recording, scenario_file.read_text()
+
+    def edits(scenario: Scenario, spec: RecordingSpec, root: Path) -> None:
+        render(scenario, spec, root)
+        scenario_file.write_text(first.replace("speed_kmh: [5]", "speed_kmh: [6]"))
+
+    monkeypatch.setattr(production, "render_recording", edits)
+    synthesize(scenario_file, out, workers=1)
+    assert not (out / STAMP).exists()
+    monkeypatch.setattr(production, "render_recording", render)
+    synthesize(scenario_file, out, workers=1)
+    assert quick == ["crossing", "reversing", "reversing"]
 
 
 def test_foreign_folder_is_not_overwritten(scenario_file: Path, tmp_path: Path) -> None:
@@ -121,9 +232,5 @@ def test_no_workers_are_refused(scenario_file: Path, tmp_path: Path) -> None:
         synthesize(scenario_file, tmp_path / "out", workers=0)
 
 
-def _only(name: str, render: object) -> object:
-    def checked(scenario: object, spec: object, root: Path) -> None:
-        assert root.name == name
-        render(scenario, spec, root)  # type: ignore[operator]
-
-    return checked
+def _must_not_be_called(*_: object) -> Scenario:
+    raise AssertionError("read, drawn or rendered although everything is there")

@@ -60,6 +60,14 @@ def test_other_files_are_refused(scenario_file: Path, text: str) -> None:
         read_scenario(scenario_file)
 
 
+@pytest.mark.parametrize("levels", [60, 100_000])
+def test_brackets_without_end_are_told_with_their_line(scenario_file: Path, levels: int) -> None:
+    scenario_file.write_text(f"{MINIATURE}\nabout: {'[' * levels}{']' * levels}\n")
+    line = len(MINIATURE.splitlines()) + 2
+    with pytest.raises(DataError, match=rf"yaml:{line}: .*40 levels"):
+        read_scenario(scenario_file)
+
+
 def test_missing_file_is_told(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"none\.yaml"):
         read_scenario(tmp_path / "none.yaml")

@@ -6,15 +6,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bench.geometry import RigidTransform, cross
 from bench.synthesis.bodies.body import Part
 from bench.synthesis.bodies.joints import STEPS, Joint, wheel
 from bench.synthesis.bodies.loft import ring
 from bench.synthesis.bodies.looks import ALLOY, HEADLAMP, LEATHER, PLASTIC, REFLECTOR, RUBBER, TAIL_LAMP
-from bench.synthesis.mesh import Mesh, Surface, box, tube
+from bench.synthesis.mesh import Mesh, Surface, box, prism, tube
 
 SPOKES = 10  # three times as thick as real ones, a third of their number: the same share of what lies behind is hidden
 SPOKE_M, FRAME_M = 0.006, 0.018  # width; radius
 CRANK_Y_M, PEDAL_Y_M = 0.055, 0.115
+LEVEL_RAD = np.pi / 2  # cranks of who stands astride: one pedal before the shins, one behind the calves
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,11 +65,14 @@ def bicycle_joints(bicycle: Bicycle) -> list[Joint]:
     joints = [
         wheel("rear_wheel", bicycle.rear_x_m, bicycle.wheel_m),
         wheel("front_wheel", bicycle.front_x_m, bicycle.wheel_m),
-        Joint(name="cranks", pivot_m=centre, cycle_m=way_m, angles_rad=turn),
+        Joint(name="cranks", pivot_m=centre, cycle_m=way_m, angles_rad=turn, standing_rad=LEVEL_RAD),
     ]
     for side, sign in (("left", 1.0), ("right", -1.0)):
         axle = (0.0, sign * PEDAL_Y_M, bicycle.bracket_z_m + sign * bicycle.crank_m)
-        joints.append(Joint(name=f"{side}_pedal", parent="cranks", pivot_m=axle, cycle_m=way_m, angles_rad=-turn))
+        joints.append(
+            Joint(name=f"{side}_pedal", parent="cranks", pivot_m=axle, cycle_m=way_m, angles_rad=-turn,
+                  standing_rad=-LEVEL_RAD)
+        )  # fmt: skip
     return joints
 
 
@@ -99,12 +104,22 @@ def _wheel(x: float, bicycle: Bicycle) -> list[Mesh]:
     meshes = [ring(centre, radius, bicycle.tyre_m, RUBBER, sides=24), rim]
     hub = np.array([0.0, 0.05, 0.0])
     meshes.append(tube(centre - hub, centre + hub, 0.022, ALLOY, sides=6))
-    for k in range(SPOKES // 2):
-        along = np.array([np.sin(np.pi * k / 5), 0.0, np.cos(np.pi * k / 5)]) * (inner - 0.01)
-        meshes.append(tube(centre - along, centre + along, SPOKE_M / 2, ALLOY, sides=3))
+    meshes.append(_spokes(inner - 0.01).moved(RigidTransform(np.eye(3), centre)))
     between = np.array([0.0, 0.0, 0.62 * inner])
     reflectors = [box([0.07, 0.012, 0.03], centre + sign * between, REFLECTOR) for sign in (-1, 1)]
     return [*meshes, *reflectors]
+
+
+def _spokes(length_m: float) -> Mesh:
+    """Thin bars of three sides through the hub, each two spokes."""
+    turns = np.arange(SPOKES // 2) * (2 * np.pi / SPOKES)
+    along, aside = (
+        np.stack([np.sin(turns + more), np.zeros_like(turns), np.cos(turns + more)], axis=1)[:, None]
+        for more in (0.0, np.pi / 2)
+    )
+    angles = np.arange(3)[:, None] * (2 * np.pi / 3)
+    rim = SPOKE_M / 2 * (np.cos(angles) * aside + np.sin(angles) * cross(along, aside))
+    return prism(rim - length_m * along, rim + length_m * along, ALLOY)
 
 
 def _frame(bicycle: Bicycle, paint: Surface, saddle_xz_m: tuple[float, float]) -> list[Mesh]:
@@ -125,6 +140,7 @@ def _frame(bicycle: Bicycle, paint: Surface, saddle_xz_m: tuple[float, float]) -
             meshes.append(tube([a[0], y, a[1]], [b[0], 0.3 * y, b[1]], 0.011, paint, sides=5))
     grip_x, grip_z = bicycle.grip_xz_m
     half = bicycle.bar_half_m
+    post_x = saddle[0] * (1 - 0.12 / (saddle[1] - bicycle.bracket_z_m))  # of the seat tube, where the tail lamp is
     meshes += [
         tube([low[0], 0, low[1]], [top[0] - 0.015, 0, grip_z], FRAME_M, paint, sides=6),
         *(tube([top[0] - 0.015, s * 0.04, grip_z], [grip_x, s * half, grip_z], 0.013, ALLOY, sides=5) for s in (-1, 1)),
@@ -132,8 +148,8 @@ def _frame(bicycle: Bicycle, paint: Surface, saddle_xz_m: tuple[float, float]) -
           for s in (-1, 1)),
         box([0.26, 0.05, 0.05], [saddle[0] + 0.04, 0, saddle[1] - 0.03], LEATHER),
         box([0.13, 0.15, 0.05], [saddle[0] - 0.05, 0, saddle[1] - 0.025], LEATHER),
-        box([0.06, 0.06, 0.06], [top[0] + 0.07, 0, grip_z - 0.10], HEADLAMP),
-        box([0.03, 0.06, 0.04], [saddle[0] - 0.10, 0, saddle[1] - 0.12], TAIL_LAMP),
+        box([0.06, 0.06, 0.06], [top[0] + 0.03, 0, grip_z - 0.10], HEADLAMP),
+        box([0.03, 0.06, 0.04], [post_x - FRAME_M - 0.01, 0, saddle[1] - 0.12], TAIL_LAMP),
     ]  # fmt: skip
     if bicycle.basket:
         meshes.append(box([0.26, 0.36, 0.22], [top[0] + 0.16, 0, grip_z - 0.15], PLASTIC))

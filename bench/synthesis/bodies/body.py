@@ -80,11 +80,7 @@ def assembled(
         if (hangs_on == row).any()
     )
     mesh, linkage = joined([mesh for mesh, _ in sorted_parts]), Linkage(joints)
-    ways_m = [cycle_m * step / STEPS for step in range(STEPS)] if joints else [0.0]
-    postures = [_posture(mesh.corners_m, linkage, turned, way_m, 1.0) for way_m in ways_m]
-    postures.append(_posture(mesh.corners_m, linkage, turned, start_m, 0.0))
-    low = np.min([posture.min(axis=(0, 1)) for posture in postures], axis=0)
-    high = np.max([posture.max(axis=(0, 1)) for posture in postures], axis=0)
+    low, high = _extent(mesh.corners_m, linkage, turned, cycle_m=cycle_m, start_m=start_m)
     origin = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, 0.0])
     return Body(
         object_class=object_class,
@@ -95,6 +91,36 @@ def assembled(
         start_m=start_m,
         size_m=np.array([high[0] - low[0], high[1] - low[1], high[2]]),
     )
+
+
+def _extent(
+    corners_m: NDArray[np.float64],
+    linkage: Linkage,
+    parts: tuple[tuple[int, int, int], ...],
+    *,
+    cycle_m: float,
+    start_m: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lowest and highest x, y, z over all postures of a cycle and the standing one."""
+    first = parts[0][0] if parts else len(corners_m)  # what hangs on no joint comes before what does
+    still_m = corners_m[:first].reshape(-1, 3)
+    lows, highs = ([still_m.min(axis=0)], [still_m.max(axis=0)]) if first else ([], [])
+    if parts:
+        going = linkage.transforms(np.arange(STEPS, dtype=np.float64) * (cycle_m / STEPS), 1.0)
+        standing = linkage.transforms(np.array([start_m]), 0.0)
+        rotations, translations_m = (np.concatenate(both) for both in zip(going, standing, strict=True))
+        for start, end, row in parts:
+            turns = rotations[:, row].reshape(-1, 3)  # every axis of every posture
+            along_m = (turns @ _distinct(corners_m[start:end].reshape(-1, 3)).T).reshape(len(rotations), 3, -1)
+            lows.append((along_m.min(axis=2) + translations_m[:, row]).min(axis=0))
+            highs.append((along_m.max(axis=2) + translations_m[:, row]).max(axis=0))
+    return np.min(lows, axis=0), np.max(highs, axis=0)
+
+
+def _distinct(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Each point (N, 3) once; triangles that share nothing repeat a corner some six times."""
+    ordered = points_m[np.lexsort(points_m.T)]
+    return np.asarray(ordered[np.append(True, (ordered[1:] != ordered[:-1]).any(axis=1))])
 
 
 def _posture(

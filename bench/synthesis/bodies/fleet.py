@@ -115,7 +115,7 @@ MINIBUS = Vehicle(
 
 
 def _load(paint: Surface, rng: np.random.Generator) -> list[Mesh]:
-    """The box of a lorry, with lettering, guards against running under, and its frame."""
+    """The box of a lorry, with lettering, guards against running under on their posts, and its frame."""
     side = Surface(albedo=float(rng.choice([0.30, 0.55, 0.75])), contrast=0.08, texel_m=0.02)
     lettering = Surface(albedo=float(rng.choice([0.08, 0.18])), contrast=0.5, texel_m=0.05)
     return [
@@ -128,6 +128,9 @@ def _load(paint: Surface, rng: np.random.Generator) -> list[Mesh]:
         box([0.10, 2.30, 0.14], [-3.25, 0, 0.52], PLASTIC),
         box([0.50, 2.2, 0.45], [1.05, 0, 0.75], paint),
         *(box([1.05, 0.32, 0.06], [-1.9, s * 1.02, 0.97], PLASTIC) for s in (-1, 1)),
+        *(box([0.07, 0.06, 0.36], [x, s * 1.10, 0.67], STEEL) for x in (-0.5, 0.6) for s in (-1, 1)),
+        *(box([0.08, 0.08, 0.34], [-3.23, s * 0.36, 0.69], PLASTIC) for s in (-1, 1)),
+        box([0.04, 2.04, 0.06], [-3.28, 0, 0.73], PLASTIC),
         *(box([0.06, 0.30, 0.14], [-3.3, s * 0.9, 0.72], TAIL_LAMP) for s in (-1, 1)),
     ]
 

@@ -7,6 +7,7 @@ is 0; a joint turns its parts, and all joints that hang on it, about an axis thr
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -67,43 +68,54 @@ class Linkage:
         assert all(parent < row for row, parent in enumerate(self.parents))
         self._pivots_m = np.array([joint.pivot_m for joint in joints], dtype=np.float64).reshape(-1, 3)
         self._cycles_m = np.array([joint.cycle_m for joint in joints])
-        self._axes = np.array([joint.axis for joint in joints], dtype=np.float64).reshape(-1, 3)
+        self._crosses = _cross_matrices(np.array([joint.axis for joint in joints], dtype=np.float64).reshape(-1, 3))
         self._tables = np.array([_table(joint) for joint in joints]).reshape(-1, STEPS + 1, 4)
         self._standing = np.array([_standing(joint) for joint in joints]).reshape(-1, 4)
 
     def moved(self, shift_m: NDArray[np.float64]) -> Linkage:
         """The same linkage in a frame whose origin lies elsewhere: pivots move by `shift_m`."""
-        x, y, z = (float(value) for value in shift_m)
-        return Linkage(
-            [replace(j, pivot_m=(j.pivot_m[0] + x, j.pivot_m[1] + y, j.pivot_m[2] + z)) for j in self.joints]
+        moved = copy(self)
+        moved._pivots_m = self._pivots_m + shift_m
+        moved.joints = tuple(
+            replace(joint, pivot_m=(float(x), float(y), float(z)))
+            for joint, (x, y, z) in zip(self.joints, moved._pivots_m, strict=True)
         )
+        return moved
 
-    def transforms(self, way_m: float, going: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def transforms(
+        self, ways_m: float | NDArray[np.float64], going: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Posed from build posture.
 
         Args:
-            way_m: travelled so far.
+            ways_m: travelled so far: one way, or (W,).
             going: 1 in full motion, 0 standing.
 
         Returns:
-            rotations: (J, 3, 3).
-            translations_m: (J, 3): a point of joint j goes to `rotations[j] @ point + translations_m[j]`.
+            rotations: (J, 3, 3), or (W, J, 3, 3).
+            translations_m: (J, 3), or (W, J, 3): a point of joint j goes to `rotations[j] @ point + translations_m[j]`.
         """
-        place = way_m / self._cycles_m
+        place = np.asarray(ways_m)[..., None] / self._cycles_m
         place = (place - np.floor(place)) * STEPS
         step = np.minimum(place.astype(np.intp), STEPS - 1)
-        rows = np.arange(len(step))
+        rows = np.arange(len(self._cycles_m))
         low, high = self._tables[rows, step], self._tables[rows, step + 1]
-        values = low + (place - step)[:, None] * (high - low)
+        values = low + (place - step)[..., None] * (high - low)
         values = np.where(np.isnan(self._standing), values, self._standing + going * (values - self._standing))
-        rotations = _turns(self._axes, values[:, 0])
-        places_m = self._pivots_m + values[:, 1:]
+        rotations = self._turns(values[..., 0])
+        places_m = self._pivots_m + values[..., 1:]
         for row, parent in enumerate(self.parents):
             if parent >= 0:
-                arm_m = places_m[row] - self._pivots_m[parent]
-                places_m[row] = places_m[parent] + rotations[parent] @ arm_m
-                rotations[row] = rotations[parent] @ rotations[row]
-        return rotations, places_m - np.einsum("jab,jb->ja", rotations, self._pivots_m)
+                arms_m = places_m[..., row, :] - self._pivots_m[parent]
+                turned_m = (rotations[..., parent, :, :] @ arms_m[..., None])[..., 0]
+                places_m[..., row, :] = places_m[..., parent, :] + turned_m
+                rotations[..., row, :, :] = rotations[..., parent, :, :] @ rotations[..., row, :, :]
+        return rotations, places_m - (rotations @ self._pivots_m[..., None])[..., 0]
+
+    def _turns(self, angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Rodrigues' formula for (..., J) angles about the axes: (..., J, 3, 3)."""
+        sine, cosine = np.sin(angles_rad)[..., None, None], np.cos(angles_rad)[..., None, None]
+        return np.asarray(np.eye(3) + sine * self._crosses + (1 - cosine) * (self._crosses @ self._crosses))
 
 
 def _table(joint: Joint) -> NDArray[np.float64]:
@@ -117,10 +129,8 @@ def _standing(joint: Joint) -> NDArray[np.float64]:
     return np.array([joint.standing_rad, *joint.standing_shift_m])
 
 
-def _turns(axes: NDArray[np.float64], angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rodrigues' formula for (J,) angles about (J, 3) axes."""
+def _cross_matrices(axes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(J, 3, 3): the vector product with each of (J, 3) axes."""
     x, y, z = axes.T
     zero = np.zeros_like(x)
-    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
-    sine, cosine = np.sin(angles_rad)[:, None, None], np.cos(angles_rad)[:, None, None]
-    return np.asarray(np.eye(3) + sine * cross + (1 - cosine) * (cross @ cross))
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)

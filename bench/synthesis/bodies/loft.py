@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bench.synthesis.mesh import Mesh, Surface, joined, surfaced
+from bench.geometry import cross, dot
+from bench.synthesis.mesh import Mesh, Surface, surfaced
 
 Paint = tuple[slice, slice, Surface]  # cells of a loft: steps between rings, steps along a ring, what they look like
 UP = np.array([0.0, 0.0, 1.0])
@@ -24,23 +26,32 @@ def loft(rings_m: ArrayLike, surface: Surface, *, paint: Sequence[Paint] = (), l
         loop: the last ring leads back to the first, as in a tyre.
     """
     rings = np.asarray(rings_m, dtype=np.float64)
-    near = rings if loop else rings[:-1]
-    far = np.roll(rings, -1, axis=0) if loop else rings[1:]
-    near_next, far_next = np.roll(near, -1, axis=1), np.roll(far, -1, axis=1)
-    cells = np.stack([near, near_next, far_next, near, far_next, far], axis=2)  # (R, K, 6, 3)
-    wearing = np.zeros(cells.shape[:2], dtype=np.intp)
-    for number, (steps, around, _) in enumerate(paint, start=1):
-        wearing[steps, around] = number
-    corners, worn = cells.reshape(-1, 3, 3), np.repeat(wearing.ravel(), 2)
-    if not loop:
-        ends = np.concatenate([_fan(rings[0][::-1]), _fan(rings[-1])])
-        corners, worn = np.concatenate([corners, ends]), np.concatenate([worn, np.zeros(len(ends), dtype=np.intp)])
+    count, around, _ = rings.shape
+    wearing = np.zeros((count if loop else count - 1, around), dtype=np.intp)
+    for number, (steps, along, _) in enumerate(paint, start=1):
+        wearing[steps, along] = number
+    worn = np.append(np.repeat(wearing.ravel(), 2), np.zeros(0 if loop else 2 * around, dtype=np.intp))
+    middles = rings[[0, -1]].mean(axis=1)
+    corners = np.concatenate([rings.reshape(-1, 3), middles])[_faces(count, around, loop)]
     kept = _doubled_areas_m2(corners) > SMALLEST_M2
     corners, worn = corners[kept], worn[kept]
-    if np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) < 0:
+    if dot(corners[:, 0], cross(corners[:, 1], corners[:, 2])).sum() < 0:
         corners = corners[:, ::-1]
-    surfaces = [surface, *(looks for _, _, looks in paint)]
-    return joined([surfaced(corners[worn == k], looks) for k, looks in enumerate(surfaces) if (worn == k).any()])
+    return surfaced(corners, [surface, *(looks for _, _, looks in paint)], worn)
+
+
+@cache
+def _faces(count: int, around: int, loop: bool) -> NDArray[np.intp]:
+    """Corners of the triangles, (T, 3) rows of all rings in order, then of the middles of the first and the last."""
+    rows = np.arange(count * around).reshape(count, around)
+    near, far = (rows, np.roll(rows, -1, axis=0)) if loop else (rows[:-1], rows[1:])
+    near_next, far_next = np.roll(near, -1, axis=1), np.roll(far, -1, axis=1)
+    faces = np.stack([near, near_next, far_next, near, far_next, far], axis=2).reshape(-1, 3)
+    if loop:
+        return faces
+    ends = ((rows[0][::-1], rows.size), (rows[-1], rows.size + 1))
+    fans = [np.stack([np.full(around, middle), rim, np.roll(rim, -1)], axis=1) for rim, middle in ends]
+    return np.concatenate([faces, *fans])
 
 
 def ellipses(levels_m: ArrayLike, *, sides: int = 10) -> NDArray[np.float64]:
@@ -92,12 +103,6 @@ def ring(middle_m: ArrayLike, radius_m: float, thickness_m: float, surface: Surf
     return loft(rings + np.asarray(middle_m, dtype=np.float64), surface, loop=True)
 
 
-def _fan(corners_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Triangles from the middle of a ring to its sides."""
-    middle = np.broadcast_to(corners_m.mean(axis=0), corners_m.shape)
-    return np.stack([middle, corners_m, np.roll(corners_m, -1, axis=0)], axis=1)
-
-
 def _doubled_areas_m2(corners_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    sides = np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
+    sides = cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
     return np.asarray(np.linalg.norm(sides, axis=1))

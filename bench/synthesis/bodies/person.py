@@ -64,8 +64,8 @@ def _trunk(figure: Figure, clothes: Clothes) -> list[Part]:
         (0.0, 0, 0.64, 0.04 * g, 0.06 * g),
     ]  # fmt: skip
     chest = [
-        (0.0, 0, 0.540, 0.050 * g, 0.080 * g), (0.0, 0, 0.575, 0.064 * g, 0.098 * g),
-        (0.002, 0, 0.62, 0.060 * g, 0.090 * g), (0.004, 0, 0.70, 0.068 * g, 0.104 * g),
+        (-0.005, 0, 0.545, 0.076 * g, 0.108 * g), (-0.003, 0, 0.580, 0.073 * g, 0.104 * g),
+        (0.002, 0, 0.64, 0.062 * g, 0.093 * g), (0.004, 0, 0.70, 0.068 * g, 0.104 * g),
         (0.002, 0, 0.770, 0.066 * g, 0.122 * g),
         (-0.002, 0, 0.815, 0.050 * g, 0.118 * g), (-0.002, 0, 0.842, 0.034 * g, 0.060 * g),
         (0.0, 0, 0.85, 0.030 * g, 0.034 * g),
@@ -76,7 +76,8 @@ def _trunk(figure: Figure, clothes: Clothes) -> list[Part]:
     ]
     if clothes.skirt_to is not None:
         coat = clothes.skirt_to > 0.32
-        hem = [(0.0, 0, clothes.skirt_to, 0.125, 0.115 * g), (0.0, 0, 0.42, 0.104, 0.112 * g),
+        ahead, deep = (0.018, 0.138) if coat else (0.024, 0.150)  # a thigh swings forward by 34 degrees, back by 20
+        hem = [(ahead, 0, clothes.skirt_to, deep, 0.115 * g), (0.008, 0, 0.42, 0.109, 0.112 * g),
                (-0.004, 0, 0.50, 0.072 * g, 0.104 * g), (0.0, 0, 0.61, 0.060 * g, 0.088 * g)]  # fmt: skip
         parts.append((loft(ellipses(hem, sides=12), clothes.top if coat else clothes.bottom), "hips"))
     if clothes.backpack is not None:

@@ -13,6 +13,7 @@ twice a stride. A stride (two steps) of 0.8 body heights is a walk of about 1.3 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +54,7 @@ def phases() -> NDArray[np.float64]:
     return np.linspace(0.0, 1.0, STEPS + 1)
 
 
+@cache
 def hip_heights() -> NDArray[np.float64]:
     """Height of the hip over one cycle: highest over the standing foot, low enough for both legs."""
     phase = phases()
@@ -63,6 +65,7 @@ def hip_heights() -> NDArray[np.float64]:
     return np.asarray((highest - wave).min() + wave)
 
 
+@cache
 def walking_leg() -> Leg:
     """The leg of a walker over one stride."""
     phase = phases()

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
+from bench.geometry import RigidTransform
 from bench.synthesis.bodies.body import Part
 from bench.synthesis.bodies.joints import Joint, wheel
 from bench.synthesis.bodies.loft import loft
 from bench.synthesis.bodies.looks import ALLOY, PLASTIC, RUBBER
-from bench.synthesis.mesh import Mesh, convex, tube
+from bench.synthesis.mesh import Mesh, joined, prism, tube
 
 SIDES = 20
 PROFILE = ((0.0, 0.90), (0.12, 1.0), (0.88, 1.0), (1.0, 0.90))  # share of the width, share of the radius
@@ -32,35 +35,32 @@ def vehicle_wheels(
     joints = [wheel(f"axle_{number}", x, radius_m) for number, x in enumerate(axles_x_m)]
     for joint, x in zip(joints, axles_x_m, strict=True):
         for sign in (-1.0, 1.0):
-            meshes = _wheel(x, sign * outer_y_m, -sign * width_m, radius_m, spokes)
-            parts += [(mesh, joint.name) for mesh in meshes]
+            hub = RigidTransform(np.eye(3), np.array([x, sign * outer_y_m, radius_m]))
+            parts.append((_wheel(radius_m, width_m, spokes, sign).moved(hub), joint.name))
     return parts, joints
 
 
-def _wheel(x: float, face_y: float, inwards: float, radius: float, spokes: int) -> list[Mesh]:
-    turns = np.arange(SIDES) * (2 * np.pi / SIDES)
-    around = np.stack([np.sin(turns), np.zeros(SIDES), np.cos(turns)], axis=1)
-    hub = np.array([x, face_y, radius])
-    inside = np.array([0.0, inwards, 0.0])
-    tyre = loft([hub + share * inside + size * radius * around for share, size in PROFILE], RUBBER)
-    outwards = -np.sign(inwards) * np.array([0.0, 1.0, 0.0])
-    rim = tube(hub + 0.1 * inside, hub + 0.004 * outwards, 0.66 * radius, PLASTIC, sides=14)
-    cap = tube(hub, hub + 0.018 * outwards, 0.15 * radius, ALLOY, sides=6)
-    return [
-        tyre,
-        rim,
-        cap,
-        *(_spoke(hub, outwards, 0.62 * radius, 2 * np.pi * k / spokes, spokes) for k in range(spokes)),
-    ]
+@cache
+def _wheel(radius_m: float, width_m: float, spokes: int, sign: float) -> Mesh:
+    """A wheel of the left (1) or right (-1) side; the middle of its outer face is at the origin."""
+    around = _circle(SIDES)
+    out = np.array([0.0, sign, 0.0])
+    tyre = loft([size * radius_m * around - share * width_m * out for share, size in PROFILE], RUBBER)
+    rim = tube(-0.1 * width_m * out, 0.004 * out, 0.66 * radius_m, PLASTIC, sides=14)
+    cap = tube(0.0 * out, 0.018 * out, 0.15 * radius_m, ALLOY, sides=6)
+    return joined([tyre, rim, cap, _spokes(0.62 * radius_m, spokes, out)])
 
 
-def _spoke(hub: np.ndarray, outwards: np.ndarray, length: float, turn: float, spokes: int) -> Mesh:
-    along = np.array([np.sin(turn), 0.0, np.cos(turn)])
-    across = np.array([np.cos(turn), 0.0, -np.sin(turn)])
-    half = length * 0.55 / spokes
-    ends = ((0.0, half), (1.0, 1.7 * half))
-    return convex(
-        [hub + share * length * along + sign * wide * across + out * outwards
-         for share, wide in ends for sign in (-1, 1) for out in (0.0, 0.014)],
-        ALLOY,
-    )  # fmt: skip
+def _spokes(length_m: float, count: int, out: NDArray[np.float64]) -> Mesh:
+    """Flat bars from the hub outwards, twice as wide at the rim."""
+    half_m = length_m * 0.55 / count * out[1]
+    along, across = _circle(count)[:, None], _circle(count, turn_rad=np.pi / 2)[:, None]
+    share, wide = np.array([[0.0, -1.0], [1.0, -1.7], [1.0, 1.7], [0.0, 1.0]]).T[:, :, None]
+    face = share * length_m * along + wide * half_m * across
+    return prism(face, face + 0.014 * out, ALLOY)
+
+
+def _circle(count: int, *, turn_rad: float = 0.0) -> NDArray[np.float64]:
+    """(count, 3) directions around the axle, the first one up but for a turn forward."""
+    turns = np.arange(count) * (2 * np.pi / count) + turn_rad
+    return np.stack([np.sin(turns), np.zeros(count), np.cos(turns)], axis=1)

@@ -10,12 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from bench.geometry import RigidTransform
 
 SECOND_NS = 1_000_000_000
-UP = np.array([0.0, 0.0, 1.0])
 STEP_NS = 1_000_000  # between the nodes of a path: linear in between is off by less than a micrometre
 
 
@@ -65,7 +63,7 @@ class Path:
         times = self._within(times_ns)
         ground = [self._between(times, self.positions_m[:, k]) for k in (0, 1)]
         return Poses(
-            rotations=Rotation.from_rotvec(self._between(times, self.yaws_rad)[:, None] * UP).as_matrix(),
+            rotations=_turns(self._between(times, self.yaws_rad)),
             positions_m=np.stack([*ground, np.full(len(times), self.floor_m)], axis=1),
             distances_m=self._between(times, self.distances_m),
         )
@@ -122,13 +120,13 @@ def driven_path(
     speeds = _rounded(seconds, profile_s, np.broadcast_to(speeds_mps, len(profile_s)), ramp_s)
     yaw_rates = _rounded(seconds, profile_s, np.broadcast_to(yaw_rates_radps, len(profile_s)), ramp_s)
     zero, here = np.searchsorted(nodes, [0, through_ns])
-    yaws = through[2] + _integral(seconds, yaw_rates, int(here))
     distances = _integral(seconds, speeds, int(zero))
-    middle = (yaws[1:] + yaws[:-1]) / 2
-    # Chord of an arc: length way sinc(turn / 2), direction half way through the turn.
-    chords = np.diff(distances) * np.sinc(np.diff(yaws) / (2 * np.pi))
-    steps = chords[:, None] * np.stack([np.cos(middle), np.sin(middle)], axis=1)
-    positions = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+    if yaw_rates.any():
+        yaws = through[2] + _integral(seconds, yaw_rates, int(here))
+        positions = _along_arcs(distances, yaws)
+    else:
+        yaws = np.full_like(seconds, through[2])
+        positions = distances[:, None] * np.array([np.cos(through[2]), np.sin(through[2])])
     return Path(
         nodes_ns=nodes,
         speeds_mps=speeds,
@@ -138,6 +136,24 @@ def driven_path(
         distances_m=distances,
         floor_m=floor_m,
     )
+
+
+def _along_arcs(distances_m: NDArray[np.float64], yaws_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Places (K, 2) from the first node on: between nodes, the chord of an arc half way through the turn."""
+    middle = (yaws_rad[1:] + yaws_rad[:-1]) / 2
+    chords = np.diff(distances_m) * np.sinc(np.diff(yaws_rad) / (2 * np.pi))  # way sinc(turn / 2)
+    steps = chords[:, None] * np.stack([np.cos(middle), np.sin(middle)], axis=1)
+    return np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+
+
+def _turns(yaws_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 3, 3) turns about z."""
+    rotations = np.zeros((len(yaws_rad), 3, 3))
+    rotations[:, 0, 0] = rotations[:, 1, 1] = np.cos(yaws_rad)
+    rotations[:, 1, 0] = np.sin(yaws_rad)
+    rotations[:, 0, 1] = -rotations[:, 1, 0]
+    rotations[:, 2, 2] = 1.0
+    return rotations
 
 
 def _rounded(

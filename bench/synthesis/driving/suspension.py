@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import cont2discrete, lfilter, lfilter_zi
 
 from bench.synthesis.driving.path import SECOND_NS, STEP_NS, Path
 from bench.synthesis.driving.roughness import RoadProfile
@@ -73,11 +72,15 @@ def _answers(spec: SuspensionSpec) -> tuple[_Filter, _Filter]:
 
 
 def _discrete(above: list[float], below: list[float]) -> _Filter:
+    from scipy.signal import cont2discrete  # half a second, and only new drives need it
+
     system = np.array(above), np.array(below)
     numerator, denominator, _ = cont2discrete(system, STEP_NS / SECOND_NS, method="foh")
     return np.asarray(numerator, dtype=np.float64).ravel(), np.asarray(denominator, dtype=np.float64)
 
 
 def _answer(filter_: _Filter, cause: NDArray[np.float64]) -> NDArray[np.float64]:
+    from scipy.signal import lfilter, lfilter_zi
+
     answer, _ = lfilter(*filter_, cause, zi=lfilter_zi(*filter_) * cause[0])
     return np.asarray(answer[SETTLING_NODES:])

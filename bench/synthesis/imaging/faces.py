@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.synthesis.imaging.compiled import looped
 from bench.synthesis.imaging.textures import SIZE
-from bench.synthesis.mesh import Mesh, face_normals
+from bench.synthesis.mesh import Mesh
 
 # Columns of a face's row, one cache line of 16 numbers.
 FIRST_U, FIRST_V, STEP_U, STEP_V, LAST_U, LAST_V = range(6)  # texture of the first corner, and steps to the others
 CONTRAST, TEXEL_LOG2, ALBEDO, MIRROR, GLOW = range(6, 11)
 NORMAL_X, NORMAL_Y, NORMAL_Z, PLAIN = range(11, 15)  # world; PLAIN tells faces apart that are worth an edge
 COLUMNS = 16
-FROM_ABOVE = np.array([0.18, 0.11, 0.30])  # change of PLAIN with the normal: a light of no particular kind
+FROM_ABOVE = (0.18, 0.11, 0.30)  # change of PLAIN with the normal: a light of no particular kind
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -43,7 +45,66 @@ def faces_of(mesh: Mesh) -> Faces:
     rows[:, LAST_U : LAST_V + 1] = texture[:, 2] - texture[:, 0]
     rows[:, CONTRAST], rows[:, TEXEL_LOG2], rows[:, ALBEDO] = contrast, np.log2(texel_m), albedo
     rows[:, MIRROR], rows[:, GLOW] = mirror, glow
-    normals = face_normals(corners)
-    rows[:, NORMAL_X : NORMAL_Z + 1] = normals
-    rows[:, PLAIN] = albedo * (0.7 + normals @ FROM_ABOVE) + mirror + glow
-    return Faces(corners_m=np.ascontiguousarray(corners), rows=rows)
+    corners = np.ascontiguousarray(corners)
+    face(corners, rows)
+    return Faces(corners_m=corners, rows=rows)
+
+
+class FacesOfBodies:
+    """The faces of bodies that move: their looks are looked up once, what turns with them every time.
+
+    Args:
+        lit: whether their lamps are on.
+    """
+
+    def __init__(self, *, lit: bool) -> None:
+        self._lit = lit
+        self._known: list[tuple[Mesh, Faces]] = []
+
+    def at(self, meshes: Sequence[Mesh]) -> list[Faces]:
+        """The faces of each mesh, wherever it is."""
+        return [self._faces(place, mesh) for place, mesh in enumerate(meshes)]
+
+    def _faces(self, place: int, mesh: Mesh) -> Faces:
+        former, faces = self._known[place] if place < len(self._known) else (None, None)
+        if former is None or faces is None or not _look_alike(former, mesh):
+            faces = self._looked_up(mesh)
+            self._known[place : place + 1] = [(mesh, faces)]
+            return faces
+        if len(faces.corners_m) != len(mesh.corners_m):  # some are sky
+            return self._looked_up(mesh)
+        turned = Faces(corners_m=np.ascontiguousarray(mesh.corners_m), rows=faces.rows)
+        face(turned.corners_m, turned.rows)
+        return turned
+
+    def _looked_up(self, mesh: Mesh) -> Faces:
+        faces = faces_of(mesh)
+        if not self._lit:
+            faces.rows[:, GLOW] = 0.0
+            face(faces.corners_m, faces.rows)
+        return faces
+
+
+def _look_alike(one: Mesh, other: Mesh) -> bool:
+    return one.surfaces is other.surfaces and one.texture_m is other.texture_m
+
+
+@looped
+def face(corners: NDArray[np.float64], rows: NDArray[np.float32]) -> None:
+    """Fill in what turns with a face.
+
+    Args:
+        corners: (T, 3, 3), m, world.
+        rows: (T, 16), with all other columns; changed.
+    """
+    for t in range(len(corners)):
+        x, y, z = corners[t, 0, 0], corners[t, 0, 1], corners[t, 0, 2]
+        bx, by, bz = corners[t, 1, 0] - x, corners[t, 1, 1] - y, corners[t, 1, 2] - z
+        cx, cy, cz = corners[t, 2, 0] - x, corners[t, 2, 1] - y, corners[t, 2, 2] - z
+        nx, ny, nz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
+        size = np.sqrt(nx * nx + ny * ny + nz * nz)
+        if size > 0.0:
+            nx, ny, nz = nx / size, ny / size, nz / size
+        rows[t, NORMAL_X], rows[t, NORMAL_Y], rows[t, NORMAL_Z] = nx, ny, nz
+        above = FROM_ABOVE[0] * nx + FROM_ABOVE[1] * ny + FROM_ABOVE[2] * nz
+        rows[t, PLAIN] = rows[t, ALBEDO] * (0.7 + above) + rows[t, MIRROR] + rows[t, GLOW]

@@ -27,9 +27,10 @@ def film(
     exposure_ms = stage.light.shutter_ms if sensor.exposure_ms is None else sensor.exposure_ms
     half_ns = round(exposure_ms * 1e6 / 2)
     for frame, time_ns in enumerate(stage.image_times_ns.tolist()):
+        middle = moment(stage, time_ns)
         image = renderer.render(
-            moment(stage, time_ns),
-            shutter=(moment(stage, time_ns - half_ns), moment(stage, time_ns + half_ns)) if half_ns else None,
+            middle,
+            shutter=(middle, moment(stage, time_ns + half_ns)) if half_ns else None,
             rng=named_rng(scenario.seed, spec.name, camera.name, frame),
         )
         timestamp_ns = time_ns + FIRST_IMAGE_NS

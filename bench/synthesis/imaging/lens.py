@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -10,9 +11,11 @@ from numpy.typing import NDArray
 
 from bench.cameras import CameraModel, ray_grid
 from bench.geometry import normalise
+from bench.synthesis.imaging.chart import chart_error_px, direction_chart
+
+Number = TypeVar("Number", bound=np.generic)
 
 REGION_PX, BLOCK_PX, TILE_PX = 128, 32, 8  # big triangles are looked for in squares of these sizes
-CHART = 513  # nodes along a side of the chart of all directions; odd, so that the chart's creases fall on nodes
 SMALLEST_RAD = 1e-6  # per pixel, next to pixels without a ray
 
 
@@ -25,15 +28,17 @@ class Lens:
         rays: (3, H, W) float32, camera frame, unit length; 0 where not valid.
         along_u: (H, W, 3) float32, change of the ray from pixel to pixel to the right.
         along_v: (H, W, 3) float32, the same downwards.
-        across: (H, W, 2, 3) float32: times a small change of a ray it gives the change of its pixel.
+        across: (2, 3, H, W) float32: times a small change of a ray it gives the change of its pixel.
         pixel_rad: (H, W) float32, width of a pixel.
         off_axis_cos: (H, W) float32, cosine of the angle between the ray and the optical axis.
         chart: (CHART, CHART, 2) float32, the pixel of every direction, see `direction_chart`.
+        chart_error_px: how far the chart is off at most.
         px_per_rad: the largest there is.
         widest_rad: largest angle of a ray off the optical axis.
         regions: (H / 128, W / 128, 5) float32, see `_cones`.
         blocks: (H / 32, W / 32, 5) float32.
         tiles: (H / 8, W / 8, 5) float32.
+        tile_rays: (H / 8, W / 8, 3, 64) float32, the rays of each tile beside each other; 0 where not valid.
     """
 
     valid: NDArray[np.bool_]
@@ -44,11 +49,13 @@ class Lens:
     pixel_rad: NDArray[np.float32]
     off_axis_cos: NDArray[np.float32]
     chart: NDArray[np.float32]
+    chart_error_px: float
     px_per_rad: float
     widest_rad: float
     regions: NDArray[np.float32]
     blocks: NDArray[np.float32]
     tiles: NDArray[np.float32]
+    tile_rays: NDArray[np.float32]
 
 
 def lens_of(camera: CameraModel) -> Lens:
@@ -59,42 +66,32 @@ def lens_of(camera: CameraModel) -> Lens:
     pixel_rad = np.maximum(np.linalg.norm(along_u, axis=2), SMALLEST_RAD)
     widest = pixel_rad[grid.valid].max() if grid.valid.any() else SMALLEST_RAD
     narrowest = np.percentile(pixel_rad[grid.valid], 0.1) if grid.valid.any() else SMALLEST_RAD
+    rays_by_axis = np.ascontiguousarray(np.moveaxis(rays, 2, 0), dtype=np.float32)
+    chart = direction_chart(camera)
     return Lens(
         valid=grid.valid,
-        rays=np.ascontiguousarray(np.moveaxis(rays, 2, 0), dtype=np.float32),
+        rays=rays_by_axis,
         along_u=along_u.astype(np.float32),
         along_v=along_v.astype(np.float32),
         across=_across(along_u, along_v),
         pixel_rad=pixel_rad.astype(np.float32),
         off_axis_cos=rays[..., 2].astype(np.float32),
-        chart=direction_chart(camera),
+        chart=chart,
+        chart_error_px=chart_error_px(chart, rays_by_axis, grid.valid),
         px_per_rad=float(1.0 / narrowest),
         widest_rad=float(np.arccos(np.clip(rays[..., 2][grid.valid].min(initial=1.0), -1.0, 1.0))),
-        regions=_cones(rays, grid.valid, REGION_PX, widest),
-        blocks=_cones(rays, grid.valid, BLOCK_PX, widest),
-        tiles=_cones(rays, grid.valid, TILE_PX, widest),
+        regions=_cones(rays, REGION_PX, widest),
+        blocks=_cones(rays, BLOCK_PX, widest),
+        tiles=_cones(rays, TILE_PX, widest),
+        tile_rays=np.ascontiguousarray(_squares(rays, TILE_PX).swapaxes(2, 3), dtype=np.float32),
     )
 
 
-def direction_chart(camera: CameraModel) -> NDArray[np.float32]:
-    """The pixel of every direction, on the unfolded octahedron.
-
-    A direction d with |x| + |y| + |z| = 1 lies at (x, y) of the square where z >= 0; the other half is folded outwards,
-    x' = (1 - |y|) sign(x), y' = (1 - |x|) sign(y).
-
-    Returns:
-        (CHART, CHART, 2) float32, px, (u, v), rows along y'; NaN where the lens does not see.
-
-    Source:
-        Meyer et al. 2010, On floating-point normal vectors.
-    """
-    x, y = np.meshgrid(*2 * [np.linspace(-1.0, 1.0, CHART)])
-    z = 1.0 - np.abs(x) - np.abs(y)
-    folded = z < 0
-    flat_x = np.where(folded, (1.0 - np.abs(y)) * np.where(x < 0, -1.0, 1.0), x)
-    flat_y = np.where(folded, (1.0 - np.abs(x)) * np.where(y < 0, -1.0, 1.0), y)
-    pixels, valid = camera.project(np.stack([flat_x, flat_y, z], axis=-1).reshape(-1, 3))
-    return np.where(valid[:, None], pixels, np.nan).reshape(CHART, CHART, 2).astype(np.float32)
+def untiled(tiled: NDArray[Number], shape: tuple[int, int]) -> NDArray[Number]:
+    """Bring an image that lies tile by tile, (H / 8, W / 8, 64), into rows, (H, W)."""
+    rows, columns = tiled.shape[:2]
+    whole = tiled.reshape(rows, columns, TILE_PX, TILE_PX).swapaxes(1, 2).reshape(rows * TILE_PX, columns * TILE_PX)
+    return np.ascontiguousarray(whole[: shape[0], : shape[1]])
 
 
 def _steps(rays_camera: NDArray[np.float64], *, axis: int) -> NDArray[np.float64]:
@@ -110,19 +107,15 @@ def _across(along_u: NDArray[np.float64], along_v: NDArray[np.float64]) -> NDArr
     scale = np.where(area > SMALLEST_RAD**4, 1.0 / np.maximum(area, SMALLEST_RAD**4), 0.0)
     dual_u = (vv * scale)[..., None] * along_u - (uv * scale)[..., None] * along_v
     dual_v = (uu * scale)[..., None] * along_v - (uv * scale)[..., None] * along_u
-    return np.stack([dual_u, dual_v], axis=2).astype(np.float32)
+    return np.ascontiguousarray(np.moveaxis(np.stack([dual_u, dual_v]), 3, 1), dtype=np.float32)
 
 
-def _cones(rays: NDArray[np.float64], valid: NDArray[np.bool_], size_px: int, widest_rad: float) -> NDArray[np.float32]:
+def _cones(rays: NDArray[np.float64], size_px: int, widest_rad: float) -> NDArray[np.float32]:
     """A cone around all rays of each square of pixels: axis, then cosine and sine of its half angle.
 
     Squares without a ray have a cosine of 2.
     """
-    height, width = valid.shape
-    padded = np.zeros((-(-height // size_px) * size_px, -(-width // size_px) * size_px, 3))
-    padded[:height, :width] = rays
-    squares = padded.reshape(padded.shape[0] // size_px, size_px, padded.shape[1] // size_px, size_px, 3)
-    squares = squares.swapaxes(1, 2).reshape(squares.shape[0], squares.shape[2], -1, 3)
+    squares = _squares(rays, size_px)
     sums = squares.sum(axis=2)
     filled = np.linalg.norm(sums, axis=-1) > 0
     axes = normalise(np.where(filled[..., None], sums, (0.0, 0.0, 1.0)))
@@ -133,3 +126,12 @@ def _cones(rays: NDArray[np.float64], valid: NDArray[np.bool_], size_px: int, wi
     return np.concatenate(
         [axes, cosine[..., None], np.sin(np.minimum(half_rad, np.pi / 2))[..., None]], axis=-1
     ).astype(np.float32)
+
+
+def _squares(rays: NDArray[np.float64], size_px: int) -> NDArray[np.float64]:
+    """The rays of each square of pixels, (rows, columns, size_px ** 2, 3); 0 beyond the image."""
+    height, width = rays.shape[:2]
+    padded = np.zeros((-(-height // size_px) * size_px, -(-width // size_px) * size_px, 3))
+    padded[:height, :width] = rays
+    squares = padded.reshape(padded.shape[0] // size_px, size_px, padded.shape[1] // size_px, size_px, 3)
+    return squares.swapaxes(1, 2).reshape(squares.shape[0], squares.shape[2], -1, 3)

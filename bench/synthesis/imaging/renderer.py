@@ -10,19 +10,23 @@ from numpy.typing import NDArray
 
 from bench.geometry import RigidTransform
 from bench.recordings.records import MountedCamera
-from bench.synthesis.imaging.blur import Shutter, blurred, image_ways
-from bench.synthesis.imaging.faces import GLOW, Faces, faces_of
+from bench.synthesis.imaging.blur import Shutter, blur, image_ways
+from bench.synthesis.imaging.compiled import looped
+from bench.synthesis.imaging.edges import smooth_edges
+from bench.synthesis.imaging.faces import GLOW, Faces, FacesOfBodies, faces_of
 from bench.synthesis.imaging.lamps import NO_LAMPS, Headlights, lamp_faces, street_lamps_m
 from bench.synthesis.imaging.lens import lens_of
 from bench.synthesis.imaging.sensor import Sensor
-from bench.synthesis.imaging.shading import NOTHING, Scene, shade, smooth_edges
+from bench.synthesis.imaging.shading import Scene, shade
 from bench.synthesis.imaging.shadows import Shadows
 from bench.synthesis.imaging.sky import Sky
 from bench.synthesis.imaging.textures import TextureAtlas
-from bench.synthesis.imaging.visibility import draw, find_planes
+from bench.synthesis.imaging.visibility import NOTHING, look
 from bench.synthesis.lighting import Lighting
 from bench.synthesis.mesh import Mesh, PlacedMesh
 from bench.synthesis.scenario import SensorSpec
+
+ZERO, ONE, INFINITE = np.float32(0.0), np.float32(1.0), np.float32(np.inf)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -78,10 +82,16 @@ class ImageRenderer:
     ) -> None:
         self._camera, self._own_body, self._atlas, self._light = camera, own_body, atlas, light
         self._lens = lens_of(camera.model)
-        self._world = faces_of(world)
+        self._world, self._bodies = faces_of(world), FacesOfBodies(lit=light.night)
         self._sensor = Sensor(sensor, self._lens, gain=light.gain)
         self._shadows = Shadows(self._world.corners_m, light)
-        self._sky = Sky(light.horizon, light.zenith, light.cloud, light.sun_glow, light.towards_sun)
+        self._sky = Sky(
+            horizon=np.float32(light.horizon),
+            zenith=np.float32(light.zenith),
+            cloud=np.float32(light.cloud),
+            glow=np.float32(light.sun_glow),
+            sun=light.towards_sun.astype(np.float32),
+        )
         self._headlights = Headlights() if light.night else None
         self._street_lamps_m = street_lamps_m(self._world)
         if not light.night:
@@ -99,43 +109,32 @@ class ImageRenderer:
         Args:
             middle: the scene in the middle of the exposure.
             rng: the sensor noise.
-            shutter: the scene when the shutter opens and closes; None for a still.
+            shutter: the scene when the shutter opens and closes; None for a still. In place of the first, `middle`
+                saves posing everything once more: all then moves before the middle as it does after it.
         """
         lens = self._lens
         shape = lens.valid.shape[0], lens.valid.shape[1]
-        bodies = [faces_of(mesh) for mesh in self._meshes(middle)]
+        bodies = self._bodies.at(self._meshes(middle))
         corners = np.concatenate([self._world.corners_m, *(body.corners_m for body in bodies)])
         rows = np.concatenate([self._world.rows, *(body.rows for body in bodies)])
         world_from_camera = middle.world_from_vehicle @ self._camera.vehicle_from_camera
         turn, origin_m = np.ascontiguousarray(world_from_camera.rotation), world_from_camera.translation_m
-        planes = np.zeros((len(corners), 9), dtype=np.float32)
-        boxes = np.zeros((len(corners), 4), dtype=np.int16)
-        nearness, triangles = np.zeros(shape, dtype=np.float32), np.full(shape, NOTHING, dtype=np.int32)
-        find_planes(
-            corners, turn.T.copy(), origin_m, lens.chart, lens.px_per_rad, lens.widest_rad, shape, planes, boxes
-        )
-        farthest = np.zeros(lens.tiles.shape[:2], dtype=np.float32)
-        draw(planes, boxes, lens.rays, lens.regions, lens.blocks, lens.tiles, nearness, triangles, farthest)
+        view = look(corners, lens, camera_from_world=turn.T.copy(), origin_m=origin_m)
+        triangles, planes, nearness = view.triangles, view.planes, view.nearness
         grey = self._shaded(triangles, planes, rows, corners, bodies, middle, turn, origin_m)
         if shutter is not None:
-            ways = np.empty((*shape, 2), dtype=np.float32)
-            moving = self._shutter(shutter)
-            place, moved = np.empty((2, 3)), np.empty((2, 3))
-            image_ways(
-                triangles, lens.valid, lens.rays, lens.across, planes, turn, origin_m, moving, ways, place, moved
-            )
-            grey = blurred(grey, ways, lens.valid)
+            motion = self._shutter(middle, corners[len(self._world.corners_m) :], shutter)
+            ways, sharp = np.empty((2, *shape), dtype=np.float32), grey
+            image_ways(triangles, nearness, lens.rays, lens.across, planes, motion, ways)
+            grey = np.empty_like(sharp)
+            blur(sharp, ways, nearness, lens.valid, grey)
         ids = np.repeat(
             np.array([0, *(part.instance_id for part in middle.placed), 0], dtype=np.uint16),
             [len(self._world.corners_m), *(len(body.corners_m) for body in bodies)],
         )
-        return RenderedImage(
-            pixels=self._sensor.expose(grey, rng),
-            instance_ids=np.where(triangles == NOTHING, np.uint16(0), ids[triangles]),
-            distances_m=np.divide(
-                np.float32(1.0), nearness, out=np.full(shape, np.inf, np.float32), where=nearness > 0
-            ),
-        )
+        instance_ids, distances_m = np.empty(shape, dtype=np.uint16), np.empty(shape, dtype=np.float32)
+        _name(triangles, nearness, ids, instance_ids, distances_m)
+        return RenderedImage(pixels=self._sensor.expose(grey, rng), instance_ids=instance_ids, distances_m=distances_m)
 
     def _shaded(
         self,
@@ -155,39 +154,62 @@ class ImageRenderer:
             lamps = self._headlights.lamps(others, self._street_lamps_m, middle.world_from_vehicle)
         with self._shadows.around(origin_m, [body.corners_m for body in bodies]) as (near, far, cover):
             scene = Scene(
-                rows, turn, origin_m, light.towards_sun, light.sun_light, light.sky_light, near, far, cover, self._sky,
-                lamps, light.night, self._atlas.image, self._atlas.layout,
+                rows, turn.astype(np.float32), origin_m.astype(np.float32), light.towards_sun.astype(np.float32),
+                np.float32(light.sun_light), np.float32(light.sky_light), near, far, cover, self._sky, lamps,
+                light.night, self._atlas.image, self._atlas.layout,
             )  # fmt: skip
-            centre = np.zeros(triangles.shape, dtype=np.float32)
-            shade(triangles, lens.valid, lens.rays, lens.pixel_rad, planes, scene, centre)
-            grey = centre.copy()
-            known, weights, seen = np.empty(9, np.int32), np.empty(9, np.float32), np.empty((9, 3), np.float32)
-            steps = lens.along_u, lens.along_v
-            smooth_edges(
-                triangles,
-                lens.valid,
-                lens.rays,
-                *steps,
-                lens.pixel_rad,
-                planes,
-                scene,
-                centre,
-                grey,
-                known,
-                weights,
-                seen,
-            )
+            centre, lamp_row = np.empty(triangles.shape, np.float32), np.empty(triangles.shape[1], np.float32)
+            shade(triangles, lens.valid, lens.rays, lens.pixel_rad, planes, scene, lamp_row, centre)
+        grey = np.empty_like(centre)
+        smooth_edges(triangles, lens.valid, lens.rays, lens.along_u, lens.along_v, planes, rows, centre, grey)
         return grey
 
-    def _shutter(self, shutter: tuple[Moment, Moment]) -> Shutter:
-        cameras = [moment.world_from_vehicle @ self._camera.vehicle_from_camera for moment in shutter]
+    def _shutter(self, middle: Moment, corners_m: NDArray[np.float64], shutter: tuple[Moment, Moment]) -> Shutter:
+        """How everything moves; `corners_m` are those of all that moves, in the middle."""
+        world_from_camera = middle.world_from_vehicle @ self._camera.vehicle_from_camera
+        turns, ways_m, places_m = [], [], []
+        for moment in shutter:
+            then_from_world = (moment.world_from_vehicle @ self._camera.vehicle_from_camera).inverse()
+            then_from_middle = then_from_world @ world_from_camera
+            turns.append(then_from_middle.rotation)
+            ways_m.append(then_from_middle.translation_m)
+            there_m = corners_m
+            if moment is not middle:
+                there_m = np.concatenate([mesh.corners_m for mesh in self._meshes(moment)])
+            places_m.append(then_from_world.apply(there_m.reshape(-1, 3)).reshape(-1, 3, 3))
+        times = 2.0 if shutter[0] is middle else 1.0
         return Shutter(
-            np.stack([camera.rotation.T for camera in cameras]),
-            np.stack([camera.translation_m for camera in cameras]),
+            (times * (turns[1] - turns[0])).astype(np.float32),
+            (times * (ways_m[1] - ways_m[0])).astype(np.float32),
             len(self._world.corners_m),
-            np.stack([np.concatenate([mesh.corners_m for mesh in self._meshes(moment)]) for moment in shutter]),
+            (times * (places_m[1] - places_m[0])).astype(np.float32),
         )
 
     def _meshes(self, moment: Moment) -> list[Mesh]:
         """Everything that moves, the host last."""
         return [*(part.mesh for part in moment.placed), self._own_body.moved(moment.world_from_vehicle)]
+
+
+@looped
+def _name(
+    triangles: NDArray[np.int32],
+    nearness: NDArray[np.float32],
+    ids: NDArray[np.uint16],
+    instance_ids: NDArray[np.uint16],
+    distances_m: NDArray[np.float32],
+) -> None:
+    """Say what each pixel sees, and how far away.
+
+    Args:
+        triangles: (H, W), NOTHING for the sky.
+        nearness: (H, W), 1 / m.
+        ids: (T,), of each triangle.
+        instance_ids: (H, W), filled.
+        distances_m: (H, W), filled.
+    """
+    height, width = triangles.shape
+    for v in range(height):
+        for u in range(width):
+            t, near = triangles[v, u], nearness[v, u]
+            instance_ids[v, u] = np.uint16(0) if t == NOTHING else ids[np.uintp(t)]
+            distances_m[v, u] = ONE / near if near > ZERO else INFINITE

@@ -20,7 +20,6 @@ from bench.synthesis.imaging.faces import (
     NORMAL_X,
     NORMAL_Y,
     NORMAL_Z,
-    PLAIN,
     STEP_U,
     STEP_V,
     TEXEL_LOG2,
@@ -28,23 +27,21 @@ from bench.synthesis.imaging.faces import (
 from bench.synthesis.imaging.lamps import GLOW_BY_NIGHT, Lamps, lamp_light
 from bench.synthesis.imaging.shadow_maps import HeightMap, height_at, lit_share
 from bench.synthesis.imaging.sky import Sky, mirrored_grey, sky_grey
-from bench.synthesis.imaging.textures import atlas_at
+from bench.synthesis.imaging.textures import atlas_at, quick_log2
+from bench.synthesis.imaging.visibility import NOTHING
 
-NOTHING = -1  # triangle of a pixel that sees the sky
+ZERO, ONE, TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)
 # A pixel's patch on a slanted face is long and narrow; the texture is smoothed to this power of the stretch: 1 would
 # smooth across the patch's length and blur the far road to nothing, 0 would flicker.
-STRETCH_POWER = 0.6
-SHARPER = 0.5  # levels; the interpolation between texels smooths once more
-DARKEST = 0.05  # of the albedo, where the texture is at its darkest
-SHADOW_BIAS_M, SHADOW_CELLS = 0.015, 1.5  # up, and away from the face: a nearer surface is the face itself
-COVER_M, COVER_FADE_M = (
-    1.2,
-    (20.0, 28.0),
-)  # surroundings this much higher than a point hide all the sky there is to hide
-COVER_SHARE = 0.75  # of the sky's light, that they can take away
-UPRIGHT, SLOPED = 0.72, 0.28  # sky light on an upright face, and what facing up adds
-EDGE_STEP = 0.03  # of white, between neighbours without texture: an edge worth four rays
-QUARTER = np.float32(0.25)
+STRETCH_POWER, LEAST_SLANT = np.float32(0.6), np.float32(0.01)
+SHARPER = np.float32(0.5)  # levels; the interpolation between texels smooths once more
+DARKEST = np.float32(0.05)  # of the albedo, where the texture is at its darkest
+# Up, and away from the face: a nearer surface is the face itself.
+SHADOW_BIAS_M, FAR_SHADOW_BIAS_M, SHADOW_CELLS = np.float32(0.015), np.float32(0.06), np.float32(1.5)
+COVERS_PER_M = np.float32(1 / 1.2)  # surroundings 1.2 m higher than a point hide all the sky there is to hide
+COVER_REACH_M, COVER_FADES_PER_M = np.float32(28.0), np.float32(1 / 8.0)  # they fade out between 20 m and this
+COVER_SHARE = np.float32(0.75)  # of the sky's light, that they can take away
+UPRIGHT, SLOPED = np.float32(0.72), np.float32(0.28)  # sky light on an upright face, and what facing up adds
 
 
 class Scene(NamedTuple):
@@ -52,9 +49,9 @@ class Scene(NamedTuple):
 
     Attributes:
         rows: (T, 16) float32, see `faces`.
-        turn: (3, 3) float64, world from camera.
-        origin_m: (3,) float64, the camera in the world.
-        sun: (3,) float64, unit vector.
+        turn: (3, 3) float32, world from camera.
+        origin_m: (3,) float32, the camera in the world.
+        sun: (3,) float32, unit vector.
         sun_light: see `Lighting`.
         sky_light: see `Lighting`.
         near: shadows of the sun close to the camera.
@@ -68,11 +65,11 @@ class Scene(NamedTuple):
     """
 
     rows: NDArray[np.float32]
-    turn: NDArray[np.float64]
-    origin_m: NDArray[np.float64]
-    sun: NDArray[np.float64]
-    sun_light: float
-    sky_light: float
+    turn: NDArray[np.float32]
+    origin_m: NDArray[np.float32]
+    sun: NDArray[np.float32]
+    sun_light: np.float32
+    sky_light: np.float32
     near: HeightMap
     far: HeightMap
     cover: HeightMap
@@ -85,8 +82,19 @@ class Scene(NamedTuple):
 
 @inlined
 def _face_grey(
-    t: int, j: float, k: float, distance_m: float, x: float, y: float, z: float, pixel_rad: float, scene: Scene
-) -> float:
+    t: np.uintp,
+    j: np.float32,
+    k: np.float32,
+    distance_m: np.float32,
+    x: np.float32,
+    y: np.float32,
+    z: np.float32,
+    pixel_rad: np.float32,
+    scene: Scene,
+    u: int,
+    lamps_from: int,
+    lamp_row: NDArray[np.float32],
+) -> np.float32:
     """Grey value of a point.
 
     Args:
@@ -99,80 +107,95 @@ def _face_grey(
         z: of the ray.
         pixel_rad: width of the pixel.
         scene: everything else.
+        u: column of the pixel.
+        lamps_from: column whose light of the lamps is good enough; -1 for none.
+        lamp_row: (W,), light of the lamps at each column; changed.
     """
     rows = scene.rows
     nx, ny, nz = rows[t, NORMAL_X], rows[t, NORMAL_Y], rows[t, NORMAL_Z]
     facing = -(nx * x + ny * y + nz * z)
-    if facing < 0:  # a thin sheet, seen from behind
+    if facing < ZERO:  # a thin sheet, seen from behind
         facing, nx, ny, nz = -facing, -nx, -ny, -nz
-    px, py, pz = (
-        scene.origin_m[0] + distance_m * x,
-        scene.origin_m[1] + distance_m * y,
-        scene.origin_m[2] + distance_m * z,
-    )
-    slant = max(facing, 0.01)
-    level = np.log2(distance_m * pixel_rad) - STRETCH_POWER * np.log2(slant) - rows[t, TEXEL_LOG2] - SHARPER
+    px = scene.origin_m[0] + distance_m * x
+    py = scene.origin_m[1] + distance_m * y
+    pz = scene.origin_m[2] + distance_m * z
+    level = quick_log2(distance_m * pixel_rad) - STRETCH_POWER * quick_log2(max(facing, LEAST_SLANT))
     noise = atlas_at(
         rows[t, FIRST_U] + j * rows[t, STEP_U] + k * rows[t, LAST_U],
         rows[t, FIRST_V] + j * rows[t, STEP_V] + k * rows[t, LAST_V],
-        level, scene.atlas, scene.layout,
+        level - rows[t, TEXEL_LOG2] - SHARPER, scene.atlas, scene.layout,
     )  # fmt: skip
     light = scene.sky_light * (UPRIGHT + SLOPED * nz)
-    if distance_m < COVER_FADE_M[1]:
-        hidden = min(max((height_at(px, py, scene.cover) - pz) / COVER_M, 0.0), 1.0)
-        faded = min((COVER_FADE_M[1] - distance_m) / (COVER_FADE_M[1] - COVER_FADE_M[0]), 1.0)
-        light *= 1.0 - COVER_SHARE * hidden * faded
-    if scene.sun_light > 0:
+    if distance_m < COVER_REACH_M:
+        hidden = min(max((height_at(px, py, scene.cover) - pz) * COVERS_PER_M, ZERO), ONE)
+        faded = min((COVER_REACH_M - distance_m) * COVER_FADES_PER_M, ONE)
+        light *= ONE - COVER_SHARE * hidden * faded
+    if scene.sun_light > ZERO:
         sunny = nx * scene.sun[0] + ny * scene.sun[1] + nz * scene.sun[2]
-        if sunny > 0:
+        if sunny > ZERO:
             light += scene.sun_light * sunny * _sun_share(px, py, pz, nx, ny, scene)
     glow = rows[t, GLOW]
     if scene.night:
-        light += lamp_light(px, py, pz, nx, ny, nz, scene.lamps)
+        if lamps_from < 0:
+            lamp_row[u] = lamp_light(px, py, pz, nx, ny, nz, scene.lamps)
+        else:
+            lamp_row[u] = lamp_row[lamps_from]
+        light += lamp_row[u]
         glow *= GLOW_BY_NIGHT
-    grey = (rows[t, ALBEDO] * light + glow) * max(1.0 + rows[t, CONTRAST] * noise, DARKEST)
+    grey = (rows[t, ALBEDO] * light + glow) * max(ONE + rows[t, CONTRAST] * noise, DARKEST)
     mirror = rows[t, MIRROR]
-    if mirror > 0:
+    if mirror > ZERO:
         # Schlick 1994, a cheap model of how much a surface mirrors at an angle.
-        away = 1.0 - facing
+        away = ONE - facing
         square = away * away
-        share = mirror + (1.0 - mirror) * square * square * away
-        grey += share * (
-            mirrored_grey(
-                x + 2 * facing * nx, y + 2 * facing * ny, z + 2 * facing * nz, scene.sky, scene.atlas, scene.layout
-            )
-            - grey
+        share = mirror + (ONE - mirror) * square * square * away
+        stretch = TWO * facing
+        mirrored = mirrored_grey(
+            x + stretch * nx, y + stretch * ny, z + stretch * nz, scene.sky, scene.atlas, scene.layout
         )
-    return float(grey)
+        grey += share * (mirrored - grey)
+    return np.float32(grey)
 
 
 @inlined
-def _sun_share(px: float, py: float, pz: float, nx: float, ny: float, scene: Scene) -> float:
+def _sun_share(
+    px: np.float32, py: np.float32, pz: np.float32, nx: np.float32, ny: np.float32, scene: Scene
+) -> np.float32:
     """Share of the sun that reaches a point."""
-    away = SHADOW_CELLS * scene.near.texel_m
+    away = SHADOW_CELLS / scene.near.per_m
     lit = lit_share(px + away * nx, py + away * ny, pz, SHADOW_BIAS_M, scene.near)
-    if lit < 0:
-        away = SHADOW_CELLS * scene.far.texel_m
-        lit = lit_share(px + away * nx, py + away * ny, pz, 4 * SHADOW_BIAS_M, scene.far)
-    return 1.0 if lit < 0 else lit
+    if lit < ZERO:
+        away = SHADOW_CELLS / scene.far.per_m
+        lit = lit_share(px + away * nx, py + away * ny, pz, FAR_SHADOW_BIAS_M, scene.far)
+    return ONE if lit < ZERO else lit
 
 
 @inlined
 def _ray_grey(
-    t: int, x: float, y: float, z: float, pixel_rad: float, planes: NDArray[np.float32], scene: Scene
-) -> float:
+    seen: int,
+    x: np.float32,
+    y: np.float32,
+    z: np.float32,
+    pixel_rad: np.float32,
+    planes: NDArray[np.float32],
+    scene: Scene,
+    u: int,
+    lamps_from: int,
+    lamp_row: NDArray[np.float32],
+) -> np.float32:
     """Grey value along a ray of the camera frame, unit length, that sees a triangle or NOTHING."""
     turn = scene.turn
     wx = turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z
     wy = turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z
     wz = turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z
-    if t == NOTHING:
+    if seen == NOTHING:
         return sky_grey(wx, wy, wz, pixel_rad, scene.sky, scene.atlas, scene.layout)
+    t = np.uintp(seen)
     i = planes[t, 0] * x + planes[t, 1] * y + planes[t, 2] * z
     j = planes[t, 3] * x + planes[t, 4] * y + planes[t, 5] * z
     k = planes[t, 6] * x + planes[t, 7] * y + planes[t, 8] * z
-    near = i + j + k
-    return _face_grey(t, j / near, k / near, 1.0 / near, wx, wy, wz, pixel_rad, scene)
+    distance = ONE / (i + j + k)
+    return _face_grey(t, j * distance, k * distance, distance, wx, wy, wz, pixel_rad, scene, u, lamps_from, lamp_row)
 
 
 @looped
@@ -183,6 +206,7 @@ def shade(
     pixel_rad: NDArray[np.float32],
     planes: NDArray[np.float32],
     scene: Scene,
+    lamp_row: NDArray[np.float32],
     grey: NDArray[np.float32],
 ) -> None:
     """Grey values of what the pixels' centres see.
@@ -192,129 +216,24 @@ def shade(
         valid: (H, W), where the lens sees anything.
         rays: (3, H, W), camera frame, unit length.
         pixel_rad: (H, W), width of each pixel.
-        planes: (T, 9), see `visibility`.
+        planes: (T, 16), see `visibility`.
         scene: what is seen.
+        lamp_row: (W,), room to work in.
         grey: (H, W), filled; 1 is white.
     """
     height, width = grey.shape
     for v in range(height):
         for u in range(width):
-            if valid[v, u]:
-                grey[v, u] = _ray_grey(
-                    triangles[v, u], rays[0, v, u], rays[1, v, u], rays[2, v, u], pixel_rad[v, u], planes, scene
-                )
-
-
-@looped
-def smooth_edges(
-    triangles: NDArray[np.int32],
-    valid: NDArray[np.bool_],
-    rays: NDArray[np.float32],
-    along_u: NDArray[np.float32],
-    along_v: NDArray[np.float32],
-    pixel_rad: NDArray[np.float32],
-    planes: NDArray[np.float32],
-    scene: Scene,
-    centre: NDArray[np.float32],
-    grey: NDArray[np.float32],
-    known: NDArray[np.int32],
-    weights: NDArray[np.float32],
-    seen: NDArray[np.float32],
-) -> int:
-    """Mean over a pixel's quarters, where its neighbours see something else.
-
-    Each quarter sees the nearest of the triangles that the pixel or its neighbours see.
-
-    Args:
-        triangles: (H, W).
-        valid: (H, W).
-        rays: (3, H, W).
-        along_u: (H, W, 3), change of the ray to the right.
-        along_v: (H, W, 3), downwards.
-        pixel_rad: (H, W).
-        planes: (T, 9).
-        scene: what is seen.
-        centre: (H, W), what the centres see.
-        grey: (H, W), changed where there are edges.
-        known: (9,), room to work in.
-        weights: (9,), room to work in.
-        seen: (9, 3), room to work in.
-
-    Returns:
-        How many pixels have an edge.
-    """
-    height, width = grey.shape
-    edges = 0
-    for v in range(1, height - 1):
-        for u in range(1, width - 1):
-            if not valid[v, u] or not _on_edge(v, u, triangles, scene.rows):
+            grey[v, u] = ZERO
+            if not valid[v, u]:
                 continue
-            edges += 1
-            count = 0
-            for row in range(v - 1, v + 2):
-                for column in range(u - 1, u + 2):
-                    t = triangles[row, column] if valid[row, column] else triangles[v, u]
-                    new = True
-                    for n in range(count):
-                        new = new and known[n] != t
-                    if new:
-                        known[count], weights[count] = t, np.float32(0.0)
-                        count += 1
-            for quarter in range(4):
-                du, dv = (QUARTER if quarter & 1 else -QUARTER), (QUARTER if quarter & 2 else -QUARTER)
-                x = rays[0, v, u] + du * along_u[v, u, 0] + dv * along_v[v, u, 0]
-                y = rays[1, v, u] + du * along_u[v, u, 1] + dv * along_v[v, u, 1]
-                z = rays[2, v, u] + du * along_u[v, u, 2] + dv * along_v[v, u, 2]
-                nearest, found = np.float32(0.0), -1
-                for n in range(count):
-                    t = known[n]
-                    if t == NOTHING:
-                        if found < 0:
-                            found = n
-                        continue
-                    i = planes[t, 0] * x + planes[t, 1] * y + planes[t, 2] * z
-                    j = planes[t, 3] * x + planes[t, 4] * y + planes[t, 5] * z
-                    k = planes[t, 6] * x + planes[t, 7] * y + planes[t, 8] * z
-                    if i >= 0 and j >= 0 and k >= 0 and i + j + k > nearest:
-                        nearest, found = i + j + k, n
-                if found < 0:  # between triangles that no centre sees
-                    continue
-                if weights[found] == 0:
-                    seen[found, 0], seen[found, 1], seen[found, 2] = x, y, z
-                weights[found] += QUARTER
-            total, whole = np.float32(0.0), np.float32(0.0)
-            for n in range(count):
-                if weights[n] > 0:
-                    if known[n] == triangles[v, u]:
-                        value = centre[v, u]
-                    else:
-                        x, y, z = seen[n, 0], seen[n, 1], seen[n, 2]
-                        size = np.float32(1.0) / np.sqrt(x * x + y * y + z * z)
-                        value = np.float32(
-                            _ray_grey(known[n], x * size, y * size, z * size, pixel_rad[v, u], planes, scene)
-                        )
-                    total += weights[n] * value
-                    whole += weights[n]
-            if whole > 0:
-                grey[v, u] = total / whole
-    return edges
-
-
-@inlined
-def _on_edge(v: int, u: int, triangles: NDArray[np.int32], rows: NDArray[np.float32]) -> bool:
-    """Whether a pixel and one of its four neighbours see faces of different brightness."""
-    t = triangles[v, u]
-    if triangles[v - 1, u] == t and triangles[v + 1, u] == t and triangles[v, u - 1] == t and triangles[v, u + 1] == t:
-        return False
-    plain = _plain(t, rows)
-    return (
-        abs(_plain(triangles[v - 1, u], rows) - plain) > EDGE_STEP
-        or abs(_plain(triangles[v + 1, u], rows) - plain) > EDGE_STEP
-        or abs(_plain(triangles[v, u - 1], rows) - plain) > EDGE_STEP
-        or abs(_plain(triangles[v, u + 1], rows) - plain) > EDGE_STEP
-    )
-
-
-@inlined
-def _plain(t: int, rows: NDArray[np.float32]) -> float:
-    return 2.0 if t == NOTHING else rows[t, PLAIN]
+            t = triangles[v, u]
+            # The light of lamps changes little within a face: each four pixels look it up once.
+            lamps_from = -1
+            if v & 1 and triangles[v - 1, u] == t:
+                lamps_from = u
+            elif u & 1 and triangles[v, u - 1] == t:
+                lamps_from = u - 1
+            grey[v, u] = _ray_grey(
+                t, rays[0, v, u], rays[1, v, u], rays[2, v, u], pixel_rad[v, u], planes, scene, u, lamps_from, lamp_row
+            )

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from bench.synthesis.imaging.compiled import inlined, looped
 
+ZERO, HALF, ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
 NOTHING_M = np.float32(-1e3)  # height where there is no surface
 
 
@@ -25,15 +26,22 @@ class HeightMap(NamedTuple):
         heights_m: (N, N) float32, rows along y.
         left_m: x of the square's edge.
         near_m: y of the square's edge.
-        texel_m: size of a cell.
-        slope: (2,) float64, shift of x and y on the ground for each metre of height.
+        per_m: cells in a metre.
+        slope: (2,) float32, shift of x and y on the ground for each metre of height.
     """
 
     heights_m: NDArray[np.float32]
-    left_m: float
-    near_m: float
-    texel_m: float
-    slope: NDArray[np.float64]
+    left_m: np.float32
+    near_m: np.float32
+    per_m: np.float32
+    slope: NDArray[np.float32]
+
+
+def _height_map(
+    heights_m: NDArray[np.float32], left_m: float, near_m: float, texel_m: float, slope: NDArray[np.float64]
+) -> HeightMap:
+    per_m = np.float32(1.0 / texel_m)
+    return HeightMap(heights_m, np.float32(left_m), np.float32(near_m), per_m, slope.astype(np.float32))
 
 
 class ShadowSquare:
@@ -45,7 +53,7 @@ class ShadowSquare:
         texel_m: size of a cell.
         cells: along a side.
         blur_cells: side of the window that heights are averaged over; 1 for none.
-        ceiling_m: heights above the camera's ground are cut here; infinite for none.
+        ceiling_m: heights above the camera's ground are cut here; there is one at least.
     """
 
     def __init__(
@@ -63,7 +71,7 @@ class ShadowSquare:
         self._step_m = texel_m * (cells // 4)
         self._place: tuple[int, int] | None = None
         self._raw = np.empty((0, 0), dtype=np.float32)
-        self._map = HeightMap(self._raw, 0.0, 0.0, texel_m, slope)
+        self._map = _height_map(self._raw, 0.0, 0.0, texel_m, slope)
 
     def around(self, place_m: NDArray[np.float64]) -> HeightMap:
         """The static world around a place, (3,) m; the same for the same place, whatever came before."""
@@ -72,7 +80,7 @@ class ShadowSquare:
             half_m = self._cells * self._texel_m / 2
             left_m, near_m = (float(k * self._step_m - half_m) for k in place)
             self._raw = np.full((self._cells, self._cells), NOTHING_M)
-            self._map = HeightMap(self._raw, left_m, near_m, self._texel_m, self._slope)
+            self._map = _height_map(self._raw, left_m, near_m, self._texel_m, self._slope)
             draw_heights(self._corners, self._map)
             self._map = self._map._replace(heights_m=self._smooth(self._raw))
             self._place = place
@@ -82,9 +90,11 @@ class ShadowSquare:
         """Put bodies onto the map; returns what `without_bodies` needs."""
         kept = []
         for corners in corners_m:
-            flat = corners[..., :2] - corners[..., 2:] * self._slope
-            low = np.floor((flat.min(axis=(0, 1)) - (self._map.left_m, self._map.near_m)) / self._texel_m).astype(int)
-            high = np.ceil((flat.max(axis=(0, 1)) - (self._map.left_m, self._map.near_m)) / self._texel_m).astype(int)
+            if not len(corners):
+                continue
+            box = np.empty((2, 2))
+            cells_around(corners, self._map, box)
+            low, high = np.floor(box[0]).astype(int), np.ceil(box[1]).astype(int)
             low = np.clip(low - self._blur, 0, self._cells)
             high = np.clip(high + self._blur, 0, self._cells)
             if (low >= high).any():
@@ -93,7 +103,9 @@ class ShadowSquare:
             kept.append((rows, columns, self._map.heights_m[rows, columns].copy()))
             patch = (self._raw if self._blur > 1 else self._map.heights_m)[rows, columns].copy()
             left_m, near_m = self._map.left_m + low[0] * self._texel_m, self._map.near_m + low[1] * self._texel_m
-            draw_heights(corners, self._map._replace(heights_m=patch, left_m=float(left_m), near_m=float(near_m)))
+            draw_heights(
+                corners, self._map._replace(heights_m=patch, left_m=np.float32(left_m), near_m=np.float32(near_m))
+            )
             heights = self._map.heights_m[rows, columns]
             np.maximum(heights, self._smooth(patch), out=heights)
         return kept
@@ -111,6 +123,22 @@ class ShadowSquare:
 
 
 @looped
+def cells_around(corners: NDArray[np.float64], ground: HeightMap, box: NDArray[np.float64]) -> None:
+    """The lowest and the highest column and row, (2, 2), that triangles (T, 3, 3) reach; there is one at least."""
+    low_u, low_v, high_u, high_v = np.inf, np.inf, -np.inf, -np.inf
+    for t in range(len(corners)):
+        for k in range(3):
+            z = corners[t, k, 2]
+            u = corners[t, k, 0] - z * ground.slope[0] - ground.left_m
+            v = corners[t, k, 1] - z * ground.slope[1] - ground.near_m
+            low_u, low_v, high_u, high_v = min(low_u, u), min(low_v, v), max(high_u, u), max(high_v, v)
+    box[0, 0], box[0, 1], box[1, 0], box[1, 1] = low_u, low_v, high_u, high_v
+    for k in range(2):
+        for axis in range(2):
+            box[k, axis] *= ground.per_m
+
+
+@looped
 def draw_heights(corners: NDArray[np.float64], ground: HeightMap) -> None:
     """Raise a map to all surfaces that lie above it.
 
@@ -120,7 +148,7 @@ def draw_heights(corners: NDArray[np.float64], ground: HeightMap) -> None:
     """
     heights = ground.heights_m
     rows, columns = heights.shape
-    per_m = 1.0 / ground.texel_m
+    per_m = ground.per_m
     for t in range(len(corners)):
         z0, z1, z2 = corners[t, 0, 2], corners[t, 1, 2], corners[t, 2, 2]
         x0 = (corners[t, 0, 0] - z0 * ground.slope[0] - ground.left_m) * per_m - 0.5
@@ -137,47 +165,54 @@ def draw_heights(corners: NDArray[np.float64], ground: HeightMap) -> None:
         if first_u > last_u or first_v > last_v:
             continue
         # Weights of the second and third corner, and with them the height, change by the same from cell to cell.
-        j_step, k_step = (y2 - y0) / area, -(y1 - y0) / area
-        step = j_step * (z1 - z0) + k_step * (z2 - z0)
+        per_area = 1.0 / area
+        j_step, k_step = (y2 - y0) * per_area, -(y1 - y0) * per_area
+        left, count = int(first_u), int(last_u) - int(first_u) + 1
         for v in range(int(first_v), int(last_v) + 1):
-            j0 = ((first_u - x0) * (y2 - y0) - (x2 - x0) * (v - y0)) / area
-            k0 = ((x1 - x0) * (v - y0) - (first_u - x0) * (y1 - y0)) / area
-            height0 = z0 + j0 * (z1 - z0) + k0 * (z2 - z0)
-            for n in range(int(last_u) - int(first_u) + 1):
-                j, k = j0 + n * j_step, k0 + n * k_step
-                if j >= 0 and k >= 0 and j + k <= 1:
-                    height = np.float32(height0 + n * step)
-                    if height > heights[v, int(first_u) + n]:
-                        heights[v, int(first_u) + n] = height
+            j0 = ((first_u - x0) * (y2 - y0) - (x2 - x0) * (v - y0)) * per_area
+            k0 = ((x1 - x0) * (v - y0) - (first_u - x0) * (y1 - y0)) * per_area
+            # The weights stay within 0 and 1 for a stretch of cells: the row is cut to it.
+            low, high = 0.0, count - 1.0
+            for start, step in ((j0, j_step), (k0, k_step), (1.0 - j0 - k0, -j_step - k_step)):
+                if step > 0.0:
+                    low = max(low, np.ceil(-start / step))
+                elif step < 0.0:
+                    high = min(high, np.floor(-start / step))
+                elif start < 0.0:
+                    high = -1.0
+            for n in range(int(low), int(high) + 1):
+                height = np.float32(z0 + (j0 + n * j_step) * (z1 - z0) + (k0 + n * k_step) * (z2 - z0))
+                heights[v, left + n] = max(heights[v, left + n], height)
 
 
 @inlined
-def lit_share(x: float, y: float, z: float, bias: float, ground: HeightMap) -> float:
+def lit_share(x: np.float32, y: np.float32, z: np.float32, bias: np.float32, ground: HeightMap) -> np.float32:
     """Share of the four cells around a point that do not shade it; -1 beyond the map."""
-    column = (x - z * ground.slope[0] - ground.left_m) / ground.texel_m - 0.5
-    row = (y - z * ground.slope[1] - ground.near_m) / ground.texel_m - 0.5
-    size = ground.heights_m.shape[0]
-    if not (0 <= column < size - 1 and 0 <= row < size - 1):
-        return -1.0
-    i, j = int(row), int(column)
-    a, b = row - i, column - j
+    column = (x - z * ground.slope[0] - ground.left_m) * ground.per_m - HALF
+    row = (y - z * ground.slope[1] - ground.near_m) * ground.per_m - HALF
+    last = np.float32(ground.heights_m.shape[0] - 1)
+    if not (ZERO <= column < last and ZERO <= row < last):
+        return -ONE
+    i, j = np.uintp(row), np.uintp(column)
+    a, b = row - np.float32(i), column - np.float32(j)
+    next_i, next_j = i + np.uintp(1), j + np.uintp(1)
     top = z + bias
-    lit = (1 - a) * (1 - b) if ground.heights_m[i, j] <= top else 0.0
-    lit += (1 - a) * b if ground.heights_m[i, j + 1] <= top else 0.0
-    lit += a * (1 - b) if ground.heights_m[i + 1, j] <= top else 0.0
-    lit += a * b if ground.heights_m[i + 1, j + 1] <= top else 0.0
-    return lit
+    upper = (ONE - b if ground.heights_m[i, j] <= top else ZERO) + (b if ground.heights_m[i, next_j] <= top else ZERO)
+    lower = ONE - b if ground.heights_m[next_i, j] <= top else ZERO
+    lower += b if ground.heights_m[next_i, next_j] <= top else ZERO
+    return np.float32(upper + a * (lower - upper))
 
 
 @inlined
-def height_at(x: float, y: float, ground: HeightMap) -> float:
+def height_at(x: np.float32, y: np.float32, ground: HeightMap) -> np.float32:
     """Height between the cells of a map that looks straight down; far below everything beyond the map."""
-    column, row = (x - ground.left_m) / ground.texel_m - 0.5, (y - ground.near_m) / ground.texel_m - 0.5
-    size = ground.heights_m.shape[0]
-    if not (0 <= column < size - 1 and 0 <= row < size - 1):
-        return -1000.0
-    i, j = int(row), int(column)
-    a, b = row - i, column - j
-    upper = (1 - b) * ground.heights_m[i, j] + b * ground.heights_m[i, j + 1]
-    lower = (1 - b) * ground.heights_m[i + 1, j] + b * ground.heights_m[i + 1, j + 1]
-    return float((1 - a) * upper + a * lower)
+    column, row = (x - ground.left_m) * ground.per_m - HALF, (y - ground.near_m) * ground.per_m - HALF
+    last = np.float32(ground.heights_m.shape[0] - 1)
+    if not (ZERO <= column < last and ZERO <= row < last):
+        return NOTHING_M
+    i, j = np.uintp(row), np.uintp(column)
+    a, b = row - np.float32(i), column - np.float32(j)
+    next_i, next_j = i + np.uintp(1), j + np.uintp(1)
+    upper = ground.heights_m[i, j] + b * (ground.heights_m[i, next_j] - ground.heights_m[i, j])
+    lower = ground.heights_m[next_i, j] + b * (ground.heights_m[next_i, next_j] - ground.heights_m[next_i, j])
+    return np.float32(upper + a * (lower - upper))

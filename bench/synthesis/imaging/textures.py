@@ -19,6 +19,8 @@ SIZE = 1024  # texels along one period of the texture
 LEVELS = 9  # 1024 down to 4 texels
 BORDER = 2  # texels repeated around each level, so that sampling wraps
 OCTAVES = (512, 256, 128, 64, 32, 16, 8)  # lattice points along one period
+HIGHEST, TOP = np.float32(LEVELS - 1.001), np.float32(BORDER - 0.5)
+THIRD, TWO_THIRDS = np.float32(1 / 3), np.float32(2 / 3)
 COARSE_FADE = 0.25  # asphalt and plaster are grainy rather than blotched
 
 
@@ -56,28 +58,39 @@ class TextureAtlas:
 
 
 @inlined
-def atlas_at(u: float, v: float, level: float, image: NDArray[np.float32], layout: NDArray[np.float32]) -> float:
-    """The texture at one place: between four texels of each of two levels."""
-    u -= np.floor(u)
-    v -= np.floor(v)
-    level = min(max(level, 0.0), LEVELS - 1.001)
-    lower = int(level)
-    share = level - lower
-    value = (1.0 - share) * _texel(u, v, lower, image, layout)
-    if share > 0.0:
-        value += share * _texel(u, v, lower + 1, image, layout)
-    return value
+def quick_log2(value: np.float32) -> np.float32:
+    """Logarithm of a positive number to base 2, within a hundredth: enough to choose a level."""
+    bits = np.float32(value).view(np.int32)
+    mantissa = np.int32((bits & 0x7FFFFF) | 0x3F800000).view(np.float32)
+    return np.float32((bits >> 23) - 128) + (np.float32(2.0) - mantissa * THIRD) * mantissa - TWO_THIRDS
 
 
 @inlined
-def _texel(u: float, v: float, level: int, image: NDArray[np.float32], layout: NDArray[np.float32]) -> float:
+def atlas_at(
+    u: np.float32, v: np.float32, level: np.float32, image: NDArray[np.float32], layout: NDArray[np.float32]
+) -> np.float32:
+    """The texture at one place: between four texels of each of two levels."""
+    u -= np.floor(u)
+    v -= np.floor(v)
+    level = min(max(level, np.float32(0.0)), HIGHEST)
+    lower = np.uintp(level)
+    share = level - np.float32(lower)
+    fine = _texel(u, v, lower, image, layout)
+    return fine + share * (_texel(u, v, lower + np.uintp(1), image, layout) - fine)
+
+
+@inlined
+def _texel(
+    u: np.float32, v: np.float32, level: np.uintp, image: NDArray[np.float32], layout: NDArray[np.float32]
+) -> np.float32:
     column = u * layout[level, 1] + layout[level, 0]
-    row = v * layout[level, 1] + (BORDER - 0.5)
-    i, j = int(row), int(column)
-    a, b = row - i, column - j
-    upper = image[i, j] + b * (image[i, j + 1] - image[i, j])
-    lower = image[i + 1, j] + b * (image[i + 1, j + 1] - image[i + 1, j])
-    return float(upper + a * (lower - upper))
+    row = v * layout[level, 1] + TOP
+    i, j = np.uintp(row), np.uintp(column)
+    a, b = row - np.float32(i), column - np.float32(j)
+    next_i, next_j = i + np.uintp(1), j + np.uintp(1)
+    upper = image[i, j] + b * (image[i, next_j] - image[i, j])
+    lower = image[next_i, j] + b * (image[next_i, next_j] - image[next_i, j])
+    return np.float32(upper + a * (lower - upper))
 
 
 @compiled

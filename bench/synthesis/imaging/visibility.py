@@ -8,51 +8,93 @@ an image plane nor a cut in front of the camera, and it is exact where a camera 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.synthesis.imaging.compiled import compiled, inlined, looped
-from bench.synthesis.imaging.lens import BLOCK_PX, CHART, REGION_PX, TILE_PX
+from bench.synthesis.imaging.chart import chart_pixel
+from bench.synthesis.imaging.compiled import inlined, looped
+from bench.synthesis.imaging.lens import BLOCK_PX, REGION_PX, TILE_PX, Lens, untiled
 
+LEAST_MARGIN_PX = 0.05  # around boxes of triangles, beside what the chart is off
 SMALL = 0.3  # chord of the longest edge on the unit sphere, of triangles that are looked for by their corners
 BOW = 0.35  # rad of sagitta per rad^2 of edge length: straight edges bow in a fisheye image by less than this
-MARGIN_PX = 1.5  # the chart is a table
-OUTSIDE, PARTLY, ALL_OVER = 0, 1, 2
-SIMPLE_PX = 256  # boxes up to this area are drawn without looking at tiles
+NOTHING = -1  # triangle of a pixel that sees the sky
 HIDDEN, BIG = -1, -2  # first column of a triangle's box that is not seen, or not kept
+# Columns of a triangle's plane, one cache line of 16 numbers: the three products above over the volume, then their sum,
+# whose product with a ray is 1 over the distance, its length, and the lengths of the three.
+NEAR_X, NEAR_Y, NEAR_Z, NEAR_SIZE, SIZES, COLUMNS = 9, 10, 11, 12, 13, 16
+BUCKETS, KEPT_BITS = 4096, 20  # of a distance in single precision these bits say how early a triangle is drawn
 
 
-@inlined
-def chart_pixel(x: float, y: float, z: float, chart: NDArray[np.float32]) -> tuple[float, float]:
-    """The pixel of a direction, NaN where the lens does not see it."""
-    size = abs(x) + abs(y) + abs(z)
-    p, q = x / size, y / size
-    if z < 0:
-        p, q = (1.0 - abs(q)) * (-1.0 if p < 0 else 1.0), (1.0 - abs(p)) * (-1.0 if q < 0 else 1.0)
-    half = (CHART - 1) / 2
-    column, row = (p + 1.0) * half, (q + 1.0) * half
-    i, j = min(int(row), CHART - 2), min(int(column), CHART - 2)
-    a, b = row - i, column - j
-    u = (1 - a) * ((1 - b) * chart[i, j, 0] + b * chart[i, j + 1, 0]) + a * (
-        (1 - b) * chart[i + 1, j, 0] + b * chart[i + 1, j + 1, 0]
-    )
-    v = (1 - a) * ((1 - b) * chart[i, j, 1] + b * chart[i, j + 1, 1]) + a * (
-        (1 - b) * chart[i + 1, j, 1] + b * chart[i + 1, j + 1, 1]
-    )
-    return u, v
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class View:
+    """What a camera sees.
+
+    Attributes:
+        planes: (T, 16) float32, columns as above; of triangles that are not hidden.
+        triangles: (H, W) int32, row of what each pixel sees, or NOTHING.
+        nearness: (H, W) float32, 1 / m, 1 over the distance of what is seen; 0 where there is nothing.
+    """
+
+    planes: NDArray[np.float32]
+    triangles: NDArray[np.int32]
+    nearness: NDArray[np.float32]
 
 
-@compiled
+def look(
+    corners_m: NDArray[np.float64],
+    lens: Lens,
+    *,
+    camera_from_world: NDArray[np.float64],
+    origin_m: NDArray[np.float64],
+    reach_m: float = np.inf,
+) -> View:
+    """Find out what each pixel sees.
+
+    Args:
+        corners_m: (T, 3, 3), m, world.
+        lens: of the camera.
+        camera_from_world: (3, 3), rotation.
+        origin_m: (3,), m, the camera in the world.
+        reach_m: what looks small and lies further away is left out.
+    """
+    count, shape = len(corners_m), (lens.valid.shape[0], lens.valid.shape[1])
+    planes, boxes = np.empty((count, COLUMNS), dtype=np.float32), np.empty((count, 4), dtype=np.int16)
+    distances_m, order = np.empty(count, dtype=np.float32), np.empty(count, dtype=np.int32)
+    find_planes(
+        corners_m, camera_from_world, origin_m, lens.chart, 2.0 * lens.chart_error_px + LEAST_MARGIN_PX,
+        lens.px_per_rad, lens.widest_rad, reach_m, shape, planes, boxes,
+        distances_m, np.empty((3, 3)),
+    )  # fmt: skip
+    seen = nearest_first(boxes, distances_m.view(np.int32), np.empty(BUCKETS, dtype=np.int32), order)
+    rows, columns = lens.tiles.shape[:2]
+    nearness = np.zeros((rows, columns, TILE_PX * TILE_PX), dtype=np.float32)
+    triangles = np.full(nearness.shape, NOTHING, dtype=np.int32)
+    farthest, changed = np.zeros((rows, columns), dtype=np.float32), np.zeros((rows, columns), dtype=np.bool_)
+    draw(
+        planes, boxes, order[:seen], lens.tile_rays, lens.regions, lens.blocks, lens.tiles,
+        nearness.view(np.int32), triangles, farthest, farthest.view(np.int32), changed,
+    )  # fmt: skip
+    return View(planes=planes, triangles=untiled(triangles, shape), nearness=untiled(nearness, shape))
+
+
+@looped
 def find_planes(
     corners: NDArray[np.float64],
     turn: NDArray[np.float64],
     origin: NDArray[np.float64],
     chart: NDArray[np.float32],
+    chart_error_px: float,
     px_per_rad: float,
     widest_rad: float,
+    reach_m: float,
     shape: tuple[int, int],
     planes: NDArray[np.float32],
     boxes: NDArray[np.int16],
+    distances_m: NDArray[np.float32],
+    seen: NDArray[np.float64],
 ) -> None:
     """Take triangles into the camera frame.
 
@@ -61,14 +103,18 @@ def find_planes(
         turn: (3, 3), camera from world.
         origin: (3,), m, the camera in the world.
         chart: see `direction_chart`.
+        chart_error_px: how far it is off.
         px_per_rad: the largest there is.
         widest_rad: largest angle of a ray off the optical axis.
+        reach_m: what looks small and lies further away is left out.
         shape: height and width of the image, px.
-        planes: (T, 9), filled: the three products above over the volume.
+        planes: (T, 16), filled, columns as above.
         boxes: (T, 4), filled: first and last column, first and last row; or HIDDEN or BIG.
+        distances_m: (T,), filled: of the nearest corner; where not hidden.
+        seen: (3, 3), room to work in.
     """
     height, width = shape
-    seen = np.empty((3, 3))
+    least_cos = np.cos(widest_rad)
     for t in range(len(corners)):
         boxes[t, 0] = HIDDEN
         inside = True
@@ -88,16 +134,16 @@ def find_planes(
         near = min(near, (cx * ax + cy * ay + cz * az) / (c * a))
         chord2 = 2.0 - 2.0 * near
         if chord2 < SMALL * SMALL:
-            # All of the triangle lies within this angle of its first corner; half a tenth more than chord for arc.
-            beyond = widest_rad + 1.05 * np.sqrt(max(chord2, 0.0))
-            if beyond < np.pi and az < a * np.cos(beyond):
+            # All of the triangle lies within this angle of its first corner; half a tenth more than chord for arc. The
+            # cosine of a sum is at least the cosine of one part, less the other part.
+            if az < a * (least_cos - 1.05 * np.sqrt(max(chord2, 0.0))) or min(a, b, c) > reach_m:
                 continue
             for k in range(3):
                 u, v = chart_pixel(seen[k, 0], seen[k, 1], seen[k, 2], chart)
                 inside = inside and u == u
                 low_u, high_u, low_v, high_v = min(low_u, u), max(high_u, u), min(low_v, v), max(high_v, v)
             if inside:
-                margin = MARGIN_PX + BOW * px_per_rad * chord2
+                margin = chart_error_px + BOW * px_per_rad * chord2
                 first_u, last_u = max(np.ceil(low_u - margin), 0), min(np.floor(high_u + margin), width - 1)
                 first_v, last_v = max(np.ceil(low_v - margin), 0), min(np.floor(high_v + margin), height - 1)
                 if first_u > last_u or first_v > last_v:
@@ -115,55 +161,76 @@ def find_planes(
         planes[t, 6] = (ay * bz - az * by) * scale
         planes[t, 7] = (az * bx - ax * bz) * scale
         planes[t, 8] = (ax * by - ay * bx) * scale
+        for i in range(3):
+            planes[t, NEAR_X + i] = planes[t, i] + planes[t, 3 + i] + planes[t, 6 + i]
+        for i in range(3):
+            planes[t, SIZES + i] = np.sqrt(
+                planes[t, 3 * i] ** 2 + planes[t, 3 * i + 1] ** 2 + planes[t, 3 * i + 2] ** 2
+            )
+        planes[t, NEAR_SIZE] = np.sqrt(planes[t, NEAR_X] ** 2 + planes[t, NEAR_Y] ** 2 + planes[t, NEAR_Z] ** 2)
+        distances_m[t] = min(a, b, c)
+
+
+@looped
+def nearest_first(
+    boxes: NDArray[np.int16],
+    distance_bits: NDArray[np.int32],
+    first: NDArray[np.int32],
+    order: NDArray[np.int32],
+) -> int:
+    """Put triangles that are seen in order, roughly from near to far: what is hidden is then found early.
+
+    Args:
+        boxes: (T, 4), see `find_planes`.
+        distance_bits: (T,), distances in single precision, read as whole numbers, which have the same order.
+        first: (BUCKETS,), room to work in.
+        order: (T,), filled.
+
+    Returns:
+        How many are seen.
+    """
+    first[:] = 0
+    for t in range(len(boxes)):
+        if boxes[t, 0] != HIDDEN:
+            first[distance_bits[t] >> KEPT_BITS] += 1
+    total = 0
+    for bucket in range(BUCKETS):
+        count = first[bucket]
+        first[bucket] = total
+        total += count
+    for t in range(len(boxes)):
+        if boxes[t, 0] != HIDDEN:
+            bucket = distance_bits[t] >> KEPT_BITS
+            order[first[bucket]] = t
+            first[bucket] += 1
+    return total
 
 
 @inlined
-def _overlap(planes: NDArray[np.float32], t: int, cones: NDArray[np.float32], v: int, u: int) -> int:
-    """How a triangle lies to a cone: OUTSIDE if the cone lies beyond an edge, ALL_OVER if within every one."""
+def _outside(planes: NDArray[np.float32], t: int, cones: NDArray[np.float32], v: int, u: int) -> bool:
+    """Whether a cone lies beyond an edge of a triangle."""
     cosine, sine = cones[v, u, 3], cones[v, u, 4]
     if cosine > 1.0:
-        return OUTSIDE
+        return True
     if cosine <= 0.0:
-        return PARTLY
-    overlap = ALL_OVER
-    for k in range(0, 9, 3):
-        x, y, z = planes[t, k], planes[t, k + 1], planes[t, k + 2]
+        return False
+    beyond = False
+    for edge in range(3):
+        x, y, z = planes[t, 3 * edge], planes[t, 3 * edge + 1], planes[t, 3 * edge + 2]
         product = x * cones[v, u, 0] + y * cones[v, u, 1] + z * cones[v, u, 2]
-        if product * product <= (x * x + y * y + z * z) * sine * sine:
-            overlap = PARTLY
-        elif product < 0.0:
-            return OUTSIDE
-    return overlap
+        beyond |= product < -planes[t, SIZES + edge] * sine
+    return beyond
 
 
 @inlined
-def _draw_box(
-    t: int,
-    planes: NDArray[np.float32],
-    first_u: int,
-    last_u: int,
-    first_v: int,
-    last_v: int,
-    rays: NDArray[np.float32],
-    nearness: NDArray[np.float32],
-    triangles: NDArray[np.int32],
-) -> None:
-    ax, ay, az, bx, by, bz = planes[t, 0], planes[t, 1], planes[t, 2], planes[t, 3], planes[t, 4], planes[t, 5]
-    cx, cy, cz = planes[t, 6], planes[t, 7], planes[t, 8]
-    zero, end_u, number = np.float32(0.0), last_u + 1, np.int32(t)
-    for v in range(first_v, last_v + 1):
-        xs, ys, zs = rays[0, v, first_u:end_u], rays[1, v, first_u:end_u], rays[2, v, first_u:end_u]
-        row, ids = nearness[v, first_u:end_u], triangles[v, first_u:end_u]
-        # Without branches, for the compiler to take several pixels at once.
-        for u in range(len(xs)):
-            x, y, z = xs[u], ys[u], zs[u]
-            i = ax * x + ay * y + az * z
-            j = bx * x + by * y + bz * z
-            k = cx * x + cy * y + cz * z
-            near = i + j + k
-            hit = (i >= zero) & (j >= zero) & (k >= zero) & (near > row[u])
-            row[u] = near if hit else row[u]
-            ids[u] = number if hit else ids[u]
+def _largest(planes: NDArray[np.float32], t: int, cones: NDArray[np.float32], v: int, u: int) -> np.float32:
+    """What a triangle's nearness stays below within a cone."""
+    product = (
+        planes[t, NEAR_X] * cones[v, u, 0] + planes[t, NEAR_Y] * cones[v, u, 1] + planes[t, NEAR_Z] * cones[v, u, 2]
+    )
+    if product < 0.0:
+        product *= max(cones[v, u, 3], np.float32(0.0))
+    return np.float32(product + planes[t, NEAR_SIZE] * cones[v, u, 4])
 
 
 @inlined
@@ -173,86 +240,108 @@ def _draw_tile(
     v: int,
     u: int,
     rays: NDArray[np.float32],
-    tiles: NDArray[np.float32],
-    nearness: NDArray[np.float32],
+    cones: NDArray[np.float32],
+    nearness_bits: NDArray[np.int32],
     triangles: NDArray[np.int32],
     farthest: NDArray[np.float32],
+    farthest_bits: NDArray[np.int32],
+    changed: NDArray[np.bool_],
 ) -> None:
     """Draw into a tile, unless all that is seen there is nearer."""
-    overlap = _overlap(planes, t, tiles, v, u)
-    if overlap == OUTSIDE:
+    largest = _largest(planes, t, cones, v, u)
+    if largest < farthest[v, u] or _outside(planes, t, cones, v, u):
         return
-    x = planes[t, 0] + planes[t, 3] + planes[t, 6]
-    y = planes[t, 1] + planes[t, 4] + planes[t, 7]
-    z = planes[t, 2] + planes[t, 5] + planes[t, 8]
-    largest = x * tiles[v, u, 0] + y * tiles[v, u, 1] + z * tiles[v, u, 2]
-    largest += np.sqrt(x * x + y * y + z * z) * tiles[v, u, 4]
-    if largest < farthest[v, u]:
-        return
-    first_u, first_v = u * TILE_PX, v * TILE_PX
-    end_u, end_v = min(first_u + TILE_PX, nearness.shape[1]), min(first_v + TILE_PX, nearness.shape[0])
-    if overlap == PARTLY:
-        _draw_box(t, planes, first_u, end_u - 1, first_v, end_v - 1, rays, nearness, triangles)
-        return
-    far = np.float32(np.inf)
-    for row in range(first_v, end_v):
-        xs, ys, zs = rays[0, row, first_u:end_u], rays[1, row, first_u:end_u], rays[2, row, first_u:end_u]
-        near_row, ids = nearness[row, first_u:end_u], triangles[row, first_u:end_u]
-        for column in range(len(xs)):
-            near = x * xs[column] + y * ys[column] + z * zs[column]
-            hit = near > near_row[column]
-            near_row[column] = near if hit else near_row[column]
-            ids[column] = np.int32(t) if hit else ids[column]
-            far = min(far, near_row[column])
-    farthest[v, u] = far
+    if changed[v, u]:
+        least = nearness_bits[v, u, 0]
+        for n in range(1, TILE_PX * TILE_PX):
+            least = min(least, nearness_bits[v, u, n])
+        farthest_bits[v, u], changed[v, u] = least, False
+        if largest < farthest[v, u]:
+            return
+    ax, ay, az, bx, by, bz = planes[t, 0], planes[t, 1], planes[t, 2], planes[t, 3], planes[t, 4], planes[t, 5]
+    cx, cy, cz = planes[t, 6], planes[t, 7], planes[t, 8]
+    zero, number, nothing = np.float32(0.0), np.int32(t), np.int32(0)
+    xs, ys, zs = rays[v, u, 0], rays[v, u, 1], rays[v, u, 2]
+    near_here, seen_here = nearness_bits[v, u], triangles[v, u]
+    # Always all of a tile and without branches, for the compiler to take several pixels at once.
+    for n in range(TILE_PX * TILE_PX):
+        x, y, z = xs[n], ys[n], zs[n]
+        i = ax * x + ay * y + az * z
+        j = bx * x + by * y + bz * z
+        k = cx * x + cy * y + cz * z
+        inside = (i >= zero) & (j >= zero) & (k >= zero)
+        bits = np.float32(i + j + k).view(np.int32) if inside else nothing
+        former, seen = near_here[n], seen_here[n]
+        near_here[n] = max(bits, former)
+        seen_here[n] = number if bits > former else seen
+    changed[v, u] = True
 
 
 @looped
 def draw(
     planes: NDArray[np.float32],
     boxes: NDArray[np.int16],
+    order: NDArray[np.int32],
     rays: NDArray[np.float32],
     regions: NDArray[np.float32],
     blocks: NDArray[np.float32],
     tiles: NDArray[np.float32],
-    nearness: NDArray[np.float32],
+    nearness_bits: NDArray[np.int32],
     triangles: NDArray[np.int32],
     farthest: NDArray[np.float32],
+    farthest_bits: NDArray[np.int32],
+    changed: NDArray[np.bool_],
 ) -> None:
     """Draw triangles into an image.
 
     Args:
-        planes: (T, 9), see `find_planes`.
+        planes: (T, 16), see `find_planes`.
         boxes: (T, 4).
-        rays: (3, H, W).
+        order: (S,), in which to draw.
+        rays: see `Lens.tile_rays`.
         regions: cones, see `Lens`.
         blocks: cones.
         tiles: cones.
-        nearness: (H, W), 1 / m, 1 over the distance of what is seen; 0 where there is nothing; changed.
-        triangles: (H, W), row of what is seen; changed.
-        farthest: (tiles), nearness of the farthest that is seen in each tile; changed.
+        nearness_bits: (H / 8, W / 8, 64), 1 / m, 1 over the distance of what is seen; 0 where there is nothing; in
+            single precision, read as whole numbers, whose order is the same; changed.
+        triangles: (H / 8, W / 8, 64), row of what is seen; changed.
+        farthest: (H / 8, W / 8), at most the nearness of all that is seen in each tile; changed.
+        farthest_bits: the same memory.
+        changed: (H / 8, W / 8), tiles that were drawn into since `farthest` was found; changed.
     """
     up, per = REGION_PX // BLOCK_PX, BLOCK_PX // TILE_PX
-    for t in range(len(planes)):
+    for n in range(len(order)):
+        t = order[n]
         left, right, top, bottom = boxes[t, 0], boxes[t, 1], boxes[t, 2], boxes[t, 3]
-        if left == HIDDEN:
-            continue
         if left != BIG:
-            if (right - left + 1) * (bottom - top + 1) <= SIMPLE_PX:
-                _draw_box(t, planes, left, right, top, bottom, rays, nearness, triangles)
-                continue
             for v in range(top // TILE_PX, bottom // TILE_PX + 1):
                 for u in range(left // TILE_PX, right // TILE_PX + 1):
-                    _draw_tile(t, planes, v, u, rays, tiles, nearness, triangles, farthest)
+                    _draw_tile(
+                        t, planes, v, u, rays, tiles, nearness_bits, triangles, farthest, farthest_bits,
+                        changed,
+                    )  # fmt: skip
             continue
         for region_v in range(regions.shape[0]):
             for region_u in range(regions.shape[1]):
-                if _overlap(planes, t, regions, region_v, region_u) == OUTSIDE:
+                if _outside(planes, t, regions, region_v, region_u):
                     continue
                 for block_v in range(region_v * up, min((region_v + 1) * up, blocks.shape[0])):
                     for block_u in range(region_u * up, min((region_u + 1) * up, blocks.shape[1])):
-                        if _overlap(planes, t, blocks, block_v, block_u) == OUTSIDE:
+                        if _outside(planes, t, blocks, block_v, block_u):
                             continue
-                        for v in range(block_v * per, min((block_v + 1) * per, tiles.shape[0])):
-                            for u in range(block_u * per, min((block_u + 1) * per, tiles.shape[1])):
-                                _draw_tile(t, planes, v, u, rays, tiles, nearness, triangles, farthest)
+                        last_v, last_u = (
+                            min((block_v + 1) * per, tiles.shape[0]),
+                            min((block_u + 1) * per, tiles.shape[1]),
+                        )
+                        hidden_behind = np.float32(np.inf)
+                        for v in range(block_v * per, last_v):
+                            for u in range(block_u * per, last_u):
+                                hidden_behind = min(hidden_behind, farthest[v, u])
+                        if _largest(planes, t, blocks, block_v, block_u) < hidden_behind:
+                            continue
+                        for v in range(block_v * per, last_v):
+                            for u in range(block_u * per, last_u):
+                                _draw_tile(
+                                    t, planes, v, u, rays, tiles, nearness_bits, triangles, farthest,
+                                    farthest_bits, changed,
+                                )  # fmt: skip

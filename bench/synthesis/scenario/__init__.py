@@ -4,7 +4,7 @@ from bench.synthesis.scenario.cameras import CameraSpec, SensorSpec
 from bench.synthesis.scenario.cast import ActorSpec
 from bench.synthesis.scenario.draws import DrawError
 from bench.synthesis.scenario.drive import BumpSpec, HostSpec
-from bench.synthesis.scenario.file import ScenarioText, read_text
+from bench.synthesis.scenario.file import LARGEST_BYTES, ScenarioText, read_text
 from bench.synthesis.scenario.lidar import LidarSpec
 from bench.synthesis.scenario.light import LightSpec
 from bench.synthesis.scenario.recording import RecordingSpec, Scenario, ScenarioFile, ScenarioHead
@@ -14,6 +14,7 @@ from bench.synthesis.scenario.values import interval_ns
 from bench.synthesis.scenario.vehicle import BusSpec, CalibrationSpec, SuspensionSpec, VehicleSpec
 
 __all__ = [
+    "LARGEST_BYTES",
     "ActorSpec",
     "BumpSpec",
     "BusSpec",

@@ -13,6 +13,9 @@ from bench.errors import DataError
 from bench.recordings.validation import validated
 
 LARGEST_BYTES = 4_000_000
+DEEPEST = 40  # brackets in brackets; a scenario needs ten, and thousands would end the process
+# libyaml where PyYAML was built with it, ten times as fast; both keep the line of everything.
+LOADER: type[yaml.SafeLoader] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -63,7 +66,9 @@ def read_text(path: Path) -> ScenarioText:
         if path.stat().st_size > LARGEST_BYTES:
             raise DataError(path, wanted=f"at most {LARGEST_BYTES} bytes", came=f"{path.stat().st_size}")
         text = path.read_text(encoding="utf-8")
-        loader = yaml.SafeLoader(text)
+        if (line := _too_deep(text)) is not None:
+            raise DataError(f"{path}:{line}", wanted=f"at most {DEEPEST} levels", came="more")
+        loader = LOADER(text)
         tree = loader.get_single_node()
         values = None if tree is None else loader.construct_document(tree)
     except OSError as error:
@@ -73,6 +78,16 @@ def read_text(path: Path) -> ScenarioText:
     if not isinstance(values, dict) or tree is None:
         raise DataError(path, wanted="keys and values", came=type(values).__name__)
     return ScenarioText(path=path, values=values, tree=tree)
+
+
+def _too_deep(text: str) -> int | None:
+    """The first line with too many levels, counted from 1; told from the text's events, which nest nothing."""
+    depth = 0
+    for event in yaml.parse(text, Loader=LOADER):
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > DEEPEST:
+            return 1 if event.start_mark is None else int(event.start_mark.line) + 1
+    return None
 
 
 def _line_of(node: yaml.Node | None, keys: list[str]) -> int:

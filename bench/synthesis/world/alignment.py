@@ -41,15 +41,24 @@ class Alignment:
 
     def points(self, along_m: ArrayLike, left_m: ArrayLike) -> NDArray[np.float64]:
         """(N, 2) float64, m, world, of N ways along the lane and offsets to its left (or one for all)."""
-        along, left = np.broadcast_arrays(np.atleast_1d(along_m).astype(np.float64), np.asarray(left_m))
-        turns = self._turns(along)
-        arcs = np.clip(along, 0.0, self.bend_m)
-        chords = arcs * np.sinc(turns / (2 * np.pi))
-        beyond = along - arcs
-        x = chords * np.cos(turns / 2) + beyond * np.cos(turns) - left * np.sin(turns)
-        y = chords * np.sin(turns / 2) + beyond * np.sin(turns) + left * np.cos(turns)
+        along, left = np.atleast_1d(along_m).astype(np.float64), np.asarray(left_m, dtype=np.float64)
+        x, y = self._bent(along, left) if self.curvature_per_m else (along, left)
+        ahead = np.empty((max(x.size, y.size), 2))
+        ahead[:, 0], ahead[:, 1] = x, y
         start = self.world_from_start
-        return np.asarray(np.stack([x, y], axis=1) @ start.rotation[:2, :2].T + start.translation_m[:2])
+        return np.asarray(ahead @ start.rotation[:2, :2].T + start.translation_m[:2])
+
+    def _bent(
+        self, along_m: NDArray[np.float64], left_m: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """x and y in the frame of the lane's origin."""
+        turns = self._turns(along_m)
+        arcs = np.clip(along_m, 0.0, self.bend_m)
+        chords = arcs * np.sinc(turns / (2 * np.pi))
+        beyond = along_m - arcs
+        x = chords * np.cos(turns / 2) + beyond * np.cos(turns) - left_m * np.sin(turns)
+        y = chords * np.sin(turns / 2) + beyond * np.sin(turns) + left_m * np.cos(turns)
+        return x, y
 
     def cells(self, start_m: float, end_m: float, right_m: float, left_m: float) -> NDArray[np.float64]:
         """(N, 4, 2) float64, m, world: a band along the lane, cut into straight pieces that share their ends."""
@@ -92,4 +101,6 @@ class Alignment:
         return np.asarray(turned + self.points(centres[:, 0], centres[:, 1])[:, None])
 
     def _turns(self, along_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        if not self.curvature_per_m:
+            return np.zeros_like(along_m)
         return self.curvature_per_m * np.clip(along_m, 0.0, self.bend_m)

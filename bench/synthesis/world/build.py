@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 
+from bench.synthesis.mesh import Mesh
 from bench.synthesis.scenario import StreetSpec
 from bench.synthesis.world.greenery import drawn_trees
 from bench.synthesis.world.ground import ground
@@ -21,6 +22,7 @@ from bench.synthesis.world.solids import assembled
 from bench.synthesis.world.surroundings import surroundings
 from bench.synthesis.world.wear import wear
 
+UNSEEN_M, LEVEL_M = (-1.0, 0.26), 1e-6  # heights of undersides that no camera on a car sees
 JOINTS = 0.85  # of the slabs' albedo: what shows between them
 
 
@@ -43,7 +45,7 @@ def build_world(spec: StreetSpec, rng: np.random.Generator, keep_clear: Sequence
     asphalt, paved = drawn_asphalt(surfaces), drawn_slabs(surfaces)
     meshes = surroundings(plan, far)
     meshes += ground(plan, asphalt=asphalt, slabs=tinted(paved, JOINTS), rng=surfaces)
-    meshes += kerbs(plan, laid_stones(plan), stones) + paving(plan, paved, slabs)
+    meshes += kerbs(plan, laid_stones(plan), stones) + paving(plan, site, paved, slabs)
     meshes += wear(plan, asphalt, wears) + markings(plan, paints)
     meshes += guard_rails(plan, site)
     meshes += parked_cars(plan, site, cars)
@@ -54,4 +56,14 @@ def build_world(spec: StreetSpec, rng: np.random.Generator, keep_clear: Sequence
     for side in sides:
         meshes += things(plan, side, site, put)
         meshes += fronts(plan, side, site, built)
-    return World(mesh=assembled(meshes), obstacles=tuple(site.obstacles))
+    return World(mesh=_without_undersides(assembled(meshes)), obstacles=tuple(site.obstacles))
+
+
+def _without_undersides(mesh: Mesh) -> Mesh:
+    """The mesh without faces that look straight down at the ground next to them: what stands on it, and parked cars."""
+    heights_m = mesh.corners_m[..., 2]
+    low = (heights_m > UNSEEN_M[0]).all(axis=1) & (heights_m < UNSEEN_M[1]).all(axis=1)
+    # Of a level triangle the z of the vector product is the whole of it; it is negative where the face looks down.
+    one_m, two_m = mesh.corners_m[:, 1, :] - mesh.corners_m[:, 0, :], mesh.corners_m[:, 2, :] - mesh.corners_m[:, 0, :]
+    level = np.ptp(heights_m, axis=1) < LEVEL_M
+    return mesh.picked(~(low & level & (one_m[:, 0] * two_m[:, 1] < one_m[:, 1] * two_m[:, 0])))

@@ -12,6 +12,7 @@ from bench.synthesis.mesh import Mesh, Surface, quads
 from bench.synthesis.world.alignment import Alignment
 from bench.synthesis.world.materials import CONCRETE, KERB, SETTS
 from bench.synthesis.world.plan import KERB_WIDTH_M, Plan
+from bench.synthesis.world.site import Site
 from bench.synthesis.world.solids import flat
 
 STONE_M = 1.0  # length of a kerb stone
@@ -19,7 +20,8 @@ KERB_FOOT_M = 0.02  # kerbs reach this far into the ground
 LOWERED_M = 0.025  # height of a lowered kerb, low enough for wheels and high enough for a white cane
 GUTTER_M = 0.3
 GUTTER_LIFT_M, SLAB_LIFT_M = 0.001, 0.002
-SLABS_M = (-12.0, 62.0)  # slabs are laid one by one along this stretch; farther away they are finer than a pixel
+SLABS_M = (-12.0, 62.0)  # slabs are laid one by one along this stretch, as far as they can be told apart
+SLABS_SEEN_M = 25.0  # from where host and actors drive: a slab farther away is a fifth of a pixel high
 JOINT_M = 0.008
 
 
@@ -85,7 +87,7 @@ def kerbs(plan: Plan, stones: Stones, rng: np.random.Generator) -> list[Mesh]:
     return meshes
 
 
-def paving(plan: Plan, slabs: Surface, rng: np.random.Generator) -> list[Mesh]:
+def paving(plan: Plan, site: Site, slabs: Surface, rng: np.random.Generator) -> list[Mesh]:
     """Slabs of the pavements beside the host's street, in courses, each of its own shade; joints show between them."""
     size = np.array([(0.5, 0.5), (0.4, 0.4), (0.6, 0.4), (0.75, 0.5)][int(rng.integers(4))])
     section, width_m = plan.section, min(plan.spec.pavement_m, 3.0)
@@ -97,8 +99,10 @@ def paving(plan: Plan, slabs: Surface, rng: np.random.Generator) -> list[Mesh]:
         inside = shapely.contains_xy(plan.pavement, rims[:, 0], rims[:, 1]).reshape(-1, 4).all(axis=1)
         cells = cells[inside]
         shade = slabs.albedo * (1.06 + 0.05 * rng.standard_normal(len(cells)))
-        lifted = flat(cells, plan.spec.kerb_m + SLAB_LIFT_M)
-        meshes.append(quads(lifted, slabs, albedos=shade, shifts_m=rng.uniform(0, 6, (len(cells), 2))))
+        shifts = rng.uniform(0, 6, (len(cells), 2))
+        seen = site.near(cells.mean(axis=1), SLABS_SEEN_M)
+        lifted = flat(cells[seen], plan.spec.kerb_m + SLAB_LIFT_M)
+        meshes.append(quads(lifted, slabs, albedos=shade[seen], shifts_m=shifts[seen]))
     return meshes
 
 

@@ -125,9 +125,7 @@ def _plain_parts() -> tuple[tuple[Mesh, Mesh, Mesh, Mesh], ...]:
     paint = Surface(albedo=0.4, contrast=0.06, mirror=0.04)
     side = [(-2.15, 0.35), (-2.1, 0.92), (1.1, 0.94), (2.05, 0.76), (2.15, 0.35), (1.6, 0.2), (-1.7, 0.2)]
     under = boxes([[0.0, 0.0, 0.16]], [3.2, 1.5, 0.32], TYRE)
-    tyres = joined(
-        [tube([x, y - 0.1, 0.31], [x, y + 0.1, 0.31], 0.31, TYRE, sides=6) for x in (-1.3, 1.3) for y in (-0.78, 0.78)]
-    )
+    tyres = joined([_plain_tyre(x, y) for x in (-1.3, 1.3) for y in (-0.78, 0.78)])
     shapes = []
     for cabin in CABINS:
         (x0, z0), (x1, z1) = cabin[1:3]
@@ -135,3 +133,10 @@ def _plain_parts() -> tuple[tuple[Mesh, Mesh, Mesh, Mesh], ...]:
         glass = slab(cabin, [0.82, 0.62, 0.62, 0.82], PANE)
         shapes.append((joined([slab(side, 0.86, paint), roof]), glass, under, tyres))
     return tuple(shapes)
+
+
+def _plain_tyre(x: float, y: float) -> Mesh:
+    """What shows of a tyre: its outer side, and its tread below the hull."""
+    tyre = tube([x, y - 0.1, 0.31], [x, y + 0.1, 0.31], 0.31, TYRE, sides=6)
+    middles, inner = tyre.corners_m.mean(axis=1), y - 0.1 * np.sign(y)
+    return tyre.picked((middles[:, 2] < 0.4) & (np.abs(middles[:, 1] - inner) > 0.01) | (np.abs(middles[:, 1]) > 0.87))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from bench.geometry import RigidTransform
 from bench.synthesis.mesh import Mesh
@@ -35,6 +35,7 @@ class Site:
 
     def __init__(self, keep_clear: Sequence[shapely.Polygon]) -> None:
         self._keep_clear = shapely.union_all(list(keep_clear))
+        self._ways = shapely.Point(0, 0) if self._keep_clear.is_empty else self._keep_clear
         shapely.prepare(self._keep_clear)
         self.obstacles: list[shapely.Polygon] = []
 
@@ -53,8 +54,11 @@ class Site:
 
     def away_m(self, footprint: shapely.Polygon) -> float:
         """Distance to the ways of actors and host; to the world's origin if there are none."""
-        near = shapely.Point(0, 0) if self._keep_clear.is_empty else self._keep_clear
-        return float(shapely.distance(near, footprint))
+        return float(shapely.distance(self._ways, footprint))
+
+    def near(self, places_m: NDArray[np.float64], within_m: float) -> NDArray[np.bool_]:
+        """(N,) bool: whether places (N, 2), world xy, lie within a distance of the ways of actors and host."""
+        return np.asarray(shapely.dwithin(self._ways, shapely.points(places_m), within_m))
 
 
 def footprint(at: RigidTransform, low_m: ArrayLike, high_m: ArrayLike) -> shapely.Polygon:

@@ -9,11 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull
 
-from bench.synthesis.mesh import Mesh, Surface, joined, quads, surfaced
-
-# Faces of the box around (-1, -1, -1) to (1, 1, 1), each anticlockwise from outside.
-_CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-_FACES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+from bench.synthesis.mesh import BOX_CORNERS, BOX_FACES, Mesh, Surface, joined, quads, surfaced
 
 
 def assembled(meshes: Sequence[Mesh]) -> Mesh:
@@ -33,10 +29,10 @@ def boxes(
     centres = np.asarray(centres_m, dtype=np.float64).reshape(-1, 3)
     half = np.broadcast_to(np.asarray(sizes_m, dtype=np.float64), centres.shape) / 2
     yaws = np.broadcast_to(np.asarray(yaws_rad, dtype=np.float64), len(centres))
-    corners = _CORNERS * half[:, None]
+    corners = BOX_CORNERS * half[:, None]
     faces = _turned(corners, yaws) + centres[:, None]
-    repeated = None if albedos is None else np.repeat(np.asarray(albedos), len(_FACES))
-    return quads(faces[:, _FACES].reshape(-1, 4, 3), surface, albedos=repeated)
+    repeated = None if albedos is None else np.repeat(np.asarray(albedos), len(BOX_FACES))
+    return quads(faces[:, BOX_FACES].reshape(-1, 4, 3), surface, albedos=repeated)
 
 
 def posts(

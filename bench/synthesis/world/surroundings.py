@@ -47,7 +47,8 @@ def _skyline(plan: Plan, rng: np.random.Generator) -> list[Mesh]:
         rows = np.arange(2.2, size[2] - 1.0, 3.2)
         bands = np.stack([np.full(len(rows), place[0]), np.full(len(rows), place[1]), rows], axis=1)
         dark = Surface(albedo=wall.albedo * float(rng.uniform(0.45, 0.8)), contrast=PANE.contrast, texel_m=0.1)
-        meshes.append(boxes(bands, [size[0] + 0.1, size[1] + 0.1, 1.3], dark, yaws_rad=np.full(len(rows), yaw)))
+        around = boxes(bands, [size[0] + 0.1, size[1] + 0.1, 1.3], dark, yaws_rad=np.full(len(rows), yaw))
+        meshes.append(around.picked(np.ptp(around.corners_m[..., 2], axis=1) > 0))  # lids stick out by 5 cm
     if len(woods):
         clumps = np.repeat(woods, 3, axis=0) + rng.normal(0, 6.0, (3 * len(woods), 2))
         size = rng.uniform((4.0, 4.0, 3.5), (8.0, 8.0, 7.0), (len(clumps), 3))
