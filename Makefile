@@ -40,12 +40,13 @@ gate: benchmark ## score, then judge the run by BASELINE= (committed) and TOLERA
 report: $(INSTALLED) ## write the page of RUN= (the demo's), or of one kind of motion with CATEGORY=
 	$(BIN)/fisheye-bench report $(RUN) $(if $(CATEGORY),--category $(CATEGORY))
 
-perf: $(INSTALLED_DEV) ## time every stage against the flow alone, and the hot functions
-	$(BIN)/fisheye-bench perf $(DATASET) --method $(METHOD) --protocol $(PROTOCOL)
+perf: $(INSTALLED_DEV) ## measure speed and memory into reports/perf.md, then the hot functions (20 minutes)
+	$(BIN)/fisheye-bench synthesize datasets/demo.scenario.yaml --out datasets/data/demo
+	$(BIN)/python -m tests.perf.measure_all --card datasets/demo.yaml --out reports/perf.md
 	$(BIN)/pytest tests/perf --benchmark-enable --benchmark-only --benchmark-columns=min,median,ops -p no:cacheprovider
 
 test: $(INSTALLED_DEV) ## run the tests
-	$(BIN)/pytest
+	$(BIN)/pytest --numprocesses auto --dist loadfile
 
 check: $(INSTALLED_DEV) ## format, lint, types, layers
 	$(BIN)/ruff format --check

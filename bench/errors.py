@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
+LONGEST_CAME = 1000  # characters of what was found instead
+
+
 class BenchError(Exception):
     """A mistake that the user can mend; `str()` is one line that says how."""
 
@@ -38,9 +41,11 @@ class DataError(BenchError):
     """
 
     def __init__(self, file: Path | str, *, field: str | None = None, wanted: str, came: str, do: str = "") -> None:
+        came = came if len(came) <= LONGEST_CAME else came[: LONGEST_CAME - 3] + "..."
         self.file, self.field, self.wanted, self.came, self.do = str(file), field, wanted, came, do
         where = self.file if field is None else f"{self.file}: {field}"
-        super().__init__(f"{where}: wanted {wanted}, came {came}" + (f"; {do}" if do else ""))
+        line = f"{where}: wanted {wanted}, came {came}" + (f"; {do}" if do else "")
+        super().__init__("".join(c if c.isprintable() else "?" for c in line))  # names in files may hold anything
 
     def __reduce__(self) -> tuple[object, ...]:
         """Survive the way back from a worker process, keyword arguments included."""

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 import cv2
 from threadpoolctl import threadpool_limits
 
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
 
 def use_one_thread() -> None:
-    """Keep OpenCV and BLAS to one thread for the rest of this process: the start of a worker."""
+    """Keep libraries to one thread for the rest of this process, those too that are loaded later: a worker's start."""
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
     cv2.setNumThreads(1)
     threadpool_limits(1)
 

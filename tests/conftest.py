@@ -1,6 +1,7 @@
 """A small rendered data set that the tests of the upper rooms share."""
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -8,8 +9,11 @@ from hypothesis import settings
 
 from bench.synthesis import synthesize
 
-settings.register_profile("ci", derandomize=True)  # CI repeats itself; at a desk every run tries new examples
-settings.load_profile("ci" if os.environ.get("CI") else "default")
+settings.register_profile(
+    "ci", derandomize=True, deadline=None
+)  # CI repeats itself; at a desk every run tries new examples
+settings.register_profile("desk", deadline=None)  # how long an example takes says more of the machine than of the code
+settings.load_profile("ci" if os.environ.get("CI") else "desk")
 
 SCENARIO = """
 name: tiny
@@ -54,6 +58,18 @@ splits:
   all: "*"
   moving: [crossing, overtaking]
 """
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Commands that keep steps for later runs keep them here."""
+    before = os.environ.get("FISHEYE_BENCH_CACHE")
+    os.environ["FISHEYE_BENCH_CACHE"] = str(tmp_path_factory.mktemp("cache") / "steps")
+    yield
+    if before is None:
+        del os.environ["FISHEYE_BENCH_CACHE"]
+    else:
+        os.environ["FISHEYE_BENCH_CACHE"] = before
 
 
 @pytest.fixture(scope="session")

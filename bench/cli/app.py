@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import sys
 from pathlib import Path
 from typing import Annotated, Literal
@@ -11,6 +12,7 @@ import typer
 from bench.errors import BenchError
 
 DATA_ERROR = 2
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 app = typer.Typer(
     name="fisheye-bench",
@@ -21,6 +23,11 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
+annotation_app = typer.Typer(
+    help="Bring annotations of other tools into annotations/, and back.", no_args_is_help=True, rich_markup_mode=None
+)
+app.add_typer(annotation_app, name="annotations")
+
 Dataset = Annotated[str, typer.Argument(help="A data-set card: its path, or the name of one under datasets/.")]
 MethodName = Annotated[str, typer.Option("--method", help="The method; see `methods`.")]
 Settings = Annotated[
@@ -30,6 +37,16 @@ Settings = Annotated[
 ProtocolName = Annotated[str, typer.Option("--protocol", help="paper-v1, extended-v1, or a YAML file.")]
 Missing = Literal["error", "skip", "empty"]
 Names = Literal["auto", "timestamp", "frame", "image"]
+Workers = Annotated[int | None, typer.Option(min=1, help="Processes; one per core without it.")]
+Cache = Annotated[
+    Path | None,
+    typer.Option("--cache", help="Folder where flow, likelihood and reference are kept; reports/cache without it."),
+]
+NoCache = Annotated[bool, typer.Option("--no-cache", help="Compute everything, keep nothing.")]
+Scheduler = Annotated[
+    str | None,
+    typer.Option("--scheduler", help="Compute on a Dask cluster: tcp://HOST:PORT, or the file of its scheduler."),
+]
 Split = Annotated[str | None, typer.Option("--split", help="A split of the data set; all recordings without it.")]
 
 
@@ -39,6 +56,13 @@ def main() -> None:
         app()
     except BenchError as error:
         print(f"error: {error}", file=sys.stderr)
+        sys.exit(DATA_ERROR)
+    except OSError as error:
+        if error.errno not in NO_ROOM:
+            raise
+        where = f"{error.filename}: " if error.filename else ""
+        print(f"error: {where}wanted room for a file, came {error.strerror or error}; make room, then give the same "
+              "command again", file=sys.stderr)  # fmt: skip
         sys.exit(DATA_ERROR)
 
 
@@ -50,18 +74,92 @@ def run(
     protocol: ProtocolName = "paper-v1",
     split: Split = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder of the run; reports/runs/<data set>-<method> without it.")
+        str | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Folder of the run, or an address as s3://bucket/run; reports/runs/<data set>-<method> without it.",
+        ),
+    ] = None,
+    pictures: Annotated[bool, typer.Option(help="Also draw a telling frame of every category.")] = True,
+    workers: Workers = None,
+    cache: Cache = None,
+    no_cache: NoCache = False,
+    scheduler: Scheduler = None,
+    shard: Annotated[
+        str | None, typer.Option(metavar="I/N", help="Score part I of N only; `merge` joins the parts.")
+    ] = None,
+) -> None:
+    """Score a method on a data set: the paper's table, the range maps, pictures.
+
+    A run that was interrupted goes on where it stopped, by the same command.
+    """
+    from bench.cli import running
+    from bench.cli.computing import Computing
+
+    computing = Computing(workers=workers, cache=cache, no_cache=no_cache, scheduler=scheduler)
+    if shard is not None:
+        failures = running.run_part(
+            dataset,
+            method=method,
+            settings=set_ or [],
+            protocol=protocol,
+            split=split,
+            out=out,
+            shard=shard,
+            computing=computing,
+        )
+    else:
+        failures = running.run(
+            dataset,
+            method=method,
+            settings=set_ or [],
+            protocol=protocol,
+            split=split,
+            out=out,
+            pictures=pictures,
+            computing=computing,
+        )
+    if failures:
+        raise typer.Exit(DATA_ERROR)
+
+
+@app.command()
+def merge(
+    run: Annotated[str, typer.Argument(help="Folder of the run that is made, or its address.")],
+    parts: Annotated[
+        list[str] | None, typer.Argument(help="Folders that hold the parts, where they are not in RUN itself.")
     ] = None,
     pictures: Annotated[bool, typer.Option(help="Also draw a telling frame of every category.")] = True,
 ) -> None:
-    """Score a method on a data set: the paper's table, the range maps, pictures."""
+    """Make one run of the parts that `run --shard` scored."""
     from bench.cli import running
 
-    failures = running.run(
-        dataset, method=method, settings=set_ or [], protocol=protocol, split=split, out=out, pictures=pictures
-    )
-    if failures:
+    if running.merge(run, parts or [], pictures=pictures):
         raise typer.Exit(DATA_ERROR)
+
+
+@app.command("cluster-example")
+def cluster_example(
+    name: Annotated[str, typer.Argument(help="slurm-array, slurm-dask or kubernetes.")],
+) -> None:
+    """Print a file that starts a run on many machines, ready to be filled in."""
+    from bench.harness.work.cluster.examples import cluster_example
+
+    print(cluster_example(name), end="")
+
+
+@app.command()
+def cache(
+    folder: Cache = None,
+    limit_gb: Annotated[
+        float | None, typer.Option(min=0, help="Remove what was not used for longest until the cache is so small.")
+    ] = None,
+    clear: Annotated[bool, typer.Option(help="Remove everything.")] = False,
+) -> None:
+    """Say what the cache of flow, likelihood and reference holds, and make it smaller."""
+    from bench.cli import caching
+
+    caching.cache(folder, limit_bytes=0 if clear else None if limit_gb is None else int(limit_gb * 1e9))
 
 
 @app.command()
@@ -80,12 +178,21 @@ def evaluate(
     protocol: ProtocolName = "paper-v1",
     split: Split = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder of the run; reports/runs/<data set>-NAME without it.")
+        str | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Folder of the run, or an address as s3://bucket/run; reports/runs/<data set>-NAME without it.",
+        ),
     ] = None,
     pictures: Annotated[bool, typer.Option(help="Also draw a telling frame of every category.")] = True,
+    workers: Workers = None,
+    cache: Cache = None,
+    no_cache: NoCache = False,
+    scheduler: Scheduler = None,
 ) -> None:
     """Score masks or scores that any other program wrote, paired with the images by name."""
     from bench.cli import evaluating
+    from bench.cli.computing import Computing
 
     failures = evaluating.evaluate(
         dataset,
@@ -99,6 +206,7 @@ def evaluate(
         split=split,
         out=out,
         pictures=pictures,
+        computing=Computing(workers=workers, cache=cache, no_cache=no_cache, scheduler=scheduler),
     )
     if failures:
         raise typer.Exit(DATA_ERROR)
@@ -151,7 +259,9 @@ def validate(
     dataset: Annotated[str, typer.Argument(help="A data-set card; with --adapter a folder of data.")],
     split: Split = None,
     deep: Annotated[bool, typer.Option("--deep", help="Read every image and sweep, not a sample.")] = False,
-    strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 for warnings too.")] = False,
+    errors_only: Annotated[
+        bool, typer.Option("--errors-only", help="Exit with 0 where there are warnings alone.")
+    ] = False,
     json: Annotated[Path | None, typer.Option(help="Write all findings as JSON to this file.")] = None,
     adapter: Annotated[
         str | None, typer.Option(help="MODULE:FUNCTION; tries whether your adapter keeps the contract.")
@@ -160,13 +270,13 @@ def validate(
         list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="With --adapter: an option of it.")
     ] = None,
 ) -> None:
-    """List everything that is wrong with a data set: 0 nothing, 1 faults, 2 usage or data error."""
+    """List everything that looks wrong in a data set: 0 nothing, 1 something, 2 usage or data error."""
     from bench.cli import validating
 
     if adapter is not None:
         passed = validating.validate_adapter(adapter, Path(dataset), settings=set_ or [])
     else:
-        passed = validating.validate(dataset, split=split, deep=deep, strict=strict, json=json)
+        passed = validating.validate(dataset, split=split, deep=deep, errors_only=errors_only, json=json)
     if not passed:
         raise typer.Exit(1)
 
@@ -215,7 +325,7 @@ def methods() -> None:
 
 @app.command()
 def report(
-    run: Annotated[Path, typer.Argument(help="Folder of a stored run.")],
+    run: Annotated[str, typer.Argument(help="Folder of a stored run, or its address.")],
     category: Annotated[str | None, typer.Option(help="Only this kind of motion, for example preceding.")] = None,
     out: Annotated[
         Path | None, typer.Option(help="The file; index.html or index-CATEGORY.html in the run without it.")
@@ -230,7 +340,7 @@ def report(
 
 @app.command()
 def gate(
-    run: Annotated[Path, typer.Argument(help="Folder of a stored run.")],
+    run: Annotated[str, typer.Argument(help="Folder of a stored run, or its address.")],
     baseline: Annotated[Path, typer.Option(help="The baseline, for example reports/baselines/demo.json.")],
     tolerances: Annotated[
         str | None, typer.Option(help="default-v1, rendered-v1, or a YAML file; default-v1 without it.")
@@ -245,12 +355,14 @@ def gate(
 ) -> None:
     """Judge a run by a baseline: 0 no regression, 1 a regression, 2 usage or data error, 3 no baseline."""
     from bench.cli import gating
+    from bench.cli.places import finished_run
 
+    folder = finished_run(run)
     if update:
         gating.refuse_with_update(tolerances=tolerances, junit=junit, json=json, github=github)
-        gating.update(run, baseline=baseline, allow_dirty=allow_dirty)
+        gating.update(folder, baseline=baseline, allow_dirty=allow_dirty)
         return
-    status = gating.gate(run, baseline=baseline, tolerances=tolerances, junit=junit, json=json, github=github)
+    status = gating.gate(folder, baseline=baseline, tolerances=tolerances, junit=junit, json=json, github=github)
     raise typer.Exit(status)
 
 
@@ -264,14 +376,25 @@ def sweep(
     protocol: ProtocolName = "paper-v1",
     split: Split = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder of sweeps and of their flow; reports/runs/sweeps-<data set> without it.")
+        Path | None, typer.Option(help="Folder of sweeps; reports/runs/sweeps-<data set> without it.")
     ] = None,
+    cache: Cache = None,
+    no_cache: NoCache = False,
 ) -> None:
     """Score one thing through many values: a table and a chart."""
     from bench.cli import sweeping
+    from bench.cli.computing import Computing
 
     failures = sweeping.sweep(
-        dataset, what=what, values=values, method=method, settings=set_ or [], protocol=protocol, split=split, out=out
+        dataset,
+        what=what,
+        values=values,
+        method=method,
+        settings=set_ or [],
+        protocol=protocol,
+        split=split,
+        out=out,
+        cache=Computing(cache=cache, no_cache=no_cache).cache_folder,
     )
     if failures:
         raise typer.Exit(DATA_ERROR)
@@ -311,7 +434,9 @@ def audit(
 
 @app.command()
 def compare(
-    runs: Annotated[list[Path], typer.Argument(help="Folders of stored runs; the first is compared against.")],
+    runs: Annotated[
+        list[str], typer.Argument(help="Folders of stored runs, or addresses; the first is compared against.")
+    ],
     out: Annotated[
         Path | None, typer.Option(help="Folder of the comparison; reports/runs/compare-<run>-<run> without it.")
     ] = None,
@@ -319,8 +444,9 @@ def compare(
 ) -> None:
     """Compare runs in pairs: differences with intervals, object-frames gained and lost, pictures of the biggest."""
     from bench.cli import comparing
+    from bench.cli.places import finished_run
 
-    comparing.compare(runs, out=out, pictures=pictures)
+    comparing.compare([finished_run(run) for run in runs], out=out, pictures=pictures)
 
 
 @app.command()
@@ -333,3 +459,81 @@ def leaderboard(
 
     if comparing.leaderboard(folder, out=out):
         raise typer.Exit(DATA_ERROR)
+
+
+FormatName = Annotated[str, typer.Argument(metavar="FORMAT", help="A format; see `annotations formats`.")]
+Card = Annotated[str, typer.Option("--dataset", help="A data-set card: its path, or the name of one under datasets/.")]
+ClassPairs = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--class", metavar="TOOL=OURS", help="What a class of the tool is for us; none leaves it out; repeatable."
+    ),
+]
+FirstFrame = Annotated[int, typer.Option(help="Number of the first sweep in the tool's frames.")]
+
+
+@annotation_app.command("formats")
+def annotation_formats() -> None:
+    """List the formats that can be imported and exported."""
+    from bench.cli import annotating
+
+    annotating.formats()
+
+
+@annotation_app.command("import")
+def annotation_import(
+    format_: FormatName,
+    source: Annotated[Path, typer.Argument(help="The tool's file or folder.")],
+    dataset: Card,
+    recording: Annotated[str, typer.Option(help="Name of the recording.")],
+    out: Annotated[
+        Path | None, typer.Option(help="Folder of annotation files; the card's, or annotations/<data set>, without it.")
+    ] = None,
+    class_: ClassPairs = None,
+    first_frame: FirstFrame = 0,
+) -> None:
+    """Write a tool's annotations as <recording>.json; say what came and what was lost."""
+    from bench.cli import annotating
+
+    annotating.import_(
+        format_,
+        source,
+        dataset=dataset,
+        recording=recording,
+        out=out,
+        classes=class_ or [],
+        first_frame=first_frame,
+    )
+
+
+@annotation_app.command("export")
+def annotation_export(
+    format_: FormatName,
+    dataset: Card,
+    out: Annotated[Path, typer.Option(help="Folder; each recording gets one in it.")],
+    recording: Annotated[str | None, typer.Option(help="Name of the recording; all without it.")] = None,
+    class_: ClassPairs = None,
+    first_frame: FirstFrame = 0,
+) -> None:
+    """Write annotations as a tool's files; say what it cannot hold."""
+    from bench.cli import annotating
+
+    annotating.export(
+        format_,
+        dataset=dataset,
+        recording=recording,
+        out=out,
+        classes=class_ or [],
+        first_frame=first_frame,
+    )
+
+
+@annotation_app.command("calibration")
+def annotation_calibration(
+    file: Annotated[Path, typer.Argument(help="An OpenLABEL file with streams.")],
+    out: Annotated[Path | None, typer.Option(help="The file; printed without it.")] = None,
+) -> None:
+    """Give lenses and mountings of an OpenLABEL file as `cameras` and `lidar` of a recording.json."""
+    from bench.cli import annotating
+
+    annotating.calibration(file, out)

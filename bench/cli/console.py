@@ -6,10 +6,21 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TaskProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.text import Text
 
 TABLE_COLUMNS = 110  # of tables that go into a file or a log
 SHOWN_FAILURES = 10
+RATE_OVER_S = 300.0  # a unit of a slow method takes minutes
 
 
 def console() -> Console:
@@ -49,13 +60,33 @@ def progress_bar(title: str, unit: str) -> Iterator[Callable[[float, int], None]
         BarColumn(),
         TaskProgressColumn(),
         TextColumn(f"{{task.fields[whole]}} {unit}"),
+        _RateColumn(unit),
         TimeElapsedColumn(),
+        TextColumn("left"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=terminal, disable=not terminal.is_terminal) as bar:
+    with Progress(
+        *columns, console=terminal, disable=not terminal.is_terminal, speed_estimate_period=RATE_OVER_S
+    ) as bar:
         task = bar.add_task(title, total=None, whole="")
 
         def report(done: float, total: int) -> None:
             bar.update(task, completed=done, total=total, whole=f"{int(done)}/{total}")
 
         yield report
+
+
+class _RateColumn(ProgressColumn):
+    """How much is done in a second, or a minute where that is little."""
+
+    def __init__(self, unit: str) -> None:
+        super().__init__()
+        self._unit = unit
+
+    def render(self, task: Task) -> Text:
+        """The rate; nothing before it is known."""
+        speed = task.finished_speed or task.speed
+        if not speed:
+            return Text("")
+        shown = f"{speed:.1f} {self._unit}/s" if speed >= 1.0 else f"{60.0 * speed:.1f} {self._unit}/min"
+        return Text(shown, style="progress.data.speed")

@@ -5,7 +5,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from bench.cli.computing import Computing, resumable
 from bench.cli.console import console, progress_bar
+from bench.cli.places import destination
 from bench.cli.rendering import render_if_synthetic
 from bench.cli.running import RUNS, finish_run
 from bench.errors import UsageError
@@ -29,8 +31,9 @@ def evaluate(
     history: int,
     protocol: str,
     split: str | None,
-    out: Path | None,
+    out: str | None,
     pictures: bool,
+    computing: Computing,
 ) -> int:
     """Check a folder of predictions, score it, write the report; return the number of failures.
 
@@ -51,10 +54,11 @@ def evaluate(
         naming=naming,
         history=history,
     )
-    folder = out or RUNS / f"{card.name}-{re.sub(r'[^A-Za-z0-9_.-]+', '_', called)}"
+    where = destination(out, RUNS / f"{card.name}-{re.sub(r'[^A-Za-z0-9_.-]+', '_', called)}")
+    folder = where.folder
     listed = folder.with_name(f"{folder.name}-predictions.json")
-    if not card.root.is_dir():  # what is there stays as it was when the predictions were made
-        render_if_synthetic(card)
+    if card.remote_root is None and not card.root.is_dir():
+        render_if_synthetic(card)  # what is there stays as it was when the predictions were made
     with progress_bar(f"reading {predictions}", "recordings") as report:
         checked = check_predictions(card, method=method, progress=report)
     _print_check(checked)
@@ -62,9 +66,21 @@ def evaluate(
         write_report(listed, checked)
         raise checked.refuse(listed)
     listed.unlink(missing_ok=True)  # of an earlier refusal
-    with progress_bar(f"scoring {called} on {card.name}", "recordings") as report:
-        summary = evaluate_predictions(card, method=method, report=checked, protocol=rules, out=folder, progress=report)
-    finish_run(card, summary, folder, method=method, protocol=rules, split=split, pictures=pictures)
+    with resumable(where), progress_bar(f"scoring {called} on {card.name}", "images") as report:
+        workforce = computing.workforce(card, method, reads=[predictions])
+        summary = evaluate_predictions(
+            card,
+            method=method,
+            report=checked,
+            protocol=rules,
+            out=folder,
+            place=workforce.place,
+            workers=workforce.workers,
+            cache=computing.cache_folder,
+            progress=report,
+            mirror=where.mirror,
+        )
+    finish_run(card, summary, where, method=method, protocol=rules, split=split, pictures=pictures)
     return len(summary.failures)
 
 

@@ -5,21 +5,28 @@ from __future__ import annotations
 from pathlib import Path
 
 from bench.cli.console import console, progress_bar
+from bench.cli.places import destination
 from bench.errors import UnknownNameError
+from bench.harness.remote_runs import RemoteRun
 from bench.reference import Category
 from bench.reporting.page.build import write_page
 from bench.reporting.page.figure_files import write_figures
 
 
-def report(run: Path, *, category: str | None, out: Path | None, pictures: bool) -> None:
+def report(run: str, *, category: str | None, out: Path | None, pictures: bool) -> None:
     """Write the page of a run and its charts for papers, and print the files."""
     if category is not None and category not in set(Category):
         raise UnknownNameError("category", category, (known.value for known in Category))
     kind = None if category is None else Category(category)
+    where = destination(run, Path(run))
+    if isinstance(where.mirror, RemoteRun):
+        where.mirror.bring_results()
     with progress_bar("drawing the worst frames", "pictures") as progress:
-        page = write_page(run, category=kind, out=out, pictures=pictures, progress=progress)
+        page = write_page(where.folder, category=kind, out=out, pictures=pictures, progress=progress)
     screen = console()
     for problem in page.problems:
         screen.print(f"pictures missing: {problem}", style="yellow", highlight=False, soft_wrap=True, markup=False)
-    for file in (page.file, *write_figures(run, category=kind)):
-        screen.print(str(file), highlight=False, soft_wrap=True, markup=False)
+    files = (page.file, *write_figures(where.folder, category=kind))
+    where.mirror.keep_rest()
+    for file in files:
+        screen.print(where.told(file), highlight=False, soft_wrap=True, markup=False)

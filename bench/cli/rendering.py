@@ -6,11 +6,12 @@ from pathlib import Path
 
 from bench.cli.console import console, progress_bar
 from bench.recordings import DatasetCard
-from bench.synthesis import synthesize
 
 
 def render(scenario: Path, out: Path, *, workers: int | None = None) -> None:
     """Render a scenario with a progress bar and say where."""
+    from bench.synthesis import synthesize  # a second, and data that are there already need none of it
+
     with progress_bar(f"rendering {scenario.stem}", "recordings") as report:
         folders = synthesize(scenario, out, workers=workers, progress=report)
     console().print(f"{len(folders)} recordings in {out}", highlight=False, soft_wrap=True)
@@ -18,5 +19,5 @@ def render(scenario: Path, out: Path, *, workers: int | None = None) -> None:
 
 def render_if_synthetic(card: DatasetCard) -> None:
     """Render what a card's scenario asks for and is not there yet."""
-    if card.scenario is not None:
+    if card.scenario is not None and card.remote_root is None:
         render(card.scenario, card.root)

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import yaml
-
-from bench.errors import UsageError
+from bench.errors import DataError, UsageError
+from bench.plain_yaml import parse_yaml
 
 
 def parse_settings(pairs: Sequence[str]) -> dict[str, Any]:
@@ -22,8 +21,8 @@ def parse_settings(pairs: Sequence[str]) -> dict[str, Any]:
         if not (equals and name):
             raise UsageError(f"--set: wanted NAME=VALUE, came {pair!r}")
         try:
-            value = yaml.safe_load(text)
-        except yaml.YAMLError as error:
+            value = parse_yaml(text, file=f"--set {name}")
+        except DataError as error:
             raise UsageError(f"--set {name}: wanted a YAML value, came {text!r}") from error
         group = parsed
         *parents, leaf = name.split(".")

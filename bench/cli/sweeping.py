@@ -12,7 +12,8 @@ from bench.cli.rendering import render_if_synthetic
 from bench.cli.settings import parse_settings
 from bench.errors import UsageError
 from bench.evaluation import load_protocol
-from bench.harness.sweep import SWEEPS, FlowCache, SweepResult, Trial, plan_sweep, run_sweep
+from bench.harness.cache import CacheFolder
+from bench.harness.sweep import SWEEPS, SweepResult, Trial, plan_sweep, run_sweep
 from bench.methods import build_method
 from bench.recordings import load_card
 from bench.reporting.sweep_files import write_sweep_files
@@ -32,6 +33,7 @@ def sweep(
     protocol: str,
     split: str | None,
     out: Path | None,
+    cache: CacheFolder | None,
 ) -> int:
     """Run a sweep, write table and chart, print the table and the paths; return the number of failures."""
     if what == LIST:
@@ -47,7 +49,7 @@ def sweep(
             card,
             plan=plan,
             out=folder / what,
-            cache=FlowCache(folder=folder / "cache"),
+            cache=cache,
             split=split,
             progress=report,
         )

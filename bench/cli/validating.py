@@ -23,10 +23,10 @@ SHOWN = 8  # findings of one check in one recording that the table shows; the fi
 COLOURS = {Severity.ERROR: "red", Severity.WARNING: "yellow"}
 
 
-def validate(dataset: str, *, split: str | None, deep: bool, strict: bool, json: Path | None) -> bool:
+def validate(dataset: str, *, split: str | None, deep: bool, errors_only: bool, json: Path | None) -> bool:
     """Validate a data set, print what is wrong with it; whether it passed."""
     card = load_card(dataset)
-    if card.scenario is not None and not card.root.is_dir():
+    if card.scenario is not None and card.remote_root is None and not card.root.is_dir():
         render_if_synthetic(card)  # what is there is validated as it is
     handles = open_dataset(card, split)
     with progress_bar(f"validating {card.name}", "recordings") as progress:
@@ -37,7 +37,7 @@ def validate(dataset: str, *, split: str | None, deep: bool, strict: bool, json:
         console().print(_table(report))
     for line in _closing(report, json):
         console().print(line, highlight=False, soft_wrap=True, markup=False)
-    return not report.count(Severity.ERROR) and not (strict and report.findings)
+    return not (report.count(Severity.ERROR) if errors_only else report.findings)
 
 
 def validate_adapter(name: str, root: Path, *, settings: Sequence[str]) -> bool:

@@ -13,7 +13,7 @@ from bench.cli.rendering import render_if_synthetic
 from bench.cli.settings import parse_settings
 from bench.errors import UnknownNameError, UsageError
 from bench.evaluation import Protocol, load_protocol
-from bench.harness import FramePipeline, build_scorable, read_tables
+from bench.harness import FramePipeline, build_scorable, open_tables
 from bench.harness.frames import UnscorableFrame
 from bench.methods import Method
 from bench.recordings import DatasetCard, RecordingHandle, load_card, open_dataset, read_image
@@ -136,7 +136,7 @@ def draw_telling_frames(
 ) -> list[Path]:
     """Draw the frame of every category in which an object fills most pixels, into `<run>/pictures`."""
     handles = {handle.name: handle for handle in open_dataset(card, split)}
-    objects, _ = read_tables(run)
+    objects, _ = open_tables(run)
     frames, files = telling_frames(objects), list[Path]()
     for number, (category, (recording, camera, timestamp_ns)) in enumerate(frames.items(), start=1):
         pipeline = FramePipeline(handles[recording].open(), camera, method=method, protocol=protocol)

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from itertools import islice
 from pathlib import Path
 
+from bench.egomotion.odometry import LARGEST_SIGNAL
 from bench.errors import DataError
 
 COLUMNS = ("timestamp_ns", "speed_mps", "yaw_rate_radps")
@@ -48,6 +49,9 @@ def _row_faults(path: Path, rows: Iterable[Mapping[str, str | None]]) -> Iterato
         for name in COLUMNS[1:]:
             if not _is_finite(row[name]):
                 yield DataError(path, field=f"{name}, row {count}", wanted="a finite number", came=repr(row[name]))
+            elif abs(float(row[name] or "")) > LARGEST_SIGNAL:
+                field, wanted = f"{name}, row {count}", f"at most {LARGEST_SIGNAL:g}"
+                yield DataError(path, field=field, wanted=wanted, came=repr(row[name]))
     if count < 2:
         yield DataError(path, wanted="at least two rows", came=str(count))
 

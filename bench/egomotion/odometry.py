@@ -19,6 +19,7 @@ from bench.geometry import advance_twist
 if TYPE_CHECKING:
     import pandas as pd
 
+LARGEST_SIGNAL = 1e6  # m/s or rad/s; larger ones are no signals, and their sums no numbers
 REVERSE_GEARS = frozenset({"R", "REVERSE", "-1", "-1.0"})
 BUS_COLUMNS: Mapping[str, str | Sequence[str] | float | None] = {
     "timestamp_ns": "timestamp_ns",
@@ -88,6 +89,10 @@ def planar_trajectory(
         if not np.isfinite(values).all():
             row = int(np.argmin(np.isfinite(values)))
             raise DataError(source, field=f"{column}, row {row + 1}", wanted="a finite number", came=str(values[row]))
+        if len(values) and np.abs(values).max() > LARGEST_SIGNAL:
+            row = int(np.abs(values).argmax())
+            wanted = f"at most {LARGEST_SIGNAL:g}"
+            raise DataError(source, field=f"{column}, row {row + 1}", wanted=wanted, came=str(values[row]))
     signed_mps = _signed(np.asarray(speed_mps, dtype=np.float64), gear)
     steps_s = np.diff(timestamps_ns) / SECOND_NS
     advance_m, turn_rad = np.zeros((len(steps_s), 3)), np.zeros((len(steps_s), 3))
@@ -192,6 +197,6 @@ def _numbers(table: pd.DataFrame, name: str, path: Path) -> NDArray[np.float64]:
 
 def _column(table: pd.DataFrame, name: str, path: Path) -> NDArray[Any]:
     if name not in table:
-        came = ", ".join(map(str, table.columns)) or "no columns"
+        came = ", ".join(map(str, table.columns))[:200] or "no columns"
         raise DataError(path, field=name, wanted="a column of this name", came=came)
     return table[name].to_numpy(dtype=object)

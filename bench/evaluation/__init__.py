@@ -28,12 +28,16 @@ threshold follows, and adds to its camera's map of misses and false positives.
 **Between two runs** over the same data nothing is compared but sums by recording (the score sheet): both runs are
 resampled by the same draws of recordings, so that what makes a recording hard cancels out.
 
+**A run may be larger than the memory.** Its tables are read some recordings at a time and reduced to sums by recording
+and slice; neither the order of the rows nor the size of the parts changes a bit of them.
+
 The files, in the order of the data: `protocol` (the rules, a versioned file with a digest), `regions` (one image taken
 apart), `counts` with `sharing`, `likelihood` and `image_maps` (what is counted in it), `chance`, `scorer` (the recipe
-over a sequence), `rows` (the two tables), `totals` with `slices`, `object_figures`, `frame_figures`, `ledger`, `bins`,
-`ratios` and `bootstrap` (the reduction), `summary` (what comes out), `maps` (detection rate by place), `score_sheet`
-with `metric_sums`, `paired` and `changes` (two runs), `published` (the paper's numbers),
-`threshold_free` (what a likelihood is worth at all thresholds together). The harness calls
+over a sequence), `rows` (the two tables), `row_source` and `columns` (reading them in parts), `run_sums` with `terms`,
+`slices`, `bins`, `slice_sums` and `ledger` (the reduction), `totals` with `object_figures`, `frame_figures`, `ratios`
+and `bootstrap` (figures from the sums), `summary` (what comes out), `maps` (detection rate by place),
+`coverage_curves`, `score_sheet` with `metric_sums`, `paired` and `changes` (two runs), `published` (the paper's
+numbers), `threshold_free` (what a likelihood is worth at all thresholds together). The harness calls
 `SequenceScorer` and `summarise`; reporting and the gate read `Summary`, `ScoreSheet`, the tables, `range_maps`,
 `ImageMap` and `threshold_sweep`.
 
@@ -41,12 +45,14 @@ Sources: Mariotti and Eising 2020, section IV; Chan et al. 2021 (SegmentMeIfYouC
 Efron and Tibshirani 1993 for the bootstrap; Holm 1979.
 """
 
-from bench.evaluation.changes import object_changes
+from bench.evaluation.changes import changes_in_parts, object_changes
 from bench.evaluation.counts import FrameCounts, ObjectCounts, count_frame
+from bench.evaluation.coverage_curves import CoverageCurve, coverage_curves
 from bench.evaluation.image_maps import ImageMap, add_image_maps
 from bench.evaluation.likelihood import ThresholdSweep, threshold_sweep
 from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
 from bench.evaluation.protocol import Protocol, known_protocols, load_protocol
+from bench.evaluation.row_source import Rows, RowSource
 from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA
 from bench.evaluation.score_sheet import MetricSums, PairedChange, ScoreSheet, holm, paired_change, score_sheet
 from bench.evaluation.scorer import SequenceScorer
@@ -57,6 +63,7 @@ from bench.evaluation.totals import summarise
 __all__ = [
     "FRAMES_SCHEMA",
     "OBJECTS_SCHEMA",
+    "CoverageCurve",
     "FalsePositiveFigures",
     "Figure",
     "FrameCounts",
@@ -68,13 +75,17 @@ __all__ = [
     "Protocol",
     "RangeMap",
     "RangeMaps",
+    "RowSource",
+    "Rows",
     "ScoreSheet",
     "SequenceScorer",
     "Summary",
     "ThresholdFreeFigures",
     "ThresholdSweep",
     "add_image_maps",
+    "changes_in_parts",
     "count_frame",
+    "coverage_curves",
     "holm",
     "known_protocols",
     "load_protocol",

@@ -3,46 +3,43 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from bench.evaluation.ratios import Cases, Rows
+from bench.evaluation.ratios import ratio_figure
+from bench.evaluation.slice_sums import SliceSums
 from bench.evaluation.summary import FalsePositiveFigures, Figure, SegmentationFigures
+from bench.evaluation.terms import CAUSE, FALSE_POSITIVE_RATIOS, SEGMENTATION_RATIOS
+
+Weights = NDArray[np.float64]
 
 
-def false_positive_figures(cases: Cases, *, where: Rows) -> FalsePositiveFigures:
-    """Take the false-positive figures of a slice.
+def false_positive_figures(sums: SliceSums, *, weights: Weights) -> dict[str, FalsePositiveFigures]:
+    """Take the false-positive figures of every slice of a split.
 
     Args:
-        cases: the scored image-frames.
-        where: (N,) bool, the slice.
-
-    Source:
-        Mariotti and Eising 2020, section IV: false-positive area over the total area of the image.
+        sums: over the scored image-frames.
+        weights: (draws, S) float64, from `sequence_weights`.
     """
-    fp_px, valid_px = cases.column("fp_px"), cases.column("valid_px")
-    seeing = valid_px > 0
-    return FalsePositiveFigures(
-        frames=int(np.count_nonzero(where)),
-        coverage=cases.ratio(fp_px / (cases.column("width") * cases.column("height")), where=where),
-        coverage_valid=cases.ratio(fp_px / np.where(seeing, valid_px, 1), over=seeing, where=where),
-        frame_rate=cases.ratio(cases.column("fp_large_components") > 0, where=where),
-        components_per_frame=cases.ratio(cases.column("fp_components"), where=where),
-    )
+    return {
+        name: FalsePositiveFigures(
+            frames=int(sums.rows[:, place].sum()),
+            **{
+                figure: ratio_figure(sums, place, ratio, weights=weights)
+                for figure, ratio in FALSE_POSITIVE_RATIOS.items()
+            },
+        )
+        for place, name in enumerate(sums.names)
+    }
 
 
-def segmentation_figures(cases: Cases) -> SegmentationFigures:
-    """Take the figures of the moving class from summed counts; what lies in I is in none of them."""
-    tp, fp, fn = (cases.column(name) for name in ("tp_px", "fp_px", "fn_px"))
+def segmentation_figures(sums: SliceSums, *, weights: Weights) -> SegmentationFigures:
+    """Take the figures of the moving class from summed counts of all images; what lies in I is in none of them."""
     return SegmentationFigures(
-        iou=cases.ratio(tp, over=tp + fp + fn),
-        precision=cases.ratio(tp, over=tp + fp),
-        recall=cases.ratio(tp, over=tp + fn),
-        f1=cases.ratio(2 * tp, over=2 * tp + fp + fn),
+        **{name: ratio_figure(sums, 0, ratio, weights=weights) for name, ratio in SEGMENTATION_RATIOS.items()}
     )
 
 
-def false_positive_causes(cases: Cases) -> dict[str, Figure]:
+def false_positive_causes(sums: SliceSums, *, weights: Weights) -> dict[str, Figure]:
     """Share of the false-positive pixels by the cause that the method names, by name; empty if it names none."""
-    frames = [dict(pairs) for pairs in cases.rows["fp_by_cause"]]
-    names = sorted({name for frame in frames for name in frame})
-    px_of = {name: [frame.get(name, 0) for frame in frames] for name in names}
-    return {name: cases.ratio(px, over=cases.column("fp_px")) for name, px in px_of.items()}
+    names = sorted(name.removeprefix(CAUSE) for name in sums.terms if name.startswith(CAUSE))
+    return {name: ratio_figure(sums, 0, (CAUSE + name, "fp"), weights=weights) for name in names}

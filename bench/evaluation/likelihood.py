@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from bench.errors import ShapeError
 from bench.evaluation.regions import Regions, count_by_cell
+from bench.evaluation.row_source import Rows, RowSource, as_source
 
 # The paper's threshold is an edge, so that its operating point lies on the curve. 20 bins a decade, from a thousandth
 # of it to beyond pi, which no weighted mean of angles exceeds.
@@ -36,6 +37,7 @@ SCORE_EDGES: NDArray[np.float64] = np.concatenate([[0.0], _ODDS / (1.0 + _ODDS),
 SCORE_EDGES.setflags(write=False)
 
 REFERENCE_COLUMN, OUTSIDE_COLUMN = "likelihood_reference_px", "likelihood_outside_px"
+BATCH_IMAGES = 4096  # 10 MB of histograms
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -121,16 +123,16 @@ def find_score_bins(scores: NDArray[np.float32]) -> NDArray[np.int64]:
     return np.searchsorted(SCORE_EDGES[1:-1], scores.astype(np.float64), side="left")
 
 
-def threshold_sweep(frames: pa.Table) -> ThresholdSweep | None:
-    """Take the figures at every edge.
+def threshold_sweep(frames: Rows) -> ThresholdSweep | None:
+    """Take the figures at every edge, a batch of images in memory at a time.
 
     Args:
-        frames: of `FRAMES_SCHEMA`, rows in any order.
+        frames: of `FRAMES_SCHEMA`, rows in any order, in memory or stored.
 
     Returns:
         None for a method without a likelihood.
     """
-    by_area = _sums_by_area(frames)
+    by_area = _sums_by_area(as_source(frames))
     images = sum(count for _, _, count in by_area.values())
     if not images:
         return None
@@ -153,15 +155,21 @@ def threshold_sweep(frames: pa.Table) -> ThresholdSweep | None:
     )
 
 
-def _sums_by_area(frames: pa.Table) -> dict[int, tuple[NDArray[np.int64], NDArray[np.int64], int]]:
+def histogram_rows(lists: pa.ChunkedArray) -> NDArray[np.int64]:
+    """(N, BINS) int64 from a column of histograms without nulls."""
+    counts: NDArray[np.int64] = pc.list_flatten(lists).to_numpy().reshape(len(lists), BINS)
+    return counts
+
+
+def _sums_by_area(frames: RowSource) -> dict[int, tuple[NDArray[np.int64], NDArray[np.int64], int]]:
     """Both histograms and the number of images, by width x height."""
-    held = frames.filter(pc.is_valid(frames[REFERENCE_COLUMN]))
     sums: defaultdict[int, tuple[NDArray[np.int64], NDArray[np.int64], int]] = defaultdict(
         lambda: (np.zeros(BINS, dtype=np.int64), np.zeros(BINS, dtype=np.int64), 0)
     )
-    for batch in held.to_batches(max_chunksize=4096):
-        area = batch["width"].to_numpy() * batch["height"].to_numpy()
-        reference, outside = (_rows(batch[name]) for name in (REFERENCE_COLUMN, OUTSIDE_COLUMN))
+    for batch in frames.batches(["width", "height", REFERENCE_COLUMN, OUTSIDE_COLUMN], rows=BATCH_IMAGES):
+        held = pa.table(batch).filter(pc.is_valid(batch[REFERENCE_COLUMN]))
+        area = held["width"].to_numpy() * held["height"].to_numpy()
+        reference, outside = (histogram_rows(held[name]) for name in (REFERENCE_COLUMN, OUTSIDE_COLUMN))
         for size in np.unique(area):
             of_size, before = area == size, sums[int(size)]
             sums[int(size)] = (
@@ -170,11 +178,6 @@ def _sums_by_area(frames: pa.Table) -> dict[int, tuple[NDArray[np.int64], NDArra
                 before[2] + int(np.count_nonzero(of_size)),
             )
     return dict(sums)
-
-
-def _rows(lists: pa.ListArray) -> NDArray[np.int64]:
-    counts: NDArray[np.int64] = lists.flatten().to_numpy(zero_copy_only=False).reshape(len(lists), BINS)
-    return counts
 
 
 def _above(histogram: NDArray[np.int64]) -> NDArray[np.int64]:

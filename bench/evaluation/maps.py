@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from bench.evaluation.columns import Columns
 from bench.evaluation.protocol import Protocol
+from bench.evaluation.row_source import Rows, RowSource, as_source
 from bench.reference.records import Direction
+
+COLUMNS = ("status", "object_class", "direction", "x_m", "y_m", "tp")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -60,47 +64,72 @@ class RangeMaps:
     unplaced: int
 
 
-def range_maps(objects: pa.Table, *, protocol: Protocol) -> RangeMaps:
-    """Count the evaluated object-frames by class, direction and place.
+def range_maps(objects: Rows, *, protocol: Protocol) -> RangeMaps:
+    """Count the evaluated object-frames by class, direction and place, a batch of rows in memory at a time.
 
     Args:
-        objects: of `OBJECTS_SCHEMA`.
+        objects: of `OBJECTS_SCHEMA`, rows in any order, in memory or stored.
         protocol: that the run was made with. The grid reaches as far as its range limit or the furthest centroid.
     """
-    rows = objects.to_pandas()
-    evaluated = rows[rows["status"] == "evaluated"]
-    edges_m = _edges_m(evaluated, protocol)
-    kinds = [(name, direction) for name in protocol.reference.classes for direction in Direction]
-    maps = tuple(_range_map(evaluated, name, direction, edges_m, protocol) for name, direction in kinds)
-    placed = sum(int(found.object_frames.sum()) for found in maps)
-    assert placed + int(evaluated["direction"].isna().sum()) == len(evaluated), "every place lies on the grid"
-    return RangeMaps(maps=maps, unplaced=len(evaluated) - placed)
-
-
-def _range_map(
-    evaluated: pd.DataFrame, name: str, direction: Direction, edges_m: NDArray[np.float64], protocol: Protocol
-) -> RangeMap:
-    rows = evaluated[(evaluated["object_class"] == name) & (evaluated["direction"] == direction.value)]
-    return RangeMap(
-        object_class=name,
-        direction=direction,
-        edges_m=edges_m,
-        object_frames=_count_by_cell(rows, edges_m),
-        detected=_count_by_cell(rows[rows["tp"] > 0], edges_m),
-        min_object_frames=protocol.range_map.min_object_frames,
+    source = as_source(objects)
+    edges_m = _edges_m(_furthest_m(source), protocol)
+    cells = len(edges_m) - 1
+    counted = {
+        (name, direction): np.zeros((2, cells, cells), dtype=np.int64)
+        for name in protocol.reference.classes
+        for direction in Direction
+    }
+    evaluated_rows, undirected = 0, 0
+    for rows in _evaluated(source):
+        evaluated_rows += len(rows)
+        undirected += int(np.count_nonzero(rows.words("direction")[0] < 0))
+        found = rows.numbers("tp") > 0
+        for (name, direction), counts in counted.items():
+            of_kind = rows.is_word("object_class", name) & rows.is_word("direction", direction.value)
+            for number, where in enumerate((of_kind, of_kind & found)):
+                counts[number] += _count_by_cell(rows, where, edges_m)
+    maps = tuple(
+        RangeMap(
+            object_class=name,
+            direction=direction,
+            edges_m=edges_m,
+            object_frames=counts[0],
+            detected=counts[1],
+            min_object_frames=protocol.range_map.min_object_frames,
+        )
+        for (name, direction), counts in counted.items()
     )
+    placed = sum(int(one.object_frames.sum()) for one in maps)
+    assert placed + undirected == evaluated_rows, "every place lies on the grid"
+    return RangeMaps(maps=maps, unplaced=evaluated_rows - placed)
 
 
-def _count_by_cell(rows: pd.DataFrame, edges_m: NDArray[np.float64]) -> NDArray[np.int64]:
+def _evaluated(source: RowSource) -> Iterator[Columns]:
+    for batch in source.batches(COLUMNS):
+        rows = Columns(pa.table(batch))
+        yield rows.take(rows.is_word("status", "evaluated"))
+
+
+def _count_by_cell(rows: Columns, where: NDArray[np.bool_], edges_m: NDArray[np.float64]) -> NDArray[np.int64]:
     # Half-open cells [a, b), as the other bins; histogram2d would close the last one.
-    along_x, along_y = (np.searchsorted(edges_m, rows[axis].to_numpy(), side="right") - 1 for axis in ("x_m", "y_m"))
+    along_x, along_y = (
+        np.searchsorted(edges_m, rows.numbers(axis)[where], side="right") - 1 for axis in ("x_m", "y_m")
+    )
     cells = len(edges_m) - 1
     return np.bincount(along_x * cells + along_y, minlength=cells * cells).reshape(cells, cells)
 
 
-def _edges_m(evaluated: pd.DataFrame, protocol: Protocol) -> NDArray[np.float64]:
+def _furthest_m(source: RowSource) -> float:
+    """Largest coordinate of a place; masks tell none."""
+    furthest_m = 0.0
+    for rows in _evaluated(source):
+        for axis in ("x_m", "y_m"):
+            places_m = np.abs(rows.numbers(axis))
+            furthest_m = max(furthest_m, float(places_m[np.isfinite(places_m)].max(initial=0.0)))
+    return furthest_m
+
+
+def _edges_m(furthest_m: float, protocol: Protocol) -> NDArray[np.float64]:
     cell_m = protocol.range_map.cell_m
-    places_m = np.abs(evaluated[["x_m", "y_m"]].to_numpy(dtype=np.float64))
-    furthest_m = float(places_m[np.isfinite(places_m)].max(initial=0.0))  # masks tell no place
     half = max(math.ceil(protocol.reference.range_limit_m / cell_m), math.floor(furthest_m / cell_m) + 1)
     return np.arange(-half, half + 1, dtype=np.float64) * cell_m

@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Mapping, Sequence
 
 import numpy as np
-import pandas as pd
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
-from bench.evaluation.object_figures import coverage, detected, intersection_over_union
-from bench.evaluation.protocol import Protocol
-
-Column = NDArray[np.float64]
-Metrics = dict[str, tuple[Column, Column]]
+from bench.evaluation.slice_sums import SliceSums
+from bench.evaluation.terms import FALSE_POSITIVE_RATIOS, OBJECT_RATIOS, SEGMENTATION_RATIOS, Ratio, level_ratios
 
 
 class MetricSums(BaseModel):
@@ -42,57 +37,45 @@ class MetricSums(BaseModel):
         return int(math.fsum(self.denominators.values()))
 
 
-def object_metrics(rows: pd.DataFrame, protocol: Protocol) -> Metrics:
-    """Name -> numerator and denominator of each object-frame, as `object_figures` defines them."""
-    tp, fp, fn = (rows[name].to_numpy(dtype=np.float64) for name in ("tp", "fp", "fn"))
-    every, seen = np.ones(len(rows)), detected(tp).astype(np.float64)
-    covered, overlap = coverage(tp, fn), intersection_over_union(tp, fp, fn)
-    at_level = {
-        f"detection_rate_{100 * level:g}": ((covered >= level).astype(np.float64), every)
-        for level in protocol.scoring.detection_levels
-    }
+def object_metrics(levels: tuple[float, ...]) -> dict[str, Ratio]:
+    """Name -> ratio of the metrics of object-frames: those of `object_figures` but for chance."""
+    ratios = level_ratios(levels)
+    found = {"detection_rate": OBJECT_RATIOS["detection_rate"]} | ratios | OBJECT_RATIOS
+    return {name: ratio for name, ratio in found.items() if not name.startswith("chance")}
+
+
+def frame_metrics() -> dict[str, Ratio]:
+    """Name -> ratio of the metrics of image-frames, as `frame_figures` defines them."""
     return {
-        "detection_rate": (seen, every),
-        **at_level,
-        "tpr": (covered, seen),
-        "tpr_all": (covered, every),
-        "iou": (overlap, every),
-        "iou_detected": (overlap, seen),
+        "false_positive_coverage": FALSE_POSITIVE_RATIOS["coverage"],
+        "false_positive_coverage_valid": FALSE_POSITIVE_RATIOS["coverage_valid"],
+        "false_positive_frame_rate": FALSE_POSITIVE_RATIOS["frame_rate"],
+        "false_positive_components": FALSE_POSITIVE_RATIOS["components_per_frame"],
+        "segmentation_iou": SEGMENTATION_RATIOS["iou"],
+        "precision": SEGMENTATION_RATIOS["precision"],
+        "recall": SEGMENTATION_RATIOS["recall"],
     }
 
 
-def frame_metrics(rows: pd.DataFrame) -> Metrics:
-    """Name -> numerator and denominator of each image-frame, as `frame_figures` defines them."""
-    tp, fp, fn, valid = (rows[name].to_numpy(dtype=np.float64) for name in ("tp_px", "fp_px", "fn_px", "valid_px"))
-    every, seeing = np.ones(len(rows)), (valid > 0).astype(np.float64)
-    area = (rows["width"] * rows["height"]).to_numpy(dtype=np.float64)
-    return {
-        "false_positive_coverage": (fp / area, every),
-        "false_positive_coverage_valid": (fp / np.where(valid > 0, valid, 1), seeing),
-        "false_positive_frame_rate": ((rows["fp_large_components"] > 0).to_numpy(dtype=np.float64), every),
-        "false_positive_components": (rows["fp_components"].to_numpy(dtype=np.float64), every),
-        "segmentation_iou": (tp, tp + fp + fn),
-        "precision": (tp, tp + fp),
-        "recall": (tp, tp + fn),
-    }
+def metric_sums(
+    sums: SliceSums, place: int, ratios: Mapping[str, Ratio], *, recordings: Sequence[str]
+) -> dict[str, MetricSums]:
+    """The metrics of one slice.
+
+    Args:
+        sums: of a split, over S recordings.
+        place: of the slice.
+        ratios: of the metrics, by name.
+        recordings: S names.
+    """
+    return {name: _ratio_sums(sums, place, ratio, recordings) for name, ratio in ratios.items()}
 
 
-def by_recording(rows: pd.DataFrame, metrics: Metrics) -> Callable[[NDArray[np.bool_]], dict[str, MetricSums]]:
-    """A function from the rows of a slice to the sums of its metrics."""
-    recordings, number = np.unique(rows["recording"].to_numpy(dtype=str), return_inverse=True)
-
-    def sums(cases: NDArray[np.bool_], numerator: Column, denominator: Column) -> MetricSums:
-        over, total = (
-            np.bincount(number[cases], weights=values[cases], minlength=len(recordings))
-            for values in (denominator, numerator)
-        )
-        held = [(str(recordings[k]), k) for k in np.flatnonzero(over)]
-        return MetricSums(
-            numerators={recording: float(total[k]) for recording, k in held},
-            denominators={recording: float(over[k]) for recording, k in held},
-        )
-
-    return lambda where: {
-        name: sums(where & (denominator > 0), numerator, denominator)
-        for name, (numerator, denominator) in metrics.items()
-    }
+def _ratio_sums(sums: SliceSums, place: int, ratio: Ratio, recordings: Sequence[str]) -> MetricSums:
+    above, below = (sums.terms[name][:, place] for name in ratio)
+    held = np.flatnonzero(below)
+    names = [recordings[number] for number in held.tolist()]
+    return MetricSums(
+        numerators=dict(zip(names, above[held].tolist(), strict=True)),
+        denominators=dict(zip(names, below[held].tolist(), strict=True)),
+    )

@@ -5,64 +5,29 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.evaluation.ratios import Cases, Rows
-from bench.evaluation.summary import Figure, ObjectFigures
+from bench.evaluation.ratios import ratio_figure
+from bench.evaluation.slice_sums import SliceSums
+from bench.evaluation.summary import ObjectFigures
+from bench.evaluation.terms import OBJECT_RATIOS, level_ratios
 
-Column = NDArray[np.float64]
 
-
-def object_figures(cases: Cases, *, levels: tuple[float, ...], where: Rows) -> ObjectFigures:
-    """Take the figures of a slice.
+def object_figures(
+    sums: SliceSums, *, levels: tuple[float, ...], weights: NDArray[np.float64]
+) -> dict[str, ObjectFigures]:
+    """Take the figures of every slice of a split.
 
     Args:
-        cases: the evaluated object-frames.
+        sums: over the evaluated object-frames.
         levels: detection levels of the protocol.
-        where: (N,) bool, the slice.
-
-    Source:
-        Mariotti and Eising 2020, section IV: detection rate, and TPR over the detected object-frames.
+        weights: (draws, S) float64, from `sequence_weights`.
     """
-    tp, fp, fn, chance_tp = (cases.column(name) for name in ("tp", "fp", "fn", "chance_tp"))
-    seen, chance_seen = detected(tp), detected(chance_tp)
-    with_chance = ~np.isnan(chance_tp)
-    reached = _at_levels(coverage(tp, fn), levels)
-    chance_reached = _at_levels(chance_tp / (tp + fn), levels)
-    return ObjectFigures(
-        object_frames=int(np.count_nonzero(where)),
-        tracks=len(cases.rows.loc[where, ["recording", "track_id"]].drop_duplicates()),
-        recordings=cases.rows.loc[where, "recording"].nunique(),
-        detection_rate=cases.ratio(seen, where=where),
-        chance=cases.ratio(chance_seen, over=with_chance, where=where),
-        tpr=cases.ratio(coverage(tp, fn), over=seen, where=where),
-        tpr_all=cases.ratio(coverage(tp, fn), where=where),
-        iou=cases.ratio(intersection_over_union(tp, fp, fn), where=where),
-        iou_detected=cases.ratio(intersection_over_union(tp, fp, fn), over=seen, where=where),
-        **_by_level("detection_rate", {percent: cases.ratio(hit, where=where) for percent, hit in reached.items()}),
-        **_by_level(
-            "chance",
-            {percent: cases.ratio(hit, over=with_chance, where=where) for percent, hit in chance_reached.items()},
-        ),
-    )
-
-
-def detected(tp: Column) -> Rows:
-    """Any pixel of the object; False where `tp` is NaN."""
-    return tp > 0
-
-
-def coverage(tp: Column, fn: Column) -> Column:
-    """Share of the object that is detected: TP / (TP + FN)."""
-    return tp / (tp + fn)
-
-
-def intersection_over_union(tp: Column, fp: Column, fn: Column) -> Column:
-    """TP / (TP + FP + FN)."""
-    return tp / (tp + fp + fn)
-
-
-def _at_levels(covered: Column, levels: tuple[float, ...]) -> dict[str, Rows]:
-    return {f"{100 * level:g}": covered >= level for level in levels}
-
-
-def _by_level(name: str, figures: dict[str, Figure]) -> dict[str, Figure]:
-    return {f"{name}_{percent}": figure for percent, figure in figures.items()}
+    ratios = OBJECT_RATIOS | level_ratios(levels)
+    return {
+        name: ObjectFigures(
+            object_frames=int(sums.rows[:, place].sum()),
+            tracks=int(sums.tracks[:, place].sum()),
+            recordings=int(np.count_nonzero(sums.rows[:, place])),
+            **{figure: ratio_figure(sums, place, ratio, weights=weights) for figure, ratio in ratios.items()},
+        )
+        for place, name in enumerate(sums.names)
+    }

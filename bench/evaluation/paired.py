@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.evaluation.bootstrap import CONFIDENCE, sequence_weights
+from bench.evaluation.bootstrap import CONFIDENCE, resample, sequence_weights
 from bench.evaluation.metric_sums import MetricSums
 
 Column = NDArray[np.float64]
@@ -93,15 +93,12 @@ def holm(p_values: Sequence[float | None]) -> list[float | None]:
     return corrected
 
 
-def _drawn(sums: MetricSums, recordings: list[str], weights: NDArray[np.int64]) -> Column:
+def _drawn(sums: MetricSums, recordings: list[str], weights: Column) -> Column:
     """(draws,) the metric in each draw, NaN where it has no case."""
-    numerators, denominators = (
-        np.array([by_recording.get(name, 0.0) for name in recordings])
+    numerator, denominator = (
+        resample(np.array([by_recording.get(name, 0.0) for name in recordings]), weights=weights)
         for by_recording in (sums.numerators, sums.denominators)
     )
-    # Not `@`: sums of matrix products may change in the last bit with the number of threads.
-    numerator = np.einsum("ds,s->d", weights, numerators)
-    denominator = np.einsum("ds,s->d", weights, denominators)
     return np.where(denominator > 0, numerator / np.where(denominator > 0, denominator, 1), np.nan)
 
 

@@ -11,10 +11,10 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
-import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from bench.errors import DataError, UnknownNameError
+from bench.plain_yaml import parse_yaml
 from bench.reference.records import Category
 from bench.reference.settings import MotionSettings, ReferenceSettings
 
@@ -168,14 +168,14 @@ def load_protocol(name_or_path: str | Path) -> Protocol:
     path = Path(name_or_path)
     if not path.is_file():
         raise UnknownNameError("protocol", str(name_or_path), known_protocols())
-    return _parse(path.read_text("utf-8"), str(path))
+    try:
+        return _parse(path.read_text("utf-8"), str(path))
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(path, wanted="a readable text file", came=" ".join(str(error).split())) from error
 
 
 def _parse(text: str, file: str) -> Protocol:
-    try:
-        content = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise DataError(file, wanted="YAML", came=" ".join(str(error).split())) from error
+    content = parse_yaml(text, file=file)
     try:
         return Protocol.model_validate(content)
     except ValidationError as error:

@@ -8,16 +8,15 @@ weights before and after, so that what makes a recording hard cancels out.
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
-import pyarrow as pa
 from pydantic import BaseModel, ConfigDict
 
 from bench.evaluation.changes import object_changes
-from bench.evaluation.metric_sums import MetricSums, by_recording, frame_metrics, object_metrics
+from bench.evaluation.metric_sums import MetricSums, frame_metrics, metric_sums, object_metrics
 from bench.evaluation.paired import PairedChange, holm, paired_change
 from bench.evaluation.protocol import Protocol
-from bench.evaluation.slices import ALL_MOVING, FRAMES, IMAGE, frame_slices, object_slices, read_rows
-from bench.reference.records import Status
+from bench.evaluation.row_source import Rows
+from bench.evaluation.run_sums import RunSums, sum_run
+from bench.evaluation.slices import ALL_MOVING, FRAMES, slice_name
 
 __all__ = ["MetricSums", "PairedChange", "ScoreSheet", "holm", "object_changes", "paired_change", "score_sheet"]
 
@@ -39,41 +38,40 @@ class ScoreSheet(BaseModel):
     counts: dict[str, dict[str, int]]
 
 
-def score_sheet(objects: pa.Table, frames: pa.Table, *, protocol: Protocol) -> ScoreSheet:
+def score_sheet(objects: Rows, frames: Rows, *, protocol: Protocol, rows_at_once: int | None = None) -> ScoreSheet:
     """Reduce the tables of a run to sums, whatever the order of their rows.
 
     Args:
-        objects: of `OBJECTS_SCHEMA`.
-        frames: of `FRAMES_SCHEMA`.
+        objects: of `OBJECTS_SCHEMA`, in memory or stored.
+        frames: of `FRAMES_SCHEMA`, in memory or stored.
         protocol: that the run was made with.
+        rows_at_once: most rows in memory, unless one recording has more; changes no bit of the sums.
     """
-    annotated, images = read_rows(objects, key=[*IMAGE, "track_id"]), read_rows(frames, key=IMAGE)
-    evaluated = annotated[annotated["status"] == Status.EVALUATED.value].reset_index(drop=True)
-    scored = images[images["status"] == "evaluated"].reset_index(drop=True)
-    cameras = sorted(set(images["camera"]))
-    of_objects = object_slices(evaluated, protocol=protocol, cameras=cameras)
-    of_frames = frame_slices(scored, protocol=protocol, cameras=cameras)
+    return sheet_of(sum_run(objects, frames, protocol=protocol, rows_at_once=rows_at_once), protocol=protocol)
 
-    object_sums = by_recording(evaluated, object_metrics(evaluated, protocol))
-    frame_sums = by_recording(scored, frame_metrics(scored))
-    slices = {name: object_sums(where) for name, where in of_objects.items()}
-    counts = {name: _object_counts(evaluated[where]) for name, where in of_objects.items()}
-    for name, where in of_frames.items():
-        # A breakdown that images have too, for example "camera=front", holds the metrics of both.
-        slices[name] = slices.get(name, {}) | frame_sums(where)
-        counts[name] = counts.get(name, {}) | {"frames": int(np.count_nonzero(where))}
-    counts[ALL_MOVING] |= {"annotated": len(annotated)} | _by_status(annotated, ("static", "ignored"))
-    counts[FRAMES] |= {"images": len(images)} | _by_status(images, ("evaluated", "failed", "skipped"))
+
+def sheet_of(sums: RunSums, *, protocol: Protocol) -> ScoreSheet:
+    """The score sheet of a run from its sums."""
+    of_objects, of_frames = object_metrics(protocol.scoring.detection_levels), frame_metrics()
+    slices: dict[str, dict[str, MetricSums]] = {}
+    counts: dict[str, dict[str, int]] = {}
+    for split, part in sums.objects.items():
+        for place, name in enumerate(part.names):
+            called = slice_name(split, name)
+            slices[called] = metric_sums(part, place, of_objects, recordings=sums.recordings)
+            counts[called] = {
+                "object_frames": int(part.rows[:, place].sum()),
+                "tracks": int(part.tracks[:, place].sum()),
+                "recordings": int(np.count_nonzero(part.rows[:, place])),
+            }
+    for split, part in sums.frames.items():
+        for place, name in enumerate(part.names):
+            called = slice_name(split, name)
+            # A breakdown that images have too, for example "camera=front", holds the metrics of both.
+            of_images = metric_sums(part, place, of_frames, recordings=sums.recordings)
+            slices[called] = slices.get(called, {}) | of_images
+            counts[called] = counts.get(called, {}) | {"frames": int(part.rows[:, place].sum())}
+    objects, images = sums.object_ledger, sums.frame_ledger
+    counts[ALL_MOVING] |= {"annotated": objects.rows} | {k: objects.statuses[k] for k in ("static", "ignored")}
+    counts[FRAMES] |= {"images": images.rows} | {k: images.statuses[k] for k in ("evaluated", "failed", "skipped")}
     return ScoreSheet(slices=slices, counts=counts)
-
-
-def _object_counts(rows: pd.DataFrame) -> dict[str, int]:
-    return {
-        "object_frames": len(rows),
-        "tracks": len(rows[["recording", "track_id"]].drop_duplicates()),
-        "recordings": int(rows["recording"].nunique()),
-    }
-
-
-def _by_status(rows: pd.DataFrame, names: tuple[str, ...]) -> dict[str, int]:
-    return {name: int((rows["status"] == name).sum()) for name in names}

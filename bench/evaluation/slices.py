@@ -2,78 +2,73 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
-import pyarrow as pa
 from numpy.typing import NDArray
 
-from bench.evaluation.bins import bin_names, name_bins
+from bench.evaluation.bins import bin_names, number_bins
+from bench.evaluation.columns import Columns
 from bench.evaluation.protocol import Protocol
 
 IMAGE = ["recording", "camera", "timestamp_ns"]
 ALL_MOVING = "all_moving"
 FRAMES = "frames"
-
-# The name of each row's slice, and the names of all slices.
-Split = tuple[NDArray[np.object_], tuple[str, ...]]
+CATEGORY = "category"
 
 
-def read_rows(table: pa.Table, *, key: list[str]) -> pd.DataFrame:
-    """A table in canonical order, so that no sum depends on how it was sorted; `key` names each row once."""
-    # No figure needs lists, and as pandas objects they would be most of the memory.
-    flat = table.select([field.name for field in table.schema if not pa.types.is_list(field.type)])
-    rows: pd.DataFrame = flat.to_pandas().sort_values(key, ignore_index=True)
-    assert not rows.duplicated(key).any(), f"{key} names each row once"
-    return rows
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Split:
+    """Rows cut into slices.
+
+    Attributes:
+        names: of the slices.
+        of_row: (N,) int64, place of each row's slice in `names`; -1 for a number that is unknown or below all bins.
+    """
+
+    names: tuple[str, ...]
+    of_row: NDArray[np.int64]
 
 
-def object_splits(evaluated: pd.DataFrame, *, protocol: Protocol, cameras: Iterable[str]) -> dict[str, Split]:
-    """The breakdowns of evaluated object-frames by name."""
+def object_splits(evaluated: Columns, *, protocol: Protocol, cameras: Sequence[str]) -> dict[str, Split]:
+    """The splits of evaluated object-frames by name: "category", "all_moving", then the breakdowns."""
     return {
-        "object_class": (evaluated["object_class"].to_numpy(), protocol.reference.classes),
-        "range_m": binned(evaluated, "range_m", protocol.bins.range_m),
-        "ego_speed_mps": binned(evaluated, "ego_speed_mps", protocol.bins.ego_speed_mps),
-        "camera": (evaluated["camera"].to_numpy(), tuple(cameras)),
-        "points": binned(evaluated, "points", protocol.bins.points),
+        CATEGORY: _worded(evaluated, "category", [str(name) for name in protocol.reference.categories]),
+        ALL_MOVING: _undivided(evaluated, ALL_MOVING),
+        "object_class": _worded(evaluated, "object_class", protocol.reference.classes),
+        "range_m": _binned(evaluated, "range_m", protocol.bins.range_m),
+        "ego_speed_mps": _binned(evaluated, "ego_speed_mps", protocol.bins.ego_speed_mps),
+        "camera": _worded(evaluated, "camera", cameras),
+        "points": _binned(evaluated, "points", protocol.bins.points),
     }
 
 
-def frame_splits(scored: pd.DataFrame, *, protocol: Protocol, cameras: Iterable[str]) -> dict[str, Split]:
-    """The breakdowns of scored image-frames by name."""
+def frame_splits(scored: Columns, *, protocol: Protocol, cameras: Sequence[str]) -> dict[str, Split]:
+    """The splits of scored image-frames by name: "frames", then the breakdowns."""
     return {
-        "ego_speed_mps": binned(scored, "ego_speed_mps", protocol.bins.ego_speed_mps),
-        "camera": (scored["camera"].to_numpy(), tuple(cameras)),
+        FRAMES: _undivided(scored, FRAMES),
+        "ego_speed_mps": _binned(scored, "ego_speed_mps", protocol.bins.ego_speed_mps),
+        "camera": _worded(scored, "camera", cameras),
     }
 
 
-def object_slices(
-    evaluated: pd.DataFrame, *, protocol: Protocol, cameras: Iterable[str]
-) -> dict[str, NDArray[np.bool_]]:
-    """Categories, "all_moving", then "<breakdown>=<name>": which rows are in each slice, (N,) bool."""
-    category = evaluated["category"].to_numpy()
-    found = {str(name): _equal(category, str(name)) for name in protocol.reference.categories}
-    found[ALL_MOVING] = np.ones(len(evaluated), dtype=bool)
-    return found | _named(object_splits(evaluated, protocol=protocol, cameras=cameras))
+def slice_name(split: str, name: str) -> str:
+    """What a slice is called among all: "crossing", "all_moving", "range_m=[0, 2)"."""
+    return name if split in {CATEGORY, ALL_MOVING, FRAMES} else f"{split}={name}"
 
 
-def frame_slices(scored: pd.DataFrame, *, protocol: Protocol, cameras: Iterable[str]) -> dict[str, NDArray[np.bool_]]:
-    """ "frames", then "<breakdown>=<name>": which rows are in each slice, (N,) bool."""
-    found = {FRAMES: np.ones(len(scored), dtype=bool)}
-    return found | _named(frame_splits(scored, protocol=protocol, cameras=cameras))
+def _undivided(rows: Columns, name: str) -> Split:
+    return Split(names=(name,), of_row=np.zeros(len(rows), dtype=np.int64))
 
 
-def binned(rows: pd.DataFrame, column: str, edges: tuple[float, ...]) -> Split:
-    """A numeric column cut into half-open bins."""
-    values = rows[column].to_numpy(dtype=np.float64, na_value=np.nan)
-    return name_bins(values, edges=edges), bin_names(edges)
+def _worded(rows: Columns, column: str, names: Sequence[str]) -> Split:
+    codes, words = rows.words(column)
+    place = np.array([*(names.index(word) if word in names else -1 for word in words), -1], dtype=np.int64)
+    of_row = place[codes]
+    assert (of_row >= 0).all(), f"every row has one {column} of {list(names)}"
+    return Split(names=tuple(names), of_row=of_row)
 
 
-def _named(splits: dict[str, Split]) -> dict[str, NDArray[np.bool_]]:
-    return {f"{split}={name}": _equal(of_row, name) for split, (of_row, names) in splits.items() for name in names}
-
-
-def _equal(of_row: NDArray[np.object_], name: str) -> NDArray[np.bool_]:
-    equal: NDArray[np.bool_] = np.asarray(of_row == name, dtype=bool)
-    return equal
+def _binned(rows: Columns, column: str, edges: tuple[float, ...]) -> Split:
+    return Split(names=bin_names(edges), of_row=number_bins(rows.numbers(column), edges=edges))

@@ -17,7 +17,8 @@ from pydantic import BaseModel, ConfigDict
 from scipy.special import digamma
 
 from bench.evaluation.bootstrap import percentile_interval, sequence_weights
-from bench.evaluation.likelihood import BINS, OUTSIDE_COLUMN, REFERENCE_COLUMN
+from bench.evaluation.columns import Columns
+from bench.evaluation.likelihood import OUTSIDE_COLUMN, REFERENCE_COLUMN, histogram_rows
 from bench.evaluation.protocol import Protocol
 from bench.evaluation.summary import Figure, Ratio
 
@@ -83,14 +84,11 @@ def _sums_by_recording(batches: Iterable[pa.RecordBatch]) -> tuple[dict[str, His
     sums: dict[str, Histograms] = {}
     images = 0
     for batch in batches:
-        held = batch.filter(pc.is_valid(batch[REFERENCE_COLUMN]))
-        names = np.asarray(held["recording"].to_pylist(), dtype=str)
-        counts = [
-            held[name].flatten().to_numpy(zero_copy_only=False).reshape(len(held), BINS)
-            for name in (REFERENCE_COLUMN, OUTSIDE_COLUMN)
-        ]
-        for name in np.unique(names):
-            sums[str(name)] = sums.get(str(name), 0) + np.array([of[names == name].sum(axis=0) for of in counts])
+        held = pa.table(batch).filter(pc.is_valid(batch[REFERENCE_COLUMN]))
+        codes, names = Columns(held).words("recording")
+        counts = [histogram_rows(held[name]) for name in (REFERENCE_COLUMN, OUTSIDE_COLUMN)]
+        for number, name in enumerate(names):
+            sums[name] = sums.get(name, 0) + np.array([of[codes == number].sum(axis=0) for of in counts])
         images += len(held)
     return sums, images
 
@@ -100,7 +98,7 @@ def _drawn(of_recording: Histograms, protocol: Protocol) -> tuple[Histograms, Hi
     if np.count_nonzero(of_recording[:, 0].any(axis=1)) < 2:
         return np.empty(0), np.empty(0)
     bootstrap = protocol.bootstrap
-    weights = sequence_weights(len(of_recording), draws=bootstrap.draws, seed=bootstrap.seed).astype(np.float64)
+    weights = sequence_weights(len(of_recording), draws=bootstrap.draws, seed=bootstrap.seed)
     figures = []
     for some in np.array_split(weights, -(-len(weights) // DRAWS_AT_ONCE)):
         # Whole numbers below 2^53: exact, whatever the order of the sums.

@@ -9,8 +9,8 @@ from typing import Literal
 from bench.errors import DataError, UsageError
 from bench.evaluation.score_sheet import ScoreSheet, score_sheet
 from bench.evaluation.summary import ProtocolStamp
-from bench.harness import RunSummary, read_protocol, read_run, read_tables
-from bench.harness.stored import MethodStamp
+from bench.harness import RunSummary, open_tables, read_protocol, read_run
+from bench.harness.method_stamp import MethodStamp
 from bench.recordings import write_text
 from bench.recordings.validation import FileModel, read_json
 
@@ -88,7 +88,7 @@ def scored_run(run: Path) -> ScoredRun:
             wanted=f"the protocol of summary.json, with digest {summary.protocol.digest[:12]}",
             came=f"{protocol.name!r} with digest {protocol.digest[:12]}",
         )
-    objects, frames = read_tables(run)
+    objects, frames = open_tables(run)
     return ScoredRun(
         schema_version=SCHEMA_VERSION,
         dataset=summary.dataset,

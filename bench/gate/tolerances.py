@@ -7,10 +7,10 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import yaml
 from pydantic import Field
 
 from bench.errors import DataError, UnknownNameError
+from bench.plain_yaml import parse_yaml
 from bench.recordings.validation import FileModel, validated
 
 DEFAULT = "default-v1"
@@ -135,10 +135,7 @@ def _read(name_or_path: str) -> tuple[dict[str, Any], str]:
 
 
 def _parse(text: str, file: str) -> dict[str, Any]:
-    try:
-        content = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise DataError(file, wanted="YAML", came=" ".join(str(error).split())) from error
+    content = parse_yaml(text, file=file)
     if not isinstance(content, dict):
         raise DataError(file, wanted="keys and values", came=type(content).__name__)
     return content

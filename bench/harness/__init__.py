@@ -6,11 +6,13 @@ images, calibration and ego-motion, never annotations.
 """
 
 from bench.harness.frames import FramePipeline, ProcessedFrame
+from bench.harness.merge import merge_shards, merged_units
 from bench.harness.predicted import PredictionReport, check_predictions, evaluate_predictions
 from bench.harness.provenance import Provenance
 from bench.harness.reference_itself import build_scorable, scorable_methods
-from bench.harness.run import run_benchmark
+from bench.harness.run import run_benchmark, run_shard
 from bench.harness.stored import RunSummary, read_image_maps, read_protocol, read_run, read_tables
+from bench.harness.stored_rows import StoredRows, open_tables
 from bench.harness.units import Unit, plan_units
 
 __all__ = [
@@ -19,15 +21,20 @@ __all__ = [
     "ProcessedFrame",
     "Provenance",
     "RunSummary",
+    "StoredRows",
     "Unit",
     "build_scorable",
     "check_predictions",
     "evaluate_predictions",
+    "merge_shards",
+    "merged_units",
+    "open_tables",
     "plan_units",
     "read_image_maps",
     "read_protocol",
     "read_run",
     "read_tables",
     "run_benchmark",
+    "run_shard",
     "scorable_methods",
 ]

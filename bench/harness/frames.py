@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import overload
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from bench.egomotion import camera_motion
 from bench.errors import DataError
 from bench.evaluation import Protocol
+from bench.harness.cache.steps import KeptSteps, StepCache
 from bench.harness.reference_itself import ReferenceItself, repeat_reference
 from bench.harness.stages import StageClock
 from bench.methods import Method, MethodInput, Segmentation, UnansweredImage
@@ -55,16 +56,26 @@ class FramePipeline:
         method: to be run.
         protocol: the rules of the reference.
         clock: adds up the time of each stage.
+        steps: where steps of earlier runs are found; None to compute everything.
     """
 
     def __init__(
-        self, recording: Recording, camera: str, *, method: Method, protocol: Protocol, clock: StageClock | None = None
+        self,
+        recording: Recording,
+        camera: str,
+        *,
+        method: Method,
+        protocol: Protocol,
+        clock: StageClock | None = None,
+        steps: StepCache | None = None,
     ) -> None:
         self.recording, self.camera = recording, recording.cameras[camera]
         self.images = recording.images[camera]
         self.references = ReferenceBuilder(recording, camera, protocol.reference_settings())
         self._method = method
         self._clock = clock or StageClock()
+        self._steps = steps
+        self._reads_images = getattr(method, "reads_images", True)
         self._gaps = {gap.index: gap for gap in frame_gaps(recording, camera)}
         self._held: dict[int, NDArray[np.uint8]] = {}
 
@@ -77,11 +88,26 @@ class FramePipeline:
         """
         given = self.method_input(index)
         segmentation = None if isinstance(self._method, ReferenceItself) else self._answer(given)
+        self.refuse_damaged(given)
         with self._clock.stage("reference"):
-            reference = self.references.build(self.images[index])
+            reference = self._reference(self.images[index])
         if segmentation is None:
             segmentation = repeat_reference(reference)
         return ProcessedFrame(image=self.images[index], given=given, segmentation=segmentation, reference=reference)
+
+    def refuse_damaged(self, given: MethodInput) -> None:
+        """Read the images that nobody has looked at yet.
+
+        Whether a method looks at an image, or knows it from earlier, does not decide whether a damaged one counts.
+
+        Raises:
+            DataError: an image that cannot be used.
+        """
+        if self._reads_images and not (isinstance(given.kept, KeptSteps) and given.kept.vouched):
+            tuple(given.images)
+
+    def _reference(self, image: ImageRef) -> ReferenceFrame:
+        return self.references.build(image) if self._steps is None else self._steps.reference(self.references, image)
 
     def _answer(self, given: MethodInput) -> Segmentation:
         with self._clock.stage("method"):
@@ -102,10 +128,9 @@ class FramePipeline:
                 )
         first = self._oldest(first)
         images: Sequence[NDArray[np.uint8]] = _ImagesOnDemand(range(first, index + 1), self._pixels)
-        with self._clock.stage("decode"):
-            if getattr(self._method, "reads_images", True):
-                images = tuple(images)
-            self._held = {i: pixels for i, pixels in self._held.items() if i >= first}
+        if self._reads_images and self._steps is None:
+            images = tuple(images)
+        self._held = {i: pixels for i, pixels in self._held.items() if i >= first}
         with self._clock.stage("ego-motion"):
             times_ns = tuple(self.images[i].timestamp_ns for i in range(first, index + 1))
             poses = [self.recording.trajectory.world_from_vehicle(t) for t in times_ns]
@@ -117,7 +142,7 @@ class FramePipeline:
                 )
                 for previous, current in pairwise(poses)
             )
-        return MethodInput(
+        given = MethodInput(
             images=images,
             timestamps_ns=times_ns,
             camera=self.camera.model,
@@ -127,6 +152,9 @@ class FramePipeline:
             recording=self.recording.name,
             camera_name=self.camera.name,
         )
+        if self._steps is None:
+            return given
+        return replace(given, kept=self._steps.of_image(given, self.images[first : index + 1], self._method))
 
     def _oldest(self, first: int) -> int:
         """The oldest image for a method that can use more than it needs: without a gap, readable, with ego-motion."""
@@ -143,7 +171,8 @@ class FramePipeline:
 
     def _pixels(self, index: int) -> NDArray[np.uint8]:
         if index not in self._held:
-            self._held[index] = read_image(self.images[index], self.camera, colour=self._method.colour)
+            with self._clock.stage("decode"):
+                self._held[index] = read_image(self.images[index], self.camera, colour=self._method.colour)
         return self._held[index]
 
 

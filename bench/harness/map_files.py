@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 
 from bench.errors import DataError
 from bench.evaluation import ImageMap
-from bench.recordings import replacing
+from bench.recordings.atomic import write_bytes
 
 _WORDS = ("camera", "width", "height", "cell_px", "frames")
 _GRIDS = ("reference_px", "missed_px", "false_px")
@@ -19,10 +20,16 @@ _GRIDS = ("reference_px", "missed_px", "false_px")
 
 def write_image_maps(file: Path, maps: Sequence[ImageMap]) -> None:
     """Write an `.npz`: `index` (JSON, one entry per map), and `<number>.reference_px` and so on; atomically."""
+    write_bytes(file, image_maps_bytes(maps))
+
+
+def image_maps_bytes(maps: Sequence[ImageMap]) -> bytes:
+    """The content of the `.npz`; the same for the same maps."""
     index = [{name: getattr(item, name) for name in _WORDS} for item in maps]
     grids = {f"{number}.{name}": getattr(item, name) for number, item in enumerate(maps) for name in _GRIDS}
-    with replacing(file) as temporary:
-        np.savez_compressed(temporary, index=np.array(json.dumps(index)), **grids)
+    content = io.BytesIO()
+    np.savez_compressed(content, index=np.array(json.dumps(index)), **grids)
+    return content.getvalue()
 
 
 def load_image_maps(file: Path) -> tuple[ImageMap, ...]:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from time import perf_counter
+from time import thread_time
 
 from bench.evaluation import Protocol, SequenceScorer
-from bench.flow import FarnebackFlow
+from bench.flow import DenseFlow, FarnebackFlow
 from bench.harness.frames import FramePipeline, UnscorableFrame
 from bench.harness.stages import StageClock
 from bench.methods import Method
@@ -17,13 +17,13 @@ from bench.threads import single_threaded
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PerfReport:
-    """Times of one run, in one process with one thread per library.
+    """Times of one run, in one process with one thread per library, by the processor's clock of that thread.
 
     Attributes:
         images: timed images.
         stage_ms: mean time of each stage per image, ms.
         total_ms: mean time of an image from file to counts, ms.
-        flow_ms: mean time of a Farnebäck call on the same pairs of images, taken in between, ms.
+        flow_ms: mean time of a call of the flow alone on the same pairs of images, taken in between, ms.
     """
 
     images: int
@@ -44,9 +44,20 @@ def measure(
     protocol: Protocol,
     images: int,
     progress: Callable[[float, int], None],
+    flow: DenseFlow | None = None,
 ) -> PerfReport:
-    """Time up to `images` images of recordings, each followed by a Farnebäck call alone on the same pair."""
-    clock, flow, done, total_s, flow_s = StageClock(), FarnebackFlow(), 0, 0.0, 0.0
+    """Time up to `images` images of recordings, each followed by a call of the flow alone on the same pair.
+
+    Args:
+        recordings: opened one after the other; of each the first camera counts.
+        method: to be timed.
+        protocol: the rules of the reference.
+        images: at most so many.
+        progress: called with the images done and their number.
+        flow: to compare with; Farnebäck's without it.
+    """
+    clock, done, total_s, flow_s = StageClock(thread_time), 0, 0.0, 0.0
+    flow = flow or FarnebackFlow()
     with single_threaded():
         for recording in recordings:
             camera = sorted(recording.cameras)[0]
@@ -55,16 +66,16 @@ def measure(
             for index in range(method.history, len(pipeline.images)):
                 if done >= images:
                     break
-                start = perf_counter()
+                start = thread_time()
                 try:
                     processed = pipeline.process(index)
                 except UnscorableFrame:
                     continue
                 with clock.stage("counts"):
                     scorer.add(processed.reference, processed.segmentation)
-                middle = perf_counter()
+                middle = thread_time()
                 flow(processed.given.images[-1], processed.given.images[-2])
-                total_s, flow_s, done = total_s + middle - start, flow_s + perf_counter() - middle, done + 1
+                total_s, flow_s, done = total_s + middle - start, flow_s + thread_time() - middle, done + 1
                 progress(done, images)
             scorer.finish()
     return PerfReport(

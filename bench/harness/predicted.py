@@ -10,9 +10,12 @@ from pydantic import BaseModel, ConfigDict
 
 from bench.errors import DataError
 from bench.evaluation import Protocol
+from bench.harness.cache import CacheFolder
+from bench.harness.mirror import NOWHERE, RunMirror
 from bench.harness.progress import Progress
 from bench.harness.run import run_benchmark
 from bench.harness.stored import PREDICTIONS, RunSummary
+from bench.harness.work import Place, in_turn
 from bench.methods.predictions import FaultKind, PredictedMotion, PredictionIndex, index_predictions
 from bench.recordings import DatasetCard, write_text
 
@@ -122,7 +125,11 @@ def evaluate_predictions(
     report: PredictionReport,
     protocol: Protocol,
     out: Path,
+    place: Place = in_turn,
+    workers: int = 1,
+    cache: CacheFolder | None = None,
     progress: Progress | None = None,
+    mirror: RunMirror = NOWHERE,
 ) -> RunSummary:
     """Score predictions and store the run, with the report as `predictions.json` in it.
 
@@ -132,13 +139,29 @@ def evaluate_predictions(
         report: of it.
         protocol: the rules.
         out: folder of the run.
-        progress: called with the recordings done and their number.
+        place: computes the units.
+        workers: of that place.
+        cache: where steps are kept; None to keep nothing.
+        progress: called with the images done and their number.
+        mirror: where else the run is kept.
 
     Raises:
         DataError: the data set is not there, nothing of it could be used, or `out` holds something that is no run.
     """
-    summary = run_benchmark(card, method=method, protocol=protocol, out=out, split=method.split, progress=progress)
+    summary = run_benchmark(
+        card,
+        method=method,
+        protocol=protocol,
+        out=out,
+        split=method.split,
+        place=place,
+        workers=workers,
+        cache=cache,
+        progress=progress,
+        mirror=mirror,
+    )
     write_report(out / PREDICTIONS, report)
+    mirror.keep_rest()
     return summary
 
 

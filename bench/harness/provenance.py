@@ -20,6 +20,28 @@ from bench.recordings import Recording
 LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "shapely", "pandas", "pyarrow")
 
 
+class Work(BaseModel):
+    """What a run had to compute.
+
+    Attributes:
+        workers: processes.
+        units_computed: units of work that were scored.
+        units_reused: units whose stored result was right already.
+        images_computed: images of the scored units.
+        steps_found: images of which a step was found in the cache, by step.
+        steps_computed: images of which a step was looked for in the cache and had to be computed, by step.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    workers: int
+    units_computed: int
+    units_reused: int
+    images_computed: int
+    steps_found: dict[str, int]
+    steps_computed: dict[str, int]
+
+
 class Provenance(BaseModel):
     """What made a run; none of it decides a figure.
 
@@ -33,7 +55,8 @@ class Provenance(BaseModel):
         seconds: wall time of the run.
         stage_seconds: time of each stage, summed over images.
         images: scored images.
-        peak_memory_mb: largest resident size of the process.
+        peak_memory_mb: largest resident size of a process.
+        work: what had to be computed; None in runs of older versions, and where nothing is told.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -48,6 +71,7 @@ class Provenance(BaseModel):
     stage_seconds: dict[str, float]
     images: int
     peak_memory_mb: float
+    work: Work | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,7 +93,13 @@ class Start:
 
 
 def provenance_since(
-    start: Start, *, fingerprints: Sequence[str], stage_seconds: Mapping[str, float], images: int
+    start: Start,
+    *,
+    fingerprints: Sequence[str],
+    stage_seconds: Mapping[str, float],
+    images: int,
+    work: Work | None = None,
+    peak_memory_mb: float | None = None,
 ) -> Provenance:
     """The provenance of work that ends now.
 
@@ -78,6 +108,8 @@ def provenance_since(
         fingerprints: of the recordings that it read.
         stage_seconds: time of each stage.
         images: that were scored.
+        work: what had to be computed.
+        peak_memory_mb: of the largest process; None for this one.
     """
     return Provenance(
         version=bench.__version__,
@@ -89,7 +121,8 @@ def provenance_since(
         seconds=round(perf_counter() - start.seconds, 3),
         stage_seconds={name: round(seconds, 3) for name, seconds in sorted(stage_seconds.items())},
         images=images,
-        peak_memory_mb=round(peak_memory_mb(), 1),
+        peak_memory_mb=round(largest_resident_mb() if peak_memory_mb is None else peak_memory_mb, 1),
+        work=work,
     )
 
 
@@ -117,7 +150,7 @@ def package_commit() -> str | None:
         return None
 
 
-def peak_memory_mb() -> float:
+def largest_resident_mb() -> float:
     """Largest resident size of this process so far, MB; NaN where the system does not tell."""
     try:
         import resource
@@ -130,9 +163,9 @@ def peak_memory_mb() -> float:
 def recording_fingerprint(recording: Recording) -> str:
     """SHA-256 over the relative paths and sizes of images and sweeps, and over annotations and calibration as read."""
     digest = hashlib.sha256(recording.name.encode())
-    paths = [image.path for images in recording.images.values() for image in images]
-    for path in sorted([*paths, *(sweep.path for sweep in recording.sweeps)]):
-        size = path.stat().st_size if path.exists() else -1
+    named = [(image.path, image.file) for images in recording.images.values() for image in images]
+    for path, file in sorted([*named, *((sweep.path, sweep.file) for sweep in recording.sweeps)]):
+        size = file.stat().st_size if file.exists() else -1
         digest.update(f"{path.relative_to(recording.root).as_posix()}:{size}\n".encode())
     for name, camera in sorted(recording.cameras.items()):
         digest.update(f"{name}:{camera.model}:{camera.vehicle_from_camera.matrix.tolist()}".encode())

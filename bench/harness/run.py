@@ -2,38 +2,50 @@
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
-from itertools import count
+from functools import partial
 from pathlib import Path
 
-from bench.errors import BenchError, DataError
-from bench.evaluation import Protocol, summarise
+from bench.errors import DataError
+from bench.evaluation import Protocol
 from bench.harness import provenance as origin
-from bench.harness.progress import Progress, recording_reporter
-from bench.harness.stages import StageClock
-from bench.harness.stored import (
-    IMAGE_MAPS,
-    PREDICTIONS,
+from bench.harness.cache import CacheFolder
+from bench.harness.merge import clear_results, merge_shards
+from bench.harness.method_stamp import MethodStamp
+from bench.harness.mirror import NOWHERE, RunMirror
+from bench.harness.progress import Progress
+from bench.harness.shards import (
     SCHEMA_VERSION,
-    MethodStamp,
-    RunSummary,
-    join_units,
-    read_tables,
-    read_threshold_free,
-    reference_fingerprint,
-    write_protocol,
-    write_summary,
-    write_unit,
+    WHOLE,
+    RunStamp,
+    Shard,
+    ShardedUnit,
+    ShardReport,
+    remove_shards,
+    write_shard,
 )
-from bench.harness.unit import run_unit
-from bench.harness.units import Unit, plan_units
+from bench.harness.stages import StageClock
+from bench.harness.stored import RunSummary, write_protocol
+from bench.harness.unit_files import FOLDER, UnitFolder
+from bench.harness.units import Unit
+from bench.harness.work import (
+    Lost,
+    Place,
+    PlannedRecording,
+    RunSpec,
+    ScoredUnit,
+    UnitTask,
+    in_turn,
+    plan_recording,
+    score_unit,
+    staying,
+)
 from bench.methods import Method
-from bench.recordings import DatasetCard, Recording, RecordingHandle, open_dataset
-from bench.threads import single_threaded
-
-MARK = "units"
+from bench.recordings import DatasetCard, RecordingHandle, open_dataset
+from bench.recordings.locking import alone_in
 
 
 def run_benchmark(
@@ -43,9 +55,16 @@ def run_benchmark(
     protocol: Protocol,
     out: Path,
     split: str | None = None,
+    place: Place = in_turn,
+    workers: int = 1,
+    cache: CacheFolder | None = None,
     progress: Progress | None = None,
+    mirror: RunMirror = NOWHERE,
 ) -> RunSummary:
     """Score a method on a data set and store the run.
+
+    Units that are stored in `out`, by this or an interrupted run, are not computed again if all that they depend on is
+    the same: protocol, method, settings, code, and the content of the files that they read.
 
     Args:
         card: the data set.
@@ -53,96 +72,238 @@ def run_benchmark(
         protocol: the rules.
         out: folder of the run; an older run in it is replaced.
         split: of the data set; None for all of it.
-        progress: called with the recordings done (with a fraction for the one at work) and their number.
+        place: computes the units; what comes out does not depend on it.
+        workers: of that place, to be told in the provenance.
+        cache: where flow, likelihood and reference are kept for other runs; None to keep nothing.
+        progress: called with the images done and their number.
+        mirror: where else the run is kept.
 
     Returns:
         The summary, also stored as `summary.json`. Recordings, units and images that could not be used are listed
         in `failures`; the figures are of the rest.
 
     Raises:
-        DataError: the data set is not there, nothing of it could be used, or `out` holds something that is no run.
+        DataError: the data set is not there, nothing of it could be used, `out` holds something that is no run or is
+            in use by another one, or there is no room for the results.
     """
-    start = origin.Start.now()
-    _clear(out)
-    handles = open_dataset(card, split)
-    work = _Work(method=method, protocol=protocol, out=out)
-    with single_threaded():
-        for number, handle in enumerate(handles):
-            work.run_recording(handle, recording_reporter(progress, number, len(handles)))
-    if not work.finished:
-        raise DataError(card.file, wanted="a recording that can be used", came="; ".join(work.failures) or "none")
-    join_units(out, work.finished)
-    objects, frames = read_tables(out, histograms=False)
-    figures = summarise(objects, frames, protocol=protocol)
-    write_protocol(out, protocol)
-    summary = RunSummary(
-        **{name: getattr(figures, name) for name in type(figures).model_fields},
-        schema_version=SCHEMA_VERSION,
-        dataset=card.name,
-        card=str(card.file),
-        reference_fingerprint=reference_fingerprint(objects, frames),
-        split=split,
-        method=MethodStamp.of(method),
-        provenance=origin.provenance_since(
-            start, fingerprints=work.fingerprints, stage_seconds=work.clock.seconds, images=figures.images.evaluated
-        ),
-        vehicle_outline_m=work.vehicle_outline_m,
-        failures=tuple(work.failures),
-        caveats=card.content.caveats,
-        threshold_free=read_threshold_free(out, protocol),
-    )
-    write_summary(out, summary)
-    return summary
+    _prepare(out)
+    with alone_in(out, wait=False):
+        remove_shards(out)
+        clear_results(out)
+        mirror.begin(parts=WHOLE.count)
+        work = _Work(
+            card=card,
+            method=method,
+            protocol=protocol,
+            out=out,
+            split=split,
+            shard=WHOLE,
+            workers=workers,
+            mirror=mirror,
+        )
+        work.run(place, cache, progress)
+        summary = merge_shards(out, [out], protocol=protocol)
+        mirror.keep_rest()
+        return summary
+
+
+def run_shard(
+    card: DatasetCard,
+    *,
+    method: Method,
+    protocol: Protocol,
+    out: Path,
+    shard: Shard,
+    split: str | None = None,
+    place: Place = in_turn,
+    workers: int = 1,
+    cache: CacheFolder | None = None,
+    progress: Progress | None = None,
+    mirror: RunMirror = NOWHERE,
+) -> ShardReport:
+    """Score a part of a data set's units and store them; `merge_shards` makes a run of all parts.
+
+    Parts may work at the same time, in one folder or in many. See `run_benchmark` for the arguments.
+
+    Raises:
+        DataError: as `run_benchmark`, but for a part of which nothing could be used.
+    """
+    _prepare(out)
+    with alone_in(out, shared=True, wait=False):
+        remove_shards(out, but_of=shard.count)
+        clear_results(out)
+        mirror.begin(parts=shard.count)
+        work = _Work(
+            card=card,
+            method=method,
+            protocol=protocol,
+            out=out,
+            split=split,
+            shard=shard,
+            workers=workers,
+            mirror=mirror,
+        )
+        report = work.run(place, cache, progress)
+        mirror.keep_rest()
+        return report
 
 
 @dataclass(kw_only=True)
 class _Work:
-    """What piles up while a run goes on."""
+    """What piles up while a part of a run goes on."""
 
+    card: DatasetCard
     method: Method
     protocol: Protocol
     out: Path
+    split: str | None
+    shard: Shard
+    workers: int
+    mirror: RunMirror
+    start: origin.Start = field(default_factory=origin.Start.now)
     clock: StageClock = field(default_factory=StageClock)
-    fingerprints: list[str] = field(default_factory=list)
-    failures: list[str] = field(default_factory=list)
-    finished: list[Unit] = field(default_factory=list)
-    vehicle_outline_m: tuple[tuple[float, float], ...] = ()
+    keys: dict[Unit, str] = field(default_factory=dict)
+    failures: dict[Unit, str] = field(default_factory=dict)
+    reused: int = 0
+    images_computed: int = 0
+    found: Counter[str] = field(default_factory=Counter)
+    computed: Counter[str] = field(default_factory=Counter)
+    peak_memory_mb: float = 0.0
 
-    def run_recording(self, handle: RecordingHandle, report: Callable[[float], None]) -> None:
-        """Score one recording; what fails is listed and the rest goes on."""
-        try:
-            with self.clock.stage("open"):
-                recording = handle.open()
-                self.fingerprints.append(origin.recording_fingerprint(recording))
-            self.vehicle_outline_m = tuple((float(x), float(y)) for x, y in recording.vehicle_outline_m)
-            units = list(plan_units(recording, self.method))
-        except BenchError as error:
-            self.failures.append(f"recording {handle.name!r}: {error}")
-            units = []
-        total, done = sum(unit.stop - unit.start for unit in units), count(1)
+    def run(self, place: Place, cache: CacheFolder | None, progress: Progress | None) -> ShardReport:
+        """Plan, score, store."""
+        handles = open_dataset(self.card, self.split)
+        if cache is not None:
+            cache.prepare()
+        write_protocol(self.out, self.protocol)
+        (self.out / "shards" / self.shard.file).unlink(missing_ok=True)
+        spec = RunSpec(method=self.method, protocol=self.protocol, cache=cache)
+        with staying(place):
+            planned = self._plan(spec, handles, place)
+            units = [unit for recording in planned for unit in recording.units]
+            part = self.shard.part(units)
+            stored = UnitFolder(self.out)
+            if self.shard.count == 1:
+                stored.keep_only(units)
+                self.mirror.keep_only(units)
+            self.mirror.bring(part)
+            self._score(spec, handles, part, stored, place, progress)
+        if cache is not None:
+            cache.make_room()
+        report = self._report(planned, units, part)
+        write_shard(self.out, self.shard, report)
+        return report
+
+    def _plan(self, spec: RunSpec, handles: Sequence[RecordingHandle], place: Place) -> list[PlannedRecording]:
+        """The recordings in the order of the data set."""
+        found: dict[str, PlannedRecording] = {}
+        with closing(place(partial(plan_recording, spec), handles)) as results:
+            for handle, planned in results:
+                recording = _never_opened(handle, planned) if isinstance(planned, Lost) else planned
+                found[handle.name] = recording
+                self.clock.seconds["open"] += recording.seconds
+        return [found[handle.name] for handle in handles]
+
+    def _score(
+        self,
+        spec: RunSpec,
+        handles: Sequence[RecordingHandle],
+        units: Sequence[Unit],
+        stored: UnitFolder,
+        place: Place,
+        progress: Progress | None,
+    ) -> None:
+        by_name = {handle.name: handle for handle in handles}
+        tasks = []
         for unit in units:
-            self._run_unit(recording, unit, lambda: report(next(done) / total))
-        report(1.0)
+            status = stored.status(unit)
+            key = None if status is None else status.key
+            tasks.append(UnitTask(handle=by_name[unit.recording], unit=unit, stored_key=key))
+        tasks.sort(key=lambda task: task.unit.start - task.unit.stop)  # the longest first, so that all end together
+        total, done = sum(unit.stop - unit.start for unit in units), 0
+        with closing(place(partial(score_unit, spec), tasks)) as results:
+            for task, scored in results:
+                self._take(task, scored, stored)
+                done += task.unit.stop - task.unit.start
+                if progress is not None:
+                    progress(done, total)
 
-    def _run_unit(self, recording: Recording, unit: Unit, advance: Callable[[], None]) -> None:
-        try:
-            tables = run_unit(
-                recording, unit, method=self.method, protocol=self.protocol, clock=self.clock, progress=advance
-            )
-        except BenchError as error:
-            self.failures.append(f"recording {unit.recording!r}, camera {unit.camera!r}: {error}")
+    def _take(self, task: UnitTask, scored: ScoredUnit | Lost, stored: UnitFolder) -> None:
+        unit = task.unit
+        if isinstance(scored, Lost):
+            where = f"recording {unit.recording!r}, camera {unit.camera!r}, images {unit.start} to {unit.stop - 1}"
+            self.failures[unit] = f"{where}: {scored.reason}"
             return
-        self.failures += tables.problems
+        for name, seconds in scored.seconds.items():
+            self.clock.seconds[name] += seconds
+        self.found += Counter(scored.found)
+        self.computed += Counter(scored.computed)
+        self.peak_memory_mb = max(self.peak_memory_mb, scored.peak_memory_mb)
+        if scored.failure is not None:
+            self.failures[unit] = scored.failure
+            return
+        self.keys[unit] = scored.key
+        if scored.files is None:
+            self.reused += 1
+            self.mirror.keep(unit, anew=False)
+            return
+        self.images_computed += unit.stop - unit.start
         with self.clock.stage("store"):
-            write_unit(self.out, unit, tables)
-        self.finished.append(unit)
+            stored.store(unit, scored.files)
+            self.mirror.keep(unit, anew=True)
+
+    def _report(self, planned: Sequence[PlannedRecording], units: Sequence[Unit], part: Sequence[Unit]) -> ShardReport:
+        outlines = [recording.vehicle_outline_m for recording in planned if recording.vehicle_outline_m]
+        work = origin.Work(
+            workers=self.workers,
+            units_computed=len(self.keys) - self.reused,
+            units_reused=self.reused,
+            images_computed=self.images_computed,
+            steps_found=dict(sorted(self.found.items())),
+            steps_computed=dict(sorted(self.computed.items())),
+        )
+        return ShardReport(
+            schema_version=SCHEMA_VERSION,
+            stamp=RunStamp(
+                dataset=self.card.name,
+                card=str(self.card.file),
+                split=self.split,
+                method=MethodStamp.of(self.method),
+                protocol_digest=self.protocol.digest,
+                caveats=self.card.content.caveats,
+            ),
+            units_of_run=len(units),
+            units=tuple(
+                ShardedUnit(
+                    recording=unit.recording,
+                    camera=unit.camera,
+                    start=unit.start,
+                    stop=unit.stop,
+                    key=self.keys.get(unit),
+                )
+                for unit in part
+            ),
+            vehicle_outline_m=outlines[-1] if outlines else (),
+            recording_failures=tuple(recording.failure for recording in planned if recording.failure is not None),
+            unit_failures=tuple(self.failures[unit] for unit in part if unit in self.failures),
+            provenance=origin.provenance_since(
+                self.start,
+                fingerprints=[recording.fingerprint for recording in planned if recording.fingerprint is not None],
+                stage_seconds=self.clock.seconds,
+                images=0,
+                work=work,
+                peak_memory_mb=max(self.peak_memory_mb, origin.largest_resident_mb()),
+            ),
+        )
 
 
-def _clear(out: Path) -> None:
-    """Make room for the run; never remove a folder that is not a run."""
-    if out.exists() and any(out.iterdir()) and not (out / MARK).is_dir():
+def _never_opened(handle: RecordingHandle, lost: Lost) -> PlannedRecording:
+    failure = f"recording {handle.name!r}: it could not be opened: {lost.reason}"
+    return PlannedRecording(units=(), fingerprint=None, vehicle_outline_m=(), failure=failure, seconds=0.0)
+
+
+def _prepare(out: Path) -> None:
+    """Make the folder of a run; never take one that holds something else."""
+    if out.exists() and any(out.iterdir()) and not (out / FOLDER).is_dir():
         raise DataError(out, wanted="an empty folder or an older run", came="a folder with other files")
-    for file in ("summary.json", "objects.parquet", "frames.parquet", IMAGE_MAPS, "protocol.json", PREDICTIONS):
-        (out / file).unlink(missing_ok=True)
-    shutil.rmtree(out / MARK, ignore_errors=True)
-    (out / MARK).mkdir(parents=True)
+    (out / FOLDER).mkdir(parents=True, exist_ok=True)

@@ -3,25 +3,35 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import perf_counter
 
 
 class StageClock:
-    """Adds up seconds per named stage."""
+    """Adds up seconds per named stage; time of a stage within another counts once, for the inner one.
 
-    def __init__(self) -> None:
+    Args:
+        now: tells seconds.
+    """
+
+    def __init__(self, now: Callable[[], float] = perf_counter) -> None:
+        self._now = now
         self.seconds: defaultdict[str, float] = defaultdict(float)
+        self._within: list[float] = []  # seconds of inner stages, for each stage that is open
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
         """Time the block as part of a stage."""
-        start = perf_counter()
+        start = self._now()
+        self._within.append(0.0)
         try:
             yield
         finally:
-            self.seconds[name] += perf_counter() - start
+            whole = self._now() - start
+            self.seconds[name] += whole - self._within.pop()
+            if self._within:
+                self._within[-1] += whole
 
     def add(self, other: StageClock) -> None:
         """Take in another clock's seconds."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -10,6 +9,7 @@ import pyarrow as pa
 
 from bench.errors import BenchError
 from bench.evaluation import ImageMap, Protocol, SequenceScorer
+from bench.harness.cache import StepCache
 from bench.harness.frames import FramePipeline, UnscorableFrame
 from bench.harness.stages import StageClock
 from bench.harness.units import Unit
@@ -41,7 +41,7 @@ def run_unit(
     method: Method,
     protocol: Protocol,
     clock: StageClock,
-    progress: Callable[[], None] | None = None,
+    steps: StepCache | None = None,
 ) -> UnitTables:
     """Score the images of a unit. An image that cannot be used is reported; the others go on.
 
@@ -51,9 +51,9 @@ def run_unit(
         method: to be scored.
         protocol: the rules.
         clock: adds up the time of each stage.
-        progress: called after every image.
+        steps: where steps of earlier runs are found; None to compute everything.
     """
-    pipeline = FramePipeline(recording, unit.camera, method=method, protocol=protocol, clock=clock)
+    pipeline = FramePipeline(recording, unit.camera, method=method, protocol=protocol, clock=clock, steps=steps)
     scorer = SequenceScorer(protocol)
     problems: list[str] = []
 
@@ -72,13 +72,12 @@ def run_unit(
         except UnscorableFrame as reason:
             leave_out(index, "skipped", str(reason))
         except BenchError as error:
-            problems.append(str(error))
-            leave_out(index, "failed", str(error))
+            problem = str(error).replace(str(recording.root), recording.name)  # the same wherever the data lies
+            problems.append(problem)
+            leave_out(index, "failed", problem)
         else:
             with clock.stage("counts"):
                 scorer.add(processed.reference, processed.segmentation)
-        if progress is not None:
-            progress()
     with clock.stage("counts"):
         objects, frames = scorer.finish()
     return UnitTables(objects=objects, frames=frames, image_map=scorer.image_map(), problems=tuple(problems))

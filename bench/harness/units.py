@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from bench.errors import DataError
 from bench.methods import Method
 from bench.recordings import Recording
 
@@ -29,7 +30,15 @@ class Unit:
 
 
 def plan_units(recording: Recording, method: Method, *, chunk_images: int = CHUNK_IMAGES) -> Iterator[Unit]:
-    """Cut a recording into units; a camera's first images, without history or not to be scored, belong to none."""
+    """Cut a recording into units; a camera's first images, without history or not to be scored, belong to none.
+
+    Raises:
+        DataError: the recording has images, but none to be scored, as one has that is not annotated.
+    """
+    images_of_all = [image for images in recording.images.values() for image in images]
+    if images_of_all and not any(image.scored for image in images_of_all):
+        do = f"write {recording.name}.json into the folder that the card's annotations names (annotations/README.md)"
+        raise DataError(recording.root, field=recording.name, wanted="annotations", came="none", do=do)
     for camera in sorted(recording.cameras):
         images = len(recording.images[camera])
         first = next((i for i, image in enumerate(recording.images[camera]) if image.scored), images)

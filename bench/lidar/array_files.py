@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any
 
 import numpy as np
+from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from bench.errors import DataError
@@ -15,8 +19,13 @@ from bench.errors import DataError
 Arrays = dict[str, NDArray[Any]]
 
 BIN_COLUMNS = 4  # x, y, z, intensity
-LARGEST_BYTES = 1 << 30  # of an unpacked sweep: ten million points
-UNREADABLE = (OSError, ValueError, EOFError, KeyError, AttributeError, TypeError, MemoryError)
+LARGEST_BYTES = 1 << 28  # of an unpacked sweep: ten million points
+UNREADABLE = (
+    *(OSError, ValueError, EOFError, KeyError, AttributeError, TypeError, MemoryError),
+    *(NotImplementedError, RuntimeError, zlib.error, zipfile.BadZipFile),
+    *(SyntaxError, TokenError),  # of headers that are no Python
+)
+NPY_HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 NPZ_TYPES = {
     "points_lidar": {"f": "floating point"},
     "intensity": {"f": "floating point"},
@@ -35,13 +44,18 @@ def read_npz(path: Path) -> Arrays:
     """
     try:
         with zipfile.ZipFile(path) as content:
+            for entry in content.infolist():
+                _refuse_lying(path, content, entry)
             unpacked = sum(entry.file_size for entry in content.infolist())
         if unpacked > LARGEST_BYTES:
             raise DataError(path, wanted=f"at most {LARGEST_BYTES} bytes of arrays", came=f"{unpacked} when unpacked")
         with np.load(path, allow_pickle=False) as archive:
             arrays: Arrays = {name: archive[name] for name in archive.files}
-    except (*UNREADABLE, zipfile.BadZipFile) as error:
-        raise DataError(path, wanted="a whole .npz file of plain arrays", came=str(error)) from error
+    except DataError:
+        raise
+    except UNREADABLE as error:
+        came = " ".join(str(error).split())[:200] or type(error).__name__
+        raise DataError(path, wanted="a whole .npz file of plain arrays", came=came) from error
     for name, values in arrays.items():
         if name not in NPZ_TYPES:
             raise DataError(path, field=name, wanted=f"only the arrays {', '.join(NPZ_ARRAYS)}", came="this one")
@@ -55,6 +69,19 @@ def read_npz(path: Path) -> Arrays:
     return {name: values.astype(NPZ_STORED.get(name, values.dtype), copy=False) for name, values in arrays.items()}
 
 
+def _refuse_lying(path: Path, archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> None:
+    """Refuse an array whose header speaks of more than the entry holds: NumPy would take the memory for it first."""
+    with archive.open(entry) as member:
+        version = npy.read_magic(member)
+        if version not in NPY_HEADERS:
+            raise DataError(path, field=entry.filename, wanted="NumPy's format 1 or 2", came=str(version))
+        shape, _, kind = NPY_HEADERS[version](member)
+    told = math.prod(shape) * max(kind.itemsize, 1)
+    if told > entry.file_size:
+        came = f"a header of {told} bytes over {entry.file_size}"
+        raise DataError(path, field=entry.filename, wanted="a whole array", came=came)
+
+
 def write_npz(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
     """Write our own arrays in a fixed order; zip entries carry a fixed date, so equal arrays give equal bytes."""
     np.savez_compressed(path, **{name: arrays[name] for name in NPZ_ARRAYS if name in arrays})  # type: ignore[arg-type]
@@ -66,11 +93,10 @@ def read_bin(path: Path) -> Arrays:
     Raises:
         DataError: empty, or not whole rows.
     """
-    values = np.fromfile(path, dtype="<f4")
     size = path.stat().st_size
     if not size or size % (4 * BIN_COLUMNS):
         raise DataError(path, wanted="rows of four float32 (16 bytes)", came=f"{size} bytes; the file may be cut short")
-    rows = values.reshape(-1, BIN_COLUMNS)
+    rows = np.fromfile(path, dtype="<f4").reshape(-1, BIN_COLUMNS)
     return {"points_lidar": rows[:, :3].copy(), "intensity": rows[:, 3].copy()}
 
 
@@ -90,7 +116,12 @@ def read_laz(path: Path) -> Arrays:
     import laspy  # 0.15 s, and only these files need it
 
     try:
-        cloud = laspy.read(path)
+        with laspy.open(path) as opened:
+            told = opened.header.point_count * opened.header.point_format.size
+            if not 0 <= told <= LARGEST_BYTES:
+                came = f"a header of {opened.header.point_count} points, {told} bytes"
+                raise DataError(path, field="points", wanted=f"at most {LARGEST_BYTES} bytes unpacked", came=came)
+            cloud = opened.read()
         names = set(cloud.point_format.dimension_names)
         arrays: Arrays = {
             "points_lidar": np.ascontiguousarray(cloud.xyz, dtype=np.float64),
@@ -98,10 +129,11 @@ def read_laz(path: Path) -> Arrays:
         }
         if "gps_time" in names:
             arrays["gps_time"] = np.asarray(cloud.gps_time, dtype=np.float64)
-    except Exception as error:  # the decompressor raises its own kinds, down to plain Exception
-        if isinstance(error, MemoryError):
-            raise
-        raise DataError(path, wanted="a whole .laz file", came=f"{type(error).__name__}: {error}") from error
+    except (DataError, KeyboardInterrupt, SystemExit):
+        raise
+    except BaseException as error:  # the decompressor raises its own kinds, down to a panic that is no Exception
+        came = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+        raise DataError(path, wanted="a whole .laz file", came=came) from error
     if cloud.header.point_count != len(arrays["points_lidar"]):
         came = f"{len(arrays['points_lidar'])}; the file may be cut short"
         raise DataError(path, field="points", wanted=f"{cloud.header.point_count} points as its header says", came=came)

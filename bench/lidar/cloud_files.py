@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import struct
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import DataError
+from bench.lidar.array_files import LARGEST_BYTES
 from bench.lidar.open3d_loader import open3d
 
 Arrays = dict[str, NDArray[Any]]
@@ -55,15 +57,31 @@ def _refuse_cut_short(path: Path) -> None:
     words = [line.split() for line in head if line.strip()]
     kind = next((w[1] for w in words if w[0] in {"format", "DATA"}), "")
     try:
-        rows, row_bytes = _ply_rows(words) if path.suffix == ".ply" else _pcd_rows(words)
+        rows, row_bytes = _ply_rows(words) if path.suffix.lower() == ".ply" else _pcd_rows(words)
     except (ValueError, IndexError, KeyError, StopIteration):
         raise DataError(path, wanted=f"the header of a {path.suffix} file", came="another or none") from None
     body = content[end.end() :] if end else b""
+    if not 0 < rows * row_bytes <= LARGEST_BYTES:
+        came = f"a header of {rows} points of {row_bytes} bytes"
+        raise DataError(path, wanted=f"points of at most {LARGEST_BYTES} bytes", came=came)
+    if kind == "binary_compressed":
+        _refuse_lying(path, body, rows * row_bytes)
     if kind == "ascii" and len(body.split(b"\n")) - body.endswith(b"\n") < rows:
         raise DataError(path, wanted=f"{rows} lines of points", came="fewer; the file is cut short")
     if kind.startswith("binary") and kind != "binary_compressed" and len(body) < rows * row_bytes:
         came = f"{len(body)}; the file is cut short"
         raise DataError(path, wanted=f"{rows} points of {row_bytes} bytes, {rows * row_bytes} bytes in all", came=came)
+
+
+def _refuse_lying(path: Path, body: bytes, unpacked: int) -> None:
+    """Compare the two lengths before compressed points with the file: open3d takes the memory that they ask for."""
+    if len(body) < 8:
+        raise DataError(path, wanted="compressed points", came=f"{len(body)} bytes; the file is cut short")
+    packed, told = struct.unpack_from("<II", body)
+    if told != unpacked:
+        raise DataError(path, wanted=f"{unpacked} bytes when unpacked, as the header says", came=str(told))
+    if packed > len(body) - 8:
+        raise DataError(path, wanted=f"{packed} bytes packed", came=f"{len(body) - 8}; the file is cut short")
 
 
 def _ply_rows(words: list[list[str]]) -> tuple[int, int]:
@@ -72,12 +90,21 @@ def _ply_rows(words: list[list[str]]) -> tuple[int, int]:
     if words[first][1] != "vertex":
         raise ValueError("vertices do not come first")
     after = next(i for i, w in enumerate([*words, ["end_header"]]) if i > first and w[0] in {"element", "end_header"})
-    return int(words[first][2]), sum(PLY_BYTES[w[1]] for w in words[first:after] if w[0] == "property")
+    columns = [w for w in words[first:after] if w[0] == "property"]
+    if not {"x", "y", "z"} <= {w[2] for w in columns}:
+        raise ValueError("vertices without a place")
+    return int(words[first][2]), sum(PLY_BYTES[w[1]] for w in columns)
 
 
 def _pcd_rows(words: list[list[str]]) -> tuple[int, int]:
     entries = {w[0]: w[1:] for w in words}
     counts = entries.get("COUNT", ["1"] * len(entries["SIZE"]))
+    columns = {len(entries[name]) for name in ("FIELDS", "SIZE", "TYPE")} | {len(counts)}
+    sound = set(entries["SIZE"]) <= {"1", "2", "4", "8"} and set(entries["TYPE"]) <= {"I", "U", "F"}
+    if len(columns) != 1 or not {"x", "y", "z"} <= set(entries["FIELDS"]) or not sound or min(map(int, counts)) < 1:
+        raise ValueError("columns that do not fit together")
+    if int(entries["WIDTH"][0]) * int(entries["HEIGHT"][0]) != int(entries["POINTS"][0]):
+        raise ValueError("WIDTH and HEIGHT that do not make POINTS")
     return int(entries["POINTS"][0]), sum(int(s) * int(c) for s, c in zip(entries["SIZE"], counts, strict=True))
 
 

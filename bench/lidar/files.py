@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from bench.errors import DataError, ShapeError, UnknownNameError
 from bench.lidar.array_files import (
+    LARGEST_BYTES,
     NPZ_ARRAYS,
     Arrays,
     read_bin,
@@ -48,7 +49,12 @@ def read_points(path: Path) -> Arrays:
     reader, _ = _format(path)
     if not path.is_file():
         raise DataError(path, wanted="a point-cloud file", came="no such file")
-    arrays = reader(path)
+    if path.stat().st_size > LARGEST_BYTES:
+        raise DataError(path, wanted=f"a sweep of at most {LARGEST_BYTES} bytes", came=str(path.stat().st_size))
+    try:
+        arrays = reader(path)
+    except OSError as error:
+        raise DataError(path, wanted="a readable point-cloud file", came=error.strerror or str(error)) from error
     points = arrays["points_lidar"]
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind != "f":
         came = f"{points.shape} {points.dtype}"
@@ -100,13 +106,12 @@ def read_sweep(path: Path, timestamp_ns: int) -> LidarSweep:
     intensity = arrays.get("intensity")
     offsets_ns = arrays.get("time_offset_ns")
     field = "time_offset_ns"
-    if path.suffix == ".laz":
+    if path.suffix.lower() == ".laz":
         intensity = None if intensity is None else intensity / np.float32(255.0)
         field = "gps_time"
         if field in arrays:
-            # Whole nanoseconds below 2^53 (104 days) are exact in the file's float64.
-            offsets_ns = arrays[field].round().astype(np.int64) - timestamp_ns
-    if offsets_ns is not None and offsets_ns.size and int(np.abs(offsets_ns).max()) >= FARTHEST_TIME_NS:
+            offsets_ns = _whole_ns(path, arrays[field], timestamp_ns)
+    if offsets_ns is not None and offsets_ns.size and not _is_near(offsets_ns):
         wanted = f"times within a second of {timestamp_ns}, ns"
         came = f"{int(offsets_ns.min())} to {int(offsets_ns.max())} ns away"
         raise DataError(path, field=field, wanted=wanted, came=came)
@@ -117,6 +122,18 @@ def read_sweep(path: Path, timestamp_ns: int) -> LidarSweep:
         intensity=intensity,
         ring=arrays.get("ring"),
     )
+
+
+def _whole_ns(path: Path, gps_time: NDArray[np.float64], timestamp_ns: int) -> NDArray[np.int64]:
+    """Whole nanoseconds below 2^53 (104 days) are exact in the file's float64; beyond 2^62 they are no times."""
+    if gps_time.size and np.abs(gps_time).max() >= 2.0**62:
+        came = f"{gps_time.min():g} to {gps_time.max():g}"
+        raise DataError(path, field="gps_time", wanted=f"times within a second of {timestamp_ns}, ns", came=came)
+    return np.asarray(gps_time.round().astype(np.int64) - timestamp_ns)
+
+
+def _is_near(offsets_ns: NDArray[np.int64]) -> bool:
+    return int(offsets_ns.min()) > -FARTHEST_TIME_NS and int(offsets_ns.max()) < FARTHEST_TIME_NS
 
 
 def write_sweep(path: Path, sweep: LidarSweep) -> None:
@@ -144,6 +161,7 @@ FORMATS: Mapping[str, tuple[_Reader, tuple[_Writer, tuple[str, ...]]]] = {
 
 
 def _format(path: Path) -> tuple[_Reader, tuple[_Writer, tuple[str, ...]]]:
-    if path.suffix not in FORMATS:
+    suffix = path.suffix.lower()
+    if suffix not in FORMATS:
         raise UnknownNameError("point-cloud suffix", path.suffix, FORMATS)
-    return FORMATS[path.suffix]
+    return FORMATS[suffix]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import Any, Literal, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,29 @@ from bench.cameras import CameraModel
 from bench.geometry import RigidTransform, RoadPlane
 
 Scalar = TypeVar("Scalar", bound=np.generic)
+StepOf = Literal["images", "input"]
+Arrays = dict[str, NDArray[Any]]
+
+
+class Keeper(Protocol):
+    """Keeps what a method computes on an image for the next run, in which other parameters may have changed."""
+
+    def __call__(self, step: str, settings: object, compute: Callable[[], Arrays], *, of: StepOf) -> Arrays:
+        """A step's arrays: from an earlier run where everything that they depend on is the same, else computed.
+
+        Args:
+            step: name of the step, for example "flow".
+            settings: every parameter of the method that decides the arrays.
+            compute: computes them.
+            of: what they depend on beside the settings: "images" for pixels alone, "input" for all that the method is
+                given. The method's code and the files that it lists in `files` count by themselves.
+        """
+        ...
+
+
+def compute_anew(step: str, settings: object, compute: Callable[[], Arrays], *, of: StepOf) -> Arrays:  # noqa: ARG001
+    """The keeper that keeps nothing."""
+    return compute()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -29,6 +52,7 @@ class MethodInput:
         valid: (H, W) bool; inside the lens's field and off the host's own body.
         recording: name of the recording; empty where nobody says.
         camera_name: name of the camera; empty where nobody says.
+        kept: finds what the method computed in an earlier run; a method with a dear step asks it, others need not.
     """
 
     images: Sequence[NDArray[np.uint8]]
@@ -39,6 +63,7 @@ class MethodInput:
     valid: NDArray[np.bool_]
     recording: str = ""
     camera_name: str = ""
+    kept: Keeper = compute_anew
 
 
 class UnansweredImage(Exception):  # noqa: N818 - it is not an error
@@ -58,7 +83,8 @@ class Segmentation:
         cause: (rows, columns) uint8, index into `causes` of the largest contribution; None without causes.
         likelihood_is_score: the likelihood is a score in [0, 1], for example a network's, not the paper's mean of
             angles; it decides the bins of histograms and the scale of pictures.
-        parts: named (rows, columns) float arrays to look at, for example the single deviations and the flow.
+        parts: named (rows, columns) float arrays to look at, for example the single deviations and the flow; they may
+            be missing where a step was kept from an earlier run.
     """
 
     cell_size_px: int
@@ -105,6 +131,9 @@ class Method(Protocol):
 
     A method that does without images may also have an attribute `reads_images = False`; they are then read only if it,
     or somebody who draws a picture, looks at them.
+
+    A method that reads files, for example weights, has an attribute `files` with their paths: results that were stored
+    are found again only as long as settings, code and the content of these files are the same.
     """
 
     name: str

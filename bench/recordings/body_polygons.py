@@ -24,5 +24,6 @@ def body_mask(size_px: tuple[int, int], polygons: Sequence[Polygon]) -> NDArray[
     if not polygons:
         return None
     filled = np.zeros((size_px[1], size_px[0]), dtype=np.uint8)
-    cv2.fillPoly(filled, [np.rint(polygon).astype(np.int32) for polygon in polygons], 1)
+    for polygon in polygons:  # one call for all leaves out where two overlap
+        cv2.fillPoly(filled, [np.rint(polygon).astype(np.int32)], 1)
     return filled.astype(bool)

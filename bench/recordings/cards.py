@@ -12,10 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-import yaml
 from pydantic import Field, model_validator
 
-from bench.errors import DataError, UnknownNameError
+from bench.errors import DataError, UnknownNameError, UsageError
+from bench.plain_yaml import parse_yaml
+from bench.recordings.remote.urls import RemoteUrl, parse_place
 from bench.recordings.validation import FileModel, validated
 
 DEFAULT_FOLDER = Path("datasets")
@@ -38,8 +39,9 @@ class CardFile(FileModel):
         name: short name, as results carry it.
         title: one line for lists.
         adapter: a name of `ADAPTERS` or of an entry point.
-        root: folder of the data; relative to the card, `${VARIABLE}` expanded.
-        scenario: scenario file, relative to the card, that is rendered into `root` when that is missing.
+        root: folder of the data; relative to the card, `${VARIABLE}` expanded; or an address as `s3://bucket/folder`.
+        scenario: scenario file, relative to the card, that is rendered into `root` when that is missing and
+            no address.
         annotations: folder of annotation files apart from the data, relative to the card.
         licence: of the data.
         source: where the data set comes from.
@@ -98,9 +100,19 @@ class DatasetCard:
         """Folder of the data, which need not exist.
 
         Raises:
-            DataError: it names an environment variable that is not set.
+            DataError: it names an environment variable that is not set, or is an address.
         """
         return self._beside_card(self.content.root, "root")
+
+    @property
+    def remote_root(self) -> RemoteUrl | None:
+        """Address of the data's folder; None where it is one of this machine.
+
+        Raises:
+            DataError: it names an environment variable that is not set, or is an address that cannot be used.
+        """
+        place = self._place(self.content.root, "root")
+        return place if isinstance(place, RemoteUrl) else None
 
     @property
     def scenario(self) -> Path | None:
@@ -113,6 +125,12 @@ class DatasetCard:
         return None if self.content.annotations is None else self._beside_card(self.content.annotations, "annotations")
 
     def _beside_card(self, path: str, field: str) -> Path:
+        place = self._place(path, field)
+        if isinstance(place, RemoteUrl):
+            raise DataError(self.file, field=field, wanted="a folder or file of this machine", came=str(place))
+        return place
+
+    def _place(self, path: str, field: str) -> Path | RemoteUrl:
         def expanded(match: re.Match[str]) -> str:
             value = os.environ.get(match[1])
             if not value:
@@ -121,7 +139,11 @@ class DatasetCard:
                 raise DataError(self.file, field=field, wanted="a folder", came=came, do=do)
             return value
 
-        return self.file.parent / Path(re.sub(r"\$\{(\w+)\}", expanded, path)).expanduser()
+        try:
+            place = parse_place(re.sub(r"\$\{(\w+)\}", expanded, path))
+        except UsageError as error:
+            raise DataError(self.file, field=field, wanted="a folder or an address", came=str(error)) from error
+        return place if isinstance(place, RemoteUrl) else self.file.parent / place.expanduser()
 
 
 def load_card(path_or_name: Path | str, *, folder: Path = DEFAULT_FOLDER) -> DatasetCard:
@@ -156,11 +178,11 @@ def _read_yaml(path: Path) -> dict[str, Any]:
     try:
         if path.stat().st_size > LARGEST_CARD_BYTES:
             raise DataError(path, wanted=f"at most {LARGEST_CARD_BYTES} bytes", came=f"{path.stat().st_size}")
-        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+        values = parse_yaml(path.read_text(encoding="utf-8"), file=path)
     except OSError as error:
         raise DataError(path, wanted="a readable card", came=error.strerror or str(error)) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise DataError(path, wanted="YAML", came=" ".join(str(error).split())) from error
+    except UnicodeDecodeError as error:
+        raise DataError(path, wanted="UTF-8 text", came=" ".join(str(error).split())) from error
     if not isinstance(values, dict):
         raise DataError(path, wanted="keys and values", came=type(values).__name__)
     return values

@@ -12,12 +12,14 @@ from typing import Any, Protocol
 from bench.errors import DataError, UnknownNameError
 from bench.recordings.cards import DatasetCard, ExclusionEntry
 from bench.recordings.handles import Exclusion, RecordingHandle
+from bench.recordings.remote import RemoteDataset, remote_recordings
 
 ADAPTERS = {
     "native": "bench.recordings.native_listing:native_recordings",
     "aimotive": "bench.recordings.aimotive:aimotive_recordings",
     "kitti360": "bench.recordings.kitti360:kitti360_recordings",
     "woodscape": "bench.recordings.woodscape:woodscape_recordings",
+    "rosbag": "bench.recordings.rosbag:rosbag_recordings",
 }
 ENTRY_POINTS = "fisheye_bench.adapters"
 
@@ -56,21 +58,13 @@ def open_dataset(card: DatasetCard, split: str | None = None) -> tuple[Recording
     """
     if split is not None and split not in card.content.splits:
         raise UnknownNameError("split", split, card.content.splits)
-    root = card.root
-    if not root.is_dir():
-        do = card.content.how_to_get or "see the card"
-        raise DataError(
-            card.file, field="root", wanted="a folder with the data", came=f"{root}, which is missing", do=do
-        )
-    listed = _adapter(card.content.adapter)(
-        root, options=card.content.options, card=card.file, annotations=card.annotations
-    )
+    listed = _listed(card)
     handles = {handle.name: handle for handle in listed}
     if len(handles) < len(listed):
         twice = next(handle.name for handle in listed if handles[handle.name] is not handle)
-        raise DataError(root, wanted="recordings of different names", came=f"{twice!r} twice")
+        raise DataError(_root(card), wanted="recordings of different names", came=f"{twice!r} twice")
     if not handles:
-        raise DataError(root, wanted=f"recordings of the adapter {card.content.adapter!r}", came="none")
+        raise DataError(_root(card), wanted=f"recordings of the adapter {card.content.adapter!r}", came="none")
     chosen = card.content.splits.get(split, "*") if split is not None else "*"
     names = tuple(handles) if chosen == "*" else chosen
     _refuse_unknown(names, handles, card, f"splits.{split}")
@@ -82,6 +76,23 @@ def open_dataset(card: DatasetCard, split: str | None = None) -> tuple[Recording
         for name in names
         if name not in whole
     )
+
+
+def _listed(card: DatasetCard) -> tuple[RecordingHandle, ...]:
+    adapter, url = _adapter(card.content.adapter), card.remote_root
+    if url is not None:
+        remote = RemoteDataset(
+            url=url, adapter=adapter, options=card.content.options, card=card.file, annotations=card.annotations
+        )
+        return remote_recordings(remote, card.content.adapter)
+    if not card.root.is_dir():
+        do, came = card.content.how_to_get or "see the card", f"{card.root}, which is missing"
+        raise DataError(card.file, field="root", wanted="a folder with the data", came=came, do=do)
+    return adapter(card.root, options=card.content.options, card=card.file, annotations=card.annotations)
+
+
+def _root(card: DatasetCard) -> str:
+    return str(card.remote_root or card.root)
 
 
 def _adapter(name: str) -> Adapter:
@@ -113,4 +124,4 @@ def _refuse_unknown(
     for name in names:
         if name not in handles:
             known = ", ".join(sorted(handles)[:10])
-            raise DataError(card.file, field=field, wanted=f"recordings of {card.root}: {known}", came=repr(name))
+            raise DataError(card.file, field=field, wanted=f"recordings of {_root(card)}: {known}", came=repr(name))

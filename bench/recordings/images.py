@@ -16,6 +16,9 @@ from bench.recordings.records import ImageRef, MountedCamera
 
 PNG_START, JPEG_START, JPEG_END = b"\x89PNG\r\n\x1a\n", b"\xff\xd8", b"\xff\xd9"
 JPEG_TAIL_BYTES = 64  # some cameras pad the end
+JPEG_ALONE = frozenset((0x01, *range(0xD0, 0xD9)))  # markers without a length
+JPEG_SIZES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+LARGEST_PX = 1 << 26  # 8192 x 8192; a header of a few bytes can ask for far more
 
 
 def read_image(image: ImageRef, camera: MountedCamera, *, colour: bool = False) -> NDArray[np.uint8]:
@@ -32,8 +35,11 @@ def read_image(image: ImageRef, camera: MountedCamera, *, colour: bool = False) 
     Raises:
         DataError: missing, cut short, not to be decoded, or of another size than the calibration's.
     """
-    kind = cv2.IMREAD_COLOR if colour else cv2.IMREAD_GRAYSCALE
-    pixels = _decode(image.path, kind | cv2.IMREAD_IGNORE_ORIENTATION)
+    if image.stored is None:
+        kind = cv2.IMREAD_COLOR if colour else cv2.IMREAD_GRAYSCALE
+        pixels = _decode(image.path, kind | cv2.IMREAD_IGNORE_ORIENTATION)
+    else:
+        pixels = image.stored.pixels(colour=colour)
     _refuse_other_size(pixels, image.path, camera)
     size = camera.model.width, camera.model.height
     if size != camera.stored_size_px:
@@ -118,18 +124,38 @@ def read_unchanged(path: Path) -> NDArray[Any]:
     return _decode(path, cv2.IMREAD_UNCHANGED)
 
 
+def decode_image(content: bytes, flags: int, *, place: Path) -> NDArray[Any]:
+    """Decode the content of an image file.
+
+    Args:
+        content: a whole PNG or JPEG file.
+        flags: as `cv2.imdecode` takes them.
+        place: where it comes from, for messages.
+
+    Raises:
+        DataError: cut short, damaged, or not to be decoded.
+    """
+    fault = _fault(content)
+    if fault is not None:
+        raise DataError(place, wanted="a whole PNG or JPEG file", came=fault)
+    size_px = _stated_size(content)
+    if size_px is not None and size_px[0] * size_px[1] > LARGEST_PX:
+        raise DataError(place, wanted=f"an image of at most {LARGEST_PX} px", came="{} x {}".format(*size_px))
+    try:
+        pixels = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags)
+    except cv2.error as error:
+        raise DataError(place, wanted="an image that can be decoded", came=" ".join(str(error).split())) from error
+    if pixels is None:
+        raise DataError(place, wanted="an image that can be decoded", came=f"{len(content)} bytes that cannot")
+    return pixels
+
+
 def _decode(path: Path, flags: int) -> NDArray[Any]:
     try:
         content = path.read_bytes()
     except OSError as error:
         raise DataError(path, wanted="an image file", came=error.strerror or str(error)) from error
-    fault = _fault(content)
-    if fault is not None:
-        raise DataError(path, wanted="a whole PNG or JPEG file", came=fault)
-    pixels = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags)
-    if pixels is None:
-        raise DataError(path, wanted="an image that can be decoded", came=f"{len(content)} bytes that cannot")
-    return pixels
+    return decode_image(content, flags, place=path)
 
 
 def _refuse_other_size(pixels: NDArray[Any], path: Path, camera: MountedCamera) -> None:
@@ -146,6 +172,23 @@ def _fault(content: bytes) -> str | None:
     if content.startswith(JPEG_START):
         return None if JPEG_END in content[-JPEG_TAIL_BYTES:] else f"a JPEG cut short at {len(content)} bytes"
     return f"{len(content)} bytes that begin with {content[:8].hex(' ')}" if content else "an empty file"
+
+
+def _stated_size(content: bytes) -> tuple[int, int] | None:
+    """(width, height) as the header says; None where it does not come to that."""
+    if content.startswith(PNG_START):
+        return struct.unpack_from(">II", content, 16) if len(content) >= 24 else None
+    place = 2
+    while place + 9 <= len(content) and content[place] == 0xFF:
+        marker = content[place + 1]
+        if marker in JPEG_SIZES:
+            height, width = struct.unpack_from(">HH", content, place + 5)
+            return width, height
+        if marker == 0xFF or marker in JPEG_ALONE:  # filling, or nothing but itself
+            place += 1 if marker == 0xFF else 2
+        else:
+            place += 2 + struct.unpack_from(">H", content, place + 2)[0]
+    return None
 
 
 def _png_fault(content: bytes) -> str | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from os import scandir
 from pathlib import Path
 from typing import Literal
@@ -21,6 +20,7 @@ from bench.recordings.images import read_mask
 from bench.recordings.paths import path_inside, refuse_escape
 from bench.recordings.records import ImageRef, MountedCamera, Recording, SweepRef, Track
 from bench.recordings.resizing import scaled_camera
+from bench.recordings.salvage import Complaint, refuse
 from bench.recordings.schema import CameraHead, Mounting, RecordingHead, TrueCalibration
 from bench.recordings.validation import FileModel, data_error, read_json
 
@@ -31,7 +31,6 @@ EGOMOTION_FILES = ("egomotion.csv", "poses.csv")
 TRUE_POSES, TRUE_CALIBRATION = "truth/poses.csv", "truth/calibration.json"
 
 Source = Literal["recorded", "exact"]
-Complaint = Callable[[DataError], None]
 LATEST_NS = 2**63 - 1
 
 
@@ -142,7 +141,7 @@ def mounted_camera(
         raise data_error(error, file=root / HEAD, field=f"cameras.{name}.vehicle_from_camera") from error
     camera = MountedCamera(
         name=name,
-        model=_model(root / HEAD, name, entry),
+        model=camera_model(root / HEAD, name, entry),
         vehicle_from_camera=vehicle_from_camera,
         road=road,
         stored_size_px=entry.image_size,
@@ -151,7 +150,8 @@ def mounted_camera(
     return scaled_camera(camera, size_px)
 
 
-def _model(file: Path, name: str, entry: CameraHead) -> CameraModel:
+def camera_model(file: Path, name: str, entry: CameraHead) -> CameraModel:
+    """The lens of a camera; `file` and `name` say where it stands, for messages."""
     field = f"cameras.{name}.model"
     model = entry.model.get("model")
     if not isinstance(model, str):
@@ -193,11 +193,7 @@ def refuse_uncalibrated(root: Path, head: RecordingHead) -> None:
             raise DataError(root / HEAD, field=f"cameras.{path.name}", wanted=wanted, came="none")
 
 
-def _refuse(error: DataError) -> None:
-    raise error
-
-
-def image_refs(root: Path, camera: str, complain: Complaint = _refuse) -> tuple[ImageRef, ...]:
+def image_refs(root: Path, camera: str, complain: Complaint = refuse) -> tuple[ImageRef, ...]:
     """The images of a camera, by time; what is wrong with a name goes to `complain`."""
     folder = root / "images" / camera
     paths = _timed_files(root, folder, IMAGE_SUFFIXES, complain)
@@ -210,7 +206,7 @@ def image_refs(root: Path, camera: str, complain: Complaint = _refuse) -> tuple[
     )
 
 
-def sweep_refs(root: Path, complain: Complaint = _refuse) -> tuple[SweepRef, ...]:
+def sweep_refs(root: Path, complain: Complaint = refuse) -> tuple[SweepRef, ...]:
     """The sweeps, by time; what is wrong with a name goes to `complain`."""
     paths = _timed_files(root, root / "lidar", SWEEP_SUFFIXES, complain)
     return tuple(SweepRef(timestamp_ns=t, path=path, reader=read_sweep) for t, path in sorted(paths.items()))

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from bench.egomotion import Trajectory, bus_signal_faults
 from bench.errors import DataError
@@ -27,11 +24,9 @@ from bench.recordings.native import (
     sweep_refs,
 )
 from bench.recordings.records import ImageRef, MountedCamera, Recording, SweepRef, Track
-from bench.recordings.salvage import Part, Salvaged
+from bench.recordings.salvage import Part, Salvaged, collected, standing_still
 from bench.recordings.schema import RecordingHead
 from bench.recordings.validation import json_faults
-
-ALWAYS_NS = 2**61  # the stand-in for a lost trajectory reaches this far to both sides of 0
 
 
 def salvage_native(
@@ -50,20 +45,20 @@ def salvage_native(
     images: dict[str, tuple[ImageRef, ...]] = {}
     sweeps: tuple[SweepRef, ...] = ()
 
-    with _collected(faults) as complete:
+    with collected(faults) as complete:
         head = read_head(root, calibration)
     if not complete:
         faults[:] = json_faults(RecordingHead, root / HEAD) or faults
     if head is not None:
         for refuse in (refuse_other_name, refuse_uncalibrated):
-            with _collected(faults):
+            with collected(faults):
                 refuse(root, head)
         for name, entry in head.cameras.items():
-            with _collected(faults):
+            with collected(faults):
                 refs = image_refs(root, name, faults.append)
                 cameras[name] = mounted_camera(root, name, entry, head, evaluated_size_px)
                 images[name] = refs
-    with _collected(faults):
+    with collected(faults):
         sweeps = sweep_refs(root, faults.append)
     trajectory = _trajectory(root, ego_motion, faults, lost)
     tracks = _tracks(root, annotations, faults, lost)
@@ -86,17 +81,6 @@ def salvage_native(
     return Salvaged(faults=tuple(faults), recording=recording, lost=frozenset(lost))
 
 
-@contextmanager
-def _collected(faults: list[DataError]) -> Iterator[list[bool]]:
-    """Catch a fault; what is yielded is empty once the block did not end well."""
-    well = [True]
-    try:
-        yield well
-    except DataError as error:
-        faults.append(error)
-        well.clear()
-
-
 def _trajectory(root: Path, ego_motion: Source, faults: list[DataError], lost: set[Part]) -> Trajectory:
     try:
         return ego_motion_of(root, ego_motion)
@@ -105,13 +89,7 @@ def _trajectory(root: Path, ego_motion: Source, faults: list[DataError], lost: s
         file = root / EGOMOTION_FILES[0]
         told = bus_signal_faults(file) if ego_motion == "recorded" and error.file == str(file) else ()
         faults.extend(told or (error,))
-    return Trajectory(
-        source=str(root),
-        timestamps_ns=np.array([-ALWAYS_NS, ALWAYS_NS], dtype=np.int64),
-        rotations=Rotation.identity(2),
-        positions_m=np.zeros((2, 3)),
-        max_gap_ns=2 * ALWAYS_NS,
-    )
+    return standing_still(root)
 
 
 def _tracks(root: Path, annotations: Path | None, faults: list[DataError], lost: set[Part]) -> tuple[Track, ...]:

@@ -16,10 +16,12 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from bench.recordings.validation import FileModel
+from bench.recordings.validation import FileModel, TimeNs
 
 VERSION = "1.0.0"
 COORDINATE_SYSTEM: Literal["vehicle"] = "vehicle"
+
+MOST_CORNERS = 1000  # of an outline; one that crosses itself has as many crossings as their square
 
 Number = int | float
 
@@ -45,7 +47,7 @@ class PolygonData(FileModel):
     """Outline on the ground: x and y in turn, the last point joined to the first."""
 
     name: Literal["ground_outline"]
-    val: tuple[float, ...] = Field(min_length=6)
+    val: tuple[float, ...] = Field(min_length=6, max_length=2 * MOST_CORNERS)
     mode: Literal["MODE_POLY2D_ABSOLUTE"] = "MODE_POLY2D_ABSOLUTE"
     closed: Literal[True]
     coordinate_system: Literal["vehicle"] = COORDINATE_SYSTEM
@@ -76,7 +78,7 @@ class SweepData(FileModel):
     """The sweep that point indices count in."""
 
     name: Literal["sweep_timestamp_ns"]
-    val: int
+    val: TimeNs
 
 
 class InstanceData(FileModel):
@@ -97,7 +99,7 @@ class IndicesData(FileModel):
     """Rows of the sweep's points."""
 
     name: Literal["point_indices"]
-    val: tuple[Annotated[int, Field(ge=0)], ...]
+    val: tuple[Annotated[int, Field(ge=0, le=2**31 - 1)], ...]
 
 
 class CategoryData(FileModel):
@@ -145,7 +147,7 @@ class FrameObject(FileModel):
 class FrameProperties(FileModel):
     """Time of a frame, ns."""
 
-    timestamp: int
+    timestamp: TimeNs
 
 
 class Frame(FileModel):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,35 @@ class MountedCamera:
     ego_body: NDArray[np.bool_] | None = None
 
 
+class StoredPart(Protocol):
+    """What lies in a file together with others, such as a message of a log; it travels to other processes."""
+
+    @property
+    def container(self) -> Path:
+        """The file that holds it."""
+        ...
+
+    def content(self) -> bytes:
+        """All that decides what is read: its bytes as they are stored, and how they are decoded.
+
+        Raises:
+            DataError: they cannot be read.
+        """
+        ...
+
+
+class StoredImage(StoredPart, Protocol):
+    """An image in a file with others."""
+
+    def pixels(self, *, colour: bool) -> NDArray[np.uint8]:
+        """Decode it: (height, width) uint8 grey or (height, width, 3) uint8 BGR, at the stored size.
+
+        Raises:
+            DataError: it cannot be read or decoded.
+        """
+        ...
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImageRef:
     """An image on disk.
@@ -45,10 +75,12 @@ class ImageRef:
     Attributes:
         camera: name of the camera.
         timestamp_ns: time of exposure (its middle).
-        path: PNG or JPEG file.
+        path: PNG or JPEG file; of an image in a container, a name for messages and predictions, which is no file: the
+            container's path, the camera's name and the time.
         truth_path: 16-bit PNG of instance ids, in synthetic recordings; None elsewhere.
         moving_path: mask of what moves, where a data set has masks instead of annotated objects; None elsewhere.
         scored: False for an image that is there only as the one before another.
+        stored: reads an image that lies in a container; None where `path` is a file.
     """
 
     camera: str
@@ -57,6 +89,12 @@ class ImageRef:
     truth_path: Path | None = None
     moving_path: Path | None = None
     scored: bool = True
+    stored: StoredImage | None = None
+
+    @property
+    def file(self) -> Path:
+        """The file that holds the image, alone or with others."""
+        return self.path if self.stored is None else self.stored.container
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,13 +103,20 @@ class SweepRef:
 
     Attributes:
         timestamp_ns: the sweep's reference time.
-        path: the file.
+        path: the file; of a sweep in a container, a name for messages, which is no file.
         reader: reads it; a function of the module, so that a reference can travel to another process.
+        stored: where a sweep in a container lies; None where `path` is a file.
     """
 
     timestamp_ns: int
     path: Path
     reader: Callable[[Path, int], LidarSweep]
+    stored: StoredPart | None = None
+
+    @property
+    def file(self) -> Path:
+        """The file that holds the sweep, alone or with others."""
+        return self.path if self.stored is None else self.stored.container
 
     def read(self) -> LidarSweep:
         """Read the sweep.
@@ -182,6 +227,8 @@ class Recording:
         sweeps: by increasing time.
         tracks: annotated objects.
         vehicle_outline_m: (K, 2) float64, the host seen from above, vehicle frame, m.
+        lidar_from_beams: where the beams start and the axes about which they turn, in the frame of the points; not the
+            identity where a data set gives its points in other axes than the sensor's own, such as the vehicle's.
     """
 
     name: str
@@ -197,3 +244,4 @@ class Recording:
     vehicle_outline_m: NDArray[np.float64] = field(
         default_factory=lambda: np.array([[-1.0, -0.9], [3.8, -0.9], [3.8, 0.9], [-1.0, 0.9]])
     )
+    lidar_from_beams: RigidTransform = field(default_factory=RigidTransform.identity)

@@ -6,9 +6,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator
 
-from bench.recordings.validation import FileModel
+from bench.recordings.validation import FileModel, SidePx
 
 SCHEMA_VERSION = 1
+LONGEST_INTERVAL_NS = 3_600_000_000_000  # an hour
 CONVENTIONS = (
     "Vehicle frame: x forward, y left, z up, metres, origin on the ground below the middle of the rear axle. "
     "Camera frame: x right, y down, z along the optical axis. a_from_b maps points of frame b into frame a. "
@@ -59,7 +60,7 @@ class CameraHead(FileModel):
     """
 
     model: dict[str, Any]
-    image_size: tuple[Annotated[int, Field(gt=0)], Annotated[int, Field(gt=0)]]
+    image_size: tuple[SidePx, SidePx]
     vehicle_from_camera: Mounting
     ego_body_mask: str | None = None
 
@@ -96,7 +97,7 @@ class RecordingHead(FileModel):
     schema_version: Literal[1]
     name: Name
     licence: str
-    frame_interval_ns: int = Field(gt=0)
+    frame_interval_ns: int = Field(gt=0, le=LONGEST_INTERVAL_NS)
     conventions: str = CONVENTIONS
     vehicle: VehicleHead
     cameras: dict[Name, CameraHead] = Field(min_length=1)

@@ -7,15 +7,20 @@ import re
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, TypeVar
+from reprlib import Repr
+from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
 from bench.errors import DataError, ShapeError
 
 LONGEST_VALUE = 80  # characters of a wrong value that a message shows
 MOST_FAULTS = 200  # of one file that are told one by one
+BRIEF = Repr()
+BRIEF.maxstring = BRIEF.maxlong = BRIEF.maxother = LONGEST_VALUE
+BRIEF.maxlist = BRIEF.maxtuple = BRIEF.maxdict = 10
+BRIEF.maxlevel = 3
 
 
 class FileModel(BaseModel):
@@ -23,6 +28,12 @@ class FileModel(BaseModel):
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
 
+
+LATEST_NS = 2**62  # in the year 2116; room is left for sums
+LARGEST_SIDE_PX = 16_384
+
+TimeNs = Annotated[int, Field(ge=-LATEST_NS, le=LATEST_NS)]
+SidePx = Annotated[int, Field(gt=0, le=LARGEST_SIDE_PX)]
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -127,5 +138,5 @@ def _told(kind: str, message: str, value: object) -> tuple[str, str]:
 
 
 def _short(value: object) -> str:
-    text = repr(value)
+    text = BRIEF.repr(value)  # never the whole of a value that refers to itself a billion times
     return text if len(text) <= LONGEST_VALUE else text[: LONGEST_VALUE - 3] + "..."

@@ -221,20 +221,21 @@ class ReferenceBuilder:
         self, cluster: Cluster, placed: PlacedSweep, outline_world: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """(N, 4, 3) float64, m, world frame: the surface that the returns stand for; empty if too few tell."""
-        points_lidar = placed.sweep.points_lidar[cluster.rows]
-        grid = find_grid(points_lidar)
+        points_beams = placed.points_beams(cluster.rows)
+        grid = find_grid(points_beams)
         if grid is None:
             return np.empty((0, 4, 3))
         knot = np.searchsorted(placed.knots_ns, np.median(placed.times_ns[cluster.rows]))
         patches = surface_patches(
-            points_lidar,
+            points_beams,
             cluster.points_world,
-            world_from_lidar=placed.rotations[min(int(knot), len(placed.rotations) - 1)],
+            world_from_beams=placed.rotations[min(int(knot), len(placed.rotations) - 1)]
+            @ placed.lidar_from_beams.rotation,
             grid=grid,
         )
         if not len(outline_world):
             return patches
-        slopes = slopes_of(points_lidar)
+        slopes = slopes_of(points_beams)
         return reach_bounds(
             patches,
             at_lowest_beam=slopes < placed.lowest_slope + grid.row_step_rad / 2,

@@ -38,18 +38,18 @@ class Grid:
     row_step_rad: NDArray[np.float64]
 
 
-def find_grid(points_lidar: NDArray[np.floating]) -> Grid | None:
+def find_grid(points_beams: NDArray[np.floating]) -> Grid | None:
     """Find the neighbours of each return.
 
     Args:
-        points_lidar: (N, 3), m, lidar frame at each point's own time.
+        points_beams: (N, 3), m, the beams' own axes at each point's own time.
 
     Returns:
         The grid; None where no two returns lie beside each other in a row, so that the step between columns is unknown.
     """
-    if len(points_lidar) < 2:
+    if len(points_beams) < 2:
         return None
-    azimuth, elevation = _directions(points_lidar)
+    azimuth, elevation = _directions(points_beams)
     column_step = _column_step(azimuth, elevation)
     if column_step <= 0:
         return None
@@ -66,9 +66,9 @@ def find_grid(points_lidar: NDArray[np.floating]) -> Grid | None:
     )
 
 
-def _directions(points_lidar: NDArray[np.floating]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _directions(points_beams: NDArray[np.floating]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Azimuth about the cluster's own middle, so that none is cut in two behind the sensor, and elevation; rad."""
-    x, y, z = points_lidar.astype(np.float64).T
+    x, y, z = points_beams.astype(np.float64).T
     azimuth = np.arctan2(y, x) - np.arctan2(y.mean(), x.mean())
     return (azimuth + np.pi) % (2 * np.pi) - np.pi, np.arctan2(z, np.hypot(x, y))
 

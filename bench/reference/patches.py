@@ -5,8 +5,8 @@ bridges whatever gaps its tightness allows. But a beam answers for the solid ang
 of these patches estimates the silhouette without that bias and at the sensor's own resolution: legs stay apart, and a
 wheel stays open where the lidar saw through it.
 
-Known limit: on the aiMotive sample, whose clouds have no rings, the rows are not all found and stripes of a van stay
-uncovered. There the hulls are the better choice.
+Rows and columns are found from the directions of the returns, so these have to be seen from where the beams start: a
+data set that gives its points in other axes has to tell `Recording.lidar_from_beams`.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ STEEPEST = np.tan(np.radians(80))  # a neighbour further behind than on a surfac
 
 
 def surface_patches(
-    points_lidar: NDArray[np.floating],
+    points_beams: NDArray[np.floating],
     points_world: NDArray[np.float64],
     *,
-    world_from_lidar: NDArray[np.float64],
+    world_from_beams: NDArray[np.float64],
     grid: Grid,
 ) -> NDArray[np.float64]:
     """Corners of the patch of each return.
@@ -32,22 +32,22 @@ def surface_patches(
     no slits when seen from the camera's place. Where there is none it ends half-way to where the next beam would be.
 
     Args:
-        points_lidar: (N, 3), m, lidar frame at each point's own time.
+        points_beams: (N, 3), m, the beams' own axes at each point's own time.
         points_world: (N, 3) float64, m, the same points at exposure.
-        world_from_lidar: (3, 3) float64, turns the lidar's axes into those of `points_world`.
+        world_from_beams: (3, 3) float64, turns the beams' axes into those of `points_world`.
         grid: neighbours of the same points.
 
     Returns:
         (N, 4, 3) float64, m, world frame: left above, right above, right below, left below.
     """
-    points = points_lidar.astype(np.float64)
+    points = points_beams.astype(np.float64)
     flat_m = np.hypot(points[:, 0], points[:, 1])
     ranges_m = np.hypot(flat_m, points[:, 2])
     wide_m, tall_m = flat_m * grid.column_step_rad, ranges_m * grid.row_step_rad
     leftwards, upwards = _square_to_beam(points, flat_m, ranges_m)
     aside, upright = (
-        (leftwards * wide_m[:, None]) @ world_from_lidar.T,
-        (upwards * tall_m[:, None]) @ world_from_lidar.T,
+        (leftwards * wide_m[:, None]) @ world_from_beams.T,
+        (upwards * tall_m[:, None]) @ world_from_beams.T,
     )
     reach = {}
     for name, step, step_m in (

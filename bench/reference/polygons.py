@@ -67,7 +67,7 @@ def rasterise(polygon: Polygon, *, width: int, height: int) -> tuple[tuple[slice
     row, edge = np.nonzero((v >= start_v) != (v >= end_v))
     share = (row + v0 - start_v[edge]) / (end_v[edge] - start_v[edge])
     crossing_u = start_u[edge] + share * (end_u[edge] - start_u[edge])
-    first = np.clip(np.ceil(crossing_u).astype(np.int64) - u0, 0, columns)
+    first = np.clip(np.ceil(crossing_u) - u0, 0, columns).astype(np.int64)  # corners may lie very far off
     switches = np.bincount(row * (columns + 1) + first, minlength=rows * (columns + 1)).reshape(rows, columns + 1)
     covered = np.cumsum(switches, axis=1)[:, :columns] % 2 == 1
     return (slice(v0, v0 + rows), slice(u0, u0 + columns)), covered

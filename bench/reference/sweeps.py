@@ -24,8 +24,9 @@ class PlacedSweep:
         knots_ns: (K,) int64, K >= 2.
         rotations: (K, 3, 3) float64, world_from_lidar.
         positions_m: (K, 3) float64, m.
-        lowest_slope: tangent of the elevation of the lowest point, seen from the lidar: that of the lowest beam,
-            which meets the road.
+        lidar_from_beams: as of the recording.
+        lowest_slope: tangent of the elevation of the lowest point, seen from where the beams start: that of the lowest
+            beam, which meets the road.
         highest_slope: of its highest point: that of the highest beam that meets anything.
     """
 
@@ -34,6 +35,7 @@ class PlacedSweep:
     knots_ns: NDArray[np.int64]
     rotations: NDArray[np.float64]
     positions_m: NDArray[np.float64]
+    lidar_from_beams: RigidTransform
     lowest_slope: float
     highest_slope: float
 
@@ -47,29 +49,50 @@ class PlacedSweep:
             positions_m=self.positions_m,
         )
 
+    def points_beams(self, rows: NDArray[np.intp] | slice = slice(None)) -> NDArray[np.float64]:
+        """Points as the beams met them, (K, 3) float64, m, the beams' own axes at each point's own time."""
+        return self.lidar_from_beams.inverse().apply(self.sweep.points_lidar[rows].astype(np.float64))
 
-def place_sweep(sweep: LidarSweep, trajectory: Trajectory, vehicle_from_lidar: RigidTransform) -> PlacedSweep | None:
-    """Find the lidar's poses during a sweep; None where it has no points or ego-motion is missing for part of it."""
+
+def place_sweep(
+    sweep: LidarSweep,
+    trajectory: Trajectory,
+    vehicle_from_lidar: RigidTransform,
+    lidar_from_beams: RigidTransform | None = None,
+) -> PlacedSweep | None:
+    """Find the lidar's poses during a sweep.
+
+    Args:
+        sweep: the points.
+        trajectory: ego-motion.
+        vehicle_from_lidar: mounting of the frame of the points.
+        lidar_from_beams: where in it the beams start; None for its origin.
+
+    Returns:
+        None where the sweep has no points or ego-motion is missing for part of it.
+    """
     times_ns = sweep.times_ns
     knots_ns = knot_times(times_ns)
     rotations, positions_m, valid = trajectory.at(knots_ns)
     if not (len(knots_ns) and valid.all()):
         return None
-    slopes = slopes_of(sweep.points_lidar)
+    beams = lidar_from_beams or RigidTransform.identity()
+    slopes = slopes_of(beams.inverse().apply(sweep.points_lidar.astype(np.float64)))
     return PlacedSweep(
         sweep=sweep,
         times_ns=times_ns,
         knots_ns=knots_ns,
         rotations=rotations @ vehicle_from_lidar.rotation,
         positions_m=rotations @ vehicle_from_lidar.translation_m + positions_m,
+        lidar_from_beams=beams,
         lowest_slope=float(slopes.min()),
         highest_slope=float(slopes.max()),
     )
 
 
-def slopes_of(points_lidar: NDArray[np.floating]) -> NDArray[np.float64]:
-    """(N,) float64, tangent of the elevation of points, lidar frame."""
-    x, y, z = points_lidar.T.astype(np.float64)
+def slopes_of(points_beams: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N,) float64, tangent of the elevation of points, (N, 3), the beams' own axes."""
+    x, y, z = points_beams.T
     return np.asarray(z / np.maximum(np.hypot(x, y), 1e-9))
 
 
@@ -109,5 +132,9 @@ class SweepShelf:
         nearest = int(np.argmin(away_ns))
         if self._held is None or self._held[0] != nearest:
             sweep = self._recording.sweeps[nearest].read()
-            self._held = nearest, place_sweep(sweep, self._recording.trajectory, self._recording.vehicle_from_lidar)
+            self._held = nearest, self._placed(sweep)
         return self._held[1]
+
+    def _placed(self, sweep: LidarSweep) -> PlacedSweep | None:
+        drive = self._recording
+        return place_sweep(sweep, drive.trajectory, drive.vehicle_from_lidar, drive.lidar_from_beams)

@@ -6,9 +6,12 @@ import re
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 
+from bench.evaluation import Rows
+from bench.evaluation.columns import Columns
+from bench.evaluation.row_source import as_source
 from bench.harness import FramePipeline, ProcessedFrame
 from bench.recordings.atomic import write_bytes
 from bench.reference import Category, ReferenceObject, Status
@@ -19,6 +22,7 @@ from bench.reporting.overlay import overlay_frame
 from bench.reporting.panels import PanelColumn, draw_panels
 
 FrameKey = tuple[str, str, int]
+_ORDER = {category: number for number, category in enumerate(Category)}
 
 
 def write_frame_pictures(processed: ProcessedFrame, pipeline: FramePipeline, folder: Path) -> tuple[Path, ...]:
@@ -50,20 +54,28 @@ def write_frame_pictures(processed: ProcessedFrame, pipeline: FramePipeline, fol
     return tuple(folder / f"{name}.png" for name in pictures)
 
 
-def telling_frames(objects: pa.Table) -> dict[Category, FrameKey]:
+def telling_frames(objects: Rows) -> dict[Category, FrameKey]:
     """For every category the frame in which an object of it fills most pixels: recording, camera, timestamp_ns.
 
     Args:
-        objects: of `OBJECTS_SCHEMA`.
+        objects: of `OBJECTS_SCHEMA`, in memory or stored.
     """
-    found: dict[Category, FrameKey] = {}
-    for category in Category:
-        rows = objects.filter((pc.field("status") == "evaluated") & (pc.field("category") == category.value))
-        if rows.num_rows:
-            order = [("region_px", "descending"), ("recording", "ascending"), ("timestamp_ns", "ascending")]
-            first = rows.sort_by(order).slice(0, 1).to_pylist()[0]
-            found[category] = first["recording"], first["camera"], first["timestamp_ns"]
-    return found
+    largest: dict[Category, tuple[int, str, int, str]] = {}
+    for batch in as_source(objects).batches(("recording", "camera", "timestamp_ns", "status", "category", "region_px")):
+        rows = Columns(pa.table(batch))
+        evaluated = rows.is_word("status", Status.EVALUATED.value)
+        for category in Category:
+            of_kind = rows.take(evaluated & rows.is_word("category", category.value))
+            if len(of_kind):
+                (recording, names), (camera, cameras) = of_kind.words("recording"), of_kind.words("camera")
+                region, times_ns = of_kind.integers("region_px"), of_kind.integers("timestamp_ns")
+                row = int(np.lexsort([times_ns, recording, -region])[0])
+                found = -int(region[row]), names[recording[row]], int(times_ns[row]), cameras[camera[row]]
+                largest[category] = min(largest.get(category, found), found)
+    return {
+        category: (recording, camera, timestamp_ns)
+        for category, (_, recording, timestamp_ns, camera) in sorted(largest.items(), key=lambda i: _ORDER[i[0]])
+    }
 
 
 def _file_name(track_id: str) -> str:

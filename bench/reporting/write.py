@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from bench.errors import DataError
 from bench.evaluation.maps import range_maps
 from bench.evaluation.protocol import Protocol
-from bench.harness import RunSummary, read_protocol, read_run, read_tables
+from bench.harness import RunSummary, open_tables, read_protocol, read_run
 from bench.recordings.atomic import write_bytes, write_text
 from bench.reporting.canvas import PictureFormat, figure_bytes
 from bench.reporting.range_maps import draw_range_maps
@@ -43,7 +43,7 @@ def write_report_files(run: Path) -> Report:
     """
     summary = read_run(run)
     rules = read_rules(run, summary)
-    objects, _ = read_tables(run)
+    objects, _ = open_tables(run)
     rows = table_rows(summary)
     outline_m = np.array(summary.vehicle_outline_m, dtype=np.float64)
     picture = draw_range_maps(range_maps(objects, protocol=rules), vehicle_outline_m=outline_m)

@@ -7,7 +7,18 @@ from tests.cli.test_commands import call
 
 
 def test_sweep_leaves_table_and_chart_and_ends_with_the_table(monkeypatch, capsys, tiny_card, tmp_path):
-    words = ("sweep", tiny_card, "--what", "error.yaw_rate", "--values", "-2,2", "--out", tmp_path)
+    words = (
+        "sweep",
+        tiny_card,
+        "--what",
+        "error.yaw_rate",
+        "--values",
+        "-2,2",
+        "--out",
+        tmp_path,
+        "--cache",
+        tmp_path / "cache",
+    )
     assert call(monkeypatch, *words, "--split", "moving") == 0
     shown = capsys.readouterr().out
     for name in ("sweep.json", "sweep.csv", "sweep.md", "sweep.png", "sweep.svg"):
@@ -15,7 +26,7 @@ def test_sweep_leaves_table_and_chart_and_ends_with_the_table(monkeypatch, capsy
         assert str(tmp_path / "error.yaw_rate" / name) in shown
     for text in ("bias of the yaw rate (deg/s)", "-2 ", "0 * ", "3 values on 8 images", "flow computed 8 times"):
         assert text in shown
-    assert len(list((tmp_path / "cache").glob("*.npz"))) == 2
+    assert len(list((tmp_path / "cache").glob("flow/*/*.npz"))) == 8
 
 
 def test_sweep_list_names_every_sweep_with_its_values(monkeypatch, capsys, tiny_card):

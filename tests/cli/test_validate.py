@@ -25,7 +25,7 @@ def folder(clean, tmp_path):
 
 
 def test_a_clean_data_set_exits_with_0(monkeypatch, capsys, clean):
-    assert call(monkeypatch, "validate", clean / "street.yaml", "--strict", "--deep") == 0
+    assert call(monkeypatch, "validate", clean / "street.yaml", "--deep") == 0
     shown = capsys.readouterr().out
     assert "0 errors and 0 warnings in 1 recordings; read 24 of 24 images and 16 of 16 sweeps" in shown
 
@@ -49,14 +49,17 @@ def test_faults_exit_with_1_and_stand_in_table_and_json(monkeypatch, capsys, fol
     assert content["findings"][0]["timestamp_ns"] == int(images[3].stem)
 
 
-def test_warnings_alone_pass_unless_strict(monkeypatch, capsys, folder):
+def test_warnings_alone_exit_with_1_unless_only_errors_count(monkeypatch, capsys, folder):
     images = sorted((folder / "data" / "drive" / "images" / "front").iterdir())
     for path in images[10:13]:
         path.unlink()
-    assert call(monkeypatch, "validate", folder / "street.yaml") == 0
-    assert "0 errors and 1 warnings" in capsys.readouterr().out
-    assert call(monkeypatch, "validate", folder / "street.yaml", "--strict") == 1
-    assert "image-gaps" in capsys.readouterr().out
+    assert call(monkeypatch, "validate", folder / "street.yaml") == 1
+    shown = capsys.readouterr().out
+    assert "0 errors and 1 warnings" in shown
+    assert "image-gaps" in shown
+    assert call(monkeypatch, "validate", folder / "street.yaml", "--errors-only") == 0
+    (folder / "data" / "drive" / "recording.json").write_text("{}")
+    assert call(monkeypatch, "validate", folder / "street.yaml", "--errors-only") == 1
 
 
 def test_one_bad_recording_does_not_stop_the_others(monkeypatch, capsys, folder):

@@ -105,7 +105,7 @@ def test_a_metric_that_drops_objects(good_run, baseline, monkeypatch, capsys):
     def dropping(objects, frames, *, protocol):
         """The score sheet, but `tpr_all` leaves out what is covered by less than 90 %."""
         whole = score_sheet(objects, frames, protocol=protocol)
-        partial = score_sheet(_well_covered(objects), frames, protocol=protocol)
+        partial = score_sheet(_well_covered(objects.table()), frames, protocol=protocol)
         slices = {
             name: metrics | {key: partial.slices[name][key] for key in metrics if key == "tpr_all"}
             for name, metrics in whole.slices.items()

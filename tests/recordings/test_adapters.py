@@ -11,7 +11,7 @@ import yaml
 
 from bench.errors import DataError
 from bench.recordings import ADAPTERS, catalogue, load_card, open_dataset, read_image
-from tests.recordings import tiny, tiny_aimotive, tiny_kitti360, tiny_woodscape
+from tests.recordings import tiny, tiny_aimotive, tiny_kitti360, tiny_rosbag, tiny_woodscape
 
 
 def native(root):
@@ -34,7 +34,13 @@ def woodscape(root):
     return tiny_woodscape.OPTIONS | {"cameras": ["FV"]}
 
 
-DATA_SETS = {"native": native, "aimotive": aimotive, "kitti360": kitti360, "woodscape": woodscape}
+def rosbag(root):
+    tiny_rosbag.write_data_set(root)
+    return tiny_rosbag.OPTIONS
+
+
+DATA_SETS = {"native": native, "aimotive": aimotive, "kitti360": kitti360, "woodscape": woodscape, "rosbag": rosbag}
+LABELLED_APART = {"rosbag"}  # annotations only beside the data
 MASKED = {"woodscape"}  # masks in place of lidar and annotated objects
 
 
@@ -44,6 +50,7 @@ def test_every_adapter_is_tried():
 
 def write_card(tmp_path, adapter, options):
     content = {"name": "x", "title": "x", "adapter": adapter, "root": "data", "licence": "x", "options": options}
+    content |= {"annotations": "annotations"} if adapter in LABELLED_APART else {}
     path = tmp_path / "x.yaml"
     path.write_text(yaml.safe_dump(content))
     return load_card(path)

@@ -10,9 +10,9 @@ from bench.cameras import UnifiedCamera
 from bench.errors import DataError
 from bench.lidar import deskew, knot_times
 from bench.recordings import load_card, open_dataset, read_image
-from bench.recordings.aimotive import aimotive_recordings
-from bench.recordings.aimotive_cameras import read_cameras
-from bench.recordings.aimotive_options import AimotiveOptions
+from bench.recordings.aimotive.adapter import aimotive_recordings
+from bench.recordings.aimotive.cameras import read_cameras
+from bench.recordings.aimotive.options import AimotiveOptions
 from tests.real import needs_real
 from tests.recordings import tiny_aimotive as tiny
 
@@ -120,7 +120,7 @@ def test_calibration_must_be_there_and_complete(folder, tmp_path):
     with pytest.raises(DataError, match=r"calibration\.json: M_FISHEYE_R\.xi: wanted a value, came nothing"):
         opened(tmp_path)
     file.unlink()
-    with pytest.raises(DataError, match=r"calibration\.json: wanted a calibration"):
+    with pytest.raises(DataError, match=r"calibration\.json: wanted a readable text file, came No such file"):
         opened(tmp_path)
 
 
@@ -310,7 +310,7 @@ def test_the_real_pinhole_cameras():
     card = load_card(Path(__file__).parents[2] / "datasets/aimotive-sample.yaml")
     folder = next(card.root.glob("data/*/*/*"))
     options = AimotiveOptions(cameras=("B_MIDRANGECAM_C", "F_MIDLONGRANGECAM_CL", "M_FISHEYE_L"))
-    cameras = read_cameras(folder, options)
+    cameras = read_cameras(card.root, folder, options)
     ahead = {name: camera.vehicle_from_camera.rotation[:, 2] for name, camera in cameras.items()}
     assert ahead["F_MIDLONGRANGECAM_CL"] == pytest.approx([1, 0, 0], abs=0.1)
     assert ahead["B_MIDRANGECAM_C"] == pytest.approx([-1, 0, 0], abs=0.1)

@@ -2,18 +2,22 @@
 
 from dataclasses import replace
 from functools import partial
+from importlib.metadata import EntryPoint
 
 import numpy as np
 import pytest
 
 from bench.errors import DataError
 from bench.lidar import LidarSweep
-from bench.recordings import RecordingHandle
+from bench.recordings import RecordingHandle, catalogue
+from bench.recordings.aimotive.adapter import aimotive_recordings
 from bench.recordings.contract import adapter_faults, check_adapter
+from bench.recordings.kitti360.adapter import kitti360_recordings
 from bench.recordings.native import open_native
 from bench.recordings.native_listing import native_recordings
 from bench.recordings.validation import FileModel, validated
-from tests.recordings import tiny, tiny_aimotive
+from bench.recordings.woodscape.adapter import woodscape_recordings
+from tests.recordings import tiny, tiny_aimotive, tiny_kitti360, tiny_woodscape
 
 
 class Options(FileModel):
@@ -108,14 +112,32 @@ def refuses(root):
     raise DataError(root, wanted="a calibration", came="none")
 
 
-def test_our_adapters_keep_it(root, tmp_path):
+def test_our_adapters_keep_it(root):
     check_adapter(native_recordings, root)
     check_adapter(adapter_of(open_native), root)
-    (tmp_path / "aimotive").mkdir()
-    tiny_aimotive.write_data_set(tmp_path / "aimotive")
-    from bench.recordings.aimotive import aimotive_recordings
 
-    check_adapter(aimotive_recordings, tmp_path / "aimotive", options=tiny_aimotive.OPTIONS)
+
+@pytest.mark.parametrize(
+    ("adapter", "miniature"),
+    [
+        (aimotive_recordings, tiny_aimotive),
+        (kitti360_recordings, tiny_kitti360),
+        (woodscape_recordings, tiny_woodscape),
+    ],
+)
+def test_adapters_of_data_sets_keep_it(tmp_path, adapter, miniature):
+    (tmp_path / "set").mkdir()
+    miniature.write_data_set(tmp_path / "set")
+    check_adapter(adapter, tmp_path / "set", options=miniature.OPTIONS)
+
+
+def test_an_adapter_of_another_package_keeps_it(root, monkeypatch):
+    """One that is found by its entry point, as an installed package gives it."""
+    point = EntryPoint(
+        name="mine", value="bench.recordings.native_listing:native_recordings", group="fisheye_bench.adapters"
+    )
+    monkeypatch.setattr(catalogue, "entry_points", lambda group: [point] if group == point.group else [])
+    check_adapter(catalogue._adapter("mine"), root)
 
 
 @pytest.mark.parametrize(

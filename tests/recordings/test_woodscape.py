@@ -11,8 +11,9 @@ from bench.evaluation import load_protocol
 from bench.harness.units import plan_units
 from bench.methods import build_method
 from bench.recordings import load_card, open_dataset, read_image
-from bench.recordings.woodscape import read_camera, woodscape_recordings
-from bench.recordings.woodscape_options import WoodscapeOptions
+from bench.recordings.woodscape.adapter import woodscape_recordings
+from bench.recordings.woodscape.camera import read_camera
+from bench.recordings.woodscape.options import WoodscapeOptions
 from bench.reference import IgnoreReason, ReferenceBuilder, Status
 from tests.real import REAL, needs_real
 from tests.recordings import tiny_woodscape as tiny
@@ -218,7 +219,8 @@ def test_the_card(root, monkeypatch):
     ],
 )
 def test_the_real_calibrations(name, height_m, looks):
-    camera = read_camera(REAL / "woodscape/calibration" / f"{name}.json", WoodscapeOptions())
+    folder = REAL / "woodscape/calibration"
+    camera = read_camera(folder, folder / f"{name}.json", name, WoodscapeOptions())
     assert (camera.name, camera.stored_size_px) == (name.split("_")[1], (1280, 966))
     along = camera.vehicle_from_camera.rotation[:2, 2]
     assert along / np.linalg.norm(along) == pytest.approx(looks, abs=0.05)
@@ -227,3 +229,109 @@ def test_the_real_calibrations(name, height_m, looks):
     rays, valid = camera.model.unproject(pixels)
     assert valid.all()
     assert camera.model.project(rays)[0] == pytest.approx(pixels, abs=1e-6)
+
+
+CARS = [
+    {"indices": [None, 95], "body_polygons": {"FV": [[[0, 40], [20, 40], [20, 47], [0, 47]]]}},
+    {
+        "indices": [96, None],
+        "body_masks": {"MVR": "masks/car2_MVR.png"},
+        "vehicle_outline_m": [[-1.2, -1.0], [4.1, -1.0], [4.1, 1.0], [-1.2, 1.0]],
+    },
+]
+
+
+def write_mask(root, pixels=None):
+    (root / "masks").mkdir(exist_ok=True)
+    mask = np.zeros((tiny.HEIGHT, tiny.WIDTH), dtype=np.uint8)
+    mask[:, 60:] = 255
+    assert cv2.imwrite(str(root / "masks/car2_MVR.png"), mask if pixels is None else pixels)
+
+
+def test_each_car_has_its_own_masks_and_outline(root):
+    write_mask(root)
+    front, mirror = opened(root, 0, cars=CARS), opened(root, 1, cars=CARS)
+    body = front.cameras["FV"].ego_body
+    assert body[40:44, :21].all()  # this car's
+    assert body[44:, :].all()  # of every car
+    assert not body[40:44, 22:].any()
+    assert front.vehicle_outline_m[:, 0].max() == pytest.approx(3.9)
+    body = mirror.cameras["MVR"].ego_body
+    assert body[:, 60:].all()
+    assert body[41, 20]  # of every car
+    assert not body[:40, :60].any()
+    assert mirror.vehicle_outline_m[:, 0].max() == pytest.approx(4.1)
+
+
+def test_an_index_of_no_car_has_the_masks_of_every_car(root):
+    alone = opened(root, 1, cars=CARS[:1]).cameras["MVR"].ego_body
+    assert alone.tolist() == opened(root, 1).cameras["MVR"].ego_body.tolist()
+
+
+@pytest.mark.parametrize(
+    ("cars", "message"),
+    [
+        ([{"indices": [0, 10]}, {"indices": [10, 20]}], "options: wanted cars whose indices do not overlap"),
+        ([{"indices": [0, 10]}, {}], "options: wanted cars whose indices do not overlap"),
+        ([{"indices": [5, 4]}], r"options.cars.0: wanted the first index not after the last"),
+        ([{"indices": [-1, 4]}], r"options.cars.0.indices.0: wanted greater than or equal to 0, came -1"),
+        ([{"colour": "red"}], r"options.cars.0.colour: wanted no such key, came 'red'"),
+        ([{"body_masks": {"LV": "x.png"}}], r"options.cars.0.body_masks.LV"),
+    ],
+)
+def test_cars_that_cannot_be(root, cars, message):
+    with pytest.raises(DataError, match=message):
+        handles(root, cars=cars)
+
+
+def test_masks_of_a_car_that_cannot_be_used(root, tmp_path):
+    with pytest.raises(DataError, match=r"car2_MVR\.png: wanted an image file, came No such file"):
+        opened(root, 1, cars=CARS)
+    write_mask(root, np.zeros((10, 10), dtype=np.uint8))
+    with pytest.raises(DataError, match="wanted 64 x 48 px, came 10 x 10"):
+        opened(root, 1, cars=CARS)
+    for path in ("../mask.png", "/etc/passwd"):
+        with pytest.raises(DataError, match=r"body_masks\.MVR: wanted a relative path without '\.\.'"):
+            opened(root, 1, cars=[{"body_masks": {"MVR": path}}])
+
+
+@pytest.mark.parametrize(
+    ("file", "elsewhere"),
+    [
+        ("previous_images/00000_FV_prev.png", "previous_images/00000_FV_PREV.png"),
+        ("previous_images/00000_FV_prev.png", "previous_images/previous_images/00000_FV_prev.png"),
+        ("rgb_images/00000_FV.png", "rgb_images/rgb_images/00000_FV.png"),
+        ("motion_annotations/gtLabels/00000_FV.png", "motion_annotations/motion_annotations/gtLabels/00000_FV.png"),
+        (CALIBRATION, "calibration/00000_FV.json"),
+        (CALIBRATION, "calibration/calibration/00000_FV.json"),
+        (VEHICLE, "vehicle_info/rgb_images/00000_FV.json"),
+        (VEHICLE, "vehicle_data/vehicle_data/rgb_images/00000_FV.json"),
+        ("vehicle_data/previous_images/00000_FV.json", "vehicle_info/previous_images/00000_FV.json"),
+    ],
+)
+def test_every_variant_of_the_folders(root, file, elsewhere):
+    (root / elsewhere).parent.mkdir(parents=True, exist_ok=True)
+    (root / file).rename(root / elsewhere)
+    recording = opened(root)
+    assert recording.name == "00000_FV"
+    before, now = recording.images["FV"]
+    assert all(path.is_file() for path in (before.path, now.path, now.moving_path))
+
+
+@needs_real
+def test_a_car_of_the_real_size_with_masks_at_half_of_it(tmp_path):
+    """Real calibrations in the miniature's place: 1280 x 966, evaluated at half."""
+    root = tiny.write_data_set(tmp_path / "WoodScape")
+    for name in tiny.NAMES:
+        place = root / f"calibration_data/calibration/{name}.json"
+        place.write_bytes((REAL / f"woodscape/calibration/{name}.json").read_bytes())
+    (root / "masks").mkdir()
+    mask = np.zeros((966, 1280), dtype=np.uint8)
+    mask[900:] = 1
+    assert cv2.imwrite(str(root / "masks/MVR.png"), mask)
+    cars = [{"indices": [0, 6053], "body_masks": {"MVR": "masks/MVR.png"}}]
+    camera = opened(root, 1, cars=cars, body_polygons={}, evaluated_size_px=[640, 483]).cameras["MVR"]
+    assert camera.stored_size_px == (1280, 966)
+    assert camera.ego_body.shape == (483, 640)
+    assert camera.ego_body[450:].all()
+    assert not camera.ego_body[:450].any()

@@ -37,7 +37,7 @@ def patches_of(points):
     """Corners of the patches, (N, 4, 3) m, lidar frame."""
     grid = find_grid(points)
     assert grid is not None
-    return surface_patches(points, points, world_from_lidar=np.eye(3), grid=grid)
+    return surface_patches(points, points, world_from_beams=np.eye(3), grid=grid)
 
 
 def footprint(points):

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.recordings import SweepRef
 from bench.reference import ReferenceBuilder, Status
@@ -166,3 +167,27 @@ def test_points_without_rows_fall_back_to_the_concave_hull():
     ]
     assert polygons[0].area > 20
     assert polygons[1].equals(polygons[0])
+
+
+def test_points_in_the_vehicles_axes_give_the_same_footprint_once_it_is_told_where_the_beams_start():
+    """Seen from below the rear axle, rows of beams are no rows: stripes of the wall would stay open."""
+    recording, truth = wall_recording(away_m=4.0, width_m=2.0)
+    sweep = recording.sweeps[0].read()
+    in_vehicle_axes = replace(sweep, points_lidar=LIDAR.apply(sweep.points_lidar))
+    ref = replace(recording.sweeps[0], reader=lambda *_: in_vehicle_axes)
+    merged = replace(recording, sweeps=(ref,), vehicle_from_lidar=RigidTransform.identity())
+    told = replace(merged, lidar_from_beams=LIDAR)
+    wanted, found, untold = (
+        ReferenceBuilder(one, "front", with_settings(polygon_kind="footprint"))
+        .build(one.images["front"][0])
+        .objects[0]
+        .polygon
+        for one in (recording, told, merged)
+    )
+    assert found.symmetric_difference(wanted).area < 0.005 * wanted.area
+    assert untold.intersection(truth).area < found.intersection(truth).area
+    hulls = [
+        ReferenceBuilder(one, "front", with_settings(polygon_kind="convex")).build(one.images["front"][0]).objects[0]
+        for one in (told, merged)
+    ]
+    assert hulls[0].polygon.equals(hulls[1].polygon)  # hulls do not ask where beams start

@@ -77,7 +77,7 @@ def test_the_order_of_points_and_a_turn_of_the_sensor_do_not_matter():
         area, rel=0.005
     )  # other returns tell the step
     backwards = np.diag([-1.0, -1.0, 1.0])  # the cluster now lies across the jump of the azimuth
-    turned = surface_patches(points @ backwards, points, world_from_lidar=backwards, grid=find_grid(points @ backwards))
+    turned = surface_patches(points @ backwards, points, world_from_beams=backwards, grid=find_grid(points @ backwards))
     assert shapely.union_all(shapely.polygons(turned[:, :, 1:])).area == pytest.approx(area, rel=0.01)
 
 

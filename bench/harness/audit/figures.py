@@ -6,8 +6,8 @@ from pydantic import BaseModel, ConfigDict
 
 from bench.evaluation import FalsePositiveFigures, ObjectFigures
 from bench.evaluation.summary import ProtocolStamp, Ratio
+from bench.harness.method_stamp import MethodStamp
 from bench.harness.provenance import Provenance
-from bench.harness.stored import MethodStamp
 
 ALL = "all"
 

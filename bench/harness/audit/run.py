@@ -18,8 +18,8 @@ from bench.harness.audit.recording import RecordingAudit, Scoring, audit_recordi
 from bench.harness.audit.reduce import aims, false_alarm_figures, miss_figures, polygon_figures, scores
 from bench.harness.audit.sources import NO_SCENARIO, AuditSource, audit_sources
 from bench.harness.audit.stored import SCHEMA_VERSION, write_audit
+from bench.harness.method_stamp import MethodStamp
 from bench.harness.progress import Progress, recording_reporter
-from bench.harness.stored import MethodStamp
 from bench.methods import Method
 from bench.methods.spherical.method import SphericalMethod
 from bench.recordings import DatasetCard

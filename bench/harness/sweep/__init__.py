@@ -6,7 +6,6 @@ once per pair of images and setting and kept on disk, the deviations once per se
 once per rules. Injected errors reach the **method only**; the reference keeps the true calibration and ego-motion.
 """
 
-from bench.harness.sweep.cache import FlowCache
 from bench.harness.sweep.definition import Sweep
 from bench.harness.sweep.perturb import Injection
 from bench.harness.sweep.plan import SweepPlan, plan_sweep
@@ -18,7 +17,6 @@ from bench.harness.sweep.trial import Trial
 __all__ = [
     "FILE",
     "SWEEPS",
-    "FlowCache",
     "Injection",
     "Sweep",
     "SweepPlan",

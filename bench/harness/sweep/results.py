@@ -8,8 +8,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from bench.errors import DataError
 from bench.evaluation import FalsePositiveFigures, ObjectFigures
+from bench.harness.method_stamp import MethodStamp
 from bench.harness.provenance import Provenance
-from bench.harness.stored import MethodStamp
 from bench.harness.sweep.definition import Part, Scale, Value
 from bench.recordings import write_text
 

@@ -13,11 +13,12 @@ import pyarrow as pa
 from bench.errors import BenchError, DataError
 from bench.evaluation import Protocol, SequenceScorer, summarise
 from bench.harness import provenance as origin
+from bench.harness.cache import CacheFolder, StepCache
 from bench.harness.frames import FramePipeline, UnscorableFrame
+from bench.harness.keys import RecordingInputs
+from bench.harness.method_stamp import MethodStamp
 from bench.harness.progress import Progress, recording_reporter
 from bench.harness.stages import StageClock
-from bench.harness.stored import MethodStamp
-from bench.harness.sweep.cache import FlowCache
 from bench.harness.sweep.definition import Value
 from bench.harness.sweep.perturb import NONE
 from bench.harness.sweep.plan import SweepPlan
@@ -25,8 +26,8 @@ from bench.harness.sweep.results import SCHEMA_VERSION, FlowCalls, SweepResult, 
 from bench.harness.sweep.segmenter import TrialSegmenter, numbered
 from bench.harness.sweep.trial import Trial
 from bench.harness.units import Unit, plan_units
-from bench.methods import MethodInput, Segmentation, UnansweredImage
-from bench.recordings import DatasetCard, Recording, RecordingHandle, open_dataset
+from bench.methods import Segmentation, UnansweredImage
+from bench.recordings import DatasetCard, ImageRef, Recording, RecordingHandle, open_dataset
 from bench.reference import ReferenceBuilder, ReferenceFrame
 from bench.threads import single_threaded
 
@@ -36,7 +37,7 @@ def run_sweep(
     *,
     plan: SweepPlan,
     out: Path,
-    cache: FlowCache,
+    cache: CacheFolder | None,
     split: str | None = None,
     progress: Progress | None = None,
 ) -> SweepResult:
@@ -49,7 +50,7 @@ def run_sweep(
         card: the data set.
         plan: what to run.
         out: folder of the sweep; an older `sweep.json` in it is replaced.
-        cache: for flow.
+        cache: for flow and references; None to keep nothing.
         split: of the data set; None for all of it.
         progress: called with the recordings done (with a fraction for the one at work) and their number.
 
@@ -82,7 +83,7 @@ def run_sweep(
         method=MethodStamp.of(method),
         protocol=plan.base.protocol.name,
         rows=rows,
-        flow=FlowCalls(computed=work.computed, read=work.read),
+        flow=work.flow_calls(),
         provenance=origin.provenance_since(
             start,
             fingerprints=work.fingerprints,
@@ -95,26 +96,19 @@ def run_sweep(
     return result
 
 
-class _SweepPipeline(FramePipeline):
-    """Gives what a method may see of an image, and leaves it to the sweep who looks."""
-
-    def given(self, index: int) -> MethodInput:
-        return self.method_input(index)
-
-
 @dataclass(kw_only=True)
 class _Work:
     """What piles up while a sweep goes on: the rows of the two tables, per value."""
 
     plan: SweepPlan
-    cache: FlowCache
+    cache: CacheFolder | None
     clock: StageClock = field(default_factory=StageClock)
     fingerprints: list[str] = field(default_factory=list)
     failures: list[str] = field(default_factory=list)
     tables: list[list[tuple[pa.Table, pa.Table]]] = field(default_factory=list)
     units: int = 0
-    computed: int = 0
-    read: int = 0
+    _opened: Recording | None = None
+    _inputs: RecordingInputs | None = None
 
     def __post_init__(self) -> None:
         self.tables = [[] for _ in self.plan.trials]
@@ -137,6 +131,14 @@ class _Work:
                 self.failures.append(f"recording {unit.recording!r}, camera {unit.camera!r}: {error}")
         report(1.0)
 
+    def steps(self, recording: Recording) -> StepCache | None:
+        """Where steps on a recording are kept; its files are read afresh for each unit."""
+        if self.cache is None:
+            return None
+        if self._inputs is None or self._opened is not recording:
+            self._opened, self._inputs = recording, RecordingInputs(recording)
+        return StepCache(folder=self.cache, recording=recording, inputs=self._inputs.afresh())
+
     def rows(self) -> tuple[SweepRow, ...]:
         """The figures of every value."""
         with self.clock.stage("summary"):
@@ -144,6 +146,11 @@ class _Work:
                 _row(value, trial, tables, operating=value == self.plan.operating)
                 for value, trial, tables in zip(self.plan.values, self.plan.trials, self.tables, strict=True)
             )
+
+    def flow_calls(self) -> FlowCalls:
+        """Where the flow came from; without a cache nobody counts."""
+        computed, read = (0, 0) if self.cache is None else (self.cache.missed["flow"], self.cache.found["flow"])
+        return FlowCalls(computed=computed, read=read)
 
     def _run_unit(self, recording: Recording, unit: Unit, advance: Callable[[], None]) -> None:
         run = _UnitSweep(recording, unit, self)
@@ -153,11 +160,7 @@ class _Work:
         self.failures += run.problems
         for collected, tables in zip(self.tables, run.finish(), strict=True):
             collected.append(tables)
-        self.units, self.computed, self.read = (
-            self.units + 1,
-            self.computed + run.segmenter.computed,
-            self.read + run.segmenter.read,
-        )
+        self.units += 1
 
 
 class _UnitSweep:
@@ -166,8 +169,9 @@ class _UnitSweep:
     def __init__(self, recording: Recording, unit: Unit, work: _Work) -> None:
         base, trials = work.plan.base, work.plan.trials
         self._unit, self._clock = unit, work.clock
-        self._pipeline = _SweepPipeline(
-            recording, unit.camera, method=base.method, protocol=base.protocol, clock=work.clock
+        self._steps = work.steps(recording)
+        self._pipeline = FramePipeline(
+            recording, unit.camera, method=base.method, protocol=base.protocol, clock=work.clock, steps=self._steps
         )
         settings = [trial.protocol.reference_settings() for trial in trials]
         self._reference_of = numbered(settings)
@@ -176,16 +180,18 @@ class _UnitSweep:
             for number, setting in dict(zip(self._reference_of, settings, strict=True)).items()
         }
         self._scorers = [SequenceScorer(trial.protocol) for trial in trials]
-        self.segmenter = TrialSegmenter(trials, recording=recording, unit=unit, cache=work.cache, clock=work.clock)
+        self._segmenter = TrialSegmenter(trials, recording=recording, unit=unit, clock=work.clock)
         self.problems: list[str] = []
 
     def score(self, index: int) -> None:
         """Score an image for all values, or leave it out for all."""
         try:
-            segmentations = self.segmenter.segment(self._pipeline.given(index))
+            given = self._pipeline.method_input(index)
+            segmentations = self._segmenter.segment(given)
+            self._pipeline.refuse_damaged(given)
             with self._clock.stage("reference"):
                 image = self._pipeline.images[index]
-                references = {number: builder.build(image) for number, builder in self._builders.items()}
+                references = {number: self._reference(builder, image) for number, builder in self._builders.items()}
         except (UnscorableFrame, UnansweredImage) as reason:
             self._leave_out(index, "skipped", str(reason))
         except BenchError as error:
@@ -197,9 +203,11 @@ class _UnitSweep:
 
     def finish(self) -> list[tuple[pa.Table, pa.Table]]:
         """The two tables of every value."""
-        self.segmenter.close()
         with self._clock.stage("counts"):
             return [scorer.finish() for scorer in self._scorers]
+
+    def _reference(self, builder: ReferenceBuilder, image: ImageRef) -> ReferenceFrame:
+        return builder.build(image) if self._steps is None else self._steps.reference(builder, image)
 
     def _count(self, references: dict[int, ReferenceFrame], segmentations: list[Segmentation]) -> None:
         for scorer, number, segmentation in zip(self._scorers, self._reference_of, segmentations, strict=True):

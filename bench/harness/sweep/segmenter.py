@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.harness.keys import code_digest
 from bench.harness.stages import StageClock
-from bench.harness.sweep.cache import Flow, FlowCache, FlowShelf
-from bench.harness.sweep.perturb import believed, with_noise
+from bench.harness.sweep.perturb import NONE, believed, with_noise
 from bench.harness.sweep.trial import Trial
 from bench.harness.units import Unit
 from bench.methods import MethodInput, Segmentation
+from bench.methods.contract import compute_anew
 from bench.methods.spherical.method import Measurement, SphericalMethod
 from bench.methods.spherical.visual import SCALE_FREE
 from bench.recordings import Recording
@@ -26,34 +30,14 @@ class TrialSegmenter:
         trials: what to segment.
         recording: of the unit.
         unit: which images.
-        cache: for flow.
         clock: adds up the time of each stage.
     """
 
-    def __init__(
-        self, trials: Sequence[Trial], *, recording: Recording, unit: Unit, cache: FlowCache, clock: StageClock
-    ) -> None:
-        self._trials, self._recording, self._unit = trials, recording, unit
-        self._cache, self._clock = cache, clock
-        self._settings = [_flow_setting(trial) for trial in trials]
-        self._flow_of = numbered(self._settings)
+    def __init__(self, trials: Sequence[Trial], *, recording: Recording, unit: Unit, clock: StageClock) -> None:
+        self._trials, self._recording, self._unit, self._clock = trials, recording, unit, clock
+        self._flow_of = numbered([_flow_setting(trial) for trial in trials])
         self._measurement_of = numbered([_measured(trial) for trial in trials])
         self._segmentation_of = numbered([(trial.method, trial.injection) for trial in trials])
-        self._shelves: dict[int, FlowShelf] = {
-            number: cache.shelf(recording, unit, setting)
-            for number, setting in zip(self._flow_of, self._settings, strict=True)
-            if setting is not None
-        }
-
-    @property
-    def computed(self) -> int:
-        """Flows computed so far."""
-        return sum(shelf.computed for shelf in self._shelves.values())
-
-    @property
-    def read(self) -> int:
-        """Flows found in the cache so far."""
-        return sum(shelf.read for shelf in self._shelves.values())
 
     def segment(self, given: MethodInput) -> list[Segmentation]:
         """Segment an image for every trial, in their order.
@@ -61,7 +45,7 @@ class TrialSegmenter:
         Raises:
             DataError: no ego-motion at the times that a trial asks for.
         """
-        flows: dict[int, Flow] = {}
+        flows: dict[int, NDArray[np.float32]] = {}
         measured: dict[int, Measurement] = {}
         made: dict[int, Segmentation] = {}
         for index, trial in enumerate(self._trials):
@@ -75,7 +59,7 @@ class TrialSegmenter:
             flow, measurement = self._flow_of[index], self._measurement_of[index]
             if flow not in flows:
                 with self._clock.stage("flow"):
-                    flows[flow] = self._flow(given, trial, trial.method, flow)
+                    flows[flow] = trial.method.kept_flow(self._noisy(given, trial), altered=self._noise(given, trial))
             with self._clock.stage("method"):
                 if measurement not in measured:
                     told = self._told(self._noisy(given, trial), trial)  # a method may find its motion in the images
@@ -83,22 +67,24 @@ class TrialSegmenter:
                 made[number] = trial.method.judge(measured[measurement])
         return [made[number] for number in self._segmentation_of]
 
-    def close(self) -> None:
-        """Keep the flow that was computed."""
-        for shelf in self._shelves.values():
-            shelf.close(room_bytes=self._cache.room_bytes)
-
-    def _flow(self, given: MethodInput, trial: Trial, method: SphericalMethod, number: int) -> Flow:
-        shelf = self._shelves[number]
-        return shelf.take(given.timestamps_ns[-1], lambda: method.mean_flow(self._noisy(given, trial)))
+    def _noise(self, given: MethodInput, trial: Trial) -> object:
+        """What the noise of the images depends on; None where there is none."""
+        strength_grey = trial.injection.image_noise_grey
+        if strength_grey == 0:
+            return None
+        return code_digest(("harness/sweep/perturb.py",)), self._name, given.timestamps_ns, strength_grey
 
     def _noisy(self, given: MethodInput, trial: Trial) -> MethodInput:
-        name = f"{self._unit.recording} {self._unit.camera}"
-        return with_noise(given, name=name, strength_grey=trial.injection.image_noise_grey)
+        return with_noise(given, name=self._name, strength_grey=trial.injection.image_noise_grey)
+
+    @property
+    def _name(self) -> str:
+        return f"{self._unit.recording} {self._unit.camera}"
 
     def _told(self, given: MethodInput, trial: Trial) -> MethodInput:
         mounted, trajectory = self._recording.cameras[self._unit.camera], self._recording.trajectory
-        return believed(given, mounted=mounted, trajectory=trajectory, injection=trial.injection)
+        told = believed(given, mounted=mounted, trajectory=trajectory, injection=trial.injection)
+        return told if trial.injection == NONE else replace(told, kept=compute_anew)
 
 
 def numbered(items: Sequence[object]) -> list[int]:

@@ -10,13 +10,14 @@ import numpy as np
 from bench.errors import DataError
 from bench.harness.validation.findings import Finding, Severity, unusable
 from bench.recordings import ImageRef, Recording, read_image, read_truth
+from bench.recordings.images import read_moving_mask
 
 BLACK = 3.0  # grey levels
 MOVING_MPS = 0.5
 
 
 def check_images(recording: Recording, camera: str, rows: list[int], progress: Callable[[], None]) -> Iterator[Finding]:
-    """Read images of a camera and their truth.
+    """Read images of a camera, their truth and their masks.
 
     Args:
         recording: the drive.
@@ -48,6 +49,11 @@ def check_images(recording: Recording, camera: str, rows: list[int], progress: C
                 read_truth(image, mounted)
             except DataError as error:
                 yield unusable(error, check="truth-image", timestamp_ns=image.timestamp_ns)
+        if image.moving_path is not None:
+            try:
+                read_moving_mask(image, mounted)
+            except DataError as error:
+                yield unusable(error, check="mask-image", timestamp_ns=image.timestamp_ns)
         progress()
     what = f"images of {camera}"
     yield from _told(dark, "black-image", what, "an image of something", "black ones", Severity.WARNING)

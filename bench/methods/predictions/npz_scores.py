@@ -5,6 +5,7 @@ from __future__ import annotations
 import zipfile
 import zlib
 from pathlib import Path
+from tokenize import TokenError
 from typing import IO
 
 import numpy as np
@@ -16,7 +17,10 @@ from bench.methods.predictions.faults import UnclearError
 from bench.methods.predictions.sizes import ImageSizes
 
 ARRAY = "score"
-_UNREADABLE = (OSError, ValueError, EOFError, KeyError, NotImplementedError, RuntimeError, zlib.error)
+_UNREADABLE = (
+    *(OSError, ValueError, EOFError, KeyError, NotImplementedError, RuntimeError, zlib.error),
+    *(SyntaxError, TokenError),  # of headers that are no Python
+)
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import ClassVar
 
 import numpy as np
@@ -12,7 +12,7 @@ from bench.cameras import RayGrid, ray_grid
 from bench.flow import cell_mean, dense_flow
 from bench.geometry import RigidTransform
 from bench.methods.cells import flow_parts, flow_rays, seen_at_centres
-from bench.methods.contract import MethodInput, Segmentation
+from bench.methods.contract import Arrays, MethodInput, Segmentation
 from bench.methods.spherical.likelihood import CONSTRAINTS, largest_contribution, motion_likelihood
 from bench.methods.spherical.settings import STATIC_CAUSE, SphericalSettings
 from bench.methods.spherical.two_view import Deviations
@@ -35,6 +35,25 @@ class Measurement:
     defined: NDArray[np.bool_]
     moving: Deviations | None = None
     standing: NDArray[np.float64] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Weighed:
+    """What the cells of an image come to; only the threshold is missing.
+
+    Attributes:
+        likelihood: (rows, columns) float64.
+        cause: (rows, columns) uint8, the constraint of the largest contribution.
+        seen: (rows, columns) bool; both images could see the cell's content.
+        undefined: (rows, columns) bool; nothing can be said.
+        standing: () bool; the camera stands.
+    """
+
+    likelihood: NDArray[np.float64]
+    cause: NDArray[np.uint8]
+    seen: NDArray[np.bool_]
+    undefined: NDArray[np.bool_]
+    standing: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,8 +80,28 @@ class SphericalMethod(SphericalSettings):
         dense_flow(self.flow, **self.flow_parameters)
 
     def segment(self, frame: MethodInput) -> Segmentation:
-        """Segment the last image of the pair; see `bench.methods.contract`."""
-        return self.judge(self.measure(frame, self.mean_flow(frame)))
+        """Segment the last image of the pair; see `bench.methods.contract`. Flow and likelihood are worth keeping."""
+        measured: list[Measurement] = []
+
+        def weigh() -> Arrays:
+            measured.append(self.measure(frame, self.kept_flow(frame)))
+            weighed = self.weigh(measured[0])
+            return {field.name: np.asarray(getattr(weighed, field.name)) for field in fields(weighed)}
+
+        thresholds = ("threshold", "static_threshold")
+        settings = {name: value for name, value in self.settings().items() if name not in thresholds}
+        found = frame.kept("likelihood", (self.name, settings), weigh, of="input")
+        return self._decide(Weighed(**found), self._parts(measured[0]) if measured else {})
+
+    def kept_flow(self, frame: MethodInput, *, altered: object = None) -> NDArray[np.float32]:
+        """See `mean_flow`; from an earlier run where there is one.
+
+        Args:
+            frame: images.
+            altered: what was done to the images since they were read; None for nothing.
+        """
+        settings = self.flow, self.flow_parameters, self.cell_size_px, altered
+        return frame.kept("flow", settings, lambda: {"flow": self.mean_flow(frame)}, of="images")["flow"]
 
     def mean_flow(self, frame: MethodInput) -> NDArray[np.float32]:
         """Flow from the current to the previous image, (rows, columns, 2) float32, px, mean over each cell."""
@@ -91,24 +130,40 @@ class SphericalMethod(SphericalSettings):
 
     def judge(self, measured: Measurement) -> Segmentation:
         """Weigh the deviations and apply the threshold."""
+        return self._decide(self.weigh(measured), self._parts(measured))
+
+    def weigh(self, measured: Measurement) -> Weighed:
+        """Weigh the deviations; thresholds have no part in it."""
         if measured.moving is None:
             assert measured.standing is not None, "a camera moves or stands"
-            return self._segmentation(
-                measured,
-                measured.standing,
-                threshold=self.static_threshold,
-                causes=(STATIC_CAUSE,),
-                cause=np.zeros(measured.seen.shape, dtype=np.uint8),
-                parts={},
-            )
-        return self._segmentation(
-            measured,
-            motion_likelihood(measured.moving, self.weights, root_sum=self.root_sum),
-            threshold=self.threshold,
-            causes=CONSTRAINTS,
-            cause=largest_contribution(measured.moving, self.weights),
-            parts=_deviation_parts(measured.moving),
+            likelihood, cause = measured.standing, np.zeros(measured.seen.shape, dtype=np.uint8)
+        else:
+            likelihood = motion_likelihood(measured.moving, self.weights, root_sum=self.root_sum)
+            cause = largest_contribution(measured.moving, self.weights)
+        return Weighed(
+            likelihood=likelihood,
+            cause=cause,
+            seen=measured.seen,
+            undefined=~(measured.defined & measured.seen),
+            standing=np.asarray(measured.moving is None),
         )
+
+    def _decide(self, weighed: Weighed, parts: dict[str, NDArray[np.float32]]) -> Segmentation:
+        threshold = self.static_threshold if weighed.standing else self.threshold
+        return Segmentation(
+            cell_size_px=self.cell_size_px,
+            mask=(weighed.likelihood > threshold) & weighed.seen,
+            likelihood=np.where(weighed.seen, weighed.likelihood, 0.0).astype(np.float32),
+            undefined=weighed.undefined,
+            causes=(STATIC_CAUSE,) if weighed.standing else CONSTRAINTS,
+            cause=weighed.cause,
+            parts=parts,
+        )
+
+    def _parts(self, measured: Measurement) -> dict[str, NDArray[np.float32]]:
+        """What of a measurement is there to look at."""
+        deviations = {} if measured.moving is None else _deviation_parts(measured.moving)
+        return flow_parts(measured.flow) | deviations
 
     def _rays_previous(
         self, frame: MethodInput, cells: RayGrid, flow: NDArray[np.float32]
@@ -116,26 +171,6 @@ class SphericalMethod(SphericalSettings):
         """Where each cell's content was in the previous image; and whether both images could see it."""
         rays, seen = flow_rays(frame.camera, cells, flow)
         return rays, seen & seen_at_centres(frame.valid, cells)
-
-    def _segmentation(
-        self,
-        measured: Measurement,
-        likelihood: NDArray[np.float64],
-        *,
-        threshold: float,
-        causes: tuple[str, ...],
-        cause: NDArray[np.uint8],
-        parts: dict[str, NDArray[np.float32]],
-    ) -> Segmentation:
-        return Segmentation(
-            cell_size_px=self.cell_size_px,
-            mask=(likelihood > threshold) & measured.seen,
-            likelihood=np.where(measured.seen, likelihood, 0.0).astype(np.float32),
-            undefined=~(measured.defined & measured.seen),
-            causes=causes,
-            cause=cause,
-            parts=flow_parts(measured.flow) | parts,
-        )
 
 
 def _deviation_parts(measured: Deviations) -> dict[str, NDArray[np.float32]]:

@@ -12,7 +12,7 @@ from bench.egomotion import VisualOdometry
 from bench.errors import UsageError
 from bench.flow import LucasKanadeTracker
 from bench.geometry import RigidTransform
-from bench.methods.contract import MethodInput, Segmentation
+from bench.methods.contract import MethodInput
 from bench.methods.spherical.likelihood import PAPER_ANGLE_RAD, Weights
 from bench.methods.spherical.method import Measurement, SphericalMethod
 
@@ -71,11 +71,10 @@ class VisualOdometryMethod(SphericalMethod):
         unknown = np.zeros(measured.defined.shape)
         return replace(measured, moving=replace(measured.moving, positive_height=unknown, anti_parallel=unknown))
 
-    def judge(self, measured: Measurement) -> Segmentation:
-        """See `SphericalMethod.judge`; deviations that are not known are not shown either."""
-        found = super().judge(measured)
+    def _parts(self, measured: Measurement) -> dict[str, NDArray[np.float32]]:
+        """See `SphericalMethod`; deviations that are not known are not shown either."""
         hidden = NEED_SCALE if self.scale == "none" else ()
-        return replace(found, parts={name: part for name, part in (found.parts or {}).items() if name not in hidden})
+        return {name: part for name, part in super()._parts(measured).items() if name not in hidden}
 
     def motion(self, frame: MethodInput) -> RigidTransform | None:
         """Motion of the camera as its images show it; without scale its length is 1, or 0 where it stands."""

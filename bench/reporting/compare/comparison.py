@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import pandas as pd
-
 from bench.reporting.compare.changes import HEADLINES, RowChange, headline_changes, row_changes, sheet_of
 from bench.reporting.compare.detections import (
     ChangedFrame,
     DetectionCounts,
     changed_images,
-    changed_objects,
-    count_detections,
     paired_objects,
+    sum_changes,
 )
 from bench.reporting.compare.stored_runs import StoredRun, differing_settings, settings_text
 from bench.reporting.compare.verdicts import Verdict
@@ -31,7 +28,6 @@ class RunComparison:
         rows: of the table.
         detections: gained and lost, by category and of all.
         frames: that changed most.
-        objects: every evaluated object-frame with both runs' scores.
         notes: what a reader should know, for example that the data's files differ.
     """
 
@@ -41,7 +37,6 @@ class RunComparison:
     rows: list[RowChange]
     detections: list[DetectionCounts]
     frames: list[ChangedFrame]
-    objects: pd.DataFrame
     notes: tuple[str, ...]
 
 
@@ -50,18 +45,17 @@ def compare_runs(runs: Sequence[StoredRun]) -> list[RunComparison]:
     first, sheets = runs[0], [sheet_of(run) for run in runs]
     found = []
     for other, sheet in zip(runs[1:], sheets[1:], strict=True):
-        objects = paired_objects(first, other)
         rows = row_changes(sheets[0], sheet, summaries=(first.summary, other.summary), rules=first.rules)
         categories = tuple(str(category) for category in first.rules.reference.categories)
+        changes = sum_changes(paired_objects(first, other), categories=categories)
         found.append(
             RunComparison(
                 before=first,
                 after=other,
                 methods=_methods(first, other),
                 rows=rows,
-                detections=count_detections(objects, categories=categories),
-                frames=[*changed_objects(objects), *changed_images(first, other)],
-                objects=objects,
+                detections=changes.detections,
+                frames=[*changes.frames, *changed_images(first, other)],
                 notes=_notes(first, other),
             )
         )

@@ -8,11 +8,16 @@ import json
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
+from bench.recordings import replacing
 from bench.reporting.compare.changes import MetricChange
 from bench.reporting.compare.comparison import RunComparison, category_line, verdict_line
 from bench.reporting.compare.comparison_text import NOTE
+from bench.reporting.compare.detections import paired_objects
 from bench.reporting.compare.pictures import DrawnFrame
 from bench.reporting.compare.stored_runs import StoredRun
 
@@ -41,18 +46,19 @@ def to_csv(comparisons: Sequence[RunComparison]) -> str:
     return _csv(heading, lines)
 
 
-def object_changes_csv(comparisons: Sequence[RunComparison]) -> str:
-    """One line per object-frame that was gained, was lost, or changed its coverage."""
+def write_object_changes(file: Path, comparisons: Sequence[RunComparison]) -> None:
+    """Write one line per object-frame that was gained, was lost, or changed its coverage, a part of them at a time."""
     columns = ["recording", "camera", "timestamp_ns", "track_id", "object_class", "category", "range_m", "region_px",
                "change", "coverage_before", "coverage_after", "iou_before", "iou_after"]  # fmt: skip
-    lines = []
-    for comparison in comparisons:
-        rows = comparison.objects
-        changed = rows[rows["change"].isin(_CHANGED) & (rows["coverage_before"] != rows["coverage_after"])]
-        for record in changed[columns].to_dict("records"):
-            numbers = [_or_empty(v) if isinstance(v, float) else v for v in record.values()]
-            lines.append([comparison.before.label, comparison.after.label, *numbers])
-    return _csv(["before_run", "after_run", *columns], lines)
+    with replacing(file) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(["before_run", "after_run", *columns])
+        for comparison in comparisons:
+            labels = comparison.before.label, comparison.after.label
+            for rows in paired_objects(comparison.before, comparison.after):
+                changed = rows[rows["change"].isin(_CHANGED) & (rows["coverage_before"] != rows["coverage_after"])]
+                values = [_cells(changed[name]) for name in columns]
+                writer.writerows((*labels, *line) for line in zip(*values, strict=True))
 
 
 def to_json(
@@ -121,6 +127,11 @@ def _json_change(cell: MetricChange) -> dict[str, Any]:
         "verdict": cell.verdict,
         "chance": None if cell.chance is None else [_or_none(figure.value) for figure in cell.chance],
     }
+
+
+def _cells(column: pd.Series[Any]) -> list[object]:
+    values: list[object] = column.tolist()
+    return [_or_empty(value) if isinstance(value, float) else value for value in values]
 
 
 def _csv(heading: Sequence[str], lines: Iterable[Sequence[object]]) -> str:

@@ -7,11 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import pyarrow as pa
-
 from bench.errors import UsageError
 from bench.evaluation import Protocol
-from bench.harness import RunSummary, read_run, read_tables
+from bench.harness import RunSummary, StoredRows, open_tables, read_run
 from bench.reporting.write import read_rules
 
 SHOWN_DIGEST = 12  # characters of a digest that are shown
@@ -26,16 +24,16 @@ class StoredRun:
         label: what tables call it: the folder's name, with a number where two are the same.
         summary: `summary.json`.
         rules: its protocol.
-        objects: of `OBJECTS_SCHEMA`.
-        frames: of `FRAMES_SCHEMA`.
+        objects: of `OBJECTS_SCHEMA`, on disk.
+        frames: of `FRAMES_SCHEMA`, on disk.
     """
 
     folder: Path
     label: str
     summary: RunSummary
     rules: Protocol
-    objects: pa.Table
-    frames: pa.Table
+    objects: StoredRows
+    frames: StoredRows
 
 
 def read_stored_run(folder: Path, *, label: str | None = None) -> StoredRun:
@@ -46,7 +44,7 @@ def read_stored_run(folder: Path, *, label: str | None = None) -> StoredRun:
     """
     summary = read_run(folder)
     rules = read_rules(folder, summary)
-    objects, frames = read_tables(folder)
+    objects, frames = open_tables(folder)
     name = label or folder.resolve().name
     return StoredRun(folder=folder, label=name, summary=summary, rules=rules, objects=objects, frames=frames)
 

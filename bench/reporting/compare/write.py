@@ -9,11 +9,13 @@ from pathlib import Path
 
 from bench.recordings import write_bytes, write_text
 from bench.reporting.compare.comparison import RunComparison, compare_runs
-from bench.reporting.compare.comparison_files import object_changes_csv, to_csv, to_json
+from bench.reporting.compare.comparison_files import to_csv, to_json, write_object_changes
 from bench.reporting.compare.comparison_text import to_markdown
 from bench.reporting.compare.pictures import DrawnFrame, draw_changed_frames
 from bench.reporting.compare.stored_runs import read_comparable
 
+CHANGES = "object_changes.csv"
+NAMES = ("compare.md", "compare.csv", CHANGES, "compare.json")
 _PICTURE_NAME = re.compile(r"\d\d-\d\d-[a-z-]+\.jpg")
 
 
@@ -63,7 +65,6 @@ def write_comparison(
     texts = {
         "compare.md": to_markdown(comparisons, drawn=drawn, remarks=remarks),
         "compare.csv": to_csv(comparisons),
-        "object_changes.csv": object_changes_csv(comparisons),
         "compare.json": to_json(comparisons, drawn=drawn, remarks=remarks),
     }
     shown = {picture.name: picture.jpeg for made in drawn for picture in made}
@@ -71,11 +72,12 @@ def write_comparison(
         write_bytes(out / "pictures" / name, jpeg)
     for name, text in texts.items():
         write_text(out / name, text)
+    write_object_changes(out / CHANGES, comparisons)
     for old in sorted((out / "pictures").glob("*.jpg")):
         if old.name not in shown and _PICTURE_NAME.fullmatch(old.name):
             old.unlink()
     return WrittenComparison(
         comparisons=tuple(comparisons),
         remarks=tuple(line for said in remarks for line in said),
-        files=(*(out / name for name in texts), *(out / "pictures" / name for name in shown)),
+        files=(*(out / name for name in NAMES), *(out / "pictures" / name for name in shown)),
     )

@@ -95,6 +95,7 @@ def _render(
     for card in reversed(cards):  # of several cards of an image the first
         if card.view is not None:
             pictured |= {(*card.key, track): card.element for track in ("", card.track)}
+    table = table_data(source, pictured=pictured)
     context: dict[str, Any] = {
         "run": source.run,
         "folder": source.folder.resolve().name,
@@ -117,7 +118,9 @@ def _render(
         "images": images,
         "problems": problems,
         "pictures": pictures,
-        "rows": script_json(table_data(source, pictured=pictured)),
+        "rows": script_json(table),
+        "listed": table["rows"],
+        "annotated": table["annotated"],
         "stages": stage_bars(source.run.provenance),
         "provenance": provenance_rows(source.run),
         "ledger": ledger_rows(source.figures),

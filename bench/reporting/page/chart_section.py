@@ -6,14 +6,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 from markupsafe import Markup
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from bench.errors import DataError
+from bench.evaluation.coverage_curves import coverage_curves
 from bench.evaluation.image_maps import ImageMap
-from bench.evaluation.likelihood import REFERENCE_COLUMN, ThresholdSweep, threshold_sweep
+from bench.evaluation.likelihood import ThresholdSweep, threshold_sweep
 from bench.evaluation.maps import range_maps
 from bench.harness import read_image_maps
 from bench.reference import Category
@@ -63,13 +62,9 @@ def coverage_charts(source: PageSource) -> Charts:
 
 def coverage_figures(source: PageSource) -> Iterator[tuple[str, Figure]]:
     """Name and figure of every category with cases."""
-    rows = source.objects.to_pandas()
-    rows = rows[rows["status"] == "evaluated"]
-    for category in Category:
-        of_kind = rows[rows["category"] == category.value]
-        if len(of_kind):
-            coverage, chance = _coverages(of_kind)
-            yield category.value, draw_coverage_curve(coverage, chance, title=LABELS[category].split(" (")[0])
+    for name, (found, chance) in coverage_curves(source.objects, protocol=source.protocol).items():
+        if found.object_frames:
+            yield name, draw_coverage_curve(found, chance, title=LABELS[Category(name)].split(" (")[0])
 
 
 def threshold_charts(source: PageSource) -> Charts:
@@ -86,18 +81,14 @@ def threshold_charts(source: PageSource) -> Charts:
 
 def read_sweep(source: PageSource) -> ThresholdSweep | str:
     """The sweep, or why there is none."""
-    held = REFERENCE_COLUMN in source.frames.column_names
-    return (threshold_sweep(source.frames) if held else None) or (
+    return threshold_sweep(source.frames) or (
         "The run holds no likelihoods: its method gives masks only, or it was stored before likelihoods were kept."
     )
 
 
 def threshold_figures(source: PageSource, sweep: ThresholdSweep) -> tuple[Figure, Figure]:
     """Both figures of the sweep; the run itself is marked as it was scored."""
-    columns = ["reference_px", "tp_px", "fp_px"]
-    reference, true, false = (int(source.frames.column(name).to_numpy().sum()) for name in columns)
-    recall = true / reference if reference else float("nan")
-    precision = true / (true + false) if true + false else float("nan")
+    recall, precision = (figure.value for figure in (source.run.segmentation.recall, source.run.segmentation.precision))
     return (
         draw_threshold_curve(
             sweep.false_positive_coverage,
@@ -139,9 +130,3 @@ def plane_figures(one: ImageMap) -> tuple[Figure, Figure]:
         draw_plane_map(one.missed_rate, **size, title=f"{one.camera}: missed", bar="% of the moving pixels missed"),
         draw_plane_map(one.false_rate, **size, title=f"{one.camera}: wrongly marked", bar="% of the images"),
     )
-
-
-def _coverages(rows: pd.DataFrame) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    region = (rows["tp"] + rows["fn"]).to_numpy(dtype=np.float64)
-    by_chance = rows["chance_tp"].to_numpy(dtype=np.float64) / region
-    return rows["tp"].to_numpy(dtype=np.float64) / region, by_chance[np.isfinite(by_chance)]

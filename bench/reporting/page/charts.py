@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from bench.evaluation.coverage_curves import THRESHOLDS, CoverageCurve
 from bench.reporting.canvas import new_figure, styled
 from bench.reporting.colours import GREY, VERMILION
 
@@ -18,33 +19,33 @@ _SIZE_IN = 3.2, 2.3
 
 
 @styled
-def draw_coverage_curve(coverage: NDArray[np.float64], chance: NDArray[np.float64], *, title: str) -> Figure:
+def draw_coverage_curve(found: CoverageCurve, chance: CoverageCurve, *, title: str) -> Figure:
     """Share of object-frames that are found, against the coverage that counts as found.
 
     Args:
-        coverage: (N,) of the object-frames, in [0, 1].
-        chance: (M,) the same on the masks of other frames.
+        found: of the object-frames.
+        chance: the same on the masks of other frames.
         title: of the chart.
     """
     figure, axes = _chart()
-    for values, colour, style, label in ((coverage, CURVE, "-", "this run"), (chance, GREY, "--", "chance")):
-        if len(values):
-            axes.step(*coverage_curve(values), where="pre", color=colour, linestyle=style, linewidth=1.5, label=label)
+    for curve, colour, style, label in ((found, CURVE, "-", "this run"), (chance, GREY, "--", "chance")):
+        if curve.object_frames:
+            axes.step(*coverage_points(curve), where="pre", color=colour, linestyle=style, linewidth=1.5, label=label)
     axes.set(xlim=(0, 100), ylim=(0, 102), xlabel="covered at least (%)", ylabel="object-frames (%)")
-    axes.set_title(f"{title} ({len(coverage)})", pad=3)
+    axes.set_title(f"{title} ({found.object_frames})", pad=3)
     axes.legend(frameon=False, loc="lower left")
     return figure
 
 
-def coverage_curve(coverage: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def coverage_points(curve: CoverageCurve) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Thresholds and the share of object-frames with at least that coverage, both in percent.
 
-    The first point is at 0 and counts those with any pixel, the paper's rule.
+    Points on a level line are left out but for its ends: a drawing of few object-frames stays small.
     """
-    thresholds = np.unique(np.concatenate([[0.0, 1.0], coverage]))
-    least = np.where(thresholds > 0, thresholds, np.nextafter(0, 1))
-    found = len(coverage) - np.searchsorted(np.sort(coverage), least, side="left")
-    return 100 * thresholds, 100 * found / len(coverage)
+    rate = curve.rate
+    corner = np.ones(len(rate), dtype=bool)
+    corner[1:-1] = (rate[1:-1] != rate[:-2]) | (rate[1:-1] != rate[2:])
+    return 100 * THRESHOLDS[corner], 100 * rate[corner]
 
 
 @styled

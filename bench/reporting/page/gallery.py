@@ -9,7 +9,7 @@ from bench.reference import Category
 from bench.reporting.page.frames import FrameView
 from bench.reporting.page.reasons import frame_reason, object_reason
 from bench.reporting.page.source import PageSource
-from bench.reporting.page.worst import FrameKey, frame_key, worst_frames, worst_objects
+from bench.reporting.page.worst import FrameKey, frame_key, worst_frames, worst_of_categories
 
 Row = Mapping[str, object]
 DIFFERS = 0.001  # of coverage; more than this and the picture is not of what was scored
@@ -53,7 +53,7 @@ class Card:
 def pick(source: PageSource, *, most: int) -> Picked:
     """Choose the worst: of each category, and, on a page of all, the images with most false positives."""
     categories = source.protocol.reference.categories if source.category is None else (source.category,)
-    objects = {c.value: worst_objects(source.objects, Category(c), most=most) for c in categories}
+    objects = worst_of_categories(source.objects, [Category(c) for c in categories], most=most)
     return Picked(objects=objects, frames=worst_frames(source.frames, most=most) if source.category is None else [])
 
 

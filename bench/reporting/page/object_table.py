@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,8 +13,12 @@ import pandas as pd
 from markupsafe import Markup
 
 from bench.errors import BenchError
+from bench.evaluation.columns import Columns
 from bench.evaluation.protocol import known_protocols
+from bench.evaluation.row_source import group_recordings
+from bench.evaluation.terms import coverage, intersection_over_union
 from bench.methods import build_method
+from bench.reporting.page.listed import EVALUATED, LISTED, listed_rows
 from bench.reporting.page.source import PageSource
 from bench.reporting.page.worst import FrameKey
 
@@ -22,44 +26,52 @@ _WORDS = ("recording", "camera", "track_id", "object_class", "category", "outcom
 _ORDER = ["recording", "camera", "timestamp_ns", "track_id"]
 
 
-def table_data(source: PageSource, *, pictured: Mapping[tuple[str, str, int, str], str]) -> dict[str, Any]:
+def table_data(
+    source: PageSource, *, pictured: Mapping[tuple[str, str, int, str], str], most: int = LISTED
+) -> dict[str, Any]:
     """Columns of the table: words by their place in a dictionary, numbers rounded to what is shown, null for NaN.
 
     Args:
-        source: the run; every annotated object-frame becomes a row.
+        source: the run; every annotated object-frame becomes a row where there are few enough of them.
         pictured: image and track -> the id of the element with their pictures; track "" for any object of the image.
+        most: rows; where there are more, those with pictures of their own and the least covered are listed.
 
     Returns:
-        `rows`, `words` (dictionaries), `columns` (one list each), and `command`, which draws an image, with
-        `{recording}`, `{camera}` and `{index}` left to be filled.
+        `rows`, `annotated` (with those that are not listed), `words` (dictionaries), `columns` (one list each), and
+        `command`, which draws an image, with `{recording}`, `{camera}` and `{index}` left to be filled.
     """
-    rows = source.objects.to_pandas().sort_values(_ORDER, ignore_index=True)
-    ignored = rows["status"] + ": " + rows["reason"].fillna("").str.replace("_", " ")
-    rows["outcome"] = rows["status"].where(rows["reason"].isna(), ignored)
+    rows, annotated = listed_rows(source.objects, pictured=pictured.keys(), most=most)
     columns: dict[str, list[Any]] = {}
     words: dict[str, list[str]] = {}
     for name in _WORDS:
-        shown = rows[name].fillna("").astype(str)
+        shown = _outcomes(rows) if name == "outcome" else pd.Series(_texts(rows, name), dtype=object)
         codes, found = pd.factorize(shown.str.replace("_", " ") if name == "category" else shown, sort=True)
         columns[name], words[name] = codes.tolist(), [str(word) for word in found]
-    region = (rows["tp"] + rows["fn"]).to_numpy(dtype=np.float64)
-    scored = (rows["status"] == "evaluated").to_numpy()
-    with np.errstate(invalid="ignore", divide="ignore"):
-        columns["coverage"] = _numbers(np.where(scored, 100 * rows["tp"] / region, np.nan), 1)
-        columns["iou"] = _numbers(np.where(scored, 100 * rows["tp"] / (region + rows["fp"]), np.nan), 1)
-    columns["false_px"] = _numbers(np.where(scored, rows["fp"], np.nan), 0)
-    columns["region_px"] = _numbers(np.where(scored, rows["region_px"], np.nan), 0)
-    columns["time_s"] = _numbers(rows["timestamp_ns"].to_numpy() / 1e9, 3)
-    columns["range_m"] = _numbers(rows["range_m"].to_numpy(), 1)
-    columns["ego_kmh"] = _numbers(3.6 * rows["ego_speed_mps"].to_numpy(), 1)
-    columns["points"] = _numbers(rows["points"].to_numpy(dtype=np.float64), 0)
-    keys = list(zip(rows["recording"], rows["camera"], rows["timestamp_ns"], strict=True))
+    tp, fp, region = (rows.numbers(name) for name in ("tp", "fp", "region_px"))
+    scored = rows.is_word("status", EVALUATED)
+    covered, overlap = coverage(tp, rows.numbers("fn")), intersection_over_union(tp, fp, rows.numbers("fn"))
+    columns["coverage"] = _numbers(np.where(scored, 100 * covered, np.nan), 1)
+    columns["iou"] = _numbers(np.where(scored, 100 * overlap, np.nan), 1)
+    columns["false_px"] = _numbers(np.where(scored, fp, np.nan), 0)
+    columns["region_px"] = _numbers(np.where(scored, region, np.nan), 0)
+    columns["time_s"] = _numbers(rows.integers("timestamp_ns") / 1e9, 3)
+    columns["range_m"] = _numbers(rows.numbers("range_m"), 1)
+    columns["ego_kmh"] = _numbers(3.6 * rows.numbers("ego_speed_mps"), 1)
+    columns["points"] = _numbers(rows.numbers("points"), 0)
+    times_ns = rows.integers("timestamp_ns").tolist()
+    keys: list[FrameKey] = list(zip(_texts(rows, "recording"), _texts(rows, "camera"), times_ns, strict=True))
     columns["picture"] = [
         pictured.get((*key, track)) or pictured.get((*key, ""), "")
-        for key, track in zip(keys, rows["track_id"], strict=True)
+        for key, track in zip(keys, _texts(rows, "track_id"), strict=True)
     ]
     columns["index"] = _image_indices(source, keys)
-    return {"rows": len(rows), "words": words, "columns": columns, "command": view_command(source)}
+    return {
+        "rows": len(rows),
+        "annotated": annotated,
+        "words": words,
+        "columns": columns,
+        "command": view_command(source),
+    }
 
 
 def script_json(content: object) -> Markup:
@@ -97,15 +109,30 @@ def _default_settings(method: str) -> dict[str, object]:
         return {}
 
 
-def _image_indices(source: PageSource, keys: list[FrameKey]) -> list[int]:
+def _image_indices(source: PageSource, keys: Sequence[FrameKey]) -> list[int]:
     """Index of each image among those of its camera; the first ones, which have no history, are in no table."""
     history = source.run.method.build().history
-    frames = source.frames.select(["recording", "camera", "timestamp_ns"]).to_pandas().sort_values(_ORDER[:3])
-    order = frames.groupby(["recording", "camera"], sort=False).cumcount() + history
-    index = dict(
-        zip(zip(frames["recording"], frames["camera"], frames["timestamp_ns"], strict=True), order, strict=True)
-    )
+    wanted = pd.DataFrame(keys, columns=_ORDER[:3]).drop_duplicates()
+    counts = source.frames.recordings()
+    index: dict[FrameKey, int] = {}
+    for group in group_recordings({name: counts[name] for name in set(wanted["recording"])}):
+        frames = Columns(source.frames.read(group, _ORDER[:3])).canonical(_ORDER[:3]).table.to_pandas()
+        frames["index"] = frames.groupby(_ORDER[:2], sort=False, observed=True).cumcount() + history
+        found = wanted[wanted["recording"].isin(group)].merge(frames.astype(dict.fromkeys(_ORDER[:2], object)))
+        index |= dict(zip(zip(*(found[name] for name in _ORDER[:3]), strict=True), found["index"], strict=True))
     return [int(index[key]) for key in keys]
+
+
+def _outcomes(rows: Columns) -> pd.Series[str]:
+    status, reason = (pd.Series(_texts(rows, name), dtype=object) for name in ("status", "reason"))
+    return status.where(reason == "", status + ": " + reason.str.replace("_", " "))
+
+
+def _texts(rows: Columns, name: str) -> list[str]:
+    """The words of a column, "" for null."""
+    codes, words = rows.words(name)
+    texts: list[str] = np.array([*words, ""], dtype=object)[codes].tolist()
+    return texts
 
 
 def _leaves(settings: Mapping[str, object], parents: str = "") -> list[tuple[str, object]]:

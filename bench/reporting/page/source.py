@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import pyarrow as pa
-import pyarrow.compute as pc
-
-from bench.evaluation import Protocol, Summary, summarise
-from bench.harness import RunSummary, read_run, read_tables
+from bench.evaluation import Protocol, RowSource, Summary, summarise
+from bench.evaluation.row_source import ChosenRows
+from bench.harness import RunSummary, open_tables, read_run
 from bench.reference import Category
 from bench.reporting.write import read_rules
 
@@ -24,8 +22,8 @@ class PageSource:
         protocol: its rules.
         category: the page's slice; None for all.
         figures: of the slice; the run's own without one.
-        objects: rows of the slice.
-        frames: every image.
+        objects: rows of the slice, on disk.
+        frames: every image, on disk.
     """
 
     folder: Path
@@ -33,8 +31,8 @@ class PageSource:
     protocol: Protocol
     category: Category | None
     figures: Summary
-    objects: pa.Table
-    frames: pa.Table
+    objects: RowSource
+    frames: RowSource
 
 
 def read_source(folder: Path, *, category: Category | None = None) -> PageSource:
@@ -45,10 +43,11 @@ def read_source(folder: Path, *, category: Category | None = None) -> PageSource
     """
     run = read_run(folder)
     protocol = read_rules(folder, run)
-    objects, frames = read_tables(folder)
+    stored, frames = open_tables(folder)
+    objects: RowSource = stored
     figures: Summary = run
     if category is not None:
-        objects = objects.filter(pc.equal(objects["category"], category.value))
+        objects = ChosenRows(stored, column="category", word=category.value)
         figures = summarise(objects, frames, protocol=protocol)
     return PageSource(
         folder=folder,

@@ -3,13 +3,15 @@
 import shutil
 from pathlib import Path
 
+import cv2
 import pytest
 
 from bench.errors import DataError
 from bench.evaluation import load_protocol
 from bench.flow import FarnebackFlow
 from bench.harness import run_benchmark
-from bench.harness.sweep import FlowCache, Trial, plan_sweep, read_sweep, run_sweep
+from bench.harness.cache import CacheFolder
+from bench.harness.sweep import Trial, plan_sweep, read_sweep, run_sweep
 from bench.methods import build_method
 from bench.recordings import load_card
 
@@ -32,16 +34,16 @@ def flow_calls(monkeypatch) -> list[int]:
 
 
 @pytest.fixture(scope="module")
-def cache(tmp_path_factory) -> FlowCache:
+def cache(tmp_path_factory) -> CacheFolder:
     """Shared by the tests that do not count flow calls."""
-    return FlowCache(folder=tmp_path_factory.mktemp("cache"))
+    return CacheFolder(folder=tmp_path_factory.mktemp("cache"))
 
 
 def sweep(card: Path, what, out: Path, *, values=(), cache=None, method="spherical", protocol=PROTOCOL, split=None):
     base = Trial(method=build_method(method), protocol=protocol)
     plan = plan_sweep(what, base=base, values=values)
     return run_sweep(
-        load_card(str(card)), plan=plan, out=out, cache=cache or FlowCache(folder=out / "cache"), split=split
+        load_card(str(card)), plan=plan, out=out, cache=cache or CacheFolder(folder=out / "cache"), split=split
     )
 
 
@@ -87,8 +89,8 @@ def test_a_sweep_over_the_reference_is_what_runs_by_those_rules_give(tiny_card, 
 
 
 def test_flow_is_computed_once_for_all_values_and_sweeps(tiny_card, tmp_path, flow_calls):
-    cache = FlowCache(folder=tmp_path / "cache")
-    first = sweep(tiny_card, "threshold", tmp_path / "a", cache=cache)
+    kept = tmp_path / "cache"
+    first = sweep(tiny_card, "threshold", tmp_path / "a", cache=CacheFolder(folder=kept))
     assert (len(first.rows), len(flow_calls)) == (10, PAIRS)
     assert (first.flow.computed, first.flow.read) == (PAIRS, 0)
     later = {
@@ -99,7 +101,7 @@ def test_flow_is_computed_once_for_all_values_and_sweeps(tiny_card, tmp_path, fl
         "min_points": "5",
     }
     for what, value in later.items():
-        again = sweep(tiny_card, what, tmp_path / what, values=[value], cache=cache)
+        again = sweep(tiny_card, what, tmp_path / what, values=[value], cache=CacheFolder(folder=kept))
         assert again.flow.computed == 0
         assert again.flow.read == PAIRS
     assert len(flow_calls) == PAIRS
@@ -119,25 +121,18 @@ def test_noise_and_flow_settings_need_their_own_flow(tiny_card, tmp_path, flow_c
 
 def test_changed_images_and_damaged_files_are_not_taken_from_the_cache(tiny_card, tmp_path, flow_calls):
     folder = shutil.copytree(tiny_card.parent, tmp_path / "datasets")
-    card, cache = folder / tiny_card.name, FlowCache(folder=tmp_path / "cache")
-    sweep(card, "threshold", tmp_path / "a", values=["1e-3"], cache=cache)
-    damaged, *others = sorted(cache.folder.glob("*.npz"))
-    assert len(others) == 2
+    card, kept = folder / tiny_card.name, tmp_path / "cache"
+    sweep(card, "threshold", tmp_path / "a", values=["1e-3"], cache=CacheFolder(folder=kept))
+    damaged, *others = sorted(kept.glob("flow/*/*.npz"))
+    assert len(others) == PAIRS - 1
     damaged.write_bytes(damaged.read_bytes()[:1000])
-    assert sweep(card, "threshold", tmp_path / "b", values=["1e-3"], cache=cache).flow.computed == 4
-    image = next((folder / "data" / "tiny" / "crossing" / "images" / "front").glob("*.png"))
-    image.touch()
-    assert sweep(card, "threshold", tmp_path / "c", values=["1e-3"], cache=cache).flow.computed == 4
-
-
-def test_the_cache_keeps_to_its_limit(tiny_card, tmp_path):
-    one_drive = 4 * 48 * 64 * 2 * 4
-    cache = FlowCache(folder=tmp_path / "cache", limit_bytes=one_drive + one_drive // 2)
-    sweep(tiny_card, "threshold", tmp_path / "a", values=["1e-3"], cache=cache)
-    assert len(list(cache.folder.glob("*.npz"))) == 1
-    assert cache.room_bytes > 0
-    found = sweep(tiny_card, "threshold", tmp_path / "b", values=["1e-3"], cache=cache)
-    assert (found.flow.computed, found.flow.read) == (8, 4)
+    again = sweep(card, "threshold", tmp_path / "b", values=["1e-3"], cache=CacheFolder(folder=kept))
+    assert again.flow.computed == 1
+    image = sorted((folder / "data" / "tiny" / "crossing" / "images" / "front").glob("*.png"))[2]
+    pixels = cv2.imread(str(image))
+    cv2.imwrite(str(image), 255 - pixels)
+    again = sweep(card, "threshold", tmp_path / "c", values=["1e-3"], cache=CacheFolder(folder=kept))
+    assert again.flow.computed == 2, "the pairs that the image is part of"
 
 
 def test_errors_reach_the_method_and_not_the_reference(tiny_card, tmp_path, cache):
@@ -169,8 +164,8 @@ def test_an_image_that_one_value_cannot_use_is_left_out_for_all(tiny_card, tmp_p
 def test_nothing_that_can_be_used_is_an_error(tiny_card, tmp_path):
     folder = shutil.copytree(tiny_card.parent, tmp_path / "datasets")
     (folder / tiny_card.name).write_text((folder / tiny_card.name).read_text().replace("scenario:", "source:"))
-    for drive in (folder / "data" / "tiny").iterdir():
-        (drive / "egomotion.csv").unlink(missing_ok=True)
+    for file in (folder / "data" / "tiny").glob("*/egomotion.csv"):
+        file.unlink()
     with pytest.raises(DataError, match="a recording that can be used"):
         sweep(folder / tiny_card.name, "threshold", tmp_path / "sweep")
     with pytest.raises(DataError, match="the result of a sweep"):

@@ -6,9 +6,10 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from bench.evaluation import CoverageCurve
 from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA
 from bench.reference import Category
-from bench.reporting.page.charts import coverage_curve
+from bench.reporting.page.charts import coverage_points
 from bench.reporting.page.reasons import FrameEvidence, ObjectEvidence, frame_reason, object_reason
 from bench.reporting.page.worst import worst_frames, worst_objects
 
@@ -108,7 +109,8 @@ def test_the_reason_of_an_image_is_what_the_numbers_say():
     assert frame_reason(counts | {"fp_by_cause": {}}, None) == "No single reason found in the numbers."
 
 
-def test_the_coverage_curve_counts_what_is_covered_at_least_so_much():
-    thresholds, found = coverage_curve(np.array([0.0, 0.25, 0.5, 1.0]))
-    assert thresholds.tolist() == [0, 25, 50, 100]
-    assert found.tolist() == [75, 75, 50, 25]
+def test_the_coverage_curve_has_a_point_where_it_bends():
+    at_least = np.array([3] * 251 + [2] * 250 + [1] * 500)
+    thresholds, found = coverage_points(CoverageCurve(at_least=at_least, object_frames=4))
+    assert thresholds.tolist() == [0, 25, pytest.approx(25.1), 50, pytest.approx(50.1), 100]
+    assert found.tolist() == [75, 75, 50, 50, 25, 25]

@@ -1,0 +1,154 @@
+"""Annotation layers of other tools: list, import, export."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.table import Table
+from rich.text import Text
+
+from bench.cli.console import console
+from bench.errors import UnknownNameError, UsageError
+from bench.layers import (
+    Layer,
+    LayerOptions,
+    calibration_text,
+    export_layer,
+    import_layer,
+    known_formats,
+    layer_format,
+    open_unannotated,
+)
+from bench.recordings import Cuboid, DatasetCard, Recording, load_card, open_dataset, write_text
+
+LEFT_OUT = "none"
+DEFAULT_FOLDER = Path("annotations")
+
+
+def formats() -> None:
+    """Print the formats of annotation layers."""
+    table = Table("name", "what it is", box=None)
+    for name, place in known_formats().items():
+        try:
+            about = layer_format(name).description
+        except UsageError as error:  # of another package; the list of the others is still wanted
+            about = str(error)
+        table.add_row(Text(name), Text(about if place.startswith("bench.") else f"{about} ({place})"))
+    console().print(table)
+
+
+def import_(
+    format_name: str,
+    source: Path,
+    *,
+    dataset: str,
+    recording: str,
+    out: Path | None,
+    classes: Sequence[str],
+    first_frame: int,
+) -> None:
+    """Write a tool's files as the annotation file of a recording and say what came and what was lost."""
+    options = LayerOptions(classes=parse_classes(classes), first_frame=first_frame)
+    layer_format(format_name)  # an unknown name is told before anything is opened
+    card = load_card(dataset)
+    file = (out or card.annotations or DEFAULT_FOLDER / card.name) / f"{recording}.json"
+    opened = open_unannotated(card, recording)
+    layer = import_layer(format_name, source, opened, options, file=file)
+    _print_layer(layer, opened)
+    _print_lost(layer.lost)
+    _print(str(file))
+    if not _stands_in(card, file.parent):
+        _print(f"to use it, give the card {card.file} the key annotations with the folder {file.parent}")
+
+
+def export(
+    format_name: str,
+    *,
+    dataset: str,
+    recording: str | None,
+    out: Path,
+    classes: Sequence[str],
+    first_frame: int,
+) -> None:
+    """Write annotations of recordings as a tool's files, one folder for each recording."""
+    options = LayerOptions(classes=parse_classes(classes), first_frame=first_frame)
+    layer_format(format_name)
+    handles = {handle.name: handle for handle in open_dataset(load_card(dataset))}
+    if recording is not None and recording not in handles:
+        raise UnknownNameError("recording", recording, handles)
+    for name in handles if recording is None else (recording,):
+        opened = handles[name].open()
+        layer, lost = export_layer(format_name, opened, out / name, options)
+        _print_layer(layer, opened)
+        _print_lost(lost)
+        _print(str(out / name))
+
+
+def calibration(file: Path, out: Path | None) -> None:
+    """Print or write lenses and mountings of an OpenLABEL file as parts of `recording.json`."""
+    text = calibration_text(file)
+    if out is None:
+        console().print(text, end="", highlight=False, soft_wrap=True, markup=False)
+        return
+    write_text(out, text)
+    _print(str(out))
+
+
+def parse_classes(pairs: Sequence[str]) -> dict[str, str | None]:
+    """Parse `--class Tram=vehicle`; `--class Misc=none` leaves objects out.
+
+    Raises:
+        UsageError: no `=`, or a class twice.
+    """
+    parsed: dict[str, str | None] = {}
+    for pair in pairs:
+        name, equals, ours = pair.rpartition("=")
+        if not (equals and name):
+            raise UsageError(f"--class: wanted TOOL'S=OURS, came {pair!r}")
+        if name in parsed:
+            raise UsageError(f"--class {name}: wanted once, came twice")
+        parsed[name] = None if ours == LEFT_OUT else ours
+    return parsed
+
+
+def _stands_in(card: DatasetCard, folder: Path) -> bool:
+    return card.annotations is not None and card.annotations.resolve() == folder.resolve()
+
+
+def _print_layer(layer: Layer, recording: Recording) -> None:
+    states = sum(len(track.states) for track in layer.tracks)
+    annotated = len({sweep.timestamp_ns for sweep in recording.sweeps} & set(layer.timestamps_ns))
+    _print(
+        f"{recording.name}: {len(layer.tracks)} objects in {states} places, "
+        f"{annotated} of {len(recording.sweeps)} sweeps annotated"
+    )
+    counts = Counter(track.object_class for track in layer.tracks)
+    for object_class, size in _middle_sizes(layer).items():
+        _print(f"  {counts.pop(object_class)} {object_class}: {size}")
+    for object_class, count in counts.items():
+        _print(f"  {count} {object_class}")
+
+
+def _middle_sizes(layer: Layer) -> Mapping[str, str]:
+    """Class -> length, width and height of its middle box, by which swapped axes are seen at once."""
+    sizes: dict[str, list[NDArray[np.float64]]] = defaultdict(list)
+    for track in layer.tracks:
+        sizes[track.object_class] += [state.shape.size_m for state in track.states if isinstance(state.shape, Cuboid)]
+    return {
+        object_class: "the middle box is {:.2f} m long, {:.2f} m wide, {:.2f} m high".format(*np.median(found, axis=0))
+        for object_class, found in sizes.items()
+        if found
+    }
+
+
+def _print_lost(lost: Sequence[str]) -> None:
+    for line in lost:
+        console().print(f"  lost: {line}", style="yellow", highlight=False, soft_wrap=True, markup=False)
+
+
+def _print(line: str) -> None:
+    console().print(line, highlight=False, soft_wrap=True, markup=False)

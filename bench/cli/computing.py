@@ -1,0 +1,108 @@
+"""Where and how a command computes."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+
+import typer
+
+from bench.cli.console import console
+from bench.errors import UsageError
+from bench.harness.cache import CacheFolder, default_folder
+from bench.harness.work import Cluster, Place, Processes, Terms, in_turn, scheduler_address, usable_cores
+from bench.methods import Method
+from bench.recordings import DatasetCard
+
+INTERRUPTED = 130  # as shells tell of SIGINT
+ENDED = 143  # and of SIGTERM
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Workforce:
+    """A place to compute.
+
+    Attributes:
+        place: the place.
+        workers: processes there.
+    """
+
+    place: Place
+    workers: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Computing:
+    """Options of commands that score.
+
+    Attributes:
+        workers: processes; None for one per core.
+        cache: folder for kept steps; None for the usual one.
+        no_cache: keep nothing.
+        scheduler: address, or file, of a Dask scheduler whose workers compute; None for this machine.
+    """
+
+    workers: int | None = None
+    cache: Path | None = None
+    no_cache: bool = False
+    scheduler: str | None = None
+
+    def workforce(self, card: DatasetCard, method: Method, *, reads: Sequence[Path] = ()) -> Workforce:
+        """What computes the units.
+
+        Args:
+            card: the data set, which is there.
+            method: to be scored.
+            reads: what the method reads beside the data set.
+
+        Raises:
+            UsageError: options that contradict each other, or a cluster that cannot compute for this run.
+            DataError: no such cluster.
+        """
+        if self.scheduler is not None:
+            if self.workers is not None:
+                raise UsageError("--workers: wanted none beside --scheduler, whose workers are started apart")
+            local = card.root if card.remote_root is None else None
+            data = [path for path in (local, card.annotations) if path is not None and path.exists()]
+            terms = Terms.of(method, reads=(*data, *reads), cache=self.cache_folder)
+            cluster = Cluster(scheduler=scheduler_address(self.scheduler), terms=terms)
+            return Workforce(place=cluster, workers=cluster.workers())
+        workers = self.workers or usable_cores()
+        return Workforce(place=in_turn if workers == 1 else Processes(workers=workers), workers=workers)
+
+    @property
+    def cache_folder(self) -> CacheFolder | None:
+        """Where steps are kept; None for nowhere."""
+        return None if self.no_cache else CacheFolder(folder=self.cache or default_folder())
+
+
+@contextmanager
+def resumable(folder: object) -> Iterator[None]:
+    """End with a word on how to go on when the user, or the system that shuts down, ends the block."""
+    before = signal.signal(signal.SIGTERM, _end)
+    try:
+        yield
+    except KeyboardInterrupt as reason:
+        asked = isinstance(reason, _Ended)
+        console().print(
+            f"{'ended' if asked else 'interrupted'}; what is done is in {folder}, and the same command goes on from "
+            "there",
+            highlight=False,
+            soft_wrap=True,
+            markup=False,
+        )
+        raise typer.Exit(ENDED if asked else INTERRUPTED) from None
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+class _Ended(KeyboardInterrupt):
+    """SIGTERM came."""
+
+
+def _end(_: int, __: FrameType | None) -> None:
+    raise _Ended

@@ -1,0 +1,115 @@
+"""The kept steps of one unit's images: what a method computes, and the reference."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from bench.cameras import CameraModel
+from bench.harness.cache.folder import Arrays, CacheFolder
+from bench.harness.cache.reference_arrays import reference_arrays, reference_from_arrays
+from bench.harness.keys import RecordingInputs, code_digest, digest_of, method_digest
+from bench.harness.keys.code import METHOD_ROOMS, REFERENCE_ROOMS
+from bench.methods import Method, MethodInput
+from bench.methods.contract import StepOf
+from bench.recordings import ImageRef, Recording
+from bench.reference import ReferenceBuilder, ReferenceFrame
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StepCache:
+    """Finds the steps of images of a recording in a cache, and keeps those that it does not find.
+
+    Attributes:
+        folder: the cache.
+        recording: the drive.
+        inputs: digests of it.
+    """
+
+    folder: CacheFolder
+    recording: Recording
+    inputs: RecordingInputs
+
+    def of_image(self, given: MethodInput, images: Sequence[ImageRef], method: Method) -> KeptSteps:
+        """What a method's steps on an image are kept by.
+
+        Args:
+            given: what the method sees.
+            images: the images that it sees, in the same order.
+            method: which.
+        """
+        return KeptSteps(cache=self, given=given, images=images, method=method)
+
+    def reference(self, builder: ReferenceBuilder, image: ImageRef) -> ReferenceFrame:
+        """The reference of an image; see `ReferenceBuilder.build`."""
+        reach_ns = builder.settings.max_sweep_gap_ns
+        digest = digest_of(
+            code_digest(REFERENCE_ROOMS),
+            builder.settings,
+            self.inputs.camera(image.camera),
+            self.inputs.ego_motion,
+            self.inputs.lidar_mounting,
+            self.inputs.annotations,
+            self.inputs.sweeps(image.timestamp_ns, image.timestamp_ns, reach_ns=reach_ns),
+            image.timestamp_ns,
+            None if image.moving_path is None else self.inputs.image(image),
+        )
+        found = self.folder.get("reference", digest)
+        if found is None:
+            built = builder.build(image)
+            self.folder.put("reference", digest, reference_arrays(built))
+            return built
+        return reference_from_arrays(
+            found,
+            recording=self.recording.name,
+            camera=image.camera,
+            timestamp_ns=image.timestamp_ns,
+            valid=builder.valid,
+        )
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class KeptSteps:
+    """See `bench.methods.contract.Keeper`.
+
+    Attributes:
+        cache: where to look.
+        given: what the method sees.
+        images: the images that it sees.
+        method: which.
+        vouched: something computed from these very images was found, so they can be read.
+    """
+
+    cache: StepCache
+    given: MethodInput
+    images: Sequence[ImageRef]
+    method: Method
+    vouched: bool = False
+
+    def __call__(self, step: str, settings: object, compute: Callable[[], Arrays], *, of: StepOf) -> Arrays:
+        """The step's arrays, from the cache or computed and then kept."""
+        digest = digest_of(self._code(), step, settings, self._seen(of))
+        found = self.cache.folder.get(step, digest)
+        if found is None:
+            found = compute()
+            self.cache.folder.put(step, digest, found)
+        else:
+            self.vouched = True
+        return found
+
+    def _code(self) -> str:
+        own = None if type(self.method).__module__.startswith("bench.") else method_digest(self.method)
+        return digest_of(code_digest(METHOD_ROOMS), own)
+
+    def _seen(self, of: StepOf) -> str:
+        model: CameraModel = self.given.camera
+        pixels = model.width, model.height, self.method.colour, [self.cache.inputs.image(ref) for ref in self.images]
+        if of == "images":
+            return digest_of(pixels)
+        return digest_of(
+            pixels,
+            self.given.timestamps_ns,
+            self.cache.inputs.camera(self.given.camera_name),
+            self.given.current_from_previous,
+            self.given.recording,
+        )

@@ -1,0 +1,8 @@
+"""What a stored result depends on, as digests: contents of files, values, code. Times of change are never trusted."""
+
+from bench.harness.keys.code import code_digest, method_digest, source_digest
+from bench.harness.keys.files import FileDigests
+from bench.harness.keys.inputs import RecordingInputs
+from bench.harness.keys.values import digest_of
+
+__all__ = ["FileDigests", "RecordingInputs", "code_digest", "digest_of", "method_digest", "source_digest"]

@@ -1,0 +1,134 @@
+"""From the stored units of a run to its tables and its summary: a pure reduction, wherever they were computed."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+from bench.errors import DataError
+from bench.evaluation import Protocol, summarise
+from bench.harness.provenance import Provenance, Work
+from bench.harness.shards import ShardReport, read_shards
+from bench.harness.stored import (
+    IMAGE_MAPS,
+    PREDICTIONS,
+    SCHEMA_VERSION,
+    RunSummary,
+    read_threshold_free,
+    reference_fingerprint,
+    write_protocol,
+    write_summary,
+)
+from bench.harness.stored_rows import open_tables
+from bench.harness.unit_files import UnitFolder
+from bench.harness.units import Unit
+
+RESULTS = ("summary.json", "objects.parquet", "frames.parquet", IMAGE_MAPS, PREDICTIONS)
+
+
+def clear_results(run: Path) -> None:
+    """Remove what is of a whole run; its units stay."""
+    for file in RESULTS:
+        (run / file).unlink(missing_ok=True)
+
+
+def merge_shards(out: Path, shards: Sequence[Path], *, protocol: Protocol) -> RunSummary:
+    """Reduce the parts of a run to its tables and its summary.
+
+    Args:
+        out: folder of the run.
+        shards: folders that hold the parts; `out` may be one of them, or the only one.
+        protocol: the rules by which they were scored.
+
+    Raises:
+        DataError: parts are missing, of different runs or damaged, or nothing could be used.
+    """
+    found = read_shards(shards)
+    reports = [report for _, report in found]
+    first = reports[0]
+    if first.stamp.protocol_digest != protocol.digest:
+        raise DataError(out, field="protocol", wanted=first.stamp.protocol_digest[:12], came=protocol.digest[:12])
+    units = _collected(found, out)
+    failures = list(first.recording_failures) + [failure for report in reports for failure in report.unit_failures]
+    if not units:
+        raise DataError(
+            first.stamp.card, wanted="a recording that can be used", came="; ".join(failures) or "no image to score"
+        )
+    stored = UnitFolder(out)
+    stored.join(units, out, maps_name=IMAGE_MAPS)
+    objects, frames = open_tables(out)
+    figures = summarise(objects, frames, protocol=protocol)
+    write_protocol(out, protocol)
+    summary = RunSummary(
+        **{name: getattr(figures, name) for name in type(figures).model_fields},
+        schema_version=SCHEMA_VERSION,
+        dataset=first.stamp.dataset,
+        card=first.stamp.card,
+        reference_fingerprint=reference_fingerprint(objects, frames),
+        split=first.stamp.split,
+        method=first.stamp.method,
+        provenance=_together([report.provenance for report in reports], images=figures.images.evaluated),
+        vehicle_outline_m=first.vehicle_outline_m,
+        failures=(*failures, *stored.problems(units)),
+        caveats=first.stamp.caveats,
+        threshold_free=read_threshold_free(out, protocol),
+    )
+    write_summary(out, summary)
+    return summary
+
+
+def merged_units(parts: Sequence[Path]) -> list[Unit]:
+    """The units of a run in parts that have a result; see `merge_shards`."""
+    return [entry.unit for _, report in read_shards(parts) for entry in report.units if entry.key is not None]
+
+
+def _collected(found: Sequence[tuple[Path, ShardReport]], out: Path) -> list[Unit]:
+    """The units that have a result, in the run's folder, each with the key that its part tells."""
+    units: list[Unit] = []
+    for folder, report in found:
+        stored = UnitFolder(folder)
+        for entry in report.units:
+            if entry.key is None:
+                continue
+            status = stored.checked(entry.unit)
+            if status.key != entry.key:
+                do = "score the part again; a later run has written into its folder"
+                raise DataError(folder, field=f"unit {entry.unit}", wanted=entry.key[:12], came=status.key[:12], do=do)
+            if folder.resolve() != out.resolve():
+                UnitFolder(out).store(entry.unit, stored.files(entry.unit))
+            units.append(entry.unit)
+    counted = sum(len(report.units) for _, report in found)
+    if counted != found[0][1].units_of_run:
+        raise DataError(out, wanted=f"{found[0][1].units_of_run} units in all parts", came=str(counted))
+    return sorted(units, key=lambda unit: (unit.recording, unit.camera, unit.start))
+
+
+def _together(parts: Sequence[Provenance], *, images: int) -> Provenance:
+    """Where the whole comes from: times are added up, memory is that of the largest process."""
+    works = [part.work for part in parts if part.work is not None]
+    stages: Counter[str] = Counter()
+    found: Counter[str] = Counter()
+    computed: Counter[str] = Counter()
+    for part in parts:
+        stages.update(part.stage_seconds)
+    for work in works:
+        found.update(work.steps_found)
+        computed.update(work.steps_computed)
+    return parts[0].model_copy(
+        update={
+            "started_utc": min(part.started_utc for part in parts),
+            "seconds": round(sum(part.seconds for part in parts), 3),
+            "stage_seconds": {name: round(seconds, 3) for name, seconds in sorted(stages.items())},
+            "images": images,
+            "peak_memory_mb": max(part.peak_memory_mb for part in parts),
+            "work": Work(
+                workers=sum(work.workers for work in works),
+                units_computed=sum(work.units_computed for work in works),
+                units_reused=sum(work.units_reused for work in works),
+                images_computed=sum(work.images_computed for work in works),
+                steps_found=dict(sorted(found.items())),
+                steps_computed=dict(sorted(computed.items())),
+            ),
+        }
+    )

@@ -1,0 +1,199 @@
+"""What one part of a run leaves for the others: `shards/<i>-of-<N>.json`. A run in one piece is part 1 of 1."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from bench.errors import DataError, UsageError
+from bench.harness.method_stamp import MethodStamp
+from bench.harness.provenance import Provenance
+from bench.harness.units import Unit
+from bench.recordings import write_text
+
+FOLDER = "shards"
+SCHEMA_VERSION = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shard:
+    """A part of a run: every `count`-th unit, from the `number`-th on.
+
+    Attributes:
+        number: from 1.
+        count: of parts.
+
+    Raises:
+        UsageError: a number outside of 1 to `count`.
+    """
+
+    number: int = 1
+    count: int = 1
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.number <= self.count:
+            raise UsageError(f"--shard: wanted I/N with I from 1 to N, came {self}")
+
+    def __str__(self) -> str:
+        return f"{self.number}/{self.count}"
+
+    @property
+    def file(self) -> str:
+        """Name of its report."""
+        return f"{self.number:04d}-of-{self.count:04d}.json"
+
+    def part(self, units: Sequence[Unit]) -> list[Unit]:
+        """Its own among all units of a run."""
+        return list(units[self.number - 1 :: self.count])
+
+    @classmethod
+    def parse(cls, text: str) -> Shard:
+        """From "2/8".
+
+        Raises:
+            UsageError: anything else.
+        """
+        number, _, count = text.partition("/")
+        if not (number.isascii() and number.isdecimal() and count.isascii() and count.isdecimal()):
+            raise UsageError(f"--shard: wanted I/N, for example 2/8, came {text!r}")
+        return cls(number=int(number), count=int(count))
+
+
+WHOLE = Shard()
+
+
+class RunStamp(BaseModel):
+    """What all parts of a run share.
+
+    Attributes:
+        dataset: name of the data set.
+        card: file of its card, as it was named.
+        split: of it; None for all.
+        method: that is scored.
+        protocol_digest: of the rules.
+        caveats: of the data set's card.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    dataset: str
+    card: str
+    split: str | None
+    method: MethodStamp
+    protocol_digest: str
+    caveats: str
+
+
+class ShardedUnit(BaseModel):
+    """A unit of a part, and the key of its result; None where it could not be scored."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    recording: str
+    camera: str
+    start: int
+    stop: int
+    key: str | None
+
+    @property
+    def unit(self) -> Unit:
+        """The unit."""
+        return Unit(recording=self.recording, camera=self.camera, start=self.start, stop=self.stop)
+
+
+class ShardReport(BaseModel):
+    """A part that is done.
+
+    Attributes:
+        schema_version: of this file.
+        stamp: of the run.
+        units_of_run: how many units all parts have together.
+        units: of this part, in the order of the run.
+        vehicle_outline_m: the host from above.
+        recording_failures: one line per recording that cannot be used; the same in all parts.
+        unit_failures: one line per unit of this part that could not be scored.
+        provenance: of this part.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    schema_version: int
+    stamp: RunStamp
+    units_of_run: int
+    units: tuple[ShardedUnit, ...]
+    vehicle_outline_m: tuple[tuple[float, float], ...]
+    recording_failures: tuple[str, ...]
+    unit_failures: tuple[str, ...]
+    provenance: Provenance
+
+
+def write_shard(run: Path, shard: Shard, report: ShardReport) -> None:
+    """Store the report of a part."""
+    write_text(run / FOLDER / shard.file, report.model_dump_json(indent=1) + "\n")
+
+
+def remove_shards(run: Path, *, but_of: int | None = None) -> None:
+    """Remove reports.
+
+    Args:
+        run: folder.
+        but_of: keep those of runs in so many parts; None to remove all.
+    """
+    for file in (run / FOLDER).glob("*.json"):
+        if but_of is None or not file.name.endswith(f"-of-{but_of:04d}.json"):
+            file.unlink(missing_ok=True)
+
+
+def read_shards(runs: Sequence[Path]) -> list[tuple[Path, ShardReport]]:
+    """The reports of all parts of a run with the folder of each, in the order of their numbers.
+
+    Args:
+        runs: folders that hold them, one or many.
+
+    Raises:
+        DataError: none, a part is missing or there twice, or they are of different runs.
+    """
+    files: dict[str, Path] = {}
+    for run in runs:
+        for file in sorted((run / FOLDER).glob("*-of-*.json")):
+            if file.name in files:
+                raise DataError(file, wanted="each part once", came=f"the same part in {files[file.name]}")
+            files[file.name] = file
+    if not files:
+        do = "score with `run --shard 1/N` to `N/N` first"
+        raise DataError(runs[0], wanted="parts of a run, in shards/", came="none", do=do)
+    counts = {name.rpartition("-of-")[2] for name in files}
+    if len(counts) > 1:
+        raise DataError(runs[0], wanted="parts of one run", came=f"parts of different cuts: {', '.join(sorted(files))}")
+    count = int(counts.pop().removesuffix(".json"))
+    expected = [Shard(number=number, count=count) for number in range(1, count + 1)]
+    missing = [str(shard) for shard in expected if shard.file not in files]
+    if missing:
+        do = "score the missing ones with --shard; parts that are done are kept"
+        raise DataError(runs[0], wanted=f"{count} parts", came=f"none of {', '.join(missing)}", do=do)
+    found = [(files[shard.file].parent.parent, read_shard(files[shard.file])) for shard in expected]
+    first = found[0][1]
+    for shard, (folder, report) in zip(expected, found, strict=True):
+        if (report.stamp, report.units_of_run) != (first.stamp, first.units_of_run):
+            came = f"part {shard} of another data set, method, protocol or state of the data"
+            raise DataError(folder, wanted="parts of one run", came=came, do="score that part again")
+    return found
+
+
+def read_shard(file: Path) -> ShardReport:
+    """Read the report of a part.
+
+    Raises:
+        DataError: not one.
+    """
+    try:
+        return ShardReport.model_validate_json(file.read_bytes())
+    except OSError as error:
+        raise DataError(file, wanted="the report of a part", came=error.strerror or str(error)) from error
+    except ValidationError as error:
+        fault = error.errors()[0]
+        field = ".".join(str(part) for part in fault["loc"]) or None
+        raise DataError(file, field=field, wanted="the report of a part", came=fault["msg"]) from error

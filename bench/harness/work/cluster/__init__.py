@@ -1,0 +1,11 @@
+"""Units on a Dask cluster that is there already: the place, what its workers must have, and examples of starting one.
+
+The process that runs the show plans, hands out tasks and stores what comes back; workers only read data and keep steps
+in their cache. Whatever dies, stored units stay, and the same command goes on from there.
+"""
+
+from bench.harness.work.cluster.connection import scheduler_address
+from bench.harness.work.cluster.place import Cluster
+from bench.harness.work.cluster.terms import Terms
+
+__all__ = ["Cluster", "Terms", "scheduler_address"]

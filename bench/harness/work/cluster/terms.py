@@ -1,0 +1,115 @@
+"""What a process elsewhere must have in common with a run before it computes for it."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+
+import bench
+from bench.errors import DataError
+from bench.harness.cache import CacheFolder
+from bench.harness.keys import code_digest, source_digest
+from bench.harness.keys.code import SCORING_ROOMS
+from bench.harness.provenance import library_versions
+from bench.methods import Method
+
+CODE = (*SCORING_ROOMS, "harness")
+
+_first_seen: dict[tuple[str, str], str] = {}  # digest of a method's source when this process met it first
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Terms:
+    """What a worker must have.
+
+    Attributes:
+        versions: of Python, this package and the libraries that decide figures.
+        code: digest of this package's source.
+        method_module: module of the method's class.
+        method_class: its name there.
+        method_code: digest of its source.
+        folder: where the run was started; relative paths count from it.
+        reads: files and folders that must be there, absolute.
+        cache: where steps are kept; None for nowhere.
+    """
+
+    versions: Mapping[str, str]
+    code: str
+    method_module: str
+    method_class: str
+    method_code: str
+    folder: Path
+    reads: tuple[Path, ...]
+    cache: CacheFolder | None
+
+    @classmethod
+    def of(cls, method: Method, *, reads: tuple[Path, ...], cache: CacheFolder | None) -> Terms:
+        """The terms of a run that this process starts.
+
+        Args:
+            method: to be scored.
+            reads: what units read; relative paths count from the working directory.
+            cache: where steps are kept; None for nowhere.
+        """
+        kind, folder = type(method), Path.cwd()
+        return cls(
+            versions=_versions(),
+            code=code_digest(CODE),
+            method_module=kind.__module__,
+            method_class=kind.__qualname__,
+            method_code=source_digest(kind),
+            folder=folder,
+            reads=tuple(folder / path for path in reads),
+            cache=cache if cache is None else CacheFolder(folder=folder / cache.folder, limit_bytes=cache.limit_bytes),
+        )
+
+    def breach(self) -> str | None:
+        """Why this process cannot compute for the run, and what to do about it; None where it can."""
+        return self._other_code() or self._other_method() or self._missing_path()
+
+    def _other_code(self) -> str | None:
+        here = _versions()
+        other = [f"{name} {here.get(name)}, not {version}" for name, version in self.versions.items()
+                 if here.get(name) != version]  # fmt: skip
+        if other:
+            return f"it has {'; '.join(other)}; install the same on all machines and start the workers again"
+        if code_digest(CODE) != self.code:
+            place = Path(bench.__file__).parent
+            return f"it has other code of fisheye-bench, in {place}; install the same and start the workers again"
+        return None
+
+    def _other_method(self) -> str | None:
+        name = f"the method {self.method_module}:{self.method_class}"
+        try:
+            kind = import_module(self.method_module)
+            for part in self.method_class.split("."):
+                kind = getattr(kind, part)
+        except (ImportError, AttributeError) as error:
+            return f"it cannot import {name} ({error}); set PYTHONPATH where workers are started"
+        assert isinstance(kind, type)
+        first = _first_seen.setdefault((self.method_module, self.method_class), source_digest(kind))
+        if first != self.method_code:
+            return f"it has other code of {name}; start the workers again with the code of the run"
+        return None
+
+    def _missing_path(self) -> str | None:
+        if not os.access(self.folder, os.X_OK):
+            return f"it has no folder {self.folder}; start the run in a folder that is there on all machines"
+        for path in self.reads:
+            if not os.access(path, os.R_OK):
+                return f"it does not see {path}; data must be there under the same path on all machines"
+        if self.cache is not None:
+            try:
+                self.cache.prepare()
+            except DataError as error:
+                return str(error)
+        return None
+
+
+def _versions() -> dict[str, str]:
+    python = ".".join(platform.python_version_tuple()[:2])
+    return {"Python": python, "fisheye-bench": bench.__version__, **library_versions()}

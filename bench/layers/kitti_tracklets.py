@@ -1,0 +1,250 @@
+"""KITTI's raw tracklets as a layer, and what CVAT writes under the same name.
+
+KITTI: length along x, width along y, height along z; the place is the middle of the box's bottom; rz is the yaw, and
+rx and ry are 0. A tracklet's frame is its first frame plus the number of the pose.
+
+CVAT's "KITTI Raw Format" keeps the tags and changes their meaning: the place is the middle of the box, w lies along x,
+h along y and l along z, and the three angles turn about the box's own x, y and z in turn. Gaps of a track are filled
+with copies that are outside of the image with unset occlusion. Newer versions of the library behind it may have
+mended the order of the sizes: look at the sizes that an import prints.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from bench.errors import DataError
+from bench.geometry import RigidTransform
+from bench.layers.classes import left_out, map_classes, tool_class
+from bench.layers.frames import frame_numbers, pair_with_sweeps
+from bench.layers.layer import Layer, LayerOptions
+from bench.layers.motion import with_motion
+from bench.layers.sweep_states import lidar_from_object, motion_lost, states_at_sweeps
+from bench.layers.tracklet_file import UNSET, Tracklet, TrackletPose, read_tracklets, write_tracklets
+from bench.recordings import Cuboid, ObjectState, Recording, SweepRef, Track
+
+FILE = "tracklet_labels.xml"
+WRITTEN = {"pedestrian": "Pedestrian", "cyclist": "Cyclist", "vehicle": "Car", "animal": "Misc"}
+OUTSIDE = (2, 99)
+UPRIGHT_RAD = 1e-6
+SAME_SIZE_M = 1e-6
+FLOATING_M = 0.5  # from the road to the bottom of the middle box; more is another convention or another calibration
+
+
+class KittiTracklets:
+    """As KITTI's development kit defines them."""
+
+    name = "kitti-tracklets"
+    description = "tracklet_labels.xml of KITTI's raw data: boxes that stand upright, one size for each object"
+    centred = False
+
+    def read(self, source: Path, recording: Recording, options: LayerOptions) -> Layer:
+        """Read a layer; arguments and errors as in `LayerFormat`."""
+        file = source / FILE if source.is_dir() else source
+        tracklets = read_tracklets(file)
+        classes = map_classes((tracklet.object_type for tracklet in tracklets), options, source=file)
+        kept = [(i, tracklet) for i, tracklet in enumerate(tracklets) if classes[tracklet.object_type] is not None]
+        numbers = {str(number) for _, tracklet in kept for number, _ in self._posed(tracklet)}
+        sweeps = pair_with_sweeps(numbers, recording, options, source=file) if numbers else {}
+        tracks = tuple(
+            with_motion(
+                Track(
+                    track_id=f"tracklet-{i}",
+                    object_class=str(classes[tracklet.object_type]),
+                    states=self._states(tracklet, sweeps, recording, file, f"tracklets.item {i}"),
+                ),
+                recording.trajectory,
+            )
+            for i, tracklet in kept
+        )
+        counts = Counter(tracklet.object_type for tracklet in tracklets)
+        lost = [*left_out(classes, counts), *self._unread([tracklet for _, tracklet in kept])]
+        lost += _floating(tracks)
+        lost.append(
+            f"frames without objects: the format does not tell whether they were looked at, so that all "
+            f"{len(recording.sweeps)} sweeps count as annotated"
+        )
+        times_ns = tuple(sweep.timestamp_ns for sweep in recording.sweeps)
+        return Layer(tracks=tracks, timestamps_ns=times_ns, lost=tuple(lost))
+
+    def write(self, layer: Layer, recording: Recording, out: Path, options: LayerOptions) -> tuple[str, ...]:
+        """Write `tracklet_labels.xml`; arguments as in `LayerFormat`."""
+        states, lost = states_at_sweeps(layer, recording, (Cuboid,))
+        numbers = frame_numbers(recording, options)
+        by_track: dict[str, list[tuple[int, Cuboid]]] = {track.track_id: [] for track in layer.tracks}
+        for time_ns, found in states.items():
+            for track, state in found:
+                assert isinstance(state.shape, Cuboid)
+                by_track[track.track_id].append((numbers[time_ns], state.shape))
+        tracklets: list[Tracklet] = []
+        split = resized = 0
+        lean_rad = 0.0
+        for track in layer.tracks:
+            runs = _runs(by_track[track.track_id])
+            split += len(runs) > 1
+            for run in runs:
+                sizes = np.stack([cuboid.size_m for _, cuboid in run])
+                size_m = np.median(sizes, axis=0)
+                resized += bool(np.abs(sizes - size_m).max() > SAME_SIZE_M)
+                object_type = tool_class(track.object_class, options, WRITTEN)
+                poses = [lidar_from_object(cuboid, recording) for _, cuboid in run]
+                lean_rad = max(lean_rad, *(_lean_rad(pose) for pose in poses))
+                tracklets.append(self._tracklet(object_type, run[0][0], size_m, poses))
+        write_tracklets(out / FILE, tracklets)
+        if tracklets:
+            lost.append(f"{len(by_track)} names of objects: the format has none")
+        if split:
+            lost.append(f"{split} objects are out of sight for a while and become several tracklets")
+        if resized:
+            lost.append(f"{resized} objects change their size: each has its median one")
+        if lean_rad > UPRIGHT_RAD and not self.centred:
+            lost.append(f"boxes that lean by up to {np.degrees(lean_rad):.3g} deg against the lidar stand upright")
+        return (*lost, *motion_lost(layer.tracks))
+
+    def _posed(self, tracklet: Tracklet) -> list[tuple[int, TrackletPose]]:
+        """Number of the frame and pose, without poses that nobody set."""
+        return [
+            (tracklet.first_frame + j, pose)
+            for j, pose in enumerate(tracklet.poses)
+            if pose.state != UNSET and not (self.centred and pose.occlusion == -1 and pose.truncation in OUTSIDE)
+        ]
+
+    def _states(
+        self, tracklet: Tracklet, sweeps: dict[str, SweepRef], recording: Recording, file: Path, field: str
+    ) -> tuple[ObjectState, ...]:
+        states = []
+        for number, pose in self._posed(tracklet):
+            if not self.centred:
+                _refuse_lean(pose, file, f"{field}, frame {number}")
+            lidar_from_box, size_m = self._placed(tracklet, pose)
+            states.append(
+                ObjectState(
+                    timestamp_ns=sweeps[str(number)].timestamp_ns,
+                    shape=Cuboid(vehicle_from_object=recording.vehicle_from_lidar @ lidar_from_box, size_m=size_m),
+                    velocity_mps=np.full(3, np.nan),
+                )
+            )
+        return tuple(sorted(states, key=lambda state: state.timestamp_ns))
+
+    def _placed(self, tracklet: Tracklet, pose: TrackletPose) -> tuple[RigidTransform, NDArray[np.float64]]:
+        """Pose of the box's centre in the frame of the lidar, and its size."""
+        size_m = np.array([tracklet.length_m, tracklet.width_m, tracklet.height_m])
+        return RigidTransform.from_yaw(
+            pose.angles_rad[2], np.add(pose.place_m, (0.0, 0.0, tracklet.height_m / 2.0))
+        ), size_m
+
+    def _tracklet(
+        self, object_type: str, first_frame: int, size_m: NDArray[np.float64], poses: Sequence[RigidTransform]
+    ) -> Tracklet:
+        length_m, width_m, height_m = size_m.tolist()
+        return Tracklet(
+            object_type=object_type,
+            height_m=height_m,
+            width_m=width_m,
+            length_m=length_m,
+            first_frame=first_frame,
+            poses=tuple(
+                TrackletPose(
+                    place_m=_triple(pose.translation_m - (0.0, 0.0, height_m / 2.0)),
+                    angles_rad=(0.0, 0.0, float(np.arctan2(pose.rotation[1, 0], pose.rotation[0, 0]))),
+                )
+                for pose in poses
+            ),
+        )
+
+    def _unread(self, tracklets: Sequence[Tracklet]) -> list[str]:
+        poses = [pose for tracklet in tracklets for pose in tracklet.poses]
+        posed = sum(len(self._posed(tracklet)) for tracklet in tracklets)
+        counts = {
+            "poses that are unset or outside, left out": len(poses) - posed,
+            "poses that are interpolated, read as the others": sum(pose.state == 1 for pose in poses),
+            "marks of occlusion: no place for them": sum(pose.occlusion in (1, 2) for pose in poses),
+            "marks of truncation: no place for them": sum(pose.truncation in (1, *OUTSIDE) for pose in poses),
+            "tracklets that are not finished, read as the others": sum(not item.finished for item in tracklets),
+            "further attributes: no place for them": sum(item.attributes for item in tracklets),
+        }
+        return [f"{count} {what}" for what, count in counts.items() if count]
+
+
+class CvatTracklets(KittiTracklets):
+    """As CVAT exports and imports them."""
+
+    name = "cvat-tracklets"
+    description = "tracklet_labels.xml as CVAT writes it (KITTI Raw Format): other places, sizes and angles"
+    centred = True
+
+    def _placed(self, tracklet: Tracklet, pose: TrackletPose) -> tuple[RigidTransform, NDArray[np.float64]]:
+        rotation = Rotation.from_euler("XYZ", pose.angles_rad).as_matrix()
+        size_m = np.array([tracklet.width_m, tracklet.height_m, tracklet.length_m])
+        return RigidTransform(rotation, np.array(pose.place_m)), size_m
+
+    def _tracklet(
+        self, object_type: str, first_frame: int, size_m: NDArray[np.float64], poses: Sequence[RigidTransform]
+    ) -> Tracklet:
+        along_x, along_y, along_z = size_m.tolist()
+        return Tracklet(
+            object_type=object_type,
+            height_m=along_y,
+            width_m=along_x,
+            length_m=along_z,
+            first_frame=first_frame,
+            poses=tuple(
+                TrackletPose(
+                    place_m=_triple(pose.translation_m),
+                    angles_rad=_triple(Rotation.from_matrix(pose.rotation).as_euler("XYZ")),
+                    occlusion=0,
+                    truncation=0,
+                )
+                for pose in poses
+            ),
+        )
+
+
+def _runs(posed: Sequence[tuple[int, Cuboid]]) -> list[list[tuple[int, Cuboid]]]:
+    """Parts without a missing frame."""
+    runs: list[list[tuple[int, Cuboid]]] = []
+    for number, cuboid in sorted(posed, key=lambda item: item[0]):
+        if not runs or number != runs[-1][-1][0] + 1:
+            runs.append([])
+        runs[-1].append((number, cuboid))
+    return runs
+
+
+def _refuse_lean(pose: TrackletPose, file: Path, field: str) -> None:
+    rx, ry, _ = pose.angles_rad
+    if abs(rx) > UPRIGHT_RAD or abs(ry) > UPRIGHT_RAD:
+        do = "files of CVAT, which turns boxes about all axes, are read as cvat-tracklets"
+        raise DataError(file, field=f"{field}.rx, ry", wanted="0", came=f"{rx:.4g} and {ry:.4g}", do=do)
+
+
+def _lean_rad(pose: RigidTransform) -> float:
+    return float(np.hypot(pose.rotation[0, 2], pose.rotation[1, 2]))
+
+
+def _floating(tracks: Sequence[Track]) -> list[str]:
+    """A line where boxes do not stand on the road, as they do when the file has another convention."""
+    bottoms_m = [
+        state.shape.vehicle_from_object.translation_m[2] - state.shape.size_m[2] / 2.0
+        for track in tracks
+        for state in track.states
+        if isinstance(state.shape, Cuboid)
+    ]
+    height_m = float(np.median(bottoms_m)) if bottoms_m else 0.0
+    if abs(height_m) <= FLOATING_M:
+        return []
+    side = "above" if height_m > 0 else "below"
+    return [
+        f"doubtful: the middle box stands {abs(height_m):.2f} m {side} the road; the file may be of the other kind "
+        f"(kitti-tracklets, cvat-tracklets), or the lidar's mounting is wrong"
+    ]
+
+
+def _triple(values: NDArray[np.float64]) -> tuple[float, float, float]:
+    x, y, z = values.tolist()
+    return x, y, z

@@ -1,0 +1,25 @@
+"""Parts of the JSON files of other tools, which may hold more than is used here."""
+
+from __future__ import annotations
+
+from pydantic import ConfigDict
+
+from bench.recordings.validation import FileModel
+
+
+class ToolModel(FileModel):
+    """Part of a file of another tool: keys that are not used are passed over."""
+
+    model_config = ConfigDict(extra="ignore")
+
+
+class Vector(ToolModel):
+    """Three numbers along or about x, y and z."""
+
+    x: float
+    y: float
+    z: float
+
+    def numbers(self) -> tuple[float, float, float]:
+        """x, y and z."""
+        return self.x, self.y, self.z

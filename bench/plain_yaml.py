@@ -1,0 +1,62 @@
+"""YAML of plain values, never more of it than a file can be meant to hold.
+
+PyYAML's safe loader makes no objects, but it follows references: a text of ten lines can stand for a billion values,
+and one that nests deeply ends in a traceback. Here the tree is measured before anything is made of it.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from bench.errors import DataError
+
+LOADER: type[yaml.SafeLoader] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+DEEPEST = 50
+MOST_VALUES = 1_000_000  # with every reference written out
+
+
+def parse_yaml(text: str, *, file: Path | str) -> Any:
+    """Parse a YAML document of plain values: keys, lists, text, numbers, dates.
+
+    Args:
+        text: one document.
+        file: where it comes from, for messages.
+
+    Raises:
+        DataError: not YAML, with tags that stand for objects, too deep, or too large with its references written out.
+    """
+    try:
+        _refuse_deep(text, file)
+        loader = LOADER(text)
+        tree = loader.get_single_node()
+        if tree is None:
+            return None
+        if _size(tree, {}) > MOST_VALUES:
+            wanted = f"at most {MOST_VALUES} values with references written out"
+            raise DataError(file, wanted=wanted, came="more, by references to references")
+        return loader.construct_document(tree)
+    except (yaml.YAMLError, ValueError, OverflowError) as error:  # ValueError: days and numbers that cannot be
+        raise DataError(file, wanted="YAML", came=" ".join(str(error).split())[:200]) from error
+
+
+def _refuse_deep(text: str, file: Path | str) -> None:
+    """Count levels in the text's events, which nest nothing."""
+    depth = 0
+    for event in yaml.parse(text, Loader=LOADER):
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > DEEPEST:
+            field = f"line {event.start_mark.line + 1}" if event.start_mark is not None else None
+            raise DataError(file, field=field, wanted=f"at most {DEEPEST} levels", came="more")
+
+
+def _size(node: yaml.Node, known: dict[int, int]) -> int:
+    """Values below a node with references written out; one that refers to itself has too many."""
+    if id(node) not in known:
+        known[id(node)] = MOST_VALUES + 1  # until it is counted, so for a reference to itself
+        parts = [part for pair in node.value for part in pair] if isinstance(node, yaml.MappingNode) else []
+        parts += node.value if isinstance(node, yaml.SequenceNode) else []
+        known[id(node)] = 1 + sum(_size(part, known) for part in parts)
+    return known[id(node)]

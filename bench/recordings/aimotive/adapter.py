@@ -1,0 +1,108 @@
+"""The aiMotive multimodal data set (Matuszka et al. 2022).
+
+```
+data/<split>/<odd>/<sequence>/
+  sensor/calibration/calibration.json           per camera: MEI or pinhole model and RT_body_from_sensor
+  sensor/camera/<CAMERA>/<CAMERA>_<frame>.jpg
+  dynamic/raw-revolutions/frame_<frame>.laz     body frame at each point's own time; gps_time in ns
+  dynamic/box/3d_body/frame_<frame>.json        time of the frame and tracked boxes
+  sensor/gnssins/egomotion.json                 pose of each frame; where the card names no other ego-motion
+```
+
+What is translated here, once:
+
+- The body frame is x forward, y left, z up, but its origin is not on the road: the card's `ground_height_m` says where
+  the road is. It serves as the vehicle frame as it stands.
+- An image has the time of the box file with its number.
+- Points are in body axes already, so `vehicle_from_lidar` is the identity and `lidar_from_beams` the mounting of the
+  sensor.
+- A revolution runs from about 68 ms before to 32 ms after the time of its frame, in the same clock. Frames are 67 ms
+  apart, so neighbouring revolutions share the points of 33 ms; an image takes those of one revolution only.
+- Boxes tell velocity relative to the ego vehicle in body axes; over the ground it is the ego's velocity plus that. The
+  turn of an object comes from the headings of its boxes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.geometry import RigidTransform
+from bench.recordings.aimotive.boxes import read_box_frame, tracks_from_boxes
+from bench.recordings.aimotive.cameras import read_cameras
+from bench.recordings.aimotive.egomotion import sequence_trajectory
+from bench.recordings.aimotive.files import box_files, image_refs, sweep_refs
+from bench.recordings.aimotive.lidar import read_lidar_mounting
+from bench.recordings.aimotive.options import FRAME_INTERVAL_NS, AimotiveOptions
+from bench.recordings.aimotive.salvage import salvage_aimotive
+from bench.recordings.annotations import read_annotations
+from bench.recordings.handles import RecordingHandle
+from bench.recordings.records import Recording
+from bench.recordings.validation import validated
+
+
+def aimotive_recordings(
+    root: Path, *, options: Mapping[str, Any], card: Path, annotations: Path | None
+) -> tuple[RecordingHandle, ...]:
+    """The adapter `aimotive`: each `data/<split>/<odd>/<sequence>` is a recording.
+
+    Raises:
+        DataError: options that are wrong.
+    """
+    chosen = validated(AimotiveOptions, options, file=card, field="options")
+    handles = []
+    for sequence in sorted(path for path in root.glob("data/*/*/*") if path.is_dir()):
+        how: dict[str, Any] = {
+            "sequence": sequence.relative_to(root).as_posix(),
+            "options": chosen,
+            "annotations": None if annotations is None else annotations / f"{sequence.name}.json",
+        }
+        handles.append(
+            RecordingHandle(
+                name=sequence.name,
+                opener=partial(open_aimotive, root, **how),
+                salvager=partial(salvage_aimotive, root, **how),
+            )
+        )
+    return tuple(handles)
+
+
+def open_aimotive(root: Path, *, sequence: str, options: AimotiveOptions, annotations: Path | None = None) -> Recording:
+    """Open a sequence.
+
+    Args:
+        root: folder of the data set, above `data`.
+        sequence: path of the sequence below `root`.
+        options: as in the card.
+        annotations: annotation file that stands in for the boxes where it exists.
+
+    Raises:
+        DataError: a file that is missing or not what the format asks for.
+    """
+    folder = root / sequence
+    cameras = read_cameras(root, folder, options)
+    boxes = {number: read_box_frame(path) for number, path in box_files(root, folder).items()}
+    times_ns = {number: frame.timestamp_ns for number, frame in boxes.items()}
+    trajectory = sequence_trajectory(root, folder, options, times_ns)
+    if annotations is not None and annotations.is_file():
+        tracks = read_annotations(annotations)
+    else:
+        tracks = tracks_from_boxes(tuple(boxes.values()), trajectory)
+    return Recording(
+        name=folder.name,
+        root=root,
+        licence=options.licence,
+        frame_interval_ns=FRAME_INTERVAL_NS,
+        cameras=cameras,
+        images={name: image_refs(root, folder, name, times_ns) for name in cameras},
+        trajectory=trajectory,
+        vehicle_from_lidar=RigidTransform.identity(),
+        sweeps=sweep_refs(root, folder, times_ns),
+        tracks=tracks,
+        vehicle_outline_m=np.array(options.vehicle_outline_m, dtype=np.float64),
+        lidar_from_beams=read_lidar_mounting(root, folder),
+    )

@@ -1,0 +1,144 @@
+"""The calibration file of the aiMotive data set, brought into mounted cameras."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import ConfigDict, Field
+
+from bench.cameras import UnifiedCamera
+from bench.errors import DataError, ShapeError
+from bench.geometry import RigidTransform, RoadPlane
+from bench.recordings.aimotive.options import AimotiveOptions
+from bench.recordings.body_polygons import body_mask
+from bench.recordings.paths import refuse_escape
+from bench.recordings.records import MountedCamera
+from bench.recordings.resizing import scaled_camera
+from bench.recordings.salvage import Complaint, refuse
+from bench.recordings.text_files import read_text
+from bench.recordings.validation import FileModel, SidePx, data_error, validated
+
+CALIBRATION = "sensor/calibration/calibration.json"
+MODELS = ("mei", "opencv_pinhole")  # the second is the first with its centre of projection in the sphere's: xi = 0
+
+
+class CameraCalibration(FileModel):
+    """The keys of a camera's calibration that are used; the file has many more."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    model: str
+    xi: float | None = None
+    focal_length_px: tuple[float, float]
+    principal_point_px: tuple[float, float]
+    distortion_coeffs: tuple[float, ...] = Field(min_length=4)
+    image_resolution_px: tuple[SidePx, SidePx]
+    RT_body_from_sensor: tuple[tuple[float, float, float, float], ...] = Field(min_length=4, max_length=4)
+
+
+def read_cameras(root: Path, folder: Path, options: AimotiveOptions) -> dict[str, MountedCamera]:
+    """Read the calibration of a sequence.
+
+    Args:
+        root: folder of the data set, which the file must not leave.
+        folder: of the sequence.
+        options: which cameras, at which size, with which masks.
+
+    Raises:
+        DataError: missing, a camera without a calibration, or one of another model.
+    """
+    return salvage_cameras(root, folder, options, refuse)
+
+
+def salvage_cameras(
+    root: Path, folder: Path, options: AimotiveOptions, complain: Complaint
+) -> dict[str, MountedCamera]:
+    """The cameras that can be used.
+
+    Args:
+        root: as for `read_cameras`, with `folder` and `options`.
+        folder: of the sequence.
+        options: which cameras, at which size, with which masks.
+        complain: takes every fault.
+    """
+    file = folder / CALIBRATION
+    try:
+        content = _content(root, file)
+        names = _camera_names(folder, content) if options.cameras is None else options.cameras
+        if not names:
+            raise DataError(folder / "sensor/camera", wanted="images of a camera with a known model", came="none")
+    except DataError as error:
+        complain(error)
+        return {}
+    cameras: dict[str, MountedCamera] = {}
+    for name in names:
+        try:
+            if name not in content:
+                raise DataError(file, field=name, wanted="a calibration of this camera", came="none")
+            cameras[name] = _camera(name, content[name], file, options)
+        except DataError as error:
+            complain(error)
+    return cameras
+
+
+def _content(root: Path, file: Path) -> dict[str, Any]:
+    refuse_escape(root, file, file=file)
+    try:
+        content = json.loads(read_text(file))
+    except (ValueError, RecursionError) as error:
+        raise DataError(file, wanted="JSON", came=str(error)) from error
+    if not isinstance(content, dict):
+        raise DataError(file, wanted="calibrations by sensor name", came=type(content).__name__)
+    return content
+
+
+def _is_known(entry: Any) -> bool:
+    """Also an entry that is no object, so that it is told."""
+    return not isinstance(entry, dict) or entry.get("model") in MODELS
+
+
+def _camera_names(folder: Path, content: Mapping[str, Any]) -> tuple[str, ...]:
+    present = sorted(path.name for path in folder.glob("sensor/camera/*") if path.is_dir())
+    return tuple(n for n in present if n not in content or _is_known(content[n]))
+
+
+def _camera(name: str, content: Mapping[str, Any], file: Path, options: AimotiveOptions) -> MountedCamera:
+    entry = validated(CameraCalibration, content, file=file, field=name)
+    if entry.model not in MODELS:
+        raise DataError(file, field=f"{name}.model", wanted=" or ".join(map(repr, MODELS)), came=repr(entry.model))
+    k1, k2, p1, p2 = entry.distortion_coeffs[:4]
+    if any(entry.distortion_coeffs[4:]):
+        raise DataError(
+            file, field=f"{name}.distortion_coeffs", wanted="k1, k2, p1, p2, 0", came="a fifth that is not 0"
+        )
+    if entry.xi is None and entry.model == "mei":
+        raise DataError(file, field=f"{name}.xi", wanted="a value", came="nothing")
+    field_deg = options.field_of_view_deg.get(name)
+    try:
+        vehicle_from_camera = RigidTransform.from_matrix(entry.RT_body_from_sensor)
+        model = UnifiedCamera(
+            width=entry.image_resolution_px[0],
+            height=entry.image_resolution_px[1],
+            xi=0.0 if entry.xi is None else entry.xi,
+            focal=entry.focal_length_px,
+            principal_point=entry.principal_point_px,
+            radial=(k1, k2),
+            tangential=(p1, p2),
+            max_angle_rad=None if field_deg is None else float(np.deg2rad(field_deg / 2)),
+        )
+        road = RoadPlane.below(vehicle_from_camera, ground_height_m=options.ground_height_m)
+    except ShapeError as error:
+        raise data_error(error, file=file, field=name) from error
+    camera = MountedCamera(
+        name=name,
+        model=model,
+        vehicle_from_camera=vehicle_from_camera,
+        road=road,
+        stored_size_px=entry.image_resolution_px,
+        ego_body=body_mask(entry.image_resolution_px, options.body_polygons.get(name, ())),
+    )
+    return scaled_camera(camera, options.evaluated_size_px)

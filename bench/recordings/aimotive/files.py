@@ -1,0 +1,96 @@
+"""Where the aiMotive data set's files of a sequence lie, by frame number."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+from bench.errors import DataError
+from bench.lidar import read_sweep
+from bench.recordings.paths import refuse_escape
+from bench.recordings.records import ImageRef, SweepRef
+from bench.recordings.salvage import Complaint, refuse
+
+BOXES = "dynamic/box/3d_body"
+SWEEPS = "dynamic/raw-revolutions"
+
+
+def box_files(root: Path, folder: Path, complain: Complaint = refuse) -> dict[int, Path]:
+    """Files of boxes, which also tell the times of frames."""
+    frames = _numbered(root, folder / BOXES, r"frame_(\d+)\.json", complain)
+    if not frames:
+        wanted = "files frame_<number>.json, which tell the times of frames"
+        complain(DataError(folder / BOXES, wanted=wanted, came="none"))
+    return frames
+
+
+def image_refs(
+    root: Path,
+    folder: Path,
+    camera: str,
+    times_ns: Mapping[int, int],
+    complain: Complaint = refuse,
+    *,
+    untold: frozenset[int] = frozenset(),
+) -> tuple[ImageRef, ...]:
+    """The images of a camera.
+
+    Args:
+        root: folder of the data set.
+        folder: of the sequence.
+        camera: name.
+        times_ns: of frames.
+        complain: takes images whose frame has no time.
+        untold: frames whose time is known to be lost; nothing is said of them again.
+    """
+    place = folder / "sensor/camera" / camera
+    paths = _numbered(root, place, rf"{re.escape(camera)}_(\d+)\.(?:jpg|png)", complain)
+    if not paths:
+        complain(DataError(place, wanted=f"images {camera}_<number>.jpg", came="none"))
+    timed = _timed(paths, times_ns, complain, untold)
+    return tuple(ImageRef(camera=camera, timestamp_ns=times_ns[n], path=path) for n, path in timed.items())
+
+
+def sweep_refs(
+    root: Path,
+    folder: Path,
+    times_ns: Mapping[int, int],
+    complain: Complaint = refuse,
+    *,
+    untold: frozenset[int] = frozenset(),
+) -> tuple[SweepRef, ...]:
+    """The revolutions; arguments as for `image_refs`."""
+    paths = _numbered(root, folder / SWEEPS, r"frame_(\d+)\.laz", complain)
+    timed = _timed(paths, times_ns, complain, untold)
+    return tuple(SweepRef(timestamp_ns=times_ns[n], path=path, reader=read_sweep) for n, path in timed.items())
+
+
+def _timed(
+    paths: Mapping[int, Path], times_ns: Mapping[int, int], complain: Complaint, untold: frozenset[int]
+) -> dict[int, Path]:
+    for number, path in paths.items():
+        if number not in times_ns and number not in untold:
+            complain(DataError(path, wanted=f"{BOXES}/frame_{number:07d}.json with its time", came="no such file"))
+    return {number: path for number, path in paths.items() if number in times_ns}
+
+
+def _numbered(root: Path, folder: Path, pattern: str, complain: Complaint) -> dict[int, Path]:
+    if not folder.is_dir():
+        return {}
+    refuse_escape(root, folder, file=folder)
+    found: dict[int, Path] = {}
+    for path in sorted(folder.iterdir()):
+        match = re.fullmatch(pattern, path.name)
+        if match is None or len(match[1]) > 18:
+            continue
+        try:
+            if path.is_symlink():
+                refuse_escape(root, path, file=path)
+            if int(match[1]) in found:
+                raise DataError(path, wanted="one file for each frame", came=f"also {found[int(match[1])].name}")
+        except DataError as error:
+            complain(error)
+        else:
+            found[int(match[1])] = path
+    return dict(sorted(found.items()))

@@ -1,0 +1,190 @@
+"""KITTI-360's files of boxes, read object by object: an XML file may hold tens of thousands.
+
+A child `object<n>` is a box (or the outline of a building, a road, ...): `transform` maps its local `vertices` into the
+global world and holds the size of the box as a scale, so orientation and size come from a polar decomposition. What
+stands has `timestamp` -1, what moves one child per frame, joined by semanticId and instanceId. `start_frame` and
+`end_frame` are the stretch of the drive that was annotated together, not the time for which the object is seen
+(kitti360Scripts #103).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree.ElementTree import Element, ParseError
+
+import numpy as np
+from defusedxml.common import DefusedXmlException
+from defusedxml.ElementTree import iterparse
+from numpy.typing import NDArray
+from scipy.linalg import polar
+
+from bench.errors import DataError
+from bench.recordings.kitti360.labels import BY_KITTI_NUMBER, BY_NAME, GLOBAL_ID_STEP, Label
+from bench.recordings.metered import MeteredFile
+from bench.recordings.salvage import Complaint, refuse
+from bench.recordings.text_files import numbers
+
+LARGEST_OBJECT_BYTES = 32_000_000  # of XML without the end of a child of the root
+LARGEST_MATRIX = 1_000_000  # numbers
+DEEPEST = 50
+STANDING = -1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class WorldBox:
+    """A box at a frame, or one that stands.
+
+    Attributes:
+        key: what joins the boxes of one object.
+        label: None for one that is marked dynamic but has a label that is not known to move.
+        dynamic: as marked.
+        frame: of the box; -1 for one that stands.
+        window: first and last annotated frame; None where the file does not tell.
+        rotation: (3, 3) float64, global world from box, a proper rotation.
+        centre_m: (3,) float64, global world.
+        size_m: (3,) float64, full lengths along the box's own axes.
+    """
+
+    key: str
+    label: Label | None
+    dynamic: bool
+    frame: int
+    window: tuple[int, int] | None
+    rotation: NDArray[np.float64]
+    centre_m: NDArray[np.float64]
+    size_m: NDArray[np.float64]
+
+
+def read_boxes(file: Path, complain: Complaint = refuse) -> Iterator[WorldBox | tuple[int, int]]:
+    """Read the boxes of everything that can move.
+
+    Args:
+        file: of boxes.
+        complain: takes objects that are not whole; where it returns, they are passed over.
+
+    Yields:
+        Boxes in the order of the file; for every other object its window of annotated frames, if it has one.
+
+    Raises:
+        DataError: missing, cut short, not XML, with a document type or entities, or an object that is not whole.
+    """
+    try:
+        with file.open("rb") as raw:
+            source = MeteredFile(raw, file, part="objects", largest_bytes=LARGEST_OBJECT_BYTES)
+            root: Element | None = None
+            depth = 0
+            for event, element in iterparse(source, events=("start", "end"), forbid_dtd=True):
+                depth += 1 if event == "start" else -1
+                if depth > DEEPEST:
+                    raise DataError(file, wanted=f"at most {DEEPEST} levels of elements", came="more")
+                if event == "start":
+                    root = element if root is None else root
+                elif depth == 1 and root is not None:
+                    found = _told(element, file, complain)
+                    root.clear()
+                    source.restart()
+                    if found is not None:
+                        yield found
+    except OSError as error:
+        raise DataError(file, wanted="a file of boxes", came=error.strerror or str(error)) from error
+    except DefusedXmlException as error:
+        raise DataError(file, wanted="XML without a document type or entities", came=str(error)) from None
+    except (ParseError, ValueError) as error:
+        raise DataError(file, wanted="well-formed XML", came=f"{error}; the file may be cut short") from None
+
+
+def _told(element: Element, file: Path, complain: Complaint) -> WorldBox | tuple[int, int] | None:
+    try:
+        return _object(element, file)
+    except DataError as error:
+        complain(error)
+    return None
+
+
+def _object(element: Element, file: Path) -> WorldBox | tuple[int, int] | None:
+    if element.find("transform") is None:
+        return None
+    field = element.tag
+    window = _window(element, file)
+    semantic, name = _integer(element, "semanticId", file), (element.findtext("label") or "").strip()
+    label = BY_NAME.get(name) if semantic is None else BY_KITTI_NUMBER.get(semantic)
+    dynamic = bool(_integer(element, "dynamic", file) or 0)
+    if label is None and not dynamic:
+        return window
+    rotation, centre_m, size_m = _placed(element, file)
+    frame = _integer(element, "timestamp", file)
+    if frame is None or frame < STANDING:
+        raise DataError(file, field=f"{field}.timestamp", wanted="a frame number, or -1", came=str(frame))
+    return WorldBox(
+        key=_key(element, label, semantic, file),
+        label=label,
+        dynamic=dynamic,
+        frame=frame,
+        window=window,
+        rotation=rotation,
+        centre_m=centre_m,
+        size_m=size_m,
+    )
+
+
+def _key(element: Element, label: Label | None, semantic: int | None, file: Path) -> str:
+    instance = _integer(element, "instanceId", file)
+    if semantic is not None and instance:
+        return str((label.number if label else 10_000 + semantic) * GLOBAL_ID_STEP + instance)
+    sequence = _integer(element, "dynamicSeq", file)
+    if sequence is not None and sequence >= 0 and _integer(element, "dynamic", file):
+        return f"dynamic-{sequence}"
+    return f"index-{_integer(element, 'index', file)}-{element.tag}"
+
+
+def _window(element: Element, file: Path) -> tuple[int, int] | None:
+    first, last = _integer(element, "start_frame", file), _integer(element, "end_frame", file)
+    if first is None or last is None or first < 0 or last < 0:
+        return None
+    if last < first:
+        raise DataError(file, field=f"{element.tag}.end_frame", wanted=f"{first} or later", came=str(last))
+    return first, last
+
+
+def _integer(element: Element, name: str, file: Path) -> int | None:
+    text = (element.findtext(name) or "").strip()
+    if not text:
+        return None
+    try:
+        value = int(text)
+    except ValueError:
+        value = 1 << 40
+    if abs(value) >= 1 << 31:
+        raise DataError(file, field=f"{element.tag}.{name}", wanted="a whole number", came=repr(text[:40]))
+    return value
+
+
+def _placed(element: Element, file: Path) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Rotation, centre and size of the box around the vertices, along the axes of the transform."""
+    transform = _matrix(element, "transform", file)
+    vertices = _matrix(element, "vertices", file)
+    if transform.shape != (4, 4) or vertices.shape[1] != 3:
+        came = f"{transform.shape} and {vertices.shape}"
+        raise DataError(file, field=element.tag, wanted="a transform (4, 4) and vertices (N, 3)", came=came)
+    mirror = np.array([-1.0 if np.linalg.det(transform[:3, :3]) < 0 else 1.0, 1.0, 1.0])
+    rotation, stretch = polar(transform[:3, :3] * mirror)
+    corners = (vertices * mirror) @ stretch.T
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    if not (np.linalg.det(rotation) > 0.5 and (high - low > 1e-3).all()):
+        came = f"one of {np.array2string((high - low), precision=3)} m"
+        raise DataError(file, field=f"{element.tag}.transform", wanted="a box with length, width and height", came=came)
+    return np.asarray(rotation), rotation @ ((low + high) / 2) + transform[:3, 3], high - low
+
+
+def _matrix(element: Element, name: str, file: Path) -> NDArray[np.float64]:
+    field = f"{element.tag}.{name}"
+    node = element.find(name)
+    if node is None:
+        raise DataError(file, field=field, wanted="a matrix", came="none")
+    rows, columns = _integer(node, "rows", file) or 0, _integer(node, "cols", file) or 0
+    if rows < 1 or columns < 1 or rows * columns > LARGEST_MATRIX:
+        raise DataError(file, field=field, wanted="rows and cols", came=f"{rows} and {columns}")
+    words = (node.findtext("data") or "").split()
+    return np.array(numbers(words, rows * columns, file=file, field=f"{field}.data")).reshape(rows, columns)

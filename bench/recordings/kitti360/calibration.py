@@ -1,0 +1,233 @@
+"""KITTI-360's calibration, brought into mounted cameras and the mounting of the lidar.
+
+Frames of the data set: the pose frame is that of the GPS/IMU, x forward, y right, z down; the velodyne frame x
+forward, y left, z up; cameras x right, y down, z along the axis. `calib_cam_to_pose` maps points of a camera into the
+pose frame, `calib_cam_to_velo` points of camera 00 into the velodyne frame.
+
+The vehicle frame is x forward, y left, z up from the ground below the rear axle. The data set tells only where its
+sensors are to each other, so the place of the scanner decides: 0.76 m ahead of the rear axle, in the middle of the car
+and 1.73 m above the road, as the sensor plan of KITTI has it (Geiger, Lenz and Urtasun 2012: the same car).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from pydantic import ConfigDict
+
+from bench.cameras import UnifiedCamera
+from bench.errors import DataError, ShapeError
+from bench.geometry import RigidTransform, RoadPlane
+from bench.plain_yaml import parse_yaml
+from bench.recordings.body_polygons import body_mask
+from bench.recordings.kitti360.options import CameraName, Kitti360Options
+from bench.recordings.paths import refuse_escape
+from bench.recordings.records import MountedCamera
+from bench.recordings.resizing import scaled_camera
+from bench.recordings.salvage import Complaint, refuse
+from bench.recordings.text_files import numbers, read_text
+from bench.recordings.validation import FileModel, SidePx, data_error, validated
+
+FOLDER = "calibration"
+LARGEST_BYTES = 100_000
+TURN_OVER = np.diag([1.0, -1.0, -1.0])  # from y right, z down to y left, z up
+
+
+class Mirror(FileModel):
+    """`mirror_parameters`."""
+
+    xi: float
+
+
+class Distortion(FileModel):
+    """`distortion_parameters`."""
+
+    k1: float
+    k2: float
+    p1: float
+    p2: float
+
+
+class Projection(FileModel):
+    """`projection_parameters`, px."""
+
+    gamma1: float
+    gamma2: float
+    u0: float
+    v0: float
+
+
+class FisheyeFile(FileModel):
+    """`image_02.yaml` and `image_03.yaml`."""
+
+    model_config = ConfigDict(extra="ignore", protected_namespaces=())
+
+    model_type: Literal["MEI"]
+    camera_name: str
+    image_width: SidePx
+    image_height: SidePx
+    mirror_parameters: Mirror
+    distortion_parameters: Distortion
+    projection_parameters: Projection
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rig:
+    """Where everything sits.
+
+    Attributes:
+        vehicle_from_imu: of the frame that poses are given for.
+        vehicle_from_lidar: of the laser scanner.
+        cameras: by name.
+    """
+
+    vehicle_from_imu: RigidTransform
+    vehicle_from_lidar: RigidTransform
+    cameras: dict[str, MountedCamera]
+
+
+def read_rig(root: Path, cameras: tuple[CameraName, ...], options: Kitti360Options) -> Rig:
+    """Read the calibration, which all sequences share.
+
+    Args:
+        root: folder of the data set, above `calibration`.
+        cameras: which.
+        options: sizes, masks and the place of the scanner.
+
+    Raises:
+        DataError: a file that is missing or not what the format asks for.
+    """
+    rig = salvage_rig(root, cameras, options, refuse)
+    assert rig is not None  # what is missing was refused
+    return rig
+
+
+def salvage_rig(
+    root: Path, cameras: tuple[CameraName, ...], options: Kitti360Options, complain: Complaint
+) -> Rig | None:
+    """What can be used of the calibration, with the cameras that can be; None where sensors cannot be placed.
+
+    Args:
+        root: as for `read_rig`, with `cameras` and `options`.
+        cameras: which.
+        options: sizes, masks and the place of the scanner.
+        complain: takes every fault.
+    """
+    folder = root / FOLDER
+    imu_from = _cameras_in_imu(root, folder / "calib_cam_to_pose.txt", ("image_00", *cameras), complain)
+    lidar_from_camera = _lidar_from_camera(root, folder / "calib_cam_to_velo.txt", complain)
+    lenses = {name: lens for name in cameras if (lens := _lens(root, name, options, complain)) is not None}
+    if lidar_from_camera is None or "image_00" not in imu_from:
+        return None
+    imu_from_lidar = imu_from["image_00"] @ lidar_from_camera.inverse()
+    turned = RigidTransform(TURN_OVER, np.zeros(3))
+    offset_m = np.array(options.lidar_position_m) - turned.apply(imu_from_lidar.translation_m)
+    vehicle_from_imu = RigidTransform(TURN_OVER, offset_m)
+    mounted: dict[str, MountedCamera] = {}
+    for name in lenses.keys() & imu_from.keys():
+        try:
+            mounted[name] = _camera(root, name, lenses[name], vehicle_from_imu @ imu_from[name], options)
+        except DataError as error:
+            complain(error)
+    return Rig(
+        vehicle_from_imu=vehicle_from_imu,
+        vehicle_from_lidar=vehicle_from_imu @ imu_from_lidar,
+        cameras={name: mounted[name] for name in cameras if name in mounted},
+    )
+
+
+def _lidar_from_camera(root: Path, file: Path, complain: Complaint) -> RigidTransform | None:
+    try:
+        return _transform(_text(root, file).split(), file=file, field="calib_cam_to_velo")
+    except DataError as error:
+        complain(error)
+    return None
+
+
+def _lens(root: Path, name: CameraName, options: Kitti360Options, complain: Complaint) -> UnifiedCamera | None:
+    file = root / FOLDER / f"{name}.yaml"
+    field_deg = options.field_of_view_deg.get(name)
+    try:
+        content = _fisheye(root, file)
+        if content.camera_name != name:
+            raise DataError(file, field="camera_name", wanted=repr(name), came=repr(content.camera_name))
+        focal, bend = content.projection_parameters, content.distortion_parameters
+        return UnifiedCamera(
+            width=content.image_width,
+            height=content.image_height,
+            xi=content.mirror_parameters.xi,
+            focal=(focal.gamma1, focal.gamma2),
+            principal_point=(focal.u0, focal.v0),
+            radial=(bend.k1, bend.k2),
+            tangential=(bend.p1, bend.p2),
+            max_angle_rad=None if field_deg is None else float(np.deg2rad(field_deg / 2)),
+        )
+    except ShapeError as error:
+        complain(data_error(error, file=file, field=name))
+    except DataError as error:
+        complain(error)
+    return None
+
+
+def _camera(
+    root: Path, name: CameraName, model: UnifiedCamera, vehicle_from_camera: RigidTransform, options: Kitti360Options
+) -> MountedCamera:
+    try:
+        road = RoadPlane.below(vehicle_from_camera)
+    except ShapeError as error:
+        raise data_error(error, file=root / FOLDER / "calib_cam_to_pose.txt", field=name) from error
+    size_px = model.width, model.height
+    camera = MountedCamera(
+        name=name,
+        model=model,
+        vehicle_from_camera=vehicle_from_camera,
+        road=road,
+        stored_size_px=size_px,
+        ego_body=body_mask(size_px, options.body_polygons.get(name, ())),
+    )
+    return scaled_camera(camera, options.evaluated_size_px)
+
+
+def _fisheye(root: Path, file: Path) -> FisheyeFile:
+    """OpenCV's dialect: a first line `%YAML:1.0` and keys without a blank after the colon are not YAML."""
+    lines = [line for line in _text(root, file).splitlines() if not line.startswith("%YAML")]
+    spaced = (re.sub(r"^(\s*\w+):(?=\S)", r"\1: ", line) for line in lines)
+    values = parse_yaml("\n".join(spaced), file=file)
+    if not isinstance(values, dict):
+        raise DataError(file, wanted="keys and values", came=type(values).__name__)
+    return validated(FisheyeFile, values, file=file)
+
+
+def _cameras_in_imu(root: Path, file: Path, names: tuple[str, ...], complain: Complaint) -> dict[str, RigidTransform]:
+    try:
+        lines = [line.partition(":") for line in _text(root, file).splitlines()]
+    except DataError as error:
+        complain(error)
+        return {}
+    told = {name: words for name, colon, words in lines if colon and name in names}
+    found: dict[str, RigidTransform] = {}
+    for name in names:
+        try:
+            if name not in told:
+                raise DataError(file, field=name, wanted="a line with 12 numbers", came="none")
+            found[name] = _transform(told[name].split(), file=file, field=name)
+        except DataError as error:
+            complain(error)
+    return found
+
+
+def _transform(words: list[str], *, file: Path, field: str) -> RigidTransform:
+    values = numbers(words, 12, file=file, field=field)
+    try:
+        return RigidTransform.from_matrix(np.array(values).reshape(3, 4))
+    except ShapeError as error:
+        raise data_error(error, file=file, field=field) from error
+
+
+def _text(root: Path, file: Path) -> str:
+    refuse_escape(root, file, file=file)
+    return read_text(file, largest_bytes=LARGEST_BYTES)

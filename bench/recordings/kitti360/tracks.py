@@ -1,0 +1,174 @@
+"""From boxes in KITTI-360's world to tracks in the vehicle frame, frame by frame."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.geometry import RigidTransform
+from bench.recordings.kitti360.boxes import STANDING, WorldBox
+from bench.recordings.kitti360.times import Drive, FrameClock
+from bench.recordings.object_motion import world_velocities, world_yaw_rates
+from bench.recordings.records import Cuboid, ObjectState, Track
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Annotated:
+    """What a file of boxes says.
+
+    Attributes:
+        tracks: of everything that can move, whether it does or not.
+        windows: stretches of frames that somebody annotated, merged and in order; empty where the file does not tell.
+    """
+
+    tracks: tuple[Track, ...]
+    windows: tuple[tuple[int, int], ...]
+
+    def covers(self, frame: int) -> bool:
+        """Whether a frame was annotated."""
+        return not self.windows or any(first <= frame <= last for first, last in self.windows)
+
+
+def tracks_from_world(
+    boxes: Iterable[WorldBox | tuple[int, int]],
+    drive: Drive,
+    clock: FrameClock,
+    *,
+    static_range_m: float,
+    static_people: str,
+) -> Annotated:
+    """Put boxes where the vehicle sees them.
+
+    Boxes that stand get a state at each frame of their window at which they are near. Frames without ego-motion have no
+    states, since nothing can be said of the vehicle frame there.
+
+    Args:
+        boxes: as `read_boxes` yields them.
+        drive: where the vehicle was.
+        clock: times of frames.
+        static_range_m: how near boxes that stand have to be.
+        static_people: "unclear" or "static", for people who are not marked dynamic.
+    """
+    host = _Host(drive, clock)
+    groups: dict[str, list[WorldBox]] = defaultdict(list)
+    windows: set[tuple[int, int]] = set()
+    for found in boxes:
+        window = found if isinstance(found, tuple) else found.window
+        if window is not None:
+            windows.add(window)
+        if not isinstance(found, tuple):
+            groups[found.key].append(found)
+    tracks = (_track(key, group, host, static_range_m, static_people) for key, group in groups.items())
+    return Annotated(tracks=tuple(track for track in tracks if track.states), windows=_merged(windows))
+
+
+class _Host:
+    """The vehicle at every frame that has ego-motion."""
+
+    def __init__(self, drive: Drive, clock: FrameClock) -> None:
+        self.world_from_global = drive.world_from_global
+        frames = np.fromiter(clock.times_ns, dtype=np.int64)
+        times_ns = np.fromiter(clock.times_ns.values(), dtype=np.int64)
+        rotations, positions_m, valid = drive.trajectory.at(times_ns)
+        self.frames, self.times_ns = frames[valid], times_ns[valid]
+        self.rotations, self.positions_m = rotations[valid], positions_m[valid]
+        self.row: Mapping[int, int] = {int(frame): row for row, frame in enumerate(self.frames)}
+
+
+def _track(key: str, boxes: Sequence[WorldBox], host: _Host, static_range_m: float, static_people: str) -> Track:
+    label = boxes[0].label
+    order = _axes(host.world_from_global.rotation @ boxes[0].rotation, boxes[0].size_m)
+    by_row: dict[int, WorldBox] = {}
+    for box in boxes:
+        rows = _near(box, host, static_range_m) if box.frame == STANDING else _row(box.frame, host)
+        for row in rows:
+            if box.frame != STANDING or row not in by_row:
+                by_row[row] = box
+    rows = sorted(by_row)
+    dynamic = any(box.dynamic for box in boxes)
+    person = label is not None and label.object_class == "pedestrian"
+    unclear = label is None or (person and not dynamic and static_people == "unclear")
+    placed = {id(box): _placed(box, host, order) for box in by_row.values()}
+    states = _states([(row, by_row[row], *placed[id(by_row[row])]) for row in rows], host, unclear=unclear)
+    return Track(track_id=key, object_class="vehicle" if label is None else label.object_class, states=states)
+
+
+def _states(
+    placed: Sequence[tuple[int, WorldBox, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]],
+    host: _Host,
+    *,
+    unclear: bool,
+) -> tuple[ObjectState, ...]:
+    if not placed:
+        return ()
+    rows = np.array([row for row, *_ in placed])
+    rotations = np.stack([rotation for *_, rotation, _, _ in placed])
+    centres_m = np.stack([centre for *_, centre, _ in placed])
+    moves = np.array([box.frame != STANDING for _, box, *_ in placed])
+    times_ns = host.times_ns[rows]
+    velocities = np.where(moves[:, None], world_velocities(times_ns, centres_m), 0.0)
+    along = np.nan_to_num(np.einsum("ni,ni->n", velocities, rotations[:, :, 0])).sum()
+    if along < 0:  # the box was drawn facing backwards
+        rotations = rotations * np.array([-1.0, -1.0, 1.0])
+    turns = np.where(moves, world_yaw_rates(times_ns, rotations), 0.0)
+    states = []
+    for i, row in enumerate(rows):
+        vehicle_from_world = RigidTransform(host.rotations[row], host.positions_m[row]).inverse()
+        states.append(
+            ObjectState(
+                timestamp_ns=int(times_ns[i]),
+                shape=Cuboid(
+                    vehicle_from_object=vehicle_from_world @ RigidTransform(rotations[i], centres_m[i]),
+                    size_m=placed[i][-1],
+                ),
+                velocity_mps=vehicle_from_world.rotate(velocities[i]),
+                yaw_rate_radps=float(turns[i]),
+                unclear=unclear or (placed[i][1].dynamic and not moves[i]),
+            )
+        )
+    return tuple(states)
+
+
+def _placed(
+    box: WorldBox, host: _Host, order: tuple[int, int]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Rotation with x along and z up, centre and size (length, width, height), in our world."""
+    axes = host.world_from_global.rotation @ box.rotation
+    along, up = order
+    z = axes[:, up] * (1.0 if axes[2, up] > 0 else -1.0)
+    x = axes[:, along]
+    rotation = np.column_stack([x, np.cross(z, x), z])
+    size_m = box.size_m[[along, 3 - along - up, up]]
+    return rotation, host.world_from_global.apply(box.centre_m), size_m
+
+
+def _axes(rotation: NDArray[np.float64], size_m: NDArray[np.float64]) -> tuple[int, int]:
+    """Which axes of the box are its length and its height; one choice for all boxes of an object."""
+    up = int(np.argmax(np.abs(rotation[2])))
+    along = max((axis for axis in range(3) if axis != up), key=lambda axis: float(size_m[axis]))
+    return along, up
+
+
+def _row(frame: int, host: _Host) -> list[int]:
+    return [host.row[frame]] if frame in host.row else []
+
+
+def _near(box: WorldBox, host: _Host, range_m: float) -> list[int]:
+    centre = host.world_from_global.apply(box.centre_m)
+    away_m = np.hypot(*(host.positions_m[:, :2] - centre[:2]).T) - np.linalg.norm(box.size_m) / 2
+    first, last = box.window or (0, np.iinfo(np.int64).max)
+    return np.flatnonzero((away_m <= range_m) & (host.frames >= first) & (host.frames <= last)).tolist()
+
+
+def _merged(windows: Iterable[tuple[int, int]]) -> tuple[tuple[int, int], ...]:
+    merged: list[tuple[int, int]] = []
+    for first, last in sorted(windows):
+        if merged and first <= merged[-1][1] + 1:
+            merged[-1] = merged[-1][0], max(merged[-1][1], last)
+        else:
+            merged.append((first, last))
+    return tuple(merged)

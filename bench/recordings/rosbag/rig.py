@@ -1,0 +1,214 @@
+"""The rig file of a data set of bags: which topic is which sensor, how it sees, and where it sits on the vehicle."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from bench.recordings.body_polygons import Polygon
+from bench.recordings.paths import path_inside
+from bench.recordings.rosbag.yaml import read_yaml
+from bench.recordings.schema import Mounting, Name
+from bench.recordings.validation import FileModel, validated
+
+LARGEST_BYTES = 1_000_000
+TopicName = Annotated[str, Field(pattern=r"^/[A-Za-z0-9_/~.-]+$")]
+FieldPath = Annotated[str, Field(pattern=r"^[A-Za-z_]\w*(\.[A-Za-z_]\w*|\.[0-9]{1,4})*$")]
+Seconds = Annotated[int, Field(ge=-(10**9), le=10**9)]
+
+
+class Placed(FileModel):
+    """Something that sits on the vehicle.
+
+    Attributes:
+        vehicle_from_sensor: the mounting.
+        frame: name of its frame in /tf_static, which then tells the mounting.
+    """
+
+    vehicle_from_sensor: Mounting | None = None
+    frame: str | None = None
+
+    @model_validator(mode="after")
+    def _one(self) -> Placed:
+        if (self.vehicle_from_sensor is None) == (self.frame is None):
+            raise ValueError("one of vehicle_from_sensor, the mounting, and frame, its name in /tf_static")
+        return self
+
+
+class CameraRig(Placed):
+    """A camera.
+
+    Attributes:
+        topic: of images or compressed images.
+        model: `model` is the name of a camera model, the rest are its parameters without the image size.
+        image_size: width and height of the images, px.
+        time_offset_ns: added to the stamp to get the middle of the exposure.
+        white_level: value of 16-bit images that is white; fixed, since flow compares images.
+        body_polygons: outlines of the host's own body, (u, v) in stored pixels.
+        ego_body_mask: image, relative to the data set's root, that is not 0 where the camera sees its own vehicle.
+    """
+
+    topic: TopicName
+    model: dict[str, Any]
+    image_size: tuple[Annotated[int, Field(gt=0, le=16384)], Annotated[int, Field(gt=0, le=16384)]]
+    time_offset_ns: Seconds = 0
+    white_level: int = Field(default=65535, ge=255, le=65535)
+    body_polygons: tuple[Polygon, ...] = ()
+    ego_body_mask: str | None = None
+
+
+class LidarRig(Placed):
+    """The lidar.
+
+    Attributes:
+        topic: of point clouds, one message for each revolution.
+        time_offset_ns: added to the stamp, and with it to the times of the points.
+        time_field: the field with times of points; null for the first of the usual names.
+        time_unit: its unit; null for what its type usually means.
+        time_from: whether it counts from the message's stamp or from the start of the clock; null for what fits.
+        full_intensity: value of the field `intensity` or `reflectivity` that is 1.
+        drop_origin: leave out points at the lidar itself, which some drivers put in the place of lost returns.
+    """
+
+    topic: TopicName
+    time_offset_ns: Seconds = 0
+    time_field: str | None = None
+    time_unit: Literal["s", "ms", "us", "ns"] | None = None
+    time_from: Literal["stamp", "start"] | None = None
+    full_intensity: float = Field(default=255.0, gt=0)
+    drop_origin: bool = False
+
+
+class OdometryRig(FileModel):
+    """Poses.
+
+    Attributes:
+        topic: of nav_msgs/Odometry, or of stamped poses.
+        vehicle_from_child: the frame whose poses they are; without it and `frame` they are the vehicle's.
+        frame: the same by its name in /tf_static.
+    """
+
+    topic: TopicName
+    vehicle_from_child: Mounting | None = None
+    frame: str | None = None
+
+    @model_validator(mode="after")
+    def _at_most_one(self) -> OdometryRig:
+        if self.vehicle_from_child is not None and self.frame is not None:
+            raise ValueError("at most one of vehicle_from_child and frame")
+        return self
+
+
+class SignalRig(FileModel):
+    """A number in messages.
+
+    Attributes:
+        topic: of any message.
+        field: path of the number, such as `twist.linear.x`; of several the mean is taken.
+        factor: that the value is multiplied with: to m/s and rad/s, and to turn a sign.
+    """
+
+    topic: TopicName
+    field: FieldPath | tuple[FieldPath, ...] = Field(min_length=1)
+    factor: float = 1.0
+
+
+class ReverseRig(FileModel):
+    """How messages tell reverse gear.
+
+    Attributes:
+        topic: of any message.
+        field: path of the value.
+        values: those that mean reverse; the speed then counts backwards whatever its sign.
+    """
+
+    topic: TopicName
+    field: FieldPath
+    values: tuple[bool | int | str, ...] = Field(min_length=1)
+
+
+class EgoMotionRig(FileModel):
+    """Where ego-motion comes from: poses, or speed and yaw rate.
+
+    Attributes:
+        odometry: poses.
+        speed: m/s, of the middle of the rear axle, along x.
+        yaw_rate: rad/s, positive to the left.
+        reverse: where the speed has no sign.
+        max_gap_ns: poses and signals further apart than this are not joined.
+    """
+
+    odometry: OdometryRig | None = None
+    speed: SignalRig | None = None
+    yaw_rate: SignalRig | None = None
+    reverse: ReverseRig | None = None
+    max_gap_ns: int = Field(default=500_000_000, gt=0)
+
+    @model_validator(mode="after")
+    def _one_way(self) -> EgoMotionRig:
+        signals = self.speed is not None and self.yaw_rate is not None
+        if signals == (self.odometry is not None) or (self.odometry is not None and (self.speed or self.yaw_rate)):
+            raise ValueError("either odometry, or speed and yaw_rate")
+        if self.reverse is not None and self.odometry is not None:
+            raise ValueError("reverse only with speed and yaw_rate")
+        return self
+
+
+class VehicleRig(FileModel):
+    """The host.
+
+    Attributes:
+        outline_m: x and y of its outline seen from above, vehicle frame.
+        ground_height_m: height of the road in the vehicle frame.
+        frame: the vehicle frame's name in /tf_static.
+    """
+
+    outline_m: Polygon = Field(min_length=3)
+    ground_height_m: float = 0.0
+    frame: str = "base_link"
+
+
+class Rig(FileModel):
+    """The rig file.
+
+    Attributes:
+        frame_interval_ns: nominal time between images; null for the median of what the bag has.
+        vehicle: the host.
+        cameras: by name.
+        lidar: null without one, then nothing can be scored.
+        ego_motion: of the host.
+    """
+
+    frame_interval_ns: int | None = Field(default=None, gt=0)
+    vehicle: VehicleRig
+    cameras: dict[Name, CameraRig] = Field(min_length=1)
+    lidar: LidarRig | None = None
+    ego_motion: EgoMotionRig
+
+    @model_validator(mode="after")
+    def _topics_once(self) -> Rig:
+        topics = [camera.topic for camera in self.cameras.values()] + ([self.lidar.topic] if self.lidar else [])
+        if twice := sorted({topic for topic in topics if topics.count(topic) > 1}):
+            raise ValueError(f"each topic for one sensor, {twice[0]} stands twice")
+        return self
+
+
+def read_rig(root: Path, relative: str, *, recording: str, card: Path) -> tuple[Rig, Path]:
+    """Read the rig file of a recording.
+
+    Args:
+        root: folder of the data set, which the file must not leave.
+        relative: as the card names it.
+        recording: name that stands for `{recording}`.
+        card: for messages.
+
+    Returns:
+        The rig, and its file.
+
+    Raises:
+        DataError: missing, or not what a rig says.
+    """
+    file = path_inside(root, relative.replace("{recording}", recording), file=card, field="options.rig")
+    return validated(Rig, read_yaml(file, most_bytes=LARGEST_BYTES), file=file), file

@@ -1,0 +1,95 @@
+"""WoodScape (Yogamani et al. 2019): pairs of images of four surround-view cameras with masks of what moves.
+
+```
+rgb_images/<index>_<camera>.png            previous_images/<index>_<camera>_prev.png
+motion_annotations/gtLabels/<index>_<camera>.png
+calibration_data/calibration/<index>_<camera>.json
+vehicle_data/{rgb_images,previous_images}/<index>_<camera>.json
+```
+
+What is translated here, once:
+
+- The data set has no drives, only pairs (WoodScape #120), and times repeat from one of its drives to the next (#102): a
+  pair is a recording of its own, with two images of which the later is scored.
+- The vehicle frame is ours (ISO 8855, origin on the ground below the rear axle), quaternions are x, y, z, w, and the
+  principal point is an offset from the middle of the image.
+- Vehicle data are text: microseconds, km/h and degrees per second (#55). Over the pair the car runs an arc.
+- The cars that drove are told apart by the index; each can have its own masks of its body (`cars` in the card).
+- Any value of a mask that is not 0 moves; names and numbers of its classes do not line up. There is no lidar, so
+  nothing tells range, speed or kind of motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.errors import DataError
+from bench.geometry import RigidTransform
+from bench.recordings.handles import RecordingHandle
+from bench.recordings.records import ImageRef, Recording
+from bench.recordings.validation import validated
+from bench.recordings.woodscape.camera import read_camera
+from bench.recordings.woodscape.files import find_pair, list_pairs
+from bench.recordings.woodscape.options import WoodscapeOptions
+from bench.recordings.woodscape.salvage import salvage_woodscape
+from bench.recordings.woodscape.vehicle import read_arc
+
+
+def woodscape_recordings(
+    root: Path, *, options: Mapping[str, Any], card: Path, annotations: Path | None
+) -> tuple[RecordingHandle, ...]:
+    """The adapter `woodscape`: each pair of images is a recording, named `<index>_<camera>`.
+
+    Raises:
+        DataError: options that are wrong, annotations apart from the data, or a folder without images.
+    """
+    chosen = validated(WoodscapeOptions, options, file=card, field="options")
+    if annotations is not None:
+        raise DataError(card, field="annotations", wanted="none: this data set has masks", came=str(annotations))
+    return tuple(
+        RecordingHandle(
+            name=name,
+            opener=partial(open_woodscape, root, pair=name, options=chosen),
+            salvager=partial(salvage_woodscape, root, pair=name, options=chosen),
+        )
+        for name in list_pairs(root, chosen.cameras)
+    )
+
+
+def open_woodscape(root: Path, *, pair: str, options: WoodscapeOptions) -> Recording:
+    """Open a pair.
+
+    Args:
+        root: folder of the data set.
+        pair: `<index>_<camera>`.
+        options: as in the card.
+
+    Raises:
+        DataError: a file that is missing or not what the format asks for.
+    """
+    files = find_pair(root, pair)
+    camera = read_camera(root, files.calibration, pair, options)
+    trajectory, times_ns = read_arc(files.vehicle_before, files.vehicle, options)
+    return Recording(
+        name=pair,
+        root=root,
+        licence=options.licence,
+        frame_interval_ns=times_ns[1] - times_ns[0],
+        cameras={camera.name: camera},
+        images={
+            camera.name: (
+                ImageRef(camera=camera.name, timestamp_ns=times_ns[0], path=files.previous, scored=False),
+                ImageRef(camera=camera.name, timestamp_ns=times_ns[1], path=files.current, moving_path=files.mask),
+            )
+        },
+        trajectory=trajectory,
+        vehicle_from_lidar=RigidTransform.identity(),
+        sweeps=(),
+        tracks=(),
+        vehicle_outline_m=np.array(options.outline_m(int(pair.split("_")[0])), dtype=np.float64),
+    )

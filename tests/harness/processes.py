@@ -1,0 +1,34 @@
+"""Watching processes that a test started."""
+
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+PATIENCE_S = 300.0  # of a busy machine
+
+
+def alive(pid: int) -> bool:
+    """Whether a process runs; one that has ended and waits to be told of does not."""
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    state = Path(f"/proc/{pid}/stat")
+    try:
+        return not state.exists() or state.read_text().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):  # it ended just now
+        return False
+
+
+def pids(file: Path) -> list[int]:
+    """Processes that noted themselves in a file, one a line."""
+    return [int(line) for line in file.read_text().splitlines()] if file.exists() else []
+
+
+def until(condition: Callable[[], bool], wanted: str) -> None:
+    """Wait for a condition; fail when it does not come."""
+    end = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < end, f"wanted {wanted}"
+        time.sleep(0.02)

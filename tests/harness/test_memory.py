@@ -1,0 +1,46 @@
+"""The memory of a process that scores does not grow with what it has scored."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from tests.harness.test_survival import PATIENCE_S, environment
+
+WORKER = """
+import json, os, sys
+from pathlib import Path
+
+from bench.evaluation import load_protocol
+from bench.harness.work import RunSpec, UnitTask, plan_recording, score_unit
+from bench.methods import build_method
+from bench.recordings import load_card, open_dataset
+
+def resident_mb():
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+if __name__ == "__main__":
+    spec = RunSpec(method=build_method("spherical", {}), protocol=load_protocol("paper-v1"))
+    sizes = []
+    for turn in range(int(sys.argv[2])):
+        for handle in open_dataset(load_card(sys.argv[1])):
+            for unit in plan_recording(spec, handle).units:
+                assert score_unit(spec, UnitTask(handle=handle, unit=unit)).failure is None
+        sizes.append(resident_mb())
+    print(json.dumps(sizes))
+"""
+TURNS, SETTLED, ALLOWED_MB, BOUND_MB = 24, 8, 12.0, 600.0
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells the present size without a further library")
+def test_a_worker_does_not_grow(tiny_card, tmp_path):
+    (tmp_path / "worker.py").write_text(WORKER)
+    words = [sys.executable, tmp_path / "worker.py", tiny_card, TURNS]
+    done = subprocess.run(
+        list(map(str, words)), capture_output=True, text=True, timeout=PATIENCE_S, env=environment(), check=True
+    )
+    sizes = json.loads(done.stdout)
+    assert max(sizes) < BOUND_MB
+    assert max(sizes[SETTLED:]) - max(sizes[:SETTLED]) < ALLOWED_MB, sizes

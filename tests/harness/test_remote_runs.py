@@ -1,0 +1,240 @@
+"""Runs on object storage: the same bytes as on disk, and they go on from wherever they stopped."""
+
+import json
+
+import pytest
+import yaml
+
+from bench.errors import DataError
+from bench.evaluation import load_protocol
+from bench.harness import merge_shards, merged_units, run_benchmark, run_shard
+from bench.harness.remote_runs import MARK, RemoteRun, fetched_run
+from bench.harness.shards import Shard
+from bench.harness.work import Processes, in_turn
+from bench.methods import build_method
+from bench.recordings import load_card
+from bench.recordings.remote import Storage, parse_place
+from tests.harness.test_resume import ALL, NONE, ONE, bytes_of, change_image, damage_image
+from tests.object_storage import bucket, object_server
+
+__all__ = ["bucket", "object_server"]
+
+PAPER = load_protocol("paper-v1")
+URL = "s3://bench/runs/one"
+
+
+def score(card, out, *, method="nothing", place=in_turn, **options):
+    given = {"method": build_method(method), "protocol": PAPER, "place": place}
+    return run_benchmark(load_card(str(card)), out=out, **given, **options)
+
+
+def score_there(card, *, machine=None, monkeypatch=None, **options):
+    """Score into the address, on a machine that has seen nothing yet where one is named."""
+    if machine is not None:
+        monkeypatch.setenv("FISHEYE_BENCH_REMOTE", str(machine))
+    remote = RemoteRun(url=parse_place(URL))
+    return score(card, remote.folder, mirror=remote, **options)
+
+
+def remote_card(card, bucket) -> str:
+    """A card like another one, of a copy of its data on the storage."""
+    content = yaml.safe_load(card.read_text())
+    url = bucket.put_folder(card.parent / content["root"], "sets/tiny")
+    file = card.with_name("remote.yaml")
+    file.write_text(yaml.safe_dump(content | {"root": url}))
+    return file
+
+
+def without_card(found: dict[str, bytes]) -> dict[str, bytes]:
+    summary = json.loads(found["summary"])
+    del summary["card"]
+    return found | {"summary": json.dumps(summary).encode()}
+
+
+@pytest.fixture
+def work(monkeypatch):
+    """Units computed and reused."""
+
+    def counted(summary):
+        return summary.provenance.work.units_computed, summary.provenance.work.units_reused
+
+    return counted
+
+
+@pytest.mark.parametrize("place", [in_turn, Processes(workers=2)], ids=["here", "processes"])
+def test_data_at_an_address_gives_the_same_bytes_as_on_disk(own_card, bucket, tmp_path, place):
+    damage_image(own_card.parent / "data" / "tiny" / "crossing")
+    there = remote_card(own_card, bucket)
+    of_disk = score(own_card, tmp_path / "disk", method="spherical")
+    of_storage = score(there, tmp_path / "remote-run", method="spherical", place=place)
+    assert without_card(bytes_of(tmp_path / "remote-run")) == without_card(bytes_of(tmp_path / "disk"))
+    assert of_storage.provenance.data_fingerprint == of_disk.provenance.data_fingerprint
+    assert len(of_disk.failures) == 2, "the damaged image and the one after it, told by names without a place"
+    assert all("crossing/images/front" in failure and str(tmp_path) not in failure for failure in of_disk.failures)
+
+
+def test_a_result_does_not_depend_on_where_the_data_lies(own_card, bucket, tmp_path, work):
+    score(own_card, tmp_path / "run")
+    assert work(score(remote_card(own_card, bucket), tmp_path / "run")) == (NONE, ALL)
+    (own_card.parent / "data").rename(own_card.parent / "moved")
+    own_card.write_text(own_card.read_text().replace("root: data/tiny", "root: moved/tiny"))
+    assert work(score(own_card, tmp_path / "run")) == (NONE, ALL)
+
+
+def test_changed_data_at_an_address_is_scored_again(own_card, bucket, tmp_path, work):
+    there = remote_card(own_card, bucket)
+    score(there, tmp_path / "run")
+    change_image(own_card.parent / "data" / "tiny" / "standing")
+    remote_card(own_card, bucket)
+    assert work(score(there, tmp_path / "run")) == (ONE, ALL - ONE)
+
+
+def test_a_run_at_an_address_has_the_files_of_a_local_one(own_card, bucket, tmp_path):
+    score(own_card, tmp_path / "run")
+    score_there(own_card)
+    wanted = {path.relative_to(tmp_path / "run").as_posix() for path in (tmp_path / "run").rglob("*") if path.is_file()}
+    assert {key.removeprefix("runs/one/") for key in bucket.names("runs/one/")} == wanted | {MARK}
+    for name in ("objects.parquet", "frames.parquet", "image_maps.npz"):
+        assert bucket.get(f"runs/one/{name}") == (tmp_path / "run" / name).read_bytes()
+    told = bucket.get("runs/one/summary.json").decode()
+    assert not any(secret in told for secret in ("secret-of-tests", "key-of-tests", bucket.endpoint))
+    assert bytes_of(fetched_run(parse_place(URL))) == bytes_of(tmp_path / "run")
+
+
+def test_another_machine_computes_nothing_again(own_card, bucket, tmp_path, monkeypatch, work):
+    score_there(own_card)
+    stored = {key: bucket.get(key) for key in bucket.names("runs/one/units/")}
+    again = score_there(own_card, machine=tmp_path / "other", monkeypatch=monkeypatch)
+    assert work(again) == (NONE, ALL)
+    assert {key: bucket.get(key) for key in bucket.names("runs/one/units/")} == stored
+
+
+class CutError(Exception):
+    """The process ends."""
+
+
+def cut_after(monkeypatch, uploads: int) -> None:
+    """End a run at an upload of a unit's status."""
+    upload, left = Storage.upload, [uploads]
+
+    def counted(self, files):
+        if any(name.startswith("units/") and name.endswith(".json") for name in files):
+            left[0] -= 1
+            if left[0] < 0:
+                raise CutError
+        upload(self, files)
+
+    monkeypatch.setattr(Storage, "upload", counted)
+
+
+def test_an_interrupted_run_goes_on_on_another_machine(own_card, bucket, tmp_path, monkeypatch, work):
+    with monkeypatch.context() as patched:
+        cut_after(patched, 1)
+        with pytest.raises(CutError):
+            score_there(own_card)
+    assert "runs/one/summary.json" not in bucket.names()
+    assert len(bucket.names("runs/one/units/")) == 4 + 3, "the second unit has no status, so it is none"
+    assert work(score_there(own_card, machine=tmp_path / "other", monkeypatch=monkeypatch)) == (ALL - ONE, ONE)
+    score(own_card, tmp_path / "run")
+    assert bytes_of(fetched_run(parse_place(URL))) == bytes_of(tmp_path / "run")
+
+
+def test_units_that_were_not_uploaded_are_by_the_next_run(own_card, bucket, monkeypatch, work):
+    with monkeypatch.context() as patched:
+        cut_after(patched, 1)
+        with pytest.raises(CutError):
+            score_there(own_card)
+    assert work(score_there(own_card)) == (ONE, ALL - ONE), "the second was stored on this machine"
+    assert len(bucket.names("runs/one/units/")) == 4 * ALL
+
+
+@pytest.mark.parametrize(
+    ("suffix", "damage"),
+    [
+        (".objects.parquet", "cut"),
+        (".objects.parquet", "gone"),
+        (".frames.parquet", "other"),
+        (".maps.npz", "gone"),
+        (".json", "cut"),
+        (".json", "gone"),
+    ],
+)
+def test_a_damaged_object_of_a_unit_is_computed_and_stored_again(
+    own_card, bucket, tmp_path, monkeypatch, work, suffix, damage
+):
+    score_there(own_card)
+    stored = {key: bucket.get(key) for key in bucket.names("runs/one/units/")}
+    (key,) = (key for key in stored if key.startswith("runs/one/units/crossing") and key.endswith(suffix))
+    if damage == "gone":
+        bucket.remove(key)
+    else:
+        bucket.put(key, stored[key][:-9] if damage == "cut" else b"x" * len(stored[key]))
+    assert work(score_there(own_card, machine=tmp_path / "other", monkeypatch=monkeypatch)) == (ONE, ALL - ONE)
+    assert {key: bucket.get(key) for key in bucket.names("runs/one/units/")} == stored
+
+
+def test_units_of_another_data_set_and_older_results_do_not_stay(own_card, bucket):
+    score_there(own_card)
+    bucket.put("runs/one/units/former-front-00000000.json", b"{}")
+    bucket.put("runs/one/shards/0001-of-0007.json", b"{}")
+    score_there(own_card)
+    assert not [key for key in bucket.names() if "former" in key or "0007" in key]
+    for file in own_card.parent.glob("data/tiny/*/recording.json"):
+        file.unlink()
+    with pytest.raises(DataError):
+        score_there(own_card)
+    assert "runs/one/summary.json" not in bucket.names()
+
+
+def test_other_objects_at_the_address_are_left_alone(own_card, bucket):
+    bucket.put("runs/one/holiday.jpg", b"x")
+    with pytest.raises(DataError, match=r"s3://bench/runs/one: wanted an empty folder or an older run.*holiday.jpg"):
+        score_there(own_card)
+    assert bucket.names() == ["runs/one/holiday.jpg"]
+
+
+def test_a_bucket_that_is_not_there_is_told_before_anything_is_computed(own_card, bucket, monkeypatch):
+    monkeypatch.setattr("bench.harness.run.plan_recording", None)
+    remote = RemoteRun(url=parse_place("s3://nobody/run"))
+    with pytest.raises(DataError, match=r"s3://nobody/run: wanted a folder that can be written.*check bucket"):
+        score(own_card, remote.folder, mirror=remote)
+
+
+def test_a_connection_that_breaks_names_what_is_done(own_card, bucket, monkeypatch, work):
+    upload = Storage.upload
+
+    def broken(self, files):
+        if any(name.startswith("units/") for name in files):
+            raise DataError(self.url.text, wanted="a folder that can be written", came="no answer")
+        upload(self, files)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Storage, "upload", broken)
+        with pytest.raises(DataError, match=r"no answer; what is done lies in .*the same command goes on"):
+            score_there(own_card)
+    assert work(score_there(own_card)) == (ALL - ONE, ONE)
+
+
+def test_parts_of_two_machines_merge_at_the_address(own_card, bucket, tmp_path, monkeypatch):
+    score(own_card, tmp_path / "run")
+    for number in (1, 2):
+        monkeypatch.setenv("FISHEYE_BENCH_REMOTE", str(tmp_path / f"machine-{number}"))
+        remote = RemoteRun(url=parse_place(URL))
+        options = {"method": build_method("nothing"), "protocol": PAPER, "shard": Shard(number=number, count=2)}
+        run_shard(load_card(str(own_card)), out=remote.folder, mirror=remote, **options)
+    monkeypatch.setenv("FISHEYE_BENCH_REMOTE", str(tmp_path / "third"))
+    remote = RemoteRun(url=parse_place(URL))
+    remote.bring_all(write=True)
+    merge_shards(remote.folder, [remote.folder], protocol=PAPER)
+    for unit in merged_units([remote.folder]):
+        remote.keep(unit, anew=False)
+    remote.keep_rest()
+    assert bytes_of(fetched_run(parse_place(URL))) == bytes_of(tmp_path / "run")
+
+
+def test_hostile_names_at_the_address_write_nothing_outside(own_card, bucket, tmp_path):
+    bucket.put(f"runs/one/{MARK}", b"")
+    bucket.put("runs/one/shards/../../../evil.json", b"{}")
+    with pytest.raises(DataError, match="names of objects that can be files"):
+        RemoteRun(url=parse_place(URL)).bring_all(write=True)
+    assert not list(tmp_path.rglob("evil*"))

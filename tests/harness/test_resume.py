@@ -1,0 +1,276 @@
+"""A run goes on where it stopped, and a stored result is used only while all that it depends on is the same."""
+
+import json
+import os
+import sys
+from importlib import invalidate_caches, reload
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import bench
+from bench.errors import DataError
+from bench.evaluation import load_protocol
+from bench.harness import run_benchmark
+from bench.harness.cache import CacheFolder
+from bench.harness.keys import code
+from bench.harness.stored import IMAGE_MAPS
+from bench.methods import build_method
+from bench.recordings import load_card
+
+PAPER = load_protocol("paper-v1")
+ONE, ALL, NONE = 1, 3, 0  # units of the small data set that are computed again
+
+
+def score(card: Path, out: Path, *, cache: Path | None = None, method="spherical", settings=None, protocol=PAPER):
+    chosen = build_method(method, settings or {})
+    kept = None if cache is None else CacheFolder(folder=cache)
+    return run_benchmark(load_card(str(card)), method=chosen, protocol=protocol, out=out, cache=kept)
+
+
+def bytes_of(run: Path) -> dict[str, bytes]:
+    """The whole result but for where it comes from."""
+    summary = json.loads((run / "summary.json").read_text())
+    del summary["provenance"]
+    tables = {name: (run / name).read_bytes() for name in ("objects.parquet", "frames.parquet", IMAGE_MAPS)}
+    return tables | {"summary": json.dumps(summary).encode()}
+
+
+def changed_in_place(file: Path, content: bytes) -> None:
+    """Give a file another content and the times that it had."""
+    state = file.stat()
+    file.write_bytes(content)
+    os.utime(file, ns=(state.st_atime_ns, state.st_mtime_ns))
+
+
+def change_image(folder: Path) -> None:
+    file = sorted((folder / "images" / "front").iterdir())[2]
+    pixels = cv2.imread(str(file))
+    pixels[120:200, 100:220] = 255 - pixels[120:200, 100:220]
+    changed_in_place(file, cv2.imencode(file.suffix, pixels)[1].tobytes())
+
+
+def change_sweep(folder: Path) -> None:
+    for file in sorted((folder / "lidar").glob("*.npz")):
+        with np.load(file) as stored:
+            arrays = dict(stored)
+        arrays["points_lidar"] = arrays["points_lidar"] * np.float32(1.01)
+        np.savez_compressed(file, **arrays)
+
+
+def change_annotation(folder: Path) -> None:
+    file = folder / "annotations.json"
+    content = json.loads(file.read_text())
+    for frame in content["openlabel"]["frames"].values():
+        for entry in frame["objects"].values():
+            entry["object_data"]["cuboid"][0]["val"][7] *= 0.8
+    changed_in_place(file, json.dumps(content).encode())
+
+
+def change_egomotion(folder: Path) -> None:
+    file = next(iter(folder.glob("egomotion.csv")))
+    head, *rows = file.read_text().splitlines()
+    column = head.split(",").index("yaw_rate_radps")
+    cells = [row.split(",") for row in rows]
+    for row in cells:
+        row[column] = str(float(row[column]) + 0.05)
+    changed_in_place(file, "\n".join([head, *(",".join(row) for row in cells)]).encode() + b"\n")
+
+
+def change_calibration(folder: Path) -> None:
+    file = folder / "recording.json"
+    content = json.loads(file.read_text())
+    content["cameras"]["front"]["model"]["principal_point"][0] += 3.0
+    changed_in_place(file, json.dumps(content).encode())
+
+
+def remove_image(folder: Path) -> None:
+    sorted((folder / "images" / "front").iterdir())[-1].unlink()
+
+
+def damage_image(folder: Path) -> None:
+    file = sorted((folder / "images" / "front").iterdir())[2]
+    changed_in_place(file, file.read_bytes()[:-40])
+
+
+CHANGES = [
+    change_image,
+    change_sweep,
+    change_annotation,
+    change_egomotion,
+    change_calibration,
+    remove_image,
+    damage_image,
+]
+
+
+def test_a_second_run_computes_nothing_and_gives_the_same_bytes(own_card, tmp_path):
+    score(own_card, tmp_path / "run")
+    first = bytes_of(tmp_path / "run")
+    again = score(own_card, tmp_path / "run")
+    assert bytes_of(tmp_path / "run") == first
+    assert (again.provenance.work.units_computed, again.provenance.work.units_reused) == (NONE, ALL)
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_a_changed_input_recomputes_what_depends_on_it_and_nothing_else(own_card, tmp_path, change):
+    out, cache = tmp_path / "run", tmp_path / "cache"
+    score(own_card, out, cache=cache)
+    before = bytes_of(out)
+    change(own_card.parent / "data" / "tiny" / "overtaking")
+    again = score(own_card, out, cache=cache)
+    assert again.provenance.work.units_computed == ONE
+    score(own_card, tmp_path / "fresh")
+    assert bytes_of(out) == bytes_of(tmp_path / "fresh")
+    assert bytes_of(out) != before, "the change shows in the result"
+
+
+@pytest.mark.parametrize(
+    ("options", "computed"),
+    [
+        ({"settings": {"threshold": 1e-3}}, {}),
+        ({"settings": {"weights": {"anti_parallel": 0.0}}}, {"likelihood": 12}),
+        ({"settings": {"cell_size_px": 4}}, {"likelihood": 12, "flow": 12}),
+        ({"settings": {"flow": "dis"}}, {"likelihood": 12, "flow": 12}),
+        ({"protocol": load_protocol("extended-v1")}, {"reference": 12}),
+        ({"method": "epipolar-only"}, {"likelihood": 12}),
+        ({"method": "nothing"}, {}),
+    ],
+    ids=["threshold", "weights", "cells", "flow", "protocol", "method", "nothing"],
+)
+def test_a_changed_parameter_computes_only_the_steps_that_depend_on_it(own_card, tmp_path, options, computed):
+    out, cache = tmp_path / "run", tmp_path / "cache"
+    score(own_card, out, cache=cache)
+    again = score(own_card, out, cache=cache, **options)
+    assert again.provenance.work.units_computed == ALL
+    assert again.provenance.work.steps_computed == computed
+    score(own_card, tmp_path / "fresh", **options)
+    assert bytes_of(out) == bytes_of(tmp_path / "fresh")
+
+
+@pytest.fixture
+def forget_code():
+    """Digests of code are taken once a process."""
+    code.code_digest.cache_clear()
+    yield code.code_digest.cache_clear
+    code.code_digest.cache_clear()
+
+
+def test_another_version_recomputes_everything(own_card, tmp_path, monkeypatch, forget_code):
+    out, cache = tmp_path / "run", tmp_path / "cache"
+    score(own_card, out, cache=cache)
+    monkeypatch.setattr(bench, "__version__", "999.0")
+    forget_code()
+    work = score(own_card, out, cache=cache).provenance.work
+    assert (work.units_computed, work.steps_found) == (ALL, {})
+
+
+def test_other_libraries_recompute_everything(own_card, tmp_path, monkeypatch, forget_code):
+    score(own_card, tmp_path / "run")
+    monkeypatch.setattr(code, "library_versions", lambda: {"numpy": "999.0"})
+    forget_code()
+    assert score(own_card, tmp_path / "run").provenance.work.units_computed == ALL
+
+
+METHOD = """
+from pathlib import Path
+
+import numpy as np
+
+from bench.methods import Segmentation
+
+
+class Bright:
+    name, history, colour = "bright", 1, False
+    files = (Path(__file__).with_name("weights.txt"),)
+
+    def settings(self):
+        return {}
+
+    def segment(self, frame):
+        level = float(self.files[0].read_text())
+        return Segmentation(cell_size_px=1, mask=frame.images[-1] > level)
+"""
+
+
+def test_code_and_files_of_a_method_from_elsewhere_count(own_card, tmp_path, monkeypatch):
+    place = tmp_path / "own"
+    place.mkdir()
+    (place / "bright_method.py").write_text(METHOD)
+    (place / "weights.txt").write_text("200")
+    monkeypatch.syspath_prepend(str(place))
+
+    def computed() -> int:
+        return score(own_card, tmp_path / "run", method="bright_method:Bright").provenance.work.units_computed
+
+    assert (computed(), computed()) == (ALL, NONE)
+    (place / "weights.txt").write_text("100")
+    assert (computed(), computed()) == (ALL, NONE)
+    (place / "bright_method.py").write_text(METHOD.replace("> level", "< level"))
+    invalidate_caches()
+    reload(sys.modules["bright_method"])
+    assert computed() == ALL
+
+
+@pytest.mark.parametrize("suffix", [".objects.parquet", ".frames.parquet", ".maps.npz", ".json"])
+@pytest.mark.parametrize("damage", ["cut", "gone"])
+def test_a_damaged_file_of_a_unit_is_computed_again(own_card, tmp_path, suffix, damage):
+    score(own_card, tmp_path / "run")
+    before = bytes_of(tmp_path / "run")
+    file = sorted((tmp_path / "run" / "units").glob(f"crossing*{suffix}"))[0]
+    if damage == "cut":
+        file.write_bytes(file.read_bytes()[:-7])
+    else:
+        file.unlink()
+    assert score(own_card, tmp_path / "run").provenance.work.units_computed == ONE
+    assert bytes_of(tmp_path / "run") == before
+
+
+def test_a_damaged_entry_of_the_cache_is_computed_again(own_card, tmp_path):
+    score(own_card, tmp_path / "run", cache=tmp_path / "cache")
+    entries = sorted((tmp_path / "cache").glob("*/*/*.npz"))
+    assert len(entries) == 3 * 12
+    for number, entry in enumerate(entries):
+        content = entry.read_bytes()
+        entry.write_bytes(content[: len(content) * (number % 4) // 4])
+    work = score(own_card, tmp_path / "other", cache=tmp_path / "cache").provenance.work
+    assert work.steps_found == {}
+    assert bytes_of(tmp_path / "other") == bytes_of(tmp_path / "run")
+
+
+def test_units_of_another_cut_or_data_set_do_not_stay(own_card, tmp_path):
+    score(own_card, tmp_path / "run")
+    (tmp_path / "run" / "units" / "former-front-00000000.json").write_text("{}")
+    score(own_card, tmp_path / "run")
+    assert not list((tmp_path / "run" / "units").glob("former*"))
+
+
+def test_files_that_change_while_they_are_read_are_not_scored(own_card, tmp_path, monkeypatch):
+    from bench.harness.work import tasks
+
+    scored = tasks.run_unit
+
+    def meddle(recording, unit, **options):
+        tables = scored(recording, unit, **options)
+        if unit.recording == "standing":
+            change_image(own_card.parent / "data" / "tiny" / "standing")
+        return tables
+
+    monkeypatch.setattr(tasks, "run_unit", meddle)
+    summary = score(own_card, tmp_path / "run")
+    assert len(summary.failures) == 1
+    assert "stay the same while they are scored" in summary.failures[0]
+    monkeypatch.undo()
+    again = score(own_card, tmp_path / "run")
+    assert (again.failures, again.provenance.work.units_computed) == ((), ONE)
+
+
+def test_a_failed_run_leaves_no_summary_of_an_older_one(own_card, tmp_path):
+    score(own_card, tmp_path / "run")
+    for file in own_card.parent.glob("data/tiny/*/recording.json"):
+        file.unlink()
+    with pytest.raises(DataError):
+        score(own_card, tmp_path / "run")
+    assert not (tmp_path / "run" / "summary.json").exists()

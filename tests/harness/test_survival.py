@@ -1,0 +1,331 @@
+"""What goes wrong while a run goes on costs at most the part that it happened to, and says so."""
+
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+
+from bench.errors import DataError
+from bench.evaluation import load_protocol
+from bench.harness import provenance, read_run, read_tables, run_benchmark
+from bench.harness.cache import CacheFolder
+from bench.harness.unit_files import SUFFIXES
+from bench.harness.work import Processes, UnitTask, in_turn
+from bench.methods import build_method
+from bench.recordings import load_card
+from tests.harness.processes import PATIENCE_S, pids, until
+from tests.harness.test_resume import bytes_of
+from tests.harness.troubled import FOLDER, Troubled
+
+PAPER = load_protocol("paper-v1")
+UNITS = 3
+
+
+@pytest.fixture
+def trouble(tmp_path, monkeypatch):
+    """Where files make trouble."""
+    folder = tmp_path / "trouble"
+    folder.mkdir()
+    monkeypatch.setenv(FOLDER, str(folder))
+    return folder
+
+
+def score(card: Path, out: Path, *, method=None, cache=None, **options):
+    kept = None if cache is None else CacheFolder(folder=cache)
+    return run_benchmark(
+        load_card(str(card)), method=method or Troubled(), protocol=PAPER, out=out, cache=kept, **options
+    )
+
+
+def command(card: Path, out: Path, *options: object) -> list[str]:
+    words = ["run", card, "--out", out, "--method", "tests.harness.troubled:Troubled", "--no-pictures", "--no-cache"]
+    return [sys.executable, "-m", "bench", *map(str, [*words, *options])]
+
+
+def call(card: Path, out: Path, *options: object, **how) -> subprocess.CompletedProcess:
+    """The command line in a process of its own."""
+    return subprocess.run(
+        command(card, out, *options), capture_output=True, text=True, timeout=PATIENCE_S, env=environment(), **how
+    )
+
+
+def environment() -> dict[str, str]:
+    return os.environ | {"PYTHONPATH": str(Path(__file__).parents[2]), "COLUMNS": "1000"}
+
+
+def calm_result(card: Path, out: Path) -> dict[str, bytes]:
+    score(card, out)
+    return bytes_of(out)
+
+
+def test_processes_give_the_bytes_of_one_after_the_other(tiny_card, tmp_path):
+    method = build_method("spherical", {})
+    score(tiny_card, tmp_path / "one", method=method)
+    score(tiny_card, tmp_path / "two", method=method, place=Processes(workers=2), workers=2)
+    assert bytes_of(tmp_path / "two") == bytes_of(tmp_path / "one")
+
+
+def test_a_worker_that_is_killed_in_the_middle_of_a_unit_costs_nothing_but_time(tiny_card, tmp_path, trouble):
+    wanted = calm_result(tiny_card, tmp_path / "calm")
+    waits = trouble / "crossing.wait"
+    waits.touch()
+    here = trouble / "crossing.wait-noted"
+    killed: list[int] = []
+
+    def kill() -> None:
+        until(lambda: bool(pids(here)), "a worker in the middle of a unit")
+        killed.append(pids(here)[0])
+        waits.unlink()
+        os.kill(killed[0], signal.SIGKILL)
+
+    killer = threading.Thread(target=kill)
+    killer.start()
+    summary = score(tiny_card, tmp_path / "run", place=Processes(workers=2), workers=2)
+    killer.join()
+    assert killed
+    assert killed[0] != os.getpid()
+    assert summary.failures == ()
+    assert bytes_of(tmp_path / "run") == wanted
+
+
+def test_a_unit_that_crashes_the_interpreter_is_named_and_the_rest_is_done(tiny_card, tmp_path, trouble):
+    out = tmp_path / "run"
+    wanted = calm_result(tiny_card, tmp_path / "calm")
+    (trouble / "standing.abort").touch()
+    ended = call(tiny_card, out, "--workers", 2)
+    assert ended.returncode == 2
+    assert "failed: recording 'standing', camera 'front', images 1 to 4" in ended.stdout
+    assert "its process was ended by SIGABRT, 3 times" in ended.stdout
+    assert len(set(pids(trouble / "standing.abort-noted"))) == 3
+    summary = read_run(out)
+    assert (len(summary.failures), summary.provenance.work.units_computed) == (1, UNITS - 1)
+    assert {row["recording"] for row in read_tables(out)[1].to_pylist()} == {"crossing", "overtaking"}
+    (trouble / "standing.abort").unlink()
+    again = score(tiny_card, out)
+    assert (again.provenance.work.units_computed, again.provenance.work.units_reused) == (1, UNITS - 1)
+    assert bytes_of(out) == wanted
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_unit_that_wants_more_memory_than_there_is_is_named(tiny_card, tmp_path, trouble, workers):
+    (trouble / "standing.want_memory").touch()
+    place = in_turn if workers == 1 else Processes(workers=workers)
+    summary = score(tiny_card, tmp_path / "run", place=place)
+    assert len(summary.failures) == 1
+    assert "'standing'" in summary.failures[0]
+    assert "memory" in summary.failures[0]
+    assert summary.images.images == 8
+
+
+def sizes(run: Path) -> list[int]:
+    """The largest file of each unit, the smallest unit first."""
+    stems = {file.name.removesuffix(".json") for file in (run / "units").glob("*.json")}
+    return sorted(max((run / "units" / f"{stem}{suffix}").stat().st_size for suffix in SUFFIXES) for stem in stems)
+
+
+def allow_files_of(size_bytes: int):
+    """For a process that starts: writing beyond fails, as on a disk that is full."""
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size_bytes, size_bytes))
+
+    return limit
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_full_disk_ends_a_run_clearly_and_what_is_stored_stays(tiny_card, tmp_path, trouble, workers):
+    wanted = calm_result(tiny_card, tmp_path / "calm")
+    *_, most = sizes(tmp_path / "calm")
+    out = tmp_path / "run"
+    ended = call(tiny_card, out, "--workers", workers, preexec_fn=allow_files_of(most - 1))
+    assert ended.returncode == 2
+    assert "wanted room for a unit's result" in ended.stderr
+    assert "make room" in ended.stderr
+    assert "Traceback" not in ended.stderr
+    assert not [file for file in out.rglob(".*") if file.is_file()], "nothing half-written stays"
+    assert not (out / "summary.json").exists()
+    stored = len(list((out / "units").glob("*.json")))
+    work = score(tiny_card, out).provenance.work
+    assert (work.units_computed, work.units_reused) == (UNITS - stored, stored)
+    assert bytes_of(out) == wanted
+
+
+def test_a_disk_that_is_full_at_the_end_is_no_bug_either(tiny_card, tmp_path, trouble):
+    wanted = calm_result(tiny_card, tmp_path / "calm")
+    *_, most = sizes(tmp_path / "calm")
+    joined = max((tmp_path / "calm" / f"{name}.parquet").stat().st_size for name in ("objects", "frames"))
+    assert joined > most
+    out = tmp_path / "run"
+    ended = call(tiny_card, out, "--workers", 1, preexec_fn=allow_files_of(max(most, joined - 1)))
+    assert ended.returncode == 2
+    assert "make room" in ended.stderr
+    assert "Traceback" not in ended.stderr
+    assert not (out / "summary.json").exists()
+    assert score(tiny_card, out).provenance.work.units_reused == UNITS
+    assert bytes_of(out) == wanted
+
+
+CACHED = """
+import resource, sys
+from pathlib import Path
+
+from bench.evaluation import load_protocol
+from bench.harness import run_benchmark
+from bench.harness.cache import CacheFolder
+from bench.methods import build_method
+from bench.recordings import load_card
+
+card, out, cache, limit = sys.argv[1:]
+kept = CacheFolder(folder=Path(cache))
+put = CacheFolder.put
+
+def put_on_a_full_disk(self, step, digest, arrays):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (int(limit), -1))
+    put(self, step, digest, arrays)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (-1, -1))
+
+CacheFolder.put = put_on_a_full_disk
+run_benchmark(
+    load_card(card), method=build_method("spherical", {}), protocol=load_protocol("paper-v1"), out=Path(out), cache=kept
+)
+"""
+
+
+@pytest.mark.parametrize("limit", [0, 3000])
+def test_a_disk_that_is_full_for_the_cache_costs_nothing_but_time(tiny_card, tmp_path, limit):
+    method = build_method("spherical", {})
+    score(tiny_card, tmp_path / "calm", method=method)
+    words = [sys.executable, "-c", CACHED, tiny_card, tmp_path / "run", tmp_path / "cache", limit]
+    ended = subprocess.run(list(map(str, words)), capture_output=True, text=True, timeout=PATIENCE_S, env=environment())
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert bytes_of(tmp_path / "run") == bytes_of(tmp_path / "calm")
+    assert not [file for file in (tmp_path / "cache").rglob(".*") if file.is_file()]
+    again = score(tiny_card, tmp_path / "again", method=method, cache=tmp_path / "cache")
+    assert again.provenance.work.steps_found.get("flow", 0) == 0, "what did not fit was not kept"
+    assert bytes_of(tmp_path / "again") == bytes_of(tmp_path / "calm")
+
+
+@pytest.mark.parametrize("name", ["objects", "frames"])
+@pytest.mark.parametrize("damage", ["cut", "empty", "garbage", "gone"])
+def test_a_damaged_table_of_a_run_is_one_clear_line_and_can_be_made_again(tiny_card, tmp_path, trouble, name, damage):
+    out = tmp_path / "run"
+    wanted = calm_result(tiny_card, out)
+    file = out / f"{name}.parquet"
+    content = file.read_bytes()
+    if damage == "gone":
+        file.unlink()
+    else:
+        file.write_bytes({"cut": content[: len(content) // 2], "empty": b"", "garbage": content[::-1]}[damage])
+    with pytest.raises(DataError, match=f"{name}.parquet"):
+        read_tables(out)
+    again = score(tiny_card, out)
+    assert again.provenance.work.units_reused == UNITS
+    assert bytes_of(out) == wanted
+
+
+def disappearing(folder: Path):
+    """A place at which a recording disappears when everything is planned."""
+
+    def place(work, tasks):
+        if isinstance(tasks[0], UnitTask):
+            shutil.rmtree(folder)
+        yield from in_turn(work, tasks)
+
+    return place
+
+
+@pytest.mark.parametrize("recording", ["crossing", "standing"], ids=["closed", "still open"])
+def test_a_recording_that_disappears_is_named_and_the_rest_is_done(own_card, tmp_path, trouble, recording):
+    folder = own_card.parent / "data" / "tiny" / recording
+    out, kept = tmp_path / "run", tmp_path / "elsewhere"
+    wanted = calm_result(own_card, tmp_path / "calm")
+    shutil.copytree(folder, kept)
+    summary = score(own_card, out, place=disappearing(folder))
+    assert summary.failures
+    assert all(recording in failure for failure in summary.failures)
+    assert summary.images.evaluated == 8
+    shutil.copytree(kept, folder)
+    again = score(own_card, out)
+    assert (again.failures, again.provenance.work.units_reused) == ((), UNITS - 1)
+    assert bytes_of(out) == wanted
+
+
+def test_a_second_run_in_a_folder_is_refused_and_does_not_harm_the_first(tiny_card, tmp_path, trouble):
+    wanted = calm_result(tiny_card, tmp_path / "calm")
+    out, waits = tmp_path / "run", trouble / "standing.wait"
+    waits.touch()
+    first = subprocess.Popen(command(tiny_card, out, "--workers", 2), env=environment(), stdout=subprocess.DEVNULL)
+    try:
+        until(lambda: bool(pids(trouble / "standing.wait-noted")), "the first run in the middle of a unit")
+        for options in ([], ["--shard", "1/2"]):
+            second = call(tiny_card, out, "--workers", 1, *options)
+            assert second.returncode == 2
+            assert f"{out}: wanted a folder for this run alone, came one at which another run works" in second.stderr
+    finally:
+        waits.unlink()
+        assert first.wait(PATIENCE_S) == 0
+    assert bytes_of(out) == wanted
+
+
+def test_parts_share_a_folder(tiny_card, tmp_path, trouble):
+    wanted = calm_result(tiny_card, tmp_path / "calm")
+    out, waits = tmp_path / "run", trouble / "standing.wait"  # the third unit, so of the first part
+    waits.touch()
+    first = subprocess.Popen(
+        command(tiny_card, out, "--workers", 1, "--shard", "1/2"), env=environment(), stdout=subprocess.DEVNULL
+    )
+    try:
+        until(lambda: bool(pids(trouble / "standing.wait-noted")), "the first part in the middle of a unit")
+        assert call(tiny_card, out, "--workers", 1, "--shard", "2/2").returncode == 0
+        whole = call(tiny_card, out, "--workers", 1)
+        assert (whole.returncode, "another run works" in whole.stderr) == (2, True)
+    finally:
+        waits.unlink()
+        assert first.wait(PATIENCE_S) == 0
+    merged = subprocess.run(
+        [sys.executable, "-m", "bench", "merge", str(out), "--no-pictures"],
+        capture_output=True, text=True, timeout=PATIENCE_S, env=environment(),
+    )  # fmt: skip
+    assert (merged.returncode, merged.stderr) == (0, "")
+    assert bytes_of(out) == wanted
+
+
+def set_times(folder: Path, seconds: int) -> None:
+    for file in folder.rglob("*"):
+        os.utime(file, (seconds, seconds))
+
+
+def test_clocks_decide_nothing(own_card, tmp_path, monkeypatch):
+    """Neither times of files nor the hour; not even where the clock is set back while a run goes on."""
+    method = build_method("spherical", {})
+    score(own_card, tmp_path / "calm", method=method)
+    wanted, out, cache = bytes_of(tmp_path / "calm"), tmp_path / "run", tmp_path / "cache"
+    hours = iter(range(10_000_000, 0, -1))
+
+    class SetBack(datetime):
+        @classmethod
+        def now(cls, tz=None):
+            return datetime.fromtimestamp(3600 * next(hours), tz)
+
+    monkeypatch.setattr(time, "time", lambda: 3600.0 * next(hours))
+    monkeypatch.setattr(time, "time_ns", lambda: 3_600_000_000_000 * next(hours))
+    monkeypatch.setattr(provenance, "datetime", SetBack)
+    for year, reused in ((2100, 0), (1990, UNITS), (1970, UNITS)):
+        then = int(datetime(year, 1, 2, tzinfo=UTC).timestamp())
+        set_times(own_card.parent, then)
+        if out.exists():
+            set_times(out, then)
+            set_times(cache, then)
+        made = score(own_card, out, method=method, cache=cache).provenance
+        assert bytes_of(out) == wanted
+        assert made.work.units_reused == reused
+        assert made.seconds >= 0.0
+        assert all(seconds >= 0.0 for seconds in made.stage_seconds.values())

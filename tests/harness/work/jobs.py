@@ -1,0 +1,117 @@
+"""Tasks that end the process that works on them, at their start, in their middle, or in the middle of their answer."""
+
+import ctypes
+import os
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+
+import cv2
+import scipy.linalg
+from threadpoolctl import threadpool_info
+
+
+def squared(number):
+    return number * number
+
+
+def note(folder, name):
+    """Tell of an attempt; how many there have been."""
+    with (folder / name).open("a") as file:
+        file.write(f"{os.getpid()}\n")
+    return len((folder / name).read_text().splitlines())
+
+
+def squared_at_the_third_attempt(folder, number):
+    if number == 3 and note(folder, "attempts") < 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number * number
+
+
+def segfault():
+    ctypes.string_at(0)
+
+
+def leave():
+    sys.exit(7)
+
+
+ENDS = {"SIGSEGV": segfault, "status 7": leave}
+
+
+def squared_but_for_three(folder, end, number):
+    if number == 3:
+        note(folder, "attempts")
+        ENDS[end]()
+    return number * number
+
+
+def large_answer_that_may_be_cut(folder, number):
+    """At the first attempt the process is killed at about the time at which it answers."""
+    content = bytes([number]) * 20_000_000
+    if note(folder, f"{number}") == 1:
+        delay_s = 0.002 * number
+        threading.Thread(target=lambda: (time.sleep(delay_s), os.kill(os.getpid(), signal.SIGKILL))).start()
+    return content
+
+
+def fail(number):
+    if number == 3:
+        raise ValueError("three")
+    return number
+
+
+class UnsendableError(Exception):
+    def __init__(self, one, two):
+        super().__init__(f"{one} and {two}: cannot be made of one argument")
+
+
+def fail_unsendably(number):
+    raise UnsendableError(1, 2)
+
+
+def answer_unsendably(number):
+    return threading.Lock()
+
+
+def stay(folder, number):
+    """Work until somebody ends the process; SIGTERM does not."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    note(folder, "processes")
+    while True:
+        time.sleep(0.1)
+
+
+def own_process(_):
+    return os.getpid()
+
+
+def wait_for_both(folder, number):
+    """Which process; so that none can do both tasks of two."""
+    note(folder, "here")
+    while len((folder / "here").read_text().splitlines()) < 2:
+        time.sleep(0.01)
+    return os.getpid()
+
+
+def threads(_):
+    """Threads of every library of this process."""
+    scipy.linalg.inv([[2.0]])
+    return [cv2.getNumThreads(), *(pool["num_threads"] for pool in threadpool_info())], os.environ["OMP_NUM_THREADS"]
+
+
+class Heavy:
+    """Work that counts how often it travelled."""
+
+    def __init__(self, file: Path):
+        self.file = file
+
+    def __setstate__(self, state):
+        self.__dict__.update(state)
+        with self.file.open("a") as file:
+            file.write(".")
+
+    def __call__(self, number):
+        return number

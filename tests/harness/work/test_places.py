@@ -1,0 +1,149 @@
+"""A place to compute gives every task back once, whatever becomes of the process that works on it."""
+
+import os
+import signal
+import subprocess
+import sys
+from contextlib import closing
+from functools import partial
+
+import pytest
+
+from bench.harness.work import Lost, Processes, in_turn, staying
+from tests.harness.processes import PATIENCE_S, alive, pids, until
+from tests.harness.work import jobs
+
+NUMBERS = list(range(7))
+SQUARES = {number: number * number for number in NUMBERS}
+PLACES = {"in turn": in_turn, "one process": Processes(workers=1), "two": Processes(workers=2)}
+every_place = pytest.mark.parametrize("name", PLACES)
+
+
+@every_place
+def test_every_task_comes_back_once(name):
+    done = list(PLACES[name](jobs.squared, NUMBERS))
+    assert sorted(task for task, _ in done) == NUMBERS
+    assert dict(done) == SQUARES
+
+
+@every_place
+def test_no_task_is_no_work(name):
+    assert list(PLACES[name](jobs.squared, [])) == []
+
+
+@every_place
+def test_what_the_work_raises_is_raised(name):
+    with pytest.raises(ValueError, match="three"):
+        list(PLACES[name](jobs.fail, NUMBERS))
+
+
+def test_an_exception_tells_where_in_the_worker_it_arose():
+    with pytest.raises(ValueError, match="three") as raised:
+        list(Processes(workers=2)(jobs.fail, NUMBERS))
+    assert "jobs.py" in "".join(raised.value.__notes__)
+
+
+@pytest.mark.parametrize("work", [jobs.fail_unsendably, jobs.answer_unsendably])
+def test_what_cannot_travel_is_told(work):
+    with pytest.raises((RuntimeError, TypeError)) as raised:
+        list(Processes(workers=1)(work, [1]))
+    told = f"{raised.value} {raised.value.__notes__ if hasattr(raised.value, '__notes__') else ''}"
+    assert "Unsendable" in told or "pickle" in told
+
+
+def test_a_task_whose_process_is_killed_is_given_to_another(tmp_path):
+    done = dict(Processes(workers=2)(partial(jobs.squared_at_the_third_attempt, tmp_path), NUMBERS))
+    assert done == SQUARES
+    assert len(set(pids(tmp_path / "attempts"))) == 3
+
+
+@pytest.mark.parametrize("end", ["SIGSEGV", "status 7"])
+def test_a_task_that_always_ends_its_process_is_lost_and_the_others_are_done(tmp_path, end):
+    done = dict(Processes(workers=2)(partial(jobs.squared_but_for_three, tmp_path, end), NUMBERS))
+    lost = done.pop(3)
+    assert isinstance(lost, Lost)
+    assert end in lost.reason
+    assert lost.reason.endswith("3 times")
+    assert done == {number: square for number, square in SQUARES.items() if number != 3}
+    assert len(set(pids(tmp_path / "attempts"))) == 3
+
+
+def test_a_process_that_is_killed_while_it_answers_harms_no_other_answer(tmp_path):
+    numbers = [1, 2, 3, 4]
+    done = dict(Processes(workers=2)(partial(jobs.large_answer_that_may_be_cut, tmp_path), numbers))
+    assert {number: content[:1] for number, content in done.items()} == {n: bytes([n]) for n in numbers}
+    assert {len(content) for content in done.values()} == {20_000_000}
+
+
+def test_closing_ends_the_processes_even_those_that_do_not_listen(tmp_path):
+    here = tmp_path / "processes"
+    place = Processes(workers=2)
+    with closing(place(partial(_stay_after_the_first, tmp_path), [0, 1, 2])) as results:
+        assert next(results) == (0, 0)
+        until(lambda: len(pids(here)) == 2, "both processes at work")
+    assert not any(alive(pid) for pid in pids(here))
+
+
+def _stay_after_the_first(folder, number):
+    return jobs.stay(folder, number) if number else 0
+
+
+def test_processes_stay_from_one_call_to_the_next_only_inside_the_block(tmp_path):
+    place = Processes(workers=2)
+    with staying(place):
+        first = {pid for _, pid in place(partial(jobs.wait_for_both, tmp_path), [1, 2])}
+        second = {pid for _, pid in place(jobs.own_process, NUMBERS)}
+        assert len(first) == 2
+        assert second <= first
+        assert all(alive(pid) for pid in first)
+    assert not any(alive(pid) for pid in first)
+    with staying(in_turn):
+        assert dict(in_turn(jobs.own_process, [1])) == {1: os.getpid()}
+
+
+def test_processes_that_are_killed_while_they_have_nothing_to_do_are_replaced(tmp_path):
+    place = Processes(workers=2)
+    with staying(place):
+        for _, pid in list(place(partial(jobs.wait_for_both, tmp_path), [1, 2])):
+            os.kill(pid, signal.SIGKILL)
+        assert dict(place(jobs.squared, NUMBERS)) == SQUARES
+
+
+def test_every_library_keeps_to_one_thread():
+    for _, (threads, variable) in Processes(workers=2)(jobs.threads, NUMBERS):
+        assert set(threads) == {1}
+        assert variable == "1"
+
+
+def test_the_work_travels_once_to_each_process(tmp_path):
+    work = jobs.Heavy(tmp_path / "travelled")
+    assert len(list(Processes(workers=2)(work, NUMBERS))) == len(NUMBERS)
+    assert 1 <= len(work.file.read_text()) <= 2
+
+
+PARENT = """
+import sys
+from functools import partial
+from pathlib import Path
+from bench.harness.work import Processes
+from tests.harness.processes import PATIENCE_S, alive, pids, until
+from tests.harness.work import jobs
+
+if __name__ == "__main__":
+    list(Processes(workers=2)(partial(jobs.stay, Path(sys.argv[1])), [1, 2]))
+"""
+
+
+def test_processes_end_when_the_one_that_started_them_is_killed(tmp_path):
+    (tmp_path / "parent.py").write_text(PARENT)
+    parent = subprocess.Popen(
+        [sys.executable, str(tmp_path / "parent.py"), str(tmp_path)],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+    )
+    here = tmp_path / "processes"
+    try:
+        until(lambda: len(pids(here)) == 2, "both processes at work")
+    finally:
+        parent.kill()
+        parent.wait(PATIENCE_S)
+    until(lambda: not any(alive(pid) for pid in pids(here)), "the processes ended")

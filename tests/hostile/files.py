@@ -1,0 +1,251 @@
+"""Files that were made to break a reader, small on disk."""
+
+import io
+import json
+import struct
+import zipfile
+import zlib
+
+import cv2
+import laspy
+import numpy as np
+
+
+def png_chunk(name: bytes, content: bytes) -> bytes:
+    return struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
+
+
+def png(width: int, height: int, *, bits: int = 8, colour: int = 0, rows: bytes = b"") -> bytes:
+    """A PNG whose chunks are whole, whatever its header says of the pixels."""
+    header = png_chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, bits, colour, 0, 0, 0))
+    palette = png_chunk(b"PLTE", bytes(768)) if colour == 3 else b""
+    pixels = png_chunk(b"IDAT", zlib.compress(rows, 9))
+    return b"\x89PNG\r\n\x1a\n" + header + palette + pixels + png_chunk(b"IEND", b"")
+
+
+def jpeg(width: int, height: int) -> bytes:
+    _, encoded = cv2.imencode(".jpg", np.random.default_rng(0).integers(0, 255, (height, width), dtype=np.uint8))
+    return encoded.tobytes()
+
+
+def jpeg_of_another_size(content: bytes, width: int, height: int) -> bytes:
+    place = content.index(b"\xff\xc0")
+    return content[: place + 5] + struct.pack(">HH", height, width) + content[place + 9 :]
+
+
+IMAGES = {
+    "empty": b"",
+    "text": b"not an image",
+    "nothing but the signature": b"\x89PNG\r\n\x1a\n",
+    "30000 x 30000 px": png(30_000, 30_000, rows=bytes(30_001 * 8)),
+    "the largest header": png(2**31 - 1, 2**31 - 1),
+    "no pixels": png(0, 0),
+    "cut short": png(64, 48, rows=bytes(65 * 48))[:-20],
+    "one byte turned": bytes(b ^ (i == 45) for i, b in enumerate(png(64, 48, rows=bytes(65 * 48)))),
+    "another size": png(640, 480, rows=bytes(641 * 480)),
+    "JPEG cut short": jpeg(64, 48)[:-30],
+    "JPEG of 65000 x 65000 px": jpeg_of_another_size(jpeg(64, 48), 65_000, 65_000),
+    "JPEG of nothing but its ends": b"\xff\xd8\xff\xd9",
+}
+
+
+def npz(**arrays: np.ndarray) -> bytes:
+    file = io.BytesIO()
+    np.savez_compressed(file, **arrays)
+    return file.getvalue()
+
+
+def zipped(**members: bytes) -> bytes:
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
+        for name, content in members.items():
+            archive.writestr(f"{name}.npy", content)
+    return file.getvalue()
+
+
+def npy_header(shape: tuple[int, ...], kind: str = "<f4") -> bytes:
+    text = repr({"descr": kind, "fortran_order": False, "shape": shape}).encode()
+    text += b" " * (-(len(text) + 11) % 64) + b"\n"
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text
+
+
+def zeros(count: int) -> bytes:
+    """Compressed zeros that unpack to `count` points, written without ever being whole in memory."""
+    file = io.BytesIO()
+    with (
+        zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive,
+        archive.open("points_lidar.npy", "w", force_zip64=True) as member,
+    ):
+        member.write(npy_header((count, 3)))
+        left = count * 12
+        while left:
+            left -= member.write(bytes(min(left, 1 << 22)))
+    return file.getvalue()
+
+
+POINTS = np.random.default_rng(3).uniform(-20, 20, (500, 3)).astype(np.float32)
+NPZ = npz(points_lidar=POINTS)
+
+
+def spoiled(content: bytes, place: int, count: int = 12) -> bytes:
+    return content[:place] + bytes(byte ^ 0x5A for byte in content[place : place + count]) + content[place + count :]
+
+
+def with_points(value: float) -> np.ndarray:
+    points = POINTS.copy()
+    points[7, 1] = value
+    return points
+
+
+NPZ_FILES = {
+    "empty": b"",
+    "cut short": NPZ[:-300],
+    "no zip": b"PK\x03\x04 and nothing",
+    "zip of zeros": zeros(40_000_000),
+    "header of a trillion points": zipped(points_lidar=npy_header((10**12, 3))),
+    "header of a negative length": zipped(points_lidar=npy_header((-5, 3))),
+    "header that is code": zipped(points_lidar=b"\x93NUMPY\x01\x00" + struct.pack("<H", 20) + b"__import__('os')    "),
+    "header of objects": zipped(points_lidar=npy_header((1 << 40,), "|O")),
+    "pickle": npz(points_lidar=np.array([{"a": 1}], dtype=object)),
+    "damaged stream": spoiled(NPZ, 200),
+    "members outside": zipped(**{"../../points_lidar": npy_header((1, 3)) + bytes(12)}),
+    "NaN": npz(points_lidar=with_points(np.nan)),
+    "infinity": npz(points_lidar=with_points(np.inf)),
+    "complex": npz(points_lidar=POINTS.astype(complex)),
+    "point times without end": npz(points_lidar=POINTS, time_offset_ns=np.full(500, -(2**63), dtype=np.int64)),
+}
+
+
+def laz(points: np.ndarray, **values: np.ndarray) -> bytes:
+    header = laspy.LasHeader(point_format=1, version="1.2")
+    header.scales = np.full(3, 0.001)
+    cloud = laspy.LasData(header)
+    cloud.xyz = points
+    for name, value in values.items():
+        setattr(cloud, name, value)
+    file = io.BytesIO()
+    cloud.write(file, do_compress=True)
+    return file.getvalue()
+
+
+LAZ = laz(POINTS.astype(np.float64))
+
+
+def laz_of(count: int) -> bytes:
+    """A header that tells another number of points, at its place in LAS 1.2."""
+    return LAZ[:107] + struct.pack("<I", count) + LAZ[111:]
+
+
+LAZ_FILES = {
+    "empty": b"",
+    "cut short": LAZ[: len(LAZ) // 2],
+    "text": b"not points" * 40,
+    "nothing but a header": LAZ[:227],
+    "four billion points": laz_of(2**32 - 1),
+    "nine million points": laz_of(9_000_000),
+    "damaged stream": spoiled(LAZ, len(LAZ) // 2, 40),
+    "scales of NaN": LAZ[:131] + struct.pack("<3d", np.nan, np.nan, np.nan) + LAZ[155:],
+    "points at an offset beyond the file": LAZ[:96] + struct.pack("<I", 2**31) + LAZ[100:],
+    "times without end": laz(POINTS.astype(np.float64), gps_time=np.full(500, 1e300)),
+    "times that are no number": laz(POINTS.astype(np.float64), gps_time=np.full(500, np.nan)),
+}
+
+ROWS = np.column_stack([POINTS, np.ones(500, np.float32)]).astype("<f4")
+BIN_FILES = {
+    "empty": b"",
+    "no whole row": ROWS.tobytes()[:-3],
+    "NaN": np.where(np.arange(4) == 1, np.float32(np.nan), ROWS[:4]).astype("<f4").tobytes(),
+    "infinity": np.where(np.arange(4) == 2, np.float32(-np.inf), ROWS[:4]).astype("<f4").tobytes(),
+}
+
+
+def pcd(points: int, *, data: str = "binary", body: bytes = b"", **lines: str) -> bytes:
+    head = {"VERSION": "0.7", "FIELDS": "x y z", "SIZE": "4 4 4", "TYPE": "F F F", "COUNT": "1 1 1"}
+    head |= {"WIDTH": str(points), "HEIGHT": "1", "VIEWPOINT": "0 0 0 1 0 0 0", "POINTS": str(points)} | lines
+    return "".join(f"{key} {value}\n" for key, value in head.items()).encode() + f"DATA {data}\n".encode() + body
+
+
+PCD_FILES = {
+    "empty": b"",
+    "text": b"not points",
+    "a trillion points": pcd(10**12, body=bytes(120)),
+    "a negative number of points": pcd(-5, body=bytes(120)),
+    "no number of points": pcd(10, POINTS="many", body=bytes(120)),
+    "cut short": pcd(500, body=POINTS.tobytes()[:-40]),
+    "columns that do not fit": pcd(10, FIELDS="x y z intensity", body=bytes(160)),
+    "columns of three bytes": pcd(10, SIZE="3 3 3", body=bytes(160)),
+    "columns without end": pcd(10, COUNT="999999999 1 1", body=bytes(160)),
+    "width and height of others": pcd(10, WIDTH="4000000000", body=bytes(160)),
+    "compressed, four billion bytes": pcd(10, data="binary_compressed", body=struct.pack("<II", 20, 2**32 - 1)),
+    "compressed, damaged": pcd(10, data="binary_compressed", body=struct.pack("<II", 20, 120) + b"\xff" * 20),
+    "text of NaN": pcd(2, data="ascii", body=b"1 2 3\nnan nan nan\n"),
+    "NaN": pcd(500, body=with_points(np.nan).tobytes()),
+}
+
+
+def ply(vertices: object, *, form: str = "binary_little_endian", body: bytes = b"", last: str = "z") -> bytes:
+    columns = "".join(f"property float {name}\n" for name in ("x", "y", last))
+    return f"ply\nformat {form} 1.0\nelement vertex {vertices}\n{columns}end_header\n".encode() + body
+
+
+PLY_FILES = {
+    "empty": b"",
+    "text": b"ply",
+    "a trillion vertices": ply(10**12, body=bytes(120)),
+    "a negative number of vertices": ply(-5, body=bytes(120)),
+    "no number of vertices": ply("many", body=bytes(120)),
+    "cut short": ply(500, body=POINTS.tobytes()[:-40]),
+    "no z": ply(10, body=bytes(120), last="colour"),
+    "lists for vertices": b"ply\nformat ascii 1.0\nelement vertex 1\nproperty list uchar int x\nend_header\n1 1\n",
+    "text of NaN": ply(2, form="ascii", body=b"1 2 3\nnan nan nan\n"),
+    "infinity": ply(500, body=with_points(np.inf).tobytes()),
+}
+
+CLOUDS = {".npz": NPZ_FILES, ".laz": LAZ_FILES, ".bin": BIN_FILES, ".pcd": PCD_FILES, ".ply": PLY_FILES}
+
+DEEP = 200_000
+JSON_FILES = {
+    "empty": b"",
+    "no UTF-8": b"\xff\xfe{}",
+    "a list": b"[]",
+    "null": b"null",
+    "nested deeply": b"[" * DEEP + b"]" * DEEP,
+    "objects nested deeply": b'{"a":' * DEEP + b"1" + b"}" * DEEP,
+    "cut short": b'{"a": [1, 2',
+    "a number of a million digits": b'{"a": ' + b"9" * 1_000_000 + b"}",
+    "a string that never ends": b'{"a": "' + b"x" * 1_000_000,
+}
+NUMBERS = {"NaN": "NaN", "infinity": "Infinity", "1e999": "1e999", "10^40": "1" + "0" * 40, "5000 digits": "7" * 5000}
+
+
+def with_number(content: object, keys: tuple[object, ...], number: str) -> str:
+    """JSON in which one value is a number as it is written here, which `json` would not write."""
+    mark = "a number to be put here"
+    place = copied = json.loads(json.dumps(content))
+    for key in keys[:-1]:
+        place = place[key]
+    place[keys[-1]] = mark
+    return json.dumps(copied).replace(json.dumps(mark), number)
+
+
+LAUGHS = "a0: &a0 [ha, ha, ha, ha, ha, ha, ha, ha, ha]\n" + "".join(
+    f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]\n" for n in range(1, 12)
+)
+YAML_FILES = {
+    "empty": "",
+    "a list": "[1, 2]",
+    "no YAML": "a: [1, 2\nb: {",
+    "a tag that calls": "name: !!python/object/apply:os.system ['touch touched']\n",
+    "a tag that imports": "name: !!python/name:os.system\n",
+    "a tag of its own": "name: !secret x\n",
+    "a billion laughs": LAUGHS + "name: *a11\n",
+    "a billion merges": "".join(
+        f"m{n}: &m{n} {{{'<<: [' + ', '.join([f'*m{n - 1}'] * 9) + '], ' if n else ''}k{n}: 1}}\n" for n in range(12)
+    ),
+    "itself": "name: &me [*me]\n",
+    "nested deeply": "name: " + "[" * 5000 + "]" * 5000,
+    "a number of 5000 digits": "name: " + "9" * 5000,
+    "a day that is none": "name: 2001-13-45\n",
+    "control characters": "name: \x07\x1b[2J\n",
+    "no UTF-8": b"name: \xff\xfe",
+}

@@ -1,0 +1,231 @@
+"""Every text file that an adapter opens, spoiled in every way we know: `validate` and `view` tell it in one line."""
+
+import json
+import shutil
+
+import pytest
+import yaml
+
+from tests.cli.test_commands import call
+from tests.hostile import files
+from tests.recordings import tiny, tiny_aimotive, tiny_kitti360, tiny_woodscape
+
+AIMOTIVE = tiny_aimotive.SEQUENCE
+KITTI = tiny_kitti360.SEQUENCE
+PAIR = tiny_woodscape.NAMES[0]
+OPTIONS = {
+    "native": {},
+    "aimotive": tiny_aimotive.OPTIONS,
+    "kitti360": tiny_kitti360.OPTIONS,
+    "woodscape": tiny_woodscape.OPTIONS | {"cameras": ["FV"]},
+}
+JSON_FILES = [
+    ("native", "drive/recording.json"),
+    ("native", "drive/annotations.json"),
+    ("aimotive", f"{AIMOTIVE}/sensor/calibration/calibration.json"),
+    ("aimotive", f"{AIMOTIVE}/dynamic/box/3d_body/frame_0000101.json"),
+    ("woodscape", f"calibration_data/calibration/{PAIR}.json"),
+    ("woodscape", f"vehicle_data/rgb_images/{PAIR}.json"),
+    ("woodscape", f"vehicle_data/previous_images/{PAIR}.json"),
+]
+BOX = f"{AIMOTIVE}/dynamic/box/3d_body/frame_0000101.json"
+VAN = ("openlabel", "frames", "1", "objects", "van", "object_data")
+WALKER = ("openlabel", "frames", "2", "objects", "walker", "object_data")
+NUMBERS = [
+    ("native", "drive/recording.json", ("frame_interval_ns",)),
+    ("native", "drive/recording.json", ("cameras", "front", "image_size", 0)),
+    ("native", "drive/recording.json", ("cameras", "front", "vehicle_from_camera", "translation_m", 2)),
+    ("native", "drive/recording.json", ("cameras", "front", "model", "coefficients", 0)),
+    ("native", "drive/recording.json", ("lidar", "vehicle_from_lidar", "translation_m", 0)),
+    ("native", "drive/recording.json", ("vehicle", "outline_m", 0, 0)),
+    ("native", "drive/annotations.json", ("openlabel", "frames", "1", "frame_properties", "timestamp")),
+    ("native", "drive/annotations.json", (*VAN, "cuboid", 0, "val", 0)),
+    ("native", "drive/annotations.json", (*VAN, "vec", 0, "val", 0)),
+    ("native", "drive/annotations.json", (*WALKER, "num", 0, "val")),
+    ("native", "drive/annotations.json", (*WALKER, "vec", 0, "val", 0)),
+    ("aimotive", BOX, ("Timestamp",)),
+    ("aimotive", BOX, ("CapturedObjects", 0, "ObjectId")),
+    ("aimotive", BOX, ("CapturedObjects", 0, "BoundingBox3D Origin X")),
+    ("aimotive", BOX, ("CapturedObjects", 0, "BoundingBox3D Orientation Quat W")),
+    (
+        "aimotive",
+        f"{AIMOTIVE}/sensor/calibration/calibration.json",
+        (tiny_aimotive.CAMERA, "RT_body_from_sensor", 0, 3),
+    ),
+    ("aimotive", f"{AIMOTIVE}/sensor/calibration/calibration.json", (tiny_aimotive.CAMERA, "image_resolution_px", 0)),
+    ("woodscape", f"vehicle_data/rgb_images/{PAIR}.json", ("timestamp",)),
+    ("woodscape", f"vehicle_data/rgb_images/{PAIR}.json", ("ego_yawRate",)),
+    ("woodscape", f"calibration_data/calibration/{PAIR}.json", ("intrinsic", "k1")),
+    ("woodscape", f"calibration_data/calibration/{PAIR}.json", ("intrinsic", "width")),
+    ("woodscape", f"calibration_data/calibration/{PAIR}.json", ("extrinsic", "translation", 2)),
+]
+TEXT_FILES = [
+    ("native", "drive/egomotion.csv"),
+    ("aimotive", f"derived/{AIMOTIVE.split('/')[-1]}.csv"),
+    ("kitti360", "calibration/calib_cam_to_pose.txt"),
+    ("kitti360", "calibration/calib_cam_to_velo.txt"),
+    ("kitti360", "calibration/image_02.yaml"),
+    ("kitti360", f"data_2d_raw/{KITTI}/image_02/timestamps.txt"),
+    ("kitti360", f"data_poses/{KITTI}/poses.txt"),
+    ("kitti360", f"data_3d_bboxes/train/{KITTI}.xml"),
+]
+TEXTS = {
+    "empty": b"",
+    "no UTF-8": b"\xff\xfe\x00",
+    "NUL": b"\0" * 100,
+    "one endless line": b"1 " * 500_000,
+    "one endless number": b"9" * 1_000_000,
+    "an open quote": b'timestamp_ns,speed_mps,yaw_rate_radps\n"1,2,3\n4,5,6\n',
+    "NaN and infinity": b"timestamp_ns,speed_mps,yaw_rate_radps\n1,nan,inf\n2,-inf,1e999\n",
+    "times beyond 64 bits": b"timestamp_ns,speed_mps,yaw_rate_radps\n" + b"1" * 30 + b",1,1\n" + b"2" * 30 + b",1,1\n",
+    "speeds beyond sense": b"timestamp_ns,speed_mps,yaw_rate_radps\n1,1e308,1e308\n99999999999,1e308,1e308\n",
+    "a bomb of entities": b'<!DOCTYPE x [<!ENTITY a "ha">'
+    + b"".join(b'<!ENTITY a%d "%s">' % (n, b"&a%d;" % (n - 1) * 10 if n > 1 else b"&a;" * 10) for n in range(1, 12))
+    + b"]><x>&a11;</x>",
+    "an entity from outside": b'<!DOCTYPE x [<!ENTITY f SYSTEM "file:///etc/passwd">]><opencv_storage>&f;</opencv_storage>',
+    "elements nested deeply": b"<x>" * 100_000,
+    "YAML laughs": files.LAUGHS.encode(),
+}
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whole")
+    for name in OPTIONS:
+        (folder / name / "data").mkdir(parents=True)
+    tiny.write_recording(folder / "native" / "data" / "drive")
+    tiny_aimotive.write_data_set(folder / "aimotive" / "data")
+    tiny_kitti360.write_data_set(folder / "kitti360" / "data")
+    tiny_woodscape.write_data_set(folder / "woodscape" / "data")
+    return folder
+
+
+class Place:
+    """A copy of a data set with its card, and what the commands say of it."""
+
+    def __init__(self, monkeypatch, capsys, whole, adapter, tmp_path):
+        self.monkeypatch, self.capsys = monkeypatch, capsys
+        self.root = shutil.copytree(whole / adapter / "data", tmp_path / "data")
+        self.out = tmp_path / "out"
+        self.folder = tmp_path
+        content = {"name": "x", "title": "x", "adapter": adapter, "root": "data", "licence": "x"}
+        self.card = tmp_path / "x.yaml"
+        self.card.write_text(yaml.safe_dump(content | {"options": OPTIONS[adapter]}))
+        monkeypatch.chdir(tmp_path)
+
+    def listing(self):
+        return sorted(str(path.relative_to(self.folder)) for path in self.folder.rglob("*"))
+
+    def refused(self, file, *, viewed=True):
+        """Both commands tell the file in one line each, and write nothing but what they were asked for."""
+        before = self.listing()
+        if viewed:
+            assert call(self.monkeypatch, "view", self.card, "--out", self.out, "--method", "nothing") == 2
+            shown = self.capsys.readouterr()
+            assert shown.err.startswith("error: ")
+            assert shown.err.count("\n") == 1
+            assert str(self.root / file) in shown.err
+            assert self.listing() == before
+        told = self.folder / "told.json"
+        assert call(self.monkeypatch, "validate", self.card, "--json", told) == 1
+        assert self.capsys.readouterr().err == ""
+        found = [finding for finding in json.loads(told.read_text())["findings"] if finding["severity"] == "error"]
+        assert str(self.root / file) in {finding["file"] for finding in found}
+        assert self.listing() == sorted([*before, "told.json"])
+        return found
+
+
+@pytest.fixture
+def place(monkeypatch, capsys, whole, tmp_path):
+    return lambda adapter: Place(monkeypatch, capsys, whole, adapter, tmp_path)
+
+
+@pytest.mark.parametrize("adapter", OPTIONS)
+def test_the_whole_ones_are_not_refused(place, adapter):
+    here = place(adapter)
+    protocol = ["--protocol", "masks-v1"] if adapter == "woodscape" else []
+    assert call(here.monkeypatch, "view", here.card, "--out", here.out, "--method", "nothing", *protocol) == 0
+    written = {path.split("/")[0] for path in here.listing()}
+    assert written == {"data", "out", "x.yaml"}
+
+
+@pytest.mark.parametrize("what", files.JSON_FILES)
+@pytest.mark.parametrize(("adapter", "file"), JSON_FILES)
+def test_json(place, adapter, file, what):
+    here = place(adapter)
+    (here.root / file).write_bytes(files.JSON_FILES[what])
+    here.refused(file)
+
+
+@pytest.mark.parametrize("number", files.NUMBERS)
+@pytest.mark.parametrize(("adapter", "file", "keys"), NUMBERS, ids=[str(keys[-2:]) for *_, keys in NUMBERS])
+def test_numbers_in_json(place, adapter, file, keys, number):
+    """Numbers that cannot be are refused; those that can, huge as they are, do not end in a traceback."""
+    here = place(adapter)
+    content = json.loads((here.root / file).read_text())
+    (here.root / file).write_text(files.with_number(content, keys, files.NUMBERS[number]))
+    if number in {"NaN", "infinity", "1e999"}:
+        here.refused(file)
+        return
+    status = call(here.monkeypatch, "view", here.card, "--out", here.out, "--method", "nothing")
+    shown = here.capsys.readouterr().err
+    assert status in {0, 2}
+    assert shown.count("\n") == (1 if status else 0)
+    assert call(here.monkeypatch, "validate", here.card) in {0, 1}
+
+
+@pytest.mark.parametrize("what", TEXTS)
+@pytest.mark.parametrize(("adapter", "file"), TEXT_FILES)
+def test_text_files(place, adapter, file, what):
+    here = place(adapter)
+    (here.root / file).write_bytes(TEXTS[what])
+    here.refused(file)
+
+
+LINKS = [
+    ("native", "drive/recording.json"),
+    ("native", "drive/annotations.json"),
+    ("native", "drive/egomotion.csv"),
+    ("native", f"drive/images/front/{tiny.TIMES_NS[1]}.png"),
+    ("native", f"drive/lidar/{tiny.TIMES_NS[1]}.npz"),
+    ("native", "drive/ego_body/front.png"),
+    ("native", "drive/images/front"),
+    ("native", "drive/lidar"),
+    ("aimotive", f"{AIMOTIVE}/sensor/calibration/calibration.json"),
+    ("aimotive", BOX),
+    ("aimotive", f"{AIMOTIVE}/sensor/camera/{tiny_aimotive.CAMERA}/{tiny_aimotive.CAMERA}_0000101.jpg"),
+    ("aimotive", f"{AIMOTIVE}/dynamic/raw-revolutions/frame_0000100.laz"),
+    ("aimotive", f"{AIMOTIVE}/dynamic/raw-revolutions"),
+    ("kitti360", "calibration/image_02.yaml"),
+    ("kitti360", f"data_poses/{KITTI}/poses.txt"),
+    ("kitti360", f"data_3d_bboxes/train/{KITTI}.xml"),
+    ("kitti360", f"data_2d_raw/{KITTI}/image_02/data_rgb/0000000004.png"),
+    ("kitti360", f"data_3d_raw/{KITTI}/velodyne_points/data/0000000004.bin"),
+    ("woodscape", f"rgb_images/{PAIR}.png"),
+    ("woodscape", f"motion_annotations/gtLabels/{PAIR}.png"),
+    ("woodscape", f"vehicle_data/rgb_images/{PAIR}.json"),
+    ("woodscape", "calibration_data/calibration"),
+]
+
+
+@pytest.mark.parametrize(("adapter", "file"), LINKS)
+def test_links_that_lead_outside(place, tmp_path, adapter, file):
+    here = place(adapter)
+    (here.root / file).rename(tmp_path / "outside")
+    (here.root / file).symlink_to(tmp_path / "outside")
+    told = here.folder / "told.json"
+    assert call(here.monkeypatch, "view", here.card, "--out", here.out, "--method", "nothing") == 2
+    assert "a link that leads outside" in here.capsys.readouterr().err
+    assert call(here.monkeypatch, "validate", here.card, "--json", told) == 1
+    assert "a link that leads outside" in told.read_text()
+
+
+@pytest.mark.parametrize("path", ["../../x.png", "/etc/passwd", "a\\..\\b", "C:/x", "", "a\0b"])
+def test_paths_that_lead_outside(place, path):
+    here = place("native")
+    head = here.root / "drive/recording.json"
+    content = json.loads(head.read_text())
+    content["cameras"]["front"]["ego_body_mask"] = path
+    head.write_text(json.dumps(content))
+    found = here.refused("drive/recording.json")
+    assert [finding["field"] for finding in found][:1] == ["cameras.front.ego_body_mask"]

@@ -1,0 +1,106 @@
+"""Every kind of file that adapters read, spoiled in every way we know: a `DataError` that names the file."""
+
+import warnings
+
+import cv2
+import numpy as np
+import pytest
+
+from bench.errors import DataError
+from bench.evaluation import load_protocol
+from bench.gate.tolerances import load_tolerances
+from bench.lidar import read_sweep
+from bench.plain_yaml import parse_yaml
+from bench.recordings import ImageRef, load_card, read_image
+from bench.recordings.images import read_mask
+from tests.hostile import files
+from tests.recordings import tiny
+
+CLOUDS = [(suffix, what) for suffix, kinds in files.CLOUDS.items() for what in kinds]
+
+
+@pytest.mark.parametrize(("suffix", "what"), CLOUDS)
+def test_point_clouds(tmp_path, suffix, what):
+    path = tmp_path / f"1000{suffix}"
+    path.write_bytes(files.CLOUDS[suffix][what])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(DataError) as caught:
+            read_sweep(path, 1000)
+    line = str(caught.value)
+    assert str(path) in line
+    assert "\n" not in line
+    assert len(line) < 1000
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+@pytest.mark.parametrize("suffix", files.CLOUDS)
+def test_the_whole_ones_are_read(tmp_path, suffix):
+    """What the spoiled ones are made of; or the table would prove nothing."""
+    whole = {
+        ".npz": files.NPZ,
+        ".laz": files.LAZ,
+        ".bin": files.ROWS.tobytes(),
+        ".pcd": files.pcd(500, body=files.POINTS.tobytes()),
+        ".ply": files.ply(500, body=files.POINTS.tobytes()),
+    }
+    path = tmp_path / f"1000{suffix}"
+    path.write_bytes(whole[suffix])
+    if suffix == ".laz":
+        path.write_bytes(files.laz(files.POINTS.astype(float), gps_time=np.full(500, 1000.0)))
+    assert read_sweep(path, 1000).points_lidar == pytest.approx(files.POINTS, abs=1e-3)
+
+
+@pytest.mark.parametrize("what", files.IMAGES)
+def test_images(tmp_path, what):
+    path = tmp_path / "1000.png"
+    path.write_bytes(files.IMAGES[what])
+    with pytest.raises(DataError) as caught:
+        read_image(ImageRef(camera="front", timestamp_ns=1000, path=path), tiny.front_camera())
+    assert str(path) in str(caught.value)
+    with pytest.raises(DataError):
+        read_mask(path, (64, 48))
+
+
+@pytest.mark.parametrize(
+    ("pixels", "colour"),
+    [(np.full((48, 64), 40_000, np.uint16), False), (np.full((48, 64, 4), 90, np.uint8), True)],
+    ids=["16 bits", "transparent"],
+)
+def test_images_of_other_depths_come_as_8_bits(tmp_path, pixels, colour):
+    path = tmp_path / "1000.png"
+    assert cv2.imwrite(str(path), pixels)
+    image = ImageRef(camera="front", timestamp_ns=1000, path=path)
+    seen = read_image(image, tiny.front_camera(), colour=colour)
+    assert seen.dtype == np.uint8
+    assert seen.shape == ((48, 64, 3) if colour else (48, 64))
+
+
+def test_an_image_with_a_palette(tmp_path):
+    path = tmp_path / "1000.png"
+    path.write_bytes(files.png(64, 48, colour=3, rows=bytes(65 * 48)))
+    assert not read_image(ImageRef(camera="front", timestamp_ns=1000, path=path), tiny.front_camera()).any()
+
+
+LOADERS = {"card": load_card, "protocol": load_protocol, "tolerances": lambda path: load_tolerances(str(path))}
+
+
+@pytest.mark.parametrize("loader", LOADERS)
+@pytest.mark.parametrize("what", files.YAML_FILES)
+def test_yaml(tmp_path, monkeypatch, loader, what):
+    monkeypatch.chdir(tmp_path)
+    content = files.YAML_FILES[what]
+    path = tmp_path / "x.yaml"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(DataError) as caught:
+        LOADERS[loader](path)
+    line = str(caught.value)
+    assert str(path) in line
+    assert line.isprintable()
+    assert len(line) < 2000
+    assert [p.name for p in tmp_path.iterdir()] == ["x.yaml"]
+
+
+def test_references_that_are_meant_well_are_followed():
+    text = "front: &lens {k: [1, 2]}\nrear: *lens\nleft: {<<: *lens, w: 3}\n"
+    assert parse_yaml(text, file="x") == {"front": {"k": [1, 2]}, "rear": {"k": [1, 2]}, "left": {"k": [1, 2], "w": 3}}

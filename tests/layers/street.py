@@ -1,0 +1,126 @@
+"""A street in six sweeps, small enough to know each point: the host turns slowly, a car passes, another is parked."""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from bench.egomotion import Trajectory
+from bench.geometry import RigidTransform
+from bench.lidar import LidarSweep, read_sweep, write_sweep
+from bench.recordings import Cuboid, ObjectState, Recording, SweepRef, Track
+
+SWEEPS = 6
+STEP_NS = 100_000_000
+FIRST_NS = 1_700_000_000_000_000_000
+TIMES_NS = tuple(FIRST_NS + i * STEP_NS for i in range(SWEEPS))
+VEHICLE_FROM_LIDAR = RigidTransform(
+    Rotation.from_euler("xyz", [0.01, -0.02, 0.3]).as_matrix(), np.array([1.2, 0.1, 1.8])
+)
+EGO_MPS, EGO_RADPS = 4.0, 0.2
+CAR_MPS = np.array([7.0, 1.0, 0.0])  # world axes
+CAR_RADPS = 0.3
+SIZES_M = {"car": (4.4, 1.8, 1.5), "walker": (0.6, 0.7, 1.8), "parked": (4.0, 1.7, 1.4)}
+CLASSES = {"car": "vehicle", "walker": "pedestrian", "parked": "vehicle"}
+WALKER_MPS = np.array([0.0, -1.2, 0.0])
+POINTS = 40  # on each object
+GROUND = 60
+
+
+def seconds(time_ns: float) -> float:
+    return (time_ns - FIRST_NS) / 1e9
+
+
+@cache
+def trajectory() -> Trajectory:
+    times_ns = FIRST_NS + np.arange(-20, 80, dtype=np.int64) * 10_000_000
+    s = (times_ns - FIRST_NS) / 1e9
+    yaw = EGO_RADPS * s
+    radius = EGO_MPS / EGO_RADPS
+    places = np.column_stack([radius * np.sin(yaw), radius * (1 - np.cos(yaw)), np.zeros_like(s)])
+    return Trajectory(
+        source="poses.csv", timestamps_ns=times_ns, rotations=Rotation.from_euler("z", yaw[:, None]), positions_m=places
+    )
+
+
+def world_from_object(name: str, time_ns: float) -> RigidTransform:
+    s = seconds(time_ns)
+    height = SIZES_M[name][2] / 2
+    match name:
+        case "car":
+            return RigidTransform.from_yaw(0.2 + CAR_RADPS * s, np.array([6.0, 3.5, height]) + CAR_MPS * s)
+        case "walker":
+            return RigidTransform.from_yaw(-1.5, np.array([9.0, -2.0, height]) + WALKER_MPS * s)
+    return RigidTransform.from_yaw(0.1, (12.0, -4.5, height))
+
+
+def velocity_world_mps(name: str) -> np.ndarray:
+    return {"car": CAR_MPS, "walker": WALKER_MPS}.get(name, np.zeros(3))
+
+
+@cache
+def sweep(index: int) -> tuple[LidarSweep, dict[str, np.ndarray]]:
+    """The sweep, and the rows of each object's points; the rest lies on the ground around."""
+    rng = np.random.default_rng(index)
+    ego = trajectory()
+    names = [name for name in SIZES_M for _ in range(POINTS)] + ["ground"] * GROUND
+    order = rng.permutation(len(names))
+    offsets_ns = rng.integers(-50_000_000, 50_000_000, len(names))
+    points, rows = [], {name: [] for name in SIZES_M}
+    for row, which in enumerate(order):
+        name, time_ns = names[which], TIMES_NS[index] + int(offsets_ns[row])
+        if name == "ground":
+            world = np.array([*rng.uniform(-20, -3, 2), 0.0])
+        else:
+            rows[name].append(row)
+            inside = rng.uniform(-0.45, 0.45, 3)
+            inside[2] = rng.uniform(-0.4, 0.45)
+            world = world_from_object(name, time_ns).apply(inside * SIZES_M[name])
+        lidar_from_world = (ego.world_from_vehicle(time_ns) @ VEHICLE_FROM_LIDAR).inverse()
+        points.append(lidar_from_world.apply(world))
+    made = LidarSweep(timestamp_ns=TIMES_NS[index], points_lidar=np.array(points), time_offset_ns=offsets_ns)
+    return made, {name: np.array(found) for name, found in rows.items()}
+
+
+def recording(root: Path, *, names: tuple[str, ...] | None = None) -> Recording:
+    """The street on disk; sweeps are called 000000.npz and on, or by `names`."""
+    (root / "lidar").mkdir(parents=True, exist_ok=True)
+    refs = []
+    for i, time_ns in enumerate(TIMES_NS):
+        path = root / "lidar" / f"{names[i] if names else f'{i:06d}'}.npz"
+        write_sweep(path, sweep(i)[0])
+        refs.append(SweepRef(timestamp_ns=time_ns, path=path, reader=read_sweep))
+    return Recording(
+        name="street",
+        root=root,
+        licence="CC0-1.0",
+        frame_interval_ns=STEP_NS,
+        cameras={},
+        images={},
+        trajectory=trajectory(),
+        vehicle_from_lidar=VEHICLE_FROM_LIDAR,
+        sweeps=tuple(refs),
+        tracks=(),
+    )
+
+
+def box_track(name: str, *, told: bool = True) -> Track:
+    """An object as a box at each sweep, with its velocity where `told`."""
+    ego = trajectory()
+    states = []
+    for time_ns in TIMES_NS:
+        vehicle_from_world = ego.world_from_vehicle(time_ns).inverse()
+        shape = Cuboid(
+            vehicle_from_object=vehicle_from_world @ world_from_object(name, time_ns), size_m=np.array(SIZES_M[name])
+        )
+        velocity = vehicle_from_world.rotate(velocity_world_mps(name)) if told else np.full(3, np.nan)
+        turn = CAR_RADPS if name == "car" and told else 0.0
+        states.append(ObjectState(timestamp_ns=time_ns, shape=shape, velocity_mps=velocity, yaw_rate_radps=turn))
+    return Track(track_id=name, object_class=CLASSES[name], states=tuple(states))
+
+
+def lidar_from_object(name: str, index: int) -> RigidTransform:
+    """Where a tool would draw the box of an object in a sweep."""
+    world_from_vehicle = trajectory().world_from_vehicle(TIMES_NS[index])
+    return (world_from_vehicle @ VEHICLE_FROM_LIDAR).inverse() @ world_from_object(name, TIMES_NS[index])

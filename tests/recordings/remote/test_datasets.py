@@ -1,0 +1,118 @@
+"""A card with an address: the same recordings as from disk, each fetched when it is opened."""
+
+import pickle
+import shutil
+
+import pytest
+import yaml
+
+from bench.errors import DataError
+from bench.recordings import load_card, open_dataset
+from bench.recordings.remote import Storage
+from bench.recordings.remote.datasets import BY_RECORDING
+from tests.recordings.test_adapters import DATA_SETS, LABELLED_APART
+
+
+@pytest.fixture
+def fetched(monkeypatch) -> list[str]:
+    names: list[str] = []
+    download = Storage.download
+
+    def noted(self, files):
+        names.extend(files)
+        download(self, files)
+
+    monkeypatch.setattr(Storage, "download", noted)
+    return names
+
+
+def cards(folder, adapter, options, url):
+    """The card of a data set on disk, and the one of its copy on the storage."""
+    content = {"name": "x", "title": "x", "adapter": adapter, "licence": "x", "options": options}
+    content |= {"annotations": "annotations"} if adapter in LABELLED_APART else {}
+    for name, root in (("disk", "data"), ("remote", url)):
+        (folder / f"{name}.yaml").write_text(yaml.safe_dump(content | {"root": root}))
+    return load_card(folder / "disk.yaml"), load_card(folder / "remote.yaml")
+
+
+@pytest.mark.parametrize("adapter", DATA_SETS)
+def test_every_adapter_reads_the_same_from_an_address(tmp_path, bucket, adapter):
+    (tmp_path / "data").mkdir()
+    options = DATA_SETS[adapter](tmp_path / "data")
+    here, there = cards(tmp_path, adapter, options, bucket.put_folder(tmp_path / "data", "sets/data"))
+    (local,), (remote,) = open_dataset(here), pickle.loads(pickle.dumps(open_dataset(there)))
+    shutil.move(tmp_path / "data", tmp_path / "elsewhere")
+    recording = remote.open()
+    shutil.move(tmp_path / "elsewhere", tmp_path / "data")
+    wanted = local.open()
+    assert (recording.name, remote.name) == (wanted.name, local.name)
+    assert recording.root.is_relative_to(tmp_path / "remote" / "data")
+    for name, images in wanted.images.items():
+        assert [image.path.relative_to(recording.root) for image in recording.images[name]] == [
+            image.path.relative_to(wanted.root) for image in images
+        ]
+    assert [track.track_id for track in recording.tracks] == [track.track_id for track in wanted.tracks]
+    assert [sweep.timestamp_ns for sweep in recording.sweeps] == [sweep.timestamp_ns for sweep in wanted.sweeps]
+
+
+def test_adapters_that_are_fetched_by_recording_exist():
+    assert set(BY_RECORDING) < set(DATA_SETS)
+
+
+def write_two(root, adapter):
+    options = DATA_SETS[adapter](root)
+    (name,) = (path.name for path in root.iterdir() if path.is_dir() or path.suffix == ".mcap")
+    other = f"other{root.joinpath(name).suffix}"
+    copied = shutil.copytree if (root / name).is_dir() else shutil.copy
+    copied(root / name, root / other)
+    return options, name, other
+
+
+@pytest.mark.parametrize("adapter", BY_RECORDING)
+def test_only_the_opened_recording_is_fetched(tmp_path, bucket, fetched, adapter):
+    (tmp_path / "data").mkdir()
+    options, name, other = write_two(tmp_path / "data", adapter)
+    _, there = cards(tmp_path, adapter, options, bucket.put_folder(tmp_path / "data", "sets/data"))
+    handles = open_dataset(there)
+    assert len(handles) == 2
+    assert fetched == []
+    next(handle for handle in handles if not other.startswith(handle.name)).open()
+    assert any(file.startswith(name) for file in fetched)
+    assert not any(file.startswith(other) for file in fetched)
+
+
+def test_an_address_may_be_of_one_recording(tmp_path, bucket):
+    (tmp_path / "data").mkdir()
+    options = DATA_SETS["native"](tmp_path / "data")
+    _, there = cards(tmp_path, "native", options, bucket.put_folder(tmp_path / "data" / "drive", "sets/drive"))
+    (handle,) = open_dataset(there)
+    assert handle.open().name == "drive"
+
+
+def test_faults_are_told_of_the_remote_recording(tmp_path, bucket):
+    (tmp_path / "data").mkdir()
+    options = DATA_SETS["native"](tmp_path / "data")
+    (tmp_path / "data" / "drive" / "annotations.json").write_text("{}")
+    _, there = cards(tmp_path, "native", options, bucket.put_folder(tmp_path / "data", "sets/data"))
+    (handle,) = open_dataset(there)
+    with pytest.raises(DataError, match=r"annotations.json"):
+        handle.open()
+    salvaged = handle.salvager()
+    assert salvaged.faults
+    assert salvaged.recording is not None
+    for key in bucket.names("sets/data/drive/"):
+        bucket.remove(key)
+    (fault,) = handle.salvager().faults
+    assert "nothing there" in str(fault)
+
+
+def test_wrong_options_and_hostile_names_are_told_before_anything_is_fetched(tmp_path, bucket, fetched):
+    (tmp_path / "data").mkdir()
+    DATA_SETS["native"](tmp_path / "data")
+    url = bucket.put_folder(tmp_path / "data", "sets/data")
+    with pytest.raises(DataError, match=r"remote.yaml: options.speed"):
+        open_dataset(cards(tmp_path, "native", {"speed": 1}, url)[1])
+    bucket.put("sets/data/../x/recording.json", b"{}")
+    with pytest.raises(DataError, match="names of objects that can be files"):
+        open_dataset(cards(tmp_path, "native", {}, url)[1])
+    assert fetched == []

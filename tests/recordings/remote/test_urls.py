@@ -1,0 +1,82 @@
+"""Addresses: what is one, and that none carries a secret."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from bench.errors import DataError, UsageError
+from bench.recordings import load_card, open_dataset
+from bench.recordings.remote import RemoteUrl, parse_place
+from bench.recordings.remote.urls import without_secrets
+
+
+@pytest.mark.parametrize("text", ["data", "/data/x", "../x", "C:\\data", "runs/s3"])
+def test_a_path_is_a_path(text):
+    assert parse_place(text) == Path(text)
+
+
+@pytest.mark.parametrize("text", ["file:///data/x", "file:///data/x/", "local:///data/x"])
+def test_a_file_address_is_a_path(text):
+    assert parse_place(text) == Path("/data/x")
+
+
+@pytest.mark.parametrize("text", ["s3://bucket/a/b", "s3://bucket/a/b/", "S3://bucket/a/b"])
+def test_an_address_has_a_bucket_and_a_name(text):
+    place = parse_place(text)
+    assert (place, place.protocol, place.name) == (RemoteUrl("s3://bucket/a/b"), "s3", "b")
+    assert parse_place("s3://bucket").name == "bucket"
+    assert parse_place("sftp://user@host/x").protocol == "sftp"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "s3://key:hidden@bucket/x",
+        "https://host/x?token=hidden",
+        "s3://key:hidden@bucket/x?y=hidden",
+        "s3://key:hid/den@bucket/x?hidden",
+        "a::s3://k:hidden@b/x",
+    ],
+)
+def test_an_address_with_a_secret_is_refused_without_telling_it(text):
+    with pytest.raises(UsageError, match="wanted") as refused:
+        parse_place(text)
+    assert "hidden" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["s3://", "s3:///x", "s3://b//x", "s3://b/../x", "s3://b/./x", "s3://b/*", "s3://b/[x]", "s3://b/x\n", "s3://b/\0",
+     "file://x", "simplecache::s3://b/x", "s3://b\\x"],
+)  # fmt: skip
+def test_other_addresses_are_refused(text):
+    with pytest.raises(UsageError, match="wanted"):
+        parse_place(text)
+
+
+def test_texts_lose_their_secrets():
+    told = without_secrets('no answer of "https://me:hidden@host:90/a?sig=hidden&x=1", s3://k:hidden@b/c and a?b')
+    assert told == 'no answer of "https://host:90/a", s3://b/c and a?b'
+
+
+def card(folder: Path, **keys: object) -> Path:
+    content = {"name": "x", "title": "x", "adapter": "native", "licence": "x", "root": "s3://bench/x"} | keys
+    (folder / "x.yaml").write_text(yaml.safe_dump(content))
+    return folder / "x.yaml"
+
+
+def test_a_card_names_an_address_also_through_a_variable(tmp_path, monkeypatch):
+    monkeypatch.setenv("PLACE", "s3://bench/y")
+    assert load_card(card(tmp_path)).remote_root == RemoteUrl("s3://bench/x")
+    assert load_card(card(tmp_path, root="${PLACE}/z")).remote_root == RemoteUrl("s3://bench/y/z")
+    assert load_card(card(tmp_path, root="data")).remote_root is None
+    assert load_card(card(tmp_path, root=f"file://{tmp_path}")).root == tmp_path
+
+
+def test_a_card_with_a_secret_or_remote_annotations_is_refused(tmp_path):
+    with pytest.raises(DataError, match="root: wanted a folder or an address") as refused:
+        open_dataset(load_card(card(tmp_path, root="s3://me:hidden@bench/x")))
+    assert "hidden" not in str(refused.value)
+    with pytest.raises(DataError, match="annotations: wanted a folder or file of this machine"):
+        open_dataset(load_card(card(tmp_path, annotations="s3://bench/labels")))

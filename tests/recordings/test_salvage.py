@@ -1,0 +1,210 @@
+"""Several broken files of a data set at once: each fault is told, and what is whole is kept."""
+
+import json
+
+import pytest
+
+from bench.recordings.aimotive.adapter import aimotive_recordings
+from bench.recordings.kitti360.adapter import kitti360_recordings
+from bench.recordings.woodscape.adapter import woodscape_recordings
+from tests.recordings import tiny_aimotive, tiny_kitti360, tiny_woodscape
+
+
+def salvaged(adapter, root, options, number=0):
+    handle = adapter(root, options=options, card=root / "card.yaml", annotations=None)[number]
+    assert handle.salvager is not None
+    return handle.salvager()
+
+
+def told(found):
+    return sorted(str(fault) for fault in found.faults)
+
+
+def has(found, *parts):
+    """Whether each part is in exactly one fault, and all faults."""
+    lines = told(found)
+    return [sum(part in line for line in lines) for part in parts] == [1] * len(parts), lines
+
+
+ADAPTERS = {
+    "kitti360": (kitti360_recordings, tiny_kitti360),
+    "aimotive": (aimotive_recordings, tiny_aimotive),
+    "woodscape": (woodscape_recordings, tiny_woodscape),
+}
+
+
+@pytest.mark.parametrize("name", ADAPTERS)
+def test_of_a_whole_recording_nothing_is_lost(tmp_path, name):
+    adapter, tiny = ADAPTERS[name]
+    tiny.write_data_set(tmp_path)
+    handle = adapter(tmp_path, options=tiny.OPTIONS, card=tmp_path / "card.yaml", annotations=None)[0]
+    found, opened = handle.salvager(), handle.open()
+    assert (found.faults, found.lost) == ((), frozenset())
+    assert found.recording.images == opened.images
+    assert [sweep.path for sweep in found.recording.sweeps] == [sweep.path for sweep in opened.sweeps]
+    assert [track.track_id for track in found.recording.tracks] == [track.track_id for track in opened.tracks]
+    assert list(found.recording.cameras) == list(opened.cameras)
+
+
+@pytest.fixture
+def kitti360(tmp_path):
+    return tiny_kitti360.write_data_set(tmp_path / "KITTI-360")
+
+
+def edit(path, old, new, count=-1):
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, count))
+
+
+def test_kitti360_boxes_poses_times_and_a_camera(kitti360):
+    sequence = tiny_kitti360.SEQUENCE
+    boxes = kitti360 / "data_3d_bboxes/train" / f"{sequence}.xml"
+    edit(boxes, "<timestamp>3</timestamp>", "<timestamp>soon</timestamp>")
+    edit(boxes, "<end_frame>10</end_frame>", "<end_frame>-0</end_frame>", 1)
+    poses = kitti360 / "data_poses" / sequence / "poses.txt"
+    lines = poses.read_text().splitlines()
+    lines[2], lines[5] = "4 nan 0 0 0 0 1 0 0 0 0 1 0", lines[4]
+    poses.write_text("\n".join(lines))
+    edit(kitti360 / "calibration/image_03.yaml", "model_type: MEI", "model_type: PINHOLE")
+    edit(kitti360 / "data_2d_raw" / sequence / "image_02/timestamps.txt", "2013-05-28 08:46:03", "28.05.2013")
+    found = salvaged(kitti360_recordings, kitti360, tiny_kitti360.OPTIONS)
+    times = sum("image_02/timestamps.txt: line" in line for line in told(found))
+    assert times >= 2  # each line that is no time
+    complete, lines = has(
+        found,
+        "object3.timestamp: wanted a whole number, came 'soon'",
+        "object1.end_frame: wanted 1 or later, came 0",
+        "poses.txt: line 3: wanted finite numbers, came 'nan'",
+        "poses.txt: line 6: wanted frames that increase, came 6 after 6",
+        "image_03.yaml: model_type",
+    )
+    assert complete, lines
+    assert len(lines) == 5 + times
+    # The other camera's clock stands in, so images and scans can be looked at.
+    assert list(found.recording.cameras) == ["image_02"]
+    assert len(found.recording.images["image_02"]) == tiny_kitti360.FRAMES
+    assert len(found.recording.sweeps) == tiny_kitti360.FRAMES
+    assert found.lost == {"trajectory", "annotations"}
+
+
+def test_kitti360_bad_boxes_do_not_cost_the_good_ones(kitti360):
+    boxes = kitti360 / "data_3d_bboxes/train" / f"{tiny_kitti360.SEQUENCE}.xml"
+    edit(boxes, "<semanticId>13</semanticId><instanceId>4</instanceId>", "<semanticId>x</semanticId>")
+    found = salvaged(kitti360_recordings, kitti360, tiny_kitti360.OPTIONS)
+    assert ["object50.semanticId" in line for line in told(found)] == [True]
+    assert not found.lost
+    assert {track.object_class for track in found.recording.tracks} == {"vehicle", "pedestrian"}
+
+
+def test_kitti360_without_the_place_of_the_scanner_every_other_file_is_still_read(kitti360):
+    (kitti360 / "calibration/calib_cam_to_velo.txt").write_text("0 0 1")
+    edit(kitti360 / "calibration/calib_cam_to_pose.txt", "image_03: -1", "image_03: one")
+    poses = kitti360 / "data_poses" / tiny_kitti360.SEQUENCE / "poses.txt"
+    poses.write_text("1 2 3\n" + poses.read_text())
+    boxes = kitti360 / "data_3d_bboxes/train" / f"{tiny_kitti360.SEQUENCE}.xml"
+    boxes.write_text(boxes.read_text()[:-200])
+    found = salvaged(kitti360_recordings, kitti360, tiny_kitti360.OPTIONS)
+    complete, lines = has(
+        found,
+        "calib_cam_to_velo.txt: calib_cam_to_velo: wanted 12 numbers, came 3",
+        "calib_cam_to_pose.txt: image_03: wanted finite numbers, came 'one'",
+        "poses.txt: line 1: wanted 13 numbers, came 3",
+        "wanted well-formed XML",
+    )
+    assert complete, lines
+    assert len(lines) == 4
+    assert found.recording is None
+
+
+@pytest.fixture
+def aimotive(tmp_path):
+    tiny_aimotive.write_data_set(tmp_path / "aimotive")
+    return tmp_path / "aimotive"
+
+
+def test_aimotive_boxes_calibration_and_ego_motion(aimotive):
+    folder = aimotive / tiny_aimotive.SEQUENCE
+    second, third = (tiny_aimotive.box_file(folder, n) for n in (1, 2))
+    bad = json.loads(second.read_text())
+    bad["CapturedObjects"] += [{**bad["CapturedObjects"][0], "ObjectType": "TRAM"}]
+    second.write_text(json.dumps(bad))
+    bad = json.loads(third.read_text())
+    bad["CapturedObjects"][0] |= {"BoundingBox3D Extent X": -1.0, "Relative Velocity Y": "fast"}
+    third.write_text(json.dumps(bad))
+    calibration = folder / "sensor/calibration/calibration.json"
+    content = json.loads(calibration.read_text())
+    content["M_FISHEYE_L"] = content[tiny_aimotive.CAMERA] | {"model": "thin"}
+    calibration.write_text(json.dumps(content))
+    motion = next((aimotive / "derived").iterdir())
+    edit(motion, ",29.5,", ",quick,", 1)
+    options = tiny_aimotive.OPTIONS | {"cameras": ["M_FISHEYE_L", tiny_aimotive.CAMERA]}
+    found = salvaged(aimotive_recordings, aimotive, options)
+    complete, lines = has(
+        found,
+        "CapturedObjects.1.ObjectType: wanted one of",
+        "CapturedObjects.1.ObjectId: wanted each object once, came 1 twice",
+        "CapturedObjects.0.BoundingBox3D Extent X: wanted greater than 0, came -1.0",
+        "CapturedObjects.0.Relative Velocity Y: wanted a valid number, came 'fast'",
+        "M_FISHEYE_L.model: wanted 'mei' or 'opencv_pinhole', came 'thin'",
+        "front, row 1: wanted a finite number, came 'quick'",
+    )
+    assert complete, lines
+    assert len(lines) == 6
+    assert list(found.recording.cameras) == [tiny_aimotive.CAMERA]
+    assert len(found.recording.images[tiny_aimotive.CAMERA]) == 1  # of the frames whose time is known
+    assert len(found.recording.sweeps) == 1
+    assert found.lost == {"trajectory", "annotations"}
+
+
+def test_aimotive_without_calibration(aimotive):
+    folder = aimotive / tiny_aimotive.SEQUENCE
+    (folder / "sensor/calibration/calibration.json").write_text("[")
+    tiny_aimotive.box_file(folder, 0).write_text("{}")
+    found = salvaged(aimotive_recordings, aimotive, tiny_aimotive.OPTIONS)
+    complete, lines = has(
+        found, "calibration.json: wanted JSON", "Timestamp: wanted a value", "CapturedObjects: wanted a"
+    )
+    assert complete, lines
+    assert found.recording is None
+
+
+@pytest.fixture
+def woodscape(tmp_path):
+    return tiny_woodscape.write_data_set(tmp_path / "WoodScape")
+
+
+def test_woodscape_every_file_of_a_pair(woodscape):
+    name = tiny_woodscape.NAMES[0]
+    (woodscape / "previous_images" / f"{name}_prev.png").unlink()
+    (woodscape / "motion_annotations/gtLabels" / f"{name}.png").unlink()
+    later = woodscape / "vehicle_data/rgb_images" / f"{name}.json"
+    later.write_text(json.dumps(json.loads(later.read_text()) | {"ego_speed": "fast", "timestamp": "-1"}))
+    (woodscape / "vehicle_data/previous_images" / f"{name}.json").write_text("{")
+    found = salvaged(woodscape_recordings, woodscape, tiny_woodscape.OPTIONS)
+    complete, lines = has(
+        found,
+        "_prev.png: wanted a file in previous_images",
+        f"gtLabels/{name}.png: wanted a file in motion_annotations",
+        "ego_speed: wanted a valid number, came 'fast'",
+        f"rgb_images/{name}.json: timestamp",
+        f"previous_images/{name}.json: wanted JSON",
+    )
+    assert complete, lines
+    assert len(lines) == 5
+    (image,) = found.recording.images["FV"]
+    assert image.moving_path is None
+    assert found.lost == {"trajectory"}
+
+
+def test_woodscape_without_calibration(woodscape):
+    name = tiny_woodscape.NAMES[0]
+    calibration = woodscape / "calibration_data/calibration" / f"{name}.json"
+    content = json.loads(calibration.read_text())
+    content["intrinsic"] |= {"k1": "big", "model": "mei"}
+    calibration.write_text(json.dumps(content))
+    (woodscape / "vehicle_data/rgb_images" / f"{name}.json").unlink()
+    found = salvaged(woodscape_recordings, woodscape, tiny_woodscape.OPTIONS)
+    complete, lines = has(found, "intrinsic.k1", "intrinsic.model", f"rgb_images/{name}.json: wanted a file in")
+    assert complete, lines
+    assert found.recording is None

@@ -1,0 +1,35 @@
+"""Which object-frames the table of a page lists where there are too many."""
+
+import numpy as np
+import pytest
+
+from bench.evaluation import row_source
+from bench.evaluation.row_source import TableRows
+from bench.reporting.page.listed import KEY, listed_rows
+from tests.evaluation.runs import random_run, shuffled
+
+
+def keys(rows):
+    return [tuple(row[name] for name in KEY) for row in rows]
+
+
+@pytest.mark.parametrize("rows_at_once", [1, 20, 10_000])
+def test_the_least_covered_are_listed_and_those_with_pictures(monkeypatch, rows_at_once):
+    monkeypatch.setattr(row_source, "ROWS_AT_ONCE", rows_at_once)
+    objects, _ = random_run(2)
+    content = objects.to_pylist()
+    evaluated = sorted(
+        (r["tp"] / (r["tp"] + r["fn"]), -r["region_px"], *keys([r])[0]) for r in content if r["region_px"]
+    )
+    pictured = {evaluated[-1][2:]}
+    found, annotated = listed_rows(TableRows(shuffled(objects, 1)), pictured=pictured, most=10)
+    assert annotated == len(content)
+    assert keys(found.table.to_pylist()) == sorted({*pictured, *(row[2:] for row in evaluated[:9])})
+
+
+def test_all_are_listed_where_there_are_few():
+    objects, _ = random_run(2)
+    found, annotated = listed_rows(TableRows(objects), pictured=(), most=10_000)
+    assert len(found) == annotated == objects.num_rows
+    assert keys(found.table.to_pylist()) == sorted(keys(objects.to_pylist()))
+    assert np.isfinite(found.numbers("tp")).all()
