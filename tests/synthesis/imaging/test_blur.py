@@ -14,7 +14,8 @@ def blurred(
     grey: NDArray[np.float32], ways: NDArray[np.float32], nearness: NDArray[np.float32], valid: NDArray[np.bool_]
 ) -> NDArray[np.float32]:
     out = np.full(grey.shape, np.nan, dtype=np.float32)
-    blur(*(np.ascontiguousarray(array) for array in (grey, ways, nearness, valid)), out)
+    contiguous = np.ascontiguousarray
+    blur(contiguous(grey), contiguous(ways), contiguous(nearness), contiguous(valid), out)
     return out
 
 
