@@ -12,7 +12,7 @@ import numpy as np
 
 from bench.synthesis.mesh import Surface
 
-GLASS = Surface(albedo=0.05, contrast=0.05, texel_m=0.03, mirror=0.04)  # what shows is the dim inside
+GLASS = Surface(albedo=0.05, contrast=0.25, texel_m=0.03, mirror=0.04)  # what shows is the dim inside
 RUBBER = Surface(albedo=0.06, contrast=0.30, texel_m=0.006)
 PLASTIC = Surface(albedo=0.08, contrast=0.20)
 UNDERSIDE = Surface(albedo=0.04, contrast=0.20)

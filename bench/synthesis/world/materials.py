@@ -25,7 +25,7 @@ GRASS = Surface(albedo=0.27, contrast=0.30, texel_m=0.012)
 SOIL = Surface(albedo=0.22, contrast=0.25, texel_m=0.012)
 BARK = Surface(albedo=0.26, contrast=0.30, texel_m=0.015)
 LEAVES = Surface(albedo=0.30, contrast=0.40, texel_m=0.03)
-PANE = Surface(albedo=0.12, contrast=0.08, texel_m=0.03, mirror=0.08)  # two layers of glass, 0.04 each
+PANE = Surface(albedo=0.12, contrast=0.35, texel_m=0.03, mirror=0.08)  # two layers of glass, 0.04 each
 FRAME = Surface(albedo=0.76, contrast=0.06)
 STEEL = Surface(albedo=0.44, contrast=0.10, texel_m=0.01)  # galvanised
 DARK_STEEL = Surface(albedo=0.18, contrast=0.12, texel_m=0.01)

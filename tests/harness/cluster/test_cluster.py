@@ -176,7 +176,7 @@ def test_an_interrupted_command_ends_and_the_same_one_goes_on(own_cluster, tiny_
 
 
 def test_predictions_are_scored_on_a_cluster(cluster, tiny_card, tmp_path):
-    for folder in sorted((tiny_card.parent / "data" / "tiny").iterdir()):
+    for folder in sorted(path.parent for path in (tiny_card.parent / "data" / "tiny").glob("*/recording.json")):
         for image in sorted((folder / "images" / "front").iterdir()):
             mask = cv2.imread(str(image), cv2.IMREAD_GRAYSCALE) // 128 * 255
             file = tmp_path / "masks" / folder.name / "front" / f"{image.stem}.png"

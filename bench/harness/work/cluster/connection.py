@@ -34,7 +34,7 @@ def scheduler_address(text: str) -> str:
         content = json.loads(Path(text).read_text(encoding="utf-8"))
     except OSError as error:
         raise DataError(text, wanted=wanted, came=error.strerror or str(error), do=do) from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise DataError(text, wanted=wanted, came=f"no JSON ({error})", do=do) from error
     address = content.get("address") if isinstance(content, dict) else None
     if not isinstance(address, str):
