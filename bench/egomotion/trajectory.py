@@ -12,6 +12,7 @@ from bench.errors import DataError
 from bench.geometry import RigidTransform, advance_twist, twist_between
 
 SECOND_NS = 1_000_000_000
+HELD_POSES = 64  # an image, its object states and the image after it ask for the same few poses
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -40,6 +41,7 @@ class Trajectory:
     _matrices: NDArray[np.float64] = field(init=False, repr=False)
     _turns_rad: NDArray[np.float64] = field(init=False, repr=False)
     _paths_m: NDArray[np.float64] = field(init=False, repr=False)
+    _held: dict[int, RigidTransform] = field(init=False, repr=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         times_ns, positions_m = self.timestamps_ns, self.positions_m
@@ -94,6 +96,8 @@ class Trajectory:
         Raises:
             DataError: no ego-motion there.
         """
+        if timestamp_ns in self._held:
+            return self._held[timestamp_ns]
         rotations, positions_m, valid = self.at(np.array([timestamp_ns], dtype=np.int64))
         if not valid[0]:
             first_ns, last_ns = int(self.timestamps_ns[0]), int(self.timestamps_ns[-1])
@@ -104,7 +108,9 @@ class Trajectory:
                 came=f"poses from {first_ns} to {last_ns}, gaps over {self.max_gap_ns / 1e6:.0f} ms left open",
                 do="give ego-motion that covers every image and sweep",
             )
-        return RigidTransform(rotations[0], positions_m[0])
+        if len(self._held) >= HELD_POSES:
+            self._held.clear()
+        return self._held.setdefault(timestamp_ns, RigidTransform(rotations[0], positions_m[0]))
 
     def velocity_vehicle_mps(self, timestamp_ns: int) -> NDArray[np.float64]:
         """Velocity of the vehicle's origin over the ground in the vehicle's own axes, (3,) float64, m/s.

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.evaluation.regions import Regions, check_shape, take_apart
+from bench.evaluation.regions import Regions, sum_over_cells, take_apart
 from bench.evaluation.sharing import share_in_proportion
 from bench.reference.records import ReferenceFrame, Status
 
@@ -78,6 +78,7 @@ def count_frame(
     *,
     cause: NDArray[np.uint8] | None = None,
     causes: tuple[str, ...] = (),
+    cell_size_px: int = 1,
     component_size_px: int,
     regions: Regions | None = None,
 ) -> tuple[FrameCounts, tuple[ObjectCounts, ...]]:
@@ -86,8 +87,9 @@ def count_frame(
     Args:
         reference: of the image.
         detected: (H, W) bool, the method's mask; what lies outside V is left out.
-        cause: (H, W) uint8, index into `causes`; None for a method that names none.
-        causes: what can flag a pixel.
+        cause: (rows, columns) uint8 of each cell, index into `causes`; None for a method that names none.
+        causes: what can flag a cell.
+        cell_size_px: side of the cells of `cause`, px.
         component_size_px: false-positive components with more pixels than this are large.
         regions: of the image, where the caller has taken it apart already.
 
@@ -96,14 +98,12 @@ def count_frame(
         objects: one per `reference.objects`, in their order.
 
     Raises:
-        ShapeError: `detected` or `cause` is not of the image's size.
+        ShapeError: `detected` is not of the image's size, or the cells of `cause` do not tile it.
 
     Source:
         Mariotti and Eising 2020, section IV (TP, FN and FP areas); component-wise sharing of false positives after
         Chan et al. 2021 (SegmentMeIfYouCan).
     """
-    if cause is not None:
-        check_shape(reference, "cause", cause.shape)
     order = _canonical_order(reference)
     regions = regions or take_apart(reference, detected)
     region_px = _region_px(reference)
@@ -127,7 +127,7 @@ def count_frame(
         fp_components=int(np.count_nonzero(fp_of_component)),
         fp_large_components=int(np.count_nonzero(fp_of_component > component_size_px)),
         fp_largest_px=int(fp_of_component.max(initial=0)),
-        fp_by_cause=_false_positives_by_cause(regions, cause, causes),
+        fp_by_cause=_false_positives_by_cause(regions, cause, causes, cell_size_px),
     )
     columns = zip(tp.tolist(), (region_px - tp).tolist(), fp.tolist(), strict=True)
     return frame, tuple(ObjectCounts(tp=t, fn=n, fp=f) for t, n, f in columns)
@@ -147,11 +147,11 @@ def _overlap(reference: ReferenceFrame, regions: Regions) -> Counts:
 
 
 def _false_positives_by_cause(
-    regions: Regions, cause: NDArray[np.uint8] | None, causes: tuple[str, ...]
+    regions: Regions, cause: NDArray[np.uint8] | None, causes: tuple[str, ...], cell_size_px: int
 ) -> dict[str, int]:
     if cause is None:
         return {}
-    found = np.bincount(cause[regions.false], minlength=len(causes))
+    found = sum_over_cells(regions.false, cause, cell_size_px=cell_size_px, bins=len(causes), name="cause")
     return dict(zip(causes, found.tolist(), strict=True))
 
 

@@ -14,8 +14,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from bench.errors import ShapeError
-from bench.evaluation.regions import Regions, count_by_cell
+from bench.evaluation.regions import Regions, sum_over_cells
 from bench.evaluation.row_source import Rows, RowSource, as_source
 
 # The paper's threshold is an edge, so that its operating point lies on the curve. 20 bins a decade, from a thousandth
@@ -95,14 +94,11 @@ def count_likelihood(
     """
     bins = find_score_bins(likelihood) if is_score else find_bins(likelihood)
 
-    def histogram(region: NDArray[np.bool_]) -> NDArray[np.int64]:
-        weights = count_by_cell(region, cell_size_px)
-        if weights.shape != bins.shape:
-            raise ShapeError(f"wanted a likelihood of {weights.shape} (rows, columns) cells, came {bins.shape}")
-        # Sums of whole numbers below 2^53 are exact in float64.
-        return np.bincount(bins.ravel(), weights=weights.ravel(), minlength=BINS).astype(np.int64)
-
-    return LikelihoodCounts(reference_px=histogram(regions.moving), outside_px=histogram(regions.outside))
+    reference_px, outside_px = (
+        sum_over_cells(region, bins, cell_size_px=cell_size_px, bins=BINS, name="likelihood")
+        for region in (regions.moving, regions.outside)
+    )
+    return LikelihoodCounts(reference_px=reference_px, outside_px=outside_px)
 
 
 def find_bins(likelihood: NDArray[np.float32]) -> NDArray[np.int64]:

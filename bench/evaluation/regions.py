@@ -93,6 +93,31 @@ def count_by_cell(mask: Mask, cell_size_px: int) -> NDArray[np.int64]:
     return _add(columns.T, cell_size_px, np.min_scalar_type(cell_size_px**2)).T.astype(np.int64)
 
 
+def sum_over_cells(
+    mask: Mask, kinds: NDArray[np.integer], *, cell_size_px: int, bins: int, name: str
+) -> NDArray[np.int64]:
+    """Pixels of a mask by the kind of the cell that they lie in.
+
+    Args:
+        mask: (H, W) bool.
+        kinds: (rows, columns) integers in [0, bins), of each cell.
+        cell_size_px: side of a cell, px.
+        bins: how many kinds there are.
+        name: of what the cells hold, for messages.
+
+    Returns:
+        (bins,) int64.
+
+    Raises:
+        ShapeError: the cells do not tile the image.
+    """
+    weights = count_by_cell(mask, cell_size_px)
+    if weights.shape != kinds.shape:
+        raise ShapeError(f"wanted a {name} of {weights.shape} (rows, columns) cells, came {kinds.shape}")
+    # Sums of whole numbers below 2^53 are exact in float64.
+    return np.bincount(kinds.ravel(), weights=weights.ravel(), minlength=bins).astype(np.int64)
+
+
 def _add(values: NDArray[np.unsignedinteger], every: int, kind: np.dtype) -> NDArray[np.unsignedinteger]:
     """Sum of each `every` rows."""
     total = values[0::every].astype(kind)

@@ -12,7 +12,7 @@ from bench.evaluation.counts import count_frame
 from bench.evaluation.image_maps import ImageMap, ImageMapSums
 from bench.evaluation.likelihood import LikelihoodCounts, count_likelihood
 from bench.evaluation.protocol import Protocol
-from bench.evaluation.regions import Regions, take_apart
+from bench.evaluation.regions import Regions, sum_over_cells, take_apart
 from bench.evaluation.rows import Row, frame_row, frames_table, object_rows, objects_table, unscored_frame_row
 from bench.methods.contract import Segmentation
 from bench.reference.records import ReferenceFrame
@@ -44,8 +44,9 @@ class SequenceScorer:
         frame, objects = count_frame(
             reference,
             detected,
-            cause=segmentation.cause_at(width, height),
+            cause=segmentation.cause,
             causes=segmentation.causes,
+            cell_size_px=segmentation.cell_size_px,
             component_size_px=self._component_size_px,
             regions=regions,
         )
@@ -100,5 +101,11 @@ def _undefined_px(reference: ReferenceFrame, segmentation: Segmentation) -> int:
     """Pixels of V where the method could not say."""
     if segmentation.undefined is None:
         return 0
-    height, width = reference.valid.shape
-    return int(np.count_nonzero(segmentation.undefined_at(width, height) & reference.valid))
+    _, undefined_px = sum_over_cells(
+        reference.valid,
+        segmentation.undefined.view(np.uint8),
+        cell_size_px=segmentation.cell_size_px,
+        bins=2,
+        name="grid of undefined cells",
+    )
+    return int(undefined_px)

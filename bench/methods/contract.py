@@ -106,15 +106,11 @@ class Segmentation:
             return np.zeros((height, width), dtype=bool)
         return self._spread(self.undefined, width, height)
 
-    def cause_at(self, width: int, height: int) -> NDArray[np.uint8] | None:
-        """The cause at every pixel of the image: (height, width) uint8; None without causes."""
-        return None if self.cause is None else self._spread(self.cause, width, height)
-
     def _spread(self, cells: NDArray[Scalar], width: int, height: int) -> NDArray[Scalar]:
         if self.cell_size_px == 1:
             return cells
-        rows = np.repeat(cells, self.cell_size_px, axis=0)
-        return np.repeat(rows, self.cell_size_px, axis=1)[:height, :width]
+        rows = np.repeat(cells, self.cell_size_px, axis=1)  # within rows first: they are few yet
+        return np.repeat(rows, self.cell_size_px, axis=0)[:height, :width]
 
 
 class Method(Protocol):

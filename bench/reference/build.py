@@ -20,7 +20,7 @@ from bench.reference.motion import categorise, relative_direction
 from bench.reference.neighbours import find_grid
 from bench.reference.occlusion import compose
 from bench.reference.patches import reach_bounds, surface_patches
-from bench.reference.polygons import bounding_polygon, rasterise
+from bench.reference.polygons import Raster, bounding_polygon, rasterise
 from bench.reference.records import (
     Category,
     IgnoreReason,
@@ -51,6 +51,21 @@ class _Exposure:
     camera_from_world: RigidTransform
     camera_position_m: NDArray[np.float64]  # world
     ego_velocity_mps: NDArray[np.float64]  # over the ground, vehicle axes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Measured:
+    """One object by itself, before occlusion.
+
+    Attributes:
+        reference: without its region.
+        raster: pixels of its polygon inside V; None without a polygon.
+        distance_m: what orders the objects; infinite where nothing tells.
+    """
+
+    reference: ReferenceObject
+    raster: Raster | None
+    distance_m: float
 
 
 class ReferenceBuilder:
@@ -88,8 +103,8 @@ class ReferenceBuilder:
                 settings=self.settings,
             )
         found = [self._measure(sighting, exposure) for sighting in self._index.at(image.timestamp_ns)]
-        found.sort(key=lambda pair: (pair[1], pair[0].track_id))  # nearest first
-        objects, labels, ignored = compose([reference for reference, _ in found], self.valid)
+        found.sort(key=lambda one: (one.distance_m, one.reference.track_id))  # nearest first
+        objects, labels, ignored = compose([(one.reference, one.raster) for one in found], self.valid)
         return ReferenceFrame(
             recording=self.recording.name,
             camera=image.camera,
@@ -135,8 +150,7 @@ class ReferenceBuilder:
             ego_velocity_mps=self.recording.trajectory.velocity_vehicle_mps(timestamp_ns),
         )
 
-    def _measure(self, sighting: Sighting, exposure: _Exposure) -> tuple[ReferenceObject, float]:
-        """One object by itself, before occlusion, and the distance that orders it."""
+    def _measure(self, sighting: Sighting, exposure: _Exposure) -> _Measured:
         cluster, placed = self._cluster(sighting, exposure)
         points_world = cluster.points_world
         pixels, points = self._projected(points_world, exposure)
@@ -147,6 +161,7 @@ class ReferenceBuilder:
             outline_world = self._outline(sighting, exposure)
             polygon = self._polygon(self._projected(outline_world, exposure)[0], kind="convex")
             distance_m = _nearest_m(outline_world, exposure.camera_position_m) if np.isnan(range_m) else range_m
+        raster = self._raster(polygon)
         motion_vehicle = exposure.world_from_vehicle.rotation.T @ sighting.smooth_world_mps
         known = bool(np.isfinite(motion_vehicle).all())
         reference = ReferenceObject(
@@ -161,11 +176,14 @@ class ReferenceBuilder:
             centroid_m=exposure.world_from_vehicle.inverse().apply(_mean(points_world))[:2],
             points=points,
             polygon=polygon,
-            polygon_px=self._polygon_px(polygon),
+            polygon_px=0 if raster is None else int(raster.covered.sum()),
             region_px=0,
         )
-        judged = self._judged(reference, sighting, swept=placed is not None)
-        return judged, float(np.nan_to_num(distance_m, nan=np.inf))
+        return _Measured(
+            reference=self._judged(reference, sighting, swept=placed is not None),
+            raster=raster,
+            distance_m=float(np.nan_to_num(distance_m, nan=np.inf)),
+        )
 
     def _cluster(self, sighting: Sighting, exposure: _Exposure) -> tuple[Cluster, PlacedSweep | None]:
         """Lidar points on the object at exposure, and the sweep they come from."""
@@ -235,11 +253,11 @@ class ReferenceBuilder:
         )
         if not len(outline_world):
             return patches
-        slopes = slopes_of(points_beams)
+        slopes, (lowest, highest) = slopes_of(points_beams), placed.slope_range
         return reach_bounds(
             patches,
-            at_lowest_beam=slopes < placed.lowest_slope + grid.row_step_rad / 2,
-            at_highest_beam=slopes > placed.highest_slope - grid.row_step_rad / 2,
+            at_lowest_beam=slopes < lowest + grid.row_step_rad / 2,
+            at_highest_beam=slopes > highest - grid.row_step_rad / 2,
             bottom_m=float(outline_world[:, 2].min()),
             top_m=float(outline_world[:, 2].max()),
             clearance_m=self.settings.ground_clearance_m,
@@ -254,11 +272,12 @@ class ReferenceBuilder:
             height=self.camera.model.height,
         )
 
-    def _polygon_px(self, polygon: Polygon | None) -> int:
+    def _raster(self, polygon: Polygon | None) -> Raster | None:
+        """The polygon's pixels inside V."""
         if polygon is None:
-            return 0
+            return None
         window, covered = rasterise(polygon, width=self.camera.model.width, height=self.camera.model.height)
-        return int((covered & self.valid[window]).sum())
+        return Raster(window, covered & self.valid[window])
 
     def _category(
         self, sighting: Sighting, motion_vehicle: NDArray[np.float64], exposure: _Exposure

@@ -101,8 +101,7 @@ def _candidates(
     drift_m = float(np.linalg.norm(seen_from_lidar - centre, axis=1).max())
     wait_ns = max(abs(int(placed.knots_ns[0]) - state.timestamp_ns), abs(int(placed.knots_ns[-1]) - state.timestamp_ns))
     reach_m = radius_m + drift_m + speed_mps * wait_ns / SECOND_NS + 0.1
-    points = placed.sweep.points_lidar
-    return np.flatnonzero((np.abs(points[:, 0] - centre[0]) < reach_m) & (np.abs(points[:, 1] - centre[1]) < reach_m))
+    return placed.rows_near(centre, reach_m)
 
 
 def _carried(

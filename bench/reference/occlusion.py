@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.reference.polygons import rasterise
+from bench.reference.polygons import Raster
 from bench.reference.records import IgnoreReason, ReferenceObject, Status
 
 
 def compose(
-    objects: Sequence[ReferenceObject], valid: NDArray[np.bool_]
+    objects: Sequence[tuple[ReferenceObject, Raster | None]], valid: NDArray[np.bool_]
 ) -> tuple[tuple[ReferenceObject, ...], NDArray[np.int32], NDArray[np.bool_]]:
     """Give every pixel to the nearest annotated object that covers it.
 
@@ -21,7 +21,7 @@ def compose(
     of which nothing remains becomes ignored as occluded.
 
     Args:
-        objects: nearest first.
+        objects: nearest first, each with the pixels of its polygon inside V; None where it has no polygon.
         valid: (H, W) bool, the region V.
 
     Returns:
@@ -29,16 +29,14 @@ def compose(
         labels: (H, W) int32, k + 1 for pixels of G of object k, else 0.
         ignored: (H, W) bool, the region I: polygons of ignored objects minus every G.
     """
-    height, width = valid.shape
     labels, taken = np.zeros(valid.shape, dtype=np.int32), np.zeros(valid.shape, dtype=bool)
     ignored = np.zeros(valid.shape, dtype=bool)
     settled = []
-    for number, found in enumerate(objects, start=1):
-        if found.polygon is None:
+    for number, (found, raster) in enumerate(objects, start=1):
+        if raster is None:
             settled.append(found)
             continue
-        window, covered = rasterise(found.polygon, width=width, height=height)
-        covered = covered & valid[window]
+        window, covered = raster
         region = covered & ~taken[window]
         taken[window] |= covered
         result = found

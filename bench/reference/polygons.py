@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -42,7 +44,19 @@ def bounding_polygon(
     return hull if isinstance(hull, Polygon) and not hull.is_empty else None
 
 
-def rasterise(polygon: Polygon, *, width: int, height: int) -> tuple[tuple[slice, slice], NDArray[np.bool_]]:
+class Raster(NamedTuple):
+    """Pixels of an image.
+
+    Attributes:
+        window: rows and columns of the image that hold them all; may be empty.
+        covered: (rows, columns) bool, of the window.
+    """
+
+    window: tuple[slice, slice]
+    covered: NDArray[np.bool_]
+
+
+def rasterise(polygon: Polygon, *, width: int, height: int) -> Raster:
     """Pixels whose centre lies in a polygon.
 
     Exact, by the crossings of every row of pixel centres with the polygon's edges. OpenCV's `fillPoly` adds the outline
@@ -52,10 +66,6 @@ def rasterise(polygon: Polygon, *, width: int, height: int) -> tuple[tuple[slice
         polygon: in pixels (u, v); holes stay open.
         width: of the image, px.
         height: of the image, px.
-
-    Returns:
-        window: rows and columns of the image that hold the polygon; may be empty.
-        covered: (rows, columns) bool, of the window.
     """
     left, top, right, bottom = polygon.bounds
     u0, u1 = max(int(np.ceil(left)), 0), min(int(np.floor(right)) + 1, width)
@@ -70,4 +80,4 @@ def rasterise(polygon: Polygon, *, width: int, height: int) -> tuple[tuple[slice
     first = np.clip(np.ceil(crossing_u) - u0, 0, columns).astype(np.int64)  # corners may lie very far off
     switches = np.bincount(row * (columns + 1) + first, minlength=rows * (columns + 1)).reshape(rows, columns + 1)
     covered = np.cumsum(switches, axis=1)[:, :columns] % 2 == 1
-    return (slice(v0, v0 + rows), slice(u0, u0 + columns)), covered
+    return Raster((slice(v0, v0 + rows), slice(u0, u0 + columns)), covered)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from bench.lidar import LidarSweep, deskew, knot_times
 from bench.recordings.records import ObjectShape, PointIndices, Recording
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class PlacedSweep:
     """A sweep with the lidar's pose over its time, computed once for all objects.
 
@@ -25,9 +26,6 @@ class PlacedSweep:
         rotations: (K, 3, 3) float64, world_from_lidar.
         positions_m: (K, 3) float64, m.
         lidar_from_beams: as of the recording.
-        lowest_slope: tangent of the elevation of the lowest point, seen from where the beams start: that of the lowest
-            beam, which meets the road.
-        highest_slope: of its highest point: that of the highest beam that meets anything.
     """
 
     sweep: LidarSweep
@@ -36,8 +34,27 @@ class PlacedSweep:
     rotations: NDArray[np.float64]
     positions_m: NDArray[np.float64]
     lidar_from_beams: RigidTransform
-    lowest_slope: float
-    highest_slope: float
+
+    @cached_property
+    def slope_range(self) -> tuple[float, float]:
+        """Tangents of the elevation of the lowest and the highest point, seen from where the beams start.
+
+        They are those of the lowest beam, which meets the road, and of the highest that meets anything.
+        """
+        slopes = slopes_of(self.points_beams())
+        return float(slopes.min()), float(slopes.max())
+
+    def rows_near(self, centre_lidar: NDArray[np.float64], reach_m: float) -> NDArray[np.intp]:
+        """Rows of the points, as they were met, in a square of half side `reach_m` around x and y, lidar frame, m."""
+        x, y = self._columns
+        return np.flatnonzero(
+            (np.abs(x - float(centre_lidar[0])) < reach_m) & (np.abs(y - float(centre_lidar[1])) < reach_m)
+        )
+
+    @cached_property
+    def _columns(self) -> NDArray[np.floating]:
+        """x and y, each in one piece: every object searches them."""
+        return np.ascontiguousarray(self.sweep.points_lidar[:, :2].T)
 
     def points_world(self, rows: NDArray[np.intp] | slice = slice(None)) -> NDArray[np.float64]:
         """Points freed of the lidar's own motion, (K, 3) float64, m, world frame; each where it was at its own time."""
@@ -76,17 +93,13 @@ def place_sweep(
     rotations, positions_m, valid = trajectory.at(knots_ns)
     if not (len(knots_ns) and valid.all()):
         return None
-    beams = lidar_from_beams or RigidTransform.identity()
-    slopes = slopes_of(beams.inverse().apply(sweep.points_lidar.astype(np.float64)))
     return PlacedSweep(
         sweep=sweep,
         times_ns=times_ns,
         knots_ns=knots_ns,
         rotations=rotations @ vehicle_from_lidar.rotation,
         positions_m=rotations @ vehicle_from_lidar.translation_m + positions_m,
-        lidar_from_beams=beams,
-        lowest_slope=float(slopes.min()),
-        highest_slope=float(slopes.max()),
+        lidar_from_beams=lidar_from_beams or RigidTransform.identity(),
     )
 
 
