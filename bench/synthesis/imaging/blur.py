@@ -53,7 +53,7 @@ def image_ways(
         nearness: (H, W), 1 / m.
         rays: (3, H, W), camera frame; 0 where the lens sees nothing.
         across: (2, 3, H, W), see `Lens`.
-        planes: (T, 16), see `visibility`.
+        planes: (T, 16), see `planes`.
         shutter: what moves how.
         ways: (2, H, W), px, (u, v), filled.
     """

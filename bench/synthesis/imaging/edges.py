@@ -37,7 +37,7 @@ def smooth_edges(
         rays: (3, H, W).
         along_u: (H, W, 3), change of the ray to the right.
         along_v: (H, W, 3), downwards.
-        planes: (T, 16), see `visibility`.
+        planes: (T, 16), see `planes`.
         rows: (T, 16), see `faces`.
         centre: (H, W), what the centres see.
         grey: (H, W), filled.

@@ -1,4 +1,4 @@
-"""Light by night: street lamps, and the host's headlights with their beam and the shadows that they throw.
+"""Lamps by night: those of the street, and the host's headlights with the shadows that they throw.
 
 Brightness: white paper at 15 lux is white in the picture.
 """
@@ -12,36 +12,20 @@ from numpy.typing import NDArray
 
 from bench.cameras import PinholeCamera
 from bench.geometry import RigidTransform
-from bench.synthesis.imaging.compiled import inlined
 from bench.synthesis.imaging.faces import GLOW, Faces
-from bench.synthesis.imaging.lens import lens_of
+from bench.synthesis.imaging.lens import lens_of, untiled
 from bench.synthesis.imaging.visibility import look
 
-ZERO, HALF, ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
-SIXTH, SIXTY_FOURTH = np.float32(1 / 6), np.float32(1 / 64)
 WHITE_LUX = 15.0
-STREET_LAMP = np.float32(
-    1200.0 / WHITE_LUX
-)  # cd; 6 m above the road: 33 lux below it, 10 on average, a residential street
 LAMP_GLOW = 0.5  # faces that glow as much are street lamps
 LAMPS_NEAR, LAMP_REACH_M, LAMP_SIZE_M = 8, 45.0, 1.0
 HIGHEST_M = 2.5  # lower ones are those of cars
 GLOW_BY_NIGHT = np.float32(100.0)  # exposure against day: a lit window, 1/250 of paper by day, is well seen
-# Low beam after ECE R112: 20,000 cd just below the cut-off a hundredth below the horizon, a tenth of that 6 degrees
-# further down, so that the near road does not outshine the far one; to the sides it fades within 20 degrees.
-HEADLIGHT, CUT_OFF = np.float32(20_000.0 / WHITE_LUX), np.float32(0.01)
-DOWN_RATE, SIDE_RATE = np.float32(1 / 0.05), np.float32(0.5 / 0.35**2)
-RISE, RISES_UNTIL, SHARPNESS = np.float32(0.27), np.float32(0.12), np.float32(1 / 0.008)
-FOOT = np.float32(0.0008)  # share of the beam that falls right before the bumper
-ABOVE = np.float32(0.012)  # share of the beam that strays above the cut-off
-FAINTEST = np.float32(20.0)  # exponent of what counts as no light
 HEADLIGHTS_M = ((3.55, 0.62, 0.66), (3.55, -0.62, 0.66))  # vehicle frame
 BEAM_WIDTH, BEAM_HEIGHT = 512, 192  # px, of the picture that each headlight has of what it lights
 BEAM_FOCAL = np.float32(180.0)
 MIDDLE_COLUMN, MIDDLE_ROW = np.float32((BEAM_WIDTH - 1) / 2), np.float32((BEAM_HEIGHT - 1) / 2)
 SHADOWS_REACH_M = 40.0  # shadows of what is further away are too faint to be seen
-LEAST_AHEAD_M = np.float32(0.05)
-SHADE_BIAS = np.float32(1.02)  # of the distance; nearer things are the face itself
 AHEAD_FROM_LAMP = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 
@@ -112,12 +96,11 @@ class Headlights:
         """
         turn = np.ascontiguousarray((world_from_vehicle.rotation @ AHEAD_FROM_LAMP).T)
         places_m = world_from_vehicle.apply(np.array(HEADLIGHTS_M))
-        nearness = np.stack(
-            [
-                look(corners_m, self._lens, camera_from_world=turn, origin_m=place, reach_m=SHADOWS_REACH_M).nearness
-                for place in places_m
-            ]
-        )
+        views = [
+            look(corners_m, self._lens, camera_from_world=turn, origin_m=place, reach_m=SHADOWS_REACH_M)
+            for place in places_m
+        ]
+        nearness = np.stack([untiled(view.nearness, (BEAM_HEIGHT, BEAM_WIDTH)) for view in views])
         away_m = np.linalg.norm(street_m - world_from_vehicle.translation_m, axis=1)
         order = np.argsort(away_m, kind="stable")[:LAMPS_NEAR]
         near_m = street_m[order[away_m[order] < LAMP_REACH_M]]
@@ -125,72 +108,3 @@ class Headlights:
             np.ascontiguousarray(near_m, dtype=np.float32), np.stack([turn, turn]).astype(np.float32),
             places_m.astype(np.float32), nearness, len(places_m),
         )  # fmt: skip
-
-
-@inlined
-def lamp_light(
-    x: np.float32, y: np.float32, z: np.float32, nx: np.float32, ny: np.float32, nz: np.float32, lamps: Lamps
-) -> np.float32:
-    """Brightness of white paper at a point with a normal, world."""
-    light = ZERO
-    for k in range(len(lamps.street_m)):
-        dx, dy, dz = lamps.street_m[k, 0] - x, lamps.street_m[k, 1] - y, lamps.street_m[k, 2] - z
-        along = dx * nx + dy * ny + dz * nz
-        square = dx * dx + dy * dy + dz * dz
-        # Its light fades with the cosine from straight down.
-        light += STREET_LAMP * max(along, ZERO) * max(dz, ZERO) / (square * square)
-    for k in range(lamps.headlights):
-        dx, dy, dz = x - lamps.places_m[k, 0], y - lamps.places_m[k, 1], z - lamps.places_m[k, 2]
-        along = -(dx * nx + dy * ny + dz * nz)
-        ahead = lamps.turns[k, 2, 0] * dx + lamps.turns[k, 2, 1] * dy + lamps.turns[k, 2, 2] * dz
-        if along <= ZERO or ahead <= LEAST_AHEAD_M:
-            continue
-        per_m = ONE / ahead
-        aside = (lamps.turns[k, 0, 0] * dx + lamps.turns[k, 0, 1] * dy + lamps.turns[k, 0, 2] * dz) * per_m
-        down = (lamps.turns[k, 1, 0] * dx + lamps.turns[k, 1, 1] * dy + lamps.turns[k, 1, 2] * dz) * per_m
-        square = dx * dx + dy * dy + dz * dz
-        distance = np.sqrt(square)
-        # On the right the cut-off rises, to light the pavement.
-        below = down - CUT_OFF + RISE * min(max(aside, ZERO), RISES_UNTIL)
-        beam = HEADLIGHT * quick_exp(-min(aside * aside * SIDE_RATE, FAINTEST))
-        if below >= ZERO:
-            beam *= max(quick_exp(-min(below * DOWN_RATE, FAINTEST)), FOOT)
-        else:
-            beam *= max(ABOVE, ONE + below * SHARPNESS)
-        light += beam * _lit(k, aside, down, distance, lamps.nearness) * along / (square * distance)
-    return light
-
-
-@inlined
-def quick_exp(power: np.float32) -> np.float32:
-    """Exponential of a number between -FAINTEST and 0, within a hundredth of its value.
-
-    Source:
-        exp(x) = exp(x / 64) ** 64, with a Taylor series of third order inside.
-    """
-    part = power * SIXTY_FOURTH
-    value = ONE + part * (ONE + part * (HALF + part * SIXTH))
-    value *= value
-    value *= value
-    value *= value
-    value *= value
-    value *= value
-    return value * value
-
-
-@inlined
-def _lit(
-    k: int, aside: np.float32, down: np.float32, distance_m: np.float32, nearness: NDArray[np.float32]
-) -> np.float32:
-    """Share of four rays of a headlight that come as far as a point."""
-    column, row = BEAM_FOCAL * aside + MIDDLE_COLUMN, BEAM_FOCAL * down + MIDDLE_ROW
-    if not (ZERO <= column < MIDDLE_COLUMN + MIDDLE_COLUMN and ZERO <= row < MIDDLE_ROW + MIDDLE_ROW):
-        return ONE
-    i, j = np.uintp(row), np.uintp(column)
-    a, b = row - np.float32(i), column - np.float32(j)
-    next_i, next_j = i + np.uintp(1), j + np.uintp(1)
-    least = SHADE_BIAS / distance_m
-    upper = (ONE - b if nearness[k, i, j] <= least else ZERO) + (b if nearness[k, i, next_j] <= least else ZERO)
-    lower = ONE - b if nearness[k, next_i, j] <= least else ZERO
-    lower += b if nearness[k, next_i, next_j] <= least else ZERO
-    return upper + a * (lower - upper)

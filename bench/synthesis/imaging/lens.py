@@ -29,7 +29,6 @@ class Lens:
         along_u: (H, W, 3) float32, change of the ray from pixel to pixel to the right.
         along_v: (H, W, 3) float32, the same downwards.
         across: (2, 3, H, W) float32: times a small change of a ray it gives the change of its pixel.
-        pixel_rad: (H, W) float32, width of a pixel.
         off_axis_cos: (H, W) float32, cosine of the angle between the ray and the optical axis.
         chart: (CHART, CHART, 2) float32, the pixel of every direction, see `direction_chart`.
         chart_error_px: how far the chart is off at most.
@@ -39,6 +38,7 @@ class Lens:
         blocks: (H / 32, W / 32, 5) float32.
         tiles: (H / 8, W / 8, 5) float32.
         tile_rays: (H / 8, W / 8, 3, 64) float32, the rays of each tile beside each other; 0 where not valid.
+        tile_pixel_rad: (H / 8, W / 8, 64) float32, the widths of the pixels of each tile.
     """
 
     valid: NDArray[np.bool_]
@@ -46,7 +46,6 @@ class Lens:
     along_u: NDArray[np.float32]
     along_v: NDArray[np.float32]
     across: NDArray[np.float32]
-    pixel_rad: NDArray[np.float32]
     off_axis_cos: NDArray[np.float32]
     chart: NDArray[np.float32]
     chart_error_px: float
@@ -56,6 +55,7 @@ class Lens:
     blocks: NDArray[np.float32]
     tiles: NDArray[np.float32]
     tile_rays: NDArray[np.float32]
+    tile_pixel_rad: NDArray[np.float32]
 
 
 def lens_of(camera: CameraModel) -> Lens:
@@ -74,7 +74,6 @@ def lens_of(camera: CameraModel) -> Lens:
         along_u=along_u.astype(np.float32),
         along_v=along_v.astype(np.float32),
         across=_across(along_u, along_v),
-        pixel_rad=pixel_rad.astype(np.float32),
         off_axis_cos=rays[..., 2].astype(np.float32),
         chart=chart,
         chart_error_px=chart_error_px(chart, rays_by_axis, grid.valid),
@@ -84,6 +83,7 @@ def lens_of(camera: CameraModel) -> Lens:
         blocks=_cones(rays, BLOCK_PX, widest),
         tiles=_cones(rays, TILE_PX, widest),
         tile_rays=np.ascontiguousarray(_squares(rays, TILE_PX).swapaxes(2, 3), dtype=np.float32),
+        tile_pixel_rad=_squares(pixel_rad[..., None], TILE_PX)[..., 0].astype(np.float32),
     )
 
 
@@ -128,10 +128,10 @@ def _cones(rays: NDArray[np.float64], size_px: int, widest_rad: float) -> NDArra
     ).astype(np.float32)
 
 
-def _squares(rays: NDArray[np.float64], size_px: int) -> NDArray[np.float64]:
-    """The rays of each square of pixels, (rows, columns, size_px ** 2, 3); 0 beyond the image."""
-    height, width = rays.shape[:2]
-    padded = np.zeros((-(-height // size_px) * size_px, -(-width // size_px) * size_px, 3))
-    padded[:height, :width] = rays
-    squares = padded.reshape(padded.shape[0] // size_px, size_px, padded.shape[1] // size_px, size_px, 3)
-    return squares.swapaxes(1, 2).reshape(squares.shape[0], squares.shape[2], -1, 3)
+def _squares(image: NDArray[np.float64], size_px: int) -> NDArray[np.float64]:
+    """What an image, (H, W, N), holds in each square of pixels, (rows, columns, size_px ** 2, N); 0 beyond it."""
+    height, width, depth = image.shape
+    padded = np.zeros((-(-height // size_px) * size_px, -(-width // size_px) * size_px, depth))
+    padded[:height, :width] = image
+    squares = padded.reshape(padded.shape[0] // size_px, size_px, padded.shape[1] // size_px, size_px, depth)
+    return squares.swapaxes(1, 2).reshape(squares.shape[0], squares.shape[2], -1, depth)

@@ -15,13 +15,15 @@ from bench.synthesis.imaging.compiled import looped
 from bench.synthesis.imaging.edges import smooth_edges
 from bench.synthesis.imaging.faces import GLOW, Faces, FacesOfBodies, faces_of
 from bench.synthesis.imaging.lamps import NO_LAMPS, Headlights, lamp_faces, street_lamps_m
-from bench.synthesis.imaging.lens import lens_of
+from bench.synthesis.imaging.lanes import LANES, PIXELS
+from bench.synthesis.imaging.lens import lens_of, untiled
+from bench.synthesis.imaging.scene import Scene
 from bench.synthesis.imaging.sensor import Sensor
-from bench.synthesis.imaging.shading import Scene, shade
+from bench.synthesis.imaging.shading import shade
 from bench.synthesis.imaging.shadows import Shadows
 from bench.synthesis.imaging.sky import Sky
 from bench.synthesis.imaging.textures import TextureAtlas
-from bench.synthesis.imaging.visibility import NOTHING, look
+from bench.synthesis.imaging.visibility import NOTHING, View, look
 from bench.synthesis.lighting import Lighting
 from bench.synthesis.mesh import Mesh, PlacedMesh
 from bench.synthesis.scenario import SensorSpec
@@ -120,8 +122,9 @@ class ImageRenderer:
         world_from_camera = middle.world_from_vehicle @ self._camera.vehicle_from_camera
         turn, origin_m = np.ascontiguousarray(world_from_camera.rotation), world_from_camera.translation_m
         view = look(corners, lens, camera_from_world=turn.T.copy(), origin_m=origin_m)
-        triangles, planes, nearness = view.triangles, view.planes, view.nearness
-        grey = self._shaded(triangles, planes, rows, corners, bodies, middle, turn, origin_m)
+        triangles, nearness, planes = untiled(view.triangles, shape), untiled(view.nearness, shape), view.planes
+        grey = self._shaded(view, rows, corners, bodies, middle, turn, origin_m)
+        grey = self._smoothed(triangles, planes, rows, grey)
         if shutter is not None:
             motion = self._shutter(middle, corners[len(self._world.corners_m) :], shutter)
             ways, sharp = np.empty((2, *shape), dtype=np.float32), grey
@@ -138,8 +141,7 @@ class ImageRenderer:
 
     def _shaded(
         self,
-        triangles: NDArray[np.int32],
-        planes: NDArray[np.float32],
+        view: View,
         rows: NDArray[np.float32],
         corners: NDArray[np.float64],
         bodies: Sequence[Faces],
@@ -147,7 +149,7 @@ class ImageRenderer:
         turn: NDArray[np.float64],
         origin_m: NDArray[np.float64],
     ) -> NDArray[np.float32]:
-        """Grey values, 1 is white, with smooth edges."""
+        """Grey values of what the pixels' centres see, 1 is white."""
         lens, light, lamps = self._lens, self._light, NO_LAMPS
         if self._headlights is not None:
             others = corners[: len(corners) - len(bodies[-1].corners_m)]
@@ -158,9 +160,20 @@ class ImageRenderer:
                 np.float32(light.sun_light), np.float32(light.sky_light), near, far, cover, self._sky, lamps,
                 light.night, self._atlas.image, self._atlas.layout,
             )  # fmt: skip
-            centre, lamp_row = np.empty(triangles.shape, np.float32), np.empty(triangles.shape[1], np.float32)
-            shade(triangles, lens.valid, lens.rays, lens.pixel_rad, planes, scene, lamp_row, centre)
-        grey = np.empty_like(centre)
+            grey, lanes = np.empty(view.nearness.shape, np.float32), np.zeros(LANES, np.float32)
+            spots = np.zeros(PIXELS, np.int32)
+            shade(view.triangles, lens.tile_rays, lens.tile_pixel_rad, view.planes, scene, lanes, spots, grey)
+        return untiled(grey, (lens.valid.shape[0], lens.valid.shape[1]))
+
+    def _smoothed(
+        self,
+        triangles: NDArray[np.int32],
+        planes: NDArray[np.float32],
+        rows: NDArray[np.float32],
+        centre: NDArray[np.float32],
+    ) -> NDArray[np.float32]:
+        """Grey values with smooth edges."""
+        lens, grey = self._lens, np.empty_like(centre)
         smooth_edges(triangles, lens.valid, lens.rays, lens.along_u, lens.along_v, planes, rows, centre, grey)
         return grey
 

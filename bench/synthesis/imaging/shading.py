@@ -1,8 +1,10 @@
-"""Grey values of what is seen: texture, light, shadow and mirror images."""
+"""Grey values of what is seen: texture, light, shadow and mirror images.
+
+A tile is shaded step by step, see `lanes`: plain arithmetic takes several pixels at once, and where something is looked
+up, no pixel waits for what another does with it.
+"""
 
 from __future__ import annotations
-
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +26,38 @@ from bench.synthesis.imaging.faces import (
     STEP_V,
     TEXEL_LOG2,
 )  # fmt: skip
-from bench.synthesis.imaging.lamps import GLOW_BY_NIGHT, Lamps, lamp_light
-from bench.synthesis.imaging.shadow_maps import HeightMap, height_at, lit_share
-from bench.synthesis.imaging.sky import Sky, mirrored_grey, sky_grey
+from bench.synthesis.imaging.lamp_light import light_spots
+from bench.synthesis.imaging.lamps import GLOW_BY_NIGHT
+from bench.synthesis.imaging.lanes import (
+    DISTANCE,
+    FACING,
+    LEVEL,
+    LIGHT,
+    NOISE,
+    PIXELS,
+    PLACE_X,
+    PLACE_Y,
+    PLACE_Z,
+    RAY_X,
+    RAY_Y,
+    RAY_Z,
+    SPOT_LIGHT,
+    SPOT_TOWARDS_X,
+    SPOT_TOWARDS_Y,
+    SPOT_TOWARDS_Z,
+    SPOT_X,
+    SPOT_Y,
+    SPOT_Z,
+    TEXTURE_U,
+    TEXTURE_V,
+    TOWARDS_X,
+    TOWARDS_Y,
+    TOWARDS_Z,
+)  # fmt: skip
+from bench.synthesis.imaging.lens import TILE_PX
+from bench.synthesis.imaging.scene import Scene
+from bench.synthesis.imaging.shadow_maps import height_at, lit_share
+from bench.synthesis.imaging.sky import mirrored_grey, sky_grey
 from bench.synthesis.imaging.textures import atlas_at, quick_log2
 from bench.synthesis.imaging.visibility import NOTHING
 
@@ -44,117 +75,159 @@ COVER_SHARE = np.float32(0.75)  # of the sky's light, that they can take away
 UPRIGHT, SLOPED = np.float32(0.72), np.float32(0.28)  # sky light on an upright face, and what facing up adds
 
 
-class Scene(NamedTuple):
-    """Everything that gives a point its grey value.
+@looped
+def shade(
+    triangles: NDArray[np.int32],
+    rays: NDArray[np.float32],
+    pixel_rad: NDArray[np.float32],
+    planes: NDArray[np.float32],
+    scene: Scene,
+    lanes: NDArray[np.float32],
+    spots: NDArray[np.int32],
+    grey: NDArray[np.float32],
+) -> None:
+    """Grey values of what the pixels' centres see.
 
-    Attributes:
-        rows: (T, 16) float32, see `faces`.
-        turn: (3, 3) float32, world from camera.
-        origin_m: (3,) float32, the camera in the world.
-        sun: (3,) float32, unit vector.
-        sun_light: see `Lighting`.
-        sky_light: see `Lighting`.
-        near: shadows of the sun close to the camera.
-        far: the same, coarser and further.
-        cover: heights around every place, smoothed.
-        sky: brightness of the sky.
-        lamps: by night.
-        night: whether lamps are lit.
-        atlas: the texture.
-        layout: of the texture's levels.
+    Args:
+        triangles: (H / 8, W / 8, 64), NOTHING for the sky.
+        rays: (H / 8, W / 8, 3, 64), camera frame, unit length; 0 where the lens sees nothing.
+        pixel_rad: (H / 8, W / 8, 64), width of each pixel.
+        planes: (T, 16), see `planes`.
+        scene: what is seen.
+        lanes: (LANES,), room to work in.
+        spots: (64,), room to work in.
+        grey: (H / 8, W / 8, 64), filled; 1 is white, 0 where the lens sees nothing.
     """
-
-    rows: NDArray[np.float32]
-    turn: NDArray[np.float32]
-    origin_m: NDArray[np.float32]
-    sun: NDArray[np.float32]
-    sun_light: np.float32
-    sky_light: np.float32
-    near: HeightMap
-    far: HeightMap
-    cover: HeightMap
-    sky: Sky
-    lamps: Lamps
-    night: bool
-    atlas: NDArray[np.float32]
-    layout: NDArray[np.float32]
+    for v in range(triangles.shape[0]):
+        for u in range(triangles.shape[1]):
+            seen, widths, greys = triangles[v, u], pixel_rad[v, u], grey[v, u]
+            _turn(rays[v, u], scene, lanes)
+            faces = _meet(seen, rays[v, u], planes, scene, lanes)
+            if faces < PIXELS:
+                _show_sky(seen, rays[v, u], widths, scene, lanes, greys)
+            if faces == 0:
+                continue
+            _place(widths, scene, lanes)
+            _look_up(seen, scene, lanes)
+            if scene.sun_light > ZERO:
+                _add_sun(seen, scene, lanes)
+            if scene.night:
+                _add_lamps(seen, scene, lanes, spots)
+            _show(seen, scene, lanes, greys)
 
 
 @inlined
-def _face_grey(
-    t: np.uintp,
-    j: np.float32,
-    k: np.float32,
-    distance_m: np.float32,
-    x: np.float32,
-    y: np.float32,
-    z: np.float32,
-    pixel_rad: np.float32,
-    scene: Scene,
-    u: int,
-    lamps_from: int,
-    lamp_row: NDArray[np.float32],
-) -> np.float32:
-    """Grey value of a point.
+def _turn(rays: NDArray[np.float32], scene: Scene, lanes: NDArray[np.float32]) -> None:
+    """Rays in world axes."""
+    turn, xs, ys, zs = scene.turn, rays[0], rays[1], rays[2]
+    xx, xy, xz, yx, yy, yz = turn[0, 0], turn[0, 1], turn[0, 2], turn[1, 0], turn[1, 1], turn[1, 2]
+    zx, zy, zz = turn[2, 0], turn[2, 1], turn[2, 2]
+    for n in range(PIXELS):
+        x, y, z = xs[n], ys[n], zs[n]
+        lanes[RAY_X + n] = xx * x + xy * y + xz * z
+        lanes[RAY_Y + n] = yx * x + yy * y + yz * z
+        lanes[RAY_Z + n] = zx * x + zy * y + zz * z
 
-    Args:
-        t: its triangle.
-        j: weight of the second corner.
-        k: weight of the third corner.
-        distance_m: to the camera.
-        x: of the ray that sees it, unit length, world axes.
-        y: of the ray.
-        z: of the ray.
-        pixel_rad: width of the pixel.
-        scene: everything else.
-        u: column of the pixel.
-        lamps_from: column whose light of the lamps is good enough; -1 for none.
-        lamp_row: (W,), light of the lamps at each column; changed.
+
+@inlined
+def _meet(
+    seen: NDArray[np.int32],
+    rays: NDArray[np.float32],
+    planes: NDArray[np.float32],
+    scene: Scene,
+    lanes: NDArray[np.float32],
+) -> int:
+    """Distance, texture and normal of what each pixel sees; returns how many see a face."""
+    rows, xs, ys, zs = scene.rows, rays[0], rays[1], rays[2]
+    faces = 0
+    for n in range(PIXELS):
+        if seen[n] == NOTHING:
+            continue
+        faces += 1
+        t, x, y, z = np.uintp(seen[n]), xs[n], ys[n], zs[n]
+        i = planes[t, 0] * x + planes[t, 1] * y + planes[t, 2] * z
+        j = planes[t, 3] * x + planes[t, 4] * y + planes[t, 5] * z
+        k = planes[t, 6] * x + planes[t, 7] * y + planes[t, 8] * z
+        distance_m = ONE / (i + j + k)
+        j, k = j * distance_m, k * distance_m
+        lanes[DISTANCE + n], lanes[LEVEL + n] = distance_m, rows[t, TEXEL_LOG2]
+        lanes[TEXTURE_U + n] = rows[t, FIRST_U] + j * rows[t, STEP_U] + k * rows[t, LAST_U]
+        lanes[TEXTURE_V + n] = rows[t, FIRST_V] + j * rows[t, STEP_V] + k * rows[t, LAST_V]
+        lanes[TOWARDS_X + n] = rows[t, NORMAL_X]
+        lanes[TOWARDS_Y + n] = rows[t, NORMAL_Y]
+        lanes[TOWARDS_Z + n] = rows[t, NORMAL_Z]
+    return faces
+
+
+@inlined
+def _show_sky(
+    seen: NDArray[np.int32],
+    rays: NDArray[np.float32],
+    pixel_rad: NDArray[np.float32],
+    scene: Scene,
+    lanes: NDArray[np.float32],
+    greys: NDArray[np.float32],
+) -> None:
+    """Grey values of pixels that see no face."""
+    for n in range(PIXELS):
+        if seen[n] != NOTHING:
+            continue
+        greys[n] = ZERO
+        if rays[0, n] != ZERO or rays[1, n] != ZERO or rays[2, n] != ZERO:
+            greys[n] = sky_grey(
+                lanes[RAY_X + n], lanes[RAY_Y + n], lanes[RAY_Z + n], pixel_rad[n], scene.sky, scene.atlas, scene.layout
+            )
+
+
+@inlined
+def _place(pixel_rad: NDArray[np.float32], scene: Scene, lanes: NDArray[np.float32]) -> None:
+    """Place of what is seen, the side of it that is seen, the level of its texture, and the light of the open sky.
+
+    Pixels without a face are computed too, for there to be no branches; nobody looks at their values.
     """
-    rows = scene.rows
-    nx, ny, nz = rows[t, NORMAL_X], rows[t, NORMAL_Y], rows[t, NORMAL_Z]
-    facing = -(nx * x + ny * y + nz * z)
-    if facing < ZERO:  # a thin sheet, seen from behind
-        facing, nx, ny, nz = -facing, -nx, -ny, -nz
-    px = scene.origin_m[0] + distance_m * x
-    py = scene.origin_m[1] + distance_m * y
-    pz = scene.origin_m[2] + distance_m * z
-    level = quick_log2(distance_m * pixel_rad) - STRETCH_POWER * quick_log2(max(facing, LEAST_SLANT))
-    noise = atlas_at(
-        rows[t, FIRST_U] + j * rows[t, STEP_U] + k * rows[t, LAST_U],
-        rows[t, FIRST_V] + j * rows[t, STEP_V] + k * rows[t, LAST_V],
-        level - rows[t, TEXEL_LOG2] - SHARPER, scene.atlas, scene.layout,
-    )  # fmt: skip
-    light = scene.sky_light * (UPRIGHT + SLOPED * nz)
-    if distance_m < COVER_REACH_M:
-        hidden = min(max((height_at(px, py, scene.cover) - pz) * COVERS_PER_M, ZERO), ONE)
-        faded = min((COVER_REACH_M - distance_m) * COVER_FADES_PER_M, ONE)
-        light *= ONE - COVER_SHARE * hidden * faded
-    if scene.sun_light > ZERO:
+    ox, oy, oz, sky_light = scene.origin_m[0], scene.origin_m[1], scene.origin_m[2], scene.sky_light
+    for n in range(PIXELS):
+        x, y, z, distance_m = lanes[RAY_X + n], lanes[RAY_Y + n], lanes[RAY_Z + n], lanes[DISTANCE + n]
+        nx, ny, nz = lanes[TOWARDS_X + n], lanes[TOWARDS_Y + n], lanes[TOWARDS_Z + n]
+        facing = -(nx * x + ny * y + nz * z)
+        behind = facing < ZERO  # a thin sheet, seen from behind
+        facing, nx = (-facing if behind else facing), (-nx if behind else nx)
+        ny, nz = (-ny if behind else ny), (-nz if behind else nz)
+        lanes[FACING + n], lanes[TOWARDS_X + n], lanes[TOWARDS_Y + n], lanes[TOWARDS_Z + n] = facing, nx, ny, nz
+        lanes[PLACE_X + n], lanes[PLACE_Y + n] = ox + distance_m * x, oy + distance_m * y
+        lanes[PLACE_Z + n] = oz + distance_m * z
+        level = quick_log2(distance_m * pixel_rad[n]) - STRETCH_POWER * quick_log2(max(facing, LEAST_SLANT))
+        lanes[LEVEL + n] = level - lanes[LEVEL + n] - SHARPER
+        lanes[LIGHT + n] = sky_light * (UPRIGHT + SLOPED * nz)
+
+
+@inlined
+def _look_up(seen: NDArray[np.int32], scene: Scene, lanes: NDArray[np.float32]) -> None:
+    """Texture, and how much of the sky's light the surroundings take away."""
+    for n in range(PIXELS):
+        if seen[n] != NOTHING:
+            lanes[NOISE + n] = atlas_at(
+                lanes[TEXTURE_U + n], lanes[TEXTURE_V + n], lanes[LEVEL + n], scene.atlas, scene.layout
+            )
+    for n in range(PIXELS):
+        distance_m = lanes[DISTANCE + n]
+        if seen[n] != NOTHING and distance_m < COVER_REACH_M:
+            height_m = height_at(lanes[PLACE_X + n], lanes[PLACE_Y + n], scene.cover)
+            hidden = min(max((height_m - lanes[PLACE_Z + n]) * COVERS_PER_M, ZERO), ONE)
+            faded = min((COVER_REACH_M - distance_m) * COVER_FADES_PER_M, ONE)
+            lanes[LIGHT + n] *= ONE - COVER_SHARE * hidden * faded
+
+
+@inlined
+def _add_sun(seen: NDArray[np.int32], scene: Scene, lanes: NDArray[np.float32]) -> None:
+    for n in range(PIXELS):
+        if seen[n] == NOTHING:
+            continue
+        nx, ny, nz = lanes[TOWARDS_X + n], lanes[TOWARDS_Y + n], lanes[TOWARDS_Z + n]
         sunny = nx * scene.sun[0] + ny * scene.sun[1] + nz * scene.sun[2]
         if sunny > ZERO:
-            light += scene.sun_light * sunny * _sun_share(px, py, pz, nx, ny, scene)
-    glow = rows[t, GLOW]
-    if scene.night:
-        if lamps_from < 0:
-            lamp_row[u] = lamp_light(px, py, pz, nx, ny, nz, scene.lamps)
-        else:
-            lamp_row[u] = lamp_row[lamps_from]
-        light += lamp_row[u]
-        glow *= GLOW_BY_NIGHT
-    grey = (rows[t, ALBEDO] * light + glow) * max(ONE + rows[t, CONTRAST] * noise, DARKEST)
-    mirror = rows[t, MIRROR]
-    if mirror > ZERO:
-        # Schlick 1994, a cheap model of how much a surface mirrors at an angle.
-        away = ONE - facing
-        square = away * away
-        share = mirror + (ONE - mirror) * square * square * away
-        stretch = TWO * facing
-        mirrored = mirrored_grey(
-            x + stretch * nx, y + stretch * ny, z + stretch * nz, scene.sky, scene.atlas, scene.layout
-        )
-        grey += share * (mirrored - grey)
-    return np.float32(grey)
+            share = _sun_share(lanes[PLACE_X + n], lanes[PLACE_Y + n], lanes[PLACE_Z + n], nx, ny, scene)
+            lanes[LIGHT + n] += scene.sun_light * sunny * share
 
 
 @inlined
@@ -171,69 +244,50 @@ def _sun_share(
 
 
 @inlined
-def _ray_grey(
-    seen: int,
-    x: np.float32,
-    y: np.float32,
-    z: np.float32,
-    pixel_rad: np.float32,
-    planes: NDArray[np.float32],
-    scene: Scene,
-    u: int,
-    lamps_from: int,
-    lamp_row: NDArray[np.float32],
-) -> np.float32:
-    """Grey value along a ray of the camera frame, unit length, that sees a triangle or NOTHING."""
-    turn = scene.turn
-    wx = turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z
-    wy = turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z
-    wz = turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z
-    if seen == NOTHING:
-        return sky_grey(wx, wy, wz, pixel_rad, scene.sky, scene.atlas, scene.layout)
-    t = np.uintp(seen)
-    i = planes[t, 0] * x + planes[t, 1] * y + planes[t, 2] * z
-    j = planes[t, 3] * x + planes[t, 4] * y + planes[t, 5] * z
-    k = planes[t, 6] * x + planes[t, 7] * y + planes[t, 8] * z
-    distance = ONE / (i + j + k)
-    return _face_grey(t, j * distance, k * distance, distance, wx, wy, wz, pixel_rad, scene, u, lamps_from, lamp_row)
+def _add_lamps(seen: NDArray[np.int32], scene: Scene, lanes: NDArray[np.float32], spots: NDArray[np.int32]) -> None:
+    """The light of lamps changes little within a face: each four pixels look it up once, at a spot."""
+    count = 0
+    for n in range(PIXELS):
+        t = seen[n]
+        if t == NOTHING:
+            continue
+        if n & TILE_PX and seen[n - TILE_PX] == t:
+            spots[n] = spots[n - TILE_PX]
+        elif n & 1 and seen[n - 1] == t:
+            spots[n] = spots[n - 1]
+        else:
+            spots[n] = count
+            lanes[SPOT_X + count], lanes[SPOT_Y + count] = lanes[PLACE_X + n], lanes[PLACE_Y + n]
+            lanes[SPOT_Z + count], lanes[SPOT_TOWARDS_X + count] = lanes[PLACE_Z + n], lanes[TOWARDS_X + n]
+            lanes[SPOT_TOWARDS_Y + count], lanes[SPOT_TOWARDS_Z + count] = lanes[TOWARDS_Y + n], lanes[TOWARDS_Z + n]
+            count += 1
+    light_spots(count, scene.lamps, lanes)
+    for n in range(PIXELS):
+        if seen[n] != NOTHING:
+            lanes[LIGHT + n] += lanes[SPOT_LIGHT + np.uintp(spots[n])]
 
 
-@looped
-def shade(
-    triangles: NDArray[np.int32],
-    valid: NDArray[np.bool_],
-    rays: NDArray[np.float32],
-    pixel_rad: NDArray[np.float32],
-    planes: NDArray[np.float32],
-    scene: Scene,
-    lamp_row: NDArray[np.float32],
-    grey: NDArray[np.float32],
-) -> None:
-    """Grey values of what the pixels' centres see.
-
-    Args:
-        triangles: (H, W), NOTHING for the sky.
-        valid: (H, W), where the lens sees anything.
-        rays: (3, H, W), camera frame, unit length.
-        pixel_rad: (H, W), width of each pixel.
-        planes: (T, 16), see `visibility`.
-        scene: what is seen.
-        lamp_row: (W,), room to work in.
-        grey: (H, W), filled; 1 is white.
-    """
-    height, width = grey.shape
-    for v in range(height):
-        for u in range(width):
-            grey[v, u] = ZERO
-            if not valid[v, u]:
-                continue
-            t = triangles[v, u]
-            # The light of lamps changes little within a face: each four pixels look it up once.
-            lamps_from = -1
-            if v & 1 and triangles[v - 1, u] == t:
-                lamps_from = u
-            elif u & 1 and triangles[v, u - 1] == t:
-                lamps_from = u - 1
-            grey[v, u] = _ray_grey(
-                t, rays[0, v, u], rays[1, v, u], rays[2, v, u], pixel_rad[v, u], planes, scene, u, lamps_from, lamp_row
-            )
+@inlined
+def _show(seen: NDArray[np.int32], scene: Scene, lanes: NDArray[np.float32], greys: NDArray[np.float32]) -> None:
+    """Grey values of pixels that see a face."""
+    rows = scene.rows
+    lit = GLOW_BY_NIGHT if scene.night else ONE
+    for n in range(PIXELS):
+        if seen[n] == NOTHING:
+            continue
+        t, facing = np.uintp(seen[n]), lanes[FACING + n]
+        grey = rows[t, ALBEDO] * lanes[LIGHT + n] + rows[t, GLOW] * lit
+        grey *= max(ONE + rows[t, CONTRAST] * lanes[NOISE + n], DARKEST)
+        mirror = rows[t, MIRROR]
+        if mirror > ZERO:
+            # Schlick 1994, a cheap model of how much a surface mirrors at an angle.
+            away = ONE - facing
+            square = away * away
+            share = mirror + (ONE - mirror) * square * square * away
+            stretch = TWO * facing
+            mirrored = mirrored_grey(
+                lanes[RAY_X + n] + stretch * lanes[TOWARDS_X + n], lanes[RAY_Y + n] + stretch * lanes[TOWARDS_Y + n],
+                lanes[RAY_Z + n] + stretch * lanes[TOWARDS_Z + n], scene.sky, scene.atlas, scene.layout,
+            )  # fmt: skip
+            grey += share * (mirrored - grey)
+        greys[n] = grey

@@ -193,8 +193,9 @@ def lit_share(x: np.float32, y: np.float32, z: np.float32, bias: np.float32, gro
     last = np.float32(ground.heights_m.shape[0] - 1)
     if not (ZERO <= column < last and ZERO <= row < last):
         return -ONE
-    i, j = np.uintp(row), np.uintp(column)
-    a, b = row - np.float32(i), column - np.float32(j)
+    whole_row, whole_column = np.int32(row), np.int32(column)
+    a, b = row - np.float32(whole_row), column - np.float32(whole_column)
+    i, j = np.uintp(whole_row), np.uintp(whole_column)
     next_i, next_j = i + np.uintp(1), j + np.uintp(1)
     top = z + bias
     upper = (ONE - b if ground.heights_m[i, j] <= top else ZERO) + (b if ground.heights_m[i, next_j] <= top else ZERO)
@@ -210,8 +211,9 @@ def height_at(x: np.float32, y: np.float32, ground: HeightMap) -> np.float32:
     last = np.float32(ground.heights_m.shape[0] - 1)
     if not (ZERO <= column < last and ZERO <= row < last):
         return NOTHING_M
-    i, j = np.uintp(row), np.uintp(column)
-    a, b = row - np.float32(i), column - np.float32(j)
+    whole_row, whole_column = np.int32(row), np.int32(column)
+    a, b = row - np.float32(whole_row), column - np.float32(whole_column)
+    i, j = np.uintp(whole_row), np.uintp(whole_column)
     next_i, next_j = i + np.uintp(1), j + np.uintp(1)
     upper = ground.heights_m[i, j] + b * (ground.heights_m[i, next_j] - ground.heights_m[i, j])
     lower = ground.heights_m[next_i, j] + b * (ground.heights_m[next_i, next_j] - ground.heights_m[next_i, j])

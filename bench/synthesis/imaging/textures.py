@@ -62,7 +62,7 @@ def quick_log2(value: np.float32) -> np.float32:
     """Logarithm of a positive number to base 2, within a hundredth: enough to choose a level."""
     bits = np.float32(value).view(np.int32)
     mantissa = np.int32((bits & 0x7FFFFF) | 0x3F800000).view(np.float32)
-    return np.float32((bits >> 23) - 128) + (np.float32(2.0) - mantissa * THIRD) * mantissa - TWO_THIRDS
+    return np.float32(np.int32((bits >> 23) - 128)) + (np.float32(2.0) - mantissa * THIRD) * mantissa - TWO_THIRDS
 
 
 @inlined
@@ -73,8 +73,8 @@ def atlas_at(
     u -= np.floor(u)
     v -= np.floor(v)
     level = min(max(level, np.float32(0.0)), HIGHEST)
-    lower = np.uintp(level)
-    share = level - np.float32(lower)
+    whole = np.int32(level)
+    share, lower = level - np.float32(whole), np.uintp(whole)
     fine = _texel(u, v, lower, image, layout)
     return fine + share * (_texel(u, v, lower + np.uintp(1), image, layout) - fine)
 
@@ -85,8 +85,9 @@ def _texel(
 ) -> np.float32:
     column = u * layout[level, 1] + layout[level, 0]
     row = v * layout[level, 1] + TOP
-    i, j = np.uintp(row), np.uintp(column)
-    a, b = row - np.float32(i), column - np.float32(j)
+    whole_row, whole_column = np.int32(row), np.int32(column)
+    a, b = row - np.float32(whole_row), column - np.float32(whole_column)
+    i, j = np.uintp(whole_row), np.uintp(whole_column)
     next_i, next_j = i + np.uintp(1), j + np.uintp(1)
     upper = image[i, j] + b * (image[i, next_j] - image[i, j])
     lower = image[next_i, j] + b * (image[next_i, next_j] - image[next_i, j])
