@@ -1,4 +1,4 @@
-"""One process, one thread per library: or processes fight for cores and timings mean nothing."""
+"""One process, one thread per library, memory that stays: or processes fight for cores and timings mean nothing."""
 
 from __future__ import annotations
 
@@ -9,11 +9,14 @@ from contextlib import contextmanager
 import cv2
 from threadpoolctl import threadpool_limits
 
+from bench.memory import keep_freed_memory
+
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def use_one_thread() -> None:
     """Keep libraries to one thread for the rest of this process, those too that are loaded later: a worker's start."""
+    keep_freed_memory()
     os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
     cv2.setNumThreads(1)
     threadpool_limits(1)
@@ -21,7 +24,8 @@ def use_one_thread() -> None:
 
 @contextmanager
 def single_threaded() -> Iterator[None]:
-    """Keep OpenCV and BLAS to one thread inside the block."""
+    """Keep OpenCV and BLAS to one thread inside the block; freed memory is kept from here on."""
+    keep_freed_memory()
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import atexit
 import errno
+import gc
 import sys
 from pathlib import Path
 from typing import Annotated, Literal
@@ -52,6 +54,7 @@ Split = Annotated[str | None, typer.Option("--split", help="A split of the data 
 
 def main() -> None:
     """Run the command line and exit."""
+    atexit.register(gc.freeze)  # or the end takes half a second of looking through all libraries for garbage
     try:
         app()
     except BenchError as error:
@@ -93,32 +96,35 @@ def run(
 
     A run that was interrupted goes on where it stopped, by the same command.
     """
-    from bench.cli import running
-    from bench.cli.computing import Computing
+    from bench.cli.early import early_processes
 
-    computing = Computing(workers=workers, cache=cache, no_cache=no_cache, scheduler=scheduler)
-    if shard is not None:
-        failures = running.run_part(
-            dataset,
-            method=method,
-            settings=set_ or [],
-            protocol=protocol,
-            split=split,
-            out=out,
-            shard=shard,
-            computing=computing,
-        )
-    else:
-        failures = running.run(
-            dataset,
-            method=method,
-            settings=set_ or [],
-            protocol=protocol,
-            split=split,
-            out=out,
-            pictures=pictures,
-            computing=computing,
-        )
+    with early_processes(workers, scheduler=scheduler) as processes:
+        from bench.cli import running
+        from bench.cli.computing import Computing
+
+        computing = Computing(workers=workers, processes=processes, cache=cache, no_cache=no_cache, scheduler=scheduler)
+        if shard is not None:
+            failures = running.run_part(
+                dataset,
+                method=method,
+                settings=set_ or [],
+                protocol=protocol,
+                split=split,
+                out=out,
+                shard=shard,
+                computing=computing,
+            )
+        else:
+            failures = running.run(
+                dataset,
+                method=method,
+                settings=set_ or [],
+                protocol=protocol,
+                split=split,
+                out=out,
+                pictures=pictures,
+                computing=computing,
+            )
     if failures:
         raise typer.Exit(DATA_ERROR)
 
@@ -191,23 +197,28 @@ def evaluate(
     scheduler: Scheduler = None,
 ) -> None:
     """Score masks or scores that any other program wrote, paired with the images by name."""
-    from bench.cli import evaluating
-    from bench.cli.computing import Computing
+    from bench.cli.early import early_processes
 
-    failures = evaluating.evaluate(
-        dataset,
-        predictions=predictions,
-        name=name,
-        missing=missing,
-        naming=names,
-        threshold=threshold,
-        history=history,
-        protocol=protocol,
-        split=split,
-        out=out,
-        pictures=pictures,
-        computing=Computing(workers=workers, cache=cache, no_cache=no_cache, scheduler=scheduler),
-    )
+    with early_processes(workers, scheduler=scheduler) as processes:
+        from bench.cli import evaluating
+        from bench.cli.computing import Computing
+
+        failures = evaluating.evaluate(
+            dataset,
+            predictions=predictions,
+            name=name,
+            missing=missing,
+            naming=names,
+            threshold=threshold,
+            history=history,
+            protocol=protocol,
+            split=split,
+            out=out,
+            pictures=pictures,
+            computing=Computing(
+                workers=workers, processes=processes, cache=cache, no_cache=no_cache, scheduler=scheduler
+            ),
+        )
     if failures:
         raise typer.Exit(DATA_ERROR)
 
@@ -285,7 +296,7 @@ def validate(
 def synthesize(
     scenario: Annotated[Path, typer.Argument(help="A scenario file.")],
     out: Annotated[Path, typer.Option(help="Folder of the recordings.")],
-    workers: Annotated[int | None, typer.Option(help="Processes; one per core without it.")] = None,
+    workers: Workers = None,
 ) -> None:
     """Render a scenario into recordings; what is there and up to date is kept."""
     from bench.cli import rendering
@@ -381,7 +392,10 @@ def sweep(
     cache: Cache = None,
     no_cache: NoCache = False,
 ) -> None:
-    """Score one thing through many values: a table and a chart."""
+    """Score one thing through many values: a table and a chart.
+
+    A sweep that was interrupted begins again, but takes flow and references that were computed from the cache.
+    """
     from bench.cli import sweeping
     from bench.cli.computing import Computing
 
@@ -411,10 +425,13 @@ def audit(
     recordings: Annotated[
         int | None, typer.Option(help="How many recordings, spread over the split; all without it.")
     ] = None,
-    workers: Annotated[int, typer.Option(help="Processes.")] = 1,
+    workers: Workers = None,
     pictures: Annotated[bool, typer.Option(help="Draw median and worst examples of every class.")] = True,
 ) -> None:
-    """Audit a rendered data set: lidar polygons against exact masks, and why the method misses."""
+    """Audit a rendered data set: lidar polygons against exact masks, and why the method misses.
+
+    An audit that was interrupted begins again.
+    """
     from bench.cli import auditing
 
     failures = auditing.audit(

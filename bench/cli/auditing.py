@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from bench.cli.computing import interruptible
 from bench.cli.console import console, print_failures, progress_bar
 from bench.cli.rendering import render_if_synthetic
 from bench.cli.settings import parse_settings
@@ -12,6 +13,7 @@ from bench.evaluation import load_protocol
 from bench.harness.audit import audit_sources, read_misses, read_polygons, run_audit
 from bench.methods import build_method
 from bench.methods.spherical.method import SphericalMethod
+from bench.parallel import Processes, in_turn, usable_cores
 from bench.recordings import load_card
 from bench.reporting.audit_cause_pictures import write_cause_pictures
 from bench.reporting.audit_files import write_audit_files
@@ -30,7 +32,7 @@ def audit(
     split: str | None,
     out: Path | None,
     recordings: int | None,
-    workers: int,
+    workers: int | None,
     pictures: bool,
 ) -> int:
     """Audit, write tables and pictures, print the tables and the paths; return the number of failures."""
@@ -38,7 +40,10 @@ def audit(
     chosen = build_method(method, parse_settings(settings))
     folder = out or AUDITS / card.name
     render_if_synthetic(card)
-    with progress_bar(f"auditing {card.name}", "recordings") as report:
+    count = workers or usable_cores()
+    place = in_turn if count == 1 else Processes(workers=count)
+    left = "nothing of the audit is stored, and the same command begins it again"
+    with interruptible(left), progress_bar(f"auditing {card.name}", "recordings") as report:
         found = run_audit(
             card,
             method=chosen,
@@ -46,7 +51,7 @@ def audit(
             out=folder,
             split=split,
             recordings=recordings,
-            workers=workers,
+            place=place,
             progress=report,
         )
     files = list(write_audit_files(folder))

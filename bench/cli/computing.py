@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
@@ -14,8 +14,9 @@ import typer
 from bench.cli.console import console
 from bench.errors import UsageError
 from bench.harness.cache import CacheFolder, default_folder
-from bench.harness.work import Cluster, Place, Processes, Terms, in_turn, scheduler_address, usable_cores
+from bench.harness.work import Cluster, Terms, scheduler_address
 from bench.methods import Method
+from bench.parallel import Place, Processes, in_turn
 from bench.recordings import DatasetCard
 
 INTERRUPTED = 130  # as shells tell of SIGINT
@@ -40,13 +41,15 @@ class Computing:
     """Options of commands that score.
 
     Attributes:
-        workers: processes; None for one per core.
+        workers: processes, as they were asked for; None for one per core.
+        processes: of this machine, which start already; None where this one computes alone, or a cluster does.
         cache: folder for kept steps; None for the usual one.
         no_cache: keep nothing.
         scheduler: address, or file, of a Dask scheduler whose workers compute; None for this machine.
     """
 
     workers: int | None = None
+    processes: Processes | None = None
     cache: Path | None = None
     no_cache: bool = False
     scheduler: str | None = None
@@ -71,8 +74,9 @@ class Computing:
             terms = Terms.of(method, reads=(*data, *reads), cache=self.cache_folder)
             cluster = Cluster(scheduler=scheduler_address(self.scheduler), terms=terms)
             return Workforce(place=cluster, workers=cluster.workers())
-        workers = self.workers or usable_cores()
-        return Workforce(place=in_turn if workers == 1 else Processes(workers=workers), workers=workers)
+        if self.processes is None:
+            return Workforce(place=in_turn, workers=1)
+        return Workforce(place=self.processes, workers=self.processes.workers)
 
     @property
     def cache_folder(self) -> CacheFolder | None:
@@ -80,21 +84,25 @@ class Computing:
         return None if self.no_cache else CacheFolder(folder=self.cache or default_folder())
 
 
+def resumable(folder: object) -> AbstractContextManager[None]:
+    """End in one line when the block, which stores what is done in a folder, is interrupted."""
+    return interruptible(f"what is done is in {folder}, and the same command goes on from there")
+
+
 @contextmanager
-def resumable(folder: object) -> Iterator[None]:
-    """End with a word on how to go on when the user, or the system that shuts down, ends the block."""
+def interruptible(left: str) -> Iterator[None]:
+    """End in one line when the user, or the system that shuts down, ends the block.
+
+    Args:
+        left: what there is then, and how to go on.
+    """
     before = signal.signal(signal.SIGTERM, _end)
     try:
         yield
     except KeyboardInterrupt as reason:
         asked = isinstance(reason, _Ended)
-        console().print(
-            f"{'ended' if asked else 'interrupted'}; what is done is in {folder}, and the same command goes on from "
-            "there",
-            highlight=False,
-            soft_wrap=True,
-            markup=False,
-        )
+        how = "ended" if asked else "interrupted"
+        console().print(f"{how}; {left}", highlight=False, soft_wrap=True, markup=False)
         raise typer.Exit(ENDED if asked else INTERRUPTED) from None
     finally:
         signal.signal(signal.SIGTERM, before)

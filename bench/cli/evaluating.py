@@ -66,21 +66,22 @@ def evaluate(
         write_report(listed, checked)
         raise checked.refuse(listed)
     listed.unlink(missing_ok=True)  # of an earlier refusal
-    with resumable(where), progress_bar(f"scoring {called} on {card.name}", "images") as report:
-        workforce = computing.workforce(card, method, reads=[predictions])
-        summary = evaluate_predictions(
-            card,
-            method=method,
-            report=checked,
-            protocol=rules,
-            out=folder,
-            place=workforce.place,
-            workers=workforce.workers,
-            cache=computing.cache_folder,
-            progress=report,
-            mirror=where.mirror,
-        )
-    finish_run(card, summary, where, method=method, protocol=rules, split=split, pictures=pictures)
+    with resumable(where):
+        with progress_bar(f"scoring {called} on {card.name}", "images") as report:
+            workforce = computing.workforce(card, method, reads=[predictions])
+            summary = evaluate_predictions(
+                card,
+                method=method,
+                report=checked,
+                protocol=rules,
+                out=folder,
+                place=workforce.place,
+                workers=workforce.workers,
+                cache=computing.cache_folder,
+                progress=report,
+                mirror=where.mirror,
+            )
+        finish_run(card, summary, where, method=method, protocol=rules, split=split, pictures=pictures)
     return len(summary.failures)
 
 

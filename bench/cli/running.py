@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from bench.cli.computing import Computing, resumable
+from bench.cli.computing import Computing, interruptible, resumable
 from bench.cli.console import console, print_failures, progress_bar
 from bench.cli.places import Destination, destination, parts_of_run
 from bench.cli.rendering import render_if_synthetic
@@ -48,21 +48,22 @@ def run(
     chosen = build_scorable(method, parse_settings(settings))
     where = destination(out, RUNS / f"{card.name}-{chosen.name}")
     render_if_synthetic(card)
-    with resumable(where), progress_bar(f"scoring {method} on {card.name}", "images") as report:
-        workforce = computing.workforce(card, chosen)
-        summary = run_benchmark(
-            card,
-            method=chosen,
-            protocol=rules,
-            out=where.folder,
-            split=split,
-            place=workforce.place,
-            workers=workforce.workers,
-            cache=computing.cache_folder,
-            progress=report,
-            mirror=where.mirror,
-        )
-    finish_run(card, summary, where, method=chosen, protocol=rules, split=split, pictures=pictures)
+    with resumable(where):
+        with progress_bar(f"scoring {method} on {card.name}", "images") as report:
+            workforce = computing.workforce(card, chosen)
+            summary = run_benchmark(
+                card,
+                method=chosen,
+                protocol=rules,
+                out=where.folder,
+                split=split,
+                place=workforce.place,
+                workers=workforce.workers,
+                cache=computing.cache_folder,
+                progress=report,
+                mirror=where.mirror,
+            )
+        finish_run(card, summary, where, method=chosen, protocol=rules, split=split, pictures=pictures)
     return len(summary.failures)
 
 
@@ -113,19 +114,19 @@ def merge(run: str, parts: Sequence[str], *, pictures: bool) -> int:
     where = destination(run, Path(run))
     folders = parts_of_run(where, parts)
     rules = read_protocol(folders[0])
-    summary = merge_shards(where.folder, folders, protocol=rules)
-    for unit in merged_units(folders):
-        where.mirror.keep(unit, anew=False)
-    card = load_card(summary.card)
-    finish_run(
-        card,
-        summary,
-        where,
-        method=summary.method.build(),
-        protocol=rules,
-        split=summary.split,
-        pictures=pictures,
-    )
+    with interruptible("the parts are as they were, and the same command merges them"):
+        summary = merge_shards(where.folder, folders, protocol=rules)
+        for unit in merged_units(folders):
+            where.mirror.keep(unit, anew=False)
+        finish_run(
+            load_card(summary.card),
+            summary,
+            where,
+            method=summary.method.build(),
+            protocol=rules,
+            split=summary.split,
+            pictures=pictures,
+        )
     return len(summary.failures)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rich.table import Table
 
+from bench.cli.computing import interruptible
 from bench.cli.console import console, print_failures, progress_bar
 from bench.cli.rendering import render_if_synthetic
 from bench.cli.settings import parse_settings
@@ -44,7 +45,8 @@ def sweep(
     plan = plan_sweep(what, base=base, values=_split(values))
     render_if_synthetic(card)
     folder = out or RUNS / f"sweeps-{card.name}"
-    with progress_bar(f"sweeping {what} over {len(plan.values)} values on {card.name}", "recordings") as report:
+    title = f"sweeping {what} over {len(plan.values)} values on {card.name}"
+    with interruptible(_left(cache)), progress_bar(title, "recordings") as report:
         result = run_sweep(
             card,
             plan=plan,
@@ -66,6 +68,13 @@ def print_sweeps() -> None:
     for name, one in sorted(SWEEPS.items()):
         table.add_row(name, ", ".join(f"{v:g}" if not isinstance(v, str) else v for v in one.values), one.title)
     console().print(table)
+
+
+def _left(cache: CacheFolder | None) -> str:
+    """What an interrupted sweep leaves."""
+    if cache is None:
+        return "nothing of the sweep is stored, and the same command begins it again"
+    return f"flow and references so far are in {cache.folder}; the same command takes them from there and counts anew"
 
 
 def _split(values: str | None) -> list[str]:

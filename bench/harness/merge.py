@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 from bench.errors import DataError
 from bench.evaluation import Protocol, summarise
 from bench.harness.provenance import Provenance, Work
+from bench.harness.run_folder import prepare_run_folder
 from bench.harness.shards import ShardReport, read_shards
 from bench.harness.stored import (
     IMAGE_MAPS,
@@ -23,6 +25,7 @@ from bench.harness.stored import (
 from bench.harness.stored_rows import open_tables
 from bench.harness.unit_files import UnitFolder
 from bench.harness.units import Unit
+from bench.recordings.locking import alone_in
 
 RESULTS = ("summary.json", "objects.parquet", "frames.parquet", IMAGE_MAPS, PREDICTIONS)
 
@@ -34,7 +37,22 @@ def clear_results(run: Path) -> None:
 
 
 def merge_shards(out: Path, shards: Sequence[Path], *, protocol: Protocol) -> RunSummary:
-    """Reduce the parts of a run to its tables and its summary.
+    """Make one run of parts that nobody works at any more; see `combine_parts`.
+
+    Raises:
+        DataError: as `combine_parts`, or a folder is in use, or `out` holds something that is no run.
+    """
+    prepare_run_folder(out)
+    others = {folder.resolve(): folder for folder in shards if folder.resolve() != out.resolve() and folder.is_dir()}
+    with ExitStack() as held:
+        held.enter_context(alone_in(out, wait=False))
+        for folder in others.values():
+            held.enter_context(alone_in(folder, wait=False))
+        return combine_parts(out, shards, protocol=protocol)
+
+
+def combine_parts(out: Path, shards: Sequence[Path], *, protocol: Protocol) -> RunSummary:
+    """Reduce the parts of a run to its tables and its summary; the caller holds the folders.
 
     Args:
         out: folder of the run.
@@ -48,7 +66,8 @@ def merge_shards(out: Path, shards: Sequence[Path], *, protocol: Protocol) -> Ru
     reports = [report for _, report in found]
     first = reports[0]
     if first.stamp.protocol_digest != protocol.digest:
-        raise DataError(out, field="protocol", wanted=first.stamp.protocol_digest[:12], came=protocol.digest[:12])
+        wanted, do = first.stamp.protocol_digest[:12], "score all parts again, by one protocol"
+        raise DataError(out, field="protocol", wanted=wanted, came=protocol.digest[:12], do=do)
     units = _collected(found, out)
     failures = list(first.recording_failures) + [failure for report in reports for failure in report.unit_failures]
     if not units:
@@ -100,7 +119,8 @@ def _collected(found: Sequence[tuple[Path, ShardReport]], out: Path) -> list[Uni
             units.append(entry.unit)
     counted = sum(len(report.units) for _, report in found)
     if counted != found[0][1].units_of_run:
-        raise DataError(out, wanted=f"{found[0][1].units_of_run} units in all parts", came=str(counted))
+        wanted, do = f"{found[0][1].units_of_run} units in all parts", "score all parts again, on the same recordings"
+        raise DataError(out, wanted=wanted, came=str(counted), do=do)
     return sorted(units, key=lambda unit: (unit.recording, unit.camera, unit.start))
 
 

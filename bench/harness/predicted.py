@@ -15,8 +15,8 @@ from bench.harness.mirror import NOWHERE, RunMirror
 from bench.harness.progress import Progress
 from bench.harness.run import run_benchmark
 from bench.harness.stored import PREDICTIONS, RunSummary
-from bench.harness.work import Place, in_turn
 from bench.methods.predictions import FaultKind, PredictedMotion, PredictionIndex, index_predictions
+from bench.parallel import Place, in_turn
 from bench.recordings import DatasetCard, write_text
 
 SCHEMA_VERSION = 1

@@ -9,14 +9,14 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from bench.errors import DataError
 from bench.evaluation import Protocol
 from bench.harness import provenance as origin
 from bench.harness.cache import CacheFolder
-from bench.harness.merge import clear_results, merge_shards
+from bench.harness.merge import clear_results, combine_parts
 from bench.harness.method_stamp import MethodStamp
 from bench.harness.mirror import NOWHERE, RunMirror
 from bench.harness.progress import Progress
+from bench.harness.run_folder import prepare_run_folder
 from bench.harness.shards import (
     SCHEMA_VERSION,
     WHOLE,
@@ -29,21 +29,11 @@ from bench.harness.shards import (
 )
 from bench.harness.stages import StageClock
 from bench.harness.stored import RunSummary, write_protocol
-from bench.harness.unit_files import FOLDER, UnitFolder
+from bench.harness.unit_files import UnitFolder
 from bench.harness.units import Unit
-from bench.harness.work import (
-    Lost,
-    Place,
-    PlannedRecording,
-    RunSpec,
-    ScoredUnit,
-    UnitTask,
-    in_turn,
-    plan_recording,
-    score_unit,
-    staying,
-)
+from bench.harness.work import PlannedRecording, RunSpec, ScoredUnit, UnitTask, plan_recording, score_unit
 from bench.methods import Method
+from bench.parallel import Lost, Place, in_turn, staying
 from bench.recordings import DatasetCard, RecordingHandle, open_dataset
 from bench.recordings.locking import alone_in
 
@@ -86,7 +76,7 @@ def run_benchmark(
         DataError: the data set is not there, nothing of it could be used, `out` holds something that is no run or is
             in use by another one, or there is no room for the results.
     """
-    _prepare(out)
+    prepare_run_folder(out)
     with alone_in(out, wait=False):
         remove_shards(out)
         clear_results(out)
@@ -102,7 +92,7 @@ def run_benchmark(
             mirror=mirror,
         )
         work.run(place, cache, progress)
-        summary = merge_shards(out, [out], protocol=protocol)
+        summary = combine_parts(out, [out], protocol=protocol)
         mirror.keep_rest()
         return summary
 
@@ -128,7 +118,7 @@ def run_shard(
     Raises:
         DataError: as `run_benchmark`, but for a part of which nothing could be used.
     """
-    _prepare(out)
+    prepare_run_folder(out)
     with alone_in(out, shared=True, wait=False):
         remove_shards(out, but_of=shard.count)
         clear_results(out)
@@ -300,10 +290,3 @@ class _Work:
 def _never_opened(handle: RecordingHandle, lost: Lost) -> PlannedRecording:
     failure = f"recording {handle.name!r}: it could not be opened: {lost.reason}"
     return PlannedRecording(units=(), fingerprint=None, vehicle_outline_m=(), failure=failure, seconds=0.0)
-
-
-def _prepare(out: Path) -> None:
-    """Make the folder of a run; never take one that holds something else."""
-    if out.exists() and any(out.iterdir()) and not (out / FOLDER).is_dir():
-        raise DataError(out, wanted="an empty folder or an older run", came="a folder with other files")
-    (out / FOLDER).mkdir(parents=True, exist_ok=True)

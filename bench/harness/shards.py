@@ -160,14 +160,16 @@ def read_shards(runs: Sequence[Path]) -> list[tuple[Path, ShardReport]]:
     for run in runs:
         for file in sorted((run / FOLDER).glob("*-of-*.json")):
             if file.name in files:
-                raise DataError(file, wanted="each part once", came=f"the same part in {files[file.name]}")
+                do = "leave out one of the two folders"
+                raise DataError(file, wanted="each part once", came=f"the same part in {files[file.name]}", do=do)
             files[file.name] = file
     if not files:
         do = "score with `run --shard 1/N` to `N/N` first"
         raise DataError(runs[0], wanted="parts of a run, in shards/", came="none", do=do)
     counts = {name.rpartition("-of-")[2] for name in files}
     if len(counts) > 1:
-        raise DataError(runs[0], wanted="parts of one run", came=f"parts of different cuts: {', '.join(sorted(files))}")
+        came, do = f"parts of different cuts: {', '.join(sorted(files))}", "give folders of parts I/N of the same N"
+        raise DataError(runs[0], wanted="parts of one run", came=came, do=do)
     count = int(counts.pop().removesuffix(".json"))
     expected = [Shard(number=number, count=count) for number in range(1, count + 1)]
     missing = [str(shard) for shard in expected if shard.file not in files]

@@ -82,8 +82,8 @@ def _read_entry(path: Path, archive: zipfile.ZipFile, entry: zipfile.ZipInfo) ->
             raise DataError(path, field=entry.filename, wanted="NumPy's format 1 or 2", came=str(version))
         shape, by_column, kind = NPY_HEADERS[version](member)
         told = math.prod(shape) * max(kind.itemsize, 1)
-        if told > entry.file_size:
-            came = f"a header of {told} bytes over {entry.file_size}"
+        if told > entry.file_size or min(shape, default=0) < 0:
+            came = f"a header of {shape} x {kind.itemsize} bytes over {entry.file_size}"
             raise DataError(path, field=entry.filename, wanted="a whole array", came=came)
         content = member.read()
     if kind.hasobject:

@@ -47,9 +47,7 @@ class PlacedSweep:
     def rows_near(self, centre_lidar: NDArray[np.float64], reach_m: float) -> NDArray[np.intp]:
         """Rows of the points, as they were met, in a square of half side `reach_m` around x and y, lidar frame, m."""
         x, y = self._columns
-        return np.flatnonzero(
-            (np.abs(x - float(centre_lidar[0])) < reach_m) & (np.abs(y - float(centre_lidar[1])) < reach_m)
-        )
+        return np.flatnonzero((np.abs(x - centre_lidar[0]) < reach_m) & (np.abs(y - centre_lidar[1]) < reach_m))
 
     @cached_property
     def _columns(self) -> NDArray[np.floating]:

@@ -11,9 +11,12 @@ import pytest
 from bench.evaluation import load_protocol
 from bench.harness import run_benchmark
 from bench.recordings import load_card
-from tests.harness.processes import PATIENCE_S, alive, pids, until
+from tests.harness.conftest import trouble
 from tests.harness.test_resume import bytes_of
-from tests.harness.troubled import FOLDER, Troubled
+from tests.harness.troubled import Troubled
+from tests.processes import PATIENCE_S, alive, pids, until
+
+__all__ = ["trouble"]
 
 ENDINGS = {
     "interrupted": (signal.SIGINT, 130, "interrupted; what is done is in"),
@@ -22,20 +25,11 @@ ENDINGS = {
 }
 
 
-@pytest.fixture
-def trouble(tmp_path, monkeypatch):
-    """Where files make trouble."""
-    folder = tmp_path / "trouble"
-    folder.mkdir()
-    monkeypatch.setenv(FOLDER, str(folder))
-    return folder
-
-
-def start(card: Path, out: Path, workers: int) -> subprocess.Popen:
-    """A run at a terminal of its own: an interrupt reaches all its processes, as Ctrl-C does."""
-    words = ["run", card, "--out", out, "--method", "tests.harness.troubled:Troubled", "--no-pictures", "--no-cache"]
+def start(command: str, card: Path, *options: object) -> subprocess.Popen:
+    """A command at a terminal of its own: an interrupt reaches all its processes, as Ctrl-C does."""
+    words = [command, card, "--method", "tests.harness.troubled:Troubled", *options]
     return subprocess.Popen(
-        [sys.executable, "-m", "bench", *map(str, words), "--workers", str(workers)],
+        [sys.executable, "-m", "bench", *map(str, words)],
         env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2]), "COLUMNS": "1000"},
         start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
@@ -50,7 +44,7 @@ def test_a_run_that_is_stopped_leaves_no_process_and_goes_on(tiny_card, tmp_path
     run_benchmark(card, out=tmp_path / "calm", **options)
     out, here = tmp_path / "run", trouble / "standing.wait-noted"
     (trouble / "standing.wait").touch()
-    run = start(tiny_card, out, workers)
+    run = start("run", tiny_card, "--out", out, "--no-pictures", "--no-cache", "--workers", workers)
     try:
         until(lambda: bool(pids(here)) and len(list((out / "units").glob("*.json"))) == 2, "two units of three stored")
         if how == "interrupted":
@@ -69,3 +63,49 @@ def test_a_run_that_is_stopped_leaves_no_process_and_goes_on(tiny_card, tmp_path
     again = run_benchmark(card, out=out, **options)
     assert (again.provenance.work.units_computed, again.provenance.work.units_reused) == (1, 2)
     assert bytes_of(out) == bytes_of(tmp_path / "calm")
+
+
+SWEEP = ("sweep", "--what", "min_points", "--values", "5")
+BEGINS_AGAIN = {
+    "audit": (("audit", "--workers", 2), "nothing of the audit is stored, and the same command begins it again"),
+    "sweep": ((*SWEEP, "--no-cache"), "nothing of the sweep is stored, and the same command begins it again"),
+    "sweep with a cache": ((*SWEEP, "--cache", "kept"), "flow and references so far are in kept"),
+}
+
+
+@pytest.mark.parametrize("name", BEGINS_AGAIN)
+def test_what_does_not_go_on_says_so_and_leaves_no_process(tiny_card, tmp_path, trouble, name, monkeypatch):
+    (command, *options), told = BEGINS_AGAIN[name]
+    monkeypatch.chdir(tmp_path)
+    here = trouble / "standing.wait-noted"
+    (trouble / "standing.wait").touch()
+    running = start(command, tiny_card, *options, "--out", tmp_path / "out")
+    try:
+        until(lambda: bool(pids(here)), "an image in the middle")
+        os.killpg(running.pid, signal.SIGINT)
+        shown, complaints = running.communicate(timeout=PATIENCE_S)
+    finally:
+        running.kill()
+    assert running.returncode == 130
+    assert f"interrupted; {told}" in shown
+    assert "Traceback" not in complaints
+    until(lambda: not any(alive(pid) for pid in pids(here)), "no worker")
+    assert not (tmp_path / "out").exists()
+    if "--cache" in options:
+        assert list((tmp_path / "kept" / "reference").rglob("*.npz")), "of the recordings before"
+
+
+def test_processes_of_a_run_that_is_refused_end_with_it(tmp_path):
+    run = start("run", tmp_path / "none.yaml", "--workers", 2)
+    shown, complaints = run.communicate(timeout=PATIENCE_S)
+    assert (run.returncode, shown, complaints.count("\n")) == (2, "", 1)
+    assert "none.yaml" in complaints
+    until(lambda: not group_lives(run.pid), "no process")
+
+
+def group_lives(leader: int) -> bool:
+    try:
+        os.killpg(leader, 0)
+    except ProcessLookupError:
+        return False
+    return True

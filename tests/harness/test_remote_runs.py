@@ -10,8 +10,8 @@ from bench.evaluation import load_protocol
 from bench.harness import merge_shards, merged_units, run_benchmark, run_shard
 from bench.harness.remote_runs import MARK, RemoteRun, fetched_run
 from bench.harness.shards import Shard
-from bench.harness.work import Processes, in_turn
 from bench.methods import build_method
+from bench.parallel import Processes, in_turn
 from bench.recordings import load_card
 from bench.recordings.remote import Storage, parse_place
 from tests.harness.test_resume import ALL, NONE, ONE, bytes_of, change_image, damage_image

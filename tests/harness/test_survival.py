@@ -18,24 +18,16 @@ from bench.evaluation import load_protocol
 from bench.harness import provenance, read_run, read_tables, run_benchmark
 from bench.harness.cache import CacheFolder
 from bench.harness.unit_files import SUFFIXES
-from bench.harness.work import Processes, UnitTask, in_turn
+from bench.harness.work import UnitTask
 from bench.methods import build_method
+from bench.parallel import Processes, in_turn
 from bench.recordings import load_card
-from tests.harness.processes import PATIENCE_S, pids, until
 from tests.harness.test_resume import bytes_of
-from tests.harness.troubled import FOLDER, Troubled
+from tests.harness.troubled import Troubled
+from tests.processes import PATIENCE_S, pids, until
 
 PAPER = load_protocol("paper-v1")
 UNITS = 3
-
-
-@pytest.fixture
-def trouble(tmp_path, monkeypatch):
-    """Where files make trouble."""
-    folder = tmp_path / "trouble"
-    folder.mkdir()
-    monkeypatch.setenv(FOLDER, str(folder))
-    return folder
 
 
 def score(card: Path, out: Path, *, method=None, cache=None, **options):
@@ -275,6 +267,13 @@ def test_a_second_run_in_a_folder_is_refused_and_does_not_harm_the_first(tiny_ca
     assert bytes_of(out) == wanted
 
 
+def join(*folders: Path) -> subprocess.CompletedProcess:
+    return subprocess.run(
+        [sys.executable, "-m", "bench", "merge", *map(str, folders), "--no-pictures"],
+        capture_output=True, text=True, timeout=PATIENCE_S, env=environment(),
+    )  # fmt: skip
+
+
 def test_parts_share_a_folder(tiny_card, tmp_path, trouble):
     wanted = calm_result(tiny_card, tmp_path / "calm")
     out, waits = tmp_path / "run", trouble / "standing.wait"  # the third unit, so of the first part
@@ -287,13 +286,13 @@ def test_parts_share_a_folder(tiny_card, tmp_path, trouble):
         assert call(tiny_card, out, "--workers", 1, "--shard", "2/2").returncode == 0
         whole = call(tiny_card, out, "--workers", 1)
         assert (whole.returncode, "another run works" in whole.stderr) == (2, True)
+        for into, parts in ((out, ()), (tmp_path / "merged", (out,))):
+            early = join(into, *parts)
+            assert (early.returncode, "another run works" in early.stderr) == (2, True)
     finally:
         waits.unlink()
         assert first.wait(PATIENCE_S) == 0
-    merged = subprocess.run(
-        [sys.executable, "-m", "bench", "merge", str(out), "--no-pictures"],
-        capture_output=True, text=True, timeout=PATIENCE_S, env=environment(),
-    )  # fmt: skip
+    merged = join(out)
     assert (merged.returncode, merged.stderr) == (0, "")
     assert bytes_of(out) == wanted
 

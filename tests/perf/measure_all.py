@@ -23,8 +23,8 @@ from bench.harness.frames import FramePipeline
 from bench.harness.perf import PerfReport
 from bench.harness.perf import measure as measure_stages
 from bench.harness.provenance import library_versions
-from bench.harness.work import usable_cores
 from bench.methods import build_method
+from bench.parallel import usable_cores
 from bench.recordings import load_card, open_dataset, write_text
 from tests.perf import large_run, masks, parallel, projections, staging
 from tests.perf.enlarged import enlarge

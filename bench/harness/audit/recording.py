@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Literal
@@ -70,16 +70,13 @@ class RecordingAudit:
     seconds: dict[str, float]
 
 
-def audit_recording(
-    source: AuditSource, *, method: Method, protocol: Protocol, progress: Callable[[float], None] | None = None
-) -> RecordingAudit:
+def audit_recording(source: AuditSource, *, method: Method, protocol: Protocol) -> RecordingAudit:
     """Audit every camera of a recording.
 
     Args:
         source: the recording.
         method: to be scored and explained.
         protocol: the rules.
-        progress: called with the share done.
 
     Raises:
         DataError: the recording cannot be opened, or has no rendered masks.
@@ -89,16 +86,11 @@ def audit_recording(
         recording = source.recorded.open()
         _refuse_without_masks(recording)
         exact, problems = _exact_recording(source, method)
-    total, done = sum(len(images) for images in recording.images.values()), 0
     found = [_nothing(recording_fingerprint(recording), problems)]
     for name in sorted(recording.cameras):
         camera = _CameraAudit(recording, name, source, exact=exact, method=method, protocol=protocol, clock=clock)
-        for index in range(len(recording.images[name])):
-            if index >= method.history:
-                camera.score(index)
-            done += 1
-            if progress is not None:
-                progress(done / total)
+        for index in range(method.history, len(recording.images[name])):
+            camera.score(index)
         found.append(camera.finish())
     return replace(joined(found), seconds=dict(clock.seconds))
 

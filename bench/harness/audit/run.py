@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 
-from bench.errors import BenchError, DataError, UsageError
+from bench.errors import DataError
 from bench.evaluation import Protocol
 from bench.evaluation.summary import ProtocolStamp
 from bench.harness import provenance as origin
@@ -19,13 +18,13 @@ from bench.harness.audit.reduce import aims, false_alarm_figures, miss_figures, 
 from bench.harness.audit.sources import NO_SCENARIO, AuditSource, audit_sources
 from bench.harness.audit.stored import SCHEMA_VERSION, write_audit
 from bench.harness.method_stamp import MethodStamp
-from bench.harness.progress import Progress, recording_reporter
+from bench.harness.progress import Progress
 from bench.methods import Method
 from bench.methods.spherical.method import SphericalMethod
+from bench.parallel import Lost, Place, in_turn
 from bench.recordings import DatasetCard
-from bench.threads import single_threaded, use_one_thread
 
-Outcome = RecordingAudit | BenchError
+Outcome = RecordingAudit | DataError | Lost
 
 
 def run_audit(
@@ -36,10 +35,10 @@ def run_audit(
     out: Path,
     split: str | None = None,
     recordings: int | None = None,
-    workers: int = 1,
+    place: Place = in_turn,
     progress: Progress | None = None,
 ) -> AuditSummary:
-    """Audit a rendered data set and store what comes out.
+    """Audit a rendered data set and store what comes out; nothing is stored before the last recording is done.
 
     Args:
         card: the data set.
@@ -48,7 +47,7 @@ def run_audit(
         out: folder of the audit.
         split: of the data set; None for all of it.
         recordings: how many of them; None for all.
-        workers: processes; what comes out does not depend on it.
+        place: audits the recordings; what comes out does not depend on it.
         progress: called with the recordings done and their number.
 
     Returns:
@@ -56,25 +55,19 @@ def run_audit(
 
     Raises:
         DataError: nothing of the data set could be audited, above all where it has no rendered masks.
-        UsageError: fewer than one worker.
     """
-    if workers < 1:
-        raise UsageError(f"--workers: wanted at least 1, came {workers}")
     start = origin.Start.now()
     sources = audit_sources(card, split=split, recordings=recordings)
-    audit_one = partial(audit_recording, method=method, protocol=protocol)
-    outcomes = dict(_in_turn(sources, audit_one, progress) if workers == 1 or len(sources) == 1
-                    else _side_by_side(sources, audit_one, workers, progress))  # fmt: skip
-    found = [outcomes[k] for k in sorted(outcomes)]
-    audits = [outcome for outcome in found if isinstance(outcome, RecordingAudit)]
-    if not audits:
-        raise next(outcome for outcome in found if isinstance(outcome, BenchError))
-    audit = joined(audits)
+    outcomes = _outcomes(sources, place, partial(_outcome, method=method, protocol=protocol), progress)
+    audits = [outcome for outcome in outcomes.values() if isinstance(outcome, RecordingAudit)]
     failures = [
-        f"recording {sources[number].recorded.name!r}: {outcome}"
-        for number, outcome in sorted(outcomes.items())
-        if isinstance(outcome, BenchError)
+        f"recording {name!r}: {outcome.reason if isinstance(outcome, Lost) else outcome}"
+        for name, outcome in outcomes.items()
+        if not isinstance(outcome, RecordingAudit)
     ]
+    if not audits:
+        raise _nothing_audited(card, outcomes, failures)
+    audit = joined(audits)
     summary = _summary(
         audit,
         card=card,
@@ -142,34 +135,32 @@ def _left_out(sources: tuple[AuditSource, ...], method: Method, audit: Recording
     return "the scene of no recording could be staged again; see the failures"
 
 
-def _in_turn(
-    sources: tuple[AuditSource, ...], audit_one: partial[RecordingAudit], progress: Progress | None
-) -> Iterator[tuple[int, Outcome]]:
-    with single_threaded():
-        for number, source in enumerate(sources):
-            report = recording_reporter(progress, number, len(sources))
-            yield number, _outcome(partial(audit_one, progress=report), source)
-            report(1.0)
+def _outcomes(
+    sources: Sequence[AuditSource],
+    place: Place,
+    audit_one: Callable[[AuditSource], RecordingAudit | DataError],
+    progress: Progress | None,
+) -> dict[str, Outcome]:
+    """What became of each recording, by name, in the order of the data set."""
+    found: dict[str, Outcome] = {}
+    with closing(place(audit_one, sources)) as results:
+        for source, outcome in results:
+            found[source.recorded.name] = outcome
+            if progress is not None:
+                progress(len(found), len(sources))
+    return {source.recorded.name: found[source.recorded.name] for source in sources}
 
 
-def _side_by_side(
-    sources: tuple[AuditSource, ...], audit_one: partial[RecordingAudit], workers: int, progress: Progress | None
-) -> Iterator[tuple[int, Outcome]]:
-    processes = min(workers, len(sources))
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn"), initializer=use_one_thread) as pool:
-        numbers = {pool.submit(_outcome, audit_one, source): number for number, source in enumerate(sources)}
-        try:
-            for done, future in enumerate(as_completed(numbers), start=1):
-                yield numbers[future], future.result()
-                if progress is not None:
-                    progress(done, len(sources))
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _outcome(audit_one: partial[RecordingAudit], source: AuditSource) -> Outcome:
+def _outcome(source: AuditSource, *, method: Method, protocol: Protocol) -> RecordingAudit | DataError:
     """The audit, or the user's mistake that prevents it; a bug goes on upwards."""
     try:
-        return audit_one(source)
+        return audit_recording(source, method=method, protocol=protocol)
     except DataError as error:
         return error
+
+
+def _nothing_audited(card: DatasetCard, outcomes: Mapping[str, Outcome], failures: Sequence[str]) -> DataError:
+    """The first recording's own error, which says what to do; else all that was lost."""
+    mistakes = (outcome for outcome in outcomes.values() if isinstance(outcome, DataError))
+    lost = DataError(card.file, wanted="a recording that can be audited", came="; ".join(failures) or "none")
+    return next(mistakes, lost)

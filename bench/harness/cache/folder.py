@@ -117,8 +117,8 @@ class CacheFolder:
                     raise DataError(self.folder, wanted="an empty folder or a cache", came="other files", do=do)
                 (self.folder / MARK).touch()
         except OSError as error:
-            came = error.strerror or str(error)
-            raise DataError(self.folder, wanted="a folder for the cache", came=came, do="or --no-cache") from error
+            came, do = error.strerror or str(error), "name another folder with --cache, or keep nothing with --no-cache"
+            raise DataError(self.folder, wanted="a folder for the cache", came=came, do=do) from error
 
     def _file(self, step: str, digest: str) -> Path:
         return self.folder / step / digest[:2] / f"{digest[2:40]}.npz"

@@ -9,7 +9,7 @@ from bench.cameras import CameraModel
 from bench.harness.cache.folder import Arrays, CacheFolder
 from bench.harness.cache.reference_arrays import reference_arrays, reference_from_arrays
 from bench.harness.keys import RecordingInputs, code_digest, digest_of, method_digest
-from bench.harness.keys.code import METHOD_ROOMS, REFERENCE_ROOMS
+from bench.harness.keys.code import METHOD_ROOMS, REFERENCE_CODE
 from bench.methods import Method, MethodInput
 from bench.methods.contract import StepOf
 from bench.recordings import ImageRef, Recording
@@ -44,7 +44,7 @@ class StepCache:
         """The reference of an image; see `ReferenceBuilder.build`."""
         reach_ns = builder.settings.max_sweep_gap_ns
         digest = digest_of(
-            code_digest(REFERENCE_ROOMS),
+            code_digest(REFERENCE_CODE),
             builder.settings,
             self.inputs.camera(image.camera),
             self.inputs.ego_motion,

@@ -18,6 +18,7 @@ from bench.harness.provenance import library_versions
 from bench.methods import Method
 
 REFERENCE_ROOMS = ("errors.py", "geometry", "cameras", "lidar", "egomotion", "recordings", "reference")
+REFERENCE_CODE = (*REFERENCE_ROOMS, "harness/cache/reference_arrays.py")  # and how a kept one is stored
 METHOD_ROOMS = ("errors.py", "geometry", "flow", "cameras", "egomotion", "methods")
 SCORING_ROOMS = (*sorted({*REFERENCE_ROOMS, *METHOD_ROOMS}), "evaluation")
 UNIT_FILES = ("frames", "unit", "units", "reference_itself", "map_files")

@@ -58,14 +58,18 @@ def run_sweep(
         The figures, also stored as `sweep.json`.
 
     Raises:
-        DataError: the data set is not there, or nothing of it could be used.
+        DataError: the data set is not there, or nothing of it could be used, or `cache` is a folder of other files.
     """
     start = origin.Start.now()
     handles = open_dataset(card, split)
+    if cache is not None:
+        cache.prepare()
     work = _Work(plan=plan, cache=cache)
     with single_threaded():
         for number, handle in enumerate(handles):
             work.run_recording(handle, recording_reporter(progress, number, len(handles)))
+    if cache is not None:
+        cache.make_room()
     if not work.units:
         raise DataError(card.file, wanted="a recording that can be used", came="; ".join(work.failures) or "none")
     rows = work.rows()

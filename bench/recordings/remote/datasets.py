@@ -107,7 +107,8 @@ def _fetched(dataset: RemoteDataset, name: str, part: Part) -> RecordingHandle:
     for handle in listed:
         if handle.name == name:
             return handle
-    raise DataError(dataset.url.text, wanted=f"the recording {name!r}", came="a folder without it")
+    do = "run again: it was there when the data set was listed"
+    raise DataError(dataset.url.text, wanted=f"the recording {name!r}", came="a folder without it", do=do)
 
 
 def _two_levels(storage: Storage) -> dict[str, dict[str, bool] | None]:

@@ -9,7 +9,7 @@ import pytest
 from bench.errors import DataError
 from bench.harness.cache import CacheFolder
 from bench.harness.cache import folder as of_cache
-from bench.harness.work import Processes
+from bench.parallel import Processes
 
 ENTRY_BYTES = 8_000
 

@@ -8,8 +8,9 @@ import pytest
 
 from bench.evaluation import load_protocol
 from bench.harness import RunSummary, run_benchmark
-from bench.harness.work import Cluster, Place, Terms, in_turn
+from bench.harness.work import Cluster, Terms
 from bench.methods import build_method
+from bench.parallel import Place, in_turn
 from bench.recordings import load_card
 from tests.harness.cluster.dask_processes import DaskProcesses, dask_processes
 

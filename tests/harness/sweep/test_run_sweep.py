@@ -109,6 +109,17 @@ def test_flow_is_computed_once_for_all_values_and_sweeps(tiny_card, tmp_path, fl
     assert base[0].all_moving.model_dump_json() == base[1].all_moving.model_dump_json()
 
 
+def test_the_cache_of_a_sweep_is_one_that_runs_take(tiny_card, tmp_path):
+    kept = CacheFolder(folder=tmp_path / "cache", limit_bytes=0)
+    sweep(tiny_card, "threshold", tmp_path / "a", values=["0.002"], cache=kept)
+    kept.prepare()
+    assert kept.use().files == 0, "its limit holds at the end"
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "file").touch()
+    with pytest.raises(DataError, match="wanted an empty folder or a cache"):
+        sweep(tiny_card, "threshold", tmp_path / "b", values=["0.002"], cache=CacheFolder(folder=tmp_path / "other"))
+
+
 def test_noise_and_flow_settings_need_their_own_flow(tiny_card, tmp_path, flow_calls):
     found = sweep(tiny_card, "error.image_noise", tmp_path / "a", values=["0", "16"], split="moving")
     assert found.flow.computed == len(flow_calls) == 2 * 8

@@ -18,7 +18,7 @@ from bench.errors import DataError, UsageError
 from bench.harness.work.cluster.connection import connected
 from bench.harness.work.cluster.terms import Terms
 from bench.harness.work.cluster.worker import Call, Parcel, Unfit, breach, compute
-from bench.harness.work.places import Lost
+from bench.parallel.places import Lost
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -33,7 +33,7 @@ Done = TypeVar("Done")
 
 @dataclass(kw_only=True, eq=False)
 class Cluster:
-    """A place to compute; see `bench.harness.work.places.Place`.
+    """A place to compute; see `bench.parallel.places.Place`.
 
     As many tasks are under way as there are workers, so memory does not grow with their number, and a worker that dies
     takes no task with it but the one that it worked on. Dask gives that one to another worker as often as the

@@ -6,16 +6,18 @@ import subprocess
 import sys
 from contextlib import closing
 from functools import partial
+from multiprocessing.process import BaseProcess
 
 import pytest
 
-from bench.harness.work import Lost, Processes, in_turn, staying
-from tests.harness.processes import PATIENCE_S, alive, pids, until
-from tests.harness.work import jobs
+from bench.parallel import Lost, Processes, in_turn, staying
+from tests.parallel import jobs
+from tests.processes import PATIENCE_S, alive, pids, until
 
 NUMBERS = list(range(7))
 SQUARES = {number: number * number for number in NUMBERS}
 PLACES = {"in turn": in_turn, "one process": Processes(workers=1), "two": Processes(workers=2)}
+BOUND_S = 2.0  # from an interrupt to the end
 every_place = pytest.mark.parametrize("name", PLACES)
 
 
@@ -84,6 +86,26 @@ def test_closing_ends_the_processes_even_those_that_do_not_listen(tmp_path):
     assert not any(alive(pid) for pid in pids(here))
 
 
+def test_closing_never_waits_for_one_process_after_the_other(tmp_path, monkeypatch):
+    """However many do not listen, and however busy the machine is: what is asked for at most is within the bound."""
+    asked_s: list[float] = []
+
+    def join(process, timeout=None):
+        if timeout is not None:
+            asked_s.append(timeout)
+        joined(process, timeout)
+
+    joined = BaseProcess.join
+    monkeypatch.setattr(BaseProcess, "join", join)
+    here = tmp_path / "processes"
+    with closing(Processes(workers=4)(partial(_stay_after_the_first, tmp_path), [0, 1, 2, 3])) as results:
+        assert next(results) == (0, 0)
+        until(lambda: len(pids(here)) == 3, "three processes at work")
+    assert len(asked_s) == 4
+    assert sum(asked_s) < BOUND_S
+    assert not any(alive(pid) for pid in pids(here))
+
+
 def _stay_after_the_first(folder, number):
     return jobs.stay(folder, number) if number else 0
 
@@ -99,6 +121,20 @@ def test_processes_stay_from_one_call_to_the_next_only_inside_the_block(tmp_path
     assert not any(alive(pid) for pid in first)
     with staying(in_turn):
         assert dict(in_turn(jobs.own_process, [1])) == {1: os.getpid()}
+
+
+def test_processes_that_started_before_there_is_a_task_compute_it_and_end_with_the_block(tmp_path, monkeypatch):
+    monkeypatch.setenv("LOADED", str(tmp_path))
+    place = Processes(workers=2, loads="tests.parallel.loaded")
+    with place.started():
+        until(lambda: len(pids(tmp_path / "loaded")) == 2, "both loaded, without a task")
+        with staying(place):
+            computed = {pid for _, pid in place(partial(jobs.wait_for_both, tmp_path), [1, 2])}
+        assert computed == set(pids(tmp_path / "loaded"))
+        assert not any(alive(pid) for pid in computed)
+    with place.started():
+        until(lambda: len(pids(tmp_path / "loaded")) == 4, "two more")
+    assert not any(alive(pid) for pid in pids(tmp_path / "loaded"))
 
 
 def test_processes_that_are_killed_while_they_have_nothing_to_do_are_replaced(tmp_path):
@@ -125,9 +161,9 @@ PARENT = """
 import sys
 from functools import partial
 from pathlib import Path
-from bench.harness.work import Processes
-from tests.harness.processes import PATIENCE_S, alive, pids, until
-from tests.harness.work import jobs
+from bench.parallel import Processes
+from tests.processes import PATIENCE_S, alive, pids, until
+from tests.parallel import jobs
 
 if __name__ == "__main__":
     list(Processes(workers=2)(partial(jobs.stay, Path(sys.argv[1])), [1, 2]))

@@ -10,13 +10,14 @@ import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from importlib import import_module
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection, wait
 from multiprocessing.util import Finalize
 from threading import Thread
 from typing import Any
 
-from bench.harness.work.places import Lost
+from bench.parallel.places import Lost
 from bench.threads import use_one_thread
 
 GRACE_S = 1.0  # until a process that was told to end is killed
@@ -42,12 +43,15 @@ class Worker:
     Its pipe is its own, so that a process that is killed in the middle of an answer leaves half a message to nobody
     else. It ends by itself when this process ends, however that comes about. An interrupt from the keyboard reaches
     this process alone.
+
+    Args:
+        loads: module that it imports before it has a task; None for none.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, loads: str | None = None) -> None:
         context = get_context("spawn")
         self.pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs,), name="worker")
+        self._process = context.Process(target=_serve, args=(theirs, loads), name="worker")
         self._process.start()
         theirs.close()
         self._work: Callable[..., Any] | None = None
@@ -103,13 +107,15 @@ def interrupts_later() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _serve(tasks: Connection) -> None:
+def _serve(tasks: Connection, loads: str | None) -> None:
     """Compute tasks until nobody has any."""
     if sys.platform != "win32":
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
     Thread(target=_end_with_parent, daemon=True).start()
     use_one_thread()
+    if loads is not None:
+        import_module(loads)
     work: Callable[..., Any] | None = None
     while True:
         try:

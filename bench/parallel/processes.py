@@ -11,8 +11,8 @@ from multiprocessing.connection import wait
 from time import monotonic
 from typing import Any, TypeVar
 
-from bench.harness.work.places import ATTEMPTS, Lost
-from bench.harness.work.worker import GRACE_S, Computed, Raised, Worker, interrupts_later
+from bench.parallel.places import ATTEMPTS, Lost
+from bench.parallel.worker import GRACE_S, Computed, Raised, Worker, interrupts_later
 
 Task = TypeVar("Task")
 Done = TypeVar("Done")
@@ -25,7 +25,7 @@ def usable_cores() -> int:
 
 @dataclass(kw_only=True, eq=False)
 class Processes:
-    """A place to compute; see `bench.harness.work.places.Place`.
+    """A place to compute; see `bench.parallel.places.Place`.
 
     Processes are spawned, not forked, and keep every library to one thread. A task whose process ends without an
     answer is given to another one, three times in all. A process holds one task at a time, so that memory does not
@@ -33,9 +33,11 @@ class Processes:
 
     Attributes:
         workers: how many.
+        loads: module that a process imports at its start, before it has a task; None for none.
     """
 
     workers: int
+    loads: str | None = None
     _crew: list[Worker] = field(default_factory=list, repr=False)
     _stay: bool = field(default=False, repr=False)
 
@@ -58,6 +60,15 @@ class Processes:
             yield
         finally:
             self._stay = False
+            self._end_all()
+
+    @contextmanager
+    def started(self) -> Iterator[None]:
+        """Start the processes now, so that they load while this one does; those that are left end with the block."""
+        try:
+            self._start(self.workers)
+            yield
+        finally:
             self._end_all()
 
     def _compute(self, work: Callable[[Task], Done], tasks: Sequence[Task]) -> Generator[tuple[Task, Done | Lost]]:
@@ -84,12 +95,14 @@ class Processes:
 
     def _idle(self, busy: Container[Worker], tasks: int) -> list[Worker]:
         """Workers for tasks that wait; those that are missing start, all before the first is waited for."""
-        idle = [worker for worker in self._crew if worker not in busy]
-        for _ in range(min(tasks - len(idle), self.workers - len(self._crew))):
+        idle = sum(worker not in busy for worker in self._crew)
+        self._start(min(tasks - idle, self.workers - len(self._crew)))
+        return [worker for worker in self._crew if worker not in busy][:tasks]
+
+    def _start(self, count: int) -> None:
+        for _ in range(count):
             with interrupts_later():
-                idle.append(Worker())
-                self._crew.append(idle[-1])
-        return idle[:tasks]
+                self._crew.append(Worker(self.loads))
 
     def _end_all(self) -> None:
         """End processes, all within the same second."""
