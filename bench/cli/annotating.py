@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -62,7 +63,8 @@ def import_(
     _print_lost(layer.lost)
     _print(str(file))
     if not _stands_in(card, file.parent):
-        _print(f"to use it, give the card {card.file} the key annotations with the folder {file.parent}")
+        folder = os.path.relpath(file.parent.resolve(), card.file.parent.resolve())  # as a card counts paths
+        _print(f"to use it, give the card {card.file} this line: annotations: {folder}")
 
 
 def export(

@@ -13,7 +13,7 @@ Conventions of the whole project, written here once:
 
 from bench.geometry.interpolation import advance_twist, twist_between
 from bench.geometry.plane import RoadPlane
-from bench.geometry.rigid import RigidTransform
+from bench.geometry.rigid import RigidTransform, quaternions_wxyz
 from bench.geometry.sphere import angle_between, cross, dot, normalise
 
 __all__ = [
@@ -24,5 +24,6 @@ __all__ = [
     "cross",
     "dot",
     "normalise",
+    "quaternions_wxyz",
     "twist_between",
 ]

@@ -6,7 +6,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from bench.errors import DataError
-from bench.layers.layer import OBJECT_CLASSES, LayerOptions
+from bench.layers.layer import LayerOptions
+from bench.recordings import OBJECT_CLASSES
 
 WELL_KNOWN = {
     **{name: name for name in OBJECT_CLASSES},
@@ -53,15 +54,16 @@ def map_classes(
     return {name: table[name.casefold()] for name in classes}
 
 
-def tool_class(object_class: str, options: LayerOptions, defaults: Mapping[str, str]) -> str:
+def tool_class(object_class: str, options: LayerOptions, defaults: Mapping[str, str] | None = None) -> str:
     """What a tool calls one of our classes: as the user says, else as the format does.
 
     Args:
         object_class: one of `OBJECT_CLASSES`.
         options: the first class that the user maps to ours.
-        defaults: ours -> the tool's.
+        defaults: ours -> the tool's; None where the tool takes any name, and so ours.
     """
-    return next((name for name, ours in options.classes.items() if ours == object_class), defaults[object_class])
+    default = object_class if defaults is None else defaults[object_class]
+    return next((name for name, ours in options.classes.items() if ours == object_class), default)
 
 
 def left_out(classes: Mapping[str, str | None], counts: Mapping[str, int]) -> tuple[str, ...]:

@@ -23,14 +23,13 @@ def open_unannotated(card: DatasetCard, name: str) -> Recording:
         UnknownNameError: no such recording.
         DataError: the data set cannot be opened, or takes no annotations.
     """
-    known = [handle.name for handle in open_dataset(card)]
-    if name not in known:
-        raise UnknownNameError("recording", name, known)
     with TemporaryDirectory() as folder:
-        write_annotations(Path(folder) / f"{name}.json", ())
         blank = replace(card, content=card.content.model_copy(update={"annotations": folder}))
-        handle = next(handle for handle in open_dataset(blank) if handle.name == name)
-        return handle.open()
+        handles = {handle.name: handle for handle in open_dataset(blank)}
+        if name not in handles:
+            raise UnknownNameError("recording", name, handles)
+        write_annotations(Path(folder) / f"{name}.json", ())
+        return handles[name].open()
 
 
 def import_layer(format_name: str, source: Path, recording: Recording, options: LayerOptions, *, file: Path) -> Layer:

@@ -79,12 +79,6 @@ def _best(names: tuple[str, ...], recording: Recording, options: LayerOptions, s
         if any(not _is_number(name) or int(name) for name in keyed):  # both ways of counting may begin with 0
             return _complete(names, keyed, recording, options, source)
     return _complete(names, places, recording, options, source)
-    for keyed in (_by_stem(names, recording), _by_number(names, recording), _by_time(names, recording)):
-        if len(keyed) == len(names):
-            return keyed
-        if any(not _is_number(name) or int(name) for name in keyed):  # both ways of counting may begin with 0
-            return _complete(names, keyed, recording, options, source)
-    return _complete(names, places, recording, options, source)
 
 
 def _complete(

@@ -26,7 +26,7 @@ from bench.layers.frames import frame_numbers, pair_with_sweeps
 from bench.layers.layer import Layer, LayerOptions
 from bench.layers.motion import with_motion
 from bench.layers.sweep_states import lidar_from_object, motion_lost, states_at_sweeps
-from bench.layers.tracklet_file import UNSET, Tracklet, TrackletPose, read_tracklets, write_tracklets
+from bench.layers.tracklet_file import INTERPOLATED, UNSET, Tracklet, TrackletPose, read_tracklets, write_tracklets
 from bench.recordings import Cuboid, ObjectState, Recording, SweepRef, Track
 
 FILE = "tracklet_labels.xml"
@@ -163,7 +163,7 @@ class KittiTracklets:
         posed = sum(len(self._posed(tracklet)) for tracklet in tracklets)
         counts = {
             "poses that are unset or outside, left out": len(poses) - posed,
-            "poses that are interpolated, read as the others": sum(pose.state == 1 for pose in poses),
+            "poses that are interpolated, read as the others": sum(pose.state == INTERPOLATED for pose in poses),
             "marks of occlusion: no place for them": sum(pose.occlusion in (1, 2) for pose in poses),
             "marks of truncation: no place for them": sum(pose.truncation in (1, *OUTSIDE) for pose in poses),
             "tracklets that are not finished, read as the others": sum(not item.finished for item in tracklets),

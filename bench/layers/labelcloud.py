@@ -32,18 +32,17 @@ from bench.layers.labelcloud_boxes import (
     box_of_vertices,
     written,
 )
-from bench.layers.layer import OBJECT_CLASSES, Layer, LayerOptions
+from bench.layers.layer import Layer, LayerOptions
 from bench.layers.motion import with_motion
 from bench.layers.point_groups import GroupedSweep, linked_groups
 from bench.layers.sweep_states import lidar_from_object, motion_lost, states_at_sweeps
 from bench.layers.tool_model import ToolModel
-from bench.recordings import Cuboid, ObjectState, Recording, SweepRef, Track, write_text
+from bench.recordings import OBJECT_CLASSES, Cuboid, ObjectState, Recording, SweepRef, Track, write_text
 from bench.recordings.validation import data_error, read_json
 
 FOLDER, CLASS_FILE = "labels", "_classes.json"
 CLOUD_FOLDER = "pointclouds"
 COLOURS = ("#FF6363", "#FFAB76", "#63A1FF", "#9DA2AB")  # of our classes, in their order
-OURS = {name: name for name in OBJECT_CLASSES}
 
 
 class _ClassFile(ToolModel):
@@ -98,7 +97,7 @@ class LabelCloud:
         states, lost = states_at_sweeps(layer, recording, (Cuboid,))
         names = frame_names(recording, options)
         sweeps = {sweep.timestamp_ns: sweep for sweep in recording.sweeps}
-        tool_names = {ours: tool_class(ours, options, OURS) for ours in OBJECT_CLASSES}
+        tool_names = {ours: tool_class(ours, options) for ours in OBJECT_CLASSES}
         refuse_other_frames(out / FOLDER, ".json", map(names.__getitem__, states), without=(CLASS_FILE,))
         for time_ns, objects in states.items():
             cloud = names[time_ns] + sweeps[time_ns].path.suffix

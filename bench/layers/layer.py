@@ -8,9 +8,7 @@ from pathlib import Path
 from typing import Protocol
 
 from bench.errors import UsageError
-from bench.recordings import Recording, Track
-
-OBJECT_CLASSES = ("pedestrian", "cyclist", "vehicle", "animal")
+from bench.recordings import OBJECT_CLASSES, Recording, Track
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from bench.errors import DataError
 from bench.geometry import RigidTransform
+from bench.layers.tool_model import finite_number
 
 EULER, QUATERNION = 9, 10
 
@@ -25,14 +26,12 @@ def read_box(val: object, file: Path, field: str) -> tuple[RigidTransform, NDArr
     Raises:
         DataError: another number of values, a size that is not above 0, a quaternion of another length than 1.
     """
-    numbers = val if isinstance(val, list | tuple) else ()
-    if len(numbers) not in {EULER, QUATERNION} or not all(
-        isinstance(number, int | float) and not isinstance(number, bool) for number in numbers
-    ):
-        raise DataError(file, field=f"{field}.val", wanted="9 or 10 numbers", came=repr(val)[:80])
+    numbers = [finite_number(number) for number in val] if isinstance(val, list | tuple) else []
+    if len(numbers) not in {EULER, QUATERNION} or None in numbers:
+        raise DataError(file, field=f"{field}.val", wanted="9 or 10 finite numbers", came=repr(val)[:80])
     values = np.array(numbers, dtype=np.float64)
     place_m, size_m = values[:3], values[-3:]
-    if not np.isfinite(values).all() or size_m.min() <= 0:
+    if size_m.min() <= 0:
         came = str(size_m.tolist())
         raise DataError(file, field=f"{field}.val", wanted="a box of sizes above 0", came=came)
     if len(values) == EULER:

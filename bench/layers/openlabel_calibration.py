@@ -8,11 +8,10 @@ from typing import Any
 
 from bench.cameras import camera_parameters
 from bench.errors import DataError
-from bench.geometry import RigidTransform
 from bench.layers.openlabel_cameras import read_lens
 from bench.layers.openlabel_file import Root, read_label_file
 from bench.layers.openlabel_systems import chain, standing_poses
-from bench.recordings.schema import CameraHead, LidarHead
+from bench.recordings.schema import CameraHead, LidarHead, Mounting
 from bench.recordings.validation import validated
 
 
@@ -67,11 +66,8 @@ def _vehicle(content: Root, file: Path) -> str:
 
 
 def _mounting(name: str, vehicle: str, content: Root, file: Path) -> dict[str, Any]:
-    vehicle_from_sensor: RigidTransform | None = chain(name, vehicle, standing_poses(content, file))
+    vehicle_from_sensor = chain(name, vehicle, standing_poses(content, file))
     if vehicle_from_sensor is None:
         field = f"openlabel.coordinate_systems.{name}"
         raise DataError(file, field=field, wanted=f"poses that lead to {vehicle!r}", came="none")
-    return {
-        "quaternion_wxyz": tuple(vehicle_from_sensor.quaternion_wxyz.tolist()),
-        "translation_m": tuple(vehicle_from_sensor.translation_m.tolist()),
-    }
+    return Mounting.of(vehicle_from_sensor).model_dump()

@@ -24,6 +24,7 @@ from bench.cameras.pinhole import PinholeCamera
 from bench.cameras.radial_polynomial import RadialPolynomialCamera
 from bench.errors import DataError, ShapeError, UnknownNameError
 from bench.layers.openlabel_file import StreamProperties
+from bench.layers.tool_model import finite_number
 from bench.recordings.validation import data_error
 
 COEFFICIENTS = ("lens_coeffs", "lens_coeffs_1x4", "lens_coeffs_1xN")
@@ -90,10 +91,11 @@ def _custom(values: Mapping[str, Any], file: Path, field: str) -> CameraModel:
         raise DataError(
             file, field=f"{field}.model", wanted=f"one of {', '.join(error.known)}", came=error.name
         ) from error
-    except (TypeError, ValueError) as error:
-        if isinstance(error, ShapeError):
-            raise
-        raise DataError(file, field=field, wanted="the fields of a camera model", came=str(error)) from error
+    except ShapeError:
+        raise
+    except (TypeError, ValueError, OverflowError) as error:
+        wanted = "width, height and the parameters of the camera model"
+        raise DataError(file, field=field, wanted=wanted, came=", ".join(map(str, values))[:200]) from error
 
 
 def _fisheye(values: Mapping[str, Any], file: Path, field: str) -> CameraModel:
@@ -132,11 +134,12 @@ def _pinhole(values: Mapping[str, Any], file: Path, field: str) -> CameraModel:
     if len(matrix) not in {9, 12}:
         raise DataError(file, field=f"{field}.camera_matrix", wanted="9 or 12 numbers", came=str(len(matrix)))
     columns = len(matrix) // 3
-    distortion = next((values[name] for name in DISTORTIONS if values.get(name) is not None), ())
+    told = any(values.get(name) not in (None, []) for name in DISTORTIONS)
+    distortion = _list(values, DISTORTIONS, file, field) if told else []
     if any(distortion) or matrix[1]:
         wanted = "a pinhole without distortion or skew"
         do = "give images without distortion, or another camera model in intrinsics_custom"
-        raise DataError(file, field=field, wanted=wanted, came=f"{list(distortion)}, skew {matrix[1]}", do=do)
+        raise DataError(file, field=field, wanted=wanted, came=f"{distortion}, skew {matrix[1]}", do=do)
     width, height = _size(values, file, field)
     return camera_from_parameters(
         "pinhole",
@@ -148,28 +151,32 @@ def _pinhole(values: Mapping[str, Any], file: Path, field: str) -> CameraModel:
 
 
 def _size(values: Mapping[str, Any], file: Path, field: str) -> tuple[int, int]:
-    width, height = (_number(values, (name,), file, field) for name in ("width_px", "height_px"))
-    return int(width), int(height)
+    sizes = []
+    for name in ("width_px", "height_px"):
+        size = _number(values, (name,), file, field)
+        if not size.is_integer():
+            raise DataError(file, field=f"{field}.{name}", wanted="a whole number", came=str(size))
+        sizes.append(int(size))
+    return sizes[0], sizes[1]
 
 
 def _list(values: Mapping[str, Any], names: tuple[str, ...], file: Path, field: str) -> list[float]:
     found = next((values[name] for name in names if values.get(name) is not None), None)
-    if not isinstance(found, list) or not found or not all(_is_number(item) for item in found):
-        raise DataError(file, field=f"{field}.{names[0]}", wanted="numbers", came=repr(found)[:80])
-    return [float(item) for item in found]
+    numbers = [finite_number(item) for item in found] if isinstance(found, list) else []
+    told = [number for number in numbers if number is not None]
+    if not numbers or len(told) < len(numbers):
+        raise DataError(file, field=f"{field}.{names[0]}", wanted="finite numbers", came=repr(found)[:80])
+    return told
 
 
 def _number(
     values: Mapping[str, Any], names: tuple[str, ...], file: Path, field: str, *, default: float | None = None
 ) -> float:
     found = next((values[name] for name in names if values.get(name) is not None), default)
-    if not _is_number(found):
-        raise DataError(file, field=f"{field}.{names[0]}", wanted="a number", came=repr(found)[:80])
-    return float(found)  # type: ignore[arg-type]
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+    number = finite_number(found)
+    if number is None:
+        raise DataError(file, field=f"{field}.{names[0]}", wanted="a finite number", came=repr(found)[:80])
+    return number
 
 
 def _padded(coefficients: tuple[float, ...]) -> list[float]:

@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from bench.layers.classes import tool_class
-from bench.layers.layer import OBJECT_CLASSES, Layer, LayerOptions
+from bench.layers.layer import Layer, LayerOptions
 from bench.layers.openlabel_cameras import lens_properties
 from bench.recordings import Recording, openlabel
 from bench.recordings.annotations import annotation_document
-
-WRITTEN = {name: name for name in OBJECT_CLASSES}
 
 
 def label_document(layer: Layer, recording: Recording, options: LayerOptions) -> dict[str, Any]:
@@ -77,7 +75,7 @@ def _number_objects(root: dict[str, Any], layer: Layer, options: LayerOptions) -
     root["objects"] = {
         uids[track.track_id]: {
             **root["objects"][track.track_id],
-            "type": tool_class(track.object_class, options, WRITTEN),
+            "type": tool_class(track.object_class, options),
             "frame_intervals": _intervals(places[uids[track.track_id]]),
         }
         for track in layer.tracks

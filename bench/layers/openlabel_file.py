@@ -23,8 +23,8 @@ IMAGE_KINDS = ("bbox", "rbbox", "image", "binary", "point2d", "line_reference", 
 OTHER_KINDS = ("poly3d", "point3d", "mat", "mesh")
 ELEMENTS = ("actions", "events", "relations", "contexts", "tags")
 
-Number = int | float
-Numbers = list[Number]  # a tuple would refuse the list that a validator hands on
+Stamp = int | float | str  # whole numbers stay whole: nanoseconds have more digits than float
+Numbers = list[float]  # a tuple would refuse the list that a validator hands on
 
 
 class TransformData(ToolModel):
@@ -118,7 +118,7 @@ class FrameObject(ToolModel):
 class Sync(ToolModel):
     """What a stream says of a frame."""
 
-    timestamp: Number | str | None = None
+    timestamp: Stamp | None = None
     frame_stream: int | None = None
 
 
@@ -142,7 +142,7 @@ class Stream(ToolModel):
 class FrameProperties(ToolModel):
     """Time, streams and poses of a frame."""
 
-    timestamp: Number | str | None = None
+    timestamp: Stamp | None = None
     streams: dict[str, Stream] = Field(default_factory=dict)
     transforms: dict[str, Transform] = Field(default_factory=dict)
 

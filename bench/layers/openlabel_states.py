@@ -11,7 +11,7 @@ from bench.errors import DataError
 from bench.layers.openlabel_boxes import read_box, upright
 from bench.layers.openlabel_file import IMAGE_KINDS, OTHER_KINDS, Entry, LabelledObject, ObjectData, Root
 from bench.layers.openlabel_systems import Systems
-from bench.recordings import ObjectState, openlabel
+from bench.recordings import MOTION_KINDS, Cuboid, ObjectState, openlabel
 from bench.recordings.annotations import read_state
 from bench.recordings.validation import validated
 
@@ -65,19 +65,22 @@ class StateReader:
     def _state(
         self, data: ObjectData, item: LabelledObject, number: str, time_ns: int, field: str
     ) -> ObjectState | None:
+        told = [entry for entry in data.text if entry.name == OWN_TEXT]
         values: dict[str, Any] = {
             "num": [_kept(entry) for entry in data.num if entry.name in OWN_NUMBERS],
             "vec": [_kept(entry) for entry in data.vec if entry.name in OWN_VECTORS],
-            "text": [_kept(entry) for entry in data.text if entry.name == OWN_TEXT],
+            "text": [_kept(entry) for entry in told if entry.val in MOTION_KINDS],
             "boolean": [_kept(entry) for entry in data.boolean if entry.name == OWN_BOOLEAN],
         }
+        self._add(f"text {OWN_TEXT!r} that is no kind of motion: no place for it", len(told) - len(values["text"]))
+        shape: Cuboid | None = None
         boxes = [entry for entry in data.cuboid if entry.val is not None]
         self._add("cuboids without numbers, left out", len(data.cuboid) - len(boxes))
         outlines = [entry for entry in data.poly2d if entry.name == OWN_OUTLINE]
         indexed = any(entry["name"] == "point_indices" for entry in values["vec"])
         if boxes:
             self._add("further cuboids of an object in a frame: the first is read", len(boxes) - 1)
-            values["cuboid"] = [self._cuboid(boxes[0], item, number, f"{field}.object_data.cuboid")]
+            shape = self._cuboid(boxes[0], item, number, f"{field}.object_data.cuboid")
             values["num"] = [entry for entry in values["num"] if entry["name"] == "yaw_rate_radps"]
             values["vec"] = [entry for entry in values["vec"] if entry["name"] == "velocity_mps"]
         elif outlines:
@@ -85,17 +88,16 @@ class StateReader:
         elif not indexed:
             return None
         strict = validated(openlabel.FrameObjectData, _tupled(values), file=self._file, field=f"{field}.object_data")
-        return read_state(strict, time_ns, file=self._file, field=field)
+        return read_state(strict, time_ns, file=self._file, field=field, shape=shape)
 
-    def _cuboid(self, entry: Entry, item: LabelledObject, number: str, field: str) -> dict[str, Any]:
+    def _cuboid(self, entry: Entry, item: LabelledObject, number: str, field: str) -> Cuboid:
         system_from_box, size_m = read_box(entry.val, self._file, field)
         system = entry.coordinate_system or item.coordinate_system
         vehicle_from_box = self._systems.vehicle_from(system, number) @ system_from_box
         vehicle_from_upright, size_m = upright(vehicle_from_box, size_m)
         if vehicle_from_upright is not vehicle_from_box:
             self._add("boxes whose height is not along their own z: their axes are renamed", 1)
-        w, x, y, z = vehicle_from_upright.quaternion_wxyz.tolist()
-        return {"name": "shape", "val": [*vehicle_from_upright.translation_m.tolist(), x, y, z, w, *size_m.tolist()]}
+        return Cuboid(vehicle_from_object=vehicle_from_upright, size_m=size_m)
 
     def _outline(self, entry: Entry, item: LabelledObject, field: str) -> dict[str, Any]:
         system = entry.coordinate_system or item.coordinate_system

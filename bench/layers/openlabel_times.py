@@ -19,11 +19,11 @@ from bench.layers.frames import pair_with_sweeps
 from bench.layers.layer import LayerOptions
 from bench.layers.openlabel_file import Root, Stream
 from bench.recordings import Recording
+from bench.recordings.validation import LATEST_NS
 
 UNITS_NS = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
 NEAR_NS = 1_000_000
 LONGEST_TEXT = 64
-LARGEST_NS = 2**62
 
 
 def frame_times(content: Root, recording: Recording, options: LayerOptions, file: Path) -> dict[str, int]:
@@ -94,7 +94,7 @@ def _parsed(stamp: float | str | None, number: str, file: Path) -> Decimal | int
     except InvalidOperation:
         value = None
     if value is not None:
-        if not value.is_finite() or abs(value) > LARGEST_NS:
+        if not value.is_finite() or value.copy_abs() > LATEST_NS:  # `abs` fails on exponents beyond its context
             raise DataError(file, field=field, wanted="a time", came=text)
         return value
     try:
@@ -131,6 +131,11 @@ def _in_best_unit(values: Mapping[str, Decimal | int], recording: Recording, fil
             wanted=f"times of the recording, {known[0]} to {known[-1]} ns, in ns, us, ms or s" if known else "a time",
             came=str(values[first]),
         )
+    for number, time_ns in best.items():
+        if abs(time_ns) > LATEST_NS:
+            field = f"openlabel.frames.{number}.frame_properties.timestamp"
+            wanted = "a time of this recording, in the unit of the other frames"
+            raise DataError(file, field=field, wanted=wanted, came=str(values[number]))
     return best
 
 

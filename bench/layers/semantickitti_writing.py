@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from bench.errors import DataError, UsageError
 from bench.layers.classes import tool_class
 from bench.layers.frame_files import frame_names, refuse_other_frames
-from bench.layers.layer import OBJECT_CLASSES, Layer, LayerOptions
+from bench.layers.layer import Layer, LayerOptions
 from bench.layers.motion import with_motion
 from bench.layers.semantickitti_labels import (
     CLASSES,
@@ -28,7 +28,17 @@ from bench.layers.semantickitti_labels import (
     write_labels,
 )
 from bench.layers.sweep_states import motion_lost, states_at_sweeps
-from bench.recordings import Cuboid, GroundPolygon, ObjectShape, ObjectState, PointIndices, Recording, SweepRef, Track
+from bench.recordings import (
+    OBJECT_CLASSES,
+    Cuboid,
+    GroundPolygon,
+    ObjectShape,
+    ObjectState,
+    PointIndices,
+    Recording,
+    SweepRef,
+    Track,
+)
 from bench.reference.clusters import object_cluster
 from bench.reference.sweeps import PlacedSweep, place_sweep
 

@@ -29,11 +29,10 @@ from bench.layers.layer import Layer, LayerOptions
 from bench.layers.motion import with_motion
 from bench.layers.sustechpoints_boxes import CLASSES, DOUBTFUL, Box, read_boxes
 from bench.layers.sweep_states import lidar_from_object, motion_lost, states_at_sweeps
-from bench.recordings import Cuboid, ObjectState, Recording, SweepRef, Track, write_text
+from bench.recordings import MOTION_KINDS, Cuboid, ObjectState, Recording, SweepRef, Track, write_text
 
 FOLDER = "label"
 STATIC, UNCLEAR = "static", "unclear"
-MOTIONS = ("crossing", "overtaking", "preceding", "approaching", "static_ego")
 WRITTEN = {"pedestrian": "Pedestrian", "cyclist": "BicycleRider", "vehicle": "Car", "animal": "Animal"}
 
 
@@ -118,7 +117,7 @@ def _state(found: _Found, doubtful: bool, recording: Recording) -> ObjectState:
     box = found.box
     rotation = Rotation.from_euler("XYZ", box.psr.rotation.numbers()).as_matrix()
     lidar_from_box = RigidTransform(rotation, np.array(box.psr.position.numbers()))
-    motions = [word for word in box.attributes if word in MOTIONS]
+    motions = [word for word in box.attributes if word in MOTION_KINDS]
     if len(motions) > 1:
         wanted = "one kind of motion"
         raise DataError(found.file, field=f"{found.row}.obj_attr", wanted=wanted, came=" and ".join(motions))
@@ -148,7 +147,9 @@ def _read_loss(found: Sequence[_Found], doubtful: set[str]) -> list[str]:
     for name in sorted(doubtful):
         count = sum(one.box.obj_type == name for one in found)
         lost.append(f"{count} boxes of class {name!r}, which does not say what they are: unclear, so not scored")
-    words = Counter(word for one in found for word in one.box.attributes if word not in {*MOTIONS, STATIC, UNCLEAR})
+    words = Counter(
+        word for one in found for word in one.box.attributes if word not in {*MOTION_KINDS, STATIC, UNCLEAR}
+    )
     lost += [f"{count} attributes {word!r}: no place for them here" for word, count in sorted(words.items())]
     return lost
 

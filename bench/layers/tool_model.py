@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from pydantic import ConfigDict
 
 from bench.recordings.validation import FileModel
@@ -23,3 +25,14 @@ class Vector(ToolModel):
     def numbers(self) -> tuple[float, float, float]:
         """x, y and z."""
         return self.x, self.y, self.z
+
+
+def finite_number(value: object) -> float | None:
+    """A number of a file as float; None for anything else, also NaN, infinity and what float cannot hold."""
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return None
+    try:
+        number = float(value)
+    except OverflowError:
+        return None
+    return number if math.isfinite(number) else None

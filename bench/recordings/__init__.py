@@ -14,6 +14,8 @@ from bench.recordings.handles import Exclusion, RecordingHandle
 from bench.recordings.images import read_image, read_truth
 from bench.recordings.native import open_native
 from bench.recordings.records import (
+    MOTION_KINDS,
+    OBJECT_CLASSES,
     Cuboid,
     GroundPolygon,
     ImageRef,
@@ -29,6 +31,8 @@ from bench.recordings.writing import RecordingWriter, write_annotations
 
 __all__ = [
     "ADAPTERS",
+    "MOTION_KINDS",
+    "OBJECT_CLASSES",
     "Cuboid",
     "DatasetCard",
     "Exclusion",

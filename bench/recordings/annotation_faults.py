@@ -7,9 +7,7 @@ from pathlib import Path
 from bench.errors import DataError
 from bench.recordings import openlabel
 from bench.recordings.annotations import read_state
-from bench.recordings.validation import json_faults, read_json
-
-MOST_FAULTS = 200
+from bench.recordings.validation import MOST_FAULTS, salvage_json
 
 
 def annotation_faults(file: Path) -> tuple[DataError, ...]:
@@ -17,12 +15,11 @@ def annotation_faults(file: Path) -> tuple[DataError, ...]:
 
     Faults of a value come first: only a file without any is searched for objects and frames that do not fit together.
     """
-    faults = json_faults(openlabel.AnnotationFile, file)
-    try:
-        content = read_json(openlabel.AnnotationFile, file).openlabel
-    except DataError:
+    read, faults = salvage_json(openlabel.AnnotationFile, file)
+    if read is None:
         return faults
-    found = list(faults)
+    content = read.openlabel
+    found: list[DataError] = []
     seen: set[tuple[str, int]] = set()
     for number, frame in content.frames.items():
         timestamp_ns = frame.frame_properties.timestamp

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bench.errors import DataError
-from bench.geometry import RigidTransform
+from bench.geometry import RigidTransform, quaternions_wxyz
 from bench.recordings import openlabel
 from bench.recordings.records import Cuboid, GroundPolygon, ObjectShape, ObjectState, PointIndices, Track
 from bench.recordings.validation import read_json
@@ -58,8 +58,8 @@ def annotation_document(tracks: Sequence[Track], timestamps_ns: Iterable[int] = 
         time_ns: {"frame_properties": {"timestamp": int(time_ns)}, "objects": {}} for time_ns in times_ns
     }
     for track in tracks:
-        for state in track.states:
-            frames[state.timestamp_ns]["objects"][track.track_id] = {"object_data": _state_data(state)}
+        for state, xyzw in zip(track.states, _quaternions_xyzw(track), strict=True):
+            frames[state.timestamp_ns]["objects"][track.track_id] = {"object_data": _state_data(state, xyzw)}
     return {
         "openlabel": {
             "metadata": {"schema_version": openlabel.VERSION},
@@ -70,7 +70,9 @@ def annotation_document(tracks: Sequence[Track], timestamps_ns: Iterable[int] = 
     }
 
 
-def read_state(data: openlabel.FrameObjectData, timestamp_ns: int, *, file: Path, field: str) -> ObjectState:
+def read_state(
+    data: openlabel.FrameObjectData, timestamp_ns: int, *, file: Path, field: str, shape: ObjectShape | None = None
+) -> ObjectState:
     """One object in one frame.
 
     Args:
@@ -78,6 +80,7 @@ def read_state(data: openlabel.FrameObjectData, timestamp_ns: int, *, file: Path
         timestamp_ns: of the frame.
         file: for messages.
         field: place of the object in the file, for messages.
+        shape: where the object is, vehicle frame, when that is known in another way; None for what `data` says.
 
     Raises:
         DataError: no shape or more than one, or a shape without what belongs to it.
@@ -86,7 +89,7 @@ def read_state(data: openlabel.FrameObjectData, timestamp_ns: int, *, file: Path
     vectors: dict[str, Any] = {entry.name: entry.val for entry in data.vec}
     return ObjectState(
         timestamp_ns=timestamp_ns,
-        shape=_shape(data, numbers, vectors, file, f"{field}.object_data"),
+        shape=shape or _shape(data, numbers, vectors, file, f"{field}.object_data"),
         velocity_mps=np.array(vectors.get("velocity_mps", (np.nan,) * 3), dtype=np.float64),
         yaw_rate_radps=float(numbers.get("yaw_rate_radps", 0.0)),
         category=data.text[0].val if data.text else None,
@@ -133,14 +136,22 @@ def _object(track: Track) -> dict[str, Any]:
     return entry
 
 
-def _state_data(state: ObjectState) -> dict[str, Any]:
+def _quaternions_xyzw(track: Track) -> list[list[float]]:
+    """Of each state's box; without numbers where it is none."""
+    boxes = [state.shape.vehicle_from_object for state in track.states if isinstance(state.shape, Cuboid)]
+    if not boxes:
+        return [[] for _ in track.states]
+    found = iter(np.roll(quaternions_wxyz(np.stack([box.rotation for box in boxes])), -1, axis=1).tolist())
+    return [next(found) if isinstance(state.shape, Cuboid) else [] for state in track.states]
+
+
+def _state_data(state: ObjectState, quaternion_xyzw: list[float]) -> dict[str, Any]:
     data: dict[str, Any] = {}
     numbers: dict[str, float] = {}
     vectors: dict[str, list[Any]] = {}
     match state.shape:
         case Cuboid(vehicle_from_object=pose, size_m=size_m):
-            w, *xyz = pose.quaternion_wxyz.tolist()
-            val = [*pose.translation_m.tolist(), *xyz, w, *np.asarray(size_m, dtype=np.float64).tolist()]
+            val = [*pose.translation_m.tolist(), *quaternion_xyzw, *np.asarray(size_m, dtype=np.float64).tolist()]
             data["cuboid"] = [{"name": "shape", "coordinate_system": openlabel.COORDINATE_SYSTEM, "val": val}]
         case GroundPolygon(outline_m=outline_m, bottom_m=bottom_m, top_m=top_m):
             data["poly2d"] = [

@@ -135,6 +135,7 @@ class DatasetCard:
             value = os.environ.get(match[1])
             if not value:
                 do = f"set {match[1]}, for example: export {match[1]}=/path/to/data"
+                do += f"; {self.content.how_to_get}" if self.content.how_to_get else ""
                 came = f"the variable {match[1]}, which is not set"
                 raise DataError(self.file, field=field, wanted="a folder", came=came, do=do)
             return value

@@ -9,7 +9,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, Protocol
 
-from bench.errors import DataError, UnknownNameError
+from bench.errors import DataError, UnknownNameError, UsageError
 from bench.recordings.cards import DatasetCard, ExclusionEntry
 from bench.recordings.handles import Exclusion, RecordingHandle
 from bench.recordings.remote import RemoteDataset, remote_recordings
@@ -22,6 +22,7 @@ ADAPTERS = {
     "rosbag": "bench.recordings.rosbag:rosbag_recordings",
 }
 ENTRY_POINTS = "fisheye_bench.adapters"
+SHOWN = 10  # names that a message lists
 
 
 class Adapter(Protocol):
@@ -54,7 +55,9 @@ def open_dataset(card: DatasetCard, split: str | None = None) -> tuple[Recording
 
     Raises:
         UnknownNameError: no such split or adapter.
-        DataError: the data is not there, the options are wrong, or a named recording does not exist.
+        UsageError: nothing to import where an installed package says that its adapter is.
+        DataError: the data or the folder of annotations is not there, the options are wrong, or a named recording does
+            not exist.
     """
     if split is not None and split not in card.content.splits:
         raise UnknownNameError("split", split, card.content.splits)
@@ -69,6 +72,7 @@ def open_dataset(card: DatasetCard, split: str | None = None) -> tuple[Recording
     names = tuple(handles) if chosen == "*" else chosen
     _refuse_unknown(names, handles, card, f"splits.{split}")
     _refuse_unknown((e.recording for e in card.content.exclusions), handles, card, "exclusions")
+    _refuse_strange_annotations(card, handles)
     excluded = [_exclusion(entry) for entry in card.content.exclusions]
     whole = {e.recording for e in excluded if e.covers_all}
     return tuple(
@@ -100,8 +104,11 @@ def _adapter(name: str) -> Adapter:
     known = added | ADAPTERS
     if name not in known:
         raise UnknownNameError("adapter", name, known)
-    module, function = known[name].split(":")
-    adapter: Adapter = getattr(import_module(module), function)
+    module, _, function = known[name].partition(":")
+    try:
+        adapter: Adapter = getattr(import_module(module), function)
+    except (ImportError, AttributeError) as error:
+        raise UsageError(f"adapter {name!r}: wanted a function that can be imported; {error}") from error
     return adapter
 
 
@@ -123,5 +130,20 @@ def _refuse_unknown(
 ) -> None:
     for name in names:
         if name not in handles:
-            known = ", ".join(sorted(handles)[:10])
+            known = ", ".join(sorted(handles)[:SHOWN])
             raise DataError(card.file, field=field, wanted=f"recordings of {_root(card)}: {known}", came=repr(name))
+
+
+def _refuse_strange_annotations(card: DatasetCard, handles: Mapping[str, RecordingHandle]) -> None:
+    """Refuse a folder of annotations that stands in for nothing: the old ones would be scored as if they were new."""
+    folder = card.annotations
+    if folder is None:
+        return
+    if not folder.is_dir():
+        do = "the path counts from the card's own folder; correct it, or take the key out"
+        came = f"{folder}, which is missing"
+        raise DataError(card.file, field="annotations", wanted="a folder of <recording>.json files", came=came, do=do)
+    files = sorted(folder.glob("*.json"))
+    if files and not any(file.stem in handles for file in files):
+        wanted = f"files called as recordings in {folder}: {', '.join(sorted(handles)[:SHOWN])}"
+        raise DataError(card.file, field="annotations", wanted=wanted, came=f"{len(files)}, as {files[0].name}")

@@ -28,9 +28,8 @@ from bench.errors import BenchError, DataError
 from bench.recordings.catalogue import Adapter
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.images import read_image
-from bench.recordings.records import Recording, SweepRef, Track
+from bench.recordings.records import OBJECT_CLASSES, Recording, SweepRef, Track
 
-CLASSES = ("pedestrian", "cyclist", "vehicle", "animal")
 LARGEST_HANDLE_BYTES = 100_000
 READ_IMAGES, READ_SWEEPS = 12, 4
 LEAK_BYTES = 1_000_000
@@ -229,8 +228,8 @@ def _track_faults(tracks: Sequence[Track]) -> Iterator[str]:
     yield from (f"tracks: wanted each id once, came {i!r} twice" for i in sorted(set(ids)) if ids.count(i) > 1)
     for track in tracks:
         place = f"tracks, {track.track_id}"
-        if track.object_class not in CLASSES:
-            yield f"{place}: wanted a class of {', '.join(CLASSES)}, came {track.object_class!r}"
+        if track.object_class not in OBJECT_CLASSES:
+            yield f"{place}: wanted a class of {', '.join(OBJECT_CLASSES)}, came {track.object_class!r}"
         yield from _time_faults([state.timestamp_ns for state in track.states], place)
         if any(np.shape(state.velocity_mps) != (3,) for state in track.states):
             yield f"{place}: wanted velocities (3,), NaN where not told, came another shape"

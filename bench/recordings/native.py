@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from os import scandir
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +22,8 @@ from bench.recordings.paths import path_inside, refuse_escape
 from bench.recordings.records import ImageRef, MountedCamera, Recording, SweepRef, Track
 from bench.recordings.resizing import scaled_camera
 from bench.recordings.salvage import Complaint, refuse
-from bench.recordings.schema import CameraHead, Mounting, RecordingHead, TrueCalibration
-from bench.recordings.validation import FileModel, data_error, read_json
+from bench.recordings.schema import CameraHead, LidarHead, RecordingHead, TrueCalibration
+from bench.recordings.validation import LATEST_NS, FileModel, data_error, read_json
 
 HEAD = "recording.json"
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -31,7 +32,6 @@ EGOMOTION_FILES = ("egomotion.csv", "poses.csv")
 TRUE_POSES, TRUE_CALIBRATION = "truth/poses.csv", "truth/calibration.json"
 
 Source = Literal["recorded", "exact"]
-LATEST_NS = 2**63 - 1
 
 
 class NativeOptions(FileModel):
@@ -80,10 +80,11 @@ def open_native(
         cameras=cameras,
         images={name: image_refs(root, name) for name in cameras},
         trajectory=ego_motion_of(root, ego_motion),
-        vehicle_from_lidar=_transform(head.lidar.vehicle_from_lidar),
+        vehicle_from_lidar=head.lidar.vehicle_from_lidar.transform,
         sweeps=sweep_refs(root),
         tracks=annotated_tracks(root, annotations),
         vehicle_outline_m=np.array(head.vehicle.outline_m, dtype=np.float64),
+        lidar_from_beams=lidar_from_beams(head.lidar),
     )
 
 
@@ -134,14 +135,14 @@ def mounted_camera(
     root: Path, name: str, entry: CameraHead, head: RecordingHead, size_px: tuple[int, int] | None
 ) -> MountedCamera:
     """A camera of the head, at the size at which it is evaluated."""
-    vehicle_from_camera = _transform(entry.vehicle_from_camera)
+    vehicle_from_camera = entry.vehicle_from_camera.transform
     try:
         road = RoadPlane.below(vehicle_from_camera, ground_height_m=head.vehicle.ground_height_m)
     except ShapeError as error:
         raise data_error(error, file=root / HEAD, field=f"cameras.{name}.vehicle_from_camera") from error
     camera = MountedCamera(
         name=name,
-        model=camera_model(root / HEAD, name, entry),
+        model=camera_model(entry.model, entry.image_size, file=root / HEAD, field=f"cameras.{name}.model"),
         vehicle_from_camera=vehicle_from_camera,
         road=road,
         stored_size_px=entry.image_size,
@@ -150,17 +151,31 @@ def mounted_camera(
     return scaled_camera(camera, size_px)
 
 
-def camera_model(file: Path, name: str, entry: CameraHead) -> CameraModel:
-    """The lens of a camera; `file` and `name` say where it stands, for messages."""
-    field = f"cameras.{name}.model"
-    model = entry.model.get("model")
+def lidar_from_beams(entry: LidarHead) -> RigidTransform:
+    """Where the beams start in the frame of the points."""
+    return RigidTransform.identity() if entry.lidar_from_beams is None else entry.lidar_from_beams.transform
+
+
+def camera_model(stated: Mapping[str, Any], image_size: tuple[int, int], *, file: Path, field: str) -> CameraModel:
+    """The lens of a camera.
+
+    Args:
+        stated: `model` is the name of a camera model, the rest are its parameters without the image size.
+        image_size: (width, height), px.
+        file: where they stand, for messages.
+        field: the same.
+
+    Raises:
+        DataError: no such model, or values that make none.
+    """
+    model = stated.get("model")
     if not isinstance(model, str):
         raise DataError(file, field=f"{field}.model", wanted="the name of a camera model", came=repr(model))
-    if taken := {"width", "height"} & set(entry.model):
+    if taken := {"width", "height"} & set(stated):
         raise DataError(file, field=f"{field}.{taken.pop()}", wanted="no such key", came="one; image_size says it")
-    parameters = {key: value for key, value in entry.model.items() if key != "model"}
+    parameters = {key: value for key, value in stated.items() if key != "model"}
     try:
-        return camera_from_parameters(model, width=entry.image_size[0], height=entry.image_size[1], **parameters)
+        return camera_from_parameters(model, width=image_size[0], height=image_size[1], **parameters)
     except UnknownNameError as error:
         raise DataError(
             file, field=f"{field}.model", wanted=f"one of {', '.join(error.known)}", came=repr(model)
@@ -176,10 +191,6 @@ def _ego_body(root: Path, name: str, entry: CameraHead) -> NDArray[np.bool_] | N
         return None
     path = path_inside(root, entry.ego_body_mask, file=root / HEAD, field=f"cameras.{name}.ego_body_mask")
     return read_mask(path, entry.image_size)
-
-
-def _transform(mounting: Mounting) -> RigidTransform:
-    return RigidTransform.from_quaternion(mounting.quaternion_wxyz, mounting.translation_m)
 
 
 def refuse_uncalibrated(root: Path, head: RecordingHead) -> None:

@@ -8,7 +8,6 @@ import numpy as np
 
 from bench.egomotion import Trajectory, bus_signal_faults
 from bench.errors import DataError
-from bench.geometry import RigidTransform
 from bench.recordings.annotation_faults import annotation_faults
 from bench.recordings.native import (
     EGOMOTION_FILES,
@@ -17,6 +16,7 @@ from bench.recordings.native import (
     annotated_tracks,
     ego_motion_of,
     image_refs,
+    lidar_from_beams,
     mounted_camera,
     read_head,
     refuse_other_name,
@@ -64,7 +64,6 @@ def salvage_native(
     tracks = _tracks(root, annotations, faults, lost)
     if head is None or not cameras:
         return Salvaged(faults=tuple(faults), recording=None, lost=frozenset(lost))
-    mounting = head.lidar.vehicle_from_lidar
     recording = Recording(
         name=root.resolve().name,
         root=root,
@@ -73,10 +72,11 @@ def salvage_native(
         cameras=cameras,
         images=images,
         trajectory=trajectory,
-        vehicle_from_lidar=RigidTransform.from_quaternion(mounting.quaternion_wxyz, mounting.translation_m),
+        vehicle_from_lidar=head.lidar.vehicle_from_lidar.transform,
         sweeps=sweeps,
         tracks=tracks,
         vehicle_outline_m=np.array(head.vehicle.outline_m, dtype=np.float64),
+        lidar_from_beams=lidar_from_beams(head.lidar),
     )
     return Salvaged(faults=tuple(faults), recording=recording, lost=frozenset(lost))
 

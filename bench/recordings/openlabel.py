@@ -16,14 +16,13 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
+from bench.recordings.records import MotionKind, ObjectClass
 from bench.recordings.validation import FileModel, TimeNs
 
 VERSION = "1.0.0"
 COORDINATE_SYSTEM: Literal["vehicle"] = "vehicle"
 
 MOST_CORNERS = 1000  # of an outline; one that crosses itself has as many crossings as their square
-
-Number = int | float
 
 
 class CuboidData(FileModel):
@@ -64,14 +63,14 @@ class LengthData(FileModel):
     """Height span of an outline."""
 
     name: Literal["bottom_m", "top_m"]
-    val: Number
+    val: float
 
 
 class RateData(FileModel):
     """Turn of the object about its own centre, positive to the left."""
 
     name: Literal["yaw_rate_radps"]
-    val: Number
+    val: float
 
 
 class SweepData(FileModel):
@@ -92,7 +91,7 @@ class VelocityData(FileModel):
     """Velocity over the ground along the vehicle's axes."""
 
     name: Literal["velocity_mps"]
-    val: tuple[Number, Number, Number]
+    val: tuple[float, float, float]
 
 
 class IndicesData(FileModel):
@@ -106,7 +105,7 @@ class CategoryData(FileModel):
     """Kind of motion."""
 
     name: Literal["category"]
-    val: str = Field(min_length=1)
+    val: MotionKind
 
 
 class UnclearData(FileModel):
@@ -167,7 +166,7 @@ class AnnotatedObject(FileModel):
     """One object."""
 
     name: str
-    type: Literal["pedestrian", "cyclist", "vehicle", "animal"]
+    type: ObjectClass
     object_data: ObjectData = ObjectData()
 
 

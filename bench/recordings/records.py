@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,11 @@ from bench.cameras import CameraModel
 from bench.egomotion import Trajectory
 from bench.geometry import RigidTransform, RoadPlane
 from bench.lidar import LidarSweep
+
+ObjectClass = Literal["pedestrian", "cyclist", "vehicle", "animal"]
+OBJECT_CLASSES: tuple[str, ...] = get_args(ObjectClass)
+MotionKind = Literal["crossing", "overtaking", "preceding", "approaching", "static_ego"]
+MOTION_KINDS: tuple[str, ...] = get_args(MotionKind)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -181,7 +186,7 @@ class ObjectState:
         velocity_mps: (3,) float64, velocity over the ground along the vehicle's axes at `timestamp_ns`, m/s; NaN where
             the annotation does not tell.
         yaw_rate_radps: turn of the object about its own centre, positive to the left; 0 where not told.
-        category: kind of motion where the annotation names it, else None.
+        category: one of `MOTION_KINDS` where the annotation names the kind of motion, else None.
         unclear: the annotator was not sure; the object is ignored.
     """
 
@@ -199,8 +204,7 @@ class Track:
 
     Attributes:
         track_id: unique in the recording.
-        object_class: "pedestrian", "cyclist", "vehicle" or "animal"; what else a data set knows is mapped by its
-            adapter.
+        object_class: one of `OBJECT_CLASSES`; what else a data set knows is mapped by its adapter.
         states: by increasing time.
         instance_id: the object's number in truth images, in synthetic recordings; None elsewhere.
     """

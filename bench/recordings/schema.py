@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator
 
+from bench.geometry import RigidTransform
 from bench.recordings.validation import FileModel, SidePx
 
 SCHEMA_VERSION = 1
@@ -23,7 +24,7 @@ Quaternion = tuple[float, float, float, float]
 
 
 class Mounting(FileModel):
-    """A rigid transform: where a sensor sits on the vehicle."""
+    """A rigid transform as files state it, for example where a sensor sits on the vehicle."""
 
     quaternion_wxyz: Quaternion
     translation_m: Vector3
@@ -35,6 +36,18 @@ class Mounting(FileModel):
         if abs(length - 1.0) > 1e-3:
             raise ValueError(f"a quaternion w, x, y, z of length 1 (this one has {length:.4g})")
         return wxyz
+
+    @classmethod
+    def of(cls, transform: RigidTransform) -> Mounting:
+        """What a file says of a transform."""
+        w, x, y, z = transform.quaternion_wxyz.tolist()
+        along_x, along_y, along_z = transform.translation_m.tolist()
+        return cls(quaternion_wxyz=(w, x, y, z), translation_m=(along_x, along_y, along_z))
+
+    @property
+    def transform(self) -> RigidTransform:
+        """The transform that a file states."""
+        return RigidTransform.from_quaternion(self.quaternion_wxyz, self.translation_m)
 
 
 class VehicleHead(FileModel):
@@ -66,9 +79,16 @@ class CameraHead(FileModel):
 
 
 class LidarHead(FileModel):
-    """The lidar."""
+    """The lidar.
+
+    Attributes:
+        vehicle_from_lidar: from the frame in which the sweeps give their points.
+        lidar_from_beams: where in that frame the beams start and the axes about which they turn; null where points are
+            given in the sensor's own axes.
+    """
 
     vehicle_from_lidar: Mounting
+    lidar_from_beams: Mounting | None = None
 
 
 class TrueCalibration(FileModel):

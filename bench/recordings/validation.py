@@ -45,27 +45,32 @@ def read_json(model: type[Model], file: Path) -> Model:
         DataError: missing, not JSON, or not what the model asks for.
     """
     try:
-        content = file.read_bytes()
-    except OSError as error:
-        raise DataError(file, wanted="a readable file", came=error.strerror or str(error)) from error
-    try:
-        return model.model_validate_json(content, strict=True)
+        return model.model_validate_json(_content(file), strict=True)
     except ValidationError as error:
         raise _data_error(error, file) from None
 
 
-def json_faults(model: type[BaseModel], file: Path) -> tuple[DataError, ...]:
-    """Everything that `read_json` would refuse, one error each; at most 200."""
+def salvage_json(model: type[Model], file: Path) -> tuple[Model | None, tuple[DataError, ...]]:
+    """What `read_json` gives, or None, and everything that it would refuse, one error each; at most 200."""
     try:
-        content = file.read_bytes()
-    except OSError as error:
-        return (DataError(file, wanted="a readable file", came=error.strerror or str(error)),)
-    try:
-        model.model_validate_json(content, strict=True)
+        return model.model_validate_json(_content(file), strict=True), ()
+    except DataError as error:
+        return None, (error,)
     except ValidationError as error:
         faults = error.errors(include_url=False, include_context=False)[:MOST_FAULTS]
-        return tuple(_one_error(fault, file) for fault in faults)
-    return ()
+        return None, tuple(_one_error(fault, file) for fault in faults)
+
+
+def json_faults(model: type[BaseModel], file: Path) -> tuple[DataError, ...]:
+    """The faults of `salvage_json` alone."""
+    return salvage_json(model, file)[1]
+
+
+def _content(file: Path) -> bytes:
+    try:
+        return file.read_bytes()
+    except OSError as error:
+        raise DataError(file, wanted="a readable file", came=error.strerror or str(error)) from error
 
 
 def keys_twice(file: Path) -> tuple[DataError, ...]:

@@ -20,8 +20,10 @@ from bench.lidar import LidarSweep
 from bench.lidar.files import write_sweep
 from bench.recordings.annotations import annotation_document
 from bench.recordings.atomic import replacing, write_bytes, write_text
+from bench.recordings.openlabel import AnnotationFile
 from bench.recordings.records import MountedCamera, Track
-from bench.recordings.schema import CONVENTIONS, SCHEMA_VERSION, RecordingHead
+from bench.recordings.schema import CONVENTIONS, SCHEMA_VERSION, Mounting, RecordingHead
+from bench.recordings.validation import validated
 
 
 class RecordingWriter:
@@ -44,6 +46,7 @@ class RecordingWriter:
         vehicle_from_lidar: RigidTransform,
         vehicle_outline_m: NDArray[np.float64],
         ground_height_m: float = 0.0,
+        lidar_from_beams: RigidTransform | None = None,
     ) -> None:
         """Write `recording.json` and the masks of the host's own body.
 
@@ -55,10 +58,12 @@ class RecordingWriter:
             vehicle_from_lidar: mounting of the lidar.
             vehicle_outline_m: (K, 2) float64, the host seen from above, vehicle frame, m.
             ground_height_m: height of the road in the vehicle frame.
+            lidar_from_beams: as of the recording; None where points are given in the lidar's own axes.
 
         Raises:
             ShapeError: a camera whose lens has another size than its images, or a value that the format refuses.
         """
+        beams = {} if lidar_from_beams is None else {"lidar_from_beams": _mounting(lidar_from_beams)}
         head = {
             "schema_version": SCHEMA_VERSION,
             "name": name,
@@ -70,7 +75,7 @@ class RecordingWriter:
                 "ground_height_m": float(ground_height_m),
             },
             "cameras": {camera: self._camera(camera, mounted) for camera, mounted in cameras.items()},
-            "lidar": {"vehicle_from_lidar": _mounting(vehicle_from_lidar)},
+            "lidar": {"vehicle_from_lidar": _mounting(vehicle_from_lidar), **beams},
         }
         text = _json(head)
         try:
@@ -181,15 +186,17 @@ def write_annotations(path: Path, tracks: Sequence[Track], *, timestamps_ns: Ite
         path: the file.
         tracks: objects with their states.
         timestamps_ns: further times at which the scene was annotated, also where it held nothing.
+
+    Raises:
+        DataError: what `read_annotations` would refuse to read back; nothing is written.
     """
-    write_text(path, _json(annotation_document(tracks, timestamps_ns)))
+    document = annotation_document(tracks, timestamps_ns)
+    validated(AnnotationFile, document, file=path)
+    write_text(path, _json(document))
 
 
-def _mounting(vehicle_from_sensor: RigidTransform) -> dict[str, Any]:
-    return {
-        "quaternion_wxyz": vehicle_from_sensor.quaternion_wxyz.tolist(),
-        "translation_m": vehicle_from_sensor.translation_m.tolist(),
-    }
+def _mounting(transform: RigidTransform) -> dict[str, Any]:
+    return Mounting.of(transform).model_dump()
 
 
 def _json(values: Any) -> str:

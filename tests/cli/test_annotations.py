@@ -53,11 +53,11 @@ def test_what_is_exported_is_imported_and_used(monkeypatch, capsys, card, tmp_pa
     assert call(monkeypatch, "annotations", "import", "openlabel", source, *words(card, "--out", folder)) == 0
     shown = capsys.readouterr().out
     assert str(folder / "drive.json") in shown
-    assert f"give the card {card} the key annotations" in shown
+    assert f"give the card {card} this line: annotations: ../annotations" in shown
     found = {track.track_id: track for track in read_annotations(folder / "drive.json")}
     assert {name: len(track.states) for name, track in found.items()} == {"van": 3, "walker": 2}
     assert found["van"].states[0].category == "preceding"
-    card.write_text(CARD.format(more=f"annotations: {folder}"))
+    card.write_text(CARD.format(more="annotations: ../annotations"))
     assert call(monkeypatch, "annotations", "import", "openlabel", source, *words(card)) == 0
     assert "give the card" not in capsys.readouterr().out
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from bench.errors import BenchError, DataError, UnknownNameError
-from bench.layers import LAYER_FORMATS, OBJECT_CLASSES, Layer, LayerOptions, import_layer, known_formats, layer_format
-from bench.recordings import Cuboid, read_annotations
+from bench.layers import LAYER_FORMATS, Layer, LayerOptions, import_layer, known_formats, layer_format
+from bench.recordings import OBJECT_CLASSES, Cuboid, read_annotations
 from tests.layers import street
 
 PLAIN = LayerOptions()

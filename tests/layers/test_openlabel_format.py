@@ -234,6 +234,7 @@ def test_what_has_no_place_is_told(tmp_path, drive):
     shown["objects"]["0"]["object_data"] |= {
         "bbox": [{"name": "b", "val": [1, 2, 3, 4]}],
         "boolean": [{"name": "is_moving", "val": True}],
+        "text": [{"name": "category", "val": "vehicle.car"}],
         "poly2d": [{"name": "outline", "val": [1, 2], "mode": "MODE_POLY2D_ABSOLUTE", "closed": True}],
     }
     objects = {"0": {"name": "a", "type": "Car"}, "1": {"name": "b", "type": "Sign"}, "2": {"name": "c", "type": "Car"}}
@@ -244,6 +245,7 @@ def test_what_has_no_place_is_told(tmp_path, drive):
         "1 bbox of images: no place for them",
         "1 poly2d of images: no place for them",
         "1 boolean 'is_moving': no place for it",
+        "1 text 'category' that is no kind of motion: no place for it",
         "1 text 'occlusion' of cuboids: no place for it",
         "1 further cuboids of an object in a frame: the first is read",
         "1 objects without any cuboid or outline, left out",
@@ -383,8 +385,15 @@ def test_what_coefficients_mean_depends_on_the_focal_length_and_their_number(tmp
     ("values", "told"),
     [
         ({"lens_coeffs": [1, 2, 3, 4], "center_x_px": -0.3, "center_y_px": -3.4}, "a centre in the image of 640 x 480"),
-        ({"lens_coeffs": "x", "center_x_px": 1, "center_y_px": 1}, "x.intrinsics_fisheye.lens_coeffs: wanted numbers"),
-        ({"lens_coeffs": [1, 2, 3, 4], "center_x_px": None, "center_y_px": 1}, "center_x_px: wanted a number"),
+        ({"lens_coeffs": "x", "center_x_px": 1, "center_y_px": 1}, "lens_coeffs: wanted finite numbers, came 'x'"),
+        ({"lens_coeffs": [1, 2, 3, 4], "center_x_px": None, "center_y_px": 1}, "center_x_px: wanted a finite number"),
+        ({"lens_coeffs": [10**400, 0, 0, 0], "center_x_px": 1, "center_y_px": 1}, "lens_coeffs: wanted finite numbers"),
+        ({"lens_coeffs": [True], "center_x_px": 1, "center_y_px": 1}, "lens_coeffs: wanted finite numbers"),
+        (
+            {"lens_coeffs": [9], "center_x_px": 9, "center_y_px": 9, "width_px": float("nan")},
+            "width_px: wanted a finite number",
+        ),
+        ({"lens_coeffs": [9], "center_x_px": 9, "center_y_px": 9, "width_px": 99.5}, "width_px: wanted a whole number"),
         (
             {"lens_coeffs": [1, 2, 3, 4], "center_x_px": 9, "center_y_px": 9, "model": "f-theta"},
             "wanted radial_poly, kannala or opencv_fisheye, came 'f-theta'",
@@ -406,6 +415,21 @@ def test_a_distorted_pinhole_is_refused(tmp_path):
     }
     with pytest.raises(DataError, match="wanted a pinhole without distortion or skew"):
         read_lens(StreamProperties(intrinsics_pinhole=values), tmp_path, "x")
+
+
+@pytest.mark.parametrize("coefficients", [3, "abc", [0, None], [10**400]])
+def test_a_distortion_that_is_none_is_refused(tmp_path, coefficients):
+    values = {"width_px": 64, "height_px": 48, "camera_matrix": [50.0, 0.0, 32.0, 0.0, 50.0, 24.0, 0.0, 0.0, 1.0]}
+    assert read_lens(StreamProperties(intrinsics_pinhole=values | {"distortion_coeffs": []}), tmp_path, "x") is not None
+    with pytest.raises(DataError, match=r"intrinsics_pinhole\.distortion_coeffs: wanted finite numbers"):
+        read_lens(StreamProperties(intrinsics_pinhole=values | {"distortion_coeffs": coefficients}), tmp_path, "x")
+
+
+def test_a_lens_of_ours_that_lacks_something_says_what_it_has(tmp_path):
+    lens = {"model": "pinhole", "width": 64, "focal": [50.0, 50.0]}
+    told = "wanted width, height and the parameters of the camera model, came model, width, focal"
+    with pytest.raises(DataError, match=told):
+        read_lens(StreamProperties(intrinsics_custom=lens), tmp_path, "x")
 
 
 def test_the_calibration_comes_as_parts_of_a_head(tmp_path, drive):
@@ -443,15 +467,17 @@ def systems(posed):
         (document({}, version="0.3.0"), "schema_version: wanted 1.0.0, came '0.3.0'"),
         (document({"x": frame()}), "frames"),
         (document({"0": frame(entry(BOX), uid="5")}), "frames.0.objects.5: wanted an object listed"),
-        (document({"0": frame(entry(BOX[:8], "base"))}), "cuboid.val: wanted 9 or 10 numbers"),
-        (document({"0": frame(entry([*BOX[:9], "1"], "base"))}), "cuboid.val: wanted 9 or 10 numbers"),
+        (document({"0": frame(entry(BOX[:8], "base"))}), "cuboid.val: wanted 9 or 10 finite numbers"),
+        (document({"0": frame(entry([*BOX[:9], "1"], "base"))}), "cuboid.val: wanted 9 or 10 finite numbers"),
         (document({"0": frame(entry([*BOX[:9], -1.0], "base"))}), "cuboid.val: wanted a box of sizes above 0"),
-        (document({"0": frame(entry([*BOX[:9], 1e400], "base"))}), "cuboid.val: wanted a box of sizes above 0"),
+        (document({"0": frame(entry([*BOX[:9], 1e400], "base"))}), "cuboid.val: wanted 9 or 10 finite numbers"),
+        (document({"0": frame(entry([*BOX[:9], 10**400], "base"))}), "cuboid.val: wanted 9 or 10 finite numbers"),
         (document({"0": frame(entry([*BOX[:6], 2.0, *BOX[7:]], "base"))}), "quaternion x, y, z, w of length 1"),
         (document({"0": frame(entry(BOX, "moon"))}), "coordinate_systems: wanted one of base, came 'moon'"),
         (document({"0": frame(entry(BOX, "a"))}, systems=LOOP), "wanted poses from 'a' to 'base', came none"),
         (document({}, systems=systems({"matrix4x4": [1.0] * 15})), "matrix4x4: wanted 16 numbers, came 15"),
         (document({}, systems=systems({"matrix4x4": [1.0] * 16})), "last row of 0, 0, 0, 1"),
+        (document({}, systems=systems({"matrix4x4": [10**400] * 16})), "matrix4x4.0: wanted a valid number"),
         (document({}, systems=systems({"quaternion": [0, 0, 0, 0], "translation": [0, 0, 0]})), "of length 1"),
         (document({}, systems=systems({"quaternion": [0, 0, 0, 1]})), "translation: wanted 3 numbers, came none"),
         (document({}, systems=systems({})), "wanted one of matrix4x4, quaternion and euler_angles, came none"),
@@ -464,6 +490,11 @@ def systems(posed):
         (document({"0": frame(entry(BOX), time="noon")}), "wanted a number, or a date and time, came 'noon'"),
         (document({"0": frame(entry(BOX), time="nan")}), "wanted a time, came nan"),
         (document({"0": frame(entry(BOX), time="9" * 70)}), "wanted a time"),
+        (document({"0": frame(entry(BOX), time="1E+999999999")}), r"wanted a time, came 1E\+999999999"),
+        (
+            document({"0": frame(entry(BOX), time=street.FIRST_NS / 1e9), "1": frame(entry(BOX), time=4e18)}),
+            r"frames.1.frame_properties.timestamp: wanted a time of this recording, in the unit of .*, came 4E\+18",
+        ),
         (document({"0": frame(entry(BOX)), "1": frame(entry(BOX), time=None)}), "frames.1.frame_properties.timestamp"),
         (document({"0": frame(entry(BOX)), "1": frame(entry(BOX))}), "frames.1: wanted one frame for each time"),
         (document({"99": frame(entry(BOX), time=None)}), "frames: wanted frames called as the 6 sweeps"),

@@ -65,6 +65,24 @@ def test_constraints_that_need_scale_are_refused_without_it():
     assert share(whole.segment(frame(previous, current, STEP)).mask_at(WIDTH, HEIGHT), inner(board)) > 0.8
 
 
+def test_a_given_scale_runs_all_constraints_with_the_papers_weights():
+    without, given = build_method(NAME), build_method(NAME, {"scale": "given"})
+    paper = build_method("spherical").settings()
+    for name in ("weights", "threshold"):
+        assert given.settings()[name] == paper[name]
+        assert without.settings()[name] != paper[name]
+    assert without.settings()["threshold"] == pytest.approx(6e-4 * 2.4 / 2.0)
+    heavier = build_method(NAME, {"scale": "given", "weights": {"positive_height": 0.3}, "threshold": 1e-3}).settings()
+    assert heavier["weights"] == paper["weights"] | {"positive_height": 0.3}
+    assert heavier["threshold"] == 1e-3
+    free = {"positive_height": 0.0, "anti_parallel": 0.0}
+    assert build_method(NAME, {"scale": "given", "weights": free}).settings()["weights"] == paper["weights"] | free
+    found = {
+        name: build_method(NAME, {"scale": name}).segment(frame(*crossing()[:2], STEP)) for name in ("none", "given")
+    }
+    assert not np.array_equal(found["none"].likelihood, found["given"].likelihood)
+
+
 def test_the_same_images_give_the_same_answer_whatever_came_before():
     given, method = frame(*crossing()[:2], STEP), build_method(NAME)
     first = method.segment(given)

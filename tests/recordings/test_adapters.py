@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from bench.errors import DataError
+from bench.errors import DataError, UsageError
 from bench.recordings import ADAPTERS, catalogue, load_card, open_dataset, read_image
 from tests.recordings import tiny, tiny_aimotive, tiny_kitti360, tiny_rosbag, tiny_woodscape
 
@@ -114,6 +114,15 @@ def test_a_package_adds_an_adapter(tmp_path, monkeypatch):
     native(tmp_path / "data")
     (handle,) = open_dataset(write_card(tmp_path, "mine", {}))
     assert handle.open().name == "drive"
+
+
+@pytest.mark.parametrize("value", ["no_such_module_of_anybody:listing", "bench.recordings:no_such_name", "bench"])
+def test_a_package_whose_adapter_cannot_be_imported_is_one_clear_line(tmp_path, monkeypatch, value):
+    point = EntryPoint(name="mine", value=value, group="fisheye_bench.adapters")
+    monkeypatch.setattr(catalogue, "entry_points", lambda group: [point] if group == point.group else [])
+    native(tmp_path / "data")
+    with pytest.raises(UsageError, match="adapter 'mine': wanted a function that can be imported; "):
+        open_dataset(write_card(tmp_path, "mine", {}))
 
 
 def test_importing_the_room_loads_nothing_heavy():

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings import (
+    MOTION_KINDS,
     Cuboid,
     GroundPolygon,
     ObjectState,
@@ -21,6 +23,7 @@ from bench.recordings import (
     write_annotations,
 )
 from bench.recordings.openlabel import schema_text
+from bench.reference.records import Category
 from tests.recordings import tiny
 
 FOLDER = Path(__file__).parents[2] / "annotations"
@@ -127,6 +130,23 @@ def test_times_without_objects_can_be_said(tmp_path):
     assert read_annotations(tmp_path / "a.json") == ()
 
 
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"timestamp_ns": 2**62 + 1}, r"timestamp: wanted less than or equal to"),
+        ({"yaw_rate_radps": float("nan")}, r"wanted a finite number, came nan"),
+        ({"category": "crosing"}, r"text\.0\.val: wanted 'crossing', 'overtaking', .* or 'static_ego', came 'crosing'"),
+    ],
+)
+def test_what_could_not_be_read_back_is_not_written(tmp_path, changes, told):
+    van = tiny.tracks()[0]
+    track = replace(van, states=(replace(van.states[0], **changes),))
+    with pytest.raises(DataError, match=told) as caught:
+        write_annotations(tmp_path / "a.json", (track,))
+    assert str(caught.value).startswith(f"{tmp_path / 'a.json'}: openlabel.frames.0.")
+    assert list(tmp_path.iterdir()) == []
+
+
 def minimal(**data):
     return {
         "openlabel": {
@@ -163,12 +183,18 @@ FAULTS = [
     (minimal(poly2d=[{**OUTLINE, "val": [0, 0, 1, 0, 1, 1, 2]}]), "an even number of values"),
     (
         minimal(poly2d=[OUTLINE], num=[{"name": "bottom_m", "val": 2}, {"name": "top_m", "val": 1}]),
-        f"{PLACE}.num: wanted top_m above bottom_m, came 1 over 2",
+        f"{PLACE}.num: wanted top_m above bottom_m, came 1.0 over 2.0",
     ),
     (minimal(vec=[{"name": "point_indices", "val": [1]}]), "wanted a number named sweep_timestamp_ns, came none"),
     (minimal(vec=[{"name": "point_indices", "val": [-1]}]), "point_indices.val.0: wanted greater than or equal to 0"),
     (minimal(cuboid=[BOX], vec=[{"name": "velocity_mps", "val": [1.0, 2.0]}]), "velocity_mps.val.2: wanted a value"),
     (minimal(cuboid=[BOX], vec=[{"name": "velocity", "val": [1.0]}]), f"{PLACE}.vec.0"),
+    (minimal(cuboid=[BOX], vec=[{"name": "velocity_mps", "val": [10**400, 0, 0]}]), "val.0: wanted a finite number"),
+    (minimal(cuboid=[BOX], num=[{"name": "yaw_rate_radps", "val": 10**400}]), "val: wanted a finite number"),
+    (
+        minimal(cuboid=[BOX], text=[{"name": "category", "val": "crosing"}]),
+        "text.0.val: wanted 'crossing', 'overtaking'",
+    ),
     (minimal(cuboid=[BOX], num=[{"name": "yaw_rate_radps", "val": 0.0}] * 2), f"{PLACE}.num: wanted each name once"),
 ]
 
@@ -200,6 +226,10 @@ def test_objects_and_frames_must_fit_together(tmp_path):
     path.write_text(json.dumps(content))
     with pytest.raises(DataError, match=r"openlabel\.objects\.van\.type: wanted 'pedestrian', 'cyclist'"):
         read_annotations(path)
+
+
+def test_the_kinds_of_motion_are_those_of_the_reference():
+    assert set(MOTION_KINDS) == {category.value for category in Category} - {Category.MOVING.value}
 
 
 def test_the_committed_schema_is_in_step():

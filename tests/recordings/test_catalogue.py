@@ -83,11 +83,26 @@ def test_annotations_may_lie_apart(tmp_path, data):
     assert [track.track_id for track in b.tracks] == ["van", "walker"]
 
 
+def test_annotations_that_stand_in_for_nothing_are_refused(tmp_path, data):
+    card = load_card(card_file(tmp_path, annotations="labels"))
+    with pytest.raises(
+        DataError, match=r"drives\.yaml: annotations: wanted a folder.*labels, which is missing; the path"
+    ):
+        open_dataset(card)
+    (tmp_path / "labels").mkdir()
+    assert names(open_dataset(card)) == ["a", "b"]
+    write_annotations(tmp_path / "labels/A.json", ())
+    with pytest.raises(DataError, match=r"annotations: wanted files called as recordings.*: a, b, came 1, as A\.json"):
+        open_dataset(card)
+    write_annotations(tmp_path / "labels/b.json", ())
+    assert names(open_dataset(card)) == ["a", "b"]
+
+
 def test_a_variable_in_the_root(tmp_path, data, monkeypatch):
-    card = load_card(card_file(tmp_path, root="${DRIVES_HOME}/data"))
+    card = load_card(card_file(tmp_path, root="${DRIVES_HOME}/data", how_to_get="ask Ada"))
     monkeypatch.delenv("DRIVES_HOME", raising=False)
     with pytest.raises(
-        DataError, match=r"drives\.yaml: root: wanted a folder, came the variable DRIVES_HOME.*export DRIVES"
+        DataError, match=r"drives\.yaml: root: wanted a folder, came the variable DRIVES_HOME.*export DRIVES.*; ask Ada"
     ):
         open_dataset(card)
     monkeypatch.setenv("DRIVES_HOME", str(tmp_path))

@@ -11,7 +11,9 @@ from bench.cameras import KannalaBrandtCamera, PinholeCamera, UnifiedCamera
 from bench.cameras.registry import CAMERA_MODELS
 from bench.egomotion import read_tum
 from bench.errors import DataError, ShapeError
+from bench.geometry import RigidTransform
 from bench.recordings import RecordingWriter, frame_gaps, open_native, read_image, read_truth
+from bench.recordings.native_salvage import salvage_native
 from tests.recordings import tiny
 
 
@@ -116,6 +118,37 @@ def test_the_ground_may_lie_elsewhere(tmp_path):
     assert open_native(root).cameras["front"].road.height_m == pytest.approx(0.75)
 
 
+BEAMS = RigidTransform.from_quaternion((0.8, 0.0, 0.0, 0.6), (0.25, -0.5, 2.0))
+
+
+def test_where_the_beams_start_may_be_told(root):
+    """Points of some recordings stand in other axes than the sensor's own."""
+    assert np.array_equal(open_native(root).lidar_from_beams.matrix, np.eye(4))
+    assert "lidar_from_beams" not in (root / "recording.json").read_text()
+    RecordingWriter(root).header(
+        name="drive",
+        licence="Apache-2.0",
+        frame_interval_ns=tiny.STEP_NS,
+        cameras={"front": tiny.front_camera()},
+        vehicle_from_lidar=tiny.VEHICLE_FROM_LIDAR,
+        vehicle_outline_m=tiny.OUTLINE_M,
+        lidar_from_beams=BEAMS,
+    )
+    for recording in (open_native(root), salvage_native(root).recording):
+        assert recording.lidar_from_beams.matrix == pytest.approx(BEAMS.matrix, abs=1e-12)
+        assert recording.vehicle_from_lidar.matrix == pytest.approx(tiny.VEHICLE_FROM_LIDAR.matrix, abs=1e-12)
+
+
+def test_exact_calibration_keeps_where_the_beams_start(root):
+    RecordingWriter(root).true_calibration(
+        cameras={"front": tiny.front_camera()}, vehicle_from_lidar=RigidTransform.identity()
+    )
+    change(root, "lidar.lidar_from_beams", {"quaternion_wxyz": [1, 0, 0, 0], "translation_m": [0, 0, 2]})
+    recording = open_native(root, calibration="exact")
+    assert recording.vehicle_from_lidar.translation_m.tolist() == [0, 0, 0]
+    assert recording.lidar_from_beams.translation_m.tolist() == [0, 0, 2]
+
+
 def test_a_gap_in_time_is_told_but_no_fault_of_opening(root):
     images = root / "images/front"
     (images / f"{tiny.TIMES_NS[1]}.png").unlink()
@@ -168,6 +201,13 @@ HEAD_FAULTS = [
     ),
     ("cameras.front.vehicle_from_camera.translation_m", [0.0, 0.0, -1.0], "wanted a camera above the road"),
     ("lidar.vehicle_from_lidar.translation_m", [0.0, 1.0], "lidar.vehicle_from_lidar.translation_m"),
+    (
+        "lidar.lidar_from_beams",
+        {"quaternion_wxyz": [2.0, 0.0, 0.0, 0.0], "translation_m": [0.0, 0.0, 0.0]},
+        "lidar.lidar_from_beams.quaternion_wxyz: wanted a quaternion w, x, y, z of length 1",
+    ),
+    ("lidar.lidar_from_beams", {"translation_m": [0.0, 0.0, 0.0]}, "lidar_from_beams.quaternion_wxyz: wanted a value"),
+    ("lidar.vehicle_from_beams", None, "lidar.vehicle_from_beams: wanted no such key"),
     ("vehicle.outline_m", [[0.0, 0.0]], "vehicle.outline_m"),
     (
         "cameras.front.ego_body_mask",
@@ -217,7 +257,7 @@ def test_a_camera_without_images_is_named(root):
         open_native(root)
 
 
-@pytest.mark.parametrize("name", ["first.png", "1.5.png", "-3.png"])
+@pytest.mark.parametrize("name", ["first.png", "1.5.png", "-3.png", f"{2**62 + 1}.png"])
 def test_a_name_that_is_no_time_is_named(root, name):
     (root / "images/front" / name).write_bytes(b"")
     with pytest.raises(DataError, match="wanted a name that is a time in nanoseconds"):

@@ -216,7 +216,11 @@ def record(kind, content):
 
 
 def text(value):
-    return struct.pack("<I", len(value)) + value.encode()
+    return text_bytes(value.encode())
+
+
+def text_bytes(value):
+    return struct.pack("<I", len(value)) + value
 
 
 def chunk(data, *, packed=None, size=None, compression="zstd"):
@@ -229,25 +233,48 @@ HEADER_RECORD = record(1, text("ros2") + text("test"))
 BOMB = zstd.compress(bytes(1 << 30), level=1)
 
 
+HOSTILE_RECORDS = [
+    (chunk(b"", packed=BOMB, size=1 << 20), "more than 1048576 bytes when unpacked"),
+    (chunk(b"", packed=BOMB, size=1 << 30), "where 268435456 are the most"),
+    (chunk(b"abc", size=10), "3 bytes when unpacked, where 10 are told"),
+    (chunk(b"abc", compression="rar"), "the unknown compression 'rar'"),
+    (chunk(b"abc", packed=b"abc", compression="lz4"), "lz4 data that is cut short"),
+    (chunk(b"abc", packed=b"abcdefgh" * 9, compression="lz4"), "lz4 data that cannot be unpacked"),
+    (chunk(chunk(b"abc")), "a chunk inside a chunk"),
+    (chunk(record(5, struct.pack("<HIQQ", 7, 0, 1, 1))), "a message of channel 7, which nothing describes"),
+    (record(5, b""), "a message of -22 bytes"),
+    (b"\x05" + struct.pack("<Q", 2**63), "a record of 9223372036854775808 bytes"),
+    (b"\x03" + struct.pack("<Q", 1 << 40), "a record of 1099511627776 bytes, where 4194304 are the most"),
+    (record(3, struct.pack("<HI", 1, 2**32 - 1)), "a text of 4294967295 bytes"),
+    (record(6, struct.pack("<QQQI", 0, 1, 5, 0) + struct.pack("<I", 2**32 - 1)), "a text of 4294967295 bytes"),
+    (bytes(100), "a record of kind 0"),
+    (chunk(bytes(range(1, 100))), "of it: wanted a row of records"),
+]
+
+
+def test_definitions_in_other_languages_than_ros_damage_nothing(tmp_path):
+    """Loggers put channels of other kinds beside those of ROS; their definitions are no text."""
+    schemas = record(3, struct.pack("<H", 1) + text("example.Log") + text("protobuf") + text_bytes(b"\x0a\xff\xfe\x80"))
+    schemas += record(3, struct.pack("<H", 2) + text(bags.IMU) + text("ros2msg") + text(""))
+    channels = record(4, struct.pack("<HH", 1, 1) + text("/log") + text("protobuf") + text(""))
+    channels += record(4, struct.pack("<HH", 2, 2) + text("/imu") + text("cdr") + text(""))
+    channels += record(4, struct.pack("<HH", 3, 0) + text("/json") + text("json") + text(""))
+    messages = b"".join(record(5, struct.pack("<HIQQ", channel, 0, 7, 7) + b"payload") for channel in (1, 2, 3))
+    data = b"\x89MCAP0\r\n" + HEADER_RECORD + schemas + channels + chunk(messages) + record(15, bytes(4))
+    summary = schemas + channels
+    footer = record(2, struct.pack("<QQI", len(data), 0, 0)) + b"\x89MCAP0\r\n"
+    file = tmp_path / "mixed.mcap"
+    file.write_bytes(data + summary + footer)
+    report = ScanReport()
+    (found,) = scan_mcap(file, Wanted(heads=frozenset({"/imu"}), whole=frozenset()), report)
+    assert found.payload == b"payload"
+    assert report.losses == []
+    assert report.counts == {"/log": 1, "/imu": 1, "/json": 1}
+
+
 @pytest.mark.parametrize(
     ("content", "told"),
-    [
-        (chunk(b"", packed=BOMB, size=1 << 20), "more than 1048576 bytes when unpacked"),
-        (chunk(b"", packed=BOMB, size=1 << 30), "where 268435456 are the most"),
-        (chunk(b"abc", size=10), "3 bytes when unpacked, where 10 are told"),
-        (chunk(b"abc", compression="rar"), "the unknown compression 'rar'"),
-        (chunk(b"abc", packed=b"abc", compression="lz4"), "lz4 data that is cut short"),
-        (chunk(b"abc", packed=b"abcdefgh" * 9, compression="lz4"), "lz4 data that cannot be unpacked"),
-        (chunk(chunk(b"abc")), "a chunk inside a chunk"),
-        (chunk(record(5, struct.pack("<HIQQ", 7, 0, 1, 1))), "a message of channel 7, which nothing describes"),
-        (record(5, b""), "a message of -22 bytes"),
-        (b"\x05" + struct.pack("<Q", 2**63), "a record of 9223372036854775808 bytes"),
-        (b"\x03" + struct.pack("<Q", 1 << 40), "a record of 1099511627776 bytes, where 4194304 are the most"),
-        (record(3, struct.pack("<HI", 1, 2**32 - 1)), "a text of 4294967295 bytes"),
-        (record(6, struct.pack("<QQQI", 0, 1, 5, 0) + struct.pack("<I", 2**32 - 1)), "a text of 4294967295 bytes"),
-        (bytes(100), "a record of kind 0"),
-        (chunk(bytes(range(1, 100))), "of it: wanted a row of records"),
-    ],
+    HOSTILE_RECORDS,
 )
 def test_hostile_records_are_told_and_take_little_memory(tmp_path, content, told):
     file = tmp_path / "hostile.mcap"

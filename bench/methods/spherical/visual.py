@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import ClassVar, Literal, get_args
 
@@ -13,7 +14,7 @@ from bench.errors import UsageError
 from bench.flow import LucasKanadeTracker
 from bench.geometry import RigidTransform
 from bench.methods.contract import MethodInput
-from bench.methods.spherical.likelihood import PAPER_ANGLE_RAD, Weights
+from bench.methods.spherical.likelihood import PAPER_ANGLE_RAD, PAPER_WEIGHTS, Weights
 from bench.methods.spherical.method import Measurement, SphericalMethod
 
 Scale = Literal["none", "given"]
@@ -27,11 +28,13 @@ class VisualOdometryMethod(SphericalMethod):
 
     Two views of one camera do not tell how far it went. Without a scale only the epipolar and the positive depth
     constraint run, and a weight on another one is refused; with `scale="given"` the length of the way, but neither its
-    direction nor the rotation, is that of the given ego-motion, and all constraints run. Where the camera stands, or
-    only turns, the images show no direction, and the branch for a standing camera takes over. Where they show nothing,
-    all is undefined, and so static.
+    direction nor the rotation, is that of the given ego-motion, and all constraints run with the paper's weights. Where
+    the camera stands, or only turns, the images show no direction, and the branch for a standing camera takes over.
+    Where they show nothing, all is undefined, and so static.
 
     Attributes:
+        weights: what is not told is the paper's, but 0 on constraints that need a scale where there is none.
+        threshold: as in `SphericalSettings`; NaN for the paper's angle by the sum of the weights that the scale allows.
         scale: "none", or "given" for the length of the given ego-motion.
         tracker: finds the tracks.
         odometry: estimates the motion from them.
@@ -43,12 +46,19 @@ class VisualOdometryMethod(SphericalMethod):
     name: ClassVar[str] = "spherical-visual-odometry"
 
     weights: Weights = SCALE_FREE
-    threshold: float = PAPER_ANGLE_RAD / SCALE_FREE.total
+    threshold: float = math.nan
     scale: Scale = "none"
     tracker: LucasKanadeTracker = field(default_factory=LucasKanadeTracker)
     odometry: VisualOdometry = field(default_factory=VisualOdometry)
 
     def __post_init__(self) -> None:
+        allowed = PAPER_WEIGHTS if self.scale == "given" else SCALE_FREE
+        if self.weights is SCALE_FREE:
+            object.__setattr__(self, "weights", allowed)
+        elif isinstance(self.weights, dict):
+            object.__setattr__(self, "weights", replace(allowed, **self.weights))
+        if math.isnan(self.threshold):
+            object.__setattr__(self, "threshold", PAPER_ANGLE_RAD / allowed.total)
         super().__post_init__()
         if isinstance(self.tracker, dict):
             object.__setattr__(self, "tracker", LucasKanadeTracker(**self.tracker))

@@ -17,7 +17,7 @@ from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings.object_motion import yaw_rates
 from bench.recordings.records import Cuboid, ObjectState, Track
-from bench.recordings.validation import MOST_FAULTS, FileModel, TimeNs, json_faults, read_json
+from bench.recordings.validation import MOST_FAULTS, FileModel, TimeNs, read_json, salvage_json
 
 CLASSES = {
     "CAR": "vehicle",
@@ -103,8 +103,8 @@ def read_box_frame(file: Path) -> BoxFrame:
 
 def box_frame_faults(file: Path) -> tuple[DataError, ...]:
     """All that `read_box_frame` would refuse, at most 200; objects are looked at once the values are sound."""
-    faults = json_faults(BoxFile, file)
-    return faults or tuple(islice(_object_faults(read_json(BoxFile, file), file), MOST_FAULTS))
+    content, faults = salvage_json(BoxFile, file)
+    return faults if content is None else tuple(islice(_object_faults(content, file), MOST_FAULTS))
 
 
 def _object_faults(content: BoxFile, file: Path) -> Iterator[DataError]:

@@ -10,7 +10,6 @@ from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
 from bench.recordings.rosbag.messages import TRANSFORMS, decode, message_type
 from bench.recordings.rosbag.storage import Topic
-from bench.recordings.schema import Mounting
 
 TOPIC = "/tf_static"
 MOST_FRAMES = 10_000
@@ -78,8 +77,3 @@ class StaticFrames:
         self._parents[child] = parent
         self._neighbours.setdefault(parent, {})[child] = parent_from_child
         self._neighbours.setdefault(child, {})[parent] = parent_from_child.inverse()
-
-
-def mounting_transform(mounting: Mounting) -> RigidTransform:
-    """A mounting as a file states it."""
-    return RigidTransform.from_quaternion(mounting.quaternion_wxyz, mounting.translation_m)

@@ -54,9 +54,9 @@ class Chunk:
 
 @dataclass(slots=True)
 class Definitions:
-    """Schemas and channels by their numbers."""
+    """Schemas (name, encoding, definition, which is binary in encodings other than ROS's) and channels by number."""
 
-    schemas: dict[int, tuple[str, str, str]] = field(default_factory=dict)
+    schemas: dict[int, tuple[str, str, bytes]] = field(default_factory=dict)
     channels: dict[int, Topic] = field(default_factory=dict)
 
 
@@ -109,13 +109,16 @@ def content_of(stream: BinaryIO, record: Record, most_bytes: int) -> BytesIO:
     return BytesIO(exactly(stream, record.length))
 
 
-def _text(stream: BinaryIO) -> str:
+def _bytes(stream: BinaryIO) -> bytes:
     length = int.from_bytes(exactly(stream, 4), "little")
     if length > LARGEST_DEFINITION_BYTES:
         raise DamagedError(f"a text of {length} bytes")
-    data = exactly(stream, length)
+    return exactly(stream, length)
+
+
+def _text(stream: BinaryIO) -> str:
     try:
-        return data.decode()
+        return _bytes(stream).decode()
     except UnicodeDecodeError as error:
         raise DamagedError("text that is not UTF-8") from error
 
@@ -124,15 +127,15 @@ def define(known: Definitions, kind: int, content: BytesIO) -> Topic | None:
     """Take a schema or a channel; the topic of a channel."""
     number = int.from_bytes(exactly(content, 2), "little")
     if kind == SCHEMA:
-        known.schemas[number] = _text(content), _text(content), _text(content)
+        known.schemas[number] = _text(content), _text(content), _bytes(content)
         return None
     schema = int.from_bytes(exactly(content, 2), "little")
-    name, encoding, definition = known.schemas.get(schema, ("", "", ""))
+    name, encoding, definition = known.schemas.get(schema, ("", "", b""))
     topic = Topic(
         name=_text(content),
         message_type=name,
         encoding=_text(content),
-        definition=definition if encoding == "ros2msg" else "",
+        definition=definition.decode(errors="replace") if encoding == "ros2msg" else "",
     )
     known.channels[number] = topic
     return topic

@@ -11,12 +11,12 @@ from bench.recordings.body_polygons import Polygon
 from bench.recordings.paths import path_inside
 from bench.recordings.rosbag.yaml import read_yaml
 from bench.recordings.schema import Mounting, Name
-from bench.recordings.validation import FileModel, validated
+from bench.recordings.validation import FileModel, SidePx, validated
 
 LARGEST_BYTES = 1_000_000
 TopicName = Annotated[str, Field(pattern=r"^/[A-Za-z0-9_/~.-]+$")]
 FieldPath = Annotated[str, Field(pattern=r"^[A-Za-z_]\w*(\.[A-Za-z_]\w*|\.[0-9]{1,4})*$")]
-Seconds = Annotated[int, Field(ge=-(10**9), le=10**9)]
+OffsetNs = Annotated[int, Field(ge=-(10**9), le=10**9)]
 
 
 class Placed(FileModel):
@@ -52,8 +52,8 @@ class CameraRig(Placed):
 
     topic: TopicName
     model: dict[str, Any]
-    image_size: tuple[Annotated[int, Field(gt=0, le=16384)], Annotated[int, Field(gt=0, le=16384)]]
-    time_offset_ns: Seconds = 0
+    image_size: tuple[SidePx, SidePx]
+    time_offset_ns: OffsetNs = 0
     white_level: int = Field(default=65535, ge=255, le=65535)
     body_polygons: tuple[Polygon, ...] = ()
     ego_body_mask: str | None = None
@@ -73,7 +73,7 @@ class LidarRig(Placed):
     """
 
     topic: TopicName
-    time_offset_ns: Seconds = 0
+    time_offset_ns: OffsetNs = 0
     time_field: str | None = None
     time_unit: Literal["s", "ms", "us", "ns"] | None = None
     time_from: Literal["stamp", "start"] | None = None

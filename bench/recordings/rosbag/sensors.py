@@ -16,7 +16,7 @@ from bench.recordings.native import camera_model
 from bench.recordings.paths import path_inside
 from bench.recordings.records import ImageRef, MountedCamera, SweepRef
 from bench.recordings.resizing import scaled_camera
-from bench.recordings.rosbag.frames import StaticFrames, mounting_transform
+from bench.recordings.rosbag.frames import StaticFrames
 from bench.recordings.rosbag.index import BagIndex, TopicIndex
 from bench.recordings.rosbag.messages import COMPRESSED_IMAGE, IMAGE, POINT_CLOUD, message_type
 from bench.recordings.rosbag.options import RosbagOptions
@@ -24,7 +24,6 @@ from bench.recordings.rosbag.parts import BagImage, BagSweep, CameraSource, Lida
 from bench.recordings.rosbag.rig import CameraRig, Placed, Rig
 from bench.recordings.rosbag.storage import Place
 from bench.recordings.rosbag.times import usable_times
-from bench.recordings.schema import CameraHead, Mounting
 from bench.recordings.validation import data_error
 
 
@@ -56,21 +55,13 @@ class BagSensors:
         """A camera, at the size at which it is evaluated."""
         entry, field = self.rig.cameras[name], f"cameras.{name}"
         vehicle_from_camera = self._mounting(entry, field)
-        head = CameraHead(
-            model=entry.model,
-            image_size=entry.image_size,
-            vehicle_from_camera=Mounting(
-                quaternion_wxyz=_four(vehicle_from_camera.quaternion_wxyz),
-                translation_m=_three(vehicle_from_camera.translation_m),
-            ),
-        )
         try:
             road = RoadPlane.below(vehicle_from_camera, ground_height_m=self.rig.vehicle.ground_height_m)
         except ShapeError as error:
             raise data_error(error, file=self.rig_file, field=field) from error
         camera = MountedCamera(
             name=name,
-            model=camera_model(self.rig_file, name, head),
+            model=camera_model(entry.model, entry.image_size, file=self.rig_file, field=f"{field}.model"),
             vehicle_from_camera=vehicle_from_camera,
             road=road,
             stored_size_px=entry.image_size,
@@ -116,7 +107,7 @@ class BagSensors:
         if entry is None or (entry.frame is None and entry.vehicle_from_child is None):
             return RigidTransform.identity()
         if entry.vehicle_from_child is not None:
-            return mounting_transform(entry.vehicle_from_child).inverse()
+            return entry.vehicle_from_child.transform.inverse()
         assert entry.frame is not None
         return self._vehicle_from(entry.frame, "ego_motion.odometry.frame").inverse()
 
@@ -130,7 +121,7 @@ class BagSensors:
 
     def _mounting(self, entry: Placed, field: str) -> RigidTransform:
         if entry.vehicle_from_sensor is not None:
-            return mounting_transform(entry.vehicle_from_sensor)
+            return entry.vehicle_from_sensor.transform
         assert entry.frame is not None
         return self._vehicle_from(entry.frame, f"{field}.frame")
 
@@ -163,13 +154,3 @@ class BagSensors:
             raise DataError(self.place, field=found.topic.name, wanted="messages whose times can be used", came="none")
         kept = zip((times_ns[valid] + offset_ns).tolist(), found.places[valid].tolist(), strict=True)
         return [(time_ns, self.index.files[file], Place(*place)) for time_ns, (file, *place) in kept]
-
-
-def _four(values: NDArray[np.float64]) -> tuple[float, float, float, float]:
-    w, x, y, z = values.tolist()
-    return w, x, y, z
-
-
-def _three(values: NDArray[np.float64]) -> tuple[float, float, float]:
-    x, y, z = values.tolist()
-    return x, y, z

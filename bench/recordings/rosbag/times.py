@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import DataError
+from bench.recordings.validation import LATEST_NS
 
 Clock = Literal["header", "bag"]
 JUMP_NS = 10_000_000_000  # a stamp whose distance to the time of recording differs more from the others' is of no clock
-LATEST_NS = 2**62
 
 
 def usable_times(

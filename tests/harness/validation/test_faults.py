@@ -3,6 +3,7 @@
 import csv
 import json
 import shutil
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bench.harness.validation import Depth, Severity, validate_recording
+from bench.harness.validation.boxes import check_boxes
 from bench.lidar import LidarSweep, read_sweep
 from bench.lidar.files import write_sweep
 from bench.recordings.native_listing import native_recordings
@@ -463,14 +465,30 @@ def test_an_object_in_the_host(root):
     assert ("object-in-host", Severity.ERROR) in checks(root)
 
 
-def test_an_object_without_frames_and_an_unknown_category(root):
+def test_an_object_without_frames(root):
     def more(content):
         content["openlabel"]["objects"]["ghost"] = {"name": "ghost", "type": "animal"}
+
+    change_json(root / "annotations.json", more)
+    assert checks(root) == warning("object-without-frames")
+
+
+def test_an_unknown_category(root):
+    def sideways(content):
         state = content["openlabel"]["frames"]["3"]["objects"]["walker"]["object_data"]
         state["text"] = [{"name": "category", "val": "sideways"}]
 
-    change_json(root / "annotations.json", more)
-    assert checks(root) == error("category") | warning("object-without-frames")
+    change_json(root / "annotations.json", sideways)
+    assert checks(root) == error("file")
+
+
+def test_an_unknown_category_from_an_adapter_that_does_not_look(root):
+    (handle,) = native_recordings(root, options={}, card=root, annotations=None)
+    recording = handle.open()
+    track = recording.tracks[0]
+    states = (replace(track.states[0], category="sideways"), *track.states[1:])
+    odd = replace(recording, tracks=(replace(track, states=states), *recording.tracks[1:]))
+    assert [finding.came for finding in check_boxes(odd) if finding.check == "category"] == ["sideways"]
 
 
 def test_point_indices_beyond_the_sweep(root):
