@@ -82,6 +82,7 @@ def _draw_panel(axes: Axes, range_map: RangeMap | None, reach_m: float, vehicle_
     draw_rings(axes, np.arange(RING_STEP_M, reach_m * np.sqrt(2), RING_STEP_M).tolist())
     draw_vehicle(axes, vehicle_outline_m)
     plan_axes(axes, x_m=(-reach_m, reach_m), y_m=(-reach_m, reach_m), labels=False)
+    axes.locator_params(base=RING_STEP_M * (1 if reach_m < 15.0 else 2))  # or the numbers below touch
 
 
 def _classes(maps: Sequence[RangeMap]) -> tuple[str, ...]:
