@@ -40,7 +40,7 @@ gate: benchmark ## score, then judge the run by BASELINE= (committed) and TOLERA
 report: $(INSTALLED) ## write the page of RUN= (the demo's), or of one kind of motion with CATEGORY=
 	$(BIN)/fisheye-bench report $(RUN) $(if $(CATEGORY),--category $(CATEGORY))
 
-perf: $(INSTALLED_DEV) ## measure speed and memory into reports/perf.md, then the hot functions (20 minutes)
+perf: $(INSTALLED_DEV) ## measure speed and memory into reports/perf.md, then the hot functions (10 minutes)
 	$(BIN)/fisheye-bench synthesize datasets/demo.scenario.yaml --out datasets/data/demo
 	$(BIN)/python -m tests.perf.measure_all --card datasets/demo.yaml --out reports/perf.md
 	$(BIN)/pytest tests/perf --benchmark-enable --benchmark-only --benchmark-columns=min,median,ops -p no:cacheprovider

@@ -123,8 +123,9 @@ def seconds_to_stop(card: Path, *options: object) -> float:
 
 
 def _any_left(group: int) -> bool:
-    try:
-        os.killpg(group, 0)
-    except ProcessLookupError:
-        return False
-    return True
+    """Whether a process of the group still runs; one that has ended and that init has not yet looked at does not."""
+    states = subprocess.run(
+        ["ps", "-A", "-o", "pgid=", "-o", "stat="], check=True, capture_output=True, text=True
+    ).stdout
+    listed = (line.split() for line in states.splitlines())
+    return any(int(of) == group and not state.startswith("Z") for of, state in listed)
