@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from bench.cli.computing import interruptible
 from bench.cli.console import console, print_failures, progress_bar
+from bench.cli.interrupts import interruptible
 from bench.cli.rendering import render_if_synthetic
 from bench.cli.settings import parse_settings
 from bench.evaluation import load_protocol

@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-import signal
-from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
 
-import typer
-
-from bench.cli.console import console
 from bench.errors import UsageError
 from bench.harness.cache import CacheFolder, default_folder
 from bench.harness.work import Cluster, Terms, scheduler_address
 from bench.methods import Method
 from bench.parallel import Place, Processes, in_turn
 from bench.recordings import DatasetCard
-
-INTERRUPTED = 130  # as shells tell of SIGINT
-ENDED = 143  # and of SIGTERM
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,35 +73,3 @@ class Computing:
     def cache_folder(self) -> CacheFolder | None:
         """Where steps are kept; None for nowhere."""
         return None if self.no_cache else CacheFolder(folder=self.cache or default_folder())
-
-
-def resumable(folder: object) -> AbstractContextManager[None]:
-    """End in one line when the block, which stores what is done in a folder, is interrupted."""
-    return interruptible(f"what is done is in {folder}, and the same command goes on from there")
-
-
-@contextmanager
-def interruptible(left: str) -> Iterator[None]:
-    """End in one line when the user, or the system that shuts down, ends the block.
-
-    Args:
-        left: what there is then, and how to go on.
-    """
-    before = signal.signal(signal.SIGTERM, _end)
-    try:
-        yield
-    except KeyboardInterrupt as reason:
-        asked = isinstance(reason, _Ended)
-        how = "ended" if asked else "interrupted"
-        console().print(f"{how}; {left}", highlight=False, soft_wrap=True, markup=False)
-        raise typer.Exit(ENDED if asked else INTERRUPTED) from None
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
-class _Ended(KeyboardInterrupt):
-    """SIGTERM came."""
-
-
-def _end(_: int, __: FrameType | None) -> None:
-    raise _Ended

@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from bench.cli.computing import Computing, resumable
+from bench.cli.computing import Computing
 from bench.cli.console import console, progress_bar
+from bench.cli.interrupts import resumable
 from bench.cli.places import destination
 from bench.cli.rendering import render_if_synthetic
 from bench.cli.running import RUNS, finish_run

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from bench.cli.console import console, progress_bar
+from bench.cli.interrupts import interruptible
 from bench.recordings import DatasetCard
 
 
@@ -12,7 +13,8 @@ def render(scenario: Path, out: Path, *, workers: int | None = None) -> None:
     """Render a scenario with a progress bar and say where."""
     from bench.synthesis import synthesize  # a second, and data that are there already need none of it
 
-    with progress_bar(f"rendering {scenario.stem}", "recordings") as report:
+    left = f"the recordings that are done are in {out}, and the same command goes on from there"
+    with interruptible(left), progress_bar(f"rendering {scenario.stem}", "recordings") as report:
         folders = synthesize(scenario, out, workers=workers, progress=report)
     console().print(f"{len(folders)} recordings in {out}", highlight=False, soft_wrap=True)
 

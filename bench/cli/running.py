@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from bench.cli.computing import Computing, interruptible, resumable
+from bench.cli.computing import Computing
 from bench.cli.console import console, print_failures, progress_bar
+from bench.cli.interrupts import interruptible, resumable
 from bench.cli.places import Destination, destination, parts_of_run
 from bench.cli.rendering import render_if_synthetic
 from bench.cli.settings import parse_settings

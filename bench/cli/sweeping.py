@@ -7,8 +7,8 @@ from pathlib import Path
 
 from rich.table import Table
 
-from bench.cli.computing import interruptible
 from bench.cli.console import console, print_failures, progress_bar
+from bench.cli.interrupts import interruptible
 from bench.cli.rendering import render_if_synthetic
 from bench.cli.settings import parse_settings
 from bench.errors import UsageError

@@ -8,18 +8,17 @@ import os
 import shutil
 import sys
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
-from multiprocessing import get_context
+from contextlib import closing, contextmanager
+from functools import partial
 from pathlib import Path
 
 from bench.errors import DataError, UsageError
+from bench.parallel import Lost, Place, Processes, in_turn, usable_cores
 from bench.recordings import write_text
 from bench.synthesis.reading import read_scenario
 from bench.synthesis.recorder import render_recording
 from bench.synthesis.scenario import LARGEST_BYTES, RecordingSpec, Scenario
 from bench.synthesis.stamp import MARK, stamped, write_stamp
-from bench.threads import single_threaded, use_one_thread
 
 if sys.platform != "win32":
     import fcntl
@@ -69,7 +68,7 @@ def synthesize(
         done, total = len(scenario.recordings) - len(missing), len(scenario.recordings)
         if progress is not None:
             progress(done, total)
-        for count, _ in enumerate(_rendered(scenario, missing, out, workers or _cores()), start=done + 1):
+        for count, _ in enumerate(_rendered(scenario, missing, out, workers or usable_cores()), start=done + 1):
             if progress is not None:
                 progress(count, total)
         shutil.rmtree(out / UNFINISHED, ignore_errors=True)
@@ -101,29 +100,18 @@ def _alone_in(folder: Path) -> Iterator[None]:
         os.close(handle)
 
 
-def _rendered(scenario: Scenario, specs: list[RecordingSpec], out: Path, workers: int) -> Iterator[Path]:
-    if workers == 1 or len(specs) <= 1:
-        with single_threaded():
-            for spec in specs:
-                yield _produce(scenario, spec, out)
-        return
-    with ProcessPoolExecutor(
-        min(workers, len(specs)), mp_context=get_context("spawn"), initializer=use_one_thread
-    ) as pool:
-        futures = [pool.submit(_produce, scenario, spec, out) for spec in specs]
-        try:
-            for future in as_completed(futures):
-                yield future.result()
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+def _rendered(scenario: Scenario, specs: list[RecordingSpec], out: Path, workers: int) -> Iterator[RecordingSpec]:
+    processes = min(workers, len(specs))
+    place: Place = in_turn if processes <= 1 else Processes(workers=processes)
+    with closing(place(partial(_produce, scenario=scenario, out=out), specs)) as results:
+        for spec, outcome in results:
+            if isinstance(outcome, Lost):
+                do = "call it again, with fewer workers where memory is short; what is rendered stays"
+                raise DataError(out / spec.name, wanted="a rendered recording", came=outcome.reason, do=do)
+            yield spec
 
 
-def _cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _produce(scenario: Scenario, spec: RecordingSpec, out: Path) -> Path:
+def _produce(spec: RecordingSpec, *, scenario: Scenario, out: Path) -> None:
     """Render one recording aside, then move it into place."""
     aside, place = out / UNFINISHED / spec.name, out / spec.name
     shutil.rmtree(aside, ignore_errors=True)
@@ -133,7 +121,6 @@ def _produce(scenario: Scenario, spec: RecordingSpec, out: Path) -> Path:
         _refuse_foreign(place)
         shutil.rmtree(place)
     aside.replace(place)
-    return place
 
 
 def _mark(scenario: Scenario, spec: RecordingSpec) -> dict[str, str]:

@@ -18,6 +18,8 @@ from tests.processes import PATIENCE_S, alive, pids, until
 
 __all__ = ["trouble"]
 
+ROOT = Path(__file__).parents[2]
+TROUBLED = ("--method", "tests.harness.troubled:Troubled")
 ENDINGS = {
     "interrupted": (signal.SIGINT, 130, "interrupted; what is done is in"),
     "told to end": (signal.SIGTERM, 143, "ended; what is done is in"),
@@ -25,12 +27,11 @@ ENDINGS = {
 }
 
 
-def start(command: str, card: Path, *options: object) -> subprocess.Popen:
+def start(command: str, source: Path, *options: object) -> subprocess.Popen:
     """A command at a terminal of its own: an interrupt reaches all its processes, as Ctrl-C does."""
-    words = [command, card, "--method", "tests.harness.troubled:Troubled", *options]
     return subprocess.Popen(
-        [sys.executable, "-m", "bench", *map(str, words)],
-        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2]), "COLUMNS": "1000"},
+        [sys.executable, "-m", "bench", command, str(source), *map(str, options)],
+        env=os.environ | {"PYTHONPATH": str(ROOT), "COLUMNS": "1000"},
         start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
 
@@ -44,7 +45,7 @@ def test_a_run_that_is_stopped_leaves_no_process_and_goes_on(tiny_card, tmp_path
     run_benchmark(card, out=tmp_path / "calm", **options)
     out, here = tmp_path / "run", trouble / "standing.wait-noted"
     (trouble / "standing.wait").touch()
-    run = start("run", tiny_card, "--out", out, "--no-pictures", "--no-cache", "--workers", workers)
+    run = start("run", tiny_card, *TROUBLED, "--out", out, "--no-pictures", "--no-cache", "--workers", workers)
     try:
         until(lambda: bool(pids(here)) and len(list((out / "units").glob("*.json"))) == 2, "two units of three stored")
         if how == "interrupted":
@@ -79,7 +80,7 @@ def test_what_does_not_go_on_says_so_and_leaves_no_process(tiny_card, tmp_path, 
     monkeypatch.chdir(tmp_path)
     here = trouble / "standing.wait-noted"
     (trouble / "standing.wait").touch()
-    running = start(command, tiny_card, *options, "--out", tmp_path / "out")
+    running = start(command, tiny_card, *TROUBLED, *options, "--out", tmp_path / "out")
     try:
         until(lambda: bool(pids(here)), "an image in the middle")
         os.killpg(running.pid, signal.SIGINT)
@@ -93,6 +94,20 @@ def test_what_does_not_go_on_says_so_and_leaves_no_process(tiny_card, tmp_path, 
     assert not (tmp_path / "out").exists()
     if "--cache" in options:
         assert list((tmp_path / "kept" / "reference").rglob("*.npz")), "of the recordings before"
+
+
+def test_rendering_says_how_it_goes_on(tmp_path):
+    out = tmp_path / "out"
+    rendering = start("synthesize", ROOT / "datasets/demo.scenario.yaml", "--out", out, "--workers", 2)
+    try:
+        until(lambda: any((out / ".unfinished").glob("*")), "a recording in the middle")
+        os.killpg(rendering.pid, signal.SIGINT)
+        shown, complaints = rendering.communicate(timeout=PATIENCE_S)
+    finally:
+        rendering.kill()
+    assert (rendering.returncode, complaints) == (130, "")
+    assert f"interrupted; the recordings that are done are in {out}" in shown
+    until(lambda: not group_lives(rendering.pid), "no process")
 
 
 def test_processes_of_a_run_that_is_refused_end_with_it(tmp_path):

@@ -3,7 +3,10 @@ from __future__ import annotations
 import shutil
 import threading
 from collections.abc import Callable
+from multiprocessing import active_children
 from pathlib import Path
+from signal import SIGKILL
+from time import sleep
 
 import pytest
 
@@ -47,6 +50,24 @@ def test_same_scenario_gives_same_bytes_in_two_processes_and_in_another_order(
     assert len([name for name in once if name.startswith("crossing/images/front/")]) == 2
     assert once.keys() == again.keys()
     assert [name for name in once if once[name] != again[name]] == []
+
+
+def test_process_that_is_killed_costs_another_attempt(scenario_file: Path, tmp_path: Path) -> None:
+    out, killed = tmp_path / "out", []
+
+    def kill_one_that_renders() -> None:
+        while not list((out / production.UNFINISHED).glob("*")):
+            sleep(0.02)
+        killed.append(active_children()[0])
+        killed[0].kill()
+
+    killing = threading.Thread(target=kill_one_that_renders)
+    killing.start()
+    folders = synthesize(scenario_file, out, workers=2)
+    killing.join()
+    assert killed[0].exitcode == -SIGKILL
+    assert all((folder / "recording.json").is_file() for folder in folders)
+    assert not (out / production.UNFINISHED).exists()
 
 
 def test_interrupted_run_leaves_whole_recordings_and_resumes(
