@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from collections.abc import Sequence
-from importlib import import_module
 from pathlib import Path
 
 from rich.table import Table
@@ -15,6 +14,7 @@ from bench.cli.rendering import render_if_synthetic
 from bench.cli.settings import parse_settings
 from bench.errors import UsageError
 from bench.harness.validation import Depth, Finding, Severity, ValidationReport, validate_dataset
+from bench.plug_ins import imported
 from bench.recordings import load_card, open_dataset, write_text
 from bench.recordings.catalogue import Adapter
 from bench.recordings.contract import adapter_faults
@@ -106,8 +106,5 @@ def _imported(name: str) -> Adapter:
         raise UsageError(f"--adapter: wanted module:function, came {name!r}")
     if str(Path.cwd()) not in sys.path:
         sys.path.insert(0, str(Path.cwd()))  # a module beside the user, not installed
-    try:
-        adapter: Adapter = getattr(import_module(module), function)
-    except (ImportError, AttributeError) as error:
-        raise UsageError(f"--adapter: wanted module:function that can be imported, came {name!r}: {error}") from error
+    adapter: Adapter = imported(name, wanted=f"--adapter {name}: wanted a function")
     return adapter

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from importlib.metadata import entry_points
-
-from bench.errors import UnknownNameError, UsageError
+from bench.errors import UnknownNameError
 from bench.layers.layer import LayerFormat
+from bench.plug_ins import imported, known_places
 
 ENTRY_POINTS = "fisheye_bench.layers"
 
@@ -24,8 +22,7 @@ LAYER_FORMATS = {
 
 def known_formats() -> dict[str, str]:
     """Name -> "module:Class" of the package's formats and of those that installed packages add."""
-    added = {point.name: point.value for point in entry_points(group=ENTRY_POINTS)}
-    return added | LAYER_FORMATS
+    return known_places(ENTRY_POINTS, LAYER_FORMATS)
 
 
 def layer_format(name: str) -> LayerFormat:
@@ -38,9 +35,5 @@ def layer_format(name: str) -> LayerFormat:
     known = known_formats()
     if name not in known:
         raise UnknownNameError("format of annotations", name, known)
-    module, _, attribute = known[name].partition(":")
-    try:
-        found: LayerFormat = getattr(import_module(module), attribute)()
-    except (ImportError, AttributeError) as error:
-        raise UsageError(f"format {name!r}: wanted a class that can be imported; {error}") from error
+    found: LayerFormat = imported(known[name], wanted=f"format {name!r}: wanted a class")()
     return found

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
-from importlib import import_module
-from importlib.metadata import entry_points
 from typing import Any
 
 from bench.errors import UnknownNameError, UsageError
 from bench.methods.contract import Method
+from bench.plug_ins import imported, known_places
 
 ENTRY_POINTS = "fisheye_bench.methods"
 
@@ -33,8 +32,7 @@ METHODS = {
 
 def known_methods() -> dict[str, str]:
     """Name -> "module:Class" of the package's methods and of those that installed packages add."""
-    added = {point.name: point.value for point in entry_points(group=ENTRY_POINTS)}
-    return added | METHODS
+    return known_places(ENTRY_POINTS, METHODS)
 
 
 def describe_method(place: str) -> str:
@@ -46,7 +44,7 @@ def describe_method(place: str) -> str:
     Raises:
         UsageError: nothing to import there.
     """
-    return next(iter((inspect.getdoc(_imported(place, place)) or "").splitlines()), "")
+    return next(iter((inspect.getdoc(_class(place, place)) or "").splitlines()), "")
 
 
 def build_method(name: str, parameters: Mapping[str, object] | None = None) -> Method:
@@ -63,7 +61,7 @@ def build_method(name: str, parameters: Mapping[str, object] | None = None) -> M
     known = known_methods()
     if name not in known and ":" not in name:
         raise UnknownNameError("method", name, known)
-    factory = _imported(name, known.get(name, name))
+    factory = _class(name, known.get(name, name))
     try:
         method: Method = factory(**(parameters or {}))
     except TypeError as error:
@@ -72,9 +70,5 @@ def build_method(name: str, parameters: Mapping[str, object] | None = None) -> M
     return method
 
 
-def _imported(name: str, place: str) -> Any:
-    module, _, attribute = place.partition(":")
-    try:
-        return getattr(import_module(module), attribute)
-    except (ImportError, AttributeError) as error:
-        raise UsageError(f"method {name!r}: wanted a class that can be imported; {error}") from error
+def _class(name: str, place: str) -> Any:
+    return imported(place, wanted=f"method {name!r}: wanted a class")

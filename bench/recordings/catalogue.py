@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from importlib import import_module
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, Protocol
 
-from bench.errors import DataError, UnknownNameError, UsageError
+from bench.errors import DataError, UnknownNameError
+from bench.plug_ins import imported, known_places
 from bench.recordings.cards import DatasetCard, ExclusionEntry
 from bench.recordings.handles import Exclusion, RecordingHandle
 from bench.recordings.remote import RemoteDataset, remote_recordings
@@ -100,15 +99,10 @@ def _root(card: DatasetCard) -> str:
 
 
 def _adapter(name: str) -> Adapter:
-    added = {point.name: point.value for point in entry_points(group=ENTRY_POINTS)}
-    known = added | ADAPTERS
+    known = known_places(ENTRY_POINTS, ADAPTERS)
     if name not in known:
         raise UnknownNameError("adapter", name, known)
-    module, _, function = known[name].partition(":")
-    try:
-        adapter: Adapter = getattr(import_module(module), function)
-    except (ImportError, AttributeError) as error:
-        raise UsageError(f"adapter {name!r}: wanted a function that can be imported; {error}") from error
+    adapter: Adapter = imported(known[name], wanted=f"adapter {name!r}: wanted a function")
     return adapter
 
 

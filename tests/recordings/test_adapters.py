@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 import yaml
 
+from bench import plug_ins
 from bench.errors import DataError, UsageError
-from bench.recordings import ADAPTERS, catalogue, load_card, open_dataset, read_image
+from bench.recordings import ADAPTERS, load_card, open_dataset, read_image
 from tests.recordings import tiny, tiny_aimotive, tiny_kitti360, tiny_rosbag, tiny_woodscape
 
 
@@ -110,7 +111,7 @@ def test_a_package_adds_an_adapter(tmp_path, monkeypatch):
     point = EntryPoint(
         name="mine", value="bench.recordings.native_listing:native_recordings", group="fisheye_bench.adapters"
     )
-    monkeypatch.setattr(catalogue, "entry_points", lambda group: [point] if group == point.group else [])
+    monkeypatch.setattr(plug_ins, "entry_points", lambda group: [point] if group == point.group else [])
     native(tmp_path / "data")
     (handle,) = open_dataset(write_card(tmp_path, "mine", {}))
     assert handle.open().name == "drive"
@@ -119,7 +120,7 @@ def test_a_package_adds_an_adapter(tmp_path, monkeypatch):
 @pytest.mark.parametrize("value", ["no_such_module_of_anybody:listing", "bench.recordings:no_such_name", "bench"])
 def test_a_package_whose_adapter_cannot_be_imported_is_one_clear_line(tmp_path, monkeypatch, value):
     point = EntryPoint(name="mine", value=value, group="fisheye_bench.adapters")
-    monkeypatch.setattr(catalogue, "entry_points", lambda group: [point] if group == point.group else [])
+    monkeypatch.setattr(plug_ins, "entry_points", lambda group: [point] if group == point.group else [])
     native(tmp_path / "data")
     with pytest.raises(UsageError, match="adapter 'mine': wanted a function that can be imported; "):
         open_dataset(write_card(tmp_path, "mine", {}))

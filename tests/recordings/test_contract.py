@@ -7,6 +7,7 @@ from importlib.metadata import EntryPoint
 import numpy as np
 import pytest
 
+from bench import plug_ins
 from bench.errors import DataError
 from bench.lidar import LidarSweep
 from bench.recordings import RecordingHandle, catalogue
@@ -136,7 +137,7 @@ def test_an_adapter_of_another_package_keeps_it(root, monkeypatch):
     point = EntryPoint(
         name="mine", value="bench.recordings.native_listing:native_recordings", group="fisheye_bench.adapters"
     )
-    monkeypatch.setattr(catalogue, "entry_points", lambda group: [point] if group == point.group else [])
+    monkeypatch.setattr(plug_ins, "entry_points", lambda group: [point] if group == point.group else [])
     check_adapter(catalogue._adapter("mine"), root)
 
 

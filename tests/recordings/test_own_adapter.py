@@ -9,6 +9,7 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
+from bench import plug_ins
 from bench.cli import main
 from bench.egomotion import write_tum
 from bench.recordings import catalogue, load_card, open_dataset, read_image, write_annotations
@@ -61,7 +62,7 @@ def test_the_command_tries_it_where_it_lies(data, tmp_path, monkeypatch, capsys)
 
 def test_a_card_finds_it_by_its_entry_point(data, tmp_path, monkeypatch, capsys):
     point = EntryPoint(name="mine", value="tests.recordings.my_adapter:my_recordings", group=catalogue.ENTRY_POINTS)
-    monkeypatch.setattr(catalogue, "entry_points", lambda group: [point] if group == point.group else [])
+    monkeypatch.setattr(plug_ins, "entry_points", lambda group: [point] if group == point.group else [])
     write_annotations(tmp_path / "labels/monday.json", (), timestamps_ns=[time_us * 1000 for time_us in TIMES_US])
     content = {"name": "mine", "title": "x", "adapter": "mine", "root": "data", "licence": "x", "annotations": "labels"}
     card = tmp_path / "mine.yaml"

@@ -11,8 +11,7 @@ import numpy as np
 from bench.errors import DataError
 from bench.recordings.kitti360.times import LARGEST_FRAME, FrameClock, read_pose, stamp_ns
 from bench.recordings.text_files import numbers, read_text
-
-MOST_FAULTS = 200
+from bench.recordings.validation import MOST_FAULTS
 
 
 def clock_faults(file: Path) -> tuple[DataError, ...]:

@@ -12,7 +12,7 @@ from bench.recordings.annotation_faults import annotation_faults
 from bench.recordings.annotations import read_annotations
 from bench.recordings.kitti360.boxes import WorldBox, read_boxes
 from bench.recordings.kitti360.calibration import salvage_rig
-from bench.recordings.kitti360.faults import MOST_FAULTS, clock_faults, pose_faults
+from bench.recordings.kitti360.faults import clock_faults, pose_faults
 from bench.recordings.kitti360.files import (
     BOXES,
     IMAGES,
@@ -30,6 +30,7 @@ from bench.recordings.kitti360.tracks import Annotated, tracks_from_world
 from bench.recordings.paths import refuse_escape
 from bench.recordings.records import Recording
 from bench.recordings.salvage import Part, Salvaged, collected, standing_still
+from bench.recordings.validation import MOST_FAULTS
 
 EVERYTHING = Annotated(tracks=(), windows=())
 

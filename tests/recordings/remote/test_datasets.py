@@ -8,22 +8,8 @@ import yaml
 
 from bench.errors import DataError
 from bench.recordings import load_card, open_dataset
-from bench.recordings.remote import Storage
 from bench.recordings.remote.datasets import BY_RECORDING
 from tests.recordings.test_adapters import DATA_SETS, LABELLED_APART
-
-
-@pytest.fixture
-def fetched(monkeypatch) -> list[str]:
-    names: list[str] = []
-    download = Storage.download
-
-    def noted(self, files):
-        names.extend(files)
-        download(self, files)
-
-    monkeypatch.setattr(Storage, "download", noted)
-    return names
 
 
 def cards(folder, adapter, options, url):

@@ -25,20 +25,6 @@ def url(bucket):
     return parse_place("s3://bench/drives")
 
 
-@pytest.fixture
-def fetched(monkeypatch) -> list[str]:
-    """Names of the objects that were downloaded."""
-    names: list[str] = []
-    download = Storage.download
-
-    def noted(self, files):
-        names.extend(files)
-        download(self, files)
-
-    monkeypatch.setattr(Storage, "download", noted)
-    return names
-
-
 def data(tmp_path: Path, limit_bytes: int = 10**9) -> FetchedData:
     return FetchedData(folder=tmp_path / "copies", limit_bytes=limit_bytes)
 
