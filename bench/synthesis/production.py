@@ -4,24 +4,20 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import shutil
-import sys
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 
 from bench.errors import DataError, UsageError
 from bench.parallel import Lost, Place, Processes, in_turn, usable_cores
 from bench.recordings import write_text
+from bench.recordings.locking import alone_in
 from bench.synthesis.reading import read_scenario
 from bench.synthesis.recorder import render_recording
 from bench.synthesis.scenario import LARGEST_BYTES, RecordingSpec, Scenario
 from bench.synthesis.stamp import MARK, stamped, write_stamp
-
-if sys.platform != "win32":
-    import fcntl
 
 GENERATOR_VERSION = 5  # raise it whenever the same scenario gives other bytes
 UNFINISHED = ".unfinished"
@@ -62,7 +58,7 @@ def synthesize(
         return folders
     scenario = read_scenario(scenario_path)
     out.mkdir(parents=True, exist_ok=True)
-    with _alone_in(out):
+    with alone_in(out):
         _remove_former(scenario, out)
         missing = [spec for spec in scenario.recordings if _mark_of(out / spec.name) != _mark(scenario, spec)]
         done, total = len(scenario.recordings) - len(missing), len(scenario.recordings)
@@ -84,20 +80,6 @@ def _content(path: Path) -> bytes | None:
         return path.read_bytes() if path.stat().st_size <= LARGEST_BYTES else None
     except OSError:
         return None
-
-
-@contextmanager
-def _alone_in(folder: Path) -> Iterator[None]:
-    """Wait until no other process renders into a folder; the lock goes with the process, however it ends."""
-    if sys.platform == "win32":  # no such locks there
-        yield
-        return
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(handle)
 
 
 def _rendered(scenario: Scenario, specs: list[RecordingSpec], out: Path, workers: int) -> Iterator[RecordingSpec]:
