@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import struct
-import zlib
 from pathlib import Path
 from typing import Any
 
 import cv2
+import kornia_rs.io
 import numpy as np
+from isal import isal_zlib
 from numpy.typing import NDArray
 
 from bench.errors import DataError
@@ -18,6 +19,7 @@ PNG_START, JPEG_START, JPEG_END = b"\x89PNG\r\n\x1a\n", b"\xff\xd8", b"\xff\xd9"
 JPEG_TAIL_BYTES = 64  # some cameras pad the end
 JPEG_ALONE = frozenset((0x01, *range(0xD0, 0xD9)))  # markers without a length
 JPEG_SIZES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+PNG_8_BIT_GREY = b"\x08\x00"  # depth and kind of colour, in the header
 LARGEST_PX = 1 << 26  # 8192 x 8192; a header of a few bytes can ask for far more
 
 
@@ -141,6 +143,10 @@ def decode_image(content: bytes, flags: int, *, place: Path) -> NDArray[Any]:
     size_px = _stated_size(content)
     if size_px is not None and size_px[0] * size_px[1] > LARGEST_PX:
         raise DataError(place, wanted=f"an image of at most {LARGEST_PX} px", came="{} x {}".format(*size_px))
+    if flags & ~cv2.IMREAD_IGNORE_ORIENTATION == cv2.IMREAD_GRAYSCALE and size_px is not None:
+        grey = _grey_png(content, size_px)
+        if grey is not None:
+            return grey
     try:
         pixels = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags)
     except cv2.error as error:
@@ -148,6 +154,17 @@ def decode_image(content: bytes, flags: int, *, place: Path) -> NDArray[Any]:
     if pixels is None:
         raise DataError(place, wanted="an image that can be decoded", came=f"{len(content)} bytes that cannot")
     return pixels
+
+
+def _grey_png(content: bytes, size_px: tuple[int, int]) -> NDArray[np.uint8] | None:
+    """The pixels of an 8-bit grey PNG, in a third of OpenCV's time; None where OpenCV is to say what it is."""
+    if not content.startswith(PNG_START) or content[24:26] != PNG_8_BIT_GREY:
+        return None
+    try:
+        pixels = kornia_rs.io.decode_image_png_u8(content, size_px[::-1], "mono")
+    except Exception:  # noqa: BLE001 - it raises no narrower kind
+        return None
+    return np.asarray(pixels, dtype=np.uint8)[..., 0]
 
 
 def _decode(path: Path, flags: int) -> NDArray[Any]:
@@ -198,7 +215,7 @@ def _png_fault(content: bytes) -> str | None:
         end = place + 12 + length
         if end > len(content):
             break
-        checksum = zlib.crc32(memoryview(content)[place + 4 : end - 4])
+        checksum = isal_zlib.crc32(memoryview(content)[place + 4 : end - 4])
         if checksum != struct.unpack_from(">I", content, end - 4)[0]:
             return f"a PNG damaged near byte {place}"
         if content[place + 4 : place + 8] == b"IEND":

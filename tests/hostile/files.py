@@ -55,12 +55,19 @@ def npz(**arrays: np.ndarray) -> bytes:
     return file.getvalue()
 
 
-def zipped(**members: bytes) -> bytes:
+def zipped(packing: int = zipfile.ZIP_DEFLATED, **members: bytes) -> bytes:
     file = io.BytesIO()
-    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
+    with zipfile.ZipFile(file, "w", packing, compresslevel=9) as archive:
         for name, content in members.items():
             archive.writestr(f"{name}.npy", content)
     return file.getvalue()
+
+
+def told(content: bytes, place: int, kind: str, number: int) -> bytes:
+    """A zip file whose directory says another number of its one member."""
+    changed = bytearray(content)
+    struct.pack_into(kind, changed, content.rindex(b"PK\1\2") + place, number)
+    return bytes(changed)
 
 
 def npy_header(shape: tuple[int, ...], kind: str = "<f4") -> bytes:
@@ -108,6 +115,13 @@ NPZ_FILES = {
     "header of objects": zipped(points_lidar=npy_header((1 << 40,), "|O")),
     "pickle": npz(points_lidar=np.array([{"a": 1}], dtype=object)),
     "damaged stream": spoiled(NPZ, 200),
+    "encrypted": told(NPZ, 8, "<H", 1),
+    "packed by bzip2": zipped(zipfile.ZIP_BZIP2, points_lidar=npy_header((1, 3)) + bytes(12)),
+    "stream longer than told": told(zipped(points_lidar=npy_header((1, 3)) + bytes(1 << 26)), 24, "<I", 140),
+    "stream shorter than told": told(zipped(points_lidar=npy_header((1, 3)) + bytes(12)), 24, "<I", 1 << 27),
+    "checksum of another": told(NPZ, 16, "<I", 12345),
+    "entry elsewhere": told(NPZ, 42, "<I", 77),
+    "entry beyond the end": told(NPZ, 42, "<I", 1 << 30),
     "members outside": zipped(**{"../../points_lidar": npy_header((1, 3)) + bytes(12)}),
     "NaN": npz(points_lidar=with_points(np.nan)),
     "infinity": npz(points_lidar=with_points(np.inf)),

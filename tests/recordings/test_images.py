@@ -1,11 +1,15 @@
 """Images: whole, broken, and of another size."""
 
+import struct
+import zlib
+
 import cv2
 import numpy as np
 import pytest
 
 from bench.errors import DataError
 from bench.recordings import ImageRef, open_native, read_image, read_truth
+from bench.recordings.images import PNG_START
 from tests.recordings import tiny
 
 
@@ -24,6 +28,44 @@ def test_grey_and_colour(tmp_path, suffix, error):
     assert np.abs(grey.astype(int) - smooth).max() <= error
     assert colour.shape == (48, 64, 3)
     assert np.abs(colour.astype(int) - smooth[:, :, None]).max() <= error
+
+
+def chunk(name, content):
+    return struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
+
+
+def interlaced(pixels):
+    """An 8-bit grey PNG in seven passes."""
+    height, width = pixels.shape
+    passes = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2))
+    rows = b"".join(b"\0" + row[x::right].tobytes() for x, y, right, down in passes for row in pixels[y::down])
+    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 1)
+    return PNG_START + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
+
+
+@pytest.mark.parametrize("kind", ["plain", "paeth", "turned", "one transparent", "gamma", "few bits", "interlaced"])
+def test_grey_png_files_of_every_kind_are_read_as_they_are(tmp_path, kind):
+    pixels = np.random.default_rng(1).integers(0, 256, (tiny.HEIGHT, tiny.WIDTH), dtype=np.uint8)
+    filters = [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_PAETH] if kind == "paeth" else []
+    content = cv2.imencode(".png", pixels, filters)[1].tobytes()
+    asides = {  # what a reader could take as an order to change values
+        "turned": chunk(b"eXIf", b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0"),
+        "one transparent": chunk(b"tRNS", b"\0\7"),
+        "gamma": chunk(b"gAMA", struct.pack(">I", 45455)),
+        "few bits": chunk(b"sBIT", b"\5"),
+    }
+    content = interlaced(pixels) if kind == "interlaced" else content[:33] + asides.get(kind, b"") + content[33:]
+    (tmp_path / "1.png").write_bytes(content)
+    image = ImageRef(camera="front", timestamp_ns=1, path=tmp_path / "1.png")
+    assert np.array_equal(read_image(image, tiny.front_camera()), pixels)
+
+
+def test_a_png_of_whole_chunks_with_a_broken_stream_is_refused(tmp_path):
+    header = struct.pack(">IIBBBBB", tiny.WIDTH, tiny.HEIGHT, 8, 0, 0, 0, 0)
+    body = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(bytes(99))) + chunk(b"IEND", b"")
+    (tmp_path / "1.png").write_bytes(PNG_START + body)
+    with pytest.raises(DataError, match="wanted an image that can be decoded"):
+        read_image(ImageRef(camera="front", timestamp_ns=1, path=tmp_path / "1.png"), tiny.front_camera())
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg"])
