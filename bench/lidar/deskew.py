@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -45,19 +47,24 @@ def deskew(
         positions_m: (K, 3) float64, m, position of the lidar in the reference frame at the knots.
 
     Returns:
-        (N, 3) float64, m, in the reference frame.
+        (N, 3) float64, m, in the reference frame; each component lies in one piece of memory.
     """
-    if not len(points_lidar):
-        return np.empty((0, 3))
-    after = np.clip(np.searchsorted(knots_ns, times_ns, side="right"), 1, len(knots_ns) - 1)
-    span_ns = (knots_ns[after] - knots_ns[after - 1]).astype(np.float64)
-    part = ((times_ns - knots_ns[after - 1]) / span_ns)[:, None]
-    points = points_lidar.astype(np.float64)
-    before = _moved(points, rotations[after - 1], positions_m[after - 1])
-    return np.asarray(before + part * (_moved(points, rotations[after], positions_m[after]) - before))
-
-
-def _moved(
-    points: NDArray[np.float64], rotations: NDArray[np.float64], positions_m: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    return np.asarray(np.einsum("nij,nj->ni", rotations, points) + positions_m)
+    moved = np.empty((3, len(points_lidar)))
+    if (times_ns[1:] < times_ns[:-1]).any():
+        order = np.argsort(times_ns, kind="stable")
+        moved[:, order] = deskew(
+            points_lidar[order], times_ns[order], knots_ns=knots_ns, rotations=rotations, positions_m=positions_m
+        ).T
+        return moved.T
+    poses = np.concatenate([rotations, positions_m[:, :, None]], axis=2)
+    poses_and_changes = np.concatenate([poses[:-1], np.diff(poses, axis=0)], axis=1)
+    homogeneous = np.ones((4, len(points_lidar)))
+    homogeneous[:3] = points_lidar.T
+    bounds = [0, *np.searchsorted(times_ns, knots_ns[1:-1]).tolist(), len(times_ns)]
+    for knot, (first, last) in enumerate(pairwise(bounds)):  # all points between two knots at once
+        if first < last:
+            points = homogeneous[:, first:last]
+            part = (times_ns[first:last] - knots_ns[knot]) / float(knots_ns[knot + 1] - knots_ns[knot])
+            both = poses_and_changes[knot] @ points
+            moved[:, first:last] = both[:3] + part * both[3:]
+    return moved.T

@@ -47,7 +47,7 @@ class _Exposure:
     """What all objects of an image share."""
 
     timestamp_ns: int
-    world_from_vehicle: RigidTransform
+    vehicle_from_world: RigidTransform
     camera_from_world: RigidTransform
     camera_position_m: NDArray[np.float64]  # world
     ego_velocity_mps: NDArray[np.float64]  # over the ground, vehicle axes
@@ -126,7 +126,7 @@ class ReferenceBuilder:
         found = [s for s in self._index.at(image.timestamp_ns) if s.track.track_id == track_id]
         if not found:
             raise UsageError(f"{image.path}: wanted an annotated object {track_id!r}, came an image without it")
-        vehicle_from_world = exposure.world_from_vehicle.inverse()
+        vehicle_from_world = exposure.vehicle_from_world
         cluster, placed = self._cluster(found[0], exposure)
         points_world = cluster.points_world
         around_world = np.empty((0, 3)) if placed is None else placed.points_world()
@@ -144,7 +144,7 @@ class ReferenceBuilder:
         world_from_camera = world_from_vehicle @ self.camera.vehicle_from_camera
         return _Exposure(
             timestamp_ns=timestamp_ns,
-            world_from_vehicle=world_from_vehicle,
+            vehicle_from_world=world_from_vehicle.inverse(),
             camera_from_world=world_from_camera.inverse(),
             camera_position_m=world_from_camera.translation_m,
             ego_velocity_mps=self.recording.trajectory.velocity_vehicle_mps(timestamp_ns),
@@ -162,7 +162,7 @@ class ReferenceBuilder:
             polygon = self._polygon(self._projected(outline_world, exposure)[0], kind="convex")
             distance_m = _nearest_m(outline_world, exposure.camera_position_m) if np.isnan(range_m) else range_m
         raster = self._raster(polygon)
-        motion_vehicle = exposure.world_from_vehicle.rotation.T @ sighting.smooth_world_mps
+        motion_vehicle = exposure.vehicle_from_world.rotate(sighting.smooth_world_mps)
         known = bool(np.isfinite(motion_vehicle).all())
         reference = ReferenceObject(
             track_id=sighting.track.track_id,
@@ -173,16 +173,16 @@ class ReferenceBuilder:
             direction=relative_direction(motion_vehicle, exposure.ego_velocity_mps) if known else None,
             speed_mps=float(np.hypot(*motion_vehicle[:2])),
             range_m=range_m,
-            centroid_m=exposure.world_from_vehicle.inverse().apply(_mean(points_world))[:2],
+            centroid_m=exposure.vehicle_from_world.apply(_mean(points_world))[:2],
             points=points,
             polygon=polygon,
-            polygon_px=0 if raster is None else int(raster.covered.sum()),
+            polygon_px=0 if raster is None else int(np.count_nonzero(raster.covered)),
             region_px=0,
         )
         return _Measured(
             reference=self._judged(reference, sighting, swept=placed is not None),
             raster=raster,
-            distance_m=float(np.nan_to_num(distance_m, nan=np.inf)),
+            distance_m=np.inf if np.isnan(distance_m) else distance_m,
         )
 
     def _cluster(self, sighting: Sighting, exposure: _Exposure) -> tuple[Cluster, PlacedSweep | None]:
@@ -210,7 +210,8 @@ class ReferenceBuilder:
     def _projected(self, points_world: NDArray[np.float64], exposure: _Exposure) -> tuple[NDArray[np.float64], int]:
         """Pixels of the points that the lens can see, and how many of them fall into the image."""
         pixels, valid = self.camera.model.project(exposure.camera_from_world.apply(points_world))
-        return pixels[valid], int(self.camera.model.contains(pixels).sum())
+        inside = int(np.count_nonzero(self.camera.model.contains(pixels)))
+        return pixels if valid.all() else pixels[valid], inside
 
     def _scanned(
         self,
@@ -317,4 +318,4 @@ def _nearest_m(points_world: NDArray[np.float64], position_m: NDArray[np.float64
 
 
 def _mean(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(points.mean(axis=0)) if len(points) else np.full(3, np.nan)
+    return np.asarray(points.sum(axis=0) / len(points)) if len(points) else np.full(3, np.nan)

@@ -54,17 +54,23 @@ def object_cluster(
         clearance_m: points less than this above the bottom of the shape are the ground's on which the object stands,
             be it road or pavement.
     """
-    velocity = np.nan_to_num(velocity_world_mps, nan=0.0)
+    velocity = np.where(np.isnan(velocity_world_mps), 0.0, velocity_world_mps)
     chosen = _candidates(placed, state, world_from_vehicle, float(np.linalg.norm(velocity)))
-    times_ns = placed.times_ns[chosen]
     points = placed.points_world(chosen)
     if not len(points):
         return Cluster(points_world=points, rows=chosen)
     centre = _centre_world(state.shape, world_from_vehicle, points)
-    moved = _carried(points, centre, velocity, state.yaw_rate_radps, (state.timestamp_ns - times_ns) / SECOND_NS)
-    belongs = _inside(state.shape, world_from_vehicle.inverse().apply(moved), lowest_m, clearance_m)
-    later = np.full(int(belongs.sum()), (exposure_ns - state.timestamp_ns) / SECOND_NS)
-    carried = _carried(moved[belongs], centre, velocity, state.yaw_rate_radps, later, forwards=True)
+    seconds = (state.timestamp_ns - placed.times_ns[chosen]) / SECOND_NS
+    moved = _carried(points, velocity, seconds, yaw_rate_radps=state.yaw_rate_radps, centre_then=centre)
+    belongs = np.flatnonzero(_inside(state.shape, world_from_vehicle.inverse().apply(moved), lowest_m, clearance_m))
+    later_s = (exposure_ns - state.timestamp_ns) / SECOND_NS
+    carried = _carried(
+        moved.T.take(belongs, axis=1).T,
+        velocity,
+        later_s,
+        yaw_rate_radps=state.yaw_rate_radps,
+        centre_then=centre + velocity * later_s,
+    )
     return Cluster(points_world=carried, rows=chosen[belongs])
 
 
@@ -90,36 +96,53 @@ def surface_points(shape: ObjectShape, *, steps: int = 9) -> NDArray[np.float64]
 def _candidates(
     placed: PlacedSweep, state: ObjectState, world_from_vehicle: RigidTransform, speed_mps: float
 ) -> NDArray[np.intp]:
-    """Rows that could lie on the object, by a generous circle around it in the raw sweep."""
+    """Rows that could lie on the object, by a generous rectangle around it in the raw sweep."""
     if isinstance(state.shape, PointIndices):
         return np.asarray(state.shape.indices, dtype=np.intp)
-    surface = world_from_vehicle.apply(surface_points(state.shape, steps=2))
-    middle = (surface.min(axis=0) + surface.max(axis=0)) / 2
-    radius_m = float(np.linalg.norm(surface - middle, axis=1).max())
-    seen_from_lidar = np.einsum("kji,kj->ki", placed.rotations, middle - placed.positions_m)
-    centre = (seen_from_lidar.min(axis=0) + seen_from_lidar.max(axis=0)) / 2
-    drift_m = float(np.linalg.norm(seen_from_lidar - centre, axis=1).max())
+    middle_vehicle, radius_m = _circumscribed(state.shape)
+    away_m = world_from_vehicle.apply(middle_vehicle) - placed.positions_m
+    seen_from_lidar = np.einsum("kji,kj->ki", placed.rotations, away_m)
     wait_ns = max(abs(int(placed.knots_ns[0]) - state.timestamp_ns), abs(int(placed.knots_ns[-1]) - state.timestamp_ns))
-    reach_m = radius_m + drift_m + speed_mps * wait_ns / SECOND_NS + 0.1
-    return placed.rows_near(centre, reach_m)
+    reach_m = radius_m + speed_mps * wait_ns / SECOND_NS + 0.1
+    return placed.rows_between(seen_from_lidar.min(axis=0) - reach_m, seen_from_lidar.max(axis=0) + reach_m)
+
+
+def _circumscribed(shape: Cuboid | GroundPolygon) -> tuple[NDArray[np.float64], float]:
+    """Middle, vehicle frame, and radius of a sphere around a shape, m."""
+    if isinstance(shape, Cuboid):
+        return shape.vehicle_from_object.translation_m, float(np.linalg.norm(shape.size_m)) / 2
+    low = np.array([*shape.outline_m.min(axis=0), shape.bottom_m])
+    high = np.array([*shape.outline_m.max(axis=0), shape.top_m])
+    return (low + high) / 2, float(np.linalg.norm(high - low)) / 2
 
 
 def _carried(
     points: NDArray[np.float64],
-    centre_at_annotation: NDArray[np.float64],
     velocity_mps: NDArray[np.float64],
-    yaw_rate_radps: float,
-    seconds: NDArray[np.float64],
+    seconds: NDArray[np.float64] | float,
     *,
-    forwards: bool = False,
+    yaw_rate_radps: float,
+    centre_then: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Move points with the object by a time each: to the annotation, or (`forwards`) on from it."""
-    start = centre_at_annotation - (0.0 if forwards else 1.0) * velocity_mps * seconds[:, None]
-    end = start + velocity_mps * seconds[:, None]
-    arm = points - start
-    cosine, sine = np.cos(yaw_rate_radps * seconds), np.sin(yaw_rate_radps * seconds)
-    turned = np.column_stack([cosine * arm[:, 0] - sine * arm[:, 1], sine * arm[:, 0] + cosine * arm[:, 1], arm[:, 2]])
-    return np.asarray(end + turned)
+    """Move points with an object: along with its centre, then about it.
+
+    Args:
+        points: (N, 3) float64, m.
+        velocity_mps: (3,) float64.
+        seconds: for how long; (N,) float64 or one for all, negative for backwards.
+        yaw_rate_radps: about the centre, positive to the left.
+        centre_then: (3,) float64, m, where the centre is in the end.
+
+    Returns:
+        (N, 3) float64, m; each component lies in one piece of memory.
+    """
+    moved = points.T + velocity_mps[:, None] * seconds
+    if yaw_rate_radps:
+        arm_x, arm_y = moved[:2] - centre_then[:2, None]
+        cosine, sine = np.cos(yaw_rate_radps * seconds), np.sin(yaw_rate_radps * seconds)
+        moved[0] = centre_then[0] + cosine * arm_x - sine * arm_y
+        moved[1] = centre_then[1] + sine * arm_x + cosine * arm_y
+    return moved.T
 
 
 def _centre_world(
@@ -139,9 +162,9 @@ def _inside(
     above_road = points_vehicle[:, 2] >= lowest_m
     match shape:
         case Cuboid():
-            local = shape.vehicle_from_object.inverse().apply(points_vehicle)
-            above_ground = local[:, 2] >= clearance_m - shape.size_m[2] / 2
-            return np.asarray((np.abs(local) <= shape.size_m / 2).all(axis=1) & above_road & above_ground)
+            local, half = shape.vehicle_from_object.inverse().apply(points_vehicle).T, shape.size_m / 2
+            within = (np.abs(local) <= half[:, None]).all(axis=0)
+            return np.asarray(within & (local[2] >= clearance_m - half[2]) & above_road)
         case GroundPolygon():
             x, y, z = points_vehicle.T
             within = np.asarray(shapely.contains_xy(shapely.Polygon(shape.outline_m), x, y), dtype=bool)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import atan2, hypot
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,12 +90,12 @@ def categorise(
     Source:
         metrics.md, category of a moving object, rules 2 and 3.
     """
-    ego_speed = float(np.hypot(*ego_velocity_world_mps[:2]))
+    (x, y), (ego_x, ego_y) = velocity_world_mps[:2].tolist(), ego_velocity_world_mps[:2].tolist()
+    ego_speed = hypot(ego_x, ego_y)
     if ego_speed < settings.ego_static_below_mps:
         return Category.STATIC_EGO
-    along = float(velocity_world_mps[:2] @ ego_velocity_world_mps[:2]) / ego_speed
-    across = float(np.hypot(*velocity_world_mps[:2]) ** 2 - along**2)
-    angle_rad = float(np.arctan2(np.sqrt(max(across, 0.0)), along))
+    along, across = (x * ego_x + y * ego_y) / ego_speed, (ego_x * y - ego_y * x) / ego_speed
+    angle_rad = atan2(abs(across), along)
     if angle_rad > settings.crossing_to_rad:
         return Category.APPROACHING
     if angle_rad >= settings.crossing_from_rad:

@@ -39,13 +39,14 @@ def compose(
         window, covered = raster
         region = covered & ~taken[window]
         taken[window] |= covered
+        region_px = int(np.count_nonzero(region))
         result = found
-        if found.status is Status.EVALUATED and not region.any():
+        if found.status is Status.EVALUATED and not region_px:
             result = replace(found, status=Status.IGNORED, reason=IgnoreReason.OCCLUDED)
         elif found.status is Status.EVALUATED:
-            labels[window][region] = number
-            result = replace(found, region_px=int(region.sum()))
+            np.copyto(labels[window], number, where=region)
+            result = replace(found, region_px=region_px)
         if result.status is Status.IGNORED:
-            ignored[window] |= covered
+            ignored[window] |= covered & (labels[window] == 0)  # later G begin where this polygon ends
         settled.append(result)
-    return tuple(settled), labels, ignored & (labels == 0)
+    return tuple(settled), labels, ignored

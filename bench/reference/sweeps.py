@@ -44,20 +44,24 @@ class PlacedSweep:
         slopes = slopes_of(self.points_beams())
         return float(slopes.min()), float(slopes.max())
 
-    def rows_near(self, centre_lidar: NDArray[np.float64], reach_m: float) -> NDArray[np.intp]:
-        """Rows of the points, as they were met, in a square of half side `reach_m` around x and y, lidar frame, m."""
-        x, y = self._columns
-        return np.flatnonzero((np.abs(x - centre_lidar[0]) < reach_m) & (np.abs(y - centre_lidar[1]) < reach_m))
+    def rows_between(self, low_lidar: NDArray[np.float64], high_lidar: NDArray[np.float64]) -> NDArray[np.intp]:
+        """Rows of the points, as they were met, whose x and y lie between those of two corners, lidar frame, m."""
+        # Plain numbers: for NumPy's own, every x of a float32 sweep would first be made a float64.
+        (x0, y0), (x1, y1) = low_lidar[:2].tolist(), high_lidar[:2].tolist()
+        x, y, _ = self._components
+        with np.errstate(over="ignore"):  # what float32 cannot hold is as good as infinite
+            return np.flatnonzero((x > x0) & (x < x1) & (y > y0) & (y < y1))
 
     @cached_property
-    def _columns(self) -> NDArray[np.floating]:
-        """x and y, each in one piece: every object searches them."""
-        return np.ascontiguousarray(self.sweep.points_lidar[:, :2].T)
+    def _components(self) -> NDArray[np.floating]:
+        """x, y and z, (3, N), each in one piece: every object searches them."""
+        return np.ascontiguousarray(self.sweep.points_lidar.T)
 
     def points_world(self, rows: NDArray[np.intp] | slice = slice(None)) -> NDArray[np.float64]:
         """Points freed of the lidar's own motion, (K, 3) float64, m, world frame; each where it was at its own time."""
+        taken = self._components[:, rows] if isinstance(rows, slice) else self._components.take(rows, axis=1)
         return deskew(
-            self.sweep.points_lidar[rows],
+            taken.T,
             self.times_ns[rows],
             knots_ns=self.knots_ns,
             rotations=self.rotations,

@@ -32,6 +32,25 @@ def test_apply_of_a_product_is_apply_twice(a, b, points):
     np.testing.assert_allclose((a @ b).apply(points), a.apply(b.apply(points)), atol=1e-9)
 
 
+@given(transforms, arrays(np.float64, (2, 4, 3), elements=numbers))
+def test_points_of_any_shape_and_layout_move_alike(a, points):
+    row_by_row = [[a.rotation @ point + a.translation_m for point in row] for row in points]
+    np.testing.assert_allclose(a.apply(points), row_by_row, atol=1e-9)
+    np.testing.assert_allclose(a.apply(points[0]), row_by_row[0], atol=1e-9)
+    np.testing.assert_allclose(a.apply(np.asfortranarray(points[0])), row_by_row[0], atol=1e-9)
+    np.testing.assert_allclose(a.apply(points[0, 0]), row_by_row[0][0], atol=1e-9)
+    assert a.apply(points[0]).T.flags.c_contiguous
+    np.testing.assert_allclose(a.rotate(points), a.apply(points) - a.translation_m, atol=1e-9)
+
+
+def test_rows_of_nan_stay_and_spoil_no_other():
+    points = np.array([[1.0, 2.0, 3.0], [np.nan, 0.0, 0.0], [np.inf, 0.0, 0.0], [4.0, 5.0, 6.0]])
+    with np.errstate(invalid="ignore"):
+        moved = RigidTransform.from_yaw(0.3, (1.0, 2.0, 3.0)).apply(points)
+    assert np.isfinite(moved).all(axis=1).tolist() == [True, False, False, True]
+    assert RigidTransform.identity().apply(np.empty((0, 3))).shape == (0, 3)
+
+
 @given(transforms)
 def test_quaternion_and_matrix_round_trip(a):
     close(RigidTransform.from_quaternion(a.quaternion_wxyz, a.translation_m), a)

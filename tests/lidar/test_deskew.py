@@ -2,6 +2,9 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from bench.lidar import LidarSweep, deskew, knot_times
 
@@ -62,3 +65,39 @@ def test_knots_of_times_since_1970_stay_apart():
     time_ns = 1_700_000_000_000_000_001
     knots_ns = knot_times(np.array([time_ns, time_ns], dtype=np.int64))
     assert knots_ns.tolist() == [time_ns, time_ns + 1]
+
+
+times = st.lists(st.integers(0, 40_000_000), min_size=0, max_size=30)
+
+
+@given(times, st.integers(0, 1_700_000_000_000_000_000), st.booleans())
+def test_each_point_is_moved_by_the_blend_of_the_two_poses_around_its_time_in_whatever_order_they_come(
+    offsets_ns, start_ns, ordered
+):
+    times_ns = start_ns + np.array(sorted(offsets_ns) if ordered else offsets_ns, dtype=np.int64)
+    rng = np.random.default_rng(len(times_ns))
+    points = rng.uniform(-50, 50, (len(times_ns), 3)).astype(np.float32)
+    knots_ns = start_ns + np.array([0, 4_999_999, 10_000_000, 25_000_000, 40_000_001], dtype=np.int64)
+    rotations = Rotation.from_rotvec(rng.uniform(-1, 1, (len(knots_ns), 3))).as_matrix()
+    positions_m = rng.uniform(-1000, 1000, (len(knots_ns), 3))
+
+    moved = deskew(points, times_ns, knots_ns=knots_ns, rotations=rotations, positions_m=positions_m)
+
+    assert moved.shape == (len(times_ns), 3)
+    assert moved.T.flags.c_contiguous
+    for point, time_ns, found in zip(points, times_ns, moved, strict=True):
+        after = next((k for k in range(1, len(knots_ns)) if time_ns < knots_ns[k]), len(knots_ns) - 1)
+        part = int(time_ns - knots_ns[after - 1]) / int(knots_ns[after] - knots_ns[after - 1])
+        start, end = (rotations[k] @ point.astype(float) + positions_m[k] for k in (after - 1, after))
+        np.testing.assert_allclose(found, start + part * (end - start), atol=1e-9)
+
+
+def test_points_laid_out_by_component_are_moved_as_those_laid_out_by_point():
+    rng = np.random.default_rng(3)
+    points, times_ns = rng.uniform(-50, 50, (100, 3)), rng.permutation(100) * 300_000
+    knots_ns = knot_times(times_ns)
+    rotations = Rotation.from_rotvec(rng.uniform(-1, 1, (len(knots_ns), 3))).as_matrix()
+    poses = {"knots_ns": knots_ns, "rotations": rotations, "positions_m": rng.uniform(-9, 9, (len(knots_ns), 3))}
+    np.testing.assert_array_equal(
+        deskew(points, times_ns, **poses), deskew(np.asfortranarray(points), times_ns, **poses)
+    )

@@ -1,9 +1,13 @@
 """Points of moving objects, taken over a tenth of a second from a moving host, meet at the exposure."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from bench.recordings import GroundPolygon, ObjectState, PointIndices
+import bench.reference.clusters
+from bench.lidar import LidarSweep
+from bench.recordings import Cuboid, GroundPolygon, ObjectState, PointIndices
 from bench.reference.clusters import object_cluster, surface_points
 from bench.reference.sweeps import place_sweep
 from tests.reference.drives import LIDAR, MS, Box, circle, sweep_of
@@ -91,6 +95,83 @@ def test_point_indices_select_exactly_themselves():
     points = cluster(box, trajectory, ObjectState(timestamp_ns=0, shape=shape, velocity_mps=box.velocity_mps))
     on_box = box.world_from_box(EXPOSURE_NS).inverse().apply(points)
     assert np.abs(on_box - box.skin(400)[100:180]).max() < 2e-3
+
+
+def test_point_indices_keep_their_order():
+    trajectory, box = circle(5.0, 0.2), Box(velocity_mps=(3, 1, 0), **CAR)
+    indices = np.random.default_rng(1).permutation(400)[:80]
+    shape = PointIndices(indices=indices, sweep_timestamp_ns=0)
+    points = cluster(box, trajectory, ObjectState(timestamp_ns=0, shape=shape, velocity_mps=box.velocity_mps))
+    on_box = box.world_from_box(EXPOSURE_NS).inverse().apply(points)
+    assert np.abs(on_box - box.skin(400)[indices]).max() < 2e-3
+    none = PointIndices(indices=np.empty(0, dtype=np.intp), sweep_timestamp_ns=0)
+    assert cluster(box, trajectory, ObjectState(timestamp_ns=0, shape=none, velocity_mps=box.velocity_mps)).size == 0
+
+
+def ground_polygon(shape: Cuboid) -> GroundPolygon:
+    corners = shape.vehicle_from_object.apply(
+        shape.size_m * [[s / 2, t / 2, 0] for s, t in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+    )
+    return GroundPolygon(outline_m=corners[:, :2], bottom_m=corners[0, 2] - 0.6, top_m=corners[0, 2] + 0.7)
+
+
+@pytest.mark.parametrize("shaped", [lambda shape: shape, ground_polygon])
+@pytest.mark.parametrize("layout", [np.ascontiguousarray, np.asfortranarray])
+@pytest.mark.parametrize("seed", range(8))
+def test_no_point_on_the_object_is_missed_in_the_first_coarse_search(seed, layout, shaped, monkeypatch):
+    """A sweep full of points at random, a host and an object that move at random: the search finds what asking every
+    single point finds."""
+    rng = np.random.default_rng(seed)
+    trajectory = circle(float(rng.uniform(-10, 20)), float(rng.uniform(-1, 1)))
+    box = Box(
+        place_m=(*rng.uniform(-9, 9, 2), 0.75),
+        size_m=rng.uniform(0.5, 5, 3),
+        velocity_mps=(*rng.uniform(-15, 15, 2) * (seed % 2), 0),
+        yaw_rate_radps=float(rng.uniform(-1, 1)),
+        yaw_rad=float(rng.uniform(-3, 3)),
+    )
+    points = layout(np.concatenate([rng.uniform(-16, 16, (20_000, 2)), rng.uniform(-2, 2, (20_000, 1))], axis=1))
+    sweep = LidarSweep(
+        timestamp_ns=0,
+        points_lidar=points.astype(np.float32, order="K"),
+        time_offset_ns=rng.integers(-50 * MS, 50 * MS, 20_000),
+    )
+    state = box.state(int(rng.integers(-80, 80)) * MS, trajectory)
+    state = replace(state, shape=shaped(state.shape))
+    found = cluster(box, trajectory, state, sweep=sweep)
+    monkeypatch.setattr(bench.reference.clusters, "_candidates", lambda *_: np.arange(20_000))
+    wanted = cluster(box, trajectory, state, sweep=sweep)
+    assert len(found) == len(wanted) > 5
+    np.testing.assert_allclose(found, wanted, atol=1e-9)
+
+
+def test_points_within_the_clearance_above_the_bottom_of_a_shape_are_the_grounds():
+    trajectory, box = circle(5.0, 0.2), Box(velocity_mps=(0, 0, 0), **CAR)
+    state = box.state(0, trajectory)
+    height_m = box.skin(400)[:, 2] + 0.75
+    for shape in (state.shape, ground_polygon(state.shape)):
+        bottom_m = 0.75 - 0.6 if isinstance(shape, GroundPolygon) else 0.0
+        top_m = 0.75 + 0.7 if isinstance(shape, GroundPolygon) else 1.5
+        for clearance_m in (0.0, 0.3):
+            found = object_cluster(
+                place_sweep(sweep_of([box], trajectory, 0), trajectory, LIDAR),
+                replace(state, shape=shape),
+                velocity_world_mps=box.velocity_mps,
+                world_from_vehicle=trajectory.world_from_vehicle(0),
+                exposure_ns=EXPOSURE_NS,
+                lowest_m=0.003,
+                clearance_m=clearance_m,
+            )
+            assert len(found.rows) == ((height_m >= bottom_m + clearance_m) & (height_m <= top_m)).sum() > 100
+
+
+def test_a_box_of_absurd_size_takes_all_that_lies_above_the_road():
+    trajectory, box = circle(5.0, 0.2), Box(velocity_mps=(0, 0, 0), **CAR)
+    state = box.state(0, trajectory)
+    vast = Cuboid(vehicle_from_object=state.shape.vehicle_from_object, size_m=np.full(3, 1e60))
+    sweep = sweep_of([box], trajectory, 0)
+    sweep = replace(sweep, points_lidar=sweep.points_lidar.astype(np.float32))
+    assert len(cluster(box, trajectory, replace(state, shape=vast), sweep=sweep)) == 400
 
 
 def test_surface_points_cover_the_whole_surface():

@@ -57,6 +57,27 @@ def test_a_polygon_that_reaches_to_infinity_is_cut_before_it_is_drawn():
     assert rasterise(polygon, **SIZE)[1].any()
 
 
+def test_a_polygon_is_cut_beyond_one_image_size_around_the_image_and_not_before():
+    touching = [(-64, -48), (128, -48), (128, 96), (-64, 96)]
+    assert hull(touching).equals(shapely.box(-64, -48, 128, 96))
+    for beyond in ((-65, 0), (0, -49), (129, 0), (0, 97)):
+        assert hull([*touching, beyond]).equals(shapely.box(-64, -48, 128, 96))
+
+
+def test_pixels_of_a_comb_with_holes():
+    """Rows cross many edges, and those of the holes lie between those of the outline."""
+    teeth = [shapely.box(u + 0.3, 5.4, u + 3.2, 30.7) for u in range(4, 60, 5)]
+    comb = shapely.union_all([shapely.box(2.2, 28.1, 61.6, 40.9), *teeth])
+    comb = comb.difference(shapely.union_all([shapely.Point(u, 35).buffer(2.2) for u in (10, 21.4, 40, 52)]))
+    assert comb.geom_type == "Polygon"
+    assert len(comb.interiors) == 4
+    window, covered = rasterise(comb, **SIZE)
+    image = np.zeros((48, 64), dtype=bool)
+    image[window] = covered
+    u, v = np.meshgrid(np.arange(64), np.arange(48))
+    np.testing.assert_array_equal(image, shapely.contains_xy(comb, u, v))
+
+
 corner = st.tuples(*(st.integers(-20_000, end).map(lambda thousandth: thousandth / 1000) for end in (90_000, 70_000)))
 
 
