@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,7 +13,7 @@ from bench.errors import DataError
 from bench.geometry import RigidTransform, advance_twist, twist_between
 
 SECOND_NS = 1_000_000_000
-HELD_POSES = 64  # an image, its object states and the image after it ask for the same few poses
+HELD_POSES = 256  # images, their object states and the images after them ask for the same few poses
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -90,16 +91,20 @@ class Trajectory:
         positions_m[~valid] = np.nan
         return matrices, positions_m, valid
 
-    def world_from_vehicle(self, timestamp_ns: int) -> RigidTransform:
+    def world_from_vehicle(self, timestamp_ns: int, *, next_ns: Iterable[int] = ()) -> RigidTransform:
         """The pose at one time.
+
+        Args:
+            timestamp_ns: the time.
+            next_ns: times that will be asked for soon. Where this one's pose must be computed, theirs are computed
+                with it: a dozen cost little more than one. No ego-motion at one of them is no error yet.
 
         Raises:
             DataError: no ego-motion there.
         """
-        if timestamp_ns in self._held:
-            return self._held[timestamp_ns]
-        rotations, positions_m, valid = self.at(np.array([timestamp_ns], dtype=np.int64))
-        if not valid[0]:
+        if timestamp_ns not in self._held:
+            self._hold([timestamp_ns, *next_ns])
+        if timestamp_ns not in self._held:
             first_ns, last_ns = int(self.timestamps_ns[0]), int(self.timestamps_ns[-1])
             raise DataError(
                 self.source,
@@ -108,9 +113,15 @@ class Trajectory:
                 came=f"poses from {first_ns} to {last_ns}, gaps over {self.max_gap_ns / 1e6:.0f} ms left open",
                 do="give ego-motion that covers every image and sweep",
             )
-        if len(self._held) >= HELD_POSES:
+        return self._held[timestamp_ns]
+
+    def _hold(self, times_ns: Sequence[int]) -> None:
+        """Compute the poses at times; those without ego-motion are left out."""
+        if len(self._held) + len(times_ns) > HELD_POSES:
             self._held.clear()
-        return self._held.setdefault(timestamp_ns, RigidTransform(rotations[0], positions_m[0]))
+        rotations, positions_m, valid = self.at(np.array(times_ns, dtype=np.int64))
+        for row in np.flatnonzero(valid).tolist():
+            self._held[times_ns[row]] = RigidTransform(rotations[row], positions_m[row])
 
     def velocity_vehicle_mps(self, timestamp_ns: int) -> NDArray[np.float64]:
         """Velocity of the vehicle's origin over the ground in the vehicle's own axes, (3,) float64, m/s.

@@ -20,6 +20,8 @@ from bench.methods import Method, MethodInput, Segmentation, UnansweredImage
 from bench.recordings import ImageRef, Recording, frame_gaps, read_image
 from bench.reference import ReferenceBuilder, ReferenceFrame
 
+POSES_AHEAD = 31  # of the images after this one, computed with its own
+
 
 class UnscorableFrame(Exception):  # noqa: N818 - it is not an error
     """An image that has no history to compare with, for a reason that is nobody's fault."""
@@ -133,7 +135,8 @@ class FramePipeline:
         self._held = {i: pixels for i, pixels in self._held.items() if i >= first}
         with self._clock.stage("ego-motion"):
             times_ns = tuple(self.images[i].timestamp_ns for i in range(first, index + 1))
-            poses = [self.recording.trajectory.world_from_vehicle(t) for t in times_ns]
+            next_ns = [image.timestamp_ns for image in self.images[index + 1 : index + 1 + POSES_AHEAD]]
+            poses = [self.recording.trajectory.world_from_vehicle(t, next_ns=next_ns) for t in times_ns]
             motions = tuple(
                 camera_motion(
                     world_from_vehicle_previous=previous,
