@@ -50,7 +50,7 @@ class AngularCamera(CameraModel):
     ) -> NDArray[np.bool_]:
         x = (u - self._centre[0]) / self._scale[0]
         y = (v - self._centre[1]) / self._scale[1]
-        radius = np.hypot(x, y)
+        radius = np.sqrt(x * x + y * y)  # a quarter of the time of `hypot`; pixels do not overflow
         theta = self._radius.inverse(radius)
         stretch = np.sin(theta) / radius
         stretch[radius == 0] = 0.0

@@ -93,7 +93,7 @@ class CameraModel(ABC):
             ShapeError: `pixels` is not (N, 2).
         """
         places = _rows(pixels, 2, "pixels")
-        rays = np.empty((len(places), 3))
+        rays = np.empty((3, len(places))).T  # each component in one piece, for all that is computed from it
         valid = np.empty(len(places), dtype=bool)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             for start in range(0, len(places), CHUNK_ROWS):

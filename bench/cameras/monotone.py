@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from bench.errors import ShapeError
 
-TABLE_NODES = 4096
+NODES = 128  # a search in more costs more than the steps that they save
+NODES_WITHOUT_LIMIT = 4096
 NEWTON_STEPS = 2
 LARGEST = 100.0  # end of the table where neither the polynomial nor its domain has one
 
@@ -43,7 +44,7 @@ class MonotonePolynomial:
                 f"camera model: wanted finite coefficients with a positive linear term, came {self.coefficients}"
             )
         object.__setattr__(self, "limit", min(self._first_fold(), self.domain))
-        nodes = np.linspace(0.0, min(self.limit, LARGEST), TABLE_NODES)
+        nodes = self._places()
         object.__setattr__(self, "_nodes", nodes)
         object.__setattr__(self, "_values", self(nodes))
         object.__setattr__(self, "top", float(self._values[-1]) if np.isfinite(self.limit) else np.inf)
@@ -68,9 +69,15 @@ class MonotonePolynomial:
         x = np.interp(y, self._values, self._nodes)
         for _ in range(NEWTON_STEPS):
             with np.errstate(divide="ignore", invalid="ignore"):
-                x = x - (self(x) - y) / self.derivative(x)
+                x -= (self(x) - y) / self.derivative(x)
             np.clip(x, 0.0, self.limit, out=x)
         return x
+
+    def _places(self) -> NDArray[np.float64]:
+        """Nodes of the table, denser towards the limit: where the polynomial folds, its inverse rises ever steeper."""
+        if self.limit > LARGEST:
+            return np.linspace(0.0, LARGEST, NODES_WITHOUT_LIMIT)
+        return self.limit * (1.0 - np.linspace(1.0, 0.0, NODES) ** 2)
 
     def _first_fold(self) -> float:
         slope = [c * (1 + self.step * i) for i, c in enumerate(self.coefficients)]

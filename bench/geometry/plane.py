@@ -67,5 +67,5 @@ class RoadPlane:
             (...) float64, m; infinite for rays at or above the horizon.
         """
         fall = dot(rays_camera, self.down)
-        with np.errstate(divide="ignore", over="ignore"):
-            return np.where(fall > 0, self.height_m / np.where(fall > 0, fall, 1.0), np.inf)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            return np.where(fall > 0, self.height_m / fall, np.inf)

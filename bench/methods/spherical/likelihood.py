@@ -115,9 +115,8 @@ def largest_contribution(
     parts = [getattr(weights, name) * getattr(deviations, name) for name in CONSTRAINTS]
     if three_view is not None:
         parts.append(weights.three_view * three_view)
-    best, cause = parts[0].copy(), np.zeros(parts[0].shape, dtype=np.uint8)
+    best, cause = parts[0], np.zeros(parts[0].shape, dtype=np.uint8)
     for index, part in enumerate(parts[1:], start=1):
-        larger = part > best
-        np.copyto(best, part, where=larger)
-        cause[larger] = index
+        np.copyto(cause, np.uint8(index), where=part > best)
+        best = np.fmax(best, part)
     return cause

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -88,10 +89,14 @@ class SphericalMethod(SphericalSettings):
             weighed = self.weigh(measured[0])
             return {field.name: np.asarray(getattr(weighed, field.name)) for field in fields(weighed)}
 
-        thresholds = ("threshold", "static_threshold")
-        settings = {name: value for name, value in self.settings().items() if name not in thresholds}
-        found = frame.kept("likelihood", (self.name, settings), weigh, of="input")
+        found = frame.kept("likelihood", (self.name, self._all_but_thresholds), weigh, of="input")
         return self._decide(Weighed(**found), self._parts(measured[0]) if measured else {})
+
+    @cached_property
+    def _all_but_thresholds(self) -> dict[str, object]:
+        """Settings that decide the likelihood."""
+        thresholds = ("threshold", "static_threshold")
+        return {name: value for name, value in self.settings().items() if name not in thresholds}
 
     def kept_flow(self, frame: MethodInput, *, altered: object = None) -> NDArray[np.float32]:
         """See `mean_flow`; from an earlier run where there is one.

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import ShapeError
-from bench.geometry import RigidTransform, RoadPlane, cross, dot, normalise
+from bench.geometry import RigidTransform, RoadPlane, cross, dot
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -93,26 +93,32 @@ def deviations(
     if not np.any(current_from_previous.translation_m):
         raise ShapeError("deviations: the camera did not move and has no epipole; use static_camera_deviation")
     t = current_from_previous.translation_m
+    length_m = float(np.linalg.norm(t))
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        q = current_from_previous.rotate(rays_previous)
-        c = cross(q, t / np.linalg.norm(t))
-        length = np.sqrt(dot(c, c))
-        defined = (length >= min_epipole_sine) & np.isfinite(rays_current[..., 0])  # NaN rays compare as False
-        n = c / length[..., None]  # eq. 1
+        q, along = current_from_previous.rotate(rays_previous), t / length_m
+        c = cross(q, along)
+        sine = np.sqrt(dot(c, c))
+        defined = (sine >= min_epipole_sine) & np.isfinite(rays_current[..., 0])  # NaN rays compare as False
 
-        off_plane = dot(n, rays_current)
+        off_plane = dot(c, rays_current) / sine  # n'.p' with n = c / |c|, eq. 1
         epipolar = np.abs(np.arcsin(np.clip(off_plane, -1, 1))) if variants.geodesic else np.abs(off_plane)  # eq. 2
 
-        in_plane = normalise(rays_current - off_plane[..., None] * n)  # p'_P, eq. 8
-        turn = dot(n, cross(in_plane, q))  # n'.p_n, eq. 9: both lie along n', so |p_n| is its absolute value
+        # What n = q x t / |q x t| says of p'_P (eq. 8) opens into scalar products, in a third of the time:
+        # n'.(p' x q) = ((p'.q)(q.t) - p'.t) / |q x t| and n'.(p' x t) = (p'.q - (q.t)(p'.t)) / |q x t| for a t of
+        # length 1. The part of p' along n adds nothing to either.
+        p_q, q_t, p_t = dot(rays_current, q), dot(q, along), dot(rays_current, along)
+        scale = 1.0 / (sine * np.sqrt(1.0 - off_plane * off_plane))
+        turn = (p_q * q_t - p_t) * scale  # n'.p_n, eq. 9: p'_P x q lies along n', so |p_n| is its absolute value
+        past = (p_q - q_t * p_t) * scale  # n'.(p'_P x t)
         behind = turn > 0
         if variants.full_cheirality:
-            behind |= dot(n, cross(in_plane, t)) < 0
+            behind |= past < 0
         positive_depth = np.where(behind, np.abs(turn), 0.0)  # eq. 10
 
         below = (dot(q, road.down) > 0) & (dot(rays_current, road.down) > 0)
-        on_road = normalise(road.distance_m(q)[..., None] * q + t)  # p'_r, eq. 12 and 13
-        side = dot(n, cross(in_plane, on_road))  # n'.v, eq. 14
+        s = road.distance_m(q)  # eq. 13
+        reach_m = np.sqrt(s * s + length_m * (2.0 * s * q_t + length_m))  # |s q + t|
+        side = (s * turn + length_m * past) / reach_m  # n'.v with p'_r = (s q + t) / |s q + t|, eq. 12 and 14
         towards = below & (turn < 0)
         nearer = below if variants.ungated_height else towards
         positive_height = np.where(nearer & (side > 0), np.maximum(side - lambda_height, 0.0), 0.0)  # eq. 15
