@@ -106,7 +106,7 @@ def count_frame(
     """
     order = _canonical_order(reference)
     regions = regions or take_apart(reference, detected)
-    region_px = _region_px(reference)
+    region_px = _region_px(reference, regions)
     fp_of_component = _false_positives_by_component(regions)
     overlap = _overlap(reference, regions)
     tp = overlap.sum(axis=0)
@@ -141,8 +141,9 @@ def _false_positives_by_component(regions: Regions) -> Counts:
 def _overlap(reference: ReferenceFrame, regions: Regions) -> Counts:
     """(components, objects) pixels of each component of D in each G_i."""
     shape = (regions.components, len(reference.objects))
-    component = regions.component[regions.true].astype(np.int64)
-    label = reference.labels[regions.true]
+    true = regions.true[regions.window]
+    component = regions.component[regions.window][true].astype(np.int64)
+    label = reference.labels[regions.window][true]
     return np.bincount(component * shape[1] + label - 1, minlength=shape[0] * shape[1]).reshape(shape)
 
 
@@ -155,9 +156,9 @@ def _false_positives_by_cause(
     return dict(zip(causes, found.tolist(), strict=True))
 
 
-def _region_px(reference: ReferenceFrame) -> Counts:
+def _region_px(reference: ReferenceFrame, regions: Regions) -> Counts:
     """|G_i|: (objects,)."""
-    inside = reference.labels[reference.labels > 0]
+    inside = reference.labels[regions.window][regions.moving[regions.window]]
     region_px = np.bincount(inside, minlength=len(reference.objects) + 1)[1:]
     evaluated = np.array([item.status is Status.EVALUATED for item in reference.objects], dtype=bool)
     assert np.array_equal(region_px > 0, evaluated), "exactly the evaluated objects have a region"

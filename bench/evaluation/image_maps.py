@@ -71,8 +71,8 @@ class ImageMapSums:
     def add(self, regions: Regions) -> None:
         """Take in an image."""
         self._frames += 1
-        self._reference += count_by_cell(regions.moving, CELL_PX)
-        self._true += count_by_cell(regions.true, CELL_PX)
+        self._reference += count_by_cell(regions.moving, CELL_PX, window=regions.window)
+        self._true += count_by_cell(regions.true, CELL_PX, window=regions.window)
         self._false += count_by_cell(regions.false, CELL_PX)
 
     def finish(self) -> ImageMap:

@@ -28,6 +28,17 @@ EDGES: NDArray[np.float64] = np.concatenate(
 EDGES.setflags(write=False)
 BINS = len(EDGES) - 1
 
+_UPPER_EDGES = EDGES[1:]
+
+
+def _bin_by_bits() -> NDArray[np.int64]:
+    """The bin of the least number among those with the same first sixteen bits; 0 for NaN and what is negative."""
+    least = (np.arange(1 << 16, dtype=np.uint32) << 16).view(np.float32)
+    return np.searchsorted(EDGES[1:-1], np.where(least > 0, least, np.float32(0.0)), side="left")
+
+
+_BIN_BY_BITS = _bin_by_bits()
+
 # A score in [0, 1] is binned by its odds s / (1 - s), since networks crowd at both ends: 20 bins a decade, evenly to
 # both sides of 0.5, which is an edge. They reach from odds of 1 : 3162 to 3162 : 1; scores beyond share the end bins.
 _MIDDLE = (len(EDGES) - 1) // 2
@@ -95,22 +106,19 @@ def count_likelihood(
     bins = find_score_bins(likelihood) if is_score else find_bins(likelihood)
 
     reference_px, outside_px = (
-        sum_over_cells(region, bins, cell_size_px=cell_size_px, bins=BINS, name="likelihood")
-        for region in (regions.moving, regions.outside)
+        sum_over_cells(region, bins, cell_size_px=cell_size_px, bins=BINS, name="likelihood", window=window)
+        for region, window in ((regions.moving, regions.window), (regions.outside, None))
     )
     return LikelihoodCounts(reference_px=reference_px, outside_px=outside_px)
 
 
 def find_bins(likelihood: NDArray[np.float32]) -> NDArray[np.int64]:
     """The bin of each likelihood, in its shape; k where EDGES[k] < likelihood <= EDGES[k + 1]."""
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        place = np.ceil(np.log10(likelihood / np.float32(PAPER_THRESHOLD)) * np.float32(PER_DECADE)) - _LOWEST
-    # fmax and fmin pass NaN by. The logarithm may round across an edge; the two comparisons in float64 decide. A search
-    # in the edges takes several times longer.
-    bins: NDArray[np.int64] = np.fmin(np.fmax(place, 0), BINS - 1).astype(np.int64)
-    values = likelihood.astype(np.float64)
-    bins += values > EDGES[bins + 1]
-    bins -= (values <= EDGES[bins]) & (bins > 0)
+    # Numbers with the same first sixteen bits are less than a bin apart: beyond the bin of the least of them lies at
+    # most one edge. A search in the edges, or a logarithm, takes several times longer.
+    first_bits = np.ascontiguousarray(likelihood, dtype=np.float32).view(np.uint32) >> 16
+    bins: NDArray[np.int64] = _BIN_BY_BITS[first_bits]
+    bins += likelihood > _UPPER_EDGES[bins]
     return bins
 
 

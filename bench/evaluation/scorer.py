@@ -6,13 +6,14 @@ from typing import Literal
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from bench.evaluation.chance import ChanceScorer
 from bench.evaluation.counts import count_frame
 from bench.evaluation.image_maps import ImageMap, ImageMapSums
 from bench.evaluation.likelihood import LikelihoodCounts, count_likelihood
 from bench.evaluation.protocol import Protocol
-from bench.evaluation.regions import Regions, sum_over_cells, take_apart
+from bench.evaluation.regions import Regions, count_by_cell, sum_by_kind, take_apart
 from bench.evaluation.rows import Row, frame_row, frames_table, object_rows, objects_table, unscored_frame_row
 from bench.methods.contract import Segmentation
 from bench.reference.records import ReferenceFrame
@@ -31,6 +32,8 @@ class SequenceScorer:
         self._objects: list[Row] = []
         self._frames: list[Row] = []
         self._maps: ImageMapSums | None = None
+        # V, the size of cells, and how much of V they hold: the same for every frame of a camera as a rule.
+        self._valid_cells: tuple[NDArray[np.bool_], int, NDArray[np.int64]] | None = None
 
     def add(self, reference: ReferenceFrame, segmentation: Segmentation) -> None:
         """Score a frame.
@@ -51,12 +54,23 @@ class SequenceScorer:
             regions=regions,
         )
         self._chance.add(reference, detected)
-        undefined_px, likelihood = _undefined_px(reference, segmentation), _likelihood(regions, segmentation)
+        undefined_px, likelihood = self._undefined_px(reference, segmentation), _likelihood(regions, segmentation)
         self._frames.append(frame_row(reference, frame, undefined_px=undefined_px, likelihood=likelihood))
         if self._maps is None:
             self._maps = ImageMapSums(camera=reference.camera, width=width, height=height)
         self._maps.add(regions)
         self._objects.extend(object_rows(reference, objects))
+
+    def _undefined_px(self, reference: ReferenceFrame, segmentation: Segmentation) -> int:
+        """Pixels of V where the method could not say."""
+        if segmentation.undefined is None:
+            return 0
+        known = self._valid_cells
+        if known is None or known[0] is not reference.valid or known[1] != segmentation.cell_size_px:
+            counted = count_by_cell(reference.valid, segmentation.cell_size_px)
+            known = self._valid_cells = reference.valid, segmentation.cell_size_px, counted
+        kinds = segmentation.undefined.view(np.uint8)
+        return int(sum_by_kind(known[2], kinds, bins=2, name="grid of undefined cells")[1])
 
     def leave_out(
         self,
@@ -95,17 +109,3 @@ def _likelihood(regions: Regions, segmentation: Segmentation) -> LikelihoodCount
         cell_size_px=segmentation.cell_size_px,
         is_score=segmentation.likelihood_is_score,
     )
-
-
-def _undefined_px(reference: ReferenceFrame, segmentation: Segmentation) -> int:
-    """Pixels of V where the method could not say."""
-    if segmentation.undefined is None:
-        return 0
-    _, undefined_px = sum_over_cells(
-        reference.valid,
-        segmentation.undefined.view(np.uint8),
-        cell_size_px=segmentation.cell_size_px,
-        bins=2,
-        name="grid of undefined cells",
-    )
-    return int(undefined_px)
