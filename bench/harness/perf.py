@@ -19,6 +19,8 @@ from bench.threads import single_threaded
 class PerfReport:
     """Times of one run, in one process with one thread per library, by the processor's clock of that thread.
 
+    The first image of all is not timed: what a process does once, such as the tables of a lens, is no image's cost.
+
     Attributes:
         images: timed images.
         stage_ms: mean time of each stage per image, ms.
@@ -48,6 +50,8 @@ def measure(
 ) -> PerfReport:
     """Time up to `images` images of recordings, each followed by a call of the flow alone on the same pair.
 
+    One more image is worked on before them; see `PerfReport`.
+
     Args:
         recordings: opened one after the other; of each the first camera counts.
         method: to be timed.
@@ -57,7 +61,7 @@ def measure(
         flow: to compare with; Farnebäck's without it.
     """
     clock, done, total_s, flow_s = StageClock(thread_time), 0, 0.0, 0.0
-    flow = flow or FarnebackFlow()
+    flow, warm = flow or FarnebackFlow(), False
     with single_threaded():
         for recording in recordings:
             camera = sorted(recording.cameras)[0]
@@ -75,7 +79,12 @@ def measure(
                     scorer.add(processed.reference, processed.segmentation)
                 middle = thread_time()
                 flow(processed.given.images[-1], processed.given.images[-2])
-                total_s, flow_s, done = total_s + middle - start, flow_s + thread_time() - middle, done + 1
+                end = thread_time()
+                if not warm:
+                    warm = True
+                    clock.seconds.clear()
+                    continue
+                total_s, flow_s, done = total_s + middle - start, flow_s + end - middle, done + 1
                 progress(done, images)
             scorer.finish()
     return PerfReport(
