@@ -1,13 +1,13 @@
-"""One process, one thread per library, memory that stays: or processes fight for cores and timings mean nothing."""
+"""One process, one thread per library, memory that stays: or processes fight for cores and timings mean nothing.
+
+The libraries are imported on use, since other processes start before this one loads them.
+"""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-
-import cv2
-from threadpoolctl import threadpool_limits
 
 from bench.memory import keep_freed_memory
 
@@ -16,6 +16,9 @@ THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"
 
 def use_one_thread() -> None:
     """Keep libraries to one thread for the rest of this process, those too that are loaded later: a worker's start."""
+    import cv2
+    from threadpoolctl import threadpool_limits
+
     keep_freed_memory()
     os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
     cv2.setNumThreads(1)
@@ -25,6 +28,9 @@ def use_one_thread() -> None:
 @contextmanager
 def single_threaded() -> Iterator[None]:
     """Keep OpenCV and BLAS to one thread inside the block; freed memory is kept from here on."""
+    import cv2
+    from threadpoolctl import threadpool_limits
+
     keep_freed_memory()
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)

@@ -96,11 +96,12 @@ def run(
 
     A run that was interrupted goes on where it stopped, by the same command.
     """
-    from bench.cli.early import early_processes
+    from bench.cli.early import early_processes, only_imports
 
     with early_processes(workers, scheduler=scheduler) as processes:
-        from bench.cli import running
-        from bench.cli.computing import Computing
+        with only_imports():
+            from bench.cli import running
+            from bench.cli.computing import Computing
 
         computing = Computing(workers=workers, processes=processes, cache=cache, no_cache=no_cache, scheduler=scheduler)
         if shard is not None:
@@ -197,11 +198,12 @@ def evaluate(
     scheduler: Scheduler = None,
 ) -> None:
     """Score masks or scores that any other program wrote, paired with the images by name."""
-    from bench.cli.early import early_processes
+    from bench.cli.early import early_processes, only_imports
 
     with early_processes(workers, scheduler=scheduler) as processes:
-        from bench.cli import evaluating
-        from bench.cli.computing import Computing
+        with only_imports():
+            from bench.cli import evaluating
+            from bench.cli.computing import Computing
 
         failures = evaluating.evaluate(
             dataset,

@@ -12,7 +12,8 @@ from time import monotonic
 from typing import Any, TypeVar
 
 from bench.parallel.places import ATTEMPTS, Lost
-from bench.parallel.worker import GRACE_S, Computed, Raised, Worker, interrupts_later
+from bench.parallel.starting import interrupts_later, load_ahead
+from bench.parallel.worker import GRACE_S, Computed, Raised, Worker
 
 Task = TypeVar("Task")
 Done = TypeVar("Done")
@@ -27,17 +28,18 @@ def usable_cores() -> int:
 class Processes:
     """A place to compute; see `bench.parallel.places.Place`.
 
-    Processes are spawned, not forked, and keep every library to one thread. A task whose process ends without an
+    On Linux they are forked from a server that has loaded what they need, so that any number of them costs one start;
+    elsewhere they are spawned. They keep every library to one thread. A task whose process ends without an
     answer is given to another one, three times in all. A process holds one task at a time, so that memory does not
     grow with their number. One call at a time.
 
     Attributes:
         workers: how many.
-        loads: module that a process imports at its start, before it has a task; None for none.
+        loads: modules that they have imported before they have a task.
     """
 
     workers: int
-    loads: str | None = None
+    loads: Sequence[str] = ()
     _crew: list[Worker] = field(default_factory=list, repr=False)
     _stay: bool = field(default=False, repr=False)
 
@@ -54,7 +56,7 @@ class Processes:
 
     @contextmanager
     def staying(self) -> Iterator[None]:
-        """Keep the processes from one call to the next inside the block: they take a second to start."""
+        """Keep the processes from one call to the next inside the block."""
         self._stay = True
         try:
             yield
@@ -64,9 +66,10 @@ class Processes:
 
     @contextmanager
     def started(self) -> Iterator[None]:
-        """Start the processes now, so that they load while this one does; those that are left end with the block."""
+        """Have the processes load while this one does; those that are left end with the block."""
         try:
-            self._start(self.workers)
+            if not load_ahead(self.loads):
+                self._start(self.workers)
             yield
         finally:
             self._end_all()

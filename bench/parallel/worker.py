@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import pickle
 import signal
 import sys
 import traceback
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
-from multiprocessing import get_context, parent_process
+from multiprocessing import parent_process
 from multiprocessing.connection import Connection, wait
 from multiprocessing.util import Finalize
 from threading import Thread
 from typing import Any
 
 from bench.parallel.places import Lost
+from bench.parallel.starting import start
 from bench.threads import use_one_thread
 
 GRACE_S = 1.0  # until a process that was told to end is killed
@@ -38,22 +40,18 @@ class Raised:
 
 
 class Worker:
-    """A spawned process with one thread per library; it computes one task at a time.
+    """A process beside this one with one thread per library; it computes one task at a time.
 
     Its pipe is its own, so that a process that is killed in the middle of an answer leaves half a message to nobody
     else. It ends by itself when this process ends, however that comes about. An interrupt from the keyboard reaches
     this process alone.
 
     Args:
-        loads: module that it imports before it has a task; None for none.
+        loads: modules that it has imported before it has a task.
     """
 
-    def __init__(self, loads: str | None = None) -> None:
-        context = get_context("spawn")
-        self.pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs, loads), name="worker")
-        self._process.start()
-        theirs.close()
+    def __init__(self, loads: Sequence[str] = ()) -> None:
+        self._process, self.pipe = start(_serve, loads=loads)
         self._work: Callable[..., Any] | None = None
         # Without it a process that ends while a worker still waits would wait for the worker.
         Finalize(self, self.pipe.close, exitpriority=1)
@@ -91,31 +89,23 @@ class Worker:
         if self._process.is_alive():
             self._process.kill()
         self._process.join()
+        del self._process  # it ends when this is gone, should it live on because its fork server was killed
         self.pipe.close()
 
 
-@contextmanager
-def interrupts_later() -> Iterator[None]:
-    """Put off an interrupt from the keyboard: a process that starts would print where it was interrupted."""
-    if sys.platform == "win32":
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _serve(tasks: Connection, loads: str | None) -> None:
+def _serve(tasks: Connection, loads: Sequence[str], environment: dict[str, str]) -> None:
     """Compute tasks until nobody has any."""
     if sys.platform != "win32":
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
+    os.environ.clear()  # a forked process has that of the fork server
+    os.environ.update(environment)
     Thread(target=_end_with_parent, daemon=True).start()
     use_one_thread()
-    if loads is not None:
-        import_module(loads)
+    for module in loads:
+        import_module(module)
+    gc.freeze()  # or what is loaded is looked through again and again, and its pages are shared no more
+    gc.enable()  # the fork server does without
     work: Callable[..., Any] | None = None
     while True:
         try:

@@ -2,23 +2,28 @@
 
 import os
 import signal
-import subprocess
-import sys
 from contextlib import closing
 from functools import partial
 from multiprocessing.process import BaseProcess
 
 import pytest
 
-from bench.parallel import Lost, Processes, in_turn, staying
+from bench.parallel import Lost, Processes, in_turn, starting, staying
 from tests.parallel import jobs
-from tests.processes import PATIENCE_S, alive, pids, until
+from tests.processes import alive, pids, until
 
 NUMBERS = list(range(7))
 SQUARES = {number: number * number for number in NUMBERS}
 PLACES = {"in turn": in_turn, "one process": Processes(workers=1), "two": Processes(workers=2)}
 BOUND_S = 2.0  # from an interrupt to the end
 every_place = pytest.mark.parametrize("name", PLACES)
+
+
+@pytest.fixture(params=["forked", "spawned"], autouse=True)
+def _how_they_start(request, monkeypatch):
+    if request.param == "forked" and not starting.FORKS:
+        pytest.skip("processes are spawned on this system")
+    monkeypatch.setattr(starting, "FORKS", request.param == "forked")
 
 
 @every_place
@@ -123,20 +128,6 @@ def test_processes_stay_from_one_call_to_the_next_only_inside_the_block(tmp_path
         assert dict(in_turn(jobs.own_process, [1])) == {1: os.getpid()}
 
 
-def test_processes_that_started_before_there_is_a_task_compute_it_and_end_with_the_block(tmp_path, monkeypatch):
-    monkeypatch.setenv("LOADED", str(tmp_path))
-    place = Processes(workers=2, loads="tests.parallel.loaded")
-    with place.started():
-        until(lambda: len(pids(tmp_path / "loaded")) == 2, "both loaded, without a task")
-        with staying(place):
-            computed = {pid for _, pid in place(partial(jobs.wait_for_both, tmp_path), [1, 2])}
-        assert computed == set(pids(tmp_path / "loaded"))
-        assert not any(alive(pid) for pid in computed)
-    with place.started():
-        until(lambda: len(pids(tmp_path / "loaded")) == 4, "two more")
-    assert not any(alive(pid) for pid in pids(tmp_path / "loaded"))
-
-
 def test_processes_that_are_killed_while_they_have_nothing_to_do_are_replaced(tmp_path):
     place = Processes(workers=2)
     with staying(place):
@@ -151,35 +142,11 @@ def test_every_library_keeps_to_one_thread():
         assert variable == "1"
 
 
+def test_garbage_is_looked_for_while_they_work():
+    assert all(enabled for _, enabled in Processes(workers=2)(jobs.looks_for_garbage, NUMBERS))
+
+
 def test_the_work_travels_once_to_each_process(tmp_path):
     work = jobs.Heavy(tmp_path / "travelled")
     assert len(list(Processes(workers=2)(work, NUMBERS))) == len(NUMBERS)
     assert 1 <= len(work.file.read_text()) <= 2
-
-
-PARENT = """
-import sys
-from functools import partial
-from pathlib import Path
-from bench.parallel import Processes
-from tests.processes import PATIENCE_S, alive, pids, until
-from tests.parallel import jobs
-
-if __name__ == "__main__":
-    list(Processes(workers=2)(partial(jobs.stay, Path(sys.argv[1])), [1, 2]))
-"""
-
-
-def test_processes_end_when_the_one_that_started_them_is_killed(tmp_path):
-    (tmp_path / "parent.py").write_text(PARENT)
-    parent = subprocess.Popen(
-        [sys.executable, str(tmp_path / "parent.py"), str(tmp_path)],
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
-    )
-    here = tmp_path / "processes"
-    try:
-        until(lambda: len(pids(here)) == 2, "both processes at work")
-    finally:
-        parent.kill()
-        parent.wait(PATIENCE_S)
-    until(lambda: not any(alive(pid) for pid in pids(here)), "the processes ended")
