@@ -46,8 +46,8 @@ def test_poses_asked_for_together_are_those_asked_for_one_by_one():
 
 def test_more_poses_than_are_held_are_right_all_the_same():
     path = straight(range(0, 4 * STEP_NS, STEP_NS))
-    for start_ns in range(0, 3 * STEP_NS, STEP_NS // 500):
-        path.world_from_vehicle(start_ns, next_ns=range(start_ns + 1, start_ns + 300))
+    for start_ns in range(0, 3 * STEP_NS, STEP_NS // 5):
+        path.world_from_vehicle(start_ns, next_ns=range(start_ns + 1, start_ns + 100))
     assert path.world_from_vehicle(STEP_NS).translation_m == pytest.approx([1.0, 0.0, 0.0], abs=1e-12)
 
 
