@@ -1,6 +1,7 @@
 """Watching processes that a test started."""
 
 import os
+import subprocess
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -19,6 +20,13 @@ def alive(pid: int) -> bool:
         return not state.exists() or state.read_text().rpartition(")")[2].split()[0] != "Z"
     except (FileNotFoundError, ProcessLookupError):  # it ended just now
         return False
+
+
+def group_lives(leader: int) -> bool:
+    """Whether a process of the group runs; one that has ended and waits to be told of does not."""
+    listed = subprocess.run(["ps", "-A", "-o", "pgid=", "-o", "stat="], check=True, capture_output=True, text=True)
+    rows = (line.split() for line in listed.stdout.splitlines())
+    return any(int(group) == leader and not state.startswith("Z") for group, state in rows)
 
 
 def pids(file: Path) -> list[int]:

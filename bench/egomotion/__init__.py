@@ -7,11 +7,12 @@ ends nothing is invented: `valid` says so.
 from bench.egomotion.bus_faults import bus_signal_faults
 from bench.egomotion.camera_motion import camera_motion
 from bench.egomotion.odometry import BusSignals, planar_trajectory, read_bus_signals
-from bench.egomotion.trajectory import Trajectory
+from bench.egomotion.trajectory import POSES_AHEAD, Trajectory
 from bench.egomotion.tum import read_tum, write_tum
 from bench.egomotion.visual import VisualMotion, VisualOdometry
 
 __all__ = [
+    "POSES_AHEAD",
     "BusSignals",
     "Trajectory",
     "VisualMotion",

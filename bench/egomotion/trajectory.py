@@ -14,6 +14,7 @@ from bench.geometry import RigidTransform, advance_twist, twist_between
 
 SECOND_NS = 1_000_000_000
 HELD_POSES = 256  # images, their object states and the images after them ask for the same few poses
+POSES_AHEAD = 31  # worth asking for along with one, where times come in order
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

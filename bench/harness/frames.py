@@ -10,7 +10,7 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.egomotion import camera_motion
+from bench.egomotion import POSES_AHEAD, camera_motion
 from bench.errors import DataError
 from bench.evaluation import Protocol
 from bench.harness.cache.steps import KeptSteps, StepCache
@@ -19,8 +19,6 @@ from bench.harness.stages import StageClock
 from bench.methods import Method, MethodInput, Segmentation, UnansweredImage
 from bench.recordings import ImageRef, Recording, frame_gaps, read_image
 from bench.reference import ReferenceBuilder, ReferenceFrame
-
-POSES_AHEAD = 31  # of the images after this one, computed with its own
 
 
 class UnscorableFrame(Exception):  # noqa: N818 - it is not an error

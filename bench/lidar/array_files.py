@@ -7,7 +7,6 @@ import math
 import os
 import struct
 import zipfile
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from tokenize import TokenError
@@ -29,7 +28,7 @@ ENCRYPTED = 0x1
 INFLATE_ERROR: type[Exception] = isal_zlib.error  # type: ignore[assignment]  # its stub takes it for an instance
 UNREADABLE = (
     *(OSError, ValueError, EOFError, KeyError, AttributeError, TypeError, MemoryError),
-    *(NotImplementedError, RuntimeError, zlib.error, INFLATE_ERROR, struct.error, zipfile.BadZipFile),
+    *(NotImplementedError, RuntimeError, INFLATE_ERROR, struct.error, zipfile.BadZipFile),
     *(SyntaxError, TokenError),  # of headers that are no Python
 )
 NPY_HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
@@ -95,7 +94,7 @@ def _unpacked(file: BinaryIO, entry: zipfile.ZipInfo) -> bytes:
     content = file.read(entry.compress_size)
     if entry.compress_type == zipfile.ZIP_DEFLATED:
         # Bounded: what a stream unpacks to is not what the directory says of it.
-        content = isal_zlib.decompressobj(-zlib.MAX_WBITS).decompress(content, entry.file_size)
+        content = isal_zlib.decompressobj(-isal_zlib.MAX_WBITS).decompress(content, entry.file_size)
     if len(content) != entry.file_size or isal_zlib.crc32(content) != entry.CRC:
         raise zipfile.BadZipFile(f"{entry.filename} is damaged")
     return content

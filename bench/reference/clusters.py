@@ -13,6 +13,7 @@ from bench.recordings.records import Cuboid, GroundPolygon, ObjectShape, ObjectS
 from bench.reference.sweeps import PlacedSweep
 
 SECOND_NS = 1_000_000_000
+SURFACE_STEPS = 9  # along each side of a shape
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -74,22 +75,22 @@ def object_cluster(
     return Cluster(points_world=carried, rows=chosen[belongs])
 
 
-def surface_points(shape: ObjectShape, *, steps: int = 9) -> NDArray[np.float64]:
+def surface_points(shape: ObjectShape) -> NDArray[np.float64]:
     """Points all over the surface of a shape, vehicle frame, (K, 3) float64, m; none for point indices.
 
     A box in a fisheye image has curved edges: its eight corners alone would give too small an outline.
     """
     match shape:
         case Cuboid():
-            axis = np.linspace(-0.5, 0.5, steps)
+            axis = np.linspace(-0.5, 0.5, SURFACE_STEPS)
             grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
             skin = grid[np.abs(grid).max(axis=1) == 0.5]
             return shape.vehicle_from_object.apply(skin * shape.size_m)
         case GroundPolygon():
             ring = shapely.segmentize(shapely.LinearRing(shape.outline_m), 0.25)
             around = shapely.get_coordinates(ring)
-            heights = np.linspace(shape.bottom_m, shape.top_m, steps)
-            return np.column_stack([np.tile(around, (steps, 1)), np.repeat(heights, len(around))])
+            heights = np.linspace(shape.bottom_m, shape.top_m, SURFACE_STEPS)
+            return np.column_stack([np.tile(around, (SURFACE_STEPS, 1)), np.repeat(heights, len(around))])
     return np.empty((0, 3))
 
 

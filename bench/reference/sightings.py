@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.egomotion import POSES_AHEAD
 from bench.geometry import RigidTransform
 from bench.recordings.records import ObjectState, Recording, Track
 from bench.reference.motion import TrackMotion, track_motion
 from bench.reference.settings import ReferenceSettings
-
-POSES_AHEAD = 31  # of the annotations after this one, computed with its own
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -14,7 +14,7 @@ from bench.recordings import load_card
 from tests.harness.conftest import trouble
 from tests.harness.test_resume import bytes_of
 from tests.harness.troubled import Troubled
-from tests.processes import PATIENCE_S, alive, pids, until
+from tests.processes import PATIENCE_S, alive, group_lives, pids, until
 
 __all__ = ["trouble"]
 
@@ -116,11 +116,3 @@ def test_processes_of_a_run_that_is_refused_end_with_it(tmp_path):
     assert (run.returncode, shown, complaints.count("\n")) == (2, "", 1)
     assert "none.yaml" in complaints
     until(lambda: not group_lives(run.pid), "no process")
-
-
-def group_lives(leader: int) -> bool:
-    try:
-        os.killpg(leader, 0)
-    except ProcessLookupError:
-        return False
-    return True

@@ -10,7 +10,7 @@ import pytest
 
 from bench.parallel import Processes, starting
 from tests.parallel import jobs
-from tests.processes import PATIENCE_S, alive, pids, until
+from tests.processes import PATIENCE_S, alive, group_lives, pids, until
 
 ROOT = Path(__file__).parents[2]
 SPAWNED = "from bench.parallel import starting; starting.FORKS = False"
@@ -48,12 +48,6 @@ def shown_by(folder: Path, body: str, **options: str) -> str:
     assert (program.returncode, complaints) == (0, "")
     until(lambda: not group_lives(program.pid), "no process")
     return shown
-
-
-def group_lives(leader: int) -> bool:
-    listed = subprocess.run(["ps", "-A", "-o", "pgid=", "-o", "stat="], check=True, capture_output=True, text=True)
-    rows = (line.split() for line in listed.stdout.splitlines())
-    return any(int(group) == leader and not state.startswith("Z") for group, state in rows)
 
 
 @forked

@@ -12,6 +12,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from tests.processes import group_lives
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunCost:
@@ -124,15 +126,6 @@ def seconds_to_stop(card: Path, *options: object) -> float:
         start = time.perf_counter()
         os.killpg(run.pid, signal.SIGINT)
         run.wait()
-        while _any_left(run.pid):
+        while group_lives(run.pid):
             time.sleep(0.01)
         return time.perf_counter() - start
-
-
-def _any_left(group: int) -> bool:
-    """Whether a process of the group still runs; one that has ended and that init has not yet looked at does not."""
-    states = subprocess.run(
-        ["ps", "-A", "-o", "pgid=", "-o", "stat="], check=True, capture_output=True, text=True
-    ).stdout
-    listed = (line.split() for line in states.splitlines())
-    return any(int(of) == group and not state.startswith("Z") for of, state in listed)

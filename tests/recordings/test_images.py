@@ -10,6 +10,7 @@ import pytest
 from bench.errors import DataError
 from bench.recordings import ImageRef, open_native, read_image, read_truth
 from bench.recordings.images import PNG_START
+from tests.hostile.files import png, png_chunk
 from tests.recordings import tiny
 
 
@@ -30,17 +31,13 @@ def test_grey_and_colour(tmp_path, suffix, error):
     assert np.abs(colour.astype(int) - smooth[:, :, None]).max() <= error
 
 
-def chunk(name, content):
-    return struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
-
-
 def interlaced(pixels):
     """An 8-bit grey PNG in seven passes."""
     height, width = pixels.shape
     passes = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2))
     rows = b"".join(b"\0" + row[x::right].tobytes() for x, y, right, down in passes for row in pixels[y::down])
     header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 1)
-    return PNG_START + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
+    return PNG_START + png_chunk(b"IHDR", header) + png_chunk(b"IDAT", zlib.compress(rows)) + png_chunk(b"IEND", b"")
 
 
 @pytest.mark.parametrize("kind", ["plain", "paeth", "turned", "one transparent", "gamma", "few bits", "interlaced"])
@@ -49,10 +46,10 @@ def test_grey_png_files_of_every_kind_are_read_as_they_are(tmp_path, kind):
     filters = [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_PAETH] if kind == "paeth" else []
     content = cv2.imencode(".png", pixels, filters)[1].tobytes()
     asides = {  # what a reader could take as an order to change values
-        "turned": chunk(b"eXIf", b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0"),
-        "one transparent": chunk(b"tRNS", b"\0\7"),
-        "gamma": chunk(b"gAMA", struct.pack(">I", 45455)),
-        "few bits": chunk(b"sBIT", b"\5"),
+        "turned": png_chunk(b"eXIf", b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0"),
+        "one transparent": png_chunk(b"tRNS", b"\0\7"),
+        "gamma": png_chunk(b"gAMA", struct.pack(">I", 45455)),
+        "few bits": png_chunk(b"sBIT", b"\5"),
     }
     content = interlaced(pixels) if kind == "interlaced" else content[:33] + asides.get(kind, b"") + content[33:]
     (tmp_path / "1.png").write_bytes(content)
@@ -61,9 +58,7 @@ def test_grey_png_files_of_every_kind_are_read_as_they_are(tmp_path, kind):
 
 
 def test_a_png_of_whole_chunks_with_a_broken_stream_is_refused(tmp_path):
-    header = struct.pack(">IIBBBBB", tiny.WIDTH, tiny.HEIGHT, 8, 0, 0, 0, 0)
-    body = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(bytes(99))) + chunk(b"IEND", b"")
-    (tmp_path / "1.png").write_bytes(PNG_START + body)
+    (tmp_path / "1.png").write_bytes(png(tiny.WIDTH, tiny.HEIGHT, rows=bytes(99)))
     with pytest.raises(DataError, match="wanted an image that can be decoded"):
         read_image(ImageRef(camera="front", timestamp_ns=1, path=tmp_path / "1.png"), tiny.front_camera())
 

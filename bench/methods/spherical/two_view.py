@@ -103,7 +103,7 @@ def deviations(
         off_plane = dot(c, rays_current) / sine  # n'.p' with n = c / |c|, eq. 1
         epipolar = np.abs(np.arcsin(np.clip(off_plane, -1, 1))) if variants.geodesic else np.abs(off_plane)  # eq. 2
 
-        # What n = q x t / |q x t| says of p'_P (eq. 8) opens into scalar products, in a third of the time:
+        # What n = q x t / |q x t| says of p'_P (eq. 8) opens into scalar products, in half of the time:
         # n'.(p' x q) = ((p'.q)(q.t) - p'.t) / |q x t| and n'.(p' x t) = (p'.q - (q.t)(p'.t)) / |q x t| for a t of
         # length 1. The part of p' along n adds nothing to either.
         p_q, q_t, p_t = dot(rays_current, q), dot(q, along), dot(rays_current, along)
