@@ -14,10 +14,10 @@ INSTALLED := $(VENV)/installed
 INSTALLED_DEV := $(VENV)/installed-dev
 
 .DEFAULT_GOAL := help
-.PHONY: help benchmark paper report gate perf test check format clean
+.PHONY: help benchmark paper report gate perf test test-all check format clean
 
 help: ## list the targets
-	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):[^#]*## /\1|/' | awk -F'|' '{ printf "  make %-10s %s\n", $$1, $$2 }'
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):[^#]*## /\1|/' | awk -F'|' '{ printf "  make %-10s %s\n", $$1, $$2 }'
 
 benchmark: $(INSTALLED) ## score METHOD= on DATASET= (the demo) by PROTOCOL=: the table, range maps, pictures
 	$(BIN)/fisheye-bench run $(DATASET) --method $(METHOD) --protocol $(PROTOCOL)
@@ -29,8 +29,8 @@ paper: $(INSTALLED) ## rebuild reports/paper: the staged experiment with both eg
 	$(BIN)/fisheye-bench audit datasets/paper.yaml --recordings 42 --out reports/audit/paper
 	cp reports/runs/paper-spherical/table.md reports/paper/table.md
 	cp reports/runs/paper-exact-spherical/table.md reports/paper/table-exact.md
-	cp reports/runs/range-maps-spherical/range_map.png reports/paper/range_map.png
-	cp reports/runs/range-maps-spherical/table.md reports/paper/table-range-maps.md
+	cp reports/runs/range-maps-spherical-extended-v1/range_map.png reports/paper/range_map.png
+	cp reports/runs/range-maps-spherical-extended-v1/table.md reports/paper/table-range-maps.md
 	cp reports/audit/paper/audit.md reports/audit/paper/fit.png reports/audit/paper/causes-crossing.png reports/paper/
 
 gate: benchmark ## score, then judge the run by BASELINE= (committed) and TOLERANCES=
@@ -47,6 +47,9 @@ perf: $(INSTALLED_DEV) ## measure speed and memory into reports/perf.md, then th
 
 test: $(INSTALLED_DEV) ## run the tests
 	$(BIN)/pytest --numprocesses auto --dist loadfile
+
+test-all: $(INSTALLED_DEV) ## run the tests, the slow rounds among them (damaged files, kills, simulations)
+	$(BIN)/pytest --numprocesses auto --dist loadfile -m "slow or not slow"
 
 check: $(INSTALLED_DEV) ## format, lint, types, layers
 	$(BIN)/ruff format --check

@@ -6,8 +6,12 @@ traceback and exits with status 2. Anything else is a bug of ours and keeps its 
 
 from __future__ import annotations
 
+import errno
+import os
 from difflib import get_close_matches
 from typing import TYPE_CHECKING
+
+from bench.plain_text import plain
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -15,6 +19,7 @@ if TYPE_CHECKING:
 
 
 LONGEST_CAME = 1000  # characters of what was found instead
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 class BenchError(Exception):
@@ -44,12 +49,38 @@ class DataError(BenchError):
         came = came if len(came) <= LONGEST_CAME else came[: LONGEST_CAME - 3] + "..."
         self.file, self.field, self.wanted, self.came, self.do = str(file), field, wanted, came, do
         where = self.file if field is None else f"{self.file}: {field}"
-        line = f"{where}: wanted {wanted}, came {came}" + (f"; {do}" if do else "")
-        super().__init__("".join(c if c.isprintable() else "?" for c in line))  # names in files may hold anything
+        super().__init__(plain(f"{where}: wanted {wanted}, came {came}" + (f"; {do}" if do else "")))
 
     def __reduce__(self) -> tuple[object, ...]:
         """Survive the way back from a worker process, keyword arguments included."""
         return _data_error, (self.file, self.field, self.wanted, self.came, self.do)
+
+
+class OutputError(BenchError):
+    """A file or folder that cannot be written.
+
+    Args:
+        file: the file or folder.
+        came: the reason.
+        do: what the user can do about it.
+    """
+
+    def __init__(self, file: Path | str, *, came: str, do: str = "") -> None:
+        self.file, self.came, self.do = str(file), came, do
+        line = f"{self.file}: wanted a place that can be written, came {came}" + (f"; {do}" if do else "")
+        super().__init__(plain(line))
+
+    @classmethod
+    def of(cls, error: OSError, file: Path | str) -> OutputError:
+        """From what the system says when `file`, or a folder for it, is written."""
+        above = error.filename is not None and str(file).startswith(f"{error.filename}{os.sep}")
+        culprit = f" ({error.filename})" if above else ""
+        do = "make room, then give the same command again" if error.errno in NO_ROOM else ""
+        return cls(file, came=f"{error.strerror or error}{culprit}", do=do)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Survive the way back from a worker process, keyword arguments included."""
+        return _output_error, (self.file, self.came, self.do)
 
 
 class UnknownNameError(UsageError):
@@ -69,6 +100,10 @@ class UnknownNameError(UsageError):
 
     def __reduce__(self) -> tuple[object, ...]:
         return UnknownNameError, (self.kind, self.name, self.known)
+
+
+def _output_error(file: str, came: str, do: str) -> OutputError:
+    return OutputError(file, came=came, do=do)
 
 
 def _data_error(file: str, field: str | None, wanted: str, came: str, do: str) -> DataError:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import sys
+import traceback
 from collections.abc import Mapping
 from importlib import import_module
 from importlib.metadata import entry_points
+from pathlib import Path
 from typing import Any
 
 from bench.errors import UsageError
+
+SHOWN_CALLS = 5  # of the traceback of foreign code, innermost last
 
 
 def known_places(group: str, own: Mapping[str, str]) -> dict[str, str]:
@@ -29,10 +34,34 @@ def imported(place: str, *, wanted: str) -> Any:
         wanted: for whom and what, for the message.
 
     Raises:
-        UsageError: nothing to import there.
+        UsageError: nothing to import there, or its import raised.
     """
     module, _, attribute = place.partition(":")
+    before = set(sys.modules)
     try:
-        return getattr(import_module(module), attribute)
+        found = getattr(import_module(module), attribute)
     except (ImportError, AttributeError) as error:
         raise UsageError(f"{wanted} that can be imported; {error}") from error
+    except (Exception, SystemExit) as error:
+        raise UsageError(f"{wanted} that can be imported; {told_of(error)}") from error
+    _loaded.setdefault(module, frozenset(sys.modules.keys() - before))
+    return found
+
+
+def loaded_with(module: str) -> frozenset[str]:
+    """Modules that the first import of a module by `imported` loaded; none for one that was there already."""
+    return _loaded.get(module, frozenset())
+
+
+def told_of(error: BaseException) -> str:
+    """Kind and message of what foreign code raised, and the lines of that code that led there, in one line."""
+    calls = [
+        f"{Path(call.filename).name}:{call.lineno} in {call.name}: {call.line}"
+        for call in traceback.extract_tb(error.__traceback__)[1:]
+        if not call.filename.startswith("<frozen ")
+    ]
+    told = " ".join(f"{type(error).__name__}: {error}".split())
+    return f"{told} ({' > '.join(calls[-SHOWN_CALLS:])})" if calls else told
+
+
+_loaded: dict[str, frozenset[str]] = {}

@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
-from rich.text import Text
 
-from bench.cli.console import console
+from bench.cli.console import say, show, write_out
 from bench.errors import UnknownNameError, UsageError
 from bench.layers import (
     Layer,
@@ -38,8 +37,8 @@ def formats() -> None:
             about = layer_format(name).description
         except UsageError as error:  # of another package; the list of the others is still wanted
             about = str(error)
-        table.add_row(Text(name), Text(about if place.startswith("bench.") else f"{about} ({place})"))
-    console().print(table)
+        table.add_row(name, about if place.startswith("bench.") else f"{about} ({place})")
+    show(table)
 
 
 def import_(
@@ -61,10 +60,10 @@ def import_(
     layer = import_layer(format_name, source, opened, options, file=file)
     _print_layer(layer, opened)
     _print_lost(layer.lost)
-    _print(str(file))
+    say(str(file))
     if not _stands_in(card, file.parent):
         folder = os.path.relpath(file.parent.resolve(), card.file.parent.resolve())  # as a card counts paths
-        _print(f"to use it, give the card {card.file} this line: annotations: {folder}")
+        say(f"to use it, give the card {card.file} this line: annotations: {folder}")
 
 
 def export(
@@ -87,17 +86,17 @@ def export(
         layer, lost = export_layer(format_name, opened, out / name, options)
         _print_layer(layer, opened)
         _print_lost(lost)
-        _print(str(out / name))
+        say(str(out / name))
 
 
 def calibration(file: Path, out: Path | None) -> None:
     """Print or write lenses and mountings of an OpenLABEL file as parts of `recording.json`."""
     text = calibration_text(file)
     if out is None:
-        console().print(text, end="", highlight=False, soft_wrap=True, markup=False)
+        write_out(text)
         return
     write_text(out, text)
-    _print(str(out))
+    say(str(out))
 
 
 def parse_classes(pairs: Sequence[str]) -> dict[str, str | None]:
@@ -124,15 +123,15 @@ def _stands_in(card: DatasetCard, folder: Path) -> bool:
 def _print_layer(layer: Layer, recording: Recording) -> None:
     states = sum(len(track.states) for track in layer.tracks)
     annotated = len({sweep.timestamp_ns for sweep in recording.sweeps} & set(layer.timestamps_ns))
-    _print(
+    say(
         f"{recording.name}: {len(layer.tracks)} objects in {states} places, "
         f"{annotated} of {len(recording.sweeps)} sweeps annotated"
     )
     counts = Counter(track.object_class for track in layer.tracks)
     for object_class, size in _middle_sizes(layer).items():
-        _print(f"  {counts.pop(object_class)} {object_class}: {size}")
+        say(f"  {counts.pop(object_class)} {object_class}: {size}")
     for object_class, count in counts.items():
-        _print(f"  {count} {object_class}")
+        say(f"  {count} {object_class}")
 
 
 def _middle_sizes(layer: Layer) -> Mapping[str, str]:
@@ -149,8 +148,4 @@ def _middle_sizes(layer: Layer) -> Mapping[str, str]:
 
 def _print_lost(lost: Sequence[str]) -> None:
     for line in lost:
-        console().print(f"  lost: {line}", style="yellow", highlight=False, soft_wrap=True, markup=False)
-
-
-def _print(line: str) -> None:
-    console().print(line, highlight=False, soft_wrap=True, markup=False)
+        say(f"  lost: {line}", style="yellow")

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import atexit
-import errno
 import gc
 import sys
+import warnings
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TextIO
 
 import typer
 
-from bench.errors import BenchError
+from bench.cli.start import lack_of_memory_told, refuse_unfit
+from bench.errors import NO_ROOM, BenchError
 
 DATA_ERROR = 2
-NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 app = typer.Typer(
     name="fisheye-bench",
@@ -49,24 +49,44 @@ Scheduler = Annotated[
     str | None,
     typer.Option("--scheduler", help="Compute on a Dask cluster: tcp://HOST:PORT, or the file of its scheduler."),
 ]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the run of another experiment in the folder.")]
 Split = Annotated[str | None, typer.Option("--split", help="A split of the data set; all recordings without it.")]
 
 
 def main() -> None:
     """Run the command line and exit."""
     atexit.register(gc.freeze)  # or the end takes half a second of looking through all libraries for garbage
+    warnings.showwarning = _warn
     try:
-        app()
+        refuse_unfit(sys.argv[1:])
+        with lack_of_memory_told():
+            app()
     except BenchError as error:
-        print(f"error: {error}", file=sys.stderr)
+        _complain(f"error: {error}")
         sys.exit(DATA_ERROR)
-    except OSError as error:
-        if error.errno not in NO_ROOM:
+    except OSError as error:  # of a file that something else than our own writers and readers touched
+        if error.filename is None and error.errno not in NO_ROOM:
             raise
-        where = f"{error.filename}: " if error.filename else ""
-        print(f"error: {where}wanted room for a file, came {error.strerror or error}; make room, then give the same "
-              "command again", file=sys.stderr)  # fmt: skip
+        do = "; make room, then give the same command again" if error.errno in NO_ROOM else ""
+        _complain(f"error: {error.filename or 'this disk'}: {error.strerror or error}{do}")
         sys.exit(DATA_ERROR)
+
+
+def _warn(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,  # noqa: ARG001
+    line: str | None = None,  # noqa: ARG001
+) -> None:
+    _complain(f"{filename}:{lineno}: {category.__name__}: {message}")
+
+
+def _complain(line: str) -> None:
+    from bench.cli.console import say
+
+    say(line, to_errors=True)
 
 
 @app.command()
@@ -83,6 +103,7 @@ def run(
             help="Folder of the run, or an address as s3://bucket/run; reports/runs/<data set>-<method> without it.",
         ),
     ] = None,
+    overwrite: Overwrite = False,
     pictures: Annotated[bool, typer.Option(help="Also draw a telling frame of every category.")] = True,
     workers: Workers = None,
     cache: Cache = None,
@@ -112,6 +133,7 @@ def run(
                 protocol=protocol,
                 split=split,
                 out=out,
+                overwrite=overwrite,
                 shard=shard,
                 computing=computing,
             )
@@ -123,6 +145,7 @@ def run(
                 protocol=protocol,
                 split=split,
                 out=out,
+                overwrite=overwrite,
                 pictures=pictures,
                 computing=computing,
             )
@@ -136,12 +159,13 @@ def merge(
     parts: Annotated[
         list[str] | None, typer.Argument(help="Folders that hold the parts, where they are not in RUN itself.")
     ] = None,
+    overwrite: Overwrite = False,
     pictures: Annotated[bool, typer.Option(help="Also draw a telling frame of every category.")] = True,
 ) -> None:
     """Make one run of the parts that `run --shard` scored."""
     from bench.cli import running
 
-    if running.merge(run, parts or [], pictures=pictures):
+    if running.merge(run, parts or [], overwrite=overwrite, pictures=pictures):
         raise typer.Exit(DATA_ERROR)
 
 
@@ -150,9 +174,10 @@ def cluster_example(
     name: Annotated[str, typer.Argument(help="slurm-array, slurm-dask or kubernetes.")],
 ) -> None:
     """Print a file that starts a run on many machines, ready to be filled in."""
+    from bench.cli.console import write_out
     from bench.harness.work.cluster.examples import cluster_example
 
-    print(cluster_example(name), end="")
+    write_out(cluster_example(name))
 
 
 @app.command()
@@ -191,6 +216,7 @@ def evaluate(
             help="Folder of the run, or an address as s3://bucket/run; reports/runs/<data set>-NAME without it.",
         ),
     ] = None,
+    overwrite: Overwrite = False,
     pictures: Annotated[bool, typer.Option(help="Also draw a telling frame of every category.")] = True,
     workers: Workers = None,
     cache: Cache = None,
@@ -216,6 +242,7 @@ def evaluate(
             protocol=protocol,
             split=split,
             out=out,
+            overwrite=overwrite,
             pictures=pictures,
             computing=Computing(
                 workers=workers, processes=processes, cache=cache, no_cache=no_cache, scheduler=scheduler

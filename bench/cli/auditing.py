@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from bench.cli.console import console, print_failures, progress_bar
+from bench.cli.console import print_failures, progress_bar, say, show
 from bench.cli.interrupts import interruptible
 from bench.cli.rendering import render_if_synthetic
 from bench.cli.settings import parse_settings
@@ -15,6 +15,7 @@ from bench.methods import build_method
 from bench.methods.spherical.method import SphericalMethod
 from bench.parallel import Processes, in_turn, usable_cores
 from bench.recordings import load_card
+from bench.recordings.atomic import output_folder
 from bench.reporting.audit_cause_pictures import write_cause_pictures
 from bench.reporting.audit_files import write_audit_files
 from bench.reporting.audit_pictures import write_examples
@@ -39,21 +40,22 @@ def audit(
     card, rules = load_card(dataset), load_protocol(protocol)
     chosen = build_method(method, parse_settings(settings))
     folder = out or AUDITS / card.name
-    render_if_synthetic(card)
     count = workers or usable_cores()
     place = in_turn if count == 1 else Processes(workers=count)
     left = "nothing of the audit is stored, and the same command begins it again"
-    with interruptible(left), progress_bar(f"auditing {card.name}", "recordings") as report:
-        found = run_audit(
-            card,
-            method=chosen,
-            protocol=rules,
-            out=folder,
-            split=split,
-            recordings=recordings,
-            place=place,
-            progress=report,
-        )
+    with output_folder(folder):
+        render_if_synthetic(card)
+        with interruptible(left), progress_bar(f"auditing {card.name}", "recordings") as report:
+            found = run_audit(
+                card,
+                method=chosen,
+                protocol=rules,
+                out=folder,
+                split=split,
+                recordings=recordings,
+                place=place,
+                progress=report,
+            )
     files = list(write_audit_files(folder))
     if pictures:
         sources = {source.recorded.name: source for source in audit_sources(card, split=split, recordings=recordings)}
@@ -61,21 +63,16 @@ def audit(
         files += write_examples(folder, found, read_polygons(folder), handles=handles, protocol=rules)
         if isinstance(chosen, SphericalMethod):
             files += write_cause_pictures(folder, read_misses(folder), sources=sources, method=chosen, protocol=rules)
-    screen = console()
     for table, note in to_rich(found):
-        screen.print(table)
-        screen.print(note, style="dim", highlight=False, markup=False)
-        screen.print()
+        show(table)
+        say(note, style="dim")
+        say("")
     made = found.provenance
     stages = ", ".join(f"{name} {seconds:.1f}" for name, seconds in made.stage_seconds.items())
-    _say(f"{made.images} images of {found.recordings} recordings in {made.seconds:.1f} s ({stages})")
+    say(f"{made.images} images of {found.recordings} recordings in {made.seconds:.1f} s ({stages})")
     if found.left_out:
-        _say(f"without exact flow: {found.left_out}")
+        say(f"without exact flow: {found.left_out}")
     print_failures(found.failures, all_in="audit.json")
     for file in files:
-        _say(str(file))
+        say(str(file))
     return len(found.failures)
-
-
-def _say(text: str) -> None:
-    console().print(text, highlight=False, soft_wrap=True, markup=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bench.cli.console import console
+from bench.cli.console import say
 from bench.errors import DataError
 from bench.harness.cache import CacheFolder, default_folder
 
@@ -19,13 +19,11 @@ def cache(folder: Path | None, *, limit_bytes: int | None) -> None:
     if not chosen.folder.is_dir():
         if folder is not None:
             raise DataError(folder, wanted="the folder of a cache", came="no such folder")
-        console().print(f"{chosen.folder}: no cache yet", highlight=False, soft_wrap=True)
+        say(f"{chosen.folder}: no cache yet")
         return
     chosen.prepare()
     use = chosen.use() if limit_bytes is None else chosen.make_room(limit_bytes)
-    console().print(
+    say(
         f"{chosen.folder}: {use.files} entries, {use.size_bytes / 1e6:.1f} MB; runs keep it below "
-        f"{chosen.limit_bytes / 1e9:.0f} GB",
-        highlight=False,
-        soft_wrap=True,
+        f"{chosen.limit_bytes / 1e9:.0f} GB"
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from bench.cli.console import console, progress_bar
+from bench.cli.console import progress_bar, say, show
 from bench.reporting.compare.comparison import category_line, verdict_line
 from bench.reporting.compare.comparison_table import to_rich
 from bench.reporting.compare.leaderboard import read_leaderboard
@@ -20,34 +20,28 @@ def compare(runs: Sequence[Path], *, out: Path | None, pictures: bool) -> None:
     folder = out or RUNS / f"compare-{'-'.join(run.resolve().name for run in runs)}"
     with progress_bar("drawing what changed", "pictures") as report:
         written = write_comparison(runs, folder, pictures=pictures, progress=report)
-    screen = console()
     for comparison in written.comparisons:
-        screen.print(to_rich(comparison))
+        show(to_rich(comparison))
         counts = comparison.detections[-1]
-        _say(f"{counts.object_frames} object-frames, detected: {counts.before} before, {counts.after} after; "
+        say(f"{counts.object_frames} object-frames, detected: {counts.before} before, {counts.after} after; "
              f"{counts.gained} newly detected, {counts.lost} newly missed")  # fmt: skip
         for note in comparison.notes:
-            _say(note)
-        _say(verdict_line(comparison), style="bold")
-        _say(category_line(comparison))
+            say(note)
+        say(verdict_line(comparison), style="bold")
+        say(category_line(comparison))
     for remark in written.remarks:
-        _say(remark, style="red")
+        say(remark, style="red")
     for file in written.files:
-        _say(str(file))
+        say(str(file))
 
 
 def leaderboard(folder: Path, *, out: Path | None) -> int:
     """Print a table per group of comparable runs under a folder; return the number of runs that cannot be read."""
     found = read_leaderboard(folder)
-    screen = console()
     for table in leaderboard_tables(found):
-        screen.print(table)
+        show(table)
     for run, fault in found.damaged:
-        _say(f"damaged: {run}: {fault}", style="red")
+        say(f"damaged: {run}: {fault}", style="red")
     for file in write_leaderboard(found, out) if out else ():
-        _say(str(file))
+        say(str(file))
     return len(found.damaged)
-
-
-def _say(text: str, *, style: str | None = None) -> None:
-    console().print(text, style=style, highlight=False, soft_wrap=True, markup=False)

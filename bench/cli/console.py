@@ -1,11 +1,21 @@
-"""The terminal: one console, progress bars that vanish where nobody watches."""
+"""The terminal: the only place that prints, and progress bars that vanish where nobody watches.
+
+Much of what is printed comes from outside: names, titles, failures. Here it is made harmless, whoever prints it: each
+text is one line of visible characters, which no terminal and no CI server takes for a command.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import os
+import re
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from copy import copy
+from io import TextIOWrapper
+from typing import IO
 
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.progress import (
     BarColumn,
     Progress,
@@ -16,17 +26,54 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.table import Table
 from rich.text import Text
+
+from bench.errors import OutputError
+from bench.plain_text import plain
 
 TABLE_COLUMNS = 110  # of tables that go into a file or a log
 SHOWN_FAILURES = 10
 RATE_OVER_S = 300.0  # a unit of a slow method takes minutes
 
+# GitHub reads "::error::" at the start of a line, and "##[error]" anywhere; Azure reads "##vso[...]".
+_COMMAND = re.compile(r":(?=:[A-Za-z])|#(?=#[\w.-]*\[)")
 
-def console() -> Console:
-    """The console for results; a table keeps its width where there is no terminal."""
-    probe = Console()
-    return probe if probe.is_terminal else Console(width=TABLE_COLUMNS)
+
+def say(line: str, *, style: str = "", to_errors: bool = False) -> None:
+    """Print a line.
+
+    Args:
+        line: may hold text from outside.
+        style: of the whole line.
+        to_errors: to the error stream.
+    """
+    _print(Text(_harmless(line), style=style), to_errors=to_errors)
+
+
+def show(table: Table) -> None:
+    """Print a table. A `str` in it is one line, whatever it holds; line breaks in a `Text` are the table's own."""
+    shown = copy(table)
+    shown.columns, shown.rows = [column.copy() for column in table.columns], []
+    for column in shown.columns:
+        column.header = _harmless_cell(column.header)
+    for row, cells in zip(table.rows, zip(*(column.cells for column in table.columns), strict=True), strict=True):
+        shown.add_row(*map(_harmless_cell, cells), style=row.style, end_section=row.end_section)
+    shown.title = None if table.title is None else _harmless_text(table.title)
+    shown.caption = None if table.caption is None else _harmless_text(table.caption)
+    _print(shown)
+
+
+def write_out(document: str) -> None:
+    """Print a text of several lines that the program makes, as JSON; strings in it stay what they are."""
+    for line in document.splitlines():
+        say(line)
+
+
+def annotate(commands: Iterable[str]) -> None:
+    """Print commands to GitHub, in which text from outside is escaped."""
+    for command in commands:
+        _print(Text(plain(command)))
 
 
 def print_failures(failures: Sequence[str], *, all_in: str) -> None:
@@ -40,7 +87,7 @@ def print_failures(failures: Sequence[str], *, all_in: str) -> None:
     if len(failures) > SHOWN_FAILURES:
         shown.append(f"... and {len(failures) - SHOWN_FAILURES} more failures, all in {all_in}")
     for line in shown:
-        console().print(line, style="red", highlight=False, soft_wrap=True, markup=False)
+        say(line, style="red")
 
 
 @contextmanager
@@ -56,7 +103,7 @@ def progress_bar(title: str, unit: str) -> Iterator[Callable[[float, int], None]
     """
     terminal = Console(stderr=True)
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         TaskProgressColumn(),
         TextColumn(f"{{task.fields[whole]}} {unit}"),
@@ -68,7 +115,7 @@ def progress_bar(title: str, unit: str) -> Iterator[Callable[[float, int], None]
     with Progress(
         *columns, console=terminal, disable=not terminal.is_terminal, speed_estimate_period=RATE_OVER_S
     ) as bar:
-        task = bar.add_task(title, total=None, whole="")
+        task = bar.add_task(_harmless(title), total=None, whole="")
 
         def report(done: float, total: int) -> None:
             bar.update(task, completed=done, total=total, whole=f"{int(done)}/{total}")
@@ -90,3 +137,56 @@ class _RateColumn(ProgressColumn):
             return Text("")
         shown = f"{speed:.1f} {self._unit}/s" if speed >= 1.0 else f"{60.0 * speed:.1f} {self._unit}/min"
         return Text(shown, style="progress.data.speed")
+
+
+def _print(shown: Table | Text, *, to_errors: bool = False) -> None:
+    """Print.
+
+    Raises:
+        OutputError: the disk to which the output goes is full. Where nobody reads it any more, as behind `| head`, the
+            rest is not printed, and the command goes on.
+    """
+    console = _console(to_errors=to_errors)
+    try:
+        console.print(shown, soft_wrap=isinstance(shown, Text))
+    except OSError as error:
+        _end(console.file)
+        if not to_errors:
+            raise OutputError.of(error, "standard output") from error
+
+
+def _console(*, to_errors: bool = False) -> Console:
+    """A table keeps its width where there is no terminal, and letters that the output has no code for are shown."""
+    stream = sys.stderr if to_errors else sys.stdout
+    if isinstance(stream, TextIOWrapper):
+        stream.reconfigure(errors="backslashreplace")
+    probe = _Console(stderr=to_errors)
+    return probe if probe.is_terminal else _Console(stderr=to_errors, width=TABLE_COLUMNS)
+
+
+class _Console(Console):
+    def on_broken_pipe(self) -> None:
+        _end(self.file)
+
+
+def _end(stream: IO[str]) -> None:
+    """Let the rest of the output go nowhere; else the interpreter tries to write it once more at its end."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, stream.fileno())
+    os.close(nowhere)
+
+
+def _harmless(text: str) -> str:
+    """One line that no terminal and no CI server takes for a command; strings in JSON keep their meaning."""
+    return _COMMAND.sub(lambda found: f"\\u{ord(found[0]):04x}", plain(text))
+
+
+def _harmless_text(text: str | Text) -> Text:
+    if isinstance(text, str):
+        return Text(_harmless(text))
+    lines = "\n".join(_harmless(line) for line in text.plain.split("\n"))
+    return text if lines == text.plain else Text(lines, style=text.style)
+
+
+def _harmless_cell(cell: RenderableType) -> RenderableType:
+    return _harmless_text(cell) if isinstance(cell, str | Text) else cell

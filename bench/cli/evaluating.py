@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 from bench.cli.computing import Computing
-from bench.cli.console import console, progress_bar
+from bench.cli.console import progress_bar, say, show
 from bench.cli.interrupts import resumable
 from bench.cli.places import destination
 from bench.cli.rendering import render_if_synthetic
-from bench.cli.running import RUNS, finish_run
+from bench.cli.running import RunReport, default_folder
 from bench.errors import UsageError
 from bench.evaluation import load_protocol
 from bench.harness import PredictionReport, check_predictions, evaluate_predictions
@@ -33,6 +32,7 @@ def evaluate(
     protocol: str,
     split: str | None,
     out: str | None,
+    overwrite: bool,
     pictures: bool,
     computing: Computing,
 ) -> int:
@@ -55,7 +55,9 @@ def evaluate(
         naming=naming,
         history=history,
     )
-    where = destination(out, RUNS / f"{card.name}-{re.sub(r'[^A-Za-z0-9_.-]+', '_', called)}")
+    usual = {"missing": "error", "naming": "auto", "history": 1, "threshold": None}
+    chosen = [(option, value) for option, value in method.settings().items() if value != usual.get(option, value)]
+    where = destination(out, default_folder(card, called, chosen, rules, split))
     folder = where.folder
     listed = folder.with_name(f"{folder.name}-predictions.json")
     if card.remote_root is None and not card.root.is_dir():
@@ -67,6 +69,7 @@ def evaluate(
         write_report(listed, checked)
         raise checked.refuse(listed)
     listed.unlink(missing_ok=True)  # of an earlier refusal
+    finished = RunReport(card=card, protocol=rules, pictures=pictures)
     with resumable(where):
         with progress_bar(f"scoring {called} on {card.name}", "images") as report:
             workforce = computing.workforce(card, method, reads=[predictions])
@@ -81,14 +84,15 @@ def evaluate(
                 cache=computing.cache_folder,
                 progress=report,
                 mirror=where.mirror,
+                overwrite=overwrite,
+                finish=finished.write,
             )
-        finish_run(card, summary, where, method=method, protocol=rules, split=split, pictures=pictures)
+        finished.print(summary, where)
     return len(summary.failures)
 
 
 def _print_check(report: PredictionReport) -> None:
-    screen = console()
     table = prediction_table(report)
     if table is not None:
-        screen.print(table)
-    screen.print(prediction_line(report), highlight=False, soft_wrap=True, markup=False)
+        show(table)
+    say(prediction_line(report))

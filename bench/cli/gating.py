@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import os
-import sys
 from pathlib import Path
 
-from bench.cli.console import console
+from bench.cli.console import annotate, say, show
 from bench.errors import UsageError
 from bench.gate import (
     MissingBaselineError,
@@ -21,12 +20,12 @@ from bench.gate import (
 from bench.gate.annotations import to_annotations
 from bench.gate.junit import to_junit
 from bench.gate.step_summary import LARGEST_BYTES, to_markdown
-from bench.gate.terminal_table import check_lines, not_judged_lines, to_rich
+from bench.gate.terminal_table import to_rich, told_lines
 from bench.gate.tolerances import DEFAULT
 from bench.gate.verdict_json import to_json
 from bench.recordings.atomic import write_bytes, write_text
 
-PASSED, FAILED, NO_BASELINE = 0, 1, 3
+PASSED, FAILED, NO_VERDICT = 0, 1, 3
 
 
 def gate(
@@ -43,18 +42,21 @@ def gate(
     try:
         verdict = judge(read_baseline(baseline), scored, tolerances=rules)
     except MissingBaselineError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return NO_BASELINE
+        say(f"error: {error}", to_errors=True)
+        return NO_VERDICT
     _print_verdict(verdict)
     if junit is not None:
         write_bytes(junit, to_junit(verdict))
     if json is not None:
         write_text(json, to_json(verdict))
     if github:
-        for line in to_annotations(verdict):
-            print(line)
+        annotate(to_annotations(verdict))
     if summary := os.environ.get("GITHUB_STEP_SUMMARY"):
         _append_summary(Path(summary), verdict)
+    if not verdict.judged:
+        do = "a verdict needs metrics with a tolerance and cases in enough recordings, in baseline and run"
+        say(f"error: nothing was judged; {do}", to_errors=True)
+        return NO_VERDICT
     return PASSED if verdict.passed else FAILED
 
 
@@ -62,7 +64,7 @@ def update(run: Path, *, baseline: Path, allow_dirty: bool) -> None:
     """Store a run as the baseline."""
     scored = scored_run(run)
     write_baseline(scored, baseline, allow_dirty=allow_dirty)
-    _say(f"{baseline}: {_origin(scored)}")
+    say(f"{baseline}: {_origin(scored)}")
 
 
 def refuse_with_update(**options: object) -> None:
@@ -73,11 +75,10 @@ def refuse_with_update(**options: object) -> None:
 
 
 def _print_verdict(verdict: Verdict) -> None:
-    screen = console()
-    screen.print(to_rich(verdict))
-    for line in (*check_lines(verdict), *not_judged_lines(verdict)):
-        screen.print(line, soft_wrap=True)
-    screen.print(verdict.headline, style="green" if verdict.passed else "bold red", highlight=False, soft_wrap=True)
+    show(to_rich(verdict))
+    for line, style in told_lines(verdict):
+        say(line, style=style)
+    say(verdict.headline, style="green" if verdict.passed else "bold red")
 
 
 def _append_summary(file: Path, verdict: Verdict) -> None:
@@ -97,7 +98,3 @@ def _origin(scored: ScoredRun) -> str:
     return (
         f"{scored.method.name} on {scored.dataset} by {scored.protocol.name}, version {scored.origin.version}, {made}"
     )
-
-
-def _say(text: str) -> None:
-    console().print(text, highlight=False, soft_wrap=True, markup=False)

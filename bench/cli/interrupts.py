@@ -9,7 +9,7 @@ from types import FrameType
 
 import typer
 
-from bench.cli.console import console
+from bench.cli.console import say
 
 INTERRUPTED = 130  # as shells tell of SIGINT
 ENDED = 143  # and of SIGTERM
@@ -33,7 +33,7 @@ def interruptible(left: str) -> Iterator[None]:
     except KeyboardInterrupt as reason:
         asked = isinstance(reason, _Ended)
         how = "ended" if asked else "interrupted"
-        console().print(f"{how}; {left}", highlight=False, soft_wrap=True, markup=False)
+        say(f"{how}; {left}")
         raise typer.Exit(ENDED if asked else INTERRUPTED) from None
     finally:
         signal.signal(signal.SIGTERM, before)

@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from rich.table import Table
-from rich.text import Text
 
-from bench.cli.console import console
+from bench.cli.console import show
 from bench.errors import UsageError
 from bench.harness import scorable_methods
 from bench.methods import describe_method
@@ -19,7 +18,7 @@ def datasets(folder: Path) -> None:
     table = Table("name", "adapter", "licence", "what it is", box=None, title_justify="left")
     for card in list_cards(folder):
         table.add_row(card.name, card.content.adapter, card.content.licence, card.content.title)
-    console().print(table)
+    show(table)
 
 
 def methods() -> None:
@@ -30,5 +29,5 @@ def methods() -> None:
             about = describe_method(place)
         except UsageError as error:  # of another package; the list of the others is still wanted
             about = str(error)
-        table.add_row(Text(name), Text(about if place.startswith("bench.") else f"{about} ({place})"))
-    console().print(table)
+        table.add_row(name, about if place.startswith("bench.") else f"{about} ({place})")
+    show(table)

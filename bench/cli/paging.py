@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bench.cli.console import console, progress_bar
+from bench.cli.console import progress_bar, say
 from bench.cli.places import destination
 from bench.errors import UnknownNameError
 from bench.harness.remote_runs import RemoteRun
@@ -23,10 +23,9 @@ def report(run: str, *, category: str | None, out: Path | None, pictures: bool) 
         where.mirror.bring_results()
     with progress_bar("drawing the worst frames", "pictures") as progress:
         page = write_page(where.folder, category=kind, out=out, pictures=pictures, progress=progress)
-    screen = console()
     for problem in page.problems:
-        screen.print(f"pictures missing: {problem}", style="yellow", highlight=False, soft_wrap=True, markup=False)
+        say(f"pictures missing: {problem}", style="yellow")
     files = (page.file, *write_figures(where.folder, category=kind))
     where.mirror.keep_rest()
     for file in files:
-        screen.print(where.told(file), highlight=False, soft_wrap=True, markup=False)
+        say(where.told(file))

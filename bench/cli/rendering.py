@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bench.cli.console import console, progress_bar
+from bench.cli.console import progress_bar, say
 from bench.cli.interrupts import interruptible
 from bench.recordings import DatasetCard
 
@@ -16,7 +16,7 @@ def render(scenario: Path, out: Path, *, workers: int | None = None) -> None:
     left = f"the recordings that are done are in {out}, and the same command goes on from there"
     with interruptible(left), progress_bar(f"rendering {scenario.stem}", "recordings") as report:
         folders = synthesize(scenario, out, workers=workers, progress=report)
-    console().print(f"{len(folders)} recordings in {out}", highlight=False, soft_wrap=True)
+    say(f"{len(folders)} recordings in {out}")
 
 
 def render_if_synthetic(card: DatasetCard) -> None:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import hashlib
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from bench.cli.computing import Computing
-from bench.cli.console import console, print_failures, progress_bar
+from bench.cli.console import print_failures, progress_bar, say, show
 from bench.cli.interrupts import interruptible, resumable
 from bench.cli.places import Destination, destination, parts_of_run
 from bench.cli.rendering import render_if_synthetic
 from bench.cli.settings import parse_settings
 from bench.cli.viewing import draw_telling_frames
+from bench.errors import BenchError
 from bench.evaluation import Protocol, load_protocol
 from bench.harness import (
     Provenance,
@@ -26,11 +30,14 @@ from bench.harness import (
 from bench.harness.shards import Shard
 from bench.methods import Method
 from bench.recordings import DatasetCard, load_card
+from bench.reporting.tables import TableRow
 from bench.reporting.terminal_table import to_rich
 from bench.reporting.threshold_free_line import threshold_free_line
 from bench.reporting.write import write_report_files
 
 RUNS = Path("reports/runs")
+DEFAULT_PROTOCOL = "paper-v1"
+LONGEST_NAME = 120  # characters of a folder's name
 
 
 def run(
@@ -41,16 +48,18 @@ def run(
     protocol: str,
     split: str | None,
     out: str | None,
+    overwrite: bool,
     pictures: bool,
     computing: Computing,
 ) -> int:
     """Score a method, write the report, print the table and the paths; return the number of failures."""
     card, rules = load_card(dataset), load_protocol(protocol)
     chosen = build_scorable(method, parse_settings(settings))
-    where = destination(out, RUNS / f"{card.name}-{chosen.name}")
+    where = destination(out, default_folder(card, chosen.name, unusual(chosen, method), rules, split))
     render_if_synthetic(card)
+    report = RunReport(card=card, protocol=rules, pictures=pictures)
     with resumable(where):
-        with progress_bar(f"scoring {method} on {card.name}", "images") as report:
+        with progress_bar(f"scoring {method} on {card.name}", "images") as progress:
             workforce = computing.workforce(card, chosen)
             summary = run_benchmark(
                 card,
@@ -58,13 +67,15 @@ def run(
                 protocol=rules,
                 out=where.folder,
                 split=split,
+                overwrite=overwrite,
                 place=workforce.place,
                 workers=workforce.workers,
                 cache=computing.cache_folder,
-                progress=report,
+                progress=progress,
                 mirror=where.mirror,
+                finish=report.write,
             )
-        finish_run(card, summary, where, method=chosen, protocol=rules, split=split, pictures=pictures)
+        report.print(summary, where)
     return len(summary.failures)
 
 
@@ -76,13 +87,14 @@ def run_part(
     protocol: str,
     split: str | None,
     out: str | None,
+    overwrite: bool,
     shard: str,
     computing: Computing,
 ) -> int:
     """Score a part of the units and say what comes next; return the number of failures."""
     card, rules, part = load_card(dataset), load_protocol(protocol), Shard.parse(shard)
     chosen = build_scorable(method, parse_settings(settings))
-    where = destination(out, RUNS / f"{card.name}-{chosen.name}")
+    where = destination(out, default_folder(card, chosen.name, unusual(chosen, method), rules, split))
     render_if_synthetic(card)
     with resumable(where), progress_bar(f"scoring part {part} of {card.name}", "images") as report:
         workforce = computing.workforce(card, chosen)
@@ -93,6 +105,7 @@ def run_part(
             out=where.folder,
             shard=part,
             split=split,
+            overwrite=overwrite,
             place=workforce.place,
             workers=workforce.workers,
             cache=computing.cache_folder,
@@ -100,13 +113,13 @@ def run_part(
             mirror=where.mirror,
         )
     failures = (*done.recording_failures, *done.unit_failures)
-    _say(f"part {part}: {len(done.units)} of {done.units_of_run} units; when all parts are there: merge {where}")
+    say(f"part {part}: {len(done.units)} of {done.units_of_run} units; when all parts are there: merge {where}")
     _print_cost(done.provenance)
     print_failures(failures, all_in=f"{where}/shards/{part.file}")
     return len(failures)
 
 
-def merge(run: str, parts: Sequence[str], *, pictures: bool) -> int:
+def merge(run: str, parts: Sequence[str], *, overwrite: bool, pictures: bool) -> int:
     """Make one run of parts, write the report; return the number of failures.
 
     Raises:
@@ -114,59 +127,107 @@ def merge(run: str, parts: Sequence[str], *, pictures: bool) -> int:
     """
     where = destination(run, Path(run))
     folders = parts_of_run(where, parts)
-    rules = read_protocol(folders[0])
+    report = RunReport(card=None, protocol=None, pictures=pictures)
     with interruptible("the parts are as they were, and the same command merges them"):
-        summary = merge_shards(where.folder, folders, protocol=rules)
+        summary = merge_shards(where.folder, folders, overwrite=overwrite, finish=report.write)
         for unit in merged_units(folders):
             where.mirror.keep(unit, anew=False)
-        finish_run(
-            load_card(summary.card),
-            summary,
-            where,
-            method=summary.method.build(),
-            protocol=rules,
-            split=summary.split,
-            pictures=pictures,
-        )
+        where.mirror.keep_rest()
+        report.print(summary, where)
     return len(summary.failures)
 
 
-def finish_run(
-    card: DatasetCard,
-    summary: RunSummary,
-    where: Destination,
-    *,
-    method: Method,
-    protocol: Protocol,
-    split: str | None,
-    pictures: bool,
-) -> None:
-    """Write the report of a stored run, draw its pictures, print the table and the paths."""
-    folder, written = where.folder, write_report_files(where.folder)
-    drawn: list[Path] = []
-    if pictures:
-        with progress_bar("drawing", "pictures") as report:
-            drawn = draw_telling_frames(card, folder, method=method, protocol=protocol, split=split, progress=report)
-    screen = console()
-    screen.print(to_rich(written.rows))
-    where.mirror.keep_rest()
-    _print_ends(summary, [where.told(file) for file in (folder / "summary.json", *written.files, *drawn)])
+def default_folder(
+    card: DatasetCard, method: str, settings: Iterable[tuple[str, object]], protocol: Protocol, split: str | None
+) -> Path:
+    """Where a run goes that no folder is named for: whatever is not the default is part of the name.
+
+    Args:
+        card: the data set.
+        method: name of the method.
+        settings: those that are not the default.
+        protocol: the rules.
+        split: of the data set; None for all.
+    """
+    words = [card.name, method, *(f"{name}-{value}" for name, value in settings)]
+    words += [protocol.name] if protocol.name != DEFAULT_PROTOCOL else []
+    words += [split] if split is not None else []
+    name = re.sub(r"[^A-Za-z0-9_.-]+", "_", "-".join(words))
+    if len(name) > LONGEST_NAME:
+        name = f"{name[:LONGEST_NAME]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
+    return RUNS / name
+
+
+def unusual(method: Method, named: str) -> list[tuple[str, object]]:
+    """Settings that are not the default; all of a method that cannot be built without any.
+
+    Args:
+        method: as it is scored.
+        named: what the command line calls it.
+    """
+    try:
+        usual = build_scorable(named).settings()
+    except BenchError:
+        usual = {}
+    return [(name, value) for name, value in method.settings().items() if name not in usual or usual[name] != value]
+
+
+@dataclass(kw_only=True)
+class RunReport:
+    """What belongs to the results of a run beside its tables of counts, and what is printed of it.
+
+    Attributes:
+        card: the data set; None for the card that the summary names.
+        protocol: the rules; None for those of the results.
+        pictures: also draw a telling frame of every category.
+    """
+
+    card: DatasetCard | None
+    protocol: Protocol | None
+    pictures: bool
+    _rows: tuple[TableRow, ...] = ()
+    _files: list[str] = field(default_factory=list)
+    _remarks: list[str] = field(default_factory=list)
+
+    def write(self, results: Path, summary: RunSummary) -> None:
+        """Write the report of new results and draw their pictures."""
+        written = write_report_files(results)
+        drawn: list[Path] = []
+        if self.pictures:
+            with progress_bar("drawing", "pictures") as progress:
+                drawn, self._remarks = draw_telling_frames(
+                    results,
+                    summary,
+                    card=self.card,
+                    protocol=self.protocol or read_protocol(results),
+                    progress=progress,
+                )
+        self._rows = written.rows
+        files = (results / "summary.json", *written.files, *drawn)
+        self._files = [file.relative_to(results).as_posix() for file in files]
+
+    def print(self, summary: RunSummary, where: Destination) -> None:
+        """Print the table, what became of the images, the cost, and where everything is."""
+        show(to_rich(self._rows))
+        _print_ends(summary, [where.told(where.folder / file) for file in self._files])
+        for remark in self._remarks:
+            say(f"no picture: {remark}", style="yellow")
 
 
 def _print_ends(summary: RunSummary, files: Sequence[str]) -> None:
     ledger, images = summary.objects, summary.images
     ignored = ", ".join(f"{count} {reason}" for reason, count in ledger.ignored.items() if count) or "none"
-    _say(
+    say(
         f"{ledger.annotated} annotated object-frames: {ledger.evaluated} evaluated, {ledger.static} static, "
         f"ignored: {ignored}"
     )
     if summary.threshold_free is not None:
-        _say(threshold_free_line(summary.threshold_free))
-    _say(f"{images.images} images: {images.evaluated} scored, {images.skipped} skipped, {images.failed} failed")
+        say(threshold_free_line(summary.threshold_free))
+    say(f"{images.images} images: {images.evaluated} scored, {images.skipped} skipped, {images.failed} failed")
     _print_cost(summary.provenance)
     print_failures(summary.failures, all_in="summary.json")
     for file in files:
-        _say(file)
+        say(file)
 
 
 def _print_cost(made: Provenance) -> None:
@@ -175,7 +236,7 @@ def _print_cost(made: Provenance) -> None:
     work = made.work
     images = made.images if work is None else work.images_computed
     rate = images / made.seconds if made.seconds else 0.0
-    _say(
+    say(
         f"{made.seconds:.1f} s, {rate:.1f} images per second, peak memory of a process {made.peak_memory_mb:.0f} MB; "
         f"seconds by stage, over all processes: {stages}"
     )
@@ -185,11 +246,7 @@ def _print_cost(made: Provenance) -> None:
             f"{step} found {work.steps_found.get(step, 0)}, computed {work.steps_computed.get(step, 0)}"
             for step in steps
         )
-        _say(
+        say(
             f"{work.workers} processes; units computed {work.units_computed}, found done {work.units_reused}"
             + (f"; cache: {kept}" if kept else "")
         )
-
-
-def _say(text: str) -> None:
-    console().print(text, highlight=False, soft_wrap=True, markup=False)

@@ -8,6 +8,8 @@ from typing import Any
 from bench.errors import DataError, UsageError
 from bench.plain_yaml import parse_yaml
 
+LONGEST = 1000  # characters of one setting
+
 
 def parse_settings(pairs: Sequence[str]) -> dict[str, Any]:
     """Parse assignments: `weights.anti_parallel=0` becomes `{"weights": {"anti_parallel": 0}}`.
@@ -17,6 +19,8 @@ def parse_settings(pairs: Sequence[str]) -> dict[str, Any]:
     """
     parsed: dict[str, Any] = {}
     for pair in pairs:
+        if len(pair) > LONGEST:
+            raise UsageError(f"--set: wanted at most {LONGEST} characters, came {len(pair)}")
         name, equals, text = pair.partition("=")
         if not (equals and name):
             raise UsageError(f"--set: wanted NAME=VALUE, came {pair!r}")

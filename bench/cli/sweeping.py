@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rich.table import Table
 
-from bench.cli.console import console, print_failures, progress_bar
+from bench.cli.console import print_failures, progress_bar, say, show
 from bench.cli.interrupts import interruptible
 from bench.cli.rendering import render_if_synthetic
 from bench.cli.settings import parse_settings
@@ -17,6 +17,7 @@ from bench.harness.cache import CacheFolder
 from bench.harness.sweep import SWEEPS, SweepResult, Trial, plan_sweep, run_sweep
 from bench.methods import build_method
 from bench.recordings import load_card
+from bench.recordings.atomic import output_folder
 from bench.reporting.sweep_files import write_sweep_files
 from bench.reporting.sweep_report import to_rich
 
@@ -43,21 +44,14 @@ def sweep(
     card = load_card(dataset)
     base = Trial(method=build_method(method, parse_settings(settings)), protocol=load_protocol(protocol))
     plan = plan_sweep(what, base=base, values=_split(values))
-    render_if_synthetic(card)
     folder = out or RUNS / f"sweeps-{card.name}"
     title = f"sweeping {what} over {len(plan.values)} values on {card.name}"
-    with interruptible(_left(cache)), progress_bar(title, "recordings") as report:
-        result = run_sweep(
-            card,
-            plan=plan,
-            out=folder / what,
-            cache=cache,
-            split=split,
-            progress=report,
-        )
+    with output_folder(folder / what):
+        render_if_synthetic(card)
+        with interruptible(_left(cache)), progress_bar(title, "recordings") as report:
+            result = run_sweep(card, plan=plan, out=folder / what, cache=cache, split=split, progress=report)
     files = write_sweep_files(folder / what)
-    screen = console()
-    screen.print(to_rich(result))
+    show(to_rich(result))
     _print_ends(result, files)
     return len(result.failures)
 
@@ -67,7 +61,7 @@ def print_sweeps() -> None:
     table = Table("name", "values", "what it is", box=None)
     for name, one in sorted(SWEEPS.items()):
         table.add_row(name, ", ".join(f"{v:g}" if not isinstance(v, str) else v for v in one.values), one.title)
-    console().print(table)
+    show(table)
 
 
 def _left(cache: CacheFolder | None) -> str:
@@ -87,11 +81,7 @@ def _split(values: str | None) -> list[str]:
 
 
 def _print_ends(result: SweepResult, files: Sequence[Path]) -> None:
-    screen, made = console(), result.provenance
-
-    def say(text: str, *, style: str | None = None) -> None:
-        screen.print(text, style=style, highlight=False, soft_wrap=True, markup=False)
-
+    made = result.provenance
     stages = ", ".join(f"{name} {seconds:.1f}" for name, seconds in made.stage_seconds.items())
     say(
         f"{len(result.rows)} values on {made.images} images in {made.seconds:.1f} s ({stages}); flow computed "

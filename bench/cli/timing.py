@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from rich.table import Table
 
-from bench.cli.console import console, progress_bar
+from bench.cli.console import progress_bar, say, show
 from bench.cli.rendering import render_if_synthetic
 from bench.cli.settings import parse_settings
 from bench.evaluation import load_protocol
@@ -31,5 +31,5 @@ def perf(dataset: str, *, method: str, settings: Sequence[str], protocol: str, i
     rows = {**found.stage_ms, "whole": found.total_ms, "Farnebäck alone": found.flow_ms}
     for name, milliseconds in rows.items():
         table.add_row(name, f"{milliseconds:.2f}", f"{milliseconds / found.flow_ms:.3f}")
-    console().print(table)
-    console().print(f"{found.images} images; whole / Farnebäck alone = {found.ratio:.3f}", highlight=False)
+    show(table)
+    say(f"{found.images} images; whole / Farnebäck alone = {found.ratio:.3f}")

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rich.table import Table
+from rich.text import Text
 
-from bench.cli.console import console, progress_bar
+from bench.cli.console import progress_bar, say, show
 from bench.cli.rendering import render_if_synthetic
 from bench.cli.settings import parse_settings
 from bench.errors import UsageError
@@ -34,9 +35,9 @@ def validate(dataset: str, *, split: str | None, deep: bool, errors_only: bool, 
     if json is not None:
         write_text(json, report.as_json())
     if report.findings:
-        console().print(_table(report))
+        show(_table(report))
     for line in _closing(report, json):
-        console().print(line, highlight=False, soft_wrap=True, markup=False)
+        say(line)
     return not (report.count(Severity.ERROR) if errors_only else report.findings)
 
 
@@ -48,9 +49,9 @@ def validate_adapter(name: str, root: Path, *, settings: Sequence[str]) -> bool:
     with progress_bar(f"trying {name}", "recordings") as progress:
         faults = adapter_faults(adapter, root, options=parse_settings(settings), progress=progress)
     for fault in faults:
-        console().print(fault, style="red", highlight=False, soft_wrap=True, markup=False)
+        say(fault, style="red")
     told = f"breaks {len(faults)} promises of" if faults else "keeps"
-    console().print(f"{name} {told} the contract of adapters", highlight=False, soft_wrap=True)
+    say(f"{name} {told} the contract of adapters")
     return not faults
 
 
@@ -74,17 +75,14 @@ def _row(table: Table, finding: Finding, *, name: str) -> None:
     at = "" if finding.timestamp_ns is None else f" (first at {finding.timestamp_ns})"
     table.add_row(
         name,
-        f"[{COLOURS[finding.severity]}]{finding.severity.value}[/] {finding.check}",
-        _plain(where),
-        _plain(finding.wanted),
-        _plain(finding.came + at + (f"; {finding.do}" if finding.do else "")),
+        Text(finding.severity.value, style=COLOURS[finding.severity]).append(
+            f" {finding.check}", style="not bold default"
+        ),
+        where,
+        finding.wanted,
+        finding.came + at + (f"; {finding.do}" if finding.do else ""),
         str(finding.times),
     )
-
-
-def _plain(text: str) -> str:
-    """Text of data files, in which brackets and control characters mean nothing."""
-    return "".join(c if c.isprintable() else "?" for c in text).replace("[", r"\[")
 
 
 def _closing(report: ValidationReport, json: Path | None) -> list[str]:

@@ -7,15 +7,15 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.cli.console import console, progress_bar
+from bench.cli.console import progress_bar, say
 from bench.cli.frame_choice import chosen_frames
 from bench.cli.rendering import render_if_synthetic
 from bench.cli.settings import parse_settings
-from bench.errors import UnknownNameError, UsageError
+from bench.errors import BenchError, UnknownNameError, UsageError
 from bench.evaluation import Protocol, load_protocol
-from bench.harness import FramePipeline, build_scorable, open_tables
+from bench.harness import FramePipeline, RunSummary, build_scorable, open_tables
 from bench.harness.frames import UnscorableFrame
-from bench.methods import Method
+from bench.harness.replay import StoredFrames
 from bench.recordings import DatasetCard, RecordingHandle, load_card, open_dataset, read_image
 from bench.reporting.frame_overlay import draw_frame, draw_plain
 from bench.reporting.frame_pictures import telling_frames, write_frame_pictures
@@ -83,7 +83,7 @@ def view(dataset: str, request: ViewRequest, *, method: str, settings: Sequence[
     if request.out is not None or not films:
         files += _pictures(pipeline, indices, request.out or PICTURES)
     for file in files:
-        console().print(str(file), highlight=False, soft_wrap=True)
+        say(str(file))
 
 
 def _pictures(pipeline: FramePipeline, indices: range, folder: Path) -> Iterator[Path]:
@@ -95,7 +95,7 @@ def _pictures(pipeline: FramePipeline, indices: range, folder: Path) -> Iterator
         except UnscorableFrame as reason:
             if len(indices) == 1:
                 raise UsageError(f"this frame has no score: {reason}") from reason
-            console().print(f"left out: {reason}", style="yellow", highlight=False, soft_wrap=True, markup=False)
+            say(f"left out: {reason}", style="yellow")
 
 
 def _film(pipeline: FramePipeline, indices: range, request: ViewRequest) -> list[Path]:
@@ -126,24 +126,32 @@ def _film(pipeline: FramePipeline, indices: range, request: ViewRequest) -> list
 
 
 def draw_telling_frames(
-    card: DatasetCard,
-    run: Path,
+    results: Path,
+    summary: RunSummary,
     *,
-    method: Method,
+    card: DatasetCard | None,
     protocol: Protocol,
-    split: str | None,
     progress: Callable[[float, int], None],
-) -> list[Path]:
-    """Draw the frame of every category in which an object fills most pixels, into `<run>/pictures`."""
-    handles = {handle.name: handle for handle in open_dataset(card, split)}
-    objects, _ = open_tables(run)
-    frames, files = telling_frames(objects), list[Path]()
-    for number, (category, (recording, camera, timestamp_ns)) in enumerate(frames.items(), start=1):
-        pipeline = FramePipeline(handles[recording].open(), camera, method=method, protocol=protocol)
-        index = [image.timestamp_ns for image in pipeline.images].index(timestamp_ns)
-        files += write_frame_pictures(pipeline.process(index), pipeline, run / "pictures" / category.value)
+) -> tuple[list[Path], list[str]]:
+    """Draw, as it was scored, the frame of every category in which an object fills most pixels, into `pictures`.
+
+    Returns:
+        The files, and a line for every reason why a picture could not be made.
+    """
+    files, remarks = list[Path](), list[str]()
+    try:
+        stored = StoredFrames(results, summary, protocol, card=card)
+    except BenchError as error:
+        return [], [str(error)]
+    frames = telling_frames(open_tables(results)[0])
+    for number, (category, key) in enumerate(frames.items(), start=1):
+        try:
+            folder = results / "pictures" / category.value
+            files += write_frame_pictures(stored.process(*key), stored.pipeline(*key[:2]), folder)
+        except (BenchError, UnscorableFrame) as error:
+            remarks.append(str(error))
         progress(number, len(frames))
-    return files
+    return files, remarks
 
 
 def _pick(handles: Sequence[RecordingHandle], name: str | None) -> RecordingHandle:

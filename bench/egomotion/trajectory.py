@@ -127,16 +127,19 @@ class Trajectory:
     def velocity_vehicle_mps(self, timestamp_ns: int) -> NDArray[np.float64]:
         """Velocity of the vehicle's origin over the ground in the vehicle's own axes, (3,) float64, m/s.
 
-        The mean over the interval between poses that holds the time; negative x in reverse gear.
+        That of the constant twist between the poses around the time, so exact on a bend; negative x in reverse gear.
+        At a pose it is the interval's that begins there, or the one's that ends there where a gap or nothing follows.
 
         Raises:
             DataError: no ego-motion there.
         """
-        here = self.world_from_vehicle(timestamp_ns)
+        self.world_from_vehicle(timestamp_ns)
         left, _, _ = self._places(np.array([timestamp_ns], dtype=np.int64))
         i = int(left[0])
-        seconds = (self.timestamps_ns[i + 1] - self.timestamps_ns[i]) / SECOND_NS
-        return np.asarray(here.rotation.T @ ((self.positions_m[i + 1] - self.positions_m[i]) / seconds))
+        spans_ns = np.diff(self.timestamps_ns[max(i - 1, 0) : i + 2])
+        if i and timestamp_ns == self.timestamps_ns[i] and spans_ns[1] > self.max_gap_ns >= spans_ns[0]:
+            i -= 1
+        return np.asarray(self._paths_m[i] / ((self.timestamps_ns[i + 1] - self.timestamps_ns[i]) / SECOND_NS))
 
     def _places(self, times_ns: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.bool_]]:
         known = self.timestamps_ns

@@ -14,6 +14,7 @@ from bench.errors import DataError
 
 COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
 QUATERNION_TOLERANCE = 1e-2
+FARTHEST_M = 1e8  # coordinates of any map are below
 
 
 def read_tum(path: Path) -> Trajectory:
@@ -40,6 +41,9 @@ def read_tum(path: Path) -> Trajectory:
         times_ns.append(_nanoseconds(words[0], path, number))
         values.append([_number(w, path, number, column) for column, w in zip(COLUMNS[1:], words[1:], strict=True)])
     rows = np.array(values, dtype=np.float64).reshape(-1, len(COLUMNS) - 1)
+    if rows.size and np.abs(rows[:, :3]).max() > FARTHEST_M:
+        came = f"{np.abs(rows[:, :3]).max():g} m"
+        raise DataError(path, field="x y z", wanted=f"positions within {FARTHEST_M:g} m", came=came)
     _refuse_other_quaternions(rows[:, 3:], path)
     rotations = Rotation.from_quat(rows[:, 3:], scalar_first=False)
     timestamps_ns = np.array(times_ns, dtype=np.int64)
@@ -88,7 +92,8 @@ def _number(text: str, path: Path, line: int, column: str) -> float:
 
 
 def _refuse_other_quaternions(quaternions_xyzw: NDArray[np.float64], path: Path) -> None:
-    off = np.abs(np.linalg.norm(quaternions_xyzw, axis=1) - 1.0) > QUATERNION_TOLERANCE
+    with np.errstate(over="ignore"):
+        off = np.abs(np.linalg.norm(quaternions_xyzw, axis=1) - 1.0) > QUATERNION_TOLERANCE
     if off.any():
         row = int(np.argmax(off))
         came = f"{quaternions_xyzw[row].tolist()} in pose {row + 1}"

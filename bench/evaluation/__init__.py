@@ -20,13 +20,13 @@ of false positives; the summed counts of the moving class; which constraint flag
 object-frames (the paper's wording), `tpr_all` that of all; IoU is the mean over all object-frames, an undetected one
 having 0, and `iou_detected` the mean over the detected ones. The latter compares with the paper: its crossing row
 (72 % detected, 64 % TPR, 55 % IoU) is impossible for a mean over all. 0/0 is NaN, null in JSON, "n/a (0 cases)" in
-words. Intervals resample whole recordings, since frames of one are not independent.
+words. Intervals take recordings as independent, not frames; fewer than six recordings with cases have none.
 
 Beside its counts an image leaves two histograms of pixels over the motion likelihood, from which the score at any
 threshold follows, and adds to its camera's map of misses and false positives.
 
-**Between two runs** over the same data nothing is compared but sums by recording (the score sheet): both runs are
-resampled by the same draws of recordings, so that what makes a recording hard cancels out.
+**Between two runs** over the same data nothing is compared but sums by recording (the score sheet), of the images that
+both scored: the same recording is left out of both at a time, so that what makes it hard cancels out.
 
 **A run may be larger than the memory.** Its tables are read some recordings at a time and reduced to sums by recording
 and slice; neither the order of the rows nor the size of the parts changes a bit of them.
@@ -35,14 +35,14 @@ The files, in the order of the data: `protocol` (the rules, a versioned file wit
 apart), `counts` with `sharing`, `likelihood` and `image_maps` (what is counted in it), `chance`, `scorer` (the recipe
 over a sequence), `rows` (the two tables), `row_source` and `columns` (reading them in parts), `run_sums` with `terms`,
 `slices`, `bins`, `slice_sums` and `ledger` (the reduction), `totals` with `object_figures`, `frame_figures`, `ratios`
-and `bootstrap` (figures from the sums), `summary` (what comes out), `maps` (detection rate by place),
-`coverage_curves`, `score_sheet` with `metric_sums`, `paired` and `changes` (two runs), `published` (the paper's
-numbers), `threshold_free` (what a likelihood is worth at all thresholds together). The harness calls
+and `intervals` (figures from the sums), `summary` (what comes out), `maps` (detection rate by place),
+`coverage_curves`, `score_sheet` with `metric_sums`, `paired`, `common_images` and `changes` (two runs), `published`
+(the paper's numbers), `threshold_free` (what a likelihood is worth at all thresholds together). The harness calls
 `SequenceScorer` and `summarise`; reporting and the gate read `Summary`, `ScoreSheet`, the tables, `range_maps`,
 `ImageMap` and `threshold_sweep`.
 
 Sources: Mariotti and Eising 2020, section IV; Chan et al. 2021 (SegmentMeIfYouCan) for the sharing of components;
-Efron and Tibshirani 1993 for the bootstrap; Holm 1979.
+those of the intervals in their module; Holm 1979.
 """
 
 from bench.evaluation.changes import changes_in_parts, object_changes

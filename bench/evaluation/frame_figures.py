@@ -3,43 +3,35 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.evaluation.ratios import ratio_figure
 from bench.evaluation.slice_sums import SliceSums
 from bench.evaluation.summary import FalsePositiveFigures, Figure, SegmentationFigures
 from bench.evaluation.terms import CAUSE, FALSE_POSITIVE_RATIOS, SEGMENTATION_RATIOS
 
-Weights = NDArray[np.float64]
 
-
-def false_positive_figures(sums: SliceSums, *, weights: Weights) -> dict[str, FalsePositiveFigures]:
+def false_positive_figures(sums: SliceSums) -> dict[str, FalsePositiveFigures]:
     """Take the false-positive figures of every slice of a split.
 
     Args:
         sums: over the scored image-frames.
-        weights: (draws, S) float64, from `sequence_weights`.
     """
     return {
         name: FalsePositiveFigures(
             frames=int(sums.rows[:, place].sum()),
-            **{
-                figure: ratio_figure(sums, place, ratio, weights=weights)
-                for figure, ratio in FALSE_POSITIVE_RATIOS.items()
-            },
+            recordings=int(np.count_nonzero(sums.rows[:, place])),
+            **{figure: ratio_figure(sums, place, ratio) for figure, ratio in FALSE_POSITIVE_RATIOS.items()},
         )
         for place, name in enumerate(sums.names)
     }
 
 
-def segmentation_figures(sums: SliceSums, *, weights: Weights) -> SegmentationFigures:
+def segmentation_figures(sums: SliceSums) -> SegmentationFigures:
     """Take the figures of the moving class from summed counts of all images; what lies in I is in none of them."""
-    return SegmentationFigures(
-        **{name: ratio_figure(sums, 0, ratio, weights=weights) for name, ratio in SEGMENTATION_RATIOS.items()}
-    )
+    return SegmentationFigures(**{name: ratio_figure(sums, 0, ratio) for name, ratio in SEGMENTATION_RATIOS.items()})
 
 
-def false_positive_causes(sums: SliceSums, *, weights: Weights) -> dict[str, Figure]:
+def false_positive_causes(sums: SliceSums) -> dict[str, Figure]:
     """Share of the false-positive pixels by the cause that the method names, by name; empty if it names none."""
     names = sorted(name.removeprefix(CAUSE) for name in sums.terms if name.startswith(CAUSE))
-    return {name: ratio_figure(sums, 0, (CAUSE + name, "fp"), weights=weights) for name in names}
+    return {name: ratio_figure(sums, 0, (CAUSE + name, "fp")) for name in names}

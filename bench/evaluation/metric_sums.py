@@ -11,6 +11,8 @@ from pydantic import BaseModel, ConfigDict
 from bench.evaluation.slice_sums import SliceSums
 from bench.evaluation.terms import FALSE_POSITIVE_RATIOS, OBJECT_RATIOS, SEGMENTATION_RATIOS, Ratio, level_ratios
 
+NOT_RATIOS = ("false_positive_components",)  # means, which may exceed 1
+
 
 class MetricSums(BaseModel):
     """One metric of one slice as the ratio of two sums.

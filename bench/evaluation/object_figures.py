@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.evaluation.ratios import ratio_figure
 from bench.evaluation.slice_sums import SliceSums
@@ -11,15 +10,12 @@ from bench.evaluation.summary import ObjectFigures
 from bench.evaluation.terms import OBJECT_RATIOS, level_ratios
 
 
-def object_figures(
-    sums: SliceSums, *, levels: tuple[float, ...], weights: NDArray[np.float64]
-) -> dict[str, ObjectFigures]:
+def object_figures(sums: SliceSums, *, levels: tuple[float, ...]) -> dict[str, ObjectFigures]:
     """Take the figures of every slice of a split.
 
     Args:
         sums: over the evaluated object-frames.
         levels: detection levels of the protocol.
-        weights: (draws, S) float64, from `sequence_weights`.
     """
     ratios = OBJECT_RATIOS | level_ratios(levels)
     return {
@@ -27,7 +23,7 @@ def object_figures(
             object_frames=int(sums.rows[:, place].sum()),
             tracks=int(sums.tracks[:, place].sum()),
             recordings=int(np.count_nonzero(sums.rows[:, place])),
-            **{figure: ratio_figure(sums, place, ratio, weights=weights) for figure, ratio in ratios.items()},
+            **{figure: ratio_figure(sums, place, ratio) for figure, ratio in ratios.items()},
         )
         for place, name in enumerate(sums.names)
     }

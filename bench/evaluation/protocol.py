@@ -102,7 +102,7 @@ class RangeMapRules(_Part):
 
 
 class BootstrapRules(_Part):
-    """Draws of the cluster bootstrap."""
+    """Draws of the bootstrap that intervals were taken by; stated by released protocols, of no effect any more."""
 
     draws: Annotated[int, Field(ge=2000)]
     seed: Annotated[int, Field(ge=0)]
@@ -117,7 +117,7 @@ class Protocol(_Part):
     scoring: ScoringRules
     bins: Bins
     range_map: RangeMapRules
-    bootstrap: BootstrapRules
+    bootstrap: BootstrapRules | None = None
 
     @cached_property
     def digest(self) -> str:

@@ -5,27 +5,26 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bench.evaluation.bootstrap import cluster_interval
+from bench.evaluation.intervals import MEAN, RATIO, ratio_interval
 from bench.evaluation.slice_sums import SliceSums
 from bench.evaluation.summary import Figure
-from bench.evaluation.terms import Ratio
+from bench.evaluation.terms import MEANS, Ratio
 
 
-def ratio_figure(sums: SliceSums, place: int, ratio: Ratio, *, weights: NDArray[np.float64]) -> Figure:
+def ratio_figure(sums: SliceSums, place: int, ratio: Ratio) -> Figure:
     """The ratio of two sums over one slice.
 
     Args:
         sums: of a split.
         place: of the slice.
         ratio: names of the terms above and below; none below 0, and where it is 0, so is the one above.
-        weights: (draws, S) float64, from `sequence_weights`.
     """
     numerators, denominators = (sums.terms[name][:, place] for name in ratio)
     cases = float(denominators.sum())
     return Figure(
         value=float(numerators.sum()) / cases if cases else math.nan,
-        ci95=cluster_interval(numerators, denominators, weights=weights),
+        ci95=ratio_interval(numerators, denominators, within=MEAN if ratio[0] in MEANS else RATIO),
         cases=int(cases),
+        recordings=int(np.count_nonzero(denominators)),
     )

@@ -1,8 +1,8 @@
 """The sums behind every figure, by recording: what a gate or a comparison needs to judge a change in pairs.
 
 A summary's figures cannot be compared in pairs, as their sums are gone. A score sheet keeps them, by slice, metric and
-recording, small enough to be committed as a baseline. `paired_change` then resamples whole recordings, with the same
-weights before and after, so that what makes a recording hard cancels out.
+recording, small enough to be committed as a baseline. `paired_change` then leaves whole recordings out, the same
+before and after, so that what makes a recording hard cancels out.
 """
 
 from __future__ import annotations

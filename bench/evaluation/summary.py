@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, PlainSerializer
+from pydantic import BaseModel, BeforeValidator, ConfigDict, PlainSerializer, model_validator
 
 # 0/0 is NaN in memory and null in JSON.
 Ratio = Annotated[
@@ -32,13 +32,23 @@ class Figure(_Part):
 
     Attributes:
         value: a ratio in [0, 1], or a mean; NaN without cases.
-        ci95: 95 % interval by cluster bootstrap over recordings; None where fewer than two of them hold cases.
+        ci95: 95 % interval by recording (`bench.evaluation.intervals`); None where fewer than six of them hold cases.
         cases: what the figure is taken over: object-frames, image-frames, or pixels for the segmentation figures.
+        recordings: that hold cases; None in summaries of older versions, which did not count them. Their intervals
+            promised more than they held (percentile bootstrap, from two recordings on) and are not taken over.
     """
 
     value: Ratio
     ci95: tuple[float, float] | None
     cases: int
+    recordings: int | None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_older_versions(cls, content: object) -> object:
+        if isinstance(content, dict) and "recordings" not in content:
+            return content | {"ci95": None, "recordings": None}
+        return content
 
 
 class ObjectFigures(BaseModel):
@@ -88,6 +98,7 @@ class FalsePositiveFigures(_Part):
 
     Attributes:
         frames: scored image-frames.
+        recordings: that they come from; None in summaries of older versions.
         coverage: mean of FP / (width x height), the paper's "total area of the image".
         coverage_valid: mean of FP / |V|.
         frame_rate: share of frames with a false-positive component larger than the protocol states.
@@ -95,6 +106,7 @@ class FalsePositiveFigures(_Part):
     """
 
     frames: int
+    recordings: int | None = None
     coverage: Figure
     coverage_valid: Figure
     frame_rate: Figure

@@ -31,6 +31,7 @@ SEGMENTATION_RATIOS: dict[str, Ratio] = {
     "recall": ("tp", "tp_fn"),
     "f1": ("twice_tp", "twice_tp_fp_fn"),
 }
+MEANS = frozenset({"components"})  # terms above a ratio that is no share: it may exceed 1
 CAUSE = "cause="  # before the name of a cause; over "fp"
 
 

@@ -7,7 +7,7 @@ the edges of the bins, which exist; beside them stand the least and the most tha
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 import pyarrow as pa
@@ -16,14 +16,12 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 from scipy.special import digamma
 
-from bench.evaluation.bootstrap import percentile_interval, sequence_weights
 from bench.evaluation.columns import Columns
+from bench.evaluation.intervals import FEWEST_RECORDINGS, RATIO, jackknife
 from bench.evaluation.likelihood import OUTSIDE_COLUMN, REFERENCE_COLUMN, histogram_rows
-from bench.evaluation.protocol import Protocol
 from bench.evaluation.summary import Figure, Ratio
 
 RECALL = 19, 20  # 95 % in whole numbers, so that no rounding decides
-DRAWS_AT_ONCE = 256
 COLUMNS = ("recording", REFERENCE_COLUMN, OUTSIDE_COLUMN)
 Histograms = NDArray[np.float64]
 
@@ -48,12 +46,11 @@ class ThresholdFreeFigures(BaseModel):
     images: int
 
 
-def threshold_free_figures(batches: Iterable[pa.RecordBatch], *, protocol: Protocol) -> ThresholdFreeFigures | None:
+def threshold_free_figures(batches: Iterable[pa.RecordBatch]) -> ThresholdFreeFigures | None:
     """Take the figures, one batch of images in memory at a time.
 
     Args:
         batches: of the columns `COLUMNS` of the frames table; the histograms null where there is none.
-        protocol: that the run was made with; it says how often recordings are drawn.
 
     Returns:
         None for a method without a likelihood.
@@ -67,14 +64,12 @@ def threshold_free_figures(batches: Iterable[pa.RecordBatch], *, protocol: Proto
         return None
     of_recording = np.array([sums[name] for name in sorted(sums)], dtype=np.float64)  # (S, 2, BINS)
     positive, negative = of_recording.sum(axis=0)
-    drawn = _drawn(of_recording, protocol)
-    auprc = _average_precision(positive, negative), drawn[0], positive
-    fpr95 = _rate_at_recall(positive, negative), drawn[1], negative
+    fpr95 = _figure(_rate_at_recall, of_recording, cases=int(negative.sum()))
     return ThresholdFreeFigures(
-        auprc=_figure(*auprc),
+        auprc=_figure(_average_precision, of_recording, cases=int(positive.sum())),
         auprc_bounds=_precision_bounds(positive, negative),
-        fpr95=_figure(*fpr95),
-        fpr95_bounds=(float(_rate_at_recall(positive, negative, least=True)), float(fpr95[0])),
+        fpr95=fpr95,
+        fpr95_bounds=(float(_rate_at_recall(positive, negative, least=True)), fpr95.value),
         images=images,
     )
 
@@ -93,24 +88,16 @@ def _sums_by_recording(batches: Iterable[pa.RecordBatch]) -> tuple[dict[str, His
     return sums, images
 
 
-def _drawn(of_recording: Histograms, protocol: Protocol) -> tuple[Histograms, Histograms]:
-    """Both figures on every draw that has any; empty with fewer than two recordings that hold positives."""
-    if np.count_nonzero(of_recording[:, 0].any(axis=1)) < 2:
-        return np.empty(0), np.empty(0)
-    bootstrap = protocol.bootstrap
-    weights = sequence_weights(len(of_recording), draws=bootstrap.draws, seed=bootstrap.seed)
-    figures = []
-    for some in np.array_split(weights, -(-len(weights) // DRAWS_AT_ONCE)):
-        # Whole numbers below 2^53: exact, whatever the order of the sums.
-        positive, negative = (some @ of_recording[:, k] for k in (0, 1))
-        figures.append((_average_precision(positive, negative), _rate_at_recall(positive, negative)))
-    auprc, fpr95 = (np.concatenate(parts) for parts in zip(*figures, strict=True))
-    return auprc[np.isfinite(auprc)], fpr95[np.isfinite(fpr95)]
-
-
-def _figure(value: Histograms, drawn: Histograms, pixels: Histograms) -> Figure:
-    interval = percentile_interval(drawn) if len(drawn) else None
-    return Figure(value=float(value), ci95=interval, cases=int(pixels.sum()))
+def _figure(taken: Callable[[Histograms, Histograms], Histograms], of_recording: Histograms, *, cases: int) -> Figure:
+    """A figure with its interval, from (S, 2, BINS); the recordings that count are those that hold positives."""
+    whole, recordings = of_recording.sum(axis=0), int(np.count_nonzero(of_recording[:, 0].any(axis=1)))
+    value, interval = float(taken(*whole)), None
+    if recordings >= FEWEST_RECORDINGS:
+        without = np.array([taken(*(whole - own)) for own in of_recording])
+        pixels = of_recording.sum(axis=(1, 2))
+        if np.isfinite(without).all():
+            interval = jackknife(value, without, shares=pixels / pixels.sum()).interval(RATIO)
+    return Figure(value=value, ci95=interval, cases=cases, recordings=recordings)
 
 
 def _average_precision(positive: Histograms, negative: Histograms) -> Histograms:

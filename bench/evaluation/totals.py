@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from bench.evaluation.bootstrap import sequence_weights
 from bench.evaluation.frame_figures import false_positive_causes, false_positive_figures, segmentation_figures
 from bench.evaluation.ledger import frame_ledger, object_ledger
 from bench.evaluation.object_figures import object_figures
@@ -26,18 +25,17 @@ def summarise(objects: Rows, frames: Rows, *, protocol: Protocol, rows_at_once: 
 
 
 def figures_of(sums: RunSums, *, protocol: Protocol) -> Summary:
-    """All figures of a run from its sums, over the same resampled recordings."""
-    bootstrap, levels = protocol.bootstrap, protocol.scoring.detection_levels
-    weights = sequence_weights(len(sums.recordings), draws=bootstrap.draws, seed=bootstrap.seed)
-    of_objects = {split: object_figures(part, levels=levels, weights=weights) for split, part in sums.objects.items()}
-    of_frames = {split: false_positive_figures(part, weights=weights) for split, part in sums.frames.items()}
+    """All figures of a run from its sums."""
+    levels = protocol.scoring.detection_levels
+    of_objects = {split: object_figures(part, levels=levels) for split, part in sums.objects.items()}
+    of_frames = {split: false_positive_figures(part) for split, part in sums.frames.items()}
     return Summary(
         protocol=ProtocolStamp(name=protocol.name, version=protocol.version, digest=protocol.digest),
         categories=of_objects.pop(CATEGORY),
         all_moving=of_objects.pop(ALL_MOVING)[ALL_MOVING],
         false_positives=of_frames.pop(FRAMES)[FRAMES],
-        segmentation=segmentation_figures(sums.frames[FRAMES], weights=weights),
-        false_positive_causes=false_positive_causes(sums.frames[FRAMES], weights=weights),
+        segmentation=segmentation_figures(sums.frames[FRAMES]),
+        false_positive_causes=false_positive_causes(sums.frames[FRAMES]),
         breakdowns=of_objects,
         false_positive_breakdowns=of_frames,
         objects=object_ledger(sums.object_ledger),

@@ -1,14 +1,14 @@
 """The gate: is a run as good as the baseline? It reads stored results and says so for people and machines.
 
 A metric fails when it is worse than tolerated, by more than max(absolute, relative * baseline), **and** the 95 %
-interval of the paired change, both runs resampled by the same draws of whole recordings, excludes no change. Worse than
+interval of the paired change, by recording (`bench.evaluation.paired`), excludes no change. Worse than
 tolerated with an interval that includes no change is suspect: it is told and fails nothing. A slice with too few cases
 or recordings is reported, not judged. Before all metrics stand checks that both runs measured the same things: a
 score over fewer objects is not a better score.
 
-A change that touches few of a slice's recordings cannot exclude no change: of n recordings a draw leaves out the k
-touched ones with probability (1 - k/n)^n, which is below 2.5 % only from k = 4 on (k = 3 of at most 8, all of 2 or 3).
-So a data set needs four recordings of whatever the gate shall guard.
+A change that touches few of a slice's recordings cannot exclude no change: where k of n equal recordings change by the
+same, the difference is sqrt(k (n - 1) / (n - k)) standard errors, beyond Student's limit only from k = 4 on. So a data
+set needs at least six recordings of whatever the gate shall guard, and four that show a fault.
 
 Files: `tolerances` (the rules, versioned files), `baseline` (a run reduced to sums, stored), `checks`, `judge` (the
 recipe), `verdict` (what comes out), `wording`, and the forms `terminal_table`, `junit`, `annotations`, `step_summary`,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from bench.gate.verdict import Outcome, Verdict
 from bench.gate.wording import row_text
+from bench.plain_text import plain
 
 MOST = 10
 
@@ -29,8 +30,7 @@ def _error(title: str, message: str) -> str:
 
 
 def _escape(text: str) -> str:
-    # The percent sign first, or the other escapes would be escaped.
-    return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
+    return plain(text).replace("%", "%25")  # what is plain has no line ends, which would be escaped too
 
 
 def _escape_property(text: str) -> str:

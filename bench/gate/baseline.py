@@ -38,6 +38,7 @@ class Origin(FileModel):
         python: version of the interpreter.
         libraries: their versions.
         started_utc: of the run, ISO 8601.
+        unrepeatable: code that nobody else can have again, one line a file.
     """
 
     version: str
@@ -45,6 +46,7 @@ class Origin(FileModel):
     python: str
     libraries: dict[str, str]
     started_utc: str
+    unrepeatable: tuple[str, ...] = ()
 
 
 class ScoredRun(FileModel):
@@ -119,7 +121,8 @@ def write_baseline(run: ScoredRun, file: Path, *, allow_dirty: bool = False) -> 
     """Store a run as the baseline, whole or not at all.
 
     Raises:
-        UsageError: the run has failures, or was made by changed files and `allow_dirty` is not set.
+        UsageError: the run has failures, or was made by code that nobody else can have, changed or untracked or of no
+            distribution, and `allow_dirty` is not set.
     """
     if run.failures:
         count = len(run.failures)
@@ -129,6 +132,13 @@ def write_baseline(run: ScoredRun, file: Path, *, allow_dirty: bool = False) -> 
         raise UsageError(
             f"the run was made by changed files on top of commit {commit[:12]}, which nobody can repeat; "
             "commit them and run again, or say --allow-dirty"
+        )
+    unrepeatable = run.origin.unrepeatable
+    if unrepeatable and not allow_dirty:
+        more = f" and {len(unrepeatable) - 1} more" if len(unrepeatable) > 1 else ""
+        raise UsageError(
+            f"the run was made by code that nobody else can have: {unrepeatable[0]}{more}; "
+            "commit or install it and run again, or say --allow-dirty"
         )
     write_text(file, _text(run.model_dump(mode="json", exclude_defaults=True), depth=0) + "\n")
 
@@ -141,6 +151,7 @@ def _origin(summary: RunSummary) -> Origin:
         python=made.python,
         libraries=made.libraries,
         started_utc=made.started_utc,
+        unrepeatable=made.unrepeatable,
     )
 
 

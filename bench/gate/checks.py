@@ -6,12 +6,15 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from bench.errors import UsageError
 from bench.evaluation.score_sheet import MetricSums
+from bench.evaluation.slices import FRAMES
 from bench.gate.baseline import ScoredRun
 from bench.gate.tolerances import Tolerances
 from bench.gate.verdict import Check, Outcome
 
 # What these are taken over depends on what the method detects; of all others, on the reference alone.
 OVER_DETECTIONS = ("tpr", "iou_detected", "precision", "segmentation_iou")
+COVERAGE = "false_positive_coverage"  # over all scored images
+NO_SUMS = MetricSums(numerators={}, denominators={})
 TOLD = 4  # differences that a message lists
 UNITS = {"object_frames": "object-frames", "annotated": "annotated objects", "evaluated": "scored images"}
 
@@ -41,8 +44,11 @@ def data_checks(baseline: ScoredRun, run: ScoredRun, *, tolerances: Tolerances) 
         _check("metrics", list(_missing(baseline, run)), "in the baseline, but not in the run: {told}"),
         _check(
             "reference_fingerprint",
-            _changed(baseline.reference_fingerprint, run.reference_fingerprint),
-            "reference changed: other objects, polygons or regions; fingerprint {told}",
+            [
+                f"{_other_reference(baseline, run)}; fingerprint {told}"
+                for told in _changed(baseline.reference_fingerprint, run.reference_fingerprint)
+            ],
+            "reference changed: {told}",
         ),
         _check(
             "data_fingerprint",
@@ -56,6 +62,22 @@ def data_checks(baseline: ScoredRun, run: ScoredRun, *, tolerances: Tolerances) 
             "method changed: {told}",
             outcome=Outcome.SUSPECT,
         ),
+    )
+
+
+def _other_reference(baseline: ScoredRun, run: ScoredRun) -> str:
+    """In what the reference is another one: the images that were scored, or what is on them."""
+    were, now = (scored.sheet.slices.get(FRAMES, {}).get(COVERAGE, NO_SUMS) for scored in (baseline, run))
+    names = sorted(were.denominators.keys() | now.denominators.keys())
+    images = [(name, int(now.denominators.get(name, 0)), int(were.denominators.get(name, 0))) for name in names]
+    differing = [found for found in images if found[1] != found[2]]
+    if not differing:
+        return "other objects, polygons or regions"
+    name, is_now, was = differing[0]
+    return (
+        f"other images were scored, {now.cases} where the baseline has {were.cases}, and a gate compares equal ones; "
+        f"they differ in {len(differing)} of {len(names)} recordings, the first {name!r} with {is_now} (was {was}), "
+        "as for a method that needs a longer history"
     )
 
 
@@ -106,6 +128,8 @@ def _method_differences(baseline: ScoredRun, run: ScoredRun) -> Iterator[str]:
     for name in sorted(was.keys() | now.keys()):
         if was.get(name) != now.get(name):
             yield f"{name} = {now.get(name)}, was {was.get(name)}"
+    if None not in (before.identity, after.identity) and before.identity != after.identity:
+        yield f"its code, libraries or files, {str(after.identity)[:12]}, were {str(before.identity)[:12]}"
 
 
 def _flat(settings: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:

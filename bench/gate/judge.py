@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+from bench.evaluation.intervals import FEWEST_RECORDINGS, MEAN_CHANGE, RATIO_CHANGE
+from bench.evaluation.metric_sums import NOT_RATIOS
 from bench.evaluation.score_sheet import MetricSums, PairedChange, paired_change
 from bench.gate.baseline import ScoredRun
 from bench.gate.checks import data_checks, refuse_another_kind
@@ -45,15 +47,14 @@ def judge(baseline: ScoredRun, run: ScoredRun, *, tolerances: Tolerances) -> Ver
 def _judge_metric(baseline: ScoredRun, run: ScoredRun, slice_name: str, metric: str, tolerances: Tolerances) -> Row:
     before = baseline.sheet.slices.get(slice_name, {}).get(metric, NO_SUMS)
     after = run.sheet.slices[slice_name][metric]
-    rules = tolerances.bootstrap
-    change = paired_change(before, after, draws=rules.draws, seed=rules.seed)
+    change = paired_change(before, after, within=MEAN_CHANGE if metric in NOT_RATIOS else RATIO_CHANGE)
     tolerance = tolerances.tolerance(slice_name, metric)
     worsening = tolerance.worsening(change.difference) if tolerance else math.nan
     allowed = tolerance.allowed(change.before) if tolerance else math.nan
 
-    reason = _why_not_judged(baseline, run, slice_name, metric, tolerances) if tolerance else "no tolerance is stated"
-    if tolerance and change.ci95 is None and not reason:
-        reason = "no interval"
+    reason = "no tolerance is stated"
+    if tolerance:
+        reason = _why_not_judged(baseline, run, slice_name, metric, tolerances, recordings=change.recordings)
     outcome = Outcome.NOT_JUDGED if reason or not tolerance else _outcome(change, tolerance, worsening, allowed)
     if outcome is Outcome.SUSPECT:
         reason = "worse than tolerated, but the interval includes no change"
@@ -70,28 +71,29 @@ def _judge_metric(baseline: ScoredRun, run: ScoredRun, slice_name: str, metric: 
 
 
 def _outcome(change: PairedChange, tolerance: Tolerance, worsening: float, allowed: float) -> Outcome:
-    assert change.ci95 is not None, "what is judged has an interval"
-    low, high = sorted(tolerance.worsening(end) for end in change.ci95)
+    # No interval of six recordings or more: none of them changed.
+    low, high = sorted(tolerance.worsening(end) for end in change.ci95 or (0.0, 0.0))
     if worsening > allowed + ROUNDING:
         return Outcome.FAILED if low > 0 else Outcome.SUSPECT
     return Outcome.IMPROVED if worsening < -allowed - ROUNDING and high < 0 else Outcome.PASSED
 
 
-def _why_not_judged(baseline: ScoredRun, run: ScoredRun, slice_name: str, metric: str, tolerances: Tolerances) -> str:
+def _why_not_judged(
+    baseline: ScoredRun, run: ScoredRun, slice_name: str, metric: str, tolerances: Tolerances, *, recordings: int
+) -> str:
     """Why a metric cannot be judged; "" when it can."""
     tolerance = tolerances.tolerance(slice_name, metric)
     if tolerance is not None and not tolerance.judged:
         return "the tolerances say so"
-    found = [scored.sheet.slices.get(slice_name, {}).get(metric) for scored in (baseline, run)]
-    if found[0] is None:
+    if metric not in baseline.sheet.slices.get(slice_name, {}):
         return "not in the baseline"
     cases = min(_cases(scored, slice_name, metric) for scored in (baseline, run))
     if cases < tolerances.min_cases:
         return f"{cases} {'case' if cases == 1 else 'cases'}, {tolerances.min_cases} are needed"
-    recordings = min(len(sums.denominators) for sums in found if sums is not None)
-    if recordings < tolerances.min_recordings:
+    needed = max(tolerances.min_recordings, FEWEST_RECORDINGS)
+    if recordings < needed:
         unit = "recording" if recordings == 1 else "recordings"
-        return f"cases in {recordings} {unit}, {tolerances.min_recordings} are needed"
+        return f"cases of both in {recordings} {unit}, {needed} are needed"
     return ""
 
 

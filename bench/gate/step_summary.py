@@ -6,12 +6,13 @@ from collections.abc import Iterable, Sequence
 
 from bench.gate.verdict import Outcome, Row, Verdict
 from bench.gate.wording import allowed_text, change_text, interval_text, value_text
+from bench.plain_text import escape_markdown
 
 LARGEST_BYTES = 1024 * 1024 - 1  # of the file, whoever wrote into it
 _SPARE_BYTES = 200  # for the line that says how many rows were left out
 _HEADING = (
-    "| | Slice | Metric | Baseline | Run | Change | 95 % | Tolerated | Note |",
-    "|---|---|---|---:|---:|---:|---:|---:|---|",
+    "| | Slice | Metric | Recordings | Baseline | Run | Change | 95 % | Tolerated | Note |",
+    "|---|---|---|---:|---:|---:|---:|---:|---:|---|",
 )
 _MARKS = {
     Outcome.FAILED: "❌ failed",
@@ -54,13 +55,13 @@ def _fitting(sizes: Sequence[int], budget: int) -> int:
 
 
 def _lines(verdict: Verdict) -> Iterable[str]:
-    yield f"## {_cell(verdict.headline)}"
+    yield f"## {escape_markdown(verdict.headline)}"
     yield ""
-    yield f"`{_cell(verdict.method)}` on `{_cell(verdict.dataset)}`, tolerances {_cell(verdict.tolerances)}"
+    yield escape_markdown(f"{verdict.method} on {verdict.dataset}, tolerances {verdict.tolerances}")
     yield ""
     told = [check for check in verdict.checks if check.outcome is not Outcome.PASSED]
     for check in told:
-        yield f"- {_MARKS[check.outcome]}: {_cell(check.message)}"
+        yield f"- {_MARKS[check.outcome]}: {escape_markdown(check.message)}"
     if told:
         yield ""
     yield from _HEADING
@@ -78,6 +79,7 @@ def _row(row: Row) -> str:
         _MARKS[row.outcome],
         row.slice_name,
         metric,
+        str(change.recordings),
         value_text(metric, change.before),
         value_text(metric, change.after),
         change_text(metric, change.difference),
@@ -85,11 +87,4 @@ def _row(row: Row) -> str:
         allowed_text(metric, row.allowed),
         note,
     ]
-    return f"| {' | '.join(_cell(cell) for cell in cells)} |"
-
-
-def _cell(text: str) -> str:
-    one_line = " ".join(text.split())
-    for special in "\\`|*[]":
-        one_line = one_line.replace(special, "\\" + special)
-    return one_line.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    return f"| {' | '.join(escape_markdown(cell) for cell in cells)} |"

@@ -8,9 +8,9 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
+from bench.evaluation.metric_sums import NOT_RATIOS
 from bench.evaluation.slices import ALL_MOVING, FRAMES
 from bench.gate.verdict import Outcome, Row, Verdict
-from bench.gate.wording import NOT_RATIOS
 
 STYLES = {
     Outcome.FAILED: "bold red",
@@ -32,14 +32,14 @@ def to_rich(verdict: Verdict) -> Table:
         show_edge=False,
         title=f"{verdict.method} on {verdict.dataset} against the baseline, tolerances {verdict.tolerances}",
         title_justify="left",
-        caption="Percent and percentage points; components per image.",
+        caption="Recs: recordings with cases of both. Percent and percentage points; components per image.",
         caption_justify="left",
     )
     table.add_column("", no_wrap=True)
     for heading in ("Slice", "Metric"):
         table.add_column(heading, overflow="fold")
-    for heading in ("Base-\nline", "Run", "Change", "95 % of\nthe change", "Toler-\nated"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    for heading in ("Recs", "Base-\nline", "Run", "Change", "95 % of\nthe change", "Toler-\nated"):
+        table.add_column(Text(heading), justify="right", no_wrap=True)
     for outcome in (Outcome.FAILED, Outcome.SUSPECT, Outcome.IMPROVED):
         for row in verdict.rows_with(outcome):
             table.add_row(*_cells(row))
@@ -49,36 +49,37 @@ def to_rich(verdict: Verdict) -> Table:
     return table
 
 
-def check_lines(verdict: Verdict) -> list[Text]:
-    """One line for each check that did not pass."""
+def told_lines(verdict: Verdict) -> list[tuple[str, str]]:
+    """A line and its style for each check that did not pass, then for each reason not to judge."""
     told = [check for check in verdict.checks if check.outcome is not Outcome.PASSED]
-    return [Text(f"{check.outcome}: {check.message}", style=STYLES[check.outcome]) for check in told]
+    lines = [(f"{check.outcome}: {check.message}", STYLES[check.outcome]) for check in told]
+    return lines + [(line, STYLES[Outcome.NOT_JUDGED]) for line in _not_judged_lines(verdict)]
 
 
-def not_judged_lines(verdict: Verdict) -> list[Text]:
-    """One line for each reason not to judge, with the slices that it concerns."""
+def _not_judged_lines(verdict: Verdict) -> list[str]:
+    """Each reason with the slices that it concerns."""
     rows = verdict.rows_with(Outcome.NOT_JUDGED)
     slices: dict[str, dict[str, None]] = {}
     for row in rows:
         slices.setdefault(row.reason, {})[row.slice_name] = None
     count = Counter(row.reason for row in rows)
     return [
-        Text(f"not judged: {count[reason]} metrics, {reason}: {', '.join(names)}", style=STYLES[Outcome.NOT_JUDGED])
-        for reason, names in sorted(slices.items())
+        f"not judged: {count[reason]} metrics, {reason}: {', '.join(names)}" for reason, names in sorted(slices.items())
     ]
 
 
-def _cells(row: Row) -> list[Text]:
+def _cells(row: Row) -> list[str | Text]:
     change, style = row.change, STYLES[row.outcome]
     unit = 1.0 if row.metric in NOT_RATIOS else 100.0
     interval = "" if change.ci95 is None else "{:+.1f} {:+.1f}".format(*(unit * end for end in change.ci95))
     return [
         Text(row.outcome, style=style),
-        Text(row.slice_name),
-        Text(row.metric.replace("false_positive", "fp")),
-        Text(f"{unit * change.before:.1f}"),
-        Text(f"{unit * change.after:.1f}"),
+        row.slice_name,
+        row.metric.replace("false_positive", "fp"),
+        str(change.recordings),
+        f"{unit * change.before:.1f}",
+        f"{unit * change.after:.1f}",
         Text(f"{unit * change.difference:+.1f}", style=style),
-        Text(interval),
-        Text(f"{unit * row.allowed:.1f}"),
+        interval,
+        f"{unit * row.allowed:.1f}",
     ]

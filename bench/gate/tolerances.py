@@ -51,7 +51,7 @@ class Override(FileModel):
 
 
 class BootstrapSettings(FileModel):
-    """Draws of the paired interval."""
+    """Draws of the bootstrap that intervals were taken by; stated by released files, of no effect any more."""
 
     draws: Annotated[int, Field(ge=1000)]
     seed: Annotated[int, Field(ge=0)]
@@ -65,8 +65,9 @@ class Tolerances(FileModel):
         version: of the rules.
         changed_data: whether other bytes of the data, with the same reference, fail or are only reported.
         min_cases: slices with fewer object-frames (image-frames for metrics of images) are not judged.
-        min_recordings: metrics with cases in fewer recordings are not judged.
-        bootstrap: of the paired interval.
+        min_recordings: metrics with cases in fewer recordings are not judged, nor are those under six, which have no
+            interval.
+        bootstrap: of no effect any more; intervals make no draws.
         metrics: by name; a metric that is not here is reported, not judged.
         slices: slice or shell pattern -> metric -> what differs.
     """
@@ -76,7 +77,7 @@ class Tolerances(FileModel):
     changed_data: Literal["fail", "report"]
     min_cases: Annotated[int, Field(ge=1)]
     min_recordings: Annotated[int, Field(ge=2)]
-    bootstrap: BootstrapSettings
+    bootstrap: BootstrapSettings | None = None
     metrics: Annotated[dict[str, Tolerance], Field(min_length=1)]
     slices: dict[str, dict[str, Override]] = Field(default_factory=dict)
 

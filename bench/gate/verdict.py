@@ -98,8 +98,13 @@ class Verdict:
 
     @property
     def passed(self) -> bool:
-        """Nothing failed."""
-        return not self.failed_checks and not self.rows_with(Outcome.FAILED)
+        """Something was judged, and nothing failed."""
+        return self.judged and not self.failed_checks and not self.rows_with(Outcome.FAILED)
+
+    @property
+    def judged(self) -> bool:
+        """A metric was judged, or a check failed: where neither is so, nothing is known of the run."""
+        return bool(self.failed_checks) or any(row.outcome is not Outcome.NOT_JUDGED for row in self.rows)
 
     @property
     def failed_checks(self) -> tuple[Check, ...]:
@@ -117,7 +122,8 @@ class Verdict:
         told = [f"{count} {_plural(outcome)}" for outcome, count in numbers.items() if count]
         if self.failed_checks:
             told.insert(0, f"{len(self.failed_checks)} of {len(self.checks)} checks of the data failed")
-        return f"gate {'passed' if self.passed else 'FAILED'}: {', '.join(told) or 'nothing to compare'}"
+        result = "passed" if self.passed else "FAILED" if self.judged else "WITHOUT A VERDICT"
+        return f"gate {result}: {', '.join(told) or 'nothing to compare'}"
 
 
 def _plural(outcome: Outcome) -> str:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 
+from bench.evaluation.metric_sums import NOT_RATIOS
 from bench.gate.verdict import Outcome, Row
-
-NOT_RATIOS = ("false_positive_components",)
 
 
 def value_text(metric: str, value: float) -> str:

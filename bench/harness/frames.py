@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import overload
+from typing import TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +17,11 @@ from bench.evaluation import Protocol
 from bench.harness.cache.steps import KeptSteps, StepCache
 from bench.harness.reference_itself import ReferenceItself, repeat_reference
 from bench.harness.stages import StageClock
-from bench.methods import Method, MethodInput, Segmentation, UnansweredImage
+from bench.methods import Method, MethodInput, Segmentation, UnansweredImage, ask_method
 from bench.recordings import ImageRef, Recording, frame_gaps, read_image
 from bench.reference import ReferenceBuilder, ReferenceFrame
+
+Scalar = TypeVar("Scalar", bound=np.generic)
 
 
 class UnscorableFrame(Exception):  # noqa: N818 - it is not an error
@@ -50,6 +53,8 @@ class ProcessedFrame:
 class FramePipeline:
     """Processes the images of one camera of a recording; keeps as many images as the method looks back.
 
+    Whatever a method is given is a copy: nothing that it does to it reaches the reference, the cache or later images.
+
     Args:
         recording: the drive.
         camera: name of the camera.
@@ -78,6 +83,7 @@ class FramePipeline:
         self._reads_images = getattr(method, "reads_images", True)
         self._gaps = {gap.index: gap for gap in frame_gaps(recording, camera)}
         self._held: dict[int, NDArray[np.uint8]] = {}
+        self._camera_given, self._road_given = deepcopy((self.camera.model, self.camera.road))
 
     def process(self, index: int) -> ProcessedFrame:
         """Process the image of an index, at least `method.history` from the start.
@@ -87,12 +93,12 @@ class FramePipeline:
             UnscorableFrame: the images before it are missing, or the method has nothing to say.
         """
         given = self.method_input(index)
-        segmentation = None if isinstance(self._method, ReferenceItself) else self._answer(given)
-        self.refuse_damaged(given)
-        with self._clock.stage("reference"):
-            reference = self._reference(self.images[index])
-        if segmentation is None:
+        if isinstance(self._method, ReferenceItself):
+            reference = self._reference(index, given)
             segmentation = repeat_reference(reference)
+        else:
+            segmentation = self._answer(given)
+            reference = self._reference(index, given)
         return ProcessedFrame(image=self.images[index], given=given, segmentation=segmentation, reference=reference)
 
     def refuse_damaged(self, given: MethodInput) -> None:
@@ -106,13 +112,17 @@ class FramePipeline:
         if self._reads_images and not (isinstance(given.kept, KeptSteps) and given.kept.vouched):
             tuple(given.images)
 
-    def _reference(self, image: ImageRef) -> ReferenceFrame:
-        return self.references.build(image) if self._steps is None else self._steps.reference(self.references, image)
+    def _reference(self, index: int, given: MethodInput) -> ReferenceFrame:
+        self.refuse_damaged(given)
+        with self._clock.stage("reference"):
+            if self._steps is None:
+                return self.references.build(self.images[index])
+            return self._steps.reference(self.references, self.images[index])
 
     def _answer(self, given: MethodInput) -> Segmentation:
         with self._clock.stage("method"):
             try:
-                return self._method.segment(given)
+                return ask_method(self._method, given)
             except UnansweredImage as reason:
                 raise UnscorableFrame(str(reason)) from reason
 
@@ -127,7 +137,7 @@ class FramePipeline:
                     f"before it, where {self.recording.frame_interval_ns / 1e6:.1f} ms are due"
                 )
         first = self._oldest(first)
-        images: Sequence[NDArray[np.uint8]] = _ImagesOnDemand(range(first, index + 1), self._pixels)
+        images: Sequence[NDArray[np.uint8]] = _ImagesOnDemand(range(first, index + 1), self._copied)
         if self._reads_images and self._steps is None:
             images = tuple(images)
         self._held = {i: pixels for i, pixels in self._held.items() if i >= first}
@@ -146,10 +156,10 @@ class FramePipeline:
         given = MethodInput(
             images=images,
             timestamps_ns=times_ns,
-            camera=self.camera.model,
-            road=self.camera.road,
+            camera=self._camera_given,
+            road=self._road_given,
             current_from_previous=motions,
-            valid=self.references.valid,
+            valid=_read_only_copy(self.references.valid),
             recording=self.recording.name,
             camera_name=self.camera.name,
         )
@@ -175,6 +185,15 @@ class FramePipeline:
             with self._clock.stage("decode"):
                 self._held[index] = read_image(self.images[index], self.camera, colour=self._method.colour)
         return self._held[index]
+
+    def _copied(self, index: int) -> NDArray[np.uint8]:
+        return _read_only_copy(self._pixels(index))
+
+
+def _read_only_copy(array: NDArray[Scalar]) -> NDArray[Scalar]:
+    copy = array.copy()
+    copy.flags.writeable = False
+    return copy
 
 
 class _ImagesOnDemand(Sequence[NDArray[np.uint8]]):

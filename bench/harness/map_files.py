@@ -6,6 +6,7 @@ import io
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import BinaryIO
 from zipfile import BadZipFile
 
 import numpy as np
@@ -32,17 +33,21 @@ def image_maps_bytes(maps: Sequence[ImageMap]) -> bytes:
     return content.getvalue()
 
 
-def load_image_maps(file: Path) -> tuple[ImageMap, ...]:
+def load_image_maps(file: Path, content: BinaryIO | None = None) -> tuple[ImageMap, ...]:
     """Read what `write_image_maps` wrote.
+
+    Args:
+        file: that holds it.
+        content: the `.npz`, where it is a part of that file; None to read the file.
 
     Raises:
         DataError: missing or damaged.
     """
     try:
-        with np.load(file, allow_pickle=False) as content:
-            index = json.loads(str(content["index"]))
+        with np.load(file if content is None else content, allow_pickle=False) as stored:
+            index = json.loads(str(stored["index"]))
             return tuple(
-                ImageMap(**{name: entry[name] for name in _WORDS}, **{g: content[f"{number}.{g}"] for g in _GRIDS})
+                ImageMap(**{name: entry[name] for name in _WORDS}, **{g: stored[f"{number}.{g}"] for g in _GRIDS})
                 for number, entry in enumerate(index)
             )
     except FileNotFoundError as error:

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
 from bench.errors import DataError
-from bench.evaluation import Protocol, summarise
+from bench.evaluation import Protocol, load_protocol, summarise
 from bench.harness.provenance import Provenance, Work
-from bench.harness.run_folder import prepare_run_folder
+from bench.harness.run_folder import PROTOCOL, Experiment, claim, held_run_folder, new_results
 from bench.harness.shards import ShardReport, read_shards
 from bench.harness.stored import (
     IMAGE_MAPS,
-    PREDICTIONS,
     SCHEMA_VERSION,
     RunSummary,
     read_threshold_free,
@@ -23,62 +22,74 @@ from bench.harness.stored import (
     write_summary,
 )
 from bench.harness.stored_rows import open_tables
+from bench.harness.unit_files import FOLDER as UNITS
 from bench.harness.unit_files import UnitFolder
 from bench.harness.units import Unit
 from bench.recordings.locking import alone_in
 
-RESULTS = ("summary.json", "objects.parquet", "frames.parquet", IMAGE_MAPS, PREDICTIONS)
+Finish = Callable[[Path, RunSummary], None]
 
 
-def clear_results(run: Path) -> None:
-    """Remove what is of a whole run; its units stay."""
-    for file in RESULTS:
-        (run / file).unlink(missing_ok=True)
-
-
-def merge_shards(out: Path, shards: Sequence[Path], *, protocol: Protocol) -> RunSummary:
-    """Make one run of parts that nobody works at any more; see `combine_parts`.
-
-    Raises:
-        DataError: as `combine_parts`, or a folder is in use, or `out` holds something that is no run.
-    """
-    prepare_run_folder(out)
-    others = {folder.resolve(): folder for folder in shards if folder.resolve() != out.resolve() and folder.is_dir()}
-    with ExitStack() as held:
-        held.enter_context(alone_in(out, wait=False))
-        for folder in others.values():
-            held.enter_context(alone_in(folder, wait=False))
-        return combine_parts(out, shards, protocol=protocol)
-
-
-def combine_parts(out: Path, shards: Sequence[Path], *, protocol: Protocol) -> RunSummary:
-    """Reduce the parts of a run to its tables and its summary; the caller holds the folders.
+def merge_shards(
+    out: Path, parts: Sequence[Path], *, overwrite: bool = False, finish: Finish | None = None
+) -> RunSummary:
+    """Make one run of parts that nobody works at any more.
 
     Args:
         out: folder of the run.
-        shards: folders that hold the parts; `out` may be one of them, or the only one.
+        parts: folders that hold the parts; `out` may be one of them, or the only one.
+        overwrite: replace the run of another experiment in `out`.
+        finish: see `run_benchmark`.
+
+    Raises:
+        DataError: parts are missing, damaged or of different runs, nothing could be used, a folder is in use, or `out`
+            holds something that is no run, or a run of another experiment.
+    """
+    others = {folder.resolve(): folder for folder in parts if folder.resolve() != out.resolve() and folder.is_dir()}
+    with ExitStack() as held:
+        held.enter_context(held_run_folder(out))
+        for folder in others.values():
+            held.enter_context(alone_in(folder, wait=False))
+        folder, report = read_shards(parts)[0]
+        protocol = load_protocol(folder / UNITS / PROTOCOL)
+        experiment = Experiment.of_parts(report.stamp, protocol)
+        claim(out, experiment, protocol, overwrite=overwrite)
+        with new_results(out) as results:
+            summary = combine_parts(results, parts, run=out, protocol=protocol)
+            if finish is not None:
+                finish(results, summary)
+        return summary
+
+
+def combine_parts(results: Path, parts: Sequence[Path], *, run: Path, protocol: Protocol) -> RunSummary:
+    """Reduce the parts of a run to its tables and its summary; the caller holds the folders.
+
+    Args:
+        results: folder that they are written into.
+        parts: folders that hold the parts; `run` may be one of them, or the only one.
+        run: folder of the run, in whose units those of all parts are brought together.
         protocol: the rules by which they were scored.
 
     Raises:
         DataError: parts are missing, of different runs or damaged, or nothing could be used.
     """
-    found = read_shards(shards)
+    found = read_shards(parts)
     reports = [report for _, report in found]
     first = reports[0]
     if first.stamp.protocol_digest != protocol.digest:
         wanted, do = first.stamp.protocol_digest[:12], "score all parts again, by one protocol"
-        raise DataError(out, field="protocol", wanted=wanted, came=protocol.digest[:12], do=do)
-    units = _collected(found, out)
+        raise DataError(run, field="protocol", wanted=wanted, came=protocol.digest[:12], do=do)
+    units = _collected(found, run)
     failures = list(first.recording_failures) + [failure for report in reports for failure in report.unit_failures]
     if not units:
         raise DataError(
             first.stamp.card, wanted="a recording that can be used", came="; ".join(failures) or "no image to score"
         )
-    stored = UnitFolder(out)
-    stored.join(units, out, maps_name=IMAGE_MAPS)
-    objects, frames = open_tables(out)
+    stored = UnitFolder(run)
+    stored.join(units, results, maps_name=IMAGE_MAPS)
+    objects, frames = open_tables(results)
     figures = summarise(objects, frames, protocol=protocol)
-    write_protocol(out, protocol)
+    write_protocol(results, protocol)
     summary = RunSummary(
         **{name: getattr(figures, name) for name in type(figures).model_fields},
         schema_version=SCHEMA_VERSION,
@@ -91,9 +102,9 @@ def combine_parts(out: Path, shards: Sequence[Path], *, protocol: Protocol) -> R
         vehicle_outline_m=first.vehicle_outline_m,
         failures=(*failures, *stored.problems(units)),
         caveats=first.stamp.caveats,
-        threshold_free=read_threshold_free(out, protocol),
+        threshold_free=read_threshold_free(results),
     )
-    write_summary(out, summary)
+    write_summary(results, summary)
     return summary
 
 
@@ -115,7 +126,7 @@ def _collected(found: Sequence[tuple[Path, ShardReport]], out: Path) -> list[Uni
                 do = "score the part again; a later run has written into its folder"
                 raise DataError(folder, field=f"unit {entry.unit}", wanted=entry.key[:12], came=status.key[:12], do=do)
             if folder.resolve() != out.resolve():
-                UnitFolder(out).store(entry.unit, stored.files(entry.unit))
+                UnitFolder(out).store(entry.unit, stored.file(entry.unit).read_bytes())
             units.append(entry.unit)
     counted = sum(len(report.units) for _, report in found)
     if counted != found[0][1].units_of_run:
@@ -142,6 +153,7 @@ def _together(parts: Sequence[Provenance], *, images: int) -> Provenance:
             "stage_seconds": {name: round(seconds, 3) for name, seconds in sorted(stages.items())},
             "images": images,
             "peak_memory_mb": max(part.peak_memory_mb for part in parts),
+            "unrepeatable": tuple(dict.fromkeys(line for part in parts for line in part.unrepeatable)),
             "work": Work(
                 workers=sum(work.workers for work in works),
                 units_computed=sum(work.units_computed for work in works),

@@ -1,10 +1,11 @@
-"""Which method made a result."""
+"""Which method made a result, in words and digests: nothing of it is ever imported or called."""
 
 from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict
 
-from bench.methods import Method, build_method, known_methods
+from bench.harness.keys import MethodIdentity
+from bench.methods import Method, known_methods
 
 
 class MethodStamp(BaseModel):
@@ -13,7 +14,10 @@ class MethodStamp(BaseModel):
     Attributes:
         name: its own.
         settings: every parameter.
-        place: "module:Class", by which a method is found that no registry knows; None in runs of older versions.
+        place: "module:Class" of its class; told, and never imported from here. None in runs of older versions.
+        history: images that it needs before the one that it segments; None in runs of older versions.
+        identity: SHA-256 over its own code, the libraries that this imports and the files that it reads; None in runs
+            of older versions, and where nobody took it.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -21,23 +25,21 @@ class MethodStamp(BaseModel):
     name: str
     settings: dict[str, object]
     place: str | None = None
+    history: int | None = None
+    identity: str | None = None
 
     @classmethod
-    def of(cls, method: Method) -> MethodStamp:
+    def of(cls, method: Method, identity: MethodIdentity) -> MethodStamp:
         """The stamp of a method."""
-        kind = type(method)
-        return cls(name=method.name, settings=method.settings(), place=f"{kind.__module__}:{kind.__qualname__}")
+        return cls(
+            name=method.name,
+            settings=method.settings(),
+            place=identity.place,
+            history=method.history,
+            identity=identity.digest,
+        )
 
     @property
     def called(self) -> str:
         """What `--method` takes for it."""
         return self.name if self.place in {None, known_methods().get(self.name)} else str(self.place)
-
-    def build(self) -> Method:
-        """The method again, to look at single frames.
-
-        Raises:
-            UnknownNameError: neither the registry nor the place knows it.
-            UsageError: it does not take its own settings.
-        """
-        return build_method(self.called, self.settings)

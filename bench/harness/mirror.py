@@ -11,14 +11,14 @@ class RunMirror:
     """What a run tells of its progress; this mirror keeps nothing."""
 
     def begin(self, *, parts: int) -> None:
-        """A run, or a part of one, begins; what is of an older one goes.
+        """A run, or a part of one, begins; brings what tells which experiment is there already.
 
         Args:
             parts: of the run; reports of other parts of as many stay, but for a run in one piece.
         """
 
     def bring(self, units: Iterable[Unit]) -> None:
-        """Bring stored units into the run's folder, before it is seen which are there."""
+        """The run may write: bring stored units into its folder, before it is seen which are there."""
 
     def keep_only(self, units: Iterable[Unit]) -> None:
         """Units of others go."""

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict
 from bench.errors import DataError
 from bench.evaluation import Protocol
 from bench.harness.cache import CacheFolder
+from bench.harness.merge import Finish
 from bench.harness.mirror import NOWHERE, RunMirror
 from bench.harness.progress import Progress
 from bench.harness.run import run_benchmark
@@ -130,6 +131,8 @@ def evaluate_predictions(
     cache: CacheFolder | None = None,
     progress: Progress | None = None,
     mirror: RunMirror = NOWHERE,
+    overwrite: bool = False,
+    finish: Finish | None = None,
 ) -> RunSummary:
     """Score predictions and store the run, with the report as `predictions.json` in it.
 
@@ -144,11 +147,19 @@ def evaluate_predictions(
         cache: where steps are kept; None to keep nothing.
         progress: called with the images done and their number.
         mirror: where else the run is kept.
+        overwrite: replace the run of another experiment in `out`.
+        finish: see `run_benchmark`.
 
     Raises:
         DataError: the data set is not there, nothing of it could be used, or `out` holds something that is no run.
     """
-    summary = run_benchmark(
+
+    def finished(results: Path, summary: RunSummary) -> None:
+        write_report(results / PREDICTIONS, report)
+        if finish is not None:
+            finish(results, summary)
+
+    return run_benchmark(
         card,
         method=method,
         protocol=protocol,
@@ -159,10 +170,9 @@ def evaluate_predictions(
         cache=cache,
         progress=progress,
         mirror=mirror,
+        overwrite=overwrite,
+        finish=finished,
     )
-    write_report(out / PREDICTIONS, report)
-    mirror.keep_rest()
-    return summary
 
 
 def write_report(file: Path, report: PredictionReport) -> None:

@@ -6,9 +6,11 @@ import hashlib
 import platform
 import subprocess
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from importlib.metadata import version
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from time import perf_counter
 
@@ -17,7 +19,8 @@ from pydantic import BaseModel, ConfigDict
 import bench
 from bench.recordings import Recording
 
-LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "shapely", "pandas", "pyarrow")
+FIGURE_LIBRARIES = ("numpy", "scipy", "numba", "opencv-python-headless", "shapely", "pandas", "pyarrow")
+READER_LIBRARIES = ("kornia-rs", "isal", "laspy", "lazrs", "open3d", "open3d-cpu", "rosbags", "lz4", "backports.zstd")
 
 
 class Work(BaseModel):
@@ -57,6 +60,7 @@ class Provenance(BaseModel):
         images: scored images.
         peak_memory_mb: largest resident size of a process.
         work: what had to be computed; None in runs of older versions, and where nothing is told.
+        unrepeatable: code that nobody else can have again, one line a file; see `code_state`.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -72,6 +76,7 @@ class Provenance(BaseModel):
     images: int
     peak_memory_mb: float
     work: Work | None = None
+    unrepeatable: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,6 +105,7 @@ def provenance_since(
     images: int,
     work: Work | None = None,
     peak_memory_mb: float | None = None,
+    unrepeatable: tuple[str, ...] = (),
 ) -> Provenance:
     """The provenance of work that ends now.
 
@@ -110,6 +116,7 @@ def provenance_since(
         images: that were scored.
         work: what had to be computed.
         peak_memory_mb: of the largest process; None for this one.
+        unrepeatable: code that nobody else can have again.
     """
     return Provenance(
         version=bench.__version__,
@@ -123,12 +130,22 @@ def provenance_since(
         images=images,
         peak_memory_mb=round(largest_resident_mb() if peak_memory_mb is None else peak_memory_mb, 1),
         work=work,
+        unrepeatable=unrepeatable,
     )
 
 
 def library_versions() -> dict[str, str]:
-    """Versions of the libraries that decide figures."""
-    return {name: version(name) for name in LIBRARIES}
+    """Versions of the libraries that decide figures: those that compute them, and those that decode what is read."""
+    return dict(_library_versions())
+
+
+@cache
+def _library_versions() -> tuple[tuple[str, str], ...]:
+    found = [(name, version(name)) for name in FIGURE_LIBRARIES]
+    for name in READER_LIBRARIES:  # which of them there are depends on the platform and the interpreter
+        with suppress(PackageNotFoundError):
+            found.append((name, version(name)))
+    return tuple(found)
 
 
 def package_commit() -> str | None:

@@ -12,11 +12,14 @@ from pathlib import Path
 from bench.evaluation import Protocol
 from bench.harness import provenance as origin
 from bench.harness.cache import CacheFolder
-from bench.harness.merge import clear_results, combine_parts
+from bench.harness.code_state import unrepeatable_code
+from bench.harness.keys import MethodIdentity, code_digest, digest_of
+from bench.harness.keys.code import UNIT_CODE
+from bench.harness.merge import Finish, combine_parts
 from bench.harness.method_stamp import MethodStamp
 from bench.harness.mirror import NOWHERE, RunMirror
 from bench.harness.progress import Progress
-from bench.harness.run_folder import prepare_run_folder
+from bench.harness.run_folder import Experiment, claim, held_run_folder, new_results
 from bench.harness.shards import (
     SCHEMA_VERSION,
     WHOLE,
@@ -28,14 +31,13 @@ from bench.harness.shards import (
     write_shard,
 )
 from bench.harness.stages import StageClock
-from bench.harness.stored import RunSummary, write_protocol
+from bench.harness.stored import RunSummary
 from bench.harness.unit_files import UnitFolder
 from bench.harness.units import Unit
 from bench.harness.work import PlannedRecording, RunSpec, ScoredUnit, UnitTask, plan_recording, score_unit
 from bench.methods import Method
 from bench.parallel import Lost, Place, in_turn, staying
 from bench.recordings import DatasetCard, RecordingHandle, open_dataset
-from bench.recordings.locking import alone_in
 
 
 def run_benchmark(
@@ -45,54 +47,65 @@ def run_benchmark(
     protocol: Protocol,
     out: Path,
     split: str | None = None,
+    overwrite: bool = False,
     place: Place = in_turn,
     workers: int = 1,
     cache: CacheFolder | None = None,
     progress: Progress | None = None,
     mirror: RunMirror = NOWHERE,
+    finish: Finish | None = None,
 ) -> RunSummary:
     """Score a method on a data set and store the run.
 
     Units that are stored in `out`, by this or an interrupted run, are not computed again if all that they depend on is
-    the same: protocol, method, settings, code, and the content of the files that they read.
+    the same: protocol, method, settings, code, and the content of the files that they read. The results of an older
+    run in `out` stay as they are until all of the new ones take their place at once.
 
     Args:
         card: the data set.
         method: to be scored.
         protocol: the rules.
-        out: folder of the run; an older run in it is replaced.
+        out: folder of the run.
         split: of the data set; None for all of it.
+        overwrite: replace the run of another experiment in `out`.
         place: computes the units; what comes out does not depend on it.
         workers: of that place, to be told in the provenance.
         cache: where flow, likelihood and reference are kept for other runs; None to keep nothing.
         progress: called with the images done and their number.
         mirror: where else the run is kept.
+        finish: called with the folder of the new results, before they take their place, and the summary; writes what
+            else belongs to them, for example tables and pictures.
 
     Returns:
         The summary, also stored as `summary.json`. Recordings, units and images that could not be used are listed
         in `failures`; the figures are of the rest.
 
     Raises:
-        DataError: the data set is not there, nothing of it could be used, `out` holds something that is no run or is
-            in use by another one, or there is no room for the results.
+        DataError: the data set is not there, nothing of it could be used, `out` holds another experiment or something
+            that is no run or is in use by another one, or there is no room for the results.
     """
-    prepare_run_folder(out)
-    with alone_in(out, wait=False):
-        remove_shards(out)
-        clear_results(out)
+    handles = open_dataset(card, split)
+    experiment = Experiment.of(dataset=card.name, split=split, method=method, protocol=protocol)
+    with held_run_folder(out):
         mirror.begin(parts=WHOLE.count)
-        work = _Work(
-            card=card,
-            method=method,
-            protocol=protocol,
-            out=out,
-            split=split,
-            shard=WHOLE,
-            workers=workers,
-            mirror=mirror,
-        )
-        work.run(place, cache, progress)
-        summary = combine_parts(out, [out], protocol=protocol)
+        claim(out, experiment, protocol, overwrite=overwrite)
+        with new_results(out) as results:
+            remove_shards(out)
+            work = _Work(
+                card=card,
+                handles=handles,
+                method=method,
+                protocol=protocol,
+                out=out,
+                split=split,
+                shard=WHOLE,
+                workers=workers,
+                mirror=mirror,
+            )
+            work.run(place, cache, progress)
+            summary = combine_parts(results, [out], run=out, protocol=protocol)
+            if finish is not None:
+                finish(results, summary)
         mirror.keep_rest()
         return summary
 
@@ -105,6 +118,7 @@ def run_shard(
     out: Path,
     shard: Shard,
     split: str | None = None,
+    overwrite: bool = False,
     place: Place = in_turn,
     workers: int = 1,
     cache: CacheFolder | None = None,
@@ -118,13 +132,15 @@ def run_shard(
     Raises:
         DataError: as `run_benchmark`, but for a part of which nothing could be used.
     """
-    prepare_run_folder(out)
-    with alone_in(out, shared=True, wait=False):
-        remove_shards(out, but_of=shard.count)
-        clear_results(out)
+    handles = open_dataset(card, split)
+    experiment = Experiment.of(dataset=card.name, split=split, method=method, protocol=protocol)
+    with held_run_folder(out, shared=True):
         mirror.begin(parts=shard.count)
+        claim(out, experiment, protocol, overwrite=overwrite)
+        remove_shards(out, but_of=shard.count)
         work = _Work(
             card=card,
+            handles=handles,
             method=method,
             protocol=protocol,
             out=out,
@@ -143,6 +159,7 @@ class _Work:
     """What piles up while a part of a run goes on."""
 
     card: DatasetCard
+    handles: Sequence[RecordingHandle]
     method: Method
     protocol: Protocol
     out: Path
@@ -154,22 +171,24 @@ class _Work:
     clock: StageClock = field(default_factory=StageClock)
     keys: dict[Unit, str] = field(default_factory=dict)
     failures: dict[Unit, str] = field(default_factory=dict)
+    identity: MethodIdentity = field(init=False)
     reused: int = 0
     images_computed: int = 0
     found: Counter[str] = field(default_factory=Counter)
     computed: Counter[str] = field(default_factory=Counter)
     peak_memory_mb: float = 0.0
 
+    def __post_init__(self) -> None:
+        self.identity = MethodIdentity.of(self.method)
+
     def run(self, place: Place, cache: CacheFolder | None, progress: Progress | None) -> ShardReport:
         """Plan, score, store."""
-        handles = open_dataset(self.card, self.split)
         if cache is not None:
             cache.prepare()
-        write_protocol(self.out, self.protocol)
         (self.out / "shards" / self.shard.file).unlink(missing_ok=True)
-        spec = RunSpec(method=self.method, protocol=self.protocol, cache=cache)
+        spec = RunSpec(method=self.method, identity=self.identity, protocol=self.protocol, cache=cache)
         with staying(place):
-            planned = self._plan(spec, handles, place)
+            planned = self._plan(spec, self.handles, place)
             units = [unit for recording in planned for unit in recording.units]
             part = self.shard.part(units)
             stored = UnitFolder(self.out)
@@ -177,7 +196,7 @@ class _Work:
                 stored.keep_only(units)
                 self.mirror.keep_only(units)
             self.mirror.bring(part)
-            self._score(spec, handles, part, stored, place, progress)
+            self._score(spec, self.handles, part, stored, place, progress)
         if cache is not None:
             cache.make_room()
         report = self._report(planned, units, part)
@@ -233,13 +252,13 @@ class _Work:
             self.failures[unit] = scored.failure
             return
         self.keys[unit] = scored.key
-        if scored.files is None:
+        if scored.content is None:
             self.reused += 1
             self.mirror.keep(unit, anew=False)
             return
         self.images_computed += unit.stop - unit.start
         with self.clock.stage("store"):
-            stored.store(unit, scored.files)
+            stored.store(unit, scored.content)
             self.mirror.keep(unit, anew=True)
 
     def _report(self, planned: Sequence[PlannedRecording], units: Sequence[Unit], part: Sequence[Unit]) -> ShardReport:
@@ -257,8 +276,10 @@ class _Work:
             stamp=RunStamp(
                 dataset=self.card.name,
                 card=str(self.card.file),
+                data=digest_of(sorted(recording.content for recording in planned if recording.content is not None)),
                 split=self.split,
-                method=MethodStamp.of(self.method),
+                method=MethodStamp.of(self.method, self.identity),
+                code=code_digest(UNIT_CODE),
                 protocol_digest=self.protocol.digest,
                 caveats=self.card.content.caveats,
             ),
@@ -283,10 +304,13 @@ class _Work:
                 images=0,
                 work=work,
                 peak_memory_mb=max(self.peak_memory_mb, origin.largest_resident_mb()),
+                unrepeatable=unrepeatable_code(self.identity),
             ),
         )
 
 
 def _never_opened(handle: RecordingHandle, lost: Lost) -> PlannedRecording:
     failure = f"recording {handle.name!r}: it could not be opened: {lost.reason}"
-    return PlannedRecording(units=(), fingerprint=None, vehicle_outline_m=(), failure=failure, seconds=0.0)
+    return PlannedRecording(
+        units=(), fingerprint=None, content=None, vehicle_outline_m=(), failure=failure, seconds=0.0
+    )

@@ -15,7 +15,7 @@ from bench.harness.units import Unit
 from bench.recordings import write_text
 
 FOLDER = "shards"
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,9 +70,12 @@ class RunStamp(BaseModel):
 
     Attributes:
         dataset: name of the data set.
-        card: file of its card, as it was named.
+        card: file of its card, as it was named; it may be named in several ways.
+        data: digest of calibration, ego-motion and annotations of all recordings, and of names and sizes of images and
+            sweeps; the content of these is part of each unit's key.
         split: of it; None for all.
-        method: that is scored.
+        method: that is scored, with the identity of its code and files.
+        code: digest of this package's code, of Python's version and of the libraries that decide figures.
         protocol_digest: of the rules.
         caveats: of the data set's card.
     """
@@ -81,10 +84,30 @@ class RunStamp(BaseModel):
 
     dataset: str
     card: str
+    data: str
     split: str | None
     method: MethodStamp
+    code: str
     protocol_digest: str
     caveats: str
+
+    def difference(self, other: RunStamp) -> str:
+        """What another part is of that this one is not, in words; empty where both are of one run."""
+        words = {
+            "dataset": "another data set",
+            "split": "another split",
+            "data": "other data: recordings, calibration, ego-motion or annotations",
+            "protocol_digest": "another protocol",
+            "code": "other code of fisheye-bench, another Python or other libraries",
+            "caveats": "other caveats of the data set",
+        }
+        found = [told for name, told in words.items() if getattr(self, name) != getattr(other, name)]
+        one, two = self.method, other.method
+        if (one.name, one.settings) != (two.name, two.settings):
+            found.append(f"another method or other settings ({two.name})")
+        elif one != two:
+            found.append(f"other code, libraries or files of the method {two.name!r}")
+        return ", ".join(found)
 
 
 class ShardedUnit(BaseModel):
@@ -179,9 +202,12 @@ def read_shards(runs: Sequence[Path]) -> list[tuple[Path, ShardReport]]:
     found = [(files[shard.file].parent.parent, read_shard(files[shard.file])) for shard in expected]
     first = found[0][1]
     for shard, (folder, report) in zip(expected, found, strict=True):
-        if (report.stamp, report.units_of_run) != (first.stamp, first.units_of_run):
-            came = f"part {shard} of another data set, method, protocol or state of the data"
-            raise DataError(folder, wanted="parts of one run", came=came, do="score that part again")
+        difference = first.stamp.difference(report.stamp)
+        if not difference and report.units_of_run != first.units_of_run:
+            difference = f"{report.units_of_run} units in all parts, not {first.units_of_run}"
+        if difference:
+            came, do = f"part {shard} with {difference}", "score all parts again with the same of everything"
+            raise DataError(folder, wanted=f"parts of one run, as part {expected[0]}", came=came, do=do)
     return found
 
 

@@ -98,14 +98,14 @@ def read_tables(run: Path, *, histograms: bool = True) -> tuple[pa.Table, pa.Tab
     return objects.table(), frames.table(unread=frozenset() if histograms else HISTOGRAMS)
 
 
-def read_threshold_free(run: Path, protocol: Protocol) -> ThresholdFreeFigures | None:
+def read_threshold_free(run: Path) -> ThresholdFreeFigures | None:
     """Take the threshold-free figures of a run from its frames, some hundred of them in memory at a time.
 
     Raises:
         DataError: the frames are missing or damaged.
     """
     _, frames = open_tables(run)
-    return threshold_free_figures(frames.batches(THRESHOLD_FREE_COLUMNS, rows=BATCH_IMAGES), protocol=protocol)
+    return threshold_free_figures(frames.batches(THRESHOLD_FREE_COLUMNS, rows=BATCH_IMAGES))
 
 
 def read_image_maps(run: Path) -> dict[str, ImageMap]:

@@ -11,6 +11,7 @@ from bench.errors import BenchError
 from bench.evaluation import ImageMap, Protocol, SequenceScorer
 from bench.harness.cache import StepCache
 from bench.harness.frames import FramePipeline, UnscorableFrame
+from bench.harness.masks import MASKS_SCHEMA, mask_row
 from bench.harness.stages import StageClock
 from bench.harness.units import Unit
 from bench.methods import Method
@@ -24,12 +25,14 @@ class UnitTables:
     Attributes:
         objects: rows of `OBJECTS_SCHEMA`.
         frames: rows of `FRAMES_SCHEMA`, one per image of the unit.
+        masks: rows of `MASKS_SCHEMA`, one per scored image.
         image_map: sums over its scored images; None without any.
         problems: one line per image that could not be used.
     """
 
     objects: pa.Table
     frames: pa.Table
+    masks: pa.Table
     image_map: ImageMap | None
     problems: tuple[str, ...]
 
@@ -56,6 +59,7 @@ def run_unit(
     pipeline = FramePipeline(recording, unit.camera, method=method, protocol=protocol, clock=clock, steps=steps)
     scorer = SequenceScorer(protocol)
     problems: list[str] = []
+    masks: list[dict[str, object]] = []
 
     def leave_out(index: int, status: Literal["failed", "skipped"], problem: str) -> None:
         scorer.leave_out(
@@ -78,6 +82,21 @@ def run_unit(
         else:
             with clock.stage("counts"):
                 scorer.add(processed.reference, processed.segmentation)
+            with clock.stage("store"):
+                masks.append(
+                    mask_row(
+                        processed.segmentation,
+                        recording=unit.recording,
+                        camera=unit.camera,
+                        timestamp_ns=processed.image.timestamp_ns,
+                    )
+                )
     with clock.stage("counts"):
         objects, frames = scorer.finish()
-    return UnitTables(objects=objects, frames=frames, image_map=scorer.image_map(), problems=tuple(problems))
+    return UnitTables(
+        objects=objects,
+        frames=frames,
+        masks=pa.Table.from_pylist(masks, schema=MASKS_SCHEMA),
+        image_map=scorer.image_map(),
+        problems=tuple(problems),
+    )

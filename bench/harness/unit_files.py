@@ -1,9 +1,7 @@
-"""The files of the units of a run: each unit's counts, its key, and digests by which damage is found.
+"""The results of units on disk: one file each, there whole or not at all.
 
-```
-<run>/units/<recording>-<camera>-<start>.{objects,frames}.parquet, .maps.npz    counts; no maps without a scored image
-<run>/units/<recording>-<camera>-<start>.json                                   status, written last
-```
+`<run>/units/<recording>-<camera>-<start>.unit` is a ZIP archive without compression of `objects.parquet`,
+`frames.parquet`, `masks.parquet`, `maps.npz` (none without a scored image) and `status.json`.
 """
 
 from __future__ import annotations
@@ -13,33 +11,35 @@ import io
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from zipfile import ZIP_STORED, BadZipFile, ZipFile, ZipInfo
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from bench.errors import DataError
+from bench.errors import DataError, OutputError
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, ImageMap, add_image_maps
 from bench.harness.map_files import image_maps_bytes, load_image_maps, write_image_maps
+from bench.harness.masks import MASKS, MASKS_SCHEMA
 from bench.harness.unit import UnitTables
 from bench.harness.units import Unit
 from bench.recordings import replacing
 from bench.recordings.atomic import write_bytes
 
-FOLDER = "units"
-OBJECTS, FRAMES, MAPS, STATUS = ".objects.parquet", ".frames.parquet", ".maps.npz", ".json"
-ROW_GROUP_ROWS = 64_000
-SUFFIXES = (OBJECTS, FRAMES, MAPS, STATUS)
+FOLDER, SUFFIX = "units", ".unit"
+OBJECTS, FRAMES, MAPS, STATUS = "objects.parquet", "frames.parquet", "maps.npz", "status.json"
+TABLES = {OBJECTS: OBJECTS_SCHEMA, FRAMES: FRAMES_SCHEMA, MASKS: MASKS_SCHEMA}
+ROW_GROUP_ROWS = {OBJECTS: 64_000, FRAMES: 64_000, MASKS: 128}  # a mask is looked up alone, and takes some kB
 
 
 class UnitStatus(BaseModel):
-    """`<unit>.json`.
+    """`status.json`.
 
     Attributes:
         unit: which images.
         key: digest of all that the result depends on.
         problems: one line per image that could not be used.
-        sha256: of the unit's other files, by suffix.
+        sha256: of the other files of the unit, by name.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -50,18 +50,22 @@ class UnitStatus(BaseModel):
     sha256: dict[str, str]
 
 
-def encode_unit(unit: Unit, tables: UnitTables, *, key: str) -> dict[str, bytes]:
-    """The files of a unit by suffix, the status last."""
-    files = {OBJECTS: _parquet(tables.objects), FRAMES: _parquet(tables.frames)}
+def encode_unit(unit: Unit, tables: UnitTables, *, key: str) -> bytes:
+    """The file of a unit; the same for the same result."""
+    files = {OBJECTS: _parquet(tables.objects), FRAMES: _parquet(tables.frames), MASKS: _parquet(tables.masks)}
     if tables.image_map is not None:
         files[MAPS] = image_maps_bytes([tables.image_map])
     status = UnitStatus(
         unit={name: getattr(unit, name) for name in unit.__slots__},
         key=key,
         problems=tables.problems,
-        sha256={suffix: hashlib.sha256(content).hexdigest() for suffix, content in files.items()},
+        sha256={name: hashlib.sha256(content).hexdigest() for name, content in files.items()},
     )
-    return files | {STATUS: (status.model_dump_json(indent=1) + "\n").encode()}
+    packed = io.BytesIO()
+    with ZipFile(packed, "w", ZIP_STORED) as archive:
+        for name, content in (files | {STATUS: (status.model_dump_json(indent=1) + "\n").encode()}).items():
+            archive.writestr(ZipInfo(name), content)
+    return packed.getvalue()
 
 
 class UnitFolder:
@@ -74,51 +78,42 @@ class UnitFolder:
     def __init__(self, run: Path) -> None:
         self.folder = run / FOLDER
 
-    def status(self, unit: Unit) -> UnitStatus | None:
-        """A unit's status; None where it is not stored, or not whole."""
-        try:
-            status = UnitStatus.model_validate_json(self._file(unit, STATUS).read_bytes())
-            whole = all(
-                hashlib.sha256(self._file(unit, suffix).read_bytes()).hexdigest() == digest
-                for suffix, digest in status.sha256.items()
-            )
-        except (OSError, ValidationError):
-            return None
-        return status if whole and {OBJECTS, FRAMES} <= status.sha256.keys() else None
+    def file(self, unit: Unit) -> Path:
+        """Where a unit is stored."""
+        return self.folder / unit_name(unit)
 
-    def store(self, unit: Unit, files: Mapping[str, bytes]) -> None:
-        """Store a unit, the status last, so that a unit is there whole or not at all.
+    def status(self, unit: Unit) -> UnitStatus | None:
+        """A unit's status; None where it is not stored, or damaged."""
+        try:
+            return _read(self.file(unit), unit)[0]
+        except DataError:
+            return None
+
+    def store(self, unit: Unit, content: bytes) -> None:
+        """Store a unit.
 
         Raises:
-            DataError: the disk is full, or may not be written.
+            OutputError: the disk is full, or may not be written.
         """
-        self._file(unit, STATUS).unlink(missing_ok=True)
-        for suffix in sorted(files, key=lambda suffix: suffix == STATUS):
-            file = self._file(unit, suffix)
-            try:
-                write_bytes(file, files[suffix])
-            except OSError as error:
-                do = "make room, then give the same command again: units that are stored are not computed again"
-                came = error.strerror or str(error)
-                raise DataError(file, wanted="room for a unit's result", came=came, do=do) from error
-
-    def files(self, unit: Unit) -> dict[str, bytes]:
-        """The files of a stored unit by suffix."""
-        found = {suffix: self._file(unit, suffix) for suffix in SUFFIXES}
-        return {suffix: file.read_bytes() for suffix, file in found.items() if file.exists()}
+        file = self.file(unit)
+        try:
+            write_bytes(file, content)
+        except OutputError as error:
+            do = "make room, then give the same command again: units that are stored are not computed again"
+            raise OutputError(file, came=error.came, do=do) from error
 
     def keep_only(self, units: Iterable[Unit]) -> None:
-        """Remove files of units that are not the run's."""
-        stems = {unit_stem(unit) for unit in units}
+        """Remove files that are not of these units."""
+        names = {unit_name(unit) for unit in units}
         for file in self.folder.glob("*"):
-            if _stem_of(file.name) not in stems:
+            if file.name not in names and file.suffix != ".json" and file.is_file():
                 file.unlink(missing_ok=True)
 
     def problems(self, units: Sequence[Unit]) -> list[str]:
         """The problems of stored units, in their order.
 
         Raises:
-            DataError: a unit is not stored, or not whole.
+            DataError: a unit is not stored, or damaged.
         """
         return [problem for unit in units for problem in self.checked(unit).problems]
 
@@ -126,58 +121,77 @@ class UnitFolder:
         """A unit's status.
 
         Raises:
-            DataError: the unit is not stored, or not whole.
+            DataError: the unit is not stored, or damaged.
         """
-        status = self.status(unit)
-        if status is None:
-            do = "give the command of the run again; it computes what is missing"
-            raise DataError(
-                self._file(unit, STATUS), wanted="a stored unit", came="none, or one with damaged files", do=do
-            )
-        return status
+        return _read(self.file(unit), unit)[0]
 
-    def join(self, units: Sequence[Unit], run: Path, *, maps_name: str) -> None:
-        """Write the run's `objects.parquet`, `frames.parquet` and image maps, with one unit in memory at a time."""
-        ordered = sorted(units, key=unit_stem)
-        for name, suffix, schema in (("objects", OBJECTS, OBJECTS_SCHEMA), ("frames", FRAMES, FRAMES_SCHEMA)):
-            with replacing(run / f"{name}.parquet") as temporary:
-                _concatenate([self._file(unit, suffix) for unit in ordered], schema, temporary)
+    def join(self, units: Sequence[Unit], out: Path, *, maps_name: str) -> None:
+        """Write the tables and image maps of a run, with one unit in memory at a time.
+
+        Raises:
+            DataError: a unit is not stored, or damaged.
+        """
+        ordered = sorted(units, key=unit_name)
+        for name, schema in TABLES.items():
+            with replacing(out / name) as temporary:
+                self._concatenate(ordered, name, schema, temporary)
         maps: tuple[ImageMap, ...] = ()
         for unit in ordered:
-            file = self._file(unit, MAPS)
-            if file.exists():  # a unit without a scored image has none
-                maps = add_image_maps([*maps, *load_image_maps(file)])
-        write_image_maps(run / maps_name, maps)
+            _, files = _read(self.file(unit), unit)
+            if MAPS in files:  # a unit without a scored image has none
+                maps = add_image_maps([*maps, *load_image_maps(self.file(unit), io.BytesIO(files[MAPS]))])
+        write_image_maps(out / maps_name, maps)
 
-    def _file(self, unit: Unit, suffix: str) -> Path:
-        return self.folder / f"{unit_stem(unit)}{suffix}"
+    def _concatenate(self, units: Sequence[Unit], name: str, schema: pa.Schema, out: Path) -> None:
+        """Join tables, some units at a time; many small row groups would cost every reader memory."""
+        with pq.ParquetWriter(out, schema, compression="zstd") as writer:
+            waiting: list[pa.Table] = []
+            for unit in units:
+                _, files = _read(self.file(unit), unit)
+                waiting.append(pq.read_table(io.BytesIO(files[name]), schema=schema))
+                if sum(len(table) for table in waiting) >= ROW_GROUP_ROWS[name]:
+                    writer.write_table(pa.concat_tables(waiting).combine_chunks())
+                    waiting = []
+            if waiting:
+                writer.write_table(pa.concat_tables(waiting).combine_chunks())
 
 
-def unit_stem(unit: Unit) -> str:
+def unit_name(unit: Unit) -> str:
     """File name of a unit: readable, safe on any file system, and never that of another unit."""
     readable = re.sub(r"[^A-Za-z0-9_.-]+", "_", f"{unit.recording}-{unit.camera}")[:80]
     tag = hashlib.sha256(f"{unit.recording}\0{unit.camera}".encode()).hexdigest()[:8]
-    return f"{readable}-{tag}-{unit.start:08d}"
+    return f"{readable}-{tag}-{unit.start:08d}{SUFFIX}"
 
 
-def _stem_of(name: str) -> str:
-    return next((name.removesuffix(suffix) for suffix in SUFFIXES if name.endswith(suffix)), name)
+def _read(file: Path, unit: Unit) -> tuple[UnitStatus, Mapping[str, bytes]]:
+    """The status and the other files of a stored unit, as they were written.
+
+    Raises:
+        DataError: the unit is not stored, or damaged.
+    """
+    do = "give the command of the run again; it computes what is missing"
+    try:
+        content = file.read_bytes()
+        with ZipFile(io.BytesIO(content)) as archive:
+            entries = archive.infolist()
+            if any(entry.compress_type != ZIP_STORED or entry.file_size > len(content) for entry in entries):
+                raise BadZipFile("compressed files inside")
+            files = {entry.filename: archive.read(entry) for entry in entries}
+        status = UnitStatus.model_validate_json(files.pop(STATUS))
+    except FileNotFoundError as error:
+        raise DataError(file, wanted="a stored unit", came="no such file", do=do) from error
+    except (OSError, ValueError, KeyError, NotImplementedError, RuntimeError, EOFError, BadZipFile) as error:
+        came = "a damaged status" if isinstance(error, ValidationError) else " ".join(str(error).split())
+        raise DataError(file, wanted="a stored unit", came=came, do=do) from error
+    digests = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
+    if digests != status.sha256 or not TABLES.keys() <= digests.keys():
+        raise DataError(file, wanted="the files that its status lists", came="others, or damaged ones", do=do)
+    if status.unit != {name: getattr(unit, name) for name in unit.__slots__}:
+        raise DataError(file, field="unit", wanted=str(unit), came=str(status.unit), do=do)
+    return status, files
 
 
 def _parquet(table: pa.Table) -> bytes:
     content = io.BytesIO()
     pq.write_table(table, content, compression="zstd")
     return content.getvalue()
-
-
-def _concatenate(files: Sequence[Path], schema: pa.Schema, out: Path) -> None:
-    """Join tables, some files at a time; many small row groups would cost every reader memory."""
-    with pq.ParquetWriter(out, schema, compression="zstd") as writer:
-        waiting: list[pa.Table] = []
-        for file in files:
-            waiting.append(pq.read_table(file, schema=schema))
-            if sum(len(table) for table in waiting) >= ROW_GROUP_ROWS:
-                writer.write_table(pa.concat_tables(waiting).combine_chunks())
-                waiting = []
-        if waiting:
-            writer.write_table(pa.concat_tables(waiting).combine_chunks())

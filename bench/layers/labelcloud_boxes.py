@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from bench.errors import ShapeError
 from bench.geometry import RigidTransform
-from bench.layers.tool_model import ToolModel, Vector
+from bench.layers.tool_model import Length, ToolModel, Vector
 
 Way = Literal["centroid_rel", "centroid_abs", "vertices"]
 WAYS: tuple[Way, ...] = ("centroid_rel", "centroid_abs", "vertices")
@@ -31,9 +31,9 @@ LARGEST_SLANT = 1e-3  # of the edges of a box: labelCloud rounds to as few as th
 class Dimensions(ToolModel):
     """Full sizes, m."""
 
-    length: float = Field(gt=0)
-    width: float = Field(gt=0)
-    height: float = Field(gt=0)
+    length: Length = Field(gt=0)
+    width: Length = Field(gt=0)
+    height: Length = Field(gt=0)
 
 
 class CentroidObject(ToolModel):
@@ -49,7 +49,7 @@ class VerticesObject(ToolModel):
     """A box by its corners."""
 
     name: str = Field(min_length=1)
-    vertices: tuple[tuple[float, float, float], ...] = Field(min_length=8, max_length=8)
+    vertices: tuple[tuple[Length, Length, Length], ...] = Field(min_length=8, max_length=8)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -8,7 +8,7 @@ from typing import Any
 from pydantic import ConfigDict, Field, RootModel, model_validator
 
 from bench.errors import DataError
-from bench.layers.tool_model import ToolModel, Vector
+from bench.layers.tool_model import Length, ToolModel, Vector
 from bench.recordings.validation import read_json
 
 _VEHICLES = ("policecar", "tourcar", "longvehicle", "concretetruck", "excavator", "forklift", "crane", "roadroller",
@@ -28,9 +28,9 @@ CLASSES: dict[str, str | None] = {
 
 
 class _Scale(Vector):
-    x: float = Field(gt=0)
-    y: float = Field(gt=0)
-    z: float = Field(gt=0)
+    x: Length = Field(gt=0)
+    y: Length = Field(gt=0)
+    z: Length = Field(gt=0)
 
 
 class _Psr(ToolModel):

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
-from pydantic import ConfigDict
+from pydantic import ConfigDict, Field
 
 from bench.recordings.validation import FileModel
+
+LARGEST_M = 1e8  # coordinates of any map are below
 
 
 class ToolModel(FileModel):
@@ -15,12 +18,15 @@ class ToolModel(FileModel):
     model_config = ConfigDict(extra="ignore")
 
 
+Length = Annotated[float, Field(ge=-LARGEST_M, le=LARGEST_M)]
+
+
 class Vector(ToolModel):
     """Three numbers along or about x, y and z."""
 
-    x: float
-    y: float
-    z: float
+    x: Length
+    y: Length
+    z: Length
 
     def numbers(self) -> tuple[float, float, float]:
         """x, y and z."""

@@ -1,4 +1,4 @@
-"""Reading and writing .npz, .bin and .laz."""
+"""Reading and writing .npz and .bin."""
 
 from __future__ import annotations
 
@@ -144,50 +144,3 @@ def write_bin(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
     points = arrays["points_lidar"]
     intensity = arrays.get("intensity", np.zeros(len(points), dtype=np.float32))
     np.column_stack([points, intensity]).astype("<f4").tofile(path)
-
-
-def read_laz(path: Path) -> Arrays:
-    """Read points, intensities and times as they stand in the file.
-
-    Raises:
-        DataError: cut short, or not a .laz file.
-    """
-    import laspy  # 0.15 s, and only these files need it
-
-    try:
-        with laspy.open(path) as opened:
-            told = opened.header.point_count * opened.header.point_format.size
-            if not 0 <= told <= LARGEST_BYTES:
-                came = f"a header of {opened.header.point_count} points, {told} bytes"
-                raise DataError(path, field="points", wanted=f"at most {LARGEST_BYTES} bytes unpacked", came=came)
-            cloud = opened.read()
-        names = set(cloud.point_format.dimension_names)
-        arrays: Arrays = {
-            "points_lidar": np.ascontiguousarray(cloud.xyz, dtype=np.float64),
-            "intensity": np.asarray(cloud.intensity, dtype=np.float32),
-        }
-        if "gps_time" in names:
-            arrays["gps_time"] = np.asarray(cloud.gps_time, dtype=np.float64)
-    except (DataError, KeyboardInterrupt, SystemExit):
-        raise
-    except BaseException as error:  # the decompressor raises its own kinds, down to a panic that is no Exception
-        came = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-        raise DataError(path, wanted="a whole .laz file", came=came) from error
-    if cloud.header.point_count != len(arrays["points_lidar"]):
-        came = f"{len(arrays['points_lidar'])}; the file may be cut short"
-        raise DataError(path, field="points", wanted=f"{cloud.header.point_count} points as its header says", came=came)
-    return arrays
-
-
-def write_laz(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write points to the millimetre, with intensities and times."""
-    import laspy
-
-    header = laspy.LasHeader(point_format=1, version="1.2")
-    header.scales = np.full(3, 0.001)
-    cloud = laspy.LasData(header)
-    cloud.xyz = arrays["points_lidar"]
-    for name in ("intensity", "gps_time"):
-        if name in arrays:
-            setattr(cloud, name, arrays[name])
-    cloud.write(path)

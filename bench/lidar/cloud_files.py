@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +17,19 @@ from bench.lidar.open3d_loader import open3d
 
 Arrays = dict[str, NDArray[Any]]
 
-PLY_BYTES = {
-    **dict.fromkeys(("char", "uchar", "int8", "uint8"), 1),
-    **dict.fromkeys(("short", "ushort", "int16", "uint16"), 2),
-    **dict.fromkeys(("int", "uint", "int32", "uint32", "float", "float32"), 4),
-    **dict.fromkeys(("double", "float64"), 8),
+PLY_TYPES = {
+    **{name: np.dtype(name) for name in ("int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64")},
+    "char": np.dtype("i1"),
+    "uchar": np.dtype("u1"),
+    "short": np.dtype("i2"),
+    "ushort": np.dtype("u2"),
+    "int": np.dtype("i4"),
+    "uint": np.dtype("u4"),
+    "float": np.dtype("f4"),
+    "double": np.dtype("f8"),
 }
+NUMBER_BYTES = b"0123456789+-.eEnaifINFty"
+PLY_WORDS = frozenset({"comment", "obj_info", "element", "property", "end_header"})  # behind the first two lines
 
 
 def read_cloud(path: Path) -> Arrays:
@@ -55,9 +62,10 @@ def _refuse_cut_short(path: Path) -> None:
     end = re.search(rb"^(end_header|DATA \w+)\r?\n", content, re.MULTILINE)
     head = content[: end.end()].decode("ascii", "replace").split("\n") if end else []
     words = [line.split() for line in head if line.strip()]
+    is_ply = path.suffix.lower() == ".ply"
     kind = next((w[1] for w in words if w[0] in {"format", "DATA"}), "")
     try:
-        rows, row_bytes = _ply_rows(words) if path.suffix.lower() == ".ply" else _pcd_rows(words)
+        rows, row_bytes = _ply_rows(words) if is_ply else _pcd_rows(words)
     except (ValueError, IndexError, KeyError, StopIteration):
         raise DataError(path, wanted=f"the header of a {path.suffix} file", came="another or none") from None
     body = content[end.end() :] if end else b""
@@ -68,6 +76,8 @@ def _refuse_cut_short(path: Path) -> None:
         _refuse_lying(path, body, rows * row_bytes)
     if kind == "ascii" and len(body.split(b"\n")) - body.endswith(b"\n") < rows:
         raise DataError(path, wanted=f"{rows} lines of points", came="fewer; the file is cut short")
+    if kind == "ascii" and is_ply:
+        _refuse_other_words(path, body.split(), rows, [kind for _, kind in _ply_columns(words)])
     if kind.startswith("binary") and kind != "binary_compressed" and len(body) < rows * row_bytes:
         came = f"{len(body)}; the file is cut short"
         raise DataError(path, wanted=f"{rows} points of {row_bytes} bytes, {rows * row_bytes} bytes in all", came=came)
@@ -84,16 +94,40 @@ def _refuse_lying(path: Path, body: bytes, unpacked: int) -> None:
         raise DataError(path, wanted=f"{packed} bytes packed", came=f"{len(body) - 8}; the file is cut short")
 
 
+def _refuse_other_words(path: Path, words: list[bytes], rows: int, types: Sequence[np.dtype[Any]]) -> None:
+    """Compare the words of points with their types: open3d prints the first that is none, past all streams."""
+    try:
+        if b"".join(words).translate(None, NUMBER_BYTES):
+            raise ValueError("words that NumPy takes for numbers, but open3d does not")
+        values = np.array(words[: rows * len(types)], dtype=np.bytes_).astype(np.float64).reshape(rows, len(types))
+    except ValueError:
+        wanted = f"{rows} points of {len(types)} numbers"
+        raise DataError(path, field="vertex", wanted=wanted, came="fewer, or words that are none") from None
+    for column, kind in zip(values.T, types, strict=True):
+        span = np.iinfo(kind) if kind.kind in "iu" else np.finfo(kind)
+        fits = (column >= span.min) & (column <= span.max) & ((column % 1 == 0) | (kind.kind == "f"))
+        if not fits.all():
+            row = int(np.argmin(fits))
+            raise DataError(path, field=f"vertex {row}", wanted=f"numbers of type {kind}", came=f"{column[row]:g}")
+
+
 def _ply_rows(words: list[list[str]]) -> tuple[int, int]:
     """Number of vertices and bytes of one; the vertices come first in every point cloud."""
+    if [w[0] for w in words[:2]] != ["ply", "format"] or not {w[0] for w in words[2:]} <= PLY_WORDS:
+        raise ValueError("lines that no header has")
     first = next(i for i, w in enumerate(words) if w[0] == "element")
     if words[first][1] != "vertex":
         raise ValueError("vertices do not come first")
-    after = next(i for i, w in enumerate([*words, ["end_header"]]) if i > first and w[0] in {"element", "end_header"})
-    columns = [w for w in words[first:after] if w[0] == "property"]
-    if not {"x", "y", "z"} <= {w[2] for w in columns}:
+    columns = _ply_columns(words)
+    if not {"x", "y", "z"} <= {name for name, _ in columns}:
         raise ValueError("vertices without a place")
-    return int(words[first][2]), sum(PLY_BYTES[w[1]] for w in columns)
+    return int(words[first][2]), sum(kind.itemsize for _, kind in columns)
+
+
+def _ply_columns(words: list[list[str]]) -> list[tuple[str, np.dtype[Any]]]:
+    first = next(i for i, w in enumerate(words) if w[0] == "element")
+    after = next(i for i, w in enumerate([*words, ["end_header"]]) if i > first and w[0] in {"element", "end_header"})
+    return [(w[2], PLY_TYPES[w[1]]) for w in words[first:after] if w[0] == "property"]
 
 
 def _pcd_rows(words: list[list[str]]) -> tuple[int, int]:

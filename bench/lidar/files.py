@@ -20,15 +20,15 @@ from bench.lidar.array_files import (
     NPZ_ARRAYS,
     Arrays,
     read_bin,
-    read_laz,
     read_npz,
     write_bin,
-    write_laz,
     write_npz,
 )
 from bench.lidar.cloud_files import read_cloud, write_cloud
+from bench.lidar.laz_files import read_laz, write_laz
 from bench.lidar.sweep import LidarSweep
 
+FARTHEST_M = 1e8  # coordinates of any map are below
 FARTHEST_TIME_NS = 1_000_000_000  # a point's time further from its sweep's means another clock or unit
 
 
@@ -66,6 +66,9 @@ def read_points(path: Path) -> Arrays:
             rows = ~np.isfinite(values.reshape(len(points), -1)).all(axis=1)
             came = f"NaN or infinity in {rows.sum()} rows, the first is {int(rows.argmax())}"
             raise DataError(path, field=name, wanted="finite numbers", came=came)
+    if points.size and np.abs(points).max() > FARTHEST_M:
+        wanted, came = f"coordinates within {FARTHEST_M:g} m", f"{np.abs(points).max():g}"
+        raise DataError(path, field="points_lidar", wanted=wanted, came=came)
     return arrays
 
 

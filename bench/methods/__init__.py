@@ -5,15 +5,18 @@ A method is given consecutive images, calibration and ego-motion, never annotati
 `fisheye_bench.methods`.
 """
 
+from bench.methods.answers import MethodError, ask_method
 from bench.methods.contract import Method, MethodInput, Segmentation, UnansweredImage
 from bench.methods.registry import METHODS, build_method, describe_method, known_methods
 
 __all__ = [
     "METHODS",
     "Method",
+    "MethodError",
     "MethodInput",
     "Segmentation",
     "UnansweredImage",
+    "ask_method",
     "build_method",
     "describe_method",
     "known_methods",

@@ -42,6 +42,8 @@ def compute_anew(step: str, settings: object, compute: Callable[[], Arrays], *, 
 class MethodInput:
     """Consecutive images with calibration and ego-motion; never annotations.
 
+    The arrays are read-only: what a method wants to change, it copies.
+
     Attributes:
         images: `history + 1` images, oldest first, the current one last, and more for methods that can use more; (H, W)
             uint8 grey, or (H, W, 3) uint8 BGR for methods that ask for colour.

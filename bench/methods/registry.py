@@ -6,9 +6,9 @@ import inspect
 from collections.abc import Mapping
 from typing import Any
 
-from bench.errors import UnknownNameError, UsageError
+from bench.errors import BenchError, UnknownNameError, UsageError
 from bench.methods.contract import Method
-from bench.plug_ins import imported, known_places
+from bench.plug_ins import imported, known_places, told_of
 
 ENTRY_POINTS = "fisheye_bench.methods"
 
@@ -67,6 +67,10 @@ def build_method(name: str, parameters: Mapping[str, object] | None = None) -> M
     except TypeError as error:
         takes = ", ".join(inspect.signature(factory).parameters) or "no parameters"
         raise UsageError(f"method {name!r} takes {takes}; {error}") from error
+    except BenchError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise UsageError(f"method {name!r} cannot be built with {dict(parameters or {})}; {told_of(error)}") from error
     return method
 
 

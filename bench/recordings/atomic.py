@@ -1,4 +1,7 @@
-"""Files that appear whole or not at all."""
+"""Files that appear whole or not at all, and one clear line where they cannot be written.
+
+All that commands write goes through here.
+"""
 
 from __future__ import annotations
 
@@ -7,35 +10,93 @@ from contextlib import contextmanager
 from pathlib import Path
 from uuid import uuid4
 
+from bench.errors import OutputError
+
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """A temporary path beside `path` that takes its place when the block ends well.
 
     The temporary name is hidden and keeps the suffix, since many writers choose the format by it. Parent folders are
-    made. When the block raises, `path` stays as it was and the temporary file is removed.
+    made. When the block raises, `path` stays as it was and the temporary file is removed. A link at `path` is
+    replaced, not followed.
 
     Args:
         path: the file to write.
 
     Yields:
         The path to write to.
+
+    Raises:
+        OutputError: the folder cannot be made, the file not be written, or something else than a file is in its way.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.stem}.{uuid4().hex}{path.suffix}")
+    make_folder(path.parent)
+    temporary = path.with_name(f".{path.stem[:60]}.{uuid4().hex}{path.suffix}")
     try:
+        if path.exists() and not path.is_file():  # as root one could put a file in the place of /dev/null
+            raise OutputError(path, came="a folder or device that is there")
         yield temporary
         temporary.replace(path)
+    except OSError as error:
+        if error.filename in {None, str(temporary), str(path)}:  # others are of files that the block reads
+            raise OutputError.of(error, path) from error
+        raise
     finally:
-        temporary.unlink(missing_ok=True)
+        _remove(temporary)
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write a whole file."""
+    """Write a whole file.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
     with replacing(path) as temporary:
         temporary.write_bytes(content)
 
 
 def write_text(path: Path, content: str) -> None:
-    """Write a whole file, UTF-8, with line ends as they stand."""
-    write_bytes(path, content.encode())
+    """Write a whole file, UTF-8, with line ends as they stand; what is not UTF-8 of a file's name becomes `\\udc..`.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    write_bytes(path, content.encode(errors="backslashreplace"))
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder and those above it, where they are not there.
+
+    Raises:
+        OutputError: it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError.of(error, folder) from error
+
+
+@contextmanager
+def output_folder(folder: Path) -> Iterator[Path]:
+    """A folder for results, made where it is not there; what is still empty after the block is removed again.
+
+    Raises:
+        OutputError: it cannot be made.
+    """
+    made = [place for place in (folder, *folder.parents) if not place.exists()]
+    make_folder(folder)
+    try:
+        yield folder
+    finally:
+        for place in made:
+            try:
+                place.rmdir()
+            except OSError:  # something is in it
+                break
+
+
+def _remove(temporary: Path) -> None:
+    try:
+        temporary.unlink(missing_ok=True)
+    except OSError:  # where nothing could be written, nothing is left
+        return

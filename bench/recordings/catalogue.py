@@ -65,6 +65,9 @@ def open_dataset(card: DatasetCard, split: str | None = None) -> tuple[Recording
     if len(handles) < len(listed):
         twice = next(handle.name for handle in listed if handles[handle.name] is not handle)
         raise DataError(_root(card), wanted="recordings of different names", came=f"{twice!r} twice")
+    for name in handles:
+        if any("\ud800" <= character <= "\udfff" for character in name):
+            raise DataError(_root(card), wanted="recordings with names in UTF-8", came=repr(name), do="rename it")
     if not handles:
         raise DataError(_root(card), wanted=f"recordings of the adapter {card.content.adapter!r}", came="none")
     chosen = card.content.splits.get(split, "*") if split is not None else "*"

@@ -18,7 +18,8 @@ from bench.recordings.records import ImageRef, MountedCamera
 PNG_START, JPEG_START, JPEG_END = b"\x89PNG\r\n\x1a\n", b"\xff\xd8", b"\xff\xd9"
 JPEG_TAIL_BYTES = 64  # some cameras pad the end
 JPEG_ALONE = frozenset((0x01, *range(0xD0, 0xD9)))  # markers without a length
-JPEG_SIZES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # markers before depth, size and components
+JPEG_SCAN, MOST_SCANS = b"\xff\xda", 100  # each takes the time of a whole image; encoders write ten or so
 PNG_8_BIT_GREY = b"\x08\x00"  # depth and kind of colour, in the header
 LARGEST_PX = 1 << 26  # 8192 x 8192; a header of a few bytes can ask for far more
 
@@ -110,7 +111,7 @@ def read_mask(path: Path, size_px: tuple[int, int]) -> NDArray[np.bool_]:
     Raises:
         DataError: missing, cut short, or of another size.
     """
-    pixels = _decode(path, cv2.IMREAD_GRAYSCALE)
+    pixels = _decode(path, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
     came = (pixels.shape[1], pixels.shape[0])
     if came != tuple(size_px):
         raise DataError(path, wanted="{} x {} px".format(*size_px), came="{} x {}".format(*came))
@@ -143,10 +144,13 @@ def decode_image(content: bytes, flags: int, *, place: Path) -> NDArray[Any]:
     size_px = _stated_size(content)
     if size_px is not None and size_px[0] * size_px[1] > LARGEST_PX:
         raise DataError(place, wanted=f"an image of at most {LARGEST_PX} px", came="{} x {}".format(*size_px))
-    if flags & ~cv2.IMREAD_IGNORE_ORIENTATION == cv2.IMREAD_GRAYSCALE and size_px is not None:
+    kind = flags if flags == cv2.IMREAD_UNCHANGED else flags & ~cv2.IMREAD_IGNORE_ORIENTATION
+    if kind == cv2.IMREAD_GRAYSCALE and size_px is not None:
         grey = _grey_png(content, size_px)
         if grey is not None:
             return grey
+    if content.startswith(JPEG_START):
+        return _jpeg(content, kind, place)
     try:
         pixels = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags)
     except cv2.error as error:
@@ -165,6 +169,34 @@ def _grey_png(content: bytes, size_px: tuple[int, int]) -> NDArray[np.uint8] | N
     except Exception:  # noqa: BLE001 - it raises no narrower kind
         return None
     return np.asarray(pixels, dtype=np.uint8)[..., 0]
+
+
+def _jpeg(content: bytes, kind: int, place: Path) -> NDArray[np.uint8]:
+    """The pixels of a JPEG, grey or in colour.
+
+    Pixels and time are as OpenCV's, which has the same library. But where that warns of damaged data, OpenCV prints
+    the warning and gives an image that is grey or garbled from there on.
+
+    Raises:
+        DataError: the data is damaged or ends before the last line, or of another depth or kind of colour.
+    """
+    frame = _jpeg_frame(content)
+    if frame is None:
+        raise DataError(place, wanted="a whole JPEG", came="one whose header is damaged")
+    bits, components = content[frame + 4], content[frame + 9]
+    if bits != 8 or components not in (1, 3):
+        came = f"{components} of {bits} bits"
+        raise DataError(place, wanted="a JPEG of one or three components of 8 bits", came=came)
+    if content.count(JPEG_SCAN) > MOST_SCANS:
+        raise DataError(place, wanted=f"at most {MOST_SCANS} scans of a JPEG", came=str(content.count(JPEG_SCAN)))
+    grey = kind == cv2.IMREAD_GRAYSCALE or (kind == cv2.IMREAD_UNCHANGED and components == 1)
+    try:
+        pixels = kornia_rs.io.decode_image_jpegturbo(content, "mono" if grey else "rgb")
+    except Exception as error:  # it raises no narrower kind, and says no more
+        came = "data that is damaged or ends before the last line"
+        raise DataError(place, wanted="a whole JPEG", came=came, do="fetch or record the image again") from error
+    seen = np.asarray(pixels, dtype=np.uint8)
+    return seen[..., 0] if grey else np.asarray(cv2.cvtColor(seen, cv2.COLOR_RGB2BGR), dtype=np.uint8)
 
 
 def _decode(path: Path, flags: int) -> NDArray[Any]:
@@ -195,12 +227,20 @@ def _stated_size(content: bytes) -> tuple[int, int] | None:
     """(width, height) as the header says; None where it does not come to that."""
     if content.startswith(PNG_START):
         return struct.unpack_from(">II", content, 16) if len(content) >= 24 else None
-    place = 2
-    while place + 9 <= len(content) and content[place] == 0xFF:
+    frame = _jpeg_frame(content)
+    if frame is None:
+        return None
+    height, width = struct.unpack_from(">HH", content, frame + 5)
+    return width, height
+
+
+def _jpeg_frame(content: bytes) -> int | None:
+    """Where the header of a JPEG tells its size; None where it does not come to that."""
+    place = len(JPEG_START)
+    while place + 10 <= len(content) and content[place] == 0xFF:
         marker = content[place + 1]
-        if marker in JPEG_SIZES:
-            height, width = struct.unpack_from(">HH", content, place + 5)
-            return width, height
+        if marker in JPEG_FRAMES:
+            return place
         if marker == 0xFF or marker in JPEG_ALONE:  # filling, or nothing but itself
             place += 1 if marker == 0xFF else 2
         else:

@@ -23,7 +23,7 @@ from bench.recordings.records import ImageRef, MountedCamera, Recording, SweepRe
 from bench.recordings.resizing import scaled_camera
 from bench.recordings.salvage import Complaint, refuse
 from bench.recordings.schema import CameraHead, LidarHead, RecordingHead, TrueCalibration
-from bench.recordings.validation import LATEST_NS, FileModel, data_error, read_json
+from bench.recordings.validation import LATEST_NS, FileModel, SidePx, data_error, read_json
 
 HEAD = "recording.json"
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -43,7 +43,7 @@ class NativeOptions(FileModel):
         calibration: "recorded", what `recording.json` says, or "exact", where the sensors of a synthetic recording are.
     """
 
-    evaluated_size_px: tuple[int, int] | None = Field(default=None)
+    evaluated_size_px: tuple[SidePx, SidePx] | None = Field(default=None)
     ego_motion: Source = "recorded"
     calibration: Source = "recorded"
 

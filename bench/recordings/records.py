@@ -220,7 +220,7 @@ class Recording:
     """One drive: cameras, images, lidar, ego-motion and annotations, opened but not yet read.
 
     Attributes:
-        name: unique in the data set; also the unit that intervals resample.
+        name: unique in the data set; also the unit that intervals take as independent.
         root: folder that every path of the recording stays inside.
         licence: of the data.
         frame_interval_ns: nominal time between images.

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from bench.errors import DataError
 
 LARGEST_BYTES = 100_000_000  # a million rows of poses
+LARGEST_NUMBER = 1e12  # nothing that is measured comes near, and squares of it stay finite
 
 
 def read_text(file: Path, *, largest_bytes: int = LARGEST_BYTES) -> str:
@@ -60,7 +61,7 @@ def number_rows(file: Path, columns: int) -> NDArray[np.float64]:
 
 
 def numbers(words: list[str], count: int, *, file: Path, field: str) -> list[float]:
-    """Turn words into finite numbers.
+    """Turn words into finite numbers, at most `LARGEST_NUMBER`.
 
     Args:
         words: as they stand in the file.
@@ -79,7 +80,8 @@ def numbers(words: list[str], count: int, *, file: Path, field: str) -> list[flo
             value = float(word)
         except ValueError:
             value = float("nan")
-        if not np.isfinite(value):
-            raise DataError(file, field=field, wanted="finite numbers", came=repr(word[:40]))
+        if not abs(value) <= LARGEST_NUMBER:
+            wanted = f"numbers up to {LARGEST_NUMBER:g}" if np.isfinite(value) else "finite numbers"
+            raise DataError(file, field=field, wanted=wanted, came=repr(word[:40]))
         values.append(value)
     return values

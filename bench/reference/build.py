@@ -13,8 +13,8 @@ from bench.cameras import ray_grid
 from bench.errors import UsageError
 from bench.geometry import RigidTransform
 from bench.recordings.records import ImageRef, MountedCamera, Recording
-from bench.reference.clusters import Cluster, object_cluster, surface_points
-from bench.reference.footprint import footprint_polygon
+from bench.reference.clusters import Cluster, object_cluster, parts_at_exposure
+from bench.reference.footprint import footprint_polygon, traced_polygon
 from bench.reference.masks import mask_reference
 from bench.reference.motion import categorise, relative_direction
 from bench.reference.neighbours import find_grid
@@ -31,6 +31,7 @@ from bench.reference.records import (
 )
 from bench.reference.settings import ReferenceSettings
 from bench.reference.sightings import Sighting, SightingIndex
+from bench.reference.silhouette import silhouette
 from bench.reference.sweeps import PlacedSweep, SweepShelf, slopes_of
 
 SOLID_CLASSES = ("vehicle",)  # seen through their windows at most, which belong to them
@@ -130,8 +131,8 @@ class ReferenceBuilder:
         cluster, placed = self._cluster(found[0], exposure)
         points_world = cluster.points_world
         around_world = np.empty((0, 3)) if placed is None else placed.points_world()
-        outline = vehicle_from_world.apply(self._outline(found[0], exposure))[:, :2]
-        hull = shapely.MultiPoint(outline).convex_hull
+        corners = vehicle_from_world.apply(self._parts(found[0], exposure))[..., :2].reshape(-1, 2)
+        hull = shapely.MultiPoint(corners).convex_hull
         return ObjectGeometry(
             surroundings_vehicle=vehicle_from_world.apply(around_world),
             cluster_vehicle=vehicle_from_world.apply(points_world),
@@ -157,11 +158,11 @@ class ReferenceBuilder:
         distance_m = range_m = _nearest_m(points_world, exposure.camera_position_m)
         if points >= self.settings.min_points and placed is not None:
             polygon = self._scanned(cluster, placed, sighting, exposure, pixels)
+            raster = self._raster(polygon)
         else:
-            outline_world = self._outline(sighting, exposure)
-            polygon = self._polygon(self._projected(outline_world, exposure)[0], kind="convex")
-            distance_m = _nearest_m(outline_world, exposure.camera_position_m) if np.isnan(range_m) else range_m
-        raster = self._raster(polygon)
+            parts_world = self._parts(sighting, exposure)
+            polygon, raster = self._annotated(parts_world, exposure, pixels)
+            distance_m = _away_m(parts_world, exposure.camera_position_m) if np.isnan(range_m) else range_m
         motion_vehicle = exposure.vehicle_from_world.rotate(sighting.smooth_world_mps)
         known = bool(np.isfinite(motion_vehicle).all())
         reference = ReferenceObject(
@@ -201,11 +202,25 @@ class ReferenceBuilder:
         )
         return cluster, placed
 
-    def _outline(self, sighting: Sighting, exposure: _Exposure) -> NDArray[np.float64]:
-        """The annotated shape's surface at exposure, world frame."""
-        seconds = (exposure.timestamp_ns - sighting.state.timestamp_ns) / 1e9
-        drift_m = np.nan_to_num(sighting.velocity_world_mps) * seconds
-        return np.asarray(sighting.world_from_vehicle.apply(surface_points(sighting.state.shape)) + drift_m)
+    def _parts(self, sighting: Sighting, exposure: _Exposure) -> NDArray[np.float64]:
+        """The annotated shape at exposure, (P, K, 3) float64, m, corners of convex bodies, world frame."""
+        return parts_at_exposure(
+            sighting.state,
+            velocity_world_mps=sighting.velocity_world_mps,
+            world_from_vehicle=sighting.world_from_vehicle,
+            exposure_ns=exposure.timestamp_ns,
+        )
+
+    def _annotated(
+        self, parts_world: NDArray[np.float64], exposure: _Exposure, pixels: NDArray[np.float64]
+    ) -> tuple[Polygon | None, Raster | None]:
+        """What the image shows of the annotated shape; of an object whose points are named, the hull of these."""
+        if not len(parts_world):
+            hull = self._polygon(pixels, kind="convex")
+            return hull, self._raster(hull)
+        window, covered = silhouette(exposure.camera_from_world.apply(parts_world), self.camera.model)
+        polygon = traced_polygon(covered, np.array([window[1].start, window[0].start]))
+        return polygon, None if polygon is None else Raster(window, covered & self.valid[window])
 
     def _projected(self, points_world: NDArray[np.float64], exposure: _Exposure) -> tuple[NDArray[np.float64], int]:
         """Pixels of the points that the lens can see, and how many of them fall into the image."""
@@ -224,7 +239,7 @@ class ReferenceBuilder:
         """The polygon of the kind that the protocol asks for, from lidar points."""
         if self.settings.polygon_kind != "footprint":
             return self._polygon(pixels, kind=self.settings.polygon_kind)
-        patches_world = self._patches(cluster, placed, self._outline(sighting, exposure))
+        patches_world = self._patches(cluster, placed, self._parts(sighting, exposure))
         corners, valid = self.camera.model.project(exposure.camera_from_world.apply(patches_world.reshape(-1, 3)))
         seen = valid[0::4] & valid[1::4] & valid[2::4] & valid[3::4]
         patches_px = corners.reshape(-1, 4, 2)[seen]
@@ -236,9 +251,7 @@ class ReferenceBuilder:
         )
         return self._polygon(pixels, kind="concave") if found is None else found
 
-    def _patches(
-        self, cluster: Cluster, placed: PlacedSweep, outline_world: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def _patches(self, cluster: Cluster, placed: PlacedSweep, parts_world: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N, 4, 3) float64, m, world frame: the surface that the returns stand for; empty if too few tell."""
         points_beams = placed.points_beams(cluster.rows)
         grid = find_grid(points_beams)
@@ -252,15 +265,15 @@ class ReferenceBuilder:
             @ placed.lidar_from_beams.rotation,
             grid=grid,
         )
-        if not len(outline_world):
+        if not len(parts_world):
             return patches
         slopes, (lowest, highest) = slopes_of(points_beams), placed.slope_range
         return reach_bounds(
             patches,
             at_lowest_beam=slopes < lowest + grid.row_step_rad / 2,
             at_highest_beam=slopes > highest - grid.row_step_rad / 2,
-            bottom_m=float(outline_world[:, 2].min()),
-            top_m=float(outline_world[:, 2].max()),
+            bottom_m=float(parts_world[..., 2].min()),
+            top_m=float(parts_world[..., 2].max()),
             clearance_m=self.settings.ground_clearance_m,
         )
 
@@ -315,6 +328,14 @@ def _nearest_m(points_world: NDArray[np.float64], position_m: NDArray[np.float64
     """Horizontal distance of the nearest point; NaN without points."""
     away = points_world[:, :2] - position_m[:2]
     return float(np.sqrt((away * away).sum(axis=1).min())) if len(away) else float("nan")
+
+
+def _away_m(parts_world: NDArray[np.float64], position_m: NDArray[np.float64]) -> float:
+    """Horizontal distance of the nearest of several bodies, 0 below or above one; NaN without any."""
+    if not len(parts_world):
+        return float("nan")
+    grounds = shapely.convex_hull(shapely.linestrings(parts_world[..., :2]))
+    return float(shapely.distance(grounds, shapely.points(position_m[:2])).min())
 
 
 def _mean(points: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from bench.geometry import RigidTransform
 from bench.recordings.records import Cuboid, GroundPolygon, ObjectShape, ObjectState, PointIndices
+from bench.reference.silhouette import convex_parts
 from bench.reference.sweeps import PlacedSweep
 
 SECOND_NS = 1_000_000_000
-SURFACE_STEPS = 9  # along each side of a shape
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -75,23 +75,37 @@ def object_cluster(
     return Cluster(points_world=carried, rows=chosen[belongs])
 
 
-def surface_points(shape: ObjectShape) -> NDArray[np.float64]:
-    """Points all over the surface of a shape, vehicle frame, (K, 3) float64, m; none for point indices.
+def parts_at_exposure(
+    state: ObjectState,
+    *,
+    velocity_world_mps: NDArray[np.float64],
+    world_from_vehicle: RigidTransform,
+    exposure_ns: int,
+) -> NDArray[np.float64]:
+    """The annotated shape moved to the exposure as its points are.
 
-    A box in a fisheye image has curved edges: its eight corners alone would give too small an outline.
+    Args:
+        state: the annotation.
+        velocity_world_mps: (3,) float64, of the object over the ground, world axes; NaN counts as standing.
+        world_from_vehicle: pose of the vehicle at the time of the annotation.
+        exposure_ns: when the image was taken.
+
+    Returns:
+        (P, K, 3) float64, m, world frame, corners of `convex_parts`; none for point indices.
     """
-    match shape:
-        case Cuboid():
-            axis = np.linspace(-0.5, 0.5, SURFACE_STEPS)
-            grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
-            skin = grid[np.abs(grid).max(axis=1) == 0.5]
-            return shape.vehicle_from_object.apply(skin * shape.size_m)
-        case GroundPolygon():
-            ring = shapely.segmentize(shapely.LinearRing(shape.outline_m), 0.25)
-            around = shapely.get_coordinates(ring)
-            heights = np.linspace(shape.bottom_m, shape.top_m, SURFACE_STEPS)
-            return np.column_stack([np.tile(around, (SURFACE_STEPS, 1)), np.repeat(heights, len(around))])
-    return np.empty((0, 3))
+    parts = world_from_vehicle.apply(convex_parts(state.shape))
+    if not len(parts):
+        return parts
+    later_s = (exposure_ns - state.timestamp_ns) / SECOND_NS
+    velocity, corners = np.nan_to_num(velocity_world_mps), parts.reshape(-1, 3)
+    centre = _centre_world(state.shape, world_from_vehicle, corners)
+    return _carried(
+        corners,
+        velocity,
+        later_s,
+        yaw_rate_radps=state.yaw_rate_radps,
+        centre_then=centre + velocity * later_s,
+    ).reshape(parts.shape)
 
 
 def _candidates(

@@ -35,7 +35,7 @@ def footprint_polygon(
         return None
     covered, corner = patch_pixels(patches_px, width=width, height=height)
     closed = cv2.morphologyEx(np.pad(covered, 1).view(np.uint8), cv2.MORPH_CLOSE, SLIT)
-    polygon = _polygon(closed > 0, corner - 1)
+    polygon = traced_polygon(closed > 0, corner - 1)
     return Polygon(polygon.exterior) if solid and polygon is not None else polygon
 
 
@@ -77,8 +77,16 @@ def patch_pixels(
     return np.abs(depth) > 0.5, low
 
 
-def _polygon(covered: NDArray[np.bool_], corner: NDArray[np.int64]) -> Polygon | None:
-    """Trace the covered pixels; the outline runs a quarter of a pixel outside of the centres of its pixels."""
+def traced_polygon(covered: NDArray[np.bool_], corner: NDArray[np.int64]) -> Polygon | None:
+    """The polygon around covered pixels, a quarter of a pixel outside of their centres; its parts linked by a hair.
+
+    Args:
+        covered: (rows, columns) bool, of a window.
+        corner: (2,) int64, (u, v) of the window's first pixel.
+
+    Returns:
+        None where no pixel is covered.
+    """
     fine = np.repeat(np.repeat(_without_touching_corners(covered), 2, axis=0), 2, axis=1).view(np.uint8)
     rings, tree = cv2.findContours(fine, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
     if not len(rings):

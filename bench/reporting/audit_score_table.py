@@ -8,7 +8,8 @@ from bench.evaluation import Figure, ObjectFigures
 from bench.harness.audit import AuditSummary, Scoring
 from bench.reference import Category
 from bench.reporting.audit_sheet import AuditTable
-from bench.reporting.sheets import Sheet
+from bench.reporting.numbers import count
+from bench.reporting.sheets import INTERVALS, Sheet
 from bench.reporting.tables import LABELS
 
 SCORINGS = {
@@ -36,25 +37,31 @@ def score_table(audit: AuditSummary) -> AuditTable:
     for scoring, scores in audit.scores.items():
         false = scores.false_positives
         blank = [""] * (len(rates) + len(COVERAGES) - 1)
-        rows.append(("False positives", SCORINGS[Scoring(scoring)], str(false.frames), _figure(false.coverage), *blank))
+        head = "False positives", SCORINGS[Scoring(scoring)], count(false.recordings), str(false.frames)
+        rows.append((*head, _figure(false.coverage), *blank))
     return AuditTable(
         sheet=Sheet(
             title="What the reference, the ego-motion and the flow do to the score, in percent",
-            headings=("Type", "Scored", "Frames", *rates.values(), *COVERAGES.values()),
+            headings=("Type", "Scored", "Recordings", "Frames", *rates.values(), *COVERAGES.values()),
             rows=tuple(rows),
         ),
         note="The same object-frames in all lines of a type; types without any are left out. Lidar polygons: the "
         "benchmark. Exact masks: the same detections. Exact motion: ego-motion, calibration and road are exact, the "
         "flow is estimated. Exact flow: nothing is estimated, the method's own limit; the flow is that of each cell's "
         "centre. Perfect cells: every cell whose centre shows a moving object and no other, the limit of the grid. "
-        "False positives: area of the image. Intervals: 95 %, by recording.",
+        f"False positives: area of the image. {INTERVALS}",
         labels=2,
     )
 
 
 def _cells(row: ObjectFigures, rates: dict[str, str]) -> tuple[str, ...]:
     plain = [_figure(row.figure(name), interval=False) for name in rates]
-    return (str(row.object_frames), *plain, *(_figure(row.figure(name), interval=name != "tpr") for name in COVERAGES))
+    return (
+        str(row.recordings),
+        str(row.object_frames),
+        *plain,
+        *(_figure(row.figure(name), interval=name != "tpr") for name in COVERAGES),
+    )
 
 
 def _figure(figure: Figure, *, interval: bool = True) -> str:

@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bench.harness.audit import AuditSummary
+from bench.plain_text import escape_markdown, plain
 from bench.reporting.audit_figure_rows import figure_rows
 from bench.reporting.audit_sheet import AuditTable
 from bench.reporting.audit_tables import audit_tables
@@ -23,13 +24,14 @@ _COLUMNS = ("table", "kind", "compensation", "slice", "range_m", "figure", "case
 def to_markdown(audit: AuditSummary) -> str:
     """All tables with their notes, GitHub's Markdown."""
     made = audit.method
+    dataset, method, protocol = map(escape_markdown, (audit.dataset, made.name, audit.protocol.name))
     head = [
-        f"# Audit of {audit.dataset}: lidar reference and {made.name}",
-        f"{audit.recordings} recordings, protocol `{audit.protocol.name}`, method `{made.name}`."
-        f" {audit.not_seen} evaluated object-frames of which the camera sees no pixel are in none of the figures.",
+        f"# Audit of {dataset}: lidar reference and {method}",
+        f"{audit.recordings} recordings, protocol {protocol}, method {method}. {audit.not_seen} evaluated "
+        "object-frames of which the camera sees no pixel are in none of the figures.",
     ]
     if audit.left_out:
-        head.append(f"Without exact flow: {audit.left_out}.")
+        head.append(f"Without exact flow: {escape_markdown(audit.left_out)}.")
     return "\n\n".join([*head, *(_markdown(table) for table in audit_tables(audit))]) + "\n"
 
 
@@ -54,7 +56,7 @@ def to_rich(audit: AuditSummary) -> Iterator[tuple[Table, str]]:
             box=SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False, title=item.sheet.title, title_justify="left"
         )
         words = max(item.labels, 1)
-        for number, heading in enumerate(headings):
+        for number, heading in enumerate(map(plain, headings)):
             table.add_column(
                 Text(heading if number < words else heading.replace(" ", "\n", 1)),
                 justify="left" if number < words else "right",
@@ -62,7 +64,7 @@ def to_rich(audit: AuditSummary) -> Iterator[tuple[Table, str]]:
             )
         before = ""
         for row in rows:
-            table.add_row(*(Text(cell) for cell in ("" if row[0] == before else row[0], *row[1:])))
+            table.add_row("" if row[0] == before else row[0], *row[1:])
             before = row[0]
         yield table, item.note
 
@@ -80,5 +82,5 @@ def _turned(item: AuditTable) -> tuple[tuple[str, ...], tuple[tuple[str, ...], .
 def _markdown(item: AuditTable) -> str:
     sheet = item.sheet
     rule = ["---"] * item.labels + ["---:"] * (len(sheet.headings) - item.labels)
-    lines = [f"| {' | '.join(row)} |" for row in (sheet.headings, rule, *sheet.rows)]
+    lines = [f"| {' | '.join(map(escape_markdown, row))} |" for row in (sheet.headings, rule, *sheet.rows)]
     return "\n".join([f"## {sheet.title}", "", *lines, "", item.note])

@@ -11,9 +11,11 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from numpy.typing import NDArray
 
 from bench.errors import ShapeError
+from bench.plain_text import plain
 
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType
@@ -36,6 +38,7 @@ STYLE: dict[RcKeyType, Any] = {
     "savefig.bbox": None,
     "svg.hashsalt": "fisheye-bench",
     "pdf.fonttype": 42,  # TrueType, which publishers ask for
+    "text.parse_math": False,  # names may hold dollar signs
 }
 _UNDATED: dict[PictureFormat, dict[str, Any]] = {
     "png": {"Software": None},
@@ -55,6 +58,8 @@ def new_figure(width_in: float, height_in: float) -> Figure:
 
 def figure_bytes(figure: Figure, picture_format: PictureFormat) -> bytes:
     """The figure as a file; equal figures give equal bytes."""
+    for text in figure.findobj(Text):
+        text.set_text("\n".join(map(plain, text.get_text().split("\n"))))  # names may hold what no font draws
     buffer = io.BytesIO()
     with rc_context(STYLE):
         figure.savefig(buffer, format=picture_format, dpi=DPI, metadata=_UNDATED[picture_format])

@@ -13,6 +13,7 @@ from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 from shapely import Polygon
 
+from bench.plain_text import plain
 from bench.reference.records import ReferenceObject, Status
 from bench.reporting.colours import category_colour
 
@@ -55,7 +56,7 @@ def place_labels(axes: Axes, polygons: Sequence[Polygon], texts: Sequence[str]) 
     figure_width_in = axes.figure.get_figure(root=True).get_figwidth()
     size = float(np.clip(2.5 * figure_width_in * axes.get_position().width, *_LABEL_SIZES))
     for polygon, text in zip(polygons, texts, strict=True):
-        label = axes.text(0, 0, text, fontsize=size, color="white", ha="left", va="bottom", zorder=10)
+        label = axes.text(0, 0, plain(text), fontsize=size, color="white", ha="left", va="bottom", zorder=10)
         label.set_path_effects(
             [Stroke(linewidth=1.4, foreground="black"), withStroke(linewidth=1.4, foreground="black")]
         )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
-from rich.text import Text
 
 from bench.harness import PredictionReport
 
@@ -22,7 +21,7 @@ def prediction_table(report: PredictionReport) -> Table | None:
     for kind, faults in report.faults.items():
         for place, fault in enumerate(faults[:SHOWN]):
             head = (kind, str(len(faults))) if place == 0 else ("", "")
-            table.add_row(*map(Text, (*head, fault.place, _shortened(fault.reason))))
+            table.add_row(*head, fault.place, _shortened(fault.reason))
         if len(faults) > SHOWN:
             table.add_row("", "", "...", "")
     return table if table.row_count else None

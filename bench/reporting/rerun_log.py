@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bench.errors import UsageError
+from bench.errors import OutputError, UsageError
 from bench.recordings import Cuboid, ImageRef, Recording
 from bench.recordings.atomic import replacing
 from bench.reporting.lidar_pixels import SeenSweep
@@ -24,6 +24,7 @@ from bench.reporting.lidar_pixels import SeenSweep
 TIMELINE = "exposure"
 NEAR_STATE_NS = 60_000_000
 POINT_RADIUS_M = 0.03
+LEAST_ROOM_BYTES = 65_536  # with less the library waits for ever
 
 
 class RerunLog:
@@ -96,17 +97,29 @@ def rerun_log(path: Path, *, recording: Recording, camera: str) -> Iterator[Reru
 
     Raises:
         UsageError: the viewer's library is not installed, or another suffix.
+        OutputError: the file cannot be written, or not to its end.
     """
     rerun = viewer()
     refuse_other_log(path)
     with replacing(path) as temporary:
         stream = rerun.RecordingStream("fisheye-bench", recording_id=f"{recording.name}-{camera}")
-        stream.save(str(temporary))
+        temporary.write_bytes(bytes(LEAST_ROOM_BYTES))
+        with _told(path):
+            stream.save(str(temporary))
         try:
             yield RerunLog(rerun, stream, recording, camera)
+            with _told(path):
+                stream.flush()
         finally:
-            stream.flush()
             stream.disconnect()
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except RuntimeError as error:  # the library's thread that writes has ended; why, it prints itself
+        raise OutputError(path, came=str(error), do="make room, then give the same command again") from error
 
 
 def viewer() -> ModuleType:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.reporting.numbers import count, difference, mean, ours, ours_with_interval, paper
 from bench.reporting.tables import FALSE_POSITIVES, TableRow
 
@@ -15,9 +16,13 @@ COVERAGES = {
     "iou": "IoU, all",
     "iou_detected": "IoU, detected",
 }
+INTERVALS = (
+    "Intervals: 95 %, by recording, since images of one recording are not independent (jackknife, Student's t on the "
+    f"logit scale); figures with cases in fewer than {FEWEST_RECORDINGS} recordings have none."
+)
 NOTE = (
     "TPR and IoU beside the paper's are averages over the detected object-frames. Chance: the same objects on the mask "
-    "of another frame. Intervals: 95 %, bootstrap over recordings. Differences in percentage points. In the last row, "
+    f"of another frame. {INTERVALS} Differences in percentage points. In the last row, "
     "the area of the image. The paper's recordings are private: same form, not the same data."
 )
 
@@ -56,12 +61,12 @@ def _level(name: str) -> float:
 
 
 def _beside_the_paper(rows: Sequence[TableRow]) -> Sheet:
-    headings = ["Type", "# Frames", "paper"]
+    headings = ["Type", "Recordings", "# Frames", "paper"]
     for heading in COMPARED.values():
         headings += [heading, "paper", "diff."]
     lines = []
     for row in rows:
-        line = [row.label, count(row.frames), count(row.paper_frames)]
+        line = [row.label, count(row.recordings), count(row.frames), count(row.paper_frames)]
         # The paper prints the false-positive coverage in the column of the detection rate.
         names = ["coverage"] if row.name == FALSE_POSITIVES else list(COMPARED)
         for name in names:
@@ -75,16 +80,25 @@ def _beside_the_paper(rows: Sequence[TableRow]) -> Sheet:
 
 def _with_intervals(rows: Sequence[TableRow], *, title: str, shown: Mapping[str, str]) -> Sheet:
     lines = [
-        (row.label, count(row.frames), count(row.tracks), *(ours_with_interval(row.figures[name]) for name in shown))
+        (
+            row.label,
+            count(row.recordings),
+            count(row.frames),
+            count(row.tracks),
+            *(ours_with_interval(row.figures[name]) for name in shown),
+        )
         for row in rows
         if row.name != FALSE_POSITIVES
     ]
-    return Sheet(title=title, headings=("Type", "# Frames", "Objects", *shown.values()), rows=tuple(lines))
+    return Sheet(
+        title=title, headings=("Type", "Recordings", "# Frames", "Objects", *shown.values()), rows=tuple(lines)
+    )
 
 
 def _false_positives(rows: Sequence[TableRow]) -> Sheet:
     lines = [
         (
+            count(row.recordings),
             count(row.frames),
             ours_with_interval(row.figures["coverage"]),
             ours_with_interval(row.figures["coverage_valid"]),
@@ -95,6 +109,7 @@ def _false_positives(rows: Sequence[TableRow]) -> Sheet:
         if row.name == FALSE_POSITIVES
     ]
     headings = (
+        "Recordings",
         "Image-frames",
         "False-positive coverage",
         "of the valid pixels",

@@ -83,7 +83,11 @@ def _panel(picture: Picture, slot: int, lines: int, height_in: float, bottom_in:
 def _draw_objects(axes: Axes, result: SweepResult, label: str, rows: Sequence[ObjectFigures]) -> None:
     for name in shown_figures(result):
         _draw(axes, result, name, [row.figure(name) for row in rows])
-    axes.set_title(f"{label}\n{_counts([row.object_frames for row in rows])} object-frames", pad=3)
+    axes.set_title(
+        f"{label}\n{_counts([row.object_frames for row in rows])} object-frames, "
+        f"{_counts([row.recordings for row in rows])} recordings",
+        pad=3,
+    )
 
 
 def _draw_coverage(axes: Axes, result: SweepResult) -> None:
@@ -139,7 +143,7 @@ def _legend(axes: Axes, result: SweepResult) -> None:
     headings = shown_figures(result) | {COVERAGE: "False positives, share of the image"}
     handles: list[Line2D | Patch] = [_handle(name, heading, result) for name, heading in headings.items()]
     handles.append(Line2D([], [], color=GREY, linestyle=":", label="operating value"))
-    handles.append(Patch(facecolor=BLACK, alpha=0.15, label="95 % interval, bootstrap over recordings"))
+    handles.append(Patch(facecolor=BLACK, alpha=0.15, label="95 % interval, by recording"))
     axes.legend(handles=handles, loc="upper left", frameon=False)
 
 

@@ -9,10 +9,15 @@ from collections.abc import Iterator
 
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
+from rich.text import Text
 
 from bench.evaluation import Figure, ObjectFigures
+from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.harness.sweep import SweepResult, SweepRow
+from bench.plain_text import escape_markdown
 from bench.reference.records import Category
+from bench.reporting.numbers import count
+from bench.reporting.sheets import INTERVALS
 from bench.reporting.tables import LABELS
 
 FIGURES = {
@@ -34,8 +39,7 @@ PARTS = {
 }
 NOTE = (
     "TPR and IoU: averages over all object-frames, or over the detected ones. False-positive coverage: share of the "
-    "image's area. Intervals: 95 %, bootstrap over recordings; all values are of the same images, so their intervals "
-    "move together."
+    f"image's area. {INTERVALS} All values are of the same images, so their intervals move together."
 )
 _SHORT = {
     Category.CROSSING: "cross.",
@@ -67,7 +71,9 @@ def value_text(row: SweepRow) -> str:
 
 def to_markdown(result: SweepResult) -> str:
     """One table for all moving objects with the false positives, then one per category; GitHub's Markdown."""
-    head = f"# Sweep `{result.what}` on {result.dataset}: {result.title}\n\n{PARTS[result.part]} {NOTE}"
+    head = (
+        f"# Sweep `{result.what}` on {escape_markdown(result.dataset)}: {result.title}\n\n{PARTS[result.part]} {NOTE}"
+    )
     return "\n\n".join([head, *(_markdown_group(result, index) for index in range(_group_count(result)))]) + "\n"
 
 
@@ -89,19 +95,25 @@ def to_rich(result: SweepResult) -> Table:
         show_edge=False,
         title=f"Sweep {result.what} on {result.dataset}: {result.title}; figures in percent",
         title_justify="left",
-        caption=f"TPR by kind of motion: over all its object-frames. *: the operating value.\n{PARTS[result.part]}",
+        caption=Text(
+            "TPR by kind of motion: over all its object-frames. *: the operating value. Recs: recordings, under "
+            f"{FEWEST_RECORDINGS} no interval.\n{PARTS[result.part]}"
+        ),
         caption_justify="left",
     )
     table.add_column("Value", no_wrap=True)
+    table.add_column("Recs", justify="right", no_wrap=True)
     for heading in (*figures.values(), "False pos.\ncoverage"):
-        table.add_column(heading.replace(" at ", "\nat ").replace(", ", ",\n"), justify="right", no_wrap=True)
+        lines = Text(heading.replace(" at ", "\nat ").replace(", ", ",\n"))
+        table.add_column(lines, justify="right", no_wrap=True)
     for name in result.rows[0].categories:
-        table.add_column(f"TPR\n{_SHORT[Category(name)]}", justify="right", no_wrap=True)
+        table.add_column(Text(f"TPR\n{_SHORT[Category(name)]}"), justify="right", no_wrap=True)
     for row in result.rows:
         cells = [_with_bounds(row.all_moving.figure(name)) for name in figures]
         cells.append(_with_bounds(row.false_positives.coverage))
-        cells += [_number(kind.tpr_all) for kind in row.categories.values()]
-        table.add_row(value_text(row) + (" *" if row.operating else ""), *cells, style="bold" if row.operating else "")
+        cells += [Text(_number(kind.tpr_all)) for kind in row.categories.values()]
+        head = value_text(row) + (" *" if row.operating else ""), count(row.all_moving.recordings)
+        table.add_row(*head, *cells, style="bold" if row.operating else "")
     return table
 
 
@@ -113,13 +125,13 @@ def _markdown_group(result: SweepResult, index: int) -> str:
     shown = shown_figures(result)
     name, label, _ = list(groups(result.rows[0]))[index]
     last = ["False-positive coverage"] if name == ALL_MOVING else []
-    lines = [[result.title, "# Frames", *shown.values(), *last]]
+    lines = [[result.title, "Recordings", "# Frames", *shown.values(), *last]]
     for row in result.rows:
         _, _, figures = list(groups(row))[index]
         cells = [_markdown_figure(figures.figure(figure)) for figure in shown]
         cells += [_markdown_figure(row.false_positives.coverage)] if last else []
         value = f"**{value_text(row)}** (operating)" if row.operating else value_text(row)
-        lines.append([value, str(figures.object_frames), *cells])
+        lines.append([value, str(figures.recordings), str(figures.object_frames), *cells])
     rule = ["---", *("---:" for _ in lines[0][1:])]
     rows = [f"| {' | '.join(line)} |" for line in (lines[0], rule, *lines[1:])]
     return "\n".join([f"**{label}**", "", *rows])
@@ -138,10 +150,12 @@ def _csv_row(row: SweepRow, result: SweepResult) -> dict[str, object]:
         "value": row.value,
         "operating": int(row.operating),
         "image_frames": row.false_positives.frames,
+        "recordings": count(row.false_positives.recordings),
     }
     cells |= _csv_figure(COVERAGE, row.false_positives.coverage)
     for group, _, figures in groups(row):
         cells[f"{group}.object_frames"] = figures.object_frames
+        cells[f"{group}.recordings"] = figures.recordings
         for name in shown_figures(result):
             cells |= _csv_figure(f"{group}.{name}", figures.figure(name))
     return cells
@@ -153,11 +167,11 @@ def _csv_figure(name: str, figure: Figure) -> dict[str, object]:
     return {key: "" if math.isnan(number) else repr(number) for key, number in numbers.items()}
 
 
-def _with_bounds(figure: Figure) -> str:
+def _with_bounds(figure: Figure) -> Text:
     if math.isnan(figure.value):
-        return f"n/a ({figure.cases})"
-    bounds = "" if figure.ci95 is None else f" {100 * figure.ci95[0]:.0f}-{100 * figure.ci95[1]:.0f}"
-    return _number(figure) + bounds
+        return Text(f"n/a ({figure.cases})")
+    bounds = "" if figure.ci95 is None else f"{100 * figure.ci95[0]:.0f}-{100 * figure.ci95[1]:.0f}"
+    return Text(f"{_number(figure)}\n{bounds}")
 
 
 def _number(figure: Figure) -> str:

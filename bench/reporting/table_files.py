@@ -9,6 +9,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from bench.plain_text import escape_markdown, plain
 from bench.reporting.sheets import NOTE, Sheet, sheets
 from bench.reporting.tables import Comparison, TableRow
 
@@ -27,7 +28,7 @@ _LATEX_SPECIAL = str.maketrans(
 def to_markdown(rows: Sequence[TableRow], *, threshold_free: str = "", caveats: str = "") -> str:
     """The table as GitHub's Markdown, with figures over all thresholds and what a reader has to know of the data."""
     notes = [note for note in (threshold_free, NOTE) if note]
-    notes += [f"The data: {caveats.strip()}"] if caveats.strip() else []
+    notes += [f"The data: {escape_markdown(' '.join(caveats.split()))}"] if caveats.strip() else []
     return "\n\n".join([*(_markdown_sheet(sheet) for sheet in sheets(rows)), *notes]) + "\n"
 
 
@@ -42,14 +43,23 @@ def to_csv(rows: Sequence[TableRow]) -> str:
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(
         ["row", "label", "frames", "paper_frames", "tracks", "figure", "value", "ci95_low", "ci95_high", "cases",
-         "paper", "difference_points"]
+         "paper", "difference_points", "recordings"]
     )  # fmt: skip
     for row in rows:
         for name, figure in row.figures.items():
             low, high = figure.ci95 or (math.nan, math.nan)
             numbers = [figure.value, low, high, figure.cases, figure.paper, figure.difference_points]
             writer.writerow(
-                [row.name, row.label, row.frames, row.paper_frames, row.tracks, name, *map(_or_empty, numbers)]
+                [
+                    row.name,
+                    row.label,
+                    row.frames,
+                    row.paper_frames,
+                    row.tracks,
+                    name,
+                    *map(_or_empty, numbers),
+                    row.recordings,
+                ]
             )
     return buffer.getvalue()
 
@@ -66,6 +76,7 @@ def to_json(rows: Sequence[TableRow]) -> str:
                 "frames": row.frames,
                 "paper_frames": row.paper_frames,
                 "tracks": row.tracks,
+                "recordings": row.recordings,
                 "figures": {name: _json_figure(figure) for name, figure in row.figures.items()},
             }
             for row in rows
@@ -76,11 +87,11 @@ def to_json(rows: Sequence[TableRow]) -> str:
 
 def escape_latex(text: str) -> str:
     """Text in which LaTeX's special characters stand for themselves."""
-    return text.translate(_LATEX_SPECIAL)
+    return plain(text).translate(_LATEX_SPECIAL)
 
 
 def _markdown_sheet(sheet: Sheet) -> str:
-    cells = [[cell.replace("|", r"\|") for cell in line] for line in (sheet.headings, *sheet.rows)]
+    cells = [[escape_markdown(cell) for cell in line] for line in (sheet.headings, *sheet.rows)]
     widths = [max(len(line[i]) for line in cells) for i in range(len(sheet.headings))]
     padded = ["| " + " | ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)) + " |" for line in cells]
     first_is_text = sheet.headings[0] == "Type"

@@ -53,6 +53,7 @@ class TableRow:
         frames: object-frames, in the last row image-frames.
         paper_frames: the paper's.
         tracks: objects; None in the last row.
+        recordings: that hold the frames; None in the last row of a summary of an older version.
         figures: by the names of `ObjectFigures`, in the last row of `FalsePositiveFigures`.
     """
 
@@ -61,6 +62,7 @@ class TableRow:
     frames: int
     paper_frames: int
     tracks: int | None
+    recordings: int | None
     figures: Mapping[str, Comparison]
 
 
@@ -83,6 +85,7 @@ def _category_row(category: Category, figures: ObjectFigures) -> TableRow:
         frames=figures.object_frames,
         paper_frames=theirs.object_frames if theirs else 0,
         tracks=figures.tracks,
+        recordings=figures.recordings,
         figures={name: _compare(figures.figure(name), paper.get(name)) for name in figures.figure_names()},
     )
 
@@ -94,6 +97,7 @@ def _false_positive_row(figures: FalsePositiveFigures) -> TableRow:
         frames=figures.frames,
         paper_frames=published.IMAGE_FRAMES,
         tracks=None,
+        recordings=figures.recordings,
         figures={
             "coverage": _compare(figures.coverage, published.FALSE_POSITIVE_COVERAGE),
             "coverage_valid": _compare(figures.coverage_valid, None),

@@ -9,6 +9,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
+from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.reporting.numbers import count, difference
 from bench.reporting.sheets import COMPARED, COVERAGES, detection_figures
 from bench.reporting.tables import FALSE_POSITIVES, Comparison, TableRow
@@ -43,10 +44,12 @@ def to_rich(rows: Sequence[TableRow]) -> Table:
     )
     table.add_column("Type", no_wrap=True)
     table.add_column("", style="dim", no_wrap=True)
+    table.add_column("Recs", justify="right", no_wrap=True)
     table.add_column("Frames", justify="right", no_wrap=True)
     table.add_column("Objects", justify="right", no_wrap=True)
     for name, heading in shown.items():
-        table.add_column(_HEADINGS.get(name, heading.replace(" ", "\n", 1)), justify="right", no_wrap=True, min_width=6)
+        lines = Text(_HEADINGS.get(name, heading.replace(" ", "\n", 1)))
+        table.add_column(lines, justify="right", no_wrap=True, min_width=6)
     for row in rows:
         if row.name == FALSE_POSITIVES:
             table.add_row(*_stacked(row, ["coverage"], lines=["ours", "95 %", "paper", "diff."]))
@@ -61,6 +64,7 @@ def _stacked(row: TableRow, names: Sequence[str], *, lines: Sequence[str]) -> li
     return [
         Text(row.label.replace(" (", "\n(")),
         Text("\n".join(lines)),
+        Text(count(row.recordings)),
         Text("\n".join(frames.get(line, "") for line in lines)),
         Text(count(row.tracks)),
         *(_figure_cell(_figure_lines(row, name), lines) for name in names),
@@ -94,8 +98,9 @@ def _bounds(figure: Comparison) -> str:
     return "" if figure.ci95 is None else f"{100 * figure.ci95[0]:.0f}-{100 * figure.ci95[1]:.0f}"
 
 
-def _caption(rows: Sequence[TableRow]) -> str:
+def _caption(rows: Sequence[TableRow]) -> Text:
     notes = [
+        f"95 %: interval by recording; none where fewer than {FEWEST_RECORDINGS} recordings (recs) hold cases.",
         "Detection: object-frames with any pixel found, or at least the stated share of them.",
         "Chance: the same on the mask of another frame. n/a (0): no cases.",
         "TPR and IoU: det. over detected object-frames, the paper's reading; all over all of them.",
@@ -106,4 +111,4 @@ def _caption(rows: Sequence[TableRow]) -> str:
             notes.append(
                 f"False positives: share of the image; {100 * rate.value:.1f} % of the frames have a large one."
             )
-    return "\n".join(notes)
+    return Text("\n".join(notes))

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.errors import ShapeError, UsageError
+from bench.errors import OutputError, ShapeError, UsageError
 from bench.recordings.atomic import replacing
 
 # The codecs that the OpenCV wheel carries; H.264 is not among them for its licence. Browsers play .webm only.
@@ -46,8 +46,27 @@ class VideoFile:
         if self._writer is not None:
             self._writer.release()
 
+    def check(self) -> None:
+        """Read the finished file: OpenCV does not tell that a disk is full.
+
+        Raises:
+            OutputError: it does not hold the pictures.
+        """
+        video = cv2.VideoCapture(str(self._path))
+        told, held = video.get(cv2.CAP_PROP_FRAME_COUNT), 0  # by the file's own end, and what comes before it
+        while video.grab():
+            held += 1
+        video.release()
+        with self._path.open("rb") as file:
+            head = file.read(8)
+        length = int.from_bytes(head[4:], "little") + 8 if head.startswith(b"RIFF") else 0  # .avi, its last picture too
+        if not self.pictures == told == held or length > self._path.stat().st_size:
+            came = "a file that ends before its last picture"
+            raise OutputError(self._named, came=came, do="make room, then give the same command again")
+
     def _opened(self, size: tuple[int, int]) -> cv2.VideoWriter:
         codec = CODECS[self._named.suffix.lower()]
+        self._path.touch()  # OpenCV tells a place that cannot be written no other than a missing codec
         writer = cv2.VideoWriter(str(self._path), cv2.VideoWriter.fourcc(*codec), self._rate_hz, size)
         if not writer.isOpened():
             raise UsageError(
@@ -70,9 +89,9 @@ def video_file(path: Path, *, frame_rate_hz: float) -> Iterator[VideoFile]:
 
     Raises:
         UsageError: a suffix or a codec that cannot be written.
+        OutputError: the file cannot be written, or not to its end.
     """
     refuse_other_suffix(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as temporary:
         video = VideoFile(temporary, path, frame_rate_hz)
         try:
@@ -81,6 +100,7 @@ def video_file(path: Path, *, frame_rate_hz: float) -> Iterator[VideoFile]:
             video.close()
         if not video.pictures:
             raise UsageError(f"{path}: wanted at least one picture for a video, came none")
+        video.check()
 
 
 def refuse_other_suffix(path: Path) -> None:

@@ -13,6 +13,7 @@ from pathlib import Path
 from bench.errors import DataError, UsageError
 from bench.parallel import Lost, Place, Processes, in_turn, usable_cores
 from bench.recordings import write_text
+from bench.recordings.atomic import make_folder
 from bench.recordings.locking import alone_in
 from bench.synthesis.reading import read_scenario
 from bench.synthesis.recorder import render_recording
@@ -57,7 +58,7 @@ def synthesize(
             progress(len(folders), len(folders))
         return folders
     scenario = read_scenario(scenario_path)
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     with alone_in(out):
         _remove_former(scenario, out)
         missing = [spec for spec in scenario.recordings if _mark_of(out / spec.name) != _mark(scenario, spec)]
@@ -115,7 +116,7 @@ def _mark(scenario: Scenario, spec: RecordingSpec) -> dict[str, str]:
 def _mark_of(folder: Path) -> dict[str, str] | None:
     try:
         mark = json.loads((folder / MARK).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return None
     return mark if isinstance(mark, dict) else None
 

@@ -1,6 +1,7 @@
 """`compare` and `leaderboard`, on runs of the rendered data set."""
 
 import json
+from dataclasses import replace
 
 import cv2
 import pytest
@@ -35,7 +36,7 @@ def test_compare_ends_with_verdicts_files_and_titled_pictures(monkeypatch, capsy
     assert whole["lost"] == whole["before"] > 0
     assert f"{whole['object_frames']} object-frames, detected: {whole['before']} before, 0 after; 0 newly" in shown
     assert "nothing against spherical, over everything: " in shown
-    assert "too few recordings to judge: Detection rate" in shown, "three recordings prove nothing"
+    assert "too few recordings for a verdict: Detection rate" in shown, "three recordings prove nothing"
     assert stored["remarks"] == [], "processed again, every picture shows what was stored"
     assert [picture["file"] for picture in stored["pictures"]] == [
         "pictures/01-01-newly-missed.jpg",
@@ -51,13 +52,36 @@ def test_compare_ends_with_verdicts_files_and_titled_pictures(monkeypatch, capsy
         assert picture["title"].split(" (")[1] in (tmp_path / "compare.md").read_text()
 
 
-def test_a_picture_that_is_not_what_was_stored_is_told(monkeypatch, capsys, runs, tmp_path):
-    """A method that has changed since its run."""
-    from bench.methods.baselines import Everything, Nothing
+def test_pictures_show_what_was_scored_and_call_no_method(monkeypatch, capsys, runs, tmp_path):
+    from bench.methods.baselines import Nothing
+    from bench.methods.spherical.method import SphericalMethod
 
-    monkeypatch.setattr(Nothing, "segment", Everything.segment)
+    def refuse(*_):
+        raise AssertionError("a stored run calls its method")
+
+    for kind in (Nothing, SphericalMethod):
+        monkeypatch.setattr(kind, "segment", refuse)
     assert call(monkeypatch, "compare", runs / "spherical", runs / "nothing", "--out", tmp_path) == 0
-    assert "01-01-newly-missed.jpg: nothing comes to 100.0 % today, 0.0 % are stored" in capsys.readouterr().out
+    assert json.loads((tmp_path / "compare.json").read_text())["comparisons"][0]["remarks"] == []
+    assert len(list((tmp_path / "pictures").iterdir())) == 3
+
+
+def test_a_picture_that_would_not_show_what_was_scored_is_not_drawn(monkeypatch, capsys, runs, tmp_path):
+    """The code of the reference has changed since the runs."""
+    from bench.harness import frames
+
+    build = frames.ReferenceBuilder.build
+
+    def changed(self, image):
+        reference = build(self, image)
+        return replace(reference, ignored=~reference.ignored & (reference.labels == 0) & reference.valid)
+
+    monkeypatch.setattr(frames.ReferenceBuilder, "build", changed)
+    assert call(monkeypatch, "compare", runs / "spherical", runs / "nothing", "--out", tmp_path) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "no picture 01-01-newly-missed.jpg: recording" in shown
+    assert "code or data changed since, so that a picture would not show what was scored" in shown
+    assert not (tmp_path / "pictures").exists()
 
 
 def test_compare_refuses_what_does_not_compare_in_one_line(monkeypatch, capsys, runs, tmp_path):

@@ -1,6 +1,9 @@
 """`fisheye-bench gate`: exit statuses, what it prints, which files it leaves."""
 
 import json
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -8,7 +11,9 @@ from junitparser import JUnitXml
 
 from bench.evaluation import load_protocol
 from bench.gate import scored_run, write_baseline
-from bench.harness import run_benchmark
+from bench.harness import code_state, read_run, run_benchmark
+from bench.harness.keys import MethodIdentity
+from bench.harness.stored import write_summary
 from bench.methods import build_method
 from bench.recordings import load_card
 from tests.cli.test_commands import call
@@ -21,9 +26,22 @@ def _at_a_desk(monkeypatch):
 
 @pytest.fixture(scope="module")
 def runs(tiny_card, tmp_path_factory) -> dict[str, Path]:
-    """Runs of the paper's method and of one that finds nothing, with a baseline of the former."""
-    folder = tmp_path_factory.mktemp("gate")
-    card, protocol = load_card(str(tiny_card)), load_protocol("paper-v1")
+    """Runs of the paper's method and of one that finds nothing, with a baseline of the former; of two data sets.
+
+    The tiny data set has three recordings, too few for a verdict; the other has each of them twice.
+    """
+    folder, data = tmp_path_factory.mktemp("gate"), tmp_path_factory.mktemp("data")
+    shutil.copytree(tiny_card.parent, data, dirs_exist_ok=True)
+    for recording in sorted((data / "data" / "tiny").iterdir()):
+        if recording.is_dir():
+            again = shutil.copytree(recording, recording.with_name(f"{recording.name}-again"))
+            head = json.loads((again / "recording.json").read_text())
+            (again / "recording.json").write_text(json.dumps(head | {"name": again.name}))
+    card, protocol = load_card(str(data / tiny_card.name)), load_protocol("paper-v1")
+    few = run_benchmark(
+        load_card(str(tiny_card)), method=build_method("spherical"), protocol=protocol, out=folder / "few"
+    )
+    assert few.images.evaluated
     for name in ("spherical", "nothing"):
         run_benchmark(card, method=build_method(name), protocol=protocol, out=folder / name)
     run_benchmark(card, method=build_method("nothing"), protocol=load_protocol("extended-v1"), out=folder / "extended")
@@ -36,6 +54,16 @@ def test_the_same_run_passes(monkeypatch, capsys, runs):
     shown = capsys.readouterr().out
     assert "gate passed: " in shown
     assert "::error" not in shown
+
+
+def test_a_gate_that_judges_nothing_has_the_status_of_one_without_a_baseline(monkeypatch, capsys, runs, tmp_path):
+    write_baseline(scored_run(runs["few"]), tmp_path / "few.json", allow_dirty=True)
+    junit = tmp_path / "gate.xml"
+    assert call(monkeypatch, "gate", runs["few"], "--baseline", tmp_path / "few.json", "--junit", junit) == 3
+    shown = capsys.readouterr()
+    assert "error: nothing was judged" in shown.err
+    assert "gate WITHOUT A VERDICT: " in shown.out
+    assert "passed" not in shown.out
 
 
 def test_a_worse_run_fails_in_every_form(monkeypatch, capsys, runs, tmp_path):
@@ -66,19 +94,87 @@ def test_a_missing_baseline_has_a_status_of_its_own(monkeypatch, capsys, runs, t
 
 def test_update_writes_a_baseline_that_the_run_passes(monkeypatch, capsys, runs, tmp_path):
     file = tmp_path / "baselines" / "tiny.json"
-    assert call(monkeypatch, "gate", runs["nothing"], "--baseline", file, "--update", "--allow-dirty") == 0
-    assert f"{file}: nothing on tiny by paper-v1" in capsys.readouterr().out
-    assert call(monkeypatch, "gate", runs["nothing"], "--baseline", file) == 0
+    assert call(monkeypatch, "gate", runs["spherical"], "--baseline", file, "--update", "--allow-dirty") == 0
+    assert f"{file}: spherical on tiny by paper-v1" in capsys.readouterr().out
+    assert call(monkeypatch, "gate", runs["spherical"], "--baseline", file) == 0
+
+
+PLUG_IN = """
+import numpy as np
+
+from bench.methods import Segmentation
+
+
+class Own:
+    name, history, colour = "own", 1, False
+
+    def settings(self):
+        return {}
+
+    def segment(self, frame):
+        return Segmentation(cell_size_px=1, mask=np.zeros(frame.valid.shape, bool))
+"""
+
+
+def test_update_refuses_a_plug_in_that_is_not_committed_as_it_is(monkeypatch, capsys, tiny_card, tmp_path):
+    """The package itself counts as committed here, whatever state it is in while it is worked on."""
+    checkout = tmp_path / "checkout"
+    checkout.mkdir()
+    (checkout / "own_for_the_gate.py").write_text(PLUG_IN)
+    monkeypatch.syspath_prepend(str(checkout))
+    monkeypatch.setattr(code_state, "_own_sources", list)
+    git = ("git", "-C", str(checkout), "-c", "user.name=x", "-c", "user.email=x@x")
+    baseline = ("--baseline", tmp_path / "b.json", "--update")
+
+    def refused(number: int) -> str:
+        out = tmp_path / f"run-{number}"
+        options = ("--method", "own_for_the_gate:Own", "--out", out, "--workers", 1, "--no-pictures", "--no-cache")
+        assert call(monkeypatch, "run", tiny_card, *options) == 0
+        patched = read_run(out)
+        made = patched.provenance.model_copy(update={"commit": None})
+        write_summary(out, patched.model_copy(update={"provenance": made}))
+        capsys.readouterr()
+        status = call(monkeypatch, "gate", out, *baseline)
+        assert status in (0, 2)
+        return capsys.readouterr().err
+
+    assert "own_for_the_gate.py: in no checkout, and of no installed distribution" in refused(1)
+    subprocess.run([*git, "init", "-q"], check=True)
+    assert "own_for_the_gate.py: untracked" in refused(2)
+    subprocess.run([*git, "add", "."], check=True)
+    subprocess.run([*git, "commit", "-qm", "x"], check=True)
+    assert refused(3) == ""
+    assert (tmp_path / "b.json").exists()
+    (checkout / "own_for_the_gate.py").write_text(PLUG_IN + "# changed\n")
+    del sys.modules["own_for_the_gate"]
+    assert "own_for_the_gate.py: changed since it was committed" in refused(4)
+
+
+def test_an_installed_file_that_was_edited_is_no_installed_one(tmp_path, monkeypatch):
+    site = tmp_path / "site-packages"
+    (site / "packed").mkdir(parents=True)
+    file = site / "packed" / "method.py"
+    file.write_text("x = 1\n")
+    info = site / "packed-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: packed\nVersion: 1.0\n")
+    (info / "RECORD").write_text(f"packed/method.py,sha256={code_state._digest(file)},6\n")
+    monkeypatch.syspath_prepend(str(site))
+    monkeypatch.setattr(code_state, "_own_sources", lambda: [file])
+    identity = MethodIdentity.of(build_method("nothing"))
+    assert code_state.unrepeatable_code(identity) == ()
+    file.write_text("x = 2\n")
+    assert code_state.unrepeatable_code(identity) == (f"{file}: changed since it was installed",)
 
 
 def test_update_refuses_changed_code_unless_told(monkeypatch, capsys, runs, tmp_path):
     folder = tmp_path / "run"
     folder.mkdir()
-    for name in ("objects.parquet", "frames.parquet", "protocol.json", "summary.json"):
+    for name in ("objects.parquet", "frames.parquet", "protocol.json"):
         (folder / name).write_bytes((runs["spherical"] / name).read_bytes())
-    summary = json.loads((folder / "summary.json").read_text())
-    summary["provenance"]["commit"] = "0123456789abcdef+"
-    (folder / "summary.json").write_text(json.dumps(summary))
+    summary = read_run(runs["spherical"])
+    made = summary.provenance.model_copy(update={"commit": "0123456789abcdef+"})
+    write_summary(folder, summary.model_copy(update={"provenance": made}))
     assert call(monkeypatch, "gate", folder, "--baseline", tmp_path / "b.json", "--update") == 2
     assert "--allow-dirty" in capsys.readouterr().err
     assert not (tmp_path / "b.json").exists()

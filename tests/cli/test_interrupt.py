@@ -47,7 +47,7 @@ def test_a_run_that_is_stopped_leaves_no_process_and_goes_on(tiny_card, tmp_path
     (trouble / "standing.wait").touch()
     run = start("run", tiny_card, *TROUBLED, "--out", out, "--no-pictures", "--no-cache", "--workers", workers)
     try:
-        until(lambda: bool(pids(here)) and len(list((out / "units").glob("*.json"))) == 2, "two units of three stored")
+        until(lambda: bool(pids(here)) and len(list((out / "units").glob("*.unit"))) == 2, "two units of three stored")
         if how == "interrupted":
             os.killpg(run.pid, number)
         else:

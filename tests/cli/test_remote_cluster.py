@@ -48,7 +48,7 @@ def test_a_cluster_scores_from_storage_to_storage_and_goes_on_there(remote_card,
         assert bucket.get(f"runs/first/{name}") == (tmp_path / "serial" / name).read_bytes(), name
 
     shutil.rmtree(tmp_path / "remote")
-    bucket.remove(next(name for name in bucket.names("runs/first/units/") if name.endswith(".json")))
+    bucket.remove(next(name for name in bucket.names("runs/first/units/") if name.endswith(".unit")))
     again = command("run", remote_card, *there, folder=tmp_path)
     assert (again.returncode, again.stderr) == (0, ""), again.stdout
     assert "units computed 1, found done 2" in again.stdout

@@ -97,3 +97,57 @@ def test_times_that_do_not_increase_are_refused(times_ns, message):
 def test_positions_must_be_finite():
     with pytest.raises(DataError, match="finite positions"):
         straight([0, STEP_NS], speed_mps=np.nan)
+
+
+@pytest.mark.parametrize("speed_mps", [8.0, -3.0])
+@pytest.mark.parametrize("rate_radps", [0.5, -1.2, 0.0])
+@pytest.mark.parametrize(
+    "time_ns", [0, 1, 25_000_000, STEP_NS // 2, STEP_NS - 1, STEP_NS, 2 * STEP_NS, 2 * STEP_NS + 1]
+)
+def test_on_a_bend_the_velocity_points_along_the_vehicle_at_every_time(time_ns, rate_radps, speed_mps):
+    """Poses at 10 Hz: the chord between two would be turned by up to half of the turn between them, 1.43 degrees at
+    0.5 rad/s."""
+    seconds = np.arange(3) * STEP_NS / 1e9
+    heading_rad = rate_radps * seconds
+    if rate_radps:
+        positions_m = speed_mps / rate_radps * np.stack([np.sin(heading_rad), 1 - np.cos(heading_rad), 0 * seconds], 1)
+    else:
+        positions_m = speed_mps * np.stack([seconds, 0 * seconds, 0 * seconds], 1)
+    path = Trajectory(
+        source="circle",
+        timestamps_ns=np.arange(3) * STEP_NS,
+        rotations=Rotation.from_rotvec(heading_rad[:, None] * [0.0, 0.0, 1.0]),
+        positions_m=positions_m,
+    )
+    assert path.velocity_vehicle_mps(time_ns) == pytest.approx([speed_mps, 0.0, 0.0], abs=1e-9)
+
+
+def test_the_velocity_between_poses_is_that_of_the_path_there():
+    """Any two poses, tilted ones as well: the velocity is the derivative of the position, seen from the vehicle."""
+    rng = np.random.default_rng(7)
+    path = Trajectory(
+        source="x",
+        timestamps_ns=np.array([0, STEP_NS]),
+        rotations=Rotation.random(2, rng=rng),
+        positions_m=rng.normal(size=(2, 3)),
+    )
+    for time_ns in (0, STEP_NS // 3, STEP_NS - 2000):
+        before, after = (path.world_from_vehicle(time_ns + aside_ns) for aside_ns in (-1000, 1000))
+        velocity_world_mps = (after.translation_m - before.translation_m) / 2e-6
+        seen = path.world_from_vehicle(time_ns).rotation.T @ velocity_world_mps
+        assert path.velocity_vehicle_mps(time_ns) == pytest.approx(seen, rel=1e-5, abs=1e-5)
+
+
+def test_a_vehicle_that_stands_has_no_velocity():
+    assert straight([0, STEP_NS, 2 * STEP_NS], speed_mps=0.0).velocity_vehicle_mps(STEP_NS // 2).tolist() == [0, 0, 0]
+
+
+def test_a_gap_says_nothing_of_the_velocity_at_its_ends():
+    times_ns = np.array([0, STEP_NS, STEP_NS + 600_000_000, 2 * STEP_NS + 600_000_000])
+    positions_m = np.zeros((4, 3))
+    positions_m[:, 0] = [0.0, 1.0, 13.0, 13.2]  # 10 m/s, a gap that was passed at 20 m/s, 2 m/s
+    path = Trajectory(source="x", timestamps_ns=times_ns, rotations=Rotation.identity(4), positions_m=positions_m)
+    found = [float(path.velocity_vehicle_mps(int(time_ns))[0]) for time_ns in times_ns]
+    assert found == pytest.approx([10.0, 10.0, 2.0, 2.0])
+    with pytest.raises(DataError, match="wanted ego-motion at 100000001"):
+        path.velocity_vehicle_mps(STEP_NS + 1)

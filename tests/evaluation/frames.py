@@ -84,9 +84,9 @@ masks = npst.arrays(bool, SIZE)
 
 
 @st.composite
-def frames(draw: st.DrawFn, *, all_valid: bool = False) -> ReferenceFrame:
+def frames(draw: st.DrawFn) -> ReferenceFrame:
     """Random regions: rectangles that occlude each other, nearest first, with ignored and static objects between."""
-    valid = np.ones(SIZE, dtype=bool) if all_valid else ~draw(npst.arrays(bool, SIZE, fill=st.just(False)))
+    valid = ~draw(npst.arrays(bool, SIZE, fill=st.just(False)))
     labels, ignored = np.zeros(SIZE, dtype=np.int32), np.zeros(SIZE, dtype=bool)
     objects: list[ReferenceObject] = []
     for name in draw(st.permutations("abcdef"))[: draw(st.integers(0, 5))]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +19,6 @@ from bench.evaluation import (
     summarise,
     threshold_sweep,
 )
-from bench.evaluation.bootstrap import resample, sequence_weights
 from bench.evaluation.columns import Columns
 from bench.evaluation.coverage_curves import THRESHOLDS
 from bench.evaluation.row_source import ChosenRows, TableRows, group_recordings
@@ -130,15 +128,3 @@ def test_codes_compare_as_their_words_do() -> None:
     codes, found = Columns(pa.table({"w": pa.chunked_array([words[:2], words[2:]])})).words("w")
     assert [None if code < 0 else found[code] for code in codes.tolist()] == words
     assert list(found) == sorted(found)
-
-
-@pytest.mark.parametrize("sequences", [1, 2, 40, 3000])
-def test_totals_of_draws_are_exact(sequences: int) -> None:
-    draw = np.random.default_rng(sequences)
-    sums = draw.random(sequences) * 10.0 ** draw.integers(-3, 4, sequences)
-    weights = sequence_weights(sequences, draws=7, seed=0)
-    found = resample(sums, weights=weights)
-    for total, row in zip(found.tolist(), weights.tolist(), strict=True):
-        exact = sum(Fraction(value) * int(weight) for value, weight in zip(sums.tolist(), row, strict=True))
-        assert total == pytest.approx(float(exact), rel=1e-15)
-    assert np.array_equal(found, resample(sums[::-1], weights=weights[:, ::-1]))

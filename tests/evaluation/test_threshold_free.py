@@ -36,7 +36,7 @@ def frames_of(*images: tuple[str, Values], is_score: bool = True, recording: str
 
 
 def figures_of(frames: pa.Table) -> ThresholdFreeFigures:
-    found = threshold_free_figures(frames.to_batches(max_chunksize=2), protocol=PAPER)
+    found = threshold_free_figures(frames.to_batches(max_chunksize=2))
     assert found is not None
     return found
 
@@ -112,23 +112,24 @@ def test_the_area_is_that_of_the_curve() -> None:
     assert figures_of(frames).auprc.value == pytest.approx(sweep.auprc)
 
 
-def test_intervals_resample_recordings_and_the_order_of_rows_does_not_matter() -> None:
+def test_intervals_are_by_recording_and_the_order_of_rows_does_not_matter() -> None:
     draw = np.random.default_rng(7)
     tables = []
-    for r in range(4):
-        images = [("11..\n1...", np.clip(draw.random((2, 4)) + [[0.2 * r] * 2 + [0] * 2] * 2, 0, 1)) for _ in range(5)]
+    for r in range(6):
+        images = [("11..\n1...", np.clip(draw.random((2, 4)) + [[0.13 * r] * 2 + [0] * 2] * 2, 0, 1)) for _ in range(5)]
         tables.append(frames_of(*images, recording=f"drive-{r}"))
     frames = pa.concat_tables(tables)
     found = figures_of(frames)
     for figure in (found.auprc, found.fpr95):
         assert figure.ci95 is not None
         assert figure.ci95[0] < figure.value < figure.ci95[1]
+    assert found.auprc.recordings == found.fpr95.recordings == 6
     assert figures_of(shuffled(frames, 3)) == found
-    assert figures_of(tables[0]).auprc.ci95 is None
-    four_times_the_same = pa.concat_tables([t.set_column(0, "recording", tables[k]["recording"]) for k, t in
-                                            enumerate([tables[1]] * 4)])  # fmt: skip
-    same = figures_of(four_times_the_same)
-    assert same.auprc.ci95 == pytest.approx((same.auprc.value,) * 2)
+    five = figures_of(pa.concat_tables(tables[:5])).auprc
+    assert (five.ci95, five.recordings) == (None, 5)
+    six_times_the_same = pa.concat_tables([tables[1].set_column(0, "recording", t["recording"]) for t in tables])
+    same, unseen = figures_of(six_times_the_same).auprc, 1 - 0.05 ** (1 / 6)
+    assert same.ci95 == pytest.approx((same.value * (1 - unseen), same.value + unseen * (1 - same.value)))
 
 
 def test_without_objects_or_without_negatives_there_is_no_figure() -> None:
@@ -145,4 +146,4 @@ def test_without_objects_or_without_negatives_there_is_no_figure() -> None:
 
 def test_a_method_without_likelihood_has_none() -> None:
     _, frames = scored([(reference_frame(picture("1.")), np.array([[True, False]]))])
-    assert threshold_free_figures(frames.to_batches(), protocol=PAPER) is None
+    assert threshold_free_figures(frames.to_batches()) is None

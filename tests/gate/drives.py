@@ -1,4 +1,4 @@
-"""Drives for seeded regressions: several overtaking ones, several that turn, each category in two or more."""
+"""Drives for seeded regressions: six that are overtaken, several that turn, each category in two or more."""
 
 SCENARIO = """
 name: gated
@@ -32,6 +32,15 @@ recordings:
     host: {speed_kmh: [7]}
     street: {lanes_left: 2, lanes_right: 0}
     actors: [{name: car, kind: car, position_m: [5.5, 3.2], speed_mps: 5.0}]
+  - name: overtaking-third-car
+    frames: 4
+    host: {speed_kmh: [12]}
+    actors: [{name: car, kind: car, position_m: [6.2, 3.4], speed_mps: 6.4}]
+  - name: overtaking-second-van
+    frames: 4
+    host: {speed_kmh: [9]}
+    street: {lanes_left: 1, lanes_right: 1}
+    actors: [{name: van, kind: van, position_m: [6.0, 3.2], speed_mps: 5.6}]
   - name: turning-left
     frames: 4
     host: {speed_kmh: [12], yaw_rate_degps: [15]}
@@ -64,7 +73,7 @@ recordings:
 
 CARD = """
 name: gated
-title: ten short drives for seeded regressions
+title: twelve short drives for seeded regressions
 adapter: native
 root: data/gated
 scenario: gated.scenario.yaml

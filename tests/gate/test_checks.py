@@ -40,16 +40,16 @@ def test_more_objects_fail_too():
 
 
 def test_a_metric_over_fewer_cases_fails_though_it_scores_better():
-    before, after = one([0.5] * 4), one([1.0] * 4, cases=8)
+    before, after = one([0.5] * 6), one([1.0] * 6, cases=8)
     found, verdict = check(before, after, "cases")
-    assert found.message == "metrics are over other cases: tpr_all: 8 cases fewer in crossing (32, were 40)"
+    assert found.message == "metrics are over other cases: tpr_all: 12 cases fewer in crossing (48, were 60)"
     assert verdict.rows[0].outcome is Outcome.IMPROVED
     assert not verdict.passed
 
 
 def test_as_many_cases_of_other_recordings_fail():
-    before = one([0.5] * 4)
-    moved = sums([0.5] * 4)
+    before = one([0.5] * 6)
+    moved = sums([0.5] * 6)
     moved = moved.model_copy(update={"denominators": moved.denominators | {"drive-0": 11.0, "drive-1": 9.0}})
     found, verdict = check(before, scored({"crossing": {"tpr_all": moved}}), "cases")
     assert "spread otherwise over the recordings" in found.message
@@ -57,43 +57,54 @@ def test_as_many_cases_of_other_recordings_fail():
 
 
 def test_metrics_over_detections_may_change_their_cases():
-    _, verdict = check(one([0.5] * 4, metric="tpr"), one([0.5] * 4, metric="tpr", cases=8), "cases")
+    _, verdict = check(one([0.5] * 6, metric="tpr"), one([0.5] * 6, metric="tpr", cases=8), "cases")
     assert verdict.passed
 
 
 def test_a_metric_or_a_slice_that_is_gone_fails():
-    found, verdict = check(one([0.5] * 4), scored({}), "metrics")
+    found, verdict = check(one([0.5] * 6), scored({}), "metrics")
     assert found.message == "in the baseline, but not in the run: tpr_all of crossing"
     assert not verdict.passed
 
 
 def test_another_reference_fails():
     found, verdict = check(
-        one([0.5] * 4), one([0.5] * 4).model_copy(update={"reference_fingerprint": "x" * 64}), "reference_fingerprint"
+        one([0.5] * 6), one([0.5] * 6).model_copy(update={"reference_fingerprint": "x" * 64}), "reference_fingerprint"
     )
     assert "reference changed" in found.message
     assert not verdict.passed
 
 
+def test_other_images_are_told_with_their_numbers():
+    frames = [{"frames": {"false_positive_coverage": sums([0.2] * 6, cases=n)}} for n in (29, 27)]
+    after = scored(frames[1], reference_fingerprint="x" * 64)
+    found, verdict = check(scored(frames[0]), after, "reference_fingerprint")
+    assert found.message.startswith(
+        "reference changed: other images were scored, 162 where the baseline has 174, and a gate compares equal ones; "
+        "they differ in 6 of 6 recordings, the first 'drive-0' with 27 (was 29)"
+    )
+    assert not verdict.passed
+
+
 def test_other_data_fail_unless_the_rules_say_report():
-    after = one([0.5] * 4).model_copy(update={"data_fingerprint": "x" * 64})
-    found, verdict = check(one([0.5] * 4), after, "data_fingerprint")
+    after = one([0.5] * 6).model_copy(update={"data_fingerprint": "x" * 64})
+    found, verdict = check(one([0.5] * 6), after, "data_fingerprint")
     assert (found.outcome, verdict.passed) == (Outcome.FAILED, False)
-    found, verdict = check(one([0.5] * 4), after, "data_fingerprint", load_tolerances("rendered-v1"))
+    found, verdict = check(one([0.5] * 6), after, "data_fingerprint", load_tolerances("rendered-v1"))
     assert (found.outcome, verdict.passed) == (Outcome.SUSPECT, True)
 
 
 def test_a_run_with_failures_fails():
-    after = one([0.5] * 4).model_copy(update={"failures": ("recording 'a': no calibration", "recording 'b': no lidar")})
-    found, verdict = check(one([0.5] * 4), after, "failures")
+    after = one([0.5] * 6).model_copy(update={"failures": ("recording 'a': no calibration", "recording 'b': no lidar")})
+    found, verdict = check(one([0.5] * 6), after, "failures")
     assert found.message.startswith("the run has 2 failures: recording 'a': no calibration;")
     assert not verdict.passed
 
 
 def test_changed_settings_are_told_by_their_dotted_names_and_fail_nothing():
     settings = {"weights": {"epipolar": 0.5}, "threshold": 6e-4}
-    after = one([0.5] * 4).model_copy(update={"method": MethodStamp(name="spherical", settings=settings)})
-    found, verdict = check(one([0.5] * 4), after, "method")
+    after = one([0.5] * 6).model_copy(update={"method": MethodStamp(name="spherical", settings=settings)})
+    found, verdict = check(one([0.5] * 6), after, "method")
     assert found.message == "method changed: weights.epipolar = 0.5, was 1.0"
     assert verdict.passed
 
@@ -114,4 +125,4 @@ def test_a_long_list_is_cut_with_its_count():
 )
 def test_another_data_set_split_or_protocol_is_refused(changes, told):
     with pytest.raises(UsageError, match=told):
-        verdict_of(one([0.5] * 4), one([0.5] * 4).model_copy(update=changes))
+        verdict_of(one([0.5] * 6), one([0.5] * 6).model_copy(update=changes))

@@ -12,7 +12,7 @@ from bench.gate import Check, Outcome
 from bench.gate.annotations import to_annotations
 from bench.gate.junit import to_junit
 from bench.gate.step_summary import to_markdown
-from bench.gate.terminal_table import check_lines, not_judged_lines, to_rich
+from bench.gate.terminal_table import to_rich, told_lines
 from bench.gate.verdict_json import to_json
 from tests.gate.factories import one, scored, sums, verdict_of
 
@@ -21,13 +21,13 @@ from tests.gate.factories import one, scored, sums, verdict_of
 def mixed():
     """One row of every outcome."""
     before = {
-        "crossing": {"tpr_all": sums([0.9] * 4), "iou": sums([0.2] * 4)},
-        "overtaking": {"tpr_all": sums([0.5] * 6), "iou": sums([0.5] * 4)},
+        "crossing": {"tpr_all": sums([0.9] * 6), "iou": sums([0.2] * 6)},
+        "overtaking": {"tpr_all": sums([0.5] * 6), "iou": sums([0.5] * 6)},
         "points=[30, 100)": {"tpr_all": sums([0.5])},
     }
     after = {
-        "crossing": {"tpr_all": sums([0.5] * 4), "iou": sums([0.4] * 4)},
-        "overtaking": {"tpr_all": sums([0.5] * 5 + [0.0]), "iou": sums([0.5] * 4)},
+        "crossing": {"tpr_all": sums([0.5] * 6), "iou": sums([0.4] * 6)},
+        "overtaking": {"tpr_all": sums([0.5] * 5 + [0.0]), "iou": sums([0.5] * 6)},
         "points=[30, 100)": {"tpr_all": sums([0.5])},
     }
     return verdict_of(scored(before), scored(after, data_fingerprint="x" * 64))
@@ -36,8 +36,8 @@ def mixed():
 @pytest.fixture(scope="module")
 def many():
     """Thirty failures, the later the worse."""
-    before = {f"slice-{k:02d}": {"tpr_all": sums([0.9] * 4)} for k in range(30)}
-    after = {f"slice-{k:02d}": {"tpr_all": sums([0.8 - 0.02 * k] * 4)} for k in range(30)}
+    before = {f"slice-{k:02d}": {"tpr_all": sums([0.9] * 6)} for k in range(30)}
+    after = {f"slice-{k:02d}": {"tpr_all": sums([0.8 - 0.02 * k] * 6)} for k in range(30)}
     return verdict_of(scored(before), scored(after))
 
 
@@ -58,7 +58,7 @@ def test_junit_has_a_case_for_every_check_and_row(mixed):
     assert cases["gate.overtaking", "tpr_all"].system_out.startswith("suspect: ")
     skipped = cases["gate.points=[30, 100)", "tpr_all"]
     assert skipped.is_skipped
-    assert skipped.result[0].message == "cases in 1 recording, 2 are needed"
+    assert skipped.result[0].message == "cases of both in 1 recording, 6 are needed"
     root = ElementTree.parse(BytesIO(to_junit(mixed))).getroot()
     assert root.attrib["failures"] == "2"
     assert root.attrib["skipped"] == "1"
@@ -88,13 +88,13 @@ def test_checks_come_before_metrics_in_annotations(mixed):
 
 def test_annotations_escape_what_would_start_another_command(mixed):
     (line, *_) = to_annotations(with_message(mixed, "100 %0A\r\n::error::injected"))
-    assert line == "::error title=gate%3A data::100 %250A%0D%0A::error::injected"
-    before, after = (scored({"points=[1, 2)": {"tpr_all": sums([v] * 4)}}) for v in (0.9, 0.1))
+    assert line == r"::error title=gate%3A data::100 %250A\r\n::error::injected"
+    before, after = (scored({"points=[1, 2)": {"tpr_all": sums([v] * 6)}}) for v in (0.9, 0.1))
     assert "title=gate%3A points=[1%2C 2) tpr_all::" in to_annotations(verdict_of(before, after))[0]
 
 
 def test_a_pass_has_no_annotations():
-    assert to_annotations(verdict_of(one([0.5] * 4), one([0.5] * 4))) == []
+    assert to_annotations(verdict_of(one([0.5] * 6), one([0.5] * 6))) == []
 
 
 def test_the_summary_tells_failures_first(mixed):
@@ -117,7 +117,7 @@ def test_the_summary_is_cut_at_a_row_with_the_count(many):
 
 
 def test_a_summary_of_many_slices_stays_below_github_s_limit():
-    slices = {f"recording-{'x' * 200}-{k}": {"tpr_all": sums([0.9] * 4)} for k in range(5000)}
+    slices = {f"recording-{'x' * 200}-{k}": {"tpr_all": sums([0.9] * 6)} for k in range(5000)}
     rules_free = scored(slices)
     rows = verdict_of(scored({}), rules_free)
     text = to_markdown(rows)
@@ -126,8 +126,8 @@ def test_a_summary_of_many_slices_stays_below_github_s_limit():
 
 
 def test_the_summary_escapes_what_markdown_would_read(mixed):
-    text = to_markdown(with_message(mixed, "a|b <script> `c`\nd"))
-    assert "a\\|b &lt;script&gt; \\`c\\` d" in text
+    text = to_markdown(with_message(mixed, "a|b <script> `c`\n# d [e](f) &lt;"))
+    assert r"a\|b &lt;script> \`c\`\\n# d [e]\(f) &amp;lt;" in text
 
 
 def test_json_holds_everything_and_no_nan(mixed):
@@ -145,10 +145,8 @@ def test_the_terminal_shows_failures_first_and_why_not_judged(mixed):
     stream = StringIO()
     screen = Console(file=stream, width=110)
     screen.print(to_rich(mixed))
-    for line in (*check_lines(mixed), *not_judged_lines(mixed)):
-        screen.print(line)
-    shown = stream.getvalue()
+    shown = stream.getvalue() + "\n".join(line for line, _ in told_lines(mixed))
     order = [shown.index(word) for word in (" failed ", " suspect ", " improved ")]
     assert order == sorted(order)
     assert "failed: data changed" in shown
-    assert "not judged: 1 metrics, cases in 1 recording, 2 are needed: points=[30, 100)" in shown
+    assert "not judged: 1 metrics, cases of both in 1 recording, 6 are needed: points=[30, 100)" in shown

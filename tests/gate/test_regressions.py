@@ -12,7 +12,7 @@ import pytest
 
 from bench.cli import gating
 from bench.evaluation.score_sheet import MetricSums, score_sheet
-from bench.gate import Outcome, Tolerances, Verdict, judge, load_tolerances, scored_run, write_baseline
+from bench.gate import Outcome, Verdict, judge, load_tolerances, scored_run, write_baseline
 from bench.gate import baseline as stored
 from bench.methods import build_method
 from tests.gate.conftest import run
@@ -34,11 +34,6 @@ def command(folder: Path, baseline: Path) -> int:
 
 def verdict(good: Path, other: Path) -> Verdict:
     return judge(scored_run(good), scored_run(other), tolerances=load_tolerances())
-
-
-def seeded(seed: int) -> Tolerances:
-    rules = load_tolerances()
-    return rules.model_copy(update={"bootstrap": rules.bootstrap.model_copy(update={"seed": seed})})
 
 
 def failed(found: Verdict) -> set[tuple[str, str]]:
@@ -122,14 +117,14 @@ def test_a_metric_that_drops_objects(good_run, baseline, monkeypatch, capsys):
     assert "metrics are over other cases" in " ".join(capsys.readouterr().out.split())
 
 
-def test_a_regression_in_a_single_recording_is_suspect_not_failed(gated_card, good_run, tmp_path):
+def test_a_regression_in_two_recordings_is_suspect_not_failed(gated_card, good_run, tmp_path):
     """A limit of the gate: where few recordings show a mistake, the interval includes no change."""
     folder = run(gated_card, tmp_path / "run", YawSignFlipped())
     good, bad = scored_run(good_run), scored_run(folder)
-    kept = "turning-left"
+    kept = {"turning-left", "turning-right"}
 
     def mixed(before: MetricSums, after: MetricSums) -> MetricSums:
-        part = {name: name in after.numerators and name == kept for name in before.numerators}
+        part = {name: name in after.numerators and name in kept for name in before.numerators}
         return MetricSums(
             numerators={n: after.numerators[n] if part[n] else v for n, v in before.numerators.items()},
             denominators={n: after.denominators[n] if part[n] else v for n, v in before.denominators.items()},
@@ -142,17 +137,16 @@ def test_a_regression_in_a_single_recording_is_suspect_not_failed(gated_card, go
     one = bad.model_copy(update={"sheet": good.sheet.model_copy(update={"slices": slices})})
     found = judge(good, one, tolerances=load_tolerances())
     suspect = {(row.slice_name, row.metric): row for row in found.rows_with(Outcome.SUSPECT)}
-    assert suspect["frames", "false_positive_coverage"].worst_recording == kept
+    assert suspect["frames", "false_positive_coverage"].worst_recording in kept
     assert ("frames", "false_positive_coverage") not in failed(found)
 
 
-def test_the_same_code_never_fails_whatever_the_seed(gated_card, good_run, baseline, tmp_path):
+def test_the_same_code_never_fails(gated_card, good_run, baseline, tmp_path):
     good, again = scored_run(good_run), scored_run(run(gated_card, tmp_path / "run"))
     assert again.sheet == good.sheet
-    for seed in SEEDS:
-        found = judge(good, again, tolerances=seeded(seed))
-        assert found.passed
-        assert {row.outcome for row in found.rows} == {Outcome.PASSED, Outcome.NOT_JUDGED}
+    found = judge(good, again, tolerances=load_tolerances())
+    assert found.passed
+    assert {row.outcome for row in found.rows} == {Outcome.PASSED, Outcome.NOT_JUDGED}
     assert command(tmp_path / "run", baseline) == 0
 
 
@@ -172,11 +166,6 @@ def test_noise_of_another_processor_never_fails_whatever_the_seed(good_run):
         }
         other = good.model_copy(update={"sheet": good.sheet.model_copy(update={"slices": slices})})
         assert judge(good, other, tolerances=load_tolerances()).passed
-
-
-def test_the_same_regression_fails_whatever_the_seed(gated_card, good_run, tmp_path):
-    good, bad = scored_run(good_run), scored_run(run(gated_card, tmp_path / "run", YawSignFlipped()))
-    assert not any(judge(good, bad, tolerances=seeded(seed)).passed for seed in range(5))
 
 
 def _well_covered(objects: pa.Table) -> pa.Table:

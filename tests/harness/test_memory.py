@@ -13,6 +13,7 @@ import json, os, sys
 from pathlib import Path
 
 from bench.evaluation import load_protocol
+from bench.harness.keys import MethodIdentity
 from bench.harness.work import RunSpec, UnitTask, plan_recording, score_unit
 from bench.methods import build_method
 from bench.recordings import load_card, open_dataset
@@ -22,7 +23,8 @@ def resident_mb():
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 if __name__ == "__main__":
-    spec = RunSpec(method=build_method("spherical", {}), protocol=load_protocol("paper-v1"))
+    method = build_method("spherical", {})
+    spec = RunSpec(method=method, identity=MethodIdentity.of(method), protocol=load_protocol("paper-v1"))
     sizes = []
     for turn in range(int(sys.argv[2])):
         for handle in open_dataset(load_card(sys.argv[1])):

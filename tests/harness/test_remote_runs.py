@@ -94,7 +94,7 @@ def test_a_run_at_an_address_has_the_files_of_a_local_one(own_card, bucket, tmp_
     score_there(own_card)
     wanted = {path.relative_to(tmp_path / "run").as_posix() for path in (tmp_path / "run").rglob("*") if path.is_file()}
     assert {key.removeprefix("runs/one/") for key in bucket.names("runs/one/")} == wanted | {MARK}
-    for name in ("objects.parquet", "frames.parquet", "image_maps.npz"):
+    for name in ("objects.parquet", "frames.parquet", "masks.parquet", "image_maps.npz"):
         assert bucket.get(f"runs/one/{name}") == (tmp_path / "run" / name).read_bytes()
     told = bucket.get("runs/one/summary.json").decode()
     assert not any(secret in told for secret in ("secret-of-tests", "key-of-tests", bucket.endpoint))
@@ -109,16 +109,24 @@ def test_another_machine_computes_nothing_again(own_card, bucket, tmp_path, monk
     assert {key: bucket.get(key) for key in bucket.names("runs/one/units/")} == stored
 
 
+def units_at(bucket) -> int:
+    return sum(key.endswith(".unit") for key in bucket.names("runs/one/units/"))
+
+
+def results_at(bucket) -> dict[str, bytes]:
+    return {key: bucket.get(key) for key in bucket.names() if "/units/" not in key and "/shards/" not in key}
+
+
 class CutError(Exception):
     """The process ends."""
 
 
 def cut_after(monkeypatch, uploads: int) -> None:
-    """End a run at an upload of a unit's status."""
+    """End a run at an upload of a unit."""
     upload, left = Storage.upload, [uploads]
 
     def counted(self, files):
-        if any(name.startswith("units/") and name.endswith(".json") for name in files):
+        if any(name.endswith(".unit") for name in files):
             left[0] -= 1
             if left[0] < 0:
                 raise CutError
@@ -133,7 +141,7 @@ def test_an_interrupted_run_goes_on_on_another_machine(own_card, bucket, tmp_pat
         with pytest.raises(CutError):
             score_there(own_card)
     assert "runs/one/summary.json" not in bucket.names()
-    assert len(bucket.names("runs/one/units/")) == 4 + 3, "the second unit has no status, so it is none"
+    assert units_at(bucket) == ONE
     assert work(score_there(own_card, machine=tmp_path / "other", monkeypatch=monkeypatch)) == (ALL - ONE, ONE)
     score(own_card, tmp_path / "run")
     assert bytes_of(fetched_run(parse_place(URL))) == bytes_of(tmp_path / "run")
@@ -145,26 +153,16 @@ def test_units_that_were_not_uploaded_are_by_the_next_run(own_card, bucket, monk
         with pytest.raises(CutError):
             score_there(own_card)
     assert work(score_there(own_card)) == (ONE, ALL - ONE), "the second was stored on this machine"
-    assert len(bucket.names("runs/one/units/")) == 4 * ALL
+    assert units_at(bucket) == ALL
 
 
-@pytest.mark.parametrize(
-    ("suffix", "damage"),
-    [
-        (".objects.parquet", "cut"),
-        (".objects.parquet", "gone"),
-        (".frames.parquet", "other"),
-        (".maps.npz", "gone"),
-        (".json", "cut"),
-        (".json", "gone"),
-    ],
-)
-def test_a_damaged_object_of_a_unit_is_computed_and_stored_again(
-    own_card, bucket, tmp_path, monkeypatch, work, suffix, damage
+@pytest.mark.parametrize("damage", ["cut", "other", "gone"])
+def test_a_damaged_unit_at_the_address_is_computed_and_stored_again(
+    own_card, bucket, tmp_path, monkeypatch, work, damage
 ):
     score_there(own_card)
     stored = {key: bucket.get(key) for key in bucket.names("runs/one/units/")}
-    (key,) = (key for key in stored if key.startswith("runs/one/units/crossing") and key.endswith(suffix))
+    (key,) = (key for key in stored if key.startswith("runs/one/units/crossing"))
     if damage == "gone":
         bucket.remove(key)
     else:
@@ -173,17 +171,49 @@ def test_a_damaged_object_of_a_unit_is_computed_and_stored_again(
     assert {key: bucket.get(key) for key in bucket.names("runs/one/units/")} == stored
 
 
-def test_units_of_another_data_set_and_older_results_do_not_stay(own_card, bucket):
+def test_a_unit_that_another_one_of_the_same_size_replaced_is_not_taken_for_it(own_card, bucket, work):
+    """This machine has the former one; the storage counts."""
     score_there(own_card)
-    bucket.put("runs/one/units/former-front-00000000.json", b"{}")
+    (key,) = (key for key in bucket.names() if key.startswith("runs/one/units/crossing"))
+    whole = bucket.get(key)
+    bucket.put(key, whole[:-100] + b"x" * 100)
+    assert work(score_there(own_card)) == (ONE, ALL - ONE)
+    assert bucket.get(key) == whole
+
+
+def test_a_local_unit_of_the_same_size_is_not_taken_for_the_one_at_the_address(own_card, bucket, work):
+    score_there(own_card)
+    remote = RemoteRun(url=parse_place(URL))
+    (file,) = (remote.folder / "units").glob("crossing*.unit")
+    file.write_bytes(file.read_bytes()[:-100] + b"x" * 100)
+    assert work(score_there(own_card)) == (NONE, ALL)
+
+
+def test_units_of_another_data_set_do_not_stay_and_a_failed_run_leaves_the_results(own_card, bucket):
+    score_there(own_card)
+    bucket.put("runs/one/index.html", b"<p>of an older version</p>")
+    bucket.put("runs/one/units/former-front-00000000.unit", b"{}")
     bucket.put("runs/one/shards/0001-of-0007.json", b"{}")
     score_there(own_card)
     assert not [key for key in bucket.names() if "former" in key or "0007" in key]
     for file in own_card.parent.glob("data/tiny/*/recording.json"):
         file.unlink()
+    before = results_at(bucket)
+    assert "runs/one/index.html" not in before
+    assert "runs/one/summary.json" in before
     with pytest.raises(DataError):
         score_there(own_card)
-    assert "runs/one/summary.json" not in bucket.names()
+    assert results_at(bucket) == before
+
+
+def test_another_experiment_at_the_address_is_refused(own_card, bucket, tmp_path, monkeypatch):
+    score_there(own_card)
+    before = {key: bucket.get(key) for key in bucket.names()}
+    with pytest.raises(DataError, match="a run with method 'nothing'"):
+        score_there(own_card, method="everything", machine=tmp_path / "other", monkeypatch=monkeypatch)
+    assert {key: bucket.get(key) for key in bucket.names()} == before
+    score_there(own_card, method="everything", overwrite=True)
+    assert b"everything" in bucket.get("runs/one/summary.json")
 
 
 def test_other_objects_at_the_address_are_left_alone(own_card, bucket):
@@ -204,7 +234,7 @@ def test_a_connection_that_breaks_names_what_is_done(own_card, bucket, monkeypat
     upload = Storage.upload
 
     def broken(self, files):
-        if any(name.startswith("units/") for name in files):
+        if any(name.endswith(".unit") for name in files):
             raise DataError(self.url.text, wanted="a folder that can be written", came="no answer")
         upload(self, files)
 
@@ -225,7 +255,7 @@ def test_parts_of_two_machines_merge_at_the_address(own_card, bucket, tmp_path, 
     monkeypatch.setenv("FISHEYE_BENCH_REMOTE", str(tmp_path / "third"))
     remote = RemoteRun(url=parse_place(URL))
     remote.bring_all(write=True)
-    merge_shards(remote.folder, [remote.folder], protocol=PAPER)
+    merge_shards(remote.folder, [remote.folder])
     for unit in merged_units([remote.folder]):
         remote.keep(unit, anew=False)
     remote.keep_rest()

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 import bench
@@ -16,6 +17,7 @@ from bench.evaluation import load_protocol
 from bench.harness import run_benchmark
 from bench.harness.cache import CacheFolder
 from bench.harness.keys import code
+from bench.harness.masks import MASKS
 from bench.harness.stored import IMAGE_MAPS
 from bench.methods import build_method
 from bench.recordings import load_card
@@ -24,17 +26,28 @@ PAPER = load_protocol("paper-v1")
 ONE, ALL, NONE = 1, 3, 0  # units of the small data set that are computed again
 
 
-def score(card: Path, out: Path, *, cache: Path | None = None, method="spherical", settings=None, protocol=PAPER):
+def score(
+    card: Path,
+    out: Path,
+    *,
+    cache: Path | None = None,
+    method="spherical",
+    settings=None,
+    protocol=PAPER,
+    overwrite=False,
+):
     chosen = build_method(method, settings or {})
     kept = None if cache is None else CacheFolder(folder=cache)
-    return run_benchmark(load_card(str(card)), method=chosen, protocol=protocol, out=out, cache=kept)
+    return run_benchmark(
+        load_card(str(card)), method=chosen, protocol=protocol, out=out, cache=kept, overwrite=overwrite
+    )
 
 
 def bytes_of(run: Path) -> dict[str, bytes]:
     """The whole result but for where it comes from."""
     summary = json.loads((run / "summary.json").read_text())
     del summary["provenance"]
-    tables = {name: (run / name).read_bytes() for name in ("objects.parquet", "frames.parquet", IMAGE_MAPS)}
+    tables = {name: (run / name).read_bytes() for name in ("objects.parquet", "frames.parquet", MASKS, IMAGE_MAPS)}
     return tables | {"summary": json.dumps(summary).encode()}
 
 
@@ -143,7 +156,7 @@ def test_a_changed_input_recomputes_what_depends_on_it_and_nothing_else(own_card
 def test_a_changed_parameter_computes_only_the_steps_that_depend_on_it(own_card, tmp_path, options, computed):
     out, cache = tmp_path / "run", tmp_path / "cache"
     score(own_card, out, cache=cache)
-    again = score(own_card, out, cache=cache, **options)
+    again = score(own_card, out, cache=cache, overwrite=True, **options)
     assert again.provenance.work.units_computed == ALL
     assert again.provenance.work.steps_computed == computed
     score(own_card, tmp_path / "fresh", **options)
@@ -214,18 +227,39 @@ def test_code_and_files_of_a_method_from_elsewhere_count(own_card, tmp_path, mon
     assert computed() == ALL
 
 
-@pytest.mark.parametrize("suffix", [".objects.parquet", ".frames.parquet", ".maps.npz", ".json"])
-@pytest.mark.parametrize("damage", ["cut", "gone"])
-def test_a_damaged_file_of_a_unit_is_computed_again(own_card, tmp_path, suffix, damage):
+def flip_a_bit(file: Path) -> None:
+    content = bytearray(file.read_bytes())
+    content[len(content) // 3] ^= 4
+    file.write_bytes(content)
+
+
+DAMAGES = {
+    "cut": lambda file: file.write_bytes(file.read_bytes()[:-7]),
+    "flipped": flip_a_bit,
+    "empty": lambda file: file.write_bytes(b""),
+    "gone": Path.unlink,
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_unit_is_computed_again(own_card, tmp_path, damage):
     score(own_card, tmp_path / "run")
     before = bytes_of(tmp_path / "run")
-    file = sorted((tmp_path / "run" / "units").glob(f"crossing*{suffix}"))[0]
-    if damage == "cut":
-        file.write_bytes(file.read_bytes()[:-7])
-    else:
-        file.unlink()
+    DAMAGES[damage](sorted((tmp_path / "run" / "units").glob("crossing*.unit"))[0])
     assert score(own_card, tmp_path / "run").provenance.work.units_computed == ONE
     assert bytes_of(tmp_path / "run") == before
+
+
+def test_a_unit_that_became_unusable_leaves_nothing_of_what_it_was(own_card, tmp_path):
+    """Neither rows nor masks nor maps of images that cannot be read any more are joined."""
+    score(own_card, tmp_path / "run")
+    for image in (own_card.parent / "data" / "tiny" / "crossing" / "images" / "front").iterdir():
+        image.write_bytes(b"damaged")
+    summary = score(own_card, tmp_path / "run")
+    score(own_card, tmp_path / "fresh")
+    assert bytes_of(tmp_path / "run") == bytes_of(tmp_path / "fresh")
+    assert summary.images.failed > 0
+    assert "crossing" not in pq.read_table(tmp_path / "run" / MASKS)["recording"].to_pylist()
 
 
 def test_a_damaged_entry_of_the_cache_is_computed_again(own_card, tmp_path):
@@ -242,7 +276,7 @@ def test_a_damaged_entry_of_the_cache_is_computed_again(own_card, tmp_path):
 
 def test_units_of_another_cut_or_data_set_do_not_stay(own_card, tmp_path):
     score(own_card, tmp_path / "run")
-    (tmp_path / "run" / "units" / "former-front-00000000.json").write_text("{}")
+    (tmp_path / "run" / "units" / "former-front-00000000.unit").write_text("{}")
     score(own_card, tmp_path / "run")
     assert not list((tmp_path / "run" / "units").glob("former*"))
 
@@ -267,10 +301,12 @@ def test_files_that_change_while_they_are_read_are_not_scored(own_card, tmp_path
     assert (again.failures, again.provenance.work.units_computed) == ((), ONE)
 
 
-def test_a_failed_run_leaves_no_summary_of_an_older_one(own_card, tmp_path):
+def test_a_failed_run_leaves_the_results_of_the_last_one_as_they_were(own_card, tmp_path):
     score(own_card, tmp_path / "run")
+    before = bytes_of(tmp_path / "run")
     for file in own_card.parent.glob("data/tiny/*/recording.json"):
         file.unlink()
     with pytest.raises(DataError):
         score(own_card, tmp_path / "run")
-    assert not (tmp_path / "run" / "summary.json").exists()
+    assert bytes_of(tmp_path / "run") == before
+    assert not list(tmp_path.glob(".run*"))

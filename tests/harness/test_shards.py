@@ -12,19 +12,27 @@ from bench.harness import merge_shards, run_benchmark, run_shard
 from bench.harness.shards import Shard
 from bench.methods import build_method
 from bench.recordings import load_card
-from tests.harness.test_resume import bytes_of, remove_image
+from tests.harness.test_resume import (
+    DAMAGES,
+    bytes_of,
+    change_annotation,
+    change_calibration,
+    change_egomotion,
+    remove_image,
+)
 
 PAPER = load_protocol("paper-v1")
 COUNT = 3
 
 
-def score_part(card: Path, out: Path, number: int, *, count=COUNT, settings=None, protocol=PAPER):
+def score_part(card: Path, out: Path, number: int, *, count=COUNT, settings=None, protocol=PAPER, overwrite=False):
     return run_shard(
         load_card(str(card)),
         method=build_method("spherical", settings or {}),
         protocol=protocol,
         out=out,
         shard=Shard(number=number, count=count),
+        overwrite=overwrite,
     )
 
 
@@ -53,7 +61,7 @@ def parts(parts_once, tmp_path) -> list[Path]:
 
 
 def merge(out: Path, folders: list[Path]):
-    return merge_shards(out, folders, protocol=PAPER)
+    return merge_shards(out, folders)
 
 
 def test_parts_of_many_folders_make_the_whole(whole, parts, tmp_path):
@@ -118,14 +126,14 @@ def test_parts_of_different_cuts_are_refused(tiny_card, parts, tmp_path):
 
 
 def test_a_part_of_another_method_is_refused(tiny_card, parts, tmp_path):
-    score_part(tiny_card, parts[1], 2, settings={"threshold": 1e-3})
-    with pytest.raises(DataError, match="part 2/3 of another data set, method"):
+    score_part(tiny_card, parts[1], 2, settings={"threshold": 1e-3}, overwrite=True)
+    with pytest.raises(DataError, match=r"part 2/3 with another method or other settings \(spherical\)"):
         merge(tmp_path / "run", parts)
 
 
 def test_a_part_of_another_protocol_is_refused(tiny_card, parts, tmp_path):
-    score_part(tiny_card, parts[1], 2, protocol=load_protocol("extended-v1"))
-    with pytest.raises(DataError, match="part 2/3 of another"):
+    score_part(tiny_card, parts[1], 2, protocol=load_protocol("extended-v1"), overwrite=True)
+    with pytest.raises(DataError, match="part 2/3 with another protocol"):
         merge(tmp_path / "run", parts)
 
 
@@ -133,8 +141,50 @@ def test_a_part_of_other_data_is_refused(own_card, parts, tmp_path):
     """The data have fewer images since: the units are others."""
     shutil.rmtree(own_card.parent / "data" / "tiny" / "overtaking")
     score_part(own_card, parts[1], 2)
-    with pytest.raises(DataError, match="part 2/3 of another"):
+    with pytest.raises(DataError, match="part 2/3 with other data: recordings, calibration"):
         merge(tmp_path / "run", parts)
+
+
+@pytest.mark.parametrize("change", [change_annotation, change_calibration, change_egomotion, remove_image])
+def test_a_part_of_changed_data_is_refused(own_card, parts, tmp_path, change):
+    """The change is in a recording of another part."""
+    change(own_card.parent / "data" / "tiny" / "overtaking")
+    score_part(own_card, parts[2], 3)
+    with pytest.raises(DataError, match="part 3/3 with other data: recordings, calibration"):
+        merge(tmp_path / "run", parts)
+
+
+def test_a_part_of_another_name_for_the_card_is_the_same(tiny_card, parts, whole, tmp_path, monkeypatch):
+    monkeypatch.chdir(tiny_card.parent)
+    score_part(Path("./tiny.yaml"), parts[1], 2)
+    merge(tmp_path / "run", parts)
+    assert bytes_of(tmp_path / "run") == bytes_of(whole)
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ({"code": "0" * 64}, "with other code of fisheye-bench, another Python or other libraries"),
+        ({"method": {"identity": "0" * 64}}, "with other code, libraries or files of the method 'spherical'"),
+    ],
+)
+def test_a_part_of_other_code_is_refused(parts, tmp_path, changed, told):
+    file = parts[1] / "shards" / Shard(number=2, count=COUNT).file
+    content = json.loads(file.read_text())
+    method = content["stamp"]["method"] | changed.get("method", {})
+    content["stamp"] |= changed | {"method": method}
+    file.write_text(json.dumps(content))
+    with pytest.raises(DataError, match=f"part 2/3 {told}"):
+        merge(tmp_path / "run", parts)
+
+
+def test_parts_of_another_experiment_do_not_take_the_place_of_a_finished_run(tiny_card, parts, tmp_path):
+    run_benchmark(load_card(str(tiny_card)), method=build_method("nothing"), protocol=PAPER, out=tmp_path / "run")
+    before = bytes_of(tmp_path / "run")
+    with pytest.raises(DataError, match="--overwrite"):
+        merge(tmp_path / "run", parts)
+    assert bytes_of(tmp_path / "run") == before
+    assert merge_shards(tmp_path / "run", parts, overwrite=True).method.name == "spherical"
 
 
 @pytest.mark.parametrize("damage", [b"", b"{", b"[]", b'{"schema_version": 1}', b"\xff\xfe", None])
@@ -146,14 +196,10 @@ def test_a_damaged_report_is_named(parts, tmp_path, damage):
     assert file.name in str(raised.value)
 
 
-@pytest.mark.parametrize("suffix", [".objects.parquet", ".frames.parquet", ".maps.npz", ".json"])
-@pytest.mark.parametrize("damage", ["cut", "gone"])
-def test_a_damaged_unit_is_named(parts, tmp_path, suffix, damage):
-    file = next(iter((parts[1] / "units").glob(f"*{suffix}")))
-    if damage == "cut":
-        file.write_bytes(file.read_bytes()[:-7])
-    else:
-        file.unlink()
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_unit_is_named(parts, tmp_path, damage):
+    file = next(iter((parts[1] / "units").glob("*.unit")))
+    DAMAGES[damage](file)
     with pytest.raises(DataError, match="wanted a stored unit") as raised:
         merge(tmp_path / "run", parts)
     assert str(parts[1]) in str(raised.value)
@@ -163,7 +209,7 @@ def test_a_damaged_unit_is_named(parts, tmp_path, suffix, damage):
 def test_a_unit_of_a_later_run_in_the_folder_is_refused(tiny_card, parts, tmp_path):
     report = parts[1] / "shards" / Shard(number=2, count=COUNT).file
     before = report.read_bytes()
-    score_part(tiny_card, parts[1], 2, settings={"threshold": 1e-3})
+    score_part(tiny_card, parts[1], 2, settings={"threshold": 1e-3}, overwrite=True)
     report.write_bytes(before)
     with pytest.raises(DataError, match="a later run has written"):
         merge(tmp_path / "run", parts)

@@ -49,14 +49,14 @@ def test_chunks_and_repeats_give_the_same_bytes(tiny_card, tmp_path, monkeypatch
     run(tiny_card, tmp_path / "whole")
     monkeypatch.setattr("bench.harness.work.tasks.plan_units", partial(plan_units, chunk_images=2))
     run(tiny_card, tmp_path / "chunks")
-    assert len(list((tmp_path / "chunks" / "units").glob("*.maps.npz"))) == 6
+    assert len(list((tmp_path / "chunks" / "units").glob("*.unit"))) == 6
     whole, chunks = ((tmp_path / name / "image_maps.npz").read_bytes() for name in ("whole", "chunks"))
     assert whole == chunks
 
 
 def test_maps_of_an_older_run_do_not_stay_behind(tiny_card, tmp_path):
     run(tiny_card, tmp_path / "run", method="everything")
-    run(tiny_card, tmp_path / "run", method="nothing", split="moving")
+    run(tiny_card, tmp_path / "run", method="nothing", split="moving", overwrite=True)
     (found,) = read_image_maps(tmp_path / "run").values()
     assert found.frames == 8
     assert found.false_px.sum() == 0

@@ -17,7 +17,6 @@ from bench.errors import DataError
 from bench.evaluation import load_protocol
 from bench.harness import provenance, read_run, read_tables, run_benchmark
 from bench.harness.cache import CacheFolder
-from bench.harness.unit_files import SUFFIXES
 from bench.harness.work import UnitTask
 from bench.methods import build_method
 from bench.parallel import Processes, in_turn
@@ -118,9 +117,8 @@ def test_a_unit_that_wants_more_memory_than_there_is_is_named(tiny_card, tmp_pat
 
 
 def sizes(run: Path) -> list[int]:
-    """The largest file of each unit, the smallest unit first."""
-    stems = {file.name.removesuffix(".json") for file in (run / "units").glob("*.json")}
-    return sorted(max((run / "units" / f"{stem}{suffix}").stat().st_size for suffix in SUFFIXES) for stem in stems)
+    """The file of each unit, the smallest first."""
+    return sorted(file.stat().st_size for file in (run / "units").glob("*.unit"))
 
 
 def allow_files_of(size_bytes: int):
@@ -139,12 +137,12 @@ def test_a_full_disk_ends_a_run_clearly_and_what_is_stored_stays(tiny_card, tmp_
     out = tmp_path / "run"
     ended = call(tiny_card, out, "--workers", workers, preexec_fn=allow_files_of(most - 1))
     assert ended.returncode == 2
-    assert "wanted room for a unit's result" in ended.stderr
+    assert "wanted a place that can be written, came File too large" in ended.stderr
     assert "make room" in ended.stderr
     assert "Traceback" not in ended.stderr
     assert not [file for file in out.rglob(".*") if file.is_file()], "nothing half-written stays"
     assert not (out / "summary.json").exists()
-    stored = len(list((out / "units").glob("*.json")))
+    stored = len(list((out / "units").glob("*.unit")))
     work = score(tiny_card, out).provenance.work
     assert (work.units_computed, work.units_reused) == (UNITS - stored, stored)
     assert bytes_of(out) == wanted
@@ -153,7 +151,7 @@ def test_a_full_disk_ends_a_run_clearly_and_what_is_stored_stays(tiny_card, tmp_
 def test_a_disk_that_is_full_at_the_end_is_no_bug_either(tiny_card, tmp_path, trouble):
     wanted = calm_result(tiny_card, tmp_path / "calm")
     *_, most = sizes(tmp_path / "calm")
-    joined = max((tmp_path / "calm" / f"{name}.parquet").stat().st_size for name in ("objects", "frames"))
+    joined = max((tmp_path / "calm" / f"{name}.parquet").stat().st_size for name in ("objects", "frames", "masks"))
     assert joined > most
     out = tmp_path / "run"
     ended = call(tiny_card, out, "--workers", 1, preexec_fn=allow_files_of(max(most, joined - 1)))

@@ -130,8 +130,8 @@ NPZ_FILES = {
 }
 
 
-def laz(points: np.ndarray, **values: np.ndarray) -> bytes:
-    header = laspy.LasHeader(point_format=1, version="1.2")
+def laz(points: np.ndarray, *, point_format: int = 1, **values: np.ndarray) -> bytes:
+    header = laspy.LasHeader(point_format=point_format, version="1.4" if point_format > 5 else "1.2")
     header.scales = np.full(3, 0.001)
     cloud = laspy.LasData(header)
     cloud.xyz = points
@@ -143,6 +143,20 @@ def laz(points: np.ndarray, **values: np.ndarray) -> bytes:
 
 
 LAZ = laz(POINTS.astype(np.float64))
+LAYERED_LAZ = laz(POINTS.astype(np.float64), point_format=6)
+POINTS_AT = struct.Struct("<96xI")  # in the header of a .laz file
+
+
+def put(content: bytes, place: int, kind: str, number: float) -> bytes:
+    return content[:place] + struct.pack(kind, number) + content[place + struct.calcsize(kind) :]
+
+
+def chunk_table_at(content: bytes) -> int:
+    return struct.unpack_from("<q", content, POINTS_AT.unpack_from(content)[0])[0]
+
+
+def laszip_record_at(content: bytes) -> int:
+    return content.index(b"laszip encoded") + 52
 
 
 def laz_of(count: int) -> bytes:
@@ -160,6 +174,14 @@ LAZ_FILES = {
     "damaged stream": spoiled(LAZ, len(LAZ) // 2, 40),
     "scales of NaN": LAZ[:131] + struct.pack("<3d", np.nan, np.nan, np.nan) + LAZ[155:],
     "points at an offset beyond the file": LAZ[:96] + struct.pack("<I", 2**31) + LAZ[100:],
+    "scales without end": put(LAZ, 131, "<d", 1e308),
+    "four billion records": put(LAZ, 100, "<I", 2**32 - 1),
+    "four billion chunks": put(LAZ, chunk_table_at(LAZ) + 4, "<I", 2**32 - 1),
+    "chunks of four billion points": put(LAZ, laszip_record_at(LAZ) + 12, "<I", 2**32 - 2),
+    "chunks of four billion bytes": spoiled(LAZ, chunk_table_at(LAZ) + 8, 4),
+    "chunk table beyond the end": put(LAZ, POINTS_AT.unpack_from(LAZ)[0], "<q", 2**40),
+    "layers of four billion bytes": put(LAYERED_LAZ, POINTS_AT.unpack_from(LAYERED_LAZ)[0] + 42, "<I", 2**32 - 1),
+    "two billion extra records": put(LAYERED_LAZ, 243, "<I", 2**31)[:-20],
     "times without end": laz(POINTS.astype(np.float64), gps_time=np.full(500, 1e300)),
     "times that are no number": laz(POINTS.astype(np.float64), gps_time=np.full(500, np.nan)),
 }
@@ -212,6 +234,11 @@ PLY_FILES = {
     "no z": ply(10, body=bytes(120), last="colour"),
     "lists for vertices": b"ply\nformat ascii 1.0\nelement vertex 1\nproperty list uchar int x\nend_header\n1 1\n",
     "text of NaN": ply(2, form="ascii", body=b"1 2 3\nnan nan nan\n"),
+    "text of words": ply(2, form="ascii", body=b"1 2 3\n4 five 6\n"),
+    "text of too few numbers": ply(2, form="ascii", body=b"1 2 3\n4 5\n"),
+    "text of numbers beyond their type": ply(1, form="ascii", body=b"1 2 1e300\n"),
+    "a header within the header": ply(1, body=bytes(12)).replace(b"element", b"ply\nelement"),
+    "beyond any map": ply(500, body=with_points(1e30).tobytes()),
     "infinity": ply(500, body=with_points(np.inf).tobytes()),
 }
 

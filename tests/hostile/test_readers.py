@@ -1,5 +1,7 @@
 """Every kind of file that adapters read, spoiled in every way we know: a `DataError` that names the file."""
 
+import subprocess
+import sys
 import warnings
 
 import cv2
@@ -20,7 +22,7 @@ CLOUDS = [(suffix, what) for suffix, kinds in files.CLOUDS.items() for what in k
 
 
 @pytest.mark.parametrize(("suffix", "what"), CLOUDS)
-def test_point_clouds(tmp_path, suffix, what):
+def test_point_clouds(tmp_path, capfd, suffix, what):
     path = tmp_path / f"1000{suffix}"
     path.write_bytes(files.CLOUDS[suffix][what])
     with warnings.catch_warnings():
@@ -32,6 +34,32 @@ def test_point_clouds(tmp_path, suffix, what):
     assert "\n" not in line
     assert len(line) < 1000
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
+    assert "".join(capfd.readouterr()) == ""
+
+
+READ_UNDER_A_LIMIT = """
+import resource, sys
+from pathlib import Path
+from bench.errors import DataError
+from bench.lidar import read_sweep
+resource.setrlimit(resource.RLIMIT_AS, (2 << 30, 2 << 30))
+for path in sorted(Path(sys.argv[1]).iterdir()):
+    try:
+        read_sweep(path, 1000)
+    except DataError:
+        print(path.name, flush=True)
+"""
+
+
+def test_no_sweep_of_lies_takes_the_memory_that_it_speaks_of(tmp_path):
+    """A decompressor that cannot get its memory aborts the whole process."""
+    for number, content in enumerate(files.LAZ_FILES.values()):
+        (tmp_path / f"{number:02d}.laz").write_bytes(content)
+    done = subprocess.run(
+        [sys.executable, "-c", READ_UNDER_A_LIMIT, str(tmp_path)], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.split() == sorted(path.name for path in tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("suffix", files.CLOUDS)
@@ -48,6 +76,12 @@ def test_the_whole_ones_are_read(tmp_path, suffix):
     path.write_bytes(whole[suffix])
     if suffix == ".laz":
         path.write_bytes(files.laz(files.POINTS.astype(float), gps_time=np.full(500, 1000.0)))
+    assert read_sweep(path, 1000).points_lidar == pytest.approx(files.POINTS, abs=1e-3)
+
+
+def test_a_whole_sweep_in_layers_is_read(tmp_path):
+    path = tmp_path / "1000.laz"
+    path.write_bytes(files.laz(files.POINTS.astype(float), point_format=6, gps_time=np.full(500, 1000.0)))
     assert read_sweep(path, 1000).points_lidar == pytest.approx(files.POINTS, abs=1e-3)
 
 

@@ -66,7 +66,7 @@ def summarise_run(one: Path, _: Path) -> None:
         **{name: getattr(figures, name) for name in type(figures).model_fields},
         schema_version=1, dataset="drawn", card="drawn.yaml", split=None, provenance=provenance, failures=(),
         reference_fingerprint=reference_fingerprint(objects, frames), vehicle_outline_m=OUTLINE_M,
-        method=MethodStamp(name="nothing", settings={}), threshold_free=read_threshold_free(one, rules),
+        method=MethodStamp(name="nothing", settings={}), threshold_free=read_threshold_free(one),
     )  # fmt: skip
     write_protocol(one, rules)
     write_summary(one, summary)

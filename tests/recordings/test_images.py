@@ -2,14 +2,16 @@
 
 import struct
 import zlib
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from bench.errors import DataError
 from bench.recordings import ImageRef, open_native, read_image, read_truth
-from bench.recordings.images import PNG_START
+from bench.recordings.images import JPEG_SCAN, PNG_START, decode_image
 from tests.hostile.files import png, png_chunk
 from tests.recordings import tiny
 
@@ -82,9 +84,91 @@ def test_a_damaged_png_is_refused(tmp_path):
         read_image(image, tiny.front_camera())
 
 
+def scene():
+    noise = np.random.default_rng(4).integers(0, 256, (tiny.HEIGHT, tiny.WIDTH, 3), dtype=np.uint8)
+    return cv2.normalize(cv2.GaussianBlur(noise, (0, 0), 2), None, 0, 255, cv2.NORM_MINMAX)
+
+
+def jpeg(kind):
+    options = {
+        "best": [cv2.IMWRITE_JPEG_QUALITY, 100],
+        "progressive": [cv2.IMWRITE_JPEG_PROGRESSIVE, 1],
+        "restarts": [cv2.IMWRITE_JPEG_RST_INTERVAL, 4],
+        "4:4:4": [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444],
+        "4:2:2": [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_422],
+    }
+    pixels = scene()[..., 1] if kind == "grey" else scene()
+    return cv2.imencode(".jpg", pixels, options.get(kind, []))[1].tobytes()
+
+
+JPEGS = ["plain", "grey", "best", "progressive", "restarts", "4:4:4", "4:2:2"]
+
+
+@pytest.mark.parametrize("kind", JPEGS)
+@pytest.mark.parametrize("flags", [cv2.IMREAD_GRAYSCALE, cv2.IMREAD_COLOR, cv2.IMREAD_UNCHANGED])
+def test_whole_jpegs_have_the_pixels_that_opencv_gives_them(kind, flags):
+    content = jpeg(kind)
+    seen = decode_image(content, flags | cv2.IMREAD_IGNORE_ORIENTATION, place=Path("1.jpg"))
+    assert np.array_equal(seen, cv2.imdecode(np.frombuffer(content, np.uint8), flags | cv2.IMREAD_IGNORE_ORIENTATION))
+
+
+@pytest.mark.parametrize("kind", JPEGS)
+@pytest.mark.parametrize("share", [0.5, 0.8, 0.97])
+def test_a_jpeg_without_its_last_lines_is_refused_though_its_end_is_marked(tmp_path, capfd, kind, share):
+    """OpenCV fills the lines and prints a warning."""
+    content = jpeg(kind)
+    path = tmp_path / "1.jpg"
+    data = content.index(JPEG_SCAN)
+    path.write_bytes(content[: data + int(share * (len(content) - data))] + b"\xff\xd9")
+    assert cv2.imread(str(path)).shape == (tiny.HEIGHT, tiny.WIDTH, 3)
+    assert "JPEG" in capfd.readouterr().err
+    for colour in (False, True):
+        with pytest.raises(DataError, match=r"1\.jpg: wanted a whole JPEG, came data that is damaged or ends before"):
+            read_image(ImageRef(camera="front", timestamp_ns=1, path=path), tiny.front_camera(), colour=colour)
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("kind", JPEGS)
+def test_jpegs_whose_data_is_damaged_are_refused_as_far_as_the_decoder_sees_it(capfd, kind):
+    """It sees all that OpenCV prints a warning of; what leaves the stream in step is seen by neither."""
+    content, random = jpeg(kind), np.random.default_rng(7)
+    found = 0
+    for _ in range(60):
+        place = int(random.integers(content.index(JPEG_SCAN) + 14, len(content) - 12))
+        damaged = content[:place] + random.bytes(10) + content[place + 10 :]
+        pixels = cv2.imdecode(np.frombuffer(damaged, np.uint8), cv2.IMREAD_GRAYSCALE)
+        warned = "JPEG" in capfd.readouterr().err
+        found += warned
+        try:
+            seen = decode_image(damaged, cv2.IMREAD_GRAYSCALE, place=Path("1.jpg"))
+        except DataError:
+            seen = None
+        assert seen is None or (not warned and np.array_equal(seen, pixels))
+        assert capfd.readouterr().err == ""
+    assert found > 15
+
+
+def test_a_jpeg_of_very_many_scans_is_refused():
+    """Each takes as long as an image: a file of 100 kB can ask for an hour."""
+    content = jpeg("progressive")
+    last = content.rindex(JPEG_SCAN)
+    with pytest.raises(DataError, match="wanted at most 100 scans of a JPEG"):
+        decode_image(content[:-2] + content[last:-2] * 1000 + content[-2:], cv2.IMREAD_COLOR, place=Path("1.jpg"))
+
+
+def test_a_jpeg_of_four_colours_is_refused(tmp_path):
+    Image.fromarray(scene()).convert("CMYK").save(tmp_path / "1.jpg")
+    with pytest.raises(DataError, match="wanted a JPEG of one or three components of 8 bits, came 4 of 8 bits"):
+        decode_image((tmp_path / "1.jpg").read_bytes(), cv2.IMREAD_COLOR, place=tmp_path / "1.jpg")
+
+
 @pytest.mark.parametrize(
     ("content", "came"),
-    [(b"", "an empty file"), (b"GIF89a etc", "10 bytes that begin with"), (b"\xff\xd8\xff\xd9", "4 bytes that cannot")],
+    [
+        (b"", "an empty file"),
+        (b"GIF89a etc", "10 bytes that begin with"),
+        (b"\xff\xd8\xff\xd9", "one whose header is damaged"),
+    ],
 )
 def test_a_file_that_is_no_image_is_refused(tmp_path, content, came):
     path = tmp_path / "1.png"

@@ -87,6 +87,13 @@ class Box:
         place = self.place_m + self.velocity_mps * seconds
         return RigidTransform.from_yaw(self.yaw_rad + self.yaw_rate_radps * seconds, place)
 
+    def points_world(self, points: np.ndarray, times_ns: np.ndarray) -> np.ndarray:
+        """Points of the box, (N, 3), each where it is at its own time."""
+        yaw_rad = self.yaw_rad + self.yaw_rate_radps * times_ns / 1e9
+        cosine, sine, (x, y, z) = np.cos(yaw_rad), np.sin(yaw_rad), points.T
+        turned = np.stack([cosine * x - sine * y, sine * x + cosine * y, z], axis=1)
+        return turned + self.place_m + self.velocity_mps * (times_ns / 1e9)[:, None]
+
     def skin(self, count: int, seed: int = 0) -> np.ndarray:
         """Points on the box's sides, object frame, just inside of the annotated box."""
         rng = np.random.default_rng(seed)
@@ -111,14 +118,12 @@ def sweep_of(boxes, trajectory: Trajectory, reference_ns: int, points_each=400, 
     rng = np.random.default_rng(reference_ns % 1000 + 1)
     rows, offsets = [], []
     for box in boxes:
-        skin = box.skin(points_each)
         offset_ns = (
             np.linspace(-50 * MS, 50 * MS, points_each).astype(np.int64) if timed else np.zeros(points_each, np.int64)
         )
-        for point, offset in zip(skin, offset_ns, strict=True):
-            time_ns = int(reference_ns + offset)
-            lidar_from_world = (trajectory.world_from_vehicle(time_ns) @ LIDAR).inverse()
-            rows.append(lidar_from_world.apply(box.world_from_box(time_ns).apply(point)))
+        rotations, positions_m, _ = trajectory.at(reference_ns + offset_ns)
+        points_world = box.points_world(box.skin(points_each), reference_ns + offset_ns)
+        rows.append(LIDAR.inverse().apply(np.einsum("nji,nj->ni", rotations, points_world - positions_m)))
         offsets.append(offset_ns)
     road = np.column_stack([rng.uniform(-20, 20, (200, 2)), np.full(200, -1.8)])  # z = 0 in the vehicle
     points = np.vstack([*rows, road]) if rows else road

@@ -8,7 +8,7 @@ import pytest
 import bench.reference.clusters
 from bench.lidar import LidarSweep
 from bench.recordings import Cuboid, GroundPolygon, ObjectState, PointIndices
-from bench.reference.clusters import object_cluster, surface_points
+from bench.reference.clusters import object_cluster
 from bench.reference.sweeps import place_sweep
 from tests.reference.drives import LIDAR, MS, Box, circle, sweep_of
 
@@ -172,12 +172,3 @@ def test_a_box_of_absurd_size_takes_all_that_lies_above_the_road():
     sweep = sweep_of([box], trajectory, 0)
     sweep = replace(sweep, points_lidar=sweep.points_lidar.astype(np.float32))
     assert len(cluster(box, trajectory, replace(state, shape=vast), sweep=sweep)) == 400
-
-
-def test_surface_points_cover_the_whole_surface():
-    trajectory, box = circle(0.0, 0.0), Box(velocity_mps=(0, 0, 0), **CAR)
-    surface = surface_points(box.state(0, trajectory).shape)
-    np.testing.assert_allclose(surface.min(axis=0), [7.0, 1.1, 0.0], atol=1e-9)
-    np.testing.assert_allclose(surface.max(axis=0), [11.0, 2.9, 1.5], atol=1e-9)
-    assert len(surface) == 9**3 - 7**3
-    assert not len(surface_points(PointIndices(indices=np.arange(3), sweep_timestamp_ns=0)))

@@ -26,8 +26,9 @@ RATES = {
 
 def figure(value: float, *, cases: int = 100, spread: float = 0.05) -> Figure:
     if math.isnan(value):
-        return Figure(value=value, ci95=None, cases=0)
-    return Figure(value=value, ci95=(max(value - spread, 0.0), min(value + spread, 1.0)), cases=cases)
+        return Figure(value=value, ci95=None, cases=0, recordings=0)
+    ends = max(value - spread, 0.0), min(value + spread, 1.0)
+    return Figure(value=value, ci95=ends, cases=cases, recordings=8)
 
 
 def object_figures(rate: float, *, object_frames: int = 100, tracks: int = 7) -> ObjectFigures:
@@ -39,7 +40,7 @@ def object_figures(rate: float, *, object_frames: int = 100, tracks: int = 7) ->
     return ObjectFigures(
         object_frames=cases,
         tracks=tracks if cases else 0,
-        recordings=3 if cases else 0,
+        recordings=8 if cases else 0,
         **{name: figure(share * rate, cases=cases) for name, share in shares.items()},
     )
 
@@ -53,10 +54,11 @@ def summary() -> Summary:
         all_moving=object_figures(0.6),
         false_positives=FalsePositiveFigures(
             frames=250,
+            recordings=9,
             coverage=figure(0.1052),
             coverage_valid=figure(0.15),
             frame_rate=figure(0.88),
-            components_per_frame=Figure(value=12.5, ci95=(11.0, 14.25), cases=250),
+            components_per_frame=Figure(value=12.5, ci95=(11.0, 14.25), cases=250, recordings=9),
         ),
         segmentation=SegmentationFigures(iou=figure(0.2), precision=figure(0.3), recall=figure(0.7), f1=figure(0.4)),
         false_positive_causes={},

@@ -22,8 +22,8 @@ from bench.reporting.sweep_report import to_csv, to_markdown, to_rich
 
 def figure(value, *, spread=0.1, cases=40):
     if math.isnan(value):
-        return Figure(value=value, ci95=None, cases=0)
-    return Figure(value=value, ci95=(value - spread, value + spread), cases=cases)
+        return Figure(value=value, ci95=None, cases=0, recordings=0)
+    return Figure(value=value, ci95=(value - spread, value + spread), cases=cases, recordings=7)
 
 
 def object_figures(value, *, frames=40, levels=("10", "50")):
@@ -31,7 +31,7 @@ def object_figures(value, *, frames=40, levels=("10", "50")):
     shifts = {"tpr_all": -0.01, "iou": -0.3, "iou_detected": -0.25}
     named = {name: figure(value + shifts.get(name, 0)) for name in names}
     named |= {f"detection_rate_{level}": figure(value - 0.05) for level in levels}
-    return ObjectFigures(object_frames=frames, tracks=3, recordings=2, **named)
+    return ObjectFigures(object_frames=frames, tracks=3, recordings=7 if frames else 0, **named)
 
 
 def row(value, share, *, operating=False, levels=("10", "50")):
@@ -50,6 +50,7 @@ def row(value, share, *, operating=False, levels=("10", "50")):
         all_moving=object_figures(share, levels=levels),
         false_positives=FalsePositiveFigures(
             frames=12,
+            recordings=8,
             coverage=figure(0.28, spread=0.02),
             coverage_valid=figure(0.3),
             frame_rate=figure(0.9),
@@ -94,6 +95,7 @@ def test_csv_has_one_line_per_value_at_full_precision():
     assert float(lines[1]["all_moving.tpr_all"]) == 0.8 - 0.01
     assert float(lines[1]["crossing.iou.ci95_low"]) == pytest.approx(0.4)
     assert lines[1]["false_positive_coverage"] == "0.28"
+    assert (lines[1]["recordings"], lines[1]["crossing.recordings"]) == ("8", "7")
     assert lines[1]["preceding.tpr"] == lines[1]["preceding.tpr.ci95_high"] == ""
     groups = {name.split(".")[0] for name in lines[0] if "." in name}
     assert groups == {
@@ -108,7 +110,9 @@ def test_markdown_has_a_table_per_kind_of_motion_and_marks_the_operating_value()
     assert text.count("| **0.0006** (operating) |") == 6
     assert "75.0 % [65.0, 85.0]" in text
     assert "28.0 % [26.0, 30.0]" in text
-    assert "| 0.001 | 0 | n/a (0 cases) |" in text
+    assert "| 0.001 | 7 | 40 | 55.0 % [45.0, 65.0] |" in text
+    assert text.count("fewer than 6 recordings have none") == 1
+    assert "| 0.001 | 0 | 0 | n/a (0 cases) |" in text
     tables = [block for block in text.rstrip().split("\n\n") if block.startswith("|")]
     for block in tables:
         lines = block.split("\n")
@@ -131,7 +135,9 @@ def test_terminal_table_fits_and_shows_all_moving_and_each_kind():
     console.print(to_rich(sweep(*(row(name, 0.5) for name in ("all", "without positive_height")), scale="names")))
     shown = console.export_text()
     assert "without positive height" in shown
-    assert "45.0 35-55" in shown  # detection at 50 %
+    assert "45.0" in shown  # detection at 50 %
+    assert "35-55" in shown
+    assert "Recs" in shown
     assert "n/a" in shown  # preceding has no cases
     assert "…" not in shown
     assert all(len(line) <= 110 for line in shown.splitlines())
@@ -163,7 +169,7 @@ def test_chart_marks_the_operating_value_and_names_its_axes():
             assert marks == [6e-4], title
     assert drawn["Static ego-vehicle (degenerate)"].get_xlabel() == "threshold of the likelihood"
     assert drawn["All moving"].get_ylabel() == "percent"
-    assert "40 object-frames" in drawn["Crossing (epipolar)"].get_title()
+    assert "40 object-frames, 7 recordings" in drawn["Crossing (epipolar)"].get_title()
 
 
 def test_names_are_points_side_by_side_with_their_names_below():

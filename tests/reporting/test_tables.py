@@ -66,10 +66,12 @@ def test_csv_and_json_carry_the_rows_without_loss():
     assert len(lines) == sum(len(row.figures) for row in ROWS)
     for row in ROWS:
         assert content[row.name]["frames"] == row.frames
+        assert content[row.name]["recordings"] == row.recordings
         for name, figure in row.figures.items():
             line, stored = lines[row.name, name], content[row.name]["figures"][name]
             assert same(number(line["value"]), figure.value)
             assert same(number(line["paper"]), figure.paper)
+            assert line["recordings"] == str(row.recordings)
             assert same(number(line["difference_points"]), figure.difference_points)
             assert stored["value"] == (None if math.isnan(figure.value) else figure.value)
             low_high = None if stored["ci95"] is None else tuple(stored["ci95"])
@@ -102,6 +104,7 @@ def test_the_terminal_shows_the_same_figures_at_100_columns():
     assert crossing[0].split() == [
         "Crossing",
         "ours",
+        "8",
         "100",
         "7",
         "72.1",
@@ -142,7 +145,7 @@ def test_nothing_to_average_is_said_and_not_made_up():
     assert "nan" not in to_csv(ROWS)
 
 
-def test_a_single_recording_has_no_interval():
+def test_a_figure_without_an_interval_stands_alone():
     only = summary()
     crossing = only.categories["crossing"].model_copy(
         update={"detection_rate": only.categories["crossing"].detection_rate.model_copy(update={"ci95": None})}

@@ -5,7 +5,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from bench.errors import DataError
+from bench.errors import DataError, OutputError
 from bench.evaluation import load_protocol, summarise
 from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA, frames_table, objects_table
 from bench.harness import Provenance, RunSummary
@@ -81,7 +81,7 @@ def test_a_file_that_cannot_be_replaced_stays_whole(stored, monkeypatch):
         raise OSError("disk full")
 
     monkeypatch.setattr(os, "replace", fail)
-    with pytest.raises(OSError, match="disk full"):
+    with pytest.raises(OutputError, match="disk full"):
         write_report_files(stored)
     assert (stored / "table.md").read_bytes() == before
     assert sorted(file.name for file in stored.iterdir()) == sorted(

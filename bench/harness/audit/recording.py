@@ -29,7 +29,7 @@ from bench.harness.audit.true_regions import instance_ids, paired_references
 from bench.harness.frames import FramePipeline, UnscorableFrame
 from bench.harness.provenance import recording_fingerprint
 from bench.harness.stages import StageClock
-from bench.methods import Method, MethodInput, Segmentation
+from bench.methods import Method, MethodInput, Segmentation, ask_method
 from bench.methods.spherical.method import SphericalMethod
 from bench.recordings import Recording, read_truth
 from bench.reference import ReferenceFrame, Status
@@ -237,7 +237,7 @@ class _CameraAudit:
         self._not_seen += _evaluated(reference) - _evaluated(by_masks)
         if self._staged is None:
             with self._clock.stage("method"):
-                found = self._method.segment(given)
+                found = ask_method(self._method, given)
             detected = {Scoring.LIDAR: found, Scoring.MASKS: found}
         else:
             runs = self._explain(self._staged, given, ids, by_masks)

@@ -17,6 +17,7 @@ from bench.harness.audit.recording import RecordingAudit, Scoring, audit_recordi
 from bench.harness.audit.reduce import aims, false_alarm_figures, miss_figures, polygon_figures, scores
 from bench.harness.audit.sources import NO_SCENARIO, AuditSource, audit_sources
 from bench.harness.audit.stored import SCHEMA_VERSION, write_audit
+from bench.harness.keys import MethodIdentity
 from bench.harness.method_stamp import MethodStamp
 from bench.harness.progress import Progress
 from bench.methods import Method
@@ -109,7 +110,7 @@ def _summary(
         card=str(card.file),
         split=split,
         recordings=recordings,
-        method=MethodStamp.of(method),
+        method=MethodStamp.of(method, MethodIdentity.of(method)),
         protocol=ProtocolStamp(name=protocol.name, version=protocol.version, digest=protocol.digest),
         polygon_kinds=kinds,
         polygons=polygon_figures(audit.polygons, protocol=protocol, kinds=kinds),

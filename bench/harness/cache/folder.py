@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import zipfile
 from collections import Counter
 from dataclasses import dataclass, field
@@ -11,12 +12,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.errors import DataError
+from bench.errors import DataError, OutputError, UsageError
 from bench.recordings import replacing
 
 DEFAULT_LIMIT_BYTES = 4_000_000_000
 SWEEP_AFTER_BYTES = 64_000_000  # a process that has added so much makes room
 MARK = "fisheye-bench.cache"
+STEP_NAME = re.compile(r"[a-z][a-z0-9_-]{0,63}")
 
 Arrays = dict[str, NDArray[np.generic]]
 
@@ -61,7 +63,7 @@ class CacheFolder:
         """An entry; None where there is none, or a damaged one."""
         file = self._file(step, digest)
         try:
-            with np.load(file, allow_pickle=False) as stored:
+            with file.open("rb") as content, np.load(content, allow_pickle=False) as stored:
                 arrays = {name: stored[name] for name in stored.files}
             os.utime(file)
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
@@ -76,7 +78,7 @@ class CacheFolder:
             with replacing(self._file(step, digest)) as temporary:
                 np.savez(temporary, **arrays)  # type: ignore[arg-type]
                 self._added_bytes += temporary.stat().st_size
-        except OSError:
+        except (OSError, OutputError):
             return
         if self._added_bytes > SWEEP_AFTER_BYTES:
             self._added_bytes = 0
@@ -121,6 +123,14 @@ class CacheFolder:
             raise DataError(self.folder, wanted="a folder for the cache", came=came, do=do) from error
 
     def _file(self, step: str, digest: str) -> Path:
+        """Where an entry lies; the name of its step comes from a method.
+
+        Raises:
+            UsageError: a name that could leave the folder, or that some file system does not take.
+        """
+        if not STEP_NAME.fullmatch(step):
+            wanted = "up to 64 lower-case letters, digits, hyphens and underscores, a letter first"
+            raise UsageError(f"name of a cached step: expected {wanted}; got {step!r}")
         return self.folder / step / digest[:2] / f"{digest[2:40]}.npz"
 
     def _entries(self) -> list[tuple[int, int, Path]]:

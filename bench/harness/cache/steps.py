@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from bench.cameras import CameraModel
 from bench.harness.cache.folder import Arrays, CacheFolder
 from bench.harness.cache.reference_arrays import reference_arrays, reference_from_arrays
-from bench.harness.keys import RecordingInputs, code_digest, digest_of, method_digest
+from bench.harness.keys import MethodIdentity, RecordingInputs, code_digest, digest_of
 from bench.harness.keys.code import METHOD_ROOMS, REFERENCE_CODE
 from bench.methods import Method, MethodInput
 from bench.methods.contract import StepOf
@@ -16,7 +17,7 @@ from bench.recordings import ImageRef, Recording
 from bench.reference import ReferenceBuilder, ReferenceFrame
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class StepCache:
     """Finds the steps of images of a recording in a cache, and keeps those that it does not find.
 
@@ -24,11 +25,19 @@ class StepCache:
         folder: the cache.
         recording: the drive.
         inputs: digests of it.
+        identity: of the method whose steps they are.
     """
 
     folder: CacheFolder
     recording: Recording
     inputs: RecordingInputs
+    identity: MethodIdentity
+
+    @cached_property
+    def code(self) -> str:
+        """Digest of the code that a step depends on; methods of this package share steps, others have their own."""
+        own = None if self.identity.place.startswith("bench.") else self.identity.digest
+        return digest_of(code_digest(METHOD_ROOMS), own)
 
     def of_image(self, given: MethodInput, images: Sequence[ImageRef], method: Method) -> KeptSteps:
         """What a method's steps on an image are kept by.
@@ -88,18 +97,15 @@ class KeptSteps:
 
     def __call__(self, step: str, settings: object, compute: Callable[[], Arrays], *, of: StepOf) -> Arrays:
         """The step's arrays, from the cache or computed and then kept."""
-        digest = digest_of(self._code(), step, settings, self._seen(of))
+        digest = digest_of(self.cache.code, step, settings, self._seen(of))
         found = self.cache.folder.get(step, digest)
         if found is None:
             found = compute()
+            self.cache.identity.refuse_change()
             self.cache.folder.put(step, digest, found)
         else:
             self.vouched = True
         return found
-
-    def _code(self) -> str:
-        own = None if type(self.method).__module__.startswith("bench.") else method_digest(self.method)
-        return digest_of(code_digest(METHOD_ROOMS), own)
 
     def _seen(self, of: StepOf) -> str:
         model: CameraModel = self.given.camera

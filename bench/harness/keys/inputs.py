@@ -40,6 +40,11 @@ class RecordingInputs:
             if isinstance(state.shape, PointIndices)
         ]
 
+    @property
+    def digest(self) -> str:
+        """Digest of calibration, ego-motion and annotations as they were read."""
+        return digest_of(self._cameras, self.ego_motion, self.lidar_mounting, self.annotations)
+
     def afresh(self) -> RecordingInputs:
         """The same, with every image and sweep read once more."""
         other = copy.copy(self)

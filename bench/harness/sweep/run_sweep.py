@@ -15,7 +15,7 @@ from bench.evaluation import Protocol, SequenceScorer, summarise
 from bench.harness import provenance as origin
 from bench.harness.cache import CacheFolder, StepCache
 from bench.harness.frames import FramePipeline, UnscorableFrame
-from bench.harness.keys import RecordingInputs
+from bench.harness.keys import MethodIdentity, RecordingInputs
 from bench.harness.method_stamp import MethodStamp
 from bench.harness.progress import Progress, recording_reporter
 from bench.harness.stages import StageClock
@@ -64,7 +64,7 @@ def run_sweep(
     handles = open_dataset(card, split)
     if cache is not None:
         cache.prepare()
-    work = _Work(plan=plan, cache=cache)
+    work = _Work(plan=plan, cache=cache, identity=MethodIdentity.of(plan.base.method))
     with single_threaded():
         for number, handle in enumerate(handles):
             work.run_recording(handle, recording_reporter(progress, number, len(handles)))
@@ -84,7 +84,7 @@ def run_sweep(
         dataset=card.name,
         card=str(card.file),
         split=split,
-        method=MethodStamp.of(method),
+        method=MethodStamp.of(method, MethodIdentity.of(method)),
         protocol=plan.base.protocol.name,
         rows=rows,
         flow=work.flow_calls(),
@@ -106,6 +106,7 @@ class _Work:
 
     plan: SweepPlan
     cache: CacheFolder | None
+    identity: MethodIdentity
     clock: StageClock = field(default_factory=StageClock)
     fingerprints: list[str] = field(default_factory=list)
     failures: list[str] = field(default_factory=list)
@@ -141,7 +142,7 @@ class _Work:
             return None
         if self._inputs is None or self._opened is not recording:
             self._opened, self._inputs = recording, RecordingInputs(recording)
-        return StepCache(folder=self.cache, recording=recording, inputs=self._inputs.afresh())
+        return StepCache(folder=self.cache, recording=recording, inputs=self._inputs.afresh(), identity=self.identity)
 
     def rows(self) -> tuple[SweepRow, ...]:
         """The figures of every value."""

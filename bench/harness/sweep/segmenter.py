@@ -13,7 +13,7 @@ from bench.harness.stages import StageClock
 from bench.harness.sweep.perturb import NONE, believed, with_noise
 from bench.harness.sweep.trial import Trial
 from bench.harness.units import Unit
-from bench.methods import MethodInput, Segmentation
+from bench.methods import MethodInput, Segmentation, ask_method
 from bench.methods.contract import compute_anew
 from bench.methods.spherical.method import Measurement, SphericalMethod
 from bench.methods.spherical.visual import SCALE_FREE
@@ -54,7 +54,7 @@ class TrialSegmenter:
                 continue
             if not isinstance(trial.method, SphericalMethod):
                 with self._clock.stage("method"):
-                    made[number] = trial.method.segment(self._told(self._noisy(given, trial), trial))
+                    made[number] = ask_method(trial.method, self._told(self._noisy(given, trial), trial))
                 continue
             flow, measurement = self._flow_of[index], self._measurement_of[index]
             if flow not in flows:

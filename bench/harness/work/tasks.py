@@ -6,11 +6,13 @@ import uuid
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
+import bench
 from bench.errors import BenchError, DataError
 from bench.evaluation import Protocol
 from bench.harness.cache import CacheFolder, StepCache
-from bench.harness.keys import RecordingInputs, code_digest, digest_of, method_digest
+from bench.harness.keys import MethodIdentity, RecordingInputs, code_digest, digest_of
 from bench.harness.keys.code import UNIT_CODE
 from bench.harness.provenance import largest_resident_mb, recording_fingerprint
 from bench.harness.stages import StageClock
@@ -20,7 +22,7 @@ from bench.harness.units import Unit, plan_units
 from bench.methods import Method
 from bench.recordings import Recording, RecordingHandle
 
-UNIT_FORMAT = 2  # raise it when the files of a unit change
+UNIT_FORMAT = 3  # raise it when the files of a unit change
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,15 +31,30 @@ class RunSpec:
 
     Attributes:
         method: to be scored.
+        identity: of the method, in the process that started the run.
         protocol: the rules.
         cache: where steps are kept; None to compute everything.
+        code: digest of this package's code that decides a unit's result, in the process that started the run.
         run_id: of this run; a process opens a recording once for each.
     """
 
     method: Method
+    identity: MethodIdentity
     protocol: Protocol
     cache: CacheFolder | None = None
+    code: str = field(default_factory=lambda: code_digest(UNIT_CODE))
     run_id: str = field(default_factory=lambda: uuid.uuid4().hex)
+
+    def refuse_other_code(self) -> None:
+        """Refuse to compute with other code than the run began with.
+
+        Raises:
+            DataError: this process has other code of this package or of the method, or a file of it changed on disk.
+        """
+        if code_digest(UNIT_CODE) != self.code:
+            place, do = Path(bench.__file__).parent, "start the run, and its workers, again"
+            raise DataError(place, wanted="the code that the run began with", came="another state of it", do=do)
+        self.identity.refuse_change()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,6 +64,8 @@ class PlannedRecording:
     Attributes:
         units: its units; none where it cannot be used.
         fingerprint: of its data; None where it does not open.
+        content: digest of its calibration, ego-motion and annotations as they were read, and of names and sizes of its
+            images and sweeps; None where it does not open.
         vehicle_outline_m: the host from above, vehicle frame.
         failure: why it cannot be used; None where it can.
         seconds: that opening took.
@@ -54,6 +73,7 @@ class PlannedRecording:
 
     units: tuple[Unit, ...]
     fingerprint: str | None
+    content: str | None
     vehicle_outline_m: tuple[tuple[float, float], ...]
     failure: str | None
     seconds: float
@@ -80,7 +100,7 @@ class ScoredUnit:
 
     Attributes:
         key: digest of all that the result depends on.
-        files: the files to store, by suffix; None where the stored ones have this key, or the unit failed.
+        content: of the file to store; None where the stored ones have this key, or the unit failed.
         failure: why there is no result; None where there is one.
         seconds: by stage.
         found: steps found in the cache, by name.
@@ -89,7 +109,7 @@ class ScoredUnit:
     """
 
     key: str
-    files: Mapping[str, bytes] | None
+    content: bytes | None
     failure: str | None = None
     seconds: Mapping[str, float] = field(default_factory=dict)
     found: Mapping[str, int] = field(default_factory=dict)
@@ -108,13 +128,16 @@ def plan_recording(spec: RunSpec, handle: RecordingHandle) -> PlannedRecording:
         return PlannedRecording(
             units=(),
             fingerprint=None,
+            content=None,
             vehicle_outline_m=(),
             failure=f"recording {handle.name!r}: {error}",
             seconds=clock.seconds["open"],
         )
+    fingerprint = recording_fingerprint(opened.recording)
     return PlannedRecording(
         units=units,
-        fingerprint=recording_fingerprint(opened.recording),
+        fingerprint=fingerprint,
+        content=digest_of(fingerprint, opened.inputs.digest),
         vehicle_outline_m=tuple((float(x), float(y)) for x, y in opened.recording.vehicle_outline_m),
         failure=None,
         seconds=clock.seconds["open"],
@@ -125,22 +148,26 @@ def score_unit(spec: RunSpec, task: UnitTask) -> ScoredUnit:
     """Score a unit, unless what is stored has its key; what is wrong with it is told, not raised."""
     clock, unit = StageClock(), task.unit
     found, missed = (Counter(spec.cache.found), Counter(spec.cache.missed)) if spec.cache else (Counter(), Counter())
-    key, files, failure = "", None, None
+    key, content, failure = "", None, None
     try:
         with clock.stage("open"):
             opened = _open(spec, task.handle)
         with clock.stage("key"):
+            spec.refuse_other_code()
             inputs = opened.inputs.afresh()
             key = unit_key(spec, opened.recording, unit, inputs)
         if key != task.stored_key:
-            steps = StepCache(folder=spec.cache, recording=opened.recording, inputs=inputs) if spec.cache else None
+            steps = None
+            if spec.cache is not None:
+                steps = StepCache(folder=spec.cache, recording=opened.recording, inputs=inputs, identity=spec.identity)
             tables = run_unit(
                 opened.recording, unit, method=spec.method, protocol=spec.protocol, clock=clock, steps=steps
             )
             with clock.stage("key"):
+                spec.refuse_other_code()
                 _refuse_change(spec, opened, unit, key)
             with clock.stage("store"):
-                files = encode_unit(unit, tables, key=key)
+                content = encode_unit(unit, tables, key=key)
     except BenchError as error:
         failure = f"recording {unit.recording!r}, camera {unit.camera!r}: {error}"
     except MemoryError:
@@ -148,7 +175,7 @@ def score_unit(spec: RunSpec, task: UnitTask) -> ScoredUnit:
         failure = f"{where}: the memory that the process may use was not enough"
     return ScoredUnit(
         key=key,
-        files=files,
+        content=content,
         failure=failure,
         seconds=dict(clock.seconds),
         found=dict(spec.cache.found - found) if spec.cache else {},
@@ -165,11 +192,11 @@ def unit_key(spec: RunSpec, recording: Recording, unit: Unit, inputs: RecordingI
     read = images[first : unit.stop]
     return digest_of(
         UNIT_FORMAT,
-        code_digest(UNIT_CODE),
+        spec.code,
         spec.protocol,
         method.name,
         method.settings(),
-        method_digest(method),
+        spec.identity.digest,
         unit,
         recording.frame_interval_ns,
         inputs.camera(unit.camera),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import Field
 
 from bench.recordings.body_polygons import Polygon
-from bench.recordings.validation import FileModel
+from bench.recordings.validation import FileModel, SidePx
 
 LICENCE = "CC BY-NC-SA 4.0"
 
@@ -41,7 +41,7 @@ class AimotiveOptions(FileModel):
 
     cameras: tuple[str, ...] | None = None
     ego_motion: EgoMotionOptions | None = None
-    evaluated_size_px: tuple[int, int] | None = None
+    evaluated_size_px: tuple[SidePx, SidePx] | None = None
     field_of_view_deg: dict[str, float] = Field(default_factory=dict)
     body_polygons: dict[str, tuple[Polygon, ...]] = Field(default_factory=dict)
     ground_height_m: float = 0.0

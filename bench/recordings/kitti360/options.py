@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from bench.recordings.body_polygons import Polygon
-from bench.recordings.validation import FileModel
+from bench.recordings.validation import FileModel, SidePx
 
 LICENCE = "CC BY-NC-SA 3.0"
 CameraName = Literal["image_02", "image_03"]
@@ -56,7 +56,7 @@ class Kitti360Options(FileModel):
 
     cameras: tuple[CameraName, ...] = Field(default=("image_02", "image_03"), min_length=1)
     boxes: Literal["train", "train_full"] = "train"
-    evaluated_size_px: tuple[int, int] | None = None
+    evaluated_size_px: tuple[SidePx, SidePx] | None = None
     field_of_view_deg: dict[CameraName, float] = Field(default_factory=dict)
     body_polygons: dict[CameraName, tuple[Polygon, ...]] = Field(default_factory=dict)
     lidar_position_m: tuple[float, float, float] = (0.76, 0.0, 1.73)

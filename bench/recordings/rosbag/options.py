@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from bench.recordings.validation import FileModel
+from bench.recordings.validation import FileModel, SidePx
 
 
 class RosbagOptions(FileModel):
@@ -22,5 +22,5 @@ class RosbagOptions(FileModel):
     rig: str = "rig.yaml"
     clock: Literal["header", "bag"] = "header"
     accept_losses: bool = False
-    evaluated_size_px: tuple[int, int] | None = None
+    evaluated_size_px: tuple[SidePx, SidePx] | None = None
     licence: str = ""

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from bench.recordings.body_polygons import Polygon
-from bench.recordings.validation import FileModel
+from bench.recordings.validation import FileModel, SidePx
 
 LICENCE = "Valeo WoodScape licence: research, teaching and benchmarking, not commercial"
 OUTLINE_M = ((-1.0, -0.95), (3.9, -0.95), (3.9, 0.95), (-1.0, 0.95))
@@ -60,7 +60,7 @@ class WoodscapeOptions(FileModel):
     """
 
     cameras: tuple[CameraName, ...] = Field(default=("FV", "RV", "MVL", "MVR"), min_length=1)
-    evaluated_size_px: tuple[int, int] | None = None
+    evaluated_size_px: tuple[SidePx, SidePx] | None = None
     field_of_view_deg: dict[CameraName, float] = Field(default_factory=dict)
     body_polygons: dict[CameraName, tuple[Polygon, ...]] = Field(default_factory=dict)
     cars: tuple[CarOptions, ...] = ()

@@ -6,10 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from bench.evaluation import Protocol
-from bench.evaluation.score_sheet import MetricSums, PairedChange, ScoreSheet, holm, paired_change, score_sheet
+from bench.evaluation.run_sums import RunSums
+from bench.evaluation.score_sheet import PairedChange, holm, paired_change, sheet_of
 from bench.evaluation.slices import ALL_MOVING, FRAMES
 from bench.evaluation.summary import Figure, Summary
-from bench.reporting.compare.stored_runs import StoredRun
+from bench.evaluation.totals import figures_of
 from bench.reporting.compare.verdicts import Verdict, judge
 
 FALSE_POSITIVE_COVERAGE = "false_positive_coverage"
@@ -30,7 +31,6 @@ class MetricChange:
 
     Attributes:
         change: before, after, and the paired interval.
-        recordings: with cases in both runs.
         p_holm: p-value corrected over the rows of the metric; None for metrics that are not headlines, and where there
             is no p-value.
         verdict: None for metrics that are not headlines.
@@ -38,7 +38,6 @@ class MetricChange:
     """
 
     change: PairedChange
-    recordings: int
     p_holm: float | None
     verdict: Verdict | None
     chance: tuple[Figure, Figure] | None
@@ -63,43 +62,35 @@ class RowChange:
     metrics: Mapping[str, MetricChange]
 
 
-def sheet_of(run: StoredRun) -> ScoreSheet:
-    """The sums of a run."""
-    return score_sheet(run.objects, run.frames, protocol=run.rules)
-
-
-def row_changes(
-    before: ScoreSheet, after: ScoreSheet, *, summaries: tuple[Summary, Summary], rules: Protocol
-) -> list[RowChange]:
+def row_changes(sums_before: RunSums, sums_after: RunSums, *, rules: Protocol) -> list[RowChange]:
     """Compare the categories, all moving objects, and the false positives.
 
     Holm's correction runs over the rows of one headline metric that have a p-value: the categories and the row of all
     moving objects. False-positive coverage has one row, so that its p-value stays as it is. A row without a p-value
-    (cases in fewer than two recordings of either run) does not count.
+    (cases of both in fewer than six recordings) does not count.
 
     Args:
-        before: sums of the run compared against.
-        after: sums of the other run.
-        summaries: of both, for the chance levels.
+        sums_before: of the run compared against.
+        sums_after: of the other run.
         rules: their protocol.
     """
+    before, after = (sheet_of(sums, protocol=rules) for sums in (sums_before, sums_after))
+    summaries = figures_of(sums_before, protocol=rules), figures_of(sums_after, protocol=rules)
     of_objects = [*(str(category) for category in rules.reference.categories), ALL_MOVING]
     names = {row: [name for name in before.slices[row] if name not in _OF_FRAMES] for row in of_objects}
     names[FRAMES] = list(_OF_FRAMES)
     sums = {(row, m): (before.slices[row][m], after.slices[row][m]) for row, metrics in names.items() for m in metrics}
-    draws, seed = rules.bootstrap.draws, rules.bootstrap.seed
-    changes = {key: paired_change(*pair, draws=draws, seed=seed) for key, pair in sums.items()}
+    changes = {key: paired_change(*pair) for key, pair in sums.items()}
     corrected = _corrected({key: change.p_value for key, change in changes.items()})
 
     def metric_change(row: str, metric: str) -> MetricChange:
-        key, shared = (row, metric), _shared_recordings(*sums[row, metric])
+        key = row, metric
         verdict = None
         if metric in HEADLINES:
             lower = metric == FALSE_POSITIVE_COVERAGE
-            verdict = judge(changes[key], p_holm=corrected[key], recordings=shared, lower_is_better=lower)
+            verdict = judge(changes[key], p_holm=corrected[key], lower_is_better=lower)
         return MetricChange(
             change=changes[key],
-            recordings=shared,
             p_holm=corrected.get(key),
             verdict=verdict,
             chance=_chance(row, metric, summaries),
@@ -129,10 +120,6 @@ def _corrected(p_values: Mapping[tuple[str, str], float | None]) -> dict[tuple[s
         keys = [key for key in p_values if key[1] == metric]
         corrected |= dict(zip(keys, holm([p_values[key] for key in keys]), strict=True))
     return corrected
-
-
-def _shared_recordings(before: MetricSums, after: MetricSums) -> int:
-    return len(before.denominators.keys() & after.denominators.keys())
 
 
 def _chance(row: str, metric: str, summaries: tuple[Summary, Summary]) -> tuple[Figure, Figure] | None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from bench.reporting.compare.changes import HEADLINES, RowChange, headline_changes, row_changes, sheet_of
+from bench.evaluation.intervals import FEWEST_RECORDINGS
+from bench.evaluation.run_sums import sum_run
+from bench.reporting.compare.changes import HEADLINES, RowChange, headline_changes, row_changes
 from bench.reporting.compare.detections import (
     ChangedFrame,
     DetectionCounts,
@@ -13,6 +15,7 @@ from bench.reporting.compare.detections import (
     paired_objects,
     sum_changes,
 )
+from bench.reporting.compare.like_for_like import Pair, on_common_images
 from bench.reporting.compare.stored_runs import StoredRun, differing_settings, settings_text
 from bench.reporting.compare.verdicts import Verdict
 
@@ -24,15 +27,17 @@ class RunComparison:
     Attributes:
         before: the run compared against.
         after: the other run.
+        images: how many each scored, and how many of these both did; all figures are of the last.
         methods: of both, with the settings in which they differ.
         rows: of the table.
         detections: gained and lost, by category and of all.
         frames: that changed most.
-        notes: what a reader should know, for example that the data's files differ.
+        notes: what a reader should know: on how many images the runs are compared, whether the data's files differ.
     """
 
     before: StoredRun
     after: StoredRun
+    images: tuple[int, int, int]
     methods: tuple[str, str]
     rows: list[RowChange]
     detections: list[DetectionCounts]
@@ -41,25 +46,31 @@ class RunComparison:
 
 
 def compare_runs(runs: Sequence[StoredRun]) -> list[RunComparison]:
-    """Compare the first of several comparable runs with each of the others."""
-    first, sheets = runs[0], [sheet_of(run) for run in runs]
-    found = []
-    for other, sheet in zip(runs[1:], sheets[1:], strict=True):
-        rows = row_changes(sheets[0], sheet, summaries=(first.summary, other.summary), rules=first.rules)
-        categories = tuple(str(category) for category in first.rules.reference.categories)
-        changes = sum_changes(paired_objects(first, other), categories=categories)
-        found.append(
-            RunComparison(
-                before=first,
-                after=other,
-                methods=_methods(first, other),
-                rows=rows,
-                detections=changes.detections,
-                frames=[*changes.frames, *changed_images(first, other)],
-                notes=_notes(first, other),
-            )
-        )
-    return found
+    """Compare the first of several runs with each of the others, on the images that both scored.
+
+    Raises:
+        DataError: a table is damaged.
+        UsageError: no image was scored by both, or the references differ on these.
+    """
+    return [_compare(on_common_images(runs[0], other)) for other in runs[1:]]
+
+
+def _compare(pair: Pair) -> RunComparison:
+    before, after = pair.before, pair.after
+    sums = [sum_run(run.objects, run.frames, protocol=run.rules) for run in (before, after)]
+    rows = row_changes(sums[0], sums[1], rules=before.rules)
+    categories = tuple(str(category) for category in before.rules.reference.categories)
+    changes = sum_changes(paired_objects(before, after), categories=categories)
+    return RunComparison(
+        before=before,
+        after=after,
+        images=pair.images,
+        methods=_methods(before, after),
+        rows=rows,
+        detections=changes.detections,
+        frames=[*changes.frames, *changed_images(before, after)],
+        notes=(pair.line, *_notes(before, after)),
+    )
 
 
 def verdict_line(comparison: RunComparison) -> str:
@@ -81,13 +92,14 @@ def category_line(comparison: RunComparison) -> str:
         cells = [f"{r.label} ({HEADLINES[m]})" for r in rows for m, c in r.metrics.items() if c.verdict is verdict]
         if cells:
             said.append(f"{verdict.value}: {', '.join(cells)}")
-    few = [
-        f"{row.label} ({row.recordings})"
+    few = {
+        row.label: min(cell.change.recordings for cell in row.metrics.values() if cell.verdict is Verdict.TOO_FEW)
         for row in rows
         if any(cell.verdict is Verdict.TOO_FEW for cell in row.metrics.values())
-    ]
+    }
     if few:
-        said.append(f"{Verdict.TOO_FEW.value} in at least one metric: {', '.join(few)}")
+        told = ", ".join(f"{label} ({recordings})" for label, recordings in few.items())
+        said.append(f"{Verdict.TOO_FEW.value} in at least one metric, {FEWEST_RECORDINGS} are needed: {told}")
     return f"By category: {'. '.join(said) or 'nothing that the data can show'}."
 
 
@@ -104,7 +116,9 @@ def _notes(first: StoredRun, other: StoredRun) -> tuple[str, ...]:
     notes = []
     one, two = first.summary.provenance, other.summary.provenance
     if one.data_fingerprint != two.data_fingerprint:
-        notes.append("The files of the data set changed between the runs, though the reference did not.")
+        notes.append(
+            "The files of the data set changed between the runs, though the reference on these images did not."
+        )
     if one.commit != two.commit:
         notes.append(f"Made by different code: {(one.commit or 'none')[:8]} and {(two.commit or 'none')[:8]}.")
     changed = sorted(

@@ -29,7 +29,7 @@ def to_csv(comparisons: Sequence[RunComparison]) -> str:
     """One line per pair of runs, row and metric, ratios at full precision; empty where there is no number."""
     heading = ["before_run", "after_run", "row", "frames", "metric", "before", "after", "difference", "ci95_low",
                "ci95_high", "p_value", "p_holm", "cases_before", "cases_after", "recordings", "chance_before",
-               "chance_after", "verdict"]  # fmt: skip
+               "chance_after", "verdict", "images_before", "images_after", "images_compared"]  # fmt: skip
     lines = []
     for comparison in comparisons:
         for row in comparison.rows:
@@ -40,8 +40,8 @@ def to_csv(comparisons: Sequence[RunComparison]) -> str:
                 chances = [None, None] if chance is None else [figure.value for figure in chance]
                 lines.append(
                     [comparison.before.label, comparison.after.label, row.name, row.frames, metric,
-                     *map(_or_empty, numbers), change.cases_before, change.cases_after, cell.recordings,
-                     *map(_or_empty, chances), cell.verdict or ""]
+                     *map(_or_empty, numbers), change.cases_before, change.cases_after, change.recordings,
+                     *map(_or_empty, chances), cell.verdict or "", *comparison.images]
                 )  # fmt: skip
     return _csv(heading, lines)
 
@@ -88,6 +88,7 @@ def _json_comparison(comparison: RunComparison, drawn: Sequence[DrawnFrame], rem
     return {
         "before": _json_run(comparison.before),
         "after": _json_run(comparison.after),
+        "images": dict(zip(("before", "after", "compared"), comparison.images, strict=True)),
         "verdict": verdict_line(comparison),
         "categories": category_line(comparison),
         "notes": list(comparison.notes),
@@ -122,7 +123,6 @@ def _json_change(cell: MetricChange) -> dict[str, Any]:
     change = asdict(cell.change)
     return {
         **{name: _or_none(value) if isinstance(value, float) else value for name, value in change.items()},
-        "recordings": cell.recordings,
         "p_holm": cell.p_holm,
         "verdict": cell.verdict,
         "chance": None if cell.chance is None else [_or_none(figure.value) for figure in cell.chance],

@@ -19,14 +19,14 @@ _SHORT = {
     Verdict.WORSE: "worse",
     Verdict.NOT_SHOWN: "not shown",
     Verdict.THE_SAME: "the same",
-    Verdict.TOO_FEW: "too few",
+    Verdict.TOO_FEW: "few: {}",
     Verdict.NO_CASES: "",
 }
 _STYLES = {Verdict.BETTER: "green", Verdict.WORSE: "red"}
 _LINES = ("before", "after", "diff.", "95 %", "p Holm", "verdict", "chance")
 _CAPTION = (
     "Diff.: percentage points, 95 % interval in pairs over recordings. p: corrected over a column.\n"
-    "Not shown: no difference that the data can show. Too few: under six recordings, no verdict.\n"
+    "Not shown: no difference that the data can show. Few: 4: cases of both in 4 recordings, a verdict needs 6.\n"
     "Chance: before/after, on the mask of another frame. False positives: share of the image."
 )
 
@@ -45,13 +45,13 @@ def to_rich(comparison: RunComparison) -> Table:
         min_width=MIN_COLUMNS,
         title=f"{comparison.after.label} (after) against {comparison.before.label} (before), in percent",
         title_justify="left",
-        caption=_CAPTION,
+        caption=Text(_CAPTION),
         caption_justify="left",
     )
     table.add_column("Type", no_wrap=True)
     table.add_column("", style="dim", no_wrap=True)
     for heading in shown.values():
-        table.add_column(heading, justify="right", no_wrap=True, min_width=9)
+        table.add_column(Text(heading), justify="right", no_wrap=True, min_width=9)
     for row in comparison.rows:
         metrics = [FALSE_POSITIVE_COVERAGE] if FALSE_POSITIVE_COVERAGE in row.metrics else list(shown)
         lines = _LINES[:-1] if FALSE_POSITIVE_COVERAGE in row.metrics else _LINES
@@ -84,7 +84,7 @@ def _cell(cell: MetricChange, lines: Sequence[str]) -> Text:
         "diff.": points(change.difference),
         "95 %": ends,
         "p Holm": p_text(cell.p_holm),
-        "verdict": "" if cell.verdict is None else _SHORT[cell.verdict],
+        "verdict": "" if cell.verdict is None else _SHORT[cell.verdict].format(change.recordings),
         "chance": "" if cell.chance is None else "/".join(share(figure.value) for figure in cell.chance),
     }
     text = Text()

@@ -5,23 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
+from bench.evaluation.intervals import FEWEST_RECORDINGS
+from bench.plain_text import escape_markdown
 from bench.reporting.compare.changes import HEADLINES, MetricChange, RowChange
 from bench.reporting.compare.comparison import RunComparison, category_line, verdict_line
 from bench.reporting.compare.detections import LISTED, ChangedFrame, Kind
 from bench.reporting.compare.pictures import DrawnFrame, frame_title
-from bench.reporting.compare.verdicts import FEWEST_RECORDINGS
+from bench.reporting.compare.verdicts import verdict_text
 
 NOTE = (
-    "Differences are after minus before, in percentage points, with 95 % intervals from a paired bootstrap over "
-    "recordings: both runs are resampled by the same draws. p: two-sided, of no difference, corrected after Holm over "
-    "the rows of one metric that have a p-value (the categories and all moving objects; false-positive coverage has "
-    "one row), for each pair of runs by itself. Only detection rate, TPR and IoU over detected object-frames and "
-    "false-positive coverage are judged; other figures stand with their interval and without a p-value. "
-    "Better or worse is said only if the interval excludes 0, the corrected p-value is at most 5 %, and at least "
-    f"{FEWEST_RECORDINGS} recordings hold cases of both runs: with fewer, the same change in all of them could be "
-    "chance, whatever the bootstrap says. TPR and IoU over detected object-frames are taken over other object-frames "
-    "in each run where detection differs; TPR and IoU over all are not. Chance: the same objects on the mask of "
-    "another frame."
+    "Differences are after minus before, in percentage points, with 95 % intervals by recording, in pairs: the "
+    "difference is taken again without each recording (jackknife). p: two-sided, of no difference, corrected after "
+    "Holm over the rows of one metric that have a p-value (the categories and all moving objects; false-positive "
+    "coverage has one row), for each pair of runs by itself. Only detection rate, TPR and IoU over detected "
+    "object-frames and false-positive coverage are judged; other figures stand with their interval and without a "
+    "p-value. Better or worse is said only if the interval excludes 0 and the corrected p-value is at most 5 %; both "
+    f"need {FEWEST_RECORDINGS} recordings with cases of both runs: with fewer, the same change in all of them could be "
+    "chance. Recordings: with cases of both runs. TPR and IoU over detected object-frames are taken over other "
+    "object-frames in each run where detection differs; TPR and IoU over all are not. Chance: the same objects on the "
+    "mask of another frame."
 )
 _OTHERS = {
     "tpr_all": "TPR, all",
@@ -48,11 +50,12 @@ def to_markdown(
         remarks: what is to be said about the pictures of each.
     """
     first = comparisons[0].before.summary
-    parts = [
-        f"# {', '.join(c.after.label for c in comparisons)} against {comparisons[0].before.label}",
+    title = f"{', '.join(c.after.label for c in comparisons)} against {comparisons[0].before.label}"
+    compared = (
         f"Data set {first.dataset}, {first.split or 'all recordings'}, protocol {first.protocol.name} "
-        f"({first.protocol.digest[:12]}), reference {first.reference_fingerprint[:12]}.",
-    ]
+        f"({first.protocol.digest[:12]}), reference {first.reference_fingerprint[:12]}."
+    )
+    parts = [f"# {escape_markdown(title)}", escape_markdown(compared)]
     for comparison, pictures, said in zip(comparisons, drawn, remarks, strict=True):
         parts += _section(comparison, pictures, said)
     return "\n\n".join([*parts, NOTE]) + "\n"
@@ -92,18 +95,18 @@ def bounds(cell: MetricChange) -> str:
 def markdown_table(headings: Sequence[str], rows: Sequence[Sequence[str]], *, text_columns: int = 1) -> str:
     """A table of GitHub's Markdown, the first columns left-aligned, the others right."""
     rule = [":--" if place < text_columns else "--:" for place in range(len(headings))]
-    lines = [[cell.replace("|", r"\|") for cell in row] for row in (headings, rule, *rows)]
+    lines = [[escape_markdown(cell) for cell in row] for row in (headings, rule, *rows)]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def _section(comparison: RunComparison, drawn: Sequence[DrawnFrame], remarks: Sequence[str]) -> list[str]:
     before, after = comparison.before.label, comparison.after.label
     parts = [
-        f"## {after} against {before}",
-        f"**{verdict_line(comparison)}**",
-        category_line(comparison),
-        f"Before: {before}, {comparison.methods[0]}. After: {after}, {comparison.methods[1]}.",
-        *comparison.notes,
+        f"## {escape_markdown(f'{after} against {before}')}",
+        f"**{escape_markdown(verdict_line(comparison))}**",
+        escape_markdown(category_line(comparison)),
+        escape_markdown(f"Before: {before}, {comparison.methods[0]}. After: {after}, {comparison.methods[1]}."),
+        *map(escape_markdown, comparison.notes),
         *(_metric_table(comparison.rows, metric) for metric in _metrics(comparison.rows)),
         _detections(comparison),
     ]
@@ -112,8 +115,9 @@ def _section(comparison: RunComparison, drawn: Sequence[DrawnFrame], remarks: Se
         if frames:
             parts.append(_frames_table(kind, frames))
     for picture in drawn:
-        parts += [f"**{picture.title}**", f"![{picture.title}](pictures/{picture.name})"]
-    return parts + [f"*{remark}*" for remark in remarks]
+        title = escape_markdown(picture.title)
+        parts += [f"**{title}**", f"![{title}](pictures/{picture.name})"]
+    return parts + [f"*{escape_markdown(remark)}*" for remark in remarks]
 
 
 def _metrics(rows: Sequence[RowChange]) -> list[str]:
@@ -131,12 +135,12 @@ def _metric_table(rows: Sequence[RowChange], metric: str) -> str:
     lines = []
     for row, cell in cells:
         change = cell.change
-        line = [row.label, str(row.frames), str(cell.recordings), share(change.before), share(change.after)]
+        line = [row.label, str(row.frames), str(change.recordings), share(change.before), share(change.after)]
         line += [points(change.difference), bounds(cell)]
         if cell.chance:
             line += [share(figure.value) for figure in cell.chance]
         if metric in HEADLINES:
-            line += [p_text(cell.p_holm), "" if cell.verdict is None else cell.verdict.value]
+            line += [p_text(cell.p_holm), "" if cell.verdict is None else verdict_text(cell.verdict, change)]
         lines.append(line)
     return f"**{metric_label(metric)}, percent**\n\n{markdown_table(headings, lines)}"
 

@@ -15,17 +15,21 @@ from rich.table import Table
 from rich.text import Text
 
 from bench.evaluation.summary import Figure
+from bench.plain_text import escape_markdown, plain
 from bench.recordings import write_text
 from bench.reporting.compare.comparison_text import markdown_table, share
-from bench.reporting.compare.leaderboard import Entry, Group, Leaderboard
+from bench.reporting.compare.leaderboard import LEAST_COMMON, Entry, Group, Leaderboard
 from bench.reporting.compare.stored_runs import SHOWN_DIGEST
+from bench.reporting.sheets import INTERVALS
 
 SCHEMA_VERSION = 1
 NOTE = (
-    "Over all moving objects, in percent, with 95 % intervals (bootstrap over recordings). Ordered by IoU over all "
-    "object-frames, an undetected one having 0. Rows whose intervals overlap may still differ: compare judges runs in "
-    "pairs. Chance: detection at the same level on the mask of "
-    "another frame. False positives: share of the image. Images per second: whole runs, on machines that may differ."
+    "Over all moving objects of the images that all runs of a table scored, in percent. Runs stand in one table if "
+    f"they have at least {100 * LEAST_COMMON:.0f} % of their images in common and the same reference on these. "
+    f"{INTERVALS} Ordered by IoU over all object-frames, an undetected one having 0. Rows whose intervals overlap may "
+    "still differ: compare judges runs in pairs. Chance: detection at the same level on the mask of another frame. "
+    "False positives: share of the image. Images: scored by the run. Images per second: whole runs, on machines that "
+    "may differ."
 )
 
 
@@ -38,14 +42,16 @@ def leaderboard_tables(found: Leaderboard) -> Iterator[Table]:
         )  # fmt: skip
         table.add_column("Run, method", overflow="fold", min_width=30)
         figures = _columns(group)
-        for heading in (*figures.values(), "Images\nper s", "Date, code"):
-            table.add_column(heading, justify="right", no_wrap=True)
+        for heading in ("Images,\nrecs", *figures.values(), "Images\nper s", "Date, code"):
+            table.add_column(Text(heading), justify="right", no_wrap=True)
         for entry in group.entries:
             cells = [
                 Text(share(entry.figures[name].value) + "\n" + _short_interval(entry.figures[name])) for name in figures
             ]
-            label = Text(entry.run, style="bold").append(f"\n{entry.method}{_failed(entry)}", style="not bold")
-            table.add_row(label, *cells, Text(_rate(entry)), Text(f"{entry.date}\n{entry.code}"))
+            label = Text(plain(entry.run), style="bold")
+            label.append(f"\n{plain(entry.method)}{_failed(entry)}", style="not bold")
+            counts = Text(f"{entry.images}\n{group.recordings}")
+            table.add_row(label, counts, *cells, _rate(entry), Text(f"{plain(entry.date)}\n{plain(entry.code)}"))
         yield table
 
 
@@ -66,18 +72,27 @@ def to_markdown(found: Leaderboard) -> str:
     parts = ["# Leaderboard"]
     for group in found.groups:
         figures = _columns(group)
-        headings = ["Run", "Method", *(h.replace("\n", " ") for h in figures.values()), "Images per s", "Date", "Code"]
+        headings = [
+            "Run",
+            "Method",
+            "Images",
+            "Recordings",
+            *(h.replace("\n", " ") for h in figures.values()),
+            "Images per s",
+            "Date",
+            "Code",
+        ]
         rows = [
             [
-                *(entry.run, entry.method + _failed(entry)),
+                *(entry.run, entry.method + _failed(entry), str(entry.images), str(group.recordings)),
                 *(f"{share(entry.figures[name].value)} {_interval(entry.figures[name])}".strip() for name in figures),
                 *(_rate(entry), entry.date, entry.code),
             ]
             for entry in group.entries
         ]
-        parts += [f"## {_title(group)}", markdown_table(headings, rows, text_columns=2)]
+        parts += [f"## {escape_markdown(_title(group))}", markdown_table(headings, rows, text_columns=2)]
     if found.damaged:
-        faults = "\n".join(f"- {run}: {fault}" for run, fault in found.damaged)
+        faults = "\n".join(f"- {escape_markdown(run)}: {escape_markdown(fault)}" for run, fault in found.damaged)
         parts += ["## Runs that cannot be read", faults]
     return "\n\n".join([*parts, NOTE]) + "\n"
 
@@ -88,7 +103,8 @@ def to_csv(found: Leaderboard) -> str:
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(
         ["dataset", "split", "protocol", "protocol_digest", "reference_fingerprint", "run", "method", "date", "code",
-         "failures", "images_per_second", "figure", "value", "ci95_low", "ci95_high", "cases"]
+         "failures", "images_per_second", "figure", "value", "ci95_low", "ci95_high", "cases",
+         "images", "images_compared", "recordings"]
     )  # fmt: skip
     for group in found.groups:
         of_group = [
@@ -110,7 +126,9 @@ def to_csv(found: Leaderboard) -> str:
             for name, figure in entry.figures.items():
                 low, high = figure.ci95 or (math.nan, math.nan)
                 numbers = [_or_empty(number) for number in (figure.value, low, high)]
-                writer.writerow([*of_group, *of_run, name, *numbers, figure.cases])
+                writer.writerow(
+                    [*of_group, *of_run, name, *numbers, figure.cases, entry.images, group.images, group.recordings]
+                )
     return buffer.getvalue()
 
 
@@ -132,6 +150,7 @@ def _json_entry(entry: Entry) -> dict[str, object]:
     return {
         "run": entry.run,
         "method": entry.method,
+        "images": entry.images,
         "figures": {name: figure.model_dump(mode="json") for name, figure in entry.figures.items()},
         "images_per_second": None if math.isnan(rate) else rate,
         "date": entry.date,
@@ -144,8 +163,8 @@ def _title(group: Group) -> str:
     protocol = f"{group.protocol} ({group.protocol_digest[:SHOWN_DIGEST]})"
     return (
         f"{group.dataset}, {group.split or 'all recordings'}, {protocol}, "
-        f"reference {group.reference_fingerprint[:SHOWN_DIGEST]}: {group.object_frames} object-frames, "
-        f"{group.recordings} recordings"
+        f"reference {group.reference_fingerprint[:SHOWN_DIGEST]}: {group.images} images that all scored, "
+        f"{group.object_frames} object-frames, {group.recordings} recordings"
     )
 
 

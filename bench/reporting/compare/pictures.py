@@ -10,21 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import BenchError
-from bench.evaluation import count_frame
-from bench.harness import FramePipeline, ProcessedFrame
+from bench.harness import ProcessedFrame
 from bench.harness.frames import UnscorableFrame
-from bench.recordings import Recording, load_card, open_dataset
+from bench.harness.replay import StoredFrames
 from bench.reporting.canvas import figure_bytes, new_figure, styled
 from bench.reporting.compare.comparison import RunComparison
 from bench.reporting.compare.detections import ChangedFrame, Kind
-from bench.reporting.compare.stored_runs import StoredRun
 from bench.reporting.count_view import draw_counts
 from bench.reporting.overlay import overlay_frame
 
 PICTURED = 2  # of each kind
 QUALITY = 90  # of JPEG; as PNG a picture takes 2 MB
 _TITLE_IN, _HEAD_IN, _SIDE_IN = 0.34, 0.22, 3.5
-_TOLERANCE = 1e-9
 Picture = NDArray[np.uint8]
 
 
@@ -51,7 +48,7 @@ def draw_changed_frames(
     number: int,
     progress: Callable[[float, int], None] | None = None,
 ) -> tuple[list[DrawnFrame], list[str]]:
-    """Process the frames that changed most by both methods and draw them.
+    """Draw the frames that changed most as both methods were scored on them.
 
     Args:
         comparison: of two runs.
@@ -59,22 +56,22 @@ def draw_changed_frames(
         progress: called with the pictures done and their number.
 
     Returns:
-        The pictures, and a line for every reason why one could not be made or does not show what was stored.
+        The pictures, and a line for every reason why one could not be made.
     """
     chosen = _chosen(comparison.frames)
     try:
-        processors = [_Processor(run) for run in (comparison.before, comparison.after)] if chosen else []
+        runs = (comparison.before, comparison.after) if chosen else ()
+        stored = [StoredFrames(run.folder, run.summary, run.rules) for run in runs]
     except BenchError as error:
         return [], [f"no pictures: {error}"]
     drawn, remarks = [], []
     for place, frame in enumerate(chosen, start=1):
         name = f"{number:02d}-{place:02d}-{frame.kind.value.replace(' ', '-')}.jpg"
         try:
-            sides = [processor.process(frame) for processor in processors]
+            sides = [one.process(frame.recording, frame.camera, frame.timestamp_ns) for one in stored]
         except (BenchError, UnscorableFrame) as error:
             remarks.append(f"no picture {name}: {error}")
             continue
-        remarks += _remarks(name, frame, sides, comparison)
         title = frame_title(frame)
         drawn.append(DrawnFrame(frame=frame, title=title, name=name, jpeg=_compose(title, frame, sides, comparison)))
         if progress is not None:
@@ -86,28 +83,6 @@ def frame_title(frame: ChangedFrame) -> str:
     """For example "newly missed: pedestrian 'a', crossing, 5.0 m (drive-1, front, 1200 ms)"."""
     what = f": {frame.what}" if frame.what else ""
     return f"{frame.kind.value}{what} ({frame.recording}, {frame.camera}, {frame.timestamp_ns / 1e6:.0f} ms)"
-
-
-class _Processor:
-    """Processes frames by the method of a run, each recording opened once."""
-
-    def __init__(self, run: StoredRun) -> None:
-        summary = run.summary
-        self._run, self._method = run, summary.method.build()
-        self._handles = {handle.name: handle for handle in open_dataset(load_card(summary.card), summary.split)}
-        self._opened: dict[str, Recording] = {}
-
-    def process(self, frame: ChangedFrame) -> ProcessedFrame:
-        if frame.recording not in self._opened:
-            if frame.recording not in self._handles:
-                raise UnscorableFrame(f"the data set has no recording {frame.recording!r} any more")
-            self._opened[frame.recording] = self._handles[frame.recording].open()
-        recording = self._opened[frame.recording]
-        times_ns = [image.timestamp_ns for image in recording.images.get(frame.camera, ())]
-        if frame.timestamp_ns not in times_ns:
-            raise UnscorableFrame(f"recording {frame.recording!r} has no image {frame.camera} {frame.timestamp_ns}")
-        pipeline = FramePipeline(recording, frame.camera, method=self._method, protocol=self._run.rules)
-        return pipeline.process(times_ns.index(frame.timestamp_ns))
 
 
 def _chosen(frames: Sequence[ChangedFrame]) -> list[ChangedFrame]:
@@ -143,8 +118,7 @@ def _compose(title: str, frame: ChangedFrame, sides: Sequence[ProcessedFrame], c
 def _text(lines: Sequence[str], *, width_in: float, height_in: float, size: float, bold: bool = False) -> Picture:
     figure = new_figure(width_in, height_in)
     weight = "bold" if bold else "normal"
-    text = "\n".join(line.replace("$", r"\$") for line in lines)
-    figure.text(0.02, 0.5, text, ha="left", va="center", fontsize=size, fontweight=weight)
+    figure.text(0.02, 0.5, "\n".join(lines), ha="left", va="center", fontsize=size, fontweight=weight)
     return _decoded(figure_bytes(figure, "png"))
 
 
@@ -159,25 +133,3 @@ def _decoded(png: bytes) -> Picture:
 def _detected(side: ProcessedFrame) -> NDArray[np.bool_]:
     height, width = side.reference.valid.shape
     return side.segmentation.mask_at(width, height) & side.reference.valid
-
-
-def _remarks(name: str, frame: ChangedFrame, sides: Sequence[ProcessedFrame], comparison: RunComparison) -> list[str]:
-    """Where code or data changed since a run, so that its picture is not what was scored."""
-    runs, stored = (comparison.before, comparison.after), (frame.before, frame.after)
-    found = []
-    for side, run, value in zip(sides, runs, stored, strict=True):
-        now = _figure_now(frame, side)
-        if now is None or abs(now - value) > _TOLERANCE:
-            shown = "without the object" if now is None else f"{100 * now:.1f} %"
-            found.append(f"{name}: {run.label} comes to {shown} today, {100 * value:.1f} % are stored")
-    return found
-
-
-def _figure_now(frame: ChangedFrame, side: ProcessedFrame) -> float | None:
-    counted, objects = count_frame(side.reference, _detected(side), component_size_px=0)
-    if frame.track_id is None:
-        return counted.fp_px / (counted.width * counted.height)
-    for found, counts in zip(side.reference.objects, objects, strict=True):
-        if found.track_id == frame.track_id and counts.tp + counts.fn:
-            return counts.tp / (counts.tp + counts.fn)
-    return None

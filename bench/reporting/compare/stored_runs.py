@@ -9,7 +9,8 @@ from pathlib import Path
 
 from bench.errors import UsageError
 from bench.evaluation import Protocol
-from bench.harness import RunSummary, StoredRows, open_tables, read_run
+from bench.evaluation.row_source import RowSource
+from bench.harness import RunSummary, open_tables, read_run
 from bench.reporting.write import read_rules
 
 SHOWN_DIGEST = 12  # characters of a digest that are shown
@@ -24,16 +25,16 @@ class StoredRun:
         label: what tables call it: the folder's name, with a number where two are the same.
         summary: `summary.json`.
         rules: its protocol.
-        objects: of `OBJECTS_SCHEMA`, on disk.
-        frames: of `FRAMES_SCHEMA`, on disk.
+        objects: of `OBJECTS_SCHEMA`, on disk, of all images or those that are compared.
+        frames: of `FRAMES_SCHEMA`, the same.
     """
 
     folder: Path
     label: str
     summary: RunSummary
     rules: Protocol
-    objects: StoredRows
-    frames: StoredRows
+    objects: RowSource
+    frames: RowSource
 
 
 def read_stored_run(folder: Path, *, label: str | None = None) -> StoredRun:
@@ -50,11 +51,11 @@ def read_stored_run(folder: Path, *, label: str | None = None) -> StoredRun:
 
 
 def read_comparable(folders: Sequence[Path]) -> list[StoredRun]:
-    """Read runs and make sure that they compare.
+    """Read runs of the same data and protocol.
 
     Raises:
         DataError: a run is damaged.
-        UsageError: fewer than two runs, or runs of different data, protocol or reference.
+        UsageError: fewer than two runs, or runs of different data, split or protocol.
     """
     if len(folders) < 2:
         raise UsageError(f"compare: wanted at least two runs, came {len(folders)}")
@@ -91,7 +92,6 @@ def _refuse_different(first: StoredRun, other: StoredRun) -> None:
         "data set": (one.dataset, two.dataset),
         "split": (one.split or "none", two.split or "none"),
         "protocol": (f"{one.protocol.name} {one.protocol.digest}", f"{two.protocol.name} {two.protocol.digest}"),
-        "reference": (one.reference_fingerprint, two.reference_fingerprint),
     }
     for fact, (before, after) in facts.items():
         if before != after:

@@ -25,6 +25,7 @@ from bench.reporting.page.tables_section import (
     false_positive_lines,
     headline,
     ledger_rows,
+    of_recordings,
     provenance_rows,
     stage_bars,
 )
@@ -113,6 +114,7 @@ def _render(
         "coverage": coverage_charts(source),
         "thresholds": threshold_charts(source) if whole else None,
         "causes": cause_bars(source.figures) if whole else None,
+        "of_recordings": of_recordings(source.figures.false_positives.recordings),
         "galleries": objects,
         "labels": {category.value: label for category, label in LABELS.items()},
         "images": images,

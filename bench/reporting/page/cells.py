@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from bench.evaluation.summary import Figure, ObjectFigures
@@ -80,22 +81,21 @@ BREAKDOWN_FIGURES = {
 
 
 def figures_table(caption: str, first: str, rows: dict[str, ObjectFigures]) -> CellTable:
-    """Rows of one breakdown, those without cases included; the lowest share found is marked."""
+    """Rows of one breakdown, those without cases included; the lowest share found is marked where it is shown."""
     names = {n: h for n, h in BREAKDOWN_FIGURES.items() if all(n in row.figure_names() for row in rows.values())}
-    seen = [row.tpr_all.value for row in rows.values() if row.object_frames]
-    least = min(seen) if len(seen) > 1 else math.nan
+    lowest = lowest_of({name: row.tpr_all for name, row in rows.items()})
     return CellTable(
         caption=caption,
-        headings=(first, "object-frames", "objects", *names.values()),
+        headings=(first, "recordings", "object-frames", "objects", *names.values()),
         rows=tuple(
             CellRow(
                 name=name,
-                counts=(str(row.object_frames), str(row.tracks)),
+                counts=(str(row.recordings), str(row.object_frames), str(row.tracks)),
                 cells=tuple(
                     figure_cell(
                         row.figure(n),
                         notes=_chance(row, n),
-                        weakest=n == "tpr_all" and row.object_frames > 0 and row.tpr_all.value == least,
+                        weakest=n == "tpr_all" and name == lowest,
                     )
                     for n in names
                 ),
@@ -103,6 +103,20 @@ def figures_table(caption: str, first: str, rows: dict[str, ObjectFigures]) -> C
             for name, row in rows.items()
         ),
     )
+
+
+def lowest_of(figures: Mapping[str, Figure]) -> str | None:
+    """The lowest of several figures by name; None where no interval of another lies wholly above its own."""
+    known = {name: figure for name, figure in figures.items() if figure.ci95 is not None}
+    lowest = min(known, key=lambda name: known[name].value, default=None)
+    if lowest is None or min(f.value for f in figures.values() if not math.isnan(f.value)) < known[lowest].value:
+        return None
+    return lowest if any(clearly_below(known[lowest], other) for other in known.values()) else None
+
+
+def clearly_below(figure: Figure, other: Figure) -> bool:
+    """Whether both have intervals and the one lies wholly below the other."""
+    return figure.ci95 is not None and other.ci95 is not None and figure.ci95[1] < other.ci95[0]
 
 
 def _chance(row: ObjectFigures, name: str) -> tuple[str, ...]:

@@ -1,21 +1,19 @@
-"""Pictures of chosen images and what they show, made by processing those images once more."""
+"""Pictures of chosen images and what they show, from the masks that were scored and the reference built again."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from itertools import groupby
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from shapely import box
 
-from bench.errors import BenchError, DataError
+from bench.errors import BenchError
 from bench.harness import FramePipeline, ProcessedFrame
 from bench.harness.frames import UnscorableFrame
-from bench.methods import Method
-from bench.recordings import RecordingHandle, load_card, open_dataset
+from bench.harness.replay import StoredFrames
 from bench.reference import ReferenceObject, Status
 from bench.reporting.colours import FALSE_NEGATIVE, FALSE_POSITIVE, TRUE_POSITIVE
 from bench.reporting.count_view import PixelClass, draw_counts, pixel_classes
@@ -54,7 +52,7 @@ class FrameView:
 def view_frames(
     source: PageSource, keys: Iterable[FrameKey], *, progress: Progress | None = None
 ) -> tuple[dict[FrameKey, FrameView], list[str]]:
-    """Process images once more, from the data set that the run names.
+    """Draw images as they were scored, on the data set that the run names.
 
     Returns:
         views: of the images that could be processed.
@@ -62,44 +60,22 @@ def view_frames(
     """
     wanted = sorted(set(keys))
     try:
-        method = source.run.method.build()
-        handles = {handle.name: handle for handle in open_dataset(load_card(source.run.card), source.run.split)}
+        stored = StoredFrames(source.folder, source.run, source.protocol)
     except BenchError as error:
         return {}, [str(error)]
     views: dict[FrameKey, FrameView] = {}
     problems: dict[str, None] = {}
-    for (recording, camera), group in groupby(wanted, key=lambda key: key[:2]):
+    for key in wanted:
         try:
-            pipeline = _pipeline(handles, recording, camera, method, source)
-        except BenchError as error:
+            views[key] = _view(stored.process(*key), stored.pipeline(*key[:2]))
+        except (BenchError, UnscorableFrame) as error:
             problems[str(error)] = None
-            continue
-        for key in group:
-            try:
-                views[key] = _view(pipeline, key[2])
-            except (BenchError, UnscorableFrame) as error:
-                problems[str(error)] = None
-            if progress is not None:
-                progress(len(views), len(wanted))
+        if progress is not None:
+            progress(len(views), len(wanted))
     return views, list(problems)
 
 
-def _pipeline(
-    handles: dict[str, RecordingHandle], recording: str, camera: str, method: Method, source: PageSource
-) -> FramePipeline:
-    if recording not in handles:
-        raise DataError(source.run.card, wanted=f"the recording {recording!r} of the run", came=", ".join(handles))
-    opened = handles[recording].open()
-    if camera not in opened.cameras:
-        raise DataError(opened.root, wanted=f"the camera {camera!r} of the run", came=", ".join(opened.cameras))
-    return FramePipeline(opened, camera, method=method, protocol=source.protocol)
-
-
-def _view(pipeline: FramePipeline, timestamp_ns: int) -> FrameView:
-    times_ns = [image.timestamp_ns for image in pipeline.images]
-    if timestamp_ns not in times_ns:
-        raise DataError(pipeline.recording.root, wanted=f"an image of {timestamp_ns} ns", came="none")
-    processed = pipeline.process(times_ns.index(timestamp_ns))
+def _view(processed: ProcessedFrame, pipeline: FramePipeline) -> FrameView:
     reference = processed.reference
     height, width = reference.valid.shape
     detected = processed.segmentation.mask_at(width, height) & reference.valid
@@ -156,7 +132,6 @@ def _object_evidence(
     rays_vehicle = _rays_vehicle(pipeline, missed)
     likelihood = _likelihood_of(processed, missed)
     return ObjectEvidence(
-        coverage=float((region & detected).sum() / region.sum()),
         undefined=_mean(processed.segmentation.undefined_at(width, height)[missed]),
         blind_band=_mean(_along_travel(pipeline, processed, rays_vehicle)),
         above_horizon=_mean(rays_vehicle[:, 2] > 0),
@@ -172,7 +147,6 @@ def _frame_evidence(pipeline: FramePipeline, processed: ProcessedFrame, detected
         if one.status is Status.STATIC and one.polygon is not None and not one.polygon.is_empty:
             cv2.fillPoly(standing, [np.round(np.asarray(one.polygon.exterior.coords)[:, :2]).astype(np.int32)], 1)
     return FrameEvidence(
-        coverage=float(false.mean()),
         below_horizon=_mean(_rays_vehicle(pipeline, false)[:, 2] < 0),
         static_objects=_mean(standing[false] > 0),
     )

@@ -12,7 +12,6 @@ from bench.reporting.page.source import PageSource
 from bench.reporting.page.worst import FrameKey, frame_key, worst_frames, worst_of_categories
 
 Row = Mapping[str, object]
-DIFFERS = 0.001  # of coverage; more than this and the picture is not of what was scored
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,7 +35,6 @@ class Card:
         view: pictures; None without the data.
         track: of the object; empty for an image.
         close_up: the object enlarged; empty for an image or without the data.
-        warning: where the picture is not of what was scored; else empty.
     """
 
     element: str
@@ -47,7 +45,6 @@ class Card:
     view: FrameView | None
     track: str
     close_up: str
-    warning: str
 
 
 def pick(source: PageSource, *, most: int) -> Picked:
@@ -94,7 +91,6 @@ def _object_card(element: str, row: Row, view: FrameView | None, threshold: floa
         view=view,
         track=track,
         close_up="" if view is None else view.close_ups.get(track, ""),
-        warning="" if view is None else _warning(coverage, None if evidence is None else evidence.coverage),
     )
 
 
@@ -111,19 +107,8 @@ def _frame_card(element: str, row: Row, view: FrameView | None) -> Card:
         view=view,
         track="",
         close_up="",
-        warning="" if evidence is None else _warning(coverage, evidence.coverage),
     )
 
 
 def _place(row: Row) -> str:
     return f"{row['recording']}, camera {row['camera']}, {int(str(row['timestamp_ns'])) / 1e9:.2f} s"
-
-
-def _warning(stored: float, now: float | None) -> str:
-    if now is not None and abs(now - stored) <= DIFFERS:
-        return ""
-    found = "is not evaluated" if now is None else f"has {100 * now:.1f} %"
-    return (
-        f"The picture was made later, with another state of the data or the code: it {found}, the stored result "
-        f"{100 * stored:.1f} %."
-    )

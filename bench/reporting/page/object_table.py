@@ -12,12 +12,11 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from bench.errors import BenchError
 from bench.evaluation.columns import Columns
 from bench.evaluation.protocol import known_protocols
 from bench.evaluation.row_source import group_recordings
 from bench.evaluation.terms import coverage, intersection_over_union
-from bench.methods import build_method
+from bench.methods import METHODS, build_method
 from bench.reporting.page.listed import EVALUATED, LISTED, listed_rows
 from bench.reporting.page.source import PageSource
 from bench.reporting.page.worst import FrameKey
@@ -102,16 +101,13 @@ def view_command(source: PageSource) -> str:
 
 
 def _default_settings(method: str) -> dict[str, object]:
-    """What need not be said; nothing for a method that is not at hand."""
-    try:
-        return build_method(method).settings()
-    except BenchError:
-        return {}
+    """What need not be said; nothing for a method that is not of this package, since nothing stored is imported."""
+    return build_method(method).settings() if method in METHODS else {}
 
 
 def _image_indices(source: PageSource, keys: Sequence[FrameKey]) -> list[int]:
     """Index of each image among those of its camera; the first ones, which have no history, are in no table."""
-    history = source.run.method.build().history
+    history = 1 if source.run.method.history is None else source.run.method.history
     wanted = pd.DataFrame(keys, columns=_ORDER[:3]).drop_duplicates()
     counts = source.frames.recordings()
     index: dict[FrameKey, int] = {}

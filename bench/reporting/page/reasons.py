@@ -24,14 +24,12 @@ class ObjectEvidence:
     """What the image shows of an object beyond the stored counts; shares are of its missed pixels, NaN without any.
 
     Attributes:
-        coverage: as counted now, to be held against the stored one.
         undefined: share in cells where the method could not say.
         blind_band: share within `BLIND_BAND_DEG` of the direction of travel, forward or backward.
         above_horizon: share that looks upwards.
         likelihood: median motion likelihood; NaN for a method without.
     """
 
-    coverage: float
     undefined: float
     blind_band: float
     above_horizon: float
@@ -43,12 +41,10 @@ class FrameEvidence:
     """What the image shows of its false positives beyond the stored counts; shares are of them, NaN without any.
 
     Attributes:
-        coverage: of the image, as counted now, to be held against the stored one.
         below_horizon: share that looks downwards.
         static_objects: share on annotated objects that stand still.
     """
 
-    coverage: float
     below_horizon: float
     static_objects: float
 

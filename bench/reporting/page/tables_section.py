@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from bench.evaluation.summary import Summary
 from bench.harness import Provenance, RunSummary
-from bench.reporting.numbers import difference, interval, mean, ours, paper, percent
+from bench.reporting.numbers import count, difference, interval, mean, ours, paper, percent
 from bench.reporting.page.cells import Cell, CellRow, CellTable, figure_cell, figures_table
 from bench.reporting.sheets import COMPARED, detection_figures
 from bench.reporting.tables import FALSE_POSITIVES, TableRow, table_rows
@@ -51,11 +51,11 @@ def headline(rows: Sequence[TableRow]) -> CellTable:
     rates = detection_figures(rows)
     return CellTable(
         caption="Results by kind of motion, the paper's figures beside them",
-        headings=("kind of motion", "object-frames", "objects", *_headings(rates)),
+        headings=("kind of motion", "recordings", "object-frames", "objects", *_headings(rates)),
         rows=tuple(
             CellRow(
                 name=row.label,
-                counts=(str(row.frames), "" if row.tracks is None else str(row.tracks)),
+                counts=(count(row.recordings), count(row.frames), count(row.tracks)),
                 cells=tuple(_headline_cell(row, name) for name in (*rates, "tpr", "iou_detected")),
             )
             for row in shown
@@ -99,8 +99,17 @@ def false_positive_lines(figures: Summary) -> list[tuple[str, str, str]]:
             f"{ours(last.figures['frame_rate'])} {interval(last.figures['frame_rate'])}",
             "larger than the protocol states",
         ),
-        ("false patches per frame", mean(last.figures["components_per_frame"]), f"over {last.frames} images"),
+        (
+            "false patches per frame",
+            mean(last.figures["components_per_frame"]),
+            f"over {last.frames} images{of_recordings(last.recordings)}",
+        ),
     ]
+
+
+def of_recordings(recordings: int | None) -> str:
+    """For example " of 20 recordings", to be added; "" where it is unknown."""
+    return "" if recordings is None else f" of {recordings} recordings"
 
 
 def breakdown_tables(figures: Summary) -> list[CellTable]:

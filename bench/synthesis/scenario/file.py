@@ -73,7 +73,7 @@ def read_text(path: Path) -> ScenarioText:
         values = None if tree is None else loader.construct_document(tree)
     except OSError as error:
         raise DataError(path, wanted="a readable scenario", came=error.strerror or str(error)) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (yaml.YAMLError, ValueError, OverflowError) as error:  # ValueError: no UTF-8, impossible days and numbers
         raise DataError(path, wanted="YAML", came=" ".join(str(error).split())) from error
     if not isinstance(values, dict) or tree is None:
         raise DataError(path, wanted="keys and values", came=type(values).__name__)

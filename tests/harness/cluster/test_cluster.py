@@ -48,9 +48,10 @@ def test_a_unit_that_ends_its_worker_every_time_is_named_and_the_rest_is_scored(
     assert done.provenance.work.units_computed == ALL - 1
 
 
-def test_a_bug_of_a_method_is_raised_as_here(cluster, score):
-    with pytest.raises(ZeroDivisionError, match="a bug of the method"):
-        score("cluster", cluster.address, happening="wrong")
+def test_a_bug_of_a_method_fails_its_images_as_here(cluster, score):
+    there, here = score("cluster", cluster.address, happening="wrong"), score("here", happening="wrong")
+    assert there.failures == here.failures
+    assert "ZeroDivisionError: a bug of the method" in there.failures[0]
 
 
 def test_when_the_scheduler_dies_the_run_says_so_and_goes_on_from_there(own_cluster, score, tmp_path):

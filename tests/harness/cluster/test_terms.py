@@ -1,8 +1,12 @@
 """What a worker must have in common with a run, and what it says when it has not."""
 
+import os
+import pickle
+import subprocess
 import sys
 from dataclasses import replace
 from importlib import invalidate_caches
+from pathlib import Path
 
 import pytest
 
@@ -68,16 +72,42 @@ def test_a_cache_folder_that_is_something_else(terms, tmp_path):
     assert "wanted an empty folder or a cache" in str(terms.breach())
 
 
-def test_a_worker_that_still_has_the_former_code_of_a_method(tmp_path, monkeypatch):
+TERMS = """
+import pickle, sys
+from bench.harness.work import Terms
+from bench.methods import build_method
+terms = Terms.of(build_method("mine_on_a_cluster:Mine"), reads=(), cache=None)
+sys.stdout.buffer.write(pickle.dumps(terms))
+"""
+
+
+def terms_of_a_new_run(folder: Path) -> Terms:
+    """As another process takes them."""
+    path = f"{folder}{os.pathsep}{Path(__file__).parents[3]}"
+    done = subprocess.run(
+        [sys.executable, "-c", TERMS], capture_output=True, env=os.environ | {"PYTHONPATH": path}, check=True
+    )
+    terms = pickle.loads(done.stdout)
+    assert isinstance(terms, Terms)
+    return terms
+
+
+@pytest.mark.parametrize("changed", ["mine_on_a_cluster.py", "mine_helper.py"])
+def test_a_worker_that_still_has_the_former_code_of_a_method(tmp_path, monkeypatch, changed):
     monkeypatch.syspath_prepend(str(tmp_path))
-    file = tmp_path / "mine_on_a_cluster.py"
-    file.write_text(METHOD)
-    method = build_method("mine_on_a_cluster:Mine")
-    assert Terms.of(method, reads=(), cache=None).breach() is None
-    file.write_text(METHOD + "# changed\n")
-    changed = Terms.of(method, reads=(), cache=None).breach()
-    assert changed is not None
-    assert "other code of the method mine_on_a_cluster:Mine; start the workers again" in changed
+    for name in ("mine_on_a_cluster", "mine_helper"):
+        sys.modules.pop(name, None)
+    (tmp_path / "mine_on_a_cluster.py").write_text(f"import mine_helper\n{METHOD}")
+    (tmp_path / "mine_helper.py").write_text("")
+    invalidate_caches()
+    assert terms_of_a_new_run(tmp_path).breach() is None
+    with (tmp_path / changed).open("a") as file:
+        file.write("# changed\n")
+    breach = terms_of_a_new_run(tmp_path).breach()
+    assert breach is not None
+    assert "it has other code of the method mine_on_a_cluster:Mine" in breach
+    assert f"{changed}: wanted the code that the run began with" in breach
+    assert "start the workers again" in breach
 
 
 def test_a_method_that_cannot_be_imported(tmp_path, monkeypatch):

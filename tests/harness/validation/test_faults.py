@@ -10,12 +10,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bench.harness.validation import Depth, Severity, validate_recording
+from bench.geometry import RigidTransform
+from bench.harness.validation import Depth, Severity, boxes, occupancy, validate_recording
 from bench.harness.validation.boxes import check_boxes
 from bench.lidar import LidarSweep, read_sweep
 from bench.lidar.files import write_sweep
+from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track
 from bench.recordings.native_listing import native_recordings
 from tests.harness.validation import drive
+from tests.recordings import tiny
 
 
 @pytest.fixture(scope="module")
@@ -455,6 +458,69 @@ def test_one_object_under_two_names(root):
 
     change_json(root / "annotations.json", double)
     assert checks(root) == error("same-object")
+
+
+def test_many_boxes_at_one_place_are_told_in_bounded_work(monkeypatch, tiny_recording):
+    """All of 60 overlap with each other: 1770 pairs at each of three times, of which 2000 in all are looked at."""
+    monkeypatch.setattr(boxes, "MOST_PAIRS", 2000)
+    monkeypatch.setattr(occupancy, "MOST_BOXES", 25)
+    write_heap(tiny_recording, objects=60)
+    told = found(tiny_recording, depth=Depth.DEEP)
+    same = [finding for finding in told if finding.check == "same-object"]
+    assert len(same) == boxes.MOST_TOLD + 1
+    assert same[-1].came == f"boxes that overlap by more than half in {1770 - boxes.MOST_TOLD} more pairs of objects"
+    assert {finding.times for finding in same[:-1]} == {2}  # of 230 pairs that were looked at twice
+    crowded = [finding for finding in told if finding.check == "crowded-boxes"]
+    assert [finding.severity for finding in crowded] == [Severity.WARNING] * 2
+    assert crowded[0].came == "more; at 2 of 3 times not all were compared"
+    assert crowded[1].came == "more; in 70 boxes no points were looked for"
+
+
+def test_boxes_that_were_looked_at_least_come_first(monkeypatch, tiny_recording):
+    monkeypatch.setattr(occupancy, "MOST_BOXES", 30)
+    write_heap(tiny_recording, objects=60)
+    (handle,) = native_recordings(tiny_recording, options={}, card=tiny_recording / "card.yaml", annotations=None)
+    recording = handle.open()
+    looked = occupancy.Occupancy(recording)
+    for sweep in recording.sweeps:
+        looked.add(sweep.read())
+    assert {tally.tried for tally in looked._tallies.values()} == {1}
+
+
+def test_boxes_that_touch_are_not_one_object(tiny_recording):
+    write_heap(tiny_recording, objects=4, apart_m=1.5)
+    assert not {"same-object", "crowded-boxes"} & {finding.check for finding in found(tiny_recording)}
+
+
+def write_heap(root, *, objects, apart_m=0.0):
+    """Cars of 5.2 x 2 m beside each other, or all at one place."""
+    writer = RecordingWriter(root)
+    size_m = np.array([5.2, 2.0, 2.1])
+    writer.annotations(
+        [
+            Track(
+                track_id=f"car {i}",
+                object_class="vehicle",
+                states=tuple(
+                    ObjectState(
+                        timestamp_ns=time_ns,
+                        shape=Cuboid(
+                            vehicle_from_object=RigidTransform.from_yaw(0.0, (9.0, 4.0 + apart_m * i, 1.05)),
+                            size_m=size_m,
+                        ),
+                        velocity_mps=np.zeros(3),
+                    )
+                    for time_ns in tiny.TIMES_NS
+                ),
+            )
+            for i in range(objects)
+        ]
+    )
+
+
+@pytest.fixture
+def tiny_recording(tmp_path):
+    return tiny.write_recording(tmp_path / "tiny")
 
 
 def test_an_object_in_the_host(root):

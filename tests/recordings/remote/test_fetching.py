@@ -75,6 +75,62 @@ def test_a_file_that_was_removed_from_a_copy_is_fetched_again(tmp_path, url, fet
     assert sorted(fetched) == ["a/1.png", "b/1.png"]
 
 
+@pytest.mark.parametrize("times", ["told", "hidden"])
+def test_a_file_of_a_copy_that_changed_by_one_byte_is_fetched_again(tmp_path, url, fetched, times):
+    """Its size is as before, and its time of change too if somebody put that back."""
+    copy = data(tmp_path).fetch(url)
+    file = copy / "a" / "deep" / "2.png"
+    before = file.stat()
+    file.write_bytes(b"sedond")
+    if times == "hidden":
+        os.utime(file, ns=(before.st_atime_ns, before.st_mtime_ns))
+    del fetched[:]
+    assert content(data(tmp_path).fetch(url)) == FILES
+    assert fetched == ["a/deep/2.png"]
+
+
+def test_what_changed_in_a_former_copy_is_not_taken_over(tmp_path, url, bucket, fetched):
+    first = data(tmp_path).fetch(url)
+    (first / "b" / "1.png").write_bytes(b"OTHER")
+    bucket.put("drives/a/1.png", b"ONE")
+    del fetched[:]
+    assert content(data(tmp_path).fetch(url)) == FILES | {"a/1.png": b"ONE"}
+    assert sorted(fetched) == ["a/1.png", "b/1.png"]
+
+
+def test_what_changed_in_a_partial_copy_is_fetched_again(tmp_path, url, fetched, monkeypatch):
+    monkeypatch.setattr(fetching, "BATCH_FILES", 1)
+    noted = Storage.download
+
+    def interrupted(self, files):
+        if len(fetched) == 3:
+            raise KeyboardInterrupt
+        noted(self, files)
+
+    monkeypatch.setattr(Storage, "download", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        data(tmp_path).fetch(url)
+    (changed,) = (tmp_path / "copies").rglob("partial-*/**/2.png")
+    changed.write_bytes(b"sedond")
+    del fetched[:]
+    monkeypatch.setattr(Storage, "download", noted)
+    assert content(data(tmp_path).fetch(url)) == FILES
+    assert sorted(fetched) == ["a/deep/2.png", "top.yaml"]
+
+
+@pytest.mark.parametrize("damage", [b"", b"{", b"[]", b'{"objects": {"a/1.png": [3, "x"]}}', b"\xff\xfe"])
+@pytest.mark.parametrize("noted", [True, False])
+def test_a_copy_whose_index_is_damaged_is_compared_with_the_notes_of_its_fetch(tmp_path, url, fetched, damage, noted):
+    copy = data(tmp_path).fetch(url)
+    copy.parent.with_suffix(".json").write_bytes(damage)
+    (copy / "a" / "1.png").write_bytes(b"eno")
+    if not noted:
+        (copy.parent / fetching.FETCHED).write_bytes(damage)
+    del fetched[:]
+    assert content(data(tmp_path).fetch(url)) == FILES
+    assert sorted(fetched) == (["a/1.png"] if noted else sorted(FILES))
+
+
 def test_an_interrupted_fetch_is_not_taken_for_whole_and_goes_on(tmp_path, url, fetched, monkeypatch):
     monkeypatch.setattr(fetching, "BATCH_FILES", 1)
     noted = Storage.download

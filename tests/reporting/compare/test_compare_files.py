@@ -2,9 +2,11 @@ import csv
 import io
 import json
 
+import pyarrow.parquet as pq
 import pytest
 from rich.console import Console
 
+from bench.harness.masks import MASKS, MASKS_SCHEMA
 from bench.reporting.compare.comparison import compare_runs
 from bench.reporting.compare.comparison_table import MIN_COLUMNS, to_rich
 from bench.reporting.compare.comparison_text import points
@@ -55,7 +57,7 @@ def test_markdown_says_what_is_better_and_what_is_worse(folders, tmp_path):
     text = (tmp_path / "compare.md").read_text()
     assert "**new against old, over everything: better: False-positive coverage. worse: Detection rate; TPR" in text
     assert "By category: worse: Crossing (Detection rate), Crossing (TPR, detected), Crossing (IoU, detected)" in text
-    assert "too few recordings to judge in at least one metric: Preceding (3)" in text
+    assert "too few recordings for a verdict in at least one metric, 6 are needed: Preceding (3)" in text
     assert "| vehicle 'crossing', crossing, 4.0 m (drive-0, front, 100 ms) | 50.0 | 0.0 |" in text
     assert "| (drive-0, front, 0 ms) | 1.0 | 0.0 |" in text, "fewer false positives"
     lines = [line for line in text.splitlines() if line.startswith("|")]
@@ -66,15 +68,12 @@ def test_without_data_there_are_no_pictures_and_the_reason_is_said(folders, tmp_
     written = write_comparison(folders, tmp_path)
     assert not (tmp_path / "pictures").exists()
     assert len(written.remarks) == 2
+    assert all("runs of older versions hold no masks" in remark for remark in written.remarks)
+    for folder in folders:
+        pq.write_table(MASKS_SCHEMA.empty_table(), folder / MASKS)
+    written = write_comparison(folders, tmp_path)
     assert all(remark.startswith("no pictures: nowhere.yaml") for remark in written.remarks)
     assert "no pictures: nowhere.yaml" in (tmp_path / "compare.md").read_text()
-
-
-def test_a_method_that_cannot_be_built_is_said(tmp_path):
-    runs = [write_run(tmp_path / name, drawn(px), method="my-own") for name, px in (("a", 50), ("b", 0))]
-    written = write_comparison(runs, tmp_path / "out")
-    assert [remark.split(":")[0] for remark in written.remarks] == ["no pictures"]
-    assert "unknown method 'my-own'" in written.remarks[0]
 
 
 def test_old_pictures_go_and_other_files_stay(folders, tmp_path):
@@ -92,7 +91,7 @@ def test_the_terminal_table_fits(folders):
     console.print(to_rich(comparison))
     shown = console.export_text()
     assert "…" not in shown
-    for word in ("new (after) against old (before)", "Crossing", "False positives", "worse", "-21.9", "too few"):
+    for word in ("new (after) against old (before)", "Crossing", "False positives", "worse", "-21.9", "few: 3"):
         assert word in shown
 
 

@@ -60,7 +60,7 @@ def test_the_files_carry_the_same_numbers_and_the_same_bytes(folder, tmp_path):
     assert float(row["value"]) == 0.2
     text = files[0].read_text()
     assert text.count("\n## demo, all recordings, ") == 3
-    assert "| weak | nothing (threshold=2) | 0.0 [0.0, 0.0] |" in text
+    assert "| weak | nothing (threshold=2) | 32 | 8 | 0.0 [0.0, 31.2] |" in text
 
 
 def test_the_terminal_tables_fit(folder):

@@ -3,8 +3,9 @@ from dataclasses import replace
 
 import pytest
 
+from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.score_sheet import PairedChange
-from bench.reporting.compare.verdicts import FEWEST_RECORDINGS, Verdict, judge
+from bench.reporting.compare.verdicts import Verdict, judge, verdict_text
 
 CHANGE = PairedChange(
     before=0.5, after=0.6, difference=0.1, ci95=(0.05, 0.15), p_value=0.001, cases_before=9, cases_after=9, recordings=9
@@ -13,24 +14,29 @@ FALL = replace(CHANGE, difference=-0.1, ci95=(-0.15, -0.05))
 
 
 @pytest.mark.parametrize(
-    ("change", "p_holm", "recordings", "lower_is_better", "verdict"),
+    ("change", "p_holm", "lower_is_better", "verdict"),
     [
-        (CHANGE, 0.01, 6, False, Verdict.BETTER),
-        (CHANGE, 0.01, 6, True, Verdict.WORSE),
-        (FALL, 0.01, 6, False, Verdict.WORSE),
-        (FALL, 0.01, 6, True, Verdict.BETTER),
-        (CHANGE, 0.051, 6, False, Verdict.NOT_SHOWN),
-        (replace(CHANGE, ci95=(0.0, 0.15)), 0.01, 6, False, Verdict.NOT_SHOWN),
-        (replace(CHANGE, ci95=(-0.01, 0.15)), 0.01, 6, False, Verdict.NOT_SHOWN),
-        (CHANGE, 0.01, 5, False, Verdict.TOO_FEW),
-        (replace(CHANGE, ci95=None), None, 1, False, Verdict.TOO_FEW),
-        (replace(CHANGE, difference=0.0, ci95=(0.0, 0.0)), 1.0, 2, False, Verdict.THE_SAME),
-        (replace(CHANGE, difference=0.0, ci95=(-0.1, 0.1)), 1.0, 9, False, Verdict.NOT_SHOWN),
-        (replace(CHANGE, after=math.nan, difference=math.nan, ci95=None), None, 0, False, Verdict.NO_CASES),
+        (CHANGE, 0.01, False, Verdict.BETTER),
+        (CHANGE, 0.01, True, Verdict.WORSE),
+        (FALL, 0.01, False, Verdict.WORSE),
+        (FALL, 0.01, True, Verdict.BETTER),
+        (CHANGE, 0.051, False, Verdict.NOT_SHOWN),
+        (replace(CHANGE, ci95=(0.0, 0.15)), 0.01, False, Verdict.NOT_SHOWN),
+        (replace(CHANGE, ci95=(-0.01, 0.15)), 0.01, False, Verdict.NOT_SHOWN),
+        (replace(CHANGE, ci95=None), None, False, Verdict.TOO_FEW),
+        (replace(CHANGE, difference=0.0, ci95=None), 1.0, False, Verdict.THE_SAME),
+        (replace(CHANGE, difference=0.0, ci95=(-0.1, 0.1)), 1.0, False, Verdict.NOT_SHOWN),
+        (replace(CHANGE, after=math.nan, difference=math.nan, ci95=None), None, False, Verdict.NO_CASES),
     ],
 )
-def test_no_more_is_said_than_the_interval_allows(change, p_holm, recordings, lower_is_better, verdict):
-    assert judge(change, p_holm=p_holm, recordings=recordings, lower_is_better=lower_is_better) is verdict
+def test_no_more_is_said_than_the_interval_allows(change, p_holm, lower_is_better, verdict):
+    assert judge(change, p_holm=p_holm, lower_is_better=lower_is_better) is verdict
+
+
+def test_too_few_recordings_are_counted():
+    few = replace(CHANGE, ci95=None, p_value=None, recordings=4)
+    assert verdict_text(Verdict.TOO_FEW, few) == "too few recordings for a verdict: 4, needs 6"
+    assert verdict_text(Verdict.BETTER, CHANGE) == "better"
 
 
 def test_the_fewest_recordings_are_those_of_a_sign_test():

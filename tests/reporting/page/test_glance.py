@@ -2,7 +2,7 @@
 
 import math
 
-from bench.evaluation.summary import Figure, FrameLedger
+from bench.evaluation.summary import Figure, FrameLedger, ObjectFigures
 from bench.reference import Category
 from bench.reporting.page.cells import figure_cell, figures_table
 from bench.reporting.page.glance import remarks
@@ -16,17 +16,48 @@ def told(figures, category=None):
 def test_best_and_weakest_are_named_with_their_figures():
     (good, best), (bad, weakest), *others = told(summary())
     assert (good, bad) == ("good", "bad")
-    assert best == "Best: overtaking, on average 70.0 % of an object is found, over 100 object-frames of 7 objects."
+    found = "on average 70.0 % of an object is found, over 100 object-frames of 7 objects in 8 recordings"
+    assert best == f"Best: overtaking, {found}."
     assert weakest.startswith("Weakest: preceding, on average 23.3 %")
     assert others[-1] == ("bad", "Wrongly marked as moving: 10.5 % of the image on average.")
+
+
+def without_intervals(row, recordings=5):
+    names = row.figure_names()
+    few = {name: row.figure(name).model_copy(update={"ci95": None, "recordings": recordings}) for name in names}
+    return ObjectFigures(object_frames=row.object_frames, tracks=row.tracks, recordings=recordings, **few)
+
+
+def test_no_kind_is_called_the_best_where_intervals_overlap():
+    rows = {"crossing": object_figures(0.60), "overtaking": object_figures(0.62), "preceding": object_figures(0.64)}
+    (kind, text), *others = told(summary().model_copy(update={"categories": rows}))
+    assert kind == "note"
+    assert text == (
+        "Share of an object that is found, on average: crossing 42.0 %, overtaking 43.4 %, preceding 44.8 %; the "
+        "recordings are too few to call one the best."
+    )
+    assert not any(word in other for _, other in others for word in ("Best", "Weakest"))
+
+
+def test_nothing_is_claimed_of_fewer_than_six_recordings():
+    rows = {"crossing": object_figures(0.9), "overtaking": object_figures(0.5)}
+    few = rows | {"preceding": without_intervals(object_figures(0.1))}
+    (_, best), (_, weakest), *others = told(summary().model_copy(update={"categories": few}))
+    assert best.startswith("Best: crossing, ")
+    assert best.endswith("Left out, with fewer than 6 recordings: preceding (5).")
+    assert weakest.startswith("Weakest: overtaking, ")
+    assert ("note", "Recordings too few to tell from chance, 6 are needed: preceding (5).") in others
+    none = {name: without_intervals(row) for name, row in rows.items()}
+    texts = [text for _, text in told(summary().model_copy(update={"categories": none}))]
+    assert not any(word in text for text in texts for word in ("Best", "Weakest", "Not clearly"))
 
 
 def test_a_kind_that_chance_reaches_is_named():
     figures = summary()
     row = figures.categories["crossing"]
-    lucky = row.model_copy(update={"detection_rate_50": Figure(value=0.2, ci95=(0.1, 0.3), cases=100)})
-    lucky.__pydantic_extra__["chance_50"] = Figure(value=0.15, ci95=None, cases=100)
-    lucky.__pydantic_extra__["detection_rate_50"] = Figure(value=0.2, ci95=(0.1, 0.3), cases=100)
+    lucky = row.model_copy(update={"detection_rate_50": Figure(value=0.2, ci95=(0.1, 0.3), cases=100, recordings=8)})
+    lucky.__pydantic_extra__["chance_50"] = Figure(value=0.15, ci95=None, cases=100, recordings=8)
+    lucky.__pydantic_extra__["detection_rate_50"] = Figure(value=0.2, ci95=(0.1, 0.3), cases=100, recordings=8)
     sentence = (
         "Not clearly better than chance when half of an object must be found: crossing (20.0 %, by chance 15.0 %)."
     )
@@ -62,9 +93,12 @@ def test_a_page_of_one_kind_says_nothing_of_images():
 def test_the_lowest_of_a_table_is_marked_and_cells_without_cases_have_no_bar():
     rows = {"a": object_figures(0.9), "b": object_figures(0.2), "c": object_figures(math.nan)}
     table = figures_table("By letter", "letter", rows)
-    place = table.headings.index("share found (TPR, all)") - 3
+    place = table.headings.index("share found (TPR, all)") - 4
     assert [row.cells[place].weakest for row in table.rows] == [False, True, False]
+    assert table.rows[0].counts == ("8", "100", "7")
+    few = figures_table("By letter", "letter", rows | {"b": without_intervals(rows["b"])})
+    assert not any(row.cells[place].weakest for row in few.rows)
     assert table.rows[2].cells[place].value is None
     assert table.rows[2].cells[place].text == "n/a (0 cases)"
-    cell = figure_cell(Figure(value=0.5, ci95=(0.25, 0.75), cases=4))
+    cell = figure_cell(Figure(value=0.5, ci95=(0.25, 0.75), cases=4, recordings=6))
     assert (cell.value, cell.low, cell.high, cell.interval) == (50, 25, 75, "25.0 to 75.0")

@@ -4,6 +4,8 @@ import json
 import re
 import shutil
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from bench.errors import DataError
@@ -145,13 +147,36 @@ def test_a_run_of_an_older_version_still_makes_a_page(tiny_run, tmp_path):
     assert [name for name, _ in sections(text)] == SECTIONS
 
 
-def test_a_changed_picture_is_not_passed_off_as_the_scored_one(tiny_run, tmp_path):
+def test_pictures_show_what_was_scored_and_call_no_method(tiny_run, tmp_path, monkeypatch):
     run = shutil.copytree(tiny_run, tmp_path / "run")
     summary = json.loads((run / "summary.json").read_text())
-    summary["method"]["settings"]["threshold"] = 1e-6
+    summary["method"] |= {
+        "name": "my-own",
+        "place": "subprocess:Popen",
+        "settings": {"args": ["touch", str(tmp_path / "p")]},
+    }
     (run / "summary.json").write_text(json.dumps(summary))
-    text = write_page(run, category=Category.CROSSING).file.read_text()
-    assert "another state of the data or the code" in text
+    text = write_page(run).file.read_text()
+    assert "<img" in text
+    assert not (tmp_path / "p").exists()
+
+
+def test_a_picture_that_would_not_show_what_was_scored_is_not_drawn(tiny_run, tmp_path):
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    frames = pq.read_table(run / "frames.parquet")
+    counts = pa.array([count + 1 for count in frames["fp_px"].to_pylist()])
+    pq.write_table(frames.set_column(frames.schema.get_field_index("fp_px"), "fp_px", counts), run / "frames.parquet")
+    page = write_page(run)
+    assert "<img" not in page.file.read_text()
+    assert all("code or data changed since" in problem for problem in page.problems)
+
+
+def test_without_masks_there_are_no_pictures_and_the_reason_is_said(tiny_run, tmp_path):
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    (run / "masks.parquet").unlink()
+    assert "runs of older versions hold no masks" in str(write_page(run).problems)
+    (run / "masks.parquet").write_bytes((tiny_run / "masks.parquet").read_bytes()[:-50])
+    assert "wanted the masks of a run" in str(write_page(run).problems)
 
 
 def test_a_page_of_one_kind_has_only_its_rows(tiny_run):

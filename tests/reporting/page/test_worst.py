@@ -60,7 +60,7 @@ def row(**changes):
 
 def seen(**changes):
     shares = {"undefined": 0.0, "blind_band": 0.0, "above_horizon": 0.0, "likelihood": 2e-4}
-    return ObjectEvidence(**({"coverage": 0.2} | shares | changes))
+    return ObjectEvidence(**(shares | changes))
 
 
 @pytest.mark.parametrize(
@@ -100,7 +100,7 @@ def test_what_needs_the_image_is_not_said_without_it():
 def test_the_reason_of_an_image_is_what_the_numbers_say():
     counts = {"fp_px": 100, "fp_largest_px": 20, "fp_unattached_px": 90, "fp_by_cause": {"epipolar": 70, "height": 30}}
     unclear = counts | {"fp_by_cause": {"epipolar": 40, "height": 35, "depth": 25}}
-    evidence = FrameEvidence(coverage=0.1, below_horizon=0.9, static_objects=0.0)
+    evidence = FrameEvidence(below_horizon=0.9, static_objects=0.0)
     assert frame_reason(counts, None) == "Mostly epipolar, with 70 % of the false pixels."
     assert frame_reason(unclear, None) == "No single cause; the largest is epipolar, with 40 % of the false pixels."
     assert "90 % lie below the horizon" in frame_reason(counts, evidence)

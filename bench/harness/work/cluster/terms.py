@@ -12,14 +12,12 @@ from pathlib import Path
 import bench
 from bench.errors import DataError
 from bench.harness.cache import CacheFolder
-from bench.harness.keys import code_digest, source_digest
+from bench.harness.keys import MethodIdentity, code_digest
 from bench.harness.keys.code import SCORING_ROOMS
 from bench.harness.provenance import library_versions
 from bench.methods import Method
 
 CODE = (*SCORING_ROOMS, "harness")
-
-_first_seen: dict[tuple[str, str], str] = {}  # digest of a method's source when this process met it first
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,9 +27,7 @@ class Terms:
     Attributes:
         versions: of Python, this package and the libraries that decide figures.
         code: digest of this package's source.
-        method_module: module of the method's class.
-        method_class: its name there.
-        method_code: digest of its source.
+        method: identity of the method.
         folder: where the run was started; relative paths count from it.
         reads: files and folders that must be there, absolute.
         cache: where steps are kept; None for nowhere.
@@ -39,9 +35,7 @@ class Terms:
 
     versions: Mapping[str, str]
     code: str
-    method_module: str
-    method_class: str
-    method_code: str
+    method: MethodIdentity
     folder: Path
     reads: tuple[Path, ...]
     cache: CacheFolder | None
@@ -55,13 +49,11 @@ class Terms:
             reads: what units read; relative paths count from the working directory.
             cache: where steps are kept; None for nowhere.
         """
-        kind, folder = type(method), Path.cwd()
+        folder = Path.cwd()
         return cls(
             versions=_versions(),
             code=code_digest(CODE),
-            method_module=kind.__module__,
-            method_class=kind.__qualname__,
-            method_code=source_digest(kind),
+            method=MethodIdentity.of(method),
             folder=folder,
             reads=tuple(folder / path for path in reads),
             cache=cache if cache is None else CacheFolder(folder=folder / cache.folder, limit_bytes=cache.limit_bytes),
@@ -83,17 +75,18 @@ class Terms:
         return None
 
     def _other_method(self) -> str | None:
-        name = f"the method {self.method_module}:{self.method_class}"
+        module, _, name = self.method.place.partition(":")
         try:
-            kind = import_module(self.method_module)
-            for part in self.method_class.split("."):
+            kind = import_module(module)
+            for part in name.split("."):
                 kind = getattr(kind, part)
+            self.method.refuse_change()
         except (ImportError, AttributeError) as error:
-            return f"it cannot import {name} ({error}); set PYTHONPATH where workers are started"
-        assert isinstance(kind, type)
-        first = _first_seen.setdefault((self.method_module, self.method_class), source_digest(kind))
-        if first != self.method_code:
-            return f"it has other code of {name}; start the workers again with the code of the run"
+            return (
+                f"it cannot import the method {self.method.place} ({error}); set PYTHONPATH where workers are started"
+            )
+        except DataError as error:
+            return f"it has other code of the method {self.method.place}: {error}"
         return None
 
     def _missing_path(self) -> str | None:

@@ -1,0 +1,81 @@
+"""What has to hold before libraries are loaded, and what it means when one of them does not get its memory."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+from bench.errors import BenchError, UsageError
+
+LEAST_ADDRESSES_BYTES = 3_000_000_000  # a run takes 1.5 GB; with 2 GB a library now and then aborts the process
+HELP = "--help"
+NO_MEMORY = ("failed to map segment", "cannot allocate memory", "can't start new thread", "bad_alloc")
+
+
+def refuse_unfit(arguments: Sequence[str]) -> None:
+    """Refuse a call that would end in a library's traceback.
+
+    Args:
+        arguments: of the command line.
+
+    Raises:
+        UsageError: an argument that is not UTF-8, or a limit below which libraries cannot be loaded.
+    """
+    for argument in arguments:
+        if not _is_utf8(argument):
+            raise UsageError(f"wanted arguments in UTF-8, came {argument!r}; rename the file or folder")
+    limit = _address_limit_bytes()
+    if HELP not in arguments and limit is not None and limit < LEAST_ADDRESSES_BYTES:
+        wanted = f"a limit of at least {LEAST_ADDRESSES_BYTES // 1024} kB of addresses"
+        raise UsageError(f"ulimit -v: wanted {wanted}, came {limit // 1024}; raise it, or limit the memory itself")
+
+
+@contextmanager
+def lack_of_memory_told() -> Iterator[None]:
+    """Say in one line that a library inside the block did not get its memory or thread; they raise all kinds.
+
+    Raises:
+        UsageError: it did not.
+    """
+    try:
+        yield
+    except BenchError:
+        raise
+    except Exception as error:
+        told = next((one for one in _chain(error) if _lacks_memory(one)), None)
+        if told is None:
+            raise
+        came = " ".join(f"{type(told).__name__}: {told}".split())[:200]
+        raise UsageError(
+            f"wanted memory and threads, came {came}; give this process more, or take fewer --workers"
+        ) from error
+
+
+def _lacks_memory(error: BaseException) -> bool:
+    text = str(error).lower()
+    number = getattr(error, "errno", None)
+    return isinstance(error, MemoryError) or number == errno.ENOMEM or any(told in text for told in NO_MEMORY)
+
+
+def _chain(error: BaseException | None) -> Iterator[BaseException]:
+    while error is not None:
+        yield error
+        error = error.__cause__ or error.__context__
+
+
+def _is_utf8(text: str) -> bool:
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+def _address_limit_bytes() -> int | None:
+    try:
+        import resource
+    except ImportError:  # not on Windows
+        return None
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    return None if limit == resource.RLIM_INFINITY else limit

@@ -1,0 +1,89 @@
+"""Whether others can have the code of a run again: committed as it is, or installed as it was packed."""
+
+from __future__ import annotations
+
+import hashlib
+import subprocess
+from base64 import urlsafe_b64encode
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from importlib import resources
+from importlib.metadata import distributions
+from pathlib import Path
+
+from bench.harness.keys import MethodIdentity
+
+SHOWN = 20
+
+
+def unrepeatable_code(identity: MethodIdentity) -> tuple[str, ...]:
+    """What of a run's code nobody else can have, one line each: of this package, and of the method's own files.
+
+    A file is repeatable when git has committed it as it is, or when an installed distribution lists it with the
+    digest that it has.
+    """
+    files = sorted({path.resolve() for path in (*_own_sources(), *(file.path for file in identity.files))})
+    packed = _packed_digests(files)
+    loose = [path for path in files if path not in packed]
+    found = [f"{path}: changed since it was installed" for path in packed if packed[path] != _digest(path)]
+    found += _uncommitted(loose)
+    return tuple(found[:SHOWN])
+
+
+def _own_sources() -> list[Path]:
+    """Every file of this package that is code, or that decides what code does."""
+    package = Path(str(resources.files("bench")))
+    return [path for path in package.rglob("*") if path.suffix in {".py", ".yaml"}]
+
+
+def _packed_digests(files: Iterable[Path]) -> dict[Path, str]:
+    """Digests that installed distributions list, of those files that they list."""
+    inside = [path for path in files if {"site-packages", "dist-packages"} & set(path.parts)]
+    found: dict[Path, str] = {}
+    for distribution in distributions() if inside else ():
+        folder = Path(str(distribution.locate_file(""))).resolve()
+        names = {path.relative_to(folder).as_posix(): path for path in inside if path.is_relative_to(folder)}
+        for entry in distribution.files or () if names else ():
+            path = names.get(entry.as_posix())
+            if path is not None and entry.hash is not None and entry.hash.mode == "sha256":
+                found[path] = entry.hash.value
+    return found
+
+
+def _digest(path: Path) -> str:
+    """As a RECORD writes it."""
+    return urlsafe_b64encode(hashlib.sha256(path.read_bytes()).digest()).rstrip(b"=").decode()
+
+
+def _uncommitted(files: Iterable[Path]) -> Iterator[str]:
+    members_of: defaultdict[Path | None, list[Path]] = defaultdict(list)
+    tops: dict[Path, Path | None] = {}
+    for path in files:
+        above = next((folder for folder in path.parents if folder in tops), None)
+        if above is None or (tops[above] is None and above != path.parent):
+            told = _git(path.parent, "rev-parse", "--show-toplevel")
+            above, tops[path.parent] = path.parent, None if told is None else Path(told.strip()).resolve()
+        members_of[tops[above]].append(path)
+    for checkout, members in members_of.items():
+        if checkout is None:
+            yield from (f"{path}: in no checkout, and of no installed distribution" for path in members)
+            continue
+        names = [path.relative_to(checkout).as_posix() for path in members]
+        committed = set((_git(checkout, "ls-files", "-z", "--", *names) or "").split("\0"))
+        changed = set((_git(checkout, "diff", "--name-only", "-z", "HEAD", "--", *names) or "").split("\0"))
+        for path, name in zip(members, names, strict=True):
+            if name not in committed:
+                yield f"{path}: untracked"
+            elif name in changed:
+                yield f"{path}: changed since it was committed"
+
+
+def _git(folder: Path, *words: str) -> str | None:
+    """What git says; None where it says no, or is not there."""
+    try:
+        done = subprocess.run(
+            ["git", "-C", str(folder), *words], capture_output=True, text=True, check=True, timeout=30
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout

@@ -1,0 +1,146 @@
+"""What a method answered, as a run stores it: enough to draw what was scored without the method.
+
+A row of `masks.parquet` holds an image's mask on the method's cells, one bit each, and for pictures alone where the
+method could not say and its likelihood, rounded: the upper eight bits of a half-precision number (relative error at
+most 1/16), on at most `LIKELIHOOD_CELLS` cells.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import ceil, sqrt
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from bench.errors import DataError
+from bench.harness.method_stamp import MethodStamp
+from bench.methods import MethodInput, Segmentation
+
+MASKS = "masks.parquet"
+LIKELIHOOD_CELLS = 20_000
+LARGEST_HALF, LARGEST_FINITE = 65504.0, 0xF7  # as a number, and as its upper eight bits
+
+MASKS_SCHEMA = pa.schema(
+    [
+        ("recording", pa.string()),
+        ("camera", pa.string()),
+        ("timestamp_ns", pa.int64()),
+        ("cell_size_px", pa.int32()),
+        ("rows", pa.int32()),
+        ("columns", pa.int32()),
+        ("mask", pa.binary()),
+        ("undefined", pa.binary()),
+        ("likelihood", pa.binary()),
+        ("likelihood_step", pa.int32()),
+        ("likelihood_is_score", pa.bool_()),
+    ]
+)
+
+
+def mask_row(segmentation: Segmentation, *, recording: str, camera: str, timestamp_ns: int) -> dict[str, object]:
+    """The row of `MASKS_SCHEMA` of an image that was scored."""
+    rows, columns = segmentation.mask.shape
+    step = max(1, ceil(sqrt(rows * columns / LIKELIHOOD_CELLS)))
+    likelihood = segmentation.likelihood
+    return {
+        "recording": recording,
+        "camera": camera,
+        "timestamp_ns": timestamp_ns,
+        "cell_size_px": int(segmentation.cell_size_px),
+        "rows": rows,
+        "columns": columns,
+        "mask": _bits(segmentation.mask),
+        "undefined": None if segmentation.undefined is None else _bits(segmentation.undefined),
+        "likelihood": None if likelihood is None else _rounded(likelihood[::step, ::step]).tobytes(),
+        "likelihood_step": step,
+        "likelihood_is_score": segmentation.likelihood_is_score,
+    }
+
+
+class StoredMasks:
+    """The answers of a stored run in the place of the method that gave them.
+
+    Args:
+        run: folder.
+        method: stamp of the method.
+
+    Raises:
+        DataError: the run holds none, as runs of older versions.
+    """
+
+    colour = False
+    reads_images = False
+
+    def __init__(self, run: Path, method: MethodStamp) -> None:
+        self.file = run / MASKS
+        self.name, self.history = method.name, 1 if method.history is None else method.history
+        self._settings = method.settings
+        if not self.file.is_file():
+            do = "score again: runs of older versions hold no masks, and a stored run never calls its method"
+            raise DataError(self.file, wanted="the masks that were scored", came="no such file", do=do)
+
+    def settings(self) -> dict[str, object]:
+        """Those of the method."""
+        return self._settings
+
+    def segment(self, frame: MethodInput) -> Segmentation:
+        """What was scored on an image.
+
+        Raises:
+            DataError: the image was not scored, or the file is damaged.
+        """
+        key = ("recording", frame.recording), ("camera", frame.camera_name), ("timestamp_ns", frame.timestamps_ns[-1])
+        try:
+            found = pq.read_table(self.file, schema=MASKS_SCHEMA, filters=[(name, "=", value) for name, value in key])
+        except (OSError, pa.ArrowException) as error:
+            raise DataError(self.file, wanted="the masks of a run", came=" ".join(str(error).split())) from error
+        if len(found) != 1:
+            came = f"{len(found)} of {frame.recording!r}, {frame.camera_name!r} at {frame.timestamps_ns[-1]} ns"
+            raise DataError(self.file, wanted="one mask of each image that was scored", came=came)
+        try:
+            return _segmentation(found.to_pylist()[0])
+        except (TypeError, ValueError, OverflowError) as error:
+            raise DataError(self.file, wanted="a mask of rows x columns cells", came=str(error)) from error
+
+
+def _segmentation(row: Mapping[str, Any]) -> Segmentation:
+    shape = int(row["rows"]), int(row["columns"])
+    undefined, likelihood, step = row["undefined"], row["likelihood"], int(row["likelihood_step"])
+    return Segmentation(
+        cell_size_px=int(row["cell_size_px"]),
+        mask=_from_bits(row["mask"], shape),
+        undefined=None if undefined is None else _from_bits(undefined, shape),
+        likelihood=None if likelihood is None else _spread(likelihood, shape, step),
+        likelihood_is_score=bool(row["likelihood_is_score"]),
+    )
+
+
+def _bits(cells: NDArray[np.bool_]) -> bytes:
+    return np.packbits(cells).tobytes()
+
+
+def _from_bits(content: bytes, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    cells = shape[0] * shape[1]
+    if min(shape) < 1 or len(content) != -(-cells // 8):
+        raise ValueError(f"{len(content)} bytes for {shape[0]} x {shape[1]} cells")
+    return np.unpackbits(np.frombuffer(content, dtype=np.uint8), count=cells).reshape(shape).view(np.bool_)
+
+
+def _rounded(values: NDArray[np.floating]) -> NDArray[np.uint8]:
+    halves = np.minimum(values, LARGEST_HALF).astype(np.float16).view(np.uint16)
+    rounded: NDArray[np.uint8] = np.minimum((halves.astype(np.uint32) + 0x40) >> 7, LARGEST_FINITE).astype(np.uint8)
+    return rounded
+
+
+def _spread(content: bytes, shape: tuple[int, int], step: int) -> NDArray[np.float32]:
+    if step < 1:
+        raise ValueError(f"a likelihood_step of {step}")
+    coarse = -(-shape[0] // step), -(-shape[1] // step)
+    halves = (np.frombuffer(content, dtype=np.uint8).astype(np.uint16) << 7).view(np.float16)
+    values = halves.astype(np.float32).reshape(coarse)
+    return np.repeat(np.repeat(values, step, axis=0), step, axis=1)[: shape[0], : shape[1]]

@@ -1,0 +1,149 @@
+"""Reading and writing .laz.
+
+The decompressor takes the memory that a file speaks of before it looks whether the file holds as much, and where that
+cannot be had the process is aborted. So every length in a file is compared with the file first.
+"""
+
+from __future__ import annotations
+
+import logging
+import struct
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.errors import DataError
+from bench.lidar.array_files import LARGEST_BYTES, Arrays
+
+HEADER = struct.Struct("<94xHII")  # bytes of the header, offset of the points, records between them
+RECORD_BYTES = 54  # at least, of a record between header and points
+CHUNKED, LAYERED = 2, 3  # ways of compression, the first field of the LASzip record
+ITEMS_AT, ITEM = 34, struct.Struct("<HHH")  # what a point consists of, in the LASzip record: kind, bytes, version
+LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}  # of a layered chunk, by kind of item
+LAYER_A_BYTE = 14  # the kind of extra bytes
+
+
+def read_laz(path: Path) -> Arrays:
+    """Read points, intensities and times as they stand in the file.
+
+    Raises:
+        DataError: cut short, or not a .laz file.
+    """
+    import laspy  # 0.15 s, and only these files need it
+
+    logging.getLogger("laspy").setLevel(logging.CRITICAL)  # what it would print is told here
+    try:
+        with path.open("rb") as file:
+            _refuse_lying_header(path, file)
+            with laspy.open(file, closefd=False, read_evlrs=False) as opened:
+                header = opened.header
+                _refuse_too_many(path, header.point_count, header.point_format.size)
+                if header.are_points_compressed:
+                    _refuse_lying_chunks(path, file, header)
+                file.seek(header.offset_to_point_data)
+                points = opened.read_points(-1)
+        with np.errstate(over="ignore", invalid="ignore"):  # scales without end: what comes of them is refused later
+            places = np.column_stack([points.x, points.y, points.z])
+        arrays: Arrays = {
+            "points_lidar": places.astype(np.float64, copy=False),
+            "intensity": np.asarray(points.intensity, dtype=np.float32),
+        }
+        if "gps_time" in set(points.point_format.dimension_names):
+            arrays["gps_time"] = np.asarray(points.gps_time, dtype=np.float64)
+    except (DataError, KeyboardInterrupt, SystemExit):
+        raise
+    except BaseException as error:  # the decompressor raises its own kinds, down to a panic that is no Exception
+        came = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+        raise DataError(path, wanted="a whole .laz file", came=came) from error
+    if header.point_count != len(arrays["points_lidar"]):
+        came = f"{len(arrays['points_lidar'])}; the file may be cut short"
+        raise DataError(path, field="points", wanted=f"{header.point_count} points as its header says", came=came)
+    return arrays
+
+
+def _refuse_lying_header(path: Path, file: BinaryIO) -> None:
+    head, size = file.read(HEADER.size), file.seek(0, 2)
+    file.seek(0)
+    if len(head) < HEADER.size:
+        raise DataError(path, wanted="a whole .laz file", came=f"{len(head)} bytes")
+    header_bytes, points_at, records = HEADER.unpack(head)
+    if not header_bytes + records * RECORD_BYTES <= points_at <= size:
+        came = f"a header of {header_bytes} bytes, {records} records, points at {points_at} of {size} bytes"
+        raise DataError(path, field="header", wanted="lengths within the file", came=came)
+
+
+def _refuse_too_many(path: Path, count: int, point_bytes: int) -> None:
+    if count * point_bytes > LARGEST_BYTES:
+        came = f"a header of {count} points, {count * point_bytes} bytes"
+        raise DataError(path, field="points", wanted=f"at most {LARGEST_BYTES} bytes unpacked", came=came)
+
+
+def _refuse_lying_chunks(path: Path, file: BinaryIO, header: Any) -> None:
+    """Compare the chunks that the points are compressed in with the file."""
+    import lazrs
+
+    def refuse(field: str, wanted: str, came: object) -> None:
+        raise DataError(path, field=field, wanted=wanted, came=f"{came}; the file is damaged or cut short")
+
+    start, point_bytes = header.offset_to_point_data, header.point_format.size
+    record = bytes(header.vlrs[header.vlrs.index("LasZipVlr")].record_data)
+    told = lazrs.LazVlr(record)
+    if told.item_size() != point_bytes:
+        refuse("LASzip record", f"points of {point_bytes} bytes", told.item_size())
+    if int.from_bytes(record[:2], "little") not in (CHUNKED, LAYERED):
+        return  # one stream of points without lengths
+    count_in = told.chunk_size()
+    if not told.uses_variable_size_chunks() and not 0 < count_in * point_bytes <= LARGEST_BYTES:
+        refuse("LASzip record", f"chunks of at most {LARGEST_BYTES} bytes", f"{count_in} points")
+    table, chunks = _chunk_table(file, start)
+    most = header.point_count if told.uses_variable_size_chunks() else -(-header.point_count // count_in)
+    if not 0 <= chunks <= most:
+        refuse("chunk table", f"{most} chunks at most", chunks if chunks >= 0 else "none")
+    file.seek(start)
+    entries = lazrs.read_chunk_table(file, told)
+    points, packed = sum(entry[0] for entry in entries), sum(entry[1] for entry in entries)
+    if points < header.point_count or start + 8 + packed > table:
+        came = f"{points} points in {packed}"
+        refuse("chunk table", f"chunks of {header.point_count} points in {table - start - 8} bytes", came)
+    if int.from_bytes(record[:2], "little") == LAYERED:
+        place, head_bytes = start + 8, point_bytes + 4
+        for _, packed in entries:
+            file.seek(place + head_bytes)
+            sizes = np.frombuffer(file.read(4 * _layers(record)), dtype="<u4")
+            if head_bytes + sizes.nbytes + int(sizes.sum()) > packed:
+                refuse("layers of a chunk", f"{packed} bytes", f"{sizes.sum()}")
+            place += packed
+
+
+def _chunk_table(file: BinaryIO, start: int) -> tuple[int, int]:
+    """Place of the table of chunks and how many it tells; -1 of them where there is none."""
+    size = file.seek(0, 2)
+    for place in (start, size - 8):  # of its address: before the points, or at the end of a file that was streamed
+        file.seek(place)
+        table = int.from_bytes(file.read(8), "little", signed=True)
+        if start + 8 <= table <= size - 8:
+            file.seek(table + 4)
+            return table, int.from_bytes(file.read(4), "little")
+    return 0, -1
+
+
+def _layers(record: bytes) -> int:
+    items = ITEM.iter_unpack(record[ITEMS_AT : ITEMS_AT + (len(record) - ITEMS_AT) // ITEM.size * ITEM.size])
+    return sum(size if kind == LAYER_A_BYTE else LAYERS.get(kind, 0) for kind, size, _ in items)
+
+
+def write_laz(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write points to the millimetre, with intensities and times."""
+    import laspy
+
+    header = laspy.LasHeader(point_format=1, version="1.2")
+    header.scales = np.full(3, 0.001)
+    cloud = laspy.LasData(header)
+    cloud.xyz = arrays["points_lidar"]
+    for name in ("intensity", "gps_time"):
+        if name in arrays:
+            setattr(cloud, name, arrays[name])
+    cloud.write(path)

@@ -1,0 +1,36 @@
+"""Text from outside, written so that it is seen and does nothing.
+
+Names of recordings, objects, methods and files, titles and licences may hold anything: line breaks, commands of a
+terminal, marks that turn the direction of writing, characters of no width, syntax of the file that they are written to.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+
+_SHORT = {"\n": r"\n", "\r": r"\r", "\t": r"\t"}
+_UNDERSCORE_AT_EDGE = re.compile(r"(?<![^\W_])_|_(?![^\W_])")  # inside of a word it emphasises nothing
+_TAG = re.compile(r"<(?=[A-Za-z/!?])")
+_ENTITY = re.compile(r"&(?=#?\w+;)")
+
+
+def plain(text: str) -> str:
+    r"""Text as one line of visible characters; others are shown as in JSON, an escape character as `\u001b`."""
+    return text if text.isprintable() else "".join(c if _is_visible(c) else _shown(c) for c in text)
+
+
+def escape_markdown(text: str) -> str:
+    """Text for a cell or a paragraph of GitHub's Markdown, in which it stands for itself on one line."""
+    escaped = re.sub(r"([\\`*|~$])", r"\\\1", plain(text)).replace("](", r"]\(")
+    escaped = _UNDERSCORE_AT_EDGE.sub(r"\\_", escaped)
+    return _TAG.sub("&lt;", _ENTITY.sub("&amp;", escaped))
+
+
+def _is_visible(character: str) -> bool:
+    return character.isprintable() or unicodedata.category(character) == "Zs"
+
+
+def _shown(character: str) -> str:
+    number = ord(character)
+    return _SHORT.get(character) or (f"\\u{number:04x}" if number < 0x10000 else f"\\U{number:08x}")

@@ -1,0 +1,201 @@
+"""All code that a method's import loads, and every file that it reads, is part of what its results depend on."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from bench.errors import DataError, UsageError
+from bench.harness.keys import MethodIdentity
+from bench.methods import build_method
+from tests.harness.test_survival import command, environment
+from tests.processes import PATIENCE_S, until
+
+FILES = {
+    "plug/__init__.py": "",
+    "plug/method.py": """
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+
+from bench.methods import Segmentation
+from elsewhere.bases import Base
+from .sibling import LEVEL
+
+import_module("plug.by_name")
+
+class Bright(Base):
+    name, history, colour = "bright", 1, False
+    files = (Path(__file__).parents[1] / "weights", str(Path(__file__).parents[1] / "lens.txt"))
+
+    def settings(self):
+        return {}
+
+    def segment(self, frame):
+        from lazily import factor
+        return Segmentation(cell_size_px=1, mask=frame.images[-1] > LEVEL * factor)
+""",
+    "plug/sibling.py": "from .deeper import LEVEL\n",
+    "plug/deeper.py": "LEVEL = 100\n",
+    "plug/by_name.py": "",
+    "elsewhere/bases.py": "class Base:\n    pass\n",
+    "lazily.py": "factor = 1\n",
+    "unrelated.py": "",
+    "weights/a/first.bin": "1",
+    "weights/second.bin": "2",
+    "lens.txt": "3",
+}
+PART = [name for name in FILES if name != "unrelated.py"]
+PLACE = "plug.method:Bright"
+TELL = (
+    "from bench.harness.keys import MethodIdentity; from bench.methods import build_method; "
+    f"print(MethodIdentity.of(build_method({PLACE!r})).digest)"
+)
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    """A plug-in and what it needs."""
+    for name, content in FILES.items():
+        (tmp_path / "own" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "own" / name).write_text(content)
+    return tmp_path / "own"
+
+
+def with_path(folder: Path) -> dict[str, str]:
+    inherited = environment()
+    return inherited | {"PYTHONPATH": f"{folder}{os.pathsep}{inherited['PYTHONPATH']}"}
+
+
+def digest(folder: Path) -> str:
+    """The identity as a new process takes it."""
+    done = subprocess.run(
+        [sys.executable, "-c", TELL], capture_output=True, text=True, env=with_path(folder), timeout=PATIENCE_S
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_every_part_counts_and_nothing_else(folder):
+    before = digest(folder)
+    assert digest(folder) == before
+    for name in PART:
+        (folder / name).write_text(FILES[name] + ("#" if name.endswith(".py") else "x"))
+        assert digest(folder) != before, name
+        (folder / name).write_text(FILES[name])
+    (folder / "unrelated.py").write_text("changed = True\n")
+    assert digest(folder) == before
+    (folder / "weights" / "third.bin").touch()
+    assert digest(folder) != before
+
+
+def test_the_place_on_disk_does_not_count(folder, tmp_path):
+    before = digest(folder)
+    assert digest(folder.rename(tmp_path / "moved")) == before
+
+
+class Listing:
+    name, history, colour = "listing", 1, False
+
+    def __init__(self, files):
+        self.files = files
+
+    def settings(self):
+        return {}
+
+    def segment(self, frame):
+        raise NotImplementedError
+
+
+def test_files_that_are_no_list_of_paths_are_refused(tmp_path):
+    with pytest.raises(UsageError, match=r"expected a sequence of paths, got 'weights\.bin'"):
+        MethodIdentity.of(Listing("weights.bin"))
+    with pytest.raises(UsageError, match="expected a file or folder, got no such path"):
+        MethodIdentity.of(Listing([tmp_path / "missing.bin"]))
+
+
+def test_settings_that_cannot_be_told_apart_are_refused():
+    method = Listing([])
+    method.settings = lambda: {"callable": object()}  # type: ignore[method-assign]
+    with pytest.raises(UsageError, match=r"method 'listing': settings\(\)"):
+        MethodIdentity.of(method)
+
+
+def test_what_changes_after_it_was_taken_is_refused(tmp_path):
+    (tmp_path / "weights.bin").write_text("1")
+    identity = MethodIdentity.of(Listing([tmp_path / "weights.bin"]))
+    identity.refuse_change()
+    state = (tmp_path / "weights.bin").stat()
+    (tmp_path / "weights.bin").write_text("2")
+    os.utime(tmp_path / "weights.bin", ns=(state.st_atime_ns, state.st_mtime_ns))
+    with pytest.raises(DataError, match="came other content on disk; start the run again"):
+        identity.refuse_change()
+
+
+def test_code_that_was_typed_at_a_prompt_is_never_taken_for_another():
+    tell = (
+        "class Typed:\n    name, history, colour = 'typed', 1, False\n    def settings(self): return {}\n"
+        "    def segment(self, frame): return None\n"
+        "from bench.harness.keys import MethodIdentity; print(MethodIdentity.of(Typed()).digest)"
+    )
+    told = {
+        subprocess.run(
+            [sys.executable, "-c", tell], capture_output=True, text=True, env=environment(), check=True
+        ).stdout
+        for _ in range(2)
+    }
+    assert len(told) == 2
+
+
+def test_methods_of_this_package_have_one_identity_each():
+    assert MethodIdentity.of(build_method("nothing")).digest == MethodIdentity.of(build_method("nothing")).digest
+    assert MethodIdentity.of(build_method("nothing")).digest != MethodIdentity.of(build_method("everything")).digest
+
+
+SLOW = """
+import time
+from pathlib import Path
+
+from bench.methods import Segmentation
+from slow_helper import LEVEL
+
+
+class Slow:
+    name, history, colour = "slow", 1, False
+
+    def settings(self):
+        return {}
+
+    def segment(self, frame):
+        with Path(__file__).with_name("noted").open("a") as noted:
+            noted.write("x")
+        time.sleep(0.3)
+        return Segmentation(cell_size_px=1, mask=frame.images[-1] > LEVEL)
+"""
+
+
+def test_editing_a_helper_while_a_run_goes_on_stores_nothing_under_the_new_code(tiny_card, tmp_path):
+    own, out = tmp_path / "own", tmp_path / "run"
+    own.mkdir()
+    (own / "slow_method.py").write_text(SLOW)
+    (own / "slow_helper.py").write_text("LEVEL = 100\n")
+    words = [
+        word if word != "tests.harness.troubled:Troubled" else "slow_method:Slow" for word in command(tiny_card, out)
+    ]
+    words += ["--workers", "1"]
+    with subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=with_path(own)
+    ) as run:
+        until((own / "noted").exists, "an image to be segmented")
+        time.sleep(0.1)
+        (own / "slow_helper.py").write_text("LEVEL = 200\n")
+        told, _ = run.communicate(timeout=PATIENCE_S)
+    assert run.returncode == 2, told
+    assert "slow_helper.py: wanted the file as it was when the run began" in told
+    again = subprocess.run(words, capture_output=True, text=True, env=with_path(own), timeout=PATIENCE_S)
+    assert again.returncode == 0, again.stdout + again.stderr
+    assert "units computed 3, found done 0" in again.stdout

@@ -1,0 +1,91 @@
+"""No answer of a method is taken for more than it is, and none changes what it is scored against."""
+
+import pytest
+
+from bench.evaluation import load_protocol
+from bench.harness import read_run, read_tables, run_benchmark
+from bench.harness.cache import CacheFolder
+from bench.harness.stored import REFERENCE_OF_FRAMES, REFERENCE_OF_OBJECTS
+from bench.methods import build_method
+from bench.recordings import load_card
+from tests.harness.misbehaving import FAULTS, Misbehaving
+from tests.harness.test_survival import call
+
+PAPER = load_protocol("paper-v1")
+FAULTY = {
+    "returns_none": "expected a bench.methods.Segmentation from segment(), got NoneType",
+    "returns_array": "expected a bench.methods.Segmentation from segment(), got ndarray",
+    "float_mask": "mask: expected a (60, 80) array of bool, got (60, 80) of float32",
+    "wrong_shape": "mask: expected a (120, 160) array of bool, got (60, 80) of bool",
+    "cell_size_zero": "cell_size_px: expected a whole number of at least 1, got 0",
+    "not_finite": "likelihood: expected finite numbers, 0 where undefined, got 1 that are NaN or infinite",
+    "negative": "likelihood: expected at least 0, got -1 to 0",
+    "score_above_one": "likelihood: expected a score in [0, 1], got 0 to 2",
+    "cause_out_of_range": "cause: expected indices into 2 causes, got 2",
+    "raises": "ValueError: boom at ",
+    "exits": "SystemExit: 0",
+    "change_valid": "ValueError: output array is read-only",
+    "change_image": "ValueError: assignment destination is read-only",
+    "leave_cache": "name of a cached step: expected up to 64 lower-case letters",
+    "bench_error": "threshold",
+}
+
+
+def score(card, out, *, method, cache=None):
+    kept = None if cache is None else CacheFolder(folder=cache)
+    return run_benchmark(load_card(str(card)), method=method, protocol=PAPER, out=out, cache=kept)
+
+
+def test_every_fault_is_tried():
+    assert FAULTY.keys() == FAULTS.keys() - {"none", "force_valid"}
+
+
+@pytest.mark.parametrize("fault", FAULTY)
+def test_a_fault_fails_its_image_and_names_method_recording_and_image(tiny_card, tmp_path, fault):
+    summary = score(tiny_card, tmp_path / "run", method=Misbehaving(fault=fault), cache=tmp_path / "cache")
+    assert summary.images.failed == summary.images.images > 0
+    assert summary.images.evaluated == 0
+    assert summary.objects.evaluated == 0
+    for failure in summary.failures:
+        assert failure.startswith(f"method 'misbehaving-{fault}', recording '")
+        assert "camera 'front', image at " in failure
+        assert FAULTY[fault] in failure
+    _, frames = read_tables(tmp_path / "run")
+    assert set(frames["recording"].to_pylist()) == {f.split("recording '")[1].split("'")[0] for f in summary.failures}
+    assert not list(tmp_path.rglob("*escaped*"))
+
+
+def test_what_a_method_raises_is_shown_with_its_own_lines(tiny_card, tmp_path):
+    failures = score(tiny_card, tmp_path / "run", method=Misbehaving(fault="raises")).failures
+    assert "misbehaving.py:" in failures[0]
+    assert "in helper: raise ValueError(" in failures[0]
+    assert all(failure.isprintable() for failure in failures)
+
+
+@pytest.mark.parametrize("fault", ["raises", "exits", "returns_none"])
+def test_the_command_ends_with_2(tiny_card, tmp_path, fault):
+    place = "tests.harness.misbehaving:Misbehaving"
+    out = tmp_path / "run"
+    done = call(tiny_card, out, "--method", place, "--set", f"fault={fault}", "--workers", "2")
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert f"misbehaving-{fault}" in done.stdout + done.stderr
+    assert read_run(out).images.evaluated == 0
+
+
+def test_a_method_cannot_change_what_it_is_scored_against(tiny_card, tmp_path):
+    """Nor poison the cache for others: the reference and the figures are those of a method that changes nothing."""
+    cache = tmp_path / "cache"
+    calm = score(tiny_card, tmp_path / "calm", method=Misbehaving(fault="none"))
+    forced = score(tiny_card, tmp_path / "forced", method=Misbehaving(fault="force_valid"), cache=cache)
+    assert forced.reference_fingerprint == calm.reference_fingerprint
+    assert forced.categories == calm.categories
+    assert forced.false_positives == calm.false_positives
+    later, clean = tmp_path / "later", tmp_path / "clean"
+    assert score(tiny_card, later, method=build_method("spherical"), cache=cache).provenance.work.steps_found
+    score(tiny_card, clean, method=build_method("spherical"))
+    for (one, other), columns in zip(
+        zip(read_tables(later), read_tables(clean), strict=True), (REFERENCE_OF_OBJECTS, REFERENCE_OF_FRAMES),
+        strict=True,
+    ):  # fmt: skip
+        assert one.equals(other)
+        assert one.select(list(columns)).num_rows

@@ -1,0 +1,214 @@
+"""Names, titles, licences and failures that try to act where they are printed or written: on a terminal, as a command
+of a CI server, as rich's markup, in Markdown, XML and HTML."""
+
+import ast
+import json
+import re
+import shutil
+import unicodedata
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+import bench
+from bench.cli import console
+from bench.plain_text import escape_markdown, plain
+from tests.cli.test_commands import call
+
+WILD = "w\n::error::pwned\x1b[2J\x9b2J[/x][bold red]:warning:##[error]p##vso[task.x]\u202e\u200b\r\u2028<b>|`*e*"
+IN_A_PATH = WILD.replace("/", "")
+METHOD = """
+import numpy as np
+from bench.methods import Segmentation
+class Wild:
+    name, history, colour = {name!r}, 1, False
+    def __init__(self, words={name!r}): pass
+    def settings(self): return {{"words": {name!r}}}
+    def segment(self, frame):
+        return Segmentation(mask=np.zeros(frame.valid.shape, dtype=bool), cell_size_px=1)
+"""
+
+
+PRINTING = {"print", "Console", "sys.stdout", "sys.stderr", "typer.echo", "typer.secho", "typer.colors", "rich.print"}
+
+
+def harmless(shown: str) -> bool:
+    """Whether no character acts, and no line is a command of GitHub or Azure."""
+    return visible(shown) and not re.search(r"^\s*::[A-Za-z]|##\w*\[", shown, re.MULTILINE)
+
+
+def visible(shown: str) -> bool:
+    return all(c == "\n" or c.isprintable() or unicodedata.category(c) == "Zs" for c in shown)
+
+
+def lines_of_github(shown: str) -> list[str]:
+    return [line for line in shown.splitlines() if line.startswith("::")]
+
+
+@pytest.fixture(scope="module")
+def wild(tiny_card, tmp_path_factory):
+    """A data set whose objects, title, licence and caveats are wild words, and a wild method."""
+    folder = shutil.copytree(tiny_card.parent, tmp_path_factory.mktemp("wild") / "datasets")
+    card = (folder / "tiny.yaml").read_text().replace("scenario: tiny.scenario.yaml\n", "")
+    card = card.replace("title: three short drives for the tests", f"title: {json.dumps(WILD)}")
+    card = card.replace("licence: CC0-1.0", f"licence: {json.dumps(WILD)}\ncaveats: {json.dumps(WILD)}")
+    (folder / "tiny.yaml").write_text(card)
+    for file in (folder / "data" / "tiny").glob("*/annotations.json"):
+        content = json.loads(file.read_text())
+        for entry in (content["openlabel"], *content["openlabel"]["frames"].values()):
+            entry["objects"] = {f"{name}{WILD}": value for name, value in entry["objects"].items()}
+        file.write_text(json.dumps(content))
+    broken = shutil.copytree(folder, folder.parent / "broken") / "data" / "tiny"
+    (broken / "crossing").rename(broken / IN_A_PATH)
+    (folder.parent / "wild_method.py").write_text(METHOD.format(name=WILD))
+    return folder.parent
+
+
+@pytest.fixture(scope="module")
+def runs(wild):
+    """Runs of a wild method, and of one that marks everything; and a baseline."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        monkeypatch.chdir(wild)
+        monkeypatch.syspath_prepend(wild)
+        card = wild / "datasets" / "tiny.yaml"
+        common = ("--no-pictures", "--workers", 1)
+        wild_words = ("run", card, "--method", "wild_method:Wild", "--out", wild / f"run{IN_A_PATH}")
+        assert call(monkeypatch, *wild_words, *common) == 0
+        assert call(monkeypatch, "run", card, "--method", "everything", "--out", wild / "everything", *common) == 0
+        words = ("gate", wild / "everything", "--baseline", wild / "b.json", "--update", "--allow-dirty")
+        assert call(monkeypatch, *words) == 0
+    baseline = json.loads((wild / "b.json").read_text())
+    # Few recordings are not judged; a baseline of another reference fails, whatever they say.
+    (wild / "b.json").write_text(json.dumps(baseline | {"reference_fingerprint": "0" * 64}))
+    return wild / f"run{IN_A_PATH}", wild / "everything"
+
+
+@pytest.fixture(autouse=True)
+def _there(wild, monkeypatch):
+    monkeypatch.delenv("GITHUB_STEP_SUMMARY", raising=False)
+    monkeypatch.chdir(wild)
+    monkeypatch.syspath_prepend(wild)
+
+
+COMMANDS = {
+    "datasets": (0, ("datasets", "datasets")),
+    "validate": (1, ("validate", "broken/tiny.yaml")),
+    "run": (0, ("run", "datasets/tiny.yaml", "--method", "wild_method:Wild", "--out", f"again{IN_A_PATH}")),
+    "view": (2, ("view", "datasets/tiny.yaml", "--recording", WILD)),
+    "compare": (0, ("compare", "EVERYTHING", "WILD", "--out", f"compare{IN_A_PATH}", "--no-pictures")),
+    "leaderboard": (0, ("leaderboard", ".", "--out", "leaderboard")),
+    "report": (0, ("report", "WILD", "--no-pictures")),
+    "sweep": (2, ("sweep", "datasets/tiny.yaml", "--what", WILD)),
+    "gate": (1, ("gate", "WILD", "--baseline", "b.json")),
+    "missing baseline": (3, ("gate", "WILD", "--baseline", WILD)),
+    "no such run": (2, ("report", WILD)),
+}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_what_a_command_prints_does_nothing(monkeypatch, capsys, wild, runs, name):
+    wanted, words = COMMANDS[name]
+    found = {"WILD": runs[0], "EVERYTHING": runs[1]}
+    status = call(monkeypatch, *(found.get(word, word) for word in words))
+    shown = capsys.readouterr()
+    assert status == wanted, shown.err
+    told = shown.out + shown.err
+    assert harmless(told)
+    assert "pwned" in told
+    assert "Traceback" not in told
+
+
+def test_a_failure_is_printed_harmlessly(monkeypatch, capsys, wild):
+    words = ("run", "broken/tiny.yaml", "--method", "nothing", "--out", "failed", "--no-pictures")
+    assert call(monkeypatch, *words, "--workers", 1) == 2
+    shown = capsys.readouterr()
+    assert "pwned" in shown.out + shown.err
+    assert harmless(shown.out + shown.err)
+
+
+def test_an_annotation_is_one_command(monkeypatch, capsys, runs, wild):
+    assert call(monkeypatch, "gate", runs[0], "--baseline", "b.json", "--github", "--junit", "junit.xml") == 1
+    lines = lines_of_github(capsys.readouterr().out)
+    assert lines
+    assert all(re.match(r"::error title=gate%3A [^:]*::", line) for line in lines)
+    assert all(plain(line) == line for line in lines)
+    assert "pwned" in (wild / "junit.xml").read_text()
+    assert ElementTree.parse(wild / "junit.xml").getroot().findall(".//testcase")
+
+
+def test_the_step_summary_holds_one_line_for_each_row(monkeypatch, runs, wild):
+    summary = wild / "summary.md"
+    summary.unlink(missing_ok=True)
+    monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(summary))
+    assert call(monkeypatch, "gate", runs[0], "--baseline", "b.json") == 1
+    told = summary.read_text()
+    assert "pwned" in told
+    rows = [line for line in told.splitlines() if line.startswith("|")]
+    assert {len(re.findall(r"(?<!\\)\|", row)) for row in rows} == {11}
+    assert visible(told)
+    assert "<b>" not in told
+
+
+def test_files_for_people_hold_no_foreign_markup(monkeypatch, runs, wild):
+    assert call(monkeypatch, "report", runs[0], "--no-pictures") == 0
+    assert call(monkeypatch, "compare", runs[1], runs[0], "--out", "compared", "--no-pictures") == 0
+    assert call(monkeypatch, "leaderboard", ".", "--out", "board") == 0
+    page = (runs[0] / "index.html").read_text()
+    assert "pwned" in page
+    assert "<b>|" not in page
+    for file in (runs[0] / "table.md", wild / "compared" / "compare.md", wild / "board" / "leaderboard.md"):
+        told = file.read_text()
+        assert "pwned" in told, file
+        assert visible(told), file
+        assert "<b>" not in told, file
+        assert "*e*" not in told.replace(r"\*e\*", ""), file
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("a\nb", r"a\nb"),
+        ("\x1b[2J", r"\u001b[2J"),
+        ("\u202eabc\u200b", r"\u202eabc\u200b"),
+        ("\udcff", r"\udcff"),
+        ("\U000e0001", r"\U000e0001"),
+        ("größer　als 5 µm", "größer　als 5 µm"),
+    ],
+)
+def test_plain_text_is_one_line_of_visible_characters(text, shown):
+    assert plain(text) == shown
+    assert plain(shown) == shown
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("static_ego, a_b [1.0, 2.0] <0.001 & more", "static_ego, a_b [1.0, 2.0] <0.001 & more"),
+        ("_x_ *y* `z` ~q~ $m$ a|b", r"\_x\_ \*y\* \`z\` \~q\~ \$m\$ a\|b"),
+        ("[a](http://b) <img src=x> &lt;", r"[a]\(http://b) &lt;img src=x> &amp;lt;"),
+        ("line\n# heading", r"line\\n# heading"),
+    ],
+)
+def test_markdown_is_escaped_where_it_would_act(text, shown):
+    assert escape_markdown(text) == shown
+
+
+def test_a_printed_document_of_json_means_what_it_says(capsys):
+    content = {"::error::x": "##[error] ##vso[y]", "b": "::warning::z"}
+    console.write_out(json.dumps(content, indent=1))
+    shown = capsys.readouterr().out
+    assert json.loads(shown) == content
+    assert harmless(shown)
+
+
+def test_nothing_prints_but_the_console():
+    folder = Path(bench.__file__).parent
+    found = []
+    for file in folder.rglob("*.py"):
+        if file == Path(console.__file__):
+            continue
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.Name | ast.Attribute) and ast.unparse(node) in PRINTING:
+                found.append(f"{file.relative_to(folder)}:{node.lineno}: {ast.unparse(node)}")  # noqa: PERF401
+    assert found == []

@@ -1,0 +1,98 @@
+"""Nothing that a stored run says is imported or called."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from bench.evaluation import load_protocol
+from bench.harness import run_benchmark, run_shard
+from bench.harness.shards import Shard
+from bench.methods import build_method
+from bench.recordings import load_card
+from tests.cli.test_commands import call
+
+PAPER = load_protocol("paper-v1")
+TRAP = """
+from pathlib import Path
+
+Path(__file__).with_name("sprung").touch()
+
+
+class Trap:
+    def __init__(self, **settings):
+        Path(__file__).with_name("sprung").touch()
+"""
+
+
+@pytest.fixture
+def trap(tmp_path, monkeypatch) -> Path:
+    """Says whether its module was imported; what the trapped files name is `trap_module:Trap`."""
+    (tmp_path / "plug").mkdir()
+    (tmp_path / "plug" / "trap_module.py").write_text(TRAP)
+    monkeypatch.syspath_prepend(str(tmp_path / "plug"))
+    return tmp_path / "plug" / "sprung"
+
+
+def set_trap(file: Path, trap: Path) -> None:
+    """Let a stored file name other code in every place where it names a method."""
+    content = json.loads(file.read_text())
+    stamps = [content["stamp"]["method"]] if "stamp" in content else [content["method"]]
+    for stamp in stamps:
+        stamp |= {"name": "trap_module:Trap", "place": "trap_module:Trap", "settings": {"args": ["touch", str(trap)]}}
+    file.write_text(json.dumps(content))
+
+
+@pytest.fixture(scope="module")
+def runs(tiny_card, tmp_path_factory) -> list[Path]:
+    """Two finished runs."""
+    folders = []
+    for name in ("spherical", "nothing"):
+        folders.append(tmp_path_factory.mktemp("runs") / name)
+        run_benchmark(load_card(tiny_card), method=build_method(name), protocol=PAPER, out=folders[-1])
+    return folders
+
+
+@pytest.mark.parametrize("words", [("report",), ("report", "--no-pictures"), ("compare",), ("leaderboard",), ("gate",)])
+def test_commands_that_read_runs(runs, tmp_path, monkeypatch, trap, words):
+    folders = [shutil.copytree(run, tmp_path / "runs" / run.name) for run in runs]
+    for folder in folders:
+        set_trap(folder / "summary.json", trap)
+    command, *options = words
+    given = {
+        "report": [folders[0]],
+        "compare": [*folders, "--out", tmp_path / "out"],
+        "leaderboard": [tmp_path / "runs", "--out", tmp_path / "out"],
+        "gate": [folders[0], "--baseline", tmp_path / "baseline.json", "--update", "--allow-dirty"],
+    }[command]
+    assert call(monkeypatch, command, *given, *options) == 0
+    assert not trap.exists()
+
+
+def test_merge(tiny_card, tmp_path, monkeypatch, trap):
+    for number in (1, 2):
+        run_shard(
+            load_card(tiny_card),
+            method=build_method("spherical"),
+            protocol=PAPER,
+            out=tmp_path / "run",
+            shard=Shard(number=number, count=2),
+        )
+    for file in (tmp_path / "run" / "shards").glob("*.json"):
+        set_trap(file, trap)
+    assert call(monkeypatch, "merge", tmp_path / "run") == 2, "the parts are of another method than the folder"
+    assert call(monkeypatch, "merge", tmp_path / "run", "--overwrite") == 0
+    assert (tmp_path / "run" / "pictures" / "crossing" / "overlay.png").exists()
+    assert not trap.exists()
+
+
+def test_merging_from_another_folder_finishes_without_pictures(tiny_card, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tiny_card.parent)
+    assert (
+        call(monkeypatch, "run", "tiny.yaml", "--method", "nothing", "--shard", "1/1", "--out", tmp_path / "run") == 0
+    )
+    monkeypatch.chdir(tmp_path)
+    assert call(monkeypatch, "merge", tmp_path / "run") == 0
+    assert "no picture: tiny.yaml" in capsys.readouterr().out
+    assert (tmp_path / "run" / "table.md").exists()

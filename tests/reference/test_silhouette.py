@@ -1,0 +1,206 @@
+"""The outline of annotated shapes: every pixel against its own ray, near the camera and over all borders."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+
+from bench.cameras import PinholeCamera, ray_grid
+from bench.geometry import RigidTransform
+from bench.recordings import Cuboid, GroundPolygon, ObjectState, PointIndices, Track
+from bench.reference import IgnoreReason, ReferenceBuilder, Status
+from bench.reference.silhouette import convex_parts, silhouette
+from tests.cameras.lenses import LENSES
+from tests.reference.drives import LENS, MOUNT, MS, Box, circle, drive, with_settings
+
+SMALL = {name: lens.scaled(160, round(lens.height * 160 / lens.width)) for name, lens in LENSES.items()}
+SMALL["cut"] = replace(SMALL["radial_polynomial"], max_angle_rad=1.2)  # a field that ends inside of the image
+SMALL["odd"] = SMALL["radial_polynomial"].scaled(131, 77)  # no multiple of a block
+SMALL["narrow"] = PinholeCamera(width=5, height=3, focal=(1.0, 1.0), principal_point=(2.0, 1.0))
+TURNED = RigidTransform(np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]), np.zeros(3))  # x ahead, z up
+
+
+def met_by_rays(lens, camera_from_object, low_m, high_m) -> np.ndarray:
+    """Pixels whose ray enters a box: the interval of lengths in which it is between each pair of opposite sides."""
+    rays = ray_grid(lens).rays_camera @ camera_from_object.rotation
+    start_m = -camera_from_object.rotation.T @ camera_from_object.translation_m
+    with np.errstate(divide="ignore", invalid="ignore"):
+        to_low, to_high = (low_m - start_m) / rays, (high_m - start_m) / rays
+    enter, leave = np.minimum(to_low, to_high).max(axis=-1), np.maximum(to_low, to_high).min(axis=-1)
+    return (leave >= np.maximum(enter, 0.0)) & np.isfinite(rays).all(axis=-1)
+
+
+def shown(shape, lens, camera_from_vehicle=TURNED) -> np.ndarray:
+    """The whole image of what `silhouette` finds in its window."""
+    window, covered = silhouette(camera_from_vehicle.apply(convex_parts(shape)), lens)
+    whole = np.zeros((lens.height, lens.width), dtype=bool)
+    whole[window] = covered
+    return whole
+
+
+def neighbours(mask) -> np.ndarray:
+    """(9, H, W): every pixel and those around it; False beyond the image."""
+    height, width = mask.shape
+    wide = np.pad(mask, 1)
+    return np.stack([wide[i : i + height, j : j + width] for i in range(3) for j in range(3)])
+
+
+def cuboids(count, seed):
+    """Boxes of all sizes all around the camera, from touching it to 30 m away; some hold it."""
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        size_m = rng.uniform([0.3, 0.3, 0.3], [12.0, 3.0, 4.0])
+        direction = rng.normal(size=3) * [1.0, 1.0, 0.3]
+        place_m = direction / np.linalg.norm(direction) * 30.0 ** rng.uniform(0.0, 1.0)
+        turn = RigidTransform.from_quaternion(rng.normal(size=4) * [1.0, 0.1, 0.1, 1.0], place_m)
+        yield Cuboid(vehicle_from_object=turn, size_m=size_m)
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_every_pixel_that_sees_the_box_is_in_its_outline_and_no_other(name):
+    lens, areas, cut = SMALL[name], [], 0
+    for shape in cuboids(150, seed=3):
+        half = shape.size_m / 2
+        wanted = met_by_rays(lens, TURNED @ shape.vehicle_from_object, -half, half)
+        np.testing.assert_array_equal(shown(shape, lens), wanted)
+        areas.append(wanted.sum())
+        seen = ray_grid(lens).valid
+        cut += bool((wanted & ~neighbours(seen).all(axis=0)).any() and (seen & ~wanted).any())
+    assert np.count_nonzero(areas) > 20
+    assert cut > 10  # by the border of the field or of the image
+
+
+@pytest.mark.parametrize("name", sorted(SMALL.keys() - {"narrow"}))
+def test_points_all_over_the_surface_fall_into_the_outline_or_a_pixel_beside_it(name):
+    """The other way round, by `project`: what a dense sample of the surface shows lies in the outline.
+
+    Slivers of less than a pixel along the border of the image or of the field hold no pixel's centre.
+    """
+    lens, rng, checked = SMALL[name], np.random.default_rng(5), 0
+    inner = neighbours(ray_grid(lens).valid).all(axis=0)
+    for shape in cuboids(40, seed=6):
+        points = rng.uniform(-0.5, 0.5, (4000, 3))
+        points[np.arange(4000), rng.integers(0, 3, 4000)] = rng.choice([-0.5, 0.5], 4000)
+        pixels, _ = lens.project((TURNED @ shape.vehicle_from_object).apply(points * shape.size_m))
+        u, v = np.round(pixels[lens.contains(pixels)]).astype(int).T
+        assert neighbours(shown(shape, lens)).any(axis=0)[v, u][inner[v, u]].all()
+        checked += inner[v, u].any()
+    assert checked > 10
+
+
+def test_what_is_behind_a_wide_lens_shows_at_its_edges_only():
+    """A wall close behind a lens of 194 degrees is seen on both sides; a hull of what is seen would hold the image."""
+    wall = Cuboid(vehicle_from_object=RigidTransform.from_yaw(0.0, (-0.3, 0.0, 0.0)), size_m=np.array([0.5, 60.0, 3.0]))
+    found = shown(wall, LENS)
+    assert found[:, :200].any()
+    assert found[:, 440:].any()
+    assert not found[:, 220:420].any()
+
+
+def test_a_box_around_the_camera_covers_all_that_the_lens_sees():
+    around = Cuboid(vehicle_from_object=RigidTransform.identity(), size_m=np.array([2.0, 2.0, 2.0]))
+    np.testing.assert_array_equal(shown(around, LENS), ray_grid(LENS).valid)
+
+
+@pytest.mark.parametrize("size_m", [(0.0, 0.0, 0.0), (9.0, 0.0, 0.0), (1e-200, 1e-200, 1e-200)])
+def test_what_has_no_extent_across_the_line_of_sight_covers_nothing(size_m):
+    shape = Cuboid(vehicle_from_object=RigidTransform.from_yaw(0.0, (9.0, 0.0, 0.0)), size_m=np.array(size_m))
+    assert not shown(shape, LENS).any()
+
+
+def test_a_box_of_absurd_size_fills_the_half_that_it_stands_in():
+    shape = Cuboid(
+        vehicle_from_object=RigidTransform.from_yaw(0.0, (0.5e200 + 1.0, 0.0, 0.0)), size_m=np.full(3, 1e200)
+    )
+    assert shown(shape, LENS)[ray_grid(LENS).rays_camera[..., 2] > 0.01].all()
+
+
+def test_a_corner_of_walls_is_not_filled():
+    """An outline like an L: exactly the pixels of its two arms."""
+    outline = np.array([[2.0, -3.0], [6.0, -3.0], [6.0, -2.0], [3.0, -2.0], [3.0, 3.0], [2.0, 3.0]])
+    shape = GroundPolygon(outline_m=outline, bottom_m=-1.0, top_m=0.43)
+    arms = (((2.0, -3.0, -1.0), (6.0, -2.0, 0.43)), ((2.0, -3.0, -1.0), (3.0, 3.0, 0.43)))
+    for lens in SMALL.values():
+        for camera_from_vehicle in (TURNED, TURNED @ RigidTransform.from_yaw(0.4, (-6.0, -1.0, -2.0))):
+            wanted = [met_by_rays(lens, camera_from_vehicle, np.array(low), np.array(high)) for low, high in arms]
+            np.testing.assert_array_equal(shown(shape, lens, camera_from_vehicle), np.any(wanted, axis=0))
+
+
+@pytest.mark.parametrize("outline", [[[2, 0], [3, 0], [4, 0]], [[2, 0], [2, 0], [2, 0]]])
+def test_an_outline_without_area_covers_nothing(outline):
+    shape = GroundPolygon(outline_m=np.array(outline, dtype=float), bottom_m=0.0, top_m=1.0)
+    assert not shown(shape, LENS).any()
+
+
+def test_an_outline_that_crosses_itself_covers_what_it_encloses():
+    bow = GroundPolygon(
+        outline_m=np.array([[4.0, -1.0], [4.0, 1.0], [6.0, -1.0], [6.0, 1.0]]), bottom_m=-1.0, top_m=1.0
+    )
+    found = shown(bow, LENS)
+    whole = shown(replace(bow, outline_m=bow.outline_m[[0, 1, 3, 2]]), LENS)
+    assert 0 < found.sum() < whole.sum() * 1.001
+    assert not (found & ~whole).any()
+
+
+FEW_POINTS = with_settings(min_points=10_000)
+HOST = circle(8.0, 0.5)
+
+
+def ignored_region(box, *, exposure_ns, track=None):
+    recording = drive([box], HOST, exposures_ns=(exposure_ns,))
+    if track is not None:
+        recording = replace(recording, tracks=(track,))
+    builder = ReferenceBuilder(recording, "front", FEW_POINTS)
+    frame = builder.build(recording.images["front"][0])
+    return frame, HOST.world_from_vehicle(exposure_ns) @ MOUNT
+
+
+@pytest.mark.parametrize("yaw_rate_radps", [0.0, 1.5, -0.7])
+@pytest.mark.parametrize("exposure_ms", [-90, 0, 60])
+def test_a_car_without_points_is_ignored_where_it_is_at_exposure(exposure_ms, yaw_rate_radps):
+    """Beside the camera, cut by the field's border and the image's, turning, from a turning host."""
+    for place_m in ((5.0, 2.0, 0.75), (4.0, -2.2, 0.75), (7.0, 0.5, 0.75), (3.0, 2.0, 0.75)):
+        box = Box(place_m, (4.5, 1.8, 1.5), (3.0, -2.0, 0.0), yaw_rate_radps=yaw_rate_radps, yaw_rad=0.3)
+        frame, world_from_camera = ignored_region(box, exposure_ns=exposure_ms * MS)
+        (found,) = frame.objects
+        assert (found.status, found.reason) == (Status.IGNORED, IgnoreReason.FEW_POINTS)
+        camera_from_box = world_from_camera.inverse() @ box.world_from_box(exposure_ms * MS)
+        wanted = met_by_rays(LENS, camera_from_box, -box.size_m / 2, box.size_m / 2) & frame.valid
+        np.testing.assert_array_equal(frame.ignored, wanted)
+        assert found.polygon_px == wanted.sum() > 3000
+        drawn = shapely.contains_xy(found.polygon, *np.meshgrid(np.arange(640), np.arange(480)))
+        np.testing.assert_array_equal(drawn & frame.valid, wanted)
+
+
+def test_a_ground_outline_turns_as_the_car_does():
+    box = Box((6.0, 1.5, 0.75), (4.5, 1.8, 1.5), (3.0, -2.0, 0.0), yaw_rate_radps=1.5, yaw_rad=0.3)
+    corners = np.array([[1, 1, -1], [-1, 1, -1], [-1, -1, -1], [1, -1, -1]]) * box.size_m / 2
+    outline_m = box.world_from_box(0).apply(corners)[:, :2]  # the vehicle stands in the world's origin at 0
+    state = ObjectState(
+        timestamp_ns=0,
+        shape=GroundPolygon(outline_m=outline_m, bottom_m=0.0, top_m=1.5),
+        velocity_mps=box.velocity_mps,
+        yaw_rate_radps=box.yaw_rate_radps,
+    )
+    track = Track(track_id="car", object_class="vehicle", states=(state,))
+    frame, world_from_camera = ignored_region(box, exposure_ns=80 * MS, track=track)
+    camera_from_box = world_from_camera.inverse() @ box.world_from_box(80 * MS)
+    wanted = met_by_rays(LENS, camera_from_box, -box.size_m / 2, box.size_m / 2) & frame.valid
+    assert (frame.ignored ^ wanted).sum() <= 2
+    assert wanted.sum() > 3000
+
+
+def test_few_points_named_one_by_one_are_ignored_within_their_hull():
+    box = Box((6.0, 1.5, 0.75), (4.5, 1.8, 1.5), (3.0, -2.0, 0.0))
+    named = PointIndices(indices=np.arange(0, 400, 9), sweep_timestamp_ns=0)
+    state = ObjectState(timestamp_ns=0, shape=named, velocity_mps=box.velocity_mps)
+    track = Track(track_id="car", object_class="vehicle", states=(state,))
+    frame, world_from_camera = ignored_region(box, exposure_ns=20 * MS, track=track)
+    points = box.world_from_box(20 * MS).apply(box.skin(400)[::9])
+    pixels, _ = LENS.project(world_from_camera.inverse().apply(points))
+    hull = shapely.MultiPoint(pixels).convex_hull
+    wanted = shapely.contains_xy(hull, *np.meshgrid(np.arange(640), np.arange(480))) & frame.valid
+    assert frame.objects[0].reason is IgnoreReason.FEW_POINTS
+    assert (frame.ignored ^ wanted).sum() < 0.02 * wanted.sum()
+    assert wanted.sum() > 3000

@@ -1,0 +1,203 @@
+"""Runs of methods that need other histories, made and compared for real."""
+
+import csv
+import json
+import shutil
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from bench.cli import comparing
+from bench.errors import UsageError
+from bench.evaluation import load_protocol, summarise
+from bench.evaluation.common_images import CommonImages, RowsOnImages
+from bench.gate import judge, load_tolerances, scored_run
+from bench.harness import read_run, run_benchmark
+from bench.harness.stored_rows import open_tables
+from bench.methods import Segmentation
+from bench.recordings import load_card
+from bench.reporting.compare.comparison import compare_runs
+from bench.reporting.compare.leaderboard import read_leaderboard
+from bench.reporting.compare.stored_runs import read_comparable
+from bench.reporting.compare.write import write_comparison
+
+PROTOCOL = load_protocol("paper-v1")
+SCORED = {"one": 12, "two": 9}  # of three drives of five images
+
+
+class Brighter:
+    """Marks what became brighter since the image `history` images ago."""
+
+    colour = False
+
+    def __init__(self, name, history):
+        self.name, self.history = name, history
+
+    def settings(self):
+        return {"history": self.history}
+
+    def segment(self, frame):
+        now, before = (frame.images[place].astype(int) for place in (-1, -1 - self.history))
+        return Segmentation(cell_size_px=1, mask=now > before + 8)
+
+
+def run(card, method, out):
+    run_benchmark(load_card(str(card)), method=method, protocol=PROTOCOL, out=out)
+    return out
+
+
+@pytest.fixture(scope="module")
+def runs(tiny_card, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs")
+    return {name: run(tiny_card, Brighter(name, n), folder / name) for n, name in enumerate(SCORED, start=1)}
+
+
+def rows_on_both(runs, name, table):
+    """The rows of a run on the images that both scored, found in the plainest way."""
+    frames = [pq.read_table(one / "frames.parquet").to_pylist() for one in runs.values()]
+    images = [{_image(row) for row in rows if row["status"] == "evaluated"} for rows in frames]
+    common = images[0] & images[1]
+    assert len(common) == 9 < len(images[0])
+    rows = pq.read_table(runs[name] / table)
+    return rows.filter(pa.array([_image(row) in common for row in rows.to_pylist()]))
+
+
+def _image(row):
+    return row["recording"], row["camera"], row["timestamp_ns"]
+
+
+def test_methods_of_other_history_scored_other_images(runs):
+    assert {name: read_run(folder).images.evaluated for name, folder in runs.items()} == SCORED
+    fingerprints = {read_run(folder).reference_fingerprint for folder in runs.values()}
+    assert len(fingerprints) == 2
+
+
+@pytest.mark.parametrize("order", [("one", "two"), ("two", "one")])
+def test_figures_are_those_of_the_images_that_both_scored(runs, order):
+    (found,) = compare_runs(read_comparable([runs[name] for name in order]))
+    assert found.images == (SCORED[order[0]], SCORED[order[1]], 9)
+    expected = [
+        summarise(*(rows_on_both(runs, n, f"{t}.parquet") for t in ("objects", "frames")), protocol=PROTOCOL)
+        for n in order
+    ]
+    for row in found.rows:
+        if row.name == "frames":
+            figures = [figure.false_positives.coverage for figure in expected]
+            change = row.metrics["false_positive_coverage"].change
+            assert row.frames == 9
+        else:
+            of_row = [e.all_moving if row.name == "all_moving" else e.categories[row.name] for e in expected]
+            assert row.frames == of_row[0].object_frames == of_row[1].object_frames
+            figures = [of.tpr_all for of in of_row]
+            change = row.metrics["tpr_all"].change
+            chance = row.metrics["detection_rate"].chance
+            assert [c.cases for c in chance] == [of.chance.cases for of in of_row]
+        assert (change.before, change.after) == pytest.approx([f.value for f in figures], rel=1e-12, nan_ok=True)
+    whole = read_run(runs["one"]).all_moving
+    assert found.detections[-1].object_frames < whole.object_frames, "the first images are left out"
+    assert all(frame.timestamp_ns > 100_000_000 for frame in found.frames)
+
+
+def test_every_form_says_how_many_images_each_run_had(runs, tmp_path, capsys):
+    line = "Compared on the 9 images that both scored: one scored 12, two 9."
+    write_comparison(list(runs.values()), tmp_path, pictures=False)
+    assert line in (tmp_path / "compare.md").read_text()
+    assert json.loads((tmp_path / "compare.json").read_text())["comparisons"][0]["images"] == {
+        "before": 12,
+        "after": 9,
+        "compared": 9,
+    }
+    with (tmp_path / "compare.csv").open() as stream:
+        counts = {(r["images_before"], r["images_after"], r["images_compared"]) for r in csv.DictReader(stream)}
+    assert counts == {("12", "9", "9")}
+    comparing.compare(list(runs.values()), out=tmp_path, pictures=True)
+    assert line in " ".join(capsys.readouterr().out.split())
+    assert list((tmp_path / "pictures").glob("*.jpg"))
+
+
+def test_a_run_beside_itself_says_that_the_images_are_the_same(runs):
+    (found,) = compare_runs(read_comparable([runs["one"], runs["one"]]))
+    assert found.notes[0] == "Compared on the 12 images that both scored."
+
+
+def test_the_leaderboard_ranks_both_on_their_common_images(runs, tiny_card, tmp_path):
+    for name, folder in runs.items():
+        shutil.copytree(folder, tmp_path / name)
+    run(tiny_card, Brighter("again", 1), tmp_path / "again")
+    (group,) = read_leaderboard(tmp_path).groups
+    assert {entry.run: entry.images for entry in group.entries} == SCORED | {"again": 12}
+    assert group.images == 9
+    values = {entry.run: entry.figures["tpr_all"].value for entry in group.entries}
+    for name in SCORED:
+        rows = [rows_on_both(runs, name, f"{t}.parquet") for t in ("objects", "frames")]
+        expected = summarise(*rows, protocol=PROTOCOL)
+        assert values[name] == pytest.approx(expected.all_moving.tpr_all.value)
+        assert group.object_frames == expected.all_moving.object_frames
+    assert values["again"] == values["one"]
+
+
+def test_a_run_of_few_images_has_a_table_of_its_own(runs, tiny_card, tmp_path):
+    shutil.copytree(runs["one"], tmp_path / "one")
+    run(tiny_card, Brighter("long", 4), tmp_path / "long")  # one image of each drive
+    found = [sorted(entry.run for entry in group.entries) for group in read_leaderboard(tmp_path).groups]
+    assert sorted(found) == [["long"], ["one"]]
+    (compared,) = compare_runs(read_comparable([tmp_path / "one", tmp_path / "long"]))
+    assert compared.images == (12, 3, 3)
+
+
+def test_another_annotation_is_refused_with_what_differs(runs, tiny_card, tmp_path):
+    folder = shutil.copytree(tiny_card.parent, tmp_path / "datasets")
+    file = next(folder.glob("data/tiny/crossing/annotations*"))
+    text = file.read_text()
+    assert '"walker"' in text
+    file.write_text(text.replace('"walker"', '"stranger"'))
+    other = run(folder / tiny_card.name, Brighter("two", 2), tmp_path / "other")
+    with pytest.raises(UsageError) as refused:
+        compare_runs(read_comparable([runs["one"], other]))
+    told = str(refused.value)
+    assert told.startswith(f"{runs['one']} and {other} do not compare: their references differ on the 9 images")
+    assert "3 object-frames only in the first, the first crossing front" in told
+    assert "walker; 3 object-frames only in the second, the first crossing front" in told
+    assert "\n" not in told
+    groups = read_leaderboard(tmp_path).groups
+    assert [[entry.run for entry in group.entries] for group in groups] == [["other"]]
+
+
+def test_no_common_image_is_said(runs, tiny_card, tmp_path):
+    standing = tmp_path / "standing"
+    run_benchmark(load_card(str(tiny_card)), method=Brighter("one", 1), protocol=PROTOCOL, out=standing)
+    frames = pq.read_table(standing / "frames.parquet")
+    moved = pa.array((frames["timestamp_ns"].to_numpy() + 1).tolist(), pa.int64())
+    pq.write_table(frames.set_column(frames.schema.get_field_index("timestamp_ns"), "timestamp_ns", moved),
+                   standing / "frames.parquet")  # fmt: skip
+    summary = json.loads((standing / "summary.json").read_text()) | {"reference_fingerprint": "x"}
+    (standing / "summary.json").write_text(json.dumps(summary))
+    with pytest.raises(UsageError, match="no image was scored by both; the first has 12, the second 12"):
+        compare_runs(read_comparable([runs["one"], standing]))
+
+
+def test_parts_of_any_size_have_the_same_rows(runs):
+    tables = [open_tables(folder) for folder in runs.values()]
+    images = CommonImages([frames for _, frames in tables])
+    rows = RowsOnImages(tables[0][0], images)
+    names = sorted(rows.recordings())
+    assert images.count() == sum(len(images.of([name])) for name in names) == 9
+    whole = rows.read(names, ["recording", "timestamp_ns", "track_id"])
+    parts = [rows.read([name], ["recording", "timestamp_ns", "track_id"]) for name in names]
+    batches = list(rows.batches(["timestamp_ns"], rows=2))
+    assert sum(map(len, parts)) == len(whole) == sum(map(len, batches))
+    assert all(len(batch) <= 2 for batch in batches)
+    times = [np.sort(np.concatenate([p["timestamp_ns"].to_numpy() for p in some])) for some in ([whole], parts)]
+    assert np.array_equal(*times)
+
+
+def test_the_gate_refuses_other_images_and_says_which(runs):
+    verdict = judge(*(scored_run(folder) for folder in runs.values()), tolerances=load_tolerances())
+    (found,) = [check for check in verdict.checks if check.name == "reference_fingerprint"]
+    assert found.message.startswith("reference changed: other images were scored, 9 where the baseline has 12, ")
+    assert (
+        "3 of 3 recordings, the first 'crossing' with 3 (was 4), as for a method that needs a longer" in found.message
+    )
+    assert not verdict.passed
