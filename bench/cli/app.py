@@ -15,6 +15,7 @@ from bench.cli.start import lack_of_memory_told, refuse_unfit
 from bench.errors import NO_ROOM, BenchError
 
 DATA_ERROR = 2
+OWN_FAULT = 70  # EX_SOFTWARE of sysexits.h; 1, Python's own, would be a verdict of the gate
 
 app = typer.Typer(
     name="fisheye-bench",
@@ -61,15 +62,23 @@ def main() -> None:
         refuse_unfit(sys.argv[1:])
         with lack_of_memory_told():
             app()
-    except BenchError as error:
-        _complain(f"error: {error}")
+    except Exception as error:  # noqa: BLE001 - the last of all handlers
+        told = _told(error)
+        if told is None:
+            sys.excepthook(*sys.exc_info())
+            sys.exit(OWN_FAULT)
+        _complain(f"error: {told}")
         sys.exit(DATA_ERROR)
-    except OSError as error:  # of a file that something else than our own writers and readers touched
-        if error.filename is None and error.errno not in NO_ROOM:
-            raise
+
+
+def _told(error: Exception) -> str | None:
+    """The line that tells a mistake that the user can mend; None for a fault of ours, which keeps its traceback."""
+    if isinstance(error, BenchError):
+        return str(error)
+    if isinstance(error, OSError) and (error.filename is not None or error.errno in NO_ROOM):  # not of our own writers
         do = "; make room, then give the same command again" if error.errno in NO_ROOM else ""
-        _complain(f"error: {error.filename or 'this disk'}: {error.strerror or error}{do}")
-        sys.exit(DATA_ERROR)
+        return f"{error.filename or 'this disk'}: {error.strerror or error}{do}"
+    return None
 
 
 def _warn(

@@ -199,7 +199,7 @@ class RunReport:
                     results,
                     summary,
                     card=self.card,
-                    protocol=self.protocol or read_protocol(results),
+                    protocol=self.protocol or read_protocol(results, summary),
                     progress=progress,
                 )
         self._rows = written.rows

@@ -6,13 +6,13 @@ import json
 from pathlib import Path
 from typing import Literal
 
-from bench.errors import DataError, UsageError
+from bench.errors import UsageError
 from bench.evaluation.score_sheet import ScoreSheet, score_sheet
 from bench.evaluation.summary import ProtocolStamp
 from bench.harness import RunSummary, open_tables, read_protocol, read_run
 from bench.harness.method_stamp import MethodStamp
-from bench.recordings import write_text
-from bench.recordings.validation import FileModel, read_json
+from bench.recordings.sealed_json import read_sealed, write_sealed
+from bench.recordings.validation import FileModel
 
 SCHEMA_VERSION: Literal[1] = 1
 ONE_LINE_DEPTH = 4  # of the stored JSON: the sums of one metric of one slice, so that a diff shows what changed
@@ -83,13 +83,8 @@ def scored_run(run: Path) -> ScoredRun:
     Raises:
         DataError: a file of the run is missing or damaged, or they are not of one run.
     """
-    summary, protocol = read_run(run), read_protocol(run)
-    if protocol.digest != summary.protocol.digest:
-        raise DataError(
-            run / "protocol.json",
-            wanted=f"the protocol of summary.json, with digest {summary.protocol.digest[:12]}",
-            came=f"{protocol.name!r} with digest {protocol.digest[:12]}",
-        )
+    summary = read_run(run)
+    protocol = read_protocol(run, summary)
     objects, frames = open_tables(run)
     return ScoredRun(
         schema_version=SCHEMA_VERSION,
@@ -114,7 +109,7 @@ def read_baseline(file: Path) -> ScoredRun:
     """
     if not file.exists():
         raise MissingBaselineError(file)
-    return read_json(ScoredRun, file)
+    return read_sealed(ScoredRun, file, expected="a baseline", strict=True)
 
 
 def write_baseline(run: ScoredRun, file: Path, *, allow_dirty: bool = False) -> None:
@@ -140,7 +135,7 @@ def write_baseline(run: ScoredRun, file: Path, *, allow_dirty: bool = False) -> 
             f"the run was made by code that nobody else can have: {unrepeatable[0]}{more}; "
             "commit or install it and run again, or say --allow-dirty"
         )
-    write_text(file, _text(run.model_dump(mode="json", exclude_defaults=True), depth=0) + "\n")
+    write_sealed(file, run, exclude_defaults=True, layout=_text)
 
 
 def _origin(summary: RunSummary) -> Origin:
@@ -155,10 +150,10 @@ def _origin(summary: RunSummary) -> Origin:
     )
 
 
-def _text(value: object, *, depth: int) -> str:
+def _text(value: object, depth: int = 0) -> str:
     """JSON with one line for each part at `ONE_LINE_DEPTH`."""
     if not isinstance(value, dict) or not value or depth == ONE_LINE_DEPTH:
         return json.dumps(value, sort_keys=True, allow_nan=False)
     indent = " " * (depth + 1)
-    parts = [f"{indent}{json.dumps(key)}: {_text(part, depth=depth + 1)}" for key, part in value.items()]
+    parts = [f"{indent}{json.dumps(key)}: {_text(part, depth + 1)}" for key, part in value.items()]
     return "{\n" + ",\n".join(parts) + "\n" + " " * depth + "}"

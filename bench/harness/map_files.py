@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import zlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import BinaryIO
@@ -53,5 +54,5 @@ def load_image_maps(file: Path, content: BinaryIO | None = None) -> tuple[ImageM
     except FileNotFoundError as error:
         came = "no such file; runs of older versions have none"
         raise DataError(file, wanted="the image maps of a run", came=came) from error
-    except (OSError, ValueError, KeyError, TypeError, BadZipFile, EOFError) as error:
+    except (OSError, ValueError, KeyError, TypeError, NotImplementedError, BadZipFile, EOFError, zlib.error) as error:
         raise DataError(file, wanted="the image maps of a run", came=" ".join(str(error).split())[:200]) from error

@@ -16,6 +16,7 @@ from bench.harness.stored import (
     IMAGE_MAPS,
     SCHEMA_VERSION,
     RunSummary,
+    file_digests,
     read_threshold_free,
     reference_fingerprint,
     write_protocol,
@@ -103,6 +104,7 @@ def combine_parts(results: Path, parts: Sequence[Path], *, run: Path, protocol: 
         failures=(*failures, *stored.problems(units)),
         caveats=first.stamp.caveats,
         threshold_free=read_threshold_free(results),
+        files=file_digests(results),
     )
     write_summary(results, summary)
     return summary

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 
 from bench.errors import DataError, UsageError
 from bench.harness.method_stamp import MethodStamp
 from bench.harness.provenance import Provenance
 from bench.harness.units import Unit
-from bench.recordings import write_text
+from bench.recordings.sealed_json import read_sealed, write_sealed
 
 FOLDER = "shards"
 SCHEMA_VERSION = 2
@@ -155,7 +155,7 @@ class ShardReport(BaseModel):
 
 def write_shard(run: Path, shard: Shard, report: ShardReport) -> None:
     """Store the report of a part."""
-    write_text(run / FOLDER / shard.file, report.model_dump_json(indent=1) + "\n")
+    write_sealed(run / FOLDER / shard.file, report)
 
 
 def remove_shards(run: Path, *, but_of: int | None = None) -> None:
@@ -217,11 +217,4 @@ def read_shard(file: Path) -> ShardReport:
     Raises:
         DataError: not one.
     """
-    try:
-        return ShardReport.model_validate_json(file.read_bytes())
-    except OSError as error:
-        raise DataError(file, wanted="the report of a part", came=error.strerror or str(error)) from error
-    except ValidationError as error:
-        fault = error.errors()[0]
-        field = ".".join(str(part) for part in fault["loc"]) or None
-        raise DataError(file, field=field, wanted="the report of a part", came=fault["msg"]) from error
+    return read_sealed(ShardReport, file, expected="the report of a part")

@@ -16,14 +16,16 @@ import hashlib
 import io
 from collections import Counter
 from pathlib import Path
+from typing import Literal, get_args
 
 import pyarrow as pa
 import pyarrow.csv
-from pydantic import ValidationError
+from pydantic import Field
 
 from bench.errors import DataError
 from bench.evaluation import (
     ImageMap,
+    ObjectFigures,
     Protocol,
     Summary,
     ThresholdFreeFigures,
@@ -32,16 +34,19 @@ from bench.evaluation import (
 )
 from bench.evaluation.columns import Columns
 from bench.evaluation.row_source import Rows, as_source, read_parts
+from bench.evaluation.terms import level_ratios
 from bench.evaluation.threshold_free import COLUMNS as THRESHOLD_FREE_COLUMNS
 from bench.harness.map_files import load_image_maps
 from bench.harness.method_stamp import MethodStamp
 from bench.harness.provenance import Provenance
 from bench.harness.stored_rows import HISTOGRAMS, open_tables
 from bench.recordings import write_text
+from bench.recordings.sealed_json import read_sealed, write_sealed
 
 SCHEMA_VERSION = 1
 BATCH_IMAGES = 512
-IMAGE_MAPS = "image_maps.npz"
+SUMMARY, IMAGE_MAPS = "summary.json", "image_maps.npz"
+Table = Literal["objects.parquet", "frames.parquet", "image_maps.npz", "masks.parquet"]
 PREDICTIONS = "predictions.json"  # of runs of predictions from disk
 
 # What the reference alone decides, in whole numbers and words: no floats, whose text could differ between versions.
@@ -68,6 +73,7 @@ class RunSummary(Summary):
         failures: one line per recording, unit or image that could not be used; the figures are of the rest.
         threshold_free: what the method's likelihood is worth at all thresholds; None for a method without one and in
             runs of older versions.
+        files: SHA-256 of the tables that the figures are of, by name; empty in runs of older versions.
     """
 
     schema_version: int
@@ -81,6 +87,7 @@ class RunSummary(Summary):
     failures: tuple[str, ...]
     caveats: str = ""
     threshold_free: ThresholdFreeFigures | None = None
+    files: dict[Table, str] = Field(default_factory=dict)
 
 
 def read_tables(run: Path, *, histograms: bool = True) -> tuple[pa.Table, pa.Table]:
@@ -127,15 +134,35 @@ def write_protocol(run: Path, protocol: Protocol) -> None:
     write_text(run / "protocol.json", protocol.model_dump_json(indent=1, exclude_unset=True) + "\n")
 
 
-def read_protocol(run: Path) -> Protocol:
+def read_protocol(run: Path, summary: RunSummary) -> Protocol:
     """The rules of a run.
 
+    Args:
+        run: folder.
+        summary: of the run, which has to be made by these rules.
+
     Raises:
-        DataError: missing or not a protocol.
+        DataError: missing, not a protocol, or the summary is of another one or lacks its figures.
     """
-    if not (run / "protocol.json").is_file():
-        raise DataError(run / "protocol.json", wanted="the protocol of a run", came="no such file")
-    return load_protocol(run / "protocol.json")  # JSON is YAML
+    file = run / "protocol.json"
+    if not file.is_file():
+        raise DataError(file, wanted="the protocol of a run", came="no such file")
+    protocol = load_protocol(file)  # JSON is YAML
+    if protocol.digest != summary.protocol.digest:
+        raise DataError(
+            file,
+            wanted=f"the protocol of {SUMMARY}, with digest {summary.protocol.digest[:12]}",
+            came=f"{protocol.name!r} with digest {protocol.digest[:12]}",
+        )
+    rows = {str(category) for category in protocol.reference.categories}
+    figures = {*ObjectFigures.model_fields, *level_ratios(protocol.scoring.detection_levels)}
+    if rows != summary.categories.keys():
+        came = ", ".join(summary.categories)
+        raise DataError(run / SUMMARY, field="categories", wanted=", ".join(sorted(rows)), came=came)
+    for name, row in (*summary.categories.items(), ("all_moving", summary.all_moving)):
+        if missing := sorted(figures - set(row.figure_names()) - {"object_frames", "tracks", "recordings"}):
+            raise DataError(run / SUMMARY, field=name, wanted="the figures of its protocol", came=f"no {missing[0]}")
+    return protocol
 
 
 def reference_fingerprint(objects: Rows, frames: Rows) -> str:
@@ -155,26 +182,50 @@ def reference_fingerprint(objects: Rows, frames: Rows) -> str:
 
 def write_summary(run: Path, summary: RunSummary) -> None:
     """Write `summary.json`; NaN becomes null."""
-    write_text(run / "summary.json", summary.model_dump_json(indent=1) + "\n")
+    write_sealed(run / SUMMARY, summary)
+
+
+def file_digests(run: Path) -> dict[Table, str]:
+    """SHA-256 of the files of a run that its summary is of, by name."""
+    return {name: _sha256(run / name) for name in get_args(Table) if (run / name).is_file()}
 
 
 def read_run(run: Path) -> RunSummary:
-    """Read `summary.json`.
+    """Read `summary.json`; the tables beside it must be those that it is of.
 
     Raises:
-        DataError: missing, or not a summary of a known version; names the field.
+        DataError: missing, not a summary of a known version, damaged, or beside tables of something else.
     """
-    file = run / "summary.json"
+    file = run / SUMMARY
+    summary = read_sealed(RunSummary, file, expected="the summary of a run")
+    if summary.schema_version != SCHEMA_VERSION:
+        wanted, came = f"{SCHEMA_VERSION}", f"{summary.schema_version}"
+        raise DataError(file, field="schema_version", wanted=wanted, came=came, do="read it with the version it is of")
+    for name, digest in summary.files.items():
+        _check(run / name, digest)
+    return summary
+
+
+def _check(file: Path, digest: str) -> None:
+    """Refuse a file of a run, where it is there, that is not the one that the summary is of.
+
+    Raises:
+        DataError: it is another, damaged, or cannot be read.
+    """
     try:
-        text = file.read_text("utf-8")
+        found = _sha256(file)
+    except FileNotFoundError:
+        return
     except OSError as error:
-        raise DataError(file, wanted="the summary of a run", came=error.strerror or str(error)) from error
-    try:
-        return RunSummary.model_validate_json(text)
-    except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(str(part) for part in first["loc"]) or None
-        raise DataError(file, field=field, wanted="a summary", came=first["msg"]) from error
+        raise DataError(file, wanted="a file of a run", came=error.strerror or str(error)) from error
+    if found != digest:
+        came, do = "another one: it is damaged, or of another run", "score again"
+        raise DataError(file, wanted=f"the file that {SUMMARY} is of", came=came, do=do)
+
+
+def _sha256(file: Path) -> str:
+    with file.open("rb") as content:
+        return hashlib.file_digest(content, "sha256").hexdigest()
 
 
 def _csv(table: pa.Table, *, heading: bool) -> bytes:

@@ -128,7 +128,7 @@ class StoredRows:
     def _readable(self) -> Iterator[None]:
         try:
             yield
-        except (OSError, pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
+        except (OSError, UnicodeDecodeError, pa.ArrowException) as error:
             came = " ".join(str(error).split())[:200]
             raise DataError(self.file, wanted="a table of a run", came=came) from error
 

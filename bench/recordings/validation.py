@@ -44,8 +44,17 @@ def read_json(model: type[Model], file: Path) -> Model:
     Raises:
         DataError: missing, not JSON, or not what the model asks for.
     """
+    return parse_json(model, _content(file), file)
+
+
+def parse_json(model: type[Model], content: bytes, file: Path, *, strict: bool = True) -> Model:
+    """Validate the content of a JSON file.
+
+    Raises:
+        DataError: not JSON, or not what the model asks for.
+    """
     try:
-        return model.model_validate_json(_content(file), strict=True)
+        return model.model_validate_json(content, strict=strict)
     except ValidationError as error:
         raise _data_error(error, file) from None
 

@@ -8,10 +8,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from bench.errors import DataError
 from bench.evaluation.maps import range_maps
-from bench.evaluation.protocol import Protocol
-from bench.harness import RunSummary, open_tables, read_protocol, read_run
+from bench.harness import open_tables, read_protocol, read_run
 from bench.recordings.atomic import write_bytes, write_text
 from bench.reporting.canvas import PictureFormat, figure_bytes
 from bench.reporting.range_maps import draw_range_maps
@@ -42,7 +40,7 @@ def write_report_files(run: Path) -> Report:
         DataError: a stored result is missing or damaged, or the files are not of one run.
     """
     summary = read_run(run)
-    rules = read_rules(run, summary)
+    rules = read_protocol(run, summary)
     objects, _ = open_tables(run)
     rows = table_rows(summary)
     outline_m = np.array(summary.vehicle_outline_m, dtype=np.float64)
@@ -65,19 +63,3 @@ def write_picture(stem: Path, figure: Figure) -> tuple[Path, ...]:
     for file, picture_format in zip(files, PICTURE_FORMATS, strict=True):
         write_bytes(file, figure_bytes(figure, picture_format))
     return files
-
-
-def read_rules(run: Path, summary: RunSummary) -> Protocol:
-    """The protocol of a run.
-
-    Raises:
-        DataError: missing, or not that of the summary.
-    """
-    rules = read_protocol(run)
-    if rules.digest != summary.protocol.digest:
-        raise DataError(
-            run / "protocol.json",
-            wanted=f"the protocol of summary.json, with digest {summary.protocol.digest[:12]}",
-            came=f"{rules.name!r} with digest {rules.digest[:12]}",
-        )
-    return rules

@@ -66,7 +66,11 @@ def test_the_reference_fingerprint_is_of_the_reference_alone(tiny_card, own_card
     labels.write_text(labels.read_text().replace('"pedestrian"', '"cyclist"'))
     other = run(own_card, tmp_path / "other", method="nothing")
     assert other.reference_fingerprint != ours.reference_fingerprint
-    assert read_protocol(tmp_path / "other").digest == PROTOCOL.digest == ours.protocol.digest
+    assert (
+        read_protocol(tmp_path / "other", read_run(tmp_path / "other")).digest
+        == PROTOCOL.digest
+        == ours.protocol.digest
+    )
 
 
 def test_a_run_never_takes_a_folder_of_other_files(tiny_card, tmp_path):

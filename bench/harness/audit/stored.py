@@ -15,12 +15,12 @@ from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pydantic import ValidationError
 
 from bench.errors import DataError
 from bench.harness.audit.figures import AuditSummary
 from bench.harness.audit.recording import RecordingAudit
-from bench.recordings import replacing, write_text
+from bench.recordings import replacing
+from bench.recordings.sealed_json import read_sealed, write_sealed
 
 SCHEMA_VERSION = 1
 AUDIT, POLYGONS, MISSES = "audit.json", "polygons.parquet", "misses.parquet"
@@ -37,7 +37,7 @@ def write_audit(folder: Path, summary: AuditSummary, audit: RecordingAudit) -> N
     for name, table in tables.items():
         with replacing(folder / name) as temporary:
             pq.write_table(table, temporary, compression="zstd")
-    write_text(folder / AUDIT, summary.model_dump_json(indent=1) + "\n")
+    write_sealed(folder / AUDIT, summary)
 
 
 def read_audit(folder: Path) -> AuditSummary:
@@ -46,15 +46,7 @@ def read_audit(folder: Path) -> AuditSummary:
     Raises:
         DataError: missing, or not an audit of a known version; names the field.
     """
-    file = folder / AUDIT
-    try:
-        return AuditSummary.model_validate_json(file.read_text("utf-8"))
-    except OSError as error:
-        raise DataError(file, wanted="the figures of an audit", came=error.strerror or str(error)) from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(str(part) for part in first["loc"]) or None
-        raise DataError(file, field=field, wanted="the figures of an audit", came=first["msg"]) from error
+    return read_sealed(AuditSummary, folder / AUDIT, expected="the figures of an audit")
 
 
 def read_polygons(folder: Path) -> pa.Table:
@@ -78,7 +70,7 @@ def read_misses(folder: Path) -> pa.Table:
 def _read_table(file: Path) -> pa.Table:
     try:
         return pq.read_table(file)
-    except (OSError, pa.ArrowInvalid) as error:
+    except (OSError, UnicodeDecodeError, pa.ArrowException) as error:
         came = " ".join(str(error).split())[:200]
         raise DataError(file, wanted="a table of an audit", came=came) from error
 

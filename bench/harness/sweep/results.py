@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 
-from bench.errors import DataError
 from bench.evaluation import FalsePositiveFigures, ObjectFigures
 from bench.harness.method_stamp import MethodStamp
 from bench.harness.provenance import Provenance
 from bench.harness.sweep.definition import Part, Scale, Value
-from bench.recordings import write_text
+from bench.recordings.sealed_json import read_sealed, write_sealed
 
 SCHEMA_VERSION = 1
 FILE = "sweep.json"
@@ -98,7 +97,7 @@ class SweepResult(_Part):
 
 def write_sweep(folder: Path, result: SweepResult) -> None:
     """Write `sweep.json`; NaN becomes null."""
-    write_text(folder / FILE, result.model_dump_json(indent=1) + "\n")
+    write_sealed(folder / FILE, result)
 
 
 def read_sweep(folder: Path) -> SweepResult:
@@ -107,12 +106,4 @@ def read_sweep(folder: Path) -> SweepResult:
     Raises:
         DataError: missing, or not a sweep; names the field.
     """
-    file = folder / FILE
-    try:
-        return SweepResult.model_validate_json(file.read_text("utf-8"))
-    except OSError as error:
-        raise DataError(file, wanted="the result of a sweep", came=error.strerror or str(error)) from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(str(part) for part in first["loc"]) or None
-        raise DataError(file, field=field, wanted="the result of a sweep", came=first["msg"]) from error
+    return read_sealed(SweepResult, folder / FILE, expected="the result of a sweep")

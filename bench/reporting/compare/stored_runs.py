@@ -10,8 +10,7 @@ from pathlib import Path
 from bench.errors import UsageError
 from bench.evaluation import Protocol
 from bench.evaluation.row_source import RowSource
-from bench.harness import RunSummary, open_tables, read_run
-from bench.reporting.write import read_rules
+from bench.harness import RunSummary, open_tables, read_protocol, read_run
 
 SHOWN_DIGEST = 12  # characters of a digest that are shown
 
@@ -44,7 +43,7 @@ def read_stored_run(folder: Path, *, label: str | None = None) -> StoredRun:
         DataError: a file of it is missing or damaged, or the files are not of one run.
     """
     summary = read_run(folder)
-    rules = read_rules(folder, summary)
+    rules = read_protocol(folder, summary)
     objects, frames = open_tables(folder)
     name = label or folder.resolve().name
     return StoredRun(folder=folder, label=name, summary=summary, rules=rules, objects=objects, frames=frames)

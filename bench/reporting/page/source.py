@@ -7,9 +7,8 @@ from pathlib import Path
 
 from bench.evaluation import Protocol, RowSource, Summary, summarise
 from bench.evaluation.row_source import ChosenRows
-from bench.harness import RunSummary, open_tables, read_run
+from bench.harness import RunSummary, open_tables, read_protocol, read_run
 from bench.reference import Category
-from bench.reporting.write import read_rules
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -42,7 +41,7 @@ def read_source(folder: Path, *, category: Category | None = None) -> PageSource
         DataError: a stored result is missing or damaged, or the files are not of one run.
     """
     run = read_run(folder)
-    protocol = read_rules(folder, run)
+    protocol = read_protocol(folder, run)
     stored, frames = open_tables(folder)
     objects: RowSource = stored
     figures: Summary = run
