@@ -66,7 +66,7 @@ clean: ## remove the environment, rendered data and runs
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
-		{ echo "wanted Python 3.11 or newer, came $$($(PYTHON) --version 2>&1); call make PYTHON=python3.11 ..." >&2; exit 1; }
+		{ echo "expected Python 3.11 or newer, got $$($(PYTHON) --version 2>&1); call make PYTHON=python3.11 ..." >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 
 $(INSTALLED): pyproject.toml constraints.txt | $(BIN)/python

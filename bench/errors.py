@@ -40,20 +40,20 @@ class DataError(BenchError):
     Args:
         file: the file, or the folder where a file is missing.
         field: the field, column or array inside the file; None for the file as a whole.
-        wanted: what the format asks for.
-        came: what was found instead.
+        expected: what the format asks for.
+        got: what was found instead.
         do: what the user can do about it.
     """
 
-    def __init__(self, file: Path | str, *, field: str | None = None, wanted: str, came: str, do: str = "") -> None:
-        came = came if len(came) <= LONGEST_CAME else came[: LONGEST_CAME - 3] + "..."
-        self.file, self.field, self.wanted, self.came, self.do = str(file), field, wanted, came, do
+    def __init__(self, file: Path | str, *, field: str | None = None, expected: str, got: str, do: str = "") -> None:
+        got = got if len(got) <= LONGEST_CAME else got[: LONGEST_CAME - 3] + "..."
+        self.file, self.field, self.expected, self.got, self.do = str(file), field, expected, got, do
         where = self.file if field is None else f"{self.file}: {field}"
-        super().__init__(plain(f"{where}: wanted {wanted}, came {came}" + (f"; {do}" if do else "")))
+        super().__init__(plain(f"{where}: expected {expected}, got {got}" + (f"; {do}" if do else "")))
 
     def __reduce__(self) -> tuple[object, ...]:
         """Survive the way back from a worker process, keyword arguments included."""
-        return _data_error, (self.file, self.field, self.wanted, self.came, self.do)
+        return _data_error, (self.file, self.field, self.expected, self.got, self.do)
 
 
 class OutputError(BenchError):
@@ -61,13 +61,13 @@ class OutputError(BenchError):
 
     Args:
         file: the file or folder.
-        came: the reason.
+        got: the reason.
         do: what the user can do about it.
     """
 
-    def __init__(self, file: Path | str, *, came: str, do: str = "") -> None:
-        self.file, self.came, self.do = str(file), came, do
-        line = f"{self.file}: wanted a place that can be written, came {came}" + (f"; {do}" if do else "")
+    def __init__(self, file: Path | str, *, got: str, do: str = "") -> None:
+        self.file, self.got, self.do = str(file), got, do
+        line = f"{self.file}: expected a place that can be written, got {got}" + (f"; {do}" if do else "")
         super().__init__(plain(line))
 
     @classmethod
@@ -76,11 +76,11 @@ class OutputError(BenchError):
         above = error.filename is not None and str(file).startswith(f"{error.filename}{os.sep}")
         culprit = f" ({error.filename})" if above else ""
         do = "make room, then give the same command again" if error.errno in NO_ROOM else ""
-        return cls(file, came=f"{error.strerror or error}{culprit}", do=do)
+        return cls(file, got=f"{error.strerror or error}{culprit}", do=do)
 
     def __reduce__(self) -> tuple[object, ...]:
         """Survive the way back from a worker process, keyword arguments included."""
-        return _output_error, (self.file, self.came, self.do)
+        return _output_error, (self.file, self.got, self.do)
 
 
 class UnknownNameError(UsageError):
@@ -102,9 +102,9 @@ class UnknownNameError(UsageError):
         return UnknownNameError, (self.kind, self.name, self.known)
 
 
-def _output_error(file: str, came: str, do: str) -> OutputError:
-    return OutputError(file, came=came, do=do)
+def _output_error(file: str, got: str, do: str) -> OutputError:
+    return OutputError(file, got=got, do=do)
 
 
-def _data_error(file: str, field: str | None, wanted: str, came: str, do: str) -> DataError:
-    return DataError(file, field=field, wanted=wanted, came=came, do=do)
+def _data_error(file: str, field: str | None, expected: str, got: str, do: str) -> DataError:
+    return DataError(file, field=field, expected=expected, got=got, do=do)

@@ -35,11 +35,11 @@ def parse_yaml(text: str, *, file: Path | str) -> Any:
         if tree is None:
             return None
         if _size(tree, {}) > MOST_VALUES:
-            wanted = f"at most {MOST_VALUES} values with references written out"
-            raise DataError(file, wanted=wanted, came="more, by references to references")
+            expected = f"at most {MOST_VALUES} values with references written out"
+            raise DataError(file, expected=expected, got="more, by references to references")
         return loader.construct_document(tree)
     except (yaml.YAMLError, ValueError, OverflowError) as error:  # ValueError: days and numbers that cannot be
-        raise DataError(file, wanted="YAML", came=" ".join(str(error).split())[:200]) from error
+        raise DataError(file, expected="YAML", got=" ".join(str(error).split())[:200]) from error
 
 
 def _refuse_deep(text: str, file: Path | str) -> None:
@@ -49,7 +49,7 @@ def _refuse_deep(text: str, file: Path | str) -> None:
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
         if depth > DEEPEST:
             field = f"line {event.start_mark.line + 1}" if event.start_mark is not None else None
-            raise DataError(file, field=field, wanted=f"at most {DEEPEST} levels", came="more")
+            raise DataError(file, field=field, expected=f"at most {DEEPEST} levels", got="more")
 
 
 def _size(node: yaml.Node, known: dict[int, int]) -> int:

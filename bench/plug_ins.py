@@ -26,12 +26,12 @@ def known_places(group: str, own: Mapping[str, str]) -> dict[str, str]:
     return added | dict(own)
 
 
-def imported(place: str, *, wanted: str) -> Any:
+def imported(place: str, *, expected: str) -> Any:
     """What lies at "module:attribute".
 
     Args:
         place: where.
-        wanted: for whom and what, for the message.
+        expected: for whom and what, for the message.
 
     Raises:
         UsageError: nothing to import there, or its import raised.
@@ -41,9 +41,9 @@ def imported(place: str, *, wanted: str) -> Any:
     try:
         found = getattr(import_module(module), attribute)
     except (ImportError, AttributeError) as error:
-        raise UsageError(f"{wanted} that can be imported; {error}") from error
+        raise UsageError(f"{expected} that can be imported; {error}") from error
     except (Exception, SystemExit) as error:
-        raise UsageError(f"{wanted} that can be imported; {told_of(error)}") from error
+        raise UsageError(f"{expected} that can be imported; {told_of(error)}") from error
     _loaded.setdefault(module, frozenset(sys.modules.keys() - before))
     return found
 

@@ -34,9 +34,9 @@ def pids(file: Path) -> list[int]:
     return [int(line) for line in file.read_text().splitlines()] if file.exists() else []
 
 
-def until(condition: Callable[[], bool], wanted: str) -> None:
+def until(condition: Callable[[], bool], expected: str) -> None:
     """Wait for a condition; fail when it does not come."""
     end = time.monotonic() + PATIENCE_S
     while not condition():
-        assert time.monotonic() < end, f"wanted {wanted}"
+        assert time.monotonic() < end, f"expected {expected}"
         time.sleep(0.02)

@@ -30,7 +30,7 @@ class CameraModel(ABC):
 
     def __post_init__(self) -> None:
         if not (int(self.width) == self.width > 0 and int(self.height) == self.height > 0):
-            raise ShapeError(f"camera model: wanted a positive image size, came {self.width} x {self.height}")
+            raise ShapeError(f"camera model: expected a positive image size, got {self.width} x {self.height}")
         object.__setattr__(self, "width", int(self.width))
         object.__setattr__(self, "height", int(self.height))
         object.__setattr__(self, "principal_point", finite_pair(self.principal_point, "principal_point"))
@@ -126,7 +126,7 @@ def finite_pair(values: object, name: str, *, positive: bool = False) -> tuple[f
     """
     numbers = finite_numbers(values, name)
     if len(numbers) != 2 or (positive and min(numbers) <= 0):
-        raise ShapeError(f"{name}: wanted two {'positive ' if positive else ''}numbers, came {numbers}")
+        raise ShapeError(f"{name}: expected two {'positive ' if positive else ''}numbers, got {numbers}")
     return numbers[0], numbers[1]
 
 
@@ -138,7 +138,7 @@ def finite_numbers(values: object, name: str) -> tuple[float, ...]:
     """
     numbers = np.asarray(values, dtype=np.float64)
     if numbers.ndim != 1 or not np.isfinite(numbers).all():
-        raise ShapeError(f"{name}: wanted finite numbers in a row, came {numbers.tolist()}")
+        raise ShapeError(f"{name}: expected finite numbers in a row, got {numbers.tolist()}")
     return tuple(numbers.tolist())
 
 
@@ -151,12 +151,12 @@ def checked_max_angle(max_angle_rad: float | None) -> float:
     if max_angle_rad is None:
         return float(np.pi)
     if not 0 < max_angle_rad <= np.pi + 1e-12:
-        raise ShapeError(f"max_angle_rad: wanted an angle in (0, pi], came {max_angle_rad}")
+        raise ShapeError(f"max_angle_rad: expected an angle in (0, pi], got {max_angle_rad}")
     return float(max_angle_rad)
 
 
 def _rows(values: NDArray[np.float64], columns: int, name: str) -> NDArray[np.float64]:
     rows = np.asarray(values, dtype=np.float64)
     if rows.ndim != 2 or rows.shape[1] != columns:
-        raise ShapeError(f"{name}: wanted (N, {columns}), came {rows.shape}")
+        raise ShapeError(f"{name}: expected (N, {columns}), got {rows.shape}")
     return rows

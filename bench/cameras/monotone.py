@@ -41,7 +41,7 @@ class MonotonePolynomial:
     def __post_init__(self) -> None:
         if not (np.isfinite(self.coefficients).all() and self.coefficients[0] > 0):
             raise ShapeError(
-                f"camera model: wanted finite coefficients with a positive linear term, came {self.coefficients}"
+                f"camera model: expected finite coefficients with a positive linear term, got {self.coefficients}"
             )
         object.__setattr__(self, "limit", min(self._first_fold(), self.domain))
         nodes = self._places()

@@ -36,7 +36,7 @@ class RadialPolynomialCamera(AngularCamera):
         super().__post_init__()
         object.__setattr__(self, "coefficients", finite_numbers(self.coefficients, "coefficients"))
         if not (np.isfinite(self.aspect_ratio) and self.aspect_ratio > 0):
-            raise ShapeError(f"aspect_ratio: wanted a positive number, came {self.aspect_ratio}")
+            raise ShapeError(f"aspect_ratio: expected a positive number, got {self.aspect_ratio}")
         radius = MonotonePolynomial(self.coefficients, 1, checked_max_angle(self.max_angle_rad))
         self._prepare(radius, scale=(1.0, self.aspect_ratio), centre=self.principal_point)
 

@@ -42,7 +42,7 @@ def ray_grid(camera: CameraModel, cell_size_px: int = 1) -> RayGrid:
         ShapeError: a cell size below 1.
     """
     if cell_size_px < 1:
-        raise ShapeError(f"cell_size_px: wanted at least 1, came {cell_size_px}")
+        raise ShapeError(f"cell_size_px: expected at least 1, got {cell_size_px}")
     middle = (cell_size_px - 1) / 2
     u = np.arange(0, camera.width, cell_size_px) + middle
     v = np.arange(0, camera.height, cell_size_px) + middle

@@ -35,7 +35,7 @@ def camera_from_parameters(model: str, *, width: int, height: int, **parameters:
         return cls(width=width, height=height, **parameters)
     except TypeError as error:
         known = ", ".join(f.name for f in fields(cls) if f.init)
-        raise ShapeError(f"camera model {model!r}: wanted the parameters {known}; {error}") from error
+        raise ShapeError(f"camera model {model!r}: expected the parameters {known}; {error}") from error
 
 
 def camera_parameters(camera: CameraModel) -> dict[str, Any]:

@@ -48,7 +48,7 @@ class UnifiedCamera(CameraModel):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not (np.isfinite(self.xi) and self.xi >= 0):
-            raise ShapeError(f"xi: wanted a number >= 0, came {self.xi}")
+            raise ShapeError(f"xi: expected a number >= 0, got {self.xi}")
         object.__setattr__(self, "focal", finite_pair(self.focal, "focal", positive=True))
         object.__setattr__(self, "radial", finite_pair(self.radial, "radial"))
         object.__setattr__(self, "tangential", finite_pair(self.tangential, "tangential"))

@@ -109,9 +109,9 @@ def parse_classes(pairs: Sequence[str]) -> dict[str, str | None]:
     for pair in pairs:
         name, equals, ours = pair.rpartition("=")
         if not (equals and name):
-            raise UsageError(f"--class: wanted TOOL'S=OURS, came {pair!r}")
+            raise UsageError(f"--class: expected TOOL'S=OURS, got {pair!r}")
         if name in parsed:
-            raise UsageError(f"--class {name}: wanted once, came twice")
+            raise UsageError(f"--class {name}: expected once, got twice")
         parsed[name] = None if ours == LEFT_OUT else ours
     return parsed
 

@@ -18,7 +18,7 @@ def cache(folder: Path | None, *, limit_bytes: int | None) -> None:
     chosen = CacheFolder(folder=folder or default_folder())
     if not chosen.folder.is_dir():
         if folder is not None:
-            raise DataError(folder, wanted="the folder of a cache", came="no such folder")
+            raise DataError(folder, expected="the folder of a cache", got="no such folder")
         say(f"{chosen.folder}: no cache yet")
         return
     chosen.prepare()

@@ -59,7 +59,7 @@ class Computing:
         """
         if self.scheduler is not None:
             if self.workers is not None:
-                raise UsageError("--workers: wanted none beside --scheduler, whose workers are started apart")
+                raise UsageError("--workers: expected none beside --scheduler, whose workers are started apart")
             local = card.root if card.remote_root is None else None
             data = [path for path in (local, card.annotations) if path is not None and path.exists()]
             terms = Terms.of(method, reads=(*data, *reads), cache=self.cache_folder)

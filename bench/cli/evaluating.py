@@ -44,7 +44,7 @@ def evaluate(
     card, rules = load_card(dataset), load_protocol(protocol)
     called = name or f"predictions-{predictions.resolve().name}"
     if called in known_methods():
-        raise UsageError(f"--name: wanted another name than those of methods, came {called!r}")
+        raise UsageError(f"--name: expected another name than those of methods, got {called!r}")
     method = PredictedMotion(
         name=called,
         folder=str(predictions),

@@ -36,10 +36,10 @@ def chosen_frames(
         name for name, value in (("--frame", frame), ("--frames", frames), ("--time-ns", time_ns)) if value is not None
     ]
     if len(given) > 1:
-        raise UsageError(f"wanted one of --frame, --frames and --time-ns, came {' and '.join(given)}")
+        raise UsageError(f"expected one of --frame, --frames and --time-ns, got {' and '.join(given)}")
     last = len(images) - 1
     if history > last:
-        raise UsageError(f"wanted more than {history} images of the camera, came {len(images)}")
+        raise UsageError(f"expected more than {history} images of the camera, got {len(images)}")
     if frames is not None:
         return _span(frames, history, last)
     if time_ns is not None:
@@ -48,19 +48,19 @@ def chosen_frames(
         return range(history, last + 1)
     index = max(len(images) // 2, history) if frame is None else frame
     if not history <= index <= last:
-        raise UsageError(f"--frame: wanted {history} to {last}, came {index}")
+        raise UsageError(f"--frame: expected {history} to {last}, got {index}")
     return range(index, index + 1)
 
 
 def _span(frames: str, history: int, last: int) -> range:
     match = re.fullmatch(r"(\d{0,9}):(\d{0,9})(?::(\d{1,9}))?", frames)
     if match is None:
-        raise UsageError(f"--frames: wanted FIRST:LAST or FIRST:LAST:STEP, came {frames!r}")
+        raise UsageError(f"--frames: expected FIRST:LAST or FIRST:LAST:STEP, got {frames!r}")
     first = int(match[1]) if match[1] else history
     end = int(match[2]) if match[2] else last
     step = int(match[3]) if match[3] else 1
     if not (history <= first <= end <= last and step > 0):
-        raise UsageError(f"--frames: wanted indices from {history} to {last}, rising, came {frames!r}")
+        raise UsageError(f"--frames: expected indices from {history} to {last}, rising, got {frames!r}")
     return range(first, end + 1, step)
 
 
@@ -70,5 +70,5 @@ def _at(images: tuple[ImageRef, ...], time_ns: int, history: int) -> range:
     first, last = times_ns[history], times_ns[-1]
     step_ns = int(np.median(np.diff(times_ns)))
     if index < history or abs(times_ns[index] - time_ns) > step_ns:
-        raise UsageError(f"--time-ns: wanted a time from {first} to {last}, came {time_ns}")
+        raise UsageError(f"--time-ns: expected a time from {first} to {last}, got {time_ns}")
     return range(index, index + 1)

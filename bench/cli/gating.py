@@ -71,7 +71,7 @@ def refuse_with_update(**options: object) -> None:
     """Refuse options of a verdict where none is made, so that no script takes an update for a pass."""
     for name, value in options.items():
         if value:
-            raise UsageError(f"--{name}: wanted only with a verdict, came with --update, which makes none")
+            raise UsageError(f"--{name}: expected only with a verdict, got with --update, which makes none")
 
 
 def _print_verdict(verdict: Verdict) -> None:
@@ -89,7 +89,7 @@ def _append_summary(file: Path, verdict: Verdict) -> None:
             summary.write(to_markdown(verdict, largest_bytes=LARGEST_BYTES - written))
     except OSError as error:
         reason = error.strerror or str(error)
-        raise UsageError(f"GITHUB_STEP_SUMMARY: wanted a file to append to, came {str(file)!r}: {reason}") from error
+        raise UsageError(f"GITHUB_STEP_SUMMARY: expected a file to append to, got {str(file)!r}: {reason}") from error
 
 
 def _origin(scored: ScoredRun) -> str:

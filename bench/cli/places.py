@@ -97,5 +97,5 @@ def parsed_place(place: str) -> Path | RemoteUrl:
         UsageError: neither.
     """
     if not place:
-        raise UsageError("wanted a folder, came an empty name")
+        raise UsageError("expected a folder, got an empty name")
     return parse_place(place)

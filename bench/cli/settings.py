@@ -20,14 +20,14 @@ def parse_settings(pairs: Sequence[str]) -> dict[str, Any]:
     parsed: dict[str, Any] = {}
     for pair in pairs:
         if len(pair) > LONGEST:
-            raise UsageError(f"--set: wanted at most {LONGEST} characters, came {len(pair)}")
+            raise UsageError(f"--set: expected at most {LONGEST} characters, got {len(pair)}")
         name, equals, text = pair.partition("=")
         if not (equals and name):
-            raise UsageError(f"--set: wanted NAME=VALUE, came {pair!r}")
+            raise UsageError(f"--set: expected NAME=VALUE, got {pair!r}")
         try:
             value = parse_yaml(text, file=f"--set {name}")
         except DataError as error:
-            raise UsageError(f"--set {name}: wanted a YAML value, came {text!r}") from error
+            raise UsageError(f"--set {name}: expected a YAML value, got {text!r}") from error
         group = parsed
         *parents, leaf = name.split(".")
         for parent in parents:

@@ -24,11 +24,11 @@ def refuse_unfit(arguments: Sequence[str]) -> None:
     """
     for argument in arguments:
         if not _is_utf8(argument):
-            raise UsageError(f"wanted arguments in UTF-8, came {argument!r}; rename the file or folder")
+            raise UsageError(f"expected arguments in UTF-8, got {argument!r}; rename the file or folder")
     limit = _address_limit_bytes()
     if HELP not in arguments and limit is not None and limit < LEAST_ADDRESSES_BYTES:
-        wanted = f"a limit of at least {LEAST_ADDRESSES_BYTES // 1024} kB of addresses"
-        raise UsageError(f"ulimit -v: wanted {wanted}, came {limit // 1024}; raise it, or limit the memory itself")
+        expected = f"a limit of at least {LEAST_ADDRESSES_BYTES // 1024} kB of addresses"
+        raise UsageError(f"ulimit -v: expected {expected}, got {limit // 1024}; raise it, or limit the memory itself")
 
 
 @contextmanager
@@ -46,9 +46,9 @@ def lack_of_memory_told() -> Iterator[None]:
         told = next((one for one in _chain(error) if _lacks_memory(one)), None)
         if told is None:
             raise
-        came = " ".join(f"{type(told).__name__}: {told}".split())[:200]
+        got = " ".join(f"{type(told).__name__}: {told}".split())[:200]
         raise UsageError(
-            f"wanted memory and threads, came {came}; give this process more, or take fewer --workers"
+            f"expected memory and threads, got {got}; give this process more, or take fewer --workers"
         ) from error
 
 

@@ -76,7 +76,7 @@ def _split(values: str | None) -> list[str]:
         return []
     parts = [part.strip() for part in values.split(",")]
     if not all(parts):
-        raise UsageError(f"--values: wanted values with commas in between, came {values!r}")
+        raise UsageError(f"--values: expected values with commas in between, got {values!r}")
     return parts
 
 

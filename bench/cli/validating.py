@@ -45,7 +45,7 @@ def validate_adapter(name: str, root: Path, *, settings: Sequence[str]) -> bool:
     """Run the contract test on an adapter, print the promises that it breaks; whether it keeps them all."""
     adapter = _imported(name)
     if not root.is_dir():
-        raise UsageError(f"wanted the folder of a data set, came {root}, which is missing")
+        raise UsageError(f"expected the folder of a data set, got {root}, which is missing")
     with progress_bar(f"trying {name}", "recordings") as progress:
         faults = adapter_faults(adapter, root, options=parse_settings(settings), progress=progress)
     for fault in faults:
@@ -56,7 +56,7 @@ def validate_adapter(name: str, root: Path, *, settings: Sequence[str]) -> bool:
 
 
 def _table(report: ValidationReport) -> Table:
-    table = Table("recording", "check", "where", "wanted", "came", "times", box=None, pad_edge=False)
+    table = Table("recording", "check", "where", "expected", "got", "times", box=None, pad_edge=False)
     for recording in report.recordings:
         shown: Counter[str] = Counter()
         for finding in recording.findings:
@@ -79,8 +79,8 @@ def _row(table: Table, finding: Finding, *, name: str) -> None:
             f" {finding.check}", style="not bold default"
         ),
         where,
-        finding.wanted,
-        finding.came + at + (f"; {finding.do}" if finding.do else ""),
+        finding.expected,
+        finding.got + at + (f"; {finding.do}" if finding.do else ""),
         str(finding.times),
     )
 
@@ -101,8 +101,8 @@ def _closing(report: ValidationReport, json: Path | None) -> list[str]:
 def _imported(name: str) -> Adapter:
     module, _, function = name.partition(":")
     if not module or not function:
-        raise UsageError(f"--adapter: wanted module:function, came {name!r}")
+        raise UsageError(f"--adapter: expected module:function, got {name!r}")
     if str(Path.cwd()) not in sys.path:
         sys.path.insert(0, str(Path.cwd()))  # a module beside the user, not installed
-    adapter: Adapter = imported(name, wanted=f"--adapter {name}: wanted a function")
+    adapter: Adapter = imported(name, expected=f"--adapter {name}: expected a function")
     return adapter

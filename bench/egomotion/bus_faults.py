@@ -26,12 +26,12 @@ def bus_signal_faults(path: Path) -> tuple[DataError, ...]:
             rows = csv.DictReader((line for line in file if not line.startswith("#")), skipinitialspace=True)
             absent = [name for name in COLUMNS if name not in (rows.fieldnames or ())]
             if absent:
-                came = ", ".join(rows.fieldnames or ()) or "no columns"
-                return tuple(DataError(path, field=n, wanted="a column of this name", came=came[:200]) for n in absent)
+                got = ", ".join(rows.fieldnames or ()) or "no columns"
+                return tuple(DataError(path, field=n, expected="a column of this name", got=got[:200]) for n in absent)
             return tuple(islice(_row_faults(path, rows), MOST_FAULTS))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         return (
-            DataError(path, wanted="a table with a header, separated by commas", came=" ".join(str(error).split())),
+            DataError(path, expected="a table with a header, separated by commas", got=" ".join(str(error).split())),
         )
 
 
@@ -42,18 +42,18 @@ def _row_faults(path: Path, rows: Iterable[Mapping[str, str | None]]) -> Iterato
         time_ns = _whole(row["timestamp_ns"])
         field = f"timestamp_ns, row {count}"
         if time_ns is None:
-            yield DataError(path, field=field, wanted="a whole number of nanoseconds", came=repr(row["timestamp_ns"]))
+            yield DataError(path, field=field, expected="a whole number of nanoseconds", got=repr(row["timestamp_ns"]))
         elif last_ns is not None and time_ns <= last_ns:
-            yield DataError(path, field=field, wanted="times that increase", came=f"{time_ns} after {last_ns}")
+            yield DataError(path, field=field, expected="times that increase", got=f"{time_ns} after {last_ns}")
         last_ns = last_ns if time_ns is None else time_ns
         for name in COLUMNS[1:]:
             if not _is_finite(row[name]):
-                yield DataError(path, field=f"{name}, row {count}", wanted="a finite number", came=repr(row[name]))
+                yield DataError(path, field=f"{name}, row {count}", expected="a finite number", got=repr(row[name]))
             elif abs(float(row[name] or "")) > LARGEST_SIGNAL:
-                field, wanted = f"{name}, row {count}", f"at most {LARGEST_SIGNAL:g}"
-                yield DataError(path, field=field, wanted=wanted, came=repr(row[name]))
+                field, expected = f"{name}, row {count}", f"at most {LARGEST_SIGNAL:g}"
+                yield DataError(path, field=field, expected=expected, got=repr(row[name]))
     if count < 2:
-        yield DataError(path, wanted="at least two rows", came=str(count))
+        yield DataError(path, expected="at least two rows", got=str(count))
 
 
 def _whole(text: str | None) -> int | None:

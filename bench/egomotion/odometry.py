@@ -85,14 +85,14 @@ def planar_trajectory(
     columns = {"speed_mps": speed_mps, "yaw_rate_radps": yaw_rate_radps}
     for column, values in columns.items():
         if len(values) != len(timestamps_ns):
-            raise DataError(source, field=column, wanted=f"{len(timestamps_ns)} values", came=str(len(values)))
+            raise DataError(source, field=column, expected=f"{len(timestamps_ns)} values", got=str(len(values)))
         if not np.isfinite(values).all():
             row = int(np.argmin(np.isfinite(values)))
-            raise DataError(source, field=f"{column}, row {row + 1}", wanted="a finite number", came=str(values[row]))
+            raise DataError(source, field=f"{column}, row {row + 1}", expected="a finite number", got=str(values[row]))
         if len(values) and np.abs(values).max() > LARGEST_SIGNAL:
             row = int(np.abs(values).argmax())
-            wanted = f"at most {LARGEST_SIGNAL:g}"
-            raise DataError(source, field=f"{column}, row {row + 1}", wanted=wanted, came=str(values[row]))
+            expected = f"at most {LARGEST_SIGNAL:g}"
+            raise DataError(source, field=f"{column}, row {row + 1}", expected=expected, got=str(values[row]))
     signed_mps = _signed(np.asarray(speed_mps, dtype=np.float64), gear)
     steps_s = np.diff(timestamps_ns) / SECOND_NS
     advance_m, turn_rad = np.zeros((len(steps_s), 3)), np.zeros((len(steps_s), 3))
@@ -122,17 +122,17 @@ def read_bus_signals(
         DataError: a file, column or value that is missing or not a number, or times that do not increase.
     """
     table = _read_table(path)
-    wanted = {**BUS_COLUMNS, **(columns or {})}
-    times_name = wanted["timestamp_ns"]
+    expected = {**BUS_COLUMNS, **(columns or {})}
+    times_name = expected["timestamp_ns"]
     if not isinstance(times_name, str):
-        raise DataError(path, field="timestamp_ns", wanted="one column of times", came=repr(times_name))
-    gear_name = wanted["gear"]
+        raise DataError(path, field="timestamp_ns", expected="one column of times", got=repr(times_name))
+    gear_name = expected["gear"]
     has_gear = isinstance(gear_name, str) and (gear_name in table or gear_name != "gear")
     return BusSignals(
         source=str(path),
         timestamps_ns=_times(table, times_name, path),
-        speed_mps=_signal(table, wanted["speed_mps"], path),
-        yaw_rate_radps=_signal(table, wanted["yaw_rate_radps"], path),
+        speed_mps=_signal(table, expected["speed_mps"], path),
+        yaw_rate_radps=_signal(table, expected["yaw_rate_radps"], path),
         gear=_column(table, str(gear_name), path).astype(np.str_) if has_gear else None,
     )
 
@@ -155,10 +155,10 @@ def _read_table(path: Path) -> pd.DataFrame:
         # As text, so that times of 19 digits do not pass through floating point.
         return pd.read_csv(path, dtype=str, keep_default_na=False, comment="#", skipinitialspace=True)
     except OSError as error:
-        raise DataError(path, wanted="a readable file", came=error.strerror or str(error)) from error
+        raise DataError(path, expected="a readable file", got=error.strerror or str(error)) from error
     except (ValueError, UnicodeDecodeError) as error:
         raise DataError(
-            path, wanted="a table with a header, separated by commas", came=" ".join(str(error).split())
+            path, expected="a table with a header, separated by commas", got=" ".join(str(error).split())
         ) from error
 
 
@@ -170,10 +170,10 @@ def _times(table: pd.DataFrame, name: str, path: Path) -> NDArray[np.int64]:
             times_ns[row] = int(text)
         except (ValueError, OverflowError):
             field = f"{name}, row {row + 1}"
-            raise DataError(path, field=field, wanted="a whole number of nanoseconds", came=repr(text)) from None
+            raise DataError(path, field=field, expected="a whole number of nanoseconds", got=repr(text)) from None
         if row and times_ns[row] <= times_ns[row - 1]:
-            came = f"{times_ns[row]} after {times_ns[row - 1]}"
-            raise DataError(path, field=f"{name}, row {row + 1}", wanted="times that increase", came=came)
+            got = f"{times_ns[row]} after {times_ns[row - 1]}"
+            raise DataError(path, field=f"{name}, row {row + 1}", expected="times that increase", got=got)
     return times_ns
 
 
@@ -191,12 +191,12 @@ def _numbers(table: pd.DataFrame, name: str, path: Path) -> NDArray[np.float64]:
         with suppress(ValueError):
             values[row] = float(text)
         if not np.isfinite(values[row]):
-            raise DataError(path, field=f"{name}, row {row + 1}", wanted="a finite number", came=repr(text))
+            raise DataError(path, field=f"{name}, row {row + 1}", expected="a finite number", got=repr(text))
     return values
 
 
 def _column(table: pd.DataFrame, name: str, path: Path) -> NDArray[Any]:
     if name not in table:
-        came = ", ".join(map(str, table.columns))[:200] or "no columns"
-        raise DataError(path, field=name, wanted="a column of this name", came=came)
+        got = ", ".join(map(str, table.columns))[:200] or "no columns"
+        raise DataError(path, field=name, expected="a column of this name", got=got)
     return table[name].to_numpy(dtype=object)

@@ -48,22 +48,22 @@ class Trajectory:
     def __post_init__(self) -> None:
         times_ns, positions_m = self.timestamps_ns, self.positions_m
         if len(times_ns) < 2:
-            raise DataError(self.source, wanted="at least two poses", came=str(len(times_ns)))
+            raise DataError(self.source, expected="at least two poses", got=str(len(times_ns)))
         steps_ns = np.diff(times_ns)
         if steps_ns.min() <= 0:
             row = int(np.argmax(steps_ns <= 0)) + 1
             raise DataError(
                 self.source,
                 field="timestamp_ns",
-                wanted="times that increase",
-                came=f"{times_ns[row]} after {times_ns[row - 1]} in row {row + 1}",
+                expected="times that increase",
+                got=f"{times_ns[row]} after {times_ns[row - 1]} in row {row + 1}",
             )
         if positions_m.shape != (len(times_ns), 3) or len(self.rotations) != len(times_ns):
             raise DataError(
-                self.source, wanted=f"a pose for each of {len(times_ns)} times", came=f"{len(self.rotations)} poses"
+                self.source, expected=f"a pose for each of {len(times_ns)} times", got=f"{len(self.rotations)} poses"
             )
         if not np.isfinite(positions_m).all():
-            raise DataError(self.source, wanted="finite positions", came="NaN or infinity")
+            raise DataError(self.source, expected="finite positions", got="NaN or infinity")
         turns_rad, paths_m = twist_between(self.rotations[:-1], positions_m[:-1], self.rotations[1:], positions_m[1:])
         object.__setattr__(self, "_matrices", self.rotations.as_matrix())
         object.__setattr__(self, "_turns_rad", turns_rad)
@@ -110,8 +110,8 @@ class Trajectory:
             raise DataError(
                 self.source,
                 field="timestamp_ns",
-                wanted=f"ego-motion at {timestamp_ns}",
-                came=f"poses from {first_ns} to {last_ns}, gaps over {self.max_gap_ns / 1e6:.0f} ms left open",
+                expected=f"ego-motion at {timestamp_ns}",
+                got=f"poses from {first_ns} to {last_ns}, gaps over {self.max_gap_ns / 1e6:.0f} ms left open",
                 do="give ego-motion that covers every image and sweep",
             )
         return self._held[timestamp_ns]

@@ -28,7 +28,7 @@ def read_tum(path: Path) -> Trajectory:
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise DataError(path, wanted="a readable text file", came=str(error)) from error
+        raise DataError(path, expected="a readable text file", got=str(error)) from error
     times_ns: list[int] = []
     values: list[list[float]] = []
     for number, line in enumerate(lines, start=1):
@@ -36,14 +36,14 @@ def read_tum(path: Path) -> Trajectory:
         if not words:
             continue
         if len(words) != len(COLUMNS):
-            wanted = f"{len(COLUMNS)} numbers, {' '.join(COLUMNS)}"
-            raise DataError(path, field=f"line {number}", wanted=wanted, came=f"{len(words)}")
+            expected = f"{len(COLUMNS)} numbers, {' '.join(COLUMNS)}"
+            raise DataError(path, field=f"line {number}", expected=expected, got=f"{len(words)}")
         times_ns.append(_nanoseconds(words[0], path, number))
         values.append([_number(w, path, number, column) for column, w in zip(COLUMNS[1:], words[1:], strict=True)])
     rows = np.array(values, dtype=np.float64).reshape(-1, len(COLUMNS) - 1)
     if rows.size and np.abs(rows[:, :3]).max() > FARTHEST_M:
-        came = f"{np.abs(rows[:, :3]).max():g} m"
-        raise DataError(path, field="x y z", wanted=f"positions within {FARTHEST_M:g} m", came=came)
+        got = f"{np.abs(rows[:, :3]).max():g} m"
+        raise DataError(path, field="x y z", expected=f"positions within {FARTHEST_M:g} m", got=got)
     _refuse_other_quaternions(rows[:, 3:], path)
     rotations = Rotation.from_quat(rows[:, 3:], scalar_first=False)
     timestamps_ns = np.array(times_ns, dtype=np.int64)
@@ -78,7 +78,7 @@ def _nanoseconds(text: str, path: Path, line: int) -> int:
     try:
         return int((Decimal(text) * SECOND_NS).to_integral_value())
     except (InvalidOperation, ValueError, OverflowError):
-        raise DataError(path, field=f"t, line {line}", wanted="seconds", came=repr(text)) from None
+        raise DataError(path, field=f"t, line {line}", expected="seconds", got=repr(text)) from None
 
 
 def _number(text: str, path: Path, line: int, column: str) -> float:
@@ -87,7 +87,7 @@ def _number(text: str, path: Path, line: int, column: str) -> float:
     except ValueError:
         value = np.nan
     if not np.isfinite(value):
-        raise DataError(path, field=f"{column}, line {line}", wanted="a finite number", came=repr(text))
+        raise DataError(path, field=f"{column}, line {line}", expected="a finite number", got=repr(text))
     return value
 
 
@@ -96,5 +96,5 @@ def _refuse_other_quaternions(quaternions_xyzw: NDArray[np.float64], path: Path)
         off = np.abs(np.linalg.norm(quaternions_xyzw, axis=1) - 1.0) > QUATERNION_TOLERANCE
     if off.any():
         row = int(np.argmax(off))
-        came = f"{quaternions_xyzw[row].tolist()} in pose {row + 1}"
-        raise DataError(path, field="qx qy qz qw", wanted="a quaternion of length 1", came=came)
+        got = f"{quaternions_xyzw[row].tolist()} in pose {row + 1}"
+        raise DataError(path, field="qx qy qz qw", expected="a quaternion of length 1", got=got)

@@ -75,9 +75,9 @@ class VisualOdometry:
 
     def __post_init__(self) -> None:
         if min(self.tolerance_rad, self.min_parallax_rad) <= 0 or min(self.draws, self.scored) < 1:
-            raise UsageError("visual odometry: wanted positive angles, draws and scored")
+            raise UsageError("visual odometry: expected positive angles, draws and scored")
         if self.min_tracks < 8:
-            raise UsageError(f"visual odometry: wanted min_tracks >= 8, came {self.min_tracks}")
+            raise UsageError(f"visual odometry: expected min_tracks >= 8, got {self.min_tracks}")
 
     def __call__(self, rays_previous: NDArray[np.float64], rays_current: NDArray[np.float64]) -> VisualMotion | None:
         """Estimate the motion between two images.
@@ -93,7 +93,7 @@ class VisualOdometry:
             ShapeError: rays of different shapes.
         """
         if rays_previous.shape != rays_current.shape or rays_current.ndim != 2 or rays_current.shape[1] != 3:
-            raise ShapeError(f"rays: wanted two arrays (N, 3), came {rays_previous.shape} and {rays_current.shape}")
+            raise ShapeError(f"rays: expected two arrays (N, 3), got {rays_previous.shape} and {rays_current.shape}")
         usable = np.isfinite(rays_previous + rays_current).all(axis=1)
         if np.count_nonzero(usable) < self.min_tracks:
             return None

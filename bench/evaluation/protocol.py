@@ -50,9 +50,9 @@ class MotionRules(_Part):
     @model_validator(mode="after")
     def _ordered(self) -> MotionRules:
         if not self.hysteresis_low_mps <= self.object_static_mps <= self.hysteresis_high_mps:
-            raise ValueError("wanted hysteresis_low_mps <= object_static_mps <= hysteresis_high_mps")
+            raise ValueError("expected hysteresis_low_mps <= object_static_mps <= hysteresis_high_mps")
         if self.crossing_from_deg >= self.crossing_to_deg:
-            raise ValueError("wanted crossing_from_deg < crossing_to_deg")
+            raise ValueError("expected crossing_from_deg < crossing_to_deg")
         return self
 
 
@@ -171,7 +171,7 @@ def load_protocol(name_or_path: str | Path) -> Protocol:
     try:
         return _parse(path.read_text("utf-8"), str(path))
     except (OSError, UnicodeDecodeError) as error:
-        raise DataError(path, wanted="a readable text file", came=" ".join(str(error).split())) from error
+        raise DataError(path, expected="a readable text file", got=" ".join(str(error).split())) from error
 
 
 def _parse(text: str, file: str) -> Protocol:
@@ -181,7 +181,7 @@ def _parse(text: str, file: str) -> Protocol:
     except ValidationError as error:
         first = error.errors()[0]
         field = ".".join(str(part) for part in first["loc"]) or None
-        raise DataError(file, field=field, wanted="a protocol", came=first["msg"]) from error
+        raise DataError(file, field=field, expected="a protocol", got=first["msg"]) from error
 
 
 def _motion_settings(rules: MotionRules) -> MotionSettings:

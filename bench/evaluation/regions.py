@@ -73,10 +73,10 @@ def check_shape(reference: ReferenceFrame, name: str, shape: tuple[int, ...]) ->
     Raises:
         ShapeError: says which image, which array, and both sizes.
     """
-    wanted = reference.valid.shape
-    if shape != wanted:
+    expected = reference.valid.shape
+    if shape != expected:
         where = f"{reference.recording}, {reference.camera}, {reference.timestamp_ns} ns"
-        raise ShapeError(f"{where}: wanted a {name} of {wanted} (height, width), came {shape}")
+        raise ShapeError(f"{where}: expected a {name} of {expected} (height, width), got {shape}")
 
 
 def count_by_cell(mask: Mask, cell_size_px: int, *, window: Window | None = None) -> NDArray[np.int64]:
@@ -140,7 +140,7 @@ def sum_by_kind(weights: NDArray[np.int64], kinds: NDArray[np.integer], *, bins:
         ShapeError: the cells do not tile the image.
     """
     if weights.shape != kinds.shape:
-        raise ShapeError(f"wanted a {name} of {weights.shape} (rows, columns) cells, came {kinds.shape}")
+        raise ShapeError(f"expected a {name} of {weights.shape} (rows, columns) cells, got {kinds.shape}")
     # Sums of whole numbers below 2^53 are exact in float64.
     return np.bincount(kinds.ravel(), weights=weights.ravel(), minlength=bins).astype(np.int64)
 

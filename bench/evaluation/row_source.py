@@ -71,8 +71,8 @@ class TableRows:
 
     def read(self, recordings: Sequence[str], columns: Sequence[str]) -> pa.Table:
         """All rows of some recordings, in the order of the table."""
-        wanted = pc.is_in(self._table["recording"], value_set=pa.array(recordings, pa.string()))
-        return self._table.select(list(columns)).filter(wanted)
+        expected = pc.is_in(self._table["recording"], value_set=pa.array(recordings, pa.string()))
+        return self._table.select(list(columns)).filter(expected)
 
     def batches(self, columns: Sequence[str], *, rows: int = BATCH_ROWS) -> Iterator[pa.RecordBatch]:
         """All rows, at most `rows` at a time, in the order of the table."""

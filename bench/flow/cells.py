@@ -28,7 +28,7 @@ def cell_mean(values: NDArray[np.float32], cell_size_px: int) -> NDArray[np.floa
         Mariotti and Eising 2020, section III-A: flow averaged on a 5 x 5 pixel grid.
     """
     if cell_size_px < 1:
-        raise ShapeError(f"cell_size_px: wanted at least 1, came {cell_size_px}")
+        raise ShapeError(f"cell_size_px: expected at least 1, got {cell_size_px}")
     height, width = values.shape[:2]
     rows, columns = -(-height // cell_size_px), -(-width // cell_size_px)
     below, right = rows * cell_size_px - height, columns * cell_size_px - width

@@ -118,6 +118,6 @@ def dense_flow(name: str, **parameters: object) -> FarnebackFlow | DisFlow:
 def _check(start: NDArray[np.uint8], end: NDArray[np.uint8]) -> None:
     if start.ndim != 2 or start.shape != end.shape or start.dtype != np.uint8 or end.dtype != np.uint8:
         raise ShapeError(
-            f"dense flow: wanted two grey uint8 images of one size, came {start.dtype} {start.shape} "
+            f"dense flow: expected two grey uint8 images of one size, got {start.dtype} {start.shape} "
             f"and {end.dtype} {end.shape}"
         )

@@ -60,9 +60,9 @@ class LucasKanadeTracker:
 
     def __post_init__(self) -> None:
         if self.corners < 1 or self.window_px < 3 or self.window_px % 2 == 0 or not 0 <= self.levels <= 10:
-            raise UsageError("lucas-kanade: wanted corners >= 1, an odd window_px >= 3 and levels in 0 to 10")
+            raise UsageError("lucas-kanade: expected corners >= 1, an odd window_px >= 3 and levels in 0 to 10")
         if not (0 < self.quality < 1 and self.min_distance_px >= 1 and self.max_return_px > 0):
-            raise UsageError("lucas-kanade: wanted quality in (0, 1), min_distance_px >= 1 and max_return_px > 0")
+            raise UsageError("lucas-kanade: expected quality in (0, 1), min_distance_px >= 1 and max_return_px > 0")
 
     @property
     def reach_px(self) -> int:
@@ -127,10 +127,10 @@ class LucasKanadeTracker:
 
 def _check(images: Sequence[NDArray[np.uint8]]) -> None:
     if len(images) < 2:
-        raise ShapeError(f"tracks: wanted at least two images, came {len(images)}")
+        raise ShapeError(f"tracks: expected at least two images, got {len(images)}")
     for image in images:
         if image.ndim != 2 or image.shape != images[0].shape or image.dtype != np.uint8:
             raise ShapeError(
-                f"tracks: wanted grey uint8 images of one size, came {image.dtype} {image.shape} "
+                f"tracks: expected grey uint8 images of one size, got {image.dtype} {image.shape} "
                 f"beside {images[0].dtype} {images[0].shape}"
             )

@@ -113,7 +113,7 @@ def load_tolerances(name_or_path: str | Path = DEFAULT) -> Tolerances:
         for metric in overrides:
             if metric not in tolerances.metrics:
                 field = f"slices.{pattern}.{metric}"
-                raise DataError(file, field=field, wanted="a metric that `metrics` names", came=repr(metric))
+                raise DataError(file, field=field, expected="a metric that `metrics` names", got=repr(metric))
     return tolerances
 
 
@@ -132,13 +132,13 @@ def _read(name_or_path: str) -> tuple[dict[str, Any], str]:
     try:
         return _parse(path.read_text("utf-8"), str(path)), str(path)
     except (OSError, UnicodeDecodeError) as error:
-        raise DataError(path, wanted="a readable file", came=str(error)) from error
+        raise DataError(path, expected="a readable file", got=str(error)) from error
 
 
 def _parse(text: str, file: str) -> dict[str, Any]:
     content = parse_yaml(text, file=file)
     if not isinstance(content, dict):
-        raise DataError(file, wanted="keys and values", came=type(content).__name__)
+        raise DataError(file, expected="keys and values", got=type(content).__name__)
     return content
 
 
@@ -149,7 +149,7 @@ def _complete(content: dict[str, Any], file: str) -> dict[str, Any]:
         return own
     if base_name not in known_tolerances():
         known = ", ".join(known_tolerances())
-        raise DataError(file, field="based_on", wanted=f"one of {known}", came=repr(base_name))
+        raise DataError(file, field="based_on", expected=f"one of {known}", got=repr(base_name))
     base = _complete(*_read(str(base_name)))
     for group in ("metrics", "slices"):
         if isinstance(own.get(group), dict):

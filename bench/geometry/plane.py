@@ -34,9 +34,9 @@ class RoadPlane:
         down = np.array(self.down, dtype=np.float64)
         length = float(np.linalg.norm(down)) if down.shape == (3,) else float("nan")
         if not (np.isfinite(length) and length > 0):
-            raise ShapeError(f"RoadPlane: wanted `down` as three finite numbers, not all zero, came {down.tolist()}")
+            raise ShapeError(f"RoadPlane: expected `down` as three finite numbers, not all zero, got {down.tolist()}")
         if not (np.isfinite(self.height_m) and self.height_m > 0):
-            raise ShapeError(f"RoadPlane: wanted a camera above the road, came a height of {self.height_m} m")
+            raise ShapeError(f"RoadPlane: expected a camera above the road, got a height of {self.height_m} m")
         down /= length
         down.flags.writeable = False
         object.__setattr__(self, "down", down)

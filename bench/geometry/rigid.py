@@ -33,15 +33,15 @@ class RigidTransform:
         translation_m = np.array(self.translation_m, dtype=np.float64)
         if rotation.shape != (3, 3) or translation_m.shape != (3,):
             raise ShapeError(
-                f"RigidTransform: wanted rotation (3, 3) and translation (3,), "
-                f"came {rotation.shape} and {translation_m.shape}"
+                f"RigidTransform: expected rotation (3, 3) and translation (3,), "
+                f"got {rotation.shape} and {translation_m.shape}"
             )
         if not (np.isfinite(rotation).all() and np.isfinite(translation_m).all()):
-            raise ShapeError("RigidTransform: wanted finite numbers, came NaN or infinity")
+            raise ShapeError("RigidTransform: expected finite numbers, got NaN or infinity")
         error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
         if error > ORTHONORMAL_TOLERANCE or np.linalg.det(rotation) < 0:
             raise ShapeError(
-                f"RigidTransform: wanted a proper orthonormal rotation, came one off by {error:.2g} "
+                f"RigidTransform: expected a proper orthonormal rotation, got one off by {error:.2g} "
                 f"with determinant {np.linalg.det(rotation):.3f}"
             )
         self._hold(rotation, translation_m)
@@ -73,10 +73,12 @@ class RigidTransform:
         """
         rows = np.asarray(matrix, dtype=np.float64)
         if rows.shape not in {(4, 4), (3, 4)} or not np.isfinite(rows).all():
-            raise ShapeError(f"rigid transform: wanted a finite (4, 4) or (3, 4) matrix, came {rows.shape}")
+            raise ShapeError(f"rigid transform: expected a finite (4, 4) or (3, 4) matrix, got {rows.shape}")
         left, stretch, right = np.linalg.svd(rows[:3, :3])
         if np.abs(stretch - 1.0).max() > 1e-3:
-            raise ShapeError(f"rigid transform: wanted a rotation without scale, came one scaled by {stretch.round(4)}")
+            raise ShapeError(
+                f"rigid transform: expected a rotation without scale, got one scaled by {stretch.round(4)}"
+            )
         return cls(left @ right, rows[:3, 3])
 
     @classmethod
@@ -88,7 +90,7 @@ class RigidTransform:
         """
         wxyz = np.asarray(quaternion_wxyz, dtype=np.float64)
         if wxyz.shape != (4,) or not np.isfinite(wxyz).all() or not np.any(wxyz):
-            raise ShapeError(f"quaternion_wxyz: wanted four finite numbers, not all zero, came {wxyz.tolist()}")
+            raise ShapeError(f"quaternion_wxyz: expected four finite numbers, not all zero, got {wxyz.tolist()}")
         rotation = Rotation.from_quat(wxyz, scalar_first=True).as_matrix()
         return cls(rotation, np.asarray(translation_m, dtype=np.float64))
 

@@ -52,7 +52,7 @@ def load_image_maps(file: Path, content: BinaryIO | None = None) -> tuple[ImageM
                 for number, entry in enumerate(index)
             )
     except FileNotFoundError as error:
-        came = "no such file; runs of older versions have none"
-        raise DataError(file, wanted="the image maps of a run", came=came) from error
+        got = "no such file; runs of older versions have none"
+        raise DataError(file, expected="the image maps of a run", got=got) from error
     except (OSError, ValueError, KeyError, TypeError, NotImplementedError, BadZipFile, EOFError, zlib.error) as error:
-        raise DataError(file, wanted="the image maps of a run", came=" ".join(str(error).split())[:200]) from error
+        raise DataError(file, expected="the image maps of a run", got=" ".join(str(error).split())[:200]) from error

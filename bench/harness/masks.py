@@ -82,7 +82,7 @@ class StoredMasks:
         self._settings = method.settings
         if not self.file.is_file():
             do = "score again: runs of older versions hold no masks, and a stored run never calls its method"
-            raise DataError(self.file, wanted="the masks that were scored", came="no such file", do=do)
+            raise DataError(self.file, expected="the masks that were scored", got="no such file", do=do)
 
     def settings(self) -> dict[str, object]:
         """Those of the method."""
@@ -98,14 +98,14 @@ class StoredMasks:
         try:
             found = pq.read_table(self.file, schema=MASKS_SCHEMA, filters=[(name, "=", value) for name, value in key])
         except (OSError, pa.ArrowException) as error:
-            raise DataError(self.file, wanted="the masks of a run", came=" ".join(str(error).split())) from error
+            raise DataError(self.file, expected="the masks of a run", got=" ".join(str(error).split())) from error
         if len(found) != 1:
-            came = f"{len(found)} of {frame.recording!r}, {frame.camera_name!r} at {frame.timestamps_ns[-1]} ns"
-            raise DataError(self.file, wanted="one mask of each image that was scored", came=came)
+            got = f"{len(found)} of {frame.recording!r}, {frame.camera_name!r} at {frame.timestamps_ns[-1]} ns"
+            raise DataError(self.file, expected="one mask of each image that was scored", got=got)
         try:
             return _segmentation(found.to_pylist()[0])
         except (TypeError, ValueError, OverflowError) as error:
-            raise DataError(self.file, wanted="a mask of rows x columns cells", came=str(error)) from error
+            raise DataError(self.file, expected="a mask of rows x columns cells", got=str(error)) from error
 
 
 def _segmentation(row: Mapping[str, Any]) -> Segmentation:

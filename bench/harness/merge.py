@@ -78,13 +78,13 @@ def combine_parts(results: Path, parts: Sequence[Path], *, run: Path, protocol: 
     reports = [report for _, report in found]
     first = reports[0]
     if first.stamp.protocol_digest != protocol.digest:
-        wanted, do = first.stamp.protocol_digest[:12], "score all parts again, by one protocol"
-        raise DataError(run, field="protocol", wanted=wanted, came=protocol.digest[:12], do=do)
+        expected, do = first.stamp.protocol_digest[:12], "score all parts again, by one protocol"
+        raise DataError(run, field="protocol", expected=expected, got=protocol.digest[:12], do=do)
     units = _collected(found, run)
     failures = list(first.recording_failures) + [failure for report in reports for failure in report.unit_failures]
     if not units:
         raise DataError(
-            first.stamp.card, wanted="a recording that can be used", came="; ".join(failures) or "no image to score"
+            first.stamp.card, expected="a recording that can be used", got="; ".join(failures) or "no image to score"
         )
     stored = UnitFolder(run)
     stored.join(units, results, maps_name=IMAGE_MAPS)
@@ -126,14 +126,14 @@ def _collected(found: Sequence[tuple[Path, ShardReport]], out: Path) -> list[Uni
             status = stored.checked(entry.unit)
             if status.key != entry.key:
                 do = "score the part again; a later run has written into its folder"
-                raise DataError(folder, field=f"unit {entry.unit}", wanted=entry.key[:12], came=status.key[:12], do=do)
+                raise DataError(folder, field=f"unit {entry.unit}", expected=entry.key[:12], got=status.key[:12], do=do)
             if folder.resolve() != out.resolve():
                 UnitFolder(out).store(entry.unit, stored.file(entry.unit).read_bytes())
             units.append(entry.unit)
     counted = sum(len(report.units) for _, report in found)
     if counted != found[0][1].units_of_run:
-        wanted, do = f"{found[0][1].units_of_run} units in all parts", "score all parts again, on the same recordings"
-        raise DataError(out, wanted=wanted, came=str(counted), do=do)
+        expected, do = f"{found[0][1].units_of_run} units in all parts", "score all parts again, on the same recordings"
+        raise DataError(out, expected=expected, got=str(counted), do=do)
     return sorted(units, key=lambda unit: (unit.recording, unit.camera, unit.start))
 
 

@@ -89,8 +89,8 @@ class PredictionReport(BaseModel):
         do = "mend that"
         if self.missing_policy == "error":
             do = "mend them, or leave images without one out with --missing skip, or count them with --missing empty"
-        came = f"{self.refusal}; all of them in {listed_in}"
-        return DataError(self.folder, wanted=f"a prediction of each of {self.expected} images", came=came, do=do)
+        got = f"{self.refusal}; all of them in {listed_in}"
+        return DataError(self.folder, expected=f"a prediction of each of {self.expected} images", got=got, do=do)
 
 
 def check_predictions(

@@ -24,7 +24,7 @@ class ReferenceItself:
 
     def __init__(self, *, sees_the_reference: bool = True) -> None:
         if sees_the_reference is not True:
-            raise UsageError(f"reference: it sees the reference and nothing else, came {sees_the_reference!r}")
+            raise UsageError(f"reference: it sees the reference and nothing else, got {sees_the_reference!r}")
 
     def settings(self) -> dict[str, object]:
         """No parameters, and the mark by which a table tells it from methods."""

@@ -124,9 +124,9 @@ class RemoteRun(RunMirror):
 
     def keep_only(self, units: Iterable[Unit]) -> None:
         """Remove units of others."""
-        wanted = {f"{UNITS}{unit_name(unit)}" for unit in units}
+        expected = {f"{UNITS}{unit_name(unit)}" for unit in units}
         found = [name for name in self._listed if name.startswith(UNITS) and name.endswith(SUFFIX)]
-        self._remove([name for name in found if name not in wanted])
+        self._remove([name for name in found if name not in expected])
 
     def keep(self, unit: Unit, *, anew: bool) -> None:
         """Store a unit, unless the same is there."""
@@ -154,8 +154,8 @@ class RemoteRun(RunMirror):
         self._listed = storage.objects()
         units = any(name.startswith(UNITS) for name in self._listed)
         if self._listed and MARK not in self._listed and not units:
-            came, do = f"other objects, for example {min(self._listed)!r}", "give another address"
-            raise DataError(self.url.text, wanted="an empty folder or an older run", came=came, do=do)
+            got, do = f"other objects, for example {min(self._listed)!r}", "give another address"
+            raise DataError(self.url.text, expected="an empty folder or an older run", got=got, do=do)
         refuse_unsafe(self.url, self._listed)
         self._make(self.folder / FOLDER)
         if write:
@@ -192,9 +192,9 @@ class RemoteRun(RunMirror):
 
     def _download(self, names: Iterable[str]) -> None:
         """Objects into files."""
-        wanted = sorted(names)
+        expected = sorted(names)
         with self._landing() as landing:
-            landed = {name: landing / str(number) for number, name in enumerate(wanted)}
+            landed = {name: landing / str(number) for number, name in enumerate(expected)}
             self._storage.download(landed)
             for name, file in landed.items():
                 self._make((self.folder / name).parent)
@@ -212,7 +212,7 @@ class RemoteRun(RunMirror):
         except DataError as error:
             do = f"what is done lies in {self.folder}; the same command goes on from there"
             do = f"{error.do}; {do}" if error.do else do
-            raise DataError(error.file, wanted=error.wanted, came=error.came, do=do) from error
+            raise DataError(error.file, expected=error.expected, got=error.got, do=do) from error
 
     def _remove(self, names: Iterable[str]) -> None:
         known = [name for name in names if name in self._listed]
@@ -238,8 +238,8 @@ class RemoteRun(RunMirror):
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            do, came = "name another one with FISHEYE_BENCH_REMOTE", error.strerror or str(error)
-            raise DataError(folder, wanted="a local folder for the run", came=came, do=do) from error
+            do, got = "name another one with FISHEYE_BENCH_REMOTE", error.strerror or str(error)
+            raise DataError(folder, expected="a local folder for the run", got=got, do=do) from error
 
     @property
     def _storage(self) -> Storage:

@@ -53,12 +53,12 @@ class StoredFrames:
         if key not in self._pipelines:
             if recording not in self._handles:
                 do = "name the data set that the run was scored on"
-                came = f"{len(self._handles)} others"
-                raise DataError(self._card.file, wanted=f"recording {recording!r} of the run", came=came, do=do)
+                got = f"{len(self._handles)} others"
+                raise DataError(self._card.file, expected=f"recording {recording!r} of the run", got=got, do=do)
             opened = self._handles[recording].open()
             if camera not in opened.cameras:
-                came = ", ".join(opened.cameras)
-                raise DataError(opened.root, wanted=f"the camera {camera!r} of the run", came=came)
+                got = ", ".join(opened.cameras)
+                raise DataError(opened.root, expected=f"the camera {camera!r} of the run", got=got)
             self._pipelines.clear()  # a recording at a time, or memory would grow with their number
             self._pipelines[key] = FramePipeline(opened, camera, method=self._method, protocol=self._protocol)
         return self._pipelines[key]
@@ -73,7 +73,9 @@ class StoredFrames:
         pipeline = self.pipeline(recording, camera)
         times_ns = [image.timestamp_ns for image in pipeline.images]
         if timestamp_ns not in times_ns:
-            raise DataError(pipeline.recording.root, wanted=f"an image of {camera!r} at {timestamp_ns} ns", came="none")
+            raise DataError(
+                pipeline.recording.root, expected=f"an image of {camera!r} at {timestamp_ns} ns", got="none"
+            )
         processed = pipeline.process(times_ns.index(timestamp_ns))
         height, width = processed.reference.valid.shape
         counted, _ = count_frame(

@@ -150,11 +150,11 @@ def held_run_folder(run: Path, *, shared: bool = False) -> Iterator[None]:
     try:
         if run.exists() and any(run.iterdir()) and not (run / FOLDER).is_dir() and not _beside(run, "new").exists():
             do = "give another folder with --out, or remove what is in it"
-            raise DataError(run, wanted="an empty folder or an older run", came="a folder with other files", do=do)
+            raise DataError(run, expected="an empty folder or an older run", got="a folder with other files", do=do)
         (run / FOLDER).mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        came, do = error.strerror or str(error), "give another folder with --out"
-        raise DataError(run, wanted="a folder for the run", came=came, do=do) from error
+        got, do = error.strerror or str(error), "give another folder with --out"
+        raise DataError(run, expected="a folder for the run", got=got, do=do) from error
     with alone_in(run, shared=shared, wait=False):
         if not shared:
             _recover(run)
@@ -171,8 +171,8 @@ def claim(run: Path, experiment: Experiment, protocol: Protocol, *, overwrite: b
         if difference := experiment.difference(other):
             if not overwrite:
                 do = "give another folder with --out, or replace what is there with --overwrite"
-                wanted = "an empty folder or a run of the same experiment"
-                raise DataError(run, wanted=wanted, came=f"a run with {difference}", do=do)
+                expected = "an empty folder or a run of the same experiment"
+                raise DataError(run, expected=expected, got=f"a run with {difference}", do=do)
             break
     write_text(run / EXPERIMENT, experiment.model_dump_json(indent=1) + "\n")
     write_text(run / FOLDER / PROTOCOL, protocol.model_dump_json(indent=1, exclude_unset=True) + "\n")
@@ -196,7 +196,7 @@ def new_results(run: Path) -> Iterator[Path]:
         new.mkdir()
     except OSError as error:
         do = "give another folder with --out"
-        raise DataError(new, wanted="a folder for new results", came=error.strerror or str(error), do=do) from error
+        raise DataError(new, expected="a folder for new results", got=error.strerror or str(error), do=do) from error
     try:
         yield new
     except BaseException:
@@ -210,8 +210,8 @@ def new_results(run: Path) -> Iterator[Path]:
         new.rename(place)
     except OSError as error:
         do = f"the new results are in {new}; the same command brings them to their place"
-        came = error.strerror or str(error)
-        raise DataError(place, wanted="a folder that can be renamed", came=came, do=do) from error
+        got = error.strerror or str(error)
+        raise DataError(place, expected="a folder that can be renamed", got=got, do=do) from error
     shutil.rmtree(old, ignore_errors=True)
 
 

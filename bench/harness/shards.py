@@ -35,7 +35,7 @@ class Shard:
 
     def __post_init__(self) -> None:
         if not 1 <= self.number <= self.count:
-            raise UsageError(f"--shard: wanted I/N with I from 1 to N, came {self}")
+            raise UsageError(f"--shard: expected I/N with I from 1 to N, got {self}")
 
     def __str__(self) -> str:
         return f"{self.number}/{self.count}"
@@ -58,7 +58,7 @@ class Shard:
         """
         number, _, count = text.partition("/")
         if not (number.isascii() and number.isdecimal() and count.isascii() and count.isdecimal()):
-            raise UsageError(f"--shard: wanted I/N, for example 2/8, came {text!r}")
+            raise UsageError(f"--shard: expected I/N, for example 2/8, got {text!r}")
         return cls(number=int(number), count=int(count))
 
 
@@ -184,21 +184,21 @@ def read_shards(runs: Sequence[Path]) -> list[tuple[Path, ShardReport]]:
         for file in sorted((run / FOLDER).glob("*-of-*.json")):
             if file.name in files:
                 do = "leave out one of the two folders"
-                raise DataError(file, wanted="each part once", came=f"the same part in {files[file.name]}", do=do)
+                raise DataError(file, expected="each part once", got=f"the same part in {files[file.name]}", do=do)
             files[file.name] = file
     if not files:
         do = "score with `run --shard 1/N` to `N/N` first"
-        raise DataError(runs[0], wanted="parts of a run, in shards/", came="none", do=do)
+        raise DataError(runs[0], expected="parts of a run, in shards/", got="none", do=do)
     counts = {name.rpartition("-of-")[2] for name in files}
     if len(counts) > 1:
-        came, do = f"parts of different cuts: {', '.join(sorted(files))}", "give folders of parts I/N of the same N"
-        raise DataError(runs[0], wanted="parts of one run", came=came, do=do)
+        got, do = f"parts of different cuts: {', '.join(sorted(files))}", "give folders of parts I/N of the same N"
+        raise DataError(runs[0], expected="parts of one run", got=got, do=do)
     count = int(counts.pop().removesuffix(".json"))
     expected = [Shard(number=number, count=count) for number in range(1, count + 1)]
     missing = [str(shard) for shard in expected if shard.file not in files]
     if missing:
         do = "score the missing ones with --shard; parts that are done are kept"
-        raise DataError(runs[0], wanted=f"{count} parts", came=f"none of {', '.join(missing)}", do=do)
+        raise DataError(runs[0], expected=f"{count} parts", got=f"none of {', '.join(missing)}", do=do)
     found = [(files[shard.file].parent.parent, read_shard(files[shard.file])) for shard in expected]
     first = found[0][1]
     for shard, (folder, report) in zip(expected, found, strict=True):
@@ -206,8 +206,8 @@ def read_shards(runs: Sequence[Path]) -> list[tuple[Path, ShardReport]]:
         if not difference and report.units_of_run != first.units_of_run:
             difference = f"{report.units_of_run} units in all parts, not {first.units_of_run}"
         if difference:
-            came, do = f"part {shard} with {difference}", "score all parts again with the same of everything"
-            raise DataError(folder, wanted=f"parts of one run, as part {expected[0]}", came=came, do=do)
+            got, do = f"part {shard} with {difference}", "score all parts again with the same of everything"
+            raise DataError(folder, expected=f"parts of one run, as part {expected[0]}", got=got, do=do)
     return found
 
 

@@ -146,22 +146,22 @@ def read_protocol(run: Path, summary: RunSummary) -> Protocol:
     """
     file = run / "protocol.json"
     if not file.is_file():
-        raise DataError(file, wanted="the protocol of a run", came="no such file")
+        raise DataError(file, expected="the protocol of a run", got="no such file")
     protocol = load_protocol(file)  # JSON is YAML
     if protocol.digest != summary.protocol.digest:
         raise DataError(
             file,
-            wanted=f"the protocol of {SUMMARY}, with digest {summary.protocol.digest[:12]}",
-            came=f"{protocol.name!r} with digest {protocol.digest[:12]}",
+            expected=f"the protocol of {SUMMARY}, with digest {summary.protocol.digest[:12]}",
+            got=f"{protocol.name!r} with digest {protocol.digest[:12]}",
         )
     rows = {str(category) for category in protocol.reference.categories}
     figures = {*ObjectFigures.model_fields, *level_ratios(protocol.scoring.detection_levels)}
     if rows != summary.categories.keys():
-        came = ", ".join(summary.categories)
-        raise DataError(run / SUMMARY, field="categories", wanted=", ".join(sorted(rows)), came=came)
+        got = ", ".join(summary.categories)
+        raise DataError(run / SUMMARY, field="categories", expected=", ".join(sorted(rows)), got=got)
     for name, row in (*summary.categories.items(), ("all_moving", summary.all_moving)):
         if missing := sorted(figures - set(row.figure_names()) - {"object_frames", "tracks", "recordings"}):
-            raise DataError(run / SUMMARY, field=name, wanted="the figures of its protocol", came=f"no {missing[0]}")
+            raise DataError(run / SUMMARY, field=name, expected="the figures of its protocol", got=f"no {missing[0]}")
     return protocol
 
 
@@ -199,8 +199,10 @@ def read_run(run: Path) -> RunSummary:
     file = run / SUMMARY
     summary = read_sealed(RunSummary, file, expected="the summary of a run")
     if summary.schema_version != SCHEMA_VERSION:
-        wanted, came = f"{SCHEMA_VERSION}", f"{summary.schema_version}"
-        raise DataError(file, field="schema_version", wanted=wanted, came=came, do="read it with the version it is of")
+        expected, got = f"{SCHEMA_VERSION}", f"{summary.schema_version}"
+        raise DataError(
+            file, field="schema_version", expected=expected, got=got, do="read it with the version it is of"
+        )
     for name, digest in summary.files.items():
         _check(run / name, digest)
     return summary
@@ -217,10 +219,10 @@ def _check(file: Path, digest: str) -> None:
     except FileNotFoundError:
         return
     except OSError as error:
-        raise DataError(file, wanted="a file of a run", came=error.strerror or str(error)) from error
+        raise DataError(file, expected="a file of a run", got=error.strerror or str(error)) from error
     if found != digest:
-        came, do = "another one: it is damaged, or of another run", "score again"
-        raise DataError(file, wanted=f"the file that {SUMMARY} is of", came=came, do=do)
+        got, do = "another one: it is damaged, or of another run", "score again"
+        raise DataError(file, expected=f"the file that {SUMMARY} is of", got=got, do=do)
 
 
 def _sha256(file: Path) -> str:

@@ -38,7 +38,7 @@ class StoredRows:
             self._held = frozenset(self._metadata.schema.to_arrow_schema().names)
         missing = [name for name in schema.names if name not in self._held | LATER_COLUMNS]
         if missing:
-            raise DataError(file, field=missing[0], wanted="this column of a run's table", came="none")
+            raise DataError(file, field=missing[0], expected="this column of a run's table", got="none")
         self._groups: list[Mapping[str, int]] | None = None
 
     def __len__(self) -> int:
@@ -60,11 +60,11 @@ class StoredRows:
 
     def read(self, recordings: Sequence[str], columns: Sequence[str]) -> pa.Table:
         """All rows of some recordings, in the order of the file; strings come as dictionaries."""
-        wanted = frozenset(recordings)
-        groups = [number for number, held in enumerate(self._row_groups()) if not wanted.isdisjoint(held)]
-        whole = all(wanted.issuperset(self._row_groups()[number]) for number in groups)
+        expected = frozenset(recordings)
+        groups = [number for number, held in enumerate(self._row_groups()) if not expected.isdisjoint(held)]
+        whole = all(expected.issuperset(self._row_groups()[number]) for number in groups)
         needed = list(columns) if whole or RECORDING in columns else [*columns, RECORDING]
-        names = pa.array(sorted(wanted), pa.string())
+        names = pa.array(sorted(expected), pa.string())
         parts = []
         for batch in self._batches(needed, rows=READ_ROWS, row_groups=groups):
             kept = batch if whole else batch.filter(pc.is_in(_decoded(batch[RECORDING]), value_set=names))
@@ -129,8 +129,8 @@ class StoredRows:
         try:
             yield
         except (OSError, UnicodeDecodeError, pa.ArrowException) as error:
-            came = " ".join(str(error).split())[:200]
-            raise DataError(self.file, wanted="a table of a run", came=came) from error
+            got = " ".join(str(error).split())[:200]
+            raise DataError(self.file, expected="a table of a run", got=got) from error
 
 
 def open_tables(run: Path) -> tuple[StoredRows, StoredRows]:

@@ -100,7 +100,7 @@ class UnitFolder:
             write_bytes(file, content)
         except OutputError as error:
             do = "make room, then give the same command again: units that are stored are not computed again"
-            raise OutputError(file, came=error.came, do=do) from error
+            raise OutputError(file, got=error.got, do=do) from error
 
     def keep_only(self, units: Iterable[Unit]) -> None:
         """Remove files that are not of these units."""
@@ -179,15 +179,15 @@ def _read(file: Path, unit: Unit) -> tuple[UnitStatus, Mapping[str, bytes]]:
             files = {entry.filename: archive.read(entry) for entry in entries}
         status = UnitStatus.model_validate_json(files.pop(STATUS))
     except FileNotFoundError as error:
-        raise DataError(file, wanted="a stored unit", came="no such file", do=do) from error
+        raise DataError(file, expected="a stored unit", got="no such file", do=do) from error
     except (OSError, ValueError, KeyError, NotImplementedError, RuntimeError, EOFError, BadZipFile) as error:
-        came = "a damaged status" if isinstance(error, ValidationError) else " ".join(str(error).split())
-        raise DataError(file, wanted="a stored unit", came=came, do=do) from error
+        got = "a damaged status" if isinstance(error, ValidationError) else " ".join(str(error).split())
+        raise DataError(file, expected="a stored unit", got=got, do=do) from error
     digests = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
     if digests != status.sha256 or not TABLES.keys() <= digests.keys():
-        raise DataError(file, wanted="the files that its status lists", came="others, or damaged ones", do=do)
+        raise DataError(file, expected="the files that its status lists", got="others, or damaged ones", do=do)
     if status.unit != {name: getattr(unit, name) for name in unit.__slots__}:
-        raise DataError(file, field="unit", wanted=str(unit), came=str(status.unit), do=do)
+        raise DataError(file, field="unit", expected=str(unit), got=str(status.unit), do=do)
     return status, files
 
 

@@ -38,7 +38,7 @@ def plan_units(recording: Recording, method: Method, *, chunk_images: int = CHUN
     images_of_all = [image for images in recording.images.values() for image in images]
     if images_of_all and not any(image.scored for image in images_of_all):
         do = f"write {recording.name}.json into the folder that the card's annotations names (annotations/README.md)"
-        raise DataError(recording.root, field=recording.name, wanted="annotations", came="none", do=do)
+        raise DataError(recording.root, field=recording.name, expected="annotations", got="none", do=do)
     for camera in sorted(recording.cameras):
         images = len(recording.images[camera])
         first = next((i for i, image in enumerate(recording.images[camera]) if image.scored), images)

@@ -47,8 +47,8 @@ def map_classes(
         raise DataError(
             source,
             field="classes",
-            wanted=f"classes that can be told as {', '.join(OBJECT_CLASSES)}",
-            came=", ".join(repr(name) for name in unknown),
+            expected=f"classes that can be told as {', '.join(OBJECT_CLASSES)}",
+            got=", ".join(repr(name) for name in unknown),
             do=f"give each, for example --class '{unknown[0]}=vehicle', or '{unknown[0]}=none' to leave it out",
         )
     return {name: table[name.casefold()] for name in classes}

@@ -84,7 +84,7 @@ def export_layer(
     """
     chosen = layer_format(format_name)
     if not recording.sweeps:
-        raise DataError(recording.root, wanted="lidar sweeps, which tools label", came=f"none in {recording.name!r}")
+        raise DataError(recording.root, expected="lidar sweeps, which tools label", got=f"none in {recording.name!r}")
     times_ns = {sweep.timestamp_ns for sweep in recording.sweeps}
     times_ns |= {state.timestamp_ns for track in recording.tracks for state in track.states}
     layer = Layer(tracks=recording.tracks, timestamps_ns=tuple(sorted(times_ns)))
@@ -95,10 +95,10 @@ def _refuse_twice(layer: Layer, source: Path) -> None:
     seen: set[str] = set()
     for track in layer.tracks:
         if track.track_id in seen:
-            raise DataError(source, field=f"object {track.track_id!r}", wanted="each object once", came="it twice")
+            raise DataError(source, field=f"object {track.track_id!r}", expected="each object once", got="it twice")
         seen.add(track.track_id)
         times_ns = [state.timestamp_ns for state in track.states]
         if len(set(times_ns)) < len(times_ns):
             twice = next(time_ns for i, time_ns in enumerate(times_ns) if time_ns in times_ns[:i])
             field = f"object {track.track_id!r}"
-            raise DataError(source, field=field, wanted="one state at each time", came=f"two at {twice}")
+            raise DataError(source, field=field, expected="one state at each time", got=f"two at {twice}")

@@ -27,11 +27,11 @@ def frame_files(source: Path, suffix: str, *, folders: tuple[str, ...] = (), wit
             too large.
     """
     if not source.is_dir():
-        raise DataError(source, wanted=f"a folder of {suffix} files", came="a file" if source.exists() else "nothing")
+        raise DataError(source, expected=f"a folder of {suffix} files", got="a file" if source.exists() else "nothing")
     inner = [source / name for name in folders if (source / name).is_dir()]
     if len(inner) > 1:
         do = f"give the one that is meant, for example {inner[0]}"
-        raise DataError(source, wanted="one folder of labels", came=" and ".join(path.name for path in inner), do=do)
+        raise DataError(source, expected="one folder of labels", got=" and ".join(path.name for path in inner), do=do)
     folder = inner[0] if inner else source
     left_out = set(without)
     files = sorted(
@@ -41,13 +41,13 @@ def frame_files(source: Path, suffix: str, *, folders: tuple[str, ...] = (), wit
     )
     if not files:
         also = "".join(f" or {name}/" for name in folders)
-        raise DataError(folder, wanted=f"files <frame>{suffix}, here{also}", came="none")
+        raise DataError(folder, expected=f"files <frame>{suffix}, here{also}", got="none")
     for file in files:
         refuse_escape(source, file, file=file)
         if not file.is_file():
-            raise DataError(file, wanted="a file", came="a folder or nothing behind a link")
+            raise DataError(file, expected="a file", got="a folder or nothing behind a link")
         if file.stat().st_size > LARGEST_BYTES:
-            raise DataError(file, wanted=f"at most {LARGEST_BYTES} bytes", came=str(file.stat().st_size))
+            raise DataError(file, expected=f"at most {LARGEST_BYTES} bytes", got=str(file.stat().st_size))
     return files
 
 
@@ -68,8 +68,10 @@ def refuse_other_frames(folder: Path, suffix: str, names: Iterable[str], *, with
     found = sorted(path.name for path in folder.glob(f"*{suffix}")) if folder.is_dir() else []
     others = [name for name in found if name not in written and not name.startswith(".")]
     if others:
-        wanted = f"no frames but the {len(written) - len(set(without))} that are written"
-        raise DataError(folder, wanted=wanted, came=f"{len(others)} others, as {others[0]}", do="give another folder")
+        expected = f"no frames but the {len(written) - len(set(without))} that are written"
+        raise DataError(
+            folder, expected=expected, got=f"{len(others)} others, as {others[0]}", do="give another folder"
+        )
 
 
 def frame_names(recording: Recording, options: LayerOptions) -> dict[int, str]:

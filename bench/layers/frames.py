@@ -42,14 +42,14 @@ def pair_with_sweeps(
         DataError: frames that fit no sweep, fit some only, or two frames of one sweep.
     """
     if not recording.sweeps:
-        raise DataError(source, wanted=f"a recording with lidar sweeps, as {recording.name!r}", came="none")
+        raise DataError(source, expected=f"a recording with lidar sweeps, as {recording.name!r}", got="none")
     paired = _best(tuple(dict.fromkeys(names)), recording, options, source)
     frames: dict[int, str] = {}
     for name, sweep in paired.items():
         other = frames.setdefault(sweep.timestamp_ns, name)
         if other != name:
             raise DataError(
-                source, wanted="one frame for each sweep", came=f"{other!r} and {name!r} of {sweep.path.name}"
+                source, expected="one frame for each sweep", got=f"{other!r} and {name!r} of {sweep.path.name}"
             )
     return dict(sorted(paired.items(), key=lambda item: item[1].timestamp_ns))
 
@@ -97,8 +97,8 @@ def _complete(
     raise DataError(
         source,
         field="frames",
-        wanted=f"frames called as the {len(recording.sweeps)} sweeps, {first} to {last}, or {numbers}",
-        came=listed,
+        expected=f"frames called as the {len(recording.sweeps)} sweeps, {first} to {last}, or {numbers}",
+        got=listed,
         do="name frames after the sweeps, or give the number of the first sweep with --first-frame",
     )
 

@@ -220,7 +220,7 @@ def _refuse_lean(pose: TrackletPose, file: Path, field: str) -> None:
     rx, ry, _ = pose.angles_rad
     if abs(rx) > UPRIGHT_RAD or abs(ry) > UPRIGHT_RAD:
         do = "files of CVAT, which turns boxes about all axes, are read as cvat-tracklets"
-        raise DataError(file, field=f"{field}.rx, ry", wanted="0", came=f"{rx:.4g} and {ry:.4g}", do=do)
+        raise DataError(file, field=f"{field}.rx, ry", expected="0", got=f"{rx:.4g} and {ry:.4g}", do=do)
 
 
 def _lean_rad(pose: RigidTransform) -> float:

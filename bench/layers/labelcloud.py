@@ -117,11 +117,11 @@ class LabelCloud:
             return
         told = read_json(_ClassFile, file)
         if told.type != "object_detection":
-            raise DataError(file, field="type", wanted="object_detection, labels of boxes", came=told.type)
+            raise DataError(file, field="type", expected="object_detection, labels of boxes", got=told.type)
         if told.format != self.way:
             other = f"read it as labelcloud-{told.format.replace('_', '-')}"
             do = other if told.format in WAYS else "export the labels from labelCloud in one of its JSON formats"
-            raise DataError(file, field="format", wanted=f"{self.way}, as asked for", came=told.format, do=do)
+            raise DataError(file, field="format", expected=f"{self.way}, as asked for", got=told.format, do=do)
 
     def _boxes(self, file: Path, sweep: SweepRef, recording: Recording) -> list[_Found]:
         found = []

@@ -73,9 +73,9 @@ def box_of_centroid(found: CentroidObject, *, degrees: bool) -> CloudBox:
     """
     angles = found.rotations.numbers()
     if degrees and not all(-1e-9 <= angle <= 360 + 1e-9 for angle in angles):
-        raise ShapeError(f"rotations: wanted degrees from 0 to 360, came {angles}")
+        raise ShapeError(f"rotations: expected degrees from 0 to 360, got {angles}")
     if not degrees and max(map(abs, angles)) > np.pi + 1e-6:
-        raise ShapeError(f"rotations: wanted radians from -pi to pi, came {angles}")
+        raise ShapeError(f"rotations: expected radians from -pi to pi, got {angles}")
     rotation = Rotation.from_euler("xyz", angles, degrees=degrees).as_matrix()
     sizes = found.dimensions
     return CloudBox(
@@ -96,11 +96,11 @@ def box_of_vertices(found: VerticesObject) -> CloudBox:
     half_m = np.linalg.norm(edges, axis=1)
     slant_m = float(np.abs(CORNERS @ edges + centre - corners).max())
     if half_m.min() <= 0 or slant_m > LARGEST_SLANT * max(1.0, half_m.max()):
-        raise ShapeError(f"vertices: wanted the corners of a box in labelCloud's order, came some {slant_m:.3g} m off")
+        raise ShapeError(f"vertices: expected the corners of a box in labelCloud's order, got some {slant_m:.3g} m off")
     left, _, right = np.linalg.svd((edges / half_m[:, None]).T)
     rotation = left @ right
     if np.linalg.det(rotation) < 0 or np.abs(rotation.T - edges / half_m[:, None]).max() > LARGEST_SLANT * 10:
-        raise ShapeError("vertices: wanted the corners of a box in labelCloud's order, came mirrored or slanted ones")
+        raise ShapeError("vertices: expected the corners of a box in labelCloud's order, got mirrored or slanted ones")
     return CloudBox(cloud_from_object=RigidTransform(rotation, centre), size_m=2 * half_m)
 
 

@@ -45,7 +45,7 @@ class LayerOptions:
     def __post_init__(self) -> None:
         for tool_class, ours in self.classes.items():
             if ours is not None and ours not in OBJECT_CLASSES:
-                raise UsageError(f"class {tool_class!r}: wanted one of {', '.join(OBJECT_CLASSES)}, came {ours!r}")
+                raise UsageError(f"class {tool_class!r}: expected one of {', '.join(OBJECT_CLASSES)}, got {ours!r}")
 
 
 class LayerFormat(Protocol):

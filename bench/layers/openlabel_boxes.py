@@ -28,18 +28,18 @@ def read_box(val: object, file: Path, field: str) -> tuple[RigidTransform, NDArr
     """
     numbers = [finite_number(number) for number in val] if isinstance(val, list | tuple) else []
     if len(numbers) not in {EULER, QUATERNION} or None in numbers:
-        raise DataError(file, field=f"{field}.val", wanted="9 or 10 finite numbers", came=repr(val)[:80])
+        raise DataError(file, field=f"{field}.val", expected="9 or 10 finite numbers", got=repr(val)[:80])
     values = np.array(numbers, dtype=np.float64)
     place_m, size_m = values[:3], values[-3:]
     if size_m.min() <= 0:
-        came = str(size_m.tolist())
-        raise DataError(file, field=f"{field}.val", wanted="a box of sizes above 0", came=came)
+        got = str(size_m.tolist())
+        raise DataError(file, field=f"{field}.val", expected="a box of sizes above 0", got=got)
     if len(values) == EULER:
         return RigidTransform(Rotation.from_euler("xyz", values[3:6]).as_matrix(), place_m), size_m
     x, y, z, w = values[3:7].tolist()
     if abs(float(np.linalg.norm(values[3:7])) - 1.0) > 1e-3:
-        came = str([x, y, z, w])
-        raise DataError(file, field=f"{field}.val", wanted="a quaternion x, y, z, w of length 1", came=came)
+        got = str([x, y, z, w])
+        raise DataError(file, field=f"{field}.val", expected="a quaternion x, y, z, w of length 1", got=got)
     return RigidTransform.from_quaternion((w, x, y, z), place_m), size_m
 
 

@@ -47,8 +47,8 @@ def calibration_head(file: Path) -> dict[str, Any]:
             head["lidar"] = {"vehicle_from_lidar": _mounting(name, vehicle, content, file)}
             validated(LidarHead, head["lidar"], file=file, field=field)
     if not head["cameras"]:
-        wanted = "a stream of type camera with intrinsics_fisheye, intrinsics_pinhole or intrinsics_custom"
-        raise DataError(file, field="openlabel.streams", wanted=wanted, came=", ".join(content.streams) or "none")
+        expected = "a stream of type camera with intrinsics_fisheye, intrinsics_pinhole or intrinsics_custom"
+        raise DataError(file, field="openlabel.streams", expected=expected, got=", ".join(content.streams) or "none")
     return head
 
 
@@ -61,7 +61,7 @@ def _vehicle(content: Root, file: Path) -> str:
     local = [name for name, system in content.coordinate_systems.items() if system.type in {"local_cs", "local"}]
     if len(local) != 1:
         field = "openlabel.coordinate_systems"
-        raise DataError(file, field=field, wanted="one local_cs, the vehicle", came=", ".join(local) or "none")
+        raise DataError(file, field=field, expected="one local_cs, the vehicle", got=", ".join(local) or "none")
     return local[0]
 
 
@@ -69,5 +69,5 @@ def _mounting(name: str, vehicle: str, content: Root, file: Path) -> dict[str, A
     vehicle_from_sensor = chain(name, vehicle, standing_poses(content, file))
     if vehicle_from_sensor is None:
         field = f"openlabel.coordinate_systems.{name}"
-        raise DataError(file, field=field, wanted=f"poses that lead to {vehicle!r}", came="none")
+        raise DataError(file, field=field, expected=f"poses that lead to {vehicle!r}", got="none")
     return Mounting.of(vehicle_from_sensor).model_dump()

@@ -89,13 +89,13 @@ def _custom(values: Mapping[str, Any], file: Path, field: str) -> CameraModel:
         return camera_from_parameters(**values)
     except UnknownNameError as error:
         raise DataError(
-            file, field=f"{field}.model", wanted=f"one of {', '.join(error.known)}", came=error.name
+            file, field=f"{field}.model", expected=f"one of {', '.join(error.known)}", got=error.name
         ) from error
     except ShapeError:
         raise
     except (TypeError, ValueError, OverflowError) as error:
-        wanted = "width, height and the parameters of the camera model"
-        raise DataError(file, field=field, wanted=wanted, came=", ".join(map(str, values))[:200]) from error
+        expected = "width, height and the parameters of the camera model"
+        raise DataError(file, field=field, expected=expected, got=", ".join(map(str, values))[:200]) from error
 
 
 def _fisheye(values: Mapping[str, Any], file: Path, field: str) -> CameraModel:
@@ -104,8 +104,8 @@ def _fisheye(values: Mapping[str, Any], file: Path, field: str) -> CameraModel:
     u, v = (_number(values, names, file, field) for names in CENTRES)
     if not (0 < u < width and 0 < v < height):
         do = "some files have the distance from the middle of the image here: add (width - 1) / 2, (height - 1) / 2"
-        wanted = f"a centre in the image of {width} x {height} px"
-        raise DataError(file, field=f"{field}.center_x_px, center_y_px", wanted=wanted, came=f"{u}, {v}", do=do)
+        expected = f"a centre in the image of {width} x {height} px"
+        raise DataError(file, field=f"{field}.center_x_px, center_y_px", expected=expected, got=f"{u}, {v}", do=do)
     focal_x = _number(values, ("focal_length_x",), file, field, default=0.0)
     ratio = _number(values, ("aspect_ratio",), file, field, default=1.0) or 1.0
     model = next((values[name] for name in MODELS if isinstance(values.get(name), str)), None)
@@ -118,13 +118,13 @@ def _fisheye(values: Mapping[str, Any], file: Path, field: str) -> CameraModel:
         )
     if model not in {"kannala", "opencv_fisheye"}:
         known = "radial_poly, kannala or opencv_fisheye"
-        raise DataError(file, field=f"{field}.model", wanted=known, came=repr(model)[:80])
+        raise DataError(file, field=f"{field}.model", expected=known, got=repr(model)[:80])
     focal_x = focal_x or 1.0
     focal_y = _number(values, ("focal_length_y",), file, field, default=0.0) or focal_x / ratio
     if model == "kannala":
         first, *rest = coefficients
         if first <= 0:
-            raise DataError(file, field=f"{field}.lens_coeffs", wanted="a first one above 0", came=str(first))
+            raise DataError(file, field=f"{field}.lens_coeffs", expected="a first one above 0", got=str(first))
         focal_x, focal_y, coefficients = focal_x * first, focal_y * first, [k / first for k in rest]
     return camera_from_parameters("kannala_brandt", **shape, focal=(focal_x, focal_y), coefficients=tuple(coefficients))
 
@@ -132,14 +132,14 @@ def _fisheye(values: Mapping[str, Any], file: Path, field: str) -> CameraModel:
 def _pinhole(values: Mapping[str, Any], file: Path, field: str) -> CameraModel:
     matrix = _list(values, MATRICES, file, field)
     if len(matrix) not in {9, 12}:
-        raise DataError(file, field=f"{field}.camera_matrix", wanted="9 or 12 numbers", came=str(len(matrix)))
+        raise DataError(file, field=f"{field}.camera_matrix", expected="9 or 12 numbers", got=str(len(matrix)))
     columns = len(matrix) // 3
     told = any(values.get(name) not in (None, []) for name in DISTORTIONS)
     distortion = _list(values, DISTORTIONS, file, field) if told else []
     if any(distortion) or matrix[1]:
-        wanted = "a pinhole without distortion or skew"
+        expected = "a pinhole without distortion or skew"
         do = "give images without distortion, or another camera model in intrinsics_custom"
-        raise DataError(file, field=field, wanted=wanted, came=f"{distortion}, skew {matrix[1]}", do=do)
+        raise DataError(file, field=field, expected=expected, got=f"{distortion}, skew {matrix[1]}", do=do)
     width, height = _size(values, file, field)
     return camera_from_parameters(
         "pinhole",
@@ -155,7 +155,7 @@ def _size(values: Mapping[str, Any], file: Path, field: str) -> tuple[int, int]:
     for name in ("width_px", "height_px"):
         size = _number(values, (name,), file, field)
         if not size.is_integer():
-            raise DataError(file, field=f"{field}.{name}", wanted="a whole number", came=str(size))
+            raise DataError(file, field=f"{field}.{name}", expected="a whole number", got=str(size))
         sizes.append(int(size))
     return sizes[0], sizes[1]
 
@@ -165,7 +165,7 @@ def _list(values: Mapping[str, Any], names: tuple[str, ...], file: Path, field: 
     numbers = [finite_number(item) for item in found] if isinstance(found, list) else []
     told = [number for number in numbers if number is not None]
     if not numbers or len(told) < len(numbers):
-        raise DataError(file, field=f"{field}.{names[0]}", wanted="finite numbers", came=repr(found)[:80])
+        raise DataError(file, field=f"{field}.{names[0]}", expected="finite numbers", got=repr(found)[:80])
     return told
 
 
@@ -175,7 +175,7 @@ def _number(
     found = next((values[name] for name in names if values.get(name) is not None), default)
     number = finite_number(found)
     if number is None:
-        raise DataError(file, field=f"{field}.{names[0]}", wanted="a finite number", came=repr(found)[:80])
+        raise DataError(file, field=f"{field}.{names[0]}", expected="a finite number", got=repr(found)[:80])
     return number
 
 

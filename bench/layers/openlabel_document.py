@@ -32,11 +32,11 @@ def label_document(layer: Layer, recording: Recording, options: LayerOptions) ->
     return document
 
 
-def _free_name(wanted: str, recording: Recording) -> str:
+def _free_name(expected: str, recording: Recording) -> str:
     taken = {*recording.cameras, openlabel.COORDINATE_SYSTEM}
-    while wanted in taken:
-        wanted = f"{wanted}_sensor"
-    return wanted
+    while expected in taken:
+        expected = f"{expected}_sensor"
+    return expected
 
 
 def _systems(recording: Recording, lidar: str) -> dict[str, Any]:

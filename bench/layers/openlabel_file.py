@@ -182,17 +182,17 @@ def read_label_file(file: Path) -> Root:
         DataError: missing, too large, not JSON, not OpenLABEL, or an object in a frame that the file does not list.
     """
     if file.is_file() and file.stat().st_size > LARGEST_BYTES:
-        raise DataError(file, wanted=f"at most {LARGEST_BYTES} bytes", came=str(file.stat().st_size))
+        raise DataError(file, expected=f"at most {LARGEST_BYTES} bytes", got=str(file.stat().st_size))
     content = read_json(LabelFile, file).openlabel
     version = content.metadata.get("schema_version")
     if not isinstance(version, str) or not version.startswith("1."):
         field = "openlabel.metadata.schema_version"
         raise DataError(
-            file, field=field, wanted="1.0.0", came=repr(version)[:80], do="convert the file to OpenLABEL 1.0.0"
+            file, field=field, expected="1.0.0", got=repr(version)[:80], do="convert the file to OpenLABEL 1.0.0"
         )
     for number, frame in content.frames.items():
         for uid in frame.objects:
             if uid not in content.objects:
                 field = f"openlabel.frames.{number}.objects.{uid}"
-                raise DataError(file, field=field, wanted="an object listed under openlabel.objects", came=repr(uid))
+                raise DataError(file, field=field, expected="an object listed under openlabel.objects", got=repr(uid))
     return content

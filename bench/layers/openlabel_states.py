@@ -103,7 +103,7 @@ class StateReader:
         system = entry.coordinate_system or item.coordinate_system
         if system not in {None, openlabel.COORDINATE_SYSTEM}:
             place = f"{field}.object_data.poly2d.coordinate_system"
-            raise DataError(self._file, field=place, wanted=f"{openlabel.COORDINATE_SYSTEM!r}", came=repr(system)[:80])
+            raise DataError(self._file, field=place, expected=f"{openlabel.COORDINATE_SYSTEM!r}", got=repr(system)[:80])
         return {"name": entry.name, "val": entry.val, "mode": entry.mode, "closed": entry.closed}
 
     def _count(self, data: ObjectData, *, known_numbers: Sequence[str]) -> None:

@@ -66,7 +66,7 @@ class Systems:
         field = "openlabel.coordinate_systems" + ("" if frame is None else f", frame {frame}")
         if start != self.anchor and start not in self._content.coordinate_systems:
             known = ", ".join(self._content.coordinate_systems) or "none"
-            raise DataError(self._file, field=field, wanted=f"one of {known}", came=repr(start))
+            raise DataError(self._file, field=field, expected=f"one of {known}", got=repr(start))
         edges = dict(self._standing)
         if frame is not None:
             for key, moved in self._content.frames[frame].frame_properties.transforms.items():
@@ -77,7 +77,7 @@ class Systems:
         if chained is None:
             do = "give pose_wrt_parent, or frame_properties.transforms in every frame"
             raise DataError(
-                self._file, field=field, wanted=f"poses from {start!r} to {self.anchor!r}", came="none", do=do
+                self._file, field=field, expected=f"poses from {start!r} to {self.anchor!r}", got="none", do=do
             )
         return self._vehicle_from_anchor @ chained
 
@@ -99,8 +99,8 @@ class Systems:
         raise DataError(
             self._file,
             field="openlabel.coordinate_systems",
-            wanted="one system of a lidar (a sensor_cs with a stream of type lidar of its name), or one local_cs",
-            came=f"{len(lidars)} and {len(local)} in {', '.join(systems)}"[:200],
+            expected="one system of a lidar (a sensor_cs with a stream of type lidar of its name), or one local_cs",
+            got=f"{len(lidars)} and {len(local)} in {', '.join(systems)}"[:200],
         )
 
 
@@ -128,14 +128,14 @@ def read_transform(data: TransformData, file: Path, field: str) -> RigidTransfor
     """
     given = [name for name in ("matrix4x4", "quaternion", "euler_angles") if getattr(data, name) is not None]
     if len(given) != 1:
-        wanted = "one of matrix4x4, quaternion and euler_angles"
-        raise DataError(file, field=field, wanted=wanted, came=" and ".join(given) or "none")
+        expected = "one of matrix4x4, quaternion and euler_angles"
+        raise DataError(file, field=field, expected=expected, got=" and ".join(given) or "none")
     if data.matrix4x4 is not None:
         _demand(data.matrix4x4, 16, file, f"{field}.matrix4x4")
         matrix = np.array(data.matrix4x4, dtype=np.float64).reshape(4, 4)
         if not np.allclose(matrix[3], [0.0, 0.0, 0.0, 1.0]):
-            came = str(matrix[3].tolist())
-            raise DataError(file, field=f"{field}.matrix4x4", wanted="a last row of 0, 0, 0, 1", came=came)
+            got = str(matrix[3].tolist())
+            raise DataError(file, field=f"{field}.matrix4x4", expected="a last row of 0, 0, 0, 1", got=got)
         try:
             return RigidTransform.from_matrix(matrix)
         except ShapeError as error:
@@ -145,13 +145,13 @@ def read_transform(data: TransformData, file: Path, field: str) -> RigidTransfor
         _demand(data.quaternion, 4, file, f"{field}.quaternion")
         x, y, z, w = data.quaternion
         if abs(float(np.linalg.norm(data.quaternion)) - 1.0) > 1e-3:
-            came = str(list(data.quaternion))
-            raise DataError(file, field=f"{field}.quaternion", wanted="x, y, z, w of length 1", came=came)
+            got = str(list(data.quaternion))
+            raise DataError(file, field=f"{field}.quaternion", expected="x, y, z, w of length 1", got=got)
         return RigidTransform.from_quaternion((w, x, y, z), data.translation or ())
     _demand(data.euler_angles, 3, file, f"{field}.euler_angles")
     sequence = data.sequence.upper()
     if len(sequence) != 3 or set(sequence) - set("XYZ") or sequence[0] == sequence[1] or sequence[1] == sequence[2]:
-        raise DataError(file, field=f"{field}.sequence", wanted="three axes, as ZYX", came=repr(data.sequence)[:80])
+        raise DataError(file, field=f"{field}.sequence", expected="three axes, as ZYX", got=repr(data.sequence)[:80])
     rotation = Rotation.from_euler(sequence, data.euler_angles or ()).as_matrix()
     return RigidTransform(rotation, np.array(data.translation, dtype=np.float64))
 
@@ -184,5 +184,5 @@ def chain(start: str, end: str, edges: Mapping[tuple[str, str], RigidTransform])
 def _demand(values: Sequence[float] | None, count: int, file: Path, field: str) -> None:
     if values is None or len(values) != count:
         raise DataError(
-            file, field=field, wanted=f"{count} numbers", came="none" if values is None else str(len(values))
+            file, field=field, expected=f"{count} numbers", got="none" if values is None else str(len(values))
         )

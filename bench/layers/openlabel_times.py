@@ -44,7 +44,7 @@ def frame_times(content: Root, recording: Recording, options: LayerOptions, file
         missing = next((number for number in frames if number not in given), None)
         if missing is not None:
             field = f"openlabel.frames.{missing}.frame_properties.timestamp"
-            raise DataError(file, field=field, wanted="a time, as the other frames have", came="nothing")
+            raise DataError(file, field=field, expected="a time, as the other frames have", got="nothing")
         times_ns = _in_best_unit(
             {number: _parsed(stamp, number, file) for number, stamp in given.items()}, recording, file
         )
@@ -57,7 +57,7 @@ def frame_times(content: Root, recording: Recording, options: LayerOptions, file
         other = seen.setdefault(time_ns, number)
         if other != number:
             field = f"openlabel.frames.{number}"
-            raise DataError(file, field=field, wanted="one frame for each time", came=f"{time_ns}, as frame {other}")
+            raise DataError(file, field=field, expected="one frame for each time", got=f"{time_ns}, as frame {other}")
     return times_ns
 
 
@@ -88,19 +88,19 @@ def _parsed(stamp: float | str | None, number: str, file: Path) -> Decimal | int
     field = f"openlabel.frames.{number}.frame_properties.timestamp"
     text = str(stamp).strip()
     if len(text) > LONGEST_TEXT:
-        raise DataError(file, field=field, wanted="a time", came=repr(text[:LONGEST_TEXT]))
+        raise DataError(file, field=field, expected="a time", got=repr(text[:LONGEST_TEXT]))
     try:
         value = Decimal(text)
     except InvalidOperation:
         value = None
     if value is not None:
         if not value.is_finite() or value.copy_abs() > LATEST_NS:  # `abs` fails on exponents beyond its context
-            raise DataError(file, field=field, wanted="a time", came=text)
+            raise DataError(file, field=field, expected="a time", got=text)
         return value
     try:
         moment = datetime.fromisoformat(text)
     except ValueError:
-        raise DataError(file, field=field, wanted="a number, or a date and time", came=repr(text)) from None
+        raise DataError(file, field=field, expected="a number, or a date and time", got=repr(text)) from None
     moment = moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)
     whole = int(moment.replace(microsecond=0).timestamp()) * UNITS_NS["s"]
     return whole + moment.microsecond * UNITS_NS["us"]
@@ -128,14 +128,14 @@ def _in_best_unit(values: Mapping[str, Decimal | int], recording: Recording, fil
         raise DataError(
             file,
             field=f"openlabel.frames.{first}.frame_properties.timestamp",
-            wanted=f"times of the recording, {known[0]} to {known[-1]} ns, in ns, us, ms or s" if known else "a time",
-            came=str(values[first]),
+            expected=f"times of the recording, {known[0]} to {known[-1]} ns, in ns, us, ms or s" if known else "a time",
+            got=str(values[first]),
         )
     for number, time_ns in best.items():
         if abs(time_ns) > LATEST_NS:
             field = f"openlabel.frames.{number}.frame_properties.timestamp"
-            wanted = "a time of this recording, in the unit of the other frames"
-            raise DataError(file, field=field, wanted=wanted, came=str(values[number]))
+            expected = "a time of this recording, in the unit of the other frames"
+            raise DataError(file, field=field, expected=expected, got=str(values[number]))
     return best
 
 

@@ -35,5 +35,5 @@ def layer_format(name: str) -> LayerFormat:
     known = known_formats()
     if name not in known:
         raise UnknownNameError("format of annotations", name, known)
-    found: LayerFormat = imported(known[name], wanted=f"format {name!r}: wanted a class")()
+    found: LayerFormat = imported(known[name], expected=f"format {name!r}: expected a class")()
     return found

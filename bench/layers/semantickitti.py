@@ -88,10 +88,10 @@ class SemanticKitti:
         frames = pair_with_sweeps(files, recording, options, source=source)
         present = set[int]().union(*(labels_in(file) for file in files.values())) - set(NOT_TOLD)
         classes = map_classes(map(_name, present), options, source=source, known=CLASSES)
-        wanted = {label for label in present if classes[_name(label)] is not None}
+        expected = {label for label in present if classes[_name(label)] is not None}
         gathered = _Gathered()
         for name, sweep in frames.items():
-            _gather(gathered, files[name], sweep, recording, wanted)
+            _gather(gathered, files[name], sweep, recording, expected)
         tracks = tuple(_tracks(gathered, classes, recording))
         times_ns = tuple(sweep.timestamp_ns for sweep in frames.values())
         return Layer(tracks=tracks, timestamps_ns=times_ns, lost=tuple(_loss(gathered, classes, tracks, options)))
@@ -110,7 +110,7 @@ def _stands(label: int) -> bool:
     return label in NAMES and not is_moving(label)
 
 
-def _gather(gathered: _Gathered, file: Path, sweep: SweepRef, recording: Recording, wanted: set[int]) -> None:
+def _gather(gathered: _Gathered, file: Path, sweep: SweepRef, recording: Recording, expected: set[int]) -> None:
     points = sweep.read()
     labels, instances = read_labels(file, points=len(points.points_lidar))
     placed = place_sweep(points, recording.trajectory, recording.vehicle_from_lidar)
@@ -126,7 +126,7 @@ def _gather(gathered: _Gathered, file: Path, sweep: SweepRef, recording: Recordi
 
     for label, count in zip(*np.unique(labels, return_counts=True), strict=True):
         gathered.points[int(label)] += int(count)
-        if label not in wanted:
+        if label not in expected:
             continue
         rows = np.flatnonzero(labels == label)
         for instance in np.unique(instances[rows]).tolist():

@@ -93,11 +93,11 @@ def read_labels(file: Path, *, points: int) -> tuple[NDArray[np.int64], NDArray[
     try:
         size = file.stat().st_size
     except OSError as error:
-        raise DataError(file, wanted="a readable .label file", came=error.strerror or str(error)) from error
+        raise DataError(file, expected="a readable .label file", got=error.strerror or str(error)) from error
     if size != 4 * points:
-        came = f"{size} bytes, {size // 4} labels" + (" and a rest" if size % 4 else "")
+        got = f"{size} bytes, {size // 4} labels" + (" and a rest" if size % 4 else "")
         do = "labels count in the sweep as the recording has it: give those of the same, uncut sweeps"
-        raise DataError(file, wanted=f"{points} labels of 4 bytes, one for each point of its sweep", came=came, do=do)
+        raise DataError(file, expected=f"{points} labels of 4 bytes, one for each point of its sweep", got=got, do=do)
     values = np.fromfile(file, dtype="<u4").astype(np.int64)
     return values & LARGEST_INSTANCE, values >> INSTANCE_BITS
 
@@ -111,7 +111,7 @@ def labels_in(file: Path) -> set[int]:
     try:
         values = np.fromfile(file, dtype="<u4")
     except OSError as error:
-        raise DataError(file, wanted="a readable .label file", came=error.strerror or str(error)) from error
+        raise DataError(file, expected="a readable .label file", got=error.strerror or str(error)) from error
     return set(np.unique(values & LARGEST_INSTANCE).tolist())
 
 

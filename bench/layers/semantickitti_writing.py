@@ -123,7 +123,7 @@ def _labels(tracks: Sequence[Track], options: LayerOptions) -> dict[str, _Label]
         number = _number(track, options)
         instance = next(i for i in range(last[number] + 1, LARGEST_INSTANCE + 2) if (number, i) not in taken)
         if instance > LARGEST_INSTANCE:
-            raise UsageError(f"{track.track_id!r}: wanted at most {LARGEST_INSTANCE} objects of a label, came more")
+            raise UsageError(f"{track.track_id!r}: expected at most {LARGEST_INSTANCE} objects of a label, got more")
         last[number] = instance
         labels[track.track_id] = _Label(number=number, instance=instance)
     return labels
@@ -143,8 +143,8 @@ def _told(track: Track) -> _Label | None:
 def _number(track: Track, options: LayerOptions) -> int:
     name = tool_class(track.object_class, options, WRITTEN).casefold().removeprefix("moving-")
     if name not in NUMBERS:
-        wanted = ", ".join(NAMES.values())
-        raise UsageError(f"class {name!r}: SemanticKITTI has no label of this name; its labels are {wanted}")
+        expected = ", ".join(NAMES.values())
+        raise UsageError(f"class {name!r}: SemanticKITTI has no label of this name; its labels are {expected}")
     if not _moved_ever(track):
         return NUMBERS[name]
     return NUMBERS.get(f"moving-{name}", NUMBERS["moving"])
@@ -166,7 +166,7 @@ def _sweep_labels(
     placed = place_sweep(sweep, recording.trajectory, recording.vehicle_from_lidar)
     if placed is None and count and any(not isinstance(state.shape, PointIndices) for _, state in objects):
         do = "give ego-motion that covers every sweep"
-        raise DataError(ref.path, wanted="ego-motion during the whole sweep", came="none for part of it", do=do)
+        raise DataError(ref.path, expected="ego-motion during the whole sweep", got="none for part of it", do=do)
     for track, state in sorted(objects, key=lambda one: -_volume(one[1].shape)):
         rows = _rows(track, state, ref, count, placed, recording)
         pointless += not len(rows)
@@ -181,9 +181,9 @@ def _rows(
     if isinstance(state.shape, PointIndices):
         rows = state.shape.indices
         if rows.size and not 0 <= int(rows.min()) <= int(rows.max()) < count:
-            came = f"{int(rows.min())} to {int(rows.max())}"
-            wanted = f"point indices of {track.track_id!r} from 0 to {count - 1}"
-            raise DataError(ref.path, wanted=wanted, came=came, do="annotate the sweep as the recording has it")
+            got = f"{int(rows.min())} to {int(rows.max())}"
+            expected = f"point indices of {track.track_id!r} from 0 to {count - 1}"
+            raise DataError(ref.path, expected=expected, got=got, do="annotate the sweep as the recording has it")
         return rows
     if placed is None:
         return np.empty(0, dtype=np.int64)

@@ -107,8 +107,8 @@ def _track(
     assert ours is not None
     for one in found:
         if classes[one.box.obj_type] != ours:
-            wanted = f"{name!r} to stay {found[0].box.obj_type}, as in {found[0].file.name}"
-            raise DataError(one.file, field=f"{one.row}.obj_type", wanted=wanted, came=one.box.obj_type)
+            expected = f"{name!r} to stay {found[0].box.obj_type}, as in {found[0].file.name}"
+            raise DataError(one.file, field=f"{one.row}.obj_type", expected=expected, got=one.box.obj_type)
     states = tuple(_state(one, one.box.obj_type in doubtful, recording) for one in found)
     return Track(track_id=name, object_class=ours, states=states)
 
@@ -119,8 +119,8 @@ def _state(found: _Found, doubtful: bool, recording: Recording) -> ObjectState:
     lidar_from_box = RigidTransform(rotation, np.array(box.psr.position.numbers()))
     motions = [word for word in box.attributes if word in MOTION_KINDS]
     if len(motions) > 1:
-        wanted = "one kind of motion"
-        raise DataError(found.file, field=f"{found.row}.obj_attr", wanted=wanted, came=" and ".join(motions))
+        expected = "one kind of motion"
+        raise DataError(found.file, field=f"{found.row}.obj_attr", expected=expected, got=" and ".join(motions))
     return ObjectState(
         timestamp_ns=found.timestamp_ns,
         shape=Cuboid(

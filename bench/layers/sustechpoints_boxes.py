@@ -89,7 +89,7 @@ def read_boxes(file: Path) -> tuple[Box, ...]:
     for row, box in enumerate(boxes):
         if box.name and box.name in seen:
             raise DataError(
-                file, field=f"{row}.obj_id", wanted="each object once in a frame", came=f"{box.name!r} twice"
+                file, field=f"{row}.obj_id", expected="each object once in a frame", got=f"{box.name!r} twice"
             )
         seen.add(box.name)
     return boxes

@@ -106,14 +106,14 @@ def read_tracklets(file: Path) -> tuple[Tracklet, ...]:
                     open_elements[-1].clear()
                     metered.restart()
     except OSError as error:
-        raise DataError(file, wanted="a file of tracklets", came=error.strerror or str(error)) from error
+        raise DataError(file, expected="a file of tracklets", got=error.strerror or str(error)) from error
     except DefusedXmlException as error:
-        raise DataError(file, wanted="XML without entities", came=str(error)) from None
+        raise DataError(file, expected="XML without entities", got=str(error)) from None
     except (ParseError, ValueError) as error:
-        raise DataError(file, wanted="well-formed XML", came=f"{error}; the file may be cut short") from None
+        raise DataError(file, expected="well-formed XML", got=f"{error}; the file may be cut short") from None
     if told != [len(tracklets)]:
-        came = f"{told[0]} for {len(tracklets)} items" if len(told) == 1 else f"{len(told)} counts"
-        raise DataError(file, field="tracklets.count", wanted="the number of tracklets", came=came)
+        got = f"{told[0]} for {len(tracklets)} items" if len(told) == 1 else f"{len(told)} counts"
+        raise DataError(file, field="tracklets.count", expected="the number of tracklets", got=got)
     return tuple(tracklets)
 
 
@@ -157,25 +157,25 @@ class _Declared:
 
 def _refuse_place(opened: list[Element], file: Path) -> None:
     if len(opened) <= len(OUTER) and opened[-1].tag != OUTER[len(opened) - 1]:
-        came = " with ".join(element.tag for element in opened)[:80]
-        raise DataError(file, wanted=" with ".join(OUTER), came=came)
+        got = " with ".join(element.tag for element in opened)[:80]
+        raise DataError(file, expected=" with ".join(OUTER), got=got)
     if len(opened) > DEEPEST:
-        raise DataError(file, wanted=f"at most {DEEPEST} levels of elements", came="more")
+        raise DataError(file, expected=f"at most {DEEPEST} levels of elements", got="more")
 
 
 def _tracklet(item: Element, file: Path, field: str) -> Tracklet:
     poses = item.find("poses")
     if poses is None:
-        raise DataError(file, field=f"{field}.poses", wanted="poses", came="nothing")
+        raise DataError(file, field=f"{field}.poses", expected="poses", got="nothing")
     entries = poses.findall("item")
     count = _whole(poses.find("count"), "count", file, f"{field}.poses.count")
     if count != len(entries):
         raise DataError(
-            file, field=f"{field}.poses.count", wanted=f"{len(entries)}, as there are poses", came=str(count)
+            file, field=f"{field}.poses.count", expected=f"{len(entries)}, as there are poses", got=str(count)
         )
     object_type = (item.findtext("objectType") or "").strip()
     if not object_type:
-        raise DataError(file, field=f"{field}.objectType", wanted="a class", came="nothing")
+        raise DataError(file, field=f"{field}.objectType", expected="a class", got="nothing")
     height_m, width_m, length_m = (_size(item, name, file, field) for name in "hwl")
     return Tracklet(
         object_type=object_type,
@@ -203,7 +203,7 @@ def _pose(entry: Element, file: Path, field: str) -> TrackletPose:
 def _size(item: Element, name: str, file: Path, field: str) -> float:
     value = _number(item, name, file, field)
     if value <= 0:
-        raise DataError(file, field=f"{field}.{name}", wanted="a size above 0", came=str(value))
+        raise DataError(file, field=f"{field}.{name}", expected="a size above 0", got=str(value))
     return value
 
 
@@ -216,7 +216,9 @@ def _whole(element: Element | None, name: str, file: Path, field: str, *, defaul
         return default
     text = "" if element is None else (element.text or "").strip()
     if not re.fullmatch(r"-?[0-9]{1,10}", text) or abs(int(text)) > LARGEST_NUMBER:
-        raise DataError(file, field=field, wanted=f"a whole number {name}", came=repr(text[:40]) if text else "nothing")
+        raise DataError(
+            file, field=field, expected=f"a whole number {name}", got=repr(text[:40]) if text else "nothing"
+        )
     return int(text)
 
 

@@ -54,7 +54,7 @@ def read_npz(path: Path) -> Arrays:
             unpacked = sum(entry.file_size for entry in entries)
             if unpacked > LARGEST_BYTES:
                 raise DataError(
-                    path, wanted=f"at most {LARGEST_BYTES} bytes of arrays", came=f"{unpacked} when unpacked"
+                    path, expected=f"at most {LARGEST_BYTES} bytes of arrays", got=f"{unpacked} when unpacked"
                 )
             arrays: Arrays = {
                 entry.filename.removesuffix(".npy"): _array(path, entry.filename, _unpacked(file, entry))
@@ -63,18 +63,18 @@ def read_npz(path: Path) -> Arrays:
     except DataError:
         raise
     except UNREADABLE as error:
-        came = " ".join(str(error).split())[:200] or type(error).__name__
-        raise DataError(path, wanted="a whole .npz file of plain arrays", came=came) from error
+        got = " ".join(str(error).split())[:200] or type(error).__name__
+        raise DataError(path, expected="a whole .npz file of plain arrays", got=got) from error
     for name, values in arrays.items():
         if name not in NPZ_TYPES:
-            raise DataError(path, field=name, wanted=f"only the arrays {', '.join(NPZ_ARRAYS)}", came="this one")
+            raise DataError(path, field=name, expected=f"only the arrays {', '.join(NPZ_ARRAYS)}", got="this one")
         if values.dtype.kind not in NPZ_TYPES[name]:
-            wanted = " or ".join(NPZ_TYPES[name].values())
-            raise DataError(path, field=name, wanted=wanted, came=str(values.dtype))
+            expected = " or ".join(NPZ_TYPES[name].values())
+            raise DataError(path, field=name, expected=expected, got=str(values.dtype))
     if "points_lidar" not in arrays:
-        raise DataError(path, field="points_lidar", wanted="an array of this name", came="none")
+        raise DataError(path, field="points_lidar", expected="an array of this name", got="none")
     if "ring" in arrays and arrays["ring"].size and not 0 <= int(arrays["ring"].max()) < 256:
-        raise DataError(path, field="ring", wanted="0 to 255", came=str(arrays["ring"].max()))
+        raise DataError(path, field="ring", expected="0 to 255", got=str(arrays["ring"].max()))
     return {name: values.astype(NPZ_STORED.get(name, values.dtype), copy=False) for name, values in arrays.items()}
 
 
@@ -109,14 +109,14 @@ def _array(path: Path, name: str, content: bytes) -> NDArray[Any]:
     member = io.BytesIO(content)
     version = npy.read_magic(member)
     if version not in NPY_HEADERS:
-        raise DataError(path, field=name, wanted="NumPy's format 1 or 2", came=str(version))
+        raise DataError(path, field=name, expected="NumPy's format 1 or 2", got=str(version))
     shape, by_column, kind = NPY_HEADERS[version](member)
     told, held = math.prod(shape) * max(kind.itemsize, 1), len(content) - member.tell()
     if told > held or min(shape, default=0) < 0:
-        came = f"a header of {shape} x {kind.itemsize} bytes over {held}"
-        raise DataError(path, field=name, wanted="a whole array", came=came)
+        got = f"a header of {shape} x {kind.itemsize} bytes over {held}"
+        raise DataError(path, field=name, expected="a whole array", got=got)
     if kind.hasobject:
-        raise DataError(path, field=name, wanted="an array of numbers", came="Python objects")
+        raise DataError(path, field=name, expected="an array of numbers", got="Python objects")
     values = np.frombuffer(content, dtype=kind, count=math.prod(shape), offset=member.tell())
     return values.reshape(shape, order="F" if by_column else "C")
 
@@ -134,7 +134,9 @@ def read_bin(path: Path) -> Arrays:
     """
     size = path.stat().st_size
     if not size or size % (4 * BIN_COLUMNS):
-        raise DataError(path, wanted="rows of four float32 (16 bytes)", came=f"{size} bytes; the file may be cut short")
+        raise DataError(
+            path, expected="rows of four float32 (16 bytes)", got=f"{size} bytes; the file may be cut short"
+        )
     rows = np.fromfile(path, dtype="<f4").reshape(-1, BIN_COLUMNS)
     return {"points_lidar": rows[:, :3].copy(), "intensity": rows[:, 3].copy()}
 

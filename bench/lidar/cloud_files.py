@@ -45,10 +45,10 @@ def read_cloud(path: Path) -> Arrays:
         with quiet:
             cloud = library.t.io.read_point_cloud(str(path))
     except RuntimeError as error:
-        raise DataError(path, wanted=f"a whole {path.suffix} file", came=" ".join(str(error).split())) from error
+        raise DataError(path, expected=f"a whole {path.suffix} file", got=" ".join(str(error).split())) from error
     names = {str(name) for name in cloud.point}
     if "positions" not in names or not len(cloud.point.positions):
-        raise DataError(path, wanted=f"a whole {path.suffix} file with points", came="none that could be read")
+        raise DataError(path, expected=f"a whole {path.suffix} file with points", got="none that could be read")
     arrays: Arrays = {"points_lidar": cloud.point.positions.numpy().copy()}
     for name, dtype in (("intensity", np.float32), ("ring", np.uint8)):
         if name in names:
@@ -67,31 +67,31 @@ def _refuse_cut_short(path: Path) -> None:
     try:
         rows, row_bytes = _ply_rows(words) if is_ply else _pcd_rows(words)
     except (ValueError, IndexError, KeyError, StopIteration):
-        raise DataError(path, wanted=f"the header of a {path.suffix} file", came="another or none") from None
+        raise DataError(path, expected=f"the header of a {path.suffix} file", got="another or none") from None
     body = content[end.end() :] if end else b""
     if not 0 < rows * row_bytes <= LARGEST_BYTES:
-        came = f"a header of {rows} points of {row_bytes} bytes"
-        raise DataError(path, wanted=f"points of at most {LARGEST_BYTES} bytes", came=came)
+        got = f"a header of {rows} points of {row_bytes} bytes"
+        raise DataError(path, expected=f"points of at most {LARGEST_BYTES} bytes", got=got)
     if kind == "binary_compressed":
         _refuse_lying(path, body, rows * row_bytes)
     if kind == "ascii" and len(body.split(b"\n")) - body.endswith(b"\n") < rows:
-        raise DataError(path, wanted=f"{rows} lines of points", came="fewer; the file is cut short")
+        raise DataError(path, expected=f"{rows} lines of points", got="fewer; the file is cut short")
     if kind == "ascii" and is_ply:
         _refuse_other_words(path, body.split(), rows, [kind for _, kind in _ply_columns(words)])
     if kind.startswith("binary") and kind != "binary_compressed" and len(body) < rows * row_bytes:
-        came = f"{len(body)}; the file is cut short"
-        raise DataError(path, wanted=f"{rows} points of {row_bytes} bytes, {rows * row_bytes} bytes in all", came=came)
+        got = f"{len(body)}; the file is cut short"
+        raise DataError(path, expected=f"{rows} points of {row_bytes} bytes, {rows * row_bytes} bytes in all", got=got)
 
 
 def _refuse_lying(path: Path, body: bytes, unpacked: int) -> None:
     """Compare the two lengths before compressed points with the file: open3d takes the memory that they ask for."""
     if len(body) < 8:
-        raise DataError(path, wanted="compressed points", came=f"{len(body)} bytes; the file is cut short")
+        raise DataError(path, expected="compressed points", got=f"{len(body)} bytes; the file is cut short")
     packed, told = struct.unpack_from("<II", body)
     if told != unpacked:
-        raise DataError(path, wanted=f"{unpacked} bytes when unpacked, as the header says", came=str(told))
+        raise DataError(path, expected=f"{unpacked} bytes when unpacked, as the header says", got=str(told))
     if packed > len(body) - 8:
-        raise DataError(path, wanted=f"{packed} bytes packed", came=f"{len(body) - 8}; the file is cut short")
+        raise DataError(path, expected=f"{packed} bytes packed", got=f"{len(body) - 8}; the file is cut short")
 
 
 def _refuse_other_words(path: Path, words: list[bytes], rows: int, types: Sequence[np.dtype[Any]]) -> None:
@@ -101,14 +101,14 @@ def _refuse_other_words(path: Path, words: list[bytes], rows: int, types: Sequen
             raise ValueError("words that NumPy takes for numbers, but open3d does not")
         values = np.array(words[: rows * len(types)], dtype=np.bytes_).astype(np.float64).reshape(rows, len(types))
     except ValueError:
-        wanted = f"{rows} points of {len(types)} numbers"
-        raise DataError(path, field="vertex", wanted=wanted, came="fewer, or words that are none") from None
+        expected = f"{rows} points of {len(types)} numbers"
+        raise DataError(path, field="vertex", expected=expected, got="fewer, or words that are none") from None
     for column, kind in zip(values.T, types, strict=True):
         span = np.iinfo(kind) if kind.kind in "iu" else np.finfo(kind)
         fits = (column >= span.min) & (column <= span.max) & ((column % 1 == 0) | (kind.kind == "f"))
         if not fits.all():
             row = int(np.argmin(fits))
-            raise DataError(path, field=f"vertex {row}", wanted=f"numbers of type {kind}", came=f"{column[row]:g}")
+            raise DataError(path, field=f"vertex {row}", expected=f"numbers of type {kind}", got=f"{column[row]:g}")
 
 
 def _ply_rows(words: list[list[str]]) -> tuple[int, int]:

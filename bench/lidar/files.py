@@ -48,27 +48,27 @@ def read_points(path: Path) -> Arrays:
     """
     reader, _ = _format(path)
     if not path.is_file():
-        raise DataError(path, wanted="a point-cloud file", came="no such file")
+        raise DataError(path, expected="a point-cloud file", got="no such file")
     if path.stat().st_size > LARGEST_BYTES:
-        raise DataError(path, wanted=f"a sweep of at most {LARGEST_BYTES} bytes", came=str(path.stat().st_size))
+        raise DataError(path, expected=f"a sweep of at most {LARGEST_BYTES} bytes", got=str(path.stat().st_size))
     try:
         arrays = reader(path)
     except OSError as error:
-        raise DataError(path, wanted="a readable point-cloud file", came=error.strerror or str(error)) from error
+        raise DataError(path, expected="a readable point-cloud file", got=error.strerror or str(error)) from error
     points = arrays["points_lidar"]
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind != "f":
-        came = f"{points.shape} {points.dtype}"
-        raise DataError(path, field="points_lidar", wanted="(N, 3) floating point", came=came)
+        got = f"{points.shape} {points.dtype}"
+        raise DataError(path, field="points_lidar", expected="(N, 3) floating point", got=got)
     for name, values in arrays.items():
         if name != "points_lidar" and values.shape != (len(points),):
-            raise DataError(path, field=name, wanted=f"({len(points)},), one per point", came=str(values.shape))
+            raise DataError(path, field=name, expected=f"({len(points)},), one per point", got=str(values.shape))
         if values.dtype.kind == "f" and not np.isfinite(values).all():
             rows = ~np.isfinite(values.reshape(len(points), -1)).all(axis=1)
-            came = f"NaN or infinity in {rows.sum()} rows, the first is {int(rows.argmax())}"
-            raise DataError(path, field=name, wanted="finite numbers", came=came)
+            got = f"NaN or infinity in {rows.sum()} rows, the first is {int(rows.argmax())}"
+            raise DataError(path, field=name, expected="finite numbers", got=got)
     if points.size and np.abs(points).max() > FARTHEST_M:
-        wanted, came = f"coordinates within {FARTHEST_M:g} m", f"{np.abs(points).max():g}"
-        raise DataError(path, field="points_lidar", wanted=wanted, came=came)
+        expected, got = f"coordinates within {FARTHEST_M:g} m", f"{np.abs(points).max():g}"
+        raise DataError(path, field="points_lidar", expected=expected, got=got)
     return arrays
 
 
@@ -87,7 +87,7 @@ def write_points(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
     for name in arrays:
         if name not in held:
             raise ShapeError(
-                f"{path.name}: wanted one of {', '.join(held)}, came {name}, which {path.suffix} cannot hold"
+                f"{path.name}: expected one of {', '.join(held)}, got {name}, which {path.suffix} cannot hold"
             )
     writer(path, arrays)
 
@@ -115,9 +115,9 @@ def read_sweep(path: Path, timestamp_ns: int) -> LidarSweep:
         if field in arrays:
             offsets_ns = _whole_ns(path, arrays[field], timestamp_ns)
     if offsets_ns is not None and offsets_ns.size and not _is_near(offsets_ns):
-        wanted = f"times within a second of {timestamp_ns}, ns"
-        came = f"{int(offsets_ns.min())} to {int(offsets_ns.max())} ns away"
-        raise DataError(path, field=field, wanted=wanted, came=came)
+        expected = f"times within a second of {timestamp_ns}, ns"
+        got = f"{int(offsets_ns.min())} to {int(offsets_ns.max())} ns away"
+        raise DataError(path, field=field, expected=expected, got=got)
     return LidarSweep(
         timestamp_ns=timestamp_ns,
         points_lidar=arrays["points_lidar"],
@@ -130,8 +130,8 @@ def read_sweep(path: Path, timestamp_ns: int) -> LidarSweep:
 def _whole_ns(path: Path, gps_time: NDArray[np.float64], timestamp_ns: int) -> NDArray[np.int64]:
     """Whole nanoseconds below 2^53 (104 days) are exact in the file's float64; beyond 2^62 they are no times."""
     if gps_time.size and np.abs(gps_time).max() >= 2.0**62:
-        came = f"{gps_time.min():g} to {gps_time.max():g}"
-        raise DataError(path, field="gps_time", wanted=f"times within a second of {timestamp_ns}, ns", came=came)
+        got = f"{gps_time.min():g} to {gps_time.max():g}"
+        raise DataError(path, field="gps_time", expected=f"times within a second of {timestamp_ns}, ns", got=got)
     return np.asarray(gps_time.round().astype(np.int64) - timestamp_ns)
 
 

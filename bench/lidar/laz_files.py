@@ -56,11 +56,11 @@ def read_laz(path: Path) -> Arrays:
     except (DataError, KeyboardInterrupt, SystemExit):
         raise
     except BaseException as error:  # the decompressor raises its own kinds, down to a panic that is no Exception
-        came = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-        raise DataError(path, wanted="a whole .laz file", came=came) from error
+        got = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+        raise DataError(path, expected="a whole .laz file", got=got) from error
     if header.point_count != len(arrays["points_lidar"]):
-        came = f"{len(arrays['points_lidar'])}; the file may be cut short"
-        raise DataError(path, field="points", wanted=f"{header.point_count} points as its header says", came=came)
+        got = f"{len(arrays['points_lidar'])}; the file may be cut short"
+        raise DataError(path, field="points", expected=f"{header.point_count} points as its header says", got=got)
     return arrays
 
 
@@ -68,25 +68,25 @@ def _refuse_lying_header(path: Path, file: BinaryIO) -> None:
     head, size = file.read(HEADER.size), file.seek(0, 2)
     file.seek(0)
     if len(head) < HEADER.size:
-        raise DataError(path, wanted="a whole .laz file", came=f"{len(head)} bytes")
+        raise DataError(path, expected="a whole .laz file", got=f"{len(head)} bytes")
     header_bytes, points_at, records = HEADER.unpack(head)
     if not header_bytes + records * RECORD_BYTES <= points_at <= size:
-        came = f"a header of {header_bytes} bytes, {records} records, points at {points_at} of {size} bytes"
-        raise DataError(path, field="header", wanted="lengths within the file", came=came)
+        got = f"a header of {header_bytes} bytes, {records} records, points at {points_at} of {size} bytes"
+        raise DataError(path, field="header", expected="lengths within the file", got=got)
 
 
 def _refuse_too_many(path: Path, count: int, point_bytes: int) -> None:
     if count * point_bytes > LARGEST_BYTES:
-        came = f"a header of {count} points, {count * point_bytes} bytes"
-        raise DataError(path, field="points", wanted=f"at most {LARGEST_BYTES} bytes unpacked", came=came)
+        got = f"a header of {count} points, {count * point_bytes} bytes"
+        raise DataError(path, field="points", expected=f"at most {LARGEST_BYTES} bytes unpacked", got=got)
 
 
 def _refuse_lying_chunks(path: Path, file: BinaryIO, header: Any) -> None:
     """Compare the chunks that the points are compressed in with the file."""
     import lazrs
 
-    def refuse(field: str, wanted: str, came: object) -> None:
-        raise DataError(path, field=field, wanted=wanted, came=f"{came}; the file is damaged or cut short")
+    def refuse(field: str, expected: str, got: object) -> None:
+        raise DataError(path, field=field, expected=expected, got=f"{got}; the file is damaged or cut short")
 
     start, point_bytes = header.offset_to_point_data, header.point_format.size
     record = bytes(header.vlrs[header.vlrs.index("LasZipVlr")].record_data)
@@ -106,8 +106,8 @@ def _refuse_lying_chunks(path: Path, file: BinaryIO, header: Any) -> None:
     entries = lazrs.read_chunk_table(file, told)
     points, packed = sum(entry[0] for entry in entries), sum(entry[1] for entry in entries)
     if points < header.point_count or start + 8 + packed > table:
-        came = f"{points} points in {packed}"
-        refuse("chunk table", f"chunks of {header.point_count} points in {table - start - 8} bytes", came)
+        got = f"{points} points in {packed}"
+        refuse("chunk table", f"chunks of {header.point_count} points in {table - start - 8} bytes", got)
     if int.from_bytes(record[:2], "little") == LAYERED:
         place, head_bytes = start + 8, point_bytes + 4
         for _, packed in entries:

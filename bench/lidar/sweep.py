@@ -34,11 +34,11 @@ class LidarSweep:
 
     def __post_init__(self) -> None:
         if self.points_lidar.ndim != 2 or self.points_lidar.shape[1] != 3:
-            raise ShapeError(f"points_lidar: wanted (N, 3), came {self.points_lidar.shape}")
+            raise ShapeError(f"points_lidar: expected (N, 3), got {self.points_lidar.shape}")
         for name in ("time_offset_ns", "intensity", "ring"):
             values = getattr(self, name)
             if values is not None and values.shape != (len(self.points_lidar),):
-                raise ShapeError(f"{name}: wanted one per point ({len(self.points_lidar)},), came {values.shape}")
+                raise ShapeError(f"{name}: expected one per point ({len(self.points_lidar)},), got {values.shape}")
 
     @property
     def times_ns(self) -> NDArray[np.int64]:

@@ -75,11 +75,11 @@ def _faults(answer: object, width: int, height: int) -> Iterator[str]:
 
 
 def _array_faults(name: str, values: object, shape: tuple[int, int], kind: type[np.generic]) -> Iterator[str]:
-    wanted = f"{name}: expected a {shape} array of {'float' if kind is np.floating else kind.__name__.rstrip('_')}"
+    expected = f"{name}: expected a {shape} array of {'float' if kind is np.floating else kind.__name__.rstrip('_')}"
     if not isinstance(values, np.ndarray):
-        yield f"{wanted}, got {type(values).__name__}"
+        yield f"{expected}, got {type(values).__name__}"
     elif values.shape != shape or not np.issubdtype(values.dtype, kind):
-        yield f"{wanted}, got {values.shape} of {values.dtype}"
+        yield f"{expected}, got {values.shape} of {values.dtype}"
 
 
 def _likelihood_faults(likelihood: NDArray[np.floating], *, score: bool) -> Iterator[str]:
@@ -88,8 +88,8 @@ def _likelihood_faults(likelihood: NDArray[np.floating], *, score: bool) -> Iter
         bad = int((~np.isfinite(likelihood)).sum())
         yield f"likelihood: expected finite numbers, 0 where undefined, got {bad} that are NaN or infinite"
     elif lowest < 0 or (score and highest > 1):
-        wanted = "a score in [0, 1]" if score else "at least 0"
-        yield f"likelihood: expected {wanted}, got {lowest:g} to {highest + 0.0:g}"
+        expected = "a score in [0, 1]" if score else "at least 0"
+        yield f"likelihood: expected {expected}, got {lowest:g} to {highest + 0.0:g}"
 
 
 def _place(method: Method, frame: MethodInput) -> str:

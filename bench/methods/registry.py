@@ -75,4 +75,4 @@ def build_method(name: str, parameters: Mapping[str, object] | None = None) -> M
 
 
 def _class(name: str, place: str) -> Any:
-    return imported(place, wanted=f"method {name!r}: wanted a class")
+    return imported(place, expected=f"method {name!r}: expected a class")

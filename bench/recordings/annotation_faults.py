@@ -27,11 +27,11 @@ def annotation_faults(file: Path) -> tuple[DataError, ...]:
             field = f"openlabel.frames.{number}.objects.{uid}"
             if uid not in content.objects:
                 found.append(
-                    DataError(file, field=field, wanted="an object listed under openlabel.objects", came=repr(uid))
+                    DataError(file, field=field, expected="an object listed under openlabel.objects", got=repr(uid))
                 )
             if (uid, timestamp_ns) in seen:
                 found.append(
-                    DataError(file, field=field, wanted="one frame for each time", came=f"{timestamp_ns} twice")
+                    DataError(file, field=field, expected="one frame for each time", got=f"{timestamp_ns} twice")
                 )
             seen.add((uid, timestamp_ns))
             try:

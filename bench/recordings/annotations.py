@@ -31,9 +31,9 @@ def read_annotations(file: Path) -> tuple[Track, ...]:
         for uid, entry in frame.objects.items():
             field = f"openlabel.frames.{number}.objects.{uid}"
             if uid not in states:
-                raise DataError(file, field=field, wanted="an object listed under openlabel.objects", came=repr(uid))
+                raise DataError(file, field=field, expected="an object listed under openlabel.objects", got=repr(uid))
             if states[uid] and states[uid][-1].timestamp_ns == timestamp_ns:
-                raise DataError(file, field=field, wanted="one frame for each time", came=f"{timestamp_ns} twice")
+                raise DataError(file, field=field, expected="one frame for each time", got=f"{timestamp_ns} twice")
             states[uid].append(read_state(entry.object_data, timestamp_ns, file=file, field=field))
     return tuple(
         Track(
@@ -103,8 +103,8 @@ def _shape(
     if bool(data.cuboid) + bool(data.poly2d) + ("point_indices" in vectors) != 1:
         given = [name for name in ("cuboid", "poly2d") if getattr(data, name)]
         given += ["vec point_indices"] if "point_indices" in vectors else []
-        wanted = "one of cuboid, poly2d and vec point_indices"
-        raise DataError(file, field=field, wanted=wanted, came=" and ".join(given) or "none")
+        expected = "one of cuboid, poly2d and vec point_indices"
+        raise DataError(file, field=field, expected=expected, got=" and ".join(given) or "none")
     if data.cuboid:
         x, y, z, qx, qy, qz, qw, *size_m = data.cuboid[0].val
         return Cuboid(
@@ -113,8 +113,8 @@ def _shape(
     if data.poly2d:
         _demand(("bottom_m", "top_m"), numbers, file, field)
         if numbers["bottom_m"] >= numbers["top_m"]:
-            came = f"{numbers['top_m']} over {numbers['bottom_m']}"
-            raise DataError(file, field=f"{field}.num", wanted="top_m above bottom_m", came=came)
+            got = f"{numbers['top_m']} over {numbers['bottom_m']}"
+            raise DataError(file, field=f"{field}.num", expected="top_m above bottom_m", got=got)
         outline_m = np.array(data.poly2d[0].val, dtype=np.float64).reshape(-1, 2)
         return GroundPolygon(outline_m=outline_m, bottom_m=float(numbers["bottom_m"]), top_m=float(numbers["top_m"]))
     _demand(("sweep_timestamp_ns",), numbers, file, field)
@@ -126,7 +126,7 @@ def _shape(
 def _demand(names: tuple[str, ...], numbers: dict[str, Any], file: Path, field: str) -> None:
     for name in names:
         if name not in numbers:
-            raise DataError(file, field=f"{field}.num", wanted=f"a number named {name}", came="none")
+            raise DataError(file, field=f"{field}.num", expected=f"a number named {name}", got="none")
 
 
 def _object(track: Track) -> dict[str, Any]:

@@ -34,7 +34,7 @@ def replacing(path: Path) -> Iterator[Path]:
     temporary = path.with_name(f".{path.stem[:60]}.{uuid4().hex}{path.suffix}")
     try:
         if path.exists() and not path.is_file():  # as root one could put a file in the place of /dev/null
-            raise OutputError(path, came="a folder or device that is there")
+            raise OutputError(path, got="a folder or device that is there")
         yield temporary
         temporary.replace(path)
     except OSError as error:

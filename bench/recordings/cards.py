@@ -127,7 +127,7 @@ class DatasetCard:
     def _beside_card(self, path: str, field: str) -> Path:
         place = self._place(path, field)
         if isinstance(place, RemoteUrl):
-            raise DataError(self.file, field=field, wanted="a folder or file of this machine", came=str(place))
+            raise DataError(self.file, field=field, expected="a folder or file of this machine", got=str(place))
         return place
 
     def _place(self, path: str, field: str) -> Path | RemoteUrl:
@@ -136,14 +136,14 @@ class DatasetCard:
             if not value:
                 do = f"set {match[1]}, for example: export {match[1]}=/path/to/data"
                 do += f"; {self.content.how_to_get}" if self.content.how_to_get else ""
-                came = f"the variable {match[1]}, which is not set"
-                raise DataError(self.file, field=field, wanted="a folder", came=came, do=do)
+                got = f"the variable {match[1]}, which is not set"
+                raise DataError(self.file, field=field, expected="a folder", got=got, do=do)
             return value
 
         try:
             place = parse_place(re.sub(r"\$\{(\w+)\}", expanded, path))
         except UsageError as error:
-            raise DataError(self.file, field=field, wanted="a folder or an address", came=str(error)) from error
+            raise DataError(self.file, field=field, expected="a folder or an address", got=str(error)) from error
         return place if isinstance(place, RemoteUrl) else self.file.parent / place.expanduser()
 
 
@@ -178,12 +178,12 @@ def list_cards(folder: Path = DEFAULT_FOLDER) -> tuple[DatasetCard, ...]:
 def _read_yaml(path: Path) -> dict[str, Any]:
     try:
         if path.stat().st_size > LARGEST_CARD_BYTES:
-            raise DataError(path, wanted=f"at most {LARGEST_CARD_BYTES} bytes", came=f"{path.stat().st_size}")
+            raise DataError(path, expected=f"at most {LARGEST_CARD_BYTES} bytes", got=f"{path.stat().st_size}")
         values = parse_yaml(path.read_text(encoding="utf-8"), file=path)
     except OSError as error:
-        raise DataError(path, wanted="a readable card", came=error.strerror or str(error)) from error
+        raise DataError(path, expected="a readable card", got=error.strerror or str(error)) from error
     except UnicodeDecodeError as error:
-        raise DataError(path, wanted="UTF-8 text", came=" ".join(str(error).split())) from error
+        raise DataError(path, expected="UTF-8 text", got=" ".join(str(error).split())) from error
     if not isinstance(values, dict):
-        raise DataError(path, wanted="keys and values", came=type(values).__name__)
+        raise DataError(path, expected="keys and values", got=type(values).__name__)
     return values

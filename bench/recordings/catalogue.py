@@ -64,12 +64,12 @@ def open_dataset(card: DatasetCard, split: str | None = None) -> tuple[Recording
     handles = {handle.name: handle for handle in listed}
     if len(handles) < len(listed):
         twice = next(handle.name for handle in listed if handles[handle.name] is not handle)
-        raise DataError(_root(card), wanted="recordings of different names", came=f"{twice!r} twice")
+        raise DataError(_root(card), expected="recordings of different names", got=f"{twice!r} twice")
     for name in handles:
         if any("\ud800" <= character <= "\udfff" for character in name):
-            raise DataError(_root(card), wanted="recordings with names in UTF-8", came=repr(name), do="rename it")
+            raise DataError(_root(card), expected="recordings with names in UTF-8", got=repr(name), do="rename it")
     if not handles:
-        raise DataError(_root(card), wanted=f"recordings of the adapter {card.content.adapter!r}", came="none")
+        raise DataError(_root(card), expected=f"recordings of the adapter {card.content.adapter!r}", got="none")
     chosen = card.content.splits.get(split, "*") if split is not None else "*"
     names = tuple(handles) if chosen == "*" else chosen
     _refuse_unknown(names, handles, card, f"splits.{split}")
@@ -92,8 +92,8 @@ def _listed(card: DatasetCard) -> tuple[RecordingHandle, ...]:
         )
         return remote_recordings(remote, card.content.adapter)
     if not card.root.is_dir():
-        do, came = card.content.how_to_get or "see the card", f"{card.root}, which is missing"
-        raise DataError(card.file, field="root", wanted="a folder with the data", came=came, do=do)
+        do, got = card.content.how_to_get or "see the card", f"{card.root}, which is missing"
+        raise DataError(card.file, field="root", expected="a folder with the data", got=got, do=do)
     return adapter(card.root, options=card.content.options, card=card.file, annotations=card.annotations)
 
 
@@ -105,7 +105,7 @@ def _adapter(name: str) -> Adapter:
     known = known_places(ENTRY_POINTS, ADAPTERS)
     if name not in known:
         raise UnknownNameError("adapter", name, known)
-    adapter: Adapter = imported(known[name], wanted=f"adapter {name!r}: wanted a function")
+    adapter: Adapter = imported(known[name], expected=f"adapter {name!r}: expected a function")
     return adapter
 
 
@@ -128,7 +128,7 @@ def _refuse_unknown(
     for name in names:
         if name not in handles:
             known = ", ".join(sorted(handles)[:SHOWN])
-            raise DataError(card.file, field=field, wanted=f"recordings of {_root(card)}: {known}", came=repr(name))
+            raise DataError(card.file, field=field, expected=f"recordings of {_root(card)}: {known}", got=repr(name))
 
 
 def _refuse_strange_annotations(card: DatasetCard, handles: Mapping[str, RecordingHandle]) -> None:
@@ -138,9 +138,9 @@ def _refuse_strange_annotations(card: DatasetCard, handles: Mapping[str, Recordi
         return
     if not folder.is_dir():
         do = "the path counts from the card's own folder; correct it, or take the key out"
-        came = f"{folder}, which is missing"
-        raise DataError(card.file, field="annotations", wanted="a folder of <recording>.json files", came=came, do=do)
+        got = f"{folder}, which is missing"
+        raise DataError(card.file, field="annotations", expected="a folder of <recording>.json files", got=got, do=do)
     files = sorted(folder.glob("*.json"))
     if files and not any(file.stem in handles for file in files):
-        wanted = f"files called as recordings in {folder}: {', '.join(sorted(handles)[:SHOWN])}"
-        raise DataError(card.file, field="annotations", wanted=wanted, came=f"{len(files)}, as {files[0].name}")
+        expected = f"files called as recordings in {folder}: {', '.join(sorted(handles)[:SHOWN])}"
+        raise DataError(card.file, field="annotations", expected=expected, got=f"{len(files)}, as {files[0].name}")

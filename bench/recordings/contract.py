@@ -78,9 +78,9 @@ def adapter_faults(
     if handles is None:
         return (*faults, told)
     if not (isinstance(handles, tuple) and handles and all(isinstance(h, RecordingHandle) for h in handles)):
-        return (*faults, f"listing: wanted a tuple of RecordingHandle, came {_shown(handles)}")
+        return (*faults, f"listing: expected a tuple of RecordingHandle, got {_shown(handles)}")
     names = [handle.name for handle in handles]
-    faults += [f"listing: wanted each name once, came {n!r} twice" for n in sorted(set(names)) if names.count(n) > 1]
+    faults += [f"listing: expected each name once, got {n!r} twice" for n in sorted(set(names)) if names.count(n) > 1]
     listed = set(opened)
     for number, handle in enumerate(handles, start=1):
         faults += [f"{handle.name}: {fault}" for fault in _handle_faults(handle, root, listed)]
@@ -93,20 +93,20 @@ def _refusals(listing: Callable[..., Any], root: Path, options: Mapping[str, Any
     """What has to be refused, with a `DataError` and nothing else."""
     try:
         listing(root, {**options, NO_SUCH_OPTION: 1})
-        yield "options: wanted a DataError for an option that does not exist, came none"
+        yield "options: expected a DataError for an option that does not exist, got none"
     except DataError:
         pass
     except Exception as error:  # noqa: BLE001 - any other is what we look for
-        yield f"options: wanted a DataError for an option that does not exist, came {_shown(error)}"
+        yield f"options: expected a DataError for an option that does not exist, got {_shown(error)}"
     with tempfile.TemporaryDirectory() as empty:
         try:
             found = listing(Path(empty), options)
             if len(found):
-                yield f"empty folder: wanted no recordings, came {len(found)}"
+                yield f"empty folder: expected no recordings, got {len(found)}"
         except DataError:
             pass
         except Exception as error:  # noqa: BLE001
-            yield f"empty folder: wanted no recordings or a DataError, came {_shown(error)}"
+            yield f"empty folder: expected no recordings or a DataError, got {_shown(error)}"
 
 
 def _handle_faults(handle: RecordingHandle, root: Path, listed: set[str]) -> Iterator[str]:
@@ -114,25 +114,25 @@ def _handle_faults(handle: RecordingHandle, root: Path, listed: set[str]) -> Ite
         packed = pickle.dumps(handle)
         travelled: RecordingHandle = pickle.loads(packed)
     except Exception as error:  # noqa: BLE001
-        yield f"handle: wanted one that pickles (a function of a module, or a partial of one), came {_shown(error)}"
+        yield f"handle: expected one that pickles (a function of a module, or a partial of one), got {_shown(error)}"
         return
     if len(packed) > LARGEST_HANDLE_BYTES:
-        yield f"handle: wanted a small one that knows where to look, came {len(packed)} bytes"
+        yield f"handle: expected a small one that knows where to look, got {len(packed)} bytes"
     with _opened_files() as opened:
         recording, told = _called("open", travelled.open)
     if recording is None:
         yield told
         return
     if not isinstance(recording, Recording):
-        yield f"open: wanted a Recording, came {_shown(recording)}"
+        yield f"open: expected a Recording, got {_shown(recording)}"
         return
     if recording.name != handle.name:
-        yield f"name: wanted {handle.name!r}, as listed, came {recording.name!r}"
+        yield f"name: expected {handle.name!r}, as listed, got {recording.name!r}"
     bulk = {str(image.path.resolve()) for images in recording.images.values() for image in images}
     bulk |= {str(sweep.path.resolve()) for sweep in recording.sweeps}
     for when, files in (("listing", listed), ("open", set(opened))):
         if early := sorted(files & bulk):
-            yield f"{when}: wanted no image or sweep read yet, came {len(early)}, the first {early[0]}"
+            yield f"{when}: expected no image or sweep read yet, got {len(early)}, the first {early[0]}"
     yield from _camera_faults(recording, root)
     yield from _image_faults(recording)
     yield from _sweep_faults(recording, root)
@@ -141,24 +141,24 @@ def _handle_faults(handle: RecordingHandle, root: Path, listed: set[str]) -> Ite
 
 def _camera_faults(recording: Recording, root: Path) -> Iterator[str]:
     if set(recording.images) != set(recording.cameras) or not recording.cameras:
-        yield f"images: wanted one row for each camera of {sorted(recording.cameras)}, came {sorted(recording.images)}"
+        yield f"images: expected one row for each camera of {sorted(recording.cameras)}, got {sorted(recording.images)}"
     for name, camera in recording.cameras.items():
         size = camera.model.height, camera.model.width
         if camera.name != name:
-            yield f"cameras.{name}: wanted its own name, came {camera.name!r}"
+            yield f"cameras.{name}: expected its own name, got {camera.name!r}"
         if camera.ego_body is not None and (camera.ego_body.shape != size or camera.ego_body.dtype != bool):
-            came = f"{camera.ego_body.shape} {camera.ego_body.dtype}"
-            yield f"cameras.{name}.ego_body: wanted {size} bool, came {came}"
+            got = f"{camera.ego_body.shape} {camera.ego_body.dtype}"
+            yield f"cameras.{name}.ego_body: expected {size} bool, got {got}"
         images = recording.images.get(name, ())
         yield from _time_faults([image.timestamp_ns for image in images], f"images.{name}")
         for image in images:
             if image.camera != name:
-                yield f"images.{name}: wanted this camera, came {image.camera!r}"
+                yield f"images.{name}: expected this camera, got {image.camera!r}"
                 break
         yield from _places([image.path for image in images], root, f"images.{name}")
         times_ns = np.array([image.timestamp_ns for image in images], dtype=np.int64)
         if len(times_ns) and not recording.trajectory.at(times_ns)[2].any():
-            yield f"trajectory: wanted ego-motion at the images of {name}, came none at any"
+            yield f"trajectory: expected ego-motion at the images of {name}, got none at any"
 
 
 def _image_faults(recording: Recording) -> Iterator[str]:
@@ -173,14 +173,14 @@ def _image_faults(recording: Recording) -> Iterator[str]:
                 if pixels is None:
                     yield told
                 elif pixels.shape != size or pixels.dtype != np.uint8:
-                    yield f"images.{name}: wanted {size} uint8, came {pixels.shape} {pixels.dtype}"
+                    yield f"images.{name}: expected {size} uint8, got {pixels.shape} {pixels.dtype}"
                 del pixels
                 held.append(tracemalloc.get_traced_memory()[0])
         finally:
             tracemalloc.stop()
         if len(held) > 2 and held[-1] - held[1] > LEAK_BYTES + size[0] * size[1]:
-            came = f"{held[-1] - held[1]} bytes held after {len(held)}"
-            yield f"images.{name}: wanted images that are let go, came {came}"
+            got = f"{held[-1] - held[1]} bytes held after {len(held)}"
+            yield f"images.{name}: expected images that are let go, got {got}"
 
 
 def _sweep_faults(recording: Recording, root: Path) -> Iterator[str]:
@@ -191,15 +191,15 @@ def _sweep_faults(recording: Recording, root: Path) -> Iterator[str]:
         try:
             pickle.dumps(reference)
         except Exception as error:  # noqa: BLE001
-            yield f"{place}: wanted a reference that pickles, came {_shown(error)}"
+            yield f"{place}: expected a reference that pickles, got {_shown(error)}"
         sweep, told = _called(place, reference.read)
         if sweep is None:
             yield told
             continue
         if not np.isfinite(sweep.points_lidar).all():
-            yield f"{place}: wanted finite points, came NaN or infinity"
+            yield f"{place}: expected finite points, got NaN or infinity"
         if sweep.timestamp_ns != reference.timestamp_ns:
-            yield f"{place}: wanted the time {reference.timestamp_ns}, came {sweep.timestamp_ns}"
+            yield f"{place}: expected the time {reference.timestamp_ns}, got {sweep.timestamp_ns}"
     yield from _cut_sweep(recording.sweeps[:1])
 
 
@@ -214,50 +214,50 @@ def _cut_sweep(sweeps: Sequence[SweepRef]) -> Iterator[str]:
                 try:
                     reference.reader(cut, reference.timestamp_ns)
                     if what == "missing":
-                        yield "sweeps: wanted a DataError for a file that is missing, came none"
+                        yield "sweeps: expected a DataError for a file that is missing, got none"
                 except DataError:
                     pass
                 except Exception as error:  # noqa: BLE001
-                    yield f"sweeps: wanted a DataError for a file that is {what}, came {_shown(error)}"
+                    yield f"sweeps: expected a DataError for a file that is {what}, got {_shown(error)}"
                 with reference.path.open("rb") as whole:
                     cut.write_bytes(whole.read(reference.path.stat().st_size // 2))
 
 
 def _track_faults(tracks: Sequence[Track]) -> Iterator[str]:
     ids = [track.track_id for track in tracks]
-    yield from (f"tracks: wanted each id once, came {i!r} twice" for i in sorted(set(ids)) if ids.count(i) > 1)
+    yield from (f"tracks: expected each id once, got {i!r} twice" for i in sorted(set(ids)) if ids.count(i) > 1)
     for track in tracks:
         place = f"tracks, {track.track_id}"
         if track.object_class not in OBJECT_CLASSES:
-            yield f"{place}: wanted a class of {', '.join(OBJECT_CLASSES)}, came {track.object_class!r}"
+            yield f"{place}: expected a class of {', '.join(OBJECT_CLASSES)}, got {track.object_class!r}"
         yield from _time_faults([state.timestamp_ns for state in track.states], place)
         if any(np.shape(state.velocity_mps) != (3,) for state in track.states):
-            yield f"{place}: wanted velocities (3,), NaN where not told, came another shape"
+            yield f"{place}: expected velocities (3,), NaN where not told, got another shape"
 
 
 def _time_faults(times_ns: Sequence[object], place: str) -> Iterator[str]:
     whole = [time for time in times_ns if isinstance(time, int) and not isinstance(time, bool)]
     if len(whole) < len(times_ns):
         odd = next(time for time in times_ns if not isinstance(time, int) or isinstance(time, bool))
-        yield f"{place}: wanted times as int nanoseconds, came {type(odd).__name__}"
+        yield f"{place}: expected times as int nanoseconds, got {type(odd).__name__}"
     elif whole != sorted(set(whole)):
-        yield f"{place}: wanted times that increase, came one twice or out of order"
+        yield f"{place}: expected times that increase, got one twice or out of order"
 
 
 def _places(paths: Sequence[Path], root: Path, place: str) -> Iterator[str]:
     outside = [path for path in paths if not path.resolve().is_relative_to(root.resolve())]
     if outside:
-        yield f"{place}: wanted files below {root}, came {outside[0]}"
+        yield f"{place}: expected files below {root}, got {outside[0]}"
 
 
 def _called(what: str, call: Callable[[], Any]) -> tuple[Any, str]:
     """The result, or None and what went wrong on a data set that is known to be good."""
     try:
-        return call(), f"{what}: wanted a result, came None"
+        return call(), f"{what}: expected a result, got None"
     except BenchError as error:
         return None, f"{what}: {error}"
     except Exception as error:  # noqa: BLE001 - a traceback would hide the other promises
-        return None, f"{what}: wanted no error, or a DataError for a fault of the data, came {_shown(error)}"
+        return None, f"{what}: expected no error, or a DataError for a fault of the data, got {_shown(error)}"
 
 
 def _shown(value: object) -> str:

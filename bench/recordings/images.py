@@ -64,10 +64,10 @@ def read_truth(image: ImageRef, camera: MountedCamera | None = None) -> NDArray[
         DataError: the recording has no truth for the image, or the file is not a 16-bit PNG of the right size.
     """
     if image.truth_path is None:
-        raise DataError(image.path, wanted="an image with truth beside it", came="one of a recording without")
+        raise DataError(image.path, expected="an image with truth beside it", got="one of a recording without")
     ids = _decode(image.truth_path, cv2.IMREAD_UNCHANGED)
     if ids.dtype != np.uint16 or ids.ndim != 2:
-        raise DataError(image.truth_path, wanted="a 16-bit grey PNG", came=f"{ids.dtype} {ids.shape}")
+        raise DataError(image.truth_path, expected="a 16-bit grey PNG", got=f"{ids.dtype} {ids.shape}")
     if camera is not None:
         _refuse_other_size(ids, image.truth_path, camera)
         size = camera.model.width, camera.model.height
@@ -90,10 +90,10 @@ def read_moving_mask(image: ImageRef, camera: MountedCamera) -> NDArray[np.bool_
         DataError: the image has no mask, or a file that is not an 8-bit grey image of the calibration's size.
     """
     if image.moving_path is None:
-        raise DataError(image.path, wanted="an image with a mask of what moves", came="one without")
+        raise DataError(image.path, expected="an image with a mask of what moves", got="one without")
     classes = _decode(image.moving_path, cv2.IMREAD_UNCHANGED)
     if classes.dtype != np.uint8 or classes.ndim != 2:
-        raise DataError(image.moving_path, wanted="an 8-bit grey PNG", came=f"{classes.dtype} {classes.shape}")
+        raise DataError(image.moving_path, expected="an 8-bit grey PNG", got=f"{classes.dtype} {classes.shape}")
     _refuse_other_size(classes, image.moving_path, camera)
     size = camera.model.width, camera.model.height
     if size != camera.stored_size_px:
@@ -112,9 +112,9 @@ def read_mask(path: Path, size_px: tuple[int, int]) -> NDArray[np.bool_]:
         DataError: missing, cut short, or of another size.
     """
     pixels = _decode(path, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
-    came = (pixels.shape[1], pixels.shape[0])
-    if came != tuple(size_px):
-        raise DataError(path, wanted="{} x {} px".format(*size_px), came="{} x {}".format(*came))
+    got = (pixels.shape[1], pixels.shape[0])
+    if got != tuple(size_px):
+        raise DataError(path, expected="{} x {} px".format(*size_px), got="{} x {}".format(*got))
     return np.asarray(pixels > 0)
 
 
@@ -140,10 +140,10 @@ def decode_image(content: bytes, flags: int, *, place: Path) -> NDArray[Any]:
     """
     fault = _fault(content)
     if fault is not None:
-        raise DataError(place, wanted="a whole PNG or JPEG file", came=fault)
+        raise DataError(place, expected="a whole PNG or JPEG file", got=fault)
     size_px = _stated_size(content)
     if size_px is not None and size_px[0] * size_px[1] > LARGEST_PX:
-        raise DataError(place, wanted=f"an image of at most {LARGEST_PX} px", came="{} x {}".format(*size_px))
+        raise DataError(place, expected=f"an image of at most {LARGEST_PX} px", got="{} x {}".format(*size_px))
     kind = flags if flags == cv2.IMREAD_UNCHANGED else flags & ~cv2.IMREAD_IGNORE_ORIENTATION
     if kind == cv2.IMREAD_GRAYSCALE and size_px is not None:
         grey = _grey_png(content, size_px)
@@ -154,9 +154,9 @@ def decode_image(content: bytes, flags: int, *, place: Path) -> NDArray[Any]:
     try:
         pixels = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags)
     except cv2.error as error:
-        raise DataError(place, wanted="an image that can be decoded", came=" ".join(str(error).split())) from error
+        raise DataError(place, expected="an image that can be decoded", got=" ".join(str(error).split())) from error
     if pixels is None:
-        raise DataError(place, wanted="an image that can be decoded", came=f"{len(content)} bytes that cannot")
+        raise DataError(place, expected="an image that can be decoded", got=f"{len(content)} bytes that cannot")
     return pixels
 
 
@@ -182,19 +182,19 @@ def _jpeg(content: bytes, kind: int, place: Path) -> NDArray[np.uint8]:
     """
     frame = _jpeg_frame(content)
     if frame is None:
-        raise DataError(place, wanted="a whole JPEG", came="one whose header is damaged")
+        raise DataError(place, expected="a whole JPEG", got="one whose header is damaged")
     bits, components = content[frame + 4], content[frame + 9]
     if bits != 8 or components not in (1, 3):
-        came = f"{components} of {bits} bits"
-        raise DataError(place, wanted="a JPEG of one or three components of 8 bits", came=came)
+        got = f"{components} of {bits} bits"
+        raise DataError(place, expected="a JPEG of one or three components of 8 bits", got=got)
     if content.count(JPEG_SCAN) > MOST_SCANS:
-        raise DataError(place, wanted=f"at most {MOST_SCANS} scans of a JPEG", came=str(content.count(JPEG_SCAN)))
+        raise DataError(place, expected=f"at most {MOST_SCANS} scans of a JPEG", got=str(content.count(JPEG_SCAN)))
     grey = kind == cv2.IMREAD_GRAYSCALE or (kind == cv2.IMREAD_UNCHANGED and components == 1)
     try:
         pixels = kornia_rs.io.decode_image_jpegturbo(content, "mono" if grey else "rgb")
     except Exception as error:  # it raises no narrower kind, and says no more
-        came = "data that is damaged or ends before the last line"
-        raise DataError(place, wanted="a whole JPEG", came=came, do="fetch or record the image again") from error
+        got = "data that is damaged or ends before the last line"
+        raise DataError(place, expected="a whole JPEG", got=got, do="fetch or record the image again") from error
     seen = np.asarray(pixels, dtype=np.uint8)
     return seen[..., 0] if grey else np.asarray(cv2.cvtColor(seen, cv2.COLOR_RGB2BGR), dtype=np.uint8)
 
@@ -203,15 +203,15 @@ def _decode(path: Path, flags: int) -> NDArray[Any]:
     try:
         content = path.read_bytes()
     except OSError as error:
-        raise DataError(path, wanted="an image file", came=error.strerror or str(error)) from error
+        raise DataError(path, expected="an image file", got=error.strerror or str(error)) from error
     return decode_image(content, flags, place=path)
 
 
 def _refuse_other_size(pixels: NDArray[Any], path: Path, camera: MountedCamera) -> None:
     size = pixels.shape[1], pixels.shape[0]
     if size != tuple(camera.stored_size_px):
-        wanted = "{} x {} px, as the calibration of camera {!r}".format(*camera.stored_size_px, camera.name)
-        raise DataError(path, field="image size", wanted=wanted, came="{} x {}".format(*size))
+        expected = "{} x {} px, as the calibration of camera {!r}".format(*camera.stored_size_px, camera.name)
+        raise DataError(path, field="image size", expected=expected, got="{} x {}".format(*size))
 
 
 def _fault(content: bytes) -> str | None:

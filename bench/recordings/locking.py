@@ -35,8 +35,8 @@ def alone_in(folder: Path, *, shared: bool = False, wait: bool = True) -> Iterat
         try:
             fcntl.flock(handle, kind if wait else kind | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            came, do = "one at which another run works", "wait until it has ended, or give another folder with --out"
-            raise DataError(folder, wanted="a folder for this run alone", came=came, do=do) from error
+            got, do = "one at which another run works", "wait until it has ended, or give another folder with --out"
+            raise DataError(folder, expected="a folder for this run alone", got=got, do=do) from error
         yield
     finally:
         os.close(handle)

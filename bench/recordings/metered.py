@@ -32,8 +32,8 @@ class MeteredFile:
         content = self._raw.read(min(size, READ_BYTES) if size > 0 else READ_BYTES)
         self._since += len(content)
         if self._since > self._largest:
-            wanted = f"{self._part} of at most {self._largest} bytes"
-            raise DataError(self._file, wanted=wanted, came="a longer one")
+            expected = f"{self._part} of at most {self._largest} bytes"
+            raise DataError(self._file, expected=expected, got="a longer one")
         return content
 
     def restart(self) -> None:

@@ -99,8 +99,8 @@ def read_head(root: Path, calibration: Source = "recorded") -> RecordingHead:
 def refuse_other_name(root: Path, head: RecordingHead) -> None:
     """Refuse a name that is not the folder's."""
     if head.name != root.resolve().name:
-        wanted = f"{root.resolve().name!r}, as its folder"
-        raise DataError(root / HEAD, field="name", wanted=wanted, came=repr(head.name))
+        expected = f"{root.resolve().name!r}, as its folder"
+        raise DataError(root / HEAD, field="name", expected=expected, got=repr(head.name))
 
 
 def _truly_calibrated(root: Path, head: RecordingHead) -> RecordingHead:
@@ -110,8 +110,8 @@ def _truly_calibrated(root: Path, head: RecordingHead) -> RecordingHead:
         raise DataError(
             file,
             field="vehicle_from_camera",
-            wanted=f"the cameras of {HEAD}: {', '.join(sorted(head.cameras))}",
-            came=", ".join(sorted(true.vehicle_from_camera)) or "none",
+            expected=f"the cameras of {HEAD}: {', '.join(sorted(head.cameras))}",
+            got=", ".join(sorted(true.vehicle_from_camera)) or "none",
         )
     cameras = {
         name: entry.model_copy(update={"vehicle_from_camera": true.vehicle_from_camera[name]})
@@ -126,7 +126,7 @@ def _truth(root: Path, name: str, option: str) -> Path:
     file = root / name
     if not file.is_file():
         do = f"set the card's option {option}: recorded, or render the recording again"
-        raise DataError(file, wanted=f"the truth for {option}: exact", came="no such file", do=do)
+        raise DataError(file, expected=f"the truth for {option}: exact", got="no such file", do=do)
     refuse_escape(root, file, file=file)
     return file
 
@@ -170,20 +170,20 @@ def camera_model(stated: Mapping[str, Any], image_size: tuple[int, int], *, file
     """
     model = stated.get("model")
     if not isinstance(model, str):
-        raise DataError(file, field=f"{field}.model", wanted="the name of a camera model", came=repr(model))
+        raise DataError(file, field=f"{field}.model", expected="the name of a camera model", got=repr(model))
     if taken := {"width", "height"} & set(stated):
-        raise DataError(file, field=f"{field}.{taken.pop()}", wanted="no such key", came="one; image_size says it")
+        raise DataError(file, field=f"{field}.{taken.pop()}", expected="no such key", got="one; image_size says it")
     parameters = {key: value for key, value in stated.items() if key != "model"}
     try:
         return camera_from_parameters(model, width=image_size[0], height=image_size[1], **parameters)
     except UnknownNameError as error:
         raise DataError(
-            file, field=f"{field}.model", wanted=f"one of {', '.join(error.known)}", came=repr(model)
+            file, field=f"{field}.model", expected=f"one of {', '.join(error.known)}", got=repr(model)
         ) from error
     except ShapeError as error:
         raise data_error(error, file=file, field=field) from error
     except (TypeError, ValueError) as error:
-        raise DataError(file, field=field, wanted="numbers", came=str(error)) from error
+        raise DataError(file, field=field, expected="numbers", got=str(error)) from error
 
 
 def _ego_body(root: Path, name: str, entry: CameraHead) -> NDArray[np.bool_] | None:
@@ -197,11 +197,11 @@ def refuse_uncalibrated(root: Path, head: RecordingHead) -> None:
     """Refuse folders of images that the head has no camera for."""
     folder = root / "images"
     if not folder.is_dir():
-        raise DataError(folder, wanted="a folder with one folder of images per camera", came="no such folder")
+        raise DataError(folder, expected="a folder with one folder of images per camera", got="no such folder")
     for path in sorted(folder.iterdir()):
         if path.is_dir() and path.name not in head.cameras:
-            wanted = f"a calibration for images/{path.name}"
-            raise DataError(root / HEAD, field=f"cameras.{path.name}", wanted=wanted, came="none")
+            expected = f"a calibration for images/{path.name}"
+            raise DataError(root / HEAD, field=f"cameras.{path.name}", expected=expected, got="none")
 
 
 def image_refs(root: Path, camera: str, complain: Complaint = refuse) -> tuple[ImageRef, ...]:
@@ -209,7 +209,7 @@ def image_refs(root: Path, camera: str, complain: Complaint = refuse) -> tuple[I
     folder = root / "images" / camera
     paths = _timed_files(root, folder, IMAGE_SUFFIXES, complain)
     if not paths:
-        complain(DataError(folder, wanted="images named <timestamp_ns>.png or .jpg", came="none"))
+        complain(DataError(folder, expected="images named <timestamp_ns>.png or .jpg", got="none"))
     truth = _timed_files(root, root / "truth" / camera, (".png",), complain)
     return tuple(
         ImageRef(camera=camera, timestamp_ns=time_ns, path=path, truth_path=truth.get(time_ns))
@@ -234,10 +234,10 @@ def _timed_files(root: Path, folder: Path, suffixes: tuple[str, ...], complain: 
         if entry.name.startswith(".") or path.suffix.lower() not in suffixes:
             continue
         if not path.stem.isascii() or not path.stem.isdigit() or int(path.stem) > LATEST_NS:
-            complain(DataError(path, wanted="a name that is a time in nanoseconds", came=repr(path.stem)))
+            complain(DataError(path, expected="a name that is a time in nanoseconds", got=repr(path.stem)))
             continue
         if int(path.stem) in found:
-            complain(DataError(path, wanted="one file for each time", came=f"also {found[int(path.stem)].name}"))
+            complain(DataError(path, expected="one file for each time", got=f"also {found[int(path.stem)].name}"))
             continue
         if entry.is_symlink():
             try:
@@ -255,9 +255,9 @@ def ego_motion_of(root: Path, ego_motion: Source = "recorded") -> Trajectory:
         return read_tum(_truth(root, TRUE_POSES, "ego_motion"))
     present = [root / name for name in EGOMOTION_FILES if (root / name).is_file()]
     if len(present) != 1:
-        wanted = f"one of {' and '.join(EGOMOTION_FILES)}"
+        expected = f"one of {' and '.join(EGOMOTION_FILES)}"
         do = "" if present else "the reference cannot do without: it moves lidar points to the time of the image"
-        raise DataError(root, wanted=wanted, came="both" if present else "neither", do=do)
+        raise DataError(root, expected=expected, got="both" if present else "neither", do=do)
     refuse_escape(root, present[0], file=present[0])
     if present[0].name == "egomotion.csv":
         return read_bus_signals(present[0]).trajectory()
@@ -271,6 +271,6 @@ def annotated_tracks(root: Path, annotations: Path | None) -> tuple[Track, ...]:
     file = root / "annotations.json"
     if not file.is_file():
         do = "write one without objects where nothing is annotated"
-        raise DataError(file, wanted="an annotation file", came="no such file", do=do)
+        raise DataError(file, expected="an annotation file", got="no such file", do=do)
     refuse_escape(root, file, file=file)
     return read_annotations(file)

@@ -25,7 +25,7 @@ def path_inside(root: Path, relative: str, *, file: Path, field: str | None = No
     parts = PurePosixPath(relative).parts
     absolute = PurePosixPath(relative).is_absolute() or PureWindowsPath(relative).is_absolute()
     if not parts or absolute or ".." in parts or "\\" in relative or "\0" in relative:
-        raise DataError(file, field=field, wanted="a relative path without '..'", came=repr(relative))
+        raise DataError(file, field=field, expected="a relative path without '..'", got=repr(relative))
     path = root.joinpath(*parts)
     refuse_escape(root, path, file=file, field=field)
     return path
@@ -38,4 +38,4 @@ def refuse_escape(root: Path, path: Path, *, file: Path, field: str | None = Non
         DataError: it does.
     """
     if not path.resolve().is_relative_to(root.resolve()):
-        raise DataError(file, field=field, wanted=f"a path inside {root}", came=f"{path}, a link that leads outside")
+        raise DataError(file, field=field, expected=f"a path inside {root}", got=f"{path}, a link that leads outside")

@@ -64,15 +64,15 @@ def read_sealed(model: type[Model], file: Path, *, expected: str, strict: bool =
     try:
         content = json.loads(file.read_bytes())
     except OSError as error:
-        raise DataError(file, wanted=expected, came=error.strerror or str(error)) from error
+        raise DataError(file, expected=expected, got=error.strerror or str(error)) from error
     except (ValueError, RecursionError) as error:
-        came = f"no JSON ({' '.join(str(error).split())})"
-        raise DataError(file, wanted=expected, came=came, do="make it again") from error
+        got = f"no JSON ({' '.join(str(error).split())})"
+        raise DataError(file, expected=expected, got=got, do="make it again") from error
     if isinstance(content, dict) and SEAL in content:
         seal = content.pop(SEAL)
         if seal != _digest(content):
-            came = "other content than was written: the file is damaged, or was edited"
-            raise DataError(file, wanted=expected, came=came, do="make it again")
+            got = "other content than was written: the file is damaged, or was edited"
+            raise DataError(file, expected=expected, got=got, do="make it again")
     return parse_json(model, json.dumps(content).encode(), file, strict=strict)
 
 

@@ -26,16 +26,16 @@ def read_text(file: Path, *, largest_bytes: int = LARGEST_BYTES) -> str:
     try:
         size = file.stat().st_size
         if size > largest_bytes:
-            raise DataError(file, wanted=f"at most {largest_bytes} bytes", came=str(size))
+            raise DataError(file, expected=f"at most {largest_bytes} bytes", got=str(size))
         text = file.read_text(encoding="utf-8")
     except OSError as error:
-        raise DataError(file, wanted="a readable text file", came=error.strerror or str(error)) from error
+        raise DataError(file, expected="a readable text file", got=error.strerror or str(error)) from error
     except UnicodeDecodeError as error:
         raise DataError(
-            file, wanted="UTF-8 text", came=f"byte {error.object[error.start]:#04x} at {error.start}"
+            file, expected="UTF-8 text", got=f"byte {error.object[error.start]:#04x} at {error.start}"
         ) from None
     if not text.strip():
-        raise DataError(file, wanted="text", came="an empty file")
+        raise DataError(file, expected="text", got="an empty file")
     return text
 
 
@@ -73,7 +73,7 @@ def numbers(words: list[str], count: int, *, file: Path, field: str) -> list[flo
         DataError: more or fewer, or something that is not a finite number.
     """
     if len(words) != count:
-        raise DataError(file, field=field, wanted=f"{count} numbers", came=str(len(words)))
+        raise DataError(file, field=field, expected=f"{count} numbers", got=str(len(words)))
     values = []
     for word in words:
         try:
@@ -81,7 +81,7 @@ def numbers(words: list[str], count: int, *, file: Path, field: str) -> list[flo
         except ValueError:
             value = float("nan")
         if not abs(value) <= LARGEST_NUMBER:
-            wanted = f"numbers up to {LARGEST_NUMBER:g}" if np.isfinite(value) else "finite numbers"
-            raise DataError(file, field=field, wanted=wanted, came=repr(word[:40]))
+            expected = f"numbers up to {LARGEST_NUMBER:g}" if np.isfinite(value) else "finite numbers"
+            raise DataError(file, field=field, expected=expected, got=repr(word[:40]))
         values.append(value)
     return values

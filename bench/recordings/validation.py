@@ -1,4 +1,4 @@
-"""Pydantic's verdict on a file, told as one line that names file, field, what was wanted and what came."""
+"""Pydantic's verdict on a file, told as one line that names file, field, what was expected and what was found."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def _content(file: Path) -> bytes:
     try:
         return file.read_bytes()
     except OSError as error:
-        raise DataError(file, wanted="a readable file", came=error.strerror or str(error)) from error
+        raise DataError(file, expected="a readable file", got=error.strerror or str(error)) from error
 
 
 def keys_twice(file: Path) -> tuple[DataError, ...]:
@@ -96,7 +96,7 @@ def keys_twice(file: Path) -> tuple[DataError, ...]:
     with suppress(OSError, RecursionError, ValueError):  # those are told by who reads the file
         json.loads(file.read_bytes(), object_pairs_hook=keep)
     return tuple(
-        DataError(file, field=_short(key), wanted="each key of an object once", came="it twice")
+        DataError(file, field=_short(key), expected="each key of an object once", got="it twice")
         for key in twice[:MOST_FAULTS]
     )
 
@@ -120,12 +120,12 @@ def validated(model: type[Model], values: Mapping[str, Any], *, file: Path, fiel
 
 
 def data_error(error: ShapeError, *, file: Path, field: str) -> DataError:
-    """The same fault with its place in a file; "focal: wanted a, came b" goes to `field.focal`."""
-    told = re.fullmatch(r"(?:(\w+): )?.*?wanted (.*?), came (.*)", str(error), re.DOTALL)
+    """The same fault with its place in a file; "focal: expected a, got b" goes to `field.focal`."""
+    told = re.fullmatch(r"(?:(\w+): )?.*?expected (.*?), got (.*)", str(error), re.DOTALL)
     if told is None:
-        return DataError(file, field=field, wanted="values that fit together", came=str(error))
-    name, wanted, came = told.groups()
-    return DataError(file, field=f"{field}.{name}" if name else field, wanted=wanted, came=came)
+        return DataError(file, field=field, expected="values that fit together", got=str(error))
+    name, expected, got = told.groups()
+    return DataError(file, field=f"{field}.{name}" if name else field, expected=expected, got=got)
 
 
 def _data_error(error: ValidationError, file: Path, prefix: str = "") -> DataError:
@@ -136,8 +136,8 @@ def _data_error(error: ValidationError, file: Path, prefix: str = "") -> DataErr
 
 def _one_error(fault: ErrorDetails, file: Path, prefix: str = "", do: str = "") -> DataError:
     path = ".".join(str(part) for part in (*([prefix] if prefix else []), *fault["loc"]))
-    wanted, came = _told(fault["type"], fault["msg"], fault.get("input"))
-    return DataError(file, field=path or None, wanted=wanted, came=came, do=do)
+    expected, got = _told(fault["type"], fault["msg"], fault.get("input"))
+    return DataError(file, field=path or None, expected=expected, got=got, do=do)
 
 
 def _told(kind: str, message: str, value: object) -> tuple[str, str]:
@@ -147,8 +147,8 @@ def _told(kind: str, message: str, value: object) -> tuple[str, str]:
         return "no such key", _short(value)
     if kind == "json_invalid":
         return "JSON", message.removeprefix("Invalid JSON: ")
-    wanted = message.removeprefix("Value error, ").removeprefix("Input should be ")
-    return wanted, _short(value)
+    expected = message.removeprefix("Value error, ").removeprefix("Input should be ")
+    return expected, _short(value)
 
 
 def _short(value: object) -> str:

@@ -164,7 +164,7 @@ class RecordingWriter:
         size = camera.model.width, camera.model.height
         if camera.stored_size_px != size:
             raise ShapeError(
-                f"camera {name!r}: wanted a lens at the size of the images {camera.stored_size_px}, came {size}"
+                f"camera {name!r}: expected a lens at the size of the images {camera.stored_size_px}, got {size}"
             )
         parameters = camera_parameters(camera.model)
         mask = None
@@ -209,7 +209,7 @@ def _write_png(path: Path, pixels: NDArray[Any], dtype: type[np.generic]) -> Non
 
 def _write_encoded(path: Path, pixels: NDArray[Any], dtype: type[np.generic], *, options: list[int]) -> None:
     if pixels.dtype != dtype or pixels.ndim not in {2, 3}:
-        raise ShapeError(f"{path.name}: wanted an image of {dtype.__name__}, came {pixels.dtype} {pixels.shape}")
+        raise ShapeError(f"{path.name}: expected an image of {dtype.__name__}, got {pixels.dtype} {pixels.shape}")
     written, encoded = cv2.imencode(path.suffix, pixels, options)
     assert written
     write_bytes(path, encoded.tobytes())

@@ -126,7 +126,7 @@ class ReferenceBuilder:
         exposure = self._exposure(image.timestamp_ns)
         found = [s for s in self._index.at(image.timestamp_ns) if s.track.track_id == track_id]
         if not found:
-            raise UsageError(f"{image.path}: wanted an annotated object {track_id!r}, came an image without it")
+            raise UsageError(f"{image.path}: expected an annotated object {track_id!r}, got an image without it")
         vehicle_from_world = exposure.vehicle_from_world
         cluster, placed = self._cluster(found[0], exposure)
         points_world = cluster.points_world

@@ -47,8 +47,8 @@ def mask_reference(
     moving = read_moving_mask(image, camera) & valid
     count, component, told, _ = cv2.connectedComponentsWithStats(moving.astype(np.uint8), connectivity=8)
     if count - 1 > MOST_OBJECTS:
-        wanted = f"at most {MOST_OBJECTS} connected components"
-        raise DataError(image.moving_path or image.path, wanted=wanted, came=str(count - 1))
+        expected = f"at most {MOST_OBJECTS} connected components"
+        raise DataError(image.moving_path or image.path, expected=expected, got=str(count - 1))
     found = [_Component(component == number, int(told[number, cv2.CC_STAT_AREA])) for number in range(1, count)]
     found.sort(key=lambda part: -part.area_px)  # stable: equal ones stay in the order of their first rows
     objects = tuple(_judged(part, number, settings) for number, part in enumerate(found, start=1))

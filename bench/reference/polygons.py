@@ -36,7 +36,7 @@ def bounding_polygon(
     if len(pixels) < 3:
         return None
     if kind not in {"convex", "concave"}:
-        raise UsageError(f"polygon kind: wanted 'convex' or 'concave', came {kind!r}")
+        raise UsageError(f"polygon kind: expected 'convex' or 'concave', got {kind!r}")
     row = shapely.linestrings(pixels)  # the hulls take its corners; far faster to build than a MultiPoint
     hull = shapely.convex_hull(row) if kind == "convex" else shapely.concave_hull(row, ratio=concave_ratio)
     frame = (-width, -height, 2 * width, 2 * height)

@@ -139,8 +139,8 @@ class SweepShelf:
             raise DataError(
                 self._recording.root,
                 field="annotations",
-                wanted=f"a lidar sweep at {counted_ns}, in which point indices count",
-                came="no sweep of that time",
+                expected=f"a lidar sweep at {counted_ns}, in which point indices count",
+                got="no sweep of that time",
             )
         if not away_ns.size or away_ns.min() > (self._max_gap_ns if counted_ns is None else 0):
             return None

@@ -43,9 +43,9 @@ def draw_fit_by_distance(audit: AuditSummary, polygons: pa.Table) -> Figure:
         of_class = rows[rows["object_class"] == name]
         for kind, colour in zip(audit.polygon_kinds, COLOURS, strict=False):
             _draw_kind(axes, of_class[of_class["kind"] == kind], kind=kind, colour=colour)
-        aims = {aim.wanted for aim in audit.aims if aim.object_class == name}
-        for wanted in sorted(aims):
-            axes.axhline(wanted, color=GREY, linewidth=0.8, linestyle=":")
+        aims = {aim.expected for aim in audit.aims if aim.object_class == name}
+        for expected in sorted(aims):
+            axes.axhline(expected, color=GREY, linewidth=0.8, linestyle=":")
         frames = len(of_class[of_class["kind"] == audit.polygon_kinds[0]])
         axes.set(xlabel="distance (m)", ylim=(0.3, 1.0), xlim=(0, max(float(rows["range_m"].max()), 8.0)))
         axes.set_title(f"{name}, {frames} object-frames", pad=3)

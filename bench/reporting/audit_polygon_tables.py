@@ -46,7 +46,7 @@ def aim_table(audit: AuditSummary) -> AuditTable:
             headings=("Kind", "Class", "Frames", "Median IoU", "Aim", "Verdict", "IoU, filled"),
             rows=tuple(
                 (a.kind, f"{a.object_class} within {a.within_m:g} m", str(a.object_frames), decimal(a.median_iou),
-                 f">= {a.wanted:.2f}", _verdict(a), decimal(a.median_filled_iou)) for a in audit.aims
+                 f">= {a.expected:.2f}", _verdict(a), decimal(a.median_filled_iou)) for a in audit.aims
             ),
         ),
         note="With full motion compensation. The convex hull is the paper's bounding polygon and has no aim. Filled: "

@@ -73,7 +73,7 @@ def rgb_image(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         ShapeError: another shape or type.
     """
     if image.dtype != np.uint8 or not (image.ndim == 2 or (image.ndim == 3 and image.shape[2] == 3)):
-        raise ShapeError(f"image: wanted (H, W) or (H, W, 3) uint8, came {image.shape} {image.dtype}")
+        raise ShapeError(f"image: expected (H, W) or (H, W, 3) uint8, got {image.shape} {image.dtype}")
     code = cv2.COLOR_GRAY2RGB if image.ndim == 2 else cv2.COLOR_BGR2RGB
     return np.asarray(cv2.cvtColor(image, code), dtype=np.uint8)
 

@@ -49,7 +49,7 @@ def pixel_classes(reference: ReferenceFrame, *, detected: NDArray[np.bool_]) -> 
         ShapeError: `detected` has another size than the reference.
     """
     if detected.shape != reference.labels.shape:
-        raise ShapeError(f"detected: wanted {reference.labels.shape}, came {detected.shape}")
+        raise ShapeError(f"detected: expected {reference.labels.shape}, got {detected.shape}")
     region = reference.labels > 0
     classes = np.full(region.shape, PixelClass.BACKGROUND, dtype=np.uint8)
     classes[detected] = PixelClass.FALSE_POSITIVE

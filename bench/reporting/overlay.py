@@ -34,7 +34,7 @@ def overlay_mask(
         ShapeError: mask and image differ in size.
     """
     if mask.shape != image.shape[:2]:
-        raise ShapeError(f"mask: wanted {image.shape[:2]}, came {mask.shape}")
+        raise ShapeError(f"mask: expected {image.shape[:2]}, got {mask.shape}")
     tinted = _bgr(image)
     tinted[mask] = ((1 - strength) * tinted[mask] + strength * np.array(rgb(colour)[::-1])).astype(np.uint8)
     return tinted

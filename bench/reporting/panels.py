@@ -56,7 +56,7 @@ class PanelColumn:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Row:
     label: str
-    wanted: Callable[[PanelColumn], bool]
+    expected: Callable[[PanelColumn], bool]
     draw: Callable[[Axes, PanelColumn], None]
     saturation: float | None = None
     colour_map: str = COLOUR_MAP
@@ -82,15 +82,15 @@ def draw_panels(columns: PanelColumn | Sequence[PanelColumn], *, column_width_in
     """
     frames = [columns] if isinstance(columns, PanelColumn) else list(columns)
     if not frames:
-        raise UsageError("panels: wanted at least one frame, came none")
-    rows = [row for row in _rows() if any(row.wanted(frame) for frame in frames)]
+        raise UsageError("panels: expected at least one frame, got none")
+    rows = [row for row in _rows() if any(row.expected(frame) for frame in frames)]
     width_in = column_width_in or (2.6 if len(frames) == 1 else max(1.5, 6.3 / len(frames)))
     height_in = width_in * frames[0].image.shape[0] / frames[0].image.shape[1]
     grid = PanelGrid(columns=len(frames), rows=len(rows), width_in=width_in, height_in=height_in)
     for r, row in enumerate(rows):
         for c, frame in enumerate(frames):
             axes = grid.axes(r, c)
-            if row.wanted(frame):
+            if row.expected(frame):
                 row.draw(axes, frame)
             else:
                 axes.set_axis_off()
@@ -106,7 +106,7 @@ def _rows() -> list[_Row]:
     deviations = [
         _Row(
             label=label,
-            wanted=lambda frame, name=name: name in (frame.segmentation.parts or {}),  # type: ignore[misc]
+            expected=lambda frame, name=name: name in (frame.segmentation.parts or {}),  # type: ignore[misc]
             draw=lambda axes, frame, name=name: _draw_deviation(axes, frame, name),  # type: ignore[misc]
             saturation=DEVIATION_SATURATION,
             unit="deviation",
@@ -116,7 +116,7 @@ def _rows() -> list[_Row]:
     return [
         _Row(
             label="flow",
-            wanted=lambda frame: {"flow_u", "flow_v"} <= set(frame.segmentation.parts or {}),
+            expected=lambda frame: {"flow_u", "flow_v"} <= set(frame.segmentation.parts or {}),
             draw=_draw_flow,
             saturation=FLOW_SATURATION_PX,
             colour_map=FLOW_COLOUR_MAP,
@@ -125,19 +125,19 @@ def _rows() -> list[_Row]:
         *deviations,
         _Row(
             label="likelihood",
-            wanted=lambda frame: _has_likelihood(frame, score=False),
+            expected=lambda frame: _has_likelihood(frame, score=False),
             draw=_draw_likelihood,
             saturation=LIKELIHOOD_SATURATION,
             unit="likelihood",
         ),
         _Row(
             label="score",
-            wanted=lambda frame: _has_likelihood(frame, score=True),
+            expected=lambda frame: _has_likelihood(frame, score=True),
             draw=_draw_likelihood,
             saturation=SCORE_SATURATION,
             unit="score",
         ),
-        _Row(label="segmentation", wanted=lambda _: True, draw=_draw_segmentation),
+        _Row(label="segmentation", expected=lambda _: True, draw=_draw_segmentation),
     ]
 
 

@@ -119,7 +119,7 @@ def _told(path: Path) -> Iterator[None]:
     try:
         yield
     except RuntimeError as error:  # the library's thread that writes has ended; why, it prints itself
-        raise OutputError(path, came=str(error), do="make room, then give the same command again") from error
+        raise OutputError(path, got=str(error), do="make room, then give the same command again") from error
 
 
 def viewer() -> ModuleType:
@@ -132,7 +132,7 @@ def viewer() -> ModuleType:
         import rerun
     except ImportError as error:
         raise UsageError(
-            f"--rrd: wanted the optional viewer rerun, came none ({error}); "
+            f"--rrd: expected the optional viewer rerun, got none ({error}); "
             "install it: pip install 'fisheye-bench[viewer]', or write a --video instead"
         ) from error
     module: ModuleType = rerun
@@ -146,4 +146,4 @@ def refuse_other_log(path: Path) -> None:
         UsageError: it is not.
     """
     if path.suffix.lower() != ".rrd":
-        raise UsageError(f"--rrd: wanted a file *.rrd, came {path.name!r}")
+        raise UsageError(f"--rrd: expected a file *.rrd, got {path.name!r}")

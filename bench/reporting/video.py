@@ -37,7 +37,7 @@ class VideoFile:
         if self._writer is None:
             self._writer, self._size = self._opened(size), size
         if size != self._size:
-            raise ShapeError(f"video: wanted pictures of {self._size}, came {size}")
+            raise ShapeError(f"video: expected pictures of {self._size}, got {size}")
         self._writer.write(np.ascontiguousarray(picture))
         self.pictures += 1
 
@@ -61,8 +61,8 @@ class VideoFile:
             head = file.read(8)
         length = int.from_bytes(head[4:], "little") + 8 if head.startswith(b"RIFF") else 0  # .avi, its last picture too
         if not self.pictures == told == held or length > self._path.stat().st_size:
-            came = "a file that ends before its last picture"
-            raise OutputError(self._named, came=came, do="make room, then give the same command again")
+            got = "a file that ends before its last picture"
+            raise OutputError(self._named, got=got, do="make room, then give the same command again")
 
     def _opened(self, size: tuple[int, int]) -> cv2.VideoWriter:
         codec = CODECS[self._named.suffix.lower()]
@@ -70,7 +70,7 @@ class VideoFile:
         writer = cv2.VideoWriter(str(self._path), cv2.VideoWriter.fourcc(*codec), self._rate_hz, size)
         if not writer.isOpened():
             raise UsageError(
-                f"{self._named}: wanted a codec for {self._named.suffix} in this OpenCV, came none ({codec}); "
+                f"{self._named}: expected a codec for {self._named.suffix} in this OpenCV, got none ({codec}); "
                 f"try another of {', '.join(CODECS)}"
             )
         return writer
@@ -99,7 +99,7 @@ def video_file(path: Path, *, frame_rate_hz: float) -> Iterator[VideoFile]:
         finally:
             video.close()
         if not video.pictures:
-            raise UsageError(f"{path}: wanted at least one picture for a video, came none")
+            raise UsageError(f"{path}: expected at least one picture for a video, got none")
         video.check()
 
 
@@ -110,4 +110,4 @@ def refuse_other_suffix(path: Path) -> None:
         UsageError: it is not.
     """
     if path.suffix.lower() not in CODECS:
-        raise UsageError(f"video: wanted a file {', '.join('*' + s for s in CODECS)}, came {path.name!r}")
+        raise UsageError(f"video: expected a file {', '.join('*' + s for s in CODECS)}, got {path.name!r}")

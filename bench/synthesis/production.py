@@ -51,7 +51,7 @@ def synthesize(
         UsageError: fewer than one worker.
     """
     if workers is not None and workers < 1:
-        raise UsageError(f"workers: wanted at least 1, came {workers}")
+        raise UsageError(f"workers: expected at least 1, got {workers}")
     content = _content(scenario_path)
     if content is not None and (folders := stamped(out, scenario=content, version=GENERATOR_VERSION)) is not None:
         if progress is not None:
@@ -90,7 +90,7 @@ def _rendered(scenario: Scenario, specs: list[RecordingSpec], out: Path, workers
         for spec, outcome in results:
             if isinstance(outcome, Lost):
                 do = "call it again, with fewer workers where memory is short; what is rendered stays"
-                raise DataError(out / spec.name, wanted="a rendered recording", came=outcome.reason, do=do)
+                raise DataError(out / spec.name, expected="a rendered recording", got=outcome.reason, do=do)
             yield spec
 
 
@@ -125,7 +125,7 @@ def _refuse_foreign(folder: Path) -> None:
     if _mark_of(folder) is None:
         do = "render into another folder, or move this one away"
         raise DataError(
-            folder, wanted="a free place or a recording made by synthesize", came="a folder without its mark", do=do
+            folder, expected="a free place or a recording made by synthesize", got="a folder without its mark", do=do
         )
 
 

@@ -34,12 +34,12 @@ def read_scenario(path: Path) -> Scenario:
     text = read_text(path)
     file = text.validated(ScenarioFile, text.values)
     for number, camera in enumerate(file.cameras):
-        if (came := camera_fault(camera)) is not None:
-            raise text.fault(f"cameras.{number}.position_m", wanted="a camera in the open", came=came)
+        if (got := camera_fault(camera)) is not None:
+            raise text.fault(f"cameras.{number}.position_m", expected="a camera in the open", got=got)
     for number, spec in enumerate(file.recordings):
         if (clash := first_clash(file, spec)) is not None:
             field = f"recordings.{number}.actors.{clash.actor}"
-            raise text.fault(field, wanted=WANTED_ROOM, came=clash.told, do=f"see {spec.name}")
+            raise text.fault(field, expected=WANTED_ROOM, got=clash.told, do=f"see {spec.name}")
     drawn = [_drawn(text, file, number, index) for number, one in enumerate(file.series) for index in range(one.count)]
     head = {key: getattr(file, key) for key in ScenarioHead.model_fields}
     return text.validated(Scenario, {**head, "recordings": (*file.recordings, *drawn)})
@@ -52,15 +52,15 @@ def _drawn(text: ScenarioText, file: ScenarioFile, number: int, index: int) -> R
         try:
             values, origins = series.recording(index, seed=file.seed, attempt=attempt)
         except DrawError as error:
-            raise text.fault(f"{field}.{error.path}", wanted=error.wanted, came=error.came) from None
+            raise text.fault(f"{field}.{error.path}", expected=error.expected, got=error.got) from None
         spec = _validated(text, values, field, origins)
         if (clash := first_clash(file, spec)) is None:
             return spec
         line, told = f"{field}.actors.{origins[clash.actor]}", clash.told
     raise text.fault(
         line,
-        wanted=f"room for everybody in recording {index + 1} of {series.count}",
-        came=f"bodies inside one another in each of {ATTEMPTS} draws, at last {told}",
+        expected=f"room for everybody in recording {index + 1} of {series.count}",
+        got=f"bodies inside one another in each of {ATTEMPTS} draws, at last {told}",
         do="give them more room, or ask for fewer",
     )
 
@@ -73,4 +73,4 @@ def _validated(text: ScenarioText, values: dict[str, Any], field: str, origins: 
         keys = (error.field or "").split(".")
         if len(keys) > 3 and keys[2] == "actors" and keys[3].isdigit():
             keys[3] = str(origins[int(keys[3])])
-        raise text.fault(".".join(keys), wanted=error.wanted, came=error.came, do=error.do) from None
+        raise text.fault(".".join(keys), expected=error.expected, got=error.got, do=error.do) from None

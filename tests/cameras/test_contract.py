@@ -105,14 +105,14 @@ def test_ray_grid_is_the_unprojection_of_cell_centres(camera):
 
 @every_lens
 def test_wrong_shapes_are_refused(camera):
-    with pytest.raises(ShapeError, match=r"points_camera: wanted \(N, 3\)"):
+    with pytest.raises(ShapeError, match=r"points_camera: expected \(N, 3\)"):
         camera.project(np.zeros((4, 2)))
-    with pytest.raises(ShapeError, match=r"pixels: wanted \(N, 2\)"):
+    with pytest.raises(ShapeError, match=r"pixels: expected \(N, 2\)"):
         camera.unproject(np.zeros(3))
 
 
 def test_unknown_model_names_the_nearest():
     with pytest.raises(UnknownNameError, match="did you mean 'kannala_brandt'"):
         camera_from_parameters("kanala_brandt", width=1, height=1)
-    with pytest.raises(ShapeError, match="wanted the parameters width, height, principal_point, focal"):
+    with pytest.raises(ShapeError, match="expected the parameters width, height, principal_point, focal"):
         camera_from_parameters("pinhole", width=1, height=1, fx=3)

@@ -107,7 +107,7 @@ def test_classes_and_first_frame_reach_the_format(monkeypatch, capsys, card, tmp
     assert "<first_frame>7</first_frame>" in text
     source = ("import", "kitti-tracklets", out / "drive", *words(card, "--out", tmp_path / "in"))
     assert call(monkeypatch, "annotations", *source, "--first-frame", 7) == 2
-    assert "came 'Lorry'; give each, for example --class 'Lorry=vehicle'" in capsys.readouterr().err
+    assert "got 'Lorry'; give each, for example --class 'Lorry=vehicle'" in capsys.readouterr().err
     assert not (tmp_path / "in").exists()
     assert call(monkeypatch, "annotations", *source, "--class", "lorry=none", "--first-frame", 7) == 0
     assert "lost: 1 objects of class 'Lorry', left out as asked" in capsys.readouterr().out
@@ -128,16 +128,16 @@ def test_a_calibration_is_printed_or_written(monkeypatch, capsys, card, tmp_path
     ("given", "told"),
     [
         (("import", "openlable", "x", "--recording", "drive"), "did you mean 'openlabel'?"),
-        (("import", "openlabel", "nowhere.json", "--recording", "drive"), "nowhere.json: wanted a readable file"),
+        (("import", "openlabel", "nowhere.json", "--recording", "drive"), "nowhere.json: expected a readable file"),
         (("import", "openlabel", "x", "--recording", "../drive"), "unknown recording '../drive': known are drive"),
         (
             ("import", "openlabel", "x", "--recording", "drive", "--class", "Car"),
-            "--class: wanted TOOL'S=OURS, came 'Car'",
+            "--class: expected TOOL'S=OURS, got 'Car'",
         ),
-        (("import", "openlabel", "x", "--recording", "drive", "--class", "Car=truck"), "class 'Car': wanted one of"),
+        (("import", "openlabel", "x", "--recording", "drive", "--class", "Car=truck"), "class 'Car': expected one of"),
         (
             ("import", "openlabel", "x", "--recording", "drive", "--class", "Car=animal", "--class", "Car=none"),
-            "--class Car: wanted once, came twice",
+            "--class Car: expected once, got twice",
         ),
         (("export", "openlabel", "--recording", "dirve", "--out", "x"), "did you mean 'drive'?"),
         (("export", "kitti", "--out", "x"), "unknown format of annotations 'kitti'"),
@@ -153,4 +153,4 @@ def test_a_mistake_is_one_line(monkeypatch, capsys, card, given, told):
 def test_a_recording_without_sweeps_has_nothing_to_label(monkeypatch, capsys, card, tmp_path):
     shutil.rmtree(card.parent / "data/drive/lidar")
     assert call(monkeypatch, "annotations", "export", "openlabel", *words(card, "--out", tmp_path / "x")) == 2
-    assert "wanted lidar sweeps, which tools label, came none in 'drive'" in capsys.readouterr().err
+    assert "expected lidar sweeps, which tools label, got none in 'drive'" in capsys.readouterr().err

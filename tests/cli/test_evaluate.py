@@ -159,7 +159,7 @@ def test_entries_that_name_no_camera_or_another_are_told(evaluate, images, tmp_p
     for policy in ("error", "skip", "empty"):
         assert not evaluate(tmp_path / "p", "--missing", policy, status=2).exists()
         shown = capsys.readouterr()
-        assert "camera: wanted the name of a camera in every entry" in " ".join(shown.out.split())
+        assert "camera: expected the name of a camera in every entry" in " ".join(shown.out.split())
         assert "crossing.json" in shown.out
     entries = [entry(own[0], own[0].moving, camera="rear")] + [entry(i, i.moving, camera=CAMERA) for i in own[1:]]
     (tmp_path / "p" / "crossing.json").write_text(json.dumps(entries))
@@ -214,7 +214,7 @@ def test_everything_wrong_is_listed_at_once_and_nothing_scored(evaluate, images,
         "twice": [keys[5]],
         "extra": ["crosing/front/" + keys[0].split("/")[-1] + ".png", f"{images[0].place}/77.png", "notes.txt"],
     }
-    assert "wanted 320 x 240 px, or a whole fraction or multiple of it, came 100 x 100" in json.dumps(report)
+    assert "expected 320 x 240 px, or a whole fraction or multiple of it, got 100 x 100" in json.dumps(report)
     assert {file.name: file.read_bytes() for file in good.iterdir() if file.is_file()} == before
 
 
@@ -331,10 +331,10 @@ def test_missing_scores_may_count_as_empty(evaluate, images, tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("--threshold", "0.3"), "threshold: wanted none for masks, came 0.3"),
-        (("--threshold", "1"), "threshold: wanted a number in [0, 1), came 1.0"),
-        (("--history", "0"), "history: wanted 1 or more, came 0"),
-        (("--name", "spherical"), "--name: wanted another name than those of methods, came 'spherical'"),
+        (("--threshold", "0.3"), "threshold: expected none for masks, got 0.3"),
+        (("--threshold", "1"), "threshold: expected a number in [0, 1), got 1.0"),
+        (("--history", "0"), "history: expected 1 or more, got 0"),
+        (("--name", "spherical"), "--name: expected another name than those of methods, got 'spherical'"),
         (("--split", "test"), "known are all, moving"),
     ],
 )
@@ -347,10 +347,10 @@ def test_mistakes_of_the_call_are_one_clear_line(evaluate, masks, capsys, words,
 
 def test_folders_that_are_no_predictions(evaluate, images, masks, tmp_path, capsys):
     evaluate(tmp_path / "nowhere", status=2)
-    assert "wanted a folder of predictions, came no such folder" in capsys.readouterr().err
+    assert "expected a folder of predictions, got no such folder" in capsys.readouterr().err
     (tmp_path / "empty").mkdir()
     evaluate(tmp_path / "empty", "--missing", "empty", status=2)
-    assert f"such as {images[0].place}/{images[0].timestamp_ns}.png, came no file" in capsys.readouterr().err
+    assert f"such as {images[0].place}/{images[0].timestamp_ns}.png, got no file" in capsys.readouterr().err
     evaluate(masks / "crossing", "--missing", "empty", status=2)
     assert "4 files and none of them does, the first front/" in capsys.readouterr().err
 
@@ -359,10 +359,10 @@ def test_masks_among_scores_and_scores_of_8_bits_are_refused(evaluate, images, m
     first = images[0]
     write_map(masks, first.place, first.timestamp_ns, first.moving.astype(np.uint16) * 257)
     evaluate(masks, status=2)
-    assert "wanted masks only or scores only, came both" in capsys.readouterr().err
+    assert "expected masks only or scores only, got both" in capsys.readouterr().err
     folder = write_maps(tmp_path / "p", images, lambda image: image.moving.astype(np.uint16))
     evaluate(folder, status=2)
-    assert "wanted 16-bit scores of 0 to 65535, came 255 as the largest of all" in capsys.readouterr().err
+    assert "expected 16-bit scores of 0 to 65535, got 255 as the largest of all" in capsys.readouterr().err
 
 
 def test_links_that_lead_outside_are_not_followed(evaluate, images, masks, tmp_path):

@@ -186,7 +186,7 @@ def test_update_refuses_changed_code_unless_told(monkeypatch, capsys, runs, tmp_
         (("nowhere",), "nowhere/summary.json"),
         (("RUN", "--tolerances", "default-v9"), "did you mean 'default-v1'"),
         (("EXTENDED",), "protocol 'paper-v1 version 1"),
-        (("RUN", "--update", "--github"), "--github: wanted only with a verdict"),
+        (("RUN", "--update", "--github"), "--github: expected only with a verdict"),
     ],
 )
 def test_mistakes_are_one_clear_line_and_status_2(monkeypatch, capsys, runs, words, message):

@@ -100,11 +100,11 @@ def test_predictions_are_scored_to_an_address(monkeypatch, capsys, remote_card, 
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (("report", "s3://bench/none"), "s3://bench/none: wanted a folder with data"),
-        (("gate", "s3://nobody/none", "--baseline", "b.json"), "s3://nobody/none: wanted a folder with data"),
-        (("compare", "s3://me:hidden@bench/a", "b"), "wanted an address without a password"),
-        (("merge", "s3://bench/none"), "wanted"),
-        (("report", ""), "wanted a folder, came an empty name"),
+        (("report", "s3://bench/none"), "s3://bench/none: expected a folder with data"),
+        (("gate", "s3://nobody/none", "--baseline", "b.json"), "s3://nobody/none: expected a folder with data"),
+        (("compare", "s3://me:hidden@bench/a", "b"), "expected an address without a password"),
+        (("merge", "s3://bench/none"), "expected"),
+        (("report", ""), "expected a folder, got an empty name"),
     ],
 )
 def test_addresses_that_cannot_be_used_end_in_one_line(monkeypatch, capsys, bucket, words, told):
@@ -118,7 +118,7 @@ def test_addresses_that_cannot_be_used_end_in_one_line(monkeypatch, capsys, buck
 
 def test_a_bucket_that_is_missing_ends_a_run_in_one_line(monkeypatch, capsys, tiny_card, bucket):
     assert call(monkeypatch, "run", tiny_card, *METHOD, "--out", "s3://nobody/run") == 2
-    assert "s3://nobody/run: wanted a folder that can be written" in capsys.readouterr().err
+    assert "s3://nobody/run: expected a folder that can be written" in capsys.readouterr().err
 
 
 def test_a_scenario_is_not_rendered_into_an_address(monkeypatch, capsys, remote_card, bucket):

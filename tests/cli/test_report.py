@@ -30,7 +30,7 @@ def test_report_writes_the_page_and_names_the_files(monkeypatch, capsys, tiny_ca
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("report", "RUN"), "summary.json: wanted the summary of a run"),
+        (("report", "RUN"), "summary.json: expected the summary of a run"),
         (("report", "RUN", "--category", "preceeding"), "did you mean 'preceding'"),
     ],
 )

@@ -41,7 +41,7 @@ def called(folder, *words, addresses_bytes=None):
 def test_less_memory_than_libraries_need_is_told_before_they_are_loaded(folder, limit_mb):
     status, shown, told = called(folder, "validate", "x.yaml", addresses_bytes=limit_mb * 1_000_000)
     assert (status, shown) == (2, "")
-    assert told.startswith("error: ulimit -v: wanted a limit of at least ")
+    assert told.startswith("error: ulimit -v: expected a limit of at least ")
     assert told.count("\n") == 1
 
 
@@ -78,7 +78,7 @@ def no_fork():
 
 @pytest.mark.parametrize("lack", [of_chain, no_memory, no_thread, no_fork])
 def test_a_library_that_gets_no_memory_is_told_in_one_line(lack):
-    with pytest.raises(UsageError, match=r"wanted memory and threads, came [A-Z]\w+Error"), lack_of_memory_told():
+    with pytest.raises(UsageError, match=r"expected memory and threads, got [A-Z]\w+Error"), lack_of_memory_told():
         lack()
 
 
@@ -101,7 +101,7 @@ def test_arguments_that_are_not_utf_8(folder, words):
     Path(os.fsdecode(os.fsencode(folder) + b"/" + NOT_TEXT)).symlink_to(folder)
     status, shown, told = called(folder, *words)
     assert (status, shown) == (2, "")
-    assert told.startswith("error: wanted arguments in UTF-8, came 'caf\\udce9")
+    assert told.startswith("error: expected arguments in UTF-8, got 'caf\\udce9")
     assert told.count("\n") == 1
 
 
@@ -118,8 +118,8 @@ def test_a_working_folder_that_is_not_utf_8(folder):
     ):
         status, _, told = called(place, *words)
         assert "Traceback" not in told, words
-        wanted = {"validate": {0, 1}, "gate": {0, 3}}.get(words[0], {0})  # 3: too few recordings for a verdict
-        assert status in wanted, (words, told)
+        expected = {"validate": {0, 1}, "gate": {0, 3}}.get(words[0], {0})  # 3: too few recordings for a verdict
+        assert status in expected, (words, told)
 
 
 def test_a_recording_whose_name_is_not_utf_8(folder):
@@ -127,7 +127,7 @@ def test_a_recording_whose_name_is_not_utf_8(folder):
     for words in (("run", "x.yaml"), ("validate", "x.yaml")):
         status, _, told = called(folder, *words)
         assert status == 2
-        assert told == "error: data: wanted recordings with names in UTF-8, came 'caf\\udce9'; rename it\n"
+        assert told == "error: data: expected recordings with names in UTF-8, got 'caf\\udce9'; rename it\n"
 
 
 def test_a_file_whose_name_is_not_utf_8_is_told(folder):

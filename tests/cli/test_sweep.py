@@ -46,8 +46,8 @@ def test_images_that_cannot_be_used_are_said_and_the_status_is_2(monkeypatch, ca
     ("words", "message"),
     [
         (("--what", "tresholds"), "did you mean 'threshold'"),
-        (("--what", "threshold", "--values", "1e-3,many"), "wanted a number (threshold"),
-        (("--what", "threshold", "--values", "1e-3,,2e-3"), "wanted values with commas in between"),
+        (("--what", "threshold", "--values", "1e-3,many"), "expected a number (threshold"),
+        (("--what", "threshold", "--values", "1e-3,,2e-3"), "expected values with commas in between"),
         (("--what", "ablation", "--values", "without epipolr"), "did you mean 'without epipolar'"),
         (("--what", "threshold", "--method", "nothing"), "changes the method 'spherical'"),
         (("--what", "threshold", "--split", "test"), "known are all, moving"),

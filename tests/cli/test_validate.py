@@ -79,7 +79,7 @@ def test_one_bad_recording_does_not_stop_the_others(monkeypatch, capsys, folder)
     [
         (("nowhere.yaml",), "nowhere.yaml"),
         (("CARD", "--split", "test"), "unknown split 'test'"),
-        (("DATA", "--adapter", "nomodule"), "wanted module:function, came 'nomodule'"),
+        (("DATA", "--adapter", "nomodule"), "expected module:function, got 'nomodule'"),
         (("DATA", "--adapter", "no_such_module_here:list"), "that can be imported"),
         (("DATA", "--adapter", "bench.recordings:no_such"), "that can be imported"),
         (("nowhere", "--adapter", "bench.recordings.native_listing:native_recordings"), "which is missing"),
@@ -106,7 +106,7 @@ def test_an_adapter_of_the_users_own(monkeypatch, capsys, clean, tmp_path):
     monkeypatch.syspath_prepend(str(tmp_path))
     assert call(monkeypatch, "validate", clean / "data", "--adapter", "my_own_adapter:listing") == 1
     shown = capsys.readouterr().out
-    assert "options: wanted a DataError for an option that does not exist, came none" in shown
+    assert "options: expected a DataError for an option that does not exist, got none" in shown
     assert "my_own_adapter:listing breaks 1 promises of the contract of adapters" in shown
     name = "bench.recordings.native_listing:native_recordings"
     assert call(monkeypatch, "validate", clean / "data", "--adapter", name, "--set", "evaluated_size_px=[32,24]") == 0

@@ -88,13 +88,13 @@ def test_without_the_viewer_the_message_says_what_to_install(monkeypatch, capsys
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("--video", "OUT.gif"), "wanted a file *.mp4, *.webm, *.avi"),
-        (("--rrd", "OUT.txt"), "wanted a file *.rrd"),
-        (("--frame", "5", "--frames", "5:6"), "wanted one of --frame, --frames and --time-ns"),
-        (("--frames", "5-6"), "wanted FIRST:LAST or FIRST:LAST:STEP"),
-        (("--frames", "9:5"), "wanted indices from"),
-        (("--frames", "5:24"), "wanted indices from"),
-        (("--time-ns", "5"), "--time-ns: wanted a time from"),
+        (("--video", "OUT.gif"), "expected a file *.mp4, *.webm, *.avi"),
+        (("--rrd", "OUT.txt"), "expected a file *.rrd"),
+        (("--frame", "5", "--frames", "5:6"), "expected one of --frame, --frames and --time-ns"),
+        (("--frames", "5-6"), "expected FIRST:LAST or FIRST:LAST:STEP"),
+        (("--frames", "9:5"), "expected indices from"),
+        (("--frames", "5:24"), "expected indices from"),
+        (("--time-ns", "5"), "--time-ns: expected a time from"),
     ],
 )
 def test_mistakes_are_one_clear_line_and_leave_nothing(monkeypatch, capsys, card, tmp_path, words, message):
@@ -112,7 +112,7 @@ def test_a_codec_that_is_missing_is_told(monkeypatch, capsys, card, tmp_path):
     monkeypatch.setattr(cv2.VideoWriter, "isOpened", lambda _: False)
     assert call(monkeypatch, "view", card, "--video", tmp_path / "v.mp4", "--frames", "4:5") == 2
     shown = capsys.readouterr().err
-    assert "wanted a codec for .mp4 in this OpenCV, came none (mp4v); try another of .mp4, .webm, .avi" in shown
+    assert "expected a codec for .mp4 in this OpenCV, got none (mp4v); try another of .mp4, .webm, .avi" in shown
     assert not list(tmp_path.iterdir())
 
 
@@ -130,5 +130,5 @@ def test_choices_of_frames(tmp_path):
     assert chosen(frames="7:") == [7, 8, 9]
     assert chosen(frames="1:9:4") == [1, 5, 9]
     assert chosen(time_ns=449) == [4]
-    with pytest.raises(UsageError, match="wanted more than 12 images"):
+    with pytest.raises(UsageError, match="expected more than 12 images"):
         chosen(history=12)

@@ -72,7 +72,7 @@ def test_constant_signals_do_not_depend_on_the_sampling(speed, rate, samples):
 def test_a_value_that_is_not_finite_is_named(column):
     signals = {"speed_mps": [1.0, 1.0, 1.0], "yaw_rate_radps": [0.0, 0.0, 0.0]}
     signals[column][1] = np.nan
-    with pytest.raises(DataError, match=rf"drive.csv: {column}, row 2: wanted a finite number, came nan"):
+    with pytest.raises(DataError, match=rf"drive.csv: {column}, row 2: expected a finite number, got nan"):
         drive(**signals)
 
 
@@ -110,14 +110,14 @@ HEAD = "timestamp_ns,speed_mps,yaw_rate_radps\n"
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (HEAD + "0,1,0\n10,nan,0\n", "speed_mps, row 2: wanted a finite number, came 'nan'"),
-        (HEAD + "0,1,0\n10,1,fast\n", "yaw_rate_radps, row 2: wanted a finite number, came 'fast'"),
-        (HEAD + "0,1,0\n10,,0\n", "speed_mps, row 2: wanted a finite number, came ''"),
-        (HEAD + "0,1,0\n1.5e1,1,0\n", "timestamp_ns, row 2: wanted a whole number of nanoseconds, came '1.5e1'"),
-        (HEAD + "10,1,0\n10,1,0\n", "timestamp_ns, row 2: wanted times that increase, came 10 after 10"),
-        ("timestamp_ns,speed\n0,1\n", "speed_mps: wanted a column of this name, came timestamp_ns, speed"),
-        ("", "wanted a table with a header"),
-        (HEAD + "0,1,0\n", "wanted at least two poses, came 1"),
+        (HEAD + "0,1,0\n10,nan,0\n", "speed_mps, row 2: expected a finite number, got 'nan'"),
+        (HEAD + "0,1,0\n10,1,fast\n", "yaw_rate_radps, row 2: expected a finite number, got 'fast'"),
+        (HEAD + "0,1,0\n10,,0\n", "speed_mps, row 2: expected a finite number, got ''"),
+        (HEAD + "0,1,0\n1.5e1,1,0\n", "timestamp_ns, row 2: expected a whole number of nanoseconds, got '1.5e1'"),
+        (HEAD + "10,1,0\n10,1,0\n", "timestamp_ns, row 2: expected times that increase, got 10 after 10"),
+        ("timestamp_ns,speed\n0,1\n", "speed_mps: expected a column of this name, got timestamp_ns, speed"),
+        ("", "expected a table with a header"),
+        (HEAD + "0,1,0\n", "expected at least two poses, got 1"),
     ],
 )
 def test_faults_name_file_column_and_row(tmp_path, text, message):
@@ -127,5 +127,5 @@ def test_faults_name_file_column_and_row(tmp_path, text, message):
 
 
 def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(DataError, match=r"none\.csv: wanted a readable file"):
+    with pytest.raises(DataError, match=r"none\.csv: expected a readable file"):
         read_bus_signals(tmp_path / "none.csv")

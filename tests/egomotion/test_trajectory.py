@@ -40,7 +40,7 @@ def test_poses_asked_for_together_are_those_asked_for_one_by_one():
     assert together.world_from_vehicle(times_ns[0], next_ns=times_ns[1:]) is first
     for time_ns in times_ns[:3]:
         assert np.array_equal(together.world_from_vehicle(time_ns).matrix, single.world_from_vehicle(time_ns).matrix)
-    with pytest.raises(DataError, match=r"wanted ego-motion at -500000000"):
+    with pytest.raises(DataError, match=r"expected ego-motion at -500000000"):
         together.world_from_vehicle(times_ns[3], next_ns=times_ns[:3])
 
 
@@ -63,7 +63,7 @@ def test_nothing_is_invented_inside_a_gap():
     path = straight([0, STEP_NS, STEP_NS + 600_000_000])
     _, _, valid = path.at(np.array([STEP_NS // 2, STEP_NS, STEP_NS + 1, STEP_NS + 600_000_000]))
     assert valid.tolist() == [True, True, False, True]
-    with pytest.raises(DataError, match=r"poses\.csv: timestamp_ns: wanted ego-motion at 100000001"):
+    with pytest.raises(DataError, match=r"poses\.csv: timestamp_ns: expected ego-motion at 100000001"):
         path.world_from_vehicle(STEP_NS + 1)
 
 
@@ -83,9 +83,9 @@ def test_a_car_on_a_circle_stays_on_the_circle(fraction, rate, speed):
 @pytest.mark.parametrize(
     ("times_ns", "message"),
     [
-        ([0], "wanted at least two poses, came 1"),
-        ([0, 0], "timestamp_ns: wanted times that increase, came 0 after 0 in row 2"),
-        ([0, 5, 3], "timestamp_ns: wanted times that increase, came 3 after 5 in row 3"),
+        ([0], "expected at least two poses, got 1"),
+        ([0, 0], "timestamp_ns: expected times that increase, got 0 after 0 in row 2"),
+        ([0, 5, 3], "timestamp_ns: expected times that increase, got 3 after 5 in row 3"),
     ],
 )
 def test_times_that_do_not_increase_are_refused(times_ns, message):
@@ -149,5 +149,5 @@ def test_a_gap_says_nothing_of_the_velocity_at_its_ends():
     path = Trajectory(source="x", timestamps_ns=times_ns, rotations=Rotation.identity(4), positions_m=positions_m)
     found = [float(path.velocity_vehicle_mps(int(time_ns))[0]) for time_ns in times_ns]
     assert found == pytest.approx([10.0, 10.0, 2.0, 2.0])
-    with pytest.raises(DataError, match="wanted ego-motion at 100000001"):
+    with pytest.raises(DataError, match="expected ego-motion at 100000001"):
         path.velocity_vehicle_mps(STEP_NS + 1)

@@ -56,12 +56,12 @@ LINE = "0 0 0 0 0 0 0 1\n"
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (LINE + "1 0 0 0 0 0 1\n", "line 2: wanted 8 numbers, t x y z qx qy qz qw, came 7"),
-        (LINE + "1 0 nan 0 0 0 0 1\n", "y, line 2: wanted a finite number, came 'nan'"),
-        (LINE + "one 0 0 0 0 0 0 1\n", "t, line 2: wanted seconds, came 'one'"),
-        (LINE + "1 0 0 0 0 0 0 2\n", "qx qy qz qw: wanted a quaternion of length 1"),
-        (LINE + LINE, "timestamp_ns: wanted times that increase"),
-        ("# nothing\n", "wanted at least two poses, came 0"),
+        (LINE + "1 0 0 0 0 0 1\n", "line 2: expected 8 numbers, t x y z qx qy qz qw, got 7"),
+        (LINE + "1 0 nan 0 0 0 0 1\n", "y, line 2: expected a finite number, got 'nan'"),
+        (LINE + "one 0 0 0 0 0 0 1\n", "t, line 2: expected seconds, got 'one'"),
+        (LINE + "1 0 0 0 0 0 0 2\n", "qx qy qz qw: expected a quaternion of length 1"),
+        (LINE + LINE, "timestamp_ns: expected times that increase"),
+        ("# nothing\n", "expected at least two poses, got 0"),
     ],
 )
 def test_faults_name_file_and_line(tmp_path, text, message):

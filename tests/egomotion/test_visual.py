@@ -137,5 +137,5 @@ def test_bad_calls_are_refused():
     with pytest.raises(ShapeError, match=r"two arrays \(N, 3\)"):
         ODOMETRY(np.zeros((4, 3)), np.zeros((5, 3)))
     for bad in ({"tolerance_rad": 0}, {"draws": 0}, {"min_tracks": 7}):
-        with pytest.raises(UsageError, match="visual odometry: wanted"):
+        with pytest.raises(UsageError, match="visual odometry: expected"):
             VisualOdometry(**bad)

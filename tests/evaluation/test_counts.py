@@ -93,7 +93,7 @@ def test_a_frame_without_objects() -> None:
 
 
 def test_a_mask_of_another_size_is_refused_with_the_frame_named() -> None:
-    with pytest.raises(ShapeError, match=r"drive, front, 0 ns: wanted a mask of \(1, 4\).*came \(1, 3\)"):
+    with pytest.raises(ShapeError, match=r"drive, front, 0 ns: expected a mask of \(1, 4\).*got \(1, 3\)"):
         count(reference_frame(picture("....")), mask("..."))
 
 

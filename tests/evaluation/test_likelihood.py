@@ -161,5 +161,5 @@ def falls(values: NDArray[np.float64]) -> bool:
 def test_cells_that_do_not_tile_the_image_are_refused() -> None:
     scorer = SequenceScorer(PAPER)
     told = Segmentation(cell_size_px=2, mask=mask("xx\nxx"), likelihood=np.zeros((2, 1), dtype=np.float32))
-    with pytest.raises(ShapeError, match=r"likelihood of \(2, 2\) \(rows, columns\) cells, came \(2, 1\)"):
+    with pytest.raises(ShapeError, match=r"likelihood of \(2, 2\) \(rows, columns\) cells, got \(2, 1\)"):
         scorer.add(reference_frame(picture("....\n....\n....\n....")), told)

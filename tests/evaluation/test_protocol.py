@@ -80,7 +80,7 @@ def test_an_unknown_name_lists_the_known_ones() -> None:
 )
 def test_a_fault_names_file_and_field(tmp_path: Path, change: dict[str, object], field: str) -> None:
     file = write(tmp_path / "mine.yaml", content_of("paper-v1") | change)
-    with pytest.raises(DataError, match=rf"mine\.yaml: .*{field}: wanted a protocol"):
+    with pytest.raises(DataError, match=rf"mine\.yaml: .*{field}: expected a protocol"):
         load_protocol(file)
 
 

@@ -71,5 +71,5 @@ def test_bad_calls_are_refused():
     with pytest.raises(ShapeError, match="grey uint8"):
         LucasKanadeTracker()([grey, grey.astype(float)])
     for bad in ({"window_px": 4}, {"corners": 0}, {"quality": 0}, {"levels": 99}, {"max_return_px": 0}):
-        with pytest.raises(UsageError, match="lucas-kanade: wanted"):
+        with pytest.raises(UsageError, match="lucas-kanade: expected"):
             LucasKanadeTracker(**bad)

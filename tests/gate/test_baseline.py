@@ -53,7 +53,7 @@ def test_a_missing_baseline_is_an_error_of_its_own(tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("{", "wanted JSON"), ("{}", "schema_version"), ('{"schema_version": 2}', "schema_version")],
+    [("{", "expected a baseline, got no JSON"), ("{}", "schema_version"), ('{"schema_version": 2}', "schema_version")],
 )
 def test_a_damaged_baseline_names_the_field(tmp_path, text, message):
     (tmp_path / "b.json").write_text(text)

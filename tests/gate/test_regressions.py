@@ -11,9 +11,12 @@ import pyarrow.parquet as pq
 import pytest
 
 from bench.cli import gating
+from bench.errors import DataError
 from bench.evaluation.score_sheet import MetricSums, score_sheet
 from bench.gate import Outcome, Verdict, judge, load_tolerances, scored_run, write_baseline
 from bench.gate import baseline as stored
+from bench.harness import read_run
+from bench.harness.stored import file_digests, write_summary
 from bench.methods import build_method
 from tests.gate.conftest import run
 from tests.gate.regressions import CalibrationShifted, YawSignFlipped
@@ -82,11 +85,14 @@ def test_calibration_shifted_by_5_px_in_the_data(gated_card, good_run, baseline,
 
 def test_a_run_that_drops_its_hardest_objects(good_run, baseline, tmp_path):
     folder = copied(good_run, tmp_path)
-    objects = pq.read_table(folder / "objects.parquet")
+    summary, objects = read_run(folder), pq.read_table(folder / "objects.parquet")
     kept = _well_covered(objects)
     dropped = objects.num_rows - kept.num_rows
     assert dropped > 0
     pq.write_table(kept, folder / "objects.parquet")
+    with pytest.raises(DataError, match=r"objects.parquet: expected the file that summary.json is of"):
+        read_run(folder)
+    write_summary(folder, summary.model_copy(update={"files": file_digests(folder)}))  # as if it had been run like this
     found = verdict(good_run, folder)
     (counts,) = [check for check in found.failed_checks if check.name == "counts"]
     assert counts.message.startswith(f"reference changed: {dropped} object-frames fewer in all_moving")

@@ -71,15 +71,15 @@ def test_a_metric_that_is_not_to_be_judged_is_reported(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("based_on: default-v2", "based_on: wanted one of default-v1, rendered-v1, came 'default-v2'"),
-        ("based_on: default-v1\nmin_recordings: 1", "min_recordings: wanted greater than or equal to 2, came 1"),
+        ("based_on: default-v2", "based_on: expected one of default-v1, rendered-v1, got 'default-v2'"),
+        ("based_on: default-v1\nmin_recordings: 1", "min_recordings: expected greater than or equal to 2, got 1"),
         ("based_on: default-v1\nslices: {crossing: {beauty: {absolute: 1}}}", "slices.crossing.beauty"),
         ("based_on: default-v1\nslices: {crossing: {iou: {absolut: 1}}}", "slices.crossing.iou.absolut"),
         ("based_on: default-v1\nmetrics: {iou: {better: more, absolute: 0, relative: 0}}", "metrics.iou.better"),
         ("based_on: default-v1\nmetrics: {iou: {better: lower, absolute: .nan, relative: 0}}", "metrics.iou.absolute"),
-        ("name: own", "wanted a value, came nothing"),
-        ("- a", "wanted keys and values, came list"),
-        ("a: [", "wanted YAML"),
+        ("name: own", "expected a value, got nothing"),
+        ("- a", "expected keys and values, got list"),
+        ("a: [", "expected YAML"),
     ],
 )
 def test_mistakes_name_the_field(tmp_path, text, message):

@@ -72,7 +72,7 @@ def test_quarter_turn_to_the_left_by_hand():
     ],
 )
 def test_what_is_no_rigid_transform_is_refused(rotation, translation):
-    with pytest.raises(ShapeError, match="wanted"):
+    with pytest.raises(ShapeError, match="expected"):
         RigidTransform(rotation, translation)
 
 

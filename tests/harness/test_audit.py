@@ -117,7 +117,7 @@ def test_processes_change_nothing(folder: Path, tiny_card: Path, tmp_path: Path)
 def test_some_recordings_are_spread_over_the_data_set(tiny_card: Path, tmp_path: Path):
     found = audited(tiny_card, tmp_path / "some", recordings=1, method="everything")
     assert found.recordings == 1
-    with pytest.raises(UsageError, match="--recordings: wanted at least 1"):
+    with pytest.raises(UsageError, match="--recordings: expected at least 1"):
         audited(tiny_card, tmp_path / "none", recordings=0)
 
 
@@ -143,7 +143,7 @@ def test_without_masks_there_is_nothing_to_compare(tiny_card: Path, tmp_path: Pa
     card.write_text(card.read_text().replace("scenario:", "source:"))
     for folder in (card.parent / "data" / "tiny").glob("*/truth/front"):
         shutil.rmtree(folder)
-    with pytest.raises(DataError, match=r"wanted rendered masks .* audit a rendered data set"):
+    with pytest.raises(DataError, match=r"expected rendered masks .* audit a rendered data set"):
         audited(card, tmp_path / "out")
 
 
@@ -173,14 +173,14 @@ def test_images_that_cannot_be_used_are_reported(tiny_card: Path, tmp_path: Path
 
 
 def test_a_damaged_audit_is_refused(folder: Path, tmp_path: Path):
-    with pytest.raises(DataError, match="wanted the figures of an audit"):
+    with pytest.raises(DataError, match="expected the figures of an audit"):
         read_audit(tmp_path)
     text = (folder / "audit.json").read_text()
     (tmp_path / "audit.json").write_text(text.replace('"recordings": 3', '"recordings": "many"'))
     with pytest.raises(DataError, match="recordings"):
         read_audit(tmp_path)
     (tmp_path / "polygons.parquet").write_bytes(b"no table")
-    with pytest.raises(DataError, match="wanted a table of an audit"):
+    with pytest.raises(DataError, match="expected a table of an audit"):
         read_polygons(tmp_path)
 
 

@@ -92,8 +92,10 @@ def test_changed_data_at_an_address_is_scored_again(own_card, bucket, tmp_path, 
 def test_a_run_at_an_address_has_the_files_of_a_local_one(own_card, bucket, tmp_path):
     score(own_card, tmp_path / "run")
     score_there(own_card)
-    wanted = {path.relative_to(tmp_path / "run").as_posix() for path in (tmp_path / "run").rglob("*") if path.is_file()}
-    assert {key.removeprefix("runs/one/") for key in bucket.names("runs/one/")} == wanted | {MARK}
+    expected = {
+        path.relative_to(tmp_path / "run").as_posix() for path in (tmp_path / "run").rglob("*") if path.is_file()
+    }
+    assert {key.removeprefix("runs/one/") for key in bucket.names("runs/one/")} == expected | {MARK}
     for name in ("objects.parquet", "frames.parquet", "masks.parquet", "image_maps.npz"):
         assert bucket.get(f"runs/one/{name}") == (tmp_path / "run" / name).read_bytes()
     told = bucket.get("runs/one/summary.json").decode()
@@ -218,7 +220,7 @@ def test_another_experiment_at_the_address_is_refused(own_card, bucket, tmp_path
 
 def test_other_objects_at_the_address_are_left_alone(own_card, bucket):
     bucket.put("runs/one/holiday.jpg", b"x")
-    with pytest.raises(DataError, match=r"s3://bench/runs/one: wanted an empty folder or an older run.*holiday.jpg"):
+    with pytest.raises(DataError, match=r"s3://bench/runs/one: expected an empty folder or an older run.*holiday.jpg"):
         score_there(own_card)
     assert bucket.names() == ["runs/one/holiday.jpg"]
 
@@ -226,7 +228,7 @@ def test_other_objects_at_the_address_are_left_alone(own_card, bucket):
 def test_a_bucket_that_is_not_there_is_told_before_anything_is_computed(own_card, bucket, monkeypatch):
     monkeypatch.setattr("bench.harness.run.plan_recording", None)
     remote = RemoteRun(url=parse_place("s3://nobody/run"))
-    with pytest.raises(DataError, match=r"s3://nobody/run: wanted a folder that can be written.*check bucket"):
+    with pytest.raises(DataError, match=r"s3://nobody/run: expected a folder that can be written.*check bucket"):
         score(own_card, remote.folder, mirror=remote)
 
 
@@ -235,7 +237,7 @@ def test_a_connection_that_breaks_names_what_is_done(own_card, bucket, monkeypat
 
     def broken(self, files):
         if any(name.endswith(".unit") for name in files):
-            raise DataError(self.url.text, wanted="a folder that can be written", came="no answer")
+            raise DataError(self.url.text, expected="a folder that can be written", got="no answer")
         upload(self, files)
 
     with monkeypatch.context() as patched:

@@ -164,7 +164,7 @@ def test_chunks_give_the_same_counts(tiny_card, tmp_path, monkeypatch):
 
 
 def test_what_is_no_summary_is_refused_by_name(tmp_path):
-    with pytest.raises(DataError, match=r"summary\.json: wanted the summary of a run"):
+    with pytest.raises(DataError, match=r"summary\.json: expected the summary of a run"):
         read_run(tmp_path)
     (tmp_path / "summary.json").write_text('{"schema_version": 1}')
     with pytest.raises(DataError, match=r"summary\.json: protocol"):

@@ -188,7 +188,7 @@ def test_twenty_kills_at_random_instants_and_then_the_same_as_without(tiny_card,
     begun = time.monotonic()
     subprocess.run(words(calm), check=True, capture_output=True, env=environment(), timeout=PATIENCE_S)
     whole_s = time.monotonic() - begun
-    wanted = bytes_of(calm)
+    expected = bytes_of(calm)
     draw, kills = random.Random(20), 0
     for number in range(60):
         process = subprocess.Popen(words(out), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment())
@@ -199,7 +199,7 @@ def test_twenty_kills_at_random_instants_and_then_the_same_as_without(tiny_card,
             process.wait()
             kills += 1
         if (out / "summary.json").exists():
-            assert bytes_of(out) == wanted, f"after start {number}"
+            assert bytes_of(out) == expected, f"after start {number}"
             json.loads((out / "table.json").read_text())
         if kills == 20:
             break
@@ -208,6 +208,6 @@ def test_twenty_kills_at_random_instants_and_then_the_same_as_without(tiny_card,
             (out / "units").mkdir(parents=True, exist_ok=True)
     assert kills == 20
     subprocess.run(words(out), check=True, capture_output=True, env=environment(), timeout=PATIENCE_S)
-    assert bytes_of(out) == wanted
+    assert bytes_of(out) == expected
     assert everything_in(out).keys() == everything_in(calm).keys()
     assert not list(tmp_path.glob(".*"))

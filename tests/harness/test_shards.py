@@ -191,7 +191,7 @@ def test_parts_of_another_experiment_do_not_take_the_place_of_a_finished_run(tin
 def test_a_damaged_report_is_named(parts, tmp_path, damage):
     file = parts[1] / "shards" / Shard(number=2, count=COUNT).file
     file.write_bytes(file.read_bytes()[:-30] if damage is None else damage)
-    with pytest.raises(DataError, match="wanted the report of a part") as raised:
+    with pytest.raises(DataError, match="expected the report of a part") as raised:
         merge(tmp_path / "run", parts)
     assert file.name in str(raised.value)
 
@@ -200,7 +200,7 @@ def test_a_damaged_report_is_named(parts, tmp_path, damage):
 def test_a_damaged_unit_is_named(parts, tmp_path, damage):
     file = next(iter((parts[1] / "units").glob("*.unit")))
     DAMAGES[damage](file)
-    with pytest.raises(DataError, match="wanted a stored unit") as raised:
+    with pytest.raises(DataError, match="expected a stored unit") as raised:
         merge(tmp_path / "run", parts)
     assert str(parts[1]) in str(raised.value)
     assert not (tmp_path / "run" / "summary.json").exists()
@@ -221,7 +221,7 @@ def test_a_report_names_no_unit_elsewhere(parts, tmp_path):
     content = json.loads(file.read_text())
     content["units"][0]["recording"] = "../../../etc"
     file.write_text(json.dumps(content))
-    with pytest.raises(DataError, match="wanted a stored unit"):
+    with pytest.raises(DataError, match="expected a stored unit"):
         merge(tmp_path / "run", parts)
 
 
@@ -239,5 +239,5 @@ def test_a_unit_that_failed_is_told_by_the_whole(own_card, tmp_path):
 
 @pytest.mark.parametrize("text", ["", "1", "/", "1/", "/2", "0/2", "3/2", "-1/2", "1/2/3", "a/b", "²/3", "1.0/2"])
 def test_a_part_that_is_none_is_a_usage_error(text):
-    with pytest.raises(UsageError, match="--shard: wanted I/N"):
+    with pytest.raises(UsageError, match="--shard: expected I/N"):
         Shard.parse(text)

@@ -76,14 +76,14 @@ def test_a_camera_of_several_sizes_has_a_map_of_each(tmp_path):
 
 
 def test_missing_and_damaged_maps_are_named(tmp_path):
-    with pytest.raises(DataError, match=r"image_maps\.npz: wanted the image maps of a run, came no such file"):
+    with pytest.raises(DataError, match=r"image_maps\.npz: expected the image maps of a run, got no such file"):
         read_image_maps(tmp_path)
     file = tmp_path / "image_maps.npz"
     write_image_maps(file, [image_map()])
     whole = file.read_bytes()
     for damaged in (b"", b"words", whole[:200], whole[:-40]):
         file.write_bytes(damaged)
-        with pytest.raises(DataError, match=r"image_maps\.npz: wanted the image maps"):
+        with pytest.raises(DataError, match=r"image_maps\.npz: expected the image maps"):
             read_image_maps(tmp_path)
     np.savez(file, index=np.array('[{"camera": "front"}]'))
     with pytest.raises(DataError, match=r"image_maps\.npz"):

@@ -109,7 +109,7 @@ def test_histograms_may_stay_unread(stored):
 def test_any_other_missing_column_is_named(stored, tmp_path):
     run = Path(shutil.copytree(stored, tmp_path / "run"))
     rewrite(run / "frames.parquet", lambda table: table.drop_columns(["fp_px"]))
-    with pytest.raises(DataError, match=r"frames\.parquet: fp_px: wanted this column"):
+    with pytest.raises(DataError, match=r"frames\.parquet: fp_px: expected this column"):
         read_tables(run)
 
 

@@ -65,7 +65,7 @@ def test_processes_give_the_bytes_of_one_after_the_other(tiny_card, tmp_path):
 
 
 def test_a_worker_that_is_killed_in_the_middle_of_a_unit_costs_nothing_but_time(tiny_card, tmp_path, trouble):
-    wanted = calm_result(tiny_card, tmp_path / "calm")
+    expected = calm_result(tiny_card, tmp_path / "calm")
     waits = trouble / "crossing.wait"
     waits.touch()
     here = trouble / "crossing.wait-noted"
@@ -84,12 +84,12 @@ def test_a_worker_that_is_killed_in_the_middle_of_a_unit_costs_nothing_but_time(
     assert killed
     assert killed[0] != os.getpid()
     assert summary.failures == ()
-    assert bytes_of(tmp_path / "run") == wanted
+    assert bytes_of(tmp_path / "run") == expected
 
 
 def test_a_unit_that_crashes_the_interpreter_is_named_and_the_rest_is_done(tiny_card, tmp_path, trouble):
     out = tmp_path / "run"
-    wanted = calm_result(tiny_card, tmp_path / "calm")
+    expected = calm_result(tiny_card, tmp_path / "calm")
     (trouble / "standing.abort").touch()
     ended = call(tiny_card, out, "--workers", 2)
     assert ended.returncode == 2
@@ -102,7 +102,7 @@ def test_a_unit_that_crashes_the_interpreter_is_named_and_the_rest_is_done(tiny_
     (trouble / "standing.abort").unlink()
     again = score(tiny_card, out)
     assert (again.provenance.work.units_computed, again.provenance.work.units_reused) == (1, UNITS - 1)
-    assert bytes_of(out) == wanted
+    assert bytes_of(out) == expected
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -132,12 +132,12 @@ def allow_files_of(size_bytes: int):
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_full_disk_ends_a_run_clearly_and_what_is_stored_stays(tiny_card, tmp_path, trouble, workers):
-    wanted = calm_result(tiny_card, tmp_path / "calm")
+    expected = calm_result(tiny_card, tmp_path / "calm")
     *_, most = sizes(tmp_path / "calm")
     out = tmp_path / "run"
     ended = call(tiny_card, out, "--workers", workers, preexec_fn=allow_files_of(most - 1))
     assert ended.returncode == 2
-    assert "wanted a place that can be written, came File too large" in ended.stderr
+    assert "expected a place that can be written, got File too large" in ended.stderr
     assert "make room" in ended.stderr
     assert "Traceback" not in ended.stderr
     assert not [file for file in out.rglob(".*") if file.is_file()], "nothing half-written stays"
@@ -145,11 +145,11 @@ def test_a_full_disk_ends_a_run_clearly_and_what_is_stored_stays(tiny_card, tmp_
     stored = len(list((out / "units").glob("*.unit")))
     work = score(tiny_card, out).provenance.work
     assert (work.units_computed, work.units_reused) == (UNITS - stored, stored)
-    assert bytes_of(out) == wanted
+    assert bytes_of(out) == expected
 
 
 def test_a_disk_that_is_full_at_the_end_is_no_bug_either(tiny_card, tmp_path, trouble):
-    wanted = calm_result(tiny_card, tmp_path / "calm")
+    expected = calm_result(tiny_card, tmp_path / "calm")
     *_, most = sizes(tmp_path / "calm")
     joined = max((tmp_path / "calm" / f"{name}.parquet").stat().st_size for name in ("objects", "frames", "masks"))
     assert joined > most
@@ -160,7 +160,7 @@ def test_a_disk_that_is_full_at_the_end_is_no_bug_either(tiny_card, tmp_path, tr
     assert "Traceback" not in ended.stderr
     assert not (out / "summary.json").exists()
     assert score(tiny_card, out).provenance.work.units_reused == UNITS
-    assert bytes_of(out) == wanted
+    assert bytes_of(out) == expected
 
 
 CACHED = """
@@ -207,7 +207,7 @@ def test_a_disk_that_is_full_for_the_cache_costs_nothing_but_time(tiny_card, tmp
 @pytest.mark.parametrize("damage", ["cut", "empty", "garbage", "gone"])
 def test_a_damaged_table_of_a_run_is_one_clear_line_and_can_be_made_again(tiny_card, tmp_path, trouble, name, damage):
     out = tmp_path / "run"
-    wanted = calm_result(tiny_card, out)
+    expected = calm_result(tiny_card, out)
     file = out / f"{name}.parquet"
     content = file.read_bytes()
     if damage == "gone":
@@ -218,7 +218,7 @@ def test_a_damaged_table_of_a_run_is_one_clear_line_and_can_be_made_again(tiny_c
         read_tables(out)
     again = score(tiny_card, out)
     assert again.provenance.work.units_reused == UNITS
-    assert bytes_of(out) == wanted
+    assert bytes_of(out) == expected
 
 
 def disappearing(folder: Path):
@@ -236,7 +236,7 @@ def disappearing(folder: Path):
 def test_a_recording_that_disappears_is_named_and_the_rest_is_done(own_card, tmp_path, trouble, recording):
     folder = own_card.parent / "data" / "tiny" / recording
     out, kept = tmp_path / "run", tmp_path / "elsewhere"
-    wanted = calm_result(own_card, tmp_path / "calm")
+    expected = calm_result(own_card, tmp_path / "calm")
     shutil.copytree(folder, kept)
     summary = score(own_card, out, place=disappearing(folder))
     assert summary.failures
@@ -245,11 +245,11 @@ def test_a_recording_that_disappears_is_named_and_the_rest_is_done(own_card, tmp
     shutil.copytree(kept, folder)
     again = score(own_card, out)
     assert (again.failures, again.provenance.work.units_reused) == ((), UNITS - 1)
-    assert bytes_of(out) == wanted
+    assert bytes_of(out) == expected
 
 
 def test_a_second_run_in_a_folder_is_refused_and_does_not_harm_the_first(tiny_card, tmp_path, trouble):
-    wanted = calm_result(tiny_card, tmp_path / "calm")
+    expected = calm_result(tiny_card, tmp_path / "calm")
     out, waits = tmp_path / "run", trouble / "standing.wait"
     waits.touch()
     first = subprocess.Popen(command(tiny_card, out, "--workers", 2), env=environment(), stdout=subprocess.DEVNULL)
@@ -258,11 +258,11 @@ def test_a_second_run_in_a_folder_is_refused_and_does_not_harm_the_first(tiny_ca
         for options in ([], ["--shard", "1/2"]):
             second = call(tiny_card, out, "--workers", 1, *options)
             assert second.returncode == 2
-            assert f"{out}: wanted a folder for this run alone, came one at which another run works" in second.stderr
+            assert f"{out}: expected a folder for this run alone, got one at which another run works" in second.stderr
     finally:
         waits.unlink()
         assert first.wait(PATIENCE_S) == 0
-    assert bytes_of(out) == wanted
+    assert bytes_of(out) == expected
 
 
 def join(*folders: Path) -> subprocess.CompletedProcess:
@@ -273,7 +273,7 @@ def join(*folders: Path) -> subprocess.CompletedProcess:
 
 
 def test_parts_share_a_folder(tiny_card, tmp_path, trouble):
-    wanted = calm_result(tiny_card, tmp_path / "calm")
+    expected = calm_result(tiny_card, tmp_path / "calm")
     out, waits = tmp_path / "run", trouble / "standing.wait"  # the third unit, so of the first part
     waits.touch()
     first = subprocess.Popen(
@@ -292,7 +292,7 @@ def test_parts_share_a_folder(tiny_card, tmp_path, trouble):
         assert first.wait(PATIENCE_S) == 0
     merged = join(out)
     assert (merged.returncode, merged.stderr) == (0, "")
-    assert bytes_of(out) == wanted
+    assert bytes_of(out) == expected
 
 
 def set_times(folder: Path, seconds: int) -> None:
@@ -304,7 +304,7 @@ def test_clocks_decide_nothing(own_card, tmp_path, monkeypatch):
     """Neither times of files nor the hour; not even where the clock is set back while a run goes on."""
     method = build_method("spherical", {})
     score(own_card, tmp_path / "calm", method=method)
-    wanted, out, cache = bytes_of(tmp_path / "calm"), tmp_path / "run", tmp_path / "cache"
+    expected, out, cache = bytes_of(tmp_path / "calm"), tmp_path / "run", tmp_path / "cache"
     hours = iter(range(10_000_000, 0, -1))
 
     class SetBack(datetime):
@@ -322,7 +322,7 @@ def test_clocks_decide_nothing(own_card, tmp_path, monkeypatch):
             set_times(out, then)
             set_times(cache, then)
         made = score(own_card, out, method=method, cache=cache).provenance
-        assert bytes_of(out) == wanted
+        assert bytes_of(out) == expected
         assert made.work.units_reused == reused
         assert made.seconds >= 0.0
         assert all(seconds >= 0.0 for seconds in made.stage_seconds.values())

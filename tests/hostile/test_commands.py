@@ -62,7 +62,7 @@ def test_polygons_of_a_hundred_thousand_points(monkeypatch, capsys, folder):
     edit(folder, replace)
     assert call(monkeypatch, "view", "x.yaml", "--method", "nothing", "--out", folder / "out") == 2
     told = capsys.readouterr().err
-    assert "objects.walker.object_data.poly2d.0.val: wanted" in told.replace("\n", "")
+    assert "objects.walker.object_data.poly2d.0.val: expected" in told.replace("\n", "")
     assert told.count("\n") == 1
     assert call(monkeypatch, "validate", "x.yaml") == 1
     assert capsys.readouterr().err == ""

@@ -108,11 +108,11 @@ COMMANDS = {
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_what_a_command_prints_does_nothing(monkeypatch, capsys, wild, runs, name):
-    wanted, words = COMMANDS[name]
+    expected, words = COMMANDS[name]
     found = {"WILD": runs[0], "EVERYTHING": runs[1]}
     status = call(monkeypatch, *(found.get(word, word) for word in words))
     shown = capsys.readouterr()
-    assert status == wanted, shown.err
+    assert status == expected, shown.err
     told = shown.out + shown.err
     assert harmless(told)
     assert "pwned" in told

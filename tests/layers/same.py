@@ -6,12 +6,12 @@ import pytest
 from bench.recordings import Cuboid
 
 
-def assert_same_boxes(found, wanted, *, names: bool = True, within: float = 1e-9):
+def assert_same_boxes(found, expected, *, names: bool = True, within: float = 1e-9):
     """Same objects, times, places, sizes and headings; velocities and the rest are compared elsewhere."""
-    assert [track.object_class for track in found] == [track.object_class for track in wanted]
+    assert [track.object_class for track in found] == [track.object_class for track in expected]
     if names:
-        assert [track.track_id for track in found] == [track.track_id for track in wanted]
-    for one, other in zip(found, wanted, strict=True):
+        assert [track.track_id for track in found] == [track.track_id for track in expected]
+    for one, other in zip(found, expected, strict=True):
         assert [state.timestamp_ns for state in one.states] == [state.timestamp_ns for state in other.states]
         for state, true in zip(one.states, other.states, strict=True):
             assert isinstance(state.shape, Cuboid)

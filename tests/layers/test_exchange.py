@@ -23,7 +23,7 @@ def bring(tmp_path, drive):
 def test_an_object_twice_is_refused_and_nothing_is_written(tmp_path, handed):
     car = street.box_track("car")
     handed(Layer(tracks=(car, car), timestamps_ns=street.TIMES_NS))
-    with pytest.raises(DataError, match=r"object 'car': wanted each object once, came it twice"):
+    with pytest.raises(DataError, match=r"object 'car': expected each object once, got it twice"):
         bring(tmp_path, street.recording(tmp_path / "drive"))
     assert not (tmp_path / "in").exists()
 
@@ -32,7 +32,7 @@ def test_two_states_at_one_time_are_refused(tmp_path, handed):
     car = street.box_track("car")
     car = replace(car, states=(*car.states[:2], car.states[1]))
     handed(Layer(tracks=(car,), timestamps_ns=street.TIMES_NS))
-    with pytest.raises(DataError, match=f"wanted one state at each time, came two at {street.TIMES_NS[1]}"):
+    with pytest.raises(DataError, match=f"expected one state at each time, got two at {street.TIMES_NS[1]}"):
         bring(tmp_path, street.recording(tmp_path / "drive"))
 
 

@@ -53,8 +53,10 @@ def test_numbers_fit_whatever_zeros_stand_before_them():
 
 
 def test_times_fit_sweeps_that_are_called_otherwise():
-    wanted = drive("frame_7", "frame_8")
-    assert paired([str(street.FIRST_NS + street.STEP_NS)], wanted) == {str(street.FIRST_NS + street.STEP_NS): "frame_8"}
+    expected = drive("frame_7", "frame_8")
+    assert paired([str(street.FIRST_NS + street.STEP_NS)], expected) == {
+        str(street.FIRST_NS + street.STEP_NS): "frame_8"
+    }
 
 
 def test_places_count_where_no_name_fits():
@@ -70,7 +72,9 @@ def test_another_first_frame_means_places_even_where_names_would_fit():
 
 def test_one_missing_sweep_does_not_shift_the_others():
     """Labels 249 ... 251 and sweeps 250 ...: by place, 249 would take the first sweep."""
-    with pytest.raises(DataError, match=r"labels: frames: wanted frames called as the 3 sweeps, 250 to 252.*came 249;"):
+    with pytest.raises(
+        DataError, match=r"labels: frames: expected frames called as the 3 sweeps, 250 to 252.*got 249;"
+    ):
         paired(["249", "250", "251"], drive("250", "251", "252"))
 
 
@@ -86,7 +90,7 @@ def test_frames_that_fit_nothing_are_named(name):
 
 
 def test_two_frames_of_one_sweep_are_refused():
-    with pytest.raises(DataError, match=r"wanted one frame for each sweep, came '7' and '07' of 7\.bin"):
+    with pytest.raises(DataError, match=r"expected one frame for each sweep, got '7' and '07' of 7\.bin"):
         paired(["7", "07"], drive("007x", "7"))
 
 
@@ -117,13 +121,13 @@ def test_classes_are_known_in_any_case_and_the_user_goes_first():
 
 
 def test_all_unknown_classes_are_named_at_once():
-    with pytest.raises(DataError, match=r"came 'Blimp', 'Yeti'; give each, for example --class 'Blimp=vehicle'"):
+    with pytest.raises(DataError, match=r"got 'Blimp', 'Yeti'; give each, for example --class 'Blimp=vehicle'"):
         map_classes(["Yeti", "Car", "Blimp"], PLAIN, source=SOURCE)
 
 
 def test_classes_that_are_none_of_ours_are_refused():
     with pytest.raises(
-        UsageError, match="class 'Van': wanted one of pedestrian, cyclist, vehicle, animal, came 'truck'"
+        UsageError, match="class 'Van': expected one of pedestrian, cyclist, vehicle, animal, got 'truck'"
     ):
         LayerOptions(classes={"Van": "truck"})
 

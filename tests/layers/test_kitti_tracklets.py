@@ -82,7 +82,7 @@ def test_the_same_tags_of_cvat_mean_something_else(tmp_path, drive):
     about = [Rotation.from_rotvec(angle * np.eye(3)[i]).as_matrix() for i, angle in enumerate(angles)]
     assert state.shape.vehicle_from_object.rotation == pytest.approx(about[0] @ about[1] @ about[2], abs=1e-12)
     assert state.shape.size_m.tolist() == [4.5, 1.75, 1.5]
-    with pytest.raises(DataError, match=r"item 0, frame 0\.rx, ry: wanted 0, came 0.1 and -0.2; files of CVAT"):
+    with pytest.raises(DataError, match=r"item 0, frame 0\.rx, ry: expected 0, got 0.1 and -0.2; files of CVAT"):
         layer_format("kitti-tracklets").read(file, drive, PLAIN)
 
 
@@ -244,25 +244,25 @@ def test_files_come_back_exactly(tmp_path_factory, tracklets):
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        (document(item(pose()), count=2), "tracklets.count: wanted the number of tracklets, came 2 for 1 items"),
-        (document(item(pose()), count=10**12), "tracklets.count: wanted a whole number count"),
-        (document(item(pose(), count=3)), "item 0.poses.count: wanted 1, as there are poses, came 3"),
-        (document(item(pose(at=("nan", 0, 0)))), "item 0.poses.item 0.tx: wanted finite numbers, came 'nan'"),
-        (document(item(pose(at=("1 2", 0, 0)))), "item 0.poses.item 0.tx: wanted 1 numbers, came 2"),
-        (document(item(pose(), h=0)), "item 0.h: wanted a size above 0, came 0.0"),
-        (document(item(pose(), h="1e999")), "item 0.h: wanted finite numbers"),
-        (document(item(pose(), kind=" ")), "item 0.objectType: wanted a class, came nothing"),
-        (document(item(pose(), first="1.5")), "item 0.first_frame: wanted a whole number first_frame, came '1.5'"),
-        (document(item(pose(), first=9 * 10**9)), "wanted a whole number first_frame"),
-        (document(item(pose(), first=9)), "frames: wanted frames called as the 6 sweeps"),
-        (document(item(pose(), kind="Yeti")), "classes: wanted classes that can be told as .*came 'Yeti'"),
-        (document("<item><objectType>Car</objectType></item>"), "item 0.poses: wanted poses, came nothing"),
-        ("<a/>", "wanted boost_serialization with tracklets, came a"),
-        ("<boost_serialization><b/></boost_serialization>", "wanted boost_serialization with tracklets"),
-        ("<boost_serialization/>", "tracklets.count: wanted the number of tracklets, came 0 counts"),
-        (document(item(pose()))[:-30], "wanted well-formed XML"),
-        ("", "wanted well-formed XML"),
-        ("\0\1\2", "wanted well-formed XML"),
+        (document(item(pose()), count=2), "tracklets.count: expected the number of tracklets, got 2 for 1 items"),
+        (document(item(pose()), count=10**12), "tracklets.count: expected a whole number count"),
+        (document(item(pose(), count=3)), "item 0.poses.count: expected 1, as there are poses, got 3"),
+        (document(item(pose(at=("nan", 0, 0)))), "item 0.poses.item 0.tx: expected finite numbers, got 'nan'"),
+        (document(item(pose(at=("1 2", 0, 0)))), "item 0.poses.item 0.tx: expected 1 numbers, got 2"),
+        (document(item(pose(), h=0)), "item 0.h: expected a size above 0, got 0.0"),
+        (document(item(pose(), h="1e999")), "item 0.h: expected finite numbers"),
+        (document(item(pose(), kind=" ")), "item 0.objectType: expected a class, got nothing"),
+        (document(item(pose(), first="1.5")), "item 0.first_frame: expected a whole number first_frame, got '1.5'"),
+        (document(item(pose(), first=9 * 10**9)), "expected a whole number first_frame"),
+        (document(item(pose(), first=9)), "frames: expected frames called as the 6 sweeps"),
+        (document(item(pose(), kind="Yeti")), "classes: expected classes that can be told as .*got 'Yeti'"),
+        (document("<item><objectType>Car</objectType></item>"), "item 0.poses: expected poses, got nothing"),
+        ("<a/>", "expected boost_serialization with tracklets, got a"),
+        ("<boost_serialization><b/></boost_serialization>", "expected boost_serialization with tracklets"),
+        ("<boost_serialization/>", "tracklets.count: expected the number of tracklets, got 0 counts"),
+        (document(item(pose()))[:-30], "expected well-formed XML"),
+        ("", "expected well-formed XML"),
+        ("\0\1\2", "expected well-formed XML"),
     ],
 )
 def test_every_fault_has_its_place(tmp_path, drive, text, told):
@@ -273,14 +273,14 @@ def test_every_fault_has_its_place(tmp_path, drive, text, told):
 def test_a_billion_laughs_are_not_told(tmp_path, drive):
     entities = "".join(f'<!ENTITY a{i} "{f"&a{i - 1};" * 10}">' for i in range(1, 10))
     head = f'<?xml version="1.0"?><!DOCTYPE boost_serialization [<!ENTITY a0 "ha">{entities}]>'
-    with pytest.raises(DataError, match="wanted XML without entities"):
+    with pytest.raises(DataError, match="expected XML without entities"):
         read(put(tmp_path, document(item(pose(), kind="&a9;"), head=head)), drive)
 
 
 @pytest.mark.parametrize("where", ["file:///etc/hostname", "http://127.0.0.1:9/x"])
 def test_nothing_outside_is_read(tmp_path, drive, where):
     head = f'<?xml version="1.0"?><!DOCTYPE boost_serialization [<!ENTITY out SYSTEM "{where}">]>'
-    with pytest.raises(DataError, match="wanted XML without entities"):
+    with pytest.raises(DataError, match="expected XML without entities"):
         read(put(tmp_path, document(item(pose(), kind="&out;"), head=head)), drive)
 
 
@@ -306,7 +306,7 @@ def test_an_item_without_end_is_put_aside(tmp_path, drive):
 
 
 def test_a_missing_file_is_named(tmp_path, drive):
-    with pytest.raises(DataError, match=r"nowhere\.xml: wanted a file of tracklets, came No such file"):
+    with pytest.raises(DataError, match=r"nowhere\.xml: expected a file of tracklets, got No such file"):
         read(tmp_path / "nowhere.xml", drive)
 
 

@@ -129,7 +129,7 @@ def test_the_class_definition(tmp_path, drive):
     assert [entry["name"] for entry in file["objects"]] == ["lorry"]
     with pytest.raises(
         DataError,
-        match="format: wanted centroid_abs, as asked for, came centroid_rel; read it as labelcloud-centroid-rel",
+        match="format: expected centroid_abs, as asked for, got centroid_rel; read it as labelcloud-centroid-rel",
     ):
         layer_format("labelcloud-centroid-abs").read(tmp_path, drive, options)
 
@@ -137,10 +137,10 @@ def test_the_class_definition(tmp_path, drive):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ({"classes": [], "type": "semantic_segmentation", "format": "ndarray"}, "type: wanted object_detection"),
-        ({"classes": [], "type": "object_detection", "format": "kitti"}, "came kitti; export the labels"),
-        ({"classes": []}, "type: wanted a value"),
-        ("{", "wanted JSON"),
+        ({"classes": [], "type": "semantic_segmentation", "format": "ndarray"}, "type: expected object_detection"),
+        ({"classes": [], "type": "object_detection", "format": "kitti"}, "got kitti; export the labels"),
+        ({"classes": []}, "type: expected a value"),
+        ("{", "expected JSON"),
     ],
 )
 def test_definitions_of_other_labels(tmp_path, drive, content, message):
@@ -182,31 +182,35 @@ def mirrored():
 @pytest.mark.parametrize(
     ("way", "content", "message"),
     [
-        ("centroid-abs", "[]", "wanted"),
-        ("centroid-abs", {"objects": [{"name": "car", "vertices": CORNERS}]}, "objects.0.centroid: wanted a value"),
-        ("centroid-abs", labelled(by_middle((0, 0, -1))), "objects.0.rotations: wanted degrees from 0 to 360"),
-        ("centroid-abs", labelled(by_middle((0, 0, 361))), "objects.0.rotations: wanted degrees from 0 to 360"),
-        ("centroid-rel", labelled(by_middle((0, 0, 90))), "objects.0.rotations: wanted radians from -pi to pi"),
+        ("centroid-abs", "[]", "expected"),
+        ("centroid-abs", {"objects": [{"name": "car", "vertices": CORNERS}]}, "objects.0.centroid: expected a value"),
+        ("centroid-abs", labelled(by_middle((0, 0, -1))), "objects.0.rotations: expected degrees from 0 to 360"),
+        ("centroid-abs", labelled(by_middle((0, 0, 361))), "objects.0.rotations: expected degrees from 0 to 360"),
+        ("centroid-rel", labelled(by_middle((0, 0, 90))), "objects.0.rotations: expected radians from -pi to pi"),
         (
             "centroid-abs",
             json.dumps(labelled(by_middle((0, 0, 0)))).replace("4.0", "0"),
-            "length: wanted greater than 0",
+            "length: expected greater than 0",
         ),
         (
             "centroid-abs",
             json.dumps(labelled(by_middle((0, 0, 0)))).replace("4.0", "NaN"),
-            "length: wanted a finite number",
+            "length: expected a finite number",
         ),
-        ("centroid-abs", labelled(by_middle((0, 0, 0), name="")), "name: wanted"),
-        ("centroid-abs", "{" * 100_000, "wanted JSON"),
-        ("vertices", labelled({"name": "car", "vertices": CORNERS[:7]}), "vertices: wanted"),
+        ("centroid-abs", labelled(by_middle((0, 0, 0), name="")), "name: expected"),
+        ("centroid-abs", "{" * 100_000, "expected JSON"),
+        ("vertices", labelled({"name": "car", "vertices": CORNERS[:7]}), "vertices: expected"),
         (
             "vertices",
             labelled({"name": "car", "vertices": [*CORNERS[:7], [2.0, 4.0, 4.75]]}),
-            "vertices: wanted the corners of a box",
+            "vertices: expected the corners of a box",
         ),
         ("vertices", labelled({"name": "car", "vertices": mirrored()}), "mirrored or slanted"),
-        ("vertices", labelled({"name": "car", "vertices": [CORNERS[0]] * 8}), "vertices: wanted the corners of a box"),
+        (
+            "vertices",
+            labelled({"name": "car", "vertices": [CORNERS[0]] * 8}),
+            "vertices: expected the corners of a box",
+        ),
         (
             "vertices",
             labelled({"name": "car", "vertices": [[x + y / 9, y, z] for x, y, z in CORNERS]}),

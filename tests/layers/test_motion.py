@@ -13,8 +13,8 @@ from tests.layers import street
 
 def test_a_straight_walk_has_its_exact_velocity():
     true, found = street.box_track("walker"), with_motion(street.box_track("walker", told=False), street.trajectory())
-    for state, wanted in zip(found.states, true.states, strict=True):
-        assert state.velocity_mps == pytest.approx(wanted.velocity_mps, abs=1e-6)
+    for state, expected in zip(found.states, true.states, strict=True):
+        assert state.velocity_mps == pytest.approx(expected.velocity_mps, abs=1e-6)
         assert state.yaw_rate_radps == pytest.approx(0.0, abs=1e-9)
 
 
@@ -66,5 +66,5 @@ def test_outlines_move_by_their_middle_and_points_are_left_alone():
     states[3] = replace(states[3], shape=points)
     found = with_motion(Track(track_id="a", object_class="animal", states=tuple(states)), ego)
     assert np.isnan(found.states[3].velocity_mps).all()
-    wanted = ego.world_from_vehicle(street.TIMES_NS[1]).inverse().rotate(street.WALKER_MPS)
-    assert found.states[1].velocity_mps == pytest.approx(wanted, abs=1e-6)
+    expected = ego.world_from_vehicle(street.TIMES_NS[1]).inverse().rotate(street.WALKER_MPS)
+    assert found.states[1].velocity_mps == pytest.approx(expected, abs=1e-6)

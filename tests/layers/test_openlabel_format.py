@@ -385,18 +385,24 @@ def test_what_coefficients_mean_depends_on_the_focal_length_and_their_number(tmp
     ("values", "told"),
     [
         ({"lens_coeffs": [1, 2, 3, 4], "center_x_px": -0.3, "center_y_px": -3.4}, "a centre in the image of 640 x 480"),
-        ({"lens_coeffs": "x", "center_x_px": 1, "center_y_px": 1}, "lens_coeffs: wanted finite numbers, came 'x'"),
-        ({"lens_coeffs": [1, 2, 3, 4], "center_x_px": None, "center_y_px": 1}, "center_x_px: wanted a finite number"),
-        ({"lens_coeffs": [10**400, 0, 0, 0], "center_x_px": 1, "center_y_px": 1}, "lens_coeffs: wanted finite numbers"),
-        ({"lens_coeffs": [True], "center_x_px": 1, "center_y_px": 1}, "lens_coeffs: wanted finite numbers"),
+        ({"lens_coeffs": "x", "center_x_px": 1, "center_y_px": 1}, "lens_coeffs: expected finite numbers, got 'x'"),
+        ({"lens_coeffs": [1, 2, 3, 4], "center_x_px": None, "center_y_px": 1}, "center_x_px: expected a finite number"),
+        (
+            {"lens_coeffs": [10**400, 0, 0, 0], "center_x_px": 1, "center_y_px": 1},
+            "lens_coeffs: expected finite numbers",
+        ),
+        ({"lens_coeffs": [True], "center_x_px": 1, "center_y_px": 1}, "lens_coeffs: expected finite numbers"),
         (
             {"lens_coeffs": [9], "center_x_px": 9, "center_y_px": 9, "width_px": float("nan")},
-            "width_px: wanted a finite number",
+            "width_px: expected a finite number",
         ),
-        ({"lens_coeffs": [9], "center_x_px": 9, "center_y_px": 9, "width_px": 99.5}, "width_px: wanted a whole number"),
+        (
+            {"lens_coeffs": [9], "center_x_px": 9, "center_y_px": 9, "width_px": 99.5},
+            "width_px: expected a whole number",
+        ),
         (
             {"lens_coeffs": [1, 2, 3, 4], "center_x_px": 9, "center_y_px": 9, "model": "f-theta"},
-            "wanted radial_poly, kannala or opencv_fisheye, came 'f-theta'",
+            "expected radial_poly, kannala or opencv_fisheye, got 'f-theta'",
         ),
     ],
 )
@@ -413,7 +419,7 @@ def test_a_distorted_pinhole_is_refused(tmp_path):
         "camera_matrix_3x4": matrix,
         "distortion_coeffs_1xN": [-0.4, 0, 0, 0, 0],
     }
-    with pytest.raises(DataError, match="wanted a pinhole without distortion or skew"):
+    with pytest.raises(DataError, match="expected a pinhole without distortion or skew"):
         read_lens(StreamProperties(intrinsics_pinhole=values), tmp_path, "x")
 
 
@@ -421,13 +427,13 @@ def test_a_distorted_pinhole_is_refused(tmp_path):
 def test_a_distortion_that_is_none_is_refused(tmp_path, coefficients):
     values = {"width_px": 64, "height_px": 48, "camera_matrix": [50.0, 0.0, 32.0, 0.0, 50.0, 24.0, 0.0, 0.0, 1.0]}
     assert read_lens(StreamProperties(intrinsics_pinhole=values | {"distortion_coeffs": []}), tmp_path, "x") is not None
-    with pytest.raises(DataError, match=r"intrinsics_pinhole\.distortion_coeffs: wanted finite numbers"):
+    with pytest.raises(DataError, match=r"intrinsics_pinhole\.distortion_coeffs: expected finite numbers"):
         read_lens(StreamProperties(intrinsics_pinhole=values | {"distortion_coeffs": coefficients}), tmp_path, "x")
 
 
 def test_a_lens_of_ours_that_lacks_something_says_what_it_has(tmp_path):
     lens = {"model": "pinhole", "width": 64, "focal": [50.0, 50.0]}
-    told = "wanted width, height and the parameters of the camera model, came model, width, focal"
+    told = "expected width, height and the parameters of the camera model, got model, width, focal"
     with pytest.raises(DataError, match=told):
         read_lens(StreamProperties(intrinsics_custom=lens), tmp_path, "x")
 
@@ -460,45 +466,45 @@ def systems(posed):
 @pytest.mark.parametrize(
     ("content", "told"),
     [
-        ("", "wanted JSON"),
-        ("[" * 100_000, "wanted JSON"),
-        ('{"openlabel": {"metadata": {"schema_version": "1.0.0"}, "objects": ' + '{"a":' * 100_000, "wanted JSON"),
-        ({"vcd": {}}, "openlabel: wanted a value, came nothing"),
-        (document({}, version="0.3.0"), "schema_version: wanted 1.0.0, came '0.3.0'"),
+        ("", "expected JSON"),
+        ("[" * 100_000, "expected JSON"),
+        ('{"openlabel": {"metadata": {"schema_version": "1.0.0"}, "objects": ' + '{"a":' * 100_000, "expected JSON"),
+        ({"vcd": {}}, "openlabel: expected a value, got nothing"),
+        (document({}, version="0.3.0"), "schema_version: expected 1.0.0, got '0.3.0'"),
         (document({"x": frame()}), "frames"),
-        (document({"0": frame(entry(BOX), uid="5")}), "frames.0.objects.5: wanted an object listed"),
-        (document({"0": frame(entry(BOX[:8], "base"))}), "cuboid.val: wanted 9 or 10 finite numbers"),
-        (document({"0": frame(entry([*BOX[:9], "1"], "base"))}), "cuboid.val: wanted 9 or 10 finite numbers"),
-        (document({"0": frame(entry([*BOX[:9], -1.0], "base"))}), "cuboid.val: wanted a box of sizes above 0"),
-        (document({"0": frame(entry([*BOX[:9], 1e400], "base"))}), "cuboid.val: wanted 9 or 10 finite numbers"),
-        (document({"0": frame(entry([*BOX[:9], 10**400], "base"))}), "cuboid.val: wanted 9 or 10 finite numbers"),
+        (document({"0": frame(entry(BOX), uid="5")}), "frames.0.objects.5: expected an object listed"),
+        (document({"0": frame(entry(BOX[:8], "base"))}), "cuboid.val: expected 9 or 10 finite numbers"),
+        (document({"0": frame(entry([*BOX[:9], "1"], "base"))}), "cuboid.val: expected 9 or 10 finite numbers"),
+        (document({"0": frame(entry([*BOX[:9], -1.0], "base"))}), "cuboid.val: expected a box of sizes above 0"),
+        (document({"0": frame(entry([*BOX[:9], 1e400], "base"))}), "cuboid.val: expected 9 or 10 finite numbers"),
+        (document({"0": frame(entry([*BOX[:9], 10**400], "base"))}), "cuboid.val: expected 9 or 10 finite numbers"),
         (document({"0": frame(entry([*BOX[:6], 2.0, *BOX[7:]], "base"))}), "quaternion x, y, z, w of length 1"),
-        (document({"0": frame(entry(BOX, "moon"))}), "coordinate_systems: wanted one of base, came 'moon'"),
-        (document({"0": frame(entry(BOX, "a"))}, systems=LOOP), "wanted poses from 'a' to 'base', came none"),
-        (document({}, systems=systems({"matrix4x4": [1.0] * 15})), "matrix4x4: wanted 16 numbers, came 15"),
+        (document({"0": frame(entry(BOX, "moon"))}), "coordinate_systems: expected one of base, got 'moon'"),
+        (document({"0": frame(entry(BOX, "a"))}, systems=LOOP), "expected poses from 'a' to 'base', got none"),
+        (document({}, systems=systems({"matrix4x4": [1.0] * 15})), "matrix4x4: expected 16 numbers, got 15"),
         (document({}, systems=systems({"matrix4x4": [1.0] * 16})), "last row of 0, 0, 0, 1"),
-        (document({}, systems=systems({"matrix4x4": [10**400] * 16})), "matrix4x4.0: wanted a valid number"),
+        (document({}, systems=systems({"matrix4x4": [10**400] * 16})), "matrix4x4.0: expected a valid number"),
         (document({}, systems=systems({"quaternion": [0, 0, 0, 0], "translation": [0, 0, 0]})), "of length 1"),
-        (document({}, systems=systems({"quaternion": [0, 0, 0, 1]})), "translation: wanted 3 numbers, came none"),
-        (document({}, systems=systems({})), "wanted one of matrix4x4, quaternion and euler_angles, came none"),
+        (document({}, systems=systems({"quaternion": [0, 0, 0, 1]})), "translation: expected 3 numbers, got none"),
+        (document({}, systems=systems({})), "expected one of matrix4x4, quaternion and euler_angles, got none"),
         (
             document({}, systems=systems({"euler_angles": [0, 0, 0], "sequence": "XXY", "translation": [0, 0, 0]})),
-            "sequence: wanted three axes",
+            "sequence: expected three axes",
         ),
-        (document({}, systems={"a": {"type": "scene_cs", "parent": ""}}), "wanted one system of a lidar"),
-        (document({"0": frame(entry(BOX), time=5)}), "wanted times of the recording, .* came 5"),
-        (document({"0": frame(entry(BOX), time="noon")}), "wanted a number, or a date and time, came 'noon'"),
-        (document({"0": frame(entry(BOX), time="nan")}), "wanted a time, came nan"),
-        (document({"0": frame(entry(BOX), time="9" * 70)}), "wanted a time"),
-        (document({"0": frame(entry(BOX), time="1E+999999999")}), r"wanted a time, came 1E\+999999999"),
+        (document({}, systems={"a": {"type": "scene_cs", "parent": ""}}), "expected one system of a lidar"),
+        (document({"0": frame(entry(BOX), time=5)}), "expected times of the recording, .* got 5"),
+        (document({"0": frame(entry(BOX), time="noon")}), "expected a number, or a date and time, got 'noon'"),
+        (document({"0": frame(entry(BOX), time="nan")}), "expected a time, got nan"),
+        (document({"0": frame(entry(BOX), time="9" * 70)}), "expected a time"),
+        (document({"0": frame(entry(BOX), time="1E+999999999")}), r"expected a time, got 1E\+999999999"),
         (
             document({"0": frame(entry(BOX), time=street.FIRST_NS / 1e9), "1": frame(entry(BOX), time=4e18)}),
-            r"frames.1.frame_properties.timestamp: wanted a time of this recording, in the unit of .*, came 4E\+18",
+            r"frames.1.frame_properties.timestamp: expected a time of this recording, in the unit of .*, got 4E\+18",
         ),
         (document({"0": frame(entry(BOX)), "1": frame(entry(BOX), time=None)}), "frames.1.frame_properties.timestamp"),
-        (document({"0": frame(entry(BOX)), "1": frame(entry(BOX))}), "frames.1: wanted one frame for each time"),
-        (document({"99": frame(entry(BOX), time=None)}), "frames: wanted frames called as the 6 sweeps"),
-        (document({}, objects={"0": {"name": "a", "type": "Yeti"}}), "came 'Yeti'"),
+        (document({"0": frame(entry(BOX)), "1": frame(entry(BOX))}), "frames.1: expected one frame for each time"),
+        (document({"99": frame(entry(BOX), time=None)}), "frames: expected frames called as the 6 sweeps"),
+        (document({}, objects={"0": {"name": "a", "type": "Yeti"}}), "got 'Yeti'"),
     ],
 )
 def test_every_fault_has_its_place(tmp_path, drive, content, told):
@@ -512,5 +518,5 @@ def test_a_hundred_megabytes_of_nesting_are_refused(tmp_path, drive):
         out.write('{"openlabel": {"metadata": {"schema_version": "1.0.0"}, "contexts": {"0":')
         for _ in range(100):
             out.write("[" * 1_000_000)
-    with pytest.raises(DataError, match="wanted JSON"):
+    with pytest.raises(DataError, match="expected JSON"):
         OPENLABEL.read(file, drive, PLAIN)

@@ -212,7 +212,7 @@ def test_labels_count_in_the_sweep_as_it_is_read(tmp_path, drive, semantickitti)
     ref = drive.sweeps[0]
     short = replace(drive, sweeps=(SweepRef(timestamp_ns=ref.timestamp_ns, path=ref.path, reader=without_first_ten),))
     write_sequence(tmp_path / "raw", sweeps=[0])
-    with pytest.raises(DataError, match=r"wanted 170 labels .* came 720 bytes, 180 labels; labels count in the sweep"):
+    with pytest.raises(DataError, match=r"expected 170 labels .* got 720 bytes, 180 labels; labels count in the sweep"):
         semantickitti.read(tmp_path / "raw", short, PLAIN)
     labels, instances = true_labels(0, WITH_INSTANCES)
     (tmp_path / "kept").mkdir()
@@ -233,15 +233,15 @@ def without_first_ten(path, timestamp_ns):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (Path.exists, "wanted a folder of .label files, came nothing"),
-        (lambda f: f.write_bytes(b"1234"), "wanted a folder of .label files, came a file"),
-        (lambda f: f.mkdir(), "wanted files <frame>.label"),
-        (lambda f: (f / "000000.label").mkdir(parents=True), "came a folder"),
-        (lambda f: put(f, "000000", b""), "wanted 180 labels .* came 0 bytes"),
-        (lambda f: put(f, "000000", bytes(4 * 180 - 1)), "came 719 bytes, 179 labels and a rest"),
+        (Path.exists, "expected a folder of .label files, got nothing"),
+        (lambda f: f.write_bytes(b"1234"), "expected a folder of .label files, got a file"),
+        (lambda f: f.mkdir(), "expected files <frame>.label"),
+        (lambda f: (f / "000000.label").mkdir(parents=True), "got a folder"),
+        (lambda f: put(f, "000000", b""), "expected 180 labels .* got 0 bytes"),
+        (lambda f: put(f, "000000", bytes(4 * 180 - 1)), "got 719 bytes, 179 labels and a rest"),
         (lambda f: put(f, "000000", bytes(4 * 181)), "181 labels"),
-        (lambda f: put(f, "000009", bytes(4 * 180)), "came 000009"),
-        (lambda f: put(f, "a", bytes(4 * 180)), "came a;"),
+        (lambda f: put(f, "000009", bytes(4 * 180)), "got 000009"),
+        (lambda f: put(f, "a", bytes(4 * 180)), "got a;"),
         (lambda f: [put(f / d, "000000", bytes(4 * 180)) for d in ("labels", "predictions")], "labels and predictions"),
     ],
 )
@@ -272,7 +272,7 @@ def test_what_cannot_be_written_is_refused_by_name(tmp_path, drive, semantickitt
         velocity_mps=np.zeros(3),
     )
     layer = Layer(tracks=(Track(track_id="x", object_class="vehicle", states=(beyond,)),), timestamps_ns=(time_ns,))
-    with pytest.raises(DataError, match=re.escape("point indices of 'x' from 0 to 179, came 3 to 180")):
+    with pytest.raises(DataError, match=re.escape("point indices of 'x' from 0 to 179, got 3 to 180")):
         semantickitti.write(layer, drive, tmp_path, PLAIN)
     layer = Layer(tracks=(street.box_track("car"),), timestamps_ns=street.TIMES_NS)
     with pytest.raises(UsageError, match="'limousine': SemanticKITTI has no label of this name"):

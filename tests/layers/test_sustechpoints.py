@@ -216,24 +216,24 @@ def faulty(**changes):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("", "wanted JSON"),
-        ("null", "wanted a valid array"),
-        ("[" * 100_000, "wanted JSON, came recursion limit exceeded"),
-        ('{"objs": 3}', "objs: wanted a valid array"),
-        ('{"objects": []}', "objs: wanted a value, came nothing"),
-        ("[1]", "wanted"),
-        ([{}], "0.psr: wanted a value, came nothing"),
-        (faulty(psr__scale__x=0), "psr.scale.x: wanted greater than 0"),
-        (faulty(psr__scale__x=-1.0), "psr.scale.x: wanted greater than 0"),
-        (faulty(psr__position__z="1"), "psr.position.z: wanted a valid number"),
-        (faulty(psr__position__z=None), "psr.position.z: wanted a valid number"),
-        ('[{"psr": {"position": {"x": NaN}}}]', "x: wanted a finite number"),
-        ('[{"psr": {"position": {"x": 1e999}}}]', "x: wanted a finite number"),
-        (faulty(obj_type=""), "obj_type: wanted"),
+        ("", "expected JSON"),
+        ("null", "expected a valid array"),
+        ("[" * 100_000, "expected JSON, got recursion limit exceeded"),
+        ('{"objs": 3}', "objs: expected a valid array"),
+        ('{"objects": []}', "objs: expected a value, got nothing"),
+        ("[1]", "expected"),
+        ([{}], "0.psr: expected a value, got nothing"),
+        (faulty(psr__scale__x=0), "psr.scale.x: expected greater than 0"),
+        (faulty(psr__scale__x=-1.0), "psr.scale.x: expected greater than 0"),
+        (faulty(psr__position__z="1"), "psr.position.z: expected a valid number"),
+        (faulty(psr__position__z=None), "psr.position.z: expected a valid number"),
+        ('[{"psr": {"position": {"x": NaN}}}]', "x: expected a finite number"),
+        ('[{"psr": {"position": {"x": 1e999}}}]', "x: expected a finite number"),
+        (faulty(obj_type=""), "obj_type: expected"),
         (faulty(obj_id=1.5), "obj_id"),
-        (faulty(obj_attr="crossing, overtaking"), "obj_attr: wanted one kind of motion, came crossing and overtaking"),
+        (faulty(obj_attr="crossing, overtaking"), "obj_attr: expected one kind of motion, got crossing and overtaking"),
         (faulty(vertices=[1, 2, 3]), "no `vertices`: boxes of the tool's early versions"),
-        ([box("5"), box("6"), box("5")], "2.obj_id: wanted each object once in a frame, came '5' twice"),
+        ([box("5"), box("6"), box("5")], "2.obj_id: expected each object once in a frame, got '5' twice"),
     ],
 )
 def test_what_is_no_label_file(tmp_path, drive, sustech, content, message):
@@ -248,7 +248,7 @@ def test_an_object_that_changes_its_class(tmp_path, drive, sustech):
     put(tmp_path, "000001", [box("5", kind="Van")])
     put(tmp_path, "000002", [box("5", kind="Child")])
     with pytest.raises(
-        DataError, match=r"000002.json: 0.obj_type: wanted '5' to stay Car, as in 000000.json, came Child"
+        DataError, match=r"000002.json: 0.obj_type: expected '5' to stay Car, as in 000000.json, got Child"
     ):
         sustech.read(tmp_path, drive, PLAIN)
 
@@ -256,14 +256,14 @@ def test_an_object_that_changes_its_class(tmp_path, drive, sustech):
 def test_files_beyond_any_size(tmp_path, drive, sustech, monkeypatch):
     monkeypatch.setattr("bench.layers.frame_files.LARGEST_BYTES", 100)
     put(tmp_path, "000000", [box()])
-    with pytest.raises(DataError, match="wanted at most 100 bytes"):
+    with pytest.raises(DataError, match="expected at most 100 bytes"):
         sustech.read(tmp_path, drive, PLAIN)
 
 
 def test_frames_that_do_not_pair(tmp_path, drive, sustech):
     put(tmp_path, "000000", [box()])
     put(tmp_path, "000006", [box()])
-    with pytest.raises(DataError, match="came 000006"):
+    with pytest.raises(DataError, match="got 000006"):
         sustech.read(tmp_path, drive, PLAIN)
 
 
@@ -272,7 +272,9 @@ def test_old_frames_do_not_pass_for_new_ones(tmp_path, drive, sustech):
     sustech.write(whole, drive, tmp_path, PLAIN)
     sustech.write(whole, drive, tmp_path, PLAIN)
     two = Layer(tracks=(), timestamps_ns=street.TIMES_NS[:2])
-    with pytest.raises(DataError, match=r"wanted no frames but the 2 that are written, came 4 others, as 000002\.json"):
+    with pytest.raises(
+        DataError, match=r"expected no frames but the 2 that are written, got 4 others, as 000002\.json"
+    ):
         sustech.write(two, drive, tmp_path, PLAIN)
     assert len(json.loads((tmp_path / "label/000000.json").read_text())) == 1  # nothing was touched
     (tmp_path / "out").mkdir()

@@ -43,7 +43,7 @@ def test_points_that_are_not_finite_are_refused(tmp_path, suffix):
     points[1, 2] = np.nan
     write_points(path, {"points_lidar": points})
     with pytest.raises(
-        DataError, match=r"points_lidar: wanted finite numbers, came NaN or infinity in 1 rows"
+        DataError, match=r"points_lidar: expected finite numbers, got NaN or infinity in 1 rows"
     ) as caught:
         read_points(path)
     assert str(path) in str(caught.value)
@@ -52,13 +52,16 @@ def test_points_that_are_not_finite_are_refused(tmp_path, suffix):
 @pytest.mark.parametrize(
     ("arrays", "message"),
     [
-        ({"intensity": INTENSITY}, "points_lidar: wanted an array of this name, came none"),
-        ({"points_lidar": POINTS[:, :2]}, r"points_lidar: wanted \(N, 3\) floating point, came \(3, 2\)"),
-        ({"points_lidar": POINTS.astype(int)}, "points_lidar: wanted floating point, came int64"),
-        ({"points_lidar": POINTS, "intensity": INTENSITY[:2]}, r"intensity: wanted \(3,\), one per point, came \(2,\)"),
-        ({"points_lidar": POINTS, "time_offset_ns": INTENSITY}, "time_offset_ns: wanted int64, came float32"),
-        ({"points_lidar": POINTS, "colour": INTENSITY}, "colour: wanted only the arrays points_lidar"),
-        ({"points_lidar": POINTS, "ring": np.array([0, 1, 300])}, "ring: wanted 0 to 255, came 300"),
+        ({"intensity": INTENSITY}, "points_lidar: expected an array of this name, got none"),
+        ({"points_lidar": POINTS[:, :2]}, r"points_lidar: expected \(N, 3\) floating point, got \(3, 2\)"),
+        ({"points_lidar": POINTS.astype(int)}, "points_lidar: expected floating point, got int64"),
+        (
+            {"points_lidar": POINTS, "intensity": INTENSITY[:2]},
+            r"intensity: expected \(3,\), one per point, got \(2,\)",
+        ),
+        ({"points_lidar": POINTS, "time_offset_ns": INTENSITY}, "time_offset_ns: expected int64, got float32"),
+        ({"points_lidar": POINTS, "colour": INTENSITY}, "colour: expected only the arrays points_lidar"),
+        ({"points_lidar": POINTS, "ring": np.array([0, 1, 300])}, "ring: expected 0 to 255, got 300"),
     ],
 )
 def test_arrays_that_do_not_fit_are_named(tmp_path, arrays, message):
@@ -71,7 +74,7 @@ def test_arrays_that_do_not_fit_are_named(tmp_path, arrays, message):
 def test_pickles_are_refused(tmp_path):
     path = tmp_path / "1.npz"
     np.savez(path, points_lidar=np.array([{"a": 1}], dtype=object))
-    with pytest.raises(DataError, match="numbers, came Python objects"):
+    with pytest.raises(DataError, match="numbers, got Python objects"):
         read_points(path)
 
 
@@ -116,5 +119,5 @@ def test_laz_times_are_nanoseconds_in_the_clock_of_the_sweep(tmp_path):
     sweep = read_sweep(path, 4_833_189_570_000)
     assert sweep.time_offset_ns.tolist() == [-67_894_000, 0, 32_355_000]
     assert sweep.intensity == pytest.approx([0.0, 0.2, 1.0])
-    with pytest.raises(DataError, match="gps_time: wanted times within a second of 0, ns"):
+    with pytest.raises(DataError, match="gps_time: expected times within a second of 0, ns"):
         read_sweep(path, 0)

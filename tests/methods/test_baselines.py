@@ -119,5 +119,5 @@ def test_bad_parameters_are_refused():
         ("background-subtraction", {"images": 0}),
         ("background-subtraction", {"deviations": -1}),
     ):
-        with pytest.raises(UsageError, match=f"{name}: wanted"):
+        with pytest.raises(UsageError, match=f"{name}: expected"):
             build_method(name, bad)

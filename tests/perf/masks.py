@@ -29,8 +29,10 @@ def iou_by_pycocotools(reference: ReferenceFrame, detected: np.ndarray) -> np.nd
     if count == 1 or not reference.objects:
         return np.zeros((count - 1, len(reference.objects)))
     found = np.asfortranarray((component[..., None] == np.arange(1, count)).view(np.uint8))
-    wanted = np.asfortranarray((reference.labels[..., None] == np.arange(1, len(reference.objects) + 1)).view(np.uint8))
-    encoded = coco.encode(wanted)
+    expected = np.asfortranarray(
+        (reference.labels[..., None] == np.arange(1, len(reference.objects) + 1)).view(np.uint8)
+    )
+    encoded = coco.encode(expected)
     return np.asarray(coco.iou(coco.encode(found), encoded, [0] * len(encoded))).reshape(count - 1, len(encoded))
 
 
@@ -40,7 +42,7 @@ def milliseconds(scored: list[tuple[ReferenceFrame, np.ndarray]], *, rounds: int
         evaluated = [item.status is Status.EVALUATED for item in reference.objects]
         ours, theirs = iou_of_all(reference, detected), iou_by_pycocotools(reference, detected)
         if not np.allclose(ours[:, evaluated], theirs[:, evaluated], atol=1e-12):
-            raise AssertionError("wanted the same overlaps from both")
+            raise AssertionError("expected the same overlaps from both")
     seconds = best_seconds(
         {
             "counts of the image and of every object": lambda: [

@@ -18,7 +18,7 @@ LIDAR = RigidTransform.from_yaw(0.0, (1.2, 0.0, 1.8))  # vehicle_from_lidar
 def my_recordings(root, *, options, card, annotations):
     """<drive>/poses.txt (TUM), <drive>/front/<time in us>.png and <drive>/scans/<time in us>.bin."""
     if options:
-        raise DataError(card, field="options", wanted="none", came=", ".join(options))
+        raise DataError(card, field="options", expected="none", got=", ".join(options))
     drives = sorted(path.parent for path in root.glob("*/poses.txt"))
     return tuple(RecordingHandle(name=drive.name, opener=partial(open_drive, drive, annotations)) for drive in drives)
 

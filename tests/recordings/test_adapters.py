@@ -103,7 +103,7 @@ def test_half_the_size_is_an_option_of_every_adapter(card, tmp_path):
 
 def test_unknown_options_are_refused_before_anything_is_opened(card, tmp_path):
     options = {**card.content.options, "colour": "red"}
-    with pytest.raises(DataError, match=r"x\.yaml: options\.colour: wanted no such key, came 'red'"):
+    with pytest.raises(DataError, match=r"x\.yaml: options\.colour: expected no such key, got 'red'"):
         open_dataset(write_card(tmp_path, card.content.adapter, options))
 
 
@@ -122,7 +122,7 @@ def test_a_package_whose_adapter_cannot_be_imported_is_one_clear_line(tmp_path, 
     point = EntryPoint(name="mine", value=value, group="fisheye_bench.adapters")
     monkeypatch.setattr(plug_ins, "entry_points", lambda group: [point] if group == point.group else [])
     native(tmp_path / "data")
-    with pytest.raises(UsageError, match="adapter 'mine': wanted a function that can be imported; "):
+    with pytest.raises(UsageError, match="adapter 'mine': expected a function that can be imported; "):
         open_dataset(write_card(tmp_path, "mine", {}))
 
 

@@ -86,14 +86,17 @@ def first_box(**values):
 
 
 FAULTS = [
-    (first_box(ObjectType="SPACESHIP"), "CapturedObjects.0.ObjectType: wanted one of CAR"),
-    (first_box(**{"BoundingBox3D Extent X": 0}), "BoundingBox3D Extent X: wanted greater than 0, came 0"),
-    (first_box(**{"Relative Velocity X": None}), "Relative Velocity X: wanted a valid number, came None"),
-    (lambda content: content["CapturedObjects"][0].pop("ObjectId"), "ObjectId: wanted a value, came nothing"),
-    (lambda content: content["CapturedObjects"].append(tiny.box(0)), "ObjectId: wanted each object once, came 1 twice"),
-    (lambda content: content.pop("Timestamp"), "Timestamp: wanted a value, came nothing"),
-    (lambda content: content.update(Timestamp="soon"), "Timestamp: wanted a valid integer, came 'soon'"),
-    (lambda content: content.update(Timestamp="1"), "wanted times that increase"),
+    (first_box(ObjectType="SPACESHIP"), "CapturedObjects.0.ObjectType: expected one of CAR"),
+    (first_box(**{"BoundingBox3D Extent X": 0}), "BoundingBox3D Extent X: expected greater than 0, got 0"),
+    (first_box(**{"Relative Velocity X": None}), "Relative Velocity X: expected a valid number, got None"),
+    (lambda content: content["CapturedObjects"][0].pop("ObjectId"), "ObjectId: expected a value, got nothing"),
+    (
+        lambda content: content["CapturedObjects"].append(tiny.box(0)),
+        "ObjectId: expected each object once, got 1 twice",
+    ),
+    (lambda content: content.pop("Timestamp"), "Timestamp: expected a value, got nothing"),
+    (lambda content: content.update(Timestamp="soon"), "Timestamp: expected a valid integer, got 'soon'"),
+    (lambda content: content.update(Timestamp="1"), "expected times that increase"),
 ]
 
 
@@ -108,25 +111,25 @@ def test_faults_of_boxes_name_file_and_field(folder, tmp_path, edit, message):
 
 def test_calibration_must_be_there_and_complete(folder, tmp_path):
     file = folder / "sensor/calibration/calibration.json"
-    with pytest.raises(DataError, match=r"calibration\.json: B_CAM: wanted a calibration of this camera, came none"):
+    with pytest.raises(DataError, match=r"calibration\.json: B_CAM: expected a calibration of this camera, got none"):
         opened(tmp_path, cameras=["B_CAM"])
     edited(file, lambda content: content[tiny.CAMERA].update(model="pinhole"))
     with pytest.raises(
-        DataError, match=r"calibration\.json: M_FISHEYE_R\.model: wanted 'mei' or 'opencv_pinhole', came 'pinhole'"
+        DataError, match=r"calibration\.json: M_FISHEYE_R\.model: expected 'mei' or 'opencv_pinhole', got 'pinhole'"
     ):
         opened(tmp_path)
     edited(file, lambda content: content[tiny.CAMERA].update(model="mei"))
     edited(file, lambda content: content[tiny.CAMERA].pop("xi"))
-    with pytest.raises(DataError, match=r"calibration\.json: M_FISHEYE_R\.xi: wanted a value, came nothing"):
+    with pytest.raises(DataError, match=r"calibration\.json: M_FISHEYE_R\.xi: expected a value, got nothing"):
         opened(tmp_path)
     file.unlink()
-    with pytest.raises(DataError, match=r"calibration\.json: wanted a readable text file, came No such file"):
+    with pytest.raises(DataError, match=r"calibration\.json: expected a readable text file, got No such file"):
         opened(tmp_path)
 
 
 def test_an_image_without_boxes_has_no_time(folder, tmp_path):
     tiny.box_file(folder, 2).unlink()
-    with pytest.raises(DataError, match=r"M_FISHEYE_R_0000102\.jpg: wanted dynamic/box/3d_body/frame_0000102\.json"):
+    with pytest.raises(DataError, match=r"M_FISHEYE_R_0000102\.jpg: expected dynamic/box/3d_body/frame_0000102\.json"):
         opened(tmp_path)
 
 
@@ -142,14 +145,16 @@ def test_two_sequences_of_one_name_are_refused(folder, tmp_path):
     (tmp_path / "data/val/daytime" / folder.name).mkdir(parents=True)
     content = {"name": "x", "title": "x", "adapter": "aimotive", "root": ".", "licence": "x", "options": tiny.OPTIONS}
     (tmp_path / "x.yaml").write_text(json.dumps(content))
-    with pytest.raises(DataError, match=r"wanted recordings of different names, came '20260101-000000-tiny@Car' twice"):
+    with pytest.raises(
+        DataError, match=r"expected recordings of different names, got '20260101-000000-tiny@Car' twice"
+    ):
         open_dataset(load_card(tmp_path / "x.yaml"))
 
 
 def test_ego_motion_stays_inside_the_data_set(folder, tmp_path):
-    with pytest.raises(DataError, match=r"options\.ego_motion\.file: wanted a relative path without '\.\.'"):
+    with pytest.raises(DataError, match=r"options\.ego_motion\.file: expected a relative path without '\.\.'"):
         opened(tmp_path, ego_motion={"file": "../speed.csv"})
-    with pytest.raises(DataError, match=r"none\.csv: wanted a readable file"):
+    with pytest.raises(DataError, match=r"none\.csv: expected a readable file"):
         opened(tmp_path, ego_motion={"file": "none.csv"})
 
 
@@ -258,16 +263,16 @@ def test_the_data_sets_own_odometry(own_odometry, tmp_path):
 
 
 ODOMETRY_FAULTS = [
-    ("", "wanted text, came an empty file"),
-    ("[1, 2", "wanted JSON"),
-    ("[1, 2]", "wanted poses by frame number, came list"),
-    ("[" * 100_000, "wanted JSON"),
-    ('{"1": {}, "../x": {}}', "wanted poses of two frames at least, of those from 100 to 102, came 0"),
-    ('{"100": {}}', "100.RT_ECEF_body: wanted a 4 x 4 matrix, came none (KeyError)"),
-    ('{"100": {"RT_ECEF_body": [[1, 2], [3]]}}', "100.RT_ECEF_body: wanted a 4 x 4 matrix"),
+    ("", "expected text, got an empty file"),
+    ("[1, 2", "expected JSON"),
+    ("[1, 2]", "expected poses by frame number, got list"),
+    ("[" * 100_000, "expected JSON"),
+    ('{"1": {}, "../x": {}}', "expected poses of two frames at least, of those from 100 to 102, got 0"),
+    ('{"100": {}}', "100.RT_ECEF_body: expected a 4 x 4 matrix, got none (KeyError)"),
+    ('{"100": {"RT_ECEF_body": [[1, 2], [3]]}}', "100.RT_ECEF_body: expected a 4 x 4 matrix"),
     (
         '{"100": {"RT_ECEF_body": [[NaN, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]}}',
-        "wanted a finite (4, 4) or (3, 4) matrix",
+        "expected a finite (4, 4) or (3, 4) matrix",
     ),
 ]
 

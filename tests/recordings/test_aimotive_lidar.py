@@ -65,7 +65,7 @@ def test_a_calibration_that_is_none_is_told_once(handle, tmp_path):
     found = handle()
     (file,) = tmp_path.rglob("calibration.json")
     file.write_text("[]")
-    with pytest.raises(DataError, match="wanted calibrations by sensor name, came list"):
+    with pytest.raises(DataError, match="expected calibrations by sensor name, got list"):
         read_lidar_mounting(tmp_path, file.parents[2])
     assert len([fault for fault in found.salvager().faults if str(file) in str(fault)]) == 1
 

@@ -52,8 +52,8 @@ def assert_same_tracks(some, others):
     ]
     for one, other in zip(some, others, strict=True):
         assert len(one.states) == len(other.states)
-        for state, wanted in zip(one.states, other.states, strict=True):
-            assert_same_state(state, wanted)
+        for state, expected in zip(one.states, other.states, strict=True):
+            assert_same_state(state, expected)
 
 
 def test_every_shape_comes_back(tmp_path):
@@ -133,9 +133,12 @@ def test_times_without_objects_can_be_said(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"timestamp_ns": 2**62 + 1}, r"timestamp: wanted less than or equal to"),
-        ({"yaw_rate_radps": float("nan")}, r"wanted a finite number, came nan"),
-        ({"category": "crosing"}, r"text\.0\.val: wanted 'crossing', 'overtaking', .* or 'static_ego', came 'crosing'"),
+        ({"timestamp_ns": 2**62 + 1}, r"timestamp: expected less than or equal to"),
+        ({"yaw_rate_radps": float("nan")}, r"expected a finite number, got nan"),
+        (
+            {"category": "crosing"},
+            r"text\.0\.val: expected 'crossing', 'overtaking', .* or 'static_ego', got 'crosing'",
+        ),
     ],
 )
 def test_what_could_not_be_read_back_is_not_written(tmp_path, changes, told):
@@ -171,31 +174,31 @@ def test_quaternions_are_xyzw(tmp_path):
 
 PLACE = "openlabel.frames.0.objects.van.object_data"
 FAULTS = [
-    (minimal(), f"{PLACE}: wanted one of cuboid, poly2d and vec point_indices, came none"),
-    (minimal(cuboid=[BOX], poly2d=[OUTLINE]), "came cuboid and poly2d"),
+    (minimal(), f"{PLACE}: expected one of cuboid, poly2d and vec point_indices, got none"),
+    (minimal(cuboid=[BOX], poly2d=[OUTLINE]), "got cuboid and poly2d"),
     (minimal(cuboid=[BOX, BOX]), f"{PLACE}.cuboid"),
-    (minimal(cuboid=[{"name": "shape", "val": [0.0] * 9}]), f"{PLACE}.cuboid.0.val.9: wanted a value, came nothing"),
+    (minimal(cuboid=[{"name": "shape", "val": [0.0] * 9}]), f"{PLACE}.cuboid.0.val.9: expected a value, got nothing"),
     (minimal(cuboid=[{"name": "shape", "val": [0.0] * 10}]), "numbers 4 to 7 to be a quaternion"),
     (minimal(cuboid=[{**BOX, "val": [*BOX["val"][:9], 0.0]}]), "numbers 8 to 10 to be sizes above 0"),
-    (minimal(cuboid=[{**BOX, "colour": "red"}]), f"{PLACE}.cuboid.0.colour: wanted no such key, came 'red'"),
-    (minimal(poly2d=[OUTLINE]), f"{PLACE}.num: wanted a number named bottom_m, came none"),
-    (minimal(poly2d=[{**OUTLINE, "closed": False}]), f"{PLACE}.poly2d.0.closed: wanted True, came False"),
+    (minimal(cuboid=[{**BOX, "colour": "red"}]), f"{PLACE}.cuboid.0.colour: expected no such key, got 'red'"),
+    (minimal(poly2d=[OUTLINE]), f"{PLACE}.num: expected a number named bottom_m, got none"),
+    (minimal(poly2d=[{**OUTLINE, "closed": False}]), f"{PLACE}.poly2d.0.closed: expected True, got False"),
     (minimal(poly2d=[{**OUTLINE, "val": [0, 0, 1, 0, 1, 1, 2]}]), "an even number of values"),
     (
         minimal(poly2d=[OUTLINE], num=[{"name": "bottom_m", "val": 2}, {"name": "top_m", "val": 1}]),
-        f"{PLACE}.num: wanted top_m above bottom_m, came 1.0 over 2.0",
+        f"{PLACE}.num: expected top_m above bottom_m, got 1.0 over 2.0",
     ),
-    (minimal(vec=[{"name": "point_indices", "val": [1]}]), "wanted a number named sweep_timestamp_ns, came none"),
-    (minimal(vec=[{"name": "point_indices", "val": [-1]}]), "point_indices.val.0: wanted greater than or equal to 0"),
-    (minimal(cuboid=[BOX], vec=[{"name": "velocity_mps", "val": [1.0, 2.0]}]), "velocity_mps.val.2: wanted a value"),
+    (minimal(vec=[{"name": "point_indices", "val": [1]}]), "expected a number named sweep_timestamp_ns, got none"),
+    (minimal(vec=[{"name": "point_indices", "val": [-1]}]), "point_indices.val.0: expected greater than or equal to 0"),
+    (minimal(cuboid=[BOX], vec=[{"name": "velocity_mps", "val": [1.0, 2.0]}]), "velocity_mps.val.2: expected a value"),
     (minimal(cuboid=[BOX], vec=[{"name": "velocity", "val": [1.0]}]), f"{PLACE}.vec.0"),
-    (minimal(cuboid=[BOX], vec=[{"name": "velocity_mps", "val": [10**400, 0, 0]}]), "val.0: wanted a finite number"),
-    (minimal(cuboid=[BOX], num=[{"name": "yaw_rate_radps", "val": 10**400}]), "val: wanted a finite number"),
+    (minimal(cuboid=[BOX], vec=[{"name": "velocity_mps", "val": [10**400, 0, 0]}]), "val.0: expected a finite number"),
+    (minimal(cuboid=[BOX], num=[{"name": "yaw_rate_radps", "val": 10**400}]), "val: expected a finite number"),
     (
         minimal(cuboid=[BOX], text=[{"name": "category", "val": "crosing"}]),
-        "text.0.val: wanted 'crossing', 'overtaking'",
+        "text.0.val: expected 'crossing', 'overtaking'",
     ),
-    (minimal(cuboid=[BOX], num=[{"name": "yaw_rate_radps", "val": 0.0}] * 2), f"{PLACE}.num: wanted each name once"),
+    (minimal(cuboid=[BOX], num=[{"name": "yaw_rate_radps", "val": 0.0}] * 2), f"{PLACE}.num: expected each name once"),
 ]
 
 
@@ -214,17 +217,17 @@ def test_objects_and_frames_must_fit_together(tmp_path):
     content = minimal(cuboid=[BOX])
     content["openlabel"]["objects"] = {}
     path.write_text(json.dumps(content))
-    with pytest.raises(DataError, match=r"wanted an object listed under openlabel.objects, came 'van'"):
+    with pytest.raises(DataError, match=r"expected an object listed under openlabel.objects, got 'van'"):
         read_annotations(path)
     content = minimal(cuboid=[BOX])
     content["openlabel"]["frames"]["1"] = content["openlabel"]["frames"]["0"]
     path.write_text(json.dumps(content))
-    with pytest.raises(DataError, match="wanted one frame for each time, came 5 twice"):
+    with pytest.raises(DataError, match="expected one frame for each time, got 5 twice"):
         read_annotations(path)
     content = minimal(cuboid=[BOX])
     content["openlabel"]["objects"]["van"]["type"] = "tram"
     path.write_text(json.dumps(content))
-    with pytest.raises(DataError, match=r"openlabel\.objects\.van\.type: wanted 'pedestrian', 'cyclist'"):
+    with pytest.raises(DataError, match=r"openlabel\.objects\.van\.type: expected 'pedestrian', 'cyclist'"):
         read_annotations(path)
 
 

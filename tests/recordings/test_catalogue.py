@@ -70,7 +70,7 @@ def test_exclusions_leave_out_recordings_frames_and_times(tmp_path, data):
 def test_one_recording_that_fails_does_not_stop_the_others(tmp_path, data):
     (data / "a/egomotion.csv").unlink()
     broken, whole = open_dataset(load_card(card_file(tmp_path)))
-    with pytest.raises(DataError, match="came neither"):
+    with pytest.raises(DataError, match="got neither"):
         broken.open()
     assert whole.open().name == "b"
 
@@ -86,13 +86,13 @@ def test_annotations_may_lie_apart(tmp_path, data):
 def test_annotations_that_stand_in_for_nothing_are_refused(tmp_path, data):
     card = load_card(card_file(tmp_path, annotations="labels"))
     with pytest.raises(
-        DataError, match=r"drives\.yaml: annotations: wanted a folder.*labels, which is missing; the path"
+        DataError, match=r"drives\.yaml: annotations: expected a folder.*labels, which is missing; the path"
     ):
         open_dataset(card)
     (tmp_path / "labels").mkdir()
     assert names(open_dataset(card)) == ["a", "b"]
     write_annotations(tmp_path / "labels/A.json", ())
-    with pytest.raises(DataError, match=r"annotations: wanted files called as recordings.*: a, b, came 1, as A\.json"):
+    with pytest.raises(DataError, match=r"annotations: expected files called as recordings.*: a, b, got 1, as A\.json"):
         open_dataset(card)
     write_annotations(tmp_path / "labels/b.json", ())
     assert names(open_dataset(card)) == ["a", "b"]
@@ -102,7 +102,8 @@ def test_a_variable_in_the_root(tmp_path, data, monkeypatch):
     card = load_card(card_file(tmp_path, root="${DRIVES_HOME}/data", how_to_get="ask Ada"))
     monkeypatch.delenv("DRIVES_HOME", raising=False)
     with pytest.raises(
-        DataError, match=r"drives\.yaml: root: wanted a folder, came the variable DRIVES_HOME.*export DRIVES.*; ask Ada"
+        DataError,
+        match=r"drives\.yaml: root: expected a folder, got the variable DRIVES_HOME.*export DRIVES.*; ask Ada",
     ):
         open_dataset(card)
     monkeypatch.setenv("DRIVES_HOME", str(tmp_path))
@@ -110,19 +111,21 @@ def test_a_variable_in_the_root(tmp_path, data, monkeypatch):
 
 
 def test_data_that_is_not_there_says_how_to_get_it(tmp_path):
-    with pytest.raises(DataError, match=r"root: wanted a folder with the data, came .*data, which is missing; ask Ada"):
+    with pytest.raises(
+        DataError, match=r"root: expected a folder with the data, got .*data, which is missing; ask Ada"
+    ):
         open_dataset(load_card(card_file(tmp_path, how_to_get="ask Ada")))
     (tmp_path / "data").mkdir()
-    with pytest.raises(DataError, match="wanted recordings of the adapter 'native', came none"):
+    with pytest.raises(DataError, match="expected recordings of the adapter 'native', got none"):
         open_dataset(load_card(card_file(tmp_path)))
 
 
 FAULTS = [
-    ({"colour": "red"}, "colour: wanted no such key, came 'red'"),
-    ({"title": 3}, "title: wanted a valid string, came 3"),
+    ({"colour": "red"}, "colour: expected no such key, got 'red'"),
+    ({"title": 3}, "title: expected a valid string, got 3"),
     ({"name": "my drives"}, "name: "),
-    ({"splits": {}}, "wanted at least one split"),
-    ({"exclusions": [{"recording": "a"}]}, "exclusions.0.reason: wanted a value, came nothing"),
+    ({"splits": {}}, "expected at least one split"),
+    ({"exclusions": [{"recording": "a"}]}, "exclusions.0.reason: expected a value, got nothing"),
 ]
 
 
@@ -137,9 +140,9 @@ def test_faults_of_a_card_name_file_and_field(tmp_path, content, message):
 def test_what_a_card_names_must_exist(tmp_path, data):
     with pytest.raises(UnknownNameError, match=r"unknown adapter 'nativ': known are .*did you mean 'native'"):
         open_dataset(load_card(card_file(tmp_path, adapter="nativ")))
-    with pytest.raises(DataError, match=r"splits\.all: wanted recordings of .*data: a, b, came 'c'"):
+    with pytest.raises(DataError, match=r"splits\.all: expected recordings of .*data: a, b, got 'c'"):
         open_dataset(load_card(card_file(tmp_path, splits={"all": ["c"]})), "all")
-    with pytest.raises(DataError, match=r"exclusions: wanted recordings"):
+    with pytest.raises(DataError, match=r"exclusions: expected recordings"):
         open_dataset(load_card(card_file(tmp_path, exclusions=[{"recording": "c", "reason": "x"}])))
 
 
@@ -147,7 +150,7 @@ def test_what_a_card_names_must_exist(tmp_path, data):
 def test_yaml_that_is_no_card_is_refused(tmp_path, text):
     path = tmp_path / "drives.yaml"
     path.write_text(text)
-    with pytest.raises(DataError, match=r"drives\.yaml: wanted"):
+    with pytest.raises(DataError, match=r"drives\.yaml: expected"):
         load_card(path)
 
 
@@ -158,7 +161,7 @@ def test_cards_are_found_by_name(tmp_path):
     assert load_card("drives", folder=tmp_path).content.title == "Two drives"
     with pytest.raises(UnknownNameError, match="unknown data set 'drive'"):
         load_card("drive", folder=tmp_path)
-    with pytest.raises(DataError, match=r"none\.yaml: wanted a readable card"):
+    with pytest.raises(DataError, match=r"none\.yaml: expected a readable card"):
         load_card(tmp_path / "none.yaml")
 
 

@@ -110,7 +110,7 @@ def raises_key_error(root):
 
 
 def refuses(root):
-    raise DataError(root, wanted="a calibration", came="none")
+    raise DataError(root, expected="a calibration", got="none")
 
 
 def test_our_adapters_keep_it(root):
@@ -144,17 +144,23 @@ def test_an_adapter_of_another_package_keeps_it(root, monkeypatch):
 @pytest.mark.parametrize(
     ("opener", "fault"),
     [
-        (wrong_name, "drive: name: wanted 'drive', as listed, came 'other'"),
-        (out_of_order, "drive: images.front: wanted times that increase"),
-        (floats_for_times, "drive: images.front: wanted times as int nanoseconds, came float"),
-        (outside, "drive: images.front: wanted files below"),
-        (reads_images_early, "drive: open: wanted no image or sweep read yet, came 1"),
-        (tracks_twice, "drive: tracks: wanted each id once, came 'van' twice"),
-        (odd_class, "drive: tracks, van: wanted a class of pedestrian, cyclist, vehicle, animal, came 'tram'"),
-        (sweeps_with_traceback, "drive: sweeps: wanted a DataError for a file that is missing, came FileNotFoundError"),
-        (sweeps_of_another_time, "wanted finite points, came NaN or infinity"),
-        (raises_key_error, "drive: open: wanted no error, or a DataError for a fault of the data, came KeyError: 'fx'"),
-        (refuses, "wanted a calibration, came none"),
+        (wrong_name, "drive: name: expected 'drive', as listed, got 'other'"),
+        (out_of_order, "drive: images.front: expected times that increase"),
+        (floats_for_times, "drive: images.front: expected times as int nanoseconds, got float"),
+        (outside, "drive: images.front: expected files below"),
+        (reads_images_early, "drive: open: expected no image or sweep read yet, got 1"),
+        (tracks_twice, "drive: tracks: expected each id once, got 'van' twice"),
+        (odd_class, "drive: tracks, van: expected a class of pedestrian, cyclist, vehicle, animal, got 'tram'"),
+        (
+            sweeps_with_traceback,
+            "drive: sweeps: expected a DataError for a file that is missing, got FileNotFoundError",
+        ),
+        (sweeps_of_another_time, "expected finite points, got NaN or infinity"),
+        (
+            raises_key_error,
+            "drive: open: expected no error, or a DataError for a fault of the data, got KeyError: 'fx'",
+        ),
+        (refuses, "expected a calibration, got none"),
     ],
 )
 def test_each_broken_promise_is_told(root, opener, fault):
@@ -165,7 +171,7 @@ def test_each_broken_promise_is_told(root, opener, fault):
 
 
 def test_names_twice_and_handles_that_cannot_travel(root):
-    assert "listing: wanted each name once, came 'drive' twice" in adapter_faults(
+    assert "listing: expected each name once, got 'drive' twice" in adapter_faults(
         adapter_of(open_native, names=("drive", "drive")), root
     )
 
@@ -173,7 +179,7 @@ def test_names_twice_and_handles_that_cannot_travel(root):
         return open_native(place)
 
     (fault,) = adapter_faults(adapter_of(local), root)
-    assert "wanted one that pickles" in fault
+    assert "expected one that pickles" in fault
 
 
 def test_an_adapter_that_takes_any_option_and_opens_while_it_lists(root):
@@ -183,6 +189,6 @@ def test_an_adapter_that_takes_any_option_and_opens_while_it_lists(root):
         return (RecordingHandle(name="drive", opener=partial(open_native, place / "drive")),)
 
     faults = adapter_faults(eager, root)
-    assert "options: wanted a DataError for an option that does not exist, came none" in faults
-    assert any("listing: wanted no image or sweep read yet, came 3" in fault for fault in faults)
-    assert any(fault.startswith("empty folder: wanted no recordings, came 1") for fault in faults)
+    assert "options: expected a DataError for an option that does not exist, got none" in faults
+    assert any("listing: expected no image or sweep read yet, got 3" in fault for fault in faults)
+    assert any(fault.startswith("empty folder: expected no recordings, got 1") for fault in faults)

@@ -63,7 +63,7 @@ def test_cards_take_them(truthful, tmp_path):
 
 
 def test_other_words_are_refused(truthful, tmp_path):
-    with pytest.raises(DataError, match=r"options.ego_motion: wanted 'recorded' or 'exact', came 'true'"):
+    with pytest.raises(DataError, match=r"options.ego_motion: expected 'recorded' or 'exact', got 'true'"):
         open_dataset(card_with(truthful, tmp_path, {"ego_motion": "true"}))
 
 
@@ -73,14 +73,16 @@ def test_other_words_are_refused(truthful, tmp_path):
 def test_missing_truth_is_told_with_what_to_do(truthful, option, file):
     (truthful / file).unlink()
     open_native(truthful)
-    with pytest.raises(DataError, match=rf"{file}: wanted the truth for {option}: exact, came no such file.*recorded"):
+    with pytest.raises(DataError, match=rf"{file}: expected the truth for {option}: exact, got no such file.*recorded"):
         open_native(truthful, **{option: "exact"})
 
 
 def test_truth_of_other_cameras_is_refused(truthful):
     file = truthful / "truth/calibration.json"
     file.write_text(file.read_text().replace('"front"', '"rear"'))
-    with pytest.raises(DataError, match=r"vehicle_from_camera: wanted the cameras of recording.json: front, came rear"):
+    with pytest.raises(
+        DataError, match=r"vehicle_from_camera: expected the cameras of recording.json: front, got rear"
+    ):
         open_native(truthful, calibration="exact")
 
 

@@ -61,7 +61,7 @@ def test_grey_png_files_of_every_kind_are_read_as_they_are(tmp_path, kind):
 
 def test_a_png_of_whole_chunks_with_a_broken_stream_is_refused(tmp_path):
     (tmp_path / "1.png").write_bytes(png(tiny.WIDTH, tiny.HEIGHT, rows=bytes(99)))
-    with pytest.raises(DataError, match="wanted an image that can be decoded"):
+    with pytest.raises(DataError, match="expected an image that can be decoded"):
         read_image(ImageRef(camera="front", timestamp_ns=1, path=tmp_path / "1.png"), tiny.front_camera())
 
 
@@ -71,7 +71,7 @@ def test_an_image_cut_short_is_refused(tmp_path, suffix, missing):
     image, _ = stored(tmp_path, suffix)
     content = image.path.read_bytes()
     image.path.write_bytes(content[:-missing])
-    with pytest.raises(DataError, match=rf"1\{suffix}: wanted a whole PNG or JPEG file, came a \w+ cut short"):
+    with pytest.raises(DataError, match=rf"1\{suffix}: expected a whole PNG or JPEG file, got a \w+ cut short"):
         read_image(image, tiny.front_camera())
 
 
@@ -80,7 +80,7 @@ def test_a_damaged_png_is_refused(tmp_path):
     content = bytearray(image.path.read_bytes())
     content[len(content) // 2] ^= 0xFF
     image.path.write_bytes(bytes(content))
-    with pytest.raises(DataError, match="came a PNG damaged near byte"):
+    with pytest.raises(DataError, match="got a PNG damaged near byte"):
         read_image(image, tiny.front_camera())
 
 
@@ -123,7 +123,7 @@ def test_a_jpeg_without_its_last_lines_is_refused_though_its_end_is_marked(tmp_p
     assert cv2.imread(str(path)).shape == (tiny.HEIGHT, tiny.WIDTH, 3)
     assert "JPEG" in capfd.readouterr().err
     for colour in (False, True):
-        with pytest.raises(DataError, match=r"1\.jpg: wanted a whole JPEG, came data that is damaged or ends before"):
+        with pytest.raises(DataError, match=r"1\.jpg: expected a whole JPEG, got data that is damaged or ends before"):
             read_image(ImageRef(camera="front", timestamp_ns=1, path=path), tiny.front_camera(), colour=colour)
     assert capfd.readouterr().err == ""
 
@@ -152,51 +152,51 @@ def test_a_jpeg_of_very_many_scans_is_refused():
     """Each takes as long as an image: a file of 100 kB can ask for an hour."""
     content = jpeg("progressive")
     last = content.rindex(JPEG_SCAN)
-    with pytest.raises(DataError, match="wanted at most 100 scans of a JPEG"):
+    with pytest.raises(DataError, match="expected at most 100 scans of a JPEG"):
         decode_image(content[:-2] + content[last:-2] * 1000 + content[-2:], cv2.IMREAD_COLOR, place=Path("1.jpg"))
 
 
 def test_a_jpeg_of_four_colours_is_refused(tmp_path):
     Image.fromarray(scene()).convert("CMYK").save(tmp_path / "1.jpg")
-    with pytest.raises(DataError, match="wanted a JPEG of one or three components of 8 bits, came 4 of 8 bits"):
+    with pytest.raises(DataError, match="expected a JPEG of one or three components of 8 bits, got 4 of 8 bits"):
         decode_image((tmp_path / "1.jpg").read_bytes(), cv2.IMREAD_COLOR, place=tmp_path / "1.jpg")
 
 
 @pytest.mark.parametrize(
-    ("content", "came"),
+    ("content", "got"),
     [
         (b"", "an empty file"),
         (b"GIF89a etc", "10 bytes that begin with"),
         (b"\xff\xd8\xff\xd9", "one whose header is damaged"),
     ],
 )
-def test_a_file_that_is_no_image_is_refused(tmp_path, content, came):
+def test_a_file_that_is_no_image_is_refused(tmp_path, content, got):
     path = tmp_path / "1.png"
     path.write_bytes(content)
     with pytest.raises(DataError) as caught:
         read_image(ImageRef(camera="front", timestamp_ns=1, path=path), tiny.front_camera())
-    assert f"came {came}" in str(caught.value)
+    assert f"got {got}" in str(caught.value)
 
 
 def test_a_missing_image_is_named(tmp_path):
-    with pytest.raises(DataError, match=r"9\.png: wanted an image file"):
+    with pytest.raises(DataError, match=r"9\.png: expected an image file"):
         read_image(ImageRef(camera="front", timestamp_ns=9, path=tmp_path / "9.png"), tiny.front_camera())
 
 
 def test_an_image_of_another_size_is_refused(tmp_path):
     image, _ = stored(tmp_path, ".png", shape=(48, 60))
     with pytest.raises(
-        DataError, match=r"image size: wanted 64 x 48 px, as the calibration of camera 'front', came 60 x 48"
+        DataError, match=r"image size: expected 64 x 48 px, as the calibration of camera 'front', got 60 x 48"
     ):
         read_image(image, tiny.front_camera())
 
 
 def test_truth_is_sixteen_bits_and_only_where_there_is_some(root, tmp_path):
     image, _ = stored(tmp_path, ".png")
-    with pytest.raises(DataError, match="wanted an image with truth beside it"):
+    with pytest.raises(DataError, match="expected an image with truth beside it"):
         read_truth(image)
     recording = open_native(root)
     first = recording.images["front"][0]
     cv2.imwrite(str(first.truth_path), np.zeros((48, 64), np.uint8))
-    with pytest.raises(DataError, match="wanted a 16-bit grey PNG, came uint8"):
+    with pytest.raises(DataError, match="expected a 16-bit grey PNG, got uint8"):
         read_truth(first, recording.cameras["front"])

@@ -66,7 +66,7 @@ def test_the_host_drives_and_a_missing_pose_is_filled(root):
         pose = trajectory.world_from_vehicle(tiny.time_ns(n))
         assert pose.translation_m[2] == pytest.approx(0, abs=1e-6)
         assert trajectory.velocity_vehicle_mps(tiny.time_ns(n)) == pytest.approx([tiny.HOST_MPS, 0, 0], abs=1e-4)
-    with pytest.raises(DataError, match=r"poses\.txt: timestamp_ns: wanted ego-motion at"):
+    with pytest.raises(DataError, match=r"poses\.txt: timestamp_ns: expected ego-motion at"):
         trajectory.world_from_vehicle(tiny.time_ns(0))
 
 
@@ -126,7 +126,7 @@ def test_excluded_frames_are_named_by_their_number(root):
     ]
     recording = opened(root, excluded_frames=excluded)
     assert recording.images["image_02"][0].timestamp_ns == tiny.time_ns(5)
-    with pytest.raises(DataError, match=r"excluded_frames\.0\.frames|excluded_frames\.0: wanted the first frame not"):
+    with pytest.raises(DataError, match=r"excluded_frames\.0\.frames|excluded_frames\.0: expected the first frame not"):
         opened(root, excluded_frames=[{"sequence": "0003", "frames": [4, 0], "reason": "x"}])
 
 
@@ -157,7 +157,7 @@ def test_a_drive_whose_first_frames_were_cut_off(tmp_path):
     file.write_text("".join(f"{tiny.stamp(n)}\n" for n in range(3)))
     clock = read_clock(file, [4391, 4392, 4394])
     assert clock.times_ns == {4391: tiny.time_ns(0), 4392: tiny.time_ns(1), 4394: tiny.time_ns(2)}
-    with pytest.raises(DataError, match=r"wanted a line for each frame up to 9, came 3 lines"):
+    with pytest.raises(DataError, match=r"expected a line for each frame up to 9, got 3 lines"):
         read_clock(file, [8, 9])
 
 
@@ -175,27 +175,33 @@ BOMB = '<?xml version="1.0"?><!DOCTYPE b [<!ENTITY a "aaaaaaaaaa">' + "".join(
     f'<!ENTITY {chr(98 + i)} "{f"&{chr(97 + i)};" * 10}">' for i in range(9)
 )
 XML_FAULTS = {
-    "bomb": (lambda _: f"{BOMB}]><opencv_storage>&j;</opencv_storage>", "wanted XML without a document type"),
+    "bomb": (lambda _: f"{BOMB}]><opencv_storage>&j;</opencv_storage>", "expected XML without a document type"),
     "outside": (
         lambda _: '<!DOCTYPE b [<!ENTITY a SYSTEM "file:///etc/passwd">]><b>&a;</b>',
-        "wanted XML without a document type",
+        "expected XML without a document type",
     ),
-    "cut short": (lambda text: text[: len(text) // 2], "wanted well-formed XML"),
-    "empty": (lambda _: "", "wanted well-formed XML"),
+    "cut short": (lambda text: text[: len(text) // 2], "expected well-formed XML"),
+    "empty": (lambda _: "", "expected well-formed XML"),
     "no number": (
         lambda text: text.replace("<instanceId>3<", "<instanceId>x<", 1),
-        "object1.instanceId: wanted a whole",
+        "object1.instanceId: expected a whole",
     ),
     "count": (
         lambda text: text.replace("<rows>4</rows>", "<rows>5</rows>", 1),
-        "transform.data: wanted 20 numbers, came 16",
+        "transform.data: expected 20 numbers, got 16",
     ),
-    "huge": (lambda text: text.replace("<rows>8</rows>", "<rows>99999999</rows>", 1), "vertices: wanted rows and cols"),
-    "nan": (lambda text: text.replace("-0.5 -0.5 -0.5", "nan -0.5 -0.5", 1), "vertices.data: wanted finite numbers"),
-    "flat": (lambda text: text.replace("-0.5", "0.5"), "transform: wanted a box with length, width and height"),
-    "window": (lambda text: text.replace("<end_frame>10", "<end_frame>0", 1), "end_frame: wanted 1 or later, came 0"),
-    "timestamp": (lambda text: text.replace("<timestamp>1<", "<timestamp>-7<", 1), "timestamp: wanted a frame number"),
-    "no vertices": (lambda text: text.replace("vertices", "points"), "object1.vertices: wanted a matrix, came none"),
+    "huge": (
+        lambda text: text.replace("<rows>8</rows>", "<rows>99999999</rows>", 1),
+        "vertices: expected rows and cols",
+    ),
+    "nan": (lambda text: text.replace("-0.5 -0.5 -0.5", "nan -0.5 -0.5", 1), "vertices.data: expected finite numbers"),
+    "flat": (lambda text: text.replace("-0.5", "0.5"), "transform: expected a box with length, width and height"),
+    "window": (lambda text: text.replace("<end_frame>10", "<end_frame>0", 1), "end_frame: expected 1 or later, got 0"),
+    "timestamp": (
+        lambda text: text.replace("<timestamp>1<", "<timestamp>-7<", 1),
+        "timestamp: expected a frame number",
+    ),
+    "no vertices": (lambda text: text.replace("vertices", "points"), "object1.vertices: expected a matrix, got none"),
 }
 
 
@@ -216,7 +222,7 @@ def test_an_object_without_end_is_not_held_in_memory(tmp_path):
         out.write("<opencv_storage><object1><data>")
         for _ in range(40):
             out.write("1.0 " * 250_000)
-    with pytest.raises(DataError, match=r"wanted objects of at most 32000000 bytes, came a longer one"):
+    with pytest.raises(DataError, match=r"expected objects of at most 32000000 bytes, got a longer one"):
         list(read_boxes(file))
 
 
@@ -234,30 +240,38 @@ def test_boxes_that_were_not_named_but_move_are_unclear(root):
 
 
 TEXT_FAULTS = {
-    "pose numbers": ("poses", lambda t: t.replace(" ", " 1 ", 1), "line 1: wanted 13 numbers, came 14"),
-    "pose nan": ("poses", lambda t: t.replace("0.866025404", "nan", 1), "line 1: wanted finite numbers, came 'nan'"),
-    "pose scaled": ("poses", lambda t: t.replace("0.866025404", "1.866025404", 1), "wanted a rotation without scale"),
-    "pose order": ("poses", lambda t: t + t.splitlines()[0] + "\n", "wanted frames that increase, came 1 after 11"),
-    "pose frame": ("poses", lambda t: t.replace("11 ", "999 ", 1), "wanted a line for frame 999 in"),
-    "pose half": ("poses", lambda t: t.replace("11 ", "10.5 ", 1), "frame: wanted whole frame numbers"),
-    "one pose": ("poses", lambda t: t.splitlines()[0], "wanted at least two poses, came 1"),
-    "empty": ("poses", lambda _: "", "wanted text, came an empty file"),
-    "time": ("times", lambda t: t.replace("2013-05-28 08:46:03", "2013-13-28 08:46:03", 1), "wanted a time YYYY-MM-DD"),
-    "time order": ("times", lambda t: t.splitlines()[3] + "\n" + t, "line 2: wanted times that increase"),
-    "times": ("times", lambda t: "\n".join(t.splitlines()[:5]), "wanted a line for each frame up to 11, came 5 lines"),
-    "mei": ("lens", lambda t: t.replace("MEI", "PINHOLE"), "image_02.yaml: model_type: wanted 'MEI', came 'PINHOLE'"),
+    "pose numbers": ("poses", lambda t: t.replace(" ", " 1 ", 1), "line 1: expected 13 numbers, got 14"),
+    "pose nan": ("poses", lambda t: t.replace("0.866025404", "nan", 1), "line 1: expected finite numbers, got 'nan'"),
+    "pose scaled": ("poses", lambda t: t.replace("0.866025404", "1.866025404", 1), "expected a rotation without scale"),
+    "pose order": ("poses", lambda t: t + t.splitlines()[0] + "\n", "expected frames that increase, got 1 after 11"),
+    "pose frame": ("poses", lambda t: t.replace("11 ", "999 ", 1), "expected a line for frame 999 in"),
+    "pose half": ("poses", lambda t: t.replace("11 ", "10.5 ", 1), "frame: expected whole frame numbers"),
+    "one pose": ("poses", lambda t: t.splitlines()[0], "expected at least two poses, got 1"),
+    "empty": ("poses", lambda _: "", "expected text, got an empty file"),
+    "time": (
+        "times",
+        lambda t: t.replace("2013-05-28 08:46:03", "2013-13-28 08:46:03", 1),
+        "expected a time YYYY-MM-DD",
+    ),
+    "time order": ("times", lambda t: t.splitlines()[3] + "\n" + t, "line 2: expected times that increase"),
+    "times": ("times", lambda t: "\n".join(t.splitlines()[:5]), "expected a line for each frame up to 11, got 5 lines"),
+    "mei": ("lens", lambda t: t.replace("MEI", "PINHOLE"), "image_02.yaml: model_type: expected 'MEI', got 'PINHOLE'"),
     "xi": ("lens", lambda t: t.replace("xi: 2.2", "xi: .nan"), "xi"),
     "tag": (
         "lens",
         lambda t: t.replace("xi: 2.2", "xi: !!python/object/apply:os.getcwd []"),
-        "image_02.yaml: wanted YAML",
+        "image_02.yaml: expected YAML",
     ),
-    "name": ("lens", lambda t: t.replace("image_02", "image_03"), "camera_name: wanted 'image_02', came 'image_03'"),
-    "matrix": ("mount", lambda t: t.replace("image_02: 1 0", "image_02: 1", 1), "image_02: wanted 12 numbers, came 11"),
+    "name": ("lens", lambda t: t.replace("image_02", "image_03"), "camera_name: expected 'image_02', got 'image_03'"),
+    "matrix": (
+        "mount",
+        lambda t: t.replace("image_02: 1 0", "image_02: 1", 1),
+        "image_02: expected 12 numbers, got 11",
+    ),
     "line": (
         "mount",
         lambda t: t.replace("image_02", "image_09"),
-        "image_02: wanted a line with 12 numbers, came none",
+        "image_02: expected a line with 12 numbers, got none",
     ),
 }
 
@@ -280,7 +294,7 @@ def test_faults_of_text_files_name_file_and_field(root, name):
 
 def test_bytes_that_are_no_text(root):
     poses_file(root).write_bytes(b"1 \xff\xfe")
-    with pytest.raises(DataError, match=r"poses\.txt: wanted UTF-8 text, came byte 0xff at 2"):
+    with pytest.raises(DataError, match=r"poses\.txt: expected UTF-8 text, got byte 0xff at 2"):
         opened(root)
 
 
@@ -292,17 +306,17 @@ def test_damaged_scans(root):
     whole = scan_file(root).read_bytes()
     reference = opened(root).sweeps[5]
     scan_file(root).write_bytes(whole[:-5])
-    with pytest.raises(DataError, match=r"0000000006\.bin: wanted rows of four float32 .* may be cut short"):
+    with pytest.raises(DataError, match=r"0000000006\.bin: expected rows of four float32 .* may be cut short"):
         reference.read()
     scan_file(root).write_bytes(b"")
-    with pytest.raises(DataError, match=r"came 0 bytes"):
+    with pytest.raises(DataError, match=r"got 0 bytes"):
         reference.read()
     scan_file(root).write_bytes(np.array([[np.nan, 1, 1, 0]], dtype="<f4").tobytes() + whole)
-    with pytest.raises(DataError, match=r"points_lidar: wanted finite numbers, came NaN or infinity in 1 rows"):
+    with pytest.raises(DataError, match=r"points_lidar: expected finite numbers, got NaN or infinity in 1 rows"):
         reference.read()
     with scan_file(root).open("wb") as sparse:
         sparse.truncate(10_000_000_000)
-    with pytest.raises(DataError, match=r"wanted at most 64000000 bytes, came 10000000000"):
+    with pytest.raises(DataError, match=r"expected at most 64000000 bytes, got 10000000000"):
         reference.read()
 
 
@@ -319,12 +333,12 @@ def test_links_that_lead_outside_are_refused(root, tmp_path):
 
 def test_a_sequence_without_boxes_is_not_scored_as_empty(root):
     boxes_file(root).unlink()
-    with pytest.raises(DataError, match=r"wanted a file of boxes, came no such file; test sequences have none"):
+    with pytest.raises(DataError, match=r"expected a file of boxes, got no such file; test sequences have none"):
         opened(root)
 
 
 def test_a_folder_that_is_not_the_data_set(tmp_path):
-    with pytest.raises(DataError, match=r"data_2d_raw: wanted folders of sequences with fisheye images"):
+    with pytest.raises(DataError, match=r"data_2d_raw: expected folders of sequences with fisheye images"):
         kitti360_recordings(tmp_path, options={}, card=tmp_path / "x.yaml", annotations=None)
 
 

@@ -71,10 +71,10 @@ def test_images_truth_and_sweeps_come_back(root):
         assert np.array_equal(read_truth(image), tiny.truth(i))
     assert len(recording.sweeps) == 2
     for i, reference in enumerate(recording.sweeps):
-        sweep, wanted = pickle.loads(pickle.dumps(reference)).read(), tiny.sweep(i)
-        assert sweep.timestamp_ns == wanted.timestamp_ns
+        sweep, expected = pickle.loads(pickle.dumps(reference)).read(), tiny.sweep(i)
+        assert sweep.timestamp_ns == expected.timestamp_ns
         for field in ("points_lidar", "time_offset_ns", "intensity", "ring"):
-            assert np.array_equal(getattr(sweep, field), getattr(wanted, field))
+            assert np.array_equal(getattr(sweep, field), getattr(expected, field))
 
 
 def test_ego_motion_comes_back(root):
@@ -177,46 +177,54 @@ def change(root, path, value):
 
 
 HEAD_FAULTS = [
-    ("schema_version", 2, "schema_version: wanted 1, came 2"),
-    ("frame_interval_ns", 0, "frame_interval_ns: wanted greater than 0, came 0"),
-    ("frame_interval_ns", 1.5, "frame_interval_ns: wanted a valid integer, came 1.5"),
-    ("licence", ..., "licence: wanted a value, came nothing"),
-    ("name", "drive-7", "name: wanted 'drive', as its folder, came 'drive-7'"),
-    ("colour", "red", "colour: wanted no such key, came 'red'"),
-    ("cameras.front.modle", {}, "cameras.front.modle: wanted no such key, came {}"),
-    ("cameras.front.image_size", [64, 0], "cameras.front.image_size.1: wanted greater than 0, came 0"),
-    ("cameras.front.model.model", "fisheye", "cameras.front.model.model: wanted one of kannala_brandt, pinhole"),
+    ("schema_version", 2, "schema_version: expected 1, got 2"),
+    ("frame_interval_ns", 0, "frame_interval_ns: expected greater than 0, got 0"),
+    ("frame_interval_ns", 1.5, "frame_interval_ns: expected a valid integer, got 1.5"),
+    ("licence", ..., "licence: expected a value, got nothing"),
+    ("name", "drive-7", "name: expected 'drive', as its folder, got 'drive-7'"),
+    ("colour", "red", "colour: expected no such key, got 'red'"),
+    ("cameras.front.modle", {}, "cameras.front.modle: expected no such key, got {}"),
+    ("cameras.front.image_size", [64, 0], "cameras.front.image_size.1: expected greater than 0, got 0"),
+    ("cameras.front.model.model", "fisheye", "cameras.front.model.model: expected one of kannala_brandt, pinhole"),
     (
         "cameras.front.model.principal_point",
         [1.0],
-        "cameras.front.model.principal_point: wanted two numbers, came (1.0,)",
+        "cameras.front.model.principal_point: expected two numbers, got (1.0,)",
     ),
-    ("cameras.front.model.coefficients", ["a"], "cameras.front.model: wanted numbers"),
+    ("cameras.front.model.coefficients", ["a"], "cameras.front.model: expected numbers"),
     ("cameras.front.model.xi", 1.0, "cameras.front.model"),
-    ("cameras.front.model.width", 64, "cameras.front.model.width: wanted no such key, came one; image_size says it"),
+    ("cameras.front.model.width", 64, "cameras.front.model.width: expected no such key, got one; image_size says it"),
     (
         "cameras.front.vehicle_from_camera.quaternion_wxyz",
         [1.0, 1.0, 0.0, 0.0],
-        "quaternion_wxyz: wanted a quaternion w, x",
+        "quaternion_wxyz: expected a quaternion w, x",
     ),
-    ("cameras.front.vehicle_from_camera.translation_m", [0.0, 0.0, -1.0], "wanted a camera above the road"),
+    ("cameras.front.vehicle_from_camera.translation_m", [0.0, 0.0, -1.0], "expected a camera above the road"),
     ("lidar.vehicle_from_lidar.translation_m", [0.0, 1.0], "lidar.vehicle_from_lidar.translation_m"),
     (
         "lidar.lidar_from_beams",
         {"quaternion_wxyz": [2.0, 0.0, 0.0, 0.0], "translation_m": [0.0, 0.0, 0.0]},
-        "lidar.lidar_from_beams.quaternion_wxyz: wanted a quaternion w, x, y, z of length 1",
+        "lidar.lidar_from_beams.quaternion_wxyz: expected a quaternion w, x, y, z of length 1",
     ),
-    ("lidar.lidar_from_beams", {"translation_m": [0.0, 0.0, 0.0]}, "lidar_from_beams.quaternion_wxyz: wanted a value"),
-    ("lidar.vehicle_from_beams", None, "lidar.vehicle_from_beams: wanted no such key"),
+    (
+        "lidar.lidar_from_beams",
+        {"translation_m": [0.0, 0.0, 0.0]},
+        "lidar_from_beams.quaternion_wxyz: expected a value",
+    ),
+    ("lidar.vehicle_from_beams", None, "lidar.vehicle_from_beams: expected no such key"),
     ("vehicle.outline_m", [[0.0, 0.0]], "vehicle.outline_m"),
     (
         "cameras.front.ego_body_mask",
         "../outside.png",
-        "cameras.front.ego_body_mask: wanted a relative path without '..'",
+        "cameras.front.ego_body_mask: expected a relative path without '..'",
     ),
-    ("cameras.front.ego_body_mask", "/etc/passwd", "cameras.front.ego_body_mask: wanted a relative path without '..'"),
-    ("cameras.front.ego_body_mask", "none.png", "none.png: wanted an image file"),
-    ("cameras", {}, "cameras: wanted"),
+    (
+        "cameras.front.ego_body_mask",
+        "/etc/passwd",
+        "cameras.front.ego_body_mask: expected a relative path without '..'",
+    ),
+    ("cameras.front.ego_body_mask", "none.png", "none.png: expected an image file"),
+    ("cameras", {}, "cameras: expected"),
 ]
 
 
@@ -234,18 +242,18 @@ def test_nan_and_broken_json_are_refused(root):
     file = root / "recording.json"
     file.write_text(file.read_text().replace("1.2", "NaN", 1))
     with pytest.raises(
-        DataError, match=r"recording\.json: lidar.vehicle_from_lidar.translation_m.0: wanted a finite number"
+        DataError, match=r"recording\.json: lidar.vehicle_from_lidar.translation_m.0: expected a finite number"
     ):
         open_native(root)
     file.write_text(file.read_text()[:50])
-    with pytest.raises(DataError, match=r"recording\.json: wanted JSON"):
+    with pytest.raises(DataError, match=r"recording\.json: expected JSON"):
         open_native(root)
 
 
 def test_images_without_a_calibration_are_named(root):
     (root / "images/rear").mkdir()
     with pytest.raises(
-        DataError, match=r"recording\.json: cameras\.rear: wanted a calibration for images/rear, came none"
+        DataError, match=r"recording\.json: cameras\.rear: expected a calibration for images/rear, got none"
     ):
         open_native(root)
 
@@ -253,20 +261,20 @@ def test_images_without_a_calibration_are_named(root):
 def test_a_camera_without_images_is_named(root):
     for path in (root / "images/front").iterdir():
         path.unlink()
-    with pytest.raises(DataError, match=r"images/front: wanted images named <timestamp_ns>"):
+    with pytest.raises(DataError, match=r"images/front: expected images named <timestamp_ns>"):
         open_native(root)
 
 
 @pytest.mark.parametrize("name", ["first.png", "1.5.png", "-3.png", f"{2**62 + 1}.png"])
 def test_a_name_that_is_no_time_is_named(root, name):
     (root / "images/front" / name).write_bytes(b"")
-    with pytest.raises(DataError, match="wanted a name that is a time in nanoseconds"):
+    with pytest.raises(DataError, match="expected a name that is a time in nanoseconds"):
         open_native(root)
 
 
 def test_two_files_of_one_time_are_refused(root):
     (root / f"images/front/{tiny.TIMES_NS[0]}.jpg").write_bytes(b"")
-    with pytest.raises(DataError, match="wanted one file for each time"):
+    with pytest.raises(DataError, match="expected one file for each time"):
         open_native(root)
 
 
@@ -289,24 +297,24 @@ def test_links_that_lead_outside_are_refused(root, tmp_path, place):
 
 def test_missing_and_doubled_files_are_named(root):
     (root / "poses.csv").write_text("")
-    with pytest.raises(DataError, match=r"wanted one of egomotion.csv and poses.csv, came both"):
+    with pytest.raises(DataError, match=r"expected one of egomotion.csv and poses.csv, got both"):
         open_native(root)
     (root / "poses.csv").unlink()
     (root / "annotations.json").rename(root / "labels.json")
-    with pytest.raises(DataError, match=r"annotations\.json: wanted an annotation file, came no such file"):
+    with pytest.raises(DataError, match=r"annotations\.json: expected an annotation file, got no such file"):
         open_native(root)
     (root / "egomotion.csv").unlink()
-    with pytest.raises(DataError, match="came neither"):
+    with pytest.raises(DataError, match="got neither"):
         open_native(root)
     (root / "recording.json").unlink()
-    with pytest.raises(DataError, match=r"recording\.json: wanted a readable file"):
+    with pytest.raises(DataError, match=r"recording\.json: expected a readable file"):
         open_native(root)
 
 
 def test_a_broken_sweep_is_named_when_it_is_read(root):
     sweep = open_native(root).sweeps[0]
     sweep.path.write_bytes(sweep.path.read_bytes()[:100])
-    with pytest.raises(DataError, match=rf"{tiny.TIMES_NS[0]}\.npz: wanted a whole \.npz file"):
+    with pytest.raises(DataError, match=rf"{tiny.TIMES_NS[0]}\.npz: expected a whole \.npz file"):
         sweep.read()
     sweep.path.unlink()
     with pytest.raises(DataError, match="no such file"):
@@ -315,7 +323,7 @@ def test_a_broken_sweep_is_named_when_it_is_read(root):
 
 def test_the_writer_refuses_what_the_format_cannot_hold(tmp_path):
     writer = RecordingWriter(tmp_path / "drive")
-    with pytest.raises(ShapeError, match="wanted an image of uint8, came float64"):
+    with pytest.raises(ShapeError, match="expected an image of uint8, got float64"):
         writer.image("front", 0, np.zeros((4, 4)))
     assert not (tmp_path / "drive").exists()
 

@@ -115,7 +115,7 @@ def test_a_single_file_and_a_root_that_is_a_bag(tmp_path):
 def test_a_bag_of_ros_1_says_how_to_convert_it(tmp_path):
     root = bags.write_rig(tmp_path / "data")
     (root / "old.bag").write_bytes(b"#ROSBAG V2.0\n")
-    with pytest.raises(DataError, match=r"wanted a bag of ROS 2, came one of ROS 1; convert it: rosbags-convert"):
+    with pytest.raises(DataError, match=r"expected a bag of ROS 2, got one of ROS 1; convert it: rosbags-convert"):
         opened(root)
 
 
@@ -167,11 +167,11 @@ def test_mountings_from_frames(tmp_path):
     recording.sweeps[0].read()
     rig["lidar"]["frame"] = "mast"
     bags.write_rig(root, rig)
-    with pytest.raises(DataError, match=r"header\.frame_id: wanted 'mast', as the rig file says, came 'velodyne'"):
+    with pytest.raises(DataError, match=r"header\.frame_id: expected 'mast', as the rig file says, got 'velodyne'"):
         opened(root).sweeps[0].read()
     rig["lidar"]["frame"] = "roof"
     bags.write_rig(root, rig)
-    with pytest.raises(DataError, match=r"rig\.yaml: lidar\.frame: wanted the frame 'roof' in /tf_static, came body"):
+    with pytest.raises(DataError, match=r"rig\.yaml: lidar\.frame: expected the frame 'roof' in /tf_static, got body"):
         opened(root)
 
 
@@ -274,15 +274,15 @@ def rig_change(change):
 
 
 RIGS = [
-    (lambda rig: rig.update(colour=1), "colour: wanted no such key, came 1"),
-    (lambda rig: rig["cameras"]["front"].update(topic="front"), "cameras.front.topic: wanted String should match"),
+    (lambda rig: rig.update(colour=1), "colour: expected no such key, got 1"),
+    (lambda rig: rig["cameras"]["front"].update(topic="front"), "cameras.front.topic: expected String should match"),
     (lambda rig: rig["cameras"]["front"].update(frame="x"), "one of vehicle_from_sensor, the mounting, and frame"),
-    (lambda rig: rig["cameras"]["front"]["model"].update(model="egg"), "cameras.front.model.model: wanted one of"),
-    (lambda rig: rig["cameras"]["front"].update(image_size=[10**9, 2]), "image_size.0: wanted less than or equal"),
+    (lambda rig: rig["cameras"]["front"]["model"].update(model="egg"), "cameras.front.model.model: expected one of"),
+    (lambda rig: rig["cameras"]["front"].update(image_size=[10**9, 2]), "image_size.0: expected less than or equal"),
     (lambda rig: rig["lidar"].update(topic=bags.FRONT), "each topic for one sensor, /camera/front stands twice"),
     (lambda rig: rig["ego_motion"].update(SIGNALS), "either odometry, or speed and yaw_rate"),
     (lambda rig: rig["ego_motion"].clear(), "either odometry, or speed and yaw_rate"),
-    (lambda rig: rig["cameras"].clear(), "cameras: wanted Dictionary should have at least 1 item"),
+    (lambda rig: rig["cameras"].clear(), "cameras: expected Dictionary should have at least 1 item"),
 ]
 
 
@@ -299,10 +299,10 @@ def test_rigs_that_cannot_be(tmp_path, change, told):
 def test_a_rig_elsewhere_or_with_tags_is_refused(tmp_path):
     root = bags.write_rig(tmp_path / "data")
     bags.write_bag(root / "drive", bags.drive())
-    with pytest.raises(DataError, match=r"options\.rig: wanted a relative path without '\.\.', came '\.\./rig\.yaml'"):
+    with pytest.raises(DataError, match=r"options\.rig: expected a relative path without '\.\.', got '\.\./rig\.yaml'"):
         opened(root, rig="../rig.yaml")
     (root / "rig.yaml").write_text("vehicle: !!python/object/apply:os.getcwd []\n")
-    with pytest.raises(DataError, match=r"rig\.yaml: wanted YAML, came could not determine a constructor"):
+    with pytest.raises(DataError, match=r"rig\.yaml: expected YAML, got could not determine a constructor"):
         opened(root)
 
 
@@ -311,21 +311,21 @@ def test_topics_that_are_missing_or_of_another_type(tmp_path):
     rig["cameras"]["front"]["topic"] = "/camera/rear"
     root = bags.write_rig(tmp_path / "data", rig)
     bags.write_bag(root / "drive", bags.drive())
-    with pytest.raises(DataError, match=r"cameras\.front\.topic: wanted messages on /camera/rear, .* /camera/front"):
+    with pytest.raises(DataError, match=r"cameras\.front\.topic: expected messages on /camera/rear, .* /camera/front"):
         opened(root)
     rig["cameras"]["front"]["topic"], rig["lidar"]["topic"] = bags.LIDAR, "/nothing"
     bags.write_rig(root, rig)
-    with pytest.raises(DataError, match=r"/lidar: wanted messages .*Image.*, came sensor_msgs/msg/PointCloud2"):
+    with pytest.raises(DataError, match=r"/lidar: expected messages .*Image.*, got sensor_msgs/msg/PointCloud2"):
         opened(root)
     bags.write_rig(root, rig_with(ego_motion={"odometry": {"topic": "/imu"}}))
     bags.write_bag(root.parent / "other", [*bags.drive(), *bags.signals()]).rename(root / "drive" / "drive.mcap")
-    with pytest.raises(DataError, match=r"/imu: wanted messages nav_msgs/msg/Odometry"):
+    with pytest.raises(DataError, match=r"/imu: expected messages nav_msgs/msg/Odometry"):
         opened(root)
     bags.write_rig(root, rig_with(ego_motion=SIGNALS | {"speed": {"topic": bags.SPEED, "field": "twist.linear.w"}}))
-    with pytest.raises(DataError, match=r"wanted the field twist\.linear\.w, came none called 'w'; there are x, y, z"):
+    with pytest.raises(DataError, match=r"expected the field twist\.linear\.w, got none called 'w'; there are x, y, z"):
         opened(root)
     bags.write_rig(root, rig_with(ego_motion=SIGNALS | {"speed": {"topic": bags.SPEED, "field": "header.frame_id"}}))
-    with pytest.raises(DataError, match=r"header\.frame_id: wanted a number, came str"):
+    with pytest.raises(DataError, match=r"header\.frame_id: expected a number, got str"):
         opened(root)
 
 
@@ -354,7 +354,7 @@ def test_the_hosts_body_is_a_mask_and_polygons(tmp_path):
     assert seen.sum() == 3 * tiny.WIDTH + 8 * 40
     rig["cameras"]["front"]["ego_body_mask"] = "../body.png"
     bags.write_rig(root, rig)
-    with pytest.raises(DataError, match=r"cameras\.front\.ego_body_mask: wanted a relative path"):
+    with pytest.raises(DataError, match=r"cameras\.front\.ego_body_mask: expected a relative path"):
         opened(root)
 
 

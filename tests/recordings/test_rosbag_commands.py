@@ -163,4 +163,4 @@ def test_without_annotations_it_can_be_looked_at_but_not_scored(command, cards, 
     assert command("view", tmp_path / "bags.yaml", "--out", tmp_path / "pictures", "--frame", 2) == 0
     assert command("run", tmp_path / "bags.yaml", "--out", tmp_path / "run", "--no-cache", "--no-pictures") == 2
     told = " ".join(capsys.readouterr().err.split())
-    assert "wanted annotations, came none; write crossing.json into the folder that the card's" in told
+    assert "expected annotations, got none; write crossing.json into the folder that the card's" in told

@@ -109,7 +109,7 @@ def test_a_bag_that_was_cut_short(whole, tmp_path, share):
     assert len(salvaged.recording.images["front"]) == len(found)
     told = "\n".join(map(str, salvaged.faults))
     if len(found) < IMAGES:
-        assert f"{bags.FRONT}: wanted {IMAGES} messages, as metadata.yaml says, came {len(found)}" in told
+        assert f"{bags.FRONT}: expected {IMAGES} messages, as metadata.yaml says, got {len(found)}" in told
         last_ns = tiny.TIMES_NS[0] + (len(found) - 1) * STEP_NS + bags.LATE_NS
         after_ns = int(re.search(r"after (\d+)", told)[1])
         assert last_ns <= after_ns <= last_ns + STEP_NS
@@ -121,7 +121,7 @@ def test_a_recorder_that_died_left_no_summary_and_no_metadata(whole, tmp_path):
         content = content[: content.rindex(b"\x0f\x04\x00\x00\x00\x00\x00\x00\x00")]
     root = copied(whole, tmp_path, content, metadata=False)
     told = "\n".join(map(str, handle_of(root).salvager().faults))
-    assert "metadata.yaml: wanted the metadata that a recorder writes last, came no such file" in told
+    assert "metadata.yaml: expected the metadata that a recorder writes last, got no such file" in told
     if whole.suffix == ".mcap":
         assert "the end of the file without the summary that a recorder writes last" in told
     assert indices(handle_of(root, accept_losses=True).open()) == list(range(IMAGES))
@@ -151,7 +151,7 @@ def test_a_damaged_chunk_in_the_middle(whole_mcap, tmp_path):
     root = copied(whole_mcap, tmp_path, bytes(content))
     salvaged = handle_of(root).salvager()
     told = "\n".join(map(str, salvaged.faults))
-    assert f"chunk at byte {begin}: wanted a whole chunk, came " in told
+    assert f"chunk at byte {begin}: expected a whole chunk, got " in told
     assert " messages from " in told
     found = indices(salvaged.recording)
     assert found[:5] == [0, 1, 2, 3, 4]
@@ -248,7 +248,7 @@ HOSTILE_RECORDS = [
     (record(3, struct.pack("<HI", 1, 2**32 - 1)), "a text of 4294967295 bytes"),
     (record(6, struct.pack("<QQQI", 0, 1, 5, 0) + struct.pack("<I", 2**32 - 1)), "a text of 4294967295 bytes"),
     (bytes(100), "a record of kind 0"),
-    (chunk(bytes(range(1, 100))), "of it: wanted a row of records"),
+    (chunk(bytes(range(1, 100))), "of it: expected a row of records"),
 ]
 
 
@@ -311,7 +311,9 @@ def test_metadata_that_names_files_elsewhere(tmp_path, path):
     root = bags.write_rig(tmp_path / "data")
     bags.write_bag(root / "drive", bags.drive())
     metadata(root, lambda content: content.update(relative_file_paths=[path]))
-    with pytest.raises(DataError, match=r"metadata\.yaml: rosbag2_bagfile_information\.relative_file_paths\.0: wanted"):
+    with pytest.raises(
+        DataError, match=r"metadata\.yaml: rosbag2_bagfile_information\.relative_file_paths\.0: expected"
+    ):
         handle_of(root, accept_losses=True).open()
 
 
@@ -353,7 +355,7 @@ def test_a_missing_part_of_several(tmp_path):
     root = bags.write_rig(tmp_path / "data")
     bags.write_bag(root / "drive", bags.drive())
     metadata(root, lambda content: content["relative_file_paths"].append("drive_1.mcap"))
-    with pytest.raises(DataError, match=r"drive_1\.mcap: wanted a file of messages, as metadata\.yaml says, came no"):
+    with pytest.raises(DataError, match=r"drive_1\.mcap: expected a file of messages, as metadata\.yaml says, got no"):
         handle_of(root).open()
     assert indices_of_tiny(handle_of(root, accept_losses=True).open()) == [0, 1, 2]
 
@@ -383,12 +385,12 @@ def with_stamps(*stamps_ns):
 
 FIRST, SECOND, THIRD = tiny.TIMES_NS
 STAMPS = [
-    ((FIRST, FIRST - 10, THIRD), "/camera/front: wanted times that increase, came 1 that do not", [0, 2]),
-    ((FIRST, FIRST, THIRD), "wanted times that increase, came 1 that do not", [0, 2]),
-    ((FIRST, FIRST + 10**12, THIRD), "wanted stamps of one clock, came 1 of 3 stamps that jump", [0, 2]),
+    ((FIRST, FIRST - 10, THIRD), "/camera/front: expected times that increase, got 1 that do not", [0, 2]),
+    ((FIRST, FIRST, THIRD), "expected times that increase, got 1 that do not", [0, 2]),
+    ((FIRST, FIRST + 10**12, THIRD), "expected stamps of one clock, got 1 of 3 stamps that jump", [0, 2]),
     (
         (FIRST, SECOND, 0),
-        "wanted a time in the header, came none in 1 of 3 messages; set the card's option clock",
+        "expected a time in the header, got none in 1 of 3 messages; set the card's option clock",
         [0, 1],
     ),
 ]
@@ -412,7 +414,9 @@ def test_numbers_that_are_none_in_poses(tmp_path):
     rows.append((bags.ODOM, bags.ODOMETRY, time_ns, bags.odometry(time_ns, (np.nan, 0.0, 0.0))))
     rows.append((bags.ODOM, bags.ODOMETRY, time_ns + 1, bags.odometry(time_ns + 1, (0.0, 0.0, 0.0), (0, 0, 0, 0))))
     bags.write_bag(root / "drive", rows)
-    with pytest.raises(DataError, match=r"/odom: wanted finite numbers, came NaN or infinity in 1 of 5.*1 more faults"):
+    with pytest.raises(
+        DataError, match=r"/odom: expected finite numbers, got NaN or infinity in 1 of 5.*1 more faults"
+    ):
         handle_of(root).open()
     assert len(handle_of(root, accept_losses=True).open().trajectory.timestamps_ns) == 3
 
@@ -420,7 +424,7 @@ def test_numbers_that_are_none_in_poses(tmp_path):
 def test_a_lost_trajectory_leaves_the_rest(tmp_path):
     root = bags.write_rig(tmp_path / "data")
     bags.write_bag(root / "drive", [row for row in bags.drive() if row[0] != bags.ODOM])
-    with pytest.raises(DataError, match=r"/odom: wanted messages of the ego-motion, came none"):
+    with pytest.raises(DataError, match=r"/odom: expected messages of the ego-motion, got none"):
         handle_of(root, accept_losses=True).open()
     salvaged = handle_of(root).salvager()
     assert "trajectory" in salvaged.lost

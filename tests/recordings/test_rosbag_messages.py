@@ -99,15 +99,18 @@ def changed(**changes):
 
 
 LIES = [
-    ({"encoding": "32FC1"}, "encoding: wanted one of mono8, .*, came '32FC1'"),
-    ({"encoding": "bayer_rggb16"}, "came 'bayer_rggb16'"),
-    ({"width": 2**32 - 1, "height": 2**32 - 1}, "image size: wanted 6 x 4 px, as the rig file says, came 4294967295 x"),
-    ({"width": 0}, "image size: wanted 6 x 4"),
-    ({"height": 0, "data": np.zeros(0, dtype=np.uint8)}, "image size: wanted 6 x 4"),
-    ({"step": 5}, "step: wanted at least 6 bytes a row, came 5"),
-    ({"step": 2**31}, "data: wanted 6442450950 bytes for 4 rows of 2147483648, came 24"),
-    ({"data": np.zeros(23, dtype=np.uint8)}, "data: wanted 24 bytes for 4 rows of 6, came 23"),
-    ({"encoding": "rgb8"}, "step: wanted at least 18 bytes a row, came 6"),
+    ({"encoding": "32FC1"}, "encoding: expected one of mono8, .*, got '32FC1'"),
+    ({"encoding": "bayer_rggb16"}, "got 'bayer_rggb16'"),
+    (
+        {"width": 2**32 - 1, "height": 2**32 - 1},
+        "image size: expected 6 x 4 px, as the rig file says, got 4294967295 x",
+    ),
+    ({"width": 0}, "image size: expected 6 x 4"),
+    ({"height": 0, "data": np.zeros(0, dtype=np.uint8)}, "image size: expected 6 x 4"),
+    ({"step": 5}, "step: expected at least 6 bytes a row, got 5"),
+    ({"step": 2**31}, "data: expected 6442450950 bytes for 4 rows of 2147483648, got 24"),
+    ({"data": np.zeros(23, dtype=np.uint8)}, "data: expected 24 bytes for 4 rows of 6, got 23"),
+    ({"encoding": "rgb8"}, "step: expected at least 18 bytes a row, got 6"),
 ]
 
 
@@ -143,21 +146,21 @@ def png_of_size(width, height):
 def test_compressed_images_that_lie():
     pixels = np.zeros((48, 64), dtype=np.uint8)
     cases = {
-        "image size: wanted 64 x 48 px, as the rig file says, came 100000 x 100000": png_of_size(100_000, 100_000),
-        "wanted a JPEG or PNG image, came 4 bytes .* begin with 52 49 46 46": b"RIFF",
-        "wanted a JPEG or PNG image, came 0 bytes": b"",
+        "image size: expected 64 x 48 px, as the rig file says, got 100000 x 100000": png_of_size(100_000, 100_000),
+        "expected a JPEG or PNG image, got 4 bytes .* begin with 52 49 46 46": b"RIFF",
+        "expected a JPEG or PNG image, got 0 bytes": b"",
         "a JPEG cut short": cv2.imencode(".jpg", pixels)[1].tobytes()[:-40],
         "a PNG cut short": cv2.imencode(".png", pixels)[1].tobytes()[:-4],
-        "wanted a JPEG or PNG image, came 4 bytes": b"\xff\xd8\xff\xe0",
+        "expected a JPEG or PNG image, got 4 bytes": b"\xff\xd8\xff\xe0",
     }
     message = bags.compressed(TIME_NS, pixels)
     for told, content in cases.items():
         message.data = np.frombuffer(bytes(content), dtype=np.uint8)
         with pytest.raises(DataError, match=told):
             compressed(message)
-    with pytest.raises(DataError, match=r"format: wanted JPEG or PNG, came '16UC1; compressedDepth png'"):
+    with pytest.raises(DataError, match=r"format: expected JPEG or PNG, got '16UC1; compressedDepth png'"):
         compressed(bags.compressed(TIME_NS, pixels, ".png", "16UC1; compressedDepth png"))
-    with pytest.raises(DataError, match="came 32 x 48"):
+    with pytest.raises(DataError, match="got 32 x 48"):
         compressed(bags.compressed(TIME_NS, pixels[:, :32], ".jpg"))
 
 
@@ -264,11 +267,11 @@ def test_times_of_points(name, kind, values, rig, offsets_ns):
 
 
 BAD_TIMES = [
-    ("t", "<u4", [0, 1, 2**32 - 1], {}, "t: wanted times within a second of the message, came times up to 4.29 s"),
+    ("t", "<u4", [0, 1, 2**32 - 1], {}, "t: expected times within a second of the message, got times up to 4.29 s"),
     ("timestamp", "<f8", [SEC + 7200] * 3, {}, "times up to 7.2e.03 s away, taken as s; say time_unit and time_from"),
-    ("time", "<f4", [0, 1e30, 0], {}, "wanted times within a second"),
-    ("time", "<f4", [0, np.nan, 0], {}, "wanted finite times, came NaN or infinity"),
-    ("time", "<f4", [0, 0, 0], {"time_field": "when"}, "wanted the time field when, came x, y, z, time"),
+    ("time", "<f4", [0, 1e30, 0], {}, "expected times within a second"),
+    ("time", "<f4", [0, np.nan, 0], {}, "expected finite times, got NaN or infinity"),
+    ("time", "<f4", [0, 0, 0], {"time_field": "when"}, "expected the time field when, got x, y, z, time"),
 ]
 
 
@@ -287,18 +290,18 @@ def cloud_lie(message):
 
 
 CLOUD_LIES = [
-    (lambda m: setattr(m, "width", 2**32 - 1), "width: wanted at most 10000000 points, came 4294967295 x 1"),
-    (lambda m: setattr(m, "width", 6), "data: wanted 72 bytes for 1 rows of 6 points, came 60"),
+    (lambda m: setattr(m, "width", 2**32 - 1), "width: expected at most 10000000 points, got 4294967295 x 1"),
+    (lambda m: setattr(m, "width", 6), "data: expected 72 bytes for 1 rows of 6 points, got 60"),
     (
         lambda m: (setattr(m, "height", 5), setattr(m, "width", 1), setattr(m, "row_step", 3)),
-        "row_step: wanted at least",
+        "row_step: expected at least",
     ),
-    (lambda m: setattr(m, "point_step", 0), "fields, x: wanted a place inside the point, came byte 0 of points of 0"),
-    (lambda m: setattr(m.fields[1], "offset", 2**32 - 1), "fields, y: wanted a place inside the point"),
-    (lambda m: setattr(m.fields[1], "datatype", 99), "fields, y: wanted a datatype from 1 to 8, came 99"),
-    (lambda m: setattr(m.fields[1], "datatype", 5), "fields: wanted y as float32 or float64, came x, y, z"),
-    (lambda m: setattr(m.fields[2], "name", "height"), "fields: wanted z as float32 or float64, came x, y, height"),
-    (lambda m: m.fields.clear(), "fields: wanted x as float32 or float64, came none"),
+    (lambda m: setattr(m, "point_step", 0), "fields, x: expected a place inside the point, got byte 0 of points of 0"),
+    (lambda m: setattr(m.fields[1], "offset", 2**32 - 1), "fields, y: expected a place inside the point"),
+    (lambda m: setattr(m.fields[1], "datatype", 99), "fields, y: expected a datatype from 1 to 8, got 99"),
+    (lambda m: setattr(m.fields[1], "datatype", 5), "fields: expected y as float32 or float64, got x, y, z"),
+    (lambda m: setattr(m.fields[2], "name", "height"), "fields: expected z as float32 or float64, got x, y, height"),
+    (lambda m: m.fields.clear(), "fields: expected x as float32 or float64, got none"),
 ]
 
 

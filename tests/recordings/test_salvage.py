@@ -73,10 +73,10 @@ def test_kitti360_boxes_poses_times_and_a_camera(kitti360):
     assert times >= 2  # each line that is no time
     complete, lines = has(
         found,
-        "object3.timestamp: wanted a whole number, came 'soon'",
-        "object1.end_frame: wanted 1 or later, came 0",
-        "poses.txt: line 3: wanted finite numbers, came 'nan'",
-        "poses.txt: line 6: wanted frames that increase, came 6 after 6",
+        "object3.timestamp: expected a whole number, got 'soon'",
+        "object1.end_frame: expected 1 or later, got 0",
+        "poses.txt: line 3: expected finite numbers, got 'nan'",
+        "poses.txt: line 6: expected frames that increase, got 6 after 6",
         "image_03.yaml: model_type",
     )
     assert complete, lines
@@ -107,10 +107,10 @@ def test_kitti360_without_the_place_of_the_scanner_every_other_file_is_still_rea
     found = salvaged(kitti360_recordings, kitti360, tiny_kitti360.OPTIONS)
     complete, lines = has(
         found,
-        "calib_cam_to_velo.txt: calib_cam_to_velo: wanted 12 numbers, came 3",
-        "calib_cam_to_pose.txt: image_03: wanted finite numbers, came 'one'",
-        "poses.txt: line 1: wanted 13 numbers, came 3",
-        "wanted well-formed XML",
+        "calib_cam_to_velo.txt: calib_cam_to_velo: expected 12 numbers, got 3",
+        "calib_cam_to_pose.txt: image_03: expected finite numbers, got 'one'",
+        "poses.txt: line 1: expected 13 numbers, got 3",
+        "expected well-formed XML",
     )
     assert complete, lines
     assert len(lines) == 4
@@ -142,12 +142,12 @@ def test_aimotive_boxes_calibration_and_ego_motion(aimotive):
     found = salvaged(aimotive_recordings, aimotive, options)
     complete, lines = has(
         found,
-        "CapturedObjects.1.ObjectType: wanted one of",
-        "CapturedObjects.1.ObjectId: wanted each object once, came 1 twice",
-        "CapturedObjects.0.BoundingBox3D Extent X: wanted greater than 0, came -1.0",
-        "CapturedObjects.0.Relative Velocity Y: wanted a valid number, came 'fast'",
-        "M_FISHEYE_L.model: wanted 'mei' or 'opencv_pinhole', came 'thin'",
-        "front, row 1: wanted a finite number, came 'quick'",
+        "CapturedObjects.1.ObjectType: expected one of",
+        "CapturedObjects.1.ObjectId: expected each object once, got 1 twice",
+        "CapturedObjects.0.BoundingBox3D Extent X: expected greater than 0, got -1.0",
+        "CapturedObjects.0.Relative Velocity Y: expected a valid number, got 'fast'",
+        "M_FISHEYE_L.model: expected 'mei' or 'opencv_pinhole', got 'thin'",
+        "front, row 1: expected a finite number, got 'quick'",
     )
     assert complete, lines
     assert len(lines) == 6
@@ -163,7 +163,7 @@ def test_aimotive_without_calibration(aimotive):
     tiny_aimotive.box_file(folder, 0).write_text("{}")
     found = salvaged(aimotive_recordings, aimotive, tiny_aimotive.OPTIONS)
     complete, lines = has(
-        found, "calibration.json: wanted JSON", "Timestamp: wanted a value", "CapturedObjects: wanted a"
+        found, "calibration.json: expected JSON", "Timestamp: expected a value", "CapturedObjects: expected a"
     )
     assert complete, lines
     assert found.recording is None
@@ -184,11 +184,11 @@ def test_woodscape_every_file_of_a_pair(woodscape):
     found = salvaged(woodscape_recordings, woodscape, tiny_woodscape.OPTIONS)
     complete, lines = has(
         found,
-        "_prev.png: wanted a file in previous_images",
-        f"gtLabels/{name}.png: wanted a file in motion_annotations",
-        "ego_speed: wanted a valid number, came 'fast'",
+        "_prev.png: expected a file in previous_images",
+        f"gtLabels/{name}.png: expected a file in motion_annotations",
+        "ego_speed: expected a valid number, got 'fast'",
         f"rgb_images/{name}.json: timestamp",
-        f"previous_images/{name}.json: wanted JSON",
+        f"previous_images/{name}.json: expected JSON",
     )
     assert complete, lines
     assert len(lines) == 5
@@ -205,6 +205,6 @@ def test_woodscape_without_calibration(woodscape):
     calibration.write_text(json.dumps(content))
     (woodscape / "vehicle_data/rgb_images" / f"{name}.json").unlink()
     found = salvaged(woodscape_recordings, woodscape, tiny_woodscape.OPTIONS)
-    complete, lines = has(found, "intrinsic.k1", "intrinsic.model", f"rgb_images/{name}.json: wanted a file in")
+    complete, lines = has(found, "intrinsic.k1", "intrinsic.model", f"rgb_images/{name}.json: expected a file in")
     assert complete, lines
     assert found.recording is None

@@ -127,24 +127,24 @@ def test_half_the_size(root):
 
 CALIBRATION, VEHICLE = "calibration_data/calibration/00000_FV.json", "vehicle_data/rgb_images/00000_FV.json"
 FAULTS = [
-    (VEHICLE, {"ego_speed": "fast"}, "ego_speed: wanted a valid number, came 'fast'"),
-    (VEHICLE, {"ego_speed": "nan"}, "ego_speed: wanted a finite number, came nan"),
-    (VEHICLE, {"ego_speed": "3600"}, "ego_speed: wanted at most 360 km/h"),
-    (VEHICLE, {"timestamp": "1" * 30}, "timestamp: wanted a valid integer"),
+    (VEHICLE, {"ego_speed": "fast"}, "ego_speed: expected a valid number, got 'fast'"),
+    (VEHICLE, {"ego_speed": "nan"}, "ego_speed: expected a finite number, got nan"),
+    (VEHICLE, {"ego_speed": "3600"}, "ego_speed: expected at most 360 km/h"),
+    (VEHICLE, {"timestamp": "1" * 30}, "timestamp: expected a valid integer"),
     (
         VEHICLE,
         {"timestamp": str(tiny.TIME_US + 10_000_000)},
-        "timestamp: wanted a time up to 500000 microseconds after",
+        "timestamp: expected a time up to 500000 microseconds after",
     ),
-    (VEHICLE, {"timestamp": str(tiny.TIME_US - tiny.WAIT_US)}, "came one 0 after it"),
-    (CALIBRATION, {"name": "RV"}, "name: wanted 'FV', came 'RV'"),
-    (CALIBRATION, {"name": "../x"}, "name: wanted 'FV', 'RV', 'MVL' or 'MVR', came '../x'"),
+    (VEHICLE, {"timestamp": str(tiny.TIME_US - tiny.WAIT_US)}, "got one 0 after it"),
+    (CALIBRATION, {"name": "RV"}, "name: expected 'FV', got 'RV'"),
+    (CALIBRATION, {"name": "../x"}, "name: expected 'FV', 'RV', 'MVL' or 'MVR', got '../x'"),
     (
         CALIBRATION,
         {"extrinsic": {"quaternion": [0, 0, 0, 0], "translation": [0, 0, 1]}},
-        "quaternion_wxyz: wanted four",
+        "quaternion_wxyz: expected four",
     ),
-    (CALIBRATION, {"intrinsic": {}}, "intrinsic.model: wanted a value, came nothing"),
+    (CALIBRATION, {"intrinsic": {}}, "intrinsic.model: expected a value, got nothing"),
 ]
 
 
@@ -160,7 +160,7 @@ def test_faults_name_file_and_field(root, file, values, message):
 @pytest.mark.parametrize("content", [b"", b"\xff\xfe{", b'{"name": ', b"[" * 100_000])
 def test_files_that_are_no_json(root, content):
     (root / CALIBRATION).write_bytes(content)
-    with pytest.raises(DataError, match=r"00000_FV\.json: wanted JSON"):
+    with pytest.raises(DataError, match=r"00000_FV\.json: expected JSON"):
         opened(root)
 
 
@@ -169,7 +169,7 @@ def test_files_that_are_no_json(root, content):
 )
 def test_a_missing_file_says_where_it_was_looked_for(root, file):
     (root / file).unlink()
-    with pytest.raises(DataError, match=r"wanted a file in .*, came none of this name"):
+    with pytest.raises(DataError, match=r"expected a file in .*, got none of this name"):
         opened(root)
     assert opened(root, 1).name == tiny.NAMES[1]
 
@@ -179,13 +179,13 @@ def test_masks_that_cannot_be_used(root):
     recording = opened(root)
     whole = file.read_bytes()
     file.write_bytes(whole[:-9])
-    with pytest.raises(DataError, match=r"gtLabels/00000_FV\.png: wanted a whole PNG"):
+    with pytest.raises(DataError, match=r"gtLabels/00000_FV\.png: expected a whole PNG"):
         reference_of(recording)
     cv2.imwrite(str(file), np.zeros((10, 10), dtype=np.uint8))
-    with pytest.raises(DataError, match=r"image size: wanted 64 x 48 px"):
+    with pytest.raises(DataError, match=r"image size: expected 64 x 48 px"):
         reference_of(recording)
     cv2.imwrite(str(file), np.zeros((48, 64, 3), dtype=np.uint8))
-    with pytest.raises(DataError, match="wanted an 8-bit grey PNG"):
+    with pytest.raises(DataError, match="expected an 8-bit grey PNG"):
         reference_of(recording)
 
 
@@ -197,9 +197,9 @@ def test_links_that_lead_outside_are_refused(root, tmp_path):
 
 
 def test_a_folder_that_is_not_the_data_set_and_annotations_apart(tmp_path, root):
-    with pytest.raises(DataError, match=r"rgb_images: wanted images <index>_<camera>\.png"):
+    with pytest.raises(DataError, match=r"rgb_images: expected images <index>_<camera>\.png"):
         handles(tmp_path)
-    with pytest.raises(DataError, match=r"annotations: wanted none: this data set has masks"):
+    with pytest.raises(DataError, match=r"annotations: expected none: this data set has masks"):
         woodscape_recordings(root, options={}, card=tmp_path / "x.yaml", annotations=tmp_path)
 
 
@@ -271,11 +271,11 @@ def test_an_index_of_no_car_has_the_masks_of_every_car(root):
 @pytest.mark.parametrize(
     ("cars", "message"),
     [
-        ([{"indices": [0, 10]}, {"indices": [10, 20]}], "options: wanted cars whose indices do not overlap"),
-        ([{"indices": [0, 10]}, {}], "options: wanted cars whose indices do not overlap"),
-        ([{"indices": [5, 4]}], r"options.cars.0: wanted the first index not after the last"),
-        ([{"indices": [-1, 4]}], r"options.cars.0.indices.0: wanted greater than or equal to 0, came -1"),
-        ([{"colour": "red"}], r"options.cars.0.colour: wanted no such key, came 'red'"),
+        ([{"indices": [0, 10]}, {"indices": [10, 20]}], "options: expected cars whose indices do not overlap"),
+        ([{"indices": [0, 10]}, {}], "options: expected cars whose indices do not overlap"),
+        ([{"indices": [5, 4]}], r"options.cars.0: expected the first index not after the last"),
+        ([{"indices": [-1, 4]}], r"options.cars.0.indices.0: expected greater than or equal to 0, got -1"),
+        ([{"colour": "red"}], r"options.cars.0.colour: expected no such key, got 'red'"),
         ([{"body_masks": {"LV": "x.png"}}], r"options.cars.0.body_masks.LV"),
     ],
 )
@@ -285,13 +285,13 @@ def test_cars_that_cannot_be(root, cars, message):
 
 
 def test_masks_of_a_car_that_cannot_be_used(root, tmp_path):
-    with pytest.raises(DataError, match=r"car2_MVR\.png: wanted an image file, came No such file"):
+    with pytest.raises(DataError, match=r"car2_MVR\.png: expected an image file, got No such file"):
         opened(root, 1, cars=CARS)
     write_mask(root, np.zeros((10, 10), dtype=np.uint8))
-    with pytest.raises(DataError, match="wanted 64 x 48 px, came 10 x 10"):
+    with pytest.raises(DataError, match="expected 64 x 48 px, got 10 x 10"):
         opened(root, 1, cars=CARS)
     for path in ("../mask.png", "/etc/passwd"):
-        with pytest.raises(DataError, match=r"body_masks\.MVR: wanted a relative path without '\.\.'"):
+        with pytest.raises(DataError, match=r"body_masks\.MVR: expected a relative path without '\.\.'"):
             opened(root, 1, cars=[{"body_masks": {"MVR": path}}])
 
 

@@ -169,7 +169,7 @@ def test_point_indices_without_velocity_say_nothing_about_motion():
 def test_no_ego_motion_is_a_clear_error():
     recording = drive([WALKER], circle(**EGO), exposures_ns=(9000 * MS,))
     builder = ReferenceBuilder(recording, "front", SETTINGS)
-    with pytest.raises(DataError, match="wanted ego-motion at 9000000000"):
+    with pytest.raises(DataError, match="expected ego-motion at 9000000000"):
         builder.build(ImageRef(camera="front", timestamp_ns=9000 * MS, path=recording.images["front"][0].path))
 
 

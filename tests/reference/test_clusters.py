@@ -140,9 +140,9 @@ def test_no_point_on_the_object_is_missed_in_the_first_coarse_search(seed, layou
     state = replace(state, shape=shaped(state.shape))
     found = cluster(box, trajectory, state, sweep=sweep)
     monkeypatch.setattr(bench.reference.clusters, "_candidates", lambda *_: np.arange(20_000))
-    wanted = cluster(box, trajectory, state, sweep=sweep)
-    assert len(found) == len(wanted) > 5
-    np.testing.assert_allclose(found, wanted, atol=1e-9)
+    expected = cluster(box, trajectory, state, sweep=sweep)
+    assert len(found) == len(expected) > 5
+    np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
 def test_points_within_the_clearance_above_the_bottom_of_a_shape_are_the_grounds():

@@ -177,14 +177,14 @@ def test_points_in_the_vehicles_axes_give_the_same_footprint_once_it_is_told_whe
     ref = replace(recording.sweeps[0], reader=lambda *_: in_vehicle_axes)
     merged = replace(recording, sweeps=(ref,), vehicle_from_lidar=RigidTransform.identity())
     told = replace(merged, lidar_from_beams=LIDAR)
-    wanted, found, untold = (
+    expected, found, untold = (
         ReferenceBuilder(one, "front", with_settings(polygon_kind="footprint"))
         .build(one.images["front"][0])
         .objects[0]
         .polygon
         for one in (recording, told, merged)
     )
-    assert found.symmetric_difference(wanted).area < 0.005 * wanted.area
+    assert found.symmetric_difference(expected).area < 0.005 * expected.area
     assert untold.intersection(truth).area < found.intersection(truth).area
     hulls = [
         ReferenceBuilder(one, "front", with_settings(polygon_kind="convex")).build(one.images["front"][0]).objects[0]

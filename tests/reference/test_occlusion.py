@@ -49,14 +49,14 @@ def test_every_pixel_goes_to_the_nearest_object_that_covers_it(seed):
             image[raster.window] = raster.covered
     nearest = np.where(cover.any(axis=0), cover.argmax(axis=0), -1)
     evaluated = [found.status is Status.EVALUATED for found, _ in objects]
-    wanted = np.where((nearest >= 0) & np.array(evaluated)[nearest], nearest + 1, 0)
+    expected = np.where((nearest >= 0) & np.array(evaluated)[nearest], nearest + 1, 0)
     covering = [raster is not None for _, raster in objects]
     occluded = [evaluated[k] and covering[k] and not (nearest == k).any() for k in range(len(objects))]
     hidden = [found.status is Status.IGNORED or gone for (found, _), gone in zip(objects, occluded, strict=True)]
 
     assert labels.dtype == np.int32
-    np.testing.assert_array_equal(labels, wanted)
-    np.testing.assert_array_equal(ignored, cover[hidden].any(axis=0) & (wanted == 0))
+    np.testing.assert_array_equal(labels, expected)
+    np.testing.assert_array_equal(ignored, cover[hidden].any(axis=0) & (expected == 0))
     for k, result in enumerate(settled):
-        assert result.region_px == (int((wanted == k + 1).sum()) if evaluated[k] else 0)
+        assert result.region_px == (int((expected == k + 1).sum()) if evaluated[k] else 0)
         assert (result.reason is IgnoreReason.OCCLUDED) == (result.status is not objects[k][0].status) == occluded[k]

@@ -62,11 +62,11 @@ def test_every_pixel_that_sees_the_box_is_in_its_outline_and_no_other(name):
     lens, areas, cut = SMALL[name], [], 0
     for shape in cuboids(150, seed=3):
         half = shape.size_m / 2
-        wanted = met_by_rays(lens, TURNED @ shape.vehicle_from_object, -half, half)
-        np.testing.assert_array_equal(shown(shape, lens), wanted)
-        areas.append(wanted.sum())
+        expected = met_by_rays(lens, TURNED @ shape.vehicle_from_object, -half, half)
+        np.testing.assert_array_equal(shown(shape, lens), expected)
+        areas.append(expected.sum())
         seen = ray_grid(lens).valid
-        cut += bool((wanted & ~neighbours(seen).all(axis=0)).any() and (seen & ~wanted).any())
+        cut += bool((expected & ~neighbours(seen).all(axis=0)).any() and (seen & ~expected).any())
     assert np.count_nonzero(areas) > 20
     assert cut > 10  # by the border of the field or of the image
 
@@ -123,8 +123,8 @@ def test_a_corner_of_walls_is_not_filled():
     arms = (((2.0, -3.0, -1.0), (6.0, -2.0, 0.43)), ((2.0, -3.0, -1.0), (3.0, 3.0, 0.43)))
     for lens in SMALL.values():
         for camera_from_vehicle in (TURNED, TURNED @ RigidTransform.from_yaw(0.4, (-6.0, -1.0, -2.0))):
-            wanted = [met_by_rays(lens, camera_from_vehicle, np.array(low), np.array(high)) for low, high in arms]
-            np.testing.assert_array_equal(shown(shape, lens, camera_from_vehicle), np.any(wanted, axis=0))
+            expected = [met_by_rays(lens, camera_from_vehicle, np.array(low), np.array(high)) for low, high in arms]
+            np.testing.assert_array_equal(shown(shape, lens, camera_from_vehicle), np.any(expected, axis=0))
 
 
 @pytest.mark.parametrize("outline", [[[2, 0], [3, 0], [4, 0]], [[2, 0], [2, 0], [2, 0]]])
@@ -166,11 +166,11 @@ def test_a_car_without_points_is_ignored_where_it_is_at_exposure(exposure_ms, ya
         (found,) = frame.objects
         assert (found.status, found.reason) == (Status.IGNORED, IgnoreReason.FEW_POINTS)
         camera_from_box = world_from_camera.inverse() @ box.world_from_box(exposure_ms * MS)
-        wanted = met_by_rays(LENS, camera_from_box, -box.size_m / 2, box.size_m / 2) & frame.valid
-        np.testing.assert_array_equal(frame.ignored, wanted)
-        assert found.polygon_px == wanted.sum() > 3000
+        expected = met_by_rays(LENS, camera_from_box, -box.size_m / 2, box.size_m / 2) & frame.valid
+        np.testing.assert_array_equal(frame.ignored, expected)
+        assert found.polygon_px == expected.sum() > 3000
         drawn = shapely.contains_xy(found.polygon, *np.meshgrid(np.arange(640), np.arange(480)))
-        np.testing.assert_array_equal(drawn & frame.valid, wanted)
+        np.testing.assert_array_equal(drawn & frame.valid, expected)
 
 
 def test_a_ground_outline_turns_as_the_car_does():
@@ -186,9 +186,9 @@ def test_a_ground_outline_turns_as_the_car_does():
     track = Track(track_id="car", object_class="vehicle", states=(state,))
     frame, world_from_camera = ignored_region(box, exposure_ns=80 * MS, track=track)
     camera_from_box = world_from_camera.inverse() @ box.world_from_box(80 * MS)
-    wanted = met_by_rays(LENS, camera_from_box, -box.size_m / 2, box.size_m / 2) & frame.valid
-    assert (frame.ignored ^ wanted).sum() <= 2
-    assert wanted.sum() > 3000
+    expected = met_by_rays(LENS, camera_from_box, -box.size_m / 2, box.size_m / 2) & frame.valid
+    assert (frame.ignored ^ expected).sum() <= 2
+    assert expected.sum() > 3000
 
 
 def test_few_points_named_one_by_one_are_ignored_within_their_hull():
@@ -200,7 +200,7 @@ def test_few_points_named_one_by_one_are_ignored_within_their_hull():
     points = box.world_from_box(20 * MS).apply(box.skin(400)[::9])
     pixels, _ = LENS.project(world_from_camera.inverse().apply(points))
     hull = shapely.MultiPoint(pixels).convex_hull
-    wanted = shapely.contains_xy(hull, *np.meshgrid(np.arange(640), np.arange(480))) & frame.valid
+    expected = shapely.contains_xy(hull, *np.meshgrid(np.arange(640), np.arange(480))) & frame.valid
     assert frame.objects[0].reason is IgnoreReason.FEW_POINTS
-    assert (frame.ignored ^ wanted).sum() < 0.02 * wanted.sum()
-    assert wanted.sum() > 3000
+    assert (frame.ignored ^ expected).sum() < 0.02 * expected.sum()
+    assert expected.sum() > 3000

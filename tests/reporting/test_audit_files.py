@@ -67,14 +67,14 @@ def test_shares_of_a_line_are_100_percent(audit: AuditSummary):
 def test_csv_holds_the_figures_at_full_precision(audit: AuditSummary):
     rows = list(csv.DictReader(io.StringIO(to_csv(audit))))
     assert {row["table"] for row in rows} == {"polygons", "scores", "misses", "false_alarms"}
-    wanted = audit.polygons[0]
+    expected = audit.polygons[0]
     found = next(
         row
         for row in rows
         if (row["kind"], row["compensation"], row["slice"], row["range_m"], row["figure"])
-        == (wanted.kind, wanted.compensation, wanted.object_class, wanted.range_m, "iou.median")
+        == (expected.kind, expected.compensation, expected.object_class, expected.range_m, "iou.median")
     )
-    assert float(found["value"]) == wanted.iou.median
+    assert float(found["value"]) == expected.iou.median
     assert "nan" not in {row["value"] for row in rows}
 
 
@@ -132,7 +132,7 @@ def test_causes_are_drawn_where_most_is_missed(folder: Path, tiny_card: Path):
         }
     files = write_cause_pictures(folder, misses, sources=sources, method=METHOD, protocol=rules)
     assert len(files) == 2 * len(found) > 0
-    with pytest.raises(UsageError, match="wanted the method 'spherical'"):
+    with pytest.raises(UsageError, match="expected the method 'spherical'"):
         explain_image(
             sources["crossing"], camera="front", timestamp_ns=0, method=build_method("nothing"), protocol=rules
         )

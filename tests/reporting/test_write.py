@@ -91,7 +91,7 @@ def test_a_file_that_cannot_be_replaced_stays_whole(stored, monkeypatch):
 
 def test_files_of_another_run_are_refused(stored):
     write_protocol(stored, load_protocol("extended-v1"))
-    with pytest.raises(DataError, match=r"protocol\.json: wanted the protocol of summary\.json"):
+    with pytest.raises(DataError, match=r"protocol\.json: expected the protocol of summary\.json"):
         write_report_files(stored)
 
 

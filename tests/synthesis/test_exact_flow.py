@@ -90,10 +90,10 @@ def test_road_moves_as_the_road_plane_says(drive: Drive) -> None:
     lane = np.abs(reached_m[..., 1]) < 1.0  # off the kerb
     near = lane & (drive.found.instance_ids == 0) & visible_region(drive.camera)
     pixels, valid = drive.camera.model.project(motion.inverse().apply(rays[near] * reach_m[near, None]))
-    wanted = pixels - drive.pixels[near]
+    expected = pixels - drive.pixels[near]
     assert valid.all()
     assert near.sum() > 1000
-    length, off = np.linalg.norm(wanted, axis=1), np.linalg.norm(drive.found.flow[near] - wanted, axis=1)
+    length, off = np.linalg.norm(expected, axis=1), np.linalg.norm(drive.found.flow[near] - expected, axis=1)
     assert length.max() > 3.0
     assert (off < 0.01 * length + 0.01).all()  # patches and lids lie some millimetres high
 

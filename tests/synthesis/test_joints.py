@@ -70,8 +70,8 @@ def test_two_links_reach_what_they_can_reach(
     if np.linalg.norm(reach) < abs(upper - lower) / 0.99 + 1e-3:
         return
     first, last = two_links(reach, upper, lower, bends_forward=forward)
-    came = upper * np.array([np.sin(first), -np.cos(first)]) + lower * np.array([np.sin(last), -np.cos(last)])
-    assert came[:, 0] == pytest.approx(reach, abs=2e-3)
+    got = upper * np.array([np.sin(first), -np.cos(first)]) + lower * np.array([np.sin(last), -np.cos(last)])
+    assert got[:, 0] == pytest.approx(reach, abs=2e-3)
     assert (np.sin(first - last)[0] > 0) == forward
 
 
@@ -107,7 +107,7 @@ def test_joints_hang_on_each_other() -> None:
 def test_standing_is_what_a_joint_says_and_wheels_do_not_care() -> None:
     arm = Joint(name="arm", pivot_m=(0, 0, 1), cycle_m=2.0, angles_rad=still(0.8), standing_rad=0.2)
     linkage = Linkage([arm, wheel("wheel", 3.0, 0.5)])
-    for going, wanted in ((0.0, 0.2), (0.5, 0.5), (1.0, 0.8)):
+    for going, expected in ((0.0, 0.2), (0.5, 0.5), (1.0, 0.8)):
         rotations, _ = linkage.transforms(0.25, going)
-        assert np.arctan2(rotations[0][0, 2], rotations[0][0, 0]) == pytest.approx(wanted)
+        assert np.arctan2(rotations[0][0, 2], rotations[0][0, 0]) == pytest.approx(expected)
         assert np.arctan2(rotations[1][0, 2], rotations[1][0, 0]) == pytest.approx(0.5)  # way over radius

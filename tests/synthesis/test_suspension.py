@@ -69,9 +69,9 @@ def test_the_answer_to_a_sudden_brake_overshoots_by_its_damping_and_swings_at_it
 def test_a_rigid_car_follows_its_path_exactly() -> None:
     path = drive([0, 3], [8.0, 2.0], [0.3, -0.1])
     rigid, times_ns = host_motion(path, None, rng=np.random.default_rng(0)), np.arange(0, 7) * SECOND_NS
-    poses, wanted = rigid.at(times_ns), path.at(times_ns)
-    assert np.array_equal(poses.rotations, wanted.rotations)
-    assert np.array_equal(poses.positions_m, wanted.positions_m)
+    poses, expected = rigid.at(times_ns), path.at(times_ns)
+    assert np.array_equal(poses.rotations, expected.rotations)
+    assert np.array_equal(poses.positions_m, expected.positions_m)
 
 
 def test_steady_driving_on_a_smooth_road_is_level() -> None:

@@ -181,7 +181,7 @@ def test_there_are_mirrors_and_lamps() -> None:
 
 
 @pytest.mark.parametrize(
-    ("fields", "wanted"),
+    ("fields", "expected"),
     [
         ({"parked_cars": 0.5}, "parked_cars: this street has no place"),
         ({"parking": "left", "parked_cars": 1.2}, "less than or equal to 1"),
@@ -194,6 +194,6 @@ def test_there_are_mirrors_and_lamps() -> None:
         ({"curvature_per_m": 0.05, "side_streets": [{"at_m": 10, "side": "left"}]}, "none inside the bend"),
     ],
 )
-def test_what_does_not_fit_is_refused(fields: dict[str, object], wanted: str) -> None:
-    with pytest.raises(ValidationError, match=wanted):
+def test_what_does_not_fit_is_refused(fields: dict[str, object], expected: str) -> None:
+    with pytest.raises(ValidationError, match=expected):
         StreetSpec.model_validate(fields)

@@ -50,9 +50,9 @@ def explain_image(
         UsageError: the recording has no scene to stage, or the method takes no flow from outside.
     """
     if not isinstance(method, SphericalMethod):
-        raise UsageError(f"explain: wanted the method 'spherical', came {method.name!r}")
+        raise UsageError(f"explain: expected the method 'spherical', got {method.name!r}")
     if source.exact is None or source.scenario is None or source.spec is None:
-        raise UsageError(f"recording {source.recorded.name!r}: wanted a scene that can be staged, came none")
+        raise UsageError(f"recording {source.recorded.name!r}: expected a scene that can be staged, got none")
     recording, exact_recording = source.recorded.open(), source.exact.open()
     by_contract: Method = method
     pipeline = FramePipeline(recording, camera, method=by_contract, protocol=protocol)

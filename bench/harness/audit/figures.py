@@ -60,7 +60,7 @@ class Aim(_Part):
         object_frames: how many.
         median_iou: of them; NaN, null in JSON, without any.
         median_filled_iou: the same with masks whose holes are filled.
-        wanted: least median.
+        expected: least median.
         met: whether it is; None without object-frames.
     """
 
@@ -70,7 +70,7 @@ class Aim(_Part):
     object_frames: int
     median_iou: Ratio
     median_filled_iou: Ratio
-    wanted: float
+    expected: float
     met: bool | None
 
 

@@ -135,8 +135,8 @@ def _refuse_without_masks(recording: Recording) -> None:
     if not any(image.truth_path for images in recording.images.values() for image in images):
         raise DataError(
             recording.root,
-            wanted="rendered masks (truth/<camera>/<timestamp_ns>.png), against which an audit compares",
-            came="a recording without",
+            expected="rendered masks (truth/<camera>/<timestamp_ns>.png), against which an audit compares",
+            got="a recording without",
             do="audit a rendered data set, for example datasets/demo.yaml",
         )
 

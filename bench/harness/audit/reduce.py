@@ -51,10 +51,10 @@ def aims(polygons: pa.Table, *, kinds: tuple[str, ...]) -> tuple[Aim, ...]:
     rows = polygons.to_pandas()
     rows = rows[(rows["compensation"] == Compensation.FULL.value) & (rows["range_m"] <= PAPER_RANGE_M)]
     return tuple(
-        _aim(rows[(rows["kind"] == kind) & (rows["object_class"] == name)], kind, name, wanted)
+        _aim(rows[(rows["kind"] == kind) & (rows["object_class"] == name)], kind, name, expected)
         for kind in kinds
         if kind != CONVEX
-        for name, wanted in AIMS.items()
+        for name, expected in AIMS.items()
     )
 
 
@@ -125,7 +125,7 @@ def _fit(rows: pd.DataFrame, *, kind: str, compensation: str, object_class: str,
     )
 
 
-def _aim(rows: pd.DataFrame, kind: str, object_class: str, wanted: float) -> Aim:
+def _aim(rows: pd.DataFrame, kind: str, object_class: str, expected: float) -> Aim:
     median = quartiles(rows["iou"]).median
     return Aim(
         kind=kind,
@@ -134,6 +134,6 @@ def _aim(rows: pd.DataFrame, kind: str, object_class: str, wanted: float) -> Aim
         object_frames=len(rows),
         median_iou=median,
         median_filled_iou=quartiles(rows["filled_iou"]).median,
-        wanted=wanted,
-        met=median >= wanted if len(rows) else None,
+        expected=expected,
+        met=median >= expected if len(rows) else None,
     )

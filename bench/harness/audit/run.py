@@ -163,5 +163,5 @@ def _outcome(source: AuditSource, *, method: Method, protocol: Protocol) -> Reco
 def _nothing_audited(card: DatasetCard, outcomes: Mapping[str, Outcome], failures: Sequence[str]) -> DataError:
     """The first recording's own error, which says what to do; else all that was lost."""
     mistakes = (outcome for outcome in outcomes.values() if isinstance(outcome, DataError))
-    lost = DataError(card.file, wanted="a recording that can be audited", came="; ".join(failures) or "none")
+    lost = DataError(card.file, expected="a recording that can be audited", got="; ".join(failures) or "none")
     return next(mistakes, lost)

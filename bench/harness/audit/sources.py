@@ -54,12 +54,12 @@ def audit_sources(card: DatasetCard, *, split: str | None, recordings: int | Non
     )
 
 
-def _spread(handles: tuple[RecordingHandle, ...], wanted: int | None) -> tuple[RecordingHandle, ...]:
-    if wanted is None or wanted >= len(handles):
+def _spread(handles: tuple[RecordingHandle, ...], expected: int | None) -> tuple[RecordingHandle, ...]:
+    if expected is None or expected >= len(handles):
         return handles
-    if wanted < 1:
-        raise UsageError(f"--recordings: wanted at least 1, came {wanted}")
-    return tuple(handles[k * len(handles) // wanted] for k in range(wanted))
+    if expected < 1:
+        raise UsageError(f"--recordings: expected at least 1, got {expected}")
+    return tuple(handles[k * len(handles) // expected] for k in range(expected))
 
 
 def _exact_card(card: DatasetCard) -> DatasetCard:

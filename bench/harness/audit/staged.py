@@ -93,8 +93,8 @@ class StagedTruth:
             share = self._differing_cells / self._object_cells
             raise DataError(
                 self._name,
-                wanted="a scenario that stages the scene as it was rendered",
-                came=f"one that shows other objects in {100 * share:.0f} % of their cells",
+                expected="a scenario that stages the scene as it was rendered",
+                got=f"one that shows other objects in {100 * share:.0f} % of their cells",
                 do="render the data set again",
             )
 

@@ -71,8 +71,8 @@ def _read_table(file: Path) -> pa.Table:
     try:
         return pq.read_table(file)
     except (OSError, UnicodeDecodeError, pa.ArrowException) as error:
-        came = " ".join(str(error).split())[:200]
-        raise DataError(file, wanted="a table of an audit", came=came) from error
+        got = " ".join(str(error).split())[:200]
+        raise DataError(file, expected="a table of an audit", got=got) from error
 
 
 def _with_scoring(audit: RecordingAudit) -> pa.Table:

@@ -116,11 +116,11 @@ class CacheFolder:
             if not (self.folder / MARK).exists():
                 if any(self.folder.iterdir()):
                     do = "name another folder with --cache or FISHEYE_BENCH_CACHE"
-                    raise DataError(self.folder, wanted="an empty folder or a cache", came="other files", do=do)
+                    raise DataError(self.folder, expected="an empty folder or a cache", got="other files", do=do)
                 (self.folder / MARK).touch()
         except OSError as error:
-            came, do = error.strerror or str(error), "name another folder with --cache, or keep nothing with --no-cache"
-            raise DataError(self.folder, wanted="a folder for the cache", came=came, do=do) from error
+            got, do = error.strerror or str(error), "name another folder with --cache, or keep nothing with --no-cache"
+            raise DataError(self.folder, expected="a folder for the cache", got=got, do=do) from error
 
     def _file(self, step: str, digest: str) -> Path:
         """Where an entry lies; the name of its step comes from a method.
@@ -129,8 +129,8 @@ class CacheFolder:
             UsageError: a name that could leave the folder, or that some file system does not take.
         """
         if not STEP_NAME.fullmatch(step):
-            wanted = "up to 64 lower-case letters, digits, hyphens and underscores, a letter first"
-            raise UsageError(f"name of a cached step: expected {wanted}; got {step!r}")
+            expected = "up to 64 lower-case letters, digits, hyphens and underscores, a letter first"
+            raise UsageError(f"name of a cached step: expected {expected}; got {step!r}")
         return self.folder / step / digest[:2] / f"{digest[2:40]}.npz"
 
     def _entries(self) -> list[tuple[int, int, Path]]:

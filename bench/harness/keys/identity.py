@@ -102,12 +102,12 @@ class MethodIdentity:
             path = _path_here(file)
             if file.module and _loaded(file.name, path) != file.sha256:
                 do = "start the workers again with the code of the run"
-                came = f"another state of {file.name}"
-                raise DataError(path, wanted="the code that the run began with", came=came, do=do)
+                got = f"another state of {file.name}"
+                raise DataError(path, expected="the code that the run began with", got=got, do=do)
             if _on_disk(path) != file.sha256:
                 do = "start the run again: what is stored stays, and what follows is computed by the new state"
-                came = "other content on disk"
-                raise DataError(path, wanted="the file as it was when the run began", came=came, do=do)
+                got = "other content on disk"
+                raise DataError(path, expected="the file as it was when the run began", got=got, do=do)
 
 
 _PROCESS = uuid4().hex
@@ -132,8 +132,8 @@ def _on_disk(path: Path) -> str:
             with path.open("rb") as file:
                 _latest[path] = state, hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
-        came = error.strerror or str(error)
-        raise DataError(path, wanted="a file of the method that can be read", came=came) from error
+        got = error.strerror or str(error)
+        raise DataError(path, expected="a file of the method that can be read", got=got) from error
     return _latest[path][1]
 
 

@@ -78,4 +78,4 @@ def _parts(value: Any) -> Iterator[bytes]:
                 yield field.name.encode()
                 yield from _parts(getattr(value, field.name))
         case _:
-            raise TypeError(f"wanted a value that a digest can be taken of, came {type(value)!r}")
+            raise TypeError(f"expected a value that a digest can be taken of, got {type(value)!r}")

@@ -59,13 +59,13 @@ class Sweep:
 
     def _number(self, text: str) -> Value:
         kind = "a whole number" if self.whole else "a number"
-        wanted = kind if self.least is None else f"{kind} of at least {self.least:g}"
+        expected = kind if self.least is None else f"{kind} of at least {self.least:g}"
         try:
             number = float(text)
         except ValueError:
             number = math.nan
         if not math.isfinite(number) or (self.whole and number != int(number)):
-            raise UsageError(f"--values: wanted {wanted} ({self.title}), came {text!r}")
+            raise UsageError(f"--values: expected {expected} ({self.title}), got {text!r}")
         if self.least is not None and number < self.least:
-            raise UsageError(f"--values: wanted {wanted} ({self.title}), came {text!r}")
+            raise UsageError(f"--values: expected {expected} ({self.title}), got {text!r}")
         return int(number) if self.whole else number

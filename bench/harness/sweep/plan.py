@@ -45,8 +45,8 @@ def plan_sweep(what: str, *, base: Trial, values: Sequence[str] = ()) -> SweepPl
     """
     sweep = sweep_named(what)
     operating = sweep.operating(base)
-    wanted: list[Value] = [sweep.parse(text) for text in values] or list(sweep.values)
-    chosen = list(dict.fromkeys(wanted if operating in wanted else [operating, *wanted]))
+    expected: list[Value] = [sweep.parse(text) for text in values] or list(sweep.values)
+    chosen = list(dict.fromkeys(expected if operating in expected else [operating, *expected]))
     if sweep.scale != "names":
         chosen.sort()
     trials = tuple(base if value == operating else sweep.change(base, value) for value in chosen)

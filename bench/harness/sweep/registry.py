@@ -61,7 +61,7 @@ def _farneback(name: str, title: str, values: tuple[int, ...]) -> Sweep:
     def operating(trial: Trial) -> Value:
         flow = dense_flow(trial.spherical.flow, **trial.spherical.flow_parameters)
         if not isinstance(flow, FarnebackFlow):
-            raise UsageError(f"this sweep is of the flow 'farneback', came {trial.spherical.flow!r}")
+            raise UsageError(f"this sweep is of the flow 'farneback', got {trial.spherical.flow!r}")
         found: int = getattr(flow, name)
         return found
 
@@ -104,7 +104,7 @@ def _ablate(trial: Trial, value: Value) -> Trial:
     else:
         kept = name.removeprefix(ONLY)
         if getattr(weights, kept) == 0:
-            raise UsageError(f"ablation {name!r}: wanted a constraint with a weight, came {kept}=0")
+            raise UsageError(f"ablation {name!r}: expected a constraint with a weight, got {kept}=0")
         left = Weights(**{f.name: 0.0 for f in fields(Weights)} | {kept: getattr(weights, kept)})
     return trial.with_method(weights=left)
 

@@ -71,7 +71,7 @@ def run_sweep(
     if cache is not None:
         cache.make_room()
     if not work.units:
-        raise DataError(card.file, wanted="a recording that can be used", came="; ".join(work.failures) or "none")
+        raise DataError(card.file, expected="a recording that can be used", got="; ".join(work.failures) or "none")
     rows = work.rows()
     method = plan.base.method
     result = SweepResult(

@@ -36,7 +36,7 @@ class Trial:
             UsageError: another method.
         """
         if not isinstance(self.method, SphericalMethod):
-            raise UsageError(f"this sweep changes the method 'spherical', came {self.method.name!r}")
+            raise UsageError(f"this sweep changes the method 'spherical', got {self.method.name!r}")
         return self.method
 
     def with_method(self, **changes: Any) -> Trial:

@@ -50,28 +50,28 @@ def _names(recording: Recording, file: str) -> Iterator[Finding]:
     ):
         twice = sorted(name for name, times in Counter(names).items() if times > 1)
         if twice:
-            yield Finding(check="id-twice", file=file, field=what, wanted="each object once",
-                          came=f"{listed(twice)} more than once", times=len(twice))  # fmt: skip
+            yield Finding(check="id-twice", file=file, field=what, expected="each object once",
+                          got=f"{listed(twice)} more than once", times=len(twice))  # fmt: skip
     stateless = [track.track_id for track in recording.tracks if not track.states]
     if stateless:
         yield Finding(check="object-without-frames", severity=Severity.WARNING, file=file, field="objects",
-                      wanted="a place at some time", came=f"none for {listed(stateless)}",
+                      expected="a place at some time", got=f"none for {listed(stateless)}",
                       times=len(stateless))  # fmt: skip
     known = {category.value for category in Category}
     for track in recording.tracks:
         told = {state.category for state in track.states} - known - {None}
         if told:
             yield Finding(check="category", file=file, field=f"object {track.track_id!r}",
-                          wanted=f"one of {', '.join(sorted(known))}",
-                          came=listed(sorted(str(name) for name in told)))  # fmt: skip
+                          expected=f"one of {', '.join(sorted(known))}",
+                          got=listed(sorted(str(name) for name in told)))  # fmt: skip
 
 
 def _sizes(track: Track, file: str) -> Iterator[Finding]:
     limits = BODIES.get(track.object_class)
     field = f"object {track.track_id!r} ({track.object_class})"
     if limits is None:
-        yield Finding(check="class", file=file, field=field, wanted=f"one of {', '.join(BODIES)}",
-                      came=repr(track.object_class))  # fmt: skip
+        yield Finding(check="class", file=file, field=field, expected=f"one of {', '.join(BODIES)}",
+                      got=repr(track.object_class))  # fmt: skip
         return
     boxed = [(state, box) for state in track.states if (box := box_of(state.shape)) is not None]
     if not boxed:
@@ -91,8 +91,8 @@ def _sizes(track: Track, file: str) -> Iterator[Finding]:
                 check="box-size",
                 file=file,
                 field=f"{field}: {what}",
-                wanted=f"{low} to {high} m for a {track.object_class}",
-                came=f"{worst:.2f} m",
+                expected=f"{low} to {high} m for a {track.object_class}",
+                got=f"{worst:.2f} m",
                 do="check the class, the unit and the order of the sizes (length, width, height; full, not half)",
                 times=int(off.sum()),
                 timestamp_ns=boxed[int(np.argmax(off))][0].timestamp_ns,
@@ -108,8 +108,8 @@ def _sizes(track: Track, file: str) -> Iterator[Finding]:
                 severity=Severity.WARNING,
                 file=file,
                 field=f"{field}: {('length', 'width', 'height')[axis]}",
-                wanted="one size of a rigid body",
-                came=f"{values.min():.2f} to {values.max():.2f} m",
+                expected="one size of a rigid body",
+                got=f"{values.min():.2f} to {values.max():.2f} m",
                 do="two objects under one name, or boxes of what is seen instead of the whole",
             )
 
@@ -126,8 +126,8 @@ def _tilt(track: Track, file: str) -> Iterator[Finding]:
             severity=Severity.ERROR if tilt_rad.max() > TILTED_RAD else Severity.WARNING,
             file=file,
             field=f"object {track.track_id!r} ({track.object_class})",
-            wanted="a box that stands upright",
-            came=f"one tilted by up to {np.degrees(tilt_rad.max()):.0f} degrees",
+            expected="a box that stands upright",
+            got=f"one tilted by up to {np.degrees(tilt_rad.max()):.0f} degrees",
             do="check the order of the quaternion (OpenLABEL: x, y, z, w) and of angles",
             times=int((tilt_rad > ODD_TILT_RAD).sum()),
             timestamp_ns=boxed[int(np.argmax(tilt_rad > ODD_TILT_RAD))][0].timestamp_ns,
@@ -155,8 +155,8 @@ def _above_road(recording: Recording, file: str) -> Iterator[Finding]:
             severity=Severity.ERROR if len(every) >= LEAST_BOXES else Severity.WARNING,
             file=file,
             field="cuboid, z",
-            wanted=f"objects within {NEAR_M:.0f} m that stand on the road, at {road_m:+.2f} m",
-            came=f"their undersides {abs(np.median(every)):.2f} m {side} it, in the middle of {len(every)} objects",
+            expected=f"objects within {NEAR_M:.0f} m that stand on the road, at {road_m:+.2f} m",
+            got=f"their undersides {abs(np.median(every)):.2f} m {side} it, in the middle of {len(every)} objects",
             do="the origin of a box is its centre here; some formats give the middle of its bottom",
             times=len(every),
         )
@@ -185,21 +185,21 @@ def _same_place(recording: Recording, file: str) -> Iterator[Finding]:
             check="same-object",
             file=file,
             field=f"objects {one!r} and {other!r}",
-            wanted="one box for each object",
-            came=f"boxes that overlap by more than half at {len(times_ns)} times",
+            expected="one box for each object",
+            got=f"boxes that overlap by more than half at {len(times_ns)} times",
             do="one object under two names",
             times=len(times_ns),
             timestamp_ns=times_ns[0],
         )
     if often[MOST_TOLD:]:
-        yield Finding(check="same-object", file=file, field="objects", wanted="one box for each object",
-                      came=f"boxes that overlap by more than half in {len(often) - MOST_TOLD} more pairs of objects",
+        yield Finding(check="same-object", file=file, field="objects", expected="one box for each object",
+                      got=f"boxes that overlap by more than half in {len(often) - MOST_TOLD} more pairs of objects",
                       do="one object under two names", times=len(often) - MOST_TOLD,
                       timestamp_ns=min(times_ns[0] for _, times_ns in often[MOST_TOLD:]))  # fmt: skip
     if given_up_ns:
         yield Finding(check="crowded-boxes", severity=Severity.WARNING, file=file, field="cuboid",
-                      wanted=f"at most {MOST_PAIRS} pairs of boxes of a class that touch",
-                      came=f"more; at {len(given_up_ns)} of {len(at)} times not all were compared",
+                      expected=f"at most {MOST_PAIRS} pairs of boxes of a class that touch",
+                      got=f"more; at {len(given_up_ns)} of {len(at)} times not all were compared",
                       do="mend those that are told, then validate again",
                       times=len(given_up_ns), timestamp_ns=given_up_ns[0])  # fmt: skip
 
@@ -248,7 +248,7 @@ def _in_host(recording: Recording, file: str) -> Iterator[Finding]:
                 inside.append(state.timestamp_ns)
         if inside:
             yield Finding(check="object-in-host", file=file, field=f"object {track.track_id!r} ({track.object_class})",
-                          wanted="objects outside of the host", came=f"its centre in the host at {len(inside)} times",
+                          expected="objects outside of the host", got=f"its centre in the host at {len(inside)} times",
                           do="check the frame of the annotations: the vehicle's, not the lidar's or the world's",
                           times=len(inside), timestamp_ns=inside[0])  # fmt: skip
 

@@ -38,8 +38,8 @@ def _mounting(camera: MountedCamera, recording: Recording, file: str, field: str
             check="camera-mounting",
             file=file,
             field=f"{field}.vehicle_from_camera.translation_m",
-            wanted="a camera {} to {} m above the road".format(*CAMERA_HEIGHT_M),
-            came=f"{height_m:.2f} m",
+            expected="a camera {} to {} m above the road".format(*CAMERA_HEIGHT_M),
+            got=f"{height_m:.2f} m",
             do="check the unit and the height of the road in the vehicle frame",
         )
     yield from _outside(camera.vehicle_from_camera.translation_m, recording, file, f"{field}.vehicle_from_camera")
@@ -50,8 +50,8 @@ def _mounting(camera: MountedCamera, recording: Recording, file: str, field: str
             check="camera-mounting",
             file=file,
             field=f"{field}.vehicle_from_camera.quaternion_wxyz",
-            wanted="an optical axis (z of the camera frame) towards the road users",
-            came=f"one {abs(pitch_up_deg):.0f} degrees {'above' if pitch_up_deg > 0 else 'below'} the horizon",
+            expected="an optical axis (z of the camera frame) towards the road users",
+            got=f"one {abs(pitch_up_deg):.0f} degrees {'above' if pitch_up_deg > 0 else 'below'} the horizon",
             do="camera axes are x right, y down, z forward; quaternions w, x, y, z; camera into vehicle",
         )
         return
@@ -63,8 +63,8 @@ def _mounting(camera: MountedCamera, recording: Recording, file: str, field: str
             check="camera-mounting",
             file=file,
             field=f"{field}.vehicle_from_camera.quaternion_wxyz",
-            wanted="y of the camera frame towards the road",
-            came=f"one turned by {tilt_deg:.0f} degrees about the optical axis",
+            expected="y of the camera frame towards the road",
+            got=f"one turned by {tilt_deg:.0f} degrees about the optical axis",
             do="turn the images upright, or check the order of the quaternion",
         )
 
@@ -83,8 +83,8 @@ def _outside(place_m: np.ndarray, recording: Recording, file: str, field: str) -
             severity=Severity.WARNING,
             file=file,
             field=f"{field}.translation_m",
-            wanted="a sensor on the vehicle",
-            came=f"one {away_m:.1f} m outside of its outline",
+            expected="a sensor on the vehicle",
+            got=f"one {away_m:.1f} m outside of its outline",
             do="check the direction of the transform, its unit, and the vehicle's outline",
         )
 
@@ -100,8 +100,8 @@ def _lens(camera: MountedCamera, file: str, field: str) -> Iterator[Finding]:
             severity=Severity.WARNING if inside else Severity.ERROR,
             file=file,
             field=f"{field}.model.principal_point",
-            wanted=f"a point {'near the middle of' if inside else 'in'} the image of {model.width} x {model.height} px",
-            came=f"({u:.1f}, {v:.1f})",
+            expected=f"a point {'near the middle of' if inside else 'in'} the {model.width} x {model.height} px image",
+            got=f"({u:.1f}, {v:.1f})",
             do="pixels of the stored image, not offsets from its centre",
         )
     grid_u, grid_v = np.meshgrid(np.linspace(0, model.width - 1, GRID), np.linspace(0, model.height - 1, GRID))
@@ -110,15 +110,15 @@ def _lens(camera: MountedCamera, file: str, field: str) -> Iterator[Finding]:
     again, back = model.project(rays)
     error_px = np.abs(again[seen & back] - pixels[seen & back]).max(initial=0.0)
     if seen.mean() < LEAST_SEEN or (seen & ~back).any() or error_px > 0.1:
-        came = f"{100 * seen.mean():.0f} % of them have one"
+        got = f"{100 * seen.mean():.0f} % of them have one"
         if error_px > 0.1 or (seen & ~back).any():
-            came += f", up to {error_px:.2f} px off on the way back"
+            got += f", up to {error_px:.2f} px off on the way back"
         yield Finding(
             check="lens",
             file=file,
             field=f"{field}.model",
-            wanted="a ray for most pixels, and the pixel for each ray",
-            came=came,
+            expected="a ray for most pixels, and the pixel for each ray",
+            got=got,
             do="check the model's name, the order of its parameters, and their unit",
         )
 
@@ -132,16 +132,16 @@ def _body_mask(camera: MountedCamera, file: str, field: str) -> Iterator[Finding
             check="ego-body",
             file=file,
             field=f"{field}.ego_body_mask",
-            wanted=f"{size[1]} x {size[0]} px",
-            came="{1} x {0}".format(*mask.shape),
+            expected=f"{size[1]} x {size[0]} px",
+            got="{1} x {0}".format(*mask.shape),
         )
     elif mask.mean() > MOST_BODY:
         yield Finding(
             check="ego-body",
             file=file,
             field=f"{field}.ego_body_mask",
-            wanted="a mask of the host's own body, not 0 where it is",
-            came=f"one that covers {100 * mask.mean():.0f} % of the image",
+            expected="a mask of the host's own body, not 0 where it is",
+            got=f"one that covers {100 * mask.mean():.0f} % of the image",
             do="it may be inverted",
         )
 
@@ -159,8 +159,8 @@ def _lidar(recording: Recording, file: str) -> Iterator[Finding]:
             check="lidar-mounting",
             file=file,
             field="lidar.vehicle_from_lidar.translation_m",
-            wanted="a lidar {} to {} m above the road".format(*LIDAR_HEIGHT_M),
-            came=f"{height_m:.2f} m",
+            expected="a lidar {} to {} m above the road".format(*LIDAR_HEIGHT_M),
+            got=f"{height_m:.2f} m",
             do="check the unit and the direction of the transform",
         )
     yield from _outside(recording.vehicle_from_lidar.translation_m, recording, file, "lidar.vehicle_from_lidar")

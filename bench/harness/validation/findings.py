@@ -28,8 +28,8 @@ class Finding:
         recording: name; empty for the data set as a whole.
         file: the file, or the folder where none can be named.
         field: the field, camera or object in it; None for the whole file.
-        wanted: what is due.
-        came: what was found.
+        expected: what is due.
+        got: what was found.
         do: what the user can do about it.
         times: how often it was found.
         timestamp_ns: of the first time; None where no time belongs to it.
@@ -40,8 +40,8 @@ class Finding:
     recording: str = ""
     file: str
     field: str | None = None
-    wanted: str
-    came: str
+    expected: str
+    got: str
     do: str = ""
     times: int = 1
     timestamp_ns: int | None = None
@@ -53,8 +53,8 @@ def unusable(error: DataError, *, check: str = "file", timestamp_ns: int | None 
         check=check,
         file=error.file,
         field=error.field,
-        wanted=error.wanted,
-        came=error.came,
+        expected=error.expected,
+        got=error.got,
         do=error.do,
         timestamp_ns=timestamp_ns,
     )

@@ -62,7 +62,7 @@ def check_images(recording: Recording, camera: str, rows: list[int], progress: C
 
 
 def _told(
-    found: list[ImageRef], check: str, field: str, wanted: str, came: str, severity: Severity = Severity.ERROR
+    found: list[ImageRef], check: str, field: str, expected: str, got: str, severity: Severity = Severity.ERROR
 ) -> Iterator[Finding]:
     if found:
         yield Finding(
@@ -70,8 +70,8 @@ def _told(
             severity=severity,
             file=str(found[0].path),
             field=field,
-            wanted=wanted,
-            came=f"{came}, {len(found)} of those read",
+            expected=expected,
+            got=f"{got}, {len(found)} of those read",
             times=len(found),
             timestamp_ns=found[0].timestamp_ns,
         )

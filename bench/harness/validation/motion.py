@@ -49,8 +49,8 @@ def check_motion(recording: Recording) -> Iterator[Finding]:
             check="velocity",
             file=file,
             field="velocity_mps",
-            wanted="velocities over the ground along the vehicle's axes, as the positions change",
-            came=f"{len(found)} objects off by up to {max(off for _, off in found):.1f} m/s: "
+            expected="velocities over the ground along the vehicle's axes, as the positions change",
+            got=f"{len(found)} objects off by up to {max(off for _, off in found):.1f} m/s: "
             + listed([name for name, _ in found]),
             do=cause,
             times=len(found),
@@ -75,8 +75,8 @@ def _jumps(path: TrackPath, file: str, field: str) -> Iterator[Finding]:
             check="object-jump",
             file=file,
             field=field,
-            wanted="a path without jumps",
-            came=f"{int(jumps.sum())} steps off their line by up to {off_m[jumps].max():.1f} m",
+            expected="a path without jumps",
+            got=f"{int(jumps.sum())} steps off their line by up to {off_m[jumps].max():.1f} m",
             do="two objects under one name, or a box left behind",
             times=int(jumps.sum()),
             timestamp_ns=int(path.times_ns[first + 1]),
@@ -93,8 +93,8 @@ def _too_fast(path: TrackPath, limits: BodyLimits, file: str, field: str) -> Ite
             check="object-speed",
             file=file,
             field=field,
-            wanted=f"at most {limits.top_speed_mps:.0f} m/s",
-            came=f"{fastest:.1f} m/s {'along its positions' if fastest == mean_mps else 'as stated'}",
+            expected=f"at most {limits.top_speed_mps:.0f} m/s",
+            got=f"{fastest:.1f} m/s {'along its positions' if fastest == mean_mps else 'as stated'}",
             do="km/h where m/s are due, another class, or another frame",
             timestamp_ns=int(path.times_ns[0]),
         )
@@ -107,8 +107,8 @@ def _turns(path: TrackPath, limits: BodyLimits, file: str, field: str) -> Iterat
             check="object-turn",
             file=file,
             field=f"{field}: yaw_rate_radps",
-            wanted=f"at most {limits.top_turn_radps} rad/s",
-            came=f"{fastest:.3g}",
+            expected=f"at most {limits.top_turn_radps} rad/s",
+            got=f"{fastest:.3g}",
             do="degrees per second where rad/s are due?",
             timestamp_ns=int(path.times_ns[int(np.argmax(np.abs(path.stated_turn_radps)))]),
         )
@@ -132,8 +132,8 @@ def _heading(path: TrackPath, file: str, field: str) -> Iterator[Finding]:
         severity=Severity.WARNING if backwards else Severity.ERROR,
         file=file,
         field=field,
-        wanted="a box whose x points where the object goes",
-        came=f"{np.median(angles):.0f} degrees between them",
+        expected="a box whose x points where the object goes",
+        got=f"{np.median(angles):.0f} degrees between them",
         do="back to front, unless it reverses"
         if backwards
         else "length and width swapped, or another zero of the angle",

@@ -88,17 +88,17 @@ class Occupancy:
         file = annotation_file(self._recording)
         if self._left_out:
             yield Finding(check="crowded-boxes", severity=Severity.WARNING, file=file, field="cuboid",
-                          wanted=f"at most {MOST_BOXES} boxes in a sweep",
-                          came=f"more; in {self._left_out} boxes no points were looked for",
+                          expected=f"at most {MOST_BOXES} boxes in a sweep",
+                          got=f"more; in {self._left_out} boxes no points were looked for",
                           do="mend those that are told, then validate again", times=self._left_out)  # fmt: skip
         sweeps_ns = {sweep.timestamp_ns for sweep in self._recording.sweeps}
         for track in self._recording.tracks:
             yield from _unknown_sweeps(track, sweeps_ns, file)
             tally = self._tallies[track.track_id]
             if tally.wrong_indices:
-                time_ns, came = tally.wrong_indices[0]
+                time_ns, got = tally.wrong_indices[0]
                 yield Finding(check="point-indices", file=file, field=f"object {track.track_id!r}",
-                              wanted="rows of the sweep, each once", came=came,
+                              expected="rows of the sweep, each once", got=got,
                               times=len(tally.wrong_indices), timestamp_ns=time_ns)  # fmt: skip
             if tally.empty and tally.empty > MOST_EMPTY * tally.looked:
                 never = tally.points == 0
@@ -108,8 +108,8 @@ class Occupancy:
                     severity=Severity.ERROR if sure else Severity.WARNING,
                     file=file,
                     field=f"object {track.track_id!r} ({track.object_class})",
-                    wanted="lidar points in the box where beams pass through it",
-                    came=f"none in {tally.empty} of {tally.looked} sweeps, with {tally.beams} beams through it",
+                    expected="lidar points in the box where beams pass through it",
+                    got=f"none in {tally.empty} of {tally.looked} sweeps, with {tally.beams} beams through it",
                     do="the box is elsewhere than its object, or at another time",
                     times=tally.empty,
                     timestamp_ns=tally.first_ns,
@@ -170,7 +170,7 @@ def _unknown_sweeps(track: Track, sweeps_ns: set[int], file: str) -> Iterator[Fi
     ]
     if lost:
         yield Finding(check="point-indices", file=file, field=f"object {track.track_id!r}",
-                      wanted="the time of a sweep of the recording", came=f"{len(lost)} states that name no such sweep",
+                      expected="the time of a sweep of the recording", got=f"{len(lost)} states without such a sweep",
                       times=len(lost), timestamp_ns=lost[0])  # fmt: skip
 
 

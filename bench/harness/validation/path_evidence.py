@@ -97,8 +97,8 @@ def check_path(recording: Recording) -> Iterator[Finding]:
             check="ego-motion-unit",
             file=recording.trajectory.source,
             field=best.field,
-            wanted="a path on which neighbouring lidar sweeps meet",
-            came=f"sweeps {100 * means[STATED]:.0f} cm apart; {100 * means[best]:.0f} cm if this is {best.told}",
+            expected="a path on which neighbouring lidar sweeps meet",
+            got=f"sweeps {100 * means[STATED]:.0f} cm apart; {100 * means[best]:.0f} cm if this is {best.told}",
             do="check unit and sign",
             times=len(totals[best]),
         )

@@ -71,8 +71,8 @@ class SweepChecks:
             self._note("same-sweep", sweep, file, "the points of the sweep before it, to the last digit")
         self._before = row, digest
         if (away_m < ORIGIN_M).mean() > MOST_AT_ORIGIN:
-            came = f"{100 * (away_m < ORIGIN_M).mean():.0f} % of the points at the lidar itself"
-            self._note("lost-returns", sweep, file, came)
+            got = f"{100 * (away_m < ORIGIN_M).mean():.0f} % of the points at the lidar itself"
+            self._note("lost-returns", sweep, file, got)
         if (away_m > LIDAR_REACH_M).mean() > MOST_BEYOND or float(away_m.max()) < SMALL_M:
             self._note("sweep-range", sweep, file, f"points {np.median(away_m):.3g} m away in the middle")
             return
@@ -97,35 +97,35 @@ class SweepChecks:
         elif away_ns > self._interval_ns:
             self._note("point-times", sweep, file, f"points {away_ns / 1e6:.1f} ms away from it")
 
-    def _note(self, check: str, sweep: LidarSweep, file: str, came: str) -> None:
-        self._faults.setdefault(check, []).append((sweep, file, came))
+    def _note(self, check: str, sweep: LidarSweep, file: str, got: str) -> None:
+        self._faults.setdefault(check, []).append((sweep, file, got))
 
     def _told(self) -> Iterator[Finding]:
         middle = float(np.median([count for _, count, _ in self._counts])) if self._counts else 0.0
         empty = [(time_ns, file) for time_ns, count, file in self._counts if count == 0]
         few = [(time_ns, count, file) for time_ns, count, file in self._counts if 0 < count < FEW * middle]
         if empty:
-            yield Finding(check="empty-sweep", file=empty[0][1], wanted="points", came="none",
+            yield Finding(check="empty-sweep", file=empty[0][1], expected="points", got="none",
                           times=len(empty), timestamp_ns=empty[0][0])  # fmt: skip
         if few:
             yield Finding(check="thin-sweep", severity=Severity.WARNING, file=few[0][2],
-                          wanted=f"about {middle:.0f} points, as the others", came=str(few[0][1]),
+                          expected=f"about {middle:.0f} points, as the others", got=str(few[0][1]),
                           times=len(few), timestamp_ns=few[0][0])  # fmt: skip
-        wanted = {
+        expected = {
             "same-sweep": ("new points in each sweep", ""),
             "lost-returns": ("points that something sent back", "leave out lost returns"),
             "sweep-range": (f"points within {LIDAR_REACH_M:.0f} m", "check the unit: metres are due"),
             "point-times": ("points of one revolution around the sweep's time", "check the unit: nanoseconds are due"),
         }
         for check, found in self._faults.items():
-            sweep, file, came = found[0]
+            sweep, file, got = found[0]
             yield Finding(
                 check=check,
                 severity=Severity.WARNING if check == "lost-returns" else Severity.ERROR,
                 file=file,
-                wanted=wanted[check][0],
-                came=came,
-                do=wanted[check][1],
+                expected=expected[check][0],
+                got=got,
+                do=expected[check][1],
                 times=len(found),
                 timestamp_ns=sweep.timestamp_ns,
             )
@@ -144,8 +144,8 @@ class SweepChecks:
                 check="road-height",
                 file=file,
                 field="lidar.vehicle_from_lidar or the road's height",
-                wanted=f"the road at {stated_m:+.2f} m in the vehicle frame, as the calibration says",
-                came=f"{height_m:+.2f} m in the middle of {len(self._roads)} sweeps",
+                expected=f"the road at {stated_m:+.2f} m in the vehicle frame, as the calibration says",
+                got=f"{height_m:+.2f} m in the middle of {len(self._roads)} sweeps",
                 do="check the height of the lidar, and that its mounting is applied once",
                 times=len(self._roads),
             )
@@ -155,8 +155,8 @@ class SweepChecks:
                 severity=Severity.WARNING,
                 file=file,
                 field="lidar.vehicle_from_lidar",
-                wanted="a road level in the vehicle frame",
-                came=f"one tilted by {np.degrees(tilt_rad):.1f} degrees in the middle of {len(self._roads)} sweeps",
+                expected="a road level in the vehicle frame",
+                got=f"one tilted by {np.degrees(tilt_rad):.1f} degrees in the middle of {len(self._roads)} sweeps",
                 do="check roll and pitch of the lidar, and the order of its quaternion",
                 times=len(self._roads),
             )

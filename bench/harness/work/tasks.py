@@ -53,7 +53,7 @@ class RunSpec:
         """
         if code_digest(UNIT_CODE) != self.code:
             place, do = Path(bench.__file__).parent, "start the run, and its workers, again"
-            raise DataError(place, wanted="the code that the run began with", came="another state of it", do=do)
+            raise DataError(place, expected="the code that the run began with", got="another state of it", do=do)
         self.identity.refuse_change()
 
 
@@ -235,7 +235,7 @@ def _refuse_change(spec: RunSpec, opened: _Opened, unit: Unit, key: str) -> None
     if unit_key(spec, opened.recording, unit, opened.inputs.afresh()) != key:
         raise DataError(
             opened.recording.root,
-            wanted="files that stay the same while they are scored",
-            came="other content at the end than at the beginning",
+            expected="files that stay the same while they are scored",
+            got="other content at the end than at the beginning",
             do="run again when nobody writes there",
         )

@@ -45,7 +45,7 @@ class BackgroundSubtraction:
 
     def __post_init__(self) -> None:
         if not 1 <= self.images <= 500 or self.deviations <= 0:
-            raise UsageError(f"{self.name}: wanted images in 1 to 500 and deviations > 0")
+            raise UsageError(f"{self.name}: expected images in 1 to 500 and deviations > 0")
 
     @property
     def longest_history(self) -> int:

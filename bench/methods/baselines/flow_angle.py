@@ -46,7 +46,7 @@ class FlowMagnitude:
 
     def __post_init__(self) -> None:
         if self.cell_size_px < 1 or self.threshold <= 0:
-            raise UsageError(f"{self.name}: wanted cell_size_px >= 1 and threshold > 0")
+            raise UsageError(f"{self.name}: expected cell_size_px >= 1 and threshold > 0")
         dense_flow(self.flow, **self.flow_parameters)
 
     def settings(self) -> dict[str, object]:

@@ -38,7 +38,7 @@ class FrameDifference:
 
     def __post_init__(self) -> None:
         if not 0 <= self.threshold_grey < GREY_LEVELS:
-            raise UsageError(f"{self.name}: wanted threshold_grey in [0, {GREY_LEVELS}), came {self.threshold_grey}")
+            raise UsageError(f"{self.name}: expected threshold_grey in [0, {GREY_LEVELS}), got {self.threshold_grey}")
 
     def settings(self) -> dict[str, object]:
         """Every parameter that decides the result."""

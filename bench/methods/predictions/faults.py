@@ -26,7 +26,7 @@ class Fault:
     Attributes:
         kind: of fault.
         place: the file relative to the folder of predictions, or the image that has none.
-        reason: what was wanted and what came.
+        reason: what was expected and what was found.
     """
 
     kind: FaultKind
@@ -51,4 +51,4 @@ def kind_of(error: DataError) -> FaultKind:
 def reason_of(error: DataError) -> str:
     """What an error says, without the file."""
     where = f"{error.field}: " if error.field else ""
-    return f"{where}wanted {error.wanted}, came {error.came}" + (f"; {error.do}" if error.do else "")
+    return f"{where}expected {error.expected}, got {error.got}" + (f"; {error.do}" if error.do else "")

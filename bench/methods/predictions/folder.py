@@ -44,11 +44,11 @@ def list_predictions(root: Path) -> PredictionFiles:
         DataError: there is no such folder, or one below it cannot be read.
     """
     if not root.is_dir():
-        raise DataError(root, wanted="a folder of predictions", came="no such folder")
+        raise DataError(root, expected="a folder of predictions", got="no such folder")
     found = PredictionFiles(root=root)
 
     def unreadable(error: OSError) -> None:
-        raise DataError(error.filename or root, wanted="a folder to read", came=error.strerror or str(error))
+        raise DataError(error.filename or root, expected="a folder to read", got=error.strerror or str(error))
 
     for folder, subfolders, files in os.walk(root, onerror=unreadable):
         links = [name for name in subfolders if (Path(folder) / name).is_symlink()]
@@ -71,7 +71,7 @@ def _sort_in(found: PredictionFiles, path: Path) -> None:
         try:
             refuse_escape(found.root, path, file=path)
         except DataError as error:
-            reason = f"{error.came.split(', ')[-1]}, which is not read"
+            reason = f"{error.got.split(', ')[-1]}, which is not read"
         else:
             if suffix == LIST_SUFFIX:
                 found.lists[found.relative(path.with_suffix(""))].append(path)

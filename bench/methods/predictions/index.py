@@ -114,21 +114,21 @@ def _example(cameras: list[CameraImages]) -> str:
 
 def _refuse_strangers(files: PredictionFiles, pairing: Pairing, example: str) -> None:
     names = [fault.place for fault in pairing.faults if fault.kind is FaultKind.EXTRA]
-    came = f"{len(names)} files and none of them does, the first {names[0]}" if names else "no file that does"
+    got = f"{len(names)} files and none of them does, the first {names[0]}" if names else "no file that does"
     raise DataError(
-        files.root, wanted=f"predictions that name images that are scored, such as {example}.png", came=came
+        files.root, expected=f"predictions that name images that are scored, such as {example}.png", got=got
     )
 
 
 def _refuse_mixture(files: PredictionFiles, pairing: Pairing) -> None:
     mask, score = pairing.first_of["mask"], pairing.first_of["score"]
     if mask and score:
-        came = f"both, for example the mask {mask} and the score {score}"
-        raise DataError(files.root, wanted="masks only or scores only", came=came)
+        got = f"both, for example the mask {mask} and the score {score}"
+        raise DataError(files.root, expected="masks only or scores only", got=got)
     if 0 < pairing.largest_of_16_bits <= LARGEST_BYTE:
         raise DataError(
             files.root,
-            wanted="16-bit scores of 0 to 65535",
-            came=f"{round(pairing.largest_of_16_bits * 65535)} as the largest of all",
+            expected="16-bit scores of 0 to 65535",
+            got=f"{round(pairing.largest_of_16_bits * 65535)} as the largest of all",
             do="multiply scores of 0 to 255 by 257, or write masks as 8-bit PNG",
         )

@@ -62,9 +62,9 @@ class PredictedMotion:
         _refuse_unknown("missing", missing, MISSING_POLICIES)
         _refuse_unknown("names", naming, NAMINGS)
         if history < 1:
-            raise UsageError(f"history: wanted 1 or more, came {history}")
+            raise UsageError(f"history: expected 1 or more, got {history}")
         if threshold is not None and not 0 <= threshold < 1:
-            raise UsageError(f"threshold: wanted a number in [0, 1), came {threshold}")
+            raise UsageError(f"threshold: expected a number in [0, 1), got {threshold}")
         self.name, self.folder, self.dataset, self.split = name, folder, dataset, split
         self.threshold, self.missing, self.naming, self.history = threshold, missing, naming, history
         self.fingerprint = fingerprint
@@ -84,10 +84,10 @@ class PredictedMotion:
             UsageError: a threshold for masks.
         """
         if self.fingerprint is not None and index.fingerprint != self.fingerprint:
-            wanted = f"predictions with the fingerprint {self.fingerprint[:12]}"
-            raise DataError(self.folder, wanted=wanted, came=f"{index.fingerprint[:12]}; they have changed")
+            expected = f"predictions with the fingerprint {self.fingerprint[:12]}"
+            raise DataError(self.folder, expected=expected, got=f"{index.fingerprint[:12]}; they have changed")
         if index.form == "mask" and self.threshold is not None:
-            raise UsageError(f"threshold: wanted none for masks, came {self.threshold}; {self.folder} holds no scores")
+            raise UsageError(f"threshold: expected none for masks, got {self.threshold}; {self.folder} holds no scores")
         if index.form == "score" and self.threshold is None:
             self.threshold = DEFAULT_THRESHOLD
         self.fingerprint, self._index = index.fingerprint, index
@@ -101,11 +101,11 @@ class PredictedMotion:
             UsageError: the harness does not say which image it is.
         """
         if not frame.recording:
-            raise UsageError(f"{self.name}: wanted to know which recording and camera it is, came neither")
+            raise UsageError(f"{self.name}: expected to know which recording and camera it is, got neither")
         index, key = self._indexed(), ImageKey(frame.recording, frame.camera_name, frame.timestamps_ns[-1])
         if key in index.faulty:
             fault = index.faulty[key]
-            raise DataError(fault.file, field=fault.field, wanted=fault.wanted, came=fault.came, do=fault.do)
+            raise DataError(fault.file, field=fault.field, expected=fault.expected, got=fault.got, do=fault.do)
         if key in index.usable:
             prediction = index.usable[key]
             values = self._reader.read(prediction)
@@ -115,7 +115,7 @@ class PredictedMotion:
         elif self.missing == "skip":
             raise UnansweredImage(f"{self.folder}: no prediction of {key}")
         else:
-            raise DataError(self.folder, wanted=f"a prediction of {key}", came="none")
+            raise DataError(self.folder, expected=f"a prediction of {key}", got="none")
         if self.threshold is None:
             return Segmentation(cell_size_px=size_px, mask=cells >= HALF)
         mask = cells > np.float32(self.threshold)
@@ -130,6 +130,6 @@ class PredictedMotion:
         return self._index
 
 
-def _refuse_unknown(option: str, came: str, known: tuple[str, ...]) -> None:
-    if came not in known:
-        raise UsageError(f"{option}: wanted {', '.join(known)}, came {came!r}")
+def _refuse_unknown(option: str, got: str, known: tuple[str, ...]) -> None:
+    if got not in known:
+        raise UsageError(f"{option}: expected {', '.join(known)}, got {got!r}")

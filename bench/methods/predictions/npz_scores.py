@@ -48,13 +48,13 @@ def read_npz_scores(path: Path, sizes: ImageSizes) -> NDArray[np.float32]:
     except DataError:
         raise
     except (*_UNREADABLE, zipfile.BadZipFile) as error:
-        came = " ".join(str(error).split())[:200] or type(error).__name__
-        raise DataError(path, field=ARRAY, wanted="an .npz file with this array", came=came) from error
+        got = " ".join(str(error).split())[:200] or type(error).__name__
+        raise DataError(path, field=ARRAY, expected="an .npz file with this array", got=got) from error
     low, high = float(scores.min()), float(scores.max())
     if not (low >= 0 and high <= 1):  # also for NaN
-        came = f"{low:g} to {high:g}"
+        got = f"{low:g} to {high:g}"
         do = "bring them to [0, 1], for example by the logistic function; the order is what counts"
-        raise UnclearError(path, field=ARRAY, wanted="scores in [0, 1]", came=came, do=do)
+        raise UnclearError(path, field=ARRAY, expected="scores in [0, 1]", got=got, do=do)
     return scores.astype(np.float32)
 
 
@@ -62,8 +62,8 @@ def _shape(path: Path, member: IO[bytes]) -> tuple[int, int]:
     """(rows, columns) from the header."""
     version = npy.read_magic(member)
     if version not in _HEADERS:
-        raise DataError(path, field=ARRAY, wanted="an array of NumPy's format 1 or 2", came=f"{version}")
+        raise DataError(path, field=ARRAY, expected="an array of NumPy's format 1 or 2", got=f"{version}")
     shape, _, kind = _HEADERS[version](member)
     if len(shape) != 2 or kind.kind != "f":
-        raise DataError(path, field=ARRAY, wanted="floats on (rows, columns)", came=f"{kind} {shape}")
+        raise DataError(path, field=ARRAY, expected="floats on (rows, columns)", got=f"{kind} {shape}")
     return shape[0], shape[1]

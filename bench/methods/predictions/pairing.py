@@ -138,7 +138,7 @@ class Pairing:
         try:
             entries = self._reader.entries(file)
             if camera_needed and any(entry.camera is None for of_image in entries.values() for entry in of_image):
-                raise DataError(file, field="camera", wanted="the name of a camera in every entry", came="one without")
+                raise DataError(file, field="camera", expected="the name of a camera in every entry", got="one without")
         except DataError as error:
             self.unread.append(file)
             self._fault(FaultKind.UNREADABLE, self.files.relative(file), reason_of(error))
@@ -150,8 +150,8 @@ class Pairing:
         if not sources:
             self._fault(FaultKind.MISSING, str(key), "no prediction")
         elif len(sources) > 1:
-            came = " and ".join(map(self.files.relative, sources))
-            self.faulty[key] = DataError(self.files.root, wanted=f"one prediction of {key}", came=came)
+            got = " and ".join(map(self.files.relative, sources))
+            self.faulty[key] = DataError(self.files.root, expected=f"one prediction of {key}", got=got)
             self._fault(FaultKind.TWICE, str(key), reason_of(self.faulty[key]))
         else:
             ((file, names),) = sources.items()

@@ -40,15 +40,15 @@ def read_png_map(path: Path, sizes: ImageSizes) -> NDArray[Any]:
     sizes.refuse_unfit((width, height), file=path)
     values = read_unchanged(path)
     if values.shape != (height, width):
-        raise DataError(path, wanted="a grey PNG", came=f"{values.ndim} axes of {values.shape} when unpacked")
+        raise DataError(path, expected="a grey PNG", got=f"{values.ndim} axes of {values.shape} when unpacked")
     if values.dtype == np.uint16:
         return values.astype(np.float32) / np.float32(LARGEST_SCORE)
     present = np.flatnonzero(np.bincount(values.ravel(), minlength=256)).tolist()
     if not (set(present) <= {0, 255} or set(present) <= {0, 1}):
         raise UnclearError(
             path,
-            wanted="a mask of the values 0 and 255, or 0 and 1",
-            came=f"the values {', '.join(map(str, present[:6]))}{', ...' if len(present) > 6 else ''}",
+            expected="a mask of the values 0 and 255, or 0 and 1",
+            got=f"the values {', '.join(map(str, present[:6]))}{', ...' if len(present) > 6 else ''}",
             do="write scores as 16-bit PNG (0 to 65535) or .npz",
         )
     moving: NDArray[np.bool_] = values > 0
@@ -62,17 +62,17 @@ def _grey_size(path: Path) -> tuple[int, int]:
         with path.open("rb") as file:
             start = file.read(_HEADER.size)
     except OSError as error:
-        raise DataError(path, wanted="a PNG file", came=error.strerror or str(error)) from error
+        raise DataError(path, expected="a PNG file", got=error.strerror or str(error)) from error
     if size > LARGEST_BYTES:
-        raise DataError(path, wanted=f"a PNG file of at most {LARGEST_BYTES} bytes", came=f"{size}")
+        raise DataError(path, expected=f"a PNG file of at most {LARGEST_BYTES} bytes", got=f"{size}")
     if not start.startswith(PNG_START) or len(start) < _HEADER.size:
-        came = f"{len(start)} bytes that begin with {start[:8].hex(' ')}" if start else "an empty file"
-        raise DataError(path, wanted="a whole PNG file", came=came)
+        got = f"{len(start)} bytes that begin with {start[:8].hex(' ')}" if start else "an empty file"
+        raise DataError(path, expected="a whole PNG file", got=got)
     _, name, width, height, bits, colour = _HEADER.unpack(start)
     if name != b"IHDR":
-        raise DataError(path, wanted="a PNG file that begins with its header", came=repr(name))
+        raise DataError(path, expected="a PNG file that begins with its header", got=repr(name))
     if colour != GREY:
-        raise DataError(path, wanted="one grey channel", came=COLOUR_TYPES.get(colour, f"colour type {colour}"))
+        raise DataError(path, expected="one grey channel", got=COLOUR_TYPES.get(colour, f"colour type {colour}"))
     if bits not in (1, 2, 4, 8, 16):
-        raise DataError(path, wanted="8 bits for a mask, 16 bits for scores", came=f"{bits} bits")
+        raise DataError(path, expected="8 bits for a mask, 16 bits for scores", got=f"{bits} bits")
     return width, height

@@ -68,15 +68,15 @@ def read_entries(path: Path) -> list[MaskEntry]:
     try:
         size = path.stat().st_size
         if size > LARGEST_BYTES:
-            raise DataError(path, wanted=f"a file of at most {LARGEST_BYTES} bytes", came=f"{size}")
+            raise DataError(path, expected=f"a file of at most {LARGEST_BYTES} bytes", got=f"{size}")
         return _ENTRIES.validate_json(path.read_bytes())
     except OSError as error:
-        raise DataError(path, wanted="a file of masks", came=error.strerror or str(error)) from error
+        raise DataError(path, expected="a file of masks", got=error.strerror or str(error)) from error
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         field = ".".join(str(part) for part in first["loc"]) or None
-        wanted = 'a list of {"image": name, "segmentation": {"size": [height, width], "counts": run lengths}}'
-        raise DataError(path, field=field, wanted=wanted, came=first["msg"]) from error
+        expected = 'a list of {"image": name, "segmentation": {"size": [height, width], "counts": run lengths}}'
+        raise DataError(path, field=field, expected=expected, got=first["msg"]) from error
 
 
 def decode_union(entries: Sequence[MaskEntry], sizes: ImageSizes, *, file: Path) -> NDArray[np.bool_]:
@@ -104,8 +104,8 @@ def decode_union(entries: Sequence[MaskEntry], sizes: ImageSizes, *, file: Path)
         sizes.refuse_unfit((mask.size[1], mask.size[0]), file=file, field=field)
         one = _decode(mask, file, field)
         if moving is not None and moving.shape != one.shape:
-            came = f"{moving.shape} and {one.shape} (height, width)"
-            raise DataError(file, field=field, wanted="all masks of an image at one size", came=came)
+            got = f"{moving.shape} and {one.shape} (height, width)"
+            raise DataError(file, field=field, expected="all masks of an image at one size", got=got)
         moving = one if moving is None else moving | one
     assert moving is not None
     return moving
@@ -115,9 +115,9 @@ def _decode(mask: RunLengths, file: Path, field: str) -> NDArray[np.bool_]:
     height, width = mask.size
     lengths = _lengths(mask.counts, file, field) if isinstance(mask.counts, str) else mask.counts
     if any(length < 0 for length in lengths) or sum(lengths) != height * width:
-        wanted = f"run lengths that add up to {height} x {width} = {height * width}"
-        came = f"a sum of {sum(lengths)}" if all(length >= 0 for length in lengths) else "a negative length"
-        raise DataError(file, field=field, wanted=wanted, came=came)
+        expected = f"run lengths that add up to {height} x {width} = {height * width}"
+        got = f"a sum of {sum(lengths)}" if all(length >= 0 for length in lengths) else "a negative length"
+        raise DataError(file, field=field, expected=expected, got=got)
     values = np.arange(len(lengths)) % 2 == 1
     return np.ascontiguousarray(np.repeat(values, lengths).reshape(width, height).T)
 
@@ -128,7 +128,7 @@ def _lengths(text: str, file: Path, field: str) -> list[int]:
     for letter in text:
         code = ord(letter)
         if not _LETTERS[0] <= code <= _LETTERS[1] or groups == _MOST_GROUPS:
-            raise DataError(file, field=field, wanted="COCO run lengths", came=f"{letter!r} among them")
+            raise DataError(file, field=field, expected="COCO run lengths", got=f"{letter!r} among them")
         bits = code - _LETTERS[0]
         number |= (bits & 0x1F) << 5 * groups
         groups += 1
@@ -139,5 +139,5 @@ def _lengths(text: str, file: Path, field: str) -> list[int]:
         lengths.append(number + lengths[-2] if len(lengths) > 2 else number)
         number = groups = 0
     if groups:
-        raise DataError(file, field=field, wanted="whole COCO run lengths", came="a number that is cut short")
+        raise DataError(file, field=field, expected="whole COCO run lengths", got="a number that is cut short")
     return lengths

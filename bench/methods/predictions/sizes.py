@@ -34,14 +34,14 @@ class ImageSizes:
         Raises:
             WrongSizeError: it is not, or larger than any prediction need be.
         """
-        came = "{} x {}".format(*size_px)
+        got = "{} x {}".format(*size_px)
         bases = (self.evaluated_px, self.stored_px)
         if not any(_times(base, size_px) or _times(size_px, base) for base in bases):
             known = " or ".join(dict.fromkeys("{} x {}".format(*base) for base in bases))
-            wanted = f"{known} px, or a whole fraction or multiple of it"
-            raise WrongSizeError(file, field=field, wanted=wanted, came=came)
+            expected = f"{known} px, or a whole fraction or multiple of it"
+            raise WrongSizeError(file, field=field, expected=expected, got=got)
         if size_px[0] * size_px[1] > LARGEST_PX:
-            raise WrongSizeError(file, field=field, wanted=f"at most {LARGEST_PX} pixels", came=came)
+            raise WrongSizeError(file, field=field, expected=f"at most {LARGEST_PX} pixels", got=got)
 
 
 def on_cells(values: NDArray[Any], sizes: ImageSizes) -> tuple[NDArray[np.float32], int]:

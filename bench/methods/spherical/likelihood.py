@@ -30,7 +30,7 @@ class Weights:
 
     def __post_init__(self) -> None:
         if min(self.as_tuple()) < 0 or self.total <= 0:
-            raise UsageError(f"weights: wanted numbers >= 0 with at least one positive, came {self.as_tuple()}")
+            raise UsageError(f"weights: expected numbers >= 0 with at least one positive, got {self.as_tuple()}")
 
     @classmethod
     def from_numbers(cls, numbers: Sequence[float]) -> Weights:
@@ -40,7 +40,7 @@ class Weights:
             UsageError: another number of them.
         """
         if len(numbers) not in {4, 5}:
-            raise UsageError(f"weights: wanted four or five numbers (e, d, h, p, 3v), came {len(numbers)}")
+            raise UsageError(f"weights: expected four or five numbers (e, d, h, p, 3v), got {len(numbers)}")
         return cls(**dict(zip((f.name for f in fields(cls)), map(float, numbers), strict=False)))
 
     def as_tuple(self) -> tuple[float, float, float, float, float]:

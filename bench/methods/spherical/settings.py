@@ -60,7 +60,7 @@ class SphericalSettings:
         if isinstance(self.variants, dict):
             object.__setattr__(self, "variants", Variants(**self.variants))
         if self.cell_size_px < 1 or min(self.threshold, self.static_threshold) <= 0:
-            raise UsageError("spherical: wanted cell_size_px >= 1 and thresholds > 0")
+            raise UsageError("spherical: expected cell_size_px >= 1 and thresholds > 0")
 
     def settings(self) -> dict[str, object]:
         """Every parameter that decides the result."""

@@ -89,7 +89,7 @@ def deviations(
     """
     rays_previous, rays_current = np.asarray(rays_previous, float), np.asarray(rays_current, float)
     if rays_previous.shape != rays_current.shape or rays_current.shape[-1:] != (3,):
-        raise ShapeError(f"rays: wanted two arrays (..., 3), came {rays_previous.shape} and {rays_current.shape}")
+        raise ShapeError(f"rays: expected two arrays (..., 3), got {rays_previous.shape} and {rays_current.shape}")
     if not np.any(current_from_previous.translation_m):
         raise ShapeError("deviations: the camera did not move and has no epipole; use static_camera_deviation")
     t = current_from_previous.translation_m

@@ -65,7 +65,7 @@ class VisualOdometryMethod(SphericalMethod):
         if isinstance(self.odometry, dict):
             object.__setattr__(self, "odometry", VisualOdometry(**self.odometry))
         if self.scale not in get_args(Scale):
-            raise UsageError(f"scale: wanted {' or '.join(get_args(Scale))}, came {self.scale!r}")
+            raise UsageError(f"scale: expected {' or '.join(get_args(Scale))}, got {self.scale!r}")
         asked = [name for name in NEED_SCALE if getattr(self.weights, name) > 0]
         if self.scale == "none" and asked:
             raise UsageError(

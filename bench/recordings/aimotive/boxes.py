@@ -113,11 +113,11 @@ def _object_faults(content: BoxFile, file: Path) -> Iterator[DataError]:
         field = f"CapturedObjects.{i}"
         if box.object_type not in CLASSES:
             known = f"one of {', '.join(CLASSES)}"
-            yield DataError(file, field=f"{field}.ObjectType", wanted=known, came=repr(box.object_type[:40]))
+            yield DataError(file, field=f"{field}.ObjectType", expected=known, got=repr(box.object_type[:40]))
         if box.object_id in seen:
-            yield DataError(file, field=f"{field}.ObjectId", wanted="each object once", came=f"{box.object_id} twice")
+            yield DataError(file, field=f"{field}.ObjectId", expected="each object once", got=f"{box.object_id} twice")
         if not any((box.qw, box.qx, box.qy, box.qz)):
-            yield DataError(file, field=f"{field}.BoundingBox3D Orientation Quat", wanted="a quaternion", came="zeros")
+            yield DataError(file, field=f"{field}.BoundingBox3D Orientation Quat", expected="a quaternion", got="zeros")
         seen.add(box.object_id)
 
 
@@ -136,8 +136,8 @@ def tracks_from_boxes(frames: Sequence[BoxFrame], trajectory: Trajectory) -> tup
     """
     for before, after in pairwise(frames):
         if after.timestamp_ns <= before.timestamp_ns:
-            came = f"{after.timestamp_ns} after {before.timestamp_ns}"
-            raise DataError(after.file, field="Timestamp", wanted="times that increase", came=came)
+            got = f"{after.timestamp_ns} after {before.timestamp_ns}"
+            raise DataError(after.file, field="Timestamp", expected="times that increase", got=got)
     boxes: dict[int, list[Box]] = defaultdict(list)
     times_ns: dict[int, list[int]] = defaultdict(list)
     ego_mps = {frame.timestamp_ns: trajectory.velocity_vehicle_mps(frame.timestamp_ns) for frame in frames}

@@ -70,7 +70,7 @@ def salvage_cameras(
         content = _content(root, file)
         names = _camera_names(folder, content) if options.cameras is None else options.cameras
         if not names:
-            raise DataError(folder / "sensor/camera", wanted="images of a camera with a known model", came="none")
+            raise DataError(folder / "sensor/camera", expected="images of a camera with a known model", got="none")
     except DataError as error:
         complain(error)
         return {}
@@ -78,7 +78,7 @@ def salvage_cameras(
     for name in names:
         try:
             if name not in content:
-                raise DataError(file, field=name, wanted="a calibration of this camera", came="none")
+                raise DataError(file, field=name, expected="a calibration of this camera", got="none")
             cameras[name] = _camera(name, content[name], file, options)
         except DataError as error:
             complain(error)
@@ -90,9 +90,9 @@ def _content(root: Path, file: Path) -> dict[str, Any]:
     try:
         content = json.loads(read_text(file))
     except (ValueError, RecursionError) as error:
-        raise DataError(file, wanted="JSON", came=str(error)) from error
+        raise DataError(file, expected="JSON", got=str(error)) from error
     if not isinstance(content, dict):
-        raise DataError(file, wanted="calibrations by sensor name", came=type(content).__name__)
+        raise DataError(file, expected="calibrations by sensor name", got=type(content).__name__)
     return content
 
 
@@ -109,14 +109,14 @@ def _camera_names(folder: Path, content: Mapping[str, Any]) -> tuple[str, ...]:
 def _camera(name: str, content: Mapping[str, Any], file: Path, options: AimotiveOptions) -> MountedCamera:
     entry = validated(CameraCalibration, content, file=file, field=name)
     if entry.model not in MODELS:
-        raise DataError(file, field=f"{name}.model", wanted=" or ".join(map(repr, MODELS)), came=repr(entry.model))
+        raise DataError(file, field=f"{name}.model", expected=" or ".join(map(repr, MODELS)), got=repr(entry.model))
     k1, k2, p1, p2 = entry.distortion_coeffs[:4]
     if any(entry.distortion_coeffs[4:]):
         raise DataError(
-            file, field=f"{name}.distortion_coeffs", wanted="k1, k2, p1, p2, 0", came="a fifth that is not 0"
+            file, field=f"{name}.distortion_coeffs", expected="k1, k2, p1, p2, 0", got="a fifth that is not 0"
         )
     if entry.xi is None and entry.model == "mei":
-        raise DataError(file, field=f"{name}.xi", wanted="a value", came="nothing")
+        raise DataError(file, field=f"{name}.xi", expected="a value", got="nothing")
     field_deg = options.field_of_view_deg.get(name)
     try:
         vehicle_from_camera = RigidTransform.from_matrix(entry.RT_body_from_sensor)

@@ -52,8 +52,8 @@ def read_egomotion(root: Path, folder: Path, times_ns: Mapping[int, int]) -> Tra
     poses = _poses(root, file, times_ns, refuse)
     frames = sorted(poses)
     if len(frames) < 2:
-        wanted = f"poses of two frames at least, of those from {min(times_ns)} to {max(times_ns)}"
-        raise DataError(file, wanted=wanted, came=str(len(frames)))
+        expected = f"poses of two frames at least, of those from {min(times_ns)} to {max(times_ns)}"
+        raise DataError(file, expected=expected, got=str(len(frames)))
     start = poses[frames[0]]
     world_from_earth = RigidTransform(upright := _upright(start.translation_m), -upright @ start.translation_m)
     placed = [world_from_earth @ poses[frame] for frame in frames]
@@ -78,9 +78,9 @@ def _poses(root: Path, file: Path, times_ns: Mapping[int, int], complain: Compla
     try:
         content = json.loads(read_text(file))
     except (ValueError, RecursionError) as error:
-        raise DataError(file, wanted="JSON", came=str(error)) from error
+        raise DataError(file, expected="JSON", got=str(error)) from error
     if not isinstance(content, dict):
-        raise DataError(file, wanted="poses by frame number", came=type(content).__name__)
+        raise DataError(file, expected="poses by frame number", got=type(content).__name__)
     poses: dict[int, RigidTransform] = {}
     for key in content:
         if _is_wanted(key, times_ns):
@@ -103,7 +103,7 @@ def _pose(entry: Any, key: str, file: Path) -> RigidTransform:
     except ShapeError as error:
         raise data_error(error, file=file, field=field) from error
     except (KeyError, TypeError, ValueError) as error:
-        raise DataError(file, field=field, wanted="a 4 x 4 matrix", came=f"none ({type(error).__name__})") from None
+        raise DataError(file, field=field, expected="a 4 x 4 matrix", got=f"none ({type(error).__name__})") from None
 
 
 def _upright(position_m: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -20,8 +20,8 @@ def box_files(root: Path, folder: Path, complain: Complaint = refuse) -> dict[in
     """Files of boxes, which also tell the times of frames."""
     frames = _numbered(root, folder / BOXES, r"frame_(\d+)\.json", complain)
     if not frames:
-        wanted = "files frame_<number>.json, which tell the times of frames"
-        complain(DataError(folder / BOXES, wanted=wanted, came="none"))
+        expected = "files frame_<number>.json, which tell the times of frames"
+        complain(DataError(folder / BOXES, expected=expected, got="none"))
     return frames
 
 
@@ -47,7 +47,7 @@ def image_refs(
     place = folder / "sensor/camera" / camera
     paths = _numbered(root, place, rf"{re.escape(camera)}_(\d+)\.(?:jpg|png)", complain)
     if not paths:
-        complain(DataError(place, wanted=f"images {camera}_<number>.jpg", came="none"))
+        complain(DataError(place, expected=f"images {camera}_<number>.jpg", got="none"))
     timed = _timed(paths, times_ns, complain, untold)
     return tuple(ImageRef(camera=camera, timestamp_ns=times_ns[n], path=path) for n, path in timed.items())
 
@@ -71,7 +71,7 @@ def _timed(
 ) -> dict[int, Path]:
     for number, path in paths.items():
         if number not in times_ns and number not in untold:
-            complain(DataError(path, wanted=f"{BOXES}/frame_{number:07d}.json with its time", came="no such file"))
+            complain(DataError(path, expected=f"{BOXES}/frame_{number:07d}.json with its time", got="no such file"))
     return {number: path for number, path in paths.items() if number in times_ns}
 
 
@@ -88,7 +88,7 @@ def _numbered(root: Path, folder: Path, pattern: str, complain: Complaint) -> di
             if path.is_symlink():
                 refuse_escape(root, path, file=path)
             if int(match[1]) in found:
-                raise DataError(path, wanted="one file for each frame", came=f"also {found[int(match[1])].name}")
+                raise DataError(path, expected="one file for each frame", got=f"also {found[int(match[1])].name}")
         except DataError as error:
             complain(error)
         else:

@@ -41,9 +41,9 @@ def read_lidar_mounting(root: Path, folder: Path) -> RigidTransform:
     try:
         content = json.loads(read_text(file))
     except (ValueError, RecursionError) as error:
-        raise DataError(file, wanted="JSON", came=str(error)) from error
+        raise DataError(file, expected="JSON", got=str(error)) from error
     if not isinstance(content, dict):
-        raise DataError(file, wanted="calibrations by sensor name", came=type(content).__name__)
+        raise DataError(file, expected="calibrations by sensor name", got=type(content).__name__)
     names = [n for n, entry in content.items() if isinstance(entry, dict) and entry.get("sensor_type") == "lidar"]
     if len(names) != 1:
         return RigidTransform.identity()

@@ -76,8 +76,8 @@ def _boxes(root: Path, folder: Path, faults: list[DataError]) -> tuple[dict[int,
         try:
             frame = read_box_frame(file)
             if last_ns is not None and frame.timestamp_ns <= last_ns:
-                came = f"{frame.timestamp_ns} after {last_ns}"
-                raise DataError(file, field="Timestamp", wanted="times that increase", came=came)
+                got = f"{frame.timestamp_ns} after {last_ns}"
+                raise DataError(file, field="Timestamp", expected="times that increase", got=got)
         except DataError as error:
             faults += box_frame_faults(file) or (error,)
             continue

@@ -65,7 +65,7 @@ def kitti360_recordings(
     chosen = validated(Kitti360Options, options, file=card, field="options")
     folder = root / IMAGES
     if not folder.is_dir():
-        raise DataError(folder, wanted="folders of sequences with fisheye images", came="no such folder")
+        raise DataError(folder, expected="folders of sequences with fisheye images", got="no such folder")
     sequences = sorted(p.name for p in folder.iterdir() if SEQUENCE.fullmatch(p.name) and camera_names(p, chosen))
     handles = []
     for name in sequences:
@@ -96,7 +96,7 @@ def open_kitti360(root: Path, *, sequence: str, options: Kitti360Options, annota
     folder = root / IMAGES / sequence
     names = camera_names(folder, options)
     if not names:
-        raise DataError(folder, wanted=f"images of {' or '.join(options.cameras)}", came="none")
+        raise DataError(folder, expected=f"images of {' or '.join(options.cameras)}", got="none")
     rig = read_rig(root, names, options)
     images = {name: image_files(root, sequence, name) for name in names}
     clock = _clock(root, folder, names[0], images[names[0]])
@@ -106,17 +106,17 @@ def open_kitti360(root: Path, *, sequence: str, options: Kitti360Options, annota
         poses, clock, rig.vehicle_from_imu, max_gap_s=options.max_pose_gap_s, standing_m=options.standing_m
     )
     annotated = _annotated(root, sequence, drive, clock, options, annotations)
-    wanted = wanted_frames(sequence, options, annotated.covers)
+    expected = wanted_frames(sequence, options, annotated.covers)
     return Recording(
         name=sequence,
         root=root,
         licence=options.licence,
         frame_interval_ns=clock.interval_ns,
         cameras=rig.cameras,
-        images={name: image_refs(name, images[name], clock, wanted) for name in names},
+        images={name: image_refs(name, images[name], clock, expected) for name in names},
         trajectory=drive.trajectory,
         vehicle_from_lidar=rig.vehicle_from_lidar,
-        sweeps=sweep_refs(sweep_files(root, sequence), clock, wanted),
+        sweeps=sweep_refs(sweep_files(root, sequence), clock, expected),
         tracks=annotated.tracks,
         vehicle_outline_m=np.array(options.vehicle_outline_m, dtype=np.float64),
     )
@@ -126,7 +126,7 @@ def _clock(root: Path, folder: Path, camera: str, images: Mapping[int, Path]) ->
     file = folder / camera / "timestamps.txt"
     refuse_escape(root, file, file=file)
     if not images:
-        raise DataError(folder / camera / "data_rgb", wanted="images <frame, ten digits>.png", came="none")
+        raise DataError(folder / camera / "data_rgb", expected="images <frame, ten digits>.png", got="none")
     return read_clock(file, list(images))
 
 
@@ -138,7 +138,7 @@ def _annotated(
     file = root / BOXES / options.boxes / f"{sequence}.xml"
     if not file.is_file():
         do = "test sequences have none; choose a split that has, or name a folder of annotations in the card"
-        raise DataError(file, wanted="a file of boxes", came="no such file", do=do)
+        raise DataError(file, expected="a file of boxes", got="no such file", do=do)
     refuse_escape(root, file, file=file)
     return tracks_from_world(
         read_boxes(file), drive, clock, static_range_m=options.static_range_m, static_people=options.static_people

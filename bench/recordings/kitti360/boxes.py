@@ -78,7 +78,7 @@ def read_boxes(file: Path, complain: Complaint = refuse) -> Iterator[WorldBox | 
             for event, element in iterparse(source, events=("start", "end"), forbid_dtd=True):
                 depth += 1 if event == "start" else -1
                 if depth > DEEPEST:
-                    raise DataError(file, wanted=f"at most {DEEPEST} levels of elements", came="more")
+                    raise DataError(file, expected=f"at most {DEEPEST} levels of elements", got="more")
                 if event == "start":
                     root = element if root is None else root
                 elif depth == 1 and root is not None:
@@ -88,11 +88,11 @@ def read_boxes(file: Path, complain: Complaint = refuse) -> Iterator[WorldBox | 
                     if found is not None:
                         yield found
     except OSError as error:
-        raise DataError(file, wanted="a file of boxes", came=error.strerror or str(error)) from error
+        raise DataError(file, expected="a file of boxes", got=error.strerror or str(error)) from error
     except DefusedXmlException as error:
-        raise DataError(file, wanted="XML without a document type or entities", came=str(error)) from None
+        raise DataError(file, expected="XML without a document type or entities", got=str(error)) from None
     except (ParseError, ValueError) as error:
-        raise DataError(file, wanted="well-formed XML", came=f"{error}; the file may be cut short") from None
+        raise DataError(file, expected="well-formed XML", got=f"{error}; the file may be cut short") from None
 
 
 def _told(element: Element, file: Path, complain: Complaint) -> WorldBox | tuple[int, int] | None:
@@ -116,7 +116,7 @@ def _object(element: Element, file: Path) -> WorldBox | tuple[int, int] | None:
     rotation, centre_m, size_m = _placed(element, file)
     frame = _integer(element, "timestamp", file)
     if frame is None or frame < STANDING:
-        raise DataError(file, field=f"{field}.timestamp", wanted="a frame number, or -1", came=str(frame))
+        raise DataError(file, field=f"{field}.timestamp", expected="a frame number, or -1", got=str(frame))
     return WorldBox(
         key=_key(element, label, semantic, file),
         label=label,
@@ -144,7 +144,7 @@ def _window(element: Element, file: Path) -> tuple[int, int] | None:
     if first is None or last is None or first < 0 or last < 0:
         return None
     if last < first:
-        raise DataError(file, field=f"{element.tag}.end_frame", wanted=f"{first} or later", came=str(last))
+        raise DataError(file, field=f"{element.tag}.end_frame", expected=f"{first} or later", got=str(last))
     return first, last
 
 
@@ -157,7 +157,7 @@ def _integer(element: Element, name: str, file: Path) -> int | None:
     except ValueError:
         value = 1 << 40
     if abs(value) >= 1 << 31:
-        raise DataError(file, field=f"{element.tag}.{name}", wanted="a whole number", came=repr(text[:40]))
+        raise DataError(file, field=f"{element.tag}.{name}", expected="a whole number", got=repr(text[:40]))
     return value
 
 
@@ -166,15 +166,15 @@ def _placed(element: Element, file: Path) -> tuple[NDArray[np.float64], NDArray[
     transform = _matrix(element, "transform", file)
     vertices = _matrix(element, "vertices", file)
     if transform.shape != (4, 4) or vertices.shape[1] != 3:
-        came = f"{transform.shape} and {vertices.shape}"
-        raise DataError(file, field=element.tag, wanted="a transform (4, 4) and vertices (N, 3)", came=came)
+        got = f"{transform.shape} and {vertices.shape}"
+        raise DataError(file, field=element.tag, expected="a transform (4, 4) and vertices (N, 3)", got=got)
     mirror = np.array([-1.0 if np.linalg.det(transform[:3, :3]) < 0 else 1.0, 1.0, 1.0])
     rotation, stretch = polar(transform[:3, :3] * mirror)
     corners = (vertices * mirror) @ stretch.T
     low, high = corners.min(axis=0), corners.max(axis=0)
     if not (np.linalg.det(rotation) > 0.5 and (high - low > 1e-3).all()):
-        came = f"one of {np.array2string((high - low), precision=3)} m"
-        raise DataError(file, field=f"{element.tag}.transform", wanted="a box with length, width and height", came=came)
+        got = f"one of {np.array2string((high - low), precision=3)} m"
+        raise DataError(file, field=f"{element.tag}.transform", expected="a box with length, width and height", got=got)
     return np.asarray(rotation), rotation @ ((low + high) / 2) + transform[:3, 3], high - low
 
 
@@ -182,9 +182,9 @@ def _matrix(element: Element, name: str, file: Path) -> NDArray[np.float64]:
     field = f"{element.tag}.{name}"
     node = element.find(name)
     if node is None:
-        raise DataError(file, field=field, wanted="a matrix", came="none")
+        raise DataError(file, field=field, expected="a matrix", got="none")
     rows, columns = _integer(node, "rows", file) or 0, _integer(node, "cols", file) or 0
     if rows < 1 or columns < 1 or rows * columns > LARGEST_MATRIX:
-        raise DataError(file, field=field, wanted="rows and cols", came=f"{rows} and {columns}")
+        raise DataError(file, field=field, expected="rows and cols", got=f"{rows} and {columns}")
     words = (node.findtext("data") or "").split()
     return np.array(numbers(words, rows * columns, file=file, field=f"{field}.data")).reshape(rows, columns)

@@ -154,7 +154,7 @@ def _lens(root: Path, name: CameraName, options: Kitti360Options, complain: Comp
     try:
         content = _fisheye(root, file)
         if content.camera_name != name:
-            raise DataError(file, field="camera_name", wanted=repr(name), came=repr(content.camera_name))
+            raise DataError(file, field="camera_name", expected=repr(name), got=repr(content.camera_name))
         focal, bend = content.projection_parameters, content.distortion_parameters
         return UnifiedCamera(
             width=content.image_width,
@@ -198,7 +198,7 @@ def _fisheye(root: Path, file: Path) -> FisheyeFile:
     spaced = (re.sub(r"^(\s*\w+):(?=\S)", r"\1: ", line) for line in lines)
     values = parse_yaml("\n".join(spaced), file=file)
     if not isinstance(values, dict):
-        raise DataError(file, wanted="keys and values", came=type(values).__name__)
+        raise DataError(file, expected="keys and values", got=type(values).__name__)
     return validated(FisheyeFile, values, file=file)
 
 
@@ -213,7 +213,7 @@ def _cameras_in_imu(root: Path, file: Path, names: tuple[str, ...], complain: Co
     for name in names:
         try:
             if name not in told:
-                raise DataError(file, field=name, wanted="a line with 12 numbers", came="none")
+                raise DataError(file, field=name, expected="a line with 12 numbers", got="none")
             found[name] = _transform(told[name].split(), file=file, field=name)
         except DataError as error:
             complain(error)

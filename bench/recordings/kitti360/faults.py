@@ -46,7 +46,7 @@ def _clock_faults(file: Path) -> Iterator[DataError]:
             yield error
             continue
         if before_ns is not None and time_ns <= before_ns:
-            yield DataError(file, field=f"line {row}", wanted="times that increase", came=line.strip()[:40])
+            yield DataError(file, field=f"line {row}", expected="times that increase", got=line.strip()[:40])
         before_ns = time_ns
 
 
@@ -60,7 +60,7 @@ def _pose_faults(file: Path, clock: FrameClock | None) -> Iterator[DataError]:
         try:
             frame, *matrix = numbers(line.split(), 13, file=file, field=f"line {row}")
             if frame != round(frame) or not 0 <= frame <= LARGEST_FRAME:
-                raise DataError(file, field=f"line {row}", wanted="a whole frame number", came=f"{frame:g}")
+                raise DataError(file, field=f"line {row}", expected="a whole frame number", got=f"{frame:g}")
             read_pose(np.array(matrix).reshape(3, 4), file, row)
             if clock is not None:
                 clock.at(int(frame), file=file)
@@ -68,6 +68,6 @@ def _pose_faults(file: Path, clock: FrameClock | None) -> Iterator[DataError]:
             yield error
             continue
         if frame <= before:
-            came = f"{frame:.0f} after {before:.0f}"
-            yield DataError(file, field=f"line {row}", wanted="frames that increase", came=came)
+            got = f"{frame:.0f} after {before:.0f}"
+            yield DataError(file, field=f"line {row}", expected="frames that increase", got=got)
         before = frame

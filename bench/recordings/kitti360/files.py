@@ -37,19 +37,19 @@ def sweep_files(root: Path, sequence: str, complain: Complaint = refuse) -> dict
 
 
 def image_refs(
-    camera: CameraName, files: Mapping[int, Path], clock: FrameClock, wanted: Wanted, complain: Complaint = refuse
+    camera: CameraName, files: Mapping[int, Path], clock: FrameClock, expected: Wanted, complain: Complaint = refuse
 ) -> tuple[ImageRef, ...]:
     """The images of wanted frames; one whose frame has no time goes to `complain`."""
-    times_ns = _times(files, clock, wanted, complain)
+    times_ns = _times(files, clock, expected, complain)
     return tuple(ImageRef(camera=camera, timestamp_ns=time, path=files[frame]) for frame, time in times_ns.items())
 
 
 def sweep_refs(
-    files: Mapping[int, Path], clock: FrameClock, wanted: Wanted, complain: Complaint = refuse
+    files: Mapping[int, Path], clock: FrameClock, expected: Wanted, complain: Complaint = refuse
 ) -> tuple[SweepRef, ...]:
     """The scans of wanted frames; one whose frame has no time goes to `complain`."""
     reader = partial(read_turn, period_ns=clock.interval_ns)
-    times_ns = _times(files, clock, wanted, complain)
+    times_ns = _times(files, clock, expected, complain)
     return tuple(SweepRef(timestamp_ns=time, path=files[frame], reader=reader) for frame, time in times_ns.items())
 
 
@@ -59,11 +59,11 @@ def wanted_frames(sequence: str, options: Kitti360Options, covers: Wanted) -> Wa
     return lambda frame: covers(frame) and not any(first <= frame <= last for first, last in left_out)
 
 
-def _times(files: Mapping[int, Path], clock: FrameClock, wanted: Wanted, complain: Complaint) -> dict[int, int]:
+def _times(files: Mapping[int, Path], clock: FrameClock, expected: Wanted, complain: Complaint) -> dict[int, int]:
     times_ns: dict[int, int] = {}
     for frame, path in files.items():
         try:
-            if wanted(frame):
+            if expected(frame):
                 times_ns[frame] = clock.at(frame, file=path)
         except DataError as error:
             complain(error)

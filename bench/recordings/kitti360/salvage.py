@@ -48,7 +48,7 @@ def salvage_kitti360(
             images[name] = image_files(root, sequence, name, faults.append)
             if not images[name]:
                 folder = root / IMAGES / sequence / name / "data_rgb"
-                raise DataError(folder, wanted="images <frame, ten digits>.png", came="none")
+                raise DataError(folder, expected="images <frame, ten digits>.png", got="none")
     sweeps: Mapping[int, Path] = {}
     with collected(faults):
         sweeps = sweep_files(root, sequence, faults.append)
@@ -68,7 +68,7 @@ def salvage_kitti360(
     annotated = _annotated(root, sequence, options, annotations, drive, clock, faults)
     if rig is None or clock is None or not rig.cameras:
         return Salvaged(faults=tuple(faults), recording=None)
-    wanted = wanted_frames(sequence, options, (annotated or EVERYTHING).covers)
+    expected = wanted_frames(sequence, options, (annotated or EVERYTHING).covers)
     recording = Recording(
         name=sequence,
         root=root,
@@ -76,13 +76,13 @@ def salvage_kitti360(
         frame_interval_ns=clock.interval_ns,
         cameras=rig.cameras,
         images={
-            name: image_refs(name, images.get(name, {}), clock, wanted, faults.append)
+            name: image_refs(name, images.get(name, {}), clock, expected, faults.append)
             for name in names
             if name in rig.cameras
         },
         trajectory=standing_still(root) if drive is None else drive.trajectory,
         vehicle_from_lidar=rig.vehicle_from_lidar,
-        sweeps=sweep_refs(sweeps, clock, wanted, faults.append),
+        sweeps=sweep_refs(sweeps, clock, expected, faults.append),
         tracks=() if annotated is None else annotated.tracks,
         vehicle_outline_m=np.array(options.vehicle_outline_m, dtype=np.float64),
     )

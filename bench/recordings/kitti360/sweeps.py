@@ -32,7 +32,7 @@ def read_turn(path: Path, timestamp_ns: int, *, period_ns: int) -> LidarSweep:
         the poses of the frame and of the one before.
     """
     if path.is_file() and path.stat().st_size > LARGEST_BYTES:
-        raise DataError(path, wanted=f"at most {LARGEST_BYTES} bytes", came=str(path.stat().st_size))
+        raise DataError(path, expected=f"at most {LARGEST_BYTES} bytes", got=str(path.stat().st_size))
     arrays = read_points(path)
     points = arrays["points_lidar"]
     turn = np.arctan2(points[:, 1].astype(np.float64), points[:, 0].astype(np.float64)) / (2 * np.pi)

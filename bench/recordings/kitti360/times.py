@@ -48,7 +48,7 @@ class FrameClock:
             DataError: the clock does not know the frame.
         """
         if frame not in self.times_ns:
-            raise DataError(file, wanted=f"a line for frame {frame} in {self.file}", came="none")
+            raise DataError(file, expected=f"a line for frame {frame} in {self.file}", got="none")
         return self.times_ns[frame]
 
 
@@ -67,11 +67,11 @@ def read_clock(file: Path, frames: list[int]) -> FrameClock:
     """
     lines = read_text(file).rstrip().splitlines()
     if len(lines) < 2:
-        raise DataError(file, wanted="two times at least", came=str(len(lines)))
+        raise DataError(file, expected="two times at least", got=str(len(lines)))
     numbers: list[int] = list(range(len(lines)))
     if frames and frames[-1] >= len(lines):
         if len(frames) != len(lines):
-            raise DataError(file, wanted=f"a line for each frame up to {frames[-1]}", came=f"{len(lines)} lines")
+            raise DataError(file, expected=f"a line for each frame up to {frames[-1]}", got=f"{len(lines)} lines")
         numbers = frames
     times_ns = {
         number: stamp_ns(line, row, file) for row, (number, line) in enumerate(zip(numbers, lines, strict=True), 1)
@@ -79,7 +79,7 @@ def read_clock(file: Path, frames: list[int]) -> FrameClock:
     steps_ns = np.diff(np.fromiter(times_ns.values(), dtype=np.int64))
     if steps_ns.min() <= 0:
         row = int(np.argmax(steps_ns <= 0)) + 2
-        raise DataError(file, field=f"line {row}", wanted="times that increase", came=lines[row - 1].strip()[:40])
+        raise DataError(file, field=f"line {row}", expected="times that increase", got=lines[row - 1].strip()[:40])
     return FrameClock(file=file, times_ns=times_ns, interval_ns=int(np.median(steps_ns)))
 
 
@@ -98,8 +98,8 @@ def stamp_ns(line: str, row: int, file: Path) -> int:
         if hour > 23 or minute > 59 or second > 59:
             raise ValueError
     except ValueError:
-        wanted = "a time YYYY-MM-DD hh:mm:ss.nnnnnnnnn"
-        raise DataError(file, field=f"line {row}", wanted=wanted, came=repr(line.strip()[:40])) from None
+        expected = "a time YYYY-MM-DD hh:mm:ss.nnnnnnnnn"
+        raise DataError(file, field=f"line {row}", expected=expected, got=repr(line.strip()[:40])) from None
     seconds = ((days * 24 + hour) * 60 + minute) * 60 + second
     return seconds * SECOND_NS + int(match[7].ljust(9, "0"))
 
@@ -139,11 +139,11 @@ def read_drive(
     rows = number_rows(file, 13)
     frames = rows[:, 0]
     if (frames != frames.round()).any() or frames.min() < 0 or frames.max() > LARGEST_FRAME:
-        raise DataError(file, field="frame", wanted="whole frame numbers", came=f"{frames.min()} to {frames.max()}")
+        raise DataError(file, field="frame", expected="whole frame numbers", got=f"{frames.min()} to {frames.max()}")
     if (np.diff(frames) <= 0).any():
         row = int(np.argmax(np.diff(frames) <= 0)) + 2
-        came = f"{frames[row - 1]:.0f} after {frames[row - 2]:.0f}"
-        raise DataError(file, field=f"row {row}", wanted="frames that increase", came=came)
+        got = f"{frames[row - 1]:.0f} after {frames[row - 2]:.0f}"
+        raise DataError(file, field=f"row {row}", expected="frames that increase", got=got)
     poses = [read_pose(matrix, file, row) for row, matrix in enumerate(rows[:, 1:].reshape(-1, 3, 4), 1)]
     imu_from_vehicle = vehicle_from_imu.inverse()
     world_from_global = _levelled(poses[0] @ imu_from_vehicle)

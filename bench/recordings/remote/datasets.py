@@ -108,7 +108,7 @@ def _fetched(dataset: RemoteDataset, name: str, part: Part) -> RecordingHandle:
         if handle.name == name:
             return handle
     do = "run again: it was there when the data set was listed"
-    raise DataError(dataset.url.text, wanted=f"the recording {name!r}", came="a folder without it", do=do)
+    raise DataError(dataset.url.text, expected=f"the recording {name!r}", got="a folder without it", do=do)
 
 
 def _two_levels(storage: Storage) -> dict[str, dict[str, bool] | None]:

@@ -94,7 +94,7 @@ def limit_from_environment() -> int:
         if not 0 < limit_gb < 1e9:
             raise ValueError
     except ValueError as error:
-        raise UsageError(f"FISHEYE_BENCH_REMOTE_GB: wanted a positive number, came {told!r}") from error
+        raise UsageError(f"FISHEYE_BENCH_REMOTE_GB: expected a positive number, got {told!r}") from error
     return int(limit_gb * 1e9)
 
 
@@ -138,8 +138,8 @@ class FetchedData:
                 Copies(self.folder).drop_others(place, but=copy)
         except (OSError, OutputError) as error:
             do = "make room, or name another folder with FISHEYE_BENCH_REMOTE"
-            came = error.came if isinstance(error, OutputError) else error.strerror or str(error)
-            raise DataError(place, wanted=f"room for a copy of {url}", came=came, do=do) from error
+            got = error.got if isinstance(error, OutputError) else error.strerror or str(error)
+            raise DataError(place, expected=f"room for a copy of {url}", got=got, do=do) from error
         return copy / url.name
 
     def _fill(self, storage: Storage, part: Part, listed: Listing, copy: Path) -> None:
@@ -160,8 +160,8 @@ class FetchedData:
         if _listing(storage, part) != listed:
             raise DataError(
                 storage.url.text,
-                wanted="objects that stay the same while they are fetched",
-                came="others at the end than at the beginning",
+                expected="objects that stay the same while they are fetched",
+                got="others at the end than at the beginning",
                 do="run again when nobody writes there",
             )
         index = CopyIndex(
@@ -177,7 +177,7 @@ class FetchedData:
         needed = f"{wanted_bytes / 1e6:.1f} MB for {url}"
         if wanted_bytes > self.limit_bytes:
             do = f"a limit above it: FISHEYE_BENCH_REMOTE_GB, which is {self.limit_bytes / 1e9:g}"
-            raise DataError(self.folder, wanted=f"room for {needed}", came="less by its limit", do=do)
+            raise DataError(self.folder, expected=f"room for {needed}", got="less by its limit", do=do)
         copies = Copies(self.folder)
         copies.make_room(self.limit_bytes - wanted_bytes)
         free_bytes = shutil.disk_usage(self.folder).free
@@ -186,7 +186,7 @@ class FetchedData:
             free_bytes = shutil.disk_usage(self.folder).free
         if free_bytes < wanted_bytes:
             do = "make room, or name another folder with FISHEYE_BENCH_REMOTE"
-            raise DataError(self.folder, wanted=f"room for {needed}", came=f"{free_bytes / 1e6:.1f} MB", do=do)
+            raise DataError(self.folder, expected=f"room for {needed}", got=f"{free_bytes / 1e6:.1f} MB", do=do)
 
 
 def _listing(storage: Storage, part: Part) -> Listing:
@@ -196,7 +196,7 @@ def _listing(storage: Storage, part: Part) -> Listing:
     found = {name: told for name, told in found.items() if name.partition("/")[0] not in part.without}
     if not found:
         do = "check bucket, folder and credentials"
-        raise DataError(storage.url.text, wanted="a folder with data", came="nothing there", do=do)
+        raise DataError(storage.url.text, expected="a folder with data", got="nothing there", do=do)
     refuse_unsafe(storage.url, found)
     return dict(sorted(found.items()))
 
@@ -213,13 +213,13 @@ def _download(storage: Storage, missing: Listing, root: Path) -> Digests:
         for name, file in landed.items():
             size = file.stat().st_size if file.is_file() else 0
             if size != missing[name].size_bytes:
-                wanted = f"{missing[name].size_bytes} bytes, as listed"
-                raise DataError(storage.url.text, field=name, wanted=wanted, came=str(size), do="run again")
+                expected = f"{missing[name].size_bytes} bytes, as listed"
+                raise DataError(storage.url.text, field=name, expected=expected, got=str(size), do="run again")
             _make_folder((root / name).parent)
             file.replace(root / name)
-        came = {name: _digest_of(root / name) for name in batch}
-        _note(root.parent, came)
-        digests |= came
+        got = {name: _digest_of(root / name) for name in batch}
+        _note(root.parent, got)
+        digests |= got
     shutil.rmtree(landing, ignore_errors=True)
     return digests
 
@@ -316,8 +316,8 @@ def _make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         do = "name another one with FISHEYE_BENCH_REMOTE"
-        came = error.strerror or str(error)
-        raise DataError(folder, wanted="a folder for copies of remote data", came=came, do=do) from error
+        got = error.strerror or str(error)
+        raise DataError(folder, expected="a folder for copies of remote data", got=got, do=do) from error
 
 
 def _version(listed: Listing) -> str:

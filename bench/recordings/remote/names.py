@@ -24,11 +24,11 @@ def refuse_unsafe(url: RemoteUrl, names: Iterable[str]) -> None:
     known = set(names)
     for name in known:
         if not _plain(name):
-            raise DataError(url.text, wanted="names of objects that can be files below a folder", came=repr(name))
+            raise DataError(url.text, expected="names of objects that can be files below a folder", got=repr(name))
     for name in known:
         for parent in PurePosixPath(name).parents:
             if str(parent) in known:
-                raise DataError(url.text, wanted="a file or a folder of a name", came=f"both of {str(parent)!r}")
+                raise DataError(url.text, expected="a file or a folder of a name", got=f"both of {str(parent)!r}")
 
 
 def _plain(name: str) -> bool:

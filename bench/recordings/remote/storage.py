@@ -146,11 +146,11 @@ class Storage:
 
     def _name(self, path: str, root: str) -> str:
         if not path.startswith(f"{root}/"):
-            raise DataError(self.url.text, wanted="names below the folder", came=repr(path))
+            raise DataError(self.url.text, expected="names below the folder", got=repr(path))
         return path[len(root) + 1 :]
 
     @contextmanager
-    def _explained(self, wanted: str) -> Iterator[None]:
+    def _explained(self, expected: str) -> Iterator[None]:
         """Tell what the storage's library raises, whose exceptions have no common class, in the user's words."""
         try:
             yield
@@ -159,12 +159,12 @@ class Storage:
         except ImportError as error:
             raise self._without_library(error) from error
         except Exception as error:
-            came, do = _told(error)
-            raise DataError(self.url.text, wanted=wanted, came=came, do=do) from error
+            got, do = _told(error)
+            raise DataError(self.url.text, expected=expected, got=got, do=do) from error
 
     def _without_library(self, error: ImportError) -> DataError:
         do = "pip install 'fisheye-bench[remote]', or the library of fsspec for that protocol"
-        return DataError(self.url.text, wanted="an installed library for it", came=str(error), do=do)
+        return DataError(self.url.text, expected="an installed library for it", got=str(error), do=do)
 
 
 @lru_cache(maxsize=4)

@@ -48,21 +48,21 @@ def parse_place(text: str) -> Path | RemoteUrl:
     found = PATTERN.fullmatch(text)
     if found is None:
         if "://" in text:
-            raise UsageError(f"wanted a path or PROTOCOL://FOLDER, came {_unsecret(text)!r}")
+            raise UsageError(f"expected a path or PROTOCOL://FOLDER, got {_unsecret(text)!r}")
         return Path(text)
     protocol, rest = found[1].lower(), found[2].rstrip("/")
     if protocol in LOCAL:
         if not rest.startswith("/"):
-            raise UsageError(f"wanted {protocol}:///absolute/path, came {text!r}")
+            raise UsageError(f"expected {protocol}:///absolute/path, got {text!r}")
         return Path(rest)
     told = _unsecret(text)
     if ":" in rest.partition("/")[0].rpartition("@")[0]:
         raise UsageError(
-            f"wanted an address without a password, came {told!r} with one; put it into the configuration of fsspec"
+            f"expected an address without a password, got {told!r} with one; put it into the configuration of fsspec"
         )
     parts = rest.split("/")
     if not FORBIDDEN.isdisjoint(rest) or not rest.isprintable() or any(part in ("", ".", "..") for part in parts):
-        raise UsageError(f"wanted an address of plain names, without a query or pattern, came {told!r}")
+        raise UsageError(f"expected an address of plain names, without a query or pattern, got {told!r}")
     return RemoteUrl(f"{protocol}://{rest}")
 
 

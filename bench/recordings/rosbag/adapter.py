@@ -115,8 +115,8 @@ def open_rosbag(source: _Source) -> Recording:
         raise DataError(
             first.file,
             field=first.field,
-            wanted=first.wanted,
-            came=first.came,
+            expected=first.expected,
+            got=first.got,
             do="; ".join(filter(None, (first.do, do))),
         )
     return recording
@@ -170,7 +170,7 @@ class _Opening:
                 refs = sensors.images(name, scored=tracks is not None)
                 cameras[name], images[name] = sensors.camera(name), refs
         if not cameras:
-            raise DataError(bag.place, wanted="a camera that can be used", came="none")
+            raise DataError(bag.place, expected="a camera that can be used", got="none")
         vehicle_from_lidar = RigidTransform.identity()
         sweeps: tuple[SweepRef, ...] = ()
         with self._part():
@@ -234,5 +234,5 @@ def _consumers(frames: StaticFrames, motion: EgoMotionMessages) -> Mapping[str, 
 def _median_step_ns(images: Mapping[str, tuple[ImageRef, ...]], place: Path) -> int:
     steps = [np.diff([ref.timestamp_ns for ref in refs]) for refs in images.values() if len(refs) > 1]
     if not steps:
-        raise DataError(place, wanted="two images of a camera at least", came="one")
+        raise DataError(place, expected="two images of a camera at least", got="one")
     return int(np.median(np.concatenate(steps)))

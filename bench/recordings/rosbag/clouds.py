@@ -63,7 +63,7 @@ def cloud_sweep(message: Any, timestamp_ns: int, *, stamp_ns: int, rig: LidarRig
     offsets_ns = None
     if time_field is not None:
         if time_field not in names:
-            raise DataError(place, field="fields", wanted=f"the time field {time_field}", came=", ".join(names))
+            raise DataError(place, field="fields", expected=f"the time field {time_field}", got=", ".join(names))
         offsets_ns = _offsets(points[time_field][kept], stamp_ns, rig, place, time_field)
     intensity = next((name for name in INTENSITY_FIELDS if name in names), None)
     sweep = LidarSweep(
@@ -81,7 +81,7 @@ def _structured(message: Any, place: Path) -> NDArray[Any]:
     width, height = int(message.width), int(message.height)
     step, row_step = int(message.point_step), int(message.row_step)
     if width * height > MOST_POINTS:
-        raise DataError(place, field="width", wanted=f"at most {MOST_POINTS} points", came=f"{width} x {height}")
+        raise DataError(place, field="width", expected=f"at most {MOST_POINTS} points", got=f"{width} x {height}")
     dtype = _layout(message, step, place)
     data = np.frombuffer(message.data, dtype=np.uint8)
     if width * height == 0:
@@ -89,11 +89,11 @@ def _structured(message: Any, place: Path) -> NDArray[Any]:
     if height == 1:
         row_step = max(row_step, width * step)  # some drivers leave it 0 where it does not matter
     if row_step < width * step:
-        raise DataError(place, field="row_step", wanted=f"at least {width * step} bytes", came=str(row_step))
+        raise DataError(place, field="row_step", expected=f"at least {width * step} bytes", got=str(row_step))
     due = row_step * (height - 1) + width * step
     if len(data) < due:
-        wanted = f"{due} bytes for {height} rows of {width} points"
-        raise DataError(place, field="data", wanted=wanted, came=str(len(data)))
+        expected = f"{due} bytes for {height} rows of {width} points"
+        raise DataError(place, field="data", expected=expected, got=str(len(data)))
     rows = [np.frombuffer(data[i * row_step : i * row_step + width * step].data, dtype=dtype) for i in range(height)]
     return rows[0] if height == 1 else np.concatenate(rows)
 
@@ -104,25 +104,25 @@ def _layout(message: Any, step: int, place: Path) -> np.dtype[Any]:
     for entry in message.fields:
         name, kind, offset, count = str(entry.name), int(entry.datatype), int(entry.offset), int(entry.count)
         if kind not in TYPES:
-            raise DataError(place, field=f"fields, {name[:40]}", wanted="a datatype from 1 to 8", came=str(kind))
+            raise DataError(place, field=f"fields, {name[:40]}", expected="a datatype from 1 to 8", got=str(kind))
         if count > 1 or not name or name in names:
             continue  # filling, or more than one number a point, which nothing here asks for
         if offset + np.dtype(TYPES[kind]).itemsize > step:
-            came = f"byte {offset} of points of {step} bytes"
-            raise DataError(place, field=f"fields, {name[:40]}", wanted="a place inside the point", came=came)
+            got = f"byte {offset} of points of {step} bytes"
+            raise DataError(place, field=f"fields, {name[:40]}", expected="a place inside the point", got=got)
         names.append(name)
         formats.append(order + TYPES[kind])
         offsets.append(offset)
     for axis in "xyz":
         if axis not in names or np.dtype(formats[names.index(axis)]).kind != "f":
-            came = ", ".join(names)[:200] or "none"
-            raise DataError(place, field="fields", wanted=f"{axis} as float32 or float64", came=came)
+            got = ", ".join(names)[:200] or "none"
+            raise DataError(place, field="fields", expected=f"{axis} as float32 or float64", got=got)
     return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": step})
 
 
 def _offsets(values: NDArray[Any], stamp_ns: int, rig: LidarRig, place: Path, field: str) -> NDArray[np.int64]:
     if values.dtype.kind == "f" and not np.isfinite(values).all():
-        raise DataError(place, field=field, wanted="finite times", came="NaN or infinity at points that have a place")
+        raise DataError(place, field=field, expected="finite times", got="NaN or infinity at points that have a place")
     unit, origin = _meaning(values, rig)
     if values.dtype.kind == "f":
         times = values.astype(np.float64)
@@ -155,9 +155,9 @@ def _meaning(values: NDArray[Any], rig: LidarRig) -> tuple[str, Literal["stamp",
 
 def _refuse_far(largest_ns: float, place: Path, field: str, unit: str) -> None:
     if not largest_ns < FARTHEST_TIME_NS:
-        came = f"times up to {largest_ns / 1e9:.3g} s away, taken as {unit}"
+        got = f"times up to {largest_ns / 1e9:.3g} s away, taken as {unit}"
         do = "say time_unit and time_from of the lidar in the rig file"
-        raise DataError(place, field=field, wanted="times within a second of the message", came=came, do=do)
+        raise DataError(place, field=field, expected="times within a second of the message", got=got, do=do)
 
 
 def _intensity(values: NDArray[Any], full: float) -> NDArray[np.float32]:

@@ -69,8 +69,8 @@ class EgoMotionMessages:
         values, valid = _between(*seldom, often[0], rig.max_gap_ns)
         times_ns = often[0][valid]
         if len(times_ns) < 2:
-            came = f"{len(speed[0])} of speed, {len(yaw_rate[0])} of yaw rate, {len(times_ns)} in common"
-            raise DataError(file, field="ego_motion", wanted="at least two times with speed and yaw rate", came=came)
+            got = f"{len(speed[0])} of speed, {len(yaw_rate[0])} of yaw rate, {len(times_ns)} in common"
+            raise DataError(file, field="ego_motion", expected="at least two times with speed and yaw rate", got=got)
         pair = (often[1][valid, 0], values[valid])
         speed_mps, yaw_rate_radps = pair if often is speed else pair[::-1]
         if rig.reverse is not None:
@@ -111,7 +111,7 @@ class _Series:
     ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Times that increase, and (N, columns) finite numbers."""
         if not self._log_ns:
-            raise DataError(file, field=topic, wanted="messages of the ego-motion", came="none")
+            raise DataError(file, field=topic, expected="messages of the ego-motion", got="none")
         log_ns, stamp_ns = (np.array(column, dtype=np.int64) for column in (self._log_ns, self._stamp_ns))
         values = np.array(self._values, dtype=np.float64).reshape(-1, self._columns)
         order = np.argsort(log_ns, kind="stable")
@@ -120,15 +120,15 @@ class _Series:
         values = values[order]
         finite = np.asarray(np.isfinite(values).all(axis=1))
         if not finite.all():
-            came = f"NaN or infinity in {int((~finite).sum())} of {len(finite)} messages"
-            losses.append(DataError(file, field=topic, wanted="finite numbers", came=came))
+            got = f"NaN or infinity in {int((~finite).sum())} of {len(finite)} messages"
+            losses.append(DataError(file, field=topic, expected="finite numbers", got=got))
         return times_ns[valid & finite], values[valid & finite]
 
 
 def _pose(topic: Topic, message: Any, file: Path) -> tuple[float, ...]:
     if message_type(topic) not in (ODOMETRY, *POSES):
-        wanted = f"messages {', '.join((ODOMETRY, *POSES))}"
-        raise DataError(file, field=topic.name, wanted=wanted, came=topic.message_type)
+        expected = f"messages {', '.join((ODOMETRY, *POSES))}"
+        raise DataError(file, field=topic.name, expected=expected, got=topic.message_type)
     pose = getattr(message.pose, "pose", message.pose)
     place, turn = pose.position, pose.orientation
     return place.x, place.y, place.z, turn.w, turn.x, turn.y, turn.z
@@ -140,13 +140,13 @@ def _signal(signal: SignalRig, message: Any, file: Path) -> float:
     for path, value in zip(paths, values, strict=True):
         if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.number):
             field = f"{signal.topic}, {path}"
-            raise DataError(file, field=field, wanted="a number", came=type(value).__name__)
+            raise DataError(file, field=field, expected="a number", got=type(value).__name__)
     return signal.factor * float(np.mean(values))
 
 
 def _is_reverse(rig: ReverseRig, message: Any, file: Path) -> bool:
     value = number_at(message, rig.field, file=file, topic=rig.topic)
-    return any(value == wanted for wanted in rig.values)
+    return any(value == expected for expected in rig.values)
 
 
 def _between(
@@ -185,11 +185,11 @@ def _posed(
     unit = np.asarray(np.abs(np.linalg.norm(poses[:, 3:], axis=1) - 1.0) < UNIT_TOLERANCE)
     assert rig.odometry is not None
     if not unit.all():
-        came = f"{int((~unit).sum())} of {len(unit)} of another length"
-        losses.append(DataError(file, field=rig.odometry.topic, wanted="quaternions of length 1", came=came))
+        got = f"{int((~unit).sum())} of {len(unit)} of another length"
+        losses.append(DataError(file, field=rig.odometry.topic, expected="quaternions of length 1", got=got))
     if unit.sum() < 2:
-        came = f"{int(unit.sum())} that can be used"
-        raise DataError(file, field=rig.odometry.topic, wanted="at least two poses", came=came)
+        got = f"{int(unit.sum())} that can be used"
+        raise DataError(file, field=rig.odometry.topic, expected="at least two poses", got=got)
     world_from_child = Rotation.from_quat(poses[unit, 3:], scalar_first=True)
     return Trajectory(
         source=str(file),

@@ -91,7 +91,7 @@ def bag_files(root: Path, name: str) -> BagFiles:
     refuse_escape(root, place, file=place)
     if place.suffix == ROS1_SUFFIX:
         do = f"convert it: rosbags-convert --src {place.name} --dst {place.stem}"
-        raise DataError(place, wanted="a bag of ROS 2", came="one of ROS 1", do=do)
+        raise DataError(place, expected="a bag of ROS 2", got="one of ROS 1", do=do)
     if place.is_file():
         return BagFiles(place=place, files=(place,))
     file = place / METADATA
@@ -101,7 +101,7 @@ def bag_files(root: Path, name: str) -> BagFiles:
         for path in found:
             refuse_escape(root, path, file=path)
         missing = DataError(
-            file, wanted="the metadata that a recorder writes last", came="no such file; its counts cannot be compared"
+            file, expected="the metadata that a recorder writes last", got="no such file; its counts cannot be compared"
         )
         return BagFiles(place=place, files=found, losses=(missing,))
     refuse_escape(root, file, file=file)
@@ -115,8 +115,8 @@ def _listed(root: Path, place: Path, told: _Information) -> BagFiles:
     if mode not in ("", "none", "message", "file", "storage") or (
         mode == "message" and (told.compression_format or "").lower() != "zstd"
     ):
-        came = f"{mode[:20]!r} with {(told.compression_format or '')[:20]!r}"
-        raise DataError(file, field=f"{field}.compression_mode", wanted="none, or message with zstd", came=came)
+        got = f"{mode[:20]!r} with {(told.compression_format or '')[:20]!r}"
+        raise DataError(file, field=f"{field}.compression_mode", expected="none, or message with zstd", got=got)
     if mode == "file":
         _refuse_packed_files(place)
     found, losses = [], []
@@ -126,16 +126,16 @@ def _listed(root: Path, place: Path, told: _Information) -> BagFiles:
         if not path.is_file():  # early recorders wrote the folder's name in front
             path = place / PurePosixPath(relative).name
         if path.suffix not in SUFFIXES:
-            raise DataError(file, field=where, wanted=f"a file {' or '.join(SUFFIXES)}", came=repr(relative[:80]))
+            raise DataError(file, field=where, expected=f"a file {' or '.join(SUFFIXES)}", got=repr(relative[:80]))
         if path.is_file():
             refuse_escape(root, path, file=path)
             found.append(path)
         else:
-            losses.append(DataError(path, wanted=f"a file of messages, as {METADATA} says", came="no such file"))
+            losses.append(DataError(path, expected=f"a file of messages, as {METADATA} says", got="no such file"))
     if not found:
-        raise DataError(place, wanted=f"files of messages, {' or '.join(SUFFIXES)}", came="none")
+        raise DataError(place, expected=f"files of messages, {' or '.join(SUFFIXES)}", got="none")
     if len(set(found)) < len(found):
-        raise DataError(file, field=f"{field}.relative_file_paths", wanted="each file once", came="one twice")
+        raise DataError(file, field=f"{field}.relative_file_paths", expected="each file once", got="one twice")
     counts: dict[str, int] = {}
     for entry in told.topics_with_message_count:
         counts[entry.topic_metadata.name] = counts.get(entry.topic_metadata.name, 0) + entry.message_count
@@ -161,7 +161,7 @@ def _refuse_packed_files(place: Path) -> None:
     if packed:
         do = f"unpack them: unzstd {place.name}/*.zstd, then ros2 bag reindex"
         raise DataError(
-            packed[0], wanted="a file of messages that can be read at any place", came="a packed one", do=do
+            packed[0], expected="a file of messages that can be read at any place", got="a packed one", do=do
         )
 
 

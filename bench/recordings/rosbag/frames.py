@@ -29,7 +29,7 @@ class StaticFrames:
             DataError: another message, or a transform that is none.
         """
         if message_type(topic) != TRANSFORMS:
-            raise DataError(file, field=TOPIC, wanted=f"messages {TRANSFORMS}", came=topic.message_type)
+            raise DataError(file, field=TOPIC, expected=f"messages {TRANSFORMS}", got=topic.message_type)
         for entry in decode(topic, payload, file=file).transforms:
             self._add(str(entry.header.frame_id).lstrip("/"), str(entry.child_frame_id).lstrip("/"), entry, file)
 
@@ -48,7 +48,7 @@ class StaticFrames:
         known = ", ".join(sorted(self._neighbours)[:20]) or "none; is /tf_static recorded?"
         for name in (vehicle, frame):
             if name not in self._neighbours and frame != vehicle:
-                raise DataError(file, field=field, wanted=f"the frame {name!r} in {TOPIC}", came=known)
+                raise DataError(file, field=field, expected=f"the frame {name!r} in {TOPIC}", got=known)
         waiting, reached = deque([vehicle]), {vehicle: RigidTransform.identity()}
         while waiting:
             here = waiting.popleft()
@@ -57,8 +57,8 @@ class StaticFrames:
                     reached[name] = reached[here] @ here_from_name
                     waiting.append(name)
         if frame not in reached:
-            came = f"no way between them; {vehicle!r} is joined to {', '.join(sorted(reached)[:20])}"
-            raise DataError(file, field=field, wanted=f"{frame!r} joined to {vehicle!r} in {TOPIC}", came=came)
+            got = f"no way between them; {vehicle!r} is joined to {', '.join(sorted(reached)[:20])}"
+            raise DataError(file, field=field, expected=f"{frame!r} joined to {vehicle!r} in {TOPIC}", got=got)
         return reached[frame]
 
     def _add(self, parent: str, child: str, entry: Any, file: Path) -> None:
@@ -68,9 +68,9 @@ class StaticFrames:
                 (turn.w, turn.x, turn.y, turn.z), (shift.x, shift.y, shift.z)
             )
         except ShapeError as error:
-            raise DataError(file, field=f"{TOPIC}, {child[:40]}", wanted="a transform", came=str(error)) from error
+            raise DataError(file, field=f"{TOPIC}, {child[:40]}", expected="a transform", got=str(error)) from error
         if len(self._neighbours) >= MOST_FRAMES:
-            raise DataError(file, field=TOPIC, wanted=f"at most {MOST_FRAMES} frames", came="more")
+            raise DataError(file, field=TOPIC, expected=f"at most {MOST_FRAMES} frames", got="more")
         for other in list(self._neighbours.get(child, {})):  # a frame has one parent: the last that was told
             if self._parents.get(child) == other and other != parent:
                 del self._neighbours[child][other], self._neighbours[other][child]

@@ -96,8 +96,8 @@ def image_pixels(
     """
     encoding = ENCODINGS.get(str(message.encoding))
     if encoding is None:
-        came = repr(str(message.encoding)[:40])
-        raise DataError(place, field="encoding", wanted=f"one of {', '.join(ENCODINGS)}", came=came)
+        got = repr(str(message.encoding)[:40])
+        raise DataError(place, field="encoding", expected=f"one of {', '.join(ENCODINGS)}", got=got)
     _refuse_other_size((int(message.width), int(message.height)), size_px, place)
     rows = _rows(message, encoding, place)
     if encoding is _GREY16:
@@ -130,12 +130,12 @@ def compressed_pixels(
     """
     kind = str(message.format)
     if "compressedDepth" in kind:
-        raise DataError(place, field="format", wanted="JPEG or PNG", came=repr(kind[:60]))
+        raise DataError(place, field="format", expected="JPEG or PNG", got=repr(kind[:60]))
     content = bytes(message.data)
     told = _size_of(content)
     if told is None:
-        came = f"{len(content)} bytes of the format {kind[:60]!r} that begin with {content[:8].hex(' ')}"
-        raise DataError(place, field="data", wanted="a JPEG or PNG image", came=came)
+        got = f"{len(content)} bytes of the format {kind[:60]!r} that begin with {content[:8].hex(' ')}"
+        raise DataError(place, field="data", expected="a JPEG or PNG image", got=got)
     _refuse_other_size(told, size_px, place)
     if content.startswith(PNG_START) and content[24:26] == GREY_OF_16_BITS:
         pixels = _of_16_bits(decode_image(content, cv2.IMREAD_UNCHANGED, place=place), white_level)
@@ -155,20 +155,22 @@ def _rows(message: Any, encoding: _Encoding, place: Path) -> NDArray[np.uint8]:
     data = np.frombuffer(message.data, dtype=np.uint8)
     used = width * encoding.bytes_per_pixel
     if encoding.even and (width % 2 or (encoding.channels == 1 and height % 2)):
-        raise DataError(place, field="width", wanted=f"an even size for {message.encoding}", came=f"{width} x {height}")
+        raise DataError(
+            place, field="width", expected=f"an even size for {message.encoding}", got=f"{width} x {height}"
+        )
     if step < used:
-        raise DataError(place, field="step", wanted=f"at least {used} bytes a row", came=str(step))
+        raise DataError(place, field="step", expected=f"at least {used} bytes a row", got=str(step))
     due = step * (height - 1) + used  # some drivers leave out the padding of the last row
     if len(data) < due:
-        raise DataError(place, field="data", wanted=f"{due} bytes for {height} rows of {step}", came=str(len(data)))
+        raise DataError(place, field="data", expected=f"{due} bytes for {height} rows of {step}", got=str(len(data)))
     whole = data[: step * (height - 1)].reshape(height - 1, step)[:, :used]
     return np.concatenate([whole, data[step * (height - 1) : due][None]])
 
 
 def _refuse_other_size(came_px: tuple[int, int], size_px: tuple[int, int], place: Path) -> None:
     if came_px != tuple(size_px):
-        wanted = "{} x {} px, as the rig file says".format(*size_px)
-        raise DataError(place, field="image size", wanted=wanted, came="{} x {}".format(*came_px))
+        expected = "{} x {} px, as the rig file says".format(*size_px)
+        raise DataError(place, field="image size", expected=expected, got="{} x {}".format(*came_px))
 
 
 def _size_of(content: bytes) -> tuple[int, int] | None:

@@ -96,13 +96,13 @@ def index_bag(bag: BagFiles, *, heads: frozenset[str], whole: Mapping[str, Consu
     index.losses.extend(bag.losses)
     report = ScanReport()
     rows: dict[str, array[int]] = {name: array("q") for name in heads}
-    wanted = Wanted(heads=heads - frozenset(whole), whole=frozenset(whole))
+    expected = Wanted(heads=heads - frozenset(whole), whole=frozenset(whole))
     if bag.packed_messages:
-        wanted = Wanted(heads=frozenset(), whole=heads | frozenset(whole))
+        expected = Wanted(heads=frozenset(), whole=heads | frozenset(whole))
     opened = 0
     for number, file in enumerate(bag.files):
         try:
-            for found in _scan(file, wanted, report):
+            for found in _scan(file, expected, report):
                 _take(found, number, file, bag, report, rows, whole)
             opened += 1
         except _UnreadableError as unreadable:
@@ -111,8 +111,8 @@ def index_bag(bag: BagFiles, *, heads: frozenset[str], whole: Mapping[str, Consu
         raise report.losses[0]
     for name, types in report.mixed.items():
         if name in heads or name in whole:
-            came = " and ".join(sorted(types))
-            raise DataError(bag.place, field=name, wanted="messages of one type", came=came)
+            got = " and ".join(sorted(types))
+            raise DataError(bag.place, field=name, expected="messages of one type", got=got)
     index.topics = report.topics
     index.messages = {name: _topic_index(report.topics[name], rows[name]) for name in heads if name in report.topics}
     index.losses.extend(report.losses)
@@ -142,9 +142,9 @@ class _UnreadableError(Exception):
         self.reason = reason
 
 
-def _scan(file: Path, wanted: Wanted, report: ScanReport) -> Iterator[StoredMessage]:
+def _scan(file: Path, expected: Wanted, report: ScanReport) -> Iterator[StoredMessage]:
     try:
-        yield from (scan_mcap if file.suffix == ".mcap" else scan_sqlite)(file, wanted, report)
+        yield from (scan_mcap if file.suffix == ".mcap" else scan_sqlite)(file, expected, report)
     except DataError as error:
         raise _UnreadableError(error) from error
 
@@ -161,8 +161,8 @@ def _take(
     topic, payload = report.topics[found.topic], found.payload
     if found.topic in whole:
         if found.place.size > LARGEST_WHOLE_BYTES:
-            came = f"{found.place.size} bytes of {topic.message_type}"
-            raise DataError(file, field=topic.name, wanted=f"messages up to {LARGEST_WHOLE_BYTES} bytes", came=came)
+            got = f"{found.place.size} bytes of {topic.message_type}"
+            raise DataError(file, field=topic.name, expected=f"messages up to {LARGEST_WHOLE_BYTES} bytes", got=got)
         if bag.packed_messages:
             payload = _unpacked(payload, file, LARGEST_WHOLE_BYTES)
     elif bag.packed_messages:
@@ -182,7 +182,7 @@ def _take(
 def _unpacked(data: bytes, file: Path, most_bytes: int) -> bytes:
     unpacked = unpack(data, ZSTD, most_bytes=most_bytes)
     if unpacked.fault is not None:
-        raise DataError(file, wanted="messages packed with zstd", came=unpacked.fault)
+        raise DataError(file, expected="messages packed with zstd", got=unpacked.fault)
     return unpacked.data
 
 
@@ -197,4 +197,6 @@ def _uncounted(bag: BagFiles, report: ScanReport) -> Iterator[DataError]:
     for name, count in (bag.counts or {}).items():
         found = report.counts.get(name, 0)
         if found < count:
-            yield DataError(bag.place, field=name[:80], wanted=f"{count} messages, as {METADATA} says", came=str(found))
+            yield DataError(
+                bag.place, field=name[:80], expected=f"{count} messages, as {METADATA} says", got=str(found)
+            )

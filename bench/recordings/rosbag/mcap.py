@@ -50,12 +50,12 @@ from bench.recordings.rosbag.storage import (
 MESSAGE_HEAD = struct.Struct("<HIQQ")
 
 
-def scan_mcap(file: Path, wanted: Wanted, report: ScanReport) -> Iterator[StoredMessage]:
+def scan_mcap(file: Path, expected: Wanted, report: ScanReport) -> Iterator[StoredMessage]:
     """Find the messages of a file, in the order in which they lie.
 
     Args:
         file: the file.
-        wanted: which messages are given.
+        expected: which messages are given.
         report: takes the topics, the counts of all messages, and what cannot be read.
 
     Raises:
@@ -65,11 +65,11 @@ def scan_mcap(file: Path, wanted: Wanted, report: ScanReport) -> Iterator[Stored
         with file.open("rb") as stream:
             start = stream.read(len(MAGIC))
             if start != MAGIC:
-                came = f"one that begins with {start.hex(' ')}" if start else "an empty file"
-                raise DataError(file, wanted="an MCAP file", came=came)
-            yield from _Scan(file, stream, wanted, report).messages()
+                got = f"one that begins with {start.hex(' ')}" if start else "an empty file"
+                raise DataError(file, expected="an MCAP file", got=got)
+            yield from _Scan(file, stream, expected, report).messages()
     except OSError as error:
-        raise DataError(file, wanted="a readable file", came=error.strerror or str(error)) from error
+        raise DataError(file, expected="a readable file", got=error.strerror or str(error)) from error
 
 
 def read_mcap_message(file: Path, place: Place) -> bytes:
@@ -89,11 +89,11 @@ def read_mcap_message(file: Path, place: Place) -> bytes:
             data = chunk.data[place.offset : place.offset + place.size]
             if len(data) != place.size and chunk.fault is not None:
                 field = f"chunk at byte {place.chunk}"
-                raise DataError(file, field=field, wanted="a chunk that can be unpacked", came=chunk.fault)
+                raise DataError(file, field=field, expected="a chunk that can be unpacked", got=chunk.fault)
     except (OSError, DamagedError) as error:
-        raise DataError(file, wanted="a readable message", came=str(error)) from error
+        raise DataError(file, expected="a readable message", got=str(error)) from error
     if len(data) != place.size:
-        raise DataError(file, wanted=f"a message of {place.size} bytes", came=f"{len(data)}; did the file change?")
+        raise DataError(file, expected=f"a message of {place.size} bytes", got=f"{len(data)}; did the file change?")
     return data
 
 
@@ -107,8 +107,8 @@ def _cached_chunk(file: Path, state: tuple[int, int], position: int) -> Chunk:
 class _Scan:
     """One walk through a file."""
 
-    def __init__(self, file: Path, stream: BinaryIO, wanted: Wanted, report: ScanReport) -> None:
-        self.file, self.stream, self.wanted, self.report = file, stream, wanted, report
+    def __init__(self, file: Path, stream: BinaryIO, expected: Wanted, report: ScanReport) -> None:
+        self.file, self.stream, self.expected, self.report = file, stream, expected, report
         self.size = stream.seek(0, 2)
         self.known = Definitions()
         self.found = 0
@@ -149,8 +149,8 @@ class _Scan:
         if chunk.fault is not None and (not chunk.data or record.end <= self.size):
             missing = self._indexed_messages(record.end)
             told = f", {missing} messages" if missing else ""
-            came = f"{chunk.fault}{told} from {chunk.first_ns} to {chunk.last_ns}"
-            self._lose(f"chunk at byte {position}", "a whole chunk", came)
+            got = f"{chunk.fault}{told} from {chunk.first_ns} to {chunk.last_ns}"
+            self._lose(f"chunk at byte {position}", "a whole chunk", got)
         stream, place = BytesIO(chunk.data), 0
         while place < len(chunk.data):
             try:
@@ -189,8 +189,8 @@ class _Scan:
             self.found += 1
             self.last_ns = log_ns if self.last_ns is None else max(self.last_ns, log_ns)
             self.report.count(topic.name)
-            if topic.name in self.wanted.whole or topic.name in self.wanted.heads:
-                most = LARGEST_WHOLE_BYTES if topic.name in self.wanted.whole else HEAD_BYTES
+            if topic.name in self.expected.whole or topic.name in self.expected.heads:
+                most = LARGEST_WHOLE_BYTES if topic.name in self.expected.whole else HEAD_BYTES
                 payload = exactly(stream, min(size, most))
                 place = Place(chunk, record.start + MESSAGE_HEAD.size, size)
                 yield StoredMessage(topic.name, log_ns, place, payload)
@@ -213,5 +213,5 @@ class _Scan:
             rest = "all messages" if self.last_ns is None else f"what was recorded after {self.last_ns}"
         self._lose(f"byte {position}", "a whole record", f"{what}; {rest} is lost")
 
-    def _lose(self, field: str, wanted: str, came: str) -> None:
-        self.report.losses.append(DataError(self.file, field=field, wanted=wanted, came=came))
+    def _lose(self, field: str, expected: str, got: str) -> None:
+        self.report.losses.append(DataError(self.file, field=field, expected=expected, got=got))

@@ -44,8 +44,8 @@ def decode(topic: Topic, payload: bytes, *, file: Path) -> Any:
     except Exception as error:  # the decoder raises what its reading of wrong bytes happens to raise
         if isinstance(error, MemoryError):
             raise
-        came = f"{len(payload)} bytes that are none ({type(error).__name__})"
-        raise DataError(file, field=topic.name, wanted=f"a message {topic.message_type}", came=came) from error
+        got = f"{len(payload)} bytes that are none ({type(error).__name__})"
+        raise DataError(file, field=topic.name, expected=f"a message {topic.message_type}", got=got) from error
 
 
 def message_type(topic: Topic) -> str:
@@ -91,34 +91,34 @@ def number_at(message: Any, path: str, *, file: Path, topic: str) -> Any:
             value = value[int(word)] if word.isdigit() else getattr(value, word)
         except (AttributeError, IndexError, TypeError, KeyError):
             known = ", ".join(name for name in getattr(value, "__dataclass_fields__", ()) if not name.startswith("_"))
-            came = f"none called {word!r}; there are {known}" if known else f"none called {word!r}"
-            raise DataError(file, field=topic, wanted=f"the field {path}", came=came) from None
+            got = f"none called {word!r}; there are {known}" if known else f"none called {word!r}"
+            raise DataError(file, field=topic, expected=f"the field {path}", got=got) from None
     return value
 
 
 def _types(topic: Topic, file: Path) -> Typestore:
     """Types that know the topic's, from ROS 2 itself or from the definition in the file."""
     if topic.encoding != "cdr":
-        came = repr(topic.encoding[:40])
-        raise DataError(file, field=topic.name, wanted="messages in CDR, as ROS 2 records them", came=came)
+        got = repr(topic.encoding[:40])
+        raise DataError(file, field=topic.name, expected="messages in CDR, as ROS 2 records them", got=got)
     name = message_type(topic)
     if TYPE_NAME.fullmatch(topic.message_type) is None:
-        came = repr(topic.message_type[:80])
-        raise DataError(file, field=topic.name, wanted="the name of a message type", came=came)
+        got = repr(topic.message_type[:80])
+        raise DataError(file, field=topic.name, expected="the name of a message type", got=got)
     if name in _standard().fielddefs:
         return _standard()
     if not topic.definition:
         do = "record with MCAP, or with ROS 2 Iron or later, which store the definitions of messages"
         raise DataError(
-            file, field=topic.name, wanted=f"the definition of {name}", came="none that is read here", do=do
+            file, field=topic.name, expected=f"the definition of {name}", got="none that is read here", do=do
         )
     try:
         return _defined(name, topic.definition)
     except Exception as error:
         if isinstance(error, MemoryError):
             raise
-        came = f"text that is none ({type(error).__name__})"
-        raise DataError(file, field=topic.name, wanted=f"the definition of {name}", came=came) from error
+        got = f"text that is none ({type(error).__name__})"
+        raise DataError(file, field=topic.name, expected=f"the definition of {name}", got=got) from error
 
 
 @cache

@@ -124,7 +124,7 @@ class BagSweep:
         if rig.frame is not None and frame != rig.frame:
             do = "name this frame in the rig file, if its points are as measured"
             raise DataError(
-                name, field="header.frame_id", wanted=f"{rig.frame!r}, as the rig file says", came=repr(frame), do=do
+                name, field="header.frame_id", expected=f"{rig.frame!r}, as the rig file says", got=repr(frame), do=do
             )
         stamp_ns = header_stamp_ns(content) or 0
         return cloud_sweep(message, timestamp_ns, stamp_ns=stamp_ns, rig=rig, place=name)

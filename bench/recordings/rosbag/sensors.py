@@ -134,11 +134,11 @@ class BagSensors:
         found = self.index.messages.get(name)
         if found is None or not len(found.log_ns):
             known = ", ".join(sorted(self.index.topics)[:20]) or "none"
-            came = f"none in {self.place.name}, which has {known}"
-            raise DataError(self.rig_file, field=field, wanted=f"messages on {name}", came=came)
+            got = f"none in {self.place.name}, which has {known}"
+            raise DataError(self.rig_file, field=field, expected=f"messages on {name}", got=got)
         if message_type(found.topic) not in types:
-            wanted = f"messages {' or '.join(types)}"
-            raise DataError(self.place, field=name, wanted=wanted, came=found.topic.message_type[:80])
+            expected = f"messages {' or '.join(types)}"
+            raise DataError(self.place, field=name, expected=expected, got=found.topic.message_type[:80])
         return found
 
     def _timed(self, found: TopicIndex, offset_ns: int) -> list[tuple[int, Path, Place]]:
@@ -151,6 +151,6 @@ class BagSensors:
             losses=self.losses,
         )
         if not valid.any():
-            raise DataError(self.place, field=found.topic.name, wanted="messages whose times can be used", came="none")
+            raise DataError(self.place, field=found.topic.name, expected="messages whose times can be used", got="none")
         kept = zip((times_ns[valid] + offset_ns).tolist(), found.places[valid].tolist(), strict=True)
         return [(time_ns, self.index.files[file], Place(*place)) for time_ns, (file, *place) in kept]

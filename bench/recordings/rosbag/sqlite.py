@@ -25,14 +25,14 @@ ROWS = "SELECT id, topic_id, timestamp, length(data) FROM messages"
 BEYOND = 2**63 - 1
 
 
-def scan_sqlite(file: Path, wanted: Wanted, report: ScanReport) -> Iterator[StoredMessage]:
+def scan_sqlite(file: Path, expected: Wanted, report: ScanReport) -> Iterator[StoredMessage]:
     """Find the messages of a file, in the order in which they were written.
 
     A damaged page ends the walk from the front; a second walk from the back then finds what lies behind it.
 
     Args:
         file: the file.
-        wanted: which messages are given.
+        expected: which messages are given.
         report: takes the topics, the counts of all messages, and what cannot be read.
 
     Raises:
@@ -42,13 +42,13 @@ def scan_sqlite(file: Path, wanted: Wanted, report: ScanReport) -> Iterator[Stor
     if log.is_file() and log.stat().st_size:
         do = f"let SQLite bring them home: sqlite3 {file.name} 'PRAGMA wal_checkpoint(TRUNCATE)'"
         report.losses.append(
-            DataError(file, wanted="all messages in it", came=f"the last ones still in {log.name}", do=do)
+            DataError(file, expected="all messages in it", got=f"the last ones still in {log.name}", do=do)
         )
     with closing(_connected(file)) as connection:
         topics = _topics(connection, file)
         for topic in topics.values():
             report.add_topic(topic)
-        yield from _Walk(file, connection, topics, wanted, report).messages()
+        yield from _Walk(file, connection, topics, expected, report).messages()
 
 
 def read_sqlite_message(file: Path, place: Place) -> bytes:
@@ -61,11 +61,13 @@ def read_sqlite_message(file: Path, place: Place) -> bytes:
         try:
             data = _blob(connection, place.offset, place.size)
         except sqlite3.Error as error:
-            raise DataError(file, field=f"messages, row {place.offset}", wanted="a message", came=str(error)) from error
+            raise DataError(
+                file, field=f"messages, row {place.offset}", expected="a message", got=str(error)
+            ) from error
     if len(data) != place.size:
-        came = f"{len(data)}; did the file change?"
+        got = f"{len(data)}; did the file change?"
         raise DataError(
-            file, field=f"messages, row {place.offset}", wanted=f"a message of {place.size} bytes", came=came
+            file, field=f"messages, row {place.offset}", expected=f"a message of {place.size} bytes", got=got
         )
     return data
 
@@ -74,10 +76,10 @@ class _Walk:
     """The rows of a database, from the front and, behind damage, from the back."""
 
     def __init__(
-        self, file: Path, connection: sqlite3.Connection, topics: dict[int, Topic], wanted: Wanted, report: ScanReport
+        self, file: Path, connection: sqlite3.Connection, topics: dict[int, Topic], expected: Wanted, report: ScanReport
     ) -> None:
         self.file, self.connection, self.topics = file, connection, topics
-        self.wanted, self.report = wanted, report
+        self.expected, self.report = expected, report
         self.last_row, self.last_ns = -BEYOND, 0
         self.odd: list[str] = []
 
@@ -90,10 +92,8 @@ class _Walk:
         except sqlite3.Error as error:
             yield from self._behind(str(error))
         if self.odd:
-            came = f"{len(self.odd)} others, the first {self.odd[0]}"
-            self._lose(
-                "messages", f"rows of a known topic, with a time and at most {LARGEST_MESSAGE_BYTES} bytes", came
-            )
+            got = f"{len(self.odd)} others, the first {self.odd[0]}"
+            self._lose("messages", f"rows of a known topic, with a time and at most {LARGEST_MESSAGE_BYTES} bytes", got)
 
     def _behind(self, damage: str) -> Iterator[StoredMessage]:
         rows: list[tuple[int, ...]] = []
@@ -120,8 +120,8 @@ class _Walk:
         assert isinstance(log_ns, int)
         assert isinstance(size, int)
         payload = b""
-        if topic.name in self.wanted.whole or topic.name in self.wanted.heads:
-            most = LARGEST_WHOLE_BYTES if topic.name in self.wanted.whole else HEAD_BYTES
+        if topic.name in self.expected.whole or topic.name in self.expected.heads:
+            most = LARGEST_WHOLE_BYTES if topic.name in self.expected.whole else HEAD_BYTES
             try:
                 payload = _blob(self.connection, number, min(size, most))
             except sqlite3.Error as error:
@@ -132,8 +132,8 @@ class _Walk:
         if payload:
             yield StoredMessage(topic.name, log_ns, Place(NOT_CHUNKED, number, size), payload)
 
-    def _lose(self, field: str, wanted: str, came: str) -> None:
-        self.report.losses.append(DataError(self.file, field=field, wanted=wanted, came=came))
+    def _lose(self, field: str, expected: str, got: str) -> None:
+        self.report.losses.append(DataError(self.file, field=field, expected=expected, got=got))
 
 
 def _connected(file: Path) -> sqlite3.Connection:
@@ -142,16 +142,16 @@ def _connected(file: Path) -> sqlite3.Connection:
         with file.open("rb") as stream:
             start = stream.read(15)
         if start != b"SQLite format 3":
-            came = f"one that begins with {start.hex(' ')}" if start else "an empty file"
-            raise DataError(file, wanted="an SQLite database", came=came)
+            got = f"one that begins with {start.hex(' ')}" if start else "an empty file"
+            raise DataError(file, expected="an SQLite database", got=got)
         connection = sqlite3.connect(f"file:{quote(str(file.resolve()))}?mode=ro&immutable=1", uri=True)
         connection.execute("PRAGMA trusted_schema = OFF")
         # With it SQLite takes a database that is shorter than its head says, as one that was cut short is.
         connection.execute("PRAGMA writable_schema = ON")
     except OSError as error:
-        raise DataError(file, wanted="a readable file", came=error.strerror or str(error)) from error
+        raise DataError(file, expected="a readable file", got=error.strerror or str(error)) from error
     except sqlite3.Error as error:
-        raise DataError(file, wanted="an SQLite database", came=str(error)) from error
+        raise DataError(file, expected="an SQLite database", got=str(error)) from error
     return connection
 
 
@@ -162,8 +162,8 @@ def _topics(connection: sqlite3.Connection, file: Path) -> dict[int, Topic]:
             for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table' AND rootpage > 0")
         }
         if not {"topics", "messages"} <= tables:
-            came = ", ".join(sorted(map(str, tables)))[:200] or "no tables"
-            raise DataError(file, wanted="the tables topics and messages, as in a bag of ROS 2", came=came)
+            got = ", ".join(sorted(map(str, tables)))[:200] or "no tables"
+            raise DataError(file, expected="the tables topics and messages, as in a bag of ROS 2", got=got)
         definitions: dict[object, str] = {}
         if "message_definitions" in tables:
             query = "SELECT topic_type, encoded_message_definition FROM message_definitions WHERE encoding = 'ros2msg'"
@@ -177,7 +177,7 @@ def _topics(connection: sqlite3.Connection, file: Path) -> dict[int, Topic]:
             )
         }
     except (sqlite3.Error, ValueError) as error:
-        raise DataError(file, field="topics", wanted="topics that can be read", came=str(error)) from error
+        raise DataError(file, field="topics", expected="topics that can be read", got=str(error)) from error
 
 
 def _blob(connection: sqlite3.Connection, row: int, size: int) -> bytes:

@@ -41,22 +41,22 @@ def usable_times(
     times_ns = log_ns if clock == "bag" else stamp_ns
     stamped = (times_ns > 0) & (times_ns < LATEST_NS)
     if not stamped.all():
-        came = f"none in {int((~stamped).sum())} of {len(times_ns)} messages"
+        got = f"none in {int((~stamped).sum())} of {len(times_ns)} messages"
         do = "set the card's option clock: bag where the driver sets no stamps"
-        losses.append(DataError(file, field=what, wanted="a time in the header", came=came, do=do))
+        losses.append(DataError(file, field=what, expected="a time in the header", got=got, do=do))
     valid = stamped.copy()
     if clock == "header" and stamped.any():
         away_ns = times_ns - log_ns
         jumps = stamped & (np.abs(away_ns - int(np.median(away_ns[stamped]))) > JUMP_NS)
         if jumps.any():
             first = int(times_ns[np.argmax(jumps)])
-            came = f"{int(jumps.sum())} of {len(times_ns)} stamps that jump, the first {first}"
-            losses.append(DataError(file, field=what, wanted="stamps of one clock", came=came))
+            got = f"{int(jumps.sum())} of {len(times_ns)} stamps that jump, the first {first}"
+            losses.append(DataError(file, field=what, expected="stamps of one clock", got=got))
         valid &= ~jumps
     before = np.concatenate([[0], np.maximum.accumulate(np.where(valid, times_ns, 0))[:-1]])[: len(times_ns)]
     back = valid & (times_ns <= before)
     if back.any():
         first = int(np.argmax(back))
-        came = f"{int(back.sum())} that do not, the first {times_ns[first]} after {before[first]}"
-        losses.append(DataError(file, field=what, wanted="times that increase", came=came))
+        got = f"{int(back.sum())} that do not, the first {times_ns[first]} after {before[first]}"
+        losses.append(DataError(file, field=what, expected="times that increase", got=got))
     return times_ns, valid & ~back

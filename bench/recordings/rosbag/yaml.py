@@ -22,5 +22,5 @@ def read_yaml(file: Path, *, most_bytes: int) -> dict[str, Any]:
     """
     content = parse_yaml(read_text(file, largest_bytes=most_bytes), file=file)
     if not isinstance(content, dict):
-        raise DataError(file, wanted="keys and values", came=type(content).__name__)
+        raise DataError(file, expected="keys and values", got=type(content).__name__)
     return content

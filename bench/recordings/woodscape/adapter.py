@@ -50,7 +50,7 @@ def woodscape_recordings(
     """
     chosen = validated(WoodscapeOptions, options, file=card, field="options")
     if annotations is not None:
-        raise DataError(card, field="annotations", wanted="none: this data set has masks", came=str(annotations))
+        raise DataError(card, field="annotations", expected="none: this data set has masks", got=str(annotations))
     return tuple(
         RecordingHandle(
             name=name,

@@ -69,7 +69,7 @@ def read_camera(root: Path, file: Path, pair: str, options: WoodscapeOptions) ->
     content = read_json(CalibrationFile, file)
     index, name = pair.split("_")
     if content.name != name:
-        raise DataError(file, field="name", wanted=repr(name), came=repr(content.name))
+        raise DataError(file, field="name", expected=repr(name), got=repr(content.name))
     x, y, z, w = content.extrinsic.quaternion
     field_deg = options.field_of_view_deg.get(content.name)
     try:

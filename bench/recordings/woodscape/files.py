@@ -81,7 +81,7 @@ def list_pairs(root: Path, cameras: tuple[str, ...]) -> list[str]:
     present = [root / place for place in PLACES["current"] if (root / place).is_dir()]
     if not present:
         folder = root / PLACES["current"][0]
-        raise DataError(folder, wanted="images <index>_<camera>.png", came="no such folder")
+        raise DataError(folder, expected="images <index>_<camera>.png", got="no such folder")
     names: set[str] = set()
     for folder in present:
         refuse_escape(root, folder, file=folder)
@@ -133,4 +133,4 @@ def _found(root: Path, folders: tuple[str, ...], names: list[str]) -> Path:
                 refuse_escape(root, path, file=path)
                 return path
     places = " or ".join(folders)
-    raise DataError(root / folders[0] / names[0], wanted=f"a file in {places}", came="none of this name")
+    raise DataError(root / folders[0] / names[0], expected=f"a file in {places}", got="none of this name")

@@ -66,12 +66,12 @@ def read_arc(file_before: Path, file: Path, options: WoodscapeOptions) -> tuple[
     times_ns = before.timestamp * 1000, after.timestamp * 1000
     wait_ns = times_ns[1] - times_ns[0]
     if not 0 < wait_ns <= LONGEST_PAIR_NS:
-        wanted = f"a time up to {LONGEST_PAIR_NS // 1000} microseconds after that of {file_before.parent.name}"
-        raise DataError(file, field="timestamp", wanted=wanted, came=f"one {wait_ns // 1000} after it")
+        expected = f"a time up to {LONGEST_PAIR_NS // 1000} microseconds after that of {file_before.parent.name}"
+        raise DataError(file, field="timestamp", expected=expected, got=f"one {wait_ns // 1000} after it")
     speeds_mps = np.array([before.ego_speed, after.ego_speed]) / 3.6
     if np.abs(speeds_mps).max() > FASTEST_MPS:
-        came = f"{before.ego_speed} and {after.ego_speed}"
-        raise DataError(file, field="ego_speed", wanted=f"at most {FASTEST_MPS * 3.6:g} km/h", came=came)
+        got = f"{before.ego_speed} and {after.ego_speed}"
+        raise DataError(file, field="ego_speed", expected=f"at most {FASTEST_MPS * 3.6:g} km/h", got=got)
     turn = 1.0 if options.yaw_rate_positive == "left" else -1.0
     trajectory = planar_trajectory(
         source=str(file),

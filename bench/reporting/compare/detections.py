@@ -103,8 +103,8 @@ def paired_objects(before: StoredRun, after: StoredRun) -> Iterator[pd.DataFrame
             first = " ".join(str(alone.iloc[0][name]) for name in (*IMAGE, "track_id"))
             raise DataError(
                 after.folder / "objects.parquet",
-                wanted=f"the object-frames of {before.folder}, whose reference has the same fingerprint",
-                came=f"at least {len(alone)} that only one has, first {first}",
+                expected=f"the object-frames of {before.folder}, whose reference has the same fingerprint",
+                got=f"at least {len(alone)} that only one has, first {first}",
                 do="run again what was changed by hand",
             )
         yield rows

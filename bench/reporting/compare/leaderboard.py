@@ -88,11 +88,11 @@ def read_leaderboard(folder: Path) -> Leaderboard:
         DataError: there is no folder, or no run in it.
     """
     if not folder.is_dir():
-        raise DataError(folder, wanted="a folder of runs", came="no such folder")
+        raise DataError(folder, expected="a folder of runs", got="no such folder")
     found = {file.parent for file in folder.rglob("summary.json")}
     found |= {units.parent for units in folder.rglob(UNITS) if units.is_dir()}
     if not found:
-        raise DataError(folder, wanted="at least one run", came="no summary.json at any depth")
+        raise DataError(folder, expected="at least one run", got="no summary.json at any depth")
     sound: list[StoredRun] = []
     damaged: list[tuple[str, str]] = []
     for run in sorted(found):
@@ -117,7 +117,7 @@ def _readable(runs: Sequence[StoredRun], damaged: list[tuple[str, str]]) -> list
         try:
             if fingerprint(run) != _reference(run):
                 raise DataError(
-                    run.folder, wanted="the tables that summary.json is of", came="those of another reference"
+                    run.folder, expected="the tables that summary.json is of", got="those of another reference"
                 )
             kept.append(run)
         except BenchError as error:

@@ -57,7 +57,7 @@ def read_comparable(folders: Sequence[Path]) -> list[StoredRun]:
         UsageError: fewer than two runs, or runs of different data, split or protocol.
     """
     if len(folders) < 2:
-        raise UsageError(f"compare: wanted at least two runs, came {len(folders)}")
+        raise UsageError(f"compare: expected at least two runs, got {len(folders)}")
     labels = _labels(folders)
     runs = [read_stored_run(folder, label=label) for folder, label in zip(folders, labels, strict=True)]
     for other in runs[1:]:

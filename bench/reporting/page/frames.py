@@ -58,20 +58,20 @@ def view_frames(
         views: of the images that could be processed.
         problems: why the others could not, one line each, none twice.
     """
-    wanted = sorted(set(keys))
+    expected = sorted(set(keys))
     try:
         stored = StoredFrames(source.folder, source.run, source.protocol)
     except BenchError as error:
         return {}, [str(error)]
     views: dict[FrameKey, FrameView] = {}
     problems: dict[str, None] = {}
-    for key in wanted:
+    for key in expected:
         try:
             views[key] = _view(stored.process(*key), stored.pipeline(*key[:2]))
         except (BenchError, UnscorableFrame) as error:
             problems[str(error)] = None
         if progress is not None:
-            progress(len(views), len(wanted))
+            progress(len(views), len(expected))
     return views, list(problems)
 
 

@@ -108,13 +108,13 @@ def _default_settings(method: str) -> dict[str, object]:
 def _image_indices(source: PageSource, keys: Sequence[FrameKey]) -> list[int]:
     """Index of each image among those of its camera; the first ones, which have no history, are in no table."""
     history = 1 if source.run.method.history is None else source.run.method.history
-    wanted = pd.DataFrame(keys, columns=_ORDER[:3]).drop_duplicates()
+    expected = pd.DataFrame(keys, columns=_ORDER[:3]).drop_duplicates()
     counts = source.frames.recordings()
     index: dict[FrameKey, int] = {}
-    for group in group_recordings({name: counts[name] for name in set(wanted["recording"])}):
+    for group in group_recordings({name: counts[name] for name in set(expected["recording"])}):
         frames = Columns(source.frames.read(group, _ORDER[:3])).canonical(_ORDER[:3]).table.to_pandas()
         frames["index"] = frames.groupby(_ORDER[:2], sort=False, observed=True).cumcount() + history
-        found = wanted[wanted["recording"].isin(group)].merge(frames.astype(dict.fromkeys(_ORDER[:2], object)))
+        found = expected[expected["recording"].isin(group)].merge(frames.astype(dict.fromkeys(_ORDER[:2], object)))
         index |= dict(zip(zip(*(found[name] for name in _ORDER[:3]), strict=True), found["index"], strict=True))
     return [int(index[key]) for key in keys]
 

@@ -97,10 +97,10 @@ def _clearance(
     toe = ball + (TOE - BALL) * np.sin(foot + _toes(phase, foot))
     lowest = np.minimum.reduce([heel, ball, toe])
     bump, late = np.sin(np.pi * share) ** 2, share > 0.3
-    wanted = CLEARANCE * np.sin(np.pi * share) - lowest
-    lacking = np.maximum(wanted - ankle_z, 0.0)
+    expected = CLEARANCE * np.sin(np.pi * share) - lowest
+    lacking = np.maximum(expected - ankle_z, 0.0)
     bump *= (lacking[late] / np.maximum(bump[late], 0.2)).max()
-    return np.asarray(bump + np.maximum(wanted - ankle_z - bump, 0.0))
+    return np.asarray(bump + np.maximum(expected - ankle_z - bump, 0.0))
 
 
 def _standing_ankle(phase: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -32,13 +32,13 @@ class DrawError(ValueError):
 
     Args:
         path: keys on the way to it, from the series on.
-        wanted: what can stand there.
-        came: what does.
+        expected: what can stand there.
+        got: what does.
     """
 
-    def __init__(self, path: str, wanted: str, came: object) -> None:
-        self.path, self.wanted, self.came = path, wanted, repr(came)
-        super().__init__(f"{path}: wanted {wanted}, came {came!r}")
+    def __init__(self, path: str, expected: str, got: object) -> None:
+        self.path, self.expected, self.got = path, expected, repr(got)
+        super().__init__(f"{path}: expected {expected}, got {got!r}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

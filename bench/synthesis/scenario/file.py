@@ -48,12 +48,12 @@ class ScenarioText:
         try:
             return validated(model, values, file=self.path, field=field)
         except DataError as error:
-            raise self.fault(error.field or "", wanted=error.wanted, came=error.came, do=error.do) from None
+            raise self.fault(error.field or "", expected=error.expected, got=error.got, do=error.do) from None
 
-    def fault(self, field: str, *, wanted: str, came: str, do: str = "") -> DataError:
+    def fault(self, field: str, *, expected: str, got: str, do: str = "") -> DataError:
         """An error about a field, with its line."""
         place = f"{self.path}:{_line_of(self.tree, field.split('.'))}"
-        return DataError(place, field=field or None, wanted=wanted, came=came, do=do)
+        return DataError(place, field=field or None, expected=expected, got=got, do=do)
 
 
 def read_text(path: Path) -> ScenarioText:
@@ -64,19 +64,19 @@ def read_text(path: Path) -> ScenarioText:
     """
     try:
         if path.stat().st_size > LARGEST_BYTES:
-            raise DataError(path, wanted=f"at most {LARGEST_BYTES} bytes", came=f"{path.stat().st_size}")
+            raise DataError(path, expected=f"at most {LARGEST_BYTES} bytes", got=f"{path.stat().st_size}")
         text = path.read_text(encoding="utf-8")
         if (line := _too_deep(text)) is not None:
-            raise DataError(f"{path}:{line}", wanted=f"at most {DEEPEST} levels", came="more")
+            raise DataError(f"{path}:{line}", expected=f"at most {DEEPEST} levels", got="more")
         loader = LOADER(text)
         tree = loader.get_single_node()
         values = None if tree is None else loader.construct_document(tree)
     except OSError as error:
-        raise DataError(path, wanted="a readable scenario", came=error.strerror or str(error)) from error
+        raise DataError(path, expected="a readable scenario", got=error.strerror or str(error)) from error
     except (yaml.YAMLError, ValueError, OverflowError) as error:  # ValueError: no UTF-8, impossible days and numbers
-        raise DataError(path, wanted="YAML", came=" ".join(str(error).split())) from error
+        raise DataError(path, expected="YAML", got=" ".join(str(error).split())) from error
     if not isinstance(values, dict) or tree is None:
-        raise DataError(path, wanted="keys and values", came=type(values).__name__)
+        raise DataError(path, expected="keys and values", got=type(values).__name__)
     return ScenarioText(path=path, values=values, tree=tree)
 
 

@@ -48,12 +48,12 @@ class Place:
 def parked_cars(plan: Plan, site: Site, rng: np.random.Generator) -> list[Mesh]:
     """Fill a share of the places, the nearest ones with cars in full detail."""
     places = _bays(plan, rng) if plan.spec.kind == "car_park" else _kerbside(plan, rng)
-    wanted = [place for place in places if rng.random() < plan.spec.parked_cars and site.free(place.area)]
-    wanted.sort(key=lambda place: site.away_m(place.area))
+    expected = [place for place in places if rng.random() < plan.spec.parked_cars and site.free(place.area)]
+    expected.sort(key=lambda place: site.away_m(place.area))
     kinds = [kind for kind in KINDS if kind in BODIES]
-    forms = [make_body(str(own.choice(kinds)), own).mesh for own in rng.spawn(FORMS)] if wanted else []
+    forms = [make_body(str(own.choice(kinds)), own).mesh for own in rng.spawn(FORMS)] if expected else []
     meshes, left = [], DETAILED_TRIANGLES
-    for place, own in zip(wanted, rng.spawn(len(wanted)), strict=True):
+    for place, own in zip(expected, rng.spawn(len(expected)), strict=True):
         car = forms[int(own.integers(FORMS))].with_texture_shift(own.uniform(0, 8, 2))
         if left < len(car.corners_m):
             car = _plain_car(own, wheels=site.away_m(place.area) < WHEELS_M)

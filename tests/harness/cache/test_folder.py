@@ -85,7 +85,7 @@ def test_half_written_entries_count_and_go(tmp_path):
 
 def test_a_folder_with_other_files_is_refused_and_stays_as_it_is(tmp_path):
     (tmp_path / "thesis.tex").write_text("years of work")
-    with pytest.raises(DataError, match="wanted an empty folder or a cache") as raised:
+    with pytest.raises(DataError, match="expected an empty folder or a cache") as raised:
         cache_of(tmp_path)
     assert "--cache" in str(raised.value)
     assert [file.name for file in tmp_path.iterdir()] == ["thesis.tex"]
@@ -101,7 +101,7 @@ def test_files_of_others_in_a_cache_stay(tmp_path):
 
 def test_a_place_where_no_folder_can_be_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(DataError, match="wanted a folder for the cache") as raised:
+    with pytest.raises(DataError, match="expected a folder for the cache") as raised:
         cache_of(tmp_path / "file" / "cache")
     assert "--no-cache" in str(raised.value)
 

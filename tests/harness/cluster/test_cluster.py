@@ -69,7 +69,7 @@ def test_when_the_scheduler_dies_the_run_says_so_and_goes_on_from_there(own_clus
 
 
 def test_without_workers_a_run_waits_and_then_says_so(own_cluster, score):
-    with pytest.raises(DataError, match="wanted workers, came none for 1 s; start some"):
+    with pytest.raises(DataError, match="expected workers, got none for 1 s; start some"):
         score("run", own_cluster.address, patience_s=1.0)
 
 
@@ -78,14 +78,14 @@ def test_a_scheduler_that_is_not_there(score, monkeypatch):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
-        with pytest.raises(DataError, match="wanted a Dask scheduler, came none within 1 s"):
+        with pytest.raises(DataError, match="expected a Dask scheduler, got none within 1 s"):
             score("run", address)
 
 
 @pytest.mark.parametrize("address", ["nonsense://localhost:1", "tcp://no-such-host.invalid:8786", "tcp://:::"])
 def test_an_address_that_is_none(score, monkeypatch, address):
     monkeypatch.setattr("bench.harness.work.cluster.connection.CONNECTION_S", 1.0)
-    with pytest.raises(DataError, match="wanted a Dask scheduler"):
+    with pytest.raises(DataError, match="expected a Dask scheduler"):
         score("run", address)
 
 
@@ -149,7 +149,7 @@ def test_the_command_ends_with_2_and_one_line_without_a_scheduler(own_cluster, t
     stop(own_cluster)
     done = command("run", tiny_card, "--scheduler", own_cluster.address, "--out", tmp_path / "run", folder=tmp_path)
     assert done.returncode == 2
-    assert done.stderr.startswith(f"error: {own_cluster.address}: wanted a Dask scheduler")
+    assert done.stderr.startswith(f"error: {own_cluster.address}: expected a Dask scheduler")
     assert done.stderr.count("\n") == 1
 
 
@@ -157,7 +157,7 @@ def test_workers_beside_a_scheduler_are_refused(tiny_card, tmp_path):
     words = ("--scheduler", "tcp://localhost:1", "--workers", 2, "--out", tmp_path / "run")
     done = command("run", tiny_card, *words, folder=tmp_path)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-    assert "--workers: wanted none beside --scheduler" in done.stderr
+    assert "--workers: expected none beside --scheduler" in done.stderr
 
 
 def test_an_interrupted_command_ends_and_the_same_one_goes_on(own_cluster, tiny_card, tmp_path):

@@ -20,12 +20,12 @@ def test_the_file_that_a_scheduler_writes(tmp_path):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (None, "came No such file or directory; for example tcp://localhost:8786"),
-        (b"", "came no JSON"),
-        (b"\xff\xfe", "came no JSON"),
-        (b"[1, 2]", "address: wanted text, came None"),
-        (b'{"address": 7}', "address: wanted text, came 7"),
-        (b"[" * 100_000, "came no JSON"),
+        (None, "got No such file or directory; for example tcp://localhost:8786"),
+        (b"", "got no JSON"),
+        (b"\xff\xfe", "got no JSON"),
+        (b"[1, 2]", "address: expected text, got None"),
+        (b'{"address": 7}', "address: expected text, got 7"),
+        (b"[" * 100_000, "got no JSON"),
     ],
     ids=["missing", "empty", "binary", "list", "number", "deep"],
 )

@@ -69,7 +69,7 @@ def test_a_working_directory_that_is_not_there(terms, tmp_path):
 def test_a_cache_folder_that_is_something_else(terms, tmp_path):
     (tmp_path / "cache").mkdir()
     (tmp_path / "cache" / "letter.txt").touch()
-    assert "wanted an empty folder or a cache" in str(terms.breach())
+    assert "expected an empty folder or a cache" in str(terms.breach())
 
 
 TERMS = """
@@ -106,7 +106,7 @@ def test_a_worker_that_still_has_the_former_code_of_a_method(tmp_path, monkeypat
     breach = terms_of_a_new_run(tmp_path).breach()
     assert breach is not None
     assert "it has other code of the method mine_on_a_cluster:Mine" in breach
-    assert f"{changed}: wanted the code that the run began with" in breach
+    assert f"{changed}: expected the code that the run began with" in breach
     assert "start the workers again" in breach
 
 

@@ -132,7 +132,7 @@ def test_what_changes_after_it_was_taken_is_refused(tmp_path):
     state = (tmp_path / "weights.bin").stat()
     (tmp_path / "weights.bin").write_text("2")
     os.utime(tmp_path / "weights.bin", ns=(state.st_atime_ns, state.st_mtime_ns))
-    with pytest.raises(DataError, match="came other content on disk; start the run again"):
+    with pytest.raises(DataError, match="got other content on disk; start the run again"):
         identity.refuse_change()
 
 
@@ -195,7 +195,7 @@ def test_editing_a_helper_while_a_run_goes_on_stores_nothing_under_the_new_code(
         (own / "slow_helper.py").write_text("LEVEL = 200\n")
         told, _ = run.communicate(timeout=PATIENCE_S)
     assert run.returncode == 2, told
-    assert "slow_helper.py: wanted the file as it was when the run began" in told
+    assert "slow_helper.py: expected the file as it was when the run began" in told
     again = subprocess.run(words, capture_output=True, text=True, env=with_path(own), timeout=PATIENCE_S)
     assert again.returncode == 0, again.stdout + again.stderr
     assert "units computed 3, found done 0" in again.stdout

@@ -69,13 +69,13 @@ def test_rules_have_their_own_digest():
     ("what", "values", "message"),
     [
         ("treshold", [], "did you mean 'threshold'"),
-        ("threshold", ["abc"], "wanted a number (threshold"),
-        ("threshold", ["nan"], "wanted a number (threshold"),
+        ("threshold", ["abc"], "expected a number (threshold"),
+        ("threshold", ["nan"], "expected a number (threshold"),
         ("threshold", ["0"], "thresholds > 0"),
-        ("cell_size_px", ["2.5"], "wanted a whole number of at least 1"),
-        ("flow.window_px", ["0"], "wanted a whole number of at least 1"),
-        ("weights.epipolar", ["-1"], "wanted a number of at least 0"),
-        ("error.image_noise", ["-1"], "wanted a number of at least 0"),
+        ("cell_size_px", ["2.5"], "expected a whole number of at least 1"),
+        ("flow.window_px", ["0"], "expected a whole number of at least 1"),
+        ("weights.epipolar", ["-1"], "expected a number of at least 0"),
+        ("error.image_noise", ["-1"], "expected a number of at least 0"),
         ("concave_ratio", ["2"], "reference.concave_ratio"),
         ("polygon_kind", ["box"], "known are concave, convex"),
         ("ablation", ["only three_view"], "unknown value 'only three_view'"),
@@ -90,8 +90,8 @@ def test_mistakes_are_told(what, values, message):
 
 def test_parameters_of_the_spherical_method_are_not_those_of_another():
     other = replace(BASE, method=build_method("nothing"))
-    with pytest.raises(UsageError, match="changes the method 'spherical', came 'nothing'"):
+    with pytest.raises(UsageError, match="changes the method 'spherical', got 'nothing'"):
         plan_sweep("threshold", base=other)
-    with pytest.raises(UsageError, match="of the flow 'farneback', came 'dis'"):
+    with pytest.raises(UsageError, match="of the flow 'farneback', got 'dis'"):
         plan_sweep("flow.levels", base=replace(BASE, method=build_method("spherical", {"flow": "dis"})))
     assert len(plan_sweep("error.speed", base=other).trials) == 9

@@ -116,7 +116,7 @@ def test_the_cache_of_a_sweep_is_one_that_runs_take(tiny_card, tmp_path):
     assert kept.use().files == 0, "its limit holds at the end"
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "file").touch()
-    with pytest.raises(DataError, match="wanted an empty folder or a cache"):
+    with pytest.raises(DataError, match="expected an empty folder or a cache"):
         sweep(tiny_card, "threshold", tmp_path / "b", values=["0.002"], cache=CacheFolder(folder=tmp_path / "other"))
 
 

@@ -215,7 +215,7 @@ def test_an_image_cut_short(root):
 def test_an_image_of_another_size(root):
     cv2.imwrite(str(images(root)[4]), np.zeros((40, 64), dtype=np.uint8))
     (told,) = found(root)
-    assert (told.check, told.field, told.came) == ("image", "image size", "64 x 40")
+    assert (told.check, told.field, told.got) == ("image", "image size", "64 x 40")
 
 
 def test_the_same_image_twice(root):
@@ -279,7 +279,7 @@ def test_point_times_in_microseconds(root):
 def test_a_lidar_mounted_too_low(root):
     change_head(root, lambda head: head["lidar"]["vehicle_from_lidar"].update(translation_m=[1.2, 0.0, 1.3]))
     (told,) = [finding for finding in found(root) if finding.check == "road-height"]
-    assert "-0.50 m" in told.came
+    assert "-0.50 m" in told.got
 
 
 def test_a_lidar_that_nods(root):
@@ -296,7 +296,7 @@ def test_a_camera_in_the_ground(root):
     (told,) = found(root)
     assert told.check == "file"
     assert told.field.startswith("cameras.front.vehicle_from_camera")
-    assert "height of -0.5 m" in told.came
+    assert "height of -0.5 m" in told.got
 
 
 def test_a_camera_in_the_sky(root):
@@ -310,14 +310,14 @@ def test_a_camera_that_looks_up(root):
     )
     (told,) = found(root)
     assert told.check == "camera-mounting"
-    assert told.came == "one 90 degrees above the horizon"
+    assert told.got == "one 90 degrees above the horizon"
 
 
 def test_a_camera_upside_down(root):
     turned = drive.quaternion_wxyz(drive.FRONT, Rotation.from_euler("z", 180, degrees=True))
     change_head(root, lambda head: head["cameras"]["front"]["vehicle_from_camera"].update(quaternion_wxyz=turned))
     (told,) = found(root)
-    assert told.came == "one turned by 180 degrees about the optical axis"
+    assert told.got == "one turned by 180 degrees about the optical axis"
 
 
 def test_a_camera_far_from_the_car(root):
@@ -330,7 +330,7 @@ def test_no_unit_quaternion(root):
         root, lambda head: head["cameras"]["front"]["vehicle_from_camera"].update(quaternion_wxyz=[2.0, 0.0, 0.0, 0.0])
     )
     (told,) = found(root)
-    assert "length 1" in told.wanted
+    assert "length 1" in told.expected
 
 
 def test_a_principal_point_as_an_offset_from_the_middle(root):
@@ -468,12 +468,12 @@ def test_many_boxes_at_one_place_are_told_in_bounded_work(monkeypatch, tiny_reco
     told = found(tiny_recording, depth=Depth.DEEP)
     same = [finding for finding in told if finding.check == "same-object"]
     assert len(same) == boxes.MOST_TOLD + 1
-    assert same[-1].came == f"boxes that overlap by more than half in {1770 - boxes.MOST_TOLD} more pairs of objects"
+    assert same[-1].got == f"boxes that overlap by more than half in {1770 - boxes.MOST_TOLD} more pairs of objects"
     assert {finding.times for finding in same[:-1]} == {2}  # of 230 pairs that were looked at twice
     crowded = [finding for finding in told if finding.check == "crowded-boxes"]
     assert [finding.severity for finding in crowded] == [Severity.WARNING] * 2
-    assert crowded[0].came == "more; at 2 of 3 times not all were compared"
-    assert crowded[1].came == "more; in 70 boxes no points were looked for"
+    assert crowded[0].got == "more; at 2 of 3 times not all were compared"
+    assert crowded[1].got == "more; in 70 boxes no points were looked for"
 
 
 def test_boxes_that_were_looked_at_least_come_first(monkeypatch, tiny_recording):
@@ -554,7 +554,7 @@ def test_an_unknown_category_from_an_adapter_that_does_not_look(root):
     track = recording.tracks[0]
     states = (replace(track.states[0], category="sideways"), *track.states[1:])
     odd = replace(recording, tracks=(replace(track, states=states), *recording.tracks[1:]))
-    assert [finding.came for finding in check_boxes(odd) if finding.check == "category"] == ["sideways"]
+    assert [finding.got for finding in check_boxes(odd) if finding.check == "category"] == ["sideways"]
 
 
 def test_point_indices_beyond_the_sweep(root):

@@ -50,10 +50,10 @@ def test_16_bits_are_scores(tmp_path):
     np.testing.assert_allclose(found[0, :4], [1, 32768 / 65535, 1 / 65535, 0], rtol=1e-6)
 
 
-@pytest.mark.parametrize(("values", "came"), [((0, 1, 255), "0, 1, 255"), ((37,), "37"), ((0, 128), "0, 128")])
-def test_other_values_are_unclear(tmp_path, values, came):
+@pytest.mark.parametrize(("values", "got"), [((0, 1, 255), "0, 1, 255"), ((37,), "37"), ((0, 128), "0, 128")])
+def test_other_values_are_unclear(tmp_path, values, got):
     grey = np.resize(np.array(values, dtype=np.uint8), (4, 6))
-    with pytest.raises(UnclearError, match=f"came the values {came}; write scores as 16-bit"):
+    with pytest.raises(UnclearError, match=f"got the values {got}; write scores as 16-bit"):
         read_png_map(write_png(tmp_path / "a.png", grey), SIZES)
 
 
@@ -65,15 +65,15 @@ def png_header(width: int, height: int, *, bits: int, colour: int) -> bytes:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"", "came an empty file"),
+        (b"", "got an empty file"),
         (b"GIF89a", "6 bytes that begin with 47 49 46"),
-        (png_header(6, 4, bits=8, colour=2), "wanted one grey channel, came a colour PNG"),
-        (png_header(6, 4, bits=8, colour=3), "wanted one grey channel, came a PNG with a palette"),
-        (png_header(6, 4, bits=8, colour=4), "wanted one grey channel, came a PNG with transparency"),
-        (png_header(6, 4, bits=7, colour=0), "came 7 bits"),
+        (png_header(6, 4, bits=8, colour=2), "expected one grey channel, got a colour PNG"),
+        (png_header(6, 4, bits=8, colour=3), "expected one grey channel, got a PNG with a palette"),
+        (png_header(6, 4, bits=8, colour=4), "expected one grey channel, got a PNG with transparency"),
+        (png_header(6, 4, bits=7, colour=0), "got 7 bits"),
         (png_header(6, 4, bits=8, colour=0), "a PNG cut short at 33 bytes"),
-        (png_header(60_000, 40_000, bits=8, colour=0), "at most 67108864 pixels, came 60000 x 40000"),
-        (png_header(6, 5, bits=16, colour=0), "came 6 x 5"),
+        (png_header(60_000, 40_000, bits=8, colour=0), "at most 67108864 pixels, got 60000 x 40000"),
+        (png_header(6, 5, bits=16, colour=0), "got 6 x 5"),
     ],
 )
 def test_what_is_no_mask_is_refused(tmp_path, content, message):
@@ -103,15 +103,15 @@ def test_scores_of_any_float(tmp_path, kind):
 @pytest.mark.parametrize(
     ("scores", "error", "message"),
     [
-        (np.full((4, 6), 2.0), UnclearError, r"scores in \[0, 1\], came 2 to 2; bring them to"),
-        (np.full((4, 6), -0.1), UnclearError, "came -0.1 to -0.1"),
-        (np.full((4, 6), np.nan), UnclearError, "came nan to nan"),
-        (np.full((4, 6), np.inf), UnclearError, "came inf to inf"),
-        (np.zeros((3, 6)), WrongSizeError, "came 6 x 3"),
-        (np.zeros((0, 0)), WrongSizeError, "came 0 x 0"),
-        (np.zeros((4, 6, 1)), DataError, r"floats on \(rows, columns\), came float64 \(4, 6, 1\)"),
-        (np.zeros((4, 6), dtype=np.uint8), DataError, "came uint8"),
-        (np.array([[object()] * 6] * 4), DataError, "came object"),
+        (np.full((4, 6), 2.0), UnclearError, r"scores in \[0, 1\], got 2 to 2; bring them to"),
+        (np.full((4, 6), -0.1), UnclearError, "got -0.1 to -0.1"),
+        (np.full((4, 6), np.nan), UnclearError, "got nan to nan"),
+        (np.full((4, 6), np.inf), UnclearError, "got inf to inf"),
+        (np.zeros((3, 6)), WrongSizeError, "got 6 x 3"),
+        (np.zeros((0, 0)), WrongSizeError, "got 0 x 0"),
+        (np.zeros((4, 6, 1)), DataError, r"floats on \(rows, columns\), got float64 \(4, 6, 1\)"),
+        (np.zeros((4, 6), dtype=np.uint8), DataError, "got uint8"),
+        (np.array([[object()] * 6] * 4), DataError, "got object"),
     ],
 )
 def test_what_is_no_score_is_refused(tmp_path, scores, error, message):
@@ -128,11 +128,11 @@ def npy_header(shape: tuple[int, ...]) -> bytes:
 @pytest.mark.parametrize(
     ("member", "message"),
     [
-        (npy_header((600_000_000, 600_000_000)), "came 600000000 x 600000000"),  # nothing is unpacked for it
-        (npy_header((4, 6)), "score: wanted an .npz file with this array"),  # and no numbers
-        (b"no array", "score: wanted an .npz file with this array"),
+        (npy_header((600_000_000, 600_000_000)), "got 600000000 x 600000000"),  # nothing is unpacked for it
+        (npy_header((4, 6)), "score: expected an .npz file with this array"),  # and no numbers
+        (b"no array", "score: expected an .npz file with this array"),
         (b"\x93NUMPY\x07\x00", "format 1 or 2"),
-        (npy_header((4, 6)).replace(b"False", b"f(x) "), "score: wanted an .npz file with this array"),
+        (npy_header((4, 6)).replace(b"False", b"f(x) "), "score: expected an .npz file with this array"),
     ],
 )
 def test_hostile_archives_are_refused(tmp_path, member, message):
@@ -151,7 +151,7 @@ def test_a_zip_of_zeros_is_not_unpacked(tmp_path):
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"x" * 100])
 def test_what_is_no_archive_is_refused(tmp_path, content):
     (tmp_path / "a.npz").write_bytes(content)
-    with pytest.raises(DataError, match=r"score: wanted an \.npz file with this array"):
+    with pytest.raises(DataError, match=r"score: expected an \.npz file with this array"):
         read_npz_scores(tmp_path / "a.npz", SIZES)
 
 
@@ -192,19 +192,19 @@ def test_several_masks_of_an_image_are_united_and_none_is_empty():
 @pytest.mark.parametrize(
     ("size", "counts", "message"),
     [
-        ((4, 6), [24, 1], "add up to 4 x 6 = 24, came a sum of 25"),
-        ((4, 6), [1, 2], "came a sum of 3"),
-        ((4, 6), [], "came a sum of 0"),
-        ((4, 6), [10**30], "came a sum of 1000000000"),
-        ((4, 6), "5", "came a sum of 5"),
-        ((4, 6), "", "came a sum of 0"),
-        ((4, 6), "h0N", "came a negative length"),
-        ((4, 6), "~", "wanted COCO run lengths, came '~'"),
-        ((4, 6), "é", "wanted COCO run lengths, came 'é'"),
-        ((4, 6), "P", "came a number that is cut short"),
-        ((4, 6), "P" * 1000, "wanted COCO run lengths"),
-        ((4_000_000, 6_000_000), [24 * 10**12], "at most 67108864 pixels, came 6000000 x 4000000"),
-        ((5, 6), [30], "came 6 x 5"),
+        ((4, 6), [24, 1], "add up to 4 x 6 = 24, got a sum of 25"),
+        ((4, 6), [1, 2], "got a sum of 3"),
+        ((4, 6), [], "got a sum of 0"),
+        ((4, 6), [10**30], "got a sum of 1000000000"),
+        ((4, 6), "5", "got a sum of 5"),
+        ((4, 6), "", "got a sum of 0"),
+        ((4, 6), "h0N", "got a negative length"),
+        ((4, 6), "~", "expected COCO run lengths, got '~'"),
+        ((4, 6), "é", "expected COCO run lengths, got 'é'"),
+        ((4, 6), "P", "got a number that is cut short"),
+        ((4, 6), "P" * 1000, "expected COCO run lengths"),
+        ((4_000_000, 6_000_000), [24 * 10**12], "at most 67108864 pixels, got 6000000 x 4000000"),
+        ((5, 6), [30], "got 6 x 5"),
     ],
 )
 def test_run_lengths_that_are_none_are_refused(size, counts, message):
@@ -229,10 +229,10 @@ def test_a_file_of_masks(tmp_path):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("", "a.json: wanted a list of"),
-        ("{}", "a.json: wanted a list of"),
-        ("[" * 100_000, "a.json: wanted a list of"),
-        ('[{"image": 1}]', "0.segmentation: wanted"),
+        ("", "a.json: expected a list of"),
+        ("{}", "a.json: expected a list of"),
+        ("[" * 100_000, "a.json: expected a list of"),
+        ('[{"image": 1}]', "0.segmentation: expected"),
         ('[{"image": 1.5, "segmentation": null}]', "0.image"),
         ('[{"image": 1, "segmentation": {"size": [4], "counts": []}}]', "0.segmentation.size"),
         ('[{"image": 1, "segmentation": {"size": [4, -6], "counts": []}}]', "0.segmentation.size.1"),
@@ -250,5 +250,5 @@ def test_other_files_are_refused_with_the_field(tmp_path, content, message):
 def test_a_file_that_is_too_large_is_not_read(tmp_path):
     with (tmp_path / "a.json").open("wb") as file:
         file.truncate(1 << 40)
-    with pytest.raises(DataError, match="a file of at most 67108864 bytes, came 1099511627776"):
+    with pytest.raises(DataError, match="a file of at most 67108864 bytes, got 1099511627776"):
         read_entries(tmp_path / "a.json")

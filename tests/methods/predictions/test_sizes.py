@@ -19,12 +19,12 @@ def test_whole_fractions_and_multiples_pass(size):
 
 @pytest.mark.parametrize("size", [(4, 8), (1, 1), (8, 8), (7, 4), (12, 6), (0, 0), (4, 1), (160_000, 4)])
 def test_others_are_refused_with_both_sizes(size):
-    with pytest.raises(WrongSizeError, match=rf"8 x 4 or 16 x 8 px, or a whole fraction .* came {size[0]} x {size[1]}"):
+    with pytest.raises(WrongSizeError, match=rf"8 x 4 or 16 x 8 px, or a whole fraction .* got {size[0]} x {size[1]}"):
         SIZES.refuse_unfit(size, file=FILE)
 
 
 def test_a_multiple_may_not_be_of_any_size():
-    with pytest.raises(WrongSizeError, match="at most 67108864 pixels, came 160000 x 80000"):
+    with pytest.raises(WrongSizeError, match="at most 67108864 pixels, got 160000 x 80000"):
         SIZES.refuse_unfit((160_000, 80_000), file=FILE)
 
 

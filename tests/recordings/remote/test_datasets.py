@@ -30,15 +30,15 @@ def test_every_adapter_reads_the_same_from_an_address(tmp_path, bucket, adapter)
     shutil.move(tmp_path / "data", tmp_path / "elsewhere")
     recording = remote.open()
     shutil.move(tmp_path / "elsewhere", tmp_path / "data")
-    wanted = local.open()
-    assert (recording.name, remote.name) == (wanted.name, local.name)
+    expected = local.open()
+    assert (recording.name, remote.name) == (expected.name, local.name)
     assert recording.root.is_relative_to(tmp_path / "remote" / "data")
-    for name, images in wanted.images.items():
+    for name, images in expected.images.items():
         assert [image.path.relative_to(recording.root) for image in recording.images[name]] == [
-            image.path.relative_to(wanted.root) for image in images
+            image.path.relative_to(expected.root) for image in images
         ]
-    assert [track.track_id for track in recording.tracks] == [track.track_id for track in wanted.tracks]
-    assert [sweep.timestamp_ns for sweep in recording.sweeps] == [sweep.timestamp_ns for sweep in wanted.sweeps]
+    assert [track.track_id for track in recording.tracks] == [track.track_id for track in expected.tracks]
+    assert [sweep.timestamp_ns for sweep in recording.sweeps] == [sweep.timestamp_ns for sweep in expected.sweeps]
 
 
 def test_adapters_that_are_fetched_by_recording_exist():

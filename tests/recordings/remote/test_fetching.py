@@ -207,7 +207,7 @@ def test_an_object_that_comes_shorter_than_listed_is_refused(tmp_path, url, monk
         files["a/deep/2.png"].write_bytes(b"sec")
 
     monkeypatch.setattr(Storage, "download", cut)
-    with pytest.raises(DataError, match=r"a/deep/2.png: wanted 6 bytes, as listed, came 3"):
+    with pytest.raises(DataError, match=r"a/deep/2.png: expected 6 bytes, as listed, got 3"):
         data(tmp_path).fetch(url)
     assert not list((tmp_path / "copies").glob("*/*.json"))
 
@@ -229,7 +229,7 @@ def test_objects_that_change_while_they_are_fetched_are_refused(tmp_path, url, b
 @pytest.mark.parametrize("key", ["drives/../../outside", "drives//etc/x", "drives/a/1.png/b", "drives/a\\b"])
 def test_hostile_names_write_nothing(tmp_path, url, bucket, fetched, key):
     bucket.put(key, b"evil")
-    with pytest.raises(DataError, match="s3://bench/drives: wanted"):
+    with pytest.raises(DataError, match="s3://bench/drives: expected"):
         data(tmp_path).fetch(url)
     assert fetched == []
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
@@ -241,7 +241,7 @@ def test_folders_without_content_are_no_files(tmp_path, url, bucket):
 
 
 def test_an_empty_place_is_told(tmp_path, url):
-    with pytest.raises(DataError, match="s3://bench/nowhere: wanted a folder with data, came nothing there"):
+    with pytest.raises(DataError, match="s3://bench/nowhere: expected a folder with data, got nothing there"):
         data(tmp_path).fetch(parse_place("s3://bench/nowhere"))
 
 
@@ -282,7 +282,7 @@ def test_a_process_gives_up_what_it_opened_longest_ago_for_room(tmp_path, three)
 
 
 def test_more_than_the_limit_is_refused(tmp_path, three):
-    with pytest.raises(DataError, match=r"wanted room for 0.0 MB for s3://bench/many, came less by its limit"):
+    with pytest.raises(DataError, match=r"expected room for 0.0 MB for s3://bench/many, got less by its limit"):
         data(tmp_path, 999).fetch(*three("p"))
 
 
@@ -290,7 +290,7 @@ def test_a_full_disk_is_told_before_and_while_fetching(tmp_path, three, monkeypa
     usage = fetching.shutil.disk_usage(tmp_path)
     with monkeypatch.context() as patched:
         patched.setattr(fetching.shutil, "disk_usage", lambda _: usage._replace(free=10))
-        with pytest.raises(DataError, match=r"wanted room for 0.0 MB .* make room"):
+        with pytest.raises(DataError, match=r"expected room for 0.0 MB .* make room"):
             data(tmp_path).fetch(*three("p"))
 
     def full(self, files):
@@ -304,7 +304,7 @@ def test_a_full_disk_is_told_before_and_while_fetching(tmp_path, three, monkeypa
 @pytest.mark.parametrize("told", ["0", "-1", "many", "nan", "inf"])
 def test_a_limit_that_is_none_is_refused(monkeypatch, told):
     monkeypatch.setenv("FISHEYE_BENCH_REMOTE_GB", told)
-    with pytest.raises(UsageError, match="FISHEYE_BENCH_REMOTE_GB: wanted a positive number"):
+    with pytest.raises(UsageError, match="FISHEYE_BENCH_REMOTE_GB: expected a positive number"):
         limit_from_environment()
 
 

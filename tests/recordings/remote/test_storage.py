@@ -13,8 +13,8 @@ from bench.recordings.remote import Storage, parse_place, storage
 SECRETS = ("secret-of-tests", "key-of-tests")
 
 
-def refused(action, wanted: str) -> None:
-    with pytest.raises(DataError, match=wanted) as error:
+def refused(action, expected: str) -> None:
+    with pytest.raises(DataError, match=expected) as error:
         action()
     assert not any(secret in str(error.value) for secret in SECRETS)
 
@@ -31,7 +31,7 @@ def actions(place: str, tmp_path):
 
 @pytest.mark.parametrize("action", ["entries", "upload", "download"])
 def test_a_missing_bucket_is_told(bucket, tmp_path, action):
-    refused(actions("s3://nobody/x", tmp_path)[action], "s3://nobody/x: wanted .*FileNotFoundError.*check bucket")
+    refused(actions("s3://nobody/x", tmp_path)[action], "s3://nobody/x: expected .*FileNotFoundError.*check bucket")
 
 
 def test_what_was_uploaded_is_listed_and_comes_back(bucket, tmp_path):

@@ -40,7 +40,7 @@ def test_an_address_has_a_bucket_and_a_name(text):
     ],
 )
 def test_an_address_with_a_secret_is_refused_without_telling_it(text):
-    with pytest.raises(UsageError, match="wanted") as refused:
+    with pytest.raises(UsageError, match="expected") as refused:
         parse_place(text)
     assert "hidden" not in str(refused.value)
 
@@ -51,7 +51,7 @@ def test_an_address_with_a_secret_is_refused_without_telling_it(text):
      "file://x", "simplecache::s3://b/x", "s3://b\\x"],
 )  # fmt: skip
 def test_other_addresses_are_refused(text):
-    with pytest.raises(UsageError, match="wanted"):
+    with pytest.raises(UsageError, match="expected"):
         parse_place(text)
 
 
@@ -75,8 +75,8 @@ def test_a_card_names_an_address_also_through_a_variable(tmp_path, monkeypatch):
 
 
 def test_a_card_with_a_secret_or_remote_annotations_is_refused(tmp_path):
-    with pytest.raises(DataError, match="root: wanted a folder or an address") as refused:
+    with pytest.raises(DataError, match="root: expected a folder or an address") as refused:
         open_dataset(load_card(card(tmp_path, root="s3://me:hidden@bench/x")))
     assert "hidden" not in str(refused.value)
-    with pytest.raises(DataError, match="annotations: wanted a folder or file of this machine"):
+    with pytest.raises(DataError, match="annotations: expected a folder or file of this machine"):
         open_dataset(load_card(card(tmp_path, annotations="s3://bench/labels")))

@@ -134,7 +134,7 @@ def test_runs_that_do_not_compare_are_refused_with_both_values(half, tmp_path, c
 
 
 def test_one_run_is_not_enough(half):
-    with pytest.raises(UsageError, match="at least two runs, came 1"):
+    with pytest.raises(UsageError, match="at least two runs, got 1"):
         compared(half)
 
 

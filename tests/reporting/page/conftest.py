@@ -50,7 +50,7 @@ def browser(tmp_path_factory):
     """Headless chromium; on CI its absence is a failure."""
     chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
     if chromium is None or driver is None:
-        message = "wanted chromium and chromedriver, came none; install them: apt-get install chromium chromium-driver"
+        message = "expected chromium and chromedriver, got none; install them: apt-get install chromium chromium-driver"
         if os.environ.get("CI"):
             pytest.fail(message)
         pytest.skip(message)

@@ -176,7 +176,7 @@ def test_without_masks_there_are_no_pictures_and_the_reason_is_said(tiny_run, tm
     (run / "masks.parquet").unlink()
     assert "runs of older versions hold no masks" in str(write_page(run).problems)
     (run / "masks.parquet").write_bytes((tiny_run / "masks.parquet").read_bytes()[:-50])
-    assert "wanted the masks of a run" in str(write_page(run).problems)
+    assert "expected the masks of a run" in str(write_page(run).problems)
 
 
 def test_a_page_of_one_kind_has_only_its_rows(tiny_run):

@@ -29,16 +29,16 @@ def scheduler_address(text: str) -> str:
     """
     if "://" in text:
         return text
-    wanted, do = "an address, or the file of a Dask scheduler", "for example tcp://localhost:8786"
+    expected, do = "an address, or the file of a Dask scheduler", "for example tcp://localhost:8786"
     try:
         content = json.loads(Path(text).read_text(encoding="utf-8"))
     except OSError as error:
-        raise DataError(text, wanted=wanted, came=error.strerror or str(error), do=do) from error
+        raise DataError(text, expected=expected, got=error.strerror or str(error), do=do) from error
     except (ValueError, RecursionError) as error:
-        raise DataError(text, wanted=wanted, came=f"no JSON ({error})", do=do) from error
+        raise DataError(text, expected=expected, got=f"no JSON ({error})", do=do) from error
     address = content.get("address") if isinstance(content, dict) else None
     if not isinstance(address, str):
-        raise DataError(text, field="address", wanted="text", came=repr(address), do=do)
+        raise DataError(text, field="address", expected="text", got=repr(address), do=do)
     return address
 
 
@@ -50,7 +50,7 @@ def connected(scheduler: str) -> Iterator[Client]:
         from distributed import Client
     except ImportError as error:
         do = "install it: pip install 'fisheye-bench[cluster]'"
-        raise UsageError(f"--scheduler: wanted Dask, which is optional, came none ({error}); {do}") from error
+        raise UsageError(f"--scheduler: expected Dask, which is optional, got none ({error}); {do}") from error
     logger = logging.getLogger("distributed")
     level = logger.level
     logger.setLevel(logging.CRITICAL + 1)
@@ -59,9 +59,9 @@ def connected(scheduler: str) -> Iterator[Client]:
             try:
                 client = Client(scheduler, timeout=CONNECTION_S, set_as_default=False, name="fisheye-bench")
             except (OSError, ValueError, TimeoutError) as error:
-                came = f"none within {CONNECTION_S:g} s ({' '.join(str(error).split())})"
+                got = f"none within {CONNECTION_S:g} s ({' '.join(str(error).split())})"
                 do = "start one with `dask scheduler`, and workers with `dask worker`; or compute here, with --workers"
-                raise DataError(scheduler, wanted="a Dask scheduler", came=came, do=do) from error
+                raise DataError(scheduler, expected="a Dask scheduler", got=got, do=do) from error
             try:
                 yield client
             finally:

@@ -135,9 +135,9 @@ class _Crew:
         if count:
             self.seen_s = monotonic()
         elif monotonic() - self.seen_s > self.patience_s:
-            came = f"none for {self.patience_s:g} s"
+            got = f"none for {self.patience_s:g} s"
             do = f"start some, for example: dask worker {self.scheduler} --nthreads 1, then give the same command again"
-            raise DataError(self.scheduler, wanted="workers", came=came, do=do)
+            raise DataError(self.scheduler, expected="workers", got=got, do=do)
         return count
 
     def wait_for_one(self) -> int:
@@ -196,7 +196,7 @@ class _Crew:
     def lost(self) -> DataError:
         """The error of a connection that is gone."""
         do = "start it and its workers, then give the same command again: units that are stored are not computed again"
-        return DataError(self.scheduler, wanted="the Dask scheduler", came="a connection that was lost", do=do)
+        return DataError(self.scheduler, expected="the Dask scheduler", got="a connection that was lost", do=do)
 
 
 def _ending(fault: Any) -> str:
