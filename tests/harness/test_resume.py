@@ -46,7 +46,7 @@ def score(
 def bytes_of(run: Path) -> dict[str, bytes]:
     """The whole result but for where it comes from."""
     summary = json.loads((run / "summary.json").read_text())
-    del summary["provenance"]
+    del summary["provenance"], summary["sha256"]
     tables = {name: (run / name).read_bytes() for name in ("objects.parquet", "frames.parquet", MASKS, IMAGE_MAPS)}
     return tables | {"summary": json.dumps(summary).encode()}
 

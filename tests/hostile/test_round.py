@@ -1,0 +1,322 @@
+"""Seeded damage to every kind of file that is read: a clear error or an acceptable file, and never another meaning.
+
+What a checksum guards (stored results, PNG and NPZ files) is refused or read as it was written. Other files may say
+something else after the damage; then they must be accepted as what they say.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+from typing import TypeVar
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+import bench
+from bench.errors import BenchError
+from bench.lidar import read_sweep
+from bench.recordings import ImageRef, read_image
+from bench.recordings.images import read_mask
+from tests.cli.test_commands import call
+from tests.harness.test_resume import bytes_of
+from tests.hostile import files
+from tests.hostile.damage import damaged
+from tests.layers.test_tool_commands import FORMATS
+from tests.recordings import tiny, tiny_aimotive, tiny_kitti360, tiny_rosbag, tiny_woodscape
+
+BENCH = Path(bench.__file__).parent
+SEED = 12
+LONGEST_S = 30  # of a case; the slowest whole one takes two
+CLEAR = {0, 1, 2, 3}  # 70 is a fault of ours
+Observed = Mapping[str, bytes] | None
+Read = TypeVar("Read")
+
+pytestmark = pytest.mark.slow
+
+
+@contextmanager
+def at_most(seconds: int) -> Iterator[None]:
+    def late(*_: object) -> None:
+        raise AssertionError(f"nothing after {seconds} s")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.alarm(seconds)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def seeded(*words: object) -> Random:
+    return Random(zlib.crc32(repr((SEED, *words)).encode()))
+
+
+# Readers of single files
+
+CLOUDS = {
+    ".npz": files.NPZ,
+    ".laz": files.laz(files.POINTS.astype(float), gps_time=np.full(500, 1000.0)),
+    "layered.laz": files.laz(files.POINTS.astype(float), point_format=6, gps_time=np.full(500, 1000.0)),
+    ".bin": files.ROWS.tobytes(),
+    ".pcd": files.pcd(500, body=files.POINTS.tobytes()),
+    ".ply": files.ply(500, body=files.POINTS.tobytes()),
+}
+
+
+def read_or_told(read: Callable[[], Read], path: Path) -> Read | None:
+    """What a reader gives, or None where it says in a line that names the file why not."""
+    with at_most(LONGEST_S):
+        try:
+            return read()
+        except BenchError as error:
+            told = str(error)
+    assert str(path) in told
+    assert "\n" not in told
+    return None
+
+
+@pytest.mark.parametrize("kind", CLOUDS)
+def test_point_clouds(tmp_path, kind):
+    path = tmp_path / f"1000.{kind.rpartition('.')[2]}"
+    path.write_bytes(CLOUDS[kind])
+    whole = read_sweep(path, 1000)
+    for case in range(70):
+        content, how = damaged(CLOUDS[kind], seeded(kind, case))
+        path.write_bytes(content)
+        sweep = read_or_told(lambda: read_sweep(path, 1000), path)
+        if sweep is not None and kind == ".npz":
+            assert np.array_equal(sweep.points_lidar, whole.points_lidar), (case, how)
+        elif sweep is not None:
+            assert sweep.points_lidar.shape[1:] == (3,), (case, how)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+def test_images(tmp_path, suffix):
+    path = tmp_path / f"1000{suffix}"
+    camera, image = tiny.front_camera(), ImageRef(camera="front", timestamp_ns=1000, path=path)
+    smooth = cv2.GaussianBlur(tiny.pixels(0), (0, 0), 3)
+    whole = cv2.imencode(suffix, smooth)[1].tobytes()
+    for case in range(100):
+        content, how = damaged(whole, seeded(suffix, case))
+        path.write_bytes(content)
+        pixels = read_or_told(lambda: read_image(image, camera), path)
+        mask = read_or_told(lambda: read_mask(path, (tiny.WIDTH, tiny.HEIGHT)), path)
+        for found, expected in ((pixels, smooth), (mask, smooth > 0)):
+            if found is not None:
+                assert found.shape == expected.shape, (case, how)
+                assert suffix != ".png" or np.array_equal(found, expected), (case, how)
+
+
+# Files behind commands
+
+
+@dataclass(frozen=True)
+class Target:
+    """A folder of files and a command that reads them.
+
+    Attributes:
+        harm: patterns of the files that are damaged, one a case.
+        words: of the command; `{}` is the folder.
+        cases: how many.
+        observe: what the command makes of whole files, where damage must not change it.
+    """
+
+    harm: tuple[str, ...]
+    words: tuple[str, ...]
+    cases: int = 30
+    observe: Callable[[Path], Observed] | None = None
+
+
+def content_of(*names: str) -> Callable[[Path], Observed]:
+    return lambda folder: {name: (folder / name).read_bytes() for name in names}
+
+
+def verdict(folder: Path) -> Observed:
+    return {"verdict": (folder / "verdict.json").read_bytes()}
+
+
+def tables(folder: Path) -> Observed:
+    return bytes_of(folder / "run")
+
+
+DATA = (
+    "run",
+    "{}/card.yaml",
+    "--method",
+    "nothing",
+    "--workers",
+    "1",
+    "--no-pictures",
+    "--no-cache",
+    "--out",
+    "{}/out",
+)
+VALIDATE = ("validate", "{}/card.yaml", "--deep")
+RUN = ("run", "{}/tiny.yaml", "--method", "everything", "--workers", "1", "--no-pictures")
+GATE = ("gate", "{}/run", "--baseline", "{}/baseline.json", "--json", "{}/verdict.json")
+STORED = ("run/*.json", "run/*.parquet", "run/*.npz")
+TARGETS = {
+    **{f"run {name}": Target(("data/**/*",), DATA, 40) for name in ("aimotive", "kitti360", "mcap", "sqlite")},
+    "run native": Target(("data/**/*",), DATA, 60),
+    "run woodscape": Target(("data/**/*",), (*DATA, "--protocol", "masks-v1"), 40),
+    **{f"validate {name}": Target(("data/**/*",), VALIDATE, 40) for name in ("aimotive", "kitti360", "native", "mcap")},
+    "card": Target(("card.yaml",), DATA),
+    "scenario": Target(
+        ("*.scenario.yaml",), ("synthesize", "{}/s.scenario.yaml", "--out", "{}/made", "--workers", "1"), 12
+    ),
+    **{
+        f"label format {name}": Target(
+            ("tool/**/*",),
+            ("annotations", "import", name, "{}/tool/drive", "--dataset", "{}/card.yaml", "--recording", "drive",
+             "--out", "{}/annotations"),
+        )
+        for name in FORMATS
+    },
+    "protocol": Target(("p.yaml",), (*RUN, "--protocol", "{}/p.yaml", "--out", "{}/out"), 20),
+    "tolerances": Target(("t.yaml",), (*GATE, "--tolerances", "{}/t.yaml"), 20),
+    "gate": Target(STORED, GATE, 60, verdict),
+    "baseline": Target(("baseline.json",), GATE, 60, verdict),
+    "report": Target(STORED, ("report", "{}/run", "--no-pictures"), 30, content_of("run/index.html")),
+    "page with pictures": Target(("run/masks.parquet", "run/frames.parquet"), ("report", "{}/run"), 12,
+                                 content_of("run/index.html")),
+    "compare": Target(STORED, ("compare", "{}/run", "{}/other", "--no-pictures", "--out", "{}/compared"), 40,
+                      content_of("compared/compare.json")),
+    "leaderboard": Target(STORED, ("leaderboard", "{}", "--out", "{}/board"), 30, content_of("board/leaderboard.json")),
+    "units": Target(("run/units/*",), (*RUN, "--out", "{}/run"), 40, tables),
+    "parts": Target(("run/shards/*", "run/units/*"), ("merge", "{}/run", "--no-pictures"), 40, tables),
+    "cache": Target(("cache/**/*",), (*RUN, "--cache", "{}/cache", "--out", "{}/run"), 40, tables),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def whole(tiny_card, tmp_path_factory) -> Callable[[str], Path]:
+    """The folder of a target with nothing damaged, made once."""
+    made: dict[str, Path] = {}
+    patched = pytest.MonkeyPatch()
+
+    def data_set(name: str) -> Path:
+        folder = tmp_path_factory.mktemp(name)
+        adapter, options = "rosbag" if name in {"mcap", "sqlite"} else name, {}
+        if name == "native":
+            tiny.write_recording(folder / "data" / "drive")
+        elif name in {"mcap", "sqlite"}:
+            tiny_rosbag.write_data_set(folder / "data", storage=name if name == "mcap" else "sqlite3")
+            options = tiny_rosbag.OPTIONS
+        else:
+            module = {"aimotive": tiny_aimotive, "kitti360": tiny_kitti360, "woodscape": tiny_woodscape}[name]
+            module.write_data_set(folder / "data")
+            options = module.OPTIONS | ({"cameras": ["FV"]} if name == "woodscape" else {})
+        card = {"name": "x", "title": "x", "adapter": adapter, "root": "data", "licence": "x", "options": options}
+        card |= {"annotations": "annotations"} if adapter == "rosbag" else {}
+        (folder / "card.yaml").write_text(yaml.safe_dump(card))
+        return folder
+
+    def run_of(method: str, folder: Path, *words: str) -> None:
+        common = ("--workers", 1, "--no-pictures", "--no-cache")
+        assert call(patched, "run", tiny_card, "--method", method, *common, "--out", folder, *words) == 0
+
+    def make(name: str) -> Path:
+        first, _, last = name.partition(" ")
+        if first in {"run", "validate"}:
+            return data_set(last)
+        if name == "card":
+            return data_set("native")
+        if name.startswith("label format"):
+            folder, tool = data_set("native"), name.split()[-1]
+            shutil.copytree(folder / "data/drive", folder / "drive")
+            words = ("--dataset", folder / "card.yaml", "--out", folder / "tool")
+            assert call(patched, "annotations", "export", tool, *words) == 0
+            return folder
+        folder = tmp_path_factory.mktemp("stored")
+        if name == "scenario":
+            shutil.copy(tiny_card.with_name("tiny.scenario.yaml"), folder / "s.scenario.yaml")
+            return folder
+        shutil.copytree(tiny_card.parent, folder, dirs_exist_ok=True)
+        if name == "protocol":
+            shutil.copy(BENCH / "evaluation/protocols/extended-v1.yaml", folder / "p.yaml")
+            return folder
+        if name == "parts":
+            for part in ("1/2", "2/2"):
+                run_of("everything", folder / "run", "--shard", part)
+            return folder
+        if name == "cache":
+            assert call(patched, *said(RUN, folder), "--cache", folder / "cache", "--out", folder / "first") == 0
+            return folder
+        run_of("everything", folder / "run")
+        if name == "compare":
+            run_of("nothing", folder / "other")
+        if name in {"gate", "baseline", "tolerances"}:
+            words = ("--baseline", folder / "baseline.json", "--update", "--allow-dirty")
+            assert call(patched, "gate", folder / "run", *words) == 0
+            shutil.copy(BENCH / "gate/tolerances/default-v1.yaml", folder / "t.yaml")
+        return folder
+
+    def folder_of(name: str) -> Path:
+        if name not in made:
+            made[name] = make(name)
+        return made[name]
+
+    yield folder_of
+    patched.undo()
+
+
+def said(words: tuple[str, ...], folder: Path) -> list[str]:
+    return [word.replace("{}", str(folder)) for word in words]
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_files_behind_commands(whole, tmp_path, monkeypatch, capsys, name):
+    target, source, place = TARGETS[name], whole(name), tmp_path / "place"
+    monkeypatch.setenv("FISHEYE_BENCH_CACHE", str(tmp_path / "steps"))
+    words: list[str] = []
+
+    def outcome() -> tuple[int, Observed]:
+        capsys.readouterr()
+        with at_most(LONGEST_S):
+            status = call(monkeypatch, *said(target.words, place))
+        shown = capsys.readouterr()
+        words.append(shown.err + shown.out)
+        assert "Traceback" not in shown.err + shown.out, shown.err
+        assert status in CLEAR, shown.err
+        if status == 2 and target.words[0] != "run":  # a run that left something out says so in its table
+            assert shown.err.startswith("error: ") or shown.out, "no word of what is wrong"
+        return status, target.observe(place) if target.observe is not None and status != 2 else None
+
+    shutil.copytree(source, place)
+    expected = outcome()
+    assert expected[0] != 2, words
+    wrong = []
+    for case in range(target.cases):
+        shutil.rmtree(place)
+        shutil.copytree(source, place)
+        rng = seeded(name, case)
+        found = sorted({path for pattern in target.harm for path in place.glob(pattern) if path.is_file()})
+        file = rng.choice([path for path in found if path.stat().st_size])
+        content, how = damaged(file.read_bytes(), rng)
+        file.write_bytes(content)
+        where = f"case {case}: {how} in {file.relative_to(place)}"
+        try:
+            status, observed = outcome()
+        except AssertionError as error:
+            wrong.append(f"{where}: {str(error)[-1500:]}")
+            continue
+        if target.observe is not None and status != 2 and (status, observed) != expected:
+            wrong.append(f"{where}: another result, status {status}")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_the_round_is_large_enough():
+    """What the tests above say of themselves."""
+    assert 70 * len(CLOUDS) + 2 * 2 * 100 + sum(target.cases for target in TARGETS.values()) >= 1000
+    assert all(json.dumps(target.words) for target in TARGETS.values())
