@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from bench.cameras import camera_from_parameters
 from bench.errors import BenchError
 from bench.recordings.validation import FileModel
-from bench.synthesis.scenario.values import Name, NotNegative, Place, Positive
+from bench.synthesis.scenario.values import Name, NotNegative, Number, Place, Positive
 
 Share = Annotated[float, Field(gt=0, le=1)]
 Quality = Annotated[int, Field(ge=1, le=100)]
@@ -58,9 +58,9 @@ class CameraSpec(FileModel):
     height: int = Field(gt=0, le=8192)
     parameters: dict[str, Any]
     position_m: Place
-    yaw_deg: float = 0.0
-    pitch_down_deg: float = 0.0
-    roll_deg: float = 0.0
+    yaw_deg: Number = 0.0
+    pitch_down_deg: Number = 0.0
+    roll_deg: Number = 0.0
     sensor: SensorSpec = SensorSpec()
 
     @model_validator(mode="after")

@@ -9,7 +9,9 @@ from pydantic import AfterValidator, Field, model_validator
 from bench.errors import UnknownNameError
 from bench.recordings.validation import FileModel
 from bench.synthesis.bodies import BODIES
-from bench.synthesis.scenario.values import Name, NotNegative, refuse_misfit
+from bench.synthesis.scenario.values import Name, NotNegative, Number, refuse_misfit
+
+Speed = Annotated[float, Field(ge=0, le=150)]
 
 
 def _known_body(kind: str) -> str:
@@ -37,11 +39,11 @@ class ActorSpec(FileModel):
     name: Name
     kind: Annotated[str, AfterValidator(_known_body)]
     at_s: NotNegative = 0.0
-    position_m: tuple[float, float]
-    heading_deg: float = 0.0
-    times_s: tuple[float, ...] = (0.0,)
-    speed_mps: tuple[NotNegative, ...] | NotNegative = 0.0
-    yaw_rate_degps: tuple[float, ...] | float = 0.0
+    position_m: tuple[Number, Number]
+    heading_deg: Number = 0.0
+    times_s: tuple[Number, ...] = (0.0,)
+    speed_mps: tuple[Speed, ...] | Speed = 0.0
+    yaw_rate_degps: tuple[Number, ...] | Number = 0.0
     gear: Literal["forward", "reverse"] = "forward"
     floor_m: float = Field(default=0.0, ge=0, le=0.3)
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
 from bench.recordings.validation import FileModel
-from bench.synthesis.scenario.values import NotNegative, refuse_misfit
+from bench.synthesis.scenario.values import Number, refuse_misfit
 
 
 class BumpSpec(FileModel):
@@ -21,7 +21,7 @@ class BumpSpec(FileModel):
         length_m: along the way; the profile is a raised cosine.
     """
 
-    at_m: float
+    at_m: Number
     height_m: float = Field(ge=-0.1, le=0.1)
     length_m: float = Field(default=0.6, gt=0.1, le=10)
 
@@ -39,9 +39,9 @@ class HostSpec(FileModel):
         bumps: felt by a host with a suspension.
     """
 
-    times_s: tuple[float, ...] = (0.0,)
-    speed_kmh: tuple[NotNegative, ...]
-    yaw_rate_degps: tuple[float, ...] = (0.0,)
+    times_s: tuple[Number, ...] = (0.0,)
+    speed_kmh: tuple[Annotated[float, Field(ge=0, le=500)], ...]
+    yaw_rate_degps: tuple[Number, ...] = (0.0,)
     gear: Literal["forward", "reverse"] = "forward"
     ramp_s: float = Field(default=0.0, ge=0, le=2)
     bumps: tuple[BumpSpec, ...] = ()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import Field
 
 from bench.recordings.validation import FileModel
-from bench.synthesis.scenario.values import NotNegative, Place, Positive
+from bench.synthesis.scenario.values import NotNegative, Place
 
 
 class LidarSpec(FileModel):
@@ -27,8 +27,8 @@ class LidarSpec(FileModel):
     """
 
     position_m: Place
-    rotation_hz: Positive = 10.0
-    max_range_m: Positive = 60.0
+    rotation_hz: float = Field(default=10.0, ge=1, le=100)
+    max_range_m: float = Field(default=60.0, ge=1, le=1000)
     range_noise_m: NotNegative = 0.02
     weakest_return_per_m2: NotNegative = 5e-6
     pane_returns: float = Field(default=0.2, ge=0, le=1)

@@ -7,6 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from bench.recordings.validation import FileModel
+from bench.synthesis.scenario.values import Number
 
 
 class LightSpec(FileModel):
@@ -20,5 +21,5 @@ class LightSpec(FileModel):
     """
 
     kind: Literal["sunny", "overcast", "low_sun", "night"] = "sunny"
-    azimuth_deg: float | None = None
+    azimuth_deg: Number | None = None
     elevation_deg: float | None = Field(default=None, gt=0, le=90)

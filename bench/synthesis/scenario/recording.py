@@ -12,7 +12,7 @@ from bench.synthesis.scenario.lidar import LidarSpec
 from bench.synthesis.scenario.light import LightSpec
 from bench.synthesis.scenario.series import SeriesSpec
 from bench.synthesis.scenario.street import StreetSpec
-from bench.synthesis.scenario.values import Name, Positive, refuse_twice
+from bench.synthesis.scenario.values import Name, refuse_twice
 from bench.synthesis.scenario.vehicle import VehicleSpec
 
 
@@ -59,7 +59,7 @@ class ScenarioHead(FileModel):
     name: Name
     licence: str
     seed: int = Field(ge=0)
-    frame_rate_hz: Positive = 15.0
+    frame_rate_hz: float = Field(default=15.0, ge=0.1, le=1000)
     cameras: tuple[CameraSpec, ...] = Field(min_length=1)
     lidar: LidarSpec
     vehicle: VehicleSpec = VehicleSpec()

@@ -9,9 +9,10 @@ from typing import Annotated
 from pydantic import Field
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$")]
-NotNegative = Annotated[float, Field(ge=0)]
-Positive = Annotated[float, Field(gt=0)]
-Place = tuple[float, float, float]
+Number = Annotated[float, Field(ge=-1e4, le=1e4)]  # metres, degrees, seconds: nothing of a scene lies beyond
+NotNegative = Annotated[float, Field(ge=0, le=1e6)]
+Positive = Annotated[float, Field(ge=1e-6, le=1e6)]
+Place = tuple[Number, Number, Number]
 
 
 def refuse_twice(names: list[str], field: str) -> None:

@@ -1,0 +1,121 @@
+"""A damaged file of a stored run ends every command that reads it in one line, and never with the gate's verdict."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tests.cli.test_commands import call
+
+
+@pytest.fixture(scope="module")
+def whole(tiny_card, tmp_path_factory) -> Path:
+    """A folder of two runs and a baseline."""
+    folder = tmp_path_factory.mktemp("stored")
+    with pytest.MonkeyPatch.context() as patched:
+        for method in ("nothing", "everything"):
+            words = ("--method", method, "--workers", 1, "--no-pictures", "--out", folder / method)
+            assert call(patched, "run", tiny_card, *words) == 0
+        words = ("--baseline", folder / "baseline.json", "--update", "--allow-dirty")
+        assert call(patched, "gate", folder / "everything", *words) == 0
+    return folder
+
+
+def flip(file: Path) -> None:
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes(content)
+
+
+def raise_a_digit(file: Path) -> None:
+    """Still JSON, and still a figure."""
+    text = file.read_text()
+    assert '"value": 1.0' in text or '"recordings": 3' in text
+    file.write_text(text.replace('"value": 1.0', '"value": 0.5', 1).replace('"recordings": 3', '"recordings": 4', 1))
+
+
+def without_seal(file: Path, change) -> None:
+    """As a file of an older version, or of somebody who knows the digest."""
+    content = json.loads(file.read_text())
+    del content["sha256"], content["files"]
+    change(content)
+    file.write_text(json.dumps(content))
+
+
+DAMAGE = {  # file, and what is done to it
+    "not UTF-8": ("summary.json", lambda file: file.write_bytes(b"\xff\xfe" + file.read_bytes())),
+    "cut short": ("summary.json", lambda file: file.write_bytes(file.read_bytes()[:-100])),
+    "another figure": ("summary.json", raise_a_digit),
+    "a row missing": ("summary.json", lambda f: without_seal(f, lambda c: c["categories"].pop("crossing"))),
+    "an unknown row": (
+        "summary.json", lambda f: without_seal(f, lambda c: c["categories"].update(flying=c["all_moving"]))
+    ),
+    "a figure missing": ("summary.json", lambda f: without_seal(f, lambda c: c["all_moving"].pop("iou"))),
+    "a level missing": ("summary.json", lambda f: without_seal(f, lambda c: c["all_moving"].pop("detection_rate_10"))),
+    "a version to come": ("summary.json", lambda f: without_seal(f, lambda c: c.update(schema_version=99))),
+    "a flipped bit in the objects": ("objects.parquet", flip),
+    "a flipped bit in the frames": ("frames.parquet", flip),
+    "a flipped bit in the maps": ("image_maps.npz", flip),
+    "a flipped bit in the masks": ("masks.parquet", flip),
+    "another run's tables": ("objects.parquet", lambda f: shutil.copy(f.parents[1] / "nothing/objects.parquet", f)),
+}  # fmt: skip
+COMMANDS = {
+    "report": lambda f: ("report", f / "everything", "--no-pictures"),
+    "gate": lambda f: ("gate", f / "everything", "--baseline", f / "baseline.json"),
+    "compare": lambda f: ("compare", f / "nothing", f / "everything", "--no-pictures", "--out", f / "out"),
+    "leaderboard": lambda f: ("leaderboard", f),
+}
+
+
+@pytest.mark.parametrize("what", DAMAGE)
+def test_runs(whole, tmp_path, monkeypatch, capsys, what):
+    folder, (name, damage) = shutil.copytree(whole, tmp_path / "runs"), DAMAGE[what]
+    damage(folder / "everything" / name)
+    for words in COMMANDS.values():
+        assert call(monkeypatch, *words(folder)) == 2
+        shown = capsys.readouterr()
+        told = shown.err + shown.out
+        assert str(folder / "everything" / "summary.json") in told or str(folder / "everything" / name) in told
+        assert "Traceback" not in told
+
+
+@pytest.mark.parametrize("damage", [flip, lambda file: file.write_bytes(b"\xff" + file.read_bytes())])
+def test_baselines(whole, tmp_path, monkeypatch, capsys, damage):
+    folder = shutil.copytree(whole, tmp_path / "runs")
+    damage(folder / "baseline.json")
+    assert_refused(folder / "baseline.json", monkeypatch, capsys)
+
+
+def test_an_edited_baseline(whole, tmp_path, monkeypatch, capsys):
+    """Another layout is no other content; another content is refused, as valid as it is."""
+    folder = shutil.copytree(whole, tmp_path / "runs")
+    baseline = folder / "baseline.json"
+    content = json.loads(baseline.read_text())
+    baseline.write_text(json.dumps(content))
+    assert call(monkeypatch, *COMMANDS["gate"](folder)) == 3, "too few recordings for a verdict"
+    capsys.readouterr()
+    baseline.write_text(json.dumps(content | {"dataset": "another"}))
+    assert_refused(baseline, monkeypatch, capsys)
+
+
+def assert_refused(baseline: Path, monkeypatch, capsys) -> None:
+    assert call(monkeypatch, *COMMANDS["gate"](baseline.parent)) == 2
+    shown = capsys.readouterr()
+    assert shown.err.startswith(f"error: {baseline}: expected a baseline, got ")
+    assert shown.err.count("\n") == 1
+
+
+def test_a_fault_of_ours_is_no_verdict(whole, monkeypatch, capsys):
+    def fault(*_, **__):
+        raise KeyError("crossing")
+
+    monkeypatch.setattr("bench.cli.gating.judge", fault)
+    assert call(monkeypatch, *COMMANDS["gate"](whole)) == 70
+    assert "KeyError" in capsys.readouterr().err
+
+
+def test_a_run_of_an_older_version_is_read(whole, tmp_path, monkeypatch):
+    folder = shutil.copytree(whole, tmp_path / "runs")
+    without_seal(folder / "everything" / "summary.json", lambda content: content["all_moving"].keys())
+    assert call(monkeypatch, *COMMANDS["report"](folder)) == 0
