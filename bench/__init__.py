@@ -5,7 +5,7 @@ polygon is the reference that a segmentation method is scored against (Mariotti 
 
 Start reading in `bench.evaluation`. The rooms, from the top down, each importing only from those below:
 `cli`, `reporting`, `harness`, `evaluation`, `methods` | `reference` | `synthesis`, `recordings`,
-`cameras` | `lidar` | `egomotion`, `geometry` | `flow`, `parallel`, `errors`.
+`cameras` | `lidar` | `egomotion`, `geometry` | `flow`, `execution`, `errors`.
 """
 
 __version__ = "0.1.0"

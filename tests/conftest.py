@@ -72,6 +72,14 @@ def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         os.environ["FISHEYE_BENCH_CACHE"] = before
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _one_worker() -> Iterator[None]:
+    """Commands that are called in this process start no others unless they are told to: that takes seconds."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("bench.cli.computing.usable_cores", lambda: 1)
+        yield
+
+
 @pytest.fixture(scope="session")
 def tiny_card(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The card of a rendered data set; tests that change files copy it first."""

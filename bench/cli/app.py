@@ -126,38 +126,34 @@ def run(
 
     A run that was interrupted goes on where it stopped, by the same command.
     """
-    from bench.cli.early import early_processes, only_imports
+    from bench.cli import running
+    from bench.cli.computing import Computing
 
-    with early_processes(workers, scheduler=scheduler) as processes:
-        with only_imports():
-            from bench.cli import running
-            from bench.cli.computing import Computing
-
-        computing = Computing(workers=workers, processes=processes, cache=cache, no_cache=no_cache, scheduler=scheduler)
-        if shard is not None:
-            failures = running.run_part(
-                dataset,
-                method=method,
-                settings=set_ or [],
-                protocol=protocol,
-                split=split,
-                out=out,
-                overwrite=overwrite,
-                shard=shard,
-                computing=computing,
-            )
-        else:
-            failures = running.run(
-                dataset,
-                method=method,
-                settings=set_ or [],
-                protocol=protocol,
-                split=split,
-                out=out,
-                overwrite=overwrite,
-                pictures=pictures,
-                computing=computing,
-            )
+    computing = Computing(workers=workers, cache=cache, no_cache=no_cache, scheduler=scheduler)
+    if shard is not None:
+        failures = running.run_part(
+            dataset,
+            method=method,
+            settings=set_ or [],
+            protocol=protocol,
+            split=split,
+            out=out,
+            overwrite=overwrite,
+            shard=shard,
+            computing=computing,
+        )
+    else:
+        failures = running.run(
+            dataset,
+            method=method,
+            settings=set_ or [],
+            protocol=protocol,
+            split=split,
+            out=out,
+            overwrite=overwrite,
+            pictures=pictures,
+            computing=computing,
+        )
     if failures:
         raise typer.Exit(DATA_ERROR)
 
@@ -184,7 +180,7 @@ def cluster_example(
 ) -> None:
     """Print a file that starts a run on many machines, ready to be filled in."""
     from bench.cli.console import write_out
-    from bench.harness.work.cluster.examples import cluster_example
+    from bench.harness.cluster.examples import cluster_example
 
     write_out(cluster_example(name))
 
@@ -233,30 +229,24 @@ def evaluate(
     scheduler: Scheduler = None,
 ) -> None:
     """Score masks or scores that any other program wrote, paired with the images by name."""
-    from bench.cli.early import early_processes, only_imports
+    from bench.cli import evaluating
+    from bench.cli.computing import Computing
 
-    with early_processes(workers, scheduler=scheduler) as processes:
-        with only_imports():
-            from bench.cli import evaluating
-            from bench.cli.computing import Computing
-
-        failures = evaluating.evaluate(
-            dataset,
-            predictions=predictions,
-            name=name,
-            missing=missing,
-            naming=names,
-            threshold=threshold,
-            history=history,
-            protocol=protocol,
-            split=split,
-            out=out,
-            overwrite=overwrite,
-            pictures=pictures,
-            computing=Computing(
-                workers=workers, processes=processes, cache=cache, no_cache=no_cache, scheduler=scheduler
-            ),
-        )
+    failures = evaluating.evaluate(
+        dataset,
+        predictions=predictions,
+        name=name,
+        missing=missing,
+        naming=names,
+        threshold=threshold,
+        history=history,
+        protocol=protocol,
+        split=split,
+        out=out,
+        overwrite=overwrite,
+        pictures=pictures,
+        computing=Computing(workers=workers, cache=cache, no_cache=no_cache, scheduler=scheduler),
+    )
     if failures:
         raise typer.Exit(DATA_ERROR)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from bench.cli.computing import local_executor
 from bench.cli.console import print_failures, progress_bar, say, show
 from bench.cli.interrupts import interruptible
 from bench.cli.rendering import render_if_synthetic
@@ -13,7 +14,6 @@ from bench.evaluation import load_protocol
 from bench.harness.audit import audit_sources, read_misses, read_polygons, run_audit
 from bench.methods import build_method
 from bench.methods.spherical.method import SphericalMethod
-from bench.parallel import Processes, in_turn, usable_cores
 from bench.recordings import load_card
 from bench.recordings.atomic import output_folder
 from bench.reporting.audit_cause_pictures import write_cause_pictures
@@ -40,8 +40,6 @@ def audit(
     card, rules = load_card(dataset), load_protocol(protocol)
     chosen = build_method(method, parse_settings(settings))
     folder = out or AUDITS / card.name
-    count = workers or usable_cores()
-    place = in_turn if count == 1 else Processes(workers=count)
     left = "nothing of the audit is stored, and the same command begins it again"
     with output_folder(folder):
         render_if_synthetic(card)
@@ -53,7 +51,7 @@ def audit(
                 out=folder,
                 split=split,
                 recordings=recordings,
-                place=place,
+                executor=local_executor(workers),
                 progress=report,
             )
     files = list(write_audit_files(folder))

@@ -72,15 +72,14 @@ def evaluate(
     finished = RunReport(card=card, protocol=rules, pictures=pictures)
     with resumable(where):
         with progress_bar(f"scoring {called} on {card.name}", "images") as report:
-            workforce = computing.workforce(card, method, reads=[predictions])
+            executor = computing.executor(card, method, reads=[predictions])
             summary = evaluate_predictions(
                 card,
                 method=method,
                 report=checked,
                 protocol=rules,
                 out=folder,
-                place=workforce.place,
-                workers=workforce.workers,
+                executor=executor,
                 cache=computing.cache_folder,
                 progress=report,
                 mirror=where.mirror,

@@ -60,7 +60,7 @@ def run(
     report = RunReport(card=card, protocol=rules, pictures=pictures)
     with resumable(where):
         with progress_bar(f"scoring {method} on {card.name}", "images") as progress:
-            workforce = computing.workforce(card, chosen)
+            executor = computing.executor(card, chosen)
             summary = run_benchmark(
                 card,
                 method=chosen,
@@ -68,8 +68,7 @@ def run(
                 out=where.folder,
                 split=split,
                 overwrite=overwrite,
-                place=workforce.place,
-                workers=workforce.workers,
+                executor=executor,
                 cache=computing.cache_folder,
                 progress=progress,
                 mirror=where.mirror,
@@ -97,7 +96,7 @@ def run_part(
     where = destination(out, default_folder(card, chosen.name, unusual(chosen, method), rules, split))
     render_if_synthetic(card)
     with resumable(where), progress_bar(f"scoring part {part} of {card.name}", "images") as report:
-        workforce = computing.workforce(card, chosen)
+        executor = computing.executor(card, chosen)
         done = run_shard(
             card,
             method=chosen,
@@ -106,8 +105,7 @@ def run_part(
             shard=part,
             split=split,
             overwrite=overwrite,
-            place=workforce.place,
-            workers=workforce.workers,
+            executor=executor,
             cache=computing.cache_folder,
             progress=report,
             mirror=where.mirror,

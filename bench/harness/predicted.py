@@ -10,14 +10,14 @@ from pydantic import BaseModel, ConfigDict
 
 from bench.errors import DataError
 from bench.evaluation import Protocol
+from bench.execution import TaskExecutor
 from bench.harness.cache import CacheFolder
 from bench.harness.merge import Finish
 from bench.harness.mirror import NOWHERE, RunMirror
 from bench.harness.progress import Progress
-from bench.harness.run import run_benchmark
+from bench.harness.run import SERIAL, run_benchmark
 from bench.harness.stored import PREDICTIONS, RunSummary
 from bench.methods.predictions import FaultKind, PredictedMotion, PredictionIndex, index_predictions
-from bench.parallel import Place, in_turn
 from bench.recordings import DatasetCard, write_text
 
 SCHEMA_VERSION = 1
@@ -126,8 +126,7 @@ def evaluate_predictions(
     report: PredictionReport,
     protocol: Protocol,
     out: Path,
-    place: Place = in_turn,
-    workers: int = 1,
+    executor: TaskExecutor = SERIAL,
     cache: CacheFolder | None = None,
     progress: Progress | None = None,
     mirror: RunMirror = NOWHERE,
@@ -142,8 +141,7 @@ def evaluate_predictions(
         report: of it.
         protocol: the rules.
         out: folder of the run.
-        place: computes the units.
-        workers: of that place.
+        executor: computes the units.
         cache: where steps are kept; None to keep nothing.
         progress: called with the images done and their number.
         mirror: where else the run is kept.
@@ -165,8 +163,7 @@ def evaluate_predictions(
         protocol=protocol,
         out=out,
         split=method.split,
-        place=place,
-        workers=workers,
+        executor=executor,
         cache=cache,
         progress=progress,
         mirror=mirror,

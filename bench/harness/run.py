@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from bench.evaluation import Protocol
+from bench.execution import FailedTask, SerialExecutor, TaskExecutor
 from bench.harness import provenance as origin
 from bench.harness.cache import CacheFolder
 from bench.harness.code_state import unrepeatable_code
@@ -32,12 +33,13 @@ from bench.harness.shards import (
 )
 from bench.harness.stages import StageClock
 from bench.harness.stored import RunSummary
+from bench.harness.tasks import PlannedRecording, RunSpec, ScoredUnit, UnitTask, plan_recording, score_unit
 from bench.harness.unit_files import UnitFolder
 from bench.harness.units import Unit
-from bench.harness.work import PlannedRecording, RunSpec, ScoredUnit, UnitTask, plan_recording, score_unit
 from bench.methods import Method
-from bench.parallel import Lost, Place, in_turn, staying
 from bench.recordings import DatasetCard, RecordingHandle, open_dataset
+
+SERIAL = SerialExecutor()
 
 
 def run_benchmark(
@@ -48,8 +50,7 @@ def run_benchmark(
     out: Path,
     split: str | None = None,
     overwrite: bool = False,
-    place: Place = in_turn,
-    workers: int = 1,
+    executor: TaskExecutor = SERIAL,
     cache: CacheFolder | None = None,
     progress: Progress | None = None,
     mirror: RunMirror = NOWHERE,
@@ -68,8 +69,7 @@ def run_benchmark(
         out: folder of the run.
         split: of the data set; None for all of it.
         overwrite: replace the run of another experiment in `out`.
-        place: computes the units; what comes out does not depend on it.
-        workers: of that place, to be told in the provenance.
+        executor: computes the units; the result does not depend on it.
         cache: where flow, likelihood and reference are kept for other runs; None to keep nothing.
         progress: called with the images done and their number.
         mirror: where else the run is kept.
@@ -99,10 +99,9 @@ def run_benchmark(
                 out=out,
                 split=split,
                 shard=WHOLE,
-                workers=workers,
                 mirror=mirror,
             )
-            work.run(place, cache, progress)
+            work.run(executor, cache, progress)
             summary = combine_parts(results, [out], run=out, protocol=protocol)
             if finish is not None:
                 finish(results, summary)
@@ -119,8 +118,7 @@ def run_shard(
     shard: Shard,
     split: str | None = None,
     overwrite: bool = False,
-    place: Place = in_turn,
-    workers: int = 1,
+    executor: TaskExecutor = SERIAL,
     cache: CacheFolder | None = None,
     progress: Progress | None = None,
     mirror: RunMirror = NOWHERE,
@@ -146,10 +144,9 @@ def run_shard(
             out=out,
             split=split,
             shard=shard,
-            workers=workers,
             mirror=mirror,
         )
-        report = work.run(place, cache, progress)
+        report = work.run(executor, cache, progress)
         mirror.keep_rest()
         return report
 
@@ -165,7 +162,6 @@ class _Work:
     out: Path
     split: str | None
     shard: Shard
-    workers: int
     mirror: RunMirror
     start: origin.Start = field(default_factory=origin.Start.now)
     clock: StageClock = field(default_factory=StageClock)
@@ -181,14 +177,14 @@ class _Work:
     def __post_init__(self) -> None:
         self.identity = MethodIdentity.of(self.method)
 
-    def run(self, place: Place, cache: CacheFolder | None, progress: Progress | None) -> ShardReport:
+    def run(self, executor: TaskExecutor, cache: CacheFolder | None, progress: Progress | None) -> ShardReport:
         """Plan, score, store."""
         if cache is not None:
             cache.prepare()
         (self.out / "shards" / self.shard.file).unlink(missing_ok=True)
         spec = RunSpec(method=self.method, identity=self.identity, protocol=self.protocol, cache=cache)
-        with staying(place):
-            planned = self._plan(spec, self.handles, place)
+        with executor:
+            planned = self._plan(spec, self.handles, executor)
             units = [unit for recording in planned for unit in recording.units]
             part = self.shard.part(units)
             stored = UnitFolder(self.out)
@@ -196,19 +192,21 @@ class _Work:
                 stored.keep_only(units)
                 self.mirror.keep_only(units)
             self.mirror.bring(part)
-            self._score(spec, self.handles, part, stored, place, progress)
+            self._score(spec, self.handles, part, stored, executor, progress)
         if cache is not None:
             cache.make_room()
-        report = self._report(planned, units, part)
+        report = self._report(planned, units, part, executor)
         write_shard(self.out, self.shard, report)
         return report
 
-    def _plan(self, spec: RunSpec, handles: Sequence[RecordingHandle], place: Place) -> list[PlannedRecording]:
+    def _plan(
+        self, spec: RunSpec, handles: Sequence[RecordingHandle], executor: TaskExecutor
+    ) -> list[PlannedRecording]:
         """The recordings in the order of the data set."""
         found: dict[str, PlannedRecording] = {}
-        with closing(place(partial(plan_recording, spec), handles)) as results:
+        with closing(executor.compute(partial(plan_recording, spec), handles)) as results:
             for handle, planned in results:
-                recording = _never_opened(handle, planned) if isinstance(planned, Lost) else planned
+                recording = _never_opened(handle, planned) if isinstance(planned, FailedTask) else planned
                 found[handle.name] = recording
                 self.clock.seconds["open"] += recording.seconds
         return [found[handle.name] for handle in handles]
@@ -219,7 +217,7 @@ class _Work:
         handles: Sequence[RecordingHandle],
         units: Sequence[Unit],
         stored: UnitFolder,
-        place: Place,
+        executor: TaskExecutor,
         progress: Progress | None,
     ) -> None:
         by_name = {handle.name: handle for handle in handles}
@@ -230,16 +228,16 @@ class _Work:
             tasks.append(UnitTask(handle=by_name[unit.recording], unit=unit, stored_key=key))
         tasks.sort(key=lambda task: task.unit.start - task.unit.stop)  # the longest first, so that all end together
         total, done = sum(unit.stop - unit.start for unit in units), 0
-        with closing(place(partial(score_unit, spec), tasks)) as results:
+        with closing(executor.compute(partial(score_unit, spec), tasks)) as results:
             for task, scored in results:
                 self._take(task, scored, stored)
                 done += task.unit.stop - task.unit.start
                 if progress is not None:
                     progress(done, total)
 
-    def _take(self, task: UnitTask, scored: ScoredUnit | Lost, stored: UnitFolder) -> None:
+    def _take(self, task: UnitTask, scored: ScoredUnit | FailedTask, stored: UnitFolder) -> None:
         unit = task.unit
-        if isinstance(scored, Lost):
+        if isinstance(scored, FailedTask):
             where = f"recording {unit.recording!r}, camera {unit.camera!r}, images {unit.start} to {unit.stop - 1}"
             self.failures[unit] = f"{where}: {scored.reason}"
             return
@@ -261,10 +259,16 @@ class _Work:
             stored.store(unit, scored.content)
             self.mirror.keep(unit, anew=True)
 
-    def _report(self, planned: Sequence[PlannedRecording], units: Sequence[Unit], part: Sequence[Unit]) -> ShardReport:
+    def _report(
+        self,
+        planned: Sequence[PlannedRecording],
+        units: Sequence[Unit],
+        part: Sequence[Unit],
+        executor: TaskExecutor,
+    ) -> ShardReport:
         outlines = [recording.vehicle_outline_m for recording in planned if recording.vehicle_outline_m]
         work = origin.Work(
-            workers=self.workers,
+            workers=executor.workers,
             units_computed=len(self.keys) - self.reused,
             units_reused=self.reused,
             images_computed=self.images_computed,
@@ -309,8 +313,8 @@ class _Work:
         )
 
 
-def _never_opened(handle: RecordingHandle, lost: Lost) -> PlannedRecording:
-    failure = f"recording {handle.name!r}: it could not be opened: {lost.reason}"
+def _never_opened(handle: RecordingHandle, failed: FailedTask) -> PlannedRecording:
+    failure = f"recording {handle.name!r}: it could not be opened: {failed.reason}"
     return PlannedRecording(
         units=(), fingerprint=None, content=None, vehicle_outline_m=(), failure=failure, seconds=0.0
     )

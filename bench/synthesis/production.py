@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 
 from bench.errors import DataError, UsageError
-from bench.parallel import Lost, Place, Processes, in_turn, usable_cores
+from bench.execution import FailedTask, ProcessExecutor, SerialExecutor, TaskExecutor, usable_cores
 from bench.recordings import write_text
 from bench.recordings.atomic import make_folder
 from bench.recordings.locking import alone_in
@@ -85,10 +85,10 @@ def _content(path: Path) -> bytes | None:
 
 def _rendered(scenario: Scenario, specs: list[RecordingSpec], out: Path, workers: int) -> Iterator[RecordingSpec]:
     processes = min(workers, len(specs))
-    place: Place = in_turn if processes <= 1 else Processes(workers=processes)
-    with closing(place(partial(_produce, scenario=scenario, out=out), specs)) as results:
+    executor: TaskExecutor = SerialExecutor() if processes <= 1 else ProcessExecutor(workers=processes)
+    with executor, closing(executor.compute(partial(_produce, scenario=scenario, out=out), specs)) as results:
         for spec, outcome in results:
-            if isinstance(outcome, Lost):
+            if isinstance(outcome, FailedTask):
                 do = "call it again, with fewer workers where memory is short; what is rendered stays"
                 raise DataError(out / spec.name, expected="a rendered recording", got=outcome.reason, do=do)
             yield spec

@@ -16,6 +16,8 @@ from tests.harness.test_resume import bytes_of
 from tests.harness.troubled import Troubled
 from tests.processes import PATIENCE_S, alive, group_lives, pids, until
 
+pytestmark = pytest.mark.slow
+
 __all__ = ["trouble"]
 
 ROOT = Path(__file__).parents[2]

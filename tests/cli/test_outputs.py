@@ -20,6 +20,8 @@ from bench.cli import console
 from bench.harness.cache import CacheFolder
 from tests.cli.test_commands import call
 
+pytestmark = pytest.mark.slow
+
 FILE_SIZE = 150  # bytes that a process may write into one file, where a disk is to be full
 
 # Words of each command; OUT is what cannot be written.

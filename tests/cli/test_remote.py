@@ -12,6 +12,8 @@ from bench.recordings import load_card
 from tests.cli.test_commands import call
 from tests.object_storage import bucket, object_server
 
+pytestmark = pytest.mark.slow
+
 __all__ = ["bucket", "object_server"]
 
 METHOD = ("--method", "nothing", "--workers", 1, "--no-cache")

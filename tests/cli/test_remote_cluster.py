@@ -11,6 +11,8 @@ from tests.harness.cluster.dask_processes import dask_processes
 from tests.harness.cluster.test_cluster import command
 from tests.object_storage import bucket, object_server
 
+pytestmark = pytest.mark.slow
+
 __all__ = ["bucket", "object_server", "remote_card"]
 
 TABLES = ("objects.parquet", "frames.parquet", "image_maps.npz")

@@ -13,6 +13,8 @@ from bench.cli.start import LEAST_ADDRESSES_BYTES, lack_of_memory_told
 from bench.errors import UsageError
 from tests.recordings import tiny
 
+pytestmark = pytest.mark.slow
+
 CARD = "name: x\ntitle: x\nadapter: native\nroot: data\nlicence: x\n"
 NOT_TEXT = b"caf\xe9"
 

@@ -21,6 +21,8 @@ from bench.methods import build_method
 from tests.gate.conftest import run
 from tests.gate.regressions import CalibrationShifted, YawSignFlipped
 
+pytestmark = pytest.mark.slow
+
 SEEDS = range(20)
 
 

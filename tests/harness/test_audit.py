@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 
@@ -11,12 +12,14 @@ import pytest
 
 from bench.errors import DataError, UsageError
 from bench.evaluation import load_protocol
+from bench.execution import ProcessExecutor
 from bench.harness import run_benchmark
 from bench.harness.audit import AuditSummary, Compensation, Scoring, read_audit, read_polygons, run_audit
 from bench.methods import build_method
-from bench.parallel import Processes
 from bench.recordings import load_card
 from tests.cli.test_commands import call
+
+pytestmark = pytest.mark.slow
 
 TABLES = ("polygons.parquet", "scores.parquet", "misses.parquet", "false_alarms.parquet")
 PAPER = load_protocol("paper-v1")
@@ -105,7 +108,7 @@ def test_shares_add_up(audit: AuditSummary):
 
 
 def test_processes_change_nothing(folder: Path, tiny_card: Path, tmp_path: Path):
-    audited(tiny_card, tmp_path / "again", place=Processes(workers=2))
+    audited(tiny_card, tmp_path / "again", executor=ProcessExecutor(workers=2))
     for name in TABLES:
         assert pq.read_table(tmp_path / "again" / name).equals(pq.read_table(folder / name)), name
     first, second = (
@@ -177,6 +180,11 @@ def test_a_damaged_audit_is_refused(folder: Path, tmp_path: Path):
         read_audit(tmp_path)
     text = (folder / "audit.json").read_text()
     (tmp_path / "audit.json").write_text(text.replace('"recordings": 3', '"recordings": "many"'))
+    with pytest.raises(DataError, match="other content than was written"):
+        read_audit(tmp_path)
+    content = json.loads((tmp_path / "audit.json").read_text())
+    del content["sha256"]
+    (tmp_path / "audit.json").write_text(json.dumps(content))
     with pytest.raises(DataError, match="recordings"):
         read_audit(tmp_path)
     (tmp_path / "polygons.parquet").write_bytes(b"no table")

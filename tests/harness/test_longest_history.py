@@ -71,6 +71,6 @@ def test_chunks_give_the_same_masks(tiny_card, tmp_path, monkeypatch, name):
         return [sorted(table.to_pylist(), key=key) for table in read_tables(tmp_path / out)]
 
     whole = rows("whole")
-    monkeypatch.setattr("bench.harness.work.tasks.plan_units", partial(plan_units, chunk_images=1))
+    monkeypatch.setattr("bench.harness.tasks.plan_units", partial(plan_units, chunk_images=1))
     assert rows("chunks") == whole
     assert len(whole[1]) == 12

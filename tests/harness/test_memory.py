@@ -8,13 +8,15 @@ import pytest
 
 from tests.harness.test_survival import PATIENCE_S, environment
 
+pytestmark = pytest.mark.slow
+
 WORKER = """
 import json, os, sys
 from pathlib import Path
 
 from bench.evaluation import load_protocol
 from bench.harness.keys import MethodIdentity
-from bench.harness.work import RunSpec, UnitTask, plan_recording, score_unit
+from bench.harness.tasks import RunSpec, UnitTask, plan_recording, score_unit
 from bench.methods import build_method
 from bench.recordings import load_card, open_dataset
 

@@ -11,6 +11,8 @@ from bench.recordings import load_card
 from tests.harness.misbehaving import FAULTS, Misbehaving
 from tests.harness.test_survival import call
 
+pytestmark = pytest.mark.slow
+
 PAPER = load_protocol("paper-v1")
 FAULTY = {
     "returns_none": "expected a bench.methods.Segmentation from segment(), got NoneType",

@@ -7,24 +7,27 @@ import yaml
 
 from bench.errors import DataError
 from bench.evaluation import load_protocol
+from bench.execution import ProcessExecutor, SerialExecutor
 from bench.harness import merge_shards, merged_units, run_benchmark, run_shard
 from bench.harness.remote_runs import MARK, RemoteRun, fetched_run
 from bench.harness.shards import Shard
 from bench.methods import build_method
-from bench.parallel import Processes, in_turn
 from bench.recordings import load_card
 from bench.recordings.remote import Storage, parse_place
 from tests.harness.test_resume import ALL, NONE, ONE, bytes_of, change_image, damage_image
 from tests.object_storage import bucket, object_server
 
+pytestmark = pytest.mark.slow
+
 __all__ = ["bucket", "object_server"]
 
 PAPER = load_protocol("paper-v1")
+SERIAL = SerialExecutor()
 URL = "s3://bench/runs/one"
 
 
-def score(card, out, *, method="nothing", place=in_turn, **options):
-    given = {"method": build_method(method), "protocol": PAPER, "place": place}
+def score(card, out, *, method="nothing", executor=SERIAL, **options):
+    given = {"method": build_method(method), "protocol": PAPER, "executor": executor}
     return run_benchmark(load_card(str(card)), out=out, **given, **options)
 
 
@@ -61,12 +64,12 @@ def work(monkeypatch):
     return counted
 
 
-@pytest.mark.parametrize("place", [in_turn, Processes(workers=2)], ids=["here", "processes"])
-def test_data_at_an_address_gives_the_same_bytes_as_on_disk(own_card, bucket, tmp_path, place):
+@pytest.mark.parametrize("executor", [SERIAL, ProcessExecutor(workers=2)], ids=["here", "processes"])
+def test_data_at_an_address_gives_the_same_bytes_as_on_disk(own_card, bucket, tmp_path, executor):
     damage_image(own_card.parent / "data" / "tiny" / "crossing")
     there = remote_card(own_card, bucket)
     of_disk = score(own_card, tmp_path / "disk", method="spherical")
-    of_storage = score(there, tmp_path / "remote-run", method="spherical", place=place)
+    of_storage = score(there, tmp_path / "remote-run", method="spherical", executor=executor)
     assert without_card(bytes_of(tmp_path / "remote-run")) == without_card(bytes_of(tmp_path / "disk"))
     assert of_storage.provenance.data_fingerprint == of_disk.provenance.data_fingerprint
     assert len(of_disk.failures) == 2, "the damaged image and the one after it, told by names without a place"

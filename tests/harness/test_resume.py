@@ -282,7 +282,7 @@ def test_units_of_another_cut_or_data_set_do_not_stay(own_card, tmp_path):
 
 
 def test_files_that_change_while_they_are_read_are_not_scored(own_card, tmp_path, monkeypatch):
-    from bench.harness.work import tasks
+    from bench.harness import tasks
 
     scored = tasks.run_unit
 

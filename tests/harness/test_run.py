@@ -154,7 +154,7 @@ def test_units_cover_every_image_once(tiny_card):
 
 def test_chunks_give_the_same_counts(tiny_card, tmp_path, monkeypatch):
     run(tiny_card, tmp_path / "whole")
-    monkeypatch.setattr("bench.harness.work.tasks.plan_units", partial(plan_units, chunk_images=2))
+    monkeypatch.setattr("bench.harness.tasks.plan_units", partial(plan_units, chunk_images=2))
     run(tiny_card, tmp_path / "chunks")
     assert len(list((tmp_path / "chunks" / "units").glob("*.unit"))) == 6
     for name in ("objects", "frames"):

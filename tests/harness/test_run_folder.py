@@ -22,6 +22,8 @@ from tests.harness.test_resume import bytes_of, score
 from tests.harness.test_survival import environment
 from tests.processes import PATIENCE_S
 
+pytestmark = pytest.mark.slow
+
 PAPER = load_protocol("paper-v1")
 
 

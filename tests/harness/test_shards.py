@@ -21,6 +21,8 @@ from tests.harness.test_resume import (
     remove_image,
 )
 
+pytestmark = pytest.mark.slow
+
 PAPER = load_protocol("paper-v1")
 COUNT = 3
 

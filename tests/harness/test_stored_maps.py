@@ -47,7 +47,7 @@ def test_a_runs_maps_sum_to_its_frames(tiny_card, tmp_path):
 
 def test_chunks_and_repeats_give_the_same_bytes(tiny_card, tmp_path, monkeypatch):
     run(tiny_card, tmp_path / "whole")
-    monkeypatch.setattr("bench.harness.work.tasks.plan_units", partial(plan_units, chunk_images=2))
+    monkeypatch.setattr("bench.harness.tasks.plan_units", partial(plan_units, chunk_images=2))
     run(tiny_card, tmp_path / "chunks")
     assert len(list((tmp_path / "chunks" / "units").glob("*.unit"))) == 6
     whole, chunks = ((tmp_path / name / "image_maps.npz").read_bytes() for name in ("whole", "chunks"))

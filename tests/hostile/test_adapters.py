@@ -10,6 +10,8 @@ from tests.cli.test_commands import call
 from tests.hostile import files
 from tests.recordings import tiny, tiny_aimotive, tiny_kitti360, tiny_woodscape
 
+pytestmark = pytest.mark.slow
+
 AIMOTIVE = tiny_aimotive.SEQUENCE
 KITTI = tiny_kitti360.SEQUENCE
 PAIR = tiny_woodscape.NAMES[0]

@@ -9,6 +9,8 @@ from tests.cli.test_commands import call
 from tests.hostile import files
 from tests.recordings import tiny
 
+pytestmark = pytest.mark.slow
+
 CARD = "name: x\ntitle: x\nadapter: native\nroot: data\nlicence: x\n"
 
 

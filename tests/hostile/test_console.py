@@ -16,6 +16,8 @@ from bench.cli import console
 from bench.plain_text import escape_markdown, plain
 from tests.cli.test_commands import call
 
+pytestmark = pytest.mark.slow
+
 WILD = "w\n::error::pwned\x1b[2J\x9b2J[/x][bold red]:warning:##[error]p##vso[task.x]\u202e\u200b\r\u2028<b>|`*e*"
 IN_A_PATH = WILD.replace("/", "")
 METHOD = """

@@ -8,6 +8,8 @@ import pytest
 
 from tests.cli.test_commands import call
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def whole(tiny_card, tmp_path_factory) -> Path:

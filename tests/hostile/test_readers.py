@@ -18,6 +18,8 @@ from bench.recordings.images import read_mask
 from tests.hostile import files
 from tests.recordings import tiny
 
+pytestmark = pytest.mark.slow
+
 CLOUDS = [(suffix, what) for suffix, kinds in files.CLOUDS.items() for what in kinds]
 
 

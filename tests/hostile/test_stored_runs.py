@@ -13,6 +13,8 @@ from bench.methods import build_method
 from bench.recordings import load_card
 from tests.cli.test_commands import call
 
+pytestmark = pytest.mark.slow
+
 PAPER = load_protocol("paper-v1")
 TRAP = """
 from pathlib import Path

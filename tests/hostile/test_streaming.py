@@ -19,6 +19,8 @@ from bench.recordings.native_listing import native_recordings
 from bench.recordings.woodscape.adapter import woodscape_recordings
 from tests.recordings import tiny, tiny_aimotive, tiny_kitti360, tiny_woodscape
 
+pytestmark = pytest.mark.slow
+
 SHORT, LONG = 50, 500
 INDEX_BYTES = 9_000  # a frame: its references, its pose, the states of the objects in it
 SIDE = 256  # of images: 65 kB of pixels, far above an index

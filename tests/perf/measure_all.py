@@ -18,13 +18,13 @@ import numpy as np
 import yaml
 
 from bench.evaluation import load_protocol
+from bench.execution import usable_cores
 from bench.flow import DenseFlow, DisFlow, FarnebackFlow
 from bench.harness.frames import FramePipeline
 from bench.harness.perf import PerfReport
 from bench.harness.perf import measure as measure_stages
 from bench.harness.provenance import library_versions
 from bench.methods import build_method
-from bench.parallel import usable_cores
 from bench.recordings import load_card, open_dataset, write_text
 from tests.perf import large_run, masks, parallel, projections, staging
 from tests.perf.enlarged import enlarge

@@ -8,6 +8,8 @@ import pytest
 from bench.threads import single_threaded
 from tests.perf.staging import LIGHTS, seconds, staged
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("light", LIGHTS)
 def test_render_one_image(benchmark, light):

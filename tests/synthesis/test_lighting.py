@@ -15,6 +15,8 @@ from bench.synthesis.lighting import KINDS, Lighting
 from bench.synthesis.mesh import Mesh, PlacedMesh, Surface, box, joined, quad
 from bench.synthesis.scenario import SensorSpec
 
+pytestmark = pytest.mark.slow
+
 PLAIN = Surface(albedo=0.5, contrast=0.0)
 ROAD = quad([[-90, -90, 0], [90, -90, 0], [90, 90, 0], [-90, 90, 0]], PLAIN)
 NOWHERE = box([0.1, 0.1, 0.1], [0, 0, -50], PLAIN)

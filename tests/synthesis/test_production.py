@@ -16,6 +16,8 @@ from bench.synthesis.scenario import RecordingSpec
 from bench.synthesis.stamp import MARK, STAMP
 from tests.synthesis.conftest import MINIATURE
 
+pytestmark = pytest.mark.slow
+
 
 def contents(folder: Path) -> dict[str, bytes]:
     """All files of the recordings below a folder."""

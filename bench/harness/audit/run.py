@@ -10,6 +10,7 @@ from pathlib import Path
 from bench.errors import DataError
 from bench.evaluation import Protocol
 from bench.evaluation.summary import ProtocolStamp
+from bench.execution import FailedTask, SerialExecutor, TaskExecutor
 from bench.harness import provenance as origin
 from bench.harness.audit.figures import AuditSummary
 from bench.harness.audit.polygons import POLYGON_KINDS
@@ -22,10 +23,9 @@ from bench.harness.method_stamp import MethodStamp
 from bench.harness.progress import Progress
 from bench.methods import Method
 from bench.methods.spherical.method import SphericalMethod
-from bench.parallel import Lost, Place, in_turn
 from bench.recordings import DatasetCard
 
-Outcome = RecordingAudit | DataError | Lost
+Outcome = RecordingAudit | DataError | FailedTask
 
 
 def run_audit(
@@ -36,7 +36,7 @@ def run_audit(
     out: Path,
     split: str | None = None,
     recordings: int | None = None,
-    place: Place = in_turn,
+    executor: TaskExecutor = SerialExecutor(),  # noqa: B008 - it holds nothing
     progress: Progress | None = None,
 ) -> AuditSummary:
     """Audit a rendered data set and store what comes out; nothing is stored before the last recording is done.
@@ -48,7 +48,7 @@ def run_audit(
         out: folder of the audit.
         split: of the data set; None for all of it.
         recordings: how many of them; None for all.
-        place: audits the recordings; what comes out does not depend on it.
+        executor: audits the recordings; the result does not depend on it.
         progress: called with the recordings done and their number.
 
     Returns:
@@ -59,10 +59,10 @@ def run_audit(
     """
     start = origin.Start.now()
     sources = audit_sources(card, split=split, recordings=recordings)
-    outcomes = _outcomes(sources, place, partial(_outcome, method=method, protocol=protocol), progress)
+    outcomes = _outcomes(sources, executor, partial(_outcome, method=method, protocol=protocol), progress)
     audits = [outcome for outcome in outcomes.values() if isinstance(outcome, RecordingAudit)]
     failures = [
-        f"recording {name!r}: {outcome.reason if isinstance(outcome, Lost) else outcome}"
+        f"recording {name!r}: {outcome.reason if isinstance(outcome, FailedTask) else outcome}"
         for name, outcome in outcomes.items()
         if not isinstance(outcome, RecordingAudit)
     ]
@@ -138,13 +138,13 @@ def _left_out(sources: tuple[AuditSource, ...], method: Method, audit: Recording
 
 def _outcomes(
     sources: Sequence[AuditSource],
-    place: Place,
+    executor: TaskExecutor,
     audit_one: Callable[[AuditSource], RecordingAudit | DataError],
     progress: Progress | None,
 ) -> dict[str, Outcome]:
     """What became of each recording, by name, in the order of the data set."""
     found: dict[str, Outcome] = {}
-    with closing(place(audit_one, sources)) as results:
+    with executor, closing(executor.compute(audit_one, sources)) as results:
         for source, outcome in results:
             found[source.recorded.name] = outcome
             if progress is not None:

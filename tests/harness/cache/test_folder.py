@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from bench.errors import DataError
+from bench.execution import ProcessExecutor
 from bench.harness.cache import CacheFolder
 from bench.harness.cache import folder as of_cache
-from bench.parallel import Processes
 
 ENTRY_BYTES = 8_000
 
@@ -169,7 +169,7 @@ def hammer(folder, seed: int) -> int:
 
 
 def test_processes_share_a_folder(tmp_path):
-    done = dict(Processes(workers=2)(partial(hammer, tmp_path), [1, 2, 3, 4]))
+    done = dict(ProcessExecutor(workers=2).compute(partial(hammer, tmp_path), [1, 2, 3, 4]))
     assert all(found > 0 for found in done.values())
     assert cache_of(tmp_path, entries=10).make_room().files <= 10
     assert not [file for file in tmp_path.rglob(".*") if file.is_file()]

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from bench.evaluation import load_protocol
+from bench.execution import SerialExecutor, TaskExecutor
 from bench.harness import RunSummary, run_benchmark
-from bench.harness.work import Cluster, Terms
+from bench.harness.cluster import ClusterExecutor, Terms
 from bench.methods import build_method
-from bench.parallel import Place, in_turn
 from bench.recordings import load_card
 from tests.harness.cluster.dask_processes import DaskProcesses, dask_processes
 
@@ -49,12 +49,12 @@ def score(tiny_card: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> S
     ) -> RunSummary:
         ours = {"folder": str(tmp_path)} if method == "misbehaving:Bright" else {}
         chosen, card = build_method(method, ours | settings), load_card(tiny_card)
-        place: Place = in_turn
+        executor: TaskExecutor = SerialExecutor()
         if address is not None:
             terms = Terms.of(chosen, reads=(card.root,), cache=None)
-            place = Cluster(scheduler=address, terms=terms, patience_s=patience_s)
+            executor = ClusterExecutor.of_fit_workers(address, terms, patience_s=patience_s)
         return run_benchmark(
-            card, method=chosen, protocol=load_protocol("paper-v1"), out=tmp_path / out, place=place, workers=2
+            card, method=chosen, protocol=load_protocol("paper-v1"), out=tmp_path / out, executor=executor
         )
 
     return scored

@@ -13,11 +13,13 @@ import pytest
 
 import bench
 from bench.errors import DataError, UsageError
-from bench.harness.work import Cluster, Terms
+from bench.harness.cluster import ClusterExecutor, Terms
 from bench.methods.baselines.ends import Nothing
 from tests.harness.cluster.conftest import METHODS, stop
 from tests.harness.cluster.dask_processes import PATIENCE_S, wait_until
 from tests.harness.test_resume import bytes_of
+
+pytestmark = pytest.mark.slow
 
 ALL = 3  # units of the small data set
 
@@ -74,7 +76,7 @@ def test_without_workers_a_run_waits_and_then_says_so(own_cluster, score):
 
 
 def test_a_scheduler_that_is_not_there(score, monkeypatch):
-    monkeypatch.setattr("bench.harness.work.cluster.connection.CONNECTION_S", 1.0)
+    monkeypatch.setattr("bench.harness.cluster.connection.CONNECTION_S", 1.0)
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
@@ -84,7 +86,7 @@ def test_a_scheduler_that_is_not_there(score, monkeypatch):
 
 @pytest.mark.parametrize("address", ["nonsense://localhost:1", "tcp://no-such-host.invalid:8786", "tcp://:::"])
 def test_an_address_that_is_none(score, monkeypatch, address):
-    monkeypatch.setattr("bench.harness.work.cluster.connection.CONNECTION_S", 1.0)
+    monkeypatch.setattr("bench.harness.cluster.connection.CONNECTION_S", 1.0)
     with pytest.raises(DataError, match="expected a Dask scheduler"):
         score("run", address)
 
@@ -106,7 +108,7 @@ def test_a_worker_without_this_package_is_refused(own_cluster, score, tmp_path):
     with pytest.raises(UsageError, match="a worker cannot import fisheye-bench"):
         score("run", own_cluster.address)
     with pytest.raises(UsageError, match="a worker cannot import fisheye-bench"):
-        Cluster(scheduler=own_cluster.address, terms=Terms.of(Nothing(), reads=(), cache=None)).workers()
+        ClusterExecutor.of_fit_workers(own_cluster.address, Terms.of(Nothing(), reads=(), cache=None))
 
 
 def test_a_worker_that_cannot_import_the_method_is_refused(own_cluster, score):

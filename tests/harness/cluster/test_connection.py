@@ -5,7 +5,7 @@ import json
 import pytest
 
 from bench.errors import DataError
-from bench.harness.work import scheduler_address
+from bench.harness.cluster import scheduler_address
 
 
 def test_an_address_is_itself():

@@ -12,10 +12,12 @@ from typer.main import get_command
 
 from bench.cli.app import app
 from bench.errors import UnknownNameError
-from bench.harness.work.cluster.examples import EXAMPLES, cluster_example
+from bench.harness.cluster.examples import EXAMPLES, cluster_example
 from tests.cli.test_commands import call
 from tests.harness.cluster.dask_processes import PATIENCE_S, SETTINGS
 from tests.harness.test_resume import bytes_of
+
+pytestmark = pytest.mark.slow
 
 PROGRAMS = Path(sys.executable).parent
 PARTS = 3

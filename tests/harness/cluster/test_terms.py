@@ -11,8 +11,10 @@ from pathlib import Path
 import pytest
 
 from bench.harness.cache import CacheFolder
-from bench.harness.work import Terms
+from bench.harness.cluster import Terms
 from bench.methods import build_method
+
+pytestmark = pytest.mark.slow
 
 METHOD = """
 class Mine:
@@ -74,7 +76,7 @@ def test_a_cache_folder_that_is_something_else(terms, tmp_path):
 
 TERMS = """
 import pickle, sys
-from bench.harness.work import Terms
+from bench.harness.cluster import Terms
 from bench.methods import build_method
 terms = Terms.of(build_method("mine_on_a_cluster:Mine"), reads=(), cache=None)
 sys.stdout.buffer.write(pickle.dumps(terms))

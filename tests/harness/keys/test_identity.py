@@ -14,6 +14,8 @@ from bench.methods import build_method
 from tests.harness.test_survival import command, environment
 from tests.processes import PATIENCE_S, until
 
+pytestmark = pytest.mark.slow
+
 FILES = {
     "plug/__init__.py": "",
     "plug/method.py": """

@@ -11,6 +11,8 @@ from bench.recordings import load_card, open_dataset
 from bench.recordings.remote.datasets import BY_RECORDING
 from tests.recordings.test_adapters import DATA_SETS, LABELLED_APART
 
+pytestmark = pytest.mark.slow
+
 
 def cards(folder, adapter, options, url):
     """The card of a data set on disk, and the one of its copy on the storage."""

@@ -15,6 +15,8 @@ from bench.recordings.remote import FetchedData, Part, Storage, StoredObject, fe
 from bench.recordings.remote.copies import Copies, let_go
 from bench.recordings.remote.fetching import limit_from_environment
 
+pytestmark = pytest.mark.slow
+
 FILES = {"a/1.png": b"one", "a/deep/2.png": b"second", "b/1.png": b"other", "top.yaml": b"rig"}
 
 

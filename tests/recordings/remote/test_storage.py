@@ -10,6 +10,8 @@ import requests
 from bench.errors import DataError
 from bench.recordings.remote import Storage, parse_place, storage
 
+pytestmark = pytest.mark.slow
+
 SECRETS = ("secret-of-tests", "key-of-tests")
 
 

@@ -6,6 +6,8 @@ from selenium.webdriver.support.ui import Select, WebDriverWait
 
 from tests.reporting.page.hostile import TRACK
 
+pytestmark = pytest.mark.slow
+
 HIDDEN = "return [...document.images].filter(i => !i.complete || i.naturalWidth === 0).map(i => i.alt)"
 CONTRAST = """
 const parse = (text) => text.match(/[\\d.]+/g).slice(0, 3).map(Number);

@@ -5,20 +5,20 @@ from __future__ import annotations
 import pickle
 import zlib
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import CancelledError
-from contextlib import contextmanager, nullcontext
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from queue import Empty, SimpleQueue
 from time import monotonic, sleep
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 from uuid import uuid4
 
 from bench.errors import DataError, UsageError
-from bench.harness.work.cluster.connection import connected
-from bench.harness.work.cluster.terms import Terms
-from bench.harness.work.cluster.worker import Call, Parcel, Unfit, breach, compute
-from bench.parallel.places import Lost
+from bench.execution import FailedTask
+from bench.harness.cluster.connection import connected
+from bench.harness.cluster.terms import Terms
+from bench.harness.cluster.worker import Call, Parcel, Unfit, breach, compute
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -28,74 +28,82 @@ FETCH_S = 60.0  # until a result is asked for once more, when the worker that ho
 POLL_S = 0.5
 
 Task = TypeVar("Task")
-Done = TypeVar("Done")
+Result = TypeVar("Result")
 
 
 @dataclass(kw_only=True, eq=False)
-class Cluster:
-    """A place to compute; see `bench.parallel.places.Place`.
+class ClusterExecutor:
+    """Computes tasks on the workers of a Dask cluster; see `bench.execution.TaskExecutor`.
 
     As many tasks are under way as there are workers, so memory does not grow with their number, and a worker that dies
-    takes no task with it but the one that it worked on. Dask gives that one to another worker as often as the
+    takes no task with it but the one that it computed. Dask gives that one to another worker as often as the
     scheduler's `allowed-failures` says. A worker process computes one task at a time with one thread for each library,
     however many threads it has.
 
     Attributes:
         scheduler: its address, for example tcp://host:8786.
         terms: what each worker must have.
+        workers: how many processes there were when the run began.
         patience_s: how long to wait for the first worker, or for another one when all have gone.
     """
 
     scheduler: str
     terms: Terms
+    workers: int = 0
     patience_s: float = PATIENCE_S
-    _client: Client | None = field(default=None, repr=False)
+    _connections: list[tuple[ExitStack, Client]] = field(default_factory=list, init=False, repr=False)
 
-    def workers(self) -> int:
-        """How many processes there are now, all of them fit for the run.
+    @classmethod
+    def of_fit_workers(cls, scheduler: str, terms: Terms, *, patience_s: float = PATIENCE_S) -> Self:
+        """The executor of a cluster that has workers, all of them fit for the run.
 
         Raises:
             UsageError: Dask is not installed, or a worker has other code, or does not see the data.
             DataError: no scheduler, or no worker.
         """
-        with self._crew() as crew:
-            count = crew.wait_for_one()
-            crew.refuse_unfit(self.terms)
-            return count
+        executor = cls(scheduler=scheduler, terms=terms, patience_s=patience_s)
+        with executor:
+            workers = executor._workers()
+            executor.workers = workers.wait_for_one()
+            workers.refuse_unfit(terms)
+        return executor
 
-    @contextmanager
-    def staying(self) -> Iterator[None]:
-        """Keep the connection from one call to the next inside the block."""
-        with connected(self.scheduler) as self._client:
-            try:
-                yield
-            finally:
-                self._client = None
+    def __enter__(self) -> Self:
+        with ExitStack() as opened:
+            client = self._connections[-1][1] if self._connections else opened.enter_context(connected(self.scheduler))
+            self._connections.append((opened.pop_all(), client))
+        return self
 
-    def __call__(self, work: Callable[[Task], Done], tasks: Sequence[Task]) -> Generator[tuple[Task, Done | Lost]]:
-        """Compute tasks.
+    def __exit__(self, *_: object) -> None:
+        self._connections.pop()[0].close()
+
+    def compute(
+        self, function: Callable[[Task], Result], tasks: Sequence[Task]
+    ) -> Generator[tuple[Task, Result | FailedTask]]:
+        """See `TaskExecutor.compute`.
 
         Raises:
             UsageError: as `workers`.
             DataError: the scheduler does not answer, or no longer, or all workers have gone.
         """
-        parcel = Parcel(run_id=uuid4().hex, terms=self.terms, work=zlib.compress(pickle.dumps(work), level=1))
+        parcel = Parcel(run_id=uuid4().hex, terms=self.terms, work=zlib.compress(pickle.dumps(function), level=1))
         waiting = deque(tasks)
         running: dict[Any, tuple[Future[Any], Task]] = {}
         finished: SimpleQueue[Future[Any]] = SimpleQueue()
-        with self._crew() as crew:
+        with self:
+            workers = self._workers()
             try:
                 while waiting or running:
-                    for _ in range(min(crew.size() - len(running), len(waiting))):
+                    for _ in range(min(workers.size() - len(running), len(waiting))):
                         task = waiting.popleft()
-                        future = crew.submit(parcel, task)
+                        future = workers.submit(parcel, task)
                         running[future.key] = future, task
                         future.add_done_callback(finished.put)
                     try:
                         future = finished.get(timeout=POLL_S)
                     except Empty:
                         continue
-                    answer = crew.answer(future)
+                    answer = workers.answer(future)
                     if answer is None:
                         future.add_done_callback(finished.put)
                         continue
@@ -106,14 +114,12 @@ class Cluster:
                 for future, _ in running.values():
                     future.release()  # nobody waits for it: what has not begun never does
 
-    @contextmanager
-    def _crew(self) -> Iterator[_Crew]:
-        with connected(self.scheduler) if self._client is None else nullcontext(self._client) as client:
-            yield _Crew(client=client, scheduler=self.scheduler, patience_s=self.patience_s)
+    def _workers(self) -> _Workers:
+        return _Workers(client=self._connections[-1][1], scheduler=self.scheduler, patience_s=self.patience_s)
 
 
 @dataclass(kw_only=True)
-class _Crew:
+class _Workers:
     """The workers of a scheduler, as a client sees them."""
 
     client: Client
@@ -174,7 +180,7 @@ class _Crew:
         if future.status == "error":
             fault = future.exception()
             if isinstance(fault, KilledWorker):
-                return (Lost(reason=_ending(fault)),)
+                return (FailedTask(reason=_ending(fault)),)
             unfit = _without_package(fault)
             if unfit is not None:
                 raise unfit

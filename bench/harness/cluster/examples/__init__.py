@@ -1,5 +1,5 @@
 """Files that start a run on many machines, ready to be filled in: for SLURM with and without Dask, for Kubernetes."""
 
-from bench.harness.work.cluster.examples.reading import EXAMPLES, cluster_example
+from bench.harness.cluster.examples.reading import EXAMPLES, cluster_example
 
 __all__ = ["EXAMPLES", "cluster_example"]

@@ -11,7 +11,7 @@ from contextlib import chdir
 from dataclasses import dataclass
 from typing import Any
 
-from bench.harness.work.cluster.terms import Terms
+from bench.harness.cluster.terms import Terms
 from bench.threads import single_threaded
 
 _one_at_a_time = threading.Lock()

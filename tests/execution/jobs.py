@@ -1,7 +1,6 @@
 """Tasks that end the process that works on them, at their start, in their middle, or in the middle of their answer."""
 
 import ctypes
-import gc
 import os
 import signal
 import sys
@@ -35,11 +34,11 @@ def segfault():
     ctypes.string_at(0)
 
 
-def leave():
+def leave(_):
     sys.exit(7)
 
 
-ENDS = {"SIGSEGV": segfault, "status 7": leave}
+ENDS = {"SIGSEGV": segfault, "status 7": lambda: os._exit(7)}
 
 
 def squared_but_for_three(folder, end, number):
@@ -89,29 +88,8 @@ def own_process(_):
     return os.getpid()
 
 
-def parent_process(_):
-    return os.getppid()
-
-
-def looks_for_garbage(_):
-    return gc.isenabled()
-
-
 def surroundings(_):
     return dict(os.environ), str(Path.cwd()), sys.path
-
-
-def squared_after_the_parent_was_killed(folder, number):
-    """The first two, once both are at work, end the process that they were forked from, and go on for long."""
-    attempt = note(folder, f"{number}")
-    if number < 3 and attempt == 1:
-        note(folder, "at work")
-        while len((folder / "at work").read_text().splitlines()) < 2:
-            time.sleep(0.01)
-        if number == 1:
-            os.kill(os.getppid(), signal.SIGKILL)
-        time.sleep(600)
-    return number * number
 
 
 def wait_for_both(folder, number):

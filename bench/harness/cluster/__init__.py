@@ -4,8 +4,8 @@ The process that runs the show plans, hands out tasks and stores what comes back
 in their cache. Whatever dies, stored units stay, and the same command goes on from there.
 """
 
-from bench.harness.work.cluster.connection import scheduler_address
-from bench.harness.work.cluster.place import Cluster
-from bench.harness.work.cluster.terms import Terms
+from bench.harness.cluster.connection import scheduler_address
+from bench.harness.cluster.executor import ClusterExecutor
+from bench.harness.cluster.terms import Terms
 
-__all__ = ["Cluster", "Terms", "scheduler_address"]
+__all__ = ["ClusterExecutor", "Terms", "scheduler_address"]

@@ -20,4 +20,4 @@ def cluster_example(name: str) -> str:
     """
     if name not in EXAMPLES:
         raise UnknownNameError("example", name, EXAMPLES)
-    return resources.files("bench.harness.work.cluster.examples").joinpath(EXAMPLES[name]).read_text(encoding="utf-8")
+    return resources.files("bench.harness.cluster.examples").joinpath(EXAMPLES[name]).read_text(encoding="utf-8")
