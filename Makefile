@@ -12,9 +12,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 INSTALLED_DEV := $(VENV)/installed-dev
+export NO_MKDOCS_2_WARNING := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help benchmark paper report gate perf test test-all check format clean
+.PHONY: help benchmark paper report gate perf docs test test-all check format clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):[^#]*## /\1|/' | awk -F'|' '{ printf "  make %-10s %s\n", $$1, $$2 }'
@@ -51,18 +52,22 @@ test: $(INSTALLED_DEV) ## run the tests
 test-all: $(INSTALLED_DEV) ## run the tests, the slow rounds among them (damaged files, kills, simulations)
 	$(BIN)/pytest --numprocesses auto --dist loadfile -m "slow or not slow"
 
-check: $(INSTALLED_DEV) ## format, lint, types, layers
+check: $(INSTALLED_DEV) ## format, lint, types, layers, documentation
 	$(BIN)/ruff format --check
 	$(BIN)/ruff check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/mkdocs build --strict --quiet
+
+docs: $(INSTALLED_DEV) ## build the documentation into site/, to be read from site/index.html
+	$(BIN)/mkdocs build --strict
 
 format: $(INSTALLED_DEV) ## put the code into shape
 	$(BIN)/ruff format
 	$(BIN)/ruff check --fix
 
-clean: ## remove the environment, rendered data and runs
-	rm -rf $(VENV) datasets/data reports/runs reports/audit
+clean: ## remove the environment, rendered data, runs and the built documentation
+	rm -rf $(VENV) datasets/data reports/runs reports/audit site
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

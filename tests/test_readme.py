@@ -1,4 +1,4 @@
-"""The README's example of a method runs as it is printed."""
+"""The example method of docs/your-method.md runs as it is printed."""
 
 import re
 import sys
@@ -9,11 +9,12 @@ from bench.harness import run_benchmark
 from bench.methods import build_method
 from bench.recordings import load_card
 
-README = Path(__file__).parents[1] / "README.md"
+PAGE = Path(__file__).parents[1] / "docs/your-method.md"
 
 
 def test_the_example_method_can_be_pasted(tiny_card, tmp_path, monkeypatch):
-    (example,) = re.findall(r"```python\n(.*?)```", README.read_text("utf-8"), re.DOTALL)
+    blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
+    (example,) = [block for block in blocks if block.startswith('"""my_method.py')]
     (tmp_path / "my_method.py").write_text(example, "utf-8")
     monkeypatch.syspath_prepend(tmp_path)
     method = build_method("my_method:FrameDifference", {"threshold": 20.0})

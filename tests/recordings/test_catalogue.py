@@ -169,9 +169,11 @@ def test_the_committed_cards_are_cards():
     assert "aimotive-sample" in [card.name for card in list_cards(REPOSITORY / "datasets")]
 
 
-def test_the_examples_of_the_readme_are_valid(tmp_path, root):
-    text = (REPOSITORY / "datasets/README.md").read_text()
-    card, series = re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
+def test_the_examples_of_the_documentation_are_valid(tmp_path, root):
+    text = (REPOSITORY / "docs/your-data.md").read_text("utf-8")
+    (card,) = re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
+    world = (REPOSITORY / "docs/simulated-world.md").read_text("utf-8")
+    (series,) = re.findall(r"```yaml\n(.*?)```", world, re.DOTALL)
     (tmp_path / "example.yaml").write_text(card)
     assert len(load_card(tmp_path / "example.yaml").content.exclusions) == 3
     head = (REPOSITORY / "datasets/demo.scenario.yaml").read_text().split("\nrecordings:")[0]

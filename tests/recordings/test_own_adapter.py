@@ -1,4 +1,4 @@
-"""A newcomer's adapter, as datasets/README.md shows it, through everything that he would do with it."""
+"""A newcomer's adapter, as docs/your-data.md shows it, through everything that he would do with it."""
 
 from importlib.metadata import EntryPoint
 from pathlib import Path
@@ -41,9 +41,9 @@ def call(monkeypatch, *words):
     return ended.value.code or 0
 
 
-def test_it_is_the_one_that_the_readme_shows():
-    readme = Path(__file__).parents[2] / "datasets/README.md"
-    assert f"```python\n{Path(my_adapter.__file__).read_text()}```" in readme.read_text()
+def test_it_is_the_one_that_the_documentation_shows():
+    page = Path(__file__).parents[2] / "docs/your-data.md"
+    assert f"```python\n{Path(my_adapter.__file__).read_text()}```" in page.read_text("utf-8")
 
 
 def test_it_keeps_the_contract(data):

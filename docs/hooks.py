@@ -1,0 +1,125 @@
+"""Hooks of mkdocs: the command reference is made from the commands, and files beside `docs/` come along into the site.
+
+Pages link to committed files outside of `docs/` by relative paths, which work on a code host. In the site these files
+lie under the same names below the root of the site.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Literal, get_args, get_origin
+
+import typer
+import typer.main
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+from bench.cli.app import app  # noqa: E402 - the commands of this checkout, wherever mkdocs is started
+
+LINK = re.compile(r"(\]\()([^)#\s]+)([^)\s]*\))")
+FENCE = re.compile(r"^```.*?^```", re.DOTALL | re.MULTILINE)
+MARKER = "<!-- the commands, filled in by docs/hooks.py -->"
+
+
+def commands() -> Iterator[tuple[str, Any]]:
+    """Every command with its full name, for example `annotations import`, in the order of the help."""
+
+    def below(group: Any, before: str) -> Iterator[tuple[str, Any]]:
+        for name, command in group.commands.items():
+            if hasattr(command, "commands"):
+                yield from below(command, f"{before}{name} ")
+            else:
+                yield f"{before}{name}", command
+
+    yield from below(typer.main.get_command(app), "")
+
+
+def command_reference() -> str:
+    """The reference of all commands as Markdown: one section each, with usage, arguments and options."""
+    return "\n".join(line for name, command in commands() for line in _section(name, command))
+
+
+def _section(name: str, command: Any) -> Iterator[str]:
+    arguments = [one for one in command.params if one.param_type_name == "argument"]
+    options = [one for one in command.params if one.param_type_name == "option" and "--help" not in one.opts]
+    usage = " ".join([f"fisheye-bench {name}", *("[OPTIONS]" for _ in options[:1]), *map(_metavar, arguments)])
+    yield from (f"## {name}", "", f"```\n{usage}\n```", "", command.help.replace("<", "&lt;"), "")
+    rows = [(f"`{_metavar(one)}`", one) for one in arguments] + [(_flags(one), one) for one in options]
+    if rows:
+        yield from ("| | | default |", "|---|---|---|")
+        yield from (f"| {shown} | {_cell(one.help)} | {_default(one)} |" for shown, one in rows)
+        yield ""
+
+
+def _metavar(argument: Any) -> str:
+    shown = argument.metavar or argument.name.upper()
+    shown = f"{shown}..." if argument.nargs == -1 else shown
+    return shown if argument.required else f"[{shown}]"
+
+
+def _flags(option: Any) -> str:
+    value = "" if getattr(option, "is_bool_flag", False) else f" {option.metavar or _value(option)}"
+    names = f"`{', '.join(option.opts)}{value}`"
+    return _cell(f"{names}, `{', '.join(option.secondary_opts)}`" if option.secondary_opts else names)
+
+
+def _value(option: Any) -> str:
+    """What an option takes: the words of a `Literal`, else its name."""
+    kind = getattr(getattr(option, "type_descriptor", None), "annotation", None)
+    words = get_args(kind) if get_origin(kind) is Literal else ()
+    return "|".join(words) or option.opts[0].lstrip("-").replace("-", "_").upper()
+
+
+def _default(one: Any) -> str:
+    if one.required:
+        return "required"
+    if isinstance(one.default, bool):
+        return f"`{one.opts[0]}`" if one.default else ""
+    return "" if one.default in (None, ()) else f"`{one.default}`"
+
+
+def _cell(text: str | None) -> str:
+    return (text or "").replace("<", "&lt;").replace("|", "\\|")
+
+
+def on_files(files: Any, config: Any) -> Any:
+    """Add the committed files that pages link to, and those that these link to."""
+    from mkdocs.structure.files import File
+
+    waiting = [ROOT / "docs" / file.src_uri for file in files.documentation_pages()]
+    while waiting:
+        page = waiting.pop()
+        for target in _linked(page):
+            name = target.relative_to(ROOT).as_posix()
+            if not name.startswith("docs/") and files.get_file_from_path(name) is None:
+                files.append(File(name, str(ROOT), config.site_dir, config.use_directory_urls))
+                waiting += [target] if target.suffix == ".md" else []
+    return files
+
+
+def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
+    """Fill in the command reference, and point links at where the files lie in the site."""
+    markdown = markdown.replace(MARKER, command_reference())
+    source = ROOT / page.file.src_uri
+    source = source if source.is_file() and page.file.src_dir == str(ROOT) else ROOT / "docs" / page.file.src_uri
+    here = Path(page.file.src_uri).parent
+
+    def in_site(link: re.Match[str]) -> str:
+        target = (source.parent / link[2]).resolve()
+        if "://" in link[2] or not target.is_file():
+            return link[0]
+        name = target.relative_to(ROOT).as_posix().removeprefix("docs/")
+        return f"{link[1]}{Path(os.path.relpath(name, here)).as_posix()}{link[3]}"
+
+    return LINK.sub(in_site, markdown)
+
+
+def _linked(page: Path) -> Iterator[Path]:
+    for _, link, _ in LINK.findall(FENCE.sub("", page.read_text("utf-8"))):
+        target = (page.parent / link).resolve()
+        if "://" not in link and target.is_file():
+            yield target

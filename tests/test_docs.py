@@ -1,0 +1,131 @@
+"""The documentation: short README, links that lead somewhere, commands that exist, code that compiles."""
+
+import importlib.util
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+LOCAL = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")
+FOLDERS = ("datasets", "annotations", "reports")
+PAGES = (
+    *(ROOT / name for name in LOCAL),
+    *(ROOT / folder / "README.md" for folder in FOLDERS),
+    *sorted((ROOT / "docs").glob("*.md")),
+)
+MOST_WORDS = 1500
+FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+CODE = re.compile(r"`[^`\n]+`")
+COMMAND = re.compile(r"fisheye-bench ([a-z][a-z-]*)(?: ([a-z]+))?")
+every_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+
+
+@pytest.fixture(scope="module")
+def hooks():
+    spec = importlib.util.spec_from_file_location("docs_hooks", ROOT / "docs/hooks.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def prose(page):
+    """A page without its blocks of code."""
+    return FENCE.sub("", page.read_text("utf-8"))
+
+
+def anchors(page):
+    """What links can name: its headings, as code hosts and mkdocs spell them."""
+    headings = re.findall(r"^#+ (.+)$", prose(page), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
+
+
+def test_the_readme_is_short():
+    assert len((ROOT / "README.md").read_text("utf-8").split()) <= MOST_WORDS
+
+
+@every_page
+def test_links_lead_to_files_and_headings(page):
+    for link in LINK.findall(CODE.sub("", prose(page))):
+        if "://" in link:
+            continue
+        name, _, anchor = link.partition("#")
+        target = (page.parent / name).resolve() if name else page
+        assert target.is_relative_to(ROOT), link
+        assert target.is_file(), link
+        assert not anchor or anchor in anchors(target), link
+
+
+@every_page
+def test_pages_that_the_site_includes_are_committed(page):
+    named = {(page.parent / link.partition("#")[0]).resolve() for link in LINK.findall(CODE.sub("", prose(page)))}
+    files = [str(file) for file in named if file.is_file()]
+    ignored = subprocess.run(["git", "check-ignore", *files], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert not files or not ignored.stdout
+
+
+@every_page
+def test_commands_that_are_named_exist(page, hooks):
+    known = {name for name, _ in hooks.commands()}
+    groups = {name.split()[0] for name in known if " " in name}
+    code = [*CODE.findall(prose(page)), *(block for _, block in FENCE.findall(page.read_text("utf-8")))]
+    for command, word in COMMAND.findall("\n".join(code)):
+        assert (f"{command} {word}" if command in groups else command) in known
+
+
+def test_every_command_is_in_the_reference(hooks):
+    page = (ROOT / "docs/commands.md").read_text("utf-8")
+    assert page.count(hooks.MARKER) == 1
+    reference = hooks.command_reference()
+    for name, command in hooks.commands():
+        section = reference.partition(f"## {name}\n")[2].partition("\n## ")[0]
+        assert f"fisheye-bench {name}" in section
+        assert all(option in section for one in command.params for option in one.opts if option.startswith("--"))
+
+
+@every_page
+def test_code_compiles(page):
+    for language, block in FENCE.findall(page.read_text("utf-8")):
+        if language == "python":
+            compile(block, str(page), "exec")
+
+
+def test_the_program_that_writes_a_recording_runs(tmp_path, monkeypatch):
+    from bench.recordings import open_native
+
+    blocks = [block for _, block in FENCE.findall((ROOT / "docs/your-data.md").read_text("utf-8"))]
+    (program,) = [block for block in blocks if "RecordingWriter(" in block]
+    monkeypatch.chdir(tmp_path)
+    exec(compile(program, "your-data.md", "exec"), {})
+    recording = open_native(tmp_path / "my-drives/drive-01")
+    assert [image.timestamp_ns for image in recording.images["front"]] == [0, 66_666_667]
+
+
+def test_the_architecture_page_shows_the_layers_that_are_checked():
+    (layers,) = [
+        contract["layers"]
+        for contract in tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]["contracts"]
+        if contract["type"] == "layers"
+    ]
+    rows = re.findall(r"^\| (`[^|]+`) \|", (ROOT / "docs/architecture.md").read_text("utf-8"), re.MULTILINE)
+    assert [set(re.findall(r"`(\w+)`", row)) for row in rows] == [set(layer.split(" | ")) for layer in layers]
+
+
+def test_every_page_is_in_the_navigation():
+    named = set(re.findall(r"(\S+\.md)$", (ROOT / "mkdocs.yml").read_text("utf-8"), re.MULTILINE))
+    assert named == {page.name for page in (ROOT / "docs").glob("*.md")}
+
+
+@pytest.mark.skipif(importlib.util.find_spec("material") is None, reason="the extra `docs` is not installed")
+def test_the_site_builds_and_needs_no_network(tmp_path):
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path / "site")]
+    built = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert built.returncode == 0, built.stderr
+    html = {page: page.read_text("utf-8") for page in (tmp_path / "site").rglob("*.html")}
+    assert len(html) >= len(PAGES) - len(LOCAL)
+    for page, text in html.items():
+        assert not re.findall(r"<(?:script|img|link)[^>]*(?:src|href)=.?(?:https?:)?//", text), page
