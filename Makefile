@@ -57,7 +57,7 @@ check: $(INSTALLED_DEV) ## format, lint, types, layers, documentation
 	$(BIN)/ruff check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/mkdocs build --strict --quiet
+	$(BIN)/mkdocs build --strict
 
 docs: $(INSTALLED_DEV) ## build the documentation into site/, to be read from site/index.html
 	$(BIN)/mkdocs build --strict
