@@ -7,10 +7,8 @@ from pathlib import Path
 
 from bench.cli.console import progress_bar, say, show
 from bench.reporting.compare.comparison import category_line, verdict_line
-from bench.reporting.compare.comparison_table import to_rich
-from bench.reporting.compare.leaderboard import read_leaderboard
-from bench.reporting.compare.leaderboard_files import leaderboard_tables, write_leaderboard
-from bench.reporting.compare.write import write_comparison
+from bench.reporting.compare.leaderboard import leaderboard_tables, read_leaderboard, write_leaderboard
+from bench.reporting.compare.writing import to_rich, write_comparison
 
 RUNS = Path("reports/runs")
 

@@ -17,12 +17,8 @@ from bench.gate import (
     scored_run,
     write_baseline,
 )
-from bench.gate.annotations import to_annotations
-from bench.gate.junit import to_junit
-from bench.gate.step_summary import LARGEST_BYTES, to_markdown
-from bench.gate.terminal_table import to_rich, told_lines
+from bench.gate.reports import LARGEST_BYTES, to_annotations, to_json, to_junit, to_markdown, to_rich, told_lines
 from bench.gate.tolerances import DEFAULT
-from bench.gate.verdict_json import to_json
 from bench.recordings.atomic import write_bytes, write_text
 
 PASSED, FAILED, NO_VERDICT = 0, 1, 3

@@ -10,7 +10,7 @@ from bench.errors import UnknownNameError
 from bench.harness.remote_runs import RemoteRun
 from bench.reference import Category
 from bench.reporting.page.build import write_page
-from bench.reporting.page.figure_files import write_figures
+from bench.reporting.page.charts import write_figures
 
 
 def report(run: str, *, category: str | None, out: Path | None, pictures: bool) -> None:

@@ -45,19 +45,25 @@ Sources: Mariotti and Eising 2020, section IV; Chan et al. 2021 (SegmentMeIfYouC
 those of the intervals in their module; Holm 1979.
 """
 
-from bench.evaluation.changes import changes_in_parts, object_changes
 from bench.evaluation.counts import FrameCounts, ObjectCounts, count_frame
-from bench.evaluation.coverage_curves import CoverageCurve, coverage_curves
 from bench.evaluation.image_maps import ImageMap, add_image_maps
-from bench.evaluation.likelihood import ThresholdSweep, threshold_sweep
-from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
+from bench.evaluation.likelihood import ThresholdFreeFigures, ThresholdSweep, threshold_free_figures, threshold_sweep
+from bench.evaluation.maps import CoverageCurve, RangeMap, RangeMaps, coverage_curves, range_maps
 from bench.evaluation.protocol import Protocol, known_protocols, load_protocol
 from bench.evaluation.row_source import Rows, RowSource
 from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA
-from bench.evaluation.score_sheet import MetricSums, PairedChange, ScoreSheet, holm, paired_change, score_sheet
+from bench.evaluation.score_sheet import (
+    MetricSums,
+    PairedChange,
+    ScoreSheet,
+    changes_in_parts,
+    holm,
+    object_changes,
+    paired_change,
+    score_sheet,
+)
 from bench.evaluation.scorer import SequenceScorer
 from bench.evaluation.summary import FalsePositiveFigures, Figure, ObjectFigures, Summary
-from bench.evaluation.threshold_free import ThresholdFreeFigures, threshold_free_figures
 from bench.evaluation.totals import summarise
 
 __all__ = [

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.evaluation.regions import Regions, count_by_cell
+from bench.evaluation.counts import Regions, count_by_cell
 
 CELL_PX = 8
 

@@ -8,12 +8,10 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from bench.evaluation.chance import ChanceScorer
-from bench.evaluation.counts import count_frame
+from bench.evaluation.counts import ChanceScorer, Regions, count_by_cell, count_frame, sum_by_kind, take_apart
 from bench.evaluation.image_maps import ImageMap, ImageMapSums
 from bench.evaluation.likelihood import LikelihoodCounts, count_likelihood
 from bench.evaluation.protocol import Protocol
-from bench.evaluation.regions import Regions, count_by_cell, sum_by_kind, take_apart
 from bench.evaluation.rows import Row, frame_row, frames_table, object_rows, objects_table, unscored_frame_row
 from bench.methods.contract import Segmentation
 from bench.reference.records import ReferenceFrame

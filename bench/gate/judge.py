@@ -3,18 +3,167 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping, Sequence
 
+from bench.errors import UsageError
 from bench.evaluation.intervals import FEWEST_RECORDINGS, MEAN_CHANGE, RATIO_CHANGE
-from bench.evaluation.metric_sums import NOT_RATIOS
-from bench.evaluation.score_sheet import MetricSums, PairedChange, paired_change
+from bench.evaluation.score_sheet import NOT_RATIOS, MetricSums, PairedChange, paired_change
+from bench.evaluation.slices import FRAMES
 from bench.gate.baseline import ScoredRun
-from bench.gate.checks import data_checks, refuse_another_kind
 from bench.gate.tolerances import Tolerance, Tolerances
-from bench.gate.verdict import Outcome, Row, Verdict
+from bench.gate.verdict import Check, Outcome, Row, Verdict
+
+# What these are taken over depends on what the method detects; of all others, on the reference alone.
+OVER_DETECTIONS = ("tpr", "iou_detected", "precision", "segmentation_iou")
+COVERAGE = "false_positive_coverage"  # over all scored images
+NO_SUMS = MetricSums(numerators={}, denominators={})
+TOLD = 4  # differences that a message lists
+UNITS = {"object_frames": "object-frames", "annotated": "annotated objects", "evaluated": "scored images"}
+
+
+def refuse_another_kind(baseline: ScoredRun, run: ScoredRun) -> None:
+    """Refuse what cannot be compared at all.
+
+    Raises:
+        UsageError: another data set, split or protocol.
+    """
+    for name, before, after in (
+        ("data set", baseline.dataset, run.dataset),
+        ("split", baseline.split, run.split),
+        ("protocol", _stamp(baseline), _stamp(run)),
+    ):
+        if before != after:
+            raise UsageError(f"the baseline is of {name} {before!r}, the run of {after!r}: they do not compare")
+
+
+def data_checks(baseline: ScoredRun, run: ScoredRun, *, tolerances: Tolerances) -> tuple[Check, ...]:
+    """Check run against baseline, always the same checks in the same order."""
+    changed_data = Outcome.FAILED if tolerances.changed_data == "fail" else Outcome.SUSPECT
+    return (
+        _check("failures", list(run.failures), "the run has {count} failures: {told}"),
+        _check("counts", list(_count_differences(baseline, run)), "reference changed: {told}"),
+        _check("cases", list(_case_differences(baseline, run)), "metrics are over other cases: {told}"),
+        _check("metrics", list(_missing(baseline, run)), "in the baseline, but not in the run: {told}"),
+        _check(
+            "reference_fingerprint",
+            [
+                f"{_other_reference(baseline, run)}; fingerprint {told}"
+                for told in _changed(baseline.reference_fingerprint, run.reference_fingerprint)
+            ],
+            "reference changed: {told}",
+        ),
+        _check(
+            "data_fingerprint",
+            _changed(baseline.data_fingerprint, run.data_fingerprint),
+            "data changed: other images, sweeps, labels, calibration or ego-motion; fingerprint {told}",
+            outcome=changed_data,
+        ),
+        _check(
+            "method",
+            list(_method_differences(baseline, run)),
+            "method changed: {told}",
+            outcome=Outcome.SUSPECT,
+        ),
+    )
+
+
+def _other_reference(baseline: ScoredRun, run: ScoredRun) -> str:
+    """In what the reference is another one: the images that were scored, or what is on them."""
+    were, now = (scored.sheet.slices.get(FRAMES, {}).get(COVERAGE, NO_SUMS) for scored in (baseline, run))
+    names = sorted(were.denominators.keys() | now.denominators.keys())
+    images = [(name, int(now.denominators.get(name, 0)), int(were.denominators.get(name, 0))) for name in names]
+    differing = [found for found in images if found[1] != found[2]]
+    if not differing:
+        return "other objects, polygons or regions"
+    name, is_now, was = differing[0]
+    return (
+        f"other images were scored, {now.cases} where the baseline has {were.cases}, and a gate compares equal ones; "
+        f"they differ in {len(differing)} of {len(names)} recordings, the first {name!r} with {is_now} (was {was}), "
+        "as for a method that needs a longer history"
+    )
+
+
+def _check(name: str, faults: Sequence[str], message: str, *, outcome: Outcome = Outcome.FAILED) -> Check:
+    if not faults:
+        return Check(name=name, outcome=Outcome.PASSED, message="as in the baseline")
+    more = f"; and {len(faults) - TOLD} more" if len(faults) > TOLD else ""
+    told = "; ".join(faults[:TOLD]) + more
+    return Check(name=name, outcome=outcome, message=message.format(count=len(faults), told=told))
+
+
+def _count_differences(baseline: ScoredRun, run: ScoredRun) -> Iterator[str]:
+    """For example "4 object-frames fewer in all_moving (12, were 16)"; the slices of everything first."""
+    differences = [
+        (UNITS.get(name, name.replace("_", " ")), slice_name, was, run.sheet.counts.get(slice_name, {}).get(name, 0))
+        for slice_name, names in baseline.sheet.counts.items()
+        for name, was in names.items()
+    ]
+    whole = {"all_moving": 0, "frames": 1}
+    for unit, slice_name, was, now in sorted(differences, key=lambda found: whole.get(found[1], 2)):
+        if now != was:
+            yield _difference(unit, slice_name, was, now)
+
+
+def _case_differences(baseline: ScoredRun, run: ScoredRun) -> Iterator[str]:
+    for slice_name, metric, before in _metrics(baseline):
+        after = run.sheet.slices.get(slice_name, {}).get(metric)
+        if after is None or metric in OVER_DETECTIONS or after.denominators == before.denominators:
+            continue
+        if after.cases == before.cases:
+            yield f"{metric} of {slice_name}: {before.cases} cases, spread otherwise over the recordings"
+        else:
+            yield f"{metric}: {_difference('cases', slice_name, before.cases, after.cases)}"
+
+
+def _missing(baseline: ScoredRun, run: ScoredRun) -> Iterator[str]:
+    for slice_name, metric, _ in _metrics(baseline):
+        if metric not in run.sheet.slices.get(slice_name, {}):
+            yield f"{metric} of {slice_name}"
+
+
+def _method_differences(baseline: ScoredRun, run: ScoredRun) -> Iterator[str]:
+    before, after = baseline.method, run.method
+    if before.name != after.name:
+        yield f"{after.name!r}, was {before.name!r}"
+        return
+    was, now = dict(_flat(before.settings)), dict(_flat(after.settings))
+    for name in sorted(was.keys() | now.keys()):
+        if was.get(name) != now.get(name):
+            yield f"{name} = {now.get(name)}, was {was.get(name)}"
+    if None not in (before.identity, after.identity) and before.identity != after.identity:
+        yield f"its code, libraries or files, {str(after.identity)[:12]}, were {str(before.identity)[:12]}"
+
+
+def _flat(settings: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
+    """Nested settings by their dotted names, as `--set` takes them."""
+    for name, value in settings.items():
+        if isinstance(value, Mapping) and value:
+            yield from _flat(value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", value
+
+
+def _metrics(scored: ScoredRun) -> Iterator[tuple[str, str, MetricSums]]:
+    for slice_name, metrics in scored.sheet.slices.items():
+        for metric, sums in metrics.items():
+            yield slice_name, metric, sums
+
+
+def _difference(unit: str, slice_name: str, was: int, now: int) -> str:
+    return f"{abs(now - was)} {unit} {'fewer' if now < was else 'more'} in {slice_name} ({now}, were {was})"
+
+
+def _changed(before: str, after: str) -> list[str]:
+    return [] if before == after else [f"{after[:12]}, was {before[:12]}"]
+
+
+def _stamp(scored: ScoredRun) -> str:
+    stamp = scored.protocol
+    return f"{stamp.name} version {stamp.version} ({stamp.digest[:12]})"
+
 
 OVER_PIXELS = ("precision", "recall", "segmentation_iou")  # their cases are pixels, so their images are counted
 ROUNDING = 1e-12  # a change by exactly what is tolerated is tolerated
-NO_SUMS = MetricSums(numerators={}, denominators={})
 
 
 def judge(baseline: ScoredRun, run: ScoredRun, *, tolerances: Tolerances) -> Verdict:

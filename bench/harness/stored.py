@@ -32,10 +32,10 @@ from bench.evaluation import (
     load_protocol,
     threshold_free_figures,
 )
-from bench.evaluation.columns import Columns
+from bench.evaluation.likelihood import COLUMNS as THRESHOLD_FREE_COLUMNS
 from bench.evaluation.row_source import Rows, as_source, read_parts
-from bench.evaluation.terms import level_ratios
-from bench.evaluation.threshold_free import COLUMNS as THRESHOLD_FREE_COLUMNS
+from bench.evaluation.slices import Columns
+from bench.evaluation.sums import level_ratios
 from bench.harness.map_files import load_image_maps
 from bench.harness.method_stamp import MethodStamp
 from bench.harness.provenance import Provenance

@@ -1,4 +1,4 @@
-"""Examples of an audit: the polygons that fit worst, and those that fit as most do, over the exact masks."""
+"""Pictures of an audit: polygons over images, and why cells are missed and flagged."""
 
 from __future__ import annotations
 
@@ -17,19 +17,41 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from bench.evaluation import Protocol
-from bench.harness.audit import AuditSummary, Compensation, lenient
+from bench.harness.audit import (
+    AuditSource,
+    AuditSummary,
+    Compensation,
+    ExplainedImage,
+    FalseCause,
+    MissCause,
+    explain_image,
+    lenient,
+)
+from bench.methods import Method
 from bench.recordings import ImageRef, Recording, RecordingHandle, read_image, read_truth
 from bench.reference import ReferenceBuilder
-from bench.reporting.audit_chart import COLOURS
-from bench.reporting.canvas import new_figure, rgb_image, show_image, styled
-from bench.reporting.colours import SKY_BLUE
+from bench.reporting.audit_files import COLOURS
+from bench.reporting.audit_tables import FALSE_ALARMS, MISSES
+from bench.reporting.canvas import faded, new_figure, rgb_image, show_image, styled
+from bench.reporting.colours import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    SKY_BLUE,
+    VERMILION,
+    YELLOW,
+    rgb,
+)
 from bench.reporting.outlines import draw_outline
 from bench.reporting.overlay import overlay_mask
 from bench.reporting.write import write_picture
 
 MARGIN = 0.35  # around the object, of its larger side
 SMALLEST_PX = 60  # side of what is shown
-_PANEL_IN, _TOP_IN, _BOTTOM_IN = 3.2, 0.42, 0.28
+_EXAMPLE_PANEL_IN, _EXAMPLE_TOP_IN, _EXAMPLE_BOTTOM_IN = 3.2, 0.42, 0.28
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -89,11 +111,16 @@ def example_rows(polygons: pa.Table, *, kind: str) -> dict[str, dict[str, pd.Ser
 @styled
 def draw_examples(examples: list[Example], kinds: tuple[str, ...]) -> Figure:
     """Draw object-frames side by side, each enlarged to its surroundings."""
-    width_in, height_in = len(examples) * _PANEL_IN, _TOP_IN + _PANEL_IN + _BOTTOM_IN
+    width_in, height_in = len(examples) * _EXAMPLE_PANEL_IN, _EXAMPLE_TOP_IN + _EXAMPLE_PANEL_IN + _EXAMPLE_BOTTOM_IN
     figure = new_figure(width_in, height_in)
     for number, example in enumerate(examples):
         axes = figure.add_axes(
-            (number / len(examples) + 0.01, _BOTTOM_IN / height_in, 0.98 / len(examples), _PANEL_IN / height_in)
+            (
+                number / len(examples) + 0.01,
+                _EXAMPLE_BOTTOM_IN / height_in,
+                0.98 / len(examples),
+                _EXAMPLE_PANEL_IN / height_in,
+            )
         )
         tinted = overlay_mask(example.image, mask=example.mask, colour=SKY_BLUE, strength=0.45)
         show_image(axes, rgb_image(tinted))
@@ -138,3 +165,95 @@ def _example(row: pd.Series, title: str, recording: Recording, audit: AuditSumma
 def _polygon(recording: Recording, image: ImageRef, track_id: str, *, protocol: Protocol, kind: str) -> Polygon | None:
     builder = ReferenceBuilder(recording, image.camera, lenient(protocol.reference_settings(), kind))
     return next((item.polygon for item in builder.build(image).objects if item.track_id == track_id), None)
+
+
+MISS_COLOURS = {
+    MissCause.NEAR_EPIPOLE: BLACK,
+    MissCause.ENTERED: GREY,
+    MissCause.ABOVE_HORIZON: BLUE,
+    MissCause.BELOW_THRESHOLD: SKY_BLUE,
+    MissCause.UNCOVERED: ORANGE,
+    MissCause.FLOW: VERMILION,
+    MissCause.EGO_MOTION: PURPLE,
+}
+FALSE_COLOURS = {
+    FalseCause.ANTI_PARALLEL: YELLOW,
+    FalseCause.OTHER_CONSTRAINT: SKY_BLUE,
+    FalseCause.UNCOVERED: GREY,
+    FalseCause.BESIDE_OBJECT: ORANGE,
+    FalseCause.FLOW: VERMILION,
+    FalseCause.EGO_MOTION: PURPLE,
+}
+_CAUSE_PANEL_IN, _CAUSE_TOP_IN, _CAUSE_BOTTOM_IN, _TINT = 3.6, 0.3, 0.72, 0.65
+
+
+def write_cause_pictures(
+    folder: Path,
+    misses: pa.Table,
+    *,
+    sources: Mapping[str, AuditSource],
+    method: Method,
+    protocol: Protocol,
+) -> tuple[Path, ...]:
+    """Write `causes-<category>.png` and `.svg` for every kind of motion that has missed cells.
+
+    Args:
+        folder: of the audit.
+        misses: its rows.
+        sources: recordings by name.
+        method: that was audited.
+        protocol: of the audit.
+    """
+    files: list[Path] = []
+    for category, (recording, camera, timestamp_ns) in worst_images(misses).items():
+        found = explain_image(
+            sources[recording], camera=camera, timestamp_ns=timestamp_ns, method=method, protocol=protocol
+        )
+        title = f"{category.replace('_', ' ')}: {recording}, {timestamp_ns / 1e9:.3f} s"
+        files += write_picture(folder / f"causes-{category}", draw_causes(found, title=title))
+    return tuple(files)
+
+
+def worst_images(misses: pa.Table) -> dict[str, tuple[str, str, int]]:
+    """By category, recording, camera and time of the object-frame with most missed cells; ties go to the first."""
+    rows = misses.to_pandas()
+    rows["missed"] = rows["cells"] - rows["hit"]
+    order = ["missed", "recording", "camera", "timestamp_ns", "track_id"]
+    rows = rows[rows["missed"] > 0].sort_values(order, ascending=[False, *[True] * 4])
+    first = rows.drop_duplicates("category").sort_values("category")
+    keys = zip(first["category"], first["recording"], first["camera"], first["timestamp_ns"], strict=True)
+    return {str(name): (str(recording), str(camera), int(time_ns)) for name, recording, camera, time_ns in keys}
+
+
+@styled
+def draw_causes(found: ExplainedImage, *, title: str) -> Figure:
+    """Draw the moving objects' cells on the left, the false alarms on the right, each in the colour of its cause."""
+    height, width = found.pixels.shape[:2]
+    picture_in = _CAUSE_PANEL_IN * height / width
+    full_in = _CAUSE_TOP_IN + picture_in + _CAUSE_BOTTOM_IN
+    figure = new_figure(2 * _CAUSE_PANEL_IN, full_in)
+    left = {"found": (GREEN, found.hit)} | {MISSES[c]: (MISS_COLOURS[c], found.missed[c]) for c in MissCause}
+    right = {FALSE_ALARMS[c]: (FALSE_COLOURS[c], found.flagged[c]) for c in FalseCause}
+    for number, (heading, layers) in enumerate({"moving objects": left, "static world": right}.items()):
+        axes = figure.add_axes((number / 2 + 0.005, _CAUSE_BOTTOM_IN / full_in, 0.49, picture_in / full_in))
+        show_image(axes, _tinted(found, layers))
+        axes.set_title(f"{title}, {heading}", pad=3, fontsize=7)
+        shares = {name: int(np.count_nonzero(cells)) for name, (_, cells) in layers.items()}
+        handles = [
+            Patch(facecolor=colour, edgecolor=BLACK, linewidth=0.3, label=f"{name} ({shares[name]})")
+            for name, (colour, _) in layers.items()
+            if shares[name]
+        ]
+        axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.01), ncols=2, frameon=False,
+                    fontsize=6, handlelength=1.2, columnspacing=1.0)  # fmt: skip
+    return figure
+
+
+def _tinted(found: ExplainedImage, layers: Mapping[str, tuple[str, NDArray[np.bool_]]]) -> NDArray[np.uint8]:
+    picture = faded(rgb_image(found.pixels), 0.8).astype(np.float32)
+    height, width = picture.shape[:2]
+    for colour, cells in layers.values():
+        rows = np.repeat(cells, found.cell_size_px, axis=0)
+        area = np.repeat(rows, found.cell_size_px, axis=1)[:height, :width]
+        picture[area] = (1 - _TINT) * picture[area] + _TINT * np.array(rgb(colour), dtype=np.float32)
+    return picture.astype(np.uint8)

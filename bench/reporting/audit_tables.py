@@ -2,11 +2,262 @@
 
 from __future__ import annotations
 
-from bench.harness.audit import AuditSummary
-from bench.reporting.audit_cause_tables import false_alarm_table, miss_table
-from bench.reporting.audit_polygon_tables import aim_table, compensation_table, polygon_table
-from bench.reporting.audit_score_table import score_table
-from bench.reporting.audit_sheet import AuditTable
+import math
+from dataclasses import dataclass
+
+from bench.evaluation import Figure, ObjectFigures
+from bench.harness.audit import (
+    ALL,
+    Aim,
+    AuditSummary,
+    Compensation,
+    FalseCause,
+    MissCause,
+    MissFigures,
+    PolygonFigures,
+    Scoring,
+)
+from bench.reference import Category
+from bench.reporting.numbers import count
+from bench.reporting.sheets import INTERVALS, Sheet
+from bench.reporting.tables import LABELS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AuditTable:
+    """A table and how to read it.
+
+    Attributes:
+        sheet: the table.
+        note: one or two sentences.
+        labels: how many columns from the left are words.
+    """
+
+    sheet: Sheet
+    note: str
+    labels: int
+
+
+def decimal(value: float) -> str:
+    """A number with two decimals, "n/a" for NaN."""
+    return "n/a" if math.isnan(value) else f"{value:.2f}"
+
+
+def share(part: int, whole: int) -> str:
+    """A share in percent, "n/a" of nothing."""
+    return f"{100 * part / whole:.1f}" if whole else "n/a"
+
+
+COMPENSATIONS = {
+    Compensation.NONE: "none, a snapshot",
+    Compensation.EGO_MOTION: "ego-motion",
+    Compensation.FULL: "ego and object",
+}
+
+
+def polygon_table(audit: AuditSummary) -> AuditTable:
+    """Every kind side by side, by class and range."""
+    found = {(p.object_class, p.range_m, p.kind): p for p in audit.polygons if p.compensation == Compensation.FULL}
+    places = list(dict.fromkeys((name, range_m) for name, range_m, _ in found))
+    rows = []
+    for name, range_m in places:
+        cells = [_polygon_cells(found.get((name, range_m, kind))) for kind in audit.polygon_kinds]
+        frames = max(p.object_frames for (n, r, _), p in found.items() if (n, r) == (name, range_m))
+        limit = next(p.solid.median for (n, r, _), p in found.items() if (n, r) == (name, range_m))
+        rows.append((name, range_m, str(frames), *(cell for part in cells for cell in part), f"{100 * limit:.0f}"))
+    headings = [f"{kind} {what}" for kind in audit.polygon_kinds for what in ("IoU %", "area %")]
+    return AuditTable(
+        sheet=Sheet(
+            title="How well the reference polygons cover what the camera sees",
+            headings=("Class", "Range m", "Frames", *headings, "Filled IoU %"),
+            rows=tuple(rows),
+        ),
+        note="IoU of each polygon, within V and less the nearer polygons, with the exact mask of its object: median "
+        "(quartiles). Area: how much too large (+) or too small (-), median. Filled: IoU of the exact mask with its "
+        "own filled outline, median: a polygon without holes does hardly better, and one sees through a bicycle. The "
+        "object-frames are those that the protocol evaluates.",
+        labels=2,
+    )
+
+
+def aim_table(audit: AuditSummary) -> AuditTable:
+    """Which classes reach the aim."""
+    return AuditTable(
+        sheet=Sheet(
+            title="The aim for polygons that follow the outline",
+            headings=("Kind", "Class", "Frames", "Median IoU", "Aim", "Verdict", "IoU, filled"),
+            rows=tuple(
+                (a.kind, f"{a.object_class} within {a.within_m:g} m", str(a.object_frames), decimal(a.median_iou),
+                 f">= {a.expected:.2f}", _verdict(a), decimal(a.median_filled_iou)) for a in audit.aims
+            ),
+        ),
+        note="With full motion compensation. The convex hull is the paper's bounding polygon and has no aim. Filled: "
+        "with the masks' holes filled, as annotators draw them.",
+        labels=2,
+    )  # fmt: skip
+
+
+def compensation_table(audit: AuditSummary) -> AuditTable:
+    """Every kind and compensation, by class."""
+    found = {(p.kind, p.compensation, p.object_class): p for p in audit.polygons if p.range_m == ALL}
+    classes = list(dict.fromkeys(name for _, _, name in found))
+    rows = []
+    for kind in audit.polygon_kinds:
+        for compensation, label in COMPENSATIONS.items():
+            parts = [found.get((kind, compensation.value, name)) for name in classes]
+            cells = [
+                text
+                for part in parts
+                for text in (("", "") if part is None else (decimal(part.iou.median), decimal(part.boundary_px.median)))
+            ]
+            rows.append((kind, label, *cells))
+    headings = [f"{name} {what}" for name in classes for what in ("IoU", "edge px")]
+    return AuditTable(
+        sheet=Sheet(
+            title="What motion compensation is worth",
+            headings=("Kind", "Compensation", *headings),
+            rows=tuple(rows),
+        ),
+        note="Medians over all ranges; edge: mean distance between the two outlines. Compensation: which motion "
+        "between a lidar point and the exposure is undone; the last is what the benchmark does.",
+        labels=2,
+    )
+
+
+def _polygon_cells(figures: PolygonFigures | None) -> tuple[str, str]:
+    if figures is None:
+        return "", ""
+    iou = figures.iou
+    spread = f"{100 * iou.median:.0f} ({100 * iou.low:.0f}-{100 * iou.high:.0f})"
+    return spread, f"{100 * figures.area_error.median:+.0f}"
+
+
+def _verdict(aim: Aim) -> str:
+    return "no cases" if aim.met is None else "met" if aim.met else "NOT MET"
+
+
+SCORINGS = {
+    Scoring.LIDAR: "lidar polygons",
+    Scoring.MASKS: "exact masks",
+    Scoring.EXACT_MOTION: "+ exact motion",
+    Scoring.EXACT_FLOW: "+ exact flow",
+    Scoring.CELLS: "perfect cells",
+}
+RATES = {"detection_rate": "Detection", "detection_rate_50": "Detection at 50 %"}
+COVERAGES = {"tpr": "TPR, detected", "tpr_all": "TPR, all", "iou": "IoU, all", "iou_detected": "IoU, detected"}
+
+
+def score_table(audit: AuditSummary) -> AuditTable:
+    """One line per kind of motion and scoring, then the false positives."""
+    first = next(iter(audit.scores.values()))
+    rates = {name: heading for name, heading in RATES.items() if name in first.all_moving.figure_names()}
+    rows = []
+    for category, found in first.categories.items():
+        if not found.object_frames:
+            continue
+        for scoring, scores in audit.scores.items():
+            cells = _cells(scores.categories[category], rates)
+            rows.append((LABELS[Category(category)], SCORINGS[Scoring(scoring)], *cells))
+    for scoring, scores in audit.scores.items():
+        false = scores.false_positives
+        blank = [""] * (len(rates) + len(COVERAGES) - 1)
+        head = "False positives", SCORINGS[Scoring(scoring)], count(false.recordings), str(false.frames)
+        rows.append((*head, _figure(false.coverage), *blank))
+    return AuditTable(
+        sheet=Sheet(
+            title="What the reference, the ego-motion and the flow do to the score, in percent",
+            headings=("Type", "Scored", "Recordings", "Frames", *rates.values(), *COVERAGES.values()),
+            rows=tuple(rows),
+        ),
+        note="The same object-frames in all lines of a type; types without any are left out. Lidar polygons: the "
+        "benchmark. Exact masks: the same detections. Exact motion: ego-motion, calibration and road are exact, the "
+        "flow is estimated. Exact flow: nothing is estimated, the method's own limit; the flow is that of each cell's "
+        "centre. Perfect cells: every cell whose centre shows a moving object and no other, the limit of the grid. "
+        f"False positives: area of the image. {INTERVALS}",
+        labels=2,
+    )
+
+
+def _cells(row: ObjectFigures, rates: dict[str, str]) -> tuple[str, ...]:
+    plain = [_figure(row.figure(name), interval=False) for name in rates]
+    return (
+        str(row.recordings),
+        str(row.object_frames),
+        *plain,
+        *(_figure(row.figure(name), interval=name != "tpr") for name in COVERAGES),
+    )
+
+
+def _figure(figure: Figure, *, interval: bool = True) -> str:
+    if math.isnan(figure.value):
+        return "n/a"
+    bounds = figure.ci95 if interval else None
+    return f"{100 * figure.value:.1f}" + ("" if bounds is None else f" {100 * bounds[0]:.0f}-{100 * bounds[1]:.0f}")
+
+
+MISSES = {
+    MissCause.NEAR_EPIPOLE: "blind: at the epipole",
+    MissCause.ENTERED: "blind: just entered",
+    MissCause.ABOVE_HORIZON: "blind: above horizon",
+    MissCause.BELOW_THRESHOLD: "blind: below threshold",
+    MissCause.UNCOVERED: "flow: hidden before",
+    MissCause.FLOW: "flow",
+    MissCause.EGO_MOTION: "ego-motion, calibration",
+}
+FALSE_ALARMS = {
+    FalseCause.ANTI_PARALLEL: "method: anti-parallel",
+    FalseCause.OTHER_CONSTRAINT: "method: other constraint",
+    FalseCause.UNCOVERED: "flow: hidden before",
+    FalseCause.BESIDE_OBJECT: "flow: beside a moving object",
+    FalseCause.FLOW: "flow: elsewhere",
+    FalseCause.EGO_MOTION: "ego-motion, calibration",
+}
+
+
+def miss_table(audit: AuditSummary) -> AuditTable:
+    """One line per kind of motion, then all."""
+    rows = [_miss_cells(row) for row in audit.misses if row.cells]
+    return AuditTable(
+        sheet=Sheet(
+            title="Why cells of moving objects are missed, in percent of the missed ones",
+            headings=("Type", "Frames", "Cells", "Found %", "by error %", *MISSES.values(), "flow error px"),
+            rows=tuple(rows),
+        ),
+        note="Cells of the exact masks. By error: share of all cells that are found although the exact flow fires "
+        "nothing there. Blind: the exact flow with exact ego-motion fires nothing either, since the motion lies in the "
+        "epipolar plane or the deviation stays below the threshold; above the horizon no height constraint can help. "
+        "Flow: it would have fired by the exact flow. Ego-motion: it would have fired by the exact ego-motion. Each "
+        "cell has one cause, so a line adds up to 100. Flow error: median over object-frames.",
+        labels=1,
+    )
+
+
+def _miss_cells(row: MissFigures) -> tuple[str, ...]:
+    shares = [share(row.causes[cause.value], row.missed) for cause in MISSES]
+    found = [share(row.hit, row.cells), share(row.hit_by_error, row.cells)]
+    label = "All moving" if row.category == ALL else LABELS[Category(row.category)]
+    return (label, str(row.object_frames), str(row.cells), *found, *shares, decimal(row.flow_error_px.median))
+
+
+def false_alarm_table(audit: AuditSummary) -> AuditTable:
+    """One line."""
+    row = audit.false_alarms
+    assert row is not None, "asked for only where there is exact flow"
+    shares = [share(row.causes[cause.value], row.flagged) for cause in FALSE_ALARMS]
+    return AuditTable(
+        sheet=Sheet(
+            title="Why cells of the static world are flagged, in percent of the flagged ones",
+            headings=("Images", "Cells", "Flagged %", *FALSE_ALARMS.values(), "flow error px"),
+            rows=(
+                (str(row.images), str(row.cells), share(row.flagged, row.cells), *shares,
+                 decimal(row.flow_error_px.median)),
+            ),
+        ),
+        note="Method: the exact flow with exact ego-motion flags them as well; anti-parallel is the paper's own, "
+        "static points between the road and the camera's height. Flow: only the estimated flow flags them. Ego-motion: "
+        "only the recorded ego-motion and calibration do.",
+        labels=0,
+    )  # fmt: skip
 
 
 def audit_tables(audit: AuditSummary) -> tuple[AuditTable, ...]:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.evaluation.chance import ChanceScorer
+from bench.evaluation.counts import ChanceScorer
 from bench.reference.records import ReferenceFrame
 from tests.evaluation.frames import ignored_object, picture, reference_frame, reference_object
 

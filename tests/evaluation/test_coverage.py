@@ -13,8 +13,7 @@ import pytest
 
 from bench.evaluation import intervals
 from bench.evaluation.intervals import ratio_interval
-from bench.evaluation.metric_sums import MetricSums
-from bench.evaluation.paired import paired_change
+from bench.evaluation.score_sheet import MetricSums, paired_change
 from tests.evaluation.simulated import SCENARIOS, Scenario, rates, sizes
 
 RECORDINGS = (6, 10, 20, 100)

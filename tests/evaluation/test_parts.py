@@ -19,9 +19,9 @@ from bench.evaluation import (
     summarise,
     threshold_sweep,
 )
-from bench.evaluation.columns import Columns
-from bench.evaluation.coverage_curves import THRESHOLDS
+from bench.evaluation.maps import THRESHOLDS
 from bench.evaluation.row_source import ChosenRows, TableRows, group_recordings
+from bench.evaluation.slices import Columns
 from bench.harness import StoredRows, open_tables
 from tests.evaluation.runs import PAPER, random_run, shuffled
 from tests.large_runs import write_tables

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 from numpy.typing import NDArray
 
-from bench.evaluation.regions import count_by_cell, take_apart
+from bench.evaluation.counts import count_by_cell, take_apart
 from bench.reference.records import ReferenceFrame
 from tests.evaluation.frames import frames, mask, masks
 

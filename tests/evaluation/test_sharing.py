@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 from numpy.typing import NDArray
 
-from bench.evaluation.sharing import share_in_proportion
+from bench.evaluation.counts import share_in_proportion
 
 
 def test_seven_pixels_over_three_equal_weights() -> None:

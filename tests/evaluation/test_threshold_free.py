@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from bench.evaluation import SequenceScorer, threshold_free_figures, threshold_sweep
-from bench.evaluation.likelihood import BINS, SCORE_EDGES, find_score_bins
-from bench.evaluation.threshold_free import ThresholdFreeFigures
+from bench.evaluation.likelihood import BINS, SCORE_EDGES, ThresholdFreeFigures, find_score_bins
 from bench.methods.contract import Segmentation
 from bench.reference.records import ReferenceFrame
 from tests.evaluation.frames import picture, reference_frame

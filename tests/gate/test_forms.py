@@ -9,11 +9,7 @@ from junitparser import JUnitXml
 from rich.console import Console
 
 from bench.gate import Check, Outcome
-from bench.gate.annotations import to_annotations
-from bench.gate.junit import to_junit
-from bench.gate.step_summary import to_markdown
-from bench.gate.terminal_table import to_rich, told_lines
-from bench.gate.verdict_json import to_json
+from bench.gate.reports import to_annotations, to_json, to_junit, to_markdown, to_rich, told_lines
 from tests.gate.factories import one, scored, sums, verdict_of
 
 

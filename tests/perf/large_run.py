@@ -26,7 +26,7 @@ from bench.harness.stored import (
     write_protocol,
     write_summary,
 )
-from bench.reporting.compare.write import write_comparison
+from bench.reporting.compare.writing import write_comparison
 from bench.reporting.page.build import write_page
 from bench.reporting.write import write_report_files
 from tests.large_runs import write_run_tables

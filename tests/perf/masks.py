@@ -4,8 +4,7 @@ import cv2
 import numpy as np
 from pycocotools import mask as coco
 
-from bench.evaluation.counts import count_frame
-from bench.evaluation.regions import take_apart
+from bench.evaluation.counts import count_frame, take_apart
 from bench.reference.records import ReferenceFrame, Status
 from tests.perf.turns import best_seconds
 

@@ -23,11 +23,9 @@ from bench.harness.audit import (
 )
 from bench.methods import build_method
 from bench.recordings import load_card, open_dataset
-from bench.reporting.audit_cause_pictures import worst_images, write_cause_pictures
-from bench.reporting.audit_files import write_audit_files
-from bench.reporting.audit_pictures import example_rows, write_examples
+from bench.reporting.audit_files import to_csv, to_markdown, to_rich, write_audit_files
+from bench.reporting.audit_pictures import example_rows, worst_images, write_cause_pictures, write_examples
 from bench.reporting.audit_tables import audit_tables
-from bench.reporting.audit_text import to_csv, to_markdown, to_rich
 
 METHOD = build_method("spherical", {"threshold": 0.01})  # so that something is missed
 

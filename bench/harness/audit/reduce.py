@@ -9,7 +9,7 @@ import pandas as pd
 import pyarrow as pa
 
 from bench.evaluation import Protocol, summarise
-from bench.evaluation.bins import bin_names, name_bins
+from bench.evaluation.slices import bin_names, name_bins
 from bench.harness.audit.causes import FalseCause, MissCause
 from bench.harness.audit.compensation import Compensation
 from bench.harness.audit.figures import (

@@ -18,10 +18,10 @@ to be predicted), `folder` (which files there are), `names` (which image a name 
 `npz_scores` and `run_lengths` (the kinds of file), `sizes` (maps smaller or larger than the image), `faults`.
 """
 
-from bench.methods.predictions.faults import Fault, FaultKind
-from bench.methods.predictions.index import PredictionIndex, index_predictions
+from bench.methods.predictions.files import Fault, FaultKind
+from bench.methods.predictions.images import NAMINGS, Naming
 from bench.methods.predictions.method import MISSING_POLICIES, MissingPolicy, PredictedMotion
-from bench.methods.predictions.names import NAMINGS, Naming
+from bench.methods.predictions.pairing import PredictionIndex, index_predictions
 
 __all__ = [
     "MISSING_POLICIES",

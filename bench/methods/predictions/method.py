@@ -9,11 +9,9 @@ import numpy as np
 
 from bench.errors import DataError, UsageError
 from bench.methods.contract import MethodInput, Segmentation, UnansweredImage
-from bench.methods.predictions.images import ImageKey
-from bench.methods.predictions.index import PredictionIndex, index_predictions
-from bench.methods.predictions.names import NAMINGS, Naming
-from bench.methods.predictions.reading import PredictionReader
-from bench.methods.predictions.sizes import on_cells
+from bench.methods.predictions.files import PredictionReader, on_cells
+from bench.methods.predictions.images import NAMINGS, ImageKey, Naming
+from bench.methods.predictions.pairing import PredictionIndex, index_predictions
 from bench.recordings import load_card
 
 MissingPolicy = Literal["error", "skip", "empty"]

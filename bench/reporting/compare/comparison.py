@@ -6,18 +6,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.evaluation.run_sums import sum_run
-from bench.reporting.compare.changes import HEADLINES, RowChange, headline_changes, row_changes
-from bench.reporting.compare.detections import (
+from bench.evaluation.sums import sum_run
+from bench.reporting.compare.changes import (
+    HEADLINES,
     ChangedFrame,
     DetectionCounts,
+    RowChange,
+    Verdict,
     changed_images,
+    headline_changes,
     paired_objects,
+    row_changes,
     sum_changes,
 )
-from bench.reporting.compare.like_for_like import Pair, on_common_images
-from bench.reporting.compare.stored_runs import StoredRun, differing_settings, settings_text
-from bench.reporting.compare.verdicts import Verdict
+from bench.reporting.compare.runs import Pair, StoredRun, differing_settings, on_common_images, settings_text
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

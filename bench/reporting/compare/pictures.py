@@ -14,8 +14,8 @@ from bench.harness import ProcessedFrame
 from bench.harness.frames import UnscorableFrame
 from bench.harness.replay import StoredFrames
 from bench.reporting.canvas import figure_bytes, new_figure, styled
+from bench.reporting.compare.changes import ChangedFrame, Kind
 from bench.reporting.compare.comparison import RunComparison
-from bench.reporting.compare.detections import ChangedFrame, Kind
 from bench.reporting.count_view import draw_counts
 from bench.reporting.overlay import overlay_frame
 

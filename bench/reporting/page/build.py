@@ -13,13 +13,19 @@ from markupsafe import Markup
 
 from bench.recordings.atomic import write_text
 from bench.reference import Category
-from bench.reporting.page.chart_section import coverage_charts, plane_charts, range_chart, threshold_charts
-from bench.reporting.page.frames import FrameView, Progress, view_frames
-from bench.reporting.page.gallery import Card, frame_cards, gallery_keys, object_cards, pick
-from bench.reporting.page.glance import remarks
-from bench.reporting.page.object_table import script_json, table_data
-from bench.reporting.page.source import PageSource, read_source
-from bench.reporting.page.tables_section import (
+from bench.reporting.page.charts import coverage_charts, plane_charts, range_chart, threshold_charts
+from bench.reporting.page.frames import (
+    Card,
+    FrameView,
+    Progress,
+    frame_cards,
+    gallery_keys,
+    object_cards,
+    pick,
+    view_frames,
+)
+from bench.reporting.page.source import FrameKey, PageSource, read_source
+from bench.reporting.page.tables import (
     breakdown_tables,
     cause_bars,
     false_positive_lines,
@@ -27,9 +33,11 @@ from bench.reporting.page.tables_section import (
     ledger_rows,
     of_recordings,
     provenance_rows,
+    remarks,
+    script_json,
     stage_bars,
+    table_data,
 )
-from bench.reporting.page.worst import FrameKey
 from bench.reporting.sheets import NOTE, sheets
 from bench.reporting.tables import LABELS, table_rows
 

@@ -1,17 +1,77 @@
-"""The page's own charts, small enough for a phone, black on white; `svg` gives them the page's colours."""
+"""The charts of a page as SVG that takes its ink and paper, and as PDF for papers."""
 
 from __future__ import annotations
 
+import base64
 import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
 
+import cv2
 import numpy as np
+from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from bench.evaluation.coverage_curves import THRESHOLDS, CoverageCurve
-from bench.reporting.canvas import new_figure, styled
+from bench.errors import DataError
+from bench.evaluation.image_maps import ImageMap
+from bench.evaluation.likelihood import ThresholdSweep, threshold_sweep
+from bench.evaluation.maps import THRESHOLDS, CoverageCurve, coverage_curves, range_maps
+from bench.harness import read_image_maps
+from bench.recordings.atomic import write_bytes
+from bench.reference import Category
+from bench.reporting.canvas import figure_bytes, new_figure, styled
 from bench.reporting.colours import GREY, VERMILION
+from bench.reporting.page.source import PageSource, read_source
+from bench.reporting.range_maps import draw_range_maps
+from bench.reporting.tables import LABELS
+
+_JPEG_QUALITY = 82
+_INK = re.compile("#000000|#303030")
+
+
+def inline_svg(figure: Figure, *, name: str, label: str) -> Markup:
+    """A figure as an `<svg>` element.
+
+    Black becomes the page's text colour and white its background; ids carry the name, so that two figures on one page
+    do not meet.
+
+    Args:
+        figure: drawn in black on white.
+        name: of letters, digits and dashes, used once on a page.
+        label: says in words what the figure shows.
+    """
+    text = figure_bytes(figure, "svg").decode()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>\s*", "", text, flags=re.DOTALL)
+    text = re.sub(
+        r'<(g|path) id="(?:figure|axes|patch|matplotlib|line2d|text|xtick|ytick|legend|Quad)[^"]*"', r"<\1", text
+    )
+    text = re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{name}-", text)
+    text = _INK.sub("currentColor", text).replace("#ffffff", "var(--paper)")
+    head = re.sub(r'\s(width|height|version|xmlns(:xlink)?)="[^"]*"', "", text[: text.index(">")])
+    opened = f'{head} class="chart" role="img" aria-label="{escape(label)}" xmlns:xlink="http://www.w3.org/1999/xlink"'
+    return Markup(opened + text[text.index(">") :])  # matplotlib escapes its texts
+
+
+def jpeg_uri(image: NDArray[np.uint8]) -> str:
+    """A BGR image as a `data:` address."""
+    found, content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+    assert found, "OpenCV writes JPEG"
+    return "data:image/jpeg;base64," + base64.b64encode(content.tobytes()).decode()
+
+
+def figure_uri(figure: Figure, *, scale: float = 1.0) -> str:
+    """A figure as a `data:` address, for pictures with photographs in them."""
+    image = cv2.imdecode(np.frombuffer(figure_bytes(figure, "png"), dtype=np.uint8), cv2.IMREAD_COLOR)
+    assert image is not None, "matplotlib writes PNG"
+    if scale != 1.0:
+        image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    return jpeg_uri(np.asarray(image, dtype=np.uint8))
+
 
 CURVE = "#2a8cc4"  # reads on white and on black
 _GRID = "#999999"
@@ -115,3 +175,134 @@ def _chart() -> tuple[Figure, Axes]:
     axes.grid(color=_GRID, alpha=0.35, linewidth=0.5)
     axes.spines[["top", "right"]].set_visible(False)
     return figure, axes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Chart:
+    """One chart: its drawing and a line below."""
+
+    svg: Markup
+    caption: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Charts:
+    """The charts of a section; without any, `missing` says why."""
+
+    charts: tuple[Chart, ...]
+    missing: str = ""
+
+
+def range_chart(source: PageSource) -> Chart:
+    """The range maps."""
+    label = "Detection rate around the host seen from above, by class and direction of motion"
+    return Chart(svg=inline_svg(range_figure(source), name="range", label=label))
+
+
+def range_figure(source: PageSource) -> Figure:
+    """The range maps as a figure."""
+    maps = range_maps(source.objects, protocol=source.protocol)
+    return draw_range_maps(maps, vehicle_outline_m=np.array(source.run.vehicle_outline_m, dtype=np.float64))
+
+
+def coverage_charts(source: PageSource) -> Charts:
+    """Detection rate against the coverage that counts as found, one chart a category."""
+    charts = tuple(
+        Chart(svg=inline_svg(figure, name=f"coverage-{name}", label=f"Found against coverage threshold, {name}"))
+        for name, figure in coverage_figures(source)
+    )
+    return Charts(charts=charts, missing="" if charts else "No object-frame was evaluated.")
+
+
+def coverage_figures(source: PageSource) -> Iterator[tuple[str, Figure]]:
+    """Name and figure of every category with cases."""
+    for name, (found, chance) in coverage_curves(source.objects, protocol=source.protocol).items():
+        if found.object_frames:
+            yield name, draw_coverage_curve(found, chance, title=LABELS[Category(name)].split(" (")[0])
+
+
+def threshold_charts(source: PageSource) -> Charts:
+    """The sweep of the likelihood's threshold."""
+    sweep = read_sweep(source)
+    if isinstance(sweep, str):
+        return Charts(charts=(), missing=sweep)
+    names = "sweep", "precision"
+    labels = "Pixels found against image wrongly marked", "Precision against recall"
+    figures = threshold_figures(source, sweep)
+    drawn = zip(names, labels, figures, strict=True)
+    return Charts(charts=tuple(Chart(svg=inline_svg(f, name=n, label=label)) for n, label, f in drawn))
+
+
+def read_sweep(source: PageSource) -> ThresholdSweep | str:
+    """The sweep, or why there is none."""
+    return threshold_sweep(source.frames) or (
+        "The run holds no likelihoods: its method gives masks only, or it was stored before likelihoods were kept."
+    )
+
+
+def threshold_figures(source: PageSource, sweep: ThresholdSweep) -> tuple[Figure, Figure]:
+    """Both figures of the sweep; the run itself is marked as it was scored."""
+    recall, precision = (figure.value for figure in (source.run.segmentation.recall, source.run.segmentation.precision))
+    return (
+        draw_threshold_curve(
+            sweep.false_positive_coverage,
+            sweep.tpr,
+            marked=(source.figures.false_positives.coverage.value, recall),
+        ),
+        draw_precision_curve(sweep.recall, sweep.precision, marked=(recall, precision), auprc=sweep.auprc),
+    )
+
+
+def plane_charts(source: PageSource) -> Charts:
+    """Misses and false positives on the image plane of every camera."""
+    maps = read_maps(source)
+    if isinstance(maps, str):
+        return Charts(charts=(), missing=maps)
+    charts = []
+    for number, one in enumerate(maps):
+        missed, false = plane_figures(one)
+        caption = f"Camera {one.camera}, {one.frames} images of {one.width} x {one.height} px."
+        charts.append(
+            Chart(svg=inline_svg(missed, name=f"missed-{number}", label=f"Misses, {caption}"), caption=caption)
+        )
+        charts.append(Chart(svg=inline_svg(false, name=f"false-{number}", label=f"False, {caption}"), caption=caption))
+    return Charts(charts=tuple(charts))
+
+
+def read_maps(source: PageSource) -> tuple[ImageMap, ...] | str:
+    """The image maps, or why there are none."""
+    try:
+        return tuple(read_image_maps(source.folder).values())
+    except DataError:
+        return "The run holds no maps of the image plane: it was stored before they were kept."
+
+
+def plane_figures(one: ImageMap) -> tuple[Figure, Figure]:
+    """Misses and false positives of one camera."""
+    size = {"width": one.width, "height": one.height}
+    return (
+        draw_plane_map(one.missed_rate, **size, title=f"{one.camera}: missed", bar="% of the moving pixels missed"),
+        draw_plane_map(one.false_rate, **size, title=f"{one.camera}: wrongly marked", bar="% of the images"),
+    )
+
+
+def write_figures(folder: Path, *, category: Category | None = None) -> tuple[Path, ...]:
+    """Write the charts of a run's page as `<run>/figures/*.pdf`; those of one kind of motion carry its name.
+
+    Raises:
+        DataError: a stored result is missing or damaged.
+    """
+    source = read_source(folder, category=category)
+    suffix = "" if source.category is None else f"-{source.category.value}"
+    figures: dict[str, Figure] = {f"range_map{suffix}": range_figure(source)}
+    figures |= {f"coverage-{name}": figure for name, figure in coverage_figures(source)}
+    if source.category is None:
+        sweep, maps = read_sweep(source), read_maps(source)
+        if not isinstance(sweep, str):
+            figures |= dict(zip(("threshold_sweep", "precision_recall"), threshold_figures(source, sweep), strict=True))
+        if not isinstance(maps, str):
+            for number, one in enumerate(maps):
+                figures |= dict(zip((f"missed-{number}", f"false-{number}"), plane_figures(one), strict=True))
+    for name, figure in figures.items():
+        write_bytes(source.folder / "figures" / f"{name}.pdf", figure_bytes(figure, "pdf"))
+    return tuple(source.folder / "figures" / f"{name}.pdf" for name in figures)

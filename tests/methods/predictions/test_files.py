@@ -13,11 +13,17 @@ from hypothesis import strategies as st
 from pycocotools import mask as coco
 
 from bench.errors import DataError
-from bench.methods.predictions.faults import UnclearError, WrongSizeError
-from bench.methods.predictions.npz_scores import read_npz_scores
-from bench.methods.predictions.png_maps import read_png_map
-from bench.methods.predictions.run_lengths import MaskEntry, RunLengths, decode_union, read_entries
-from bench.methods.predictions.sizes import ImageSizes
+from bench.methods.predictions.files import (
+    ImageSizes,
+    MaskEntry,
+    RunLengths,
+    UnclearError,
+    WrongSizeError,
+    decode_union,
+    read_entries,
+    read_npz_scores,
+    read_png_map,
+)
 
 SIZES = ImageSizes(evaluated_px=(6, 4), stored_px=(6, 4))
 MASK = np.array([[0, 0, 0, 0, 0, 1], [0, 1, 1, 0, 0, 1], [0, 0, 1, 0, 0, 0], [0, 0, 0, 0, 0, 0]], dtype=bool)

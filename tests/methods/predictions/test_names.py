@@ -3,9 +3,8 @@
 import pytest
 
 from bench.errors import UsageError
-from bench.methods.predictions.images import CameraImages, NamedImage
-from bench.methods.predictions.names import named_images
-from bench.methods.predictions.sizes import ImageSizes
+from bench.methods.predictions.files import ImageSizes
+from bench.methods.predictions.images import CameraImages, NamedImage, named_images
 
 SIZES = ImageSizes(evaluated_px=(8, 4), stored_px=(8, 4))
 

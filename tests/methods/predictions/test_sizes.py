@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.methods.predictions.faults import WrongSizeError
-from bench.methods.predictions.sizes import ImageSizes, on_cells
+from bench.methods.predictions.files import ImageSizes, WrongSizeError, on_cells
 
 FILE = Path("a.png")
 SIZES = ImageSizes(evaluated_px=(8, 4), stored_px=(16, 8))

@@ -8,10 +8,8 @@ from rich.console import Console
 
 from bench.harness.masks import MASKS, MASKS_SCHEMA
 from bench.reporting.compare.comparison import compare_runs
-from bench.reporting.compare.comparison_table import MIN_COLUMNS, to_rich
-from bench.reporting.compare.comparison_text import points
-from bench.reporting.compare.stored_runs import read_comparable
-from bench.reporting.compare.write import write_comparison
+from bench.reporting.compare.runs import read_comparable
+from bench.reporting.compare.writing import MIN_COLUMNS, points, to_rich, write_comparison
 from tests.reporting.compare.runs import drawn, write_run
 
 NAMES = ["compare.md", "compare.csv", "object_changes.csv", "compare.json"]

@@ -6,8 +6,7 @@ import pytest
 from rich.console import Console
 
 from bench.errors import DataError
-from bench.reporting.compare.leaderboard import read_leaderboard
-from bench.reporting.compare.leaderboard_files import leaderboard_tables, write_leaderboard
+from bench.reporting.compare.leaderboard import leaderboard_tables, read_leaderboard, write_leaderboard
 from tests.reporting.compare.runs import drawn, write_run
 
 

@@ -12,7 +12,7 @@ import pytest
 from bench.cli import comparing
 from bench.errors import UsageError
 from bench.evaluation import load_protocol, summarise
-from bench.evaluation.common_images import CommonImages, RowsOnImages
+from bench.evaluation.slices import CommonImages, RowsOnImages
 from bench.gate import judge, load_tolerances, scored_run
 from bench.harness import read_run, run_benchmark
 from bench.harness.stored_rows import open_tables
@@ -20,8 +20,9 @@ from bench.methods import Segmentation
 from bench.recordings import load_card
 from bench.reporting.compare.comparison import compare_runs
 from bench.reporting.compare.leaderboard import read_leaderboard
-from bench.reporting.compare.stored_runs import read_comparable
-from bench.reporting.compare.write import write_comparison
+from bench.reporting.compare.runs import read_comparable
+from bench.reporting.compare.writing import write_comparison
+from tests.stored_files import change_summary
 
 PROTOCOL = load_protocol("paper-v1")
 SCORED = {"one": 12, "two": 9}  # of three drives of five images
@@ -172,8 +173,7 @@ def test_no_common_image_is_said(runs, tiny_card, tmp_path):
     moved = pa.array((frames["timestamp_ns"].to_numpy() + 1).tolist(), pa.int64())
     pq.write_table(frames.set_column(frames.schema.get_field_index("timestamp_ns"), "timestamp_ns", moved),
                    standing / "frames.parquet")  # fmt: skip
-    summary = json.loads((standing / "summary.json").read_text()) | {"reference_fingerprint": "x"}
-    (standing / "summary.json").write_text(json.dumps(summary))
+    change_summary(standing, lambda content: content.update(reference_fingerprint="x"))
     with pytest.raises(UsageError, match="no image was scored by both; the first has 12, the second 12"):
         compare_runs(read_comparable([runs["one"], standing]))
 

@@ -5,7 +5,7 @@ import pytest
 
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.score_sheet import PairedChange
-from bench.reporting.compare.verdicts import Verdict, judge, verdict_text
+from bench.reporting.compare.changes import Verdict, judge, verdict_text
 
 CHANGE = PairedChange(
     before=0.5, after=0.6, difference=0.1, ci95=(0.05, 0.15), p_value=0.001, cases_before=9, cases_after=9, recordings=9

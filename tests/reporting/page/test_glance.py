@@ -4,8 +4,7 @@ import math
 
 from bench.evaluation.summary import Figure, FrameLedger, ObjectFigures
 from bench.reference import Category
-from bench.reporting.page.cells import figure_cell, figures_table
-from bench.reporting.page.glance import remarks
+from bench.reporting.page.tables import figure_cell, figures_table, remarks
 from tests.reporting.summaries import object_figures, summary
 
 

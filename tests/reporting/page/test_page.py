@@ -13,10 +13,11 @@ from bench.harness import read_run, read_tables
 from bench.recordings import load_card, open_dataset
 from bench.reference import Category
 from bench.reporting.page.build import write_page
-from bench.reporting.page.figure_files import write_figures
-from bench.reporting.page.object_table import script_json, table_data
+from bench.reporting.page.charts import write_figures
 from bench.reporting.page.source import read_source
+from bench.reporting.page.tables import script_json, table_data
 from tests.reporting.page.hostile import TRACK
+from tests.stored_files import change_summary
 
 SECTIONS = [
     "glance", "results", "splits", "around", "plane", "coverage", "threshold", "causes", "worst", "frames", "time",
@@ -125,9 +126,7 @@ def test_names_from_the_data_are_escaped(hostile_page):
 
 def test_without_the_data_it_says_so_and_is_complete(tiny_run, tmp_path):
     run = shutil.copytree(tiny_run, tmp_path / "run")
-    summary = (run / "summary.json").read_text()
-    card = json.loads(summary)["card"]
-    (run / "summary.json").write_text(summary.replace(card, str(tmp_path / "gone.yaml")))
+    change_summary(run, lambda content: content.update(card=str(tmp_path / "gone.yaml")))
     page = write_page(run)
     text = page.file.read_text()
     assert len(page.problems) == 1
@@ -149,13 +148,8 @@ def test_a_run_of_an_older_version_still_makes_a_page(tiny_run, tmp_path):
 
 def test_pictures_show_what_was_scored_and_call_no_method(tiny_run, tmp_path, monkeypatch):
     run = shutil.copytree(tiny_run, tmp_path / "run")
-    summary = json.loads((run / "summary.json").read_text())
-    summary["method"] |= {
-        "name": "my-own",
-        "place": "subprocess:Popen",
-        "settings": {"args": ["touch", str(tmp_path / "p")]},
-    }
-    (run / "summary.json").write_text(json.dumps(summary))
+    trap = {"name": "my-own", "place": "subprocess:Popen", "settings": {"args": ["touch", str(tmp_path / "p")]}}
+    change_summary(run, lambda content: content["method"].update(trap))
     text = write_page(run).file.read_text()
     assert "<img" in text
     assert not (tmp_path / "p").exists()
@@ -166,6 +160,7 @@ def test_a_picture_that_would_not_show_what_was_scored_is_not_drawn(tiny_run, tm
     frames = pq.read_table(run / "frames.parquet")
     counts = pa.array([count + 1 for count in frames["fp_px"].to_pylist()])
     pq.write_table(frames.set_column(frames.schema.get_field_index("fp_px"), "fp_px", counts), run / "frames.parquet")
+    change_summary(run)
     page = write_page(run)
     assert "<img" not in page.file.read_text()
     assert all("code or data changed since" in problem for problem in page.problems)
@@ -176,6 +171,7 @@ def test_without_masks_there_are_no_pictures_and_the_reason_is_said(tiny_run, tm
     (run / "masks.parquet").unlink()
     assert "runs of older versions hold no masks" in str(write_page(run).problems)
     (run / "masks.parquet").write_bytes((tiny_run / "masks.parquet").read_bytes()[:-50])
+    change_summary(run)
     assert "expected the masks of a run" in str(write_page(run).problems)
 
 

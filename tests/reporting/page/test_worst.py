@@ -10,8 +10,8 @@ from bench.evaluation import CoverageCurve
 from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA
 from bench.reference import Category
 from bench.reporting.page.charts import coverage_points
-from bench.reporting.page.reasons import FrameEvidence, ObjectEvidence, frame_reason, object_reason
-from bench.reporting.page.worst import worst_frames, worst_objects
+from bench.reporting.page.frames import FrameEvidence, ObjectEvidence, frame_reason, object_reason
+from bench.reporting.page.source import worst_frames, worst_objects
 
 S = 1_000_000_000
 

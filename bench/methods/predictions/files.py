@@ -1,0 +1,442 @@
+"""Masks and scores in files: grey PNG files, NumPy archives, COCO run lengths; what can be wrong, and sizes.
+
+A COCO mask is read column by column; runs of 0 and 1 follow each other, the first of 0. The lengths stand as a list or
+as text: each number, from the fourth on its difference to the last but one, in groups of five bits, the lowest first,
+bit 6 set where more follow, 48 added to make it a letter. `pycocotools` is not used to decode: for lengths that do not
+add up to the mask it returns memory that was never written (2.0.11), so they would have to be decoded first to tell.
+"""
+
+from __future__ import annotations
+
+import struct
+import zipfile
+import zlib
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from tokenize import TokenError
+from typing import IO, Annotated, Any
+
+import cv2
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from bench.errors import DataError
+from bench.recordings.images import PNG_START, read_unchanged
+
+
+class FaultKind(StrEnum):
+    """Kinds of faults, in the order in which they are told."""
+
+    MISSING = "missing"
+    UNREADABLE = "unreadable"
+    WRONG_SIZE = "wrong size"
+    UNCLEAR = "unclear"
+    TWICE = "twice"
+    EXTRA = "extra"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fault:
+    """One thing that is wrong.
+
+    Attributes:
+        kind: of fault.
+        place: the file relative to the folder of predictions, or the image that has none.
+        reason: what was expected and what was found.
+    """
+
+    kind: FaultKind
+    place: str
+    reason: str
+
+
+class WrongSizeError(DataError):
+    """A prediction of a size that neither divides nor multiplies the image's."""
+
+
+class UnclearError(DataError):
+    """A prediction whose values do not say what moves."""
+
+
+def kind_of(error: DataError) -> FaultKind:
+    """The kind of fault that an error of a reader is."""
+    kinds = {WrongSizeError: FaultKind.WRONG_SIZE, UnclearError: FaultKind.UNCLEAR}
+    return kinds.get(type(error), FaultKind.UNREADABLE)
+
+
+def reason_of(error: DataError) -> str:
+    """What an error says, without the file."""
+    where = f"{error.field}: " if error.field else ""
+    return f"{where}expected {error.expected}, got {error.got}" + (f"; {error.do}" if error.do else "")
+
+
+Size = tuple[int, int]
+LARGEST_PX = 1 << 26  # of one prediction
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImageSizes:
+    """The sizes of an image.
+
+    Attributes:
+        evaluated_px: (width, height) at which it is scored.
+        stored_px: (width, height) of its file.
+    """
+
+    evaluated_px: Size
+    stored_px: Size
+
+    def refuse_unfit(self, size_px: Size, *, file: Path, field: str | None = None) -> None:
+        """Refuse a size that is no whole fraction or multiple of the image's.
+
+        Raises:
+            WrongSizeError: it is not, or larger than any prediction need be.
+        """
+        got = "{} x {}".format(*size_px)
+        bases = (self.evaluated_px, self.stored_px)
+        if not any(_times(base, size_px) or _times(size_px, base) for base in bases):
+            known = " or ".join(dict.fromkeys("{} x {}".format(*base) for base in bases))
+            expected = f"{known} px, or a whole fraction or multiple of it"
+            raise WrongSizeError(file, field=field, expected=expected, got=got)
+        if size_px[0] * size_px[1] > LARGEST_PX:
+            raise WrongSizeError(file, field=field, expected=f"at most {LARGEST_PX} pixels", got=got)
+
+
+def on_cells(values: NDArray[Any], sizes: ImageSizes) -> tuple[NDArray[np.float32], int]:
+    """Bring a map to square cells that tile the evaluated image.
+
+    A map of a whole fraction of the evaluated size stays as it is, each of its pixels a cell. One of a whole multiple
+    is averaged over the block of each image pixel. One that fits only the stored size is brought to that by the same
+    two rules, and from there to the evaluated size as images are, by their mean over areas.
+
+    Args:
+        values: (rows, columns) numbers in [0, 1] or bool, of a size that `ImageSizes.refuse_unfit` lets pass.
+        sizes: of the image.
+
+    Returns:
+        (rows, columns) float32 in [0, 1], and the side of a cell, px.
+    """
+    size = values.shape[1], values.shape[0]
+    if factor := _times(sizes.evaluated_px, size):
+        return values.astype(np.float32, copy=False), factor
+    if factor := _times(size, sizes.evaluated_px):
+        return _block_mean(values, factor), 1
+    if factor := _times(sizes.stored_px, size):
+        stored = np.repeat(np.repeat(values.astype(np.float32), factor, axis=0), factor, axis=1)
+    else:
+        stored = _block_mean(values, _times(size, sizes.stored_px))
+    evaluated = cv2.resize(stored, sizes.evaluated_px, interpolation=cv2.INTER_AREA)
+    return np.asarray(evaluated, dtype=np.float32), 1
+
+
+def _times(large: Size, small: Size) -> int:
+    """How often `small` goes into `large` along both sides; 0 where it does not."""
+    if min(small) < 1 or large[0] % small[0] or large[1] % small[1]:
+        return 0
+    factor = large[0] // small[0]
+    return factor if factor == large[1] // small[1] else 0
+
+
+def _block_mean(values: NDArray[Any], factor: int) -> NDArray[np.float32]:
+    rows, columns = values.shape[0] // factor, values.shape[1] // factor
+    blocks = values.reshape(rows, factor, columns, factor)
+    means: NDArray[np.float64] = blocks.mean(axis=(1, 3), dtype=np.float64)
+    return means.astype(np.float32)
+
+
+GREY = 0
+COLOUR_TYPES = {2: "a colour PNG", 3: "a PNG with a palette", 4: "a PNG with transparency", 6: "a colour PNG"}
+LARGEST_SCORE = 65535
+LARGEST_BYTES = 1 << 28  # of a file
+_HEADER = struct.Struct(">8xI4sIIBB")  # past the signature: length, "IHDR", width, height, bits, colour type
+
+
+def read_png_map(path: Path, sizes: ImageSizes) -> NDArray[Any]:
+    """Read a prediction.
+
+    Args:
+        path: a PNG file of one grey channel.
+        sizes: of the image.
+
+    Returns:
+        (rows, columns) bool, moving, for files of up to 8 bits; float32 scores in [0, 1] for files of 16 bits.
+
+    Raises:
+        DataError: missing, cut short, or no grey PNG.
+        WrongSizeError: before anything is unpacked.
+        UnclearError: a mask with other values than 0 and 255, or 0 and 1.
+    """
+    width, height = _grey_size(path)
+    sizes.refuse_unfit((width, height), file=path)
+    values = read_unchanged(path)
+    if values.shape != (height, width):
+        raise DataError(path, expected="a grey PNG", got=f"{values.ndim} axes of {values.shape} when unpacked")
+    if values.dtype == np.uint16:
+        return values.astype(np.float32) / np.float32(LARGEST_SCORE)
+    present = np.flatnonzero(np.bincount(values.ravel(), minlength=256)).tolist()
+    if not (set(present) <= {0, 255} or set(present) <= {0, 1}):
+        raise UnclearError(
+            path,
+            expected="a mask of the values 0 and 255, or 0 and 1",
+            got=f"the values {', '.join(map(str, present[:6]))}{', ...' if len(present) > 6 else ''}",
+            do="write scores as 16-bit PNG (0 to 65535) or .npz",
+        )
+    moving: NDArray[np.bool_] = values > 0
+    return moving
+
+
+def _grey_size(path: Path) -> tuple[int, int]:
+    """(width, height) from the header, so that nothing larger than an image is ever unpacked."""
+    try:
+        size = path.stat().st_size
+        with path.open("rb") as file:
+            start = file.read(_HEADER.size)
+    except OSError as error:
+        raise DataError(path, expected="a PNG file", got=error.strerror or str(error)) from error
+    if size > LARGEST_BYTES:
+        raise DataError(path, expected=f"a PNG file of at most {LARGEST_BYTES} bytes", got=f"{size}")
+    if not start.startswith(PNG_START) or len(start) < _HEADER.size:
+        got = f"{len(start)} bytes that begin with {start[:8].hex(' ')}" if start else "an empty file"
+        raise DataError(path, expected="a whole PNG file", got=got)
+    _, name, width, height, bits, colour = _HEADER.unpack(start)
+    if name != b"IHDR":
+        raise DataError(path, expected="a PNG file that begins with its header", got=repr(name))
+    if colour != GREY:
+        raise DataError(path, expected="one grey channel", got=COLOUR_TYPES.get(colour, f"colour type {colour}"))
+    if bits not in (1, 2, 4, 8, 16):
+        raise DataError(path, expected="8 bits for a mask, 16 bits for scores", got=f"{bits} bits")
+    return width, height
+
+
+ARRAY = "score"
+_UNREADABLE = (
+    *(OSError, ValueError, EOFError, KeyError, NotImplementedError, RuntimeError, zlib.error),
+    *(SyntaxError, TokenError),  # of headers that are no Python
+)
+_HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
+
+
+def read_npz_scores(path: Path, sizes: ImageSizes) -> NDArray[np.float32]:
+    """Read the array `score`; other arrays of the file are not looked at.
+
+    Args:
+        path: an `.npz` file.
+        sizes: of the image.
+
+    Returns:
+        (rows, columns) float32 in [0, 1].
+
+    Raises:
+        DataError: missing, cut short, pickled, or without floats of this name.
+        WrongSizeError: before anything is unpacked.
+        UnclearError: NaN, or values outside [0, 1].
+    """
+    try:
+        with zipfile.ZipFile(path) as archive, archive.open(f"{ARRAY}.npy") as member:
+            shape = _shape(path, member)
+            sizes.refuse_unfit((shape[1], shape[0]), file=path, field=ARRAY)
+            member.seek(0)
+            scores = npy.read_array(member, allow_pickle=False)
+    except DataError:
+        raise
+    except (*_UNREADABLE, zipfile.BadZipFile) as error:
+        got = " ".join(str(error).split())[:200] or type(error).__name__
+        raise DataError(path, field=ARRAY, expected="an .npz file with this array", got=got) from error
+    low, high = float(scores.min()), float(scores.max())
+    if not (low >= 0 and high <= 1):  # also for NaN
+        got = f"{low:g} to {high:g}"
+        do = "bring them to [0, 1], for example by the logistic function; the order is what counts"
+        raise UnclearError(path, field=ARRAY, expected="scores in [0, 1]", got=got, do=do)
+    return scores.astype(np.float32)
+
+
+def _shape(path: Path, member: IO[bytes]) -> tuple[int, int]:
+    """(rows, columns) from the header."""
+    version = npy.read_magic(member)
+    if version not in _HEADERS:
+        raise DataError(path, field=ARRAY, expected="an array of NumPy's format 1 or 2", got=f"{version}")
+    shape, _, kind = _HEADERS[version](member)
+    if len(shape) != 2 or kind.kind != "f":
+        raise DataError(path, field=ARRAY, expected="floats on (rows, columns)", got=f"{kind} {shape}")
+    return shape[0], shape[1]
+
+
+LARGEST_TEXT_BYTES = 1 << 26  # of a file: the text of some twenty thousand masks
+_LETTERS = (48, 111)  # "0" to "o": six bits
+_MOST_GROUPS = 7  # 35 bits, enough for any length and its difference
+
+Side = Annotated[int, Field(ge=1, strict=True)]
+
+
+class RunLengths(BaseModel):
+    """COCO's run lengths of one mask."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    size: tuple[Side, Side]
+    counts: str | list[Annotated[int, Field(ge=0, strict=True)]]
+
+
+class MaskEntry(BaseModel):
+    """An entry of a file; COCO's other keys (`category_id`, `score`, `bbox` ...) are not looked at."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+    image: str | Annotated[int, Field(strict=True)]
+    camera: str | None = None
+    segmentation: RunLengths | None
+
+    @property
+    def name(self) -> str:
+        """The image, as a file would be named."""
+        return str(self.image)
+
+    def is_of(self, camera: str) -> bool:
+        """Whether it is of a camera, or does not say of which."""
+        return self.camera in (None, camera)
+
+
+_ENTRIES = TypeAdapter(list[MaskEntry])
+
+
+def read_entries(path: Path) -> list[MaskEntry]:
+    """Read a file of masks; the run lengths are not decoded yet.
+
+    Raises:
+        DataError: missing, too large, no JSON, or not a list of entries; names the first that is wrong.
+    """
+    try:
+        size = path.stat().st_size
+        if size > LARGEST_TEXT_BYTES:
+            raise DataError(path, expected=f"a file of at most {LARGEST_TEXT_BYTES} bytes", got=f"{size}")
+        return _ENTRIES.validate_json(path.read_bytes())
+    except OSError as error:
+        raise DataError(path, expected="a file of masks", got=error.strerror or str(error)) from error
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        field = ".".join(str(part) for part in first["loc"]) or None
+        expected = 'a list of {"image": name, "segmentation": {"size": [height, width], "counts": run lengths}}'
+        raise DataError(path, field=field, expected=expected, got=first["msg"]) from error
+
+
+def decode_union(entries: Sequence[MaskEntry], sizes: ImageSizes, *, file: Path) -> NDArray[np.bool_]:
+    """The union of all masks of an image.
+
+    Args:
+        entries: of one image, at least one.
+        sizes: of the image.
+        file: that they come from, for messages.
+
+    Returns:
+        (rows, columns) bool, moving; at the evaluated size where all entries are empty.
+
+    Raises:
+        DataError: run lengths that are cut short or do not add up.
+        WrongSizeError: before anything is unpacked, also where the entries are of different sizes.
+    """
+    masks = [entry.segmentation for entry in entries if entry.segmentation is not None]
+    width, height = sizes.evaluated_px
+    if not masks:
+        return np.zeros((height, width), dtype=bool)
+    field = f"image {entries[0].name}"
+    moving: NDArray[np.bool_] | None = None
+    for mask in masks:
+        sizes.refuse_unfit((mask.size[1], mask.size[0]), file=file, field=field)
+        one = _decode(mask, file, field)
+        if moving is not None and moving.shape != one.shape:
+            got = f"{moving.shape} and {one.shape} (height, width)"
+            raise DataError(file, field=field, expected="all masks of an image at one size", got=got)
+        moving = one if moving is None else moving | one
+    assert moving is not None
+    return moving
+
+
+def _decode(mask: RunLengths, file: Path, field: str) -> NDArray[np.bool_]:
+    height, width = mask.size
+    lengths = _lengths(mask.counts, file, field) if isinstance(mask.counts, str) else mask.counts
+    if any(length < 0 for length in lengths) or sum(lengths) != height * width:
+        expected = f"run lengths that add up to {height} x {width} = {height * width}"
+        got = f"a sum of {sum(lengths)}" if all(length >= 0 for length in lengths) else "a negative length"
+        raise DataError(file, field=field, expected=expected, got=got)
+    values = np.arange(len(lengths)) % 2 == 1
+    return np.ascontiguousarray(np.repeat(values, lengths).reshape(width, height).T)
+
+
+def _lengths(text: str, file: Path, field: str) -> list[int]:
+    lengths: list[int] = []
+    number = groups = 0
+    for letter in text:
+        code = ord(letter)
+        if not _LETTERS[0] <= code <= _LETTERS[1] or groups == _MOST_GROUPS:
+            raise DataError(file, field=field, expected="COCO run lengths", got=f"{letter!r} among them")
+        bits = code - _LETTERS[0]
+        number |= (bits & 0x1F) << 5 * groups
+        groups += 1
+        if bits & 0x20:
+            continue
+        if bits & 0x10:  # the sign
+            number -= 1 << 5 * groups
+        lengths.append(number + lengths[-2] if len(lengths) > 2 else number)
+        number = groups = 0
+    if groups:
+        raise DataError(file, field=field, expected="whole COCO run lengths", got="a number that is cut short")
+    return lengths
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Prediction:
+    """Where the prediction of an image lies.
+
+    Attributes:
+        file: it stands in.
+        camera: of the image.
+        names: by which the file's list names the image; empty for a file of one image.
+        sizes: of the image.
+    """
+
+    file: Path
+    camera: str
+    names: tuple[str, ...]
+    sizes: ImageSizes
+
+
+class PredictionReader:
+    """Reads predictions; the file of many images that was read last is kept."""
+
+    def __init__(self) -> None:
+        self._held: tuple[Path, Mapping[str, list[MaskEntry]]] | None = None
+
+    def entries(self, file: Path) -> Mapping[str, list[MaskEntry]]:
+        """The entries of a file of many images, by the names of their images.
+
+        Raises:
+            DataError: it cannot be read.
+        """
+        if self._held is None or self._held[0] != file:
+            by_name: defaultdict[str, list[MaskEntry]] = defaultdict(list)
+            for entry in read_entries(file):
+                by_name[entry.name].append(entry)
+            self._held = file, dict(by_name)
+        return self._held[1]
+
+    def read(self, prediction: Prediction) -> NDArray[Any]:
+        """Read a prediction.
+
+        Returns:
+            (rows, columns) bool, moving, or float32 scores in [0, 1], at the size that they were stored at.
+
+        Raises:
+            DataError: it cannot be used; of the subclasses in `faults` where its size or values are at fault.
+        """
+        if prediction.names:
+            entries = self.entries(prediction.file)
+            chosen = [e for name in prediction.names for e in entries.get(name, []) if e.is_of(prediction.camera)]
+            return decode_union(chosen, prediction.sizes, file=prediction.file)
+        if prediction.file.suffix.lower() == ".npz":
+            return read_npz_scores(prediction.file, prediction.sizes)
+        return read_png_map(prediction.file, prediction.sizes)
