@@ -7,10 +7,9 @@ calibration when the camera is built, or the lens's own `max_angle_rad` where th
 Pixels are (u, v) with the centre of the first pixel at (0, 0); camera frame x right, y down, z forward.
 """
 
-from bench.cameras.kannala_brandt import KannalaBrandtCamera
+from bench.cameras.angular import KannalaBrandtCamera, RadialPolynomialCamera
 from bench.cameras.model import CameraModel
 from bench.cameras.pinhole import PinholeCamera
-from bench.cameras.radial_polynomial import RadialPolynomialCamera
 from bench.cameras.ray_grid import RayGrid, ray_grid
 from bench.cameras.registry import CAMERA_MODELS, camera_from_parameters, camera_parameters
 from bench.cameras.unified import UnifiedCamera

@@ -10,8 +10,8 @@ from bench.cameras.model import CameraModel
 from bench.errors import ShapeError, UnknownNameError
 
 CAMERA_MODELS = {
-    "radial_polynomial": "bench.cameras.radial_polynomial:RadialPolynomialCamera",
-    "kannala_brandt": "bench.cameras.kannala_brandt:KannalaBrandtCamera",
+    "radial_polynomial": "bench.cameras.angular:RadialPolynomialCamera",
+    "kannala_brandt": "bench.cameras.angular:KannalaBrandtCamera",
     "unified": "bench.cameras.unified:UnifiedCamera",
     "pinhole": "bench.cameras.pinhole:PinholeCamera",
 }

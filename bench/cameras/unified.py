@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
+from bench.cameras.angular import MonotonePolynomial
 from bench.cameras.model import CameraModel, checked_max_angle, finite_pair
-from bench.cameras.monotone import MonotonePolynomial
 from bench.errors import ShapeError
 
 NEWTON_STEPS = 2  # from the purely radial solution; the tangential terms are small

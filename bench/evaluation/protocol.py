@@ -15,8 +15,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from bench.errors import DataError, UnknownNameError
 from bench.plain_yaml import parse_yaml
-from bench.reference.records import Category
-from bench.reference.settings import MotionSettings, ReferenceSettings
+from bench.reference.records import Category, MotionSettings, ReferenceSettings
 
 
 def _edges(values: tuple[float, ...]) -> tuple[float, ...]:

@@ -11,8 +11,15 @@ from bench.harness.predicted import PredictionReport, check_predictions, evaluat
 from bench.harness.provenance import Provenance
 from bench.harness.reference_itself import build_scorable, scorable_methods
 from bench.harness.run import run_benchmark, run_shard
-from bench.harness.stored import RunSummary, read_image_maps, read_protocol, read_run, read_tables
-from bench.harness.stored_rows import StoredRows, open_tables
+from bench.harness.stored import (
+    RunSummary,
+    StoredRows,
+    open_tables,
+    read_image_maps,
+    read_protocol,
+    read_run,
+    read_tables,
+)
 from bench.harness.units import Unit, plan_units
 
 __all__ = [

@@ -17,16 +17,16 @@ from bench.harness.stored import (
     SCHEMA_VERSION,
     RunSummary,
     file_digests,
+    open_tables,
     read_threshold_free,
     reference_fingerprint,
     write_protocol,
     write_summary,
 )
-from bench.harness.stored_rows import open_tables
 from bench.harness.unit_files import FOLDER as UNITS
 from bench.harness.unit_files import UnitFolder
 from bench.harness.units import Unit
-from bench.recordings.locking import alone_in
+from bench.recordings.atomic import alone_in
 
 Finish = Callable[[Path, RunSummary], None]
 

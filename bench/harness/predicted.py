@@ -14,8 +14,8 @@ from bench.execution import TaskExecutor
 from bench.harness.cache import CacheFolder
 from bench.harness.merge import Finish
 from bench.harness.mirror import NOWHERE, RunMirror
-from bench.harness.progress import Progress
 from bench.harness.run import SERIAL, run_benchmark
+from bench.harness.stages import Progress
 from bench.harness.stored import PREDICTIONS, RunSummary
 from bench.methods.predictions import FaultKind, PredictedMotion, PredictionIndex, index_predictions
 from bench.recordings import DatasetCard, write_text

@@ -25,7 +25,7 @@ from bench.harness.run_folder import EXPERIMENT
 from bench.harness.unit_files import FOLDER, SUFFIX, unit_name
 from bench.harness.units import Unit
 from bench.recordings import write_text
-from bench.recordings.locking import alone_in
+from bench.recordings.atomic import alone_in
 from bench.recordings.remote import FetchedData, Part, RemoteUrl, Storage, StoredObject, refuse_unsafe, remote_folder
 
 MARK = "fisheye-bench.run"  # written first: shows within seconds whether the address can be written

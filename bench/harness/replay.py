@@ -13,8 +13,7 @@ from bench.evaluation import Protocol
 from bench.evaluation.counts import count_frame
 from bench.harness.frames import FramePipeline, ProcessedFrame, UnscorableFrame
 from bench.harness.masks import StoredMasks
-from bench.harness.stored import RunSummary
-from bench.harness.stored_rows import open_tables
+from bench.harness.stored import RunSummary, open_tables
 from bench.recordings import DatasetCard, load_card, open_dataset
 
 COUNTS = ("valid_px", "reference_px", "ignored_px", "tp_px", "fp_px")

@@ -15,11 +15,10 @@ from bench.harness import provenance as origin
 from bench.harness.cache import CacheFolder
 from bench.harness.code_state import unrepeatable_code
 from bench.harness.keys import MethodIdentity, code_digest, digest_of
-from bench.harness.keys.code import UNIT_CODE
+from bench.harness.keys.digests import UNIT_CODE
 from bench.harness.merge import Finish, combine_parts
 from bench.harness.method_stamp import MethodStamp
 from bench.harness.mirror import NOWHERE, RunMirror
-from bench.harness.progress import Progress
 from bench.harness.run_folder import Experiment, claim, held_run_folder, new_results
 from bench.harness.shards import (
     SCHEMA_VERSION,
@@ -31,7 +30,7 @@ from bench.harness.shards import (
     remove_shards,
     write_shard,
 )
-from bench.harness.stages import StageClock
+from bench.harness.stages import Progress, StageClock
 from bench.harness.stored import RunSummary
 from bench.harness.tasks import PlannedRecording, RunSpec, ScoredUnit, UnitTask, plan_recording, score_unit
 from bench.harness.unit_files import UnitFolder

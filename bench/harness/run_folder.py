@@ -24,7 +24,7 @@ from bench.harness.shards import RunStamp
 from bench.harness.unit_files import FOLDER
 from bench.methods import Method
 from bench.recordings import write_text
-from bench.recordings.locking import alone_in
+from bench.recordings.atomic import alone_in
 
 EXPERIMENT, PROTOCOL = f"{FOLDER}/experiment.json", "protocol.json"
 WORK = (FOLDER, "shards")

@@ -1,4 +1,4 @@
-"""Where the time of a run goes."""
+"""What a run tells while it goes on: seconds by stage, and how far it is."""
 
 from __future__ import annotations
 
@@ -37,3 +37,22 @@ class StageClock:
         """Take in another clock's seconds."""
         for name, seconds in other.seconds.items():
             self.seconds[name] += seconds
+
+
+Progress = Callable[[float, int], None]
+
+
+def recording_reporter(progress: Progress | None, number: int, total: int) -> Callable[[float], None]:
+    """Takes the share done of one recording and tells the recordings done.
+
+    Args:
+        progress: called with the recordings done, fractions included, and their number; None for nobody.
+        number: recordings done before this one.
+        total: recordings in all.
+    """
+
+    def report(share: float) -> None:
+        if progress is not None:
+            progress(number + share, total)
+
+    return report

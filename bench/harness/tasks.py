@@ -13,7 +13,7 @@ from bench.errors import BenchError, DataError
 from bench.evaluation import Protocol
 from bench.harness.cache import CacheFolder, StepCache
 from bench.harness.keys import MethodIdentity, RecordingInputs, code_digest, digest_of
-from bench.harness.keys.code import UNIT_CODE
+from bench.harness.keys.digests import UNIT_CODE
 from bench.harness.provenance import largest_resident_mb, recording_fingerprint
 from bench.harness.stages import StageClock
 from bench.harness.unit import run_unit

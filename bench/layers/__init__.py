@@ -6,9 +6,8 @@ in the layer's `lost`, or it is an error. Called by the command line alone.
 """
 
 from bench.layers.exchange import export_layer, import_layer, open_unannotated
-from bench.layers.layer import Layer, LayerFormat, LayerOptions
+from bench.layers.formats import LAYER_FORMATS, Layer, LayerFormat, LayerOptions, known_formats, layer_format
 from bench.layers.openlabel_calibration import calibration_text
-from bench.layers.registry import LAYER_FORMATS, known_formats, layer_format
 
 __all__ = [
     "LAYER_FORMATS",

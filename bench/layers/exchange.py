@@ -7,8 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from bench.errors import DataError, UnknownNameError
-from bench.layers.layer import Layer, LayerOptions
-from bench.layers.registry import layer_format
+from bench.layers.formats import Layer, LayerOptions, layer_format
 from bench.recordings import DatasetCard, Recording, open_dataset, write_annotations
 
 

@@ -15,7 +15,7 @@ from typing import Annotated, Any
 from pydantic import Field, field_validator
 
 from bench.errors import DataError
-from bench.layers.tool_model import ToolModel
+from bench.layers.formats import ToolModel
 from bench.recordings.validation import read_json
 
 LARGEST_BYTES = 500_000_000

@@ -8,17 +8,109 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-from bench.layers.classes import left_out, map_classes
-from bench.layers.layer import Layer, LayerOptions
+from bench.layers.formats import Layer, LayerOptions, left_out, map_classes, tool_class
 from bench.layers.motion import with_motion
-from bench.layers.openlabel_document import label_document
+from bench.layers.openlabel_calibration import Systems, lens_properties
 from bench.layers.openlabel_file import ELEMENTS, Root, read_label_file
-from bench.layers.openlabel_states import StateReader
-from bench.layers.openlabel_systems import Systems
-from bench.layers.openlabel_times import frame_times
-from bench.recordings import Recording, Track, write_text
+from bench.layers.openlabel_states import StateReader, frame_times
+from bench.recordings import Recording, Track, openlabel, write_text
+from bench.recordings.annotations import annotation_document
+
+
+def label_document(layer: Layer, recording: Recording, options: LayerOptions) -> dict[str, Any]:
+    """The content of the file, as JSON values.
+
+    Args:
+        layer: the annotations.
+        recording: for mountings, lenses and sweeps.
+        options: for other names of classes.
+    """
+    document = annotation_document(layer.tracks, layer.timestamps_ns)
+    root = document["openlabel"]
+    lidar = _free_name("lidar", recording)
+    root["coordinate_systems"] = _systems(recording, lidar)
+    root["streams"] = _streams(recording, lidar)
+    _number_objects(root, layer, options)
+    _add_streams(root["frames"], recording, lidar)
+    if root["frames"]:
+        root["frame_intervals"] = [{"frame_start": 0, "frame_end": len(root["frames"]) - 1}]
+    return document
+
+
+def _free_name(expected: str, recording: Recording) -> str:
+    taken = {*recording.cameras, openlabel.COORDINATE_SYSTEM}
+    while expected in taken:
+        expected = f"{expected}_sensor"
+    return expected
+
+
+def _systems(recording: Recording, lidar: str) -> dict[str, Any]:
+    mountings = {lidar: recording.vehicle_from_lidar}
+    mountings |= {name: camera.vehicle_from_camera for name, camera in recording.cameras.items()}
+    systems: dict[str, Any] = {
+        openlabel.COORDINATE_SYSTEM: {"type": "local_cs", "parent": "", "children": list(mountings)}
+    }
+    for name, vehicle_from_sensor in mountings.items():
+        w, *xyz = vehicle_from_sensor.quaternion_wxyz.tolist()
+        systems[name] = {
+            "type": "sensor_cs",
+            "parent": openlabel.COORDINATE_SYSTEM,
+            "children": [],
+            "pose_wrt_parent": {"quaternion": [*xyz, w], "translation": vehicle_from_sensor.translation_m.tolist()},
+        }
+    return systems
+
+
+def _streams(recording: Recording, lidar: str) -> dict[str, Any]:
+    streams: dict[str, Any] = {lidar: {"type": "lidar", "description": "lidar sweeps"}}
+    for name, camera in recording.cameras.items():
+        streams[name] = {"type": "camera", "description": "camera", "stream_properties": lens_properties(camera.model)}
+    return streams
+
+
+def _number_objects(root: dict[str, Any], layer: Layer, options: LayerOptions) -> None:
+    """Keys as the standard wants them, numbers; what they were is each object's name."""
+    uids = {track.track_id: str(i) for i, track in enumerate(layer.tracks)}
+    for frame in root["frames"].values():
+        frame["objects"] = {uids[track_id]: entry for track_id, entry in frame["objects"].items()}
+    places: dict[str, list[int]] = {uid: [] for uid in uids.values()}
+    for number, frame in root["frames"].items():
+        for uid in frame["objects"]:
+            places[uid].append(int(number))
+    root["objects"] = {
+        uids[track.track_id]: {
+            **root["objects"][track.track_id],
+            "type": tool_class(track.object_class, options),
+            "frame_intervals": _intervals(places[uids[track.track_id]]),
+        }
+        for track in layer.tracks
+    }
+
+
+def _intervals(numbers: Sequence[int]) -> list[dict[str, int]]:
+    intervals: list[dict[str, int]] = []
+    for number in numbers:
+        if intervals and intervals[-1]["frame_end"] == number - 1:
+            intervals[-1]["frame_end"] = number
+        else:
+            intervals.append({"frame_start": number, "frame_end": number})
+    return intervals
+
+
+def _add_streams(frames: dict[str, Any], recording: Recording, lidar: str) -> None:
+    """The sweep's file and time in each frame that has one."""
+    sweeps = {sweep.timestamp_ns: sweep for sweep in recording.sweeps}
+    for frame in frames.values():
+        sweep = sweeps.get(frame["frame_properties"]["timestamp"])
+        if sweep is not None:
+            sync = {"timestamp": sweep.timestamp_ns}
+            stream = {"uri": sweep.path.name, "stream_properties": {"sync": sync}}
+            frame["frame_properties"]["streams"] = {lidar: stream}
+
 
 FILE = "openlabel.json"
 

@@ -4,10 +4,9 @@ A sweep is one revolution. Its points stand in the lidar frame as it was at each
 knows nothing of vehicles: whoever de-skews hands in the poses (`bench.egomotion` has them).
 """
 
-from bench.lidar.deskew import deskew, knot_times
+from bench.lidar.cloud_files import open3d
 from bench.lidar.files import read_points, read_sweep, write_points, write_sweep
-from bench.lidar.open3d_loader import open3d
-from bench.lidar.sweep import LidarSweep
+from bench.lidar.sweep import LidarSweep, deskew, knot_times
 
 __all__ = [
     "LidarSweep",

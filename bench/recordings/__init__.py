@@ -9,7 +9,6 @@ from bench.recordings.annotations import read_annotations
 from bench.recordings.atomic import replacing, write_bytes, write_text
 from bench.recordings.cards import DatasetCard, list_cards, load_card
 from bench.recordings.catalogue import ADAPTERS, open_dataset
-from bench.recordings.gaps import FrameGap, frame_gaps
 from bench.recordings.handles import Exclusion, RecordingHandle
 from bench.recordings.images import read_image, read_truth
 from bench.recordings.native import open_native
@@ -17,6 +16,7 @@ from bench.recordings.records import (
     MOTION_KINDS,
     OBJECT_CLASSES,
     Cuboid,
+    FrameGap,
     GroundPolygon,
     ImageRef,
     MountedCamera,
@@ -26,6 +26,7 @@ from bench.recordings.records import (
     Recording,
     SweepRef,
     Track,
+    frame_gaps,
 )
 from bench.recordings.writing import RecordingWriter, write_annotations
 

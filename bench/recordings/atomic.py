@@ -1,16 +1,20 @@
-"""Files that appear whole or not at all, and one clear line where they cannot be written.
+"""Files that appear whole or not at all, folders that one process works in, paths that stay inside a folder.
+
+Files that appear whole or not at all, and one clear line where they cannot be written.
 
 All that commands write goes through here.
 """
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from pathlib import Path, PurePosixPath, PureWindowsPath
 from uuid import uuid4
 
-from bench.errors import OutputError
+from bench.errors import DataError, OutputError
 
 
 @contextmanager
@@ -100,3 +104,69 @@ def _remove(temporary: Path) -> None:
         temporary.unlink(missing_ok=True)
     except OSError:  # where nothing could be written, nothing is left
         return
+
+
+if sys.platform != "win32":
+    import fcntl
+
+
+@contextmanager
+def alone_in(folder: Path, *, shared: bool = False, wait: bool = True) -> Iterator[None]:
+    """Hold a folder that exists. Without locks on Windows.
+
+    Args:
+        folder: to be held.
+        shared: together with others that share it, but with nobody who does not.
+        wait: until it is free, instead of refusing.
+
+    Raises:
+        DataError: somebody else holds it, and nobody waits.
+    """
+    if sys.platform == "win32":
+        yield
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        kind = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
+        try:
+            fcntl.flock(handle, kind if wait else kind | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            got, do = "one at which another run works", "wait until it has ended, or give another folder with --out"
+            raise DataError(folder, expected="a folder for this run alone", got=got, do=do) from error
+        yield
+    finally:
+        os.close(handle)
+
+
+def path_inside(root: Path, relative: str, *, file: Path, field: str | None = None) -> Path:
+    """A path named by a data file.
+
+    Args:
+        root: folder that the path must not leave.
+        relative: the path as it stands in the file, relative to `root`.
+        file: the file that names it, for the message.
+        field: where in the file.
+
+    Returns:
+        The path below `root`; it need not exist.
+
+    Raises:
+        DataError: an absolute path, one with "..", or one that leads outside through a symbolic link.
+    """
+    parts = PurePosixPath(relative).parts
+    absolute = PurePosixPath(relative).is_absolute() or PureWindowsPath(relative).is_absolute()
+    if not parts or absolute or ".." in parts or "\\" in relative or "\0" in relative:
+        raise DataError(file, field=field, expected="a relative path without '..'", got=repr(relative))
+    path = root.joinpath(*parts)
+    refuse_escape(root, path, file=file, field=field)
+    return path
+
+
+def refuse_escape(root: Path, path: Path, *, file: Path, field: str | None = None) -> None:
+    """Refuse a path that leaves the root once symbolic links are followed.
+
+    Raises:
+        DataError: it does.
+    """
+    if not path.resolve().is_relative_to(root.resolve()):
+        raise DataError(file, field=field, expected=f"a path inside {root}", got=f"{path}, a link that leads outside")

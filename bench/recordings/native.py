@@ -17,10 +17,9 @@ from bench.errors import DataError, ShapeError, UnknownNameError
 from bench.geometry import RigidTransform, RoadPlane
 from bench.lidar import read_sweep
 from bench.recordings.annotations import read_annotations
-from bench.recordings.images import read_mask
-from bench.recordings.paths import path_inside, refuse_escape
+from bench.recordings.atomic import path_inside, refuse_escape
+from bench.recordings.images import read_mask, scaled_camera
 from bench.recordings.records import ImageRef, MountedCamera, Recording, SweepRef, Track
-from bench.recordings.resizing import scaled_camera
 from bench.recordings.salvage import Complaint, refuse
 from bench.recordings.schema import CameraHead, LidarHead, RecordingHead, TrueCalibration
 from bench.recordings.validation import LATEST_NS, FileModel, SidePx, data_error, read_json

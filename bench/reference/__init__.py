@@ -13,12 +13,13 @@ from bench.reference.records import (
     Category,
     Direction,
     IgnoreReason,
+    MotionSettings,
     ObjectGeometry,
     ReferenceFrame,
     ReferenceObject,
+    ReferenceSettings,
     Status,
 )
-from bench.reference.settings import MotionSettings, ReferenceSettings
 
 __all__ = [
     "Category",

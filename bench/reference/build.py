@@ -17,19 +17,17 @@ from bench.reference.clusters import Cluster, object_cluster, parts_at_exposure
 from bench.reference.footprint import footprint_polygon, traced_polygon
 from bench.reference.masks import mask_reference
 from bench.reference.motion import categorise, relative_direction
-from bench.reference.neighbours import find_grid
-from bench.reference.occlusion import compose
-from bench.reference.patches import reach_bounds, surface_patches
-from bench.reference.polygons import Raster, bounding_polygon, rasterise
+from bench.reference.patches import find_grid, reach_bounds, surface_patches
+from bench.reference.polygons import Raster, bounding_polygon, compose, rasterise
 from bench.reference.records import (
     Category,
     IgnoreReason,
     ObjectGeometry,
     ReferenceFrame,
     ReferenceObject,
+    ReferenceSettings,
     Status,
 )
-from bench.reference.settings import ReferenceSettings
 from bench.reference.sightings import Sighting, SightingIndex
 from bench.reference.silhouette import silhouette
 from bench.reference.sweeps import PlacedSweep, SweepShelf, slopes_of

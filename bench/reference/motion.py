@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from bench.egomotion import Trajectory
 from bench.recordings.records import Cuboid, GroundPolygon, ObjectState, Track
-from bench.reference.records import Category, Direction
-from bench.reference.settings import MotionSettings
+from bench.reference.records import Category, Direction, MotionSettings
 
 SECOND_NS = 1_000_000_000
 

@@ -12,7 +12,7 @@ from bench.egomotion import POSES_AHEAD
 from bench.geometry import RigidTransform
 from bench.recordings.records import ObjectState, Recording, Track
 from bench.reference.motion import TrackMotion, track_motion
-from bench.reference.settings import ReferenceSettings
+from bench.reference.records import ReferenceSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

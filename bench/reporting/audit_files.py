@@ -21,8 +21,7 @@ from bench.harness.audit import AUDIT, AuditSummary, Compensation, PolygonFigure
 from bench.plain_text import escape_markdown, plain
 from bench.recordings import write_text
 from bench.reporting.audit_tables import AuditTable, audit_tables
-from bench.reporting.canvas import new_figure, styled
-from bench.reporting.colours import BLUE, GREEN, GREY, LIGHT_GREY, ORANGE, PURPLE
+from bench.reporting.canvas import BLUE, GREEN, GREY, LIGHT_GREY, ORANGE, PURPLE, new_figure, styled
 from bench.reporting.write import write_picture
 
 

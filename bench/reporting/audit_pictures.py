@@ -32,8 +32,7 @@ from bench.recordings import ImageRef, Recording, RecordingHandle, read_image, r
 from bench.reference import ReferenceBuilder
 from bench.reporting.audit_files import COLOURS
 from bench.reporting.audit_tables import FALSE_ALARMS, MISSES
-from bench.reporting.canvas import faded, new_figure, rgb_image, show_image, styled
-from bench.reporting.colours import (
+from bench.reporting.canvas import (
     BLACK,
     BLUE,
     GREEN,
@@ -43,7 +42,12 @@ from bench.reporting.colours import (
     SKY_BLUE,
     VERMILION,
     YELLOW,
+    faded,
+    new_figure,
     rgb,
+    rgb_image,
+    show_image,
+    styled,
 )
 from bench.reporting.outlines import draw_outline
 from bench.reporting.overlay import overlay_mask

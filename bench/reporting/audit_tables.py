@@ -18,8 +18,7 @@ from bench.harness.audit import (
     Scoring,
 )
 from bench.reference import Category
-from bench.reporting.numbers import count
-from bench.reporting.sheets import INTERVALS, Sheet
+from bench.reporting.sheets import INTERVALS, Sheet, count
 from bench.reporting.tables import LABELS
 
 

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from bench.reference.records import ObjectGeometry
-from bench.reporting.canvas import DPI, new_figure, rgb_image, show_image, styled
-from bench.reporting.colours import ORANGE, SKY_BLUE, VERMILION
+from bench.reporting.canvas import DPI, ORANGE, SKY_BLUE, VERMILION, new_figure, rgb_image, show_image, styled
 from bench.reporting.outlines import draw_outline
 from bench.reporting.vehicle_plan import draw_vehicle, plan_axes
 

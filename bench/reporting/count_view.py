@@ -15,8 +15,18 @@ from numpy.typing import NDArray
 from bench.errors import ShapeError
 from bench.evaluation.counts import ObjectCounts, count_frame
 from bench.reference.records import ReferenceFrame, Status
-from bench.reporting.canvas import faded, new_figure, rgb_image, show_image, styled
-from bench.reporting.colours import FALSE_NEGATIVE, FALSE_POSITIVE, GREY, TRUE_POSITIVE, rgb
+from bench.reporting.canvas import (
+    FALSE_NEGATIVE,
+    FALSE_POSITIVE,
+    GREY,
+    TRUE_POSITIVE,
+    faded,
+    new_figure,
+    rgb,
+    rgb_image,
+    show_image,
+    styled,
+)
 from bench.reporting.outlines import draw_outline, place_labels
 
 WIDTH_IN = 3.5

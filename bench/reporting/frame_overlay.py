@@ -11,7 +11,7 @@ from shapely.affinity import affine_transform
 from bench.evaluation.counts import count_frame
 from bench.harness import ProcessedFrame
 from bench.reference.records import Status
-from bench.reporting.colours import FALSE_NEGATIVE, FALSE_POSITIVE, TRUE_POSITIVE, category_colour
+from bench.reporting.canvas import FALSE_NEGATIVE, FALSE_POSITIVE, TRUE_POSITIVE, category_colour
 from bench.reporting.count_view import PixelClass, pixel_classes
 from bench.reporting.lidar_pixels import SeenSweep
 from bench.reporting.overlay import overlay_mask, overlay_polygons

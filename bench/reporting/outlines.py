@@ -15,7 +15,7 @@ from shapely import Polygon
 
 from bench.plain_text import plain
 from bench.reference.records import ReferenceObject, Status
-from bench.reporting.colours import category_colour
+from bench.reporting.canvas import category_colour
 
 _LABEL_SIZES = 4.5, 6.0  # points, in a picture of 1.8 inches and less, of 2.4 inches and more
 _LABEL_GAP_PX = 3.0

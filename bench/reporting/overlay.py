@@ -11,7 +11,7 @@ from shapely import LinearRing, Polygon
 
 from bench.errors import ShapeError
 from bench.reference.records import ReferenceFrame, Status
-from bench.reporting.colours import GREEN, category_colour, rgb
+from bench.reporting.canvas import GREEN, category_colour, rgb
 
 _SHIFT = 4  # fractional bits of OpenCV's drawing coordinates
 

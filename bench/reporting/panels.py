@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from bench.errors import UsageError
 from bench.methods.contract import Segmentation
 from bench.reference.records import ReferenceFrame
-from bench.reporting.canvas import faded, rgb_image, show_image, styled
-from bench.reporting.colours import GREEN, LIGHT_GREY, rgb
+from bench.reporting.canvas import GREEN, LIGHT_GREY, faded, rgb, rgb_image, show_image, styled
 from bench.reporting.outlines import draw_references
 from bench.reporting.panel_grid import PanelGrid
 

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from bench.evaluation import Figure, ObjectFigures
 from bench.harness.sweep import SweepResult
-from bench.reporting.canvas import new_figure, styled
-from bench.reporting.colours import BLACK, BLUE, GREEN, GREY, LIGHT_GREY, PURPLE, VERMILION
+from bench.reporting.canvas import BLACK, BLUE, GREEN, GREY, LIGHT_GREY, PURPLE, VERMILION, new_figure, styled
 from bench.reporting.sweep_report import COVERAGE, PARTS, groups, shown_figures, value_text
 
 Dash = Literal["-", "--"]

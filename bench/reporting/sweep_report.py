@@ -16,8 +16,7 @@ from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.harness.sweep import SweepResult, SweepRow
 from bench.plain_text import escape_markdown
 from bench.reference.records import Category
-from bench.reporting.numbers import count
-from bench.reporting.sheets import INTERVALS
+from bench.reporting.sheets import INTERVALS, count
 from bench.reporting.tables import LABELS
 
 FIGURES = {

@@ -10,8 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.reporting.numbers import count, difference
-from bench.reporting.sheets import COMPARED, COVERAGES, detection_figures
+from bench.reporting.sheets import COMPARED, COVERAGES, count, detection_figures, difference
 from bench.reporting.tables import FALSE_POSITIVES, Comparison, TableRow
 
 MIN_COLUMNS = 100  # a console narrower than this cuts the table

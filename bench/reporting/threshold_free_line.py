@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bench.evaluation import Figure, ThresholdFreeFigures
-from bench.reporting.numbers import percent
+from bench.reporting.sheets import percent
 
 
 def threshold_free_line(figures: ThresholdFreeFigures) -> str:

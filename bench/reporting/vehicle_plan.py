@@ -11,7 +11,7 @@ from matplotlib.patches import Polygon as PolygonPatch
 from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 
-from bench.reporting.colours import BLACK, LIGHT_GREY
+from bench.reporting.canvas import BLACK, LIGHT_GREY
 
 
 def plan_axes(axes: Axes, *, x_m: tuple[float, float], y_m: tuple[float, float], labels: bool = True) -> None:

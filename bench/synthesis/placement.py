@@ -1,22 +1,161 @@
-"""Whether everybody in a recording has a place: no body inside another, and no camera inside anything."""
+"""Where things stand and go: drawn streets, ways, free places."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import combinations
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from bench.synthesis.bodies import make_body
 from bench.synthesis.driving.host import OUTLINE_M, own_body
-from bench.synthesis.driving.path import Poses
-from bench.synthesis.footprints import box_outline, outlines_at, watched_times
-from bench.synthesis.scenario import CameraSpec, RecordingSpec, ScenarioHead
-from bench.synthesis.seeds import named_rng
-from bench.synthesis.ways import find_ways
+from bench.synthesis.driving.path import SECOND_NS, Path, Poses, driven_path
+from bench.synthesis.scenario import ActorSpec, CameraSpec, HostSpec, RecordingSpec, ScenarioHead, interval_ns
+from bench.synthesis.scenario.draws import named_rng
+
+FIRST_IMAGE_NS = SECOND_NS  # the recording's clock at the scene's time 0
+MARGIN_NS = 200_000_000  # that paths are known before the first and after the last sensor reading
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Ways:
+    """Where the host and the actors are at any time, and when the sensors look.
+
+    Attributes:
+        host: the host's way.
+        actors: the actors' ways, in the scenario's order.
+        image_times_ns: scene clock; 0 is the first image.
+        sweep_times_ns: scene clock, reference times.
+    """
+
+    host: Path
+    actors: tuple[Path, ...]
+    image_times_ns: NDArray[np.int64]
+    sweep_times_ns: NDArray[np.int64]
+
+
+def find_ways(head: ScenarioHead, spec: RecordingSpec) -> Ways:
+    """The ways of a recording."""
+    turn_ns = interval_ns(head.lidar.rotation_hz)
+    image_times_ns = np.arange(spec.frames, dtype=np.int64) * interval_ns(head.frame_rate_hz)
+    # One revolution before the first image and one after the last, so that every image lies between two sweeps.
+    # Camera and lidar keep their own time: where in its revolution the lidar is at the first image is up to chance.
+    phase_ns = int(named_rng(head.seed, spec.name, "lidar phase").integers(turn_ns))
+    sweep_times_ns = np.arange(-1, int(image_times_ns[-1]) // turn_ns + 2, dtype=np.int64) * turn_ns + phase_ns
+    staged_ns = [_milliseconds(actor.at_s) for actor in spec.actors]
+    first_ns = int(sweep_times_ns[0]) - turn_ns - MARGIN_NS
+    last_ns = max([int(sweep_times_ns[-1]) + turn_ns + MARGIN_NS, *staged_ns])
+    host = _host_path(spec.host, first_ns, last_ns)
+    return Ways(
+        host=host,
+        actors=tuple(_actor_path(actor, host, first_ns, last_ns) for actor in spec.actors),
+        image_times_ns=image_times_ns,
+        sweep_times_ns=sweep_times_ns,
+    )
+
+
+def _host_path(spec: HostSpec, first_ns: int, last_ns: int) -> Path:
+    return driven_path(
+        times_s=spec.times_s,
+        speeds_mps=_sign(spec.gear) * np.array(spec.speed_kmh) / 3.6,
+        yaw_rates_radps=np.radians(spec.yaw_rate_degps),
+        first_ns=first_ns,
+        last_ns=last_ns,
+        ramp_s=spec.ramp_s,
+    )
+
+
+def _actor_path(spec: ActorSpec, host: Path, first_ns: int, last_ns: int) -> Path:
+    at_ns = _milliseconds(spec.at_s)
+    world_from_vehicle = host.at([at_ns]).transform()
+    place = world_from_vehicle.apply(np.array([*spec.position_m, 0.0]))
+    forward = world_from_vehicle.rotation[:, 0]
+    heading_rad = float(np.arctan2(forward[1], forward[0]) + np.radians(spec.heading_deg))
+    return driven_path(
+        times_s=spec.times_s,
+        speeds_mps=_sign(spec.gear) * np.array(spec.speed_mps),
+        yaw_rates_radps=np.radians(spec.yaw_rate_degps),
+        first_ns=first_ns,
+        last_ns=last_ns,
+        through=(float(place[0]), float(place[1]), heading_rad),
+        through_ns=at_ns,
+        floor_m=spec.floor_m,
+    )
+
+
+def _sign(gear: str) -> float:
+    return -1.0 if gear == "reverse" else 1.0
+
+
+def _milliseconds(seconds: float) -> int:
+    """Time in ns, to the millisecond, as paths have their nodes."""
+    return round(seconds * 1000) * 1_000_000
+
+
+KEEP_CLEAR_M = 0.4  # from the ways to whatever stands beside them: a hand's breadth more than a mirror is wide
+
+
+def watched_times(ways: Ways) -> NDArray[np.int64]:
+    """(N,) int64, ns: the image times, carried on to where the lidar sees its first and its last point."""
+    turn_ns = int(ways.sweep_times_ns[1] - ways.sweep_times_ns[0])
+    first_ns, last_ns = int(ways.sweep_times_ns[0]) - turn_ns, int(ways.sweep_times_ns[-1]) + turn_ns
+    images = ways.image_times_ns
+    step_ns = int(images[1] - images[0]) if len(images) > 1 else turn_ns
+    return np.arange(-(-first_ns // step_ns), last_ns // step_ns + 1, dtype=np.int64) * step_ns
+
+
+def footprints(path: Path, outline_m: ArrayLike, times_ns: NDArray[np.int64]) -> NDArray[np.object_]:
+    """Where an outline lies at each time.
+
+    Args:
+        path: of the body.
+        outline_m: (K, 2), m, in the body's frame, not closed.
+        times_ns: (N,) int64 within the path.
+
+    Returns:
+        (N,) shapely polygons, world, m.
+    """
+    poses = path.at(times_ns)
+    return outlines_at(poses.rotations, poses.positions_m, outline_m)
+
+
+def outlines_at(
+    rotations: NDArray[np.float64], positions_m: NDArray[np.float64], outline_m: ArrayLike
+) -> NDArray[np.object_]:
+    """Where an outline lies at (N, 3, 3) turns and (N, 3) places of its body: (N,) shapely polygons, world, m."""
+    outline = np.asarray(outline_m, dtype=np.float64)
+    rings = np.einsum("nij,kj->nki", rotations[:, :2, :2], outline) + positions_m[:, None, :2]
+    return np.asarray(shapely.polygons(rings))
+
+
+def box_outline(size_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(4, 2) float64, m: the box around a body from above, in its own frame."""
+    return np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]) * size_m[:2]
+
+
+def swept_ground(ways: Ways, sizes_m: Sequence[NDArray[np.float64]]) -> tuple[shapely.Polygon, ...]:
+    """What the host and each actor cover during a recording, with a margin; nothing else may stand there.
+
+    Args:
+        ways: of the recording.
+        sizes_m: (3,) each, m, the boxes around the actors' bodies.
+    """
+    times_ns = watched_times(ways)
+    rows = [footprints(ways.host, OUTLINE_M, times_ns)]
+    rows += [footprints(path, box_outline(size), times_ns) for path, size in zip(ways.actors, sizes_m, strict=True)]
+    return tuple(_swept(row) for row in rows)
+
+
+def _swept(row: NDArray[np.object_]) -> shapely.Polygon:
+    """One polygon around a row of footprints: hulls of neighbours leave no gaps, however fast the body is."""
+    pairs = shapely.convex_hull(shapely.union(row[:-1], row[1:]))
+    swept = shapely.buffer(shapely.union_all(pairs), KEEP_CLEAR_M, join_style="mitre")
+    return swept if isinstance(swept, shapely.Polygon) else shapely.convex_hull(swept)
+
 
 TOUCH_M2 = 0.01  # boxes that overlap by less only touch
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.lidar.open3d_loader import open3d
+from bench.lidar.cloud_files import open3d
 
 ONE_THREAD = 1  # a worker process is one thread
 

@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 from bench.synthesis.bodies import Body, make_body
 from bench.synthesis.driving.motion import HostMotion, host_motion
 from bench.synthesis.driving.path import Path
-from bench.synthesis.footprints import swept_ground
 from bench.synthesis.lighting import Lighting, lighting
 from bench.synthesis.mesh import Mesh, PlacedMesh
+from bench.synthesis.placement import FIRST_IMAGE_NS, find_ways, swept_ground
 from bench.synthesis.scenario import RecordingSpec, ScenarioHead
-from bench.synthesis.seeds import named_rng
-from bench.synthesis.ways import FIRST_IMAGE_NS, find_ways
+from bench.synthesis.scenario.draws import named_rng
 from bench.synthesis.world import build_world
 
 __all__ = ["FIRST_IMAGE_NS", "Actor", "Stage", "set_stage"]

@@ -16,7 +16,7 @@ from bench.errors import DataError
 from bench.evaluation import load_protocol
 from bench.harness import run_benchmark
 from bench.harness.cache import CacheFolder
-from bench.harness.keys import code
+from bench.harness.keys import digests as code
 from bench.harness.masks import MASKS
 from bench.harness.stored import IMAGE_MAPS
 from bench.methods import build_method

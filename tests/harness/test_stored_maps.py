@@ -9,7 +9,7 @@ import pytest
 from bench.errors import DataError
 from bench.evaluation import ImageMap, load_protocol
 from bench.harness import plan_units, read_image_maps, read_tables, run_benchmark
-from bench.harness.map_files import load_image_maps, write_image_maps
+from bench.harness.unit_files import load_image_maps, write_image_maps
 from bench.methods import build_method
 from bench.recordings import load_card
 

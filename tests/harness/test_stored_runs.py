@@ -12,7 +12,7 @@ import pytest
 from bench.errors import DataError
 from bench.evaluation import Figure, score_sheet, summarise, threshold_sweep
 from bench.harness import read_image_maps, read_protocol, read_run, read_tables
-from bench.harness.stored_rows import HISTOGRAMS, LATER_COLUMNS
+from bench.harness.stored import HISTOGRAMS, LATER_COLUMNS
 
 STORED = Path(__file__).parents[1] / "stored"
 RUNS = sorted(folder for folder in STORED.iterdir() if folder.is_dir())

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from bench.errors import DataError, UsageError
 from bench.layers import LayerOptions
-from bench.layers.classes import left_out, map_classes, tool_class
+from bench.layers.formats import left_out, map_classes, tool_class
 from bench.layers.frames import frame_numbers, pair_with_sweeps
 from bench.lidar import read_sweep
 from bench.recordings import SweepRef

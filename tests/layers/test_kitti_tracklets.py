@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.layers import Layer, LayerOptions, layer_format
-from bench.layers.tracklet_file import DEEPEST, Tracklet, TrackletPose, read_tracklets, write_tracklets
+from bench.layers.kitti_tracklets import DEEPEST, Tracklet, TrackletPose, read_tracklets, write_tracklets
 from bench.recordings import GroundPolygon, ObjectState, Track
 from tests.layers import street
 from tests.layers.same import assert_same_boxes

@@ -11,7 +11,7 @@ from bench.cameras import KannalaBrandtCamera, PinholeCamera, RadialPolynomialCa
 from bench.errors import DataError
 from bench.geometry import RigidTransform, RoadPlane
 from bench.layers import Layer, LayerOptions, calibration_text, layer_format
-from bench.layers.openlabel_cameras import lens_properties, read_lens
+from bench.layers.openlabel_calibration import lens_properties, read_lens
 from bench.layers.openlabel_file import StreamProperties
 from bench.recordings import (
     GroundPolygon,

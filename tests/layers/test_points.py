@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.layers.point_groups import GroupedSweep, linked_groups, near_groups
-from bench.layers.point_motion import middle_velocities
+from bench.layers.motion import GroupedSweep, linked_groups, middle_velocities, near_groups
 
 STEP_NS = 100_000_000
 

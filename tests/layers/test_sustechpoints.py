@@ -254,7 +254,7 @@ def test_an_object_that_changes_its_class(tmp_path, drive, sustech):
 
 
 def test_files_beyond_any_size(tmp_path, drive, sustech, monkeypatch):
-    monkeypatch.setattr("bench.layers.frame_files.LARGEST_BYTES", 100)
+    monkeypatch.setattr("bench.layers.frames.LARGEST_BYTES", 100)
     put(tmp_path, "000000", [box()])
     with pytest.raises(DataError, match="expected at most 100 bytes"):
         sustech.read(tmp_path, drive, PLAIN)

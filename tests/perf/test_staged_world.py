@@ -10,11 +10,9 @@ import pytest
 
 from bench.synthesis import GENERATOR_VERSION, read_scenario
 from bench.synthesis.bodies import BODIES, make_body
-from bench.synthesis.footprints import swept_ground
-from bench.synthesis.placement import box_size
-from bench.synthesis.seeds import named_rng
-from bench.synthesis.stamp import MARK, stamped, write_stamp
-from bench.synthesis.ways import find_ways
+from bench.synthesis.placement import box_size, find_ways, swept_ground
+from bench.synthesis.production import MARK, stamped, write_stamp
+from bench.synthesis.scenario.draws import named_rng
 from bench.synthesis.world import build_world
 
 DATASETS = Path(__file__).parents[2] / "datasets"

@@ -9,7 +9,7 @@ from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings.aimotive.adapter import aimotive_recordings
 from bench.recordings.aimotive.lidar import read_lidar_mounting
-from bench.reference.neighbours import find_grid
+from bench.reference.patches import find_grid
 from tests.real import needs_real
 from tests.recordings import tiny_aimotive as tiny
 from tests.recordings.test_aimotive import real  # noqa: F401

@@ -11,8 +11,7 @@ from bench.evaluation import load_protocol
 from bench.recordings import load_card, open_dataset
 from bench.recordings.kitti360.adapter import kitti360_recordings
 from bench.recordings.kitti360.boxes import read_boxes
-from bench.recordings.kitti360.sweeps import read_turn
-from bench.recordings.kitti360.times import read_clock
+from bench.recordings.kitti360.files import read_clock, read_turn
 from bench.reference import IgnoreReason, ReferenceBuilder, Status
 from tests.real import REAL, needs_real
 from tests.recordings import tiny_kitti360 as tiny

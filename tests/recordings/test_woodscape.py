@@ -12,8 +12,7 @@ from bench.harness.units import plan_units
 from bench.methods import build_method
 from bench.recordings import load_card, open_dataset, read_image
 from bench.recordings.woodscape.adapter import woodscape_recordings
-from bench.recordings.woodscape.camera import read_camera
-from bench.recordings.woodscape.options import WoodscapeOptions
+from bench.recordings.woodscape.camera import WoodscapeOptions, read_camera
 from bench.reference import IgnoreReason, ReferenceBuilder, Status
 from tests.real import REAL, needs_real
 from tests.recordings import tiny_woodscape as tiny

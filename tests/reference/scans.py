@@ -3,8 +3,7 @@
 import numpy as np
 import shapely
 
-from bench.reference.neighbours import find_grid
-from bench.reference.patches import surface_patches
+from bench.reference.patches import find_grid, surface_patches
 
 SENSORS = {  # steps between columns and rows, degrees
     "hdl-64e": (0.1728, 0.42),

@@ -15,7 +15,7 @@ from bench.lidar import LidarSweep
 from bench.recordings import SweepRef
 from bench.reference import ReferenceBuilder, Status
 from bench.reference.footprint import footprint_polygon, patch_pixels
-from bench.reference.neighbours import find_grid
+from bench.reference.patches import find_grid
 from bench.reference.polygons import rasterise
 from tests.reference.drives import LIDAR, Box, camera, circle, drive, with_settings
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from bench.reference import IgnoreReason, ReferenceObject, Status
-from bench.reference.occlusion import compose
-from bench.reference.polygons import Raster
+from bench.reference.polygons import Raster, compose
 
 ROWS, COLUMNS = 30, 40
 

@@ -5,8 +5,7 @@ import pytest
 import shapely
 from shapely.affinity import scale
 
-from bench.reference.neighbours import find_grid
-from bench.reference.patches import reach_bounds, surface_patches
+from bench.reference.patches import find_grid, reach_bounds, surface_patches
 from tests.reference.scans import SENSORS, footprint, iou, patches_of, scan
 
 ELLIPSE = scale(shapely.Point(0.2, -0.4).buffer(1.0, quad_segs=32), 0.45, 0.9)

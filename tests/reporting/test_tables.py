@@ -7,8 +7,16 @@ import re
 import pytest
 from rich.console import Console
 
-from bench.reporting.numbers import difference, ours, ours_with_interval, paper, percent
-from bench.reporting.sheets import COMPARED, COVERAGES, detection_figures
+from bench.reporting.sheets import (
+    COMPARED,
+    COVERAGES,
+    detection_figures,
+    difference,
+    ours,
+    ours_with_interval,
+    paper,
+    percent,
+)
 from bench.reporting.table_files import escape_latex, to_csv, to_json, to_latex, to_markdown
 from bench.reporting.tables import FALSE_POSITIVES, table_rows
 from bench.reporting.terminal_table import MIN_COLUMNS, to_rich

@@ -12,13 +12,11 @@ from bench.cameras import ray_grid
 from bench.evaluation.protocol import load_protocol
 from bench.recordings import MountedCamera
 from bench.reference.motion import categorise
-from bench.reference.settings import ReferenceSettings
+from bench.reference.records import ReferenceSettings
 from bench.synthesis.bodies import BODIES
 from bench.synthesis.driving.host import mounted_camera
-from bench.synthesis.footprints import box_outline, footprints
-from bench.synthesis.placement import box_size
+from bench.synthesis.placement import Ways, box_outline, box_size, find_ways, footprints
 from bench.synthesis.scenario import RecordingSpec, Scenario
-from bench.synthesis.ways import Ways, find_ways
 
 SEEN_SHARE = 0.12  # of the points on a body's box; a box's far sides are never seen
 PAPER = load_protocol("paper-v1").reference_settings()

@@ -11,7 +11,7 @@ import pytest
 from bench.recordings import load_card
 from bench.synthesis import Scenario, read_scenario
 from bench.synthesis.bodies import BODIES
-from bench.synthesis.ways import find_ways
+from bench.synthesis.placement import find_ways
 from tests.synthesis.composition import object_frames
 
 DATASETS = Path(__file__).parents[2] / "datasets"

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.synthesis.bodies.joints import STEPS, Joint, Linkage, still, wheel
-from bench.synthesis.bodies.legs import turned_xz, two_links
 from bench.synthesis.bodies.loft import ellipses, limb, loft, ring, rounded
+from bench.synthesis.bodies.walking import turned_xz, two_links
 from bench.synthesis.mesh import Surface
 from tests.synthesis.test_bodies import open_edges, volume_m3
 

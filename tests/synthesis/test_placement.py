@@ -10,9 +10,15 @@ import shapely
 from bench.errors import DataError
 from bench.synthesis import read_scenario
 from bench.synthesis.driving.host import OUTLINE_M
-from bench.synthesis.footprints import box_outline, footprints, swept_ground, watched_times
-from bench.synthesis.placement import box_size, first_clash
-from bench.synthesis.ways import find_ways
+from bench.synthesis.placement import (
+    box_outline,
+    box_size,
+    find_ways,
+    first_clash,
+    footprints,
+    swept_ground,
+    watched_times,
+)
 from tests.synthesis.conftest import MINIATURE
 
 HEAD = MINIATURE.split("recordings:\n")[0]

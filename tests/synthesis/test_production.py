@@ -11,9 +11,10 @@ from time import sleep
 import pytest
 
 from bench.errors import DataError, UsageError
-from bench.synthesis import Scenario, production, read_scenario, stamp, synthesize
+from bench.synthesis import Scenario, production, read_scenario, synthesize
+from bench.synthesis import production as stamp
+from bench.synthesis.production import MARK, STAMP
 from bench.synthesis.scenario import RecordingSpec
-from bench.synthesis.stamp import MARK, STAMP
 from tests.synthesis.conftest import MINIATURE
 
 pytestmark = pytest.mark.slow

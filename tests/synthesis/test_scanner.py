@@ -13,9 +13,7 @@ from bench.synthesis.driving.host import own_body
 from bench.synthesis.driving.motion import HostMotion, host_motion
 from bench.synthesis.driving.path import SECOND_NS, driven_path
 from bench.synthesis.mesh import Mesh, Surface, joined, quad
-from bench.synthesis.scanning.beams import BEAMS_DEG, revolution
-from bench.synthesis.scanning.echoes import COLUMN_OF, _are_panes
-from bench.synthesis.scanning.scanner import LidarScanner
+from bench.synthesis.scanning.scanner import BEAMS_DEG, COLUMN_OF, LidarScanner, _are_panes, revolution
 from bench.synthesis.scenario import LidarSpec, StreetSpec, SuspensionSpec
 from bench.synthesis.stage import Actor
 from bench.synthesis.world import build_world

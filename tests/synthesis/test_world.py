@@ -12,8 +12,8 @@ from pydantic import ValidationError
 
 from bench.synthesis.mesh import Mesh
 from bench.synthesis.ray_scene import Hits, RayScene
-from bench.synthesis.scenario.street import SideStreetSpec, StreetSpec
-from bench.synthesis.seeds import named_rng
+from bench.synthesis.scenario.draws import named_rng
+from bench.synthesis.scenario.recording import SideStreetSpec, StreetSpec
 from bench.synthesis.world import World, build_world
 
 SPECS = {

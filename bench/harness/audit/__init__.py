@@ -11,9 +11,7 @@ Source: the aims are the project's; the split into causes follows section III of
 constraint says what it cannot see.
 """
 
-from bench.harness.audit.causes import BLIND, FalseCause, MissCause
-from bench.harness.audit.compensation import Compensation
-from bench.harness.audit.explained import ExplainedImage, explain_image
+from bench.harness.audit.causes import BLIND, ExplainedImage, FalseCause, MissCause, explain_image
 from bench.harness.audit.figures import (
     ALL,
     Aim,
@@ -24,7 +22,7 @@ from bench.harness.audit.figures import (
     Quartiles,
     Scores,
 )
-from bench.harness.audit.polygons import lenient
+from bench.harness.audit.polygons import Compensation, lenient
 from bench.harness.audit.recording import Scoring
 from bench.harness.audit.run import run_audit
 from bench.harness.audit.sources import AuditSource, audit_sources

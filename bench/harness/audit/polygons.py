@@ -1,21 +1,157 @@
-"""Every kind of reference polygon, under every compensation, against the exact masks."""
+"""How well reference polygons fit the exact masks, also with other motion compensation."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import Any, get_args
 
+import cv2
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
+from bench.egomotion import Trajectory
 from bench.evaluation.protocol import ReferenceRules
-from bench.harness.audit.compensation import Compensation, with_compensation
-from bench.harness.audit.polygon_fit import region_fit
-from bench.recordings import ImageRef, Recording
+from bench.recordings import ImageRef, ObjectState, Recording, Track
 from bench.reference import Category, ReferenceBuilder, ReferenceFrame, ReferenceSettings, Status
+
+
+class Compensation(StrEnum):
+    """What of the motion between a lidar point and the exposure is undone."""
+
+    NONE = "none"  # the sweep is taken for a snapshot at exposure
+    EGO_MOTION = "ego_motion"  # every point is freed of the host's motion
+    FULL = "full"  # and moved with its object: what the benchmark does
+
+
+def with_compensation(recording: Recording, compensation: Compensation) -> Recording:
+    """A recording whose reference is built with that much compensation and nothing else changed.
+
+    The reference builder takes ego-motion and the objects' velocities from the recording: without the one the host
+    stands, without the other the objects do. Every object of a changed recording is annotated as moving, since
+    velocities no longer tell; who is evaluated is decided by the unchanged one.
+    """
+    if compensation is Compensation.FULL:
+        return recording
+    tracks = tuple(_standing(track) for track in recording.tracks)
+    if compensation is Compensation.EGO_MOTION:
+        return replace(recording, tracks=tracks)
+    return replace(recording, tracks=tracks, trajectory=_standing_host(recording.trajectory))
+
+
+def _standing(track: Track) -> Track:
+    return replace(track, states=tuple(_without_motion(state) for state in track.states))
+
+
+def _without_motion(state: ObjectState) -> ObjectState:
+    category = Category.CROSSING.value if state.category is None else state.category
+    return replace(state, velocity_mps=np.zeros(3), yaw_rate_radps=0.0, category=category)
+
+
+def _standing_host(driven: Trajectory) -> Trajectory:
+    ends_ns = driven.timestamps_ns[[0, -1]]
+    return Trajectory(
+        source=driven.source,
+        timestamps_ns=ends_ns,
+        rotations=Rotation.identity(2),
+        positions_m=np.zeros((2, 3)),
+        max_gap_ns=int(ends_ns[1] - ends_ns[0]),
+        max_extrapolation_ns=driven.max_extrapolation_ns,
+    )
+
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RegionFit:
+    """A region against a mask; both hold at least one pixel.
+
+    Attributes:
+        iou: |region n mask| / |region u mask|.
+        missing: share of the mask that the region leaves out.
+        surplus: pixels of the region outside the mask, over |mask|.
+        boundary_px: mean distance from the outline of either to the outline of the other, px.
+        centroid_px: distance between their centroids, px.
+        filled_iou: IoU with the mask whose holes are filled, such as those between the spokes of a wheel.
+        solid: |mask| / |filled mask|: about the best IoU that a polygon without holes can reach.
+    """
+
+    iou: float
+    missing: float
+    surplus: float
+    boundary_px: float
+    centroid_px: float
+    filled_iou: float
+    solid: float
+
+    @property
+    def area_error(self) -> float:
+        """(|region| - |mask|) / |mask|: positive for a region that is too large."""
+        return self.surplus - self.missing
+
+
+def region_fit(region: Mask, mask: Mask) -> RegionFit:
+    """Compare a region with a mask.
+
+    Args:
+        region: (H, W) bool, not empty.
+        mask: (H, W) bool, not empty.
+    """
+    window = _window(region | mask)
+    region, mask = region[window], mask[window]
+    both, size, covered = _count(region & mask), _count(mask), _count(region)
+    assert size, "the object is seen"
+    assert covered, "the object has a region"
+    filled = _filled(mask)
+    return RegionFit(
+        iou=both / (size + covered - both),
+        missing=(size - both) / size,
+        surplus=(covered - both) / size,
+        boundary_px=_outline_distance_px(region, mask),
+        centroid_px=float(np.linalg.norm(_centroid(region) - _centroid(mask))),
+        filled_iou=_count(region & filled) / _count(region | filled),
+        solid=size / _count(filled),
+    )
+
+
+def _count(mask: Mask) -> int:
+    return int(np.count_nonzero(mask))
+
+
+def _filled(mask: Mask) -> Mask:
+    """The mask with every pixel that its outer outlines enclose."""
+    outlines, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    return np.asarray(cv2.drawContours(np.zeros(mask.shape, np.uint8), outlines, -1, 1, cv2.FILLED) > 0)
+
+
+def _window(mask: Mask) -> tuple[slice, slice]:
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
+
+
+def _centroid(mask: Mask) -> NDArray[np.float64]:
+    return np.array([np.mean(places) for places in np.nonzero(mask)])
+
+
+def _outline_distance_px(first: Mask, second: Mask) -> float:
+    outlines = [_outline(mask) for mask in (first, second)]
+    distances = [cv2.distanceTransform((~line).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+                 for line in outlines]  # fmt: skip
+    there, back = distances[1][outlines[0]].mean(), distances[0][outlines[1]].mean()
+    return float((there + back) / 2)
+
+
+def _outline(mask: Mask) -> Mask:
+    """Pixels of the mask with a 4-neighbour outside of it."""
+    framed = np.pad(mask, 1)
+    inner = framed[:-2, 1:-1] & framed[2:, 1:-1] & framed[1:-1, :-2] & framed[1:-1, 2:]
+    return mask & ~inner
+
 
 Row = dict[str, Any]
 FIT = ("iou", "area_error", "missing", "surplus", "boundary_px", "centroid_px", "filled_iou", "solid")

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bench.errors import BenchError, DataError
 from bench.evaluation import Protocol, SequenceScorer
-from bench.harness.audit.cells import (
+from bench.harness.audit.causes import (
     FALSE_ALARMS_SCHEMA,
     MISSES_SCHEMA,
     Row,
@@ -23,9 +23,7 @@ from bench.harness.audit.cells import (
     run_three_times,
 )
 from bench.harness.audit.polygons import POLYGONS_SCHEMA, PolygonAuditor
-from bench.harness.audit.sources import AuditSource
-from bench.harness.audit.staged import StagedTruth
-from bench.harness.audit.true_regions import instance_ids, paired_references
+from bench.harness.audit.sources import AuditSource, StagedTruth, instance_ids, paired_references
 from bench.harness.frames import FramePipeline, UnscorableFrame
 from bench.harness.provenance import recording_fingerprint
 from bench.harness.stages import StageClock

@@ -11,7 +11,6 @@ import pyarrow as pa
 from bench.evaluation import Protocol, summarise
 from bench.evaluation.slices import bin_names, name_bins
 from bench.harness.audit.causes import FalseCause, MissCause
-from bench.harness.audit.compensation import Compensation
 from bench.harness.audit.figures import (
     ALL,
     Aim,
@@ -21,7 +20,7 @@ from bench.harness.audit.figures import (
     Quartiles,
     Scores,
 )
-from bench.harness.audit.polygons import FIT
+from bench.harness.audit.polygons import FIT, Compensation
 
 PAPER_RANGE_M = 8.0
 # Least median IoU of a polygon that is meant to follow the outline; the paper's convex hull is not.

@@ -20,7 +20,7 @@ from bench.harness.audit.sources import NO_SCENARIO, AuditSource, audit_sources
 from bench.harness.audit.stored import SCHEMA_VERSION, write_audit
 from bench.harness.keys import MethodIdentity
 from bench.harness.method_stamp import MethodStamp
-from bench.harness.progress import Progress
+from bench.harness.stages import Progress
 from bench.methods import Method
 from bench.methods.spherical.method import SphericalMethod
 from bench.recordings import DatasetCard

@@ -10,7 +10,7 @@ from bench.cameras import CameraModel
 from bench.harness.cache.folder import Arrays, CacheFolder
 from bench.harness.cache.reference_arrays import reference_arrays, reference_from_arrays
 from bench.harness.keys import MethodIdentity, RecordingInputs, code_digest, digest_of
-from bench.harness.keys.code import METHOD_ROOMS, REFERENCE_CODE
+from bench.harness.keys.digests import METHOD_ROOMS, REFERENCE_CODE
 from bench.methods import Method, MethodInput
 from bench.methods.contract import StepOf
 from bench.recordings import ImageRef, Recording

@@ -13,7 +13,7 @@ import bench
 from bench.errors import DataError
 from bench.harness.cache import CacheFolder
 from bench.harness.keys import MethodIdentity, code_digest
-from bench.harness.keys.code import SCORING_ROOMS
+from bench.harness.keys.digests import SCORING_ROOMS
 from bench.harness.provenance import library_versions
 from bench.methods import Method
 

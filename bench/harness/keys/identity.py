@@ -20,8 +20,7 @@ from site import getusersitepackages
 from uuid import uuid4
 
 from bench.errors import DataError, UsageError
-from bench.harness.keys.code import METHOD_ROOMS, source_digest
-from bench.harness.keys.values import digest_of
+from bench.harness.keys.digests import METHOD_ROOMS, digest_of, source_digest
 from bench.methods import Method
 from bench.plug_ins import loaded_with
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterator, Sequence
 
-from bench.harness.keys.files import FileDigests
-from bench.harness.keys.values import digest_of
+from bench.harness.keys.digests import FileDigests, digest_of
 from bench.recordings import Recording
 from bench.recordings.records import ImageRef, PointIndices, SweepRef
 

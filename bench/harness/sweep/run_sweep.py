@@ -17,8 +17,7 @@ from bench.harness.cache import CacheFolder, StepCache
 from bench.harness.frames import FramePipeline, UnscorableFrame
 from bench.harness.keys import MethodIdentity, RecordingInputs
 from bench.harness.method_stamp import MethodStamp
-from bench.harness.progress import Progress, recording_reporter
-from bench.harness.stages import StageClock
+from bench.harness.stages import Progress, StageClock, recording_reporter
 from bench.harness.sweep.definition import Value
 from bench.harness.sweep.perturb import NONE
 from bench.harness.sweep.plan import SweepPlan

@@ -7,8 +7,13 @@ boxes against the points in them, stated velocities against positions).
 """
 
 from bench.harness.validation.findings import Finding, Severity
-from bench.harness.validation.recording import Depth, validate_recording
-from bench.harness.validation.report import RecordingReport, ValidationReport, validate_dataset
+from bench.harness.validation.report import (
+    Depth,
+    RecordingReport,
+    ValidationReport,
+    validate_dataset,
+    validate_recording,
+)
 
 __all__ = [
     "Depth",

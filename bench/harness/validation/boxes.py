@@ -10,8 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from bench.harness.validation.findings import Finding, Severity, annotation_file, listed, unusable
-from bench.harness.validation.limits import BODIES, Span
+from bench.harness.validation.findings import BODIES, Finding, Severity, Span, annotation_file, listed, unusable
 from bench.harness.validation.tracks import box_of
 from bench.recordings import Cuboid, Recording, Track
 from bench.recordings.validation import keys_twice

@@ -7,8 +7,14 @@ from collections.abc import Iterator
 import numpy as np
 import shapely
 
-from bench.harness.validation.findings import Finding, Severity, calibration_file
-from bench.harness.validation.limits import CAMERA_HEIGHT_M, LIDAR_HEIGHT_M, SENSOR_OUTSIDE_M
+from bench.harness.validation.findings import (
+    CAMERA_HEIGHT_M,
+    LIDAR_HEIGHT_M,
+    SENSOR_OUTSIDE_M,
+    Finding,
+    Severity,
+    calibration_file,
+)
 from bench.recordings import MountedCamera, Recording
 
 UP = np.array([0.0, 0.0, 1.0])

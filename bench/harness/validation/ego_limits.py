@@ -7,8 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from bench.geometry import twist_between
-from bench.harness.validation.findings import Finding, Severity
-from bench.harness.validation.limits import HOST_SIDEWAYS_MPS2, HOST_TOP_SPEED_MPS, HOST_TOP_TURN_RADPS
+from bench.harness.validation.findings import (
+    HOST_SIDEWAYS_MPS2,
+    HOST_TOP_SPEED_MPS,
+    HOST_TOP_TURN_RADPS,
+    Finding,
+    Severity,
+)
 from bench.recordings import Recording
 
 SECOND_NS = 1_000_000_000

@@ -1,4 +1,15 @@
-"""What validation finds."""
+"""What was found to look wrong, and the limits beyond which it does.
+
+What bodies and vehicles can be and do.
+
+The spans are wide: they hold every everyday case with its annotation's slack, so that what lies beyond is wrong.
+
+Sources:
+    Sizes of vehicles: Directive 96/53/EC (width 2.6 m, height 4 m, length 18.75 m; long combinations 25.25 m).
+    People: ISO 7250-3, 99th percentile of stature 1.96 m, span of arms about as much.
+    Speeds: running records (12.4 m/s on foot), and 250 km/h on a motorway.
+    Turning: a car on a dry road holds about 1 g sideways.
+"""
 
 from __future__ import annotations
 
@@ -78,3 +89,51 @@ def listed(names: Sequence[str], most: int = 5) -> str:
     """The first few of many names."""
     rest = len(names) - most
     return ", ".join(names[:most]) + (f" and {rest} more" if rest > 0 else "")
+
+
+Span = tuple[float, float]
+
+GRAVITY_MPS2 = 9.81
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BodyLimits:
+    """Spans that an annotated object of a class stays within.
+
+    Attributes:
+        long_side_m: the longer horizontal side.
+        short_side_m: the shorter one.
+        height_m: height.
+        top_speed_mps: over the ground.
+        top_turn_radps: about its own centre.
+    """
+
+    long_side_m: Span
+    short_side_m: Span
+    height_m: Span
+    top_speed_mps: float
+    top_turn_radps: float
+
+
+BODIES = {
+    "pedestrian": BodyLimits(
+        long_side_m=(0.15, 1.7), short_side_m=(0.1, 1.5), height_m=(0.4, 2.4), top_speed_mps=12.0, top_turn_radps=7.0
+    ),
+    "cyclist": BodyLimits(
+        long_side_m=(0.4, 3.2), short_side_m=(0.15, 1.6), height_m=(0.5, 2.7), top_speed_mps=60.0, top_turn_radps=4.0
+    ),
+    "vehicle": BodyLimits(
+        long_side_m=(1.0, 26.0), short_side_m=(0.5, 3.7), height_m=(0.5, 5.0), top_speed_mps=75.0, top_turn_radps=2.5
+    ),
+    "animal": BodyLimits(
+        long_side_m=(0.1, 3.5), short_side_m=(0.05, 1.7), height_m=(0.1, 2.8), top_speed_mps=20.0, top_turn_radps=12.0
+    ),
+}
+
+HOST_TOP_SPEED_MPS = 75.0
+HOST_TOP_TURN_RADPS = 1.5  # a tight turn at walking pace is 0.5
+HOST_SIDEWAYS_MPS2 = 1.3 * GRAVITY_MPS2
+CAMERA_HEIGHT_M: Span = (0.1, 4.5)
+LIDAR_HEIGHT_M: Span = (0.1, 5.0)
+SENSOR_OUTSIDE_M = 2.5  # beyond the host's outline
+LIDAR_REACH_M = 400.0

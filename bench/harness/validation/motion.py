@@ -8,8 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.harness.validation.findings import Finding, Severity, annotation_file, listed
-from bench.harness.validation.limits import BODIES, BodyLimits
+from bench.harness.validation.findings import BODIES, BodyLimits, Finding, Severity, annotation_file, listed
 from bench.harness.validation.tracks import TrackPath, track_path
 from bench.recordings import Recording
 

@@ -24,7 +24,7 @@ from bench.methods.predictions.files import (
 )
 from bench.methods.predictions.images import CameraImages, ImageKey, NamedImage, Naming, camera_images, named_images
 from bench.recordings import DatasetCard, open_dataset
-from bench.recordings.paths import refuse_escape
+from bench.recordings.atomic import refuse_escape
 
 MAP_SUFFIXES = (".png", ".npz")
 LIST_SUFFIX = ".json"

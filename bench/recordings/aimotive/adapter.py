@@ -33,11 +33,10 @@ import numpy as np
 
 from bench.geometry import RigidTransform
 from bench.recordings.aimotive.boxes import read_box_frame, tracks_from_boxes
-from bench.recordings.aimotive.cameras import read_cameras
+from bench.recordings.aimotive.cameras import FRAME_INTERVAL_NS, AimotiveOptions, read_cameras
 from bench.recordings.aimotive.egomotion import sequence_trajectory
 from bench.recordings.aimotive.files import box_files, image_refs, sweep_refs
 from bench.recordings.aimotive.lidar import read_lidar_mounting
-from bench.recordings.aimotive.options import FRAME_INTERVAL_NS, AimotiveOptions
 from bench.recordings.aimotive.salvage import salvage_aimotive
 from bench.recordings.annotations import read_annotations
 from bench.recordings.handles import RecordingHandle

@@ -15,8 +15,7 @@ from pydantic import ConfigDict, Field, field_validator
 from bench.egomotion import Trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.recordings.object_motion import yaw_rates
-from bench.recordings.records import Cuboid, ObjectState, Track
+from bench.recordings.records import Cuboid, ObjectState, Track, yaw_rates
 from bench.recordings.validation import MOST_FAULTS, FileModel, TimeNs, read_json, salvage_json
 
 CLASSES = {

@@ -13,14 +13,54 @@ from pydantic import ConfigDict, Field
 from bench.cameras import UnifiedCamera
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform, RoadPlane
-from bench.recordings.aimotive.options import AimotiveOptions
-from bench.recordings.body_polygons import body_mask
-from bench.recordings.paths import refuse_escape
+from bench.recordings.atomic import refuse_escape
+from bench.recordings.images import Polygon, body_mask, scaled_camera
 from bench.recordings.records import MountedCamera
-from bench.recordings.resizing import scaled_camera
 from bench.recordings.salvage import Complaint, refuse
 from bench.recordings.text_files import read_text
 from bench.recordings.validation import FileModel, SidePx, data_error, validated
+
+LICENCE = "CC BY-NC-SA 4.0"
+
+FRAME_INTERVAL_NS = 66_666_667
+
+
+class EgoMotionOptions(FileModel):
+    """Where ego-motion comes from.
+
+    Attributes:
+        file: CSV file, relative to the data set's root; `{sequence}` stands for the sequence's name.
+        columns: as `bench.egomotion.read_bus_signals` takes them.
+    """
+
+    file: str
+    columns: dict[str, str | float | tuple[str, ...]] = Field(default_factory=dict)
+
+
+class AimotiveOptions(FileModel):
+    """The card's `options`.
+
+    Attributes:
+        cameras: those to evaluate; null for every camera that has images.
+        ego_motion: where ego-motion comes from; null for the data set's own `egomotion.json`.
+        evaluated_size_px: (width, height) at which images are evaluated; null for as stored.
+        field_of_view_deg: per camera, full angle of the lens, beyond which the image is dark; absent for as far as the
+            calibration holds.
+        body_polygons: per camera, outlines of the host's own body, (u, v) in stored pixels.
+        ground_height_m: height of the road in the body frame.
+        vehicle_outline_m: the host seen from above, body frame, where the size of the host is known.
+        licence: of the data.
+    """
+
+    cameras: tuple[str, ...] | None = None
+    ego_motion: EgoMotionOptions | None = None
+    evaluated_size_px: tuple[SidePx, SidePx] | None = None
+    field_of_view_deg: dict[str, float] = Field(default_factory=dict)
+    body_polygons: dict[str, tuple[Polygon, ...]] = Field(default_factory=dict)
+    ground_height_m: float = 0.0
+    vehicle_outline_m: Polygon = Field(default=((-1.1, -0.95), (3.9, -0.95), (3.9, 0.95), (-1.1, 0.95)), min_length=3)
+    licence: str = LICENCE
+
 
 CALIBRATION = "sensor/calibration/calibration.json"
 MODELS = ("mei", "opencv_pinhole")  # the second is the first with its centre of projection in the sphere's: xi = 0

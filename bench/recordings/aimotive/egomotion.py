@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 from bench.egomotion import Trajectory, read_bus_signals
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
-from bench.recordings.aimotive.options import AimotiveOptions
-from bench.recordings.paths import path_inside, refuse_escape
+from bench.recordings.aimotive.cameras import AimotiveOptions
+from bench.recordings.atomic import path_inside, refuse_escape
 from bench.recordings.salvage import Complaint, collected, refuse
 from bench.recordings.text_files import read_text
 from bench.recordings.validation import MOST_FAULTS, data_error

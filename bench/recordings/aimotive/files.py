@@ -8,7 +8,7 @@ from pathlib import Path
 
 from bench.errors import DataError
 from bench.lidar import read_sweep
-from bench.recordings.paths import refuse_escape
+from bench.recordings.atomic import refuse_escape
 from bench.recordings.records import ImageRef, SweepRef
 from bench.recordings.salvage import Complaint, refuse
 

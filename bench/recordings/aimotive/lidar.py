@@ -10,7 +10,7 @@ from pydantic import ConfigDict, Field
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
 from bench.recordings.aimotive.cameras import CALIBRATION
-from bench.recordings.paths import refuse_escape
+from bench.recordings.atomic import refuse_escape
 from bench.recordings.text_files import read_text
 from bench.recordings.validation import FileModel, data_error, validated
 

@@ -11,11 +11,10 @@ from bench.egomotion import Trajectory, bus_signal_faults
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings.aimotive.boxes import BoxFrame, box_frame_faults, read_box_frame, tracks_from_boxes
-from bench.recordings.aimotive.cameras import salvage_cameras
+from bench.recordings.aimotive.cameras import FRAME_INTERVAL_NS, AimotiveOptions, salvage_cameras
 from bench.recordings.aimotive.egomotion import egomotion_faults, sequence_trajectory
 from bench.recordings.aimotive.files import box_files, image_refs, sweep_refs
 from bench.recordings.aimotive.lidar import read_lidar_mounting
-from bench.recordings.aimotive.options import FRAME_INTERVAL_NS, AimotiveOptions
 from bench.recordings.annotation_faults import annotation_faults
 from bench.recordings.annotations import read_annotations
 from bench.recordings.records import ImageRef, Recording, SweepRef, Track

@@ -29,25 +29,27 @@ import numpy as np
 
 from bench.errors import DataError
 from bench.recordings.annotations import read_annotations
+from bench.recordings.atomic import refuse_escape
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.kitti360.boxes import read_boxes
-from bench.recordings.kitti360.calibration import read_rig
+from bench.recordings.kitti360.calibration import Kitti360Options, read_rig
 from bench.recordings.kitti360.files import (
     BOXES,
     IMAGES,
     POSES,
+    Drive,
+    FrameClock,
     camera_names,
     image_files,
     image_refs,
+    read_clock,
+    read_drive,
     sweep_files,
     sweep_refs,
     wanted_frames,
 )
-from bench.recordings.kitti360.options import Kitti360Options
 from bench.recordings.kitti360.salvage import salvage_kitti360
-from bench.recordings.kitti360.times import Drive, FrameClock, read_clock, read_drive
 from bench.recordings.kitti360.tracks import Annotated, tracks_from_world
-from bench.recordings.paths import refuse_escape
 from bench.recordings.records import Recording
 from bench.recordings.validation import validated
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.errors import DataError
-from bench.recordings.kitti360.times import LARGEST_FRAME, FrameClock, read_pose, stamp_ns
+from bench.recordings.kitti360.files import LARGEST_FRAME, FrameClock, read_pose, stamp_ns
 from bench.recordings.text_files import numbers, read_text
 from bench.recordings.validation import MOST_FAULTS
 

@@ -10,24 +10,26 @@ import numpy as np
 from bench.errors import DataError
 from bench.recordings.annotation_faults import annotation_faults
 from bench.recordings.annotations import read_annotations
+from bench.recordings.atomic import refuse_escape
 from bench.recordings.kitti360.boxes import WorldBox, read_boxes
-from bench.recordings.kitti360.calibration import salvage_rig
+from bench.recordings.kitti360.calibration import CameraName, Kitti360Options, salvage_rig
 from bench.recordings.kitti360.faults import clock_faults, pose_faults
 from bench.recordings.kitti360.files import (
     BOXES,
     IMAGES,
     POSES,
+    Drive,
+    FrameClock,
     camera_names,
     image_files,
     image_refs,
+    read_clock,
+    read_drive,
     sweep_files,
     sweep_refs,
     wanted_frames,
 )
-from bench.recordings.kitti360.options import CameraName, Kitti360Options
-from bench.recordings.kitti360.times import Drive, FrameClock, read_clock, read_drive
 from bench.recordings.kitti360.tracks import Annotated, tracks_from_world
-from bench.recordings.paths import refuse_escape
 from bench.recordings.records import Recording
 from bench.recordings.salvage import Part, Salvaged, collected, standing_still
 from bench.recordings.validation import MOST_FAULTS

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from bench.geometry import RigidTransform
 from bench.recordings.kitti360.boxes import STANDING, WorldBox
-from bench.recordings.kitti360.times import Drive, FrameClock
-from bench.recordings.object_motion import world_velocities, world_yaw_rates
-from bench.recordings.records import Cuboid, ObjectState, Track
+from bench.recordings.kitti360.files import Drive, FrameClock
+from bench.recordings.records import Cuboid, ObjectState, Track, world_velocities, world_yaw_rates
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -11,7 +11,7 @@ from pathlib import Path
 from uuid import uuid4
 
 from bench.errors import DataError
-from bench.recordings.locking import alone_in
+from bench.recordings.atomic import alone_in
 
 REMOVED = ".removed-"
 

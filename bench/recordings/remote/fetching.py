@@ -27,8 +27,7 @@ from uuid import uuid4
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from bench.errors import DataError, OutputError, UsageError
-from bench.recordings.atomic import replacing, write_text
-from bench.recordings.locking import alone_in
+from bench.recordings.atomic import alone_in, replacing, write_text
 from bench.recordings.remote.copies import Copies, let_go, open_here
 from bench.recordings.remote.names import refuse_unsafe
 from bench.recordings.remote.storage import Storage, StoredObject

@@ -15,7 +15,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field
 
 from bench.errors import DataError
-from bench.recordings.paths import path_inside, refuse_escape
+from bench.recordings.atomic import path_inside, refuse_escape
 from bench.recordings.rosbag.yaml import read_yaml
 from bench.recordings.validation import validated
 

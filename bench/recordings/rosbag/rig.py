@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from bench.recordings.body_polygons import Polygon
-from bench.recordings.paths import path_inside
+from bench.recordings.atomic import path_inside
+from bench.recordings.images import Polygon
 from bench.recordings.rosbag.yaml import read_yaml
 from bench.recordings.schema import Mounting, Name
 from bench.recordings.validation import FileModel, SidePx, validated

@@ -10,12 +10,10 @@ from numpy.typing import NDArray
 
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform, RoadPlane
-from bench.recordings.body_polygons import body_mask
-from bench.recordings.images import read_mask
+from bench.recordings.atomic import path_inside
+from bench.recordings.images import body_mask, read_mask, scaled_camera
 from bench.recordings.native import camera_model
-from bench.recordings.paths import path_inside
 from bench.recordings.records import ImageRef, MountedCamera, SweepRef
-from bench.recordings.resizing import scaled_camera
 from bench.recordings.rosbag.frames import StaticFrames
 from bench.recordings.rosbag.index import BagIndex, TopicIndex
 from bench.recordings.rosbag.messages import COMPRESSED_IMAGE, IMAGE, POINT_CLOUD, message_type

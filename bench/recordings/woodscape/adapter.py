@@ -33,9 +33,8 @@ from bench.geometry import RigidTransform
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.records import ImageRef, Recording
 from bench.recordings.validation import validated
-from bench.recordings.woodscape.camera import read_camera
+from bench.recordings.woodscape.camera import WoodscapeOptions, read_camera
 from bench.recordings.woodscape.files import find_pair, list_pairs
-from bench.recordings.woodscape.options import WoodscapeOptions
 from bench.recordings.woodscape.salvage import salvage_woodscape
 from bench.recordings.woodscape.vehicle import read_arc
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from bench.errors import DataError
-from bench.recordings.paths import refuse_escape
+from bench.recordings.atomic import refuse_escape
 from bench.recordings.salvage import Complaint, refuse
 
 Kind = Literal["current", "previous", "mask", "calibration", "vehicle", "vehicle_before"]

@@ -11,9 +11,8 @@ from bench.geometry import RigidTransform
 from bench.recordings.records import ImageRef, MountedCamera, Recording
 from bench.recordings.salvage import Part, Salvaged, collected, standing_still
 from bench.recordings.validation import json_faults
-from bench.recordings.woodscape.camera import CalibrationFile, read_camera
+from bench.recordings.woodscape.camera import CalibrationFile, WoodscapeOptions, read_camera
 from bench.recordings.woodscape.files import Kind, found_files
-from bench.recordings.woodscape.options import WoodscapeOptions
 from bench.recordings.woodscape.vehicle import VehicleFile, read_arc
 
 STAND_IN_NS = (0, 33_320_000)  # times of a pair whose own are lost

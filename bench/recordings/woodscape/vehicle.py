@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, ConfigDict, Field
 from bench.egomotion import Trajectory, planar_trajectory
 from bench.errors import DataError
 from bench.recordings.validation import FileModel, read_json
-from bench.recordings.woodscape.options import WoodscapeOptions
+from bench.recordings.woodscape.camera import WoodscapeOptions
 
 LATEST_US = 9_000_000_000_000_000  # in nanoseconds still an int64
 LONGEST_PAIR_NS = 500_000_000

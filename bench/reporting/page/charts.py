@@ -23,8 +23,7 @@ from bench.evaluation.maps import THRESHOLDS, CoverageCurve, coverage_curves, ra
 from bench.harness import read_image_maps
 from bench.recordings.atomic import write_bytes
 from bench.reference import Category
-from bench.reporting.canvas import figure_bytes, new_figure, styled
-from bench.reporting.colours import GREY, VERMILION
+from bench.reporting.canvas import GREY, VERMILION, figure_bytes, new_figure, styled
 from bench.reporting.page.source import PageSource, read_source
 from bench.reporting.range_maps import draw_range_maps
 from bench.reporting.tables import LABELS

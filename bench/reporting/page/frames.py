@@ -19,7 +19,7 @@ from bench.harness import FramePipeline, ProcessedFrame
 from bench.harness.frames import UnscorableFrame
 from bench.harness.replay import StoredFrames
 from bench.reference import Category, ReferenceObject, Status
-from bench.reporting.colours import FALSE_NEGATIVE, FALSE_POSITIVE, TRUE_POSITIVE
+from bench.reporting.canvas import FALSE_NEGATIVE, FALSE_POSITIVE, TRUE_POSITIVE
 from bench.reporting.count_view import PixelClass, draw_counts, pixel_classes
 from bench.reporting.overlay import overlay_mask, overlay_polygons
 from bench.reporting.page.charts import figure_uri, jpeg_uri

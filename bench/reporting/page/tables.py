@@ -22,9 +22,8 @@ from bench.evaluation.sums import coverage, intersection_over_union
 from bench.harness import Provenance, RunSummary
 from bench.methods import METHODS, build_method
 from bench.reference import Category
-from bench.reporting.numbers import count, difference, interval, mean, ours, paper, percent
 from bench.reporting.page.source import EVALUATED, LISTED, FrameKey, PageSource, listed_rows
-from bench.reporting.sheets import COMPARED, detection_figures
+from bench.reporting.sheets import COMPARED, count, detection_figures, difference, interval, mean, ours, paper, percent
 from bench.reporting.tables import FALSE_POSITIVES, LABELS, Comparison, TableRow, table_rows
 
 

@@ -16,7 +16,6 @@ from bench.geometry import RigidTransform
 from bench.synthesis.bodies.bicycle import Bicycle, bicycle_joints, bicycle_parts
 from bench.synthesis.bodies.body import Part
 from bench.synthesis.bodies.joints import STEPS, Joint, still
-from bench.synthesis.bodies.legs import turned_xz, two_links
 from bench.synthesis.bodies.loft import rounded
 from bench.synthesis.bodies.looks import dressed, for_riding, painted
 from bench.synthesis.bodies.person import (
@@ -36,7 +35,7 @@ from bench.synthesis.bodies.person import (
     Figure,
     person_parts,
 )  # fmt: skip
-from bench.synthesis.bodies.walking import ANKLE, BALL, SHANK, THIGH
+from bench.synthesis.bodies.walking import ANKLE, BALL, SHANK, THIGH, turned_xz, two_links
 from bench.synthesis.mesh import Mesh, Surface
 
 STRETCHED = 0.963  # of the leg's length, hip to ankle, at the lowest pedal: a knee bent by 31 degrees

@@ -15,10 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from bench.synthesis.bodies.body import Part
 from bench.synthesis.bodies.joints import Joint, still
-from bench.synthesis.bodies.legs import turned_xz, two_links
 from bench.synthesis.bodies.loft import ellipses, limb, loft, rounded
 from bench.synthesis.bodies.looks import HAIRS
-from bench.synthesis.bodies.walking import phases
+from bench.synthesis.bodies.walking import phases, turned_xz, two_links
 from bench.synthesis.mesh import Mesh, Surface, box, convex
 
 STRIDE_M, STANCE = 0.88, 0.42  # of a cycle that a paw is on the ground

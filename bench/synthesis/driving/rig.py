@@ -12,7 +12,7 @@ from bench.geometry import RigidTransform, RoadPlane
 from bench.recordings.records import MountedCamera
 from bench.synthesis.driving.host import camera_mounting, mounted_camera, vehicle_from_lidar
 from bench.synthesis.scenario import CalibrationSpec, RecordingSpec, Scenario
-from bench.synthesis.seeds import named_rng
+from bench.synthesis.scenario.draws import named_rng
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -7,7 +7,7 @@ from bench.synthesis.driving.host import own_body
 from bench.synthesis.imaging.renderer import ImageRenderer, Moment
 from bench.synthesis.imaging.textures import texture_atlas
 from bench.synthesis.scenario import RecordingSpec, Scenario
-from bench.synthesis.seeds import named_rng
+from bench.synthesis.scenario.draws import named_rng
 from bench.synthesis.stage import FIRST_IMAGE_NS, Stage
 
 

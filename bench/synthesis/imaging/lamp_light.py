@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from bench.synthesis.imaging.compiled import inlined
 from bench.synthesis.imaging.lamps import BEAM_FOCAL, MIDDLE_COLUMN, MIDDLE_ROW, WHITE_LUX, Lamps
-from bench.synthesis.imaging.lanes import (
+from bench.synthesis.imaging.lens import (
     BEAM,
     BEAM_ALONG,
     BEAM_ASIDE,

@@ -1,4 +1,9 @@
-"""What the renderer needs to know of a lens: the ray of every pixel, and the pixels near a direction."""
+"""What the renderer needs to know of a lens: the ray of every pixel, and the pixels near a direction.
+
+Room to shade one tile: for each quantity a lane with its values at the 64 pixels, beside each other.
+
+All lanes lie in one array, so that the compiler sees that no two of them overlap, and takes several pixels at once.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +16,71 @@ from numpy.typing import NDArray
 
 from bench.cameras import CameraModel, ray_grid
 from bench.geometry import normalise
-from bench.synthesis.imaging.chart import chart_error_px, direction_chart
+from bench.synthesis.imaging.compiled import inlined, looped
+
+CHART = 513  # nodes along a side of the chart of all directions; odd, so that the chart's creases fall on nodes
+
+
+def direction_chart(camera: CameraModel) -> NDArray[np.float32]:
+    """The pixel of every direction, on the unfolded octahedron.
+
+    A direction d with |x| + |y| + |z| = 1 lies at (x, y) of the square where z >= 0; the other half is folded outwards,
+    x' = (1 - |y|) sign(x), y' = (1 - |x|) sign(y).
+
+    Returns:
+        (CHART, CHART, 2) float32, px, (u, v), rows along y'; NaN where the lens does not see.
+
+    Source:
+        Meyer et al. 2010, On floating-point normal vectors.
+    """
+    x, y = np.meshgrid(*2 * [np.linspace(-1.0, 1.0, CHART)])
+    z = 1.0 - np.abs(x) - np.abs(y)
+    folded = z < 0
+    flat_x = np.where(folded, (1.0 - np.abs(y)) * np.where(x < 0, -1.0, 1.0), x)
+    flat_y = np.where(folded, (1.0 - np.abs(x)) * np.where(y < 0, -1.0, 1.0), y)
+    pixels, valid = camera.project(np.stack([flat_x, flat_y, z], axis=-1).reshape(-1, 3))
+    return np.where(valid[:, None], pixels, np.nan).reshape(CHART, CHART, 2).astype(np.float32)
+
+
+@inlined
+def chart_pixel(x: float, y: float, z: float, chart: NDArray[np.float32]) -> tuple[float, float]:
+    """The pixel of a direction, NaN where the lens does not see it."""
+    size = abs(x) + abs(y) + abs(z)
+    p, q = x / size, y / size
+    if z < 0:
+        p, q = (1.0 - abs(q)) * (-1.0 if p < 0 else 1.0), (1.0 - abs(p)) * (-1.0 if q < 0 else 1.0)
+    half = (CHART - 1) / 2
+    column, row = (p + 1.0) * half, (q + 1.0) * half
+    i, j = min(int(row), CHART - 2), min(int(column), CHART - 2)
+    a, b = row - i, column - j
+    u = (1 - a) * ((1 - b) * chart[i, j, 0] + b * chart[i, j + 1, 0]) + a * (
+        (1 - b) * chart[i + 1, j, 0] + b * chart[i + 1, j + 1, 0]
+    )
+    v = (1 - a) * ((1 - b) * chart[i, j, 1] + b * chart[i, j + 1, 1]) + a * (
+        (1 - b) * chart[i + 1, j, 1] + b * chart[i + 1, j + 1, 1]
+    )
+    return u, v
+
+
+@looped
+def chart_error_px(chart: NDArray[np.float32], rays: NDArray[np.float32], valid: NDArray[np.bool_]) -> float:
+    """How far the chart is off at most, over all pixels of an image, in u or v.
+
+    Args:
+        chart: see `direction_chart`.
+        rays: (3, H, W), camera frame.
+        valid: (H, W), where there is a ray.
+    """
+    height, width = valid.shape
+    worst = 0.0
+    for row in range(height):
+        for column in range(width):
+            if valid[row, column]:
+                u, v = chart_pixel(rays[0, row, column], rays[1, row, column], rays[2, row, column], chart)
+                if u == u:  # beside what the lens does not see, the chart says nothing
+                    worst = max(worst, abs(u - column), abs(v - row))
+    return worst
+
 
 Number = TypeVar("Number", bound=np.generic)
 
@@ -135,3 +204,15 @@ def _squares(image: NDArray[np.float64], size_px: int) -> NDArray[np.float64]:
     padded[:height, :width] = image
     squares = padded.reshape(padded.shape[0] // size_px, size_px, padded.shape[1] // size_px, size_px, depth)
     return squares.swapaxes(1, 2).reshape(squares.shape[0], squares.shape[2], -1, depth)
+
+
+PIXELS = TILE_PX * TILE_PX
+# First the ray, in world axes, and what it meets: normal on the side that is seen, place, cosine between the two.
+# Then spots, those pixels whose light of the lamps is found, and what one headlight sends to each.
+(
+    RAY_X, RAY_Y, RAY_Z, TOWARDS_X, TOWARDS_Y, TOWARDS_Z, PLACE_X, PLACE_Y, PLACE_Z, FACING, DISTANCE,
+    TEXTURE_U, TEXTURE_V, LEVEL, NOISE, LIGHT,
+    SPOT_X, SPOT_Y, SPOT_Z, SPOT_TOWARDS_X, SPOT_TOWARDS_Y, SPOT_TOWARDS_Z, SPOT_LIGHT,
+    BEAM, BEAM_ASIDE, BEAM_DOWN, BEAM_ALONG, BEAM_SQUARE,
+) = range(0, 28 * PIXELS, PIXELS)  # fmt: skip
+LANES = 28 * PIXELS

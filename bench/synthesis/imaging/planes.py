@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.synthesis.imaging.chart import chart_pixel
 from bench.synthesis.imaging.compiled import looped
+from bench.synthesis.imaging.lens import chart_pixel
 
 SMALL = 0.3  # chord of the longest edge on the unit sphere, of triangles that are looked for by their corners
 BOW = 0.35  # rad of sagitta per rad^2 of edge length: straight edges bow in a fisheye image by less than this

@@ -15,12 +15,11 @@ from bench.synthesis.imaging.compiled import looped
 from bench.synthesis.imaging.edges import smooth_edges
 from bench.synthesis.imaging.faces import GLOW, Faces, FacesOfBodies, faces_of
 from bench.synthesis.imaging.lamps import NO_LAMPS, Headlights, lamp_faces, street_lamps_m
-from bench.synthesis.imaging.lanes import LANES, PIXELS
-from bench.synthesis.imaging.lens import lens_of, untiled
+from bench.synthesis.imaging.lens import LANES, PIXELS, lens_of, untiled
 from bench.synthesis.imaging.scene import Scene
 from bench.synthesis.imaging.sensor import Sensor
 from bench.synthesis.imaging.shading import shade
-from bench.synthesis.imaging.shadows import Shadows
+from bench.synthesis.imaging.shadow_maps import Shadows
 from bench.synthesis.imaging.sky import Sky
 from bench.synthesis.imaging.textures import TextureAtlas
 from bench.synthesis.imaging.visibility import NOTHING, View, look

@@ -28,7 +28,7 @@ from bench.synthesis.imaging.faces import (
 )  # fmt: skip
 from bench.synthesis.imaging.lamp_light import light_spots
 from bench.synthesis.imaging.lamps import GLOW_BY_NIGHT
-from bench.synthesis.imaging.lanes import (
+from bench.synthesis.imaging.lens import (
     DISTANCE,
     FACING,
     LEVEL,
@@ -50,11 +50,11 @@ from bench.synthesis.imaging.lanes import (
     SPOT_Z,
     TEXTURE_U,
     TEXTURE_V,
+    TILE_PX,
     TOWARDS_X,
     TOWARDS_Y,
     TOWARDS_Z,
 )  # fmt: skip
-from bench.synthesis.imaging.lens import TILE_PX
 from bench.synthesis.imaging.scene import Scene
 from bench.synthesis.imaging.shadow_maps import height_at, lit_share
 from bench.synthesis.imaging.sky import mirrored_grey, sky_grey

@@ -17,12 +17,13 @@ another series, another field or a longer series change nothing in a recording
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from bench.synthesis.seeds import named_rng
+import numpy as np
 
 DECIMALS = 4  # of drawn numbers: a tenth of a millimetre
 
@@ -158,3 +159,14 @@ DRAWS: dict[str, Callable[[Dice, Any, str, int | None], Any]] = {
     "sum": _sum,
     "product": _product,
 }
+
+
+def named_rng(seed: int, *names: str | int) -> np.random.Generator:
+    """A generator of its own for each purpose, the same on every run and in every process.
+
+    Args:
+        seed: of the scenario.
+        names: what the numbers are for: recording, sensor, frame.
+    """
+    text = "/".join([str(seed), *map(str, names)])
+    return np.random.default_rng(int.from_bytes(hashlib.sha256(text.encode()).digest()[:16], "little"))

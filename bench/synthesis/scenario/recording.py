@@ -1,19 +1,509 @@
-"""A recording, and the scenario that it stands in."""
+"""The records of a scenario file: sensors, vehicle, street, light, actors, drives and series of drives."""
 
 from __future__ import annotations
 
-from pydantic import Field, model_validator
+import math
+from itertools import pairwise
+from typing import Annotated, Any, Literal
 
+from pydantic import AfterValidator, Field, model_validator
+
+from bench.cameras import camera_from_parameters
+from bench.errors import BenchError, UnknownNameError
 from bench.recordings.validation import FileModel
-from bench.synthesis.scenario.cameras import CameraSpec
-from bench.synthesis.scenario.cast import ActorSpec
-from bench.synthesis.scenario.drive import HostSpec
-from bench.synthesis.scenario.lidar import LidarSpec
-from bench.synthesis.scenario.light import LightSpec
-from bench.synthesis.scenario.series import SeriesSpec
-from bench.synthesis.scenario.street import StreetSpec
-from bench.synthesis.scenario.values import Name, refuse_twice
-from bench.synthesis.scenario.vehicle import VehicleSpec
+from bench.synthesis.bodies import BODIES
+from bench.synthesis.scenario.draws import Dice, DrawError
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$")]
+Number = Annotated[float, Field(ge=-1e4, le=1e4)]  # metres, degrees, seconds: nothing of a scene lies beyond
+NotNegative = Annotated[float, Field(ge=0, le=1e6)]
+Positive = Annotated[float, Field(ge=1e-6, le=1e6)]
+Place = tuple[Number, Number, Number]
+
+
+def refuse_twice(names: list[str], field: str) -> None:
+    """Raise ValueError unless every name occurs once."""
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(f"{field}: names that occur once; {', '.join(twice)} does not")
+
+
+def refuse_misfit(times_s: tuple[float, ...], **profiles: tuple[float, ...] | float) -> None:
+    """Raise ValueError unless times increase and every profile has one value, or one for each time."""
+    if any(b <= a for a, b in pairwise(times_s)):
+        raise ValueError("times_s that increase")
+    for name, values in profiles.items():
+        if isinstance(values, tuple) and (len(values) not in {1, len(times_s)} or not values):
+            raise ValueError(f"{name}: one value, or one for each of the {len(times_s)} times")
+
+
+def interval_ns(rate_hz: float) -> int:
+    """Time between two images or revolutions."""
+    return math.floor(1e9 / rate_hz + 0.5)
+
+
+Share = Annotated[float, Field(gt=0, le=1)]
+Quality = Annotated[int, Field(ge=1, le=100)]
+
+
+class SensorSpec(FileModel):
+    """How a camera errs; the defaults are those of a car's surround-view camera of one megapixel, binned to VGA.
+
+    Attributes:
+        edge_light: light at the lens's widest angle against that in the middle; 1 for no vignetting.
+        read_noise_grey: standard deviation of the noise in the dark, grey values of 255 at gain 1; 0 for none.
+        full_well_electrons: that white stands for at gain 1, which gives the shot noise; null for none.
+        exposure_ms: for how long the shutter is open, which blurs what moves; 0 for a still, null for what the
+            recording's light asks for: 2 in the sun, 5 in low sun, 6 under clouds, 20 by night.
+        gain: that noise grows with; null for what the light asks for: 1 by day, 1.5 in low sun, 6 by night.
+        jpeg_quality: of OpenCV's encoder, with images in JPEG; null for PNG, without loss.
+    """
+
+    edge_light: Share = 0.6
+    read_noise_grey: NotNegative = 1.0
+    full_well_electrons: Positive | None = 10_000.0
+    exposure_ms: NotNegative | None = Field(default=None, le=60)
+    gain: Positive | None = None
+    jpeg_quality: Quality | None = None
+
+
+class CameraSpec(FileModel):
+    """A camera on the host.
+
+    Attributes:
+        name: as the recording calls it.
+        model: a name of `bench.cameras.CAMERA_MODELS`.
+        width: image width, px.
+        height: image height, px.
+        parameters: the model's own.
+        position_m: in the vehicle frame.
+        yaw_deg: of the optical axis, to the left of forward.
+        pitch_down_deg: of the optical axis, below the horizon.
+        roll_deg: about the optical axis, clockwise as the camera sees itself turn.
+        sensor: how it errs.
+    """
+
+    name: Name
+    model: str
+    width: int = Field(gt=0, le=8192)
+    height: int = Field(gt=0, le=8192)
+    parameters: dict[str, Any]
+    position_m: Place
+    yaw_deg: Number = 0.0
+    pitch_down_deg: Number = 0.0
+    roll_deg: Number = 0.0
+    sensor: SensorSpec = SensorSpec()
+
+    @model_validator(mode="after")
+    def _lens_exists(self) -> CameraSpec:
+        try:
+            camera_from_parameters(self.model, width=self.width, height=self.height, **self.parameters)
+        except (BenchError, TypeError) as error:
+            raise ValueError(str(error)) from error
+        return self
+
+
+Speed = Annotated[float, Field(ge=0, le=150)]
+
+
+def _known_body(kind: str) -> str:
+    if kind not in BODIES:
+        raise ValueError(str(UnknownNameError("kind of actor", kind, BODIES)))
+    return kind
+
+
+class ActorSpec(FileModel):
+    """A body on the scene.
+
+    Attributes:
+        name: the track's id.
+        kind: a name of `bench.synthesis.bodies.BODIES`.
+        at_s: when it is at its place, after the first image.
+        position_m: its middle on the ground, x forward and y left of where the host's origin is at `at_s`.
+        heading_deg: direction of travel at `at_s`, to the left of the host's forward direction then.
+        times_s: of the profile below, after the first image, increasing.
+        speed_mps: along the heading at `times_s`, linear in between, constant beyond; one value for a steady way.
+        yaw_rate_degps: positive to the left; as `speed_mps`.
+        gear: "reverse" moves against the heading, tail first.
+        floor_m: height of the ground below it, for someone on the pavement.
+    """
+
+    name: Name
+    kind: Annotated[str, AfterValidator(_known_body)]
+    at_s: NotNegative = 0.0
+    position_m: tuple[Number, Number]
+    heading_deg: Number = 0.0
+    times_s: tuple[Number, ...] = (0.0,)
+    speed_mps: tuple[Speed, ...] | Speed = 0.0
+    yaw_rate_degps: tuple[Number, ...] | Number = 0.0
+    gear: Literal["forward", "reverse"] = "forward"
+    floor_m: float = Field(default=0.0, ge=0, le=0.3)
+
+    @model_validator(mode="after")
+    def _profile_fits(self) -> ActorSpec:
+        refuse_misfit(self.times_s, speed_mps=self.speed_mps, yaw_rate_degps=self.yaw_rate_degps)
+        return self
+
+
+class BumpSpec(FileModel):
+    """A bump across the road that the suspension feels: a patch's edge, a sunken manhole, a low speed bump.
+
+    It is too low to be part of the rendered street.
+
+    Attributes:
+        at_m: its middle, way ahead of the rear axle at the first image.
+        height_m: negative for a dip.
+        length_m: along the way; the profile is a raised cosine.
+    """
+
+    at_m: Number
+    height_m: float = Field(ge=-0.1, le=0.1)
+    length_m: float = Field(default=0.6, gt=0.1, le=10)
+
+
+class HostSpec(FileModel):
+    """How the host drives: values at `times_s`, linear in between, constant beyond; one value for a steady drive.
+
+    Attributes:
+        times_s: after the first image, increasing.
+        speed_kmh: over the ground, never negative.
+        yaw_rate_degps: positive to the left.
+        gear: "reverse" drives backwards.
+        ramp_s: time over which changes of acceleration and steering are spread, half of it before and half after; a
+            driver's foot takes about 0.3 s.
+        bumps: felt by a host with a suspension.
+    """
+
+    times_s: tuple[Number, ...] = (0.0,)
+    speed_kmh: tuple[Annotated[float, Field(ge=0, le=500)], ...]
+    yaw_rate_degps: tuple[Number, ...] = (0.0,)
+    gear: Literal["forward", "reverse"] = "forward"
+    ramp_s: float = Field(default=0.0, ge=0, le=2)
+    bumps: tuple[BumpSpec, ...] = ()
+
+    @model_validator(mode="after")
+    def _profile_fits(self) -> HostSpec:
+        refuse_misfit(self.times_s, speed_kmh=self.speed_kmh, yaw_rate_degps=self.yaw_rate_degps)
+        return self
+
+
+class LidarSpec(FileModel):
+    """A 64-beam lidar that turns clockwise, as Velodyne's HDL-64E.
+
+    The weakest return by default lets a 10 % target out to about 140 m when it is hit squarely, and asphalt below a
+    lidar on the roof out to about 35 m, where it is hit at 3 degrees; beyond, more and more pulses are lost.
+
+    Attributes:
+        position_m: in the vehicle frame, axes along the vehicle's.
+        rotation_hz: revolutions per second.
+        max_range_m: returns from further away are not stored.
+        range_noise_m: standard deviation.
+        weakest_return_per_m2: reflectance times the cosine of incidence over the square of the range at which half of
+            the pulses come back; 0 for all.
+        pane_returns: share of pulses on panes of glass that come back, from dust, when they hit squarely; the others
+            pass or are mirrored away.
+        sector_deg: points are stored in this sector about straight ahead.
+    """
+
+    position_m: Place
+    rotation_hz: float = Field(default=10.0, ge=1, le=100)
+    max_range_m: float = Field(default=60.0, ge=1, le=1000)
+    range_noise_m: NotNegative = 0.02
+    weakest_return_per_m2: NotNegative = 5e-6
+    pane_returns: float = Field(default=0.2, ge=0, le=1)
+    sector_deg: float = Field(default=360.0, gt=0, le=360)
+
+
+class LightSpec(FileModel):
+    """Sun and sky, or night.
+
+    Attributes:
+        kind: "sunny", a bright day; "overcast", no sun, no shadows; "low_sun", morning or evening, long shadows;
+            "night", street lamps and the host's headlights.
+        azimuth_deg: direction to the sun, to the left of the world's x axis; null draws one for the recording.
+        elevation_deg: of the sun above the horizon; null draws one that fits the kind.
+    """
+
+    kind: Literal["sunny", "overcast", "low_sun", "night"] = "sunny"
+    azimuth_deg: Number | None = None
+    elevation_deg: float | None = Field(default=None, gt=0, le=90)
+
+
+class SuspensionSpec(FileModel):
+    """The body on its springs. Pitch, roll and heave each answer as a mass on a spring with a damper.
+
+    The defaults are those of an everyday family car: Gillespie, Fundamentals of Vehicle Dynamics, gives ride
+    frequencies of 1 to 1.5 Hz, damping ratios of 0.2 to 0.4 and roll gradients of 3 to 7 degrees per g; braking at
+    3 m/s^2 lets a car's nose dive by nearly a degree. Road classes are those of ISO 8608; town streets are A or B.
+
+    Attributes:
+        natural_hz: undamped natural frequency.
+        damping_ratio: of critical damping.
+        pitch_deg_per_mps2: nose down for each m/s^2 of braking, up for accelerating.
+        roll_deg_per_mps2: to the outside of the bend for each m/s^2 of lateral acceleration.
+        centre_m: what pitch and roll turn about, in the level vehicle frame.
+        wheelbase_m: between the axles, whose bumps come one after the other.
+        track_m: between left and right wheels.
+        road_class: roughness of the road; null for a smooth one.
+    """
+
+    natural_hz: float = Field(default=1.3, gt=0, le=20)
+    damping_ratio: float = Field(default=0.35, gt=0, le=2)
+    pitch_deg_per_mps2: float = Field(default=0.3, ge=0, le=2)
+    roll_deg_per_mps2: float = Field(default=0.45, ge=0, le=2)
+    centre_m: Place = (1.35, 0.0, 0.4)
+    wheelbase_m: Positive = 2.7
+    track_m: Positive = 1.55
+    road_class: Literal["A", "B", "C"] | None = "A"
+
+
+class BusSpec(FileModel):
+    """Wheel ticks and a yaw-rate sensor, as the bus of a series car reports them.
+
+    The defaults: an ABS wheel sensor counts 96 edges of 48 teeth; tyre wear and pressure change its radius by up to one
+    per cent; an automotive yaw-rate sensor has noise of 0.1 deg/s, a rest of bias of 0.1 deg/s after the zero point
+    was taken at standstill, and steps of 0.02 deg/s.
+
+    Attributes:
+        rate_hz: messages per second.
+        ticks_per_turn: edges of one turn of a wheel; 0 for a speed without ticks.
+        tyre_radius_m: that the control unit reckons with.
+        standstill_after_s: without a tick for so long, the reported speed is 0. One tick in that time, 0.1 m/s by the
+            defaults, is the slowest motion that the bus registers.
+        speed_step_kmh: resolution of the reported speed; 0 for none.
+        speed_scale_sigma: standard deviation of the factor between reported and true speed, drawn per recording.
+        yaw_rate_noise_degps: standard deviation, drawn per message.
+        yaw_rate_bias_degps: standard deviation of the bias, drawn per recording.
+        yaw_rate_step_degps: resolution of the reported yaw rate; 0 for none.
+    """
+
+    rate_hz: float = Field(default=50.0, ge=5, le=1000)
+    ticks_per_turn: int = Field(default=96, ge=0, le=10_000)
+    tyre_radius_m: Positive = 0.31
+    standstill_after_s: Positive = 0.2
+    speed_step_kmh: NotNegative = 0.01
+    speed_scale_sigma: float = Field(default=0.005, ge=0, le=0.2)
+    yaw_rate_noise_degps: NotNegative = 0.1
+    yaw_rate_bias_degps: NotNegative = 0.1
+    yaw_rate_step_degps: NotNegative = 0.02
+
+
+class CalibrationSpec(FileModel):
+    """How far the sensors sit from where their calibration says; drawn per recording, for each axis on its own.
+
+    The defaults: a tenth of a degree and half a centimetre, what a calibration at the end of the line leaves; the lidar
+    was calibrated on purpose and sits twice as well.
+
+    Attributes:
+        camera_angle_deg: standard deviation of a camera's turn about each of its axes.
+        camera_position_m: standard deviation of its place along each axis.
+        lidar_angle_deg: as for the cameras.
+        lidar_position_m: as for the cameras.
+    """
+
+    camera_angle_deg: float = Field(default=0.1, ge=0, le=5)
+    camera_position_m: float = Field(default=0.005, ge=0, le=0.2)
+    lidar_angle_deg: float = Field(default=0.05, ge=0, le=5)
+    lidar_position_m: float = Field(default=0.005, ge=0, le=0.2)
+
+
+class VehicleSpec(FileModel):
+    """What makes the host a real car; what is left out is ideal. `{}` takes the defaults of a part.
+
+    Attributes:
+        suspension: null for a rigid car on a smooth road.
+        bus: null for exact signals, 100 times a second.
+        calibration: null for sensors that sit exactly where the recording says.
+    """
+
+    suspension: SuspensionSpec | None = None
+    bus: BusSpec | None = None
+    calibration: CalibrationSpec | None = None
+
+
+BEHIND_M, AHEAD_M = -40.0, 100.0  # the street that is built, along the host's lane
+LARGEST_TURN_RAD = 1.5707963267948966  # a bend ends in the side street, or the street would run into itself
+FROM_END_M = 8.0  # crossings and side streets keep away from the ends of what is built
+ZEBRA_M = 4.0  # length of a zebra crossing along the street: 3 m at least, 4 m is common
+CORNER_M = 4.0  # what the rounded kerb of a corner takes of the street
+
+Density = Annotated[float, Field(ge=0, le=1)]
+Along = Annotated[float, Field(ge=BEHIND_M + FROM_END_M, le=AHEAD_M - FROM_END_M)]
+Side = Literal["left", "right"]
+
+
+class SideStreetSpec(FileModel):
+    """A street that opens into the host's, at a right angle; two at one place make a crossing.
+
+    Attributes:
+        at_m: its middle, along the host's lane.
+        side: of the host's street.
+        width_m: between its kerbs.
+    """
+
+    at_m: Along
+    side: Side
+    width_m: float = Field(default=5.5, ge=3, le=12)
+
+
+class StreetSpec(FileModel):
+    """The street: straight up to the host's first place, then a bend of at most 90 degrees, then straight again.
+
+    Places are metres along the host's lane from the host's first place. What a field leaves open (which houses, where
+    exactly a tree stands, how the asphalt is patched) is drawn anew for each recording.
+
+    Attributes:
+        kind: "street", between houses; "car_park", whose lanes are the aisle between two rows of marked bays;
+            "avenue", whose lanes are all in the host's direction: a median with a guard rail parts them from as many
+            opposite ones, and there are few houses.
+        lanes_left: lanes to the left of the host's own.
+        lanes_right: lanes to the right of it.
+        lane_width_m: of every lane.
+        kerb_m: height of the pavement above the road; 0 for a flush one.
+        pavement_m: width of the pavement before the buildings.
+        curvature_per_m: 1 / radius of the bend, positive to the left; 0 for a straight street.
+        buildings: whether there are any.
+        parking: sides with a parking lane of 2.2 m between the outermost lane and the kerb; a car park has bays on
+            both sides in any case.
+        parked_cars: share of the places in the parking lanes or bays that are taken; places that actors or the host
+            come near stay free.
+        trees: share of the places for trees, 9 m apart on each pavement, that have one.
+        hedges: share of the fronts that are a garden behind a hedge, fence or wall instead of a house.
+        wear: of the road, from 0, just laid, to 1, cracked and patched all over; null draws one.
+        zebra_at_m: zebra crossings with lowered kerbs.
+        side_streets: with rounded corners and a line to stop or give way at.
+    """
+
+    kind: Literal["street", "car_park", "avenue"] = "street"
+    lanes_left: int = Field(default=1, ge=0, le=6)
+    lanes_right: int = Field(default=0, ge=0, le=6)
+    lane_width_m: float = Field(default=3.25, ge=2, le=6)
+    kerb_m: float = Field(default=0.12, ge=0, le=0.3)
+    pavement_m: float = Field(default=2.5, ge=0.5, le=30)
+    curvature_per_m: float = Field(default=0.0, ge=-0.1, le=0.1)
+    buildings: bool = True
+    parking: Literal["none", "left", "right", "both"] = "none"
+    parked_cars: Density = 0.6
+    trees: Density = 0.4
+    hedges: Density = 0.25
+    wear: Density | None = None
+    zebra_at_m: tuple[Along, ...] = ()
+    side_streets: tuple[SideStreetSpec, ...] = ()
+
+    @property
+    def bend_m(self) -> float:
+        """Length of the bend; 0 for a straight street."""
+        return min(LARGEST_TURN_RAD / abs(self.curvature_per_m), AHEAD_M) if self.curvature_per_m else 0.0
+
+    def has_parking(self, side: Side) -> bool:
+        """Whether cars may stand on a side."""
+        return self.kind == "car_park" or self.parking in {side, "both"}
+
+    @model_validator(mode="after")
+    def _parked_cars_have_places(self) -> StreetSpec:
+        asked = "parked_cars" in self.model_fields_set and self.parked_cars > 0
+        if asked and self.kind != "car_park" and self.parking == "none":
+            raise ValueError("parked_cars: this street has no place for any; set parking: left, right or both")
+        if self.kind == "car_park" and self.parking != "none":
+            raise ValueError("parking: a car park has bays on both sides already; leave it out")
+        return self
+
+    @model_validator(mode="after")
+    def _crossings_fit(self) -> StreetSpec:
+        if self.kind != "street" and self.zebra_at_m:
+            raise ValueError(f"zebra_at_m: only a street has zebra crossings, not kind: {self.kind}")
+        if self.kind == "car_park" and self.side_streets:
+            raise ValueError("side_streets: a car park has none")
+        if self.kind == "avenue" and any(street.side == "left" for street in self.side_streets):
+            raise ValueError("side_streets: only on the right of an avenue, whose median has no opening")
+        for street in self.side_streets:
+            inwards = self.curvature_per_m * (1 if street.side == "left" else -1) > 0
+            if inwards and -street.width_m < street.at_m < self.bend_m + street.width_m:
+                raise ValueError(f"side_streets: none inside the bend, which at_m: {street.at_m:g} lies in")
+        return self
+
+    @model_validator(mode="after")
+    def _crossings_keep_apart(self) -> StreetSpec:
+        zebras = [(at_m, ZEBRA_M / 2 + 1.0) for at_m in self.zebra_at_m]
+        for side in ("left", "right"):
+            mouths = [(s.at_m, s.width_m / 2 + CORNER_M) for s in self.side_streets if s.side == side]
+            for (a_m, a_half_m), (b_m, b_half_m) in pairwise(sorted(zebras + mouths)):
+                if b_m - a_m < a_half_m + b_half_m:
+                    raise ValueError(
+                        f"zebra_at_m, side_streets: {a_m:g} and {b_m:g} on the {side} overlap; "
+                        f"keep them {a_half_m + b_half_m:g} m apart"
+                    )
+        return self
+
+
+LARGEST_REPEAT = 40
+
+
+class SeriesSpec(FileModel):
+    """A series of recordings; any value of its template may be a draw (see `draws`).
+
+    Attributes:
+        name: its recordings are called name-01, name-02 ...
+        about: one line for the reader of the file.
+        count: recordings.
+        values: name -> draw, for numbers that several fields share, as a speed and the bend that is driven with it.
+        frames: as in a recording, and so are the fields below; each may hold draws.
+        host: how the host drives.
+        street: the static world.
+        light: sun, clouds or night.
+        actors: everything that is annotated; `repeat` says how often one occurs, as name-1, name-2 ...
+    """
+
+    name: Name
+    about: str = ""
+    count: int = Field(ge=1, le=999)
+    values: dict[str, Any] = Field(default_factory=dict)
+    frames: Any = 30
+    host: Any
+    street: Any = Field(default_factory=dict)
+    light: Any = Field(default_factory=dict)
+    actors: Any = ()
+
+    def recording(self, index: int, *, seed: int, attempt: int = 0) -> tuple[dict[str, Any], list[int]]:
+        """Draw one recording.
+
+        Args:
+            index: of the recording in the series, from 0.
+            seed: of the scenario.
+            attempt: 0, then 1 and so on to draw it anew.
+
+        Returns:
+            values: of a `RecordingSpec`.
+            origins: for each of its actors, which of the series' it comes from.
+
+        Raises:
+            DrawError: something that is not a draw.
+        """
+        dice = Dice(seed=seed, series=self.name, index=index, count=self.count, attempt=attempt, values=self.values)
+        actors: list[Any] = []
+        origins: list[int] = []
+        for k, node in enumerate(self.actors if isinstance(self.actors, list | tuple) else []):
+            found = _actors(node, dice, f"actors.{k}")
+            actors += found
+            origins += [k] * len(found)
+        drawn = {key: dice.drawn(getattr(self, key), key) for key in ("frames", "host", "street", "light")}
+        name = f"{self.name}-{index + 1:0{max(2, len(str(self.count)))}d}"
+        return {"name": name, "about": self.about, **drawn, "actors": actors}, origins
+
+
+def _actors(node: Any, dice: Dice, path: str) -> list[Any]:
+    """An actor, or its repeats."""
+    if not isinstance(node, dict) or "repeat" not in node:
+        return [dice.drawn(node, path)]
+    repeat = dice.drawn(node["repeat"], f"{path}.repeat")
+    if isinstance(repeat, bool) or not isinstance(repeat, int) or not 0 <= repeat <= LARGEST_REPEAT:
+        raise DrawError(f"{path}.repeat", f"a whole number from 0 to {LARGEST_REPEAT}", repeat)
+    template = {key: part for key, part in node.items() if key != "repeat"}
+    found = []
+    for k in range(repeat):
+        actor = dice.drawn(template, path, repeat=k)
+        found.append({**actor, "name": f"{actor.get('name')}-{k + 1}"})
+    return found
 
 
 class RecordingSpec(FileModel):

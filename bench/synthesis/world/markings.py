@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.synthesis.mesh import Mesh, quads, surfaced
-from bench.synthesis.scenario.street import ZEBRA_M
+from bench.synthesis.scenario.recording import ZEBRA_M
 from bench.synthesis.world.alignment import BEND_STEP_M, Alignment
 from bench.synthesis.world.materials import PAINT, tinted
 from bench.synthesis.world.plan import AISLE_M, BAY_M, BAY_WIDTH_M, SHOULDER_M, Plan

@@ -12,7 +12,7 @@ from shapely.geometry.base import BaseGeometry
 
 from bench.geometry import RigidTransform
 from bench.synthesis.scenario import StreetSpec
-from bench.synthesis.scenario.street import AHEAD_M, BEHIND_M, ZEBRA_M, Side, SideStreetSpec
+from bench.synthesis.scenario.recording import AHEAD_M, BEHIND_M, ZEBRA_M, Side, SideStreetSpec
 from bench.synthesis.world.alignment import Alignment
 
 PARKING_M = 2.2  # width of a parking lane: a car and its doors

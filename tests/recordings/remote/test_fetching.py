@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from bench.errors import DataError, UsageError
-from bench.recordings.locking import alone_in
+from bench.recordings.atomic import alone_in
 from bench.recordings.remote import FetchedData, Part, Storage, StoredObject, fetching, parse_place
 from bench.recordings.remote.copies import Copies, let_go
 from bench.recordings.remote.fetching import limit_from_environment

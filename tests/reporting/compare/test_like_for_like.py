@@ -15,7 +15,7 @@ from bench.evaluation import load_protocol, summarise
 from bench.evaluation.slices import CommonImages, RowsOnImages
 from bench.gate import judge, load_tolerances, scored_run
 from bench.harness import read_run, run_benchmark
-from bench.harness.stored_rows import open_tables
+from bench.harness.stored import open_tables
 from bench.methods import Segmentation
 from bench.recordings import load_card
 from bench.reporting.compare.comparison import compare_runs

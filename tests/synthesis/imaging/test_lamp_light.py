@@ -7,7 +7,7 @@ import pytest
 
 from bench.synthesis.imaging.lamp_light import ABOVE, CUT_OFF, HEADLIGHT, light_spots
 from bench.synthesis.imaging.lamps import BEAM_HEIGHT, BEAM_WIDTH, NO_LAMPS, Lamps
-from bench.synthesis.imaging.lanes import (
+from bench.synthesis.imaging.lens import (
     LANES,
     PIXELS,
     SPOT_LIGHT,

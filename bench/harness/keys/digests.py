@@ -1,0 +1,170 @@
+"""Digests of values, of files, and of the code that makes results."""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Set
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from functools import cache, partial
+from importlib import resources
+from importlib.resources.abc import Traversable
+from pathlib import Path, PurePath
+from types import BuiltinFunctionType, FunctionType
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel
+from scipy.spatial.transform import Rotation
+from shapely.geometry.base import BaseGeometry
+
+import bench
+from bench.errors import DataError
+from bench.harness.provenance import library_versions
+from bench.recordings.records import StoredPart
+
+
+def digest_of(*values: object) -> str:
+    """SHA-256, hexadecimal, over values of any depth.
+
+    Arrays count with dtype, shape and every byte; data classes and models with their type and fields; functions with
+    their name.
+
+    Args:
+        values: numbers, text, bytes, paths, None, enumerations, arrays, rotations, geometries, data classes, pydantic
+            models, functions, partial functions, and sequences, sets and mappings of them.
+
+    Raises:
+        TypeError: anything else, since nothing may pass unseen.
+    """
+    digest = hashlib.sha256()
+    for part in _parts(values):
+        digest.update(len(part).to_bytes(8, "little"))
+        digest.update(part)
+    return digest.hexdigest()
+
+
+def _parts(value: Any) -> Iterator[bytes]:
+    """The value as bytes that no other value has."""
+    yield type(value).__name__.encode()
+    match value:
+        case None | bool() | int() | float() | complex() | np.generic():
+            yield repr(value).encode()
+        case Enum():
+            yield f"{type(value).__qualname__}.{value.name}".encode()
+        case str():
+            yield value.encode()
+        case bytes():
+            yield value
+        case PurePath():
+            yield str(value).encode()
+        case np.ndarray():
+            yield f"{value.dtype.str} {value.shape}".encode()
+            yield np.ascontiguousarray(value).tobytes()
+        case Rotation():
+            yield from _parts(value.as_quat())
+        case BaseGeometry():
+            yield value.wkb
+        case FunctionType() | BuiltinFunctionType() | type():
+            yield f"{value.__module__}:{value.__qualname__}".encode()
+        case partial():
+            yield from _parts((value.func, value.args, value.keywords))
+        case BaseModel():
+            names = type(value).model_fields  # and nothing that was worked out from them and kept beside them
+            yield from _parts({name: getattr(value, name) for name in names} | (value.model_extra or {}))
+        case Mapping():
+            yield from _parts(sorted((digest_of(key), digest_of(item)) for key, item in value.items()))
+        case Set():
+            yield from _parts(sorted(digest_of(item) for item in value))
+        case tuple() | list():
+            yield str(len(value)).encode()
+            for item in value:
+                yield from _parts(item)
+        case _ if is_dataclass(value):
+            for field in fields(value):
+                yield field.name.encode()
+                yield from _parts(getattr(value, field.name))
+        case _:
+            raise TypeError(f"expected a value that a digest can be taken of, got {type(value)!r}")
+
+
+MISSING = "missing"
+
+
+class FileDigests:
+    """SHA-256 of files' contents, each read once for as long as this object lives, which is one unit of work.
+
+    Neither size nor time of change stands for the content: clocks go back, and files are replaced by others as long.
+    """
+
+    def __init__(self) -> None:
+        self._known: dict[Path, str] = {}
+
+    def of(self, path: Path, stored: StoredPart | None = None) -> str:
+        """The digest, hexadecimal; `MISSING` or the reason where the file cannot be read.
+
+        Args:
+            path: of the file, or the name of a part of one.
+            stored: the part that goes by that name, whose content then counts.
+        """
+        if path not in self._known:
+            self._known[path] = _digest(path) if stored is None else _part_digest(stored)
+        return self._known[path]
+
+
+def _part_digest(stored: StoredPart) -> str:
+    try:
+        return hashlib.sha256(stored.content()).hexdigest()
+    except DataError as error:
+        return f"unreadable: {error}"
+
+
+def _digest(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except FileNotFoundError:
+        return MISSING
+    except OSError as error:
+        return f"unreadable: {error.strerror}"
+
+
+REFERENCE_ROOMS = ("errors.py", "geometry", "cameras", "lidar", "egomotion", "recordings", "reference")
+REFERENCE_CODE = (*REFERENCE_ROOMS, "harness/cache/reference_arrays.py")  # and how a kept one is stored
+METHOD_ROOMS = ("errors.py", "geometry", "flow", "cameras", "egomotion", "methods")
+SCORING_ROOMS = (*sorted({*REFERENCE_ROOMS, *METHOD_ROOMS}), "evaluation")
+UNIT_FILES = ("frames", "unit", "units", "reference_itself", "unit_files")
+UNIT_CODE = (*SCORING_ROOMS, *(f"harness/{name}.py" for name in UNIT_FILES))
+
+
+@cache
+def code_digest(places: tuple[str, ...]) -> str:
+    """Digest of source files of this package, of its version, and of the libraries that decide figures.
+
+    Args:
+        places: packages or files below `bench/`.
+    """
+    return digest_of(bench.__version__, sys.version_info[:2], library_versions(), source_digest(places))
+
+
+@cache
+def source_digest(places: tuple[str, ...]) -> str:
+    """Digest of source files of this package; see `code_digest`."""
+    digest = hashlib.sha256()
+    for place in places:
+        for file in _sources(resources.files("bench").joinpath(place)):
+            digest.update(file.name.encode() + hashlib.sha256(file.read_bytes()).digest())
+    return digest.hexdigest()
+
+
+def _sources(place: Traversable) -> Iterable[Traversable]:
+    if place.is_file():
+        return [place]
+    found: list[Traversable] = []
+    for entry in sorted(place.iterdir(), key=lambda entry: entry.name):
+        if entry.is_dir():
+            found += _sources(entry)
+        elif entry.name.endswith((".py", ".yaml")):
+            found.append(entry)
+    return found
