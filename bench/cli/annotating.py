@@ -13,14 +13,14 @@ from rich.table import Table
 
 from bench.cli.console import say, show, write_out
 from bench.errors import UnknownNameError, UsageError
-from bench.layers import (
+from bench.labels import (
+    LabelOptions,
     Layer,
-    LayerOptions,
     calibration_text,
-    export_layer,
-    import_layer,
+    export_labels,
+    import_labels,
     known_formats,
-    layer_format,
+    label_format,
     open_unannotated,
 )
 from bench.recordings import Cuboid, DatasetCard, Recording, load_card, open_dataset, write_text
@@ -30,11 +30,11 @@ DEFAULT_FOLDER = Path("annotations")
 
 
 def formats() -> None:
-    """Print the formats of annotation layers."""
+    """Print the formats of labels."""
     table = Table("name", "what it is", box=None)
     for name, place in known_formats().items():
         try:
-            about = layer_format(name).description
+            about = label_format(name).description
         except UsageError as error:  # of another package; the list of the others is still wanted
             about = str(error)
         table.add_row(name, about if place.startswith("bench.") else f"{about} ({place})")
@@ -52,12 +52,12 @@ def import_(
     first_frame: int,
 ) -> None:
     """Write a tool's files as the annotation file of a recording and say what came and what was lost."""
-    options = LayerOptions(classes=parse_classes(classes), first_frame=first_frame)
-    layer_format(format_name)  # an unknown name is told before anything is opened
+    options = LabelOptions(classes=parse_classes(classes), first_frame=first_frame)
+    label_format(format_name)  # an unknown name is told before anything is opened
     card = load_card(dataset)
     file = (out or card.annotations or DEFAULT_FOLDER / card.name) / f"{recording}.json"
     opened = open_unannotated(card, recording)
-    layer = import_layer(format_name, source, opened, options, file=file)
+    layer = import_labels(format_name, source, opened, options, file=file)
     _print_layer(layer, opened)
     _print_lost(layer.lost)
     say(str(file))
@@ -76,14 +76,14 @@ def export(
     first_frame: int,
 ) -> None:
     """Write annotations of recordings as a tool's files, one folder for each recording."""
-    options = LayerOptions(classes=parse_classes(classes), first_frame=first_frame)
-    layer_format(format_name)
+    options = LabelOptions(classes=parse_classes(classes), first_frame=first_frame)
+    label_format(format_name)
     handles = {handle.name: handle for handle in open_dataset(load_card(dataset))}
     if recording is not None and recording not in handles:
         raise UnknownNameError("recording", recording, handles)
     for name in handles if recording is None else (recording,):
         opened = handles[name].open()
-        layer, lost = export_layer(format_name, opened, out / name, options)
+        layer, lost = export_labels(format_name, opened, out / name, options)
         _print_layer(layer, opened)
         _print_lost(lost)
         say(str(out / name))

@@ -14,11 +14,11 @@ from bench.cli.console import progress_bar, say, show
 from bench.cli.rendering import render_if_synthetic
 from bench.cli.settings import parse_settings
 from bench.errors import UsageError
-from bench.harness.validation import Depth, Finding, Severity, ValidationReport, validate_dataset
 from bench.plug_ins import imported
 from bench.recordings import load_card, open_dataset, write_text
 from bench.recordings.catalogue import Adapter
 from bench.recordings.contract import adapter_faults
+from bench.validation import Depth, Finding, Severity, ValidationReport, validate_dataset
 
 SHOWN = 8  # findings of one check in one recording that the table shows; the file has all
 COLOURS = {Severity.ERROR: "red", Severity.WARNING: "yellow"}

@@ -17,7 +17,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
-from bench.harness.audit import AUDIT, AuditSummary, Compensation, PolygonFigures, Quartiles, read_audit, read_polygons
+from bench.audit import AUDIT, AuditSummary, Compensation, PolygonFigures, Quartiles, read_audit, read_polygons
 from bench.plain_text import escape_markdown, plain
 from bench.recordings import write_text
 from bench.reporting.audit_tables import AuditTable, audit_tables

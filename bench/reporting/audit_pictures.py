@@ -16,8 +16,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from bench.evaluation import Protocol
-from bench.harness.audit import (
+from bench.audit import (
     AuditSource,
     AuditSummary,
     Compensation,
@@ -27,6 +26,7 @@ from bench.harness.audit import (
     explain_image,
     lenient,
 )
+from bench.evaluation import Protocol
 from bench.methods import Method
 from bench.recordings import ImageRef, Recording, RecordingHandle, read_image, read_truth
 from bench.reference import ReferenceBuilder

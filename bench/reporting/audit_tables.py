@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from bench.evaluation import Figure, ObjectFigures
-from bench.harness.audit import (
+from bench.audit import (
     ALL,
     Aim,
     AuditSummary,
@@ -17,6 +16,7 @@ from bench.harness.audit import (
     PolygonFigures,
     Scoring,
 )
+from bench.evaluation import Figure, ObjectFigures
 from bench.reference import Category
 from bench.reporting.sheets import INTERVALS, Sheet, count
 from bench.reporting.tables import LABELS

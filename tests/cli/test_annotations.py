@@ -1,4 +1,4 @@
-"""The commands of annotation layers: exit status, what they print, which files they leave."""
+"""The commands of labels: exit status, what they print, which files they leave."""
 
 import json
 import shutil
@@ -6,7 +6,7 @@ import shutil
 import numpy as np
 import pytest
 
-from bench.layers import known_formats, layer_format
+from bench.labels import known_formats, label_format
 from bench.recordings import read_annotations
 from tests.cli.test_commands import call
 from tests.recordings import tiny
@@ -38,8 +38,8 @@ def test_every_format_is_listed_with_what_it_is(monkeypatch, capsys):
     shown = capsys.readouterr().out
     for name in known_formats():
         assert f"{name} " in shown
-        assert layer_format(name).name == name
-        assert layer_format(name).description
+        assert label_format(name).name == name
+        assert label_format(name).description
 
 
 def test_what_is_exported_is_imported_and_used(monkeypatch, capsys, card, tmp_path):

@@ -6,7 +6,7 @@ import shutil
 import pytest
 
 from tests.cli.test_commands import call
-from tests.harness.validation import drive
+from tests.validation import drive
 
 CARD = "name: street\ntitle: a street\nadapter: native\nroot: data\nlicence: x\nannotations: {layer}\n"
 

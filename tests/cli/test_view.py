@@ -10,7 +10,7 @@ from bench.cli.frame_choice import chosen_frames
 from bench.errors import UsageError
 from bench.recordings import ImageRef
 from tests.cli.test_commands import call
-from tests.harness.validation import drive
+from tests.validation import drive
 
 
 @pytest.fixture(scope="module")

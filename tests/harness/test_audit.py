@@ -10,11 +10,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from bench.audit import AuditSummary, Compensation, Scoring, read_audit, read_polygons, run_audit
 from bench.errors import DataError, UsageError
 from bench.evaluation import load_protocol
 from bench.execution import ProcessExecutor
 from bench.harness import run_benchmark
-from bench.harness.audit import AuditSummary, Compensation, Scoring, read_audit, read_polygons, run_audit
 from bench.methods import build_method
 from bench.recordings import load_card
 from tests.cli.test_commands import call

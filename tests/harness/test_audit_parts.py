@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
+from bench.audit.causes import BLIND, Evidence, FalseCause, MissCause, false_causes, miss_causes
+from bench.audit.polygons import Compensation, lenient, region_fit, with_compensation
+from bench.audit.sources import instance_ids, paired_references
 from bench.evaluation import count_frame, load_protocol
-from bench.harness.audit.causes import BLIND, Evidence, FalseCause, MissCause, false_causes, miss_causes
-from bench.harness.audit.polygons import Compensation, lenient, region_fit, with_compensation
-from bench.harness.audit.sources import instance_ids, paired_references
 from bench.recordings import load_card, open_dataset
 from bench.reference import IgnoreReason, ReferenceBuilder, Status
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object, static_object

@@ -9,9 +9,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from bench.errors import UsageError
-from bench.evaluation import load_protocol
-from bench.harness.audit import (
+from bench.audit import (
     AuditSummary,
     MissCause,
     audit_sources,
@@ -21,6 +19,8 @@ from bench.harness.audit import (
     read_polygons,
     run_audit,
 )
+from bench.errors import UsageError
+from bench.evaluation import load_protocol
 from bench.methods import build_method
 from bench.recordings import load_card, open_dataset
 from bench.reporting.audit_files import to_csv, to_markdown, to_rich, write_audit_files

@@ -1,0 +1,55 @@
+"""The audit of a rendered data set: how good the lidar reference is, and why a method misses.
+
+Three questions, on the same object-frames:
+
+1. How well do the reference polygons, of every kind and with more or less motion compensation, cover the exact masks?
+2. What does that do to the score: the same detections against polygons and against masks.
+3. Why are cells missed or falsely flagged: by the flow, by the ego-motion, or by the constraints themselves, which is
+   told by the exact flow of the staged scene (`causes`).
+
+Source: the aims are the project's; the split into causes follows section III of Mariotti and Eising 2020, where each
+constraint says what it cannot see.
+"""
+
+from bench.audit.causes import BLIND, ExplainedImage, FalseCause, MissCause, explain_image
+from bench.audit.figures import (
+    ALL,
+    Aim,
+    AuditSummary,
+    FalseAlarmFigures,
+    MissFigures,
+    PolygonFigures,
+    Quartiles,
+    Scores,
+)
+from bench.audit.polygons import Compensation, lenient
+from bench.audit.recording import Scoring
+from bench.audit.run import run_audit
+from bench.audit.sources import AuditSource, audit_sources
+from bench.audit.stored import AUDIT, read_audit, read_misses, read_polygons
+
+__all__ = [
+    "ALL",
+    "AUDIT",
+    "BLIND",
+    "Aim",
+    "AuditSource",
+    "AuditSummary",
+    "Compensation",
+    "ExplainedImage",
+    "FalseAlarmFigures",
+    "FalseCause",
+    "MissCause",
+    "MissFigures",
+    "PolygonFigures",
+    "Quartiles",
+    "Scores",
+    "Scoring",
+    "audit_sources",
+    "explain_image",
+    "lenient",
+    "read_audit",
+    "read_misses",
+    "read_polygons",
+    "run_audit",
+]

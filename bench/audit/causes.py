@@ -1,0 +1,329 @@
+"""Why cells are missed and why cells are flagged, by the method with exact flow and exact motion.
+
+Why a cell is missed, and why a cell is a false alarm.
+
+The method is run three times on a pair of images: as in the benchmark (R), with the exact ego-motion and calibration in
+place of the recorded ones (M), and with the exact flow as well (E). What E does not find, the constraints cannot see;
+what E finds and M does not, the flow has lost; what M finds and R does not, the ego-motion has. Each cell has one
+cause, the first that applies, so that the shares add up to one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, TypeVar
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
+
+from bench.audit.sources import AuditSource, ExactPair, StagedTruth, at_centres, instance_ids
+from bench.cameras import ray_grid
+from bench.errors import UsageError
+from bench.evaluation import Protocol
+from bench.harness.frames import FramePipeline
+from bench.methods import Method, MethodInput, Segmentation
+from bench.methods.spherical.likelihood import CONSTRAINTS
+from bench.methods.spherical.method import SphericalMethod
+from bench.recordings import read_truth
+from bench.reference import ReferenceFrame, Status
+
+Cells = NDArray[np.bool_]
+Cause = TypeVar("Cause", bound=StrEnum)
+BESIDE_PX = 15  # a flow window's width: as far as an object's motion bleeds into its surroundings
+
+
+class MissCause(StrEnum):
+    """Why a cell of a moving object is not found."""
+
+    NEAR_EPIPOLE = "near_epipole"  # blind: no deviation is defined there
+    ENTERED = "entered"  # blind: what it shows was outside of the previous image
+    ABOVE_HORIZON = "above_horizon"  # blind: in the epipolar plane, and above the horizon no height constraint holds
+    BELOW_THRESHOLD = "below_threshold"  # blind: in the epipolar plane, or too slow, where every constraint holds
+    UNCOVERED = "uncovered"  # flow: what it shows was hidden in the previous image
+    FLOW = "flow"  # flow: it was in view and the flow is wrong
+    EGO_MOTION = "ego_motion"  # ego-motion or calibration
+
+
+class FalseCause(StrEnum):
+    """Why a cell of the static world is flagged."""
+
+    ANTI_PARALLEL = "anti_parallel"  # the paper's own: a static point between the road and the camera's height
+    OTHER_CONSTRAINT = "other_constraint"  # another constraint fires by the exact flow
+    UNCOVERED = "uncovered"  # flow: what it shows was hidden in the previous image
+    BESIDE_OBJECT = "beside_object"  # flow: an object's motion bleeds out
+    FLOW = "flow"  # flow, elsewhere
+    EGO_MOTION = "ego_motion"  # ego-motion or calibration
+
+
+BLIND = (MissCause.NEAR_EPIPOLE, MissCause.ENTERED, MissCause.ABOVE_HORIZON, MissCause.BELOW_THRESHOLD)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Evidence:
+    """What the three runs say of each cell, all (rows, columns) bool.
+
+    Attributes:
+        by_exact_flow: E fires.
+        by_exact_motion: M fires.
+        seen: both images could see the cell's content, by the exact flow.
+        defined: E's deviations are defined.
+        below_horizon: both rays of the exact flow point below the horizon.
+        anti_parallel: E's largest contribution is the anti-parallel one.
+        visible: the previous image shows the same point.
+        moving: the cell shows a moving object.
+    """
+
+    by_exact_flow: Cells
+    by_exact_motion: Cells
+    seen: Cells
+    defined: Cells
+    below_horizon: Cells
+    anti_parallel: Cells
+    visible: Cells
+    moving: Cells
+
+
+def miss_causes(evidence: Evidence) -> NDArray[np.int64]:
+    """Index into `MissCause` of each cell, (rows, columns); it means something where R does not fire."""
+    blind = ~evidence.by_exact_flow
+    lost = ~evidence.by_exact_motion
+    return _first(
+        MissCause,
+        {
+            MissCause.ENTERED: blind & ~evidence.seen,
+            MissCause.NEAR_EPIPOLE: blind & ~evidence.defined,
+            MissCause.ABOVE_HORIZON: blind & ~evidence.below_horizon,
+            MissCause.BELOW_THRESHOLD: blind,
+            MissCause.UNCOVERED: lost & ~evidence.visible,
+            MissCause.FLOW: lost,
+        },
+        otherwise=MissCause.EGO_MOTION,
+    )
+
+
+def false_causes(evidence: Evidence, *, cell_size_px: int) -> NDArray[np.int64]:
+    """Index into `FalseCause` of each cell, (rows, columns); it means something where R fires on the static world."""
+    reach = -(-BESIDE_PX // cell_size_px)
+    beside = binary_dilation(evidence.moving, structure=np.ones((3, 3), dtype=bool), iterations=reach)
+    return _first(
+        FalseCause,
+        {
+            FalseCause.ANTI_PARALLEL: evidence.by_exact_flow & evidence.anti_parallel,
+            FalseCause.OTHER_CONSTRAINT: evidence.by_exact_flow,
+            FalseCause.UNCOVERED: evidence.by_exact_motion & ~evidence.visible,
+            FalseCause.BESIDE_OBJECT: evidence.by_exact_motion & beside,
+            FalseCause.FLOW: evidence.by_exact_motion,
+        },
+        otherwise=FalseCause.EGO_MOTION,
+    )
+
+
+def _first(kinds: type[Cause], where: Mapping[Cause, Cells], *, otherwise: Cause) -> NDArray[np.int64]:
+    order = list(kinds)
+    return np.select(list(where.values()), [order.index(kind) for kind in where], default=order.index(otherwise))
+
+
+Row = dict[str, Any]
+
+_IMAGE = [("recording", pa.string()), ("camera", pa.string()), ("timestamp_ns", pa.int64())]
+# One row per evaluated object-frame: cells of its exact mask; `hit` plus the causes is `cells`. Of `hit`,
+# `hit_by_error` are those where the exact flow fires nothing: an error of flow or ego-motion has found them.
+MISSES_SCHEMA = pa.schema(
+    [
+        *_IMAGE,
+        *[(name, pa.string()) for name in ("track_id", "object_class", "category")],
+        ("range_m", pa.float64()),
+        ("flow_error_px", pa.float64()),
+        *[(name, pa.int64()) for name in ("cells", "hit", "hit_by_error", *MissCause)],
+    ]
+)
+# One row per image: cells of the static world in V; `flagged` is the sum of the causes.
+FALSE_ALARMS_SCHEMA = pa.schema(
+    [*_IMAGE, ("flow_error_px", pa.float64()), *[(name, pa.int64()) for name in ("cells", "flagged", *FalseCause)]]
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ThreeRuns:
+    """The method on one pair of images, three times.
+
+    Attributes:
+        recorded: as in the benchmark.
+        exact_motion: with exact ego-motion and calibration.
+        exact_flow: with exact flow as well.
+        evidence: what they say of each cell; `moving` is every object that is evaluated or ignored.
+        flow_error_px: (rows, columns) float64, of the estimated flow; NaN where the point was not visible before.
+    """
+
+    recorded: Segmentation
+    exact_motion: Segmentation
+    exact_flow: Segmentation
+    evidence: Evidence
+    flow_error_px: NDArray[np.float64]
+
+
+def run_three_times(
+    method: SphericalMethod, given: MethodInput, exact: ExactPair, *, moving_ids: NDArray[np.int64]
+) -> ThreeRuns:
+    """Run the method on recorded and exact input; the flow is estimated once.
+
+    Args:
+        method: to be explained.
+        given: its input as recorded.
+        exact: what is exactly known.
+        moving_ids: instance ids of the objects that move.
+    """
+    estimated, true = method.mean_flow(given), exact.flow.flow.astype(np.float32)
+    recorded = method.judge(method.measure(given, estimated))
+    exact_motion = method.judge(method.measure(exact.given, estimated))
+    measured = method.measure(exact.given, true)
+    exact_flow = method.judge(measured)
+    cause = exact_flow.cause
+    assert cause is not None, "the method names its causes"
+    anti_parallel = exact_flow.causes == CONSTRAINTS
+    error_px = np.linalg.norm(estimated - exact.flow.flow, axis=-1)
+    return ThreeRuns(
+        recorded=recorded,
+        exact_motion=exact_motion,
+        exact_flow=exact_flow,
+        evidence=Evidence(
+            by_exact_flow=exact_flow.mask,
+            by_exact_motion=exact_motion.mask,
+            seen=measured.seen,
+            defined=measured.defined,
+            below_horizon=exact.below_horizon,
+            anti_parallel=(cause == CONSTRAINTS.index("anti_parallel")) & anti_parallel,
+            visible=exact.flow.visible,
+            moving=np.isin(exact.flow.instance_ids, moving_ids),
+        ),
+        flow_error_px=np.where(exact.flow.visible, error_px, np.nan),
+    )
+
+
+def miss_rows(
+    runs: ThreeRuns, exact: ExactPair, reference: ReferenceFrame, instance_of: Mapping[str, int]
+) -> list[Row]:
+    """Rows of `MISSES_SCHEMA` of an image; objects that fill no cell's centre have none."""
+    causes, shown = miss_causes(runs.evidence), _shown(reference, exact, runs)
+    rows = []
+    for item in reference.objects:
+        cells = shown & (exact.flow.instance_ids == instance_of[item.track_id])
+        if item.status is not Status.EVALUATED or not cells.any():
+            continue
+        assert item.category is not None, "what is evaluated has a category"
+        rows.append(
+            _image(reference)
+            | {"track_id": item.track_id, "object_class": item.object_class, "category": item.category.value}
+            | {"range_m": item.range_m, "flow_error_px": _median(runs.flow_error_px[cells])}
+            | {"cells": _count(cells), "hit": _count(cells & runs.recorded.mask)}
+            | {"hit_by_error": _count(cells & runs.recorded.mask & ~runs.exact_flow.mask)}
+            | _counted(causes[cells & ~runs.recorded.mask], [cause.value for cause in MissCause])
+        )
+    return rows
+
+
+def false_row(runs: ThreeRuns, exact: ExactPair, reference: ReferenceFrame) -> Row:
+    """The row of `FALSE_ALARMS_SCHEMA` of an image."""
+    causes = false_causes(runs.evidence, cell_size_px=runs.recorded.cell_size_px)
+    static = _shown(reference, exact, runs) & ~runs.evidence.moving
+    flagged = static & runs.recorded.mask
+    return (
+        _image(reference)
+        | {"flow_error_px": _median(runs.flow_error_px[static])}
+        | {"cells": _count(static), "flagged": _count(flagged)}
+        | _counted(causes[flagged], [cause.value for cause in FalseCause])
+    )
+
+
+def _shown(reference: ReferenceFrame, exact: ExactPair, runs: ThreeRuns) -> NDArray[np.bool_]:
+    cells = ray_grid(exact.given.camera, runs.recorded.cell_size_px)
+    return np.asarray(at_centres(reference.valid, cells), dtype=bool)
+
+
+def _image(reference: ReferenceFrame) -> Row:
+    return {
+        "recording": reference.recording,
+        "camera": reference.camera,
+        "timestamp_ns": reference.timestamp_ns,
+    }
+
+
+def _count(cells: NDArray[np.bool_]) -> int:
+    return int(np.count_nonzero(cells))
+
+
+def _counted(causes: NDArray[np.int64], names: list[str]) -> Row:
+    return dict(zip(names, np.bincount(causes, minlength=len(names)).tolist(), strict=True))
+
+
+def _median(values: NDArray[np.float64]) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else float("nan")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ExplainedImage:
+    """An image and its cells.
+
+    Attributes:
+        pixels: (H, W) grey uint8.
+        cell_size_px: side of a cell.
+        hit: (rows, columns) bool, cells of evaluated objects that are found.
+        missed: by cause, (rows, columns) bool.
+        flagged: by cause, (rows, columns) bool.
+    """
+
+    pixels: NDArray[np.uint8]
+    cell_size_px: int
+    hit: NDArray[np.bool_]
+    missed: dict[MissCause, NDArray[np.bool_]]
+    flagged: dict[FalseCause, NDArray[np.bool_]]
+
+
+def explain_image(
+    source: AuditSource, *, camera: str, timestamp_ns: int, method: Method, protocol: Protocol
+) -> ExplainedImage:
+    """Explain one image of a recording, as the audit did.
+
+    Raises:
+        DataError: something of the recording cannot be read.
+        UsageError: the recording has no scene to stage, or the method takes no flow from outside.
+    """
+    if not isinstance(method, SphericalMethod):
+        raise UsageError(f"explain: expected the method 'spherical', got {method.name!r}")
+    if source.exact is None or source.scenario is None or source.spec is None:
+        raise UsageError(f"recording {source.recorded.name!r}: expected a scene that can be staged, got none")
+    recording, exact_recording = source.recorded.open(), source.exact.open()
+    by_contract: Method = method
+    pipeline = FramePipeline(recording, camera, method=by_contract, protocol=protocol)
+    index = [image.timestamp_ns for image in pipeline.images].index(timestamp_ns)
+    valid = pipeline.references.valid
+    staged = StagedTruth(
+        source.scenario,
+        source.spec,
+        camera=exact_recording.cameras[camera],
+        valid=valid,
+        cell_size_px=method.cell_size_px,
+    )
+    given = pipeline.method_input(index)
+    exact = staged.look(given, read_truth(pipeline.images[index], pipeline.camera))
+    instance_of = instance_ids({track.track_id: track.instance_id for track in recording.tracks})
+    objects = pipeline.references.build(pipeline.images[index]).objects
+    moving = np.array([instance_of[o.track_id] for o in objects if o.status is not Status.STATIC], dtype=np.int64)
+    evaluated = [instance_of[o.track_id] for o in objects if o.status is Status.EVALUATED]
+    runs = run_three_times(method, given, exact, moving_ids=moving)
+    shown = at_centres(valid, staged.cells)
+    own = shown & np.isin(exact.flow.instance_ids, evaluated)
+    missed, false = own & ~runs.recorded.mask, shown & ~runs.evidence.moving & runs.recorded.mask
+    why_missed, why_false = miss_causes(runs.evidence), false_causes(runs.evidence, cell_size_px=method.cell_size_px)
+    return ExplainedImage(
+        pixels=given.images[-1],
+        cell_size_px=method.cell_size_px,
+        hit=own & runs.recorded.mask,
+        missed={cause: missed & (why_missed == number) for number, cause in enumerate(MissCause)},
+        flagged={cause: false & (why_false == number) for number, cause in enumerate(FalseCause)},
+    )

@@ -1,0 +1,277 @@
+"""The audit of one recording: images in, tables out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Literal
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from bench.audit.causes import (
+    FALSE_ALARMS_SCHEMA,
+    MISSES_SCHEMA,
+    Row,
+    ThreeRuns,
+    false_row,
+    miss_rows,
+    run_three_times,
+)
+from bench.audit.polygons import POLYGONS_SCHEMA, PolygonAuditor
+from bench.audit.sources import AuditSource, StagedTruth, instance_ids, paired_references
+from bench.errors import BenchError, DataError
+from bench.evaluation import Protocol, SequenceScorer
+from bench.harness.frames import FramePipeline, UnscorableFrame
+from bench.harness.provenance import recording_fingerprint
+from bench.harness.stages import StageClock
+from bench.methods import Method, MethodInput, Segmentation, ask_method
+from bench.methods.spherical.method import SphericalMethod
+from bench.recordings import Recording, read_truth
+from bench.reference import ReferenceFrame, Status
+
+
+class Scoring(StrEnum):
+    """What is scored against what; the same image- and object-frames in all of them."""
+
+    LIDAR = "lidar"  # the method as it is, against the protocol's lidar polygons: the benchmark
+    MASKS = "masks"  # the same detections, against the exact masks
+    EXACT_MOTION = "exact_motion"  # with exact ego-motion and calibration, against the exact masks
+    EXACT_FLOW = "exact_flow"  # with exact flow as well: the method's own limit
+    CELLS = "cells"  # every cell whose centre shows a moving object, and no other: the limit of the method's grid
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RecordingAudit:
+    """What an audit of a recording, or of several, has found.
+
+    Attributes:
+        polygons: of `POLYGONS_SCHEMA`.
+        scores: objects and frames tables of the evaluation, by scoring.
+        misses: of `MISSES_SCHEMA`.
+        false_alarms: of `FALSE_ALARMS_SCHEMA`.
+        not_seen: evaluated object-frames of which the camera sees no pixel.
+        fingerprints: of the recordings.
+        problems: one line per image that could not be used, and per recording without exact flow.
+        seconds: time of each stage.
+    """
+
+    polygons: pa.Table
+    scores: dict[str, tuple[pa.Table, pa.Table]]
+    misses: pa.Table
+    false_alarms: pa.Table
+    not_seen: int
+    fingerprints: list[str]
+    problems: list[str]
+    seconds: dict[str, float]
+
+
+def audit_recording(source: AuditSource, *, method: Method, protocol: Protocol) -> RecordingAudit:
+    """Audit every camera of a recording.
+
+    Args:
+        source: the recording.
+        method: to be scored and explained.
+        protocol: the rules.
+
+    Raises:
+        DataError: the recording cannot be opened, or has no rendered masks.
+    """
+    clock = StageClock()
+    with clock.stage("open"):
+        recording = source.recorded.open()
+        _refuse_without_masks(recording)
+        exact, problems = _exact_recording(source, method)
+    found = [_nothing(recording_fingerprint(recording), problems)]
+    for name in sorted(recording.cameras):
+        camera = _CameraAudit(recording, name, source, exact=exact, method=method, protocol=protocol, clock=clock)
+        for index in range(method.history, len(recording.images[name])):
+            camera.score(index)
+        found.append(camera.finish())
+    return replace(joined(found), seconds=dict(clock.seconds))
+
+
+def joined(parts: Sequence[RecordingAudit]) -> RecordingAudit:
+    """Several audits as one."""
+    names = [scoring.value for scoring in Scoring if any(scoring.value in part.scores for part in parts)]
+    seconds = StageClock()
+    for part in parts:
+        for name, spent in part.seconds.items():
+            seconds.seconds[name] += spent
+    return RecordingAudit(
+        polygons=pa.concat_tables(part.polygons for part in parts),
+        scores={name: _joined_scores([p.scores[name] for p in parts if name in p.scores]) for name in names},
+        misses=pa.concat_tables(part.misses for part in parts),
+        false_alarms=pa.concat_tables(part.false_alarms for part in parts),
+        not_seen=sum(part.not_seen for part in parts),
+        fingerprints=[fingerprint for part in parts for fingerprint in part.fingerprints],
+        problems=[problem for part in parts for problem in part.problems],
+        seconds=dict(seconds.seconds),
+    )
+
+
+def _joined_scores(parts: Sequence[tuple[pa.Table, pa.Table]]) -> tuple[pa.Table, pa.Table]:
+    return pa.concat_tables(objects for objects, _ in parts), pa.concat_tables(frames for _, frames in parts)
+
+
+def _nothing(fingerprint: str, problems: list[str]) -> RecordingAudit:
+    return RecordingAudit(
+        polygons=POLYGONS_SCHEMA.empty_table(),
+        scores={},
+        misses=MISSES_SCHEMA.empty_table(),
+        false_alarms=FALSE_ALARMS_SCHEMA.empty_table(),
+        not_seen=0,
+        fingerprints=[fingerprint],
+        problems=problems,
+        seconds={},
+    )
+
+
+def _refuse_without_masks(recording: Recording) -> None:
+    if not any(image.truth_path for images in recording.images.values() for image in images):
+        raise DataError(
+            recording.root,
+            expected="rendered masks (truth/<camera>/<timestamp_ns>.png), against which an audit compares",
+            got="a recording without",
+            do="audit a rendered data set, for example datasets/demo.yaml",
+        )
+
+
+def _exact_recording(source: AuditSource, method: Method) -> tuple[Recording | None, list[str]]:
+    """The recording with its true calibration, and why there is none although there could be."""
+    if source.exact is None or not isinstance(method, SphericalMethod):
+        return None, []
+    if source.spec is None:
+        return None, [f"recording {source.recorded.name!r}: not in the scenario, so without exact flow"]
+    try:
+        return source.exact.open(), []
+    except DataError as error:
+        return None, [f"recording {source.recorded.name!r}, without exact flow: {error}"]
+
+
+class _CameraAudit:
+    """The images of one camera, in time order; holds rows, never images."""
+
+    def __init__(
+        self,
+        recording: Recording,
+        camera: str,
+        source: AuditSource,
+        *,
+        exact: Recording | None,
+        method: Method,
+        protocol: Protocol,
+        clock: StageClock,
+    ) -> None:
+        self._name, self._camera, self._method, self._clock = recording.name, camera, method, clock
+        self._pipeline = FramePipeline(recording, camera, method=method, protocol=protocol, clock=clock)
+        self._polygons = PolygonAuditor(recording, camera, protocol.reference_settings())
+        self._instance_of = instance_ids({track.track_id: track.instance_id for track in recording.tracks})
+        self._staged: StagedTruth | None = None
+        if exact is not None and isinstance(method, SphericalMethod):
+            assert source.scenario is not None
+            assert source.spec is not None
+            self._staged = StagedTruth(
+                source.scenario,
+                source.spec,
+                camera=exact.cameras[camera],
+                valid=self._pipeline.references.valid,
+                cell_size_px=method.cell_size_px,
+            )
+        self._scorers = {scoring: SequenceScorer(protocol) for scoring in self._scorings()}
+        self._polygon_rows: list[Row] = []
+        self._miss_rows: list[Row] = []
+        self._false_rows: list[Row] = []
+        self._problems: list[str] = []
+        self._not_seen = 0
+
+    def score(self, index: int) -> None:
+        """Audit an image; one that cannot be used is reported and the others go on."""
+        image = self._pipeline.images[index]
+        try:
+            given = self._pipeline.method_input(index)
+            with self._clock.stage("decode"):
+                ids = read_truth(image, self._pipeline.camera)
+            with self._clock.stage("reference"):
+                reference = self._pipeline.references.build(image)
+            with self._clock.stage("polygons"):
+                rows = self._polygons.rows(image, reference, ids, self._instance_of)
+        except UnscorableFrame as reason:
+            self._leave_out(image.timestamp_ns, "skipped", str(reason))
+        except BenchError as error:
+            self._problems.append(str(error))
+            self._leave_out(image.timestamp_ns, "failed", str(error))
+        else:
+            self._polygon_rows += rows
+            self._judge(given, ids, reference)
+
+    def finish(self) -> RecordingAudit:
+        """The tables; without exact flow where the scene turns out to be another one."""
+        misses, false_rows, scorings = self._miss_rows, self._false_rows, self._scorings()
+        try:
+            if self._staged is not None:
+                self._staged.check()
+        except DataError as error:
+            self._problems.append(f"recording {self._name!r}, camera {self._camera!r}, without exact flow: {error}")
+            misses, false_rows, scorings = [], [], (Scoring.LIDAR, Scoring.MASKS)
+        return RecordingAudit(
+            polygons=pa.Table.from_pylist(self._polygon_rows, schema=POLYGONS_SCHEMA),
+            scores={scoring.value: self._scorers[scoring].finish() for scoring in scorings},
+            misses=pa.Table.from_pylist(misses, schema=MISSES_SCHEMA),
+            false_alarms=pa.Table.from_pylist(false_rows, schema=FALSE_ALARMS_SCHEMA),
+            not_seen=self._not_seen,
+            fingerprints=[],
+            problems=self._problems,
+            seconds={},
+        )
+
+    def _scorings(self) -> tuple[Scoring, ...]:
+        return tuple(Scoring) if self._staged is not None else (Scoring.LIDAR, Scoring.MASKS)
+
+    def _judge(self, given: MethodInput, ids: NDArray[np.uint16], reference: ReferenceFrame) -> None:
+        by_lidar, by_masks = paired_references(reference, ids, self._instance_of)
+        self._not_seen += _evaluated(reference) - _evaluated(by_masks)
+        if self._staged is None:
+            with self._clock.stage("method"):
+                found = ask_method(self._method, given)
+            detected = {Scoring.LIDAR: found, Scoring.MASKS: found}
+        else:
+            runs = self._explain(self._staged, given, ids, by_masks)
+            detected = {
+                Scoring.LIDAR: runs.recorded,
+                Scoring.MASKS: runs.recorded,
+                Scoring.EXACT_MOTION: runs.exact_motion,
+                Scoring.EXACT_FLOW: runs.exact_flow,
+                Scoring.CELLS: Segmentation(cell_size_px=runs.recorded.cell_size_px, mask=runs.evidence.moving),
+            }
+        with self._clock.stage("counts"):
+            for scoring, segmentation in detected.items():
+                # Without the likelihood, whose histograms nothing here reads and which are most of a row.
+                against = by_lidar if scoring is Scoring.LIDAR else by_masks
+                self._scorers[scoring].add(against, replace(segmentation, likelihood=None))
+
+    def _explain(
+        self, staged: StagedTruth, given: MethodInput, ids: NDArray[np.uint16], reference: ReferenceFrame
+    ) -> ThreeRuns:
+        assert isinstance(self._method, SphericalMethod), "only its constraints can be asked with exact flow"
+        with self._clock.stage("exact flow"):
+            exact = staged.look(given, ids)
+        moving = [self._instance_of[o.track_id] for o in reference.objects if o.status is not Status.STATIC]
+        with self._clock.stage("method"):
+            runs = run_three_times(self._method, given, exact, moving_ids=np.array(moving, dtype=np.int64))
+        with self._clock.stage("causes"):
+            self._miss_rows += miss_rows(runs, exact, reference, self._instance_of)
+            self._false_rows.append(false_row(runs, exact, reference))
+        return runs
+
+    def _leave_out(self, timestamp_ns: int, status: Literal["failed", "skipped"], problem: str) -> None:
+        for scorer in self._scorers.values():
+            scorer.leave_out(
+                recording=self._name, camera=self._camera, timestamp_ns=timestamp_ns, status=status, problem=problem
+            )
+
+
+def _evaluated(reference: ReferenceFrame) -> int:
+    return sum(item.status is Status.EVALUATED for item in reference.objects)

@@ -1,0 +1,138 @@
+"""From the tables of an audit to its figures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+
+from bench.audit.causes import FalseCause, MissCause
+from bench.audit.figures import (
+    ALL,
+    Aim,
+    FalseAlarmFigures,
+    MissFigures,
+    PolygonFigures,
+    Quartiles,
+    Scores,
+)
+from bench.audit.polygons import FIT, Compensation
+from bench.evaluation import Protocol, summarise
+from bench.evaluation.slices import bin_names, name_bins
+
+PAPER_RANGE_M = 8.0
+# Least median IoU of a polygon that is meant to follow the outline; the paper's convex hull is not.
+AIMS = {"vehicle": 0.90, "pedestrian": 0.85, "cyclist": 0.85}
+CONVEX = "convex"
+
+
+def polygon_figures(polygons: pa.Table, *, protocol: Protocol, kinds: tuple[str, ...]) -> tuple[PolygonFigures, ...]:
+    """Quartiles of every kind and compensation, by class and range, slices without object-frames left out."""
+    rows = polygons.to_pandas()
+    edges = protocol.bins.range_m
+    rows["bin"] = name_bins(rows["range_m"].to_numpy(dtype=np.float64), edges=edges)
+    return tuple(
+        _fit(part, kind=kind, compensation=compensation.value, object_class=name, range_m=range_bin)
+        for kind in kinds
+        for compensation in Compensation
+        for name, of_class in _by_class(
+            rows[(rows["kind"] == kind) & (rows["compensation"] == compensation.value)], protocol.reference.classes
+        )
+        for range_bin, part in _by_bin(of_class, bin_names(edges))
+        if len(part)
+    )
+
+
+def aims(polygons: pa.Table, *, kinds: tuple[str, ...]) -> tuple[Aim, ...]:
+    """The aim of every class, for every kind but the convex hull."""
+    rows = polygons.to_pandas()
+    rows = rows[(rows["compensation"] == Compensation.FULL.value) & (rows["range_m"] <= PAPER_RANGE_M)]
+    return tuple(
+        _aim(rows[(rows["kind"] == kind) & (rows["object_class"] == name)], kind, name, expected)
+        for kind in kinds
+        if kind != CONVEX
+        for name, expected in AIMS.items()
+    )
+
+
+def scores(objects: pa.Table, frames: pa.Table, *, protocol: Protocol) -> Scores:
+    """The evaluation's own figures of one scoring."""
+    found = summarise(objects, frames, protocol=protocol)
+    return Scores(categories=found.categories, all_moving=found.all_moving, false_positives=found.false_positives)
+
+
+def miss_figures(misses: pa.Table, *, protocol: Protocol) -> tuple[MissFigures, ...]:
+    """Cells by cause, of every kind of motion and of all."""
+    rows = misses.to_pandas()
+    names = [category.value for category in protocol.reference.categories]
+    parts = {name: rows[rows["category"] == name] for name in names} | {ALL: rows}
+    return tuple(
+        MissFigures(
+            category=name,
+            object_frames=len(part),
+            cells=int(part["cells"].sum()),
+            hit=int(part["hit"].sum()),
+            hit_by_error=int(part["hit_by_error"].sum()),
+            causes={cause.value: int(part[cause.value].sum()) for cause in MissCause},
+            flow_error_px=quartiles(part["flow_error_px"]),
+        )
+        for name, part in parts.items()
+    )
+
+
+def false_alarm_figures(false_alarms: pa.Table) -> FalseAlarmFigures:
+    """Cells of the static world by cause."""
+    rows = false_alarms.to_pandas()
+    return FalseAlarmFigures(
+        images=len(rows),
+        cells=int(rows["cells"].sum()),
+        flagged=int(rows["flagged"].sum()),
+        causes={cause.value: int(rows[cause.value].sum()) for cause in FalseCause},
+        flow_error_px=quartiles(rows["flow_error_px"]),
+    )
+
+
+def quartiles(values: pd.Series[float]) -> Quartiles:
+    """Quartiles of the values that are not NaN."""
+    known = values.dropna().to_numpy(dtype=np.float64)
+    low, median, high = np.quantile(known, [0.25, 0.5, 0.75]).tolist() if len(known) else (np.nan,) * 3
+    return Quartiles(low=low, median=median, high=high)
+
+
+def _by_class(rows: pd.DataFrame, classes: tuple[str, ...]) -> Iterator[tuple[str, pd.DataFrame]]:
+    yield ALL, rows
+    for name in classes:
+        yield name, rows[rows["object_class"] == name]
+
+
+def _by_bin(rows: pd.DataFrame, bins: tuple[str, ...]) -> Iterator[tuple[str, pd.DataFrame]]:
+    yield ALL, rows
+    for name in bins:
+        yield name, rows[rows["bin"] == name]
+
+
+def _fit(rows: pd.DataFrame, *, kind: str, compensation: str, object_class: str, range_m: str) -> PolygonFigures:
+    return PolygonFigures(
+        kind=kind,
+        compensation=compensation,
+        object_class=object_class,
+        range_m=range_m,
+        object_frames=len(rows),
+        **{name: quartiles(rows[name]) for name in FIT},
+    )
+
+
+def _aim(rows: pd.DataFrame, kind: str, object_class: str, expected: float) -> Aim:
+    median = quartiles(rows["iou"]).median
+    return Aim(
+        kind=kind,
+        object_class=object_class,
+        within_m=PAPER_RANGE_M,
+        object_frames=len(rows),
+        median_iou=median,
+        median_filled_iou=quartiles(rows["filled_iou"]).median,
+        expected=expected,
+        met=median >= expected if len(rows) else None,
+    )

@@ -1,0 +1,167 @@
+"""A whole audit: data set, method and protocol in, figures and tables out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from functools import partial
+from pathlib import Path
+
+from bench.audit.figures import AuditSummary
+from bench.audit.polygons import POLYGON_KINDS
+from bench.audit.recording import RecordingAudit, Scoring, audit_recording, joined
+from bench.audit.reduce import aims, false_alarm_figures, miss_figures, polygon_figures, scores
+from bench.audit.sources import NO_SCENARIO, AuditSource, audit_sources
+from bench.audit.stored import SCHEMA_VERSION, write_audit
+from bench.errors import DataError
+from bench.evaluation import Protocol
+from bench.evaluation.summary import ProtocolStamp
+from bench.execution import FailedTask, SerialExecutor, TaskExecutor
+from bench.harness import provenance as origin
+from bench.harness.keys import MethodIdentity
+from bench.harness.method_stamp import MethodStamp
+from bench.harness.stages import Progress
+from bench.methods import Method
+from bench.methods.spherical.method import SphericalMethod
+from bench.recordings import DatasetCard
+
+Outcome = RecordingAudit | DataError | FailedTask
+
+
+def run_audit(
+    card: DatasetCard,
+    *,
+    method: Method,
+    protocol: Protocol,
+    out: Path,
+    split: str | None = None,
+    recordings: int | None = None,
+    executor: TaskExecutor = SerialExecutor(),  # noqa: B008 - it holds nothing
+    progress: Progress | None = None,
+) -> AuditSummary:
+    """Audit a rendered data set and store what comes out; nothing is stored before the last recording is done.
+
+    Args:
+        card: the data set.
+        method: whose detections are scored and explained.
+        protocol: the rules.
+        out: folder of the audit.
+        split: of the data set; None for all of it.
+        recordings: how many of them; None for all.
+        executor: audits the recordings; the result does not depend on it.
+        progress: called with the recordings done and their number.
+
+    Returns:
+        The figures, also stored as `audit.json`.
+
+    Raises:
+        DataError: nothing of the data set could be audited, above all where it has no rendered masks.
+    """
+    start = origin.Start.now()
+    sources = audit_sources(card, split=split, recordings=recordings)
+    outcomes = _outcomes(sources, executor, partial(_outcome, method=method, protocol=protocol), progress)
+    audits = [outcome for outcome in outcomes.values() if isinstance(outcome, RecordingAudit)]
+    failures = [
+        f"recording {name!r}: {outcome.reason if isinstance(outcome, FailedTask) else outcome}"
+        for name, outcome in outcomes.items()
+        if not isinstance(outcome, RecordingAudit)
+    ]
+    if not audits:
+        raise _nothing_audited(card, outcomes, failures)
+    audit = joined(audits)
+    summary = _summary(
+        audit,
+        card=card,
+        split=split,
+        method=method,
+        protocol=protocol,
+        recordings=len(audits),
+        left_out=_left_out(sources, method, audit),
+        failures=(*failures, *audit.problems),
+        provenance=origin.provenance_since(
+            start,
+            fingerprints=audit.fingerprints,
+            stage_seconds=audit.seconds,
+            images=len(audit.scores[Scoring.LIDAR.value][1]),
+        ),
+    )
+    write_audit(out, summary, audit)
+    return summary
+
+
+def _summary(
+    audit: RecordingAudit,
+    *,
+    card: DatasetCard,
+    split: str | None,
+    method: Method,
+    protocol: Protocol,
+    recordings: int,
+    left_out: str,
+    failures: tuple[str, ...],
+    provenance: origin.Provenance,
+) -> AuditSummary:
+    own = protocol.reference.polygon_kind
+    kinds = (own, *(kind for kind in POLYGON_KINDS if kind != own))
+    explained = len(audit.false_alarms) > 0
+    return AuditSummary(
+        schema_version=SCHEMA_VERSION,
+        dataset=card.name,
+        card=str(card.file),
+        split=split,
+        recordings=recordings,
+        method=MethodStamp.of(method, MethodIdentity.of(method)),
+        protocol=ProtocolStamp(name=protocol.name, version=protocol.version, digest=protocol.digest),
+        polygon_kinds=kinds,
+        polygons=polygon_figures(audit.polygons, protocol=protocol, kinds=kinds),
+        aims=aims(audit.polygons, kinds=kinds),
+        not_seen=audit.not_seen,
+        scores={name: scores(*tables, protocol=protocol) for name, tables in audit.scores.items()},
+        misses=miss_figures(audit.misses, protocol=protocol) if explained else (),
+        false_alarms=false_alarm_figures(audit.false_alarms) if explained else None,
+        left_out=left_out,
+        failures=failures,
+        provenance=provenance,
+    )
+
+
+def _left_out(sources: tuple[AuditSource, ...], method: Method, audit: RecordingAudit) -> str:
+    """Why nothing is explained by exact flow; empty where something is."""
+    if len(audit.false_alarms):
+        return ""
+    if not isinstance(method, SphericalMethod):
+        return f"the method {method.name!r} does not take flow from outside; only 'spherical' does"
+    if sources[0].scenario is None:
+        return NO_SCENARIO
+    return "the scene of no recording could be staged again; see the failures"
+
+
+def _outcomes(
+    sources: Sequence[AuditSource],
+    executor: TaskExecutor,
+    audit_one: Callable[[AuditSource], RecordingAudit | DataError],
+    progress: Progress | None,
+) -> dict[str, Outcome]:
+    """What became of each recording, by name, in the order of the data set."""
+    found: dict[str, Outcome] = {}
+    with executor, closing(executor.compute(audit_one, sources)) as results:
+        for source, outcome in results:
+            found[source.recorded.name] = outcome
+            if progress is not None:
+                progress(len(found), len(sources))
+    return {source.recorded.name: found[source.recorded.name] for source in sources}
+
+
+def _outcome(source: AuditSource, *, method: Method, protocol: Protocol) -> RecordingAudit | DataError:
+    """The audit, or the user's mistake that prevents it; a bug goes on upwards."""
+    try:
+        return audit_recording(source, method=method, protocol=protocol)
+    except DataError as error:
+        return error
+
+
+def _nothing_audited(card: DatasetCard, outcomes: Mapping[str, Outcome], failures: Sequence[str]) -> DataError:
+    """The first recording's own error, which says what to do; else all that was lost."""
+    mistakes = (outcome for outcome in outcomes.values() if isinstance(outcome, DataError))
+    lost = DataError(card.file, expected="a recording that can be audited", got="; ".join(failures) or "none")
+    return next(mistakes, lost)

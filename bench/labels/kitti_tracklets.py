@@ -1,0 +1,470 @@
+"""KITTI's raw tracklets as a layer, and what CVAT writes under the same name.
+
+KITTI: length along x, width along y, height along z; the place is the middle of the box's bottom; rz is the yaw, and
+rx and ry are 0. A tracklet's frame is its first frame plus the number of the pose.
+
+CVAT's "KITTI Raw Format" keeps the tags and changes their meaning: the place is the middle of the box, w lies along x,
+h along y and l along z, and the three angles turn about the box's own x, y and z in turn. Gaps of a track are filled
+with copies that are outside of the image with unset occlusion. Newer versions of the library behind it may have
+mended the order of the sizes: look at the sizes that an import prints.
+
+The XML of KITTI's raw tracklets, item by item.
+
+An item is one object: type, height, width and length, the number of its first frame, and a pose for each frame from
+there on. `state` is 0 unset, 1 interpolated, 2 labelled; `occlusion` -1 unset, 0 visible, 1 partly, 2 fully;
+`truncation` -1 unset, 0 in the image, 1 cut off, 2 outside, 99 behind.
+
+Source:
+    The raw data's development kit (`tracklets.h`, `readTracklets.m`); its files carry a document type without any
+    declaration, and some say `standalone="true"`, which XML does not know.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree.ElementTree import Element, ParseError, SubElement, indent, tostring
+
+import numpy as np
+from defusedxml.common import DefusedXmlException
+from defusedxml.ElementTree import iterparse
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from bench.errors import DataError
+from bench.geometry import RigidTransform
+from bench.labels.formats import LabelOptions, Layer, left_out, map_classes, tool_class
+from bench.labels.frames import frame_numbers, pair_with_sweeps
+from bench.labels.motion import lidar_from_object, motion_lost, states_at_sweeps, with_motion
+from bench.recordings import Cuboid, ObjectState, Recording, SweepRef, Track, write_text
+from bench.recordings.metered import READ_BYTES, MeteredFile
+from bench.recordings.text_files import numbers
+
+LARGEST_ITEM_BYTES = 8_000_000  # ten thousand poses, a quarter of an hour
+DEEPEST = 12  # levels of nested elements; the format has six, attributes that tools add two more
+LARGEST_NUMBER = 10**9
+DECLARATION_BYTES = 200
+OUTER = ("boost_serialization", "tracklets")
+UNSET, INTERPOLATED, LABELLED = 0, 1, 2
+HEADER = '<?xml version="1.0" encoding="UTF-8" standalone="yes" ?>\n<!DOCTYPE boost_serialization>\n'
+PLACES, TURNS = ("tx", "ty", "tz"), ("rx", "ry", "rz")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrackletPose:
+    """An object in one frame.
+
+    Attributes:
+        place_m: tx, ty, tz in the frame of the lidar.
+        angles_rad: rx, ry, rz.
+        state: 0 unset, 1 interpolated, 2 labelled.
+        occlusion: -1 unset, 0 visible, 1 partly, 2 fully.
+        truncation: -1 unset, 0 in the image, 1 cut off, 2 outside, 99 behind.
+    """
+
+    place_m: tuple[float, float, float]
+    angles_rad: tuple[float, float, float]
+    state: int = LABELLED
+    occlusion: int = -1
+    truncation: int = -1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tracklet:
+    """An object.
+
+    Attributes:
+        object_type: class, as the tool calls it.
+        height_m: what the file calls h.
+        width_m: w.
+        length_m: l.
+        first_frame: number of the frame of the first pose.
+        poses: one for each frame from there on.
+        finished: the annotator was done with it.
+        attributes: how many extra attributes it and its poses carry.
+    """
+
+    object_type: str
+    height_m: float
+    width_m: float
+    length_m: float
+    first_frame: int
+    poses: tuple[TrackletPose, ...]
+    finished: bool = True
+    attributes: int = 0
+
+
+def read_tracklets(file: Path) -> tuple[Tracklet, ...]:
+    """Read a file of tracklets.
+
+    Raises:
+        DataError: missing, cut short, not XML, with entities, nested too deeply, a count that is not kept, a number
+            that is missing or none.
+    """
+    tracklets: list[Tracklet] = []
+    told: list[int] = []
+    try:
+        with file.open("rb") as raw:
+            metered = MeteredFile(raw, file, part="tracklets", largest_bytes=LARGEST_ITEM_BYTES)
+            open_elements: list[Element] = []
+            for event, element in iterparse(_Declared(metered), events=("start", "end")):
+                if event == "start":
+                    open_elements.append(element)
+                    _refuse_place(open_elements, file)
+                    continue
+                open_elements.pop()
+                if len(open_elements) == 2:
+                    if element.tag == "count":
+                        told.append(_whole(element, "count", file, "tracklets.count"))
+                    elif element.tag == "item":
+                        tracklets.append(_tracklet(element, file, f"tracklets.item {len(tracklets)}"))
+                    open_elements[-1].clear()
+                    metered.restart()
+    except OSError as error:
+        raise DataError(file, expected="a file of tracklets", got=error.strerror or str(error)) from error
+    except DefusedXmlException as error:
+        raise DataError(file, expected="XML without entities", got=str(error)) from None
+    except (ParseError, ValueError) as error:
+        raise DataError(file, expected="well-formed XML", got=f"{error}; the file may be cut short") from None
+    if told != [len(tracklets)]:
+        got = f"{told[0]} for {len(tracklets)} items" if len(told) == 1 else f"{len(told)} counts"
+        raise DataError(file, field="tracklets.count", expected="the number of tracklets", got=got)
+    return tuple(tracklets)
+
+
+def write_tracklets(file: Path, tracklets: Sequence[Tracklet]) -> None:
+    """Write a file of tracklets as the development kit's reader wants it."""
+    root = Element("boost_serialization", signature="serialization::archive", version="9")
+    listed = SubElement(root, "tracklets", class_id="0", tracking_level="0", version="0")
+    _put(listed, count=len(tracklets), item_version=1)
+    for i, tracklet in enumerate(tracklets):
+        item = SubElement(listed, "item", _class(1, 1) if i == 0 else {})
+        _put(item, objectType=tracklet.object_type, h=tracklet.height_m, w=tracklet.width_m, l=tracklet.length_m)
+        _put(item, first_frame=tracklet.first_frame)
+        poses = SubElement(item, "poses", _class(2, 0) if i == 0 else {})
+        _put(poses, count=len(tracklet.poses), item_version=2)
+        for j, pose in enumerate(tracklet.poses):
+            entry = SubElement(poses, "item", _class(3, 2) if i == j == 0 else {})
+            _put(entry, **dict(zip(PLACES, pose.place_m, strict=True)))
+            _put(entry, **dict(zip(TURNS, pose.angles_rad, strict=True)))
+            _put(entry, state=pose.state, occlusion=pose.occlusion, occlusion_kf=0, truncation=pose.truncation)
+            _put(entry, amt_occlusion=-1, amt_occlusion_kf=-1, amt_border_l=-1, amt_border_r=-1, amt_border_kf=-1)
+        _put(item, finished=int(tracklet.finished))
+    indent(root, "\t")
+    write_text(file, HEADER + tostring(root, encoding="unicode") + "\n")
+
+
+class _Declared:
+    """Says `standalone="yes"` where a file says "true"."""
+
+    def __init__(self, source: MeteredFile) -> None:
+        self._source, self._begun = source, False
+
+    def read(self, size: int = READ_BYTES) -> bytes:
+        content = self._source.read(size)
+        if not self._begun:
+            self._begun = True
+            head, rest = content[:DECLARATION_BYTES], content[DECLARATION_BYTES:]
+            head = re.sub(rb"""^(\s*<\?xml[^>]*standalone\s*=\s*)(["'])true\2""", rb"\1\2yes\2", head)
+            content = head + rest
+        return content
+
+
+def _refuse_place(opened: list[Element], file: Path) -> None:
+    if len(opened) <= len(OUTER) and opened[-1].tag != OUTER[len(opened) - 1]:
+        got = " with ".join(element.tag for element in opened)[:80]
+        raise DataError(file, expected=" with ".join(OUTER), got=got)
+    if len(opened) > DEEPEST:
+        raise DataError(file, expected=f"at most {DEEPEST} levels of elements", got="more")
+
+
+def _tracklet(item: Element, file: Path, field: str) -> Tracklet:
+    poses = item.find("poses")
+    if poses is None:
+        raise DataError(file, field=f"{field}.poses", expected="poses", got="nothing")
+    entries = poses.findall("item")
+    count = _whole(poses.find("count"), "count", file, f"{field}.poses.count")
+    if count != len(entries):
+        raise DataError(
+            file, field=f"{field}.poses.count", expected=f"{len(entries)}, as there are poses", got=str(count)
+        )
+    object_type = (item.findtext("objectType") or "").strip()
+    if not object_type:
+        raise DataError(file, field=f"{field}.objectType", expected="a class", got="nothing")
+    height_m, width_m, length_m = (_size(item, name, file, field) for name in "hwl")
+    return Tracklet(
+        object_type=object_type,
+        height_m=height_m,
+        width_m=width_m,
+        length_m=length_m,
+        first_frame=_whole(item.find("first_frame"), "first_frame", file, f"{field}.first_frame"),
+        poses=tuple(_pose(entry, file, f"{field}.poses.item {j}") for j, entry in enumerate(entries)),
+        finished=(item.findtext("finished") or "1").strip() != "0",
+        attributes=sum(1 for _ in item.iter("attribute")),
+    )
+
+
+def _pose(entry: Element, file: Path, field: str) -> TrackletPose:
+    tx, ty, tz, rx, ry, rz = (_number(entry, name, file, field) for name in PLACES + TURNS)
+    state, occlusion, truncation = (
+        _whole(entry.find(name), name, file, f"{field}.{name}", default=default)
+        for name, default in (("state", LABELLED), ("occlusion", -1), ("truncation", -1))
+    )
+    return TrackletPose(
+        place_m=(tx, ty, tz), angles_rad=(rx, ry, rz), state=state, occlusion=occlusion, truncation=truncation
+    )
+
+
+def _size(item: Element, name: str, file: Path, field: str) -> float:
+    value = _number(item, name, file, field)
+    if value <= 0:
+        raise DataError(file, field=f"{field}.{name}", expected="a size above 0", got=str(value))
+    return value
+
+
+def _number(element: Element, name: str, file: Path, field: str) -> float:
+    return numbers((element.findtext(name) or "").split(), 1, file=file, field=f"{field}.{name}")[0]
+
+
+def _whole(element: Element | None, name: str, file: Path, field: str, *, default: int | None = None) -> int:
+    if element is None and default is not None:
+        return default
+    text = "" if element is None else (element.text or "").strip()
+    if not re.fullmatch(r"-?[0-9]{1,10}", text) or abs(int(text)) > LARGEST_NUMBER:
+        raise DataError(
+            file, field=field, expected=f"a whole number {name}", got=repr(text[:40]) if text else "nothing"
+        )
+    return int(text)
+
+
+def _class(number: int, version: int) -> dict[str, str]:
+    return {"class_id": str(number), "tracking_level": "0", "version": str(version)}
+
+
+def _put(parent: Element, **values: float | str) -> None:
+    for name, value in values.items():
+        SubElement(parent, name).text = value if isinstance(value, str) else repr(value)
+
+
+FILE = "tracklet_labels.xml"
+WRITTEN = {"pedestrian": "Pedestrian", "cyclist": "Cyclist", "vehicle": "Car", "animal": "Misc"}
+OUTSIDE = (2, 99)
+UPRIGHT_RAD = 1e-6
+SAME_SIZE_M = 1e-6
+FLOATING_M = 0.5  # from the road to the bottom of the middle box; more is another convention or another calibration
+
+
+class KittiTracklets:
+    """As KITTI's development kit defines them."""
+
+    name = "kitti-tracklets"
+    description = "tracklet_labels.xml of KITTI's raw data: boxes that stand upright, one size for each object"
+    centred = False
+
+    def read(self, source: Path, recording: Recording, options: LabelOptions) -> Layer:
+        """Read a layer; arguments and errors as in `LabelFormat`."""
+        file = source / FILE if source.is_dir() else source
+        tracklets = read_tracklets(file)
+        classes = map_classes((tracklet.object_type for tracklet in tracklets), options, source=file)
+        kept = [(i, tracklet) for i, tracklet in enumerate(tracklets) if classes[tracklet.object_type] is not None]
+        numbers = {str(number) for _, tracklet in kept for number, _ in self._posed(tracklet)}
+        sweeps = pair_with_sweeps(numbers, recording, options, source=file) if numbers else {}
+        tracks = tuple(
+            with_motion(
+                Track(
+                    track_id=f"tracklet-{i}",
+                    object_class=str(classes[tracklet.object_type]),
+                    states=self._states(tracklet, sweeps, recording, file, f"tracklets.item {i}"),
+                ),
+                recording.trajectory,
+            )
+            for i, tracklet in kept
+        )
+        counts = Counter(tracklet.object_type for tracklet in tracklets)
+        lost = [*left_out(classes, counts), *self._unread([tracklet for _, tracklet in kept])]
+        lost += _floating(tracks)
+        lost.append(
+            f"frames without objects: the format does not tell whether they were looked at, so that all "
+            f"{len(recording.sweeps)} sweeps count as annotated"
+        )
+        times_ns = tuple(sweep.timestamp_ns for sweep in recording.sweeps)
+        return Layer(tracks=tracks, timestamps_ns=times_ns, lost=tuple(lost))
+
+    def write(self, layer: Layer, recording: Recording, out: Path, options: LabelOptions) -> tuple[str, ...]:
+        """Write `tracklet_labels.xml`; arguments as in `LabelFormat`."""
+        states, lost = states_at_sweeps(layer, recording, (Cuboid,))
+        numbers = frame_numbers(recording, options)
+        by_track: dict[str, list[tuple[int, Cuboid]]] = {track.track_id: [] for track in layer.tracks}
+        for time_ns, found in states.items():
+            for track, state in found:
+                assert isinstance(state.shape, Cuboid)
+                by_track[track.track_id].append((numbers[time_ns], state.shape))
+        tracklets: list[Tracklet] = []
+        split = resized = 0
+        lean_rad = 0.0
+        for track in layer.tracks:
+            runs = _runs(by_track[track.track_id])
+            split += len(runs) > 1
+            for run in runs:
+                sizes = np.stack([cuboid.size_m for _, cuboid in run])
+                size_m = np.median(sizes, axis=0)
+                resized += bool(np.abs(sizes - size_m).max() > SAME_SIZE_M)
+                object_type = tool_class(track.object_class, options, WRITTEN)
+                poses = [lidar_from_object(cuboid, recording) for _, cuboid in run]
+                lean_rad = max(lean_rad, *(_lean_rad(pose) for pose in poses))
+                tracklets.append(self._tracklet(object_type, run[0][0], size_m, poses))
+        write_tracklets(out / FILE, tracklets)
+        if tracklets:
+            lost.append(f"{len(by_track)} names of objects: the format has none")
+        if split:
+            lost.append(f"{split} objects are out of sight for a while and become several tracklets")
+        if resized:
+            lost.append(f"{resized} objects change their size: each has its median one")
+        if lean_rad > UPRIGHT_RAD and not self.centred:
+            lost.append(f"boxes that lean by up to {np.degrees(lean_rad):.3g} deg against the lidar stand upright")
+        return (*lost, *motion_lost(layer.tracks))
+
+    def _posed(self, tracklet: Tracklet) -> list[tuple[int, TrackletPose]]:
+        """Number of the frame and pose, without poses that nobody set."""
+        return [
+            (tracklet.first_frame + j, pose)
+            for j, pose in enumerate(tracklet.poses)
+            if pose.state != UNSET and not (self.centred and pose.occlusion == -1 and pose.truncation in OUTSIDE)
+        ]
+
+    def _states(
+        self, tracklet: Tracklet, sweeps: dict[str, SweepRef], recording: Recording, file: Path, field: str
+    ) -> tuple[ObjectState, ...]:
+        states = []
+        for number, pose in self._posed(tracklet):
+            if not self.centred:
+                _refuse_lean(pose, file, f"{field}, frame {number}")
+            lidar_from_box, size_m = self._placed(tracklet, pose)
+            states.append(
+                ObjectState(
+                    timestamp_ns=sweeps[str(number)].timestamp_ns,
+                    shape=Cuboid(vehicle_from_object=recording.vehicle_from_lidar @ lidar_from_box, size_m=size_m),
+                    velocity_mps=np.full(3, np.nan),
+                )
+            )
+        return tuple(sorted(states, key=lambda state: state.timestamp_ns))
+
+    def _placed(self, tracklet: Tracklet, pose: TrackletPose) -> tuple[RigidTransform, NDArray[np.float64]]:
+        """Pose of the box's centre in the frame of the lidar, and its size."""
+        size_m = np.array([tracklet.length_m, tracklet.width_m, tracklet.height_m])
+        return RigidTransform.from_yaw(
+            pose.angles_rad[2], np.add(pose.place_m, (0.0, 0.0, tracklet.height_m / 2.0))
+        ), size_m
+
+    def _tracklet(
+        self, object_type: str, first_frame: int, size_m: NDArray[np.float64], poses: Sequence[RigidTransform]
+    ) -> Tracklet:
+        length_m, width_m, height_m = size_m.tolist()
+        return Tracklet(
+            object_type=object_type,
+            height_m=height_m,
+            width_m=width_m,
+            length_m=length_m,
+            first_frame=first_frame,
+            poses=tuple(
+                TrackletPose(
+                    place_m=_triple(pose.translation_m - (0.0, 0.0, height_m / 2.0)),
+                    angles_rad=(0.0, 0.0, float(np.arctan2(pose.rotation[1, 0], pose.rotation[0, 0]))),
+                )
+                for pose in poses
+            ),
+        )
+
+    def _unread(self, tracklets: Sequence[Tracklet]) -> list[str]:
+        poses = [pose for tracklet in tracklets for pose in tracklet.poses]
+        posed = sum(len(self._posed(tracklet)) for tracklet in tracklets)
+        counts = {
+            "poses that are unset or outside, left out": len(poses) - posed,
+            "poses that are interpolated, read as the others": sum(pose.state == INTERPOLATED for pose in poses),
+            "marks of occlusion: no place for them": sum(pose.occlusion in (1, 2) for pose in poses),
+            "marks of truncation: no place for them": sum(pose.truncation in (1, *OUTSIDE) for pose in poses),
+            "tracklets that are not finished, read as the others": sum(not item.finished for item in tracklets),
+            "further attributes: no place for them": sum(item.attributes for item in tracklets),
+        }
+        return [f"{count} {what}" for what, count in counts.items() if count]
+
+
+class CvatTracklets(KittiTracklets):
+    """As CVAT exports and imports them."""
+
+    name = "cvat-tracklets"
+    description = "tracklet_labels.xml as CVAT writes it (KITTI Raw Format): other places, sizes and angles"
+    centred = True
+
+    def _placed(self, tracklet: Tracklet, pose: TrackletPose) -> tuple[RigidTransform, NDArray[np.float64]]:
+        rotation = Rotation.from_euler("XYZ", pose.angles_rad).as_matrix()
+        size_m = np.array([tracklet.width_m, tracklet.height_m, tracklet.length_m])
+        return RigidTransform(rotation, np.array(pose.place_m)), size_m
+
+    def _tracklet(
+        self, object_type: str, first_frame: int, size_m: NDArray[np.float64], poses: Sequence[RigidTransform]
+    ) -> Tracklet:
+        along_x, along_y, along_z = size_m.tolist()
+        return Tracklet(
+            object_type=object_type,
+            height_m=along_y,
+            width_m=along_x,
+            length_m=along_z,
+            first_frame=first_frame,
+            poses=tuple(
+                TrackletPose(
+                    place_m=_triple(pose.translation_m),
+                    angles_rad=_triple(Rotation.from_matrix(pose.rotation).as_euler("XYZ")),
+                    occlusion=0,
+                    truncation=0,
+                )
+                for pose in poses
+            ),
+        )
+
+
+def _runs(posed: Sequence[tuple[int, Cuboid]]) -> list[list[tuple[int, Cuboid]]]:
+    """Parts without a missing frame."""
+    runs: list[list[tuple[int, Cuboid]]] = []
+    for number, cuboid in sorted(posed, key=lambda item: item[0]):
+        if not runs or number != runs[-1][-1][0] + 1:
+            runs.append([])
+        runs[-1].append((number, cuboid))
+    return runs
+
+
+def _refuse_lean(pose: TrackletPose, file: Path, field: str) -> None:
+    rx, ry, _ = pose.angles_rad
+    if abs(rx) > UPRIGHT_RAD or abs(ry) > UPRIGHT_RAD:
+        do = "files of CVAT, which turns boxes about all axes, are read as cvat-tracklets"
+        raise DataError(file, field=f"{field}.rx, ry", expected="0", got=f"{rx:.4g} and {ry:.4g}", do=do)
+
+
+def _lean_rad(pose: RigidTransform) -> float:
+    return float(np.hypot(pose.rotation[0, 2], pose.rotation[1, 2]))
+
+
+def _floating(tracks: Sequence[Track]) -> list[str]:
+    """A line where boxes do not stand on the road, as they do when the file has another convention."""
+    bottoms_m = [
+        state.shape.vehicle_from_object.translation_m[2] - state.shape.size_m[2] / 2.0
+        for track in tracks
+        for state in track.states
+        if isinstance(state.shape, Cuboid)
+    ]
+    height_m = float(np.median(bottoms_m)) if bottoms_m else 0.0
+    if abs(height_m) <= FLOATING_M:
+        return []
+    side = "above" if height_m > 0 else "below"
+    return [
+        f"doubtful: the middle box stands {abs(height_m):.2f} m {side} the road; the file may be of the other kind "
+        f"(kitti-tracklets, cvat-tracklets), or the lidar's mounting is wrong"
+    ]
+
+
+def _triple(values: NDArray[np.float64]) -> tuple[float, float, float]:
+    x, y, z = values.tolist()
+    return x, y, z

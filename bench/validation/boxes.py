@@ -1,0 +1,257 @@
+"""Boxes and outlines for themselves: sizes, tilt, height over the road, two at one place."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from bench.recordings import Cuboid, Recording, Track
+from bench.recordings.validation import keys_twice
+from bench.reference.records import Category
+from bench.validation.findings import BODIES, Finding, Severity, Span, annotation_file, listed, unusable
+from bench.validation.tracks import box_of
+
+TILTED_RAD, ODD_TILT_RAD = float(np.radians(45)), float(np.radians(20))
+CHANGES = 1.6  # a rigid body does not grow by so much; people swing arms and legs
+NEAR_M = 25.0
+OFF_ROAD_M = 0.5
+LEAST_BOXES = 3
+SAME_PLACE = 0.5  # intersection over union of two footprints
+MOST_PAIRS = 200_000  # of footprints that touch, in a recording; five seconds
+QUERIED_AT_ONCE = 64  # footprints; of 5000 that all touch, their pairs take 5 MB
+MOST_TOLD = 100  # pairs of objects, each for itself
+INSIDE_HOST_M = 0.3
+
+
+def check_boxes(recording: Recording) -> Iterator[Finding]:
+    """Sizes by class, tilt, names, and boxes that overlap."""
+    file = annotation_file(recording)
+    yield from _names(recording, file)
+    for track in recording.tracks:
+        yield from _sizes(track, file)
+        yield from _tilt(track, file)
+    yield from _above_road(recording, file)
+    yield from _same_place(recording, file)
+    yield from _in_host(recording, file)
+
+
+def _names(recording: Recording, file: str) -> Iterator[Finding]:
+    if Path(file).suffix == ".json":
+        yield from (unusable(error, check="key-twice") for error in keys_twice(Path(file)))
+    for what, names in (
+        ("track_id", [track.track_id for track in recording.tracks]),
+        ("instance_id", [str(track.instance_id) for track in recording.tracks if track.instance_id is not None]),
+    ):
+        twice = sorted(name for name, times in Counter(names).items() if times > 1)
+        if twice:
+            yield Finding(check="id-twice", file=file, field=what, expected="each object once",
+                          got=f"{listed(twice)} more than once", times=len(twice))  # fmt: skip
+    stateless = [track.track_id for track in recording.tracks if not track.states]
+    if stateless:
+        yield Finding(check="object-without-frames", severity=Severity.WARNING, file=file, field="objects",
+                      expected="a place at some time", got=f"none for {listed(stateless)}",
+                      times=len(stateless))  # fmt: skip
+    known = {category.value for category in Category}
+    for track in recording.tracks:
+        told = {state.category for state in track.states} - known - {None}
+        if told:
+            yield Finding(check="category", file=file, field=f"object {track.track_id!r}",
+                          expected=f"one of {', '.join(sorted(known))}",
+                          got=listed(sorted(str(name) for name in told)))  # fmt: skip
+
+
+def _sizes(track: Track, file: str) -> Iterator[Finding]:
+    limits = BODIES.get(track.object_class)
+    field = f"object {track.track_id!r} ({track.object_class})"
+    if limits is None:
+        yield Finding(check="class", file=file, field=field, expected=f"one of {', '.join(BODIES)}",
+                      got=repr(track.object_class))  # fmt: skip
+        return
+    boxed = [(state, box) for state in track.states if (box := box_of(state.shape)) is not None]
+    if not boxed:
+        return
+    sizes_m = np.array([box.size_m for _, box in boxed])
+    flat = np.sort(sizes_m[:, :2], axis=1)
+    sides: tuple[tuple[str, np.ndarray, Span], ...] = (
+        ("longer side", flat[:, 1], limits.long_side_m),
+        ("shorter side", flat[:, 0], limits.short_side_m),
+        ("height", sizes_m[:, 2], limits.height_m),
+    )
+    for what, values, (low, high) in sides:
+        off = (values < low) | (values > high)
+        if off.any():
+            worst = values[off][np.argmax(np.maximum(low / values[off], values[off] / high))]
+            yield Finding(
+                check="box-size",
+                file=file,
+                field=f"{field}: {what}",
+                expected=f"{low} to {high} m for a {track.object_class}",
+                got=f"{worst:.2f} m",
+                do="check the class, the unit and the order of the sizes (length, width, height; full, not half)",
+                times=int(off.sum()),
+                timestamp_ns=boxed[int(np.argmax(off))][0].timestamp_ns,
+            )
+    boxes = np.array([isinstance(state.shape, Cuboid) for state, _ in boxed])
+    if track.object_class == "vehicle" and boxes.sum() > 1:
+        spread = sizes_m[boxes].max(axis=0) / sizes_m[boxes].min(axis=0)
+        if spread.max() > CHANGES:
+            axis = int(np.argmax(spread))
+            values = sizes_m[boxes][:, axis]
+            yield Finding(
+                check="box-grows",
+                severity=Severity.WARNING,
+                file=file,
+                field=f"{field}: {('length', 'width', 'height')[axis]}",
+                expected="one size of a rigid body",
+                got=f"{values.min():.2f} to {values.max():.2f} m",
+                do="two objects under one name, or boxes of what is seen instead of the whole",
+            )
+
+
+def _tilt(track: Track, file: str) -> Iterator[Finding]:
+    boxed = [(state, state.shape) for state in track.states if isinstance(state.shape, Cuboid)]
+    if not boxed:
+        return
+    up = np.array([shape.vehicle_from_object.rotation[2, 2] for _, shape in boxed])
+    tilt_rad = np.arccos(np.clip(up, -1.0, 1.0))
+    if tilt_rad.max() > ODD_TILT_RAD:
+        yield Finding(
+            check="box-tilt",
+            severity=Severity.ERROR if tilt_rad.max() > TILTED_RAD else Severity.WARNING,
+            file=file,
+            field=f"object {track.track_id!r} ({track.object_class})",
+            expected="a box that stands upright",
+            got=f"one tilted by up to {np.degrees(tilt_rad.max()):.0f} degrees",
+            do="check the order of the quaternion (OpenLABEL: x, y, z, w) and of angles",
+            times=int((tilt_rad > ODD_TILT_RAD).sum()),
+            timestamp_ns=boxed[int(np.argmax(tilt_rad > ODD_TILT_RAD))][0].timestamp_ns,
+        )
+
+
+def _above_road(recording: Recording, file: str) -> Iterator[Finding]:
+    """Bottoms of near boxes: centres taken for bottoms, or the other way round, put all off by half a height."""
+    roads = [c.vehicle_from_camera.translation_m[2] - c.road.height_m for c in recording.cameras.values()]
+    road_m = float(np.median(roads))
+    off: dict[str, list[float]] = defaultdict(list)
+    for track in recording.tracks:
+        gaps = []
+        for state in track.states:
+            box = box_of(state.shape)
+            if box is not None and np.hypot(*box.vehicle_from_object.translation_m[:2]) < NEAR_M:
+                gaps.append(float(box.vehicle_from_object.translation_m[2] - box.size_m[2] / 2) - road_m)
+        if gaps:
+            off[track.object_class].append(float(np.median(gaps)))
+    every = [gap for gaps in off.values() for gap in gaps]
+    if every and abs(np.median(every)) > OFF_ROAD_M:
+        side = "above" if np.median(every) > 0 else "below"
+        yield Finding(
+            check="box-height",
+            severity=Severity.ERROR if len(every) >= LEAST_BOXES else Severity.WARNING,
+            file=file,
+            field="cuboid, z",
+            expected=f"objects within {NEAR_M:.0f} m that stand on the road, at {road_m:+.2f} m",
+            got=f"their undersides {abs(np.median(every)):.2f} m {side} it, in the middle of {len(every)} objects",
+            do="the origin of a box is its centre here; some formats give the middle of its bottom",
+            times=len(every),
+        )
+
+
+def _same_place(recording: Recording, file: str) -> Iterator[Finding]:
+    """Two objects of one class whose footprints overlap: one object under two names."""
+    at: dict[int, list[tuple[Track, shapely.Polygon]]] = defaultdict(list)
+    for track in recording.tracks:
+        for state in track.states:
+            box = box_of(state.shape)
+            if box is not None:
+                at[state.timestamp_ns].append((track, _footprint(box)))
+    found: dict[tuple[str, str], list[int]] = defaultdict(list)
+    left, given_up_ns = MOST_PAIRS, []
+    for time_ns, present in sorted(at.items()):
+        pairs, overlap, whole = _overlapping(present, most=left)
+        left -= len(pairs)
+        for i, j in pairs[overlap]:
+            found[present[i][0].track_id, present[j][0].track_id].append(time_ns)
+        if not whole:
+            given_up_ns.append(time_ns)
+    often = sorted(found.items(), key=lambda pair: -len(pair[1]))
+    for (one, other), times_ns in often[:MOST_TOLD]:
+        yield Finding(
+            check="same-object",
+            file=file,
+            field=f"objects {one!r} and {other!r}",
+            expected="one box for each object",
+            got=f"boxes that overlap by more than half at {len(times_ns)} times",
+            do="one object under two names",
+            times=len(times_ns),
+            timestamp_ns=times_ns[0],
+        )
+    if often[MOST_TOLD:]:
+        yield Finding(check="same-object", file=file, field="objects", expected="one box for each object",
+                      got=f"boxes that overlap by more than half in {len(often) - MOST_TOLD} more pairs of objects",
+                      do="one object under two names", times=len(often) - MOST_TOLD,
+                      timestamp_ns=min(times_ns[0] for _, times_ns in often[MOST_TOLD:]))  # fmt: skip
+    if given_up_ns:
+        yield Finding(check="crowded-boxes", severity=Severity.WARNING, file=file, field="cuboid",
+                      expected=f"at most {MOST_PAIRS} pairs of boxes of a class that touch",
+                      got=f"more; at {len(given_up_ns)} of {len(at)} times not all were compared",
+                      do="mend those that are told, then validate again",
+                      times=len(given_up_ns), timestamp_ns=given_up_ns[0])  # fmt: skip
+
+
+def _overlapping(
+    present: Sequence[tuple[Track, shapely.Polygon]], *, most: int
+) -> tuple[NDArray[np.int64], NDArray[np.bool_], bool]:
+    """Pairs of objects of one class that touch, and which of them overlap by more than half.
+
+    Args:
+        present: objects with their footprints, at one time.
+        most: pairs that are looked at.
+
+    Returns:
+        pairs: (N, 2) indices, N <= `most`.
+        overlap: (N,) bool.
+        whole: whether these are all pairs.
+    """
+    footprints = np.array([footprint for _, footprint in present])
+    classes = np.unique([track.object_class for track, _ in present], return_inverse=True)[1]
+    names = np.unique([track.track_id for track, _ in present], return_inverse=True)[1]
+    tree = shapely.STRtree(footprints)
+    parts: list[NDArray[np.int64]] = []
+    count = 0
+    for first in range(0, len(present), QUERIED_AT_ONCE):
+        i, j = tree.query(footprints[first : first + QUERIED_AT_ONCE], predicate="intersects")
+        i = i + first
+        parts.append(np.column_stack([i, j])[(i < j) & (classes[i] == classes[j]) & (names[i] != names[j])])
+        count += len(parts[-1])
+        if count > most:
+            break
+    pairs = np.concatenate(parts)[:most]
+    one, other = footprints[pairs.T]
+    common = shapely.area(shapely.intersection(one, other))
+    overlap = np.asarray(common > SAME_PLACE * (shapely.area(one) + shapely.area(other) - common))
+    return pairs, overlap, count <= most
+
+
+def _in_host(recording: Recording, file: str) -> Iterator[Finding]:
+    host = shapely.Polygon(recording.vehicle_outline_m).buffer(-INSIDE_HOST_M)
+    for track in recording.tracks:
+        inside = []
+        for state in track.states:
+            box = box_of(state.shape)
+            if box is not None and host.contains(shapely.Point(box.vehicle_from_object.translation_m[:2])):
+                inside.append(state.timestamp_ns)
+        if inside:
+            yield Finding(check="object-in-host", file=file, field=f"object {track.track_id!r} ({track.object_class})",
+                          expected="objects outside of the host", got=f"its centre in the host at {len(inside)} times",
+                          do="check the frame of the annotations: the vehicle's, not the lidar's or the world's",
+                          times=len(inside), timestamp_ns=inside[0])  # fmt: skip
+
+
+def _footprint(box: Cuboid) -> shapely.Polygon:
+    corners = np.array([[0.5, 0.5, 0.0], [-0.5, 0.5, 0.0], [-0.5, -0.5, 0.0], [0.5, -0.5, 0.0]]) * box.size_m
+    return shapely.Polygon(box.vehicle_from_object.apply(corners)[:, :2])

@@ -1,0 +1,245 @@
+"""Times of images, sweeps, ego-motion and annotations, each for itself and against each other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from fractions import Fraction
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.recordings import Recording, frame_gaps
+from bench.validation.findings import Finding, Severity, annotation_file, calibration_file
+
+OFF_RATE = 0.02  # of the stated time between images
+JITTER = 0.25  # of an interval
+MOST_JITTERY = 0.05  # of the intervals
+NEAR_INTERVALS = 1.5
+MOST_PARTS = 4  # rates of sensors that are triggered together are as small whole numbers
+NEAR_RATIO = 0.01
+LEAST_DRIFT_NS = 4_000_000  # at 10 m/s that moves a point by 4 cm
+CRYSTAL_RATE = 500e-6  # crystals differ by 200 ppm at most, NTP slews by 500; motors and free triggers by more
+LEAST_IMAGES = 10
+MATCHED_NS = 1_000_000
+NEAR_SWEEP_NS = 100_000_000
+SECOND_NS = 1_000_000_000
+
+
+def check_clocks(recording: Recording) -> Iterator[Finding]:
+    """Rates, gaps, jitter, and clocks that run apart."""
+    for camera in recording.cameras:
+        yield from _rate(recording, camera)
+        yield from _gaps(recording, camera)
+        yield from _jitter(times_of(recording, camera), f"images of {camera}", str(recording.root))
+    if recording.sweeps:
+        yield from _jitter(sweep_times(recording), "lidar sweeps", str(recording.root))
+    yield from _drift(recording)
+
+
+def check_coverage(recording: Recording) -> Iterator[Finding]:
+    """Images and sweeps without ego-motion, and images without a sweep."""
+    sweeps_ns = sweep_times(recording)
+    for camera in recording.cameras:
+        times_ns = times_of(recording, camera)
+        yield from _without_motion(recording, times_ns, f"images of {camera}")
+        if not len(sweeps_ns):
+            continue
+        lonely = distance_to(times_ns, sweeps_ns) > NEAR_SWEEP_NS
+        if lonely.any():
+            none = bool(lonely.all())
+            yield Finding(
+                check="sensor-overlap",
+                severity=Severity.ERROR if none else Severity.WARNING,
+                file=str(recording.root),
+                field=f"images of {camera}",
+                expected="a lidar sweep within 100 ms of every image",
+                got=f"none for {int(lonely.sum())} of {len(times_ns)} images",
+                do="check that both clocks count from the same start" if none else "objects in them are not evaluated",
+                times=int(lonely.sum()),
+                timestamp_ns=int(times_ns[np.argmax(lonely)]),
+            )
+    yield from _without_motion(recording, sweeps_ns, "lidar sweeps")
+
+
+def check_annotation_times(recording: Recording) -> Iterator[Finding]:
+    """Annotations outside of the recording, or at times at which no sensor looked."""
+    annotated_ns = np.array(
+        sorted({s.timestamp_ns for track in recording.tracks for s in track.states}), dtype=np.int64
+    )
+    images_ns = np.unique(
+        np.concatenate([times_of(recording, c) for c in recording.cameras] or [np.empty(0, np.int64)])
+    )
+    sensors_ns = np.unique(np.concatenate([images_ns, sweep_times(recording)]))
+    if not len(annotated_ns) or not len(sensors_ns):
+        return
+    slack_ns = NEAR_INTERVALS * recording.frame_interval_ns
+    outside = (annotated_ns < sensors_ns[0] - slack_ns) | (annotated_ns > sensors_ns[-1] + slack_ns)
+    if outside.any():
+        yield Finding(
+            check="annotation-outside",
+            file=annotation_file(recording),
+            field="timestamp",
+            expected=f"times of the recording, {sensors_ns[0]} to {sensors_ns[-1]}",
+            got=f"{int(outside.sum())} of {len(annotated_ns)} annotated times outside",
+            do="check the unit and the start of the clock; annotations of another recording?",
+            times=int(outside.sum()),
+            timestamp_ns=int(annotated_ns[np.argmax(outside)]),
+        )
+    unseen = (distance_to(annotated_ns, sensors_ns) > MATCHED_NS) & ~outside
+    if unseen.any():
+        yield Finding(
+            check="annotation-time",
+            severity=Severity.WARNING,
+            file=annotation_file(recording),
+            field="timestamp",
+            expected="the time of an image or of a sweep",
+            got=f"{int(unseen.sum())} of {len(annotated_ns)} annotated times at neither",
+            times=int(unseen.sum()),
+            timestamp_ns=int(annotated_ns[np.argmax(unseen)]),
+        )
+
+
+def times_of(recording: Recording, camera: str) -> NDArray[np.int64]:
+    """(N,) int64, times of a camera's images."""
+    return np.array([image.timestamp_ns for image in recording.images[camera]], dtype=np.int64)
+
+
+def sweep_times(recording: Recording) -> NDArray[np.int64]:
+    """(N,) int64, reference times of the sweeps."""
+    return np.array([sweep.timestamp_ns for sweep in recording.sweeps], dtype=np.int64)
+
+
+def distance_to(times_ns: NDArray[np.int64], marks_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(N,) int64, from each time to the nearest of the sorted marks."""
+    after = np.clip(np.searchsorted(marks_ns, times_ns), 0, len(marks_ns) - 1)
+    before = np.maximum(after - 1, 0)
+    return np.asarray(np.minimum(np.abs(marks_ns[after] - times_ns), np.abs(marks_ns[before] - times_ns)))
+
+
+def _rate(recording: Recording, camera: str) -> Iterator[Finding]:
+    steps_ns = np.diff(times_of(recording, camera))
+    if not len(steps_ns):
+        yield Finding(
+            check="image-times",
+            file=str(recording.root),
+            field=f"images of {camera}",
+            expected="at least two images",
+            got=str(len(steps_ns) + 1 if recording.images[camera] else 0),
+        )
+        return
+    median_ns = float(np.median(steps_ns))
+    ratio = median_ns / recording.frame_interval_ns
+    if abs(ratio - 1.0) <= OFF_RATE:
+        return
+    unit = {1e-3: "microseconds", 1e-6: "milliseconds", 1e-9: "seconds"}
+    meant = next((name for factor, name in unit.items() if abs(ratio / factor - 1) < 0.1), None)
+    yield Finding(
+        check="image-times",
+        file=calibration_file(recording),
+        field="frame_interval_ns",
+        expected=f"the time between images of {camera}, {median_ns:.0f} ns in the middle",
+        got=f"{recording.frame_interval_ns} ns",
+        do=f"the times look like {meant}" if meant else "pairs further apart than 1.5 intervals are not evaluated",
+    )
+
+
+def _gaps(recording: Recording, camera: str) -> Iterator[Finding]:
+    gaps = frame_gaps(recording, camera)
+    images = recording.images[camera]
+    if not gaps or len(gaps) > (len(images) - 1) / 2:  # then it is the stated interval that is wrong
+        return
+    first = gaps[0]
+    yield Finding(
+        check="image-gaps",
+        severity=Severity.WARNING,
+        file=str(images[first.index].path),
+        field=f"images of {camera}",
+        expected=f"images about {recording.frame_interval_ns / 1e6:.1f} ms apart",
+        got=f"{len(gaps)} gaps, the longest {max(g.current_ns - g.previous_ns for g in gaps) / 1e6:.1f} ms",
+        do="pairs across a gap are not evaluated",
+        times=len(gaps),
+        timestamp_ns=first.current_ns,
+    )
+
+
+def _jitter(times_ns: NDArray[np.int64], what: str, file: str) -> Iterator[Finding]:
+    steps_ns = np.diff(times_ns)
+    if len(steps_ns) < LEAST_IMAGES:
+        return
+    middle_ns = float(np.median(steps_ns))
+    whole = np.maximum(np.round(steps_ns / middle_ns), 1.0)  # a missing one is a gap, not jitter
+    unsteady = np.abs(steps_ns - whole * middle_ns) > JITTER * middle_ns
+    if unsteady.mean() > MOST_JITTERY:
+        yield Finding(
+            check="irregular-times",
+            severity=Severity.WARNING,
+            file=file,
+            field=what,
+            expected=f"steps of about {middle_ns / 1e6:.1f} ms",
+            got=f"{int(unsteady.sum())} of {len(steps_ns)} more than a quarter off",
+            do="times of arrival instead of exposure?",
+            times=int(unsteady.sum()),
+            timestamp_ns=int(times_ns[1:][np.argmax(unsteady)]),
+        )
+
+
+def _without_motion(recording: Recording, times_ns: NDArray[np.int64], what: str) -> Iterator[Finding]:
+    if not len(times_ns):
+        return
+    _, _, valid = recording.trajectory.at(times_ns)
+    if not valid.all():
+        first_ns, last_ns = (int(recording.trajectory.timestamps_ns[i]) for i in (0, -1))
+        yield Finding(
+            check="ego-motion-missing",
+            file=recording.trajectory.source,
+            field=what,
+            expected="ego-motion at all of them",
+            got=f"none at {int((~valid).sum())} of {len(times_ns)}; it runs from {first_ns} to {last_ns}",
+            do="give ego-motion that covers every image and sweep, without gaps over half a second",
+            times=int((~valid).sum()),
+            timestamp_ns=int(times_ns[np.argmin(valid)]),
+        )
+
+
+def _drift(recording: Recording) -> Iterator[Finding]:
+    """Sensors that are triggered together keep the ratio of their rates; a clock that runs apart does not."""
+    series = {f"images of {camera}": times_of(recording, camera) for camera in recording.cameras}
+    series["lidar sweeps"] = sweep_times(recording)
+    fits = {name: fit for name, times_ns in series.items() if (fit := _interval(times_ns)) is not None}
+    for (one, (one_ns, one_off)), (other, (other_ns, other_off)) in combinations(fits.items(), 2):
+        ratio = other_ns / one_ns
+        simple = Fraction(ratio).limit_denominator(MOST_PARTS)
+        if not simple or simple.numerator > MOST_PARTS or abs(ratio / float(simple) - 1) > NEAR_RATIO:
+            continue
+        rate = ratio / float(simple) - 1.0
+        first_ns, last_ns = max(series[one][0], series[other][0]), min(series[one][-1], series[other][-1])
+        apart_ns = abs(rate) * max(int(last_ns - first_ns), 0)
+        if apart_ns > LEAST_DRIFT_NS and abs(rate) > 4.0 * np.hypot(one_off, other_off):
+            clocks = abs(rate) <= CRYSTAL_RATE
+            yield Finding(
+                check="clock-drift",
+                severity=Severity.ERROR if clocks else Severity.WARNING,
+                file=str(recording.root),
+                field=f"{one} and {other}",
+                expected=f"intervals as {simple.denominator} to {simple.numerator}, as sensors of one clock have them",
+                got=f"{1e6 * rate:+.0f} ppm more, {apart_ns / 1e6:.1f} ms over the recording",
+                do="two clocks: bring both to one"
+                if clocks
+                else "sensors that run freely have to be stamped by one clock",
+                timestamp_ns=int(first_ns),
+            )
+
+
+def _interval(times_ns: NDArray[np.int64]) -> tuple[float, float] | None:
+    """Mean interval and its relative uncertainty, by a line through times over their count; gaps are counted over."""
+    if len(times_ns) < LEAST_IMAGES:
+        return None
+    steps_ns = np.diff(times_ns)
+    middle_ns = float(np.median(steps_ns))
+    number = np.concatenate([[0.0], np.cumsum(np.maximum(np.round(steps_ns / middle_ns), 1.0))])
+    elapsed_ns = (times_ns - times_ns[0]).astype(np.float64)
+    slope, intercept = np.polyfit(number, elapsed_ns, 1)
+    left_ns = elapsed_ns - (slope * number + intercept)
+    spread = float(np.sqrt((left_ns**2).sum() / max(len(left_ns) - 2, 1) / ((number - number.mean()) ** 2).sum()))
+    return float(slope), spread / float(slope)

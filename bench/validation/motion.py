@@ -1,0 +1,191 @@
+"""Tracks over time: jumps, speeds beyond the class, stated velocities and turns against positions and headings."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.recordings import Recording
+from bench.validation.findings import BODIES, BodyLimits, Finding, Severity, annotation_file, listed
+from bench.validation.tracks import TrackPath, track_path
+
+SECOND_NS = 1_000_000_000
+LONGEST_STEP_S = 1.0
+JUMP_M = 1.0
+JUMP_SHARE_OF_RANGE = 0.02  # boxes far away are seen by few points and shake
+HARD_MPS2 = 10.0  # braking on a dry road
+CHUNK_NS = 1_000_000_000
+SHORTEST_CHUNK_S = 0.25
+OFF_MPS, OFF_SHARE = 1.0, 0.25
+FAR_M = 50.0
+MOVING_MPS = 2.0
+SLIDING_DEG, BACKWARDS_DEG = 50.0, 130.0
+
+
+def check_motion(recording: Recording) -> Iterator[Finding]:
+    """Every track for itself; what is wrong alike with many of them is told once."""
+    file = annotation_file(recording)
+    velocities: dict[str, list[tuple[str, float]]] = defaultdict(list)
+    for track in recording.tracks:
+        limits = BODIES.get(track.object_class)
+        path = track_path(track, recording.trajectory)
+        if limits is None or len(path.times_ns) < 2:
+            continue
+        field = f"object {track.track_id!r} ({track.object_class})"
+        yield from _jumps(path, file, field)
+        yield from _too_fast(path, limits, file, field)
+        yield from _turns(path, limits, file, field)
+        if track.object_class in ("vehicle", "cyclist"):
+            yield from _heading(path, file, field)
+        told = _velocity_fault(path)
+        if told is not None:
+            velocities[told[0]].append((track.track_id, told[1]))
+    for cause, found in velocities.items():
+        yield Finding(
+            check="velocity",
+            file=file,
+            field="velocity_mps",
+            expected="velocities over the ground along the vehicle's axes, as the positions change",
+            got=f"{len(found)} objects off by up to {max(off for _, off in found):.1f} m/s: "
+            + listed([name for name, _ in found]),
+            do=cause,
+            times=len(found),
+        )
+
+
+def _jumps(path: TrackPath, file: str, field: str) -> Iterator[Finding]:
+    """Steps that leave what the steps around them lead one to expect."""
+    seconds = np.diff(path.times_ns) / SECOND_NS
+    velocity = np.diff(path.positions_m, axis=0) / seconds[:, None]
+    usual = np.empty_like(velocity)
+    for i in range(len(velocity)):
+        around = [k for k in range(max(i - 3, 0), min(i + 4, len(velocity))) if k != i]
+        usual[i] = np.median(velocity[around], axis=0) if around else velocity[i]
+    off_m = np.linalg.norm((velocity - usual)[:, :2], axis=1) * seconds
+    range_m = np.maximum(path.range_m[1:], path.range_m[:-1])
+    allowed_m = JUMP_M + HARD_MPS2 * seconds**2 + JUMP_SHARE_OF_RANGE * range_m
+    jumps = (off_m > allowed_m) & (seconds <= LONGEST_STEP_S)
+    if jumps.any():
+        first = int(np.argmax(jumps))
+        yield Finding(
+            check="object-jump",
+            file=file,
+            field=field,
+            expected="a path without jumps",
+            got=f"{int(jumps.sum())} steps off their line by up to {off_m[jumps].max():.1f} m",
+            do="two objects under one name, or a box left behind",
+            times=int(jumps.sum()),
+            timestamp_ns=int(path.times_ns[first + 1]),
+        )
+
+
+def _too_fast(path: TrackPath, limits: BodyLimits, file: str, field: str) -> Iterator[Finding]:
+    seconds = (path.times_ns[-1] - path.times_ns[0]) / SECOND_NS
+    mean_mps = float(np.linalg.norm(path.positions_m[-1] - path.positions_m[0])) / seconds
+    stated = np.linalg.norm(path.stated_mps, axis=1)
+    fastest = max(mean_mps, float(np.nanmedian(stated)) if np.isfinite(stated).any() else 0.0)
+    if fastest > limits.top_speed_mps:
+        yield Finding(
+            check="object-speed",
+            file=file,
+            field=field,
+            expected=f"at most {limits.top_speed_mps:.0f} m/s",
+            got=f"{fastest:.1f} m/s {'along its positions' if fastest == mean_mps else 'as stated'}",
+            do="km/h where m/s are due, another class, or another frame",
+            timestamp_ns=int(path.times_ns[0]),
+        )
+
+
+def _turns(path: TrackPath, limits: BodyLimits, file: str, field: str) -> Iterator[Finding]:
+    fastest = float(np.abs(path.stated_turn_radps).max())
+    if fastest > limits.top_turn_radps:
+        yield Finding(
+            check="object-turn",
+            file=file,
+            field=f"{field}: yaw_rate_radps",
+            expected=f"at most {limits.top_turn_radps} rad/s",
+            got=f"{fastest:.3g}",
+            do="degrees per second where rad/s are due?",
+            timestamp_ns=int(path.times_ns[int(np.argmax(np.abs(path.stated_turn_radps)))]),
+        )
+
+
+def _heading(path: TrackPath, file: str, field: str) -> Iterator[Finding]:
+    """Wheels roll along the length of a body."""
+    angles = []
+    for first, last in _chunks(path):
+        way = (path.positions_m[last] - path.positions_m[first])[:2]
+        seconds = (path.times_ns[last] - path.times_ns[first]) / SECOND_NS
+        forward = path.forward[(first + last) // 2]
+        if np.hypot(*way) / seconds > MOVING_MPS and np.isfinite(forward).all() and path.range_m[first] < FAR_M:
+            cosine = forward @ way / max(np.hypot(*forward) * np.hypot(*way), 1e-9)
+            angles.append(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+    if not angles or np.median(angles) < SLIDING_DEG:
+        return
+    backwards = np.median(angles) > BACKWARDS_DEG
+    yield Finding(
+        check="heading",
+        severity=Severity.WARNING if backwards else Severity.ERROR,
+        file=file,
+        field=field,
+        expected="a box whose x points where the object goes",
+        got=f"{np.median(angles):.0f} degrees between them",
+        do="back to front, unless it reverses"
+        if backwards
+        else "length and width swapped, or another zero of the angle",
+        times=len(angles),
+        timestamp_ns=int(path.times_ns[0]),
+    )
+
+
+def _velocity_fault(path: TrackPath) -> tuple[str, float] | None:
+    """What is wrong with the stated velocities, and by how many m/s."""
+    known = np.isfinite(path.stated_mps).all(axis=1) & (path.range_m < FAR_M)
+    real, said, host, local = [], [], [], []
+    for first, last in _chunks(path):
+        rows = slice(first, last + 1)
+        if not known[rows].all():
+            continue
+        seconds = (path.times_ns[last] - path.times_ns[first]) / SECOND_NS
+        real.append(((path.positions_m[last] - path.positions_m[first]) / seconds)[:2])
+        said.append(_mean(path.times_ns[rows], path.stated_mps[rows])[:2])
+        host.append(_mean(path.times_ns[rows], path.host_mps[rows])[:2])
+        local.append(np.einsum("nji,nj->ni", path.rotations[rows], path.stated_mps[rows]).mean(axis=0)[:2])
+    if not real:
+        return None
+    truth, stated = np.array(real), np.array(said)
+    off = np.linalg.norm(stated - truth, axis=1)
+    allowed = np.maximum(OFF_MPS, OFF_SHARE * np.maximum(*(np.linalg.norm(v, axis=1) for v in (stated, truth))))
+    if np.mean(off > allowed) <= 0.5:
+        return None
+    readings = {
+        "km/h where m/s are due": stated / 3.6,
+        "m/s divided by 3.6 once too often": stated * 3.6,
+        "relative to the vehicle, where over the ground is due": stated + np.array(host),
+        "the host's own velocity added once too often": stated - np.array(host),
+        "along the world's axes, where the vehicle's are due": np.array(local),
+        "the sign is turned": -stated,
+    }
+    errors = {told: float(np.mean(np.linalg.norm(v - truth, axis=1))) for told, v in readings.items()}
+    best = min(errors, key=lambda told: errors[told])
+    fits = errors[best] < 0.4 * float(off.mean())
+    return (best if fits else "check unit, axes, and whether it is over the ground"), float(np.median(off))
+
+
+def _mean(times_ns: NDArray[np.int64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    seconds = (times_ns - times_ns[0]) / SECOND_NS
+    return np.asarray(np.trapezoid(values, seconds, axis=0) / seconds[-1])
+
+
+def _chunks(path: TrackPath) -> Iterator[tuple[int, int]]:
+    """First and last row of stretches of about a second."""
+    first = 0
+    while first < len(path.times_ns) - 1:
+        last = int(np.searchsorted(path.times_ns, path.times_ns[first] + CHUNK_NS, side="right")) - 1
+        last = min(max(last, first + 1), len(path.times_ns) - 1)
+        if SHORTEST_CHUNK_S <= (path.times_ns[last] - path.times_ns[first]) / SECOND_NS <= 2.0:
+            yield first, last
+        first = last

@@ -1,0 +1,219 @@
+"""Everything that looks wrong in the recordings of a data set."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from bench.errors import DataError
+from bench.recordings import Recording, RecordingHandle
+from bench.recordings.salvage import Salvaged
+from bench.validation.boxes import check_boxes
+from bench.validation.calibration import check_calibration
+from bench.validation.clocks import check_annotation_times, check_clocks, check_coverage
+from bench.validation.ego_limits import check_ego_limits
+from bench.validation.findings import Finding, Severity, unusable
+from bench.validation.images import check_images
+from bench.validation.motion import check_motion
+from bench.validation.occupancy import Occupancy
+from bench.validation.path_evidence import check_path
+from bench.validation.sweeps import SweepChecks
+
+SAMPLED_IMAGES = 40  # of each camera, in pairs of neighbours
+SAMPLED_SWEEPS = 20
+
+
+class Depth(StrEnum):
+    """How many images and sweeps are read."""
+
+    SAMPLED = "sampled"
+    DEEP = "deep"
+
+
+# Each with the parts of a recording that it cannot do without.
+CHECKS: tuple[tuple[Callable[[Recording], Iterator[Finding]], frozenset[str]], ...] = (
+    (check_calibration, frozenset()),
+    (check_clocks, frozenset()),
+    (check_coverage, frozenset({"trajectory"})),
+    (check_ego_limits, frozenset({"trajectory"})),
+    (check_path, frozenset({"trajectory"})),
+    (check_annotation_times, frozenset({"annotations"})),
+    (check_boxes, frozenset({"annotations"})),
+    (check_motion, frozenset({"trajectory", "annotations"})),
+)
+
+
+def validate_recording(
+    handle: RecordingHandle, *, depth: Depth = Depth.SAMPLED, progress: Callable[[float], None] | None = None
+) -> tuple[list[Finding], dict[str, tuple[int, int]]]:
+    """Find all that is wrong with a recording.
+
+    Args:
+        handle: the recording.
+        depth: how many images and sweeps are read.
+        progress: called with the share that is done, 0 to 1.
+
+    Returns:
+        findings: errors first, in the order in which they were found.
+        read: of "images" and "sweeps", how many were read and how many there are.
+    """
+    opened = _opened(handle)
+    findings = [unusable(error) for error in opened.faults]
+    read = {"images": (0, 0), "sweeps": (0, 0)}
+    if opened.recording is not None:
+        recording = opened.recording
+        for check, needs in CHECKS:
+            if not needs & opened.lost:
+                findings += check(recording)
+        findings += _bulk(recording, opened.lost, depth, progress or (lambda _: None), read)
+    named = [replace(finding, recording=handle.name) for finding in findings]
+    return sorted(named, key=lambda finding: finding.severity != "error"), read
+
+
+def _opened(handle: RecordingHandle) -> Salvaged:
+    try:
+        recording = handle.open()
+    except DataError as error:
+        if handle.salvager is None:
+            return Salvaged(faults=(error,), recording=None)
+        salvaged = handle.salvager()
+        return salvaged if salvaged.faults else replace(salvaged, faults=(error,))
+    return Salvaged(faults=(), recording=recording)
+
+
+def _bulk(
+    recording: Recording,
+    lost: frozenset[str],
+    depth: Depth,
+    progress: Callable[[float], None],
+    read: dict[str, tuple[int, int]],
+) -> Iterator[Finding]:
+    rows = {camera: _pairs(len(recording.images[camera]), depth) for camera in recording.cameras}
+    sweep_rows = _spread(len(recording.sweeps), SAMPLED_SWEEPS, depth)
+    total = sum(map(len, rows.values())) + len(sweep_rows)
+    done = 0
+
+    def step() -> None:
+        nonlocal done
+        done += 1
+        progress(done / total)
+
+    for camera in recording.cameras:
+        yield from check_images(recording, camera, rows[camera], step)
+    occupancy = None if lost else Occupancy(recording)
+    yield from SweepChecks(recording, occupancy).check(sweep_rows, step)
+    if occupancy is not None:
+        yield from occupancy.findings()
+    read["images"] = sum(map(len, rows.values())), sum(map(len, recording.images.values()))
+    read["sweeps"] = len(sweep_rows), len(recording.sweeps)
+
+
+def _spread(count: int, most: int, depth: Depth) -> list[int]:
+    if depth is Depth.DEEP or count <= most:
+        return list(range(count))
+    return [int(i) for i in np.unique(np.linspace(0, count - 1, most).round())]
+
+
+def _pairs(count: int, depth: Depth) -> list[int]:
+    if depth is Depth.DEEP or count <= SAMPLED_IMAGES:
+        return list(range(count))
+    firsts = np.linspace(0, count - 2, SAMPLED_IMAGES // 2).round().astype(int)
+    return sorted({int(i) for first in firsts for i in (first, first + 1)})
+
+
+SCHEMA_VERSION = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordingReport:
+    """One recording.
+
+    Attributes:
+        name: of the recording.
+        findings: errors first.
+        images: how many images were read, and how many there are.
+        sweeps: how many sweeps were read, and how many there are.
+    """
+
+    name: str
+    findings: tuple[Finding, ...]
+    images: tuple[int, int]
+    sweeps: tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ValidationReport:
+    """A data set.
+
+    Attributes:
+        dataset: name.
+        depth: how many images and sweeps were to be read.
+        recordings: in the order of the data set.
+    """
+
+    dataset: str
+    depth: Depth
+    recordings: tuple[RecordingReport, ...]
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """All of them."""
+        return tuple(finding for recording in self.recordings for finding in recording.findings)
+
+    def count(self, severity: Severity) -> int:
+        """How many findings of a severity."""
+        return sum(finding.severity is severity for finding in self.findings)
+
+    def as_json(self) -> str:
+        """JSON text, one object with a list of findings."""
+        content = {
+            "schema_version": SCHEMA_VERSION,
+            "dataset": self.dataset,
+            "depth": self.depth.value,
+            "errors": self.count(Severity.ERROR),
+            "warnings": self.count(Severity.WARNING),
+            "recordings": [
+                {
+                    "name": recording.name,
+                    "images": {"read": recording.images[0], "all": recording.images[1]},
+                    "sweeps": {"read": recording.sweeps[0], "all": recording.sweeps[1]},
+                }
+                for recording in self.recordings
+            ],
+            "findings": [asdict(finding) for finding in self.findings],
+        }
+        return json.dumps(content, indent=1, ensure_ascii=False) + "\n"
+
+
+def validate_dataset(
+    name: str,
+    handles: Sequence[RecordingHandle],
+    *,
+    depth: Depth = Depth.SAMPLED,
+    progress: Callable[[float, int], None] | None = None,
+) -> ValidationReport:
+    """Validate recordings one after the other; memory does not grow with their number or length.
+
+    Args:
+        name: of the data set.
+        handles: its recordings.
+        depth: how many images and sweeps are read.
+        progress: called with recordings done, fractions allowed, and their number.
+    """
+    reports = []
+    report = progress or (lambda _done, _total: None)
+    for number, handle in enumerate(handles):
+        findings, read = validate_recording(
+            handle,
+            depth=depth,
+            progress=lambda share, number=number: report(number + share, len(handles)),  # type: ignore[misc]
+        )
+        reports.append(
+            RecordingReport(name=handle.name, findings=tuple(findings), images=read["images"], sweeps=read["sweeps"])
+        )
+        report(number + 1, len(handles))
+    return ValidationReport(dataset=name, depth=depth, recordings=tuple(reports))

@@ -1,0 +1,215 @@
+"""Lidar sweeps, read one by one: their points, their times, the road they see, and the boxes they meet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from hashlib import blake2b
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.errors import DataError
+from bench.lidar import LidarSweep
+from bench.recordings import Recording
+from bench.validation.findings import LIDAR_REACH_M, Finding, Severity, calibration_file, unusable
+from bench.validation.occupancy import Occupancy
+
+RING_M = (2.5, 14.0)  # around the vehicle's origin
+CELL_M = 1.0
+LEAST_CELLS = 15
+CELL_POINTS = 2
+FIRST_SLAB_M, SLAB_M = 0.6, 0.12  # half a slab around the plane, at first and at last; kerbs lie beyond
+ROUNDS = 6
+LEAST_SHARE = 0.3  # of the cells
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SeenRoad:
+    """The road of one sweep.
+
+    Attributes:
+        height_m: of the road below the vehicle's origin, vehicle frame.
+        tilt_rad: to the vehicle's xy plane.
+    """
+
+    height_m: float
+    tilt_rad: float
+
+
+def seen_road(points_vehicle: NDArray[np.float64]) -> SeenRoad | None:
+    """Fit a plane to the lowest points of cells around the vehicle.
+
+    Args:
+        points_vehicle: (N, 3) float64, m, vehicle frame.
+
+    Returns:
+        None where too little of the road is seen.
+    """
+    away_m = np.hypot(points_vehicle[:, 0], points_vehicle[:, 1])
+    near = points_vehicle[(away_m > RING_M[0]) & (away_m < RING_M[1])]
+    if len(near) < LEAST_CELLS:
+        return None
+    cell = np.floor(near[:, :2] / CELL_M).astype(np.int64)
+    _, number, count = np.unique(cell[:, 0] * 100_000 + cell[:, 1], return_inverse=True, return_counts=True)
+    lowest = near[np.lexsort((near[:, 2], number))][np.concatenate([[0], np.cumsum(count)[:-1]])]
+    lowest = lowest[count >= CELL_POINTS]
+    if len(lowest) < LEAST_CELLS:
+        return None
+    heights = np.sort(lowest[:, 2])
+    held = np.searchsorted(heights, heights + FIRST_SLAB_M) - np.arange(len(heights))
+    plane = np.array([0.0, 0.0, float(heights[np.argmax(held)]) + FIRST_SLAB_M / 2])
+    design = np.column_stack([lowest[:, :2], np.ones(len(lowest))])
+    for slab_m in np.linspace(FIRST_SLAB_M, SLAB_M, ROUNDS):
+        rows = np.abs(lowest[:, 2] - design @ plane) < slab_m
+        if rows.sum() < max(LEAST_CELLS, LEAST_SHARE * len(lowest)):
+            return None
+        plane = np.linalg.lstsq(design[rows], lowest[rows, 2], rcond=None)[0]
+    return SeenRoad(height_m=float(plane[2]), tilt_rad=float(np.arctan(np.hypot(plane[0], plane[1]))))
+
+
+FEW = 0.1  # of the middle number of points
+MOST_AT_ORIGIN, ORIGIN_M = 0.01, 0.05
+MOST_BEYOND = 0.5
+SMALL_M = 1.0  # a sweep all within this is in another unit
+ROAD_OFF_M, ROAD_TILT_RAD = 0.25, float(np.radians(4.0))
+LEAST_ROADS = 2
+LONGEST_SWEEPS = 2.5  # of the interval: revolutions overlap, but not that much
+MICRO = 1e-3
+
+
+class SweepChecks:
+    """Takes sweeps in turn and tells in the end what is wrong with all of them.
+
+    Args:
+        recording: the drive.
+        occupancy: tells which boxes are empty.
+    """
+
+    def __init__(self, recording: Recording, occupancy: Occupancy | None) -> None:
+        self._recording, self._occupancy = recording, occupancy
+        self._counts: list[tuple[int, int, str]] = []
+        self._roads: list[SeenRoad] = []
+        self._faults: dict[str, list[tuple[LidarSweep, str, str]]] = {}
+        self._before: tuple[int, bytes] | None = None
+        steps_ns = np.diff(np.array([s.timestamp_ns for s in recording.sweeps], dtype=np.int64))
+        self._interval_ns = float(np.median(steps_ns)) if len(steps_ns) else None
+
+    def check(self, rows: list[int], progress: Callable[[], None]) -> Iterator[Finding]:
+        """Read the sweeps of these indices.
+
+        Args:
+            rows: increasing; neighbours are compared.
+            progress: called after every sweep.
+        """
+        for row in rows:
+            reference = self._recording.sweeps[row]
+            try:
+                sweep = reference.read()
+            except DataError as error:
+                yield unusable(error, check="sweep", timestamp_ns=reference.timestamp_ns)
+            else:
+                self._look_at(sweep, row, str(reference.path))
+            progress()
+        yield from self._told()
+
+    def _look_at(self, sweep: LidarSweep, row: int, file: str) -> None:
+        points = sweep.points_lidar
+        self._counts.append((sweep.timestamp_ns, len(points), file))
+        if not len(points):
+            return
+        away_m = np.linalg.norm(points, axis=1)
+        digest = blake2b(np.ascontiguousarray(points).tobytes(), digest_size=16).digest()
+        if self._before == (row - 1, digest):
+            self._note("same-sweep", sweep, file, "the points of the sweep before it, to the last digit")
+        self._before = row, digest
+        if (away_m < ORIGIN_M).mean() > MOST_AT_ORIGIN:
+            got = f"{100 * (away_m < ORIGIN_M).mean():.0f} % of the points at the lidar itself"
+            self._note("lost-returns", sweep, file, got)
+        if (away_m > LIDAR_REACH_M).mean() > MOST_BEYOND or float(away_m.max()) < SMALL_M:
+            self._note("sweep-range", sweep, file, f"points {np.median(away_m):.3g} m away in the middle")
+            return
+        self._look_at_times(sweep, file)
+        points_vehicle = self._recording.vehicle_from_lidar.apply(points.astype(np.float64))
+        road = seen_road(points_vehicle)
+        if road is not None:
+            self._roads.append(road)
+        if self._occupancy is not None:
+            self._occupancy.add(sweep)
+
+    def _look_at_times(self, sweep: LidarSweep, file: str) -> None:
+        offsets_ns = sweep.time_offset_ns
+        if offsets_ns is None or self._interval_ns is None or len(offsets_ns) < 2:
+            return
+        span_ns = int(offsets_ns.max()) - int(offsets_ns.min())
+        away_ns = max(int(offsets_ns.min()), -int(offsets_ns.max()), 0)
+        if span_ns > LONGEST_SWEEPS * self._interval_ns:
+            self._note("point-times", sweep, file, f"points over {span_ns / 1e6:.1f} ms")
+        elif 0 < span_ns < 2 * MICRO * self._interval_ns:
+            self._note("point-times", sweep, file, f"points over {span_ns} ns, as microseconds would be")
+        elif away_ns > self._interval_ns:
+            self._note("point-times", sweep, file, f"points {away_ns / 1e6:.1f} ms away from it")
+
+    def _note(self, check: str, sweep: LidarSweep, file: str, got: str) -> None:
+        self._faults.setdefault(check, []).append((sweep, file, got))
+
+    def _told(self) -> Iterator[Finding]:
+        middle = float(np.median([count for _, count, _ in self._counts])) if self._counts else 0.0
+        empty = [(time_ns, file) for time_ns, count, file in self._counts if count == 0]
+        few = [(time_ns, count, file) for time_ns, count, file in self._counts if 0 < count < FEW * middle]
+        if empty:
+            yield Finding(check="empty-sweep", file=empty[0][1], expected="points", got="none",
+                          times=len(empty), timestamp_ns=empty[0][0])  # fmt: skip
+        if few:
+            yield Finding(check="thin-sweep", severity=Severity.WARNING, file=few[0][2],
+                          expected=f"about {middle:.0f} points, as the others", got=str(few[0][1]),
+                          times=len(few), timestamp_ns=few[0][0])  # fmt: skip
+        expected = {
+            "same-sweep": ("new points in each sweep", ""),
+            "lost-returns": ("points that something sent back", "leave out lost returns"),
+            "sweep-range": (f"points within {LIDAR_REACH_M:.0f} m", "check the unit: metres are due"),
+            "point-times": ("points of one revolution around the sweep's time", "check the unit: nanoseconds are due"),
+        }
+        for check, found in self._faults.items():
+            sweep, file, got = found[0]
+            yield Finding(
+                check=check,
+                severity=Severity.WARNING if check == "lost-returns" else Severity.ERROR,
+                file=file,
+                expected=expected[check][0],
+                got=got,
+                do=expected[check][1],
+                times=len(found),
+                timestamp_ns=sweep.timestamp_ns,
+            )
+        yield from self._road()
+
+    def _road(self) -> Iterator[Finding]:
+        if len(self._roads) < LEAST_ROADS:
+            return
+        height_m = float(np.median([road.height_m for road in self._roads]))
+        tilt_rad = float(np.median([road.tilt_rad for road in self._roads]))
+        cameras = self._recording.cameras.values()
+        stated_m = float(np.median([c.vehicle_from_camera.translation_m[2] - c.road.height_m for c in cameras]))
+        file = calibration_file(self._recording)
+        if abs(height_m - stated_m) > ROAD_OFF_M:
+            yield Finding(
+                check="road-height",
+                file=file,
+                field="lidar.vehicle_from_lidar or the road's height",
+                expected=f"the road at {stated_m:+.2f} m in the vehicle frame, as the calibration says",
+                got=f"{height_m:+.2f} m in the middle of {len(self._roads)} sweeps",
+                do="check the height of the lidar, and that its mounting is applied once",
+                times=len(self._roads),
+            )
+        if tilt_rad > ROAD_TILT_RAD:
+            yield Finding(
+                check="road-tilt",
+                severity=Severity.WARNING,
+                file=file,
+                field="lidar.vehicle_from_lidar",
+                expected="a road level in the vehicle frame",
+                got=f"one tilted by {np.degrees(tilt_rad):.1f} degrees in the middle of {len(self._roads)} sweeps",
+                do="check roll and pitch of the lidar, and the order of its quaternion",
+                times=len(self._roads),
+            )

@@ -1,0 +1,342 @@
+"""KITTI's tracklets and CVAT's: files by hand, there and back, the real sample, and what is no such file."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from bench.errors import DataError
+from bench.geometry import RigidTransform
+from bench.labels import LabelOptions, Layer, label_format
+from bench.labels.kitti_tracklets import DEEPEST, Tracklet, TrackletPose, read_tracklets, write_tracklets
+from bench.recordings import GroundPolygon, ObjectState, Track
+from tests.labels import street
+from tests.labels.same import assert_same_boxes
+from tests.real import REAL, needs_real
+
+PLAIN = LabelOptions()
+HEAD = '<?xml version="1.0" encoding="UTF-8" standalone="true" ?>\n<!DOCTYPE boost_serialization>\n'
+
+
+@pytest.fixture
+def drive(tmp_path):
+    return street.recording(tmp_path / "drive")
+
+
+def pose(at=(10.0, 2.0, -1.75), rz=0.0, *, rx=0.0, ry=0.0, state=2, occlusion=0, truncation=0):
+    values = {"tx": at[0], "ty": at[1], "tz": at[2], "rx": rx, "ry": ry, "rz": rz, "state": state}
+    values |= {"occlusion": occlusion, "occlusion_kf": 0, "truncation": truncation, "amt_border_kf": -1}
+    return "<item>" + "".join(f"<{name}>{value}</{name}>" for name, value in values.items()) + "</item>"
+
+
+def item(*poses, kind="Car", h=1.5, w=1.75, length=4.5, first=0, count=None):
+    """A tracklet as KITTI writes it."""
+    count = len(poses) if count is None else count
+    return (
+        f"<item><objectType>{kind}</objectType><h>{h}</h><w>{w}</w><l>{length}</l><first_frame>{first}</first_frame>"
+        f"<poses><count>{count}</count><item_version>2</item_version>{''.join(poses)}</poses><finished>1</finished></item>"
+    )
+
+
+def document(*items, count=None, head=HEAD):
+    count = len(items) if count is None else count
+    return (
+        f'{head}<boost_serialization signature="serialization::archive" version="9"><tracklets class_id="0">'
+        f"<count>{count}</count><item_version>1</item_version>{''.join(items)}</tracklets></boost_serialization>"
+    )
+
+
+def put(tmp_path, text):
+    file = tmp_path / "tracklet_labels.xml"
+    file.write_text(text)
+    return file
+
+
+def test_a_tracklet_by_hand(tmp_path, drive):
+    """The lidar sits at (1, 0, 2) and looks to the left: its x is the vehicle's y. The box stands on tz = -1.75."""
+    drive = replace(drive, vehicle_from_lidar=RigidTransform.from_yaw(np.pi / 2, (1.0, 0.0, 2.0)))
+    file = put(tmp_path, document(item(pose(rz=-np.pi / 2), pose(at=(10.0, 2.5, -1.75), rz=-np.pi / 2), first=2)))
+    layer = label_format("kitti-tracklets").read(file, drive, PLAIN)
+    (track,) = layer.tracks
+    first, second = track.states
+    assert (track.track_id, track.object_class) == ("tracklet-0", "vehicle")
+    assert [first.timestamp_ns, second.timestamp_ns] == list(street.TIMES_NS[2:4])
+    assert first.shape.vehicle_from_object.translation_m == pytest.approx([-1.0, 10.0, 2.0 - 1.75 + 0.75], abs=1e-12)
+    assert first.shape.vehicle_from_object.rotation == pytest.approx(np.eye(3), abs=1e-12)
+    assert first.shape.size_m.tolist() == [4.5, 1.75, 1.5]
+    assert layer.timestamps_ns == street.TIMES_NS
+    assert [line for line in layer.lost if "frames without objects" not in line] == []
+
+
+def test_the_same_tags_of_cvat_mean_something_else(tmp_path, drive):
+    """The middle, w along x, h along y, l along z, and three angles about the box's own axes."""
+    drive = replace(drive, vehicle_from_lidar=RigidTransform.identity())
+    angles = (0.1, -0.2, 0.5)
+    tag = pose(at=(10.0, 2.0, 0.75), rx=angles[0], ry=angles[1], rz=angles[2])
+    file = put(tmp_path, document(item(tag, w=4.5, h=1.75, length=1.5)))
+    ((state,),) = (track.states for track in label_format("cvat-tracklets").read(file, drive, PLAIN).tracks)
+    assert state.shape.vehicle_from_object.translation_m.tolist() == [10.0, 2.0, 0.75]
+    about = [Rotation.from_rotvec(angle * np.eye(3)[i]).as_matrix() for i, angle in enumerate(angles)]
+    assert state.shape.vehicle_from_object.rotation == pytest.approx(about[0] @ about[1] @ about[2], abs=1e-12)
+    assert state.shape.size_m.tolist() == [4.5, 1.75, 1.5]
+    with pytest.raises(DataError, match=r"item 0, frame 0\.rx, ry: expected 0, got 0.1 and -0.2; files of CVAT"):
+        label_format("kitti-tracklets").read(file, drive, PLAIN)
+
+
+def test_gaps_that_cvat_fills_stay_gaps(tmp_path, drive):
+    poses = (pose(), pose(occlusion=-1, truncation=2), pose())
+    file = put(tmp_path, document(item(*poses)))
+    (track,) = label_format("cvat-tracklets").read(file, drive, PLAIN).tracks
+    assert [state.timestamp_ns for state in track.states] == [street.TIMES_NS[0], street.TIMES_NS[2]]
+    assert len(label_format("kitti-tracklets").read(file, drive, PLAIN).tracks[0].states) == 3
+
+
+def test_what_has_no_place_is_told(tmp_path, drive):
+    poses = (pose(state=1, occlusion=2), pose(state=0), pose(truncation=99))
+    file = put(tmp_path, document(item(*poses), item(pose(), kind="Misc")))
+    layer = label_format("kitti-tracklets").read(file, drive, LabelOptions(classes={"Misc": None}))
+    told = "\n".join(layer.lost)
+    for line in (
+        "1 objects of class 'Misc', left out as asked",
+        "1 poses that are unset or outside, left out",
+        "1 poses that are interpolated",
+        "1 marks of occlusion",
+        "1 marks of truncation",
+        "all 6 sweeps count as annotated",
+    ):
+        assert line in told
+    assert [len(track.states) for track in layer.tracks] == [2]
+
+
+def test_boxes_that_float_are_doubted(tmp_path, drive):
+    drive = upright(drive)
+    file = put(tmp_path, document(item(pose(at=(10.0, 2.0, -0.9)))))
+    assert any("doubtful: the middle box stands 0.9" in line for line in read(file, drive).lost)
+    file = put(tmp_path, document(item(pose(at=(10.0, 2.0, -1.9)))))
+    assert not any("doubtful" in line for line in read(file, drive).lost)
+
+
+def read(file, drive, **options):
+    return label_format("kitti-tracklets").read(file, drive, LabelOptions(**options))
+
+
+def upright(drive):
+    """The street's boxes stand upright in the vehicle frame, and so must the lidar for KITTI to hold them."""
+    yaw_only = RigidTransform.from_yaw(0.3, (1.2, 0.1, 1.8))
+    return replace(drive, vehicle_from_lidar=yaw_only)
+
+
+@pytest.mark.parametrize("name", ["kitti-tracklets", "cvat-tracklets"])
+def test_boxes_come_back_as_they_went(tmp_path, drive, name):
+    drive = upright(drive) if name == "kitti-tracklets" else drive
+    tracks = tuple(street.box_track(which) for which in street.SIZES_M)
+    layer = Layer(tracks=tracks, timestamps_ns=street.TIMES_NS)
+    lost = label_format(name).write(layer, drive, tmp_path / "out", PLAIN)
+    assert not any("stand upright" in line for line in lost)
+    found = label_format(name).read(tmp_path / "out", drive, PLAIN)
+    assert_same_boxes(found.tracks, tracks, names=False)
+    assert found.timestamps_ns == layer.timestamps_ns
+
+
+def test_velocities_come_from_the_places_in_the_world(tmp_path, drive):
+    """The walker moves on a straight line at one speed, so that differences are exact; the host turns meanwhile."""
+    layer = Layer(tracks=(street.box_track("walker"),), timestamps_ns=street.TIMES_NS)
+    label_format("cvat-tracklets").write(layer, drive, tmp_path / "out", PLAIN)
+    (track,) = label_format("cvat-tracklets").read(tmp_path / "out", drive, PLAIN).tracks
+    for state, true in zip(track.states, layer.tracks[0].states, strict=True):
+        assert state.velocity_mps == pytest.approx(true.velocity_mps, abs=1e-6)
+        assert abs(state.yaw_rate_radps) < 1e-9
+
+
+def test_a_leaning_lidar_makes_boxes_stand_upright_and_says_so(tmp_path, drive):
+    layer = Layer(tracks=(street.box_track("car"),), timestamps_ns=street.TIMES_NS)
+    lost = label_format("kitti-tracklets").write(layer, drive, tmp_path / "out", PLAIN)
+    assert any(line.startswith("boxes that lean by up to 1.28 deg") for line in lost)
+    (track,) = read(tmp_path / "out", drive).tracks
+    for state, true in zip(track.states, layer.tracks[0].states, strict=True):
+        same = true.shape.vehicle_from_object.translation_m
+        assert state.shape.vehicle_from_object.translation_m == pytest.approx(same, abs=1e-9)
+
+
+def test_what_the_format_cannot_hold_is_told(tmp_path, drive):
+    car = street.box_track("car")
+    states = list(car.states)
+    states[1] = replace(states[1], category="crossing", unclear=True)
+    size_m = np.array([5.0, 1.8, 1.5])
+    states[2] = replace(states[2], shape=replace(states[2].shape, size_m=size_m))
+    states[4] = replace(states[4], timestamp_ns=states[4].timestamp_ns + 1)
+    outline = GroundPolygon(outline_m=np.array([[0.0, 0], [1, 0], [1, 1]]), bottom_m=0.0, top_m=1.0)
+    walker = ObjectState(timestamp_ns=street.TIMES_NS[0], shape=outline, velocity_mps=np.full(3, np.nan))
+    tracks = (
+        replace(car, states=tuple(states), instance_id=7),
+        Track(track_id="walker", object_class="pedestrian", states=(walker,)),
+    )
+    layer = Layer(tracks=tracks, timestamps_ns=street.TIMES_NS)
+    told = "\n".join(label_format("kitti-tracklets").write(layer, upright(drive), tmp_path / "out", PLAIN))
+    for line in (
+        "1 states that are ground outlines: the format has none",
+        "1 states at 1 times at which there is no sweep",
+        "2 names of objects",
+        "1 objects are out of sight for a while and become several tracklets",
+        "1 objects change their size",
+        "1 kinds of motion (category)",
+        "1 marks of unclear objects",
+        "6 velocities",
+        "6 yaw rates",
+        "1 numbers in truth images (instance_id)",
+    ):
+        assert line in told
+    found = read_tracklets(tmp_path / "out" / "tracklet_labels.xml")
+    assert [(tracklet.first_frame, len(tracklet.poses)) for tracklet in found] == [(0, 4), (5, 1)]
+
+
+def test_numbers_of_frames_are_those_of_the_sweeps(tmp_path):
+    drive = street.recording(tmp_path / "drive", names=tuple(f"{250 + i:010d}" for i in range(street.SWEEPS)))
+    layer = Layer(tracks=(street.box_track("parked"),), timestamps_ns=street.TIMES_NS)
+    label_format("cvat-tracklets").write(layer, drive, tmp_path / "a", PLAIN)
+    assert read_tracklets(tmp_path / "a/tracklet_labels.xml")[0].first_frame == 250
+    options = LabelOptions(first_frame=10, classes={"Van": "vehicle"})
+    label_format("cvat-tracklets").write(layer, drive, tmp_path / "b", options)
+    (tracklet,) = read_tracklets(tmp_path / "b/tracklet_labels.xml")
+    assert (tracklet.first_frame, tracklet.object_type) == (10, "Van")
+    found = label_format("cvat-tracklets").read(tmp_path / "b", drive, options)
+    assert_same_boxes(found.tracks, layer.tracks, names=False)
+
+
+finite = st.floats(-1e6, 1e6)
+sizes = st.floats(1e-3, 1e3)
+
+
+@given(
+    st.lists(
+        st.builds(
+            Tracklet,
+            object_type=st.text("Ca <&>\"'é", min_size=1).map(str.strip).filter(bool),
+            height_m=sizes,
+            width_m=sizes,
+            length_m=sizes,
+            first_frame=st.integers(-5, 10**6),
+            poses=st.lists(
+                st.builds(
+                    TrackletPose,
+                    place_m=st.tuples(finite, finite, finite),
+                    angles_rad=st.tuples(finite, finite, finite),
+                    state=st.integers(0, 2),
+                    occlusion=st.integers(-1, 2),
+                    truncation=st.sampled_from([-1, 0, 1, 2, 99]),
+                ),
+                max_size=3,
+            ).map(tuple),
+            finished=st.booleans(),
+        ),
+        max_size=3,
+    )
+)
+def test_files_come_back_exactly(tmp_path_factory, tracklets):
+    file = tmp_path_factory.mktemp("xml") / "tracklet_labels.xml"
+    write_tracklets(file, tracklets)
+    assert list(read_tracklets(file)) == tracklets
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (document(item(pose()), count=2), "tracklets.count: expected the number of tracklets, got 2 for 1 items"),
+        (document(item(pose()), count=10**12), "tracklets.count: expected a whole number count"),
+        (document(item(pose(), count=3)), "item 0.poses.count: expected 1, as there are poses, got 3"),
+        (document(item(pose(at=("nan", 0, 0)))), "item 0.poses.item 0.tx: expected finite numbers, got 'nan'"),
+        (document(item(pose(at=("1 2", 0, 0)))), "item 0.poses.item 0.tx: expected 1 numbers, got 2"),
+        (document(item(pose(), h=0)), "item 0.h: expected a size above 0, got 0.0"),
+        (document(item(pose(), h="1e999")), "item 0.h: expected finite numbers"),
+        (document(item(pose(), kind=" ")), "item 0.objectType: expected a class, got nothing"),
+        (document(item(pose(), first="1.5")), "item 0.first_frame: expected a whole number first_frame, got '1.5'"),
+        (document(item(pose(), first=9 * 10**9)), "expected a whole number first_frame"),
+        (document(item(pose(), first=9)), "frames: expected frames called as the 6 sweeps"),
+        (document(item(pose(), kind="Yeti")), "classes: expected classes that can be told as .*got 'Yeti'"),
+        (document("<item><objectType>Car</objectType></item>"), "item 0.poses: expected poses, got nothing"),
+        ("<a/>", "expected boost_serialization with tracklets, got a"),
+        ("<boost_serialization><b/></boost_serialization>", "expected boost_serialization with tracklets"),
+        ("<boost_serialization/>", "tracklets.count: expected the number of tracklets, got 0 counts"),
+        (document(item(pose()))[:-30], "expected well-formed XML"),
+        ("", "expected well-formed XML"),
+        ("\0\1\2", "expected well-formed XML"),
+    ],
+)
+def test_every_fault_has_its_place(tmp_path, drive, text, told):
+    with pytest.raises(DataError, match=told):
+        read(put(tmp_path, text), drive)
+
+
+def test_a_billion_laughs_are_not_told(tmp_path, drive):
+    entities = "".join(f'<!ENTITY a{i} "{f"&a{i - 1};" * 10}">' for i in range(1, 10))
+    head = f'<?xml version="1.0"?><!DOCTYPE boost_serialization [<!ENTITY a0 "ha">{entities}]>'
+    with pytest.raises(DataError, match="expected XML without entities"):
+        read(put(tmp_path, document(item(pose(), kind="&a9;"), head=head)), drive)
+
+
+@pytest.mark.parametrize("where", ["file:///etc/hostname", "http://127.0.0.1:9/x"])
+def test_nothing_outside_is_read(tmp_path, drive, where):
+    head = f'<?xml version="1.0"?><!DOCTYPE boost_serialization [<!ENTITY out SYSTEM "{where}">]>'
+    with pytest.raises(DataError, match="expected XML without entities"):
+        read(put(tmp_path, document(item(pose(), kind="&out;"), head=head)), drive)
+
+
+def test_deep_nesting_ends_early(tmp_path, drive):
+    """A hundred megabytes of opened elements; the file is put aside after a dozen."""
+    file = tmp_path / "tracklet_labels.xml"
+    with file.open("w") as out:
+        out.write("<boost_serialization><tracklets>")
+        for _ in range(100):
+            out.write("<item>" * 170_000)
+    with pytest.raises(DataError, match=f"at most {DEEPEST} levels"):
+        read(file, drive)
+
+
+def test_an_item_without_end_is_put_aside(tmp_path, drive):
+    file = tmp_path / "tracklet_labels.xml"
+    with file.open("w") as out:
+        out.write("<boost_serialization><tracklets><item><poses>")
+        for _ in range(10):
+            out.write("<item></item>" * 80_000)
+    with pytest.raises(DataError, match="tracklets of at most 8000000 bytes"):
+        read(file, drive)
+
+
+def test_a_missing_file_is_named(tmp_path, drive):
+    with pytest.raises(DataError, match=r"nowhere\.xml: expected a file of tracklets, got No such file"):
+        read(tmp_path / "nowhere.xml", drive)
+
+
+@needs_real
+def test_the_real_sample_stands_on_the_road(tmp_path):
+    """15 tracklets of drive 1: the lidar is 1.73 m above the road, so that bottoms of cars lie about -1.73 m."""
+    from bench.recordings import SweepRef
+
+    (file,) = REAL.glob("kitti_raw/*/*/tracklet_labels.xml")
+    drive = street.recording(tmp_path / "drive")
+    sweeps = tuple(
+        SweepRef(
+            timestamp_ns=street.FIRST_NS + i * 100_000_000,
+            path=tmp_path / f"{i:010d}.bin",
+            reader=drive.sweeps[0].reader,
+        )
+        for i in range(108)
+    )
+    drive = replace(drive, sweeps=sweeps, vehicle_from_lidar=RigidTransform.from_yaw(0.0, (0.76, 0.0, 1.73)))
+    layer = read(file, drive)
+    assert [track.object_class for track in layer.tracks] == ["vehicle"] * 10 + ["cyclist"] * 2 + ["vehicle"] * 3
+    assert sum(len(track.states) for track in layer.tracks) == 572
+    assert not any("doubtful" in line for line in layer.lost)
+    cars = [
+        track for track in layer.tracks if track.states[0].shape.size_m[2] < 2.5 and track.object_class == "vehicle"
+    ]
+    bottoms = [
+        state.shape.vehicle_from_object.translation_m[2] - state.shape.size_m[2] / 2 for t in cars for state in t.states
+    ]
+    assert abs(np.median(bottoms)) < 0.15
+    label_format("kitti-tracklets").write(layer, drive, tmp_path / "out", PLAIN)
+    again = read(tmp_path / "out", drive)
+    assert_same_boxes(again.tracks, [replace(t, object_class=t.object_class) for t in layer.tracks], names=False)

@@ -1,0 +1,622 @@
+"""Each fault is really put into a copy of a clean recording, and it alone is told."""
+
+import csv
+import json
+import shutil
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from bench.geometry import RigidTransform
+from bench.lidar import LidarSweep, read_sweep
+from bench.lidar.files import write_sweep
+from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track
+from bench.recordings.native_listing import native_recordings
+from bench.validation import Depth, Severity, boxes, occupancy, validate_recording
+from bench.validation.boxes import check_boxes
+from tests.recordings import tiny
+from tests.validation import drive
+
+
+@pytest.fixture(scope="module")
+def clean(tmp_path_factory):
+    return drive.write_drive(tmp_path_factory.mktemp("clean") / "drive")
+
+
+@pytest.fixture
+def root(clean, tmp_path):
+    return shutil.copytree(clean, tmp_path / "drive")
+
+
+def found(root, depth=Depth.SAMPLED):
+    (handle,) = native_recordings(root, options={}, card=root / "card.yaml", annotations=None)
+    return validate_recording(handle, depth=depth)[0]
+
+
+def checks(root):
+    return {(finding.check, finding.severity) for finding in found(root)}
+
+
+def error(check):
+    return {(check, Severity.ERROR)}
+
+
+def warning(check):
+    return {(check, Severity.WARNING)}
+
+
+def change_json(file, change):
+    content = json.loads(file.read_text())
+    change(content)
+    file.write_text(json.dumps(content))
+
+
+def change_head(root, change):
+    change_json(root / "recording.json", change)
+
+
+def change_boxes(root, change, *, only=None):
+    """Call `change` with the name, frame number and object data of every annotated state."""
+
+    def each(content):
+        for number, frame in content["openlabel"]["frames"].items():
+            for name, entry in frame["objects"].items():
+                if only is None or name == only:
+                    change(name, int(number), entry["object_data"])
+
+    change_json(root / "annotations.json", each)
+
+
+def change_bus(root, change):
+    with (root / "egomotion.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    for row in rows:
+        change(row)
+    with (root / "egomotion.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def change_sweep(root, index, change):
+    path = sorted((root / "lidar").iterdir())[index]
+    sweep = read_sweep(path, int(path.stem))
+    write_sweep(path, change(sweep))
+
+
+def change_sweeps(root, change):
+    for index in range(drive.SWEEPS):
+        change_sweep(root, index, change)
+
+
+def with_points(points):
+    return lambda sweep: LidarSweep(timestamp_ns=sweep.timestamp_ns, points_lidar=points(sweep.points_lidar))
+
+
+def images(root):
+    return sorted((root / "images" / "front").iterdir())
+
+
+def test_a_clean_recording_has_no_findings(root):
+    assert found(root) == []
+    assert found(root, Depth.DEEP) == []
+
+
+# ---------------------------------------------------------------- ego-motion
+
+
+@pytest.mark.parametrize(
+    ("column", "factor", "field"),
+    [
+        ("speed_mps", 3.6, "speed"),
+        ("speed_mps", 1 / 3.6, "speed"),
+        ("yaw_rate_radps", -1.0, "sign of the yaw rate"),
+    ],
+)
+def test_units_and_signs_of_the_bus_are_tried_against_the_lidar(root, column, factor, field):
+    change_bus(root, lambda row: row.update({column: str(float(row[column]) * factor)}))
+    (told,) = [finding for finding in found(root) if finding.check == "ego-motion-unit"]
+    assert told.field == field
+    assert told.severity is Severity.ERROR
+    assert told.file.endswith("egomotion.csv")
+
+
+def test_reverse_gear_while_driving_forwards(root):
+    change_bus(root, lambda row: row.update(gear="R"))
+    (told,) = [finding for finding in found(root) if finding.check == "ego-motion-unit"]
+    assert "gear" in told.field
+
+
+def test_degrees_per_second(root):
+    change_bus(root, lambda row: row.update(yaw_rate_radps=str(np.degrees(drive.TURN_RADPS))))
+    assert ("host-turn", Severity.ERROR) in checks(root)
+
+
+def test_speed_no_car_has(root):
+    change_bus(root, lambda row: row.update(speed_mps="120"))
+    assert ("host-speed", Severity.ERROR) in checks(root)
+
+
+def test_ego_motion_that_ends_early(root):
+    lines = (root / "egomotion.csv").read_text().splitlines()
+    (root / "egomotion.csv").write_text("\n".join(lines[:140]) + "\n")
+    told = {finding.field for finding in found(root) if finding.check == "ego-motion-missing"}
+    assert told == {"images of front", "lidar sweeps"}
+    assert {finding.check for finding in found(root)} == {"ego-motion-missing"}
+
+
+# ---------------------------------------------------------------- clocks
+
+
+def test_frame_interval_in_microseconds(root):
+    change_head(root, lambda head: head.update(frame_interval_ns=66_667))
+    (told,) = found(root)
+    assert (told.check, told.field) == ("image-times", "frame_interval_ns")
+
+
+def test_a_gap_between_images(root):
+    for path in images(root)[10:13]:
+        path.unlink()
+    assert checks(root) == warning("image-gaps")
+
+
+def test_image_times_of_arrival(root):
+    rng = np.random.default_rng(0)
+    for path in images(root)[1:]:
+        path.rename(path.with_stem(str(int(path.stem) + int(rng.integers(0, 33_000_000)))))
+    assert ("irregular-times", Severity.WARNING) in checks(root)
+
+
+def test_clocks_that_run_apart(root):
+    for path in images(root):
+        late_ns = round((int(path.stem) - drive.START_NS) * 4e-3)  # 6 ms over the recording
+        path.rename(path.with_stem(str(int(path.stem) + late_ns)))
+    assert checks(root) == warning("clock-drift")
+
+
+def test_lidar_on_another_clock(root):
+    for path in sorted((root / "lidar").iterdir()):
+        path.rename(path.with_stem(str(int(path.stem) + 100 * 10**9)))
+    told = {finding.check for finding in found(root) if finding.severity is Severity.ERROR}
+    assert told == {"sensor-overlap", "ego-motion-missing"}
+
+
+def test_annotations_outside_of_the_recording(root):
+    def later(content):
+        for frame in content["openlabel"]["frames"].values():
+            frame["frame_properties"]["timestamp"] += 20 * 10**9
+
+    change_json(root / "annotations.json", later)
+    assert checks(root) == error("annotation-outside")
+
+
+def test_annotations_between_the_sensors(root):
+    def later(content):
+        content["openlabel"]["frames"]["15"]["frame_properties"]["timestamp"] -= 7_000_000
+
+    change_json(root / "annotations.json", later)
+    (told,) = found(root)
+    assert (told.check, told.severity, told.times) == ("annotation-time", Severity.WARNING, 1)
+
+
+# ---------------------------------------------------------------- images
+
+
+def test_an_image_cut_short(root):
+    images(root)[4].write_bytes(images(root)[4].read_bytes()[:500])
+    (told,) = found(root)
+    assert (told.check, told.file) == ("image", str(images(root)[4]))
+    assert told.timestamp_ns == int(images(root)[4].stem)
+
+
+def test_an_image_of_another_size(root):
+    cv2.imwrite(str(images(root)[4]), np.zeros((40, 64), dtype=np.uint8))
+    (told,) = found(root)
+    assert (told.check, told.field, told.got) == ("image", "image size", "64 x 40")
+
+
+def test_the_same_image_twice(root):
+    shutil.copy(images(root)[4], images(root)[5])
+    assert checks(root) == error("same-image")
+
+
+def test_black_images(root):
+    for path in images(root)[3:6]:
+        cv2.imwrite(str(path), np.zeros((drive.HEIGHT, drive.WIDTH), dtype=np.uint8))
+    (told,) = found(root)
+    assert (told.check, told.times) == ("black-image", 3)
+
+
+# ---------------------------------------------------------------- lidar
+
+
+def test_an_empty_sweep(root):
+    change_sweep(root, 3, with_points(lambda points: points[:0]))
+    assert checks(root) == error("empty-sweep")
+
+
+def test_a_thin_sweep(root):
+    change_sweep(root, 3, with_points(lambda points: points[::50]))
+    assert checks(root) == warning("thin-sweep")
+
+
+def test_points_that_are_not_finite(root):
+    change_sweep(root, 3, with_points(lambda points: np.where(points > 10, np.nan, points)))
+    (told,) = found(root)
+    assert (told.check, told.field) == ("sweep", "points_lidar")
+
+
+def test_millimetres(root):
+    change_sweeps(root, with_points(lambda points: points * 1000))
+    (told,) = found(root)
+    assert (told.check, told.times) == ("sweep-range", drive.SWEEPS)
+
+
+def test_the_sweep_before_it_again(root):
+    path = sorted((root / "lidar").iterdir())
+    shutil.copy(path[3], path[4])
+    assert ("same-sweep", Severity.ERROR) in checks(root)
+
+
+def test_lost_returns_at_the_lidar(root):
+    change_sweep(root, 3, with_points(lambda points: np.vstack([points, np.zeros((500, 3), dtype=np.float32)])))
+    assert checks(root) == warning("lost-returns")
+
+
+def test_point_times_in_microseconds(root):
+    def timed(sweep):
+        offsets_ns = np.linspace(-50_000, 50_000, len(sweep.points_lidar)).astype(np.int64)
+        return LidarSweep(timestamp_ns=sweep.timestamp_ns, points_lidar=sweep.points_lidar, time_offset_ns=offsets_ns)
+
+    change_sweeps(root, timed)
+    (told,) = found(root)
+    assert (told.check, told.do) == ("point-times", "check the unit: nanoseconds are due")
+
+
+def test_a_lidar_mounted_too_low(root):
+    change_head(root, lambda head: head["lidar"]["vehicle_from_lidar"].update(translation_m=[1.2, 0.0, 1.3]))
+    (told,) = [finding for finding in found(root) if finding.check == "road-height"]
+    assert "-0.50 m" in told.got
+
+
+def test_a_lidar_that_nods(root):
+    turned = drive.quaternion_wxyz(drive.LIDAR, Rotation.from_euler("y", 6, degrees=True))
+    change_head(root, lambda head: head["lidar"]["vehicle_from_lidar"].update(quaternion_wxyz=turned))
+    assert ("road-tilt", Severity.WARNING) in checks(root)
+
+
+# ---------------------------------------------------------------- calibration
+
+
+def test_a_camera_in_the_ground(root):
+    change_head(root, lambda head: head["cameras"]["front"]["vehicle_from_camera"].update(translation_m=[3.7, 0, -0.5]))
+    (told,) = found(root)
+    assert told.check == "file"
+    assert told.field.startswith("cameras.front.vehicle_from_camera")
+    assert "height of -0.5 m" in told.got
+
+
+def test_a_camera_in_the_sky(root):
+    change_head(root, lambda head: head["cameras"]["front"]["vehicle_from_camera"].update(translation_m=[3.7, 0, 65.0]))
+    assert checks(root) == error("camera-mounting")
+
+
+def test_a_camera_that_looks_up(root):
+    change_head(
+        root, lambda head: head["cameras"]["front"]["vehicle_from_camera"].update(quaternion_wxyz=[1.0, 0.0, 0.0, 0.0])
+    )
+    (told,) = found(root)
+    assert told.check == "camera-mounting"
+    assert told.got == "one 90 degrees above the horizon"
+
+
+def test_a_camera_upside_down(root):
+    turned = drive.quaternion_wxyz(drive.FRONT, Rotation.from_euler("z", 180, degrees=True))
+    change_head(root, lambda head: head["cameras"]["front"]["vehicle_from_camera"].update(quaternion_wxyz=turned))
+    (told,) = found(root)
+    assert told.got == "one turned by 180 degrees about the optical axis"
+
+
+def test_a_camera_far_from_the_car(root):
+    change_head(root, lambda head: head["cameras"]["front"]["vehicle_from_camera"].update(translation_m=[37, 0, 0.65]))
+    assert checks(root) == warning("sensor-outside")
+
+
+def test_no_unit_quaternion(root):
+    change_head(
+        root, lambda head: head["cameras"]["front"]["vehicle_from_camera"].update(quaternion_wxyz=[2.0, 0.0, 0.0, 0.0])
+    )
+    (told,) = found(root)
+    assert "length 1" in told.expected
+
+
+def test_a_principal_point_as_an_offset_from_the_middle(root):
+    change_head(root, lambda head: head["cameras"]["front"]["model"].update(principal_point=[-3.0, 2.0]))
+    assert error("principal-point") <= checks(root)
+
+
+def test_a_mask_turned_inside_out(root):
+    (mask,) = (root / "ego_body").iterdir()
+    cv2.imwrite(str(mask), 255 - cv2.imread(str(mask), cv2.IMREAD_GRAYSCALE))
+    assert checks(root) == error("ego-body")
+
+
+def test_a_mask_of_another_size(root):
+    (mask,) = (root / "ego_body").iterdir()
+    cv2.imwrite(str(mask), np.zeros((10, 10), dtype=np.uint8))
+    (told,) = found(root)
+    assert (told.check, told.file) == ("file", str(mask))
+
+
+# ---------------------------------------------------------------- boxes
+
+
+def test_a_pedestrian_two_metres_wide(root):
+    change_boxes(root, lambda _name, _i, data: data["cuboid"][0]["val"].__setitem__(8, 2.0), only="walker")
+    (told,) = found(root)
+    assert (told.check, told.field, told.times) == ("box-size", "object 'walker' (pedestrian): longer side", 16)
+
+
+def test_a_car_that_is_twice_as_long_at_one_time(root):
+    def stretch(name, i, data):
+        data["cuboid"][0]["val"][7] *= 2.0 if i == 5 else 1.0
+
+    change_boxes(root, stretch, only="leader")
+    assert checks(root) == warning("box-grows")
+
+
+def test_a_box_without_points(root):
+    def aside(name, i, data):
+        data["cuboid"][0]["val"][1] += 5.0
+
+    change_boxes(root, aside, only="leader")
+    (told,) = found(root)
+    assert (told.check, told.severity, told.field) == ("empty-box", Severity.ERROR, "object 'leader' (vehicle)")
+
+
+def test_an_object_that_jumps(root):
+    def jump(name, i, data):
+        data["cuboid"][0]["val"][0] += 4.0 if i >= 8 else 0.0
+
+    change_boxes(root, jump, only="parked")
+    assert ("object-jump", Severity.ERROR) in checks(root)
+    assert {check for check, _ in checks(root)} <= {"object-jump", "empty-box", "velocity"}
+
+
+@pytest.mark.parametrize(
+    ("change", "cause"),
+    [
+        (lambda v: [3.6 * x for x in v], "km/h where m/s are due"),
+        (lambda v: [v[0] - drive.SPEED_MPS, v[1], v[2]], "relative to the vehicle, where over the ground is due"),
+        (lambda v: [-x for x in v], "the sign is turned"),
+    ],
+)
+def test_velocities_of_another_kind(root, change, cause):
+    def told(name, i, data):
+        (entry,) = [e for e in data["vec"] if e["name"] == "velocity_mps"]
+        entry["val"] = change(entry["val"])
+
+    change_boxes(root, told, only="leader")
+    velocity = [finding for finding in found(root) if finding.check == "velocity"]
+    assert [finding.do for finding in velocity] == [cause]
+
+
+def test_a_walker_faster_than_a_sprinter(root):
+    def told(name, i, data):
+        (entry,) = [e for e in data["vec"] if e["name"] == "velocity_mps"]
+        entry["val"] = [0.0, -20.0, 0.0]
+
+    change_boxes(root, told, only="walker")
+    assert ("object-speed", Severity.ERROR) in checks(root)
+
+
+def test_turns_in_degrees(root):
+    change_boxes(
+        root, lambda _name, _i, data: data.update(num=[{"name": "yaw_rate_radps", "val": 40.0}]), only="parked"
+    )
+    assert ("object-turn", Severity.ERROR) in checks(root)
+
+
+def test_length_and_width_swapped_with_the_heading(root):
+    def turn(name, i, data):
+        val = data["cuboid"][0]["val"]
+        val[3:7] = (Rotation.from_quat(val[3:7]) * Rotation.from_euler("z", 90, degrees=True)).as_quat().tolist()
+        val[7], val[8] = val[8], val[7]
+
+    change_boxes(root, turn, only="leader")
+    assert checks(root) == error("heading")
+
+
+def test_a_box_on_its_side(root):
+    def tip(name, i, data):
+        val = data["cuboid"][0]["val"]
+        x, y, z, w = val[3:7]
+        val[3:7] = [w, x, y, z]
+
+    change_boxes(root, tip, only="parked")
+    assert ("box-tilt", Severity.ERROR) in checks(root)
+
+
+def test_bottoms_given_for_centres(root):
+    def lower(name, i, data):
+        val = data["cuboid"][0]["val"]
+        val[2] -= val[9] / 2
+
+    change_boxes(root, lower)
+    assert ("box-height", Severity.ERROR) in checks(root)
+
+
+def test_one_object_under_two_names(root):
+    def double(content):
+        openlabel = content["openlabel"]
+        openlabel["objects"]["copy"] = openlabel["objects"]["leader"] | {"name": "copy"}
+        for frame in openlabel["frames"].values():
+            frame["objects"]["copy"] = frame["objects"]["leader"]
+
+    change_json(root / "annotations.json", double)
+    assert checks(root) == error("same-object")
+
+
+def test_many_boxes_at_one_place_are_told_in_bounded_work(monkeypatch, tiny_recording):
+    """All of 60 overlap with each other: 1770 pairs at each of three times, of which 2000 in all are looked at."""
+    monkeypatch.setattr(boxes, "MOST_PAIRS", 2000)
+    monkeypatch.setattr(occupancy, "MOST_BOXES", 25)
+    write_heap(tiny_recording, objects=60)
+    told = found(tiny_recording, depth=Depth.DEEP)
+    same = [finding for finding in told if finding.check == "same-object"]
+    assert len(same) == boxes.MOST_TOLD + 1
+    assert same[-1].got == f"boxes that overlap by more than half in {1770 - boxes.MOST_TOLD} more pairs of objects"
+    assert {finding.times for finding in same[:-1]} == {2}  # of 230 pairs that were looked at twice
+    crowded = [finding for finding in told if finding.check == "crowded-boxes"]
+    assert [finding.severity for finding in crowded] == [Severity.WARNING] * 2
+    assert crowded[0].got == "more; at 2 of 3 times not all were compared"
+    assert crowded[1].got == "more; in 70 boxes no points were looked for"
+
+
+def test_boxes_that_were_looked_at_least_come_first(monkeypatch, tiny_recording):
+    monkeypatch.setattr(occupancy, "MOST_BOXES", 30)
+    write_heap(tiny_recording, objects=60)
+    (handle,) = native_recordings(tiny_recording, options={}, card=tiny_recording / "card.yaml", annotations=None)
+    recording = handle.open()
+    looked = occupancy.Occupancy(recording)
+    for sweep in recording.sweeps:
+        looked.add(sweep.read())
+    assert {tally.tried for tally in looked._tallies.values()} == {1}
+
+
+def test_boxes_that_touch_are_not_one_object(tiny_recording):
+    write_heap(tiny_recording, objects=4, apart_m=1.5)
+    assert not {"same-object", "crowded-boxes"} & {finding.check for finding in found(tiny_recording)}
+
+
+def write_heap(root, *, objects, apart_m=0.0):
+    """Cars of 5.2 x 2 m beside each other, or all at one place."""
+    writer = RecordingWriter(root)
+    size_m = np.array([5.2, 2.0, 2.1])
+    writer.annotations(
+        [
+            Track(
+                track_id=f"car {i}",
+                object_class="vehicle",
+                states=tuple(
+                    ObjectState(
+                        timestamp_ns=time_ns,
+                        shape=Cuboid(
+                            vehicle_from_object=RigidTransform.from_yaw(0.0, (9.0, 4.0 + apart_m * i, 1.05)),
+                            size_m=size_m,
+                        ),
+                        velocity_mps=np.zeros(3),
+                    )
+                    for time_ns in tiny.TIMES_NS
+                ),
+            )
+            for i in range(objects)
+        ]
+    )
+
+
+@pytest.fixture
+def tiny_recording(tmp_path):
+    return tiny.write_recording(tmp_path / "tiny")
+
+
+def test_an_object_in_the_host(root):
+    def inside(name, i, data):
+        data["cuboid"][0]["val"][:2] = [1.0, 0.0]
+
+    change_boxes(root, inside, only="walker")
+    assert ("object-in-host", Severity.ERROR) in checks(root)
+
+
+def test_an_object_without_frames(root):
+    def more(content):
+        content["openlabel"]["objects"]["ghost"] = {"name": "ghost", "type": "animal"}
+
+    change_json(root / "annotations.json", more)
+    assert checks(root) == warning("object-without-frames")
+
+
+def test_an_unknown_category(root):
+    def sideways(content):
+        state = content["openlabel"]["frames"]["3"]["objects"]["walker"]["object_data"]
+        state["text"] = [{"name": "category", "val": "sideways"}]
+
+    change_json(root / "annotations.json", sideways)
+    assert checks(root) == error("file")
+
+
+def test_an_unknown_category_from_an_adapter_that_does_not_look(root):
+    (handle,) = native_recordings(root, options={}, card=root, annotations=None)
+    recording = handle.open()
+    track = recording.tracks[0]
+    states = (replace(track.states[0], category="sideways"), *track.states[1:])
+    odd = replace(recording, tracks=(replace(track, states=states), *recording.tracks[1:]))
+    assert [finding.got for finding in check_boxes(odd) if finding.check == "category"] == ["sideways"]
+
+
+def test_point_indices_beyond_the_sweep(root):
+    def listed(name, i, data):
+        data.pop("cuboid")
+        time_ns = drive.START_NS + i * drive.SWEEP_NS
+        data["vec"].append({"name": "point_indices", "val": [1, 2, 10**6 if i == 3 else 5]})
+        data["num"] = [{"name": "sweep_timestamp_ns", "val": time_ns + (1 if i == 4 else 0)}]
+
+    change_boxes(root, listed, only="walker")
+    told = found(root)
+    assert [finding.check for finding in told] == ["point-indices", "point-indices"]
+
+
+# ---------------------------------------------------------------- files that do not open, and several faults at once
+
+
+def test_everything_at_once(root):
+    """A head, bus signals, annotations, names, images and sweeps, each with a fault: all are told in one pass."""
+    (root / "images" / "rear").mkdir()
+    (root / "images" / "front" / "late.png").write_bytes(b"")
+    (root / "lidar" / "x.npz").write_bytes(b"")
+    images(root)[2].write_bytes(b"\x89PNG\r\n\x1a\n")
+    change_sweep(root, 3, with_points(lambda points: points[:0]))
+    rows = (root / "egomotion.csv").read_text().splitlines()
+    rows[5], rows[9] = rows[5].replace("8.0", "fast"), rows[9].replace("0.2", "nan")
+    (root / "egomotion.csv").write_text("\n".join(rows) + "\n")
+
+    def two(content):
+        content["openlabel"]["frames"]["1"]["objects"]["nobody"] = {"object_data": {}}
+
+    change_json(root / "annotations.json", two)
+    told = [f"{finding.file}: {finding.field}" for finding in found(root)]
+    for part in (
+        "cameras.rear",
+        "late.png",
+        "x.npz",
+        "speed_mps, row 5",
+        "yaw_rate_radps, row 9",
+        "frames.1.objects.nobody",
+        f"{images(root)[2]}",
+        f"{sorted((root / 'lidar').iterdir())[3]}",
+    ):
+        assert any(part in line for line in told), part
+
+
+def test_every_fault_of_a_head_is_told(root):
+    def wrong(head):
+        head["frame_interval_ns"] = -1
+        head["licence"] = 5
+        head["colour"] = "red"
+
+    change_head(root, wrong)
+    assert {finding.field for finding in found(root)} == {"frame_interval_ns", "licence", "colour"}
+
+
+def test_a_name_that_stands_twice_in_the_annotations(root):
+    """A parser keeps the last of two equal keys and says nothing."""
+    file = root / "annotations.json"
+    twice = '"objects": {"walker": {"name": "other", "type": "animal"}, "walker": '
+    text = json.dumps(json.loads(file.read_text()))
+    assert '"objects": {"walker": ' in text
+    file.write_text(text.replace('"objects": {"walker": ', twice, 1))
+    (told,) = found(root)
+    assert (told.check, told.field) == ("key-twice", "'walker'")
