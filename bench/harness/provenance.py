@@ -20,7 +20,18 @@ import bench
 from bench.recordings import Recording
 
 FIGURE_LIBRARIES = ("numpy", "scipy", "numba", "opencv-python-headless", "shapely", "pandas", "pyarrow")
-READER_LIBRARIES = ("kornia-rs", "isal", "laspy", "lazrs", "open3d", "open3d-cpu", "rosbags", "lz4", "backports.zstd")
+READER_LIBRARIES = (
+    "kornia-rs",
+    "isal",
+    "laspy",
+    "lazrs",
+    "open3d",
+    "open3d-cpu",
+    "rosbags",
+    "mcap",
+    "lz4",
+    "backports.zstd",
+)
 
 
 class Work(BaseModel):

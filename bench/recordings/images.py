@@ -143,7 +143,7 @@ def decode_image(content: bytes, flags: int, *, place: Path) -> NDArray[Any]:
     fault = _fault(content)
     if fault is not None:
         raise DataError(place, expected="a whole PNG or JPEG file", got=fault)
-    size_px = _stated_size(content)
+    size_px = stated_size_px(content)
     if size_px is not None and size_px[0] * size_px[1] > LARGEST_PX:
         raise DataError(place, expected=f"an image of at most {LARGEST_PX} px", got="{} x {}".format(*size_px))
     kind = flags if flags == cv2.IMREAD_UNCHANGED else flags & ~cv2.IMREAD_IGNORE_ORIENTATION
@@ -225,7 +225,7 @@ def _fault(content: bytes) -> str | None:
     return f"{len(content)} bytes that begin with {content[:8].hex(' ')}" if content else "an empty file"
 
 
-def _stated_size(content: bytes) -> tuple[int, int] | None:
+def stated_size_px(content: bytes) -> tuple[int, int] | None:
     """(width, height) as the header says; None where it does not come to that."""
     if content.startswith(PNG_START):
         return struct.unpack_from(">II", content, 16) if len(content) >= 24 else None

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from mcap.writer import CompressionType, Writer
 
 from bench.cameras import camera_from_parameters
 from bench.errors import DataError
@@ -17,8 +18,7 @@ from bench.harness.keys import RecordingInputs
 from bench.recordings import load_card, read_image
 from bench.recordings.contract import check_adapter
 from bench.recordings.rosbag.adapter import rosbag_recordings
-from bench.recordings.rosbag.options import RosbagOptions
-from bench.recordings.rosbag.rig import Rig
+from bench.recordings.rosbag.rig import Rig, RosbagOptions
 from bench.recordings.validation import validated
 from tests.recordings import tiny
 from tests.recordings import tiny_rosbag as bags
@@ -94,10 +94,39 @@ def test_packed_chunks_and_messages(tmp_path, storage, compression):
     assert len(recording.sweeps[1].read().points_lidar) == 30
 
 
+@pytest.mark.parametrize("compression", ["NONE", "LZ4", "ZSTD"])
+@pytest.mark.parametrize("chunked", [True, False], ids=["chunked", "without chunks"])
+def test_files_of_the_other_writer_of_mcap(tmp_path, compression, chunked):
+    """With what ROS's recorder may add: an attachment, metadata, and a topic in another language."""
+    root = bags.write_rig(tmp_path / "data")
+    with (root / "drive.mcap").open("wb") as stream:
+        writer = Writer(stream, 8000, compression=CompressionType[compression], use_chunking=chunked)
+        writer.start(profile="ros2")
+        protobuf = writer.register_schema("example.Log", "protobuf", b"\x0a\xff\xfe\x80")
+        log = writer.register_channel("/log", "protobuf", protobuf)
+        channels = {}
+        for topic, kind, time_ns, content in bags.drive():
+            if topic not in channels:
+                schema = writer.register_schema(kind, "ros2msg", b"")
+                channels[topic] = writer.register_channel(topic, "cdr", schema)
+            data = bytes(bags.STORE.serialize_cdr(content, kind))
+            writer.add_message(channels[topic], time_ns + bags.LATE_NS, data, time_ns)
+            writer.add_message(log, time_ns, b"\xff\xff", time_ns)
+        writer.add_attachment(0, 0, "calibration", "application/octet-stream", bytes(5000))
+        writer.add_metadata("rosbag2", {"ROS_DISTRO": "jazzy"})
+        writer.finish()
+    recording = opened(root)
+    for i, ref in enumerate(recording.images["front"]):
+        assert np.array_equal(read_image(ref, recording.cameras["front"]), tiny.pixels(i))
+    assert [ref.read().points_lidar.tolist() for ref in recording.sweeps] == [
+        tiny.sweep(i).points_lidar.tolist() for i in range(2)
+    ]
+
+
 def test_a_file_that_is_packed_as_a_whole_is_refused_with_what_to_do(tmp_path):
     root = bags.write_rig(tmp_path / "data")
     bags.write_bag(root / "drive", bags.drive(), storage="db3", compression="FILE")
-    with pytest.raises(DataError, match=r"drive\.db3\.zstd: .*; unpack them: unzstd"):
+    with pytest.raises(DataError, match=r"drive\.db3\.zstd'; unpack it: unzstd drive/\*\.zstd, then ros2 bag"):
         opened(root)
 
 
@@ -326,6 +355,10 @@ def test_topics_that_are_missing_or_of_another_type(tmp_path):
         opened(root)
     bags.write_rig(root, rig_with(ego_motion=SIGNALS | {"speed": {"topic": bags.SPEED, "field": "header.frame_id"}}))
     with pytest.raises(DataError, match=r"header\.frame_id: expected a number, got str"):
+        opened(root)
+    reverse = {"topic": "/imu", "field": "orientation_covariance", "values": [1]}
+    bags.write_rig(root, rig_with(ego_motion=SIGNALS | {"reverse": reverse}))
+    with pytest.raises(DataError, match=r"/imu, orientation_covariance: expected a number, got ndarray"):
         opened(root)
 
 

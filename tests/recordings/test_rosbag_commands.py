@@ -136,7 +136,7 @@ def test_validate_and_view(command, cards, tmp_path, capsys):
         assert cv2.imread(str(tmp_path / "pictures" / f"{picture}.png")) is not None
 
 
-def test_validate_tells_what_a_cut_bag_has_lost(command, cards, tmp_path, capsys):
+def test_validate_and_run_say_how_to_repair_a_cut_bag(command, cards, tmp_path, capsys):
     _, card = cards
     content = (card.parent / "data" / "crossing" / "crossing.mcap").read_bytes()
     root = shutil.copytree(card.parent / "data", tmp_path / "data")
@@ -144,11 +144,20 @@ def test_validate_tells_what_a_cut_bag_has_lost(command, cards, tmp_path, capsys
     text = card.read_text().replace("annotations: annotations", f"annotations: {card.parent / 'annotations'}")
     (tmp_path / "bags.yaml").write_text(text)
     assert command("validate", tmp_path / "bags.yaml", "--json", tmp_path / "report.json") == 1
-    told = " ".join(capsys.readouterr().out.split())
-    report = (tmp_path / "report.json").read_text()
-    assert "as metadata.yaml says" in report
-    assert "is lost" in report
-    assert "crossing" in told
+    assert "crossing" in " ".join(capsys.readouterr().out.split())
+    assert "mcap recover crossing.mcap -o crossing-repaired.mcap" in (tmp_path / "report.json").read_text()
+    assert command("run", tmp_path / "bags.yaml", "--out", tmp_path / "run", "--no-cache", "--no-pictures") == 2
+    assert "mcap recover crossing.mcap" in " ".join(capsys.readouterr().err.split())
+
+
+def test_validate_lists_what_a_bag_lacks(command, cards, tmp_path, capsys):
+    _, card = cards
+    root = shutil.copytree(card.parent / "data", tmp_path / "data")
+    (root / "crossing" / "metadata.yaml").unlink()
+    text = card.read_text().replace("annotations: annotations", f"annotations: {card.parent / 'annotations'}")
+    (tmp_path / "bags.yaml").write_text(text)
+    assert command("validate", tmp_path / "bags.yaml", "--json", tmp_path / "report.json") == 1
+    assert "the metadata that a recorder writes last" in (tmp_path / "report.json").read_text()
     assert command("run", tmp_path / "bags.yaml", "--out", tmp_path / "run", "--no-cache", "--no-pictures") == 2
     assert "accept_losses" in " ".join(capsys.readouterr().err.split())
 

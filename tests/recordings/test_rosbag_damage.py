@@ -1,11 +1,13 @@
-"""Bags that were cut short, damaged or made to hurt: what can be read is read, what is lost is told."""
+"""Bags that were cut short, damaged or made to hurt: one line says what is wrong and how to repair it."""
 
-import re
+import sqlite3
 import struct
 import tracemalloc
+from contextlib import closing
 from functools import cache
 from zlib import crc32
 
+import lz4.frame
 import numpy as np
 import pytest
 import yaml
@@ -14,8 +16,8 @@ from backports import zstd
 from bench.errors import BenchError, DataError
 from bench.recordings import read_image
 from bench.recordings.rosbag.adapter import rosbag_recordings
-from bench.recordings.rosbag.mcap import scan_mcap
-from bench.recordings.rosbag.storage import ScanReport, Wanted
+from bench.recordings.rosbag.messages import Topic, decode
+from bench.recordings.rosbag.storage import read_message, stored_messages
 from tests.recordings import tiny
 from tests.recordings import tiny_rosbag as bags
 
@@ -95,36 +97,66 @@ def test_nothing_is_wrong_with_a_whole_bag(whole, tmp_path):
     assert handle_of(root).salvager().faults == ()
 
 
+REPAIR = {
+    ".mcap": "repair it, then replace it by the result: mcap recover drive.mcap -o drive-repaired.mcap",
+    ".db3": "repair it, then replace it by the result: sqlite3 drive.db3 .recover | sqlite3 drive-repaired.db3",
+}
+
+
+def refused(root, file, told=""):
+    """A file that cannot be read to its end: one error, whatever the card accepts, and how to repair the file."""
+    for options in ({}, {"accept_losses": True}):
+        with pytest.raises(DataError) as caught:
+            handle_of(root, **options).open()
+        assert str(caught.value).startswith(str(root / "drive" / file.name))
+        assert told in str(caught.value)
+        assert str(caught.value).endswith(REPAIR[file.suffix])
+    salvaged = handle_of(root).salvager()
+    assert salvaged.recording is None
+    assert str(salvaged.faults[-1]) == str(caught.value)
+
+
 @pytest.mark.parametrize("share", [0.3, 0.7, 0.999])
-def test_a_bag_that_was_cut_short(whole, tmp_path, share):
+def test_a_bag_that_was_cut_short_says_how_to_repair_it(whole, tmp_path, share):
     content = whole.read_bytes()
-    root = copied(whole, tmp_path, content[: int(len(content) * share)])
+    refused(copied(whole, tmp_path, content[: int(len(content) * share)]), whole)
+
+
+def test_a_file_without_the_end_that_a_recorder_writes(whole_mcap, tmp_path):
+    content = whole_mcap.read_bytes()
+    content = content[: content.rindex(b"\x0f\x04\x00\x00\x00\x00\x00\x00\x00")]
+    root = copied(whole_mcap, tmp_path, content)
+    refused(root, whole_mcap)
+    (root / "drive" / whole_mcap.name).write_bytes(content + b"\x89MCAP0\r\n")
+    refused(root, whole_mcap)
+
+
+def test_a_recorder_that_died_left_no_metadata(whole, tmp_path):
+    root = copied(whole, tmp_path, metadata=False)
+    told = "metadata.yaml: expected the metadata that a recorder writes last, got no such file"
     with pytest.raises(DataError, match=r"accept_losses: true to use the rest") as caught:
         handle_of(root).open()
-    assert whole.name in str(caught.value)
-    found = indices(handle_of(root, accept_losses=True).open())
-    assert found == list(range(len(found)))
-    assert len(found) >= IMAGES * share - 12  # a packed chunk is lost as a whole: ten images
-    salvaged = handle_of(root).salvager()
-    assert len(salvaged.recording.images["front"]) == len(found)
-    told = "\n".join(map(str, salvaged.faults))
-    if len(found) < IMAGES:
-        assert f"{bags.FRONT}: expected {IMAGES} messages, as metadata.yaml says, got {len(found)}" in told
-        last_ns = tiny.TIMES_NS[0] + (len(found) - 1) * STEP_NS + bags.LATE_NS
-        after_ns = int(re.search(r"after (\d+)", told)[1])
-        assert last_ns <= after_ns <= last_ns + STEP_NS
-
-
-def test_a_recorder_that_died_left_no_summary_and_no_metadata(whole, tmp_path):
-    content = whole.read_bytes()
-    if whole.suffix == ".mcap":
-        content = content[: content.rindex(b"\x0f\x04\x00\x00\x00\x00\x00\x00\x00")]
-    root = copied(whole, tmp_path, content, metadata=False)
-    told = "\n".join(map(str, handle_of(root).salvager().faults))
-    assert "metadata.yaml: expected the metadata that a recorder writes last, got no such file" in told
-    if whole.suffix == ".mcap":
-        assert "the end of the file without the summary that a recorder writes last" in told
+    assert told in str(caught.value)
+    (fault,) = handle_of(root).salvager().faults
+    assert told in str(fault)
     assert indices(handle_of(root, accept_losses=True).open()) == list(range(IMAGES))
+
+
+def test_fewer_messages_than_the_metadata_says(whole, tmp_path):
+    root = copied(whole, tmp_path)
+    metadata(root, lambda content: content["topics_with_message_count"][1].update(message_count=IMAGES + 5))
+    with pytest.raises(DataError, match=rf"expected {IMAGES + 5} messages, as metadata\.yaml says, got {IMAGES}"):
+        handle_of(root).open()
+    assert indices(handle_of(root, accept_losses=True).open()) == list(range(IMAGES))
+
+
+def test_messages_that_a_database_has_not_merged(written, tmp_path):
+    root = copied(written("db3"), tmp_path)
+    (root / "drive" / "drive.db3-wal").write_bytes(b"log")
+    with pytest.raises(
+        DataError, match=r"last ones still in drive\.db3-wal; merge it: sqlite3 drive\.db3 'PRAGMA wal_"
+    ):
+        handle_of(root).open()
 
 
 def chunks_of(content):
@@ -139,7 +171,7 @@ def chunks_of(content):
 
 
 def test_a_damaged_chunk_in_the_middle(whole_mcap, tmp_path):
-    """Flipped bytes: told by the chunk's checksum, or by the packer."""
+    """Flipped bytes: seen by the chunk's checksum, or by the decompression."""
     content = bytearray(whole_mcap.read_bytes())
     begin, end = chunks_of(content)[2]
     compression_length = struct.unpack_from("<I", content, begin + 9 + 28)[0]
@@ -148,24 +180,23 @@ def test_a_damaged_chunk_in_the_middle(whole_mcap, tmp_path):
     struct.pack_into("<I", content, begin + 9 + 24, crc32(unpacked))
     content[(data + end) // 2] ^= 0xFF
     content[(data + end) // 2 + 1] ^= 0xFF
-    root = copied(whole_mcap, tmp_path, bytes(content))
-    salvaged = handle_of(root).salvager()
-    told = "\n".join(map(str, salvaged.faults))
-    assert f"chunk at byte {begin}: expected a whole chunk, got " in told
-    assert " messages from " in told
-    found = indices(salvaged.recording)
-    assert found[:5] == [0, 1, 2, 3, 4]
-    assert found[-5:] == [55, 56, 57, 58, 59]
-    assert 35 <= len(found) < IMAGES
+    refused(copied(whole_mcap, tmp_path, bytes(content)), whole_mcap)
 
 
-def test_a_wrong_length_is_bridged_with_the_summary(whole_mcap, tmp_path):
+def test_a_chunk_that_is_gone_is_missed(whole_mcap, tmp_path):
+    """A record of an unknown kind is skipped, as the format asks for; the statistics still count its messages."""
+    content = bytearray(whole_mcap.read_bytes())
+    content[chunks_of(content)[2][0]] = 0x7F
+    refused(copied(whole_mcap, tmp_path, bytes(content)), whole_mcap, "messages, where its statistics say 240")
+
+
+def test_a_wrong_length(whole_mcap, tmp_path):
     content = bytearray(whole_mcap.read_bytes())
     begin, _ = chunks_of(content)[1]
     struct.pack_into("<Q", content, begin + 1, 2**61)
-    salvaged = handle_of(copied(whole_mcap, tmp_path, bytes(content))).salvager()
-    assert "what lies up to the chunk at byte" in "\n".join(map(str, salvaged.faults))
-    assert indices(salvaged.recording)[-20:] == list(range(40, 60))
+    refused(
+        copied(whole_mcap, tmp_path, bytes(content)), whole_mcap, "a record of kind 6 with 2305843009213693952 bytes"
+    )
 
 
 def test_overwritten_pages_of_a_database(written, tmp_path):
@@ -173,16 +204,24 @@ def test_overwritten_pages_of_a_database(written, tmp_path):
     content = bytearray(whole.read_bytes())
     middle = len(content) // 2 // 4096 * 4096
     content[middle : middle + 40 * 4096] = bytes(40 * 4096)
-    root = copied(whole, tmp_path, bytes(content))
-    salvaged = handle_of(root).salvager()
-    assert salvaged.faults
-    assert salvaged.recording is not None
-    read = 0
-    for ref in salvaged.recording.images["front"]:
-        index = (ref.timestamp_ns - tiny.TIMES_NS[0]) // STEP_NS
-        image = read_image(ref, salvaged.recording.cameras["front"])
-        read += np.array_equal(image, pixels(index))
-    assert read >= 25
+    refused(copied(whole, tmp_path, bytes(content)), whole, "malformed")
+
+
+def test_a_chunk_that_is_damaged_after_opening(written, tmp_path):
+    whole = written("mcap-zstd")
+    root = copied(whole, tmp_path)
+    recording = handle_of(root).open()
+    content = bytearray(whole.read_bytes())
+    begin, end = chunks_of(content)[2]
+    content[begin + 100 : end] = bytes(end - begin - 100)
+    (root / "drive" / "drive.mcap").write_bytes(content)
+    camera, images = recording.cameras["front"], recording.images["front"]
+    assert np.array_equal(read_image(images[3], camera), pixels(3))
+    with pytest.raises(
+        DataError,
+        match=r"drive\.mcap: expected a message of 3120 bytes, got .*replace it by the result: mcap recover",
+    ):
+        read_image(images[25], camera)
 
 
 @pytest.mark.parametrize("storage", ["mcap", "db3"])
@@ -231,28 +270,49 @@ def chunk(data, *, packed=None, size=None, compression="zstd"):
 
 HEADER_RECORD = record(1, text("ros2") + text("test"))
 BOMB = zstd.compress(bytes(1 << 30), level=1)
+LZ4_BOMB = lz4.frame.compress(bytes(1 << 28))
 
 
 HOSTILE_RECORDS = [
-    (chunk(b"", packed=BOMB, size=1 << 20), "more than 1048576 bytes when unpacked"),
-    (chunk(b"", packed=BOMB, size=1 << 30), "where 268435456 are the most"),
-    (chunk(b"abc", size=10), "3 bytes when unpacked, where 10 are told"),
+    (chunk(b"", packed=BOMB, size=1 << 20), "zstd data of more than 1048576 bytes"),
+    (chunk(b"", packed=BOMB, size=1 << 30), "a chunk of 1073741824 bytes, where 268435456 are the most"),
+    (chunk(b"abc", size=10), "a chunk of 3 bytes with the checksum 352441c2, where it states 10 with"),
+    (
+        chunk(b"abc", packed=b"abc", size=10, compression=""),
+        "a chunk of 3 bytes with the checksum 352441c2, where it states 10",
+    ),
     (chunk(b"abc", compression="rar"), "the unknown compression 'rar'"),
-    (chunk(b"abc", packed=b"abc", compression="lz4"), "lz4 data that is cut short"),
-    (chunk(b"abc", packed=b"abcdefgh" * 9, compression="lz4"), "lz4 data that cannot be unpacked"),
+    (chunk(b"abc", packed=b"abc", compression="lz4"), "lz4 data of more than 3 bytes or cut short"),
+    (chunk(b"", packed=LZ4_BOMB, size=1 << 20, compression="lz4"), "lz4 data of more than 1048576 bytes"),
+    (chunk(b"abc", packed=b"abcdefgh" * 9, compression="lz4"), "ERROR_frameType_unknown"),
     (chunk(chunk(b"abc")), "a chunk inside a chunk"),
-    (chunk(record(5, struct.pack("<HIQQ", 7, 0, 1, 1))), "a message of channel 7, which nothing describes"),
-    (record(5, b""), "a message of -22 bytes"),
-    (b"\x05" + struct.pack("<Q", 2**63), "a record of 9223372036854775808 bytes"),
-    (b"\x03" + struct.pack("<Q", 1 << 40), "a record of 1099511627776 bytes, where 4194304 are the most"),
-    (record(3, struct.pack("<HI", 1, 2**32 - 1)), "a text of 4294967295 bytes"),
-    (record(6, struct.pack("<QQQI", 0, 1, 5, 0) + struct.pack("<I", 2**32 - 1)), "a text of 4294967295 bytes"),
+    (chunk(record(5, struct.pack("<HIQQ", 7, 0, 1, 1))), "22 bytes on channel 7 at 1 ns"),
+    (record(5, b""), "unpack requires a buffer of 8 bytes"),
+    (record(5, bytes(21)) + record(7, bytes(30)), "21 bytes on channel 0 at 0 ns"),
+    (b"\x05" + struct.pack("<Q", 2**63), "a record of kind 5 with 9223372036854775808 bytes"),
+    (b"\x03" + struct.pack("<Q", 1 << 40), "a record of kind 3 with 1099511627776 bytes"),
+    (record(3, struct.pack("<HI", 1, 2**32 - 1)), "the end in the middle of it"),
+    (record(6, struct.pack("<QQQI", 0, 1, 5, 0) + struct.pack("<I", 2**32 - 1)), "the end in the middle of it"),
+    (
+        b"".join(record(4, struct.pack("<HH", 1, 0) + text(name) + text("cdr") + text("")) for name in ("/a", "/b")),
+        "two topics on channel 1",
+    ),
     (bytes(100), "a record of kind 0"),
-    (chunk(bytes(range(1, 100))), "of it: expected a row of records"),
+    (record(6, struct.pack("<QQQIIQ", 0, 1, 5, 0, 0, 2**64 - 1)), "cannot fit 'int' into an index-sized integer"),
+    (chunk(bytes(range(1, 100))), "a record of kind 1 with"),
 ]
 
 
-def test_definitions_in_other_languages_than_ros_damage_nothing(tmp_path):
+CHUNKS = {
+    "zstd": chunk,
+    "lz4": lambda data: chunk(data, packed=lz4.frame.compress(data), compression="lz4"),
+    "uncompressed": lambda data: chunk(data, packed=data, compression=""),
+    "without chunks": lambda data: data,
+}
+
+
+@pytest.mark.parametrize("kind", CHUNKS)
+def test_definitions_in_other_languages_than_ros_damage_nothing(tmp_path, kind):
     """Loggers put channels of other kinds beside those of ROS; their definitions are no text."""
     schemas = record(3, struct.pack("<H", 1) + text("example.Log") + text("protobuf") + text_bytes(b"\x0a\xff\xfe\x80"))
     schemas += record(3, struct.pack("<H", 2) + text(bags.IMU) + text("ros2msg") + text(""))
@@ -260,16 +320,16 @@ def test_definitions_in_other_languages_than_ros_damage_nothing(tmp_path):
     channels += record(4, struct.pack("<HH", 2, 2) + text("/imu") + text("cdr") + text(""))
     channels += record(4, struct.pack("<HH", 3, 0) + text("/json") + text("json") + text(""))
     messages = b"".join(record(5, struct.pack("<HIQQ", channel, 0, 7, 7) + b"payload") for channel in (1, 2, 3))
-    data = b"\x89MCAP0\r\n" + HEADER_RECORD + schemas + channels + chunk(messages) + record(15, bytes(4))
+    data = b"\x89MCAP0\r\n" + HEADER_RECORD + schemas + channels + CHUNKS[kind](messages) + record(15, bytes(4))
     summary = schemas + channels
     footer = record(2, struct.pack("<QQI", len(data), 0, 0)) + b"\x89MCAP0\r\n"
     file = tmp_path / "mixed.mcap"
     file.write_bytes(data + summary + footer)
-    report = ScanReport()
-    (found,) = scan_mcap(file, Wanted(heads=frozenset({"/imu"}), whole=frozenset()), report)
-    assert found.payload == b"payload"
-    assert report.losses == []
-    assert report.counts == {"/log": 1, "/imu": 1, "/json": 1}
+    found = {topic.name: (topic, *rest) for topic, *rest in stored_messages(file, {"/imu": 4})}
+    assert set(found) == {"/log", "/imu", "/json"}
+    topic, log_ns, position, start = found["/imu"]
+    assert (topic, log_ns, start) == (Topic("/imu", bags.IMU), 7, b"payl")
+    assert read_message(file, position, compressed=False) == b"payload"
 
 
 @pytest.mark.parametrize(
@@ -278,16 +338,106 @@ def test_definitions_in_other_languages_than_ros_damage_nothing(tmp_path):
 )
 def test_hostile_records_are_told_and_take_little_memory(tmp_path, content, told):
     file = tmp_path / "hostile.mcap"
-    file.write_bytes(b"\x89MCAP0\r\n" + HEADER_RECORD + content)
-    report = ScanReport()
+    file.write_bytes(b"\x89MCAP0\r\n" + HEADER_RECORD + content + b"\x89MCAP0\r\n")
     tracemalloc.start()
     try:
-        assert list(scan_mcap(file, Wanted(heads=frozenset(), whole=frozenset()), report)) == []
+        with pytest.raises(DataError) as caught:
+            list(stored_messages(file, {}))
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert told in "\n".join(map(str, report.losses))
+    assert told in str(caught.value)
     assert peak < 10_000_000
+
+
+def test_definitions_that_fill_the_memory(tmp_path):
+    """A few kB, which become chunks with a thousand message types of 1 MB."""
+    blank = b" " * (1 << 20)
+    content = b"\x89MCAP0\r\n" + HEADER_RECORD
+    for first in range(0, 1000, 4):
+        schemas = (
+            struct.pack("<H", first + i) + text("a/msg/B") + text("ros2msg") + text_bytes(blank) for i in range(4)
+        )
+        content += chunk(b"".join(record(3, schema) for schema in schemas))
+    file = tmp_path / "hostile.mcap"
+    file.write_bytes(content)
+    tracemalloc.start()
+    try:
+        with pytest.raises(DataError, match=r"topics and definitions of more than 33554432 bytes"):
+            list(stored_messages(file, {}))
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 60_000_000
+
+
+def database(file, *statements):
+    """A database with the tables of a bag, a topic and a message, changed by statements."""
+    with closing(sqlite3.connect(file)) as connection:
+        connection.execute("CREATE TABLE topics (id INTEGER PRIMARY KEY, name, type, serialization_format)")
+        connection.execute("CREATE TABLE messages (id INTEGER PRIMARY KEY, topic_id, timestamp, data)")
+        connection.execute(f"INSERT INTO topics VALUES (1, '/imu', '{bags.IMU}', 'cdr')")
+        connection.execute("INSERT INTO messages VALUES (5, 1, 7, x'6162')")
+        for statement in statements:
+            connection.execute(statement)
+        connection.commit()
+
+
+MANY = "WITH RECURSIVE n(i) AS (SELECT 2 UNION ALL SELECT i + 1 FROM n WHERE i < 100000) INSERT INTO topics"
+HOSTILE_DATABASES = [
+    (["INSERT INTO messages VALUES (6, 2, 8, x'61')"], r"the row \(6, 2, 8, 1\) of the table messages"),
+    (["INSERT INTO messages VALUES (6, 1, 'soon', x'61')"], r"the row \(6, 1, 'soon', 1\) of the table messages"),
+    (["INSERT INTO messages VALUES (6, 1, 8, NULL)"], r"the row \(6, 1, 8, None\) of the table messages"),
+    (
+        [
+            "DROP TABLE topics",
+            "CREATE VIEW topics AS SELECT 1 AS id, 'a' AS name, 'b' AS type, 'cdr' AS serialization_format",
+        ],
+        "expected the tables topics and messages, as in a bag of ROS 2, got messages",
+    ),
+    (
+        [
+            "DROP TABLE topics",
+            "CREATE TABLE topics (id INTEGER PRIMARY KEY, name, type, serialization_format AS (hex(zeroblob(500000))))",
+            f"{MANY} SELECT i, 'a', 'b' FROM n",
+        ],
+        "topics and definitions of more than 33554432 bytes",
+    ),
+    (
+        [
+            "DROP TABLE messages",
+            "CREATE TABLE messages (id INTEGER PRIMARY KEY, topic_id, timestamp, data AS (zeroblob(900000000)))",
+            "INSERT INTO messages VALUES (5, 1, 7)",
+        ],
+        "too big",
+    ),
+]
+
+
+@pytest.mark.parametrize(("statements", "told"), HOSTILE_DATABASES)
+def test_hostile_databases_are_told_and_take_little_memory(tmp_path, statements, told):
+    file = tmp_path / "hostile.db3"
+    database(file)
+    ((_, _, position, start),) = stored_messages(file, {"/imu": 1})
+    assert start == b"a"
+    assert read_message(file, position, compressed=False) == b"ab"
+    file.unlink()
+    database(file, *statements)
+    tracemalloc.start()
+    try:
+        with pytest.raises(DataError, match=told) as caught:
+            list(stored_messages(file, {}))
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert str(file) in str(caught.value)
+    assert peak < 60_000_000
+
+
+def test_a_definition_that_takes_forever_to_parse(tmp_path):
+    topic = Topic("/wheels", "my_car/msg/Wheels", definition="\n" * 100_001 + "float64 x")
+    with pytest.raises(DataError, match=r"in at most 100000 characters of \.msg text, got 100010 characters"):
+        decode(topic, b"", file=tmp_path)
 
 
 @pytest.mark.parametrize("content", [b"", b"\x89MCAP", b"SQLite format 3\0" + bytes(84), b"PK\x03\x04" + bytes(96)])
@@ -384,13 +534,26 @@ def with_stamps(*stamps_ns):
 
 
 FIRST, SECOND, THIRD = tiny.TIMES_NS
+SECOND_LOG_NS, THIRD_LOG_NS = SECOND + bags.LATE_NS, THIRD + bags.LATE_NS
 STAMPS = [
-    ((FIRST, FIRST - 10, THIRD), "/camera/front: expected times that increase, got 1 that do not", [0, 2]),
-    ((FIRST, FIRST, THIRD), "expected times that increase, got 1 that do not", [0, 2]),
-    ((FIRST, FIRST + 10**12, THIRD), "expected stamps of one clock, got 1 of 3 stamps that jump", [0, 2]),
+    (
+        (FIRST, FIRST - 10, THIRD),
+        f"times that increase, got others in 1 of 3 messages, the first recorded at {SECOND_LOG_NS}",
+        [0, 2],
+    ),
+    (
+        (FIRST, FIRST, THIRD),
+        f"times that increase, got others in 1 of 3 messages, the first recorded at {SECOND_LOG_NS}",
+        [0, 2],
+    ),
+    (
+        (FIRST, FIRST + 10**12, THIRD),
+        f"stamps of one clock, got jumps in 1 of 3 messages, the first recorded at {SECOND_LOG_NS}",
+        [0, 2],
+    ),
     (
         (FIRST, SECOND, 0),
-        "expected a time in the header, got none in 1 of 3 messages; set the card's option clock",
+        f"a time in the header, got none in 1 of 3 messages, the first recorded at {THIRD_LOG_NS}",
         [0, 1],
     ),
 ]
@@ -402,7 +565,8 @@ def test_stamps_that_no_clock_gives(tmp_path, stamps_ns, told, kept):
     bags.write_bag(root / "drive", with_stamps(*stamps_ns))
     with pytest.raises(DataError) as caught:
         handle_of(root).open()
-    assert told in str(caught.value)
+    assert f"/camera/front: expected {told} ns" in str(caught.value)
+    assert ("clock: bag" in str(caught.value)) == (0 in stamps_ns)
     assert indices_of_tiny(handle_of(root, accept_losses=True).open()) == kept
     assert len(handle_of(root, clock="bag").open().images["front"]) == 3
 

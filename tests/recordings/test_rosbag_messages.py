@@ -8,12 +8,13 @@ import pytest
 
 from bench.errors import DataError
 from bench.recordings.rosbag.clouds import cloud_sweep
-from bench.recordings.rosbag.images import compressed_pixels, image_pixels
-from bench.recordings.rosbag.messages import header_stamp_ns
+from bench.recordings.rosbag.images import BagImage
+from bench.recordings.rosbag.messages import NO_STAMP, Topic, header_stamp_ns
 from bench.recordings.rosbag.rig import LidarRig
+from bench.recordings.rosbag.storage import Position
 from tests.recordings import tiny_rosbag as bags
 
-PLACE = Path("drive.mcap/front/1")
+NAME = Path("drive.mcap/front/1")
 TIME_NS = 1_700_000_000_123_456_789
 SIZE = (6, 4)
 RED, GREEN, BLUE = (0, 0, 200), (0, 180, 0), (160, 0, 0)  # BGR
@@ -24,8 +25,12 @@ def plain(colour_bgr):
     return np.full((SIZE[1], SIZE[0], 3), colour_bgr, dtype=np.uint8)
 
 
+def image_on(kind, size_px, white_level):
+    return BagImage(NAME.parents[1], Position(-1, 0, 0), Topic("/camera", kind), False, size_px, white_level, NAME)
+
+
 def read(message, *, colour=True, white_level=65535):
-    return image_pixels(message, colour=colour, size_px=SIZE, white_level=white_level, place=PLACE)
+    return image_on(bags.IMAGE, SIZE, white_level).decoded(message, colour=colour)
 
 
 def mosaic(pattern, colour_bgr):
@@ -121,7 +126,7 @@ def test_images_that_lie(changes, told):
 
 
 def compressed(message, *, colour=False, white_level=65535):
-    return compressed_pixels(message, colour=colour, size_px=(64, 48), white_level=white_level, place=PLACE)
+    return image_on(bags.COMPRESSED, (64, 48), white_level).decoded(message, colour=colour)
 
 
 def test_compressed_images():
@@ -168,10 +173,11 @@ def test_stamps():
     little = b"\x00\x01\x00\x00" + (17).to_bytes(4, "little") + (5).to_bytes(4, "little")
     big = b"\x00\x00\x00\x00" + (17).to_bytes(4, "big") + (5).to_bytes(4, "big")
     assert header_stamp_ns(little) == header_stamp_ns(big) == 17_000_000_005
-    assert header_stamp_ns(little[:11]) is None
-    assert header_stamp_ns(b"\x00\x07" + little[2:]) is None
-    assert header_stamp_ns(little[:4] + b"\xff\xff\xff\xff" + little[8:]) is None
-    assert header_stamp_ns(little[:8] + (10**9).to_bytes(4, "little")) is None
+    assert header_stamp_ns(little[:11]) == NO_STAMP
+    assert header_stamp_ns(b"\x00\x07" + little[2:]) == NO_STAMP
+    assert header_stamp_ns(little[:4] + b"\xff\xff\xff\xff" + little[8:]) == NO_STAMP
+    assert header_stamp_ns(little[:4] + bytes(8)) == NO_STAMP  # what a driver leaves that sets none
+    assert header_stamp_ns(little[:8] + (10**9).to_bytes(4, "little")) == NO_STAMP
 
 
 def points_of(layout, count=5, **columns):
@@ -186,7 +192,7 @@ def points_of(layout, count=5, **columns):
 def swept(points, *, stamp_ns=TIME_NS, **rig):
     big = points.dtype["x"].str[0] == ">"
     message = bags.cloud(stamp_ns, points, big=big)
-    return cloud_sweep(message, TIME_NS, stamp_ns=stamp_ns, rig=LidarRig(**RIG | rig), place=PLACE)
+    return cloud_sweep(message, TIME_NS, stamp_ns=stamp_ns, rig=LidarRig(**RIG | rig), name=NAME)
 
 
 def xyz(order="<", kind="f4"):
@@ -208,39 +214,39 @@ def test_any_order_of_bytes_and_fields_and_any_filling(order, kind):
     points = points_of(layout, ring=[0, 1, 2, 3, 127], reflectivity=[0, 51, 102, 153, 255])
     points["z"] = -1.5
     cloud = swept(points)
-    assert cloud.sweep.points_lidar.dtype == np.dtype(f"={kind}")
-    assert cloud.sweep.points_lidar[:, 0].tolist() == [1, 2, 3, 4, 5]
-    assert (cloud.sweep.points_lidar[:, 2] == -1.5).all()
-    assert cloud.sweep.ring.tolist() == [0, 1, 2, 3, 127]
-    assert cloud.sweep.intensity == pytest.approx(np.array([0, 0.2, 0.4, 0.6, 1.0]))
-    assert cloud.sweep.time_offset_ns is None
-    assert cloud.dropped == 0
+    assert cloud.points_lidar.dtype == np.dtype(f"={kind}")
+    assert cloud.points_lidar[:, 0].tolist() == [1, 2, 3, 4, 5]
+    assert (cloud.points_lidar[:, 2] == -1.5).all()
+    assert cloud.ring.tolist() == [0, 1, 2, 3, 127]
+    assert cloud.intensity == pytest.approx(np.array([0, 0.2, 0.4, 0.6, 1.0]))
+    assert cloud.time_offset_ns is None
+    assert len(cloud.points_lidar) == 5
 
 
 def test_rows_of_an_ordered_cloud_with_padding():
     points = points_of(xyz(), count=12)
     message = bags.cloud(TIME_NS, points, height=3, row_padding=7)
     assert (message.height, message.width, message.row_step) == (3, 4, 55)
-    cloud = cloud_sweep(message, TIME_NS, stamp_ns=TIME_NS, rig=LidarRig(**RIG), place=PLACE)
-    assert cloud.sweep.points_lidar[:, 1].tolist() == list(range(1, 13))
+    cloud = cloud_sweep(message, TIME_NS, stamp_ns=TIME_NS, rig=LidarRig(**RIG), name=NAME)
+    assert cloud.points_lidar[:, 1].tolist() == list(range(1, 13))
 
 
-def test_points_that_are_none_are_dropped_and_counted():
+def test_points_that_are_none_are_dropped():
     points = points_of([*xyz(), ("t", "<u4"), ("ring", "<u2")], t=[0, 10, 20, 30, 40], ring=range(5))
     points["y"][1], points["x"][3] = np.nan, np.inf
     for axis in "xyz":
         points[axis][4] = 0.0
     cloud = swept(points)
-    assert cloud.dropped == 2
-    assert cloud.sweep.time_offset_ns.tolist() == [0, 20, 40]
-    assert cloud.sweep.ring.tolist() == [0, 2, 4]
+    assert cloud.points_lidar[:, 2].tolist() == [1, 3, 0]
+    assert cloud.time_offset_ns.tolist() == [0, 20, 40]
+    assert cloud.ring.tolist() == [0, 2, 4]
     cloud = swept(points, drop_origin=True)
-    assert (cloud.dropped, cloud.sweep.ring.tolist()) == (3, [0, 2])
+    assert cloud.ring.tolist() == [0, 2]
 
 
 def test_an_empty_cloud_is_an_empty_sweep():
     cloud = swept(points_of([*xyz(), ("t", "<u4")], count=0))
-    assert len(cloud.sweep.points_lidar) == len(cloud.sweep.time_offset_ns) == 0
+    assert len(cloud.points_lidar) == len(cloud.time_offset_ns) == 0
 
 
 SEC = TIME_NS / 1e9
@@ -262,14 +268,15 @@ TIMES = [
 def test_times_of_points(name, kind, values, rig, offsets_ns):
     order = kind[0] if kind[0] in "<>" else "<"
     cloud = swept(points_of([*xyz(order), (name, kind)], count=3, **{name: values}), **rig)
-    assert cloud.sweep.time_offset_ns == pytest.approx(np.array(offsets_ns), abs=500)
-    assert cloud.sweep.time_offset_ns.dtype == np.int64
+    assert cloud.time_offset_ns == pytest.approx(np.array(offsets_ns), abs=500)
+    assert cloud.time_offset_ns.dtype == np.int64
 
 
 BAD_TIMES = [
     ("t", "<u4", [0, 1, 2**32 - 1], {}, "t: expected times within a second of the message, got times up to 4.29 s"),
     ("timestamp", "<f8", [SEC + 7200] * 3, {}, "times up to 7.2e.03 s away, taken as s; say time_unit and time_from"),
     ("time", "<f4", [0, 1e30, 0], {}, "expected times within a second"),
+    ("time", "<f8", [0, 1e308, 0], {"time_unit": "s"}, "got times up to inf s away, taken as s"),
     ("time", "<f4", [0, np.nan, 0], {}, "expected finite times, got NaN or infinity"),
     ("time", "<f4", [0, 0, 0], {"time_field": "when"}, "expected the time field when, got x, y, z, time"),
 ]
@@ -282,11 +289,11 @@ def test_times_that_cannot_be(name, kind, values, rig, told):
 
 
 def test_rings_beyond_a_byte_are_left_out():
-    assert swept(points_of([*xyz(), ("ring", "<u2")], ring=[0, 1, 2, 3, 300])).sweep.ring is None
+    assert swept(points_of([*xyz(), ("ring", "<u2")], ring=[0, 1, 2, 3, 300])).ring is None
 
 
 def cloud_lie(message):
-    return cloud_sweep(message, TIME_NS, stamp_ns=TIME_NS, rig=LidarRig(**RIG), place=PLACE)
+    return cloud_sweep(message, TIME_NS, stamp_ns=TIME_NS, rig=LidarRig(**RIG), name=NAME)
 
 
 CLOUD_LIES = [

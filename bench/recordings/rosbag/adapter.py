@@ -1,8 +1,8 @@
-"""Bags of ROS 2: folders with `metadata.yaml`, or single files, as MCAP (`.mcap`) or SQLite (`.db3`).
+"""The adapter `rosbag`: bags of ROS 2, folders with `metadata.yaml` or single files, MCAP (`.mcap`) or SQLite (`.db3`).
 
 ```
 <root>/
-  rig.yaml                     which topic is which sensor; cameras' models and places; see `rig`
+  rig.yaml                     which topic is which sensor; models and mountings of cameras; see `rig`
   <recording>/metadata.yaml    and the files of messages that it names
   <recording>.mcap             or one file alone
 ```
@@ -11,45 +11,47 @@ What is translated here, once:
 
 - A message's time is the stamp in its header, plus the sensor's `time_offset_ns`; or the time of recording, where the
   card says so. Images count as exposed at that time.
-- Sensors sit where the rig file says, or where /tf_static has the frames that it names. ROS's vehicle and optical
+- Sensors are mounted as the rig file says, or as /tf_static says of the frames that it names. ROS's vehicle and optical
   frames have the axes of ours; the height of the road in the vehicle frame comes from the rig file.
 - Poses of an odometry topic are those of its child frame.
 - A bag holds no annotations: they are files in the card's `annotations` folder. Without them a recording can be looked
   at, but no image of it is scored.
 
-The index of a bag, where each message lies and when, is made in one walk when the recording is opened; images and point
-clouds are read one by one after that. What the walk cannot read is told, and used only where the card accepts it.
+Where each message is, and its time, is found in one walk when the recording is opened; images and point clouds are read
+one by one after that.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bench.egomotion import Trajectory
-from bench.errors import DataError
-from bench.geometry import RigidTransform
+from bench.errors import DataError, ShapeError
+from bench.geometry import RigidTransform, RoadPlane
 from bench.recordings.annotation_faults import annotation_faults
 from bench.recordings.annotations import read_annotations
+from bench.recordings.atomic import path_inside
 from bench.recordings.handles import RecordingHandle
+from bench.recordings.images import body_mask, read_mask, scaled_camera
+from bench.recordings.native import camera_model
 from bench.recordings.records import ImageRef, MountedCamera, Recording, SweepRef, Track
-from bench.recordings.rosbag.egomotion import EgoMotionMessages
-from bench.recordings.rosbag.files import bag_files, bags_below
-from bench.recordings.rosbag.frames import TOPIC as FRAMES_TOPIC
-from bench.recordings.rosbag.frames import StaticFrames
-from bench.recordings.rosbag.index import Consumer, Times, index_bag
-from bench.recordings.rosbag.options import RosbagOptions
-from bench.recordings.rosbag.rig import Rig, read_rig
-from bench.recordings.rosbag.sensors import BagSensors
-from bench.recordings.rosbag.storage import Topic
+from bench.recordings.rosbag.bag import TimedRows, bag_messages, bags_below, open_bag
+from bench.recordings.rosbag.clouds import BagSweep
+from bench.recordings.rosbag.images import BagImage
+from bench.recordings.rosbag.messages import COMPRESSED_IMAGE, IMAGE, POINT_CLOUD, Topic
+from bench.recordings.rosbag.motion import EgoMotionMessages
+from bench.recordings.rosbag.rig import STATIC_FRAMES, CameraRig, LidarRig, RosbagOptions, StaticFrames, read_rig
+from bench.recordings.rosbag.storage import Position
 from bench.recordings.salvage import Part, Salvaged, collected, standing_still
-from bench.recordings.validation import validated
+from bench.recordings.schema import Mounting
+from bench.recordings.validation import data_error, validated
 
 
 def rosbag_recordings(
@@ -61,21 +63,12 @@ def rosbag_recordings(
         DataError: options that are wrong.
     """
     chosen = validated(RosbagOptions, options, file=card, field="options")
-    handles = []
-    for place in bags_below(root):
-        name = root.resolve().name if place == "." else _name(place)
-        source = _Source(
-            root=root,
-            place=place,
-            name=name,
-            card=card,
-            options=chosen,
-            annotations=None if annotations is None else annotations / f"{name}.json",
-        )
-        handles.append(
-            RecordingHandle(name=name, opener=partial(open_rosbag, source), salvager=partial(salvage_rosbag, source))
-        )
-    return tuple(handles)
+    sources = []
+    for path in bags_below(root):
+        name = root.resolve().name if path == root else path.stem if path.is_file() else path.name
+        file = None if annotations is None else annotations / f"{name}.json"
+        sources.append(_Source(root=root, path=path, name=name, card=card, options=chosen, annotations=file))
+    return tuple(RecordingHandle(name=each.name, opener=each.open, salvager=each.salvage) for each in sources)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,156 +76,209 @@ class _Source:
     """Where a recording comes from.
 
     Attributes:
-        root: folder of the data set.
-        place: file or folder in it; "." for the root itself.
+        root: folder of the data set, which no file may leave.
+        path: the bag, a file or folder in it or the root itself.
         name: of the recording.
-        card: for messages.
+        card: for errors.
         options: as in the card.
         annotations: the file that may have its annotations.
     """
 
     root: Path
-    place: str
+    path: Path
     name: str
     card: Path
     options: RosbagOptions
     annotations: Path | None
 
+    def open(self) -> Recording:
+        """Open the bag.
 
-def open_rosbag(source: _Source) -> Recording:
-    """Open a bag.
+        Raises:
+            DataError: a file that is missing or not what the format asks for; files or messages that the bag lacks or
+                that cannot be used, unless the card accepts that.
+        """
+        opening = _Opening(self, lenient=False)
+        recording = opening.recording()
+        if opening.losses and not self.options.accept_losses:
+            first, more = opening.losses[0], len(opening.losses) - 1
+            hints = [first.do, "set the card's option accept_losses: true to use the rest"]
+            hints += [f"{more} more faults, which fisheye-bench validate lists"] if more else []
+            do = "; ".join(filter(None, hints))
+            raise DataError(first.file, field=first.field, expected=first.expected, got=first.got, do=do)
+        return recording
 
-    Raises:
-        DataError: a file that is missing or not what the format asks for; a bag of which a part cannot be read, unless
-            the card accepts that.
-    """
-    opened = _Opening(source, salvage=False)
-    recording = opened.recording()
-    if opened.losses and not source.options.accept_losses:
-        first, more = opened.losses[0], len(opened.losses) - 1
-        do = "set the card's option accept_losses: true to use the rest"
-        do += f"; {more} more faults, which fisheye-bench validate tells" if more else ""
-        raise DataError(
-            first.file,
-            field=first.field,
-            expected=first.expected,
-            got=first.got,
-            do="; ".join(filter(None, (first.do, do))),
-        )
-    return recording
-
-
-def salvage_rosbag(source: _Source) -> Salvaged:
-    """All that is wrong with a bag, and the rest of it."""
-    opened = _Opening(source, salvage=True)
-    try:
-        recording = opened.recording()
-    except DataError as error:
-        return Salvaged(faults=(*opened.losses, error), recording=None)
-    return Salvaged(faults=tuple(opened.losses), recording=recording, lost=frozenset(opened.lost))
+    def salvage(self) -> Salvaged:
+        """All that is wrong with the bag, and the rest of it."""
+        opening = _Opening(self, lenient=True)
+        try:
+            recording = opening.recording()
+        except DataError as error:
+            return Salvaged(faults=(*opening.losses, error), recording=None)
+        return Salvaged(faults=tuple(opening.losses), recording=recording, lost=frozenset(opening.lost))
 
 
 class _Opening:
-    """One bag on its way to a recording; `losses` fills meanwhile."""
+    """A bag that is being opened; `losses` and `lost` fill meanwhile.
 
-    def __init__(self, source: _Source, *, salvage: bool) -> None:
-        self.source, self.salvage = source, salvage
+    Args:
+        source: where it comes from.
+        lenient: go on without parts that cannot be used.
+    """
+
+    def __init__(self, source: _Source, *, lenient: bool) -> None:
+        self.source, self.lenient = source, lenient
         self.losses: list[DataError] = []
         self.lost: set[Part] = set()
 
     def recording(self) -> Recording:
-        """The recording; what is salvaged lacks the parts that cannot be used.
+        """The recording.
 
         Raises:
-            DataError: a part that cannot be used; where it is salvaged, only if nothing is left.
+            DataError: a part that cannot be used; when lenient, only if no camera is left.
         """
         source = self.source
-        bag = bag_files(source.root, source.place)
-        rig, rig_file = read_rig(source.root, source.options.rig, recording=source.name, card=source.card)
-        frames, motion = StaticFrames(), EgoMotionMessages(rig.ego_motion, source.options.clock)
-        index = index_bag(bag, heads=_sensor_topics(rig), whole=_consumers(frames, motion))
-        self.losses.extend(index.losses)
-        sensors = BagSensors(
-            root=source.root,
-            options=source.options,
-            index=index,
-            rig=rig,
-            rig_file=rig_file,
-            frames=frames,
-            place=bag.place,
-            losses=self.losses,
-        )
+        self.bag = open_bag(source.root, source.path)
+        self.losses.extend(self.bag.losses)
+        self.rig, self.rig_file = read_rig(source.root, source.options.rig, recording=source.name, card=source.card)
+        self.frames, motion = StaticFrames(), EgoMotionMessages(self.rig.ego_motion)
+        self._walk(motion)
         tracks = self._tracks()
         cameras: dict[str, MountedCamera] = {}
         images: dict[str, tuple[ImageRef, ...]] = {}
-        for name in rig.cameras:
+        for name, camera in self.rig.cameras.items():
             with self._part():
-                refs = sensors.images(name, scored=tracks is not None)
-                cameras[name], images[name] = sensors.camera(name), refs
+                refs = tuple(self._images(name, camera, scored=tracks is not None))
+                cameras[name], images[name] = self._camera(name, camera), refs
         if not cameras:
-            raise DataError(bag.place, expected="a camera that can be used", got="none")
-        vehicle_from_lidar = RigidTransform.identity()
+            raise DataError(self.bag.path, expected="a camera that can be used", got="none")
+        vehicle_from_lidar, lidar = RigidTransform.identity(), self.rig.lidar
         sweeps: tuple[SweepRef, ...] = ()
-        with self._part():
-            vehicle_from_lidar, sweeps = sensors.vehicle_from_lidar(), sensors.sweeps()
+        if lidar is not None:
+            with self._part():
+                vehicle_from_lidar = self._vehicle_from(lidar.vehicle_from_sensor, lidar.frame, "lidar.frame")
+                sweeps = tuple(self._sweeps(lidar))
         return Recording(
             name=source.name,
             root=source.root,
             licence=source.options.licence,
-            frame_interval_ns=rig.frame_interval_ns or _median_step_ns(images, bag.place),
+            frame_interval_ns=self.rig.frame_interval_ns or self._median_interval_ns(images),
             cameras=cameras,
             images=images,
-            trajectory=self._trajectory(motion, sensors),
+            trajectory=self._trajectory(motion),
             vehicle_from_lidar=vehicle_from_lidar,
             sweeps=sweeps,
             tracks=tracks or (),
-            vehicle_outline_m=np.array(rig.vehicle.outline_m, dtype=np.float64),
+            vehicle_outline_m=np.array(self.rig.vehicle.outline_m, dtype=np.float64),
         )
 
     def _part(self) -> AbstractContextManager[object]:
-        return collected(self.losses) if self.salvage else nullcontext()
+        return collected(self.losses) if self.lenient else nullcontext()
 
-    def _trajectory(self, motion: EgoMotionMessages, sensors: BagSensors) -> Trajectory:
+    def _walk(self, motion: EgoMotionMessages) -> None:
+        """Find the messages of the sensors, and read those of the ego-motion and the frames."""
+        self.counts: Counter[str] = Counter()
+        self.rows = {topic: TimedRows(4, "q") for topic in self.rig.sensor_topics}
+        read = motion.topics | {STATIC_FRAMES}
+        for message in bag_messages(self.bag, listed=self.rows, read=read, counts=self.counts):
+            name, position = message.topic.name, message.position
+            if name == STATIC_FRAMES:
+                self.frames.take(message)
+            if name in motion.topics:
+                motion.take(message)
+            if name in self.rows:
+                numbers = (message.file_number, position.chunk, position.offset, position.size)
+                self.rows[name].add(message, numbers)
+        for name, stated in self.bag.counts.items():
+            if self.counts[name] < stated:
+                expected, got = f"{stated} messages, as metadata.yaml says", str(self.counts[name])
+                self.losses.append(DataError(self.bag.path, field=name[:80], expected=expected, got=got))
+
+    def _camera(self, name: str, camera: CameraRig) -> MountedCamera:
+        """A camera, at the size at which it is evaluated."""
+        field, file = f"cameras.{name}", self.rig_file
+        vehicle_from_camera = self._vehicle_from(camera.vehicle_from_sensor, camera.frame, f"{field}.frame")
+        try:
+            road = RoadPlane.below(vehicle_from_camera, ground_height_m=self.rig.vehicle.ground_height_m)
+        except ShapeError as error:
+            raise data_error(error, file=file, field=field) from error
+        ego_body = body_mask(camera.image_size, camera.body_polygons)
+        if camera.ego_body_mask is not None:
+            path = path_inside(self.source.root, camera.ego_body_mask, file=file, field=f"{field}.ego_body_mask")
+            mask = read_mask(path, camera.image_size)
+            ego_body = mask if ego_body is None else mask | ego_body
+        mounted = MountedCamera(
+            name=name,
+            model=camera_model(camera.model, camera.image_size, file=file, field=f"{field}.model"),
+            vehicle_from_camera=vehicle_from_camera,
+            road=road,
+            stored_size_px=camera.image_size,
+            ego_body=ego_body,
+        )
+        return scaled_camera(mounted, self.source.options.evaluated_size_px)
+
+    def _images(self, name: str, camera: CameraRig, *, scored: bool) -> Iterator[ImageRef]:
+        """The images of a camera, by time."""
+        for time_ns, file, position, topic in self._messages(camera, f"cameras.{name}", IMAGE, COMPRESSED_IMAGE):
+            path = file / name / str(time_ns)
+            compressed, size_px, white_level = self.bag.compressed, camera.image_size, camera.white_level
+            stored = BagImage(file, position, topic, compressed, size_px, white_level, path)
+            yield ImageRef(camera=name, timestamp_ns=time_ns, path=path, scored=scored, stored=stored)
+
+    def _sweeps(self, lidar: LidarRig) -> Iterator[SweepRef]:
+        """The sweeps of the lidar, by time."""
+        for time_ns, file, position, topic in self._messages(lidar, "lidar", POINT_CLOUD):
+            stored = BagSweep(file, position, topic, self.bag.compressed, lidar)
+            yield SweepRef(timestamp_ns=time_ns, path=file / "lidar" / str(time_ns), reader=stored, stored=stored)
+
+    def _messages(
+        self, sensor: CameraRig | LidarRig, field: str, *types: str
+    ) -> Iterator[tuple[int, Path, Position, Topic]]:
+        """Time, file, position and topic of a sensor's messages whose times can be used."""
+        rows, path = self.rows[sensor.topic], self.bag.path
+        if rows.topic is None:
+            got = f"none in {path.name}, which has {', '.join(sorted(self.counts)[:20]) or 'none'}"
+            raise DataError(self.rig_file, field=f"{field}.topic", expected=f"messages on {sensor.topic}", got=got)
+        rows.topic.refuse_others(*types, file=path)
+        topic = replace(rows.topic, definition="")  # ROS's own types need none, and references stay small
+        times_ns, positions = rows.usable(self.source.options.clock, file=path, losses=self.losses)
+        if not len(times_ns):
+            raise DataError(path, field=sensor.topic, expected="messages whose times can be used", got="none")
+        for time_ns, (number, *position) in zip(times_ns.tolist(), positions.tolist(), strict=True):
+            yield time_ns + sensor.time_offset_ns, self.bag.files[number], Position(*position), topic
+
+    def _vehicle_from(self, mounting: Mounting | None, frame: str | None, field: str) -> RigidTransform:
+        """A mounting: the rig file's own, or that of a frame, or at the vehicle frame itself."""
+        if mounting is not None:
+            return mounting.transform
+        if frame is None:
+            return RigidTransform.identity()
+        return self.frames.vehicle_from(frame, vehicle=self.rig.vehicle.frame, file=self.rig_file, field=field)
+
+    def _trajectory(self, motion: EgoMotionMessages) -> Trajectory:
+        odometry, clock, file = self.rig.ego_motion.odometry, self.source.options.clock, self.bag.path
         with self._part():
-            child_from_vehicle = sensors.child_from_vehicle()
-            return motion.trajectory(child_from_vehicle=child_from_vehicle, file=sensors.place, losses=self.losses)
+            mounting, frame = (odometry.vehicle_from_child, odometry.frame) if odometry else (None, None)
+            child_from_vehicle = self._vehicle_from(mounting, frame, "ego_motion.odometry.frame").inverse()
+            return motion.trajectory(clock, child_from_vehicle=child_from_vehicle, file=file, losses=self.losses)
         self.lost.add("trajectory")
-        return standing_still(sensors.place)
+        return standing_still(file)
 
     def _tracks(self) -> tuple[Track, ...] | None:
         """The annotated objects; None where the bag is not annotated."""
         file = self.source.annotations
-        if file is None or not file.is_file():
-            self.lost.add("annotations")
-            return None
-        try:
-            return read_annotations(file)
-        except DataError as error:
-            if not self.salvage:
-                raise
-            self.losses.extend(annotation_faults(file) or (error,))
-            self.lost.add("annotations")
-            return None
+        if file is not None and file.is_file():
+            try:
+                return read_annotations(file)
+            except DataError as error:
+                if not self.lenient:
+                    raise
+                self.losses.extend(annotation_faults(file) or (error,))
+        self.lost.add("annotations")
+        return None
 
-
-def _name(place: str) -> str:
-    return place if Path(place).suffix not in (".mcap", ".db3", ".bag") else Path(place).stem
-
-
-def _sensor_topics(rig: Rig) -> frozenset[str]:
-    topics = {camera.topic for camera in rig.cameras.values()}
-    return frozenset(topics | ({rig.lidar.topic} if rig.lidar else set()))
-
-
-def _consumers(frames: StaticFrames, motion: EgoMotionMessages) -> Mapping[str, Consumer]:
-    def take_frames(topic: Topic, _times: Times, payload: bytes, file: Path) -> None:
-        frames.add(topic, payload, file=file)
-
-    return {**motion.consumers(), FRAMES_TOPIC: take_frames}
-
-
-def _median_step_ns(images: Mapping[str, tuple[ImageRef, ...]], place: Path) -> int:
-    steps = [np.diff([ref.timestamp_ns for ref in refs]) for refs in images.values() if len(refs) > 1]
-    if not steps:
-        raise DataError(place, expected="two images of a camera at least", got="one")
-    return int(np.median(np.concatenate(steps)))
+    def _median_interval_ns(self, images: Mapping[str, tuple[ImageRef, ...]]) -> int:
+        steps_ns = [np.diff([ref.timestamp_ns for ref in refs]) for refs in images.values() if len(refs) > 1]
+        if not steps_ns:
+            raise DataError(self.bag.path, expected="two images of a camera at least", got="one")
+        return int(np.median(np.concatenate(steps_ns)))

@@ -1,10 +1,10 @@
-"""Point clouds of ROS 2 messages, whatever the layout of their fields."""
+"""Point clouds of a bag, whatever the layout of their fields: found again by their position, decoded to sweeps."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from bench.errors import DataError
 from bench.lidar import LidarSweep
 from bench.lidar.files import FARTHEST_TIME_NS
+from bench.recordings.rosbag.messages import SECOND_NS, Topic, decode, header_stamp_ns
 from bench.recordings.rosbag.rig import LidarRig
+from bench.recordings.rosbag.storage import Position, read_message
 
 TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}  # as PointField numbers them
 TIME_FIELDS = ("t", "time", "timestamp", "offset_time", "time_offset")
@@ -23,21 +25,52 @@ NEVER_AN_OFFSET_S = 1e6  # a larger number of seconds counts from the start of a
 NANOSECONDS_SINCE_1970 = 1e17
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class DecodedCloud:
-    """A point cloud.
+@dataclass(frozen=True, slots=True)
+class BagSweep:
+    """A point cloud in a bag; a `bench.recordings.records.StoredPart`, and the reader of its `SweepRef`.
 
     Attributes:
-        sweep: its finite points, in the order of the message.
-        dropped: points that were left out, since they are not finite or at the lidar itself.
+        container: the file that holds it.
+        position: where in the file.
+        topic: that it was sent on.
+        compressed: the message is compressed by itself.
+        rig: of the lidar.
     """
 
-    sweep: LidarSweep
-    dropped: int
+    container: Path
+    position: Position
+    topic: Topic
+    compressed: bool
+    rig: LidarRig
+
+    def content(self) -> bytes:
+        """The message's bytes, after what decides how they are decoded."""
+        return repr((self.topic, self.compressed, self.rig)).encode() + self._payload()
+
+    def _payload(self) -> bytes:
+        return read_message(self.container, self.position, compressed=self.compressed)
+
+    def __call__(self, name: Path, timestamp_ns: int) -> LidarSweep:
+        """Decode it.
+
+        Args:
+            name: of the sweep, for errors.
+            timestamp_ns: the sweep's reference time.
+
+        Raises:
+            DataError: it cannot be read or decoded, or its points are in another frame than the rig file says.
+        """
+        payload = self._payload()
+        message = decode(self.topic, payload, file=self.container)
+        frame = str(message.header.frame_id).lstrip("/")
+        if self.rig.frame is not None and frame != self.rig.frame:
+            expected, do = f"{self.rig.frame!r}, as the rig file says", "name this frame there, if its points are"
+            raise DataError(name, field="header.frame_id", expected=expected, got=repr(frame), do=f"{do} as measured")
+        return cloud_sweep(message, timestamp_ns, stamp_ns=header_stamp_ns(payload), rig=self.rig, name=name)
 
 
-def cloud_sweep(message: Any, timestamp_ns: int, *, stamp_ns: int, rig: LidarRig, place: Path) -> DecodedCloud:
-    """Decode a `sensor_msgs/PointCloud2`.
+def cloud_sweep(message: Any, timestamp_ns: int, *, stamp_ns: int, rig: LidarRig, name: Path) -> LidarSweep:
+    """The finite points of a `sensor_msgs/PointCloud2`, in the order of the message.
 
     Times of points come from the first field of a usual name: whole numbers are nanoseconds and float32 are seconds
     from the message's stamp; float64 are seconds, from the stamp or, when they are as large, from the start of the
@@ -48,128 +81,92 @@ def cloud_sweep(message: Any, timestamp_ns: int, *, stamp_ns: int, rig: LidarRig
         timestamp_ns: the sweep's reference time, which stands for the message's stamp.
         stamp_ns: the stamp in the message's header, in the clock of times that count from the start of it.
         rig: of the lidar.
-        place: where it comes from, for messages.
+        name: of the sweep, for errors.
 
     Raises:
         DataError: fields that are missing or do not fit the data, or times a second or more from the message's.
     """
-    points = _structured(message, place)
-    names = points.dtype.names or ()
-    xyz = np.stack([points[axis] for axis in "xyz"], axis=-1).astype(_native(points.dtype["x"]), copy=False)
-    kept = np.isfinite(xyz).all(axis=1)
+    points = _structured(message, name)
+    fields = points.dtype.names or ()
+    native = points.dtype["x"].newbyteorder("=")
+    points_lidar = np.stack([points[axis] for axis in "xyz"], axis=-1).astype(native, copy=False)
+    valid = np.isfinite(points_lidar).all(axis=1)
     if rig.drop_origin:
-        kept &= (xyz != 0).any(axis=1)
-    time_field = rig.time_field or next((name for name in TIME_FIELDS if name in names), None)
-    offsets_ns = None
-    if time_field is not None:
-        if time_field not in names:
-            raise DataError(place, field="fields", expected=f"the time field {time_field}", got=", ".join(names))
-        offsets_ns = _offsets(points[time_field][kept], stamp_ns, rig, place, time_field)
-    intensity = next((name for name in INTENSITY_FIELDS if name in names), None)
-    sweep = LidarSweep(
+        valid &= (points_lidar != 0).any(axis=1)
+    time_field = rig.time_field or next((field for field in TIME_FIELDS if field in fields), None)
+    if time_field is not None and time_field not in fields:
+        raise DataError(name, field="fields", expected=f"the time field {time_field}", got=", ".join(fields))
+    offsets_ns = None if time_field is None else _offsets_ns(points[time_field][valid], stamp_ns, rig, name, time_field)
+    intensity = next((field for field in INTENSITY_FIELDS if field in fields), None)
+    ring = points["ring"][valid] if "ring" in fields else None
+    if ring is not None and (ring.dtype.kind == "f" or (ring.size and not 0 <= ring.min() <= ring.max() < 256)):
+        ring = None  # more lasers than a byte can count
+    return LidarSweep(
         timestamp_ns=timestamp_ns,
-        points_lidar=np.ascontiguousarray(xyz[kept]),
+        points_lidar=np.ascontiguousarray(points_lidar[valid]),
         time_offset_ns=offsets_ns,
-        intensity=None if intensity is None else _intensity(points[intensity][kept], rig.full_intensity),
-        ring=_ring(points["ring"][kept]) if "ring" in names else None,
+        intensity=None if intensity is None else points[intensity][valid].astype("f4") / np.float32(rig.full_intensity),
+        ring=None if ring is None else ring.astype(np.uint8),
     )
-    return DecodedCloud(sweep=sweep, dropped=int((~kept).sum()))
 
 
-def _structured(message: Any, place: Path) -> NDArray[Any]:
+def _structured(message: Any, name: Path) -> NDArray[Any]:
     """(N,) of a structured type with the fields of the message."""
     width, height = int(message.width), int(message.height)
     step, row_step = int(message.point_step), int(message.row_step)
     if width * height > MOST_POINTS:
-        raise DataError(place, field="width", expected=f"at most {MOST_POINTS} points", got=f"{width} x {height}")
-    dtype = _layout(message, step, place)
-    data = np.frombuffer(message.data, dtype=np.uint8)
-    if width * height == 0:
-        return np.empty(0, dtype=dtype)
+        raise DataError(name, field="width", expected=f"at most {MOST_POINTS} points", got=f"{width} x {height}")
+    dtype, used = _layout(message, step, name), width * step
     if height == 1:
-        row_step = max(row_step, width * step)  # some drivers leave it 0 where it does not matter
-    if row_step < width * step:
-        raise DataError(place, field="row_step", expected=f"at least {width * step} bytes", got=str(row_step))
-    due = row_step * (height - 1) + width * step
-    if len(data) < due:
+        row_step = max(row_step, used)  # some drivers leave it 0 where it does not matter
+    if row_step < used:
+        raise DataError(name, field="row_step", expected=f"at least {used} bytes", got=str(row_step))
+    due = row_step * (height - 1) + used if width * height else 0
+    if len(message.data) < due:
         expected = f"{due} bytes for {height} rows of {width} points"
-        raise DataError(place, field="data", expected=expected, got=str(len(data)))
-    rows = [np.frombuffer(data[i * row_step : i * row_step + width * step].data, dtype=dtype) for i in range(height)]
-    return rows[0] if height == 1 else np.concatenate(rows)
+        raise DataError(name, field="data", expected=expected, got=str(len(message.data)))
+    return np.ndarray((height, width), dtype, np.ascontiguousarray(message.data), 0, (row_step, step)).reshape(-1)
 
 
-def _layout(message: Any, step: int, place: Path) -> np.dtype[Any]:
-    order = ">" if message.is_bigendian else "<"
-    names, formats, offsets = [], [], []
+def _layout(message: Any, step: int, name: Path) -> np.dtype[Any]:
+    layout: dict[str, tuple[str, int]] = {}
     for entry in message.fields:
-        name, kind, offset, count = str(entry.name), int(entry.datatype), int(entry.offset), int(entry.count)
+        field, kind, offset = str(entry.name), int(entry.datatype), int(entry.offset)
         if kind not in TYPES:
-            raise DataError(place, field=f"fields, {name[:40]}", expected="a datatype from 1 to 8", got=str(kind))
-        if count > 1 or not name or name in names:
-            continue  # filling, or more than one number a point, which nothing here asks for
-        if offset + np.dtype(TYPES[kind]).itemsize > step:
+            raise DataError(name, field=f"fields, {field[:40]}", expected="a datatype from 1 to 8", got=str(kind))
+        if int(entry.count) > 1 or not field or field in layout:
+            continue  # padding, or more than one number a point, which nothing here asks for
+        if offset + int(TYPES[kind][1]) > step:
             got = f"byte {offset} of points of {step} bytes"
-            raise DataError(place, field=f"fields, {name[:40]}", expected="a place inside the point", got=got)
-        names.append(name)
-        formats.append(order + TYPES[kind])
-        offsets.append(offset)
+            raise DataError(name, field=f"fields, {field[:40]}", expected="a place inside the point", got=got)
+        layout[field] = TYPES[kind], offset
     for axis in "xyz":
-        if axis not in names or np.dtype(formats[names.index(axis)]).kind != "f":
-            got = ", ".join(names)[:200] or "none"
-            raise DataError(place, field="fields", expected=f"{axis} as float32 or float64", got=got)
-    return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": step})
+        if layout.get(axis, ("", 0))[0] not in ("f4", "f8"):
+            got = ", ".join(layout)[:200] or "none"
+            raise DataError(name, field="fields", expected=f"{axis} as float32 or float64", got=got)
+    order = ">" if message.is_bigendian else "<"
+    formats, offsets = [order + kind for kind, _ in layout.values()], [offset for _, offset in layout.values()]
+    return np.dtype({"names": list(layout), "formats": formats, "offsets": offsets, "itemsize": step})
 
 
-def _offsets(values: NDArray[Any], stamp_ns: int, rig: LidarRig, place: Path, field: str) -> NDArray[np.int64]:
-    if values.dtype.kind == "f" and not np.isfinite(values).all():
-        raise DataError(place, field=field, expected="finite times", got="NaN or infinity at points that have a place")
-    unit, origin = _meaning(values, rig)
-    if values.dtype.kind == "f":
-        times = values.astype(np.float64)
-        if origin == "start":
-            # Split, since nanoseconds since 1970 have more digits than float64.
-            whole = np.floor(times * (UNITS_NS[unit] / 1e9))
-            rest_ns = (times - whole * (1e9 / UNITS_NS[unit])) * UNITS_NS[unit]
-            apart_s = float(np.abs(whole - stamp_ns // 1_000_000_000).max(initial=0.0)) - 1.0  # both were rounded down
-            _refuse_far(apart_s * 1e9, place, field, unit)
-            offsets_ns = whole.astype(np.int64) * 1_000_000_000 - stamp_ns + np.rint(rest_ns).astype(np.int64)
-        else:
-            _refuse_far(float(np.abs(times).max(initial=0.0)) * UNITS_NS[unit], place, field, unit)
-            offsets_ns = np.rint(times * UNITS_NS[unit]).astype(np.int64)
-    else:
-        offsets_ns = values.astype(np.int64) * round(UNITS_NS[unit]) - (stamp_ns if origin == "start" else 0)
-    _refuse_far(float(np.abs(offsets_ns).max(initial=0)), place, field, unit)
-    return np.asarray(offsets_ns)
-
-
-def _meaning(values: NDArray[Any], rig: LidarRig) -> tuple[str, Literal["stamp", "start"]]:
-    """Unit of times, and from where they count."""
-    largest = float(np.abs(values.astype(np.float64)).max(initial=0.0))
-    unit = rig.time_unit
-    if unit is None:
-        whole = values.dtype.kind != "f"
-        unit = "ns" if whole or largest > NANOSECONDS_SINCE_1970 else "s"
-    absolute = largest * UNITS_NS[unit] / 1e9 > NEVER_AN_OFFSET_S
-    return unit, rig.time_from or ("start" if absolute else "stamp")
-
-
-def _refuse_far(largest_ns: float, place: Path, field: str, unit: str) -> None:
-    if not largest_ns < FARTHEST_TIME_NS:
-        got = f"times up to {largest_ns / 1e9:.3g} s away, taken as {unit}"
+def _offsets_ns(values: NDArray[Any], stamp_ns: int, rig: LidarRig, name: Path, field: str) -> NDArray[np.int64]:
+    """(N,) int64, the times of points from the message's stamp."""
+    times = values.astype(np.float64)
+    largest = float(np.abs(times).max(initial=0.0))
+    if not np.isfinite(largest):
+        got = "NaN or infinity at points that have a position"
+        raise DataError(name, field=field, expected="finite times", got=got)
+    unit = rig.time_unit or ("ns" if values.dtype.kind != "f" or largest > NANOSECONDS_SINCE_1970 else "s")
+    unit_ns = UNITS_NS[unit]
+    absolute = largest * unit_ns / 1e9 > NEVER_AN_OFFSET_S
+    from_start = rig.time_from == "start" or (rig.time_from is None and absolute)
+    stamp_s, rest_ns = divmod(stamp_ns, SECOND_NS) if from_start else (0, 0)
+    # The whole seconds first, which is exact: nanoseconds since 1970 have more digits than float64.
+    with np.errstate(over="ignore"):
+        offsets_ns = np.rint((times - stamp_s * (1e9 / unit_ns)) * unit_ns) - rest_ns
+    farthest_ns = float(np.abs(offsets_ns).max(initial=0.0))
+    if not farthest_ns < FARTHEST_TIME_NS:
+        got = f"times up to {farthest_ns / 1e9:.3g} s away, taken as {unit}"
         do = "say time_unit and time_from of the lidar in the rig file"
-        raise DataError(place, field=field, expected="times within a second of the message", got=got, do=do)
-
-
-def _intensity(values: NDArray[Any], full: float) -> NDArray[np.float32]:
-    return np.asarray(values.astype(np.float32) / np.float32(full))
-
-
-def _ring(values: NDArray[Any]) -> NDArray[np.uint8] | None:
-    """None where the lasers are more than a byte can count."""
-    if values.dtype.kind == "f" or (values.size and not 0 <= int(values.min()) <= int(values.max()) < 256):
-        return None
-    return values.astype(np.uint8)
-
-
-def _native(dtype: np.dtype[Any]) -> np.dtype[Any]:
-    return dtype.newbyteorder("=")
+        raise DataError(name, field=field, expected="times within a second of the message", got=got, do=do)
+    return offsets_ns.astype(np.int64)

@@ -1,15 +1,15 @@
-"""Messages of ROS 2, decoded from CDR with the package `rosbags`, and what all of them share."""
+"""Messages of ROS 2: decoded from CDR by the package `rosbags`, and the times that they carry."""
 
 from __future__ import annotations
 
 import re
 import struct
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bench.errors import DataError
-from bench.recordings.rosbag.storage import Topic
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -20,8 +20,40 @@ ODOMETRY = "nav_msgs/msg/Odometry"
 POSES = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseWithCovarianceStamped")
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 HEADER = "std_msgs/msg/Header"
-TYPE_NAME = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*){1,2}", re.ASCII)
+HEADER_BYTES = 64  # of a message: enough for the time in its header
+NO_STAMP = -1
 SECOND_NS = 1_000_000_000
+LONGEST_DEFINITION = 100_000  # blank lines of this length take two seconds to parse
+TYPE_NAME = re.compile(r"[A-Za-z]\w{0,99}(/[A-Za-z]\w{0,99}){1,2}", re.ASCII)
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """What a bag says of a topic.
+
+    Attributes:
+        name: such as "/camera/front".
+        stored_type: the message type as stored, such as "sensor_msgs/msg/Image" or "sensor_msgs/Image".
+        encoding: of its messages; ROS 2 has "cdr".
+        definition: of the message type, in ROS's .msg form; empty where the file has none.
+    """
+
+    name: str
+    stored_type: str
+    encoding: str = "cdr"
+    definition: str = ""
+
+    @property
+    def message_type(self) -> str:
+        """The message type in the form "package/msg/Name"."""
+        words = self.stored_type.split("/")
+        return self.stored_type if len(words) == 3 else f"{words[0]}/msg/{words[-1]}"
+
+    def refuse_others(self, *types: str, file: Path) -> None:
+        """Raise a `DataError` unless the messages have one of these types."""
+        if self.message_type not in types:
+            expected = f"messages {' or '.join(types)}"
+            raise DataError(file, field=self.name, expected=expected, got=self.stored_type[:80])
 
 
 def decode(topic: Topic, payload: bytes, *, file: Path) -> Any:
@@ -29,8 +61,8 @@ def decode(topic: Topic, payload: bytes, *, file: Path) -> Any:
 
     Args:
         topic: that it was sent on.
-        payload: its bytes.
-        file: for messages.
+        payload: its bytes in CDR.
+        file: for errors.
 
     Returns:
         An object with the fields of the message type; arrays of numbers are numpy arrays.
@@ -40,46 +72,13 @@ def decode(topic: Topic, payload: bytes, *, file: Path) -> Any:
     """
     types = _types(topic, file)
     try:
-        return types.deserialize_cdr(payload, message_type(topic))
+        return types.deserialize_cdr(payload, topic.message_type)
     except Exception as error:  # the decoder raises what its reading of wrong bytes happens to raise
-        if isinstance(error, MemoryError):
-            raise
         got = f"{len(payload)} bytes that are none ({type(error).__name__})"
-        raise DataError(file, field=topic.name, expected=f"a message {topic.message_type}", got=got) from error
+        raise DataError(file, field=topic.name, expected=f"a message {topic.stored_type}", got=got) from error
 
 
-def message_type(topic: Topic) -> str:
-    """The message type in the form "package/msg/Name"."""
-    words = topic.message_type.split("/")
-    return topic.message_type if len(words) == 3 else f"{words[0]}/msg/{words[-1]}"
-
-
-def has_header(topic: Topic, *, file: Path) -> bool:
-    """Whether messages of a topic begin with a header, and so with a time.
-
-    Raises:
-        DataError: an unknown type or encoding.
-    """
-    fields = _types(topic, file).fielddefs[message_type(topic)][1]
-    return bool(fields) and fields[0][1][1] == HEADER
-
-
-def header_stamp_ns(head: bytes) -> int | None:
-    """The time in the header that a message begins with.
-
-    Args:
-        head: the first bytes of the message, in CDR: four that tell the order of bytes, seconds, nanoseconds.
-
-    Returns:
-        ns; None where there is no time that a clock can show. 0 is the one of a driver that sets none.
-    """
-    if len(head) < 12 or head[0] != 0 or head[1] not in (0, 1):
-        return None
-    seconds, rest_ns = struct.unpack_from("<iI" if head[1] else ">iI", head, 4)
-    return None if seconds < 0 or rest_ns >= SECOND_NS else seconds * SECOND_NS + rest_ns
-
-
-def number_at(message: Any, path: str, *, file: Path, topic: str) -> Any:
+def field_value(message: Any, path: str, *, file: Path, topic: str) -> Any:
     """A field of a message by its path, such as "twist.linear.x" or "wheels.0".
 
     Raises:
@@ -91,48 +90,70 @@ def number_at(message: Any, path: str, *, file: Path, topic: str) -> Any:
             value = value[int(word)] if word.isdigit() else getattr(value, word)
         except (AttributeError, IndexError, TypeError, KeyError):
             known = ", ".join(name for name in getattr(value, "__dataclass_fields__", ()) if not name.startswith("_"))
-            got = f"none called {word!r}; there are {known}" if known else f"none called {word!r}"
+            got = f"none called {word!r}" + (f"; there are {known}" if known else "")
             raise DataError(file, field=topic, expected=f"the field {path}", got=got) from None
     return value
 
 
+def has_header(topic: Topic, *, file: Path) -> bool:
+    """Whether messages of a topic begin with a header, and so with a time.
+
+    Raises:
+        DataError: an unknown type or encoding.
+    """
+    fields = _types(topic, file).fielddefs[topic.message_type][1]
+    return bool(fields) and fields[0][1][1] == HEADER
+
+
+def header_stamp_ns(start: bytes) -> int:
+    """The time in the header that a message begins with.
+
+    Args:
+        start: the first bytes of the message, in CDR: four that give the byte order, seconds, nanoseconds.
+
+    Returns:
+        ns; `NO_STAMP` for a time that no clock can show, and for 0, which drivers leave that set none.
+    """
+    if len(start) < 12 or start[0] != 0 or start[1] not in (0, 1):
+        return NO_STAMP
+    seconds, rest_ns = struct.unpack_from("<iI" if start[1] else ">iI", start, 4)
+    return NO_STAMP if seconds < 0 or rest_ns >= SECOND_NS else seconds * SECOND_NS + rest_ns or NO_STAMP
+
+
 def _types(topic: Topic, file: Path) -> Typestore:
-    """Types that know the topic's, from ROS 2 itself or from the definition in the file."""
-    if topic.encoding != "cdr":
-        got = repr(topic.encoding[:40])
+    """Types that include the topic's, from ROS 2 itself or from the definition in the file."""
+    name = topic.message_type
+    if topic.encoding != "cdr" or TYPE_NAME.fullmatch(topic.stored_type) is None:
+        got = f"{topic.stored_type[:80]!r} in {topic.encoding[:40]!r}"
         raise DataError(file, field=topic.name, expected="messages in CDR, as ROS 2 records them", got=got)
-    name = message_type(topic)
-    if TYPE_NAME.fullmatch(topic.message_type) is None:
-        got = repr(topic.message_type[:80])
-        raise DataError(file, field=topic.name, expected="the name of a message type", got=got)
-    if name in _standard().fielddefs:
-        return _standard()
-    if not topic.definition:
-        do = "record with MCAP, or with ROS 2 Iron or later, which store the definitions of messages"
+    if name in _typestore().fielddefs:
+        return _typestore()
+    if not 0 < len(topic.definition) <= LONGEST_DEFINITION:
+        got, do = (
+            f"{len(topic.definition)} characters",
+            "record with MCAP, or with ROS 2 Iron or later, which store the definitions of messages",
+        )
         raise DataError(
-            file, field=topic.name, expected=f"the definition of {name}", got="none that is read here", do=do
+            file,
+            field=topic.name,
+            expected=f"the definition of {name} in at most {LONGEST_DEFINITION} characters of .msg text",
+            got=got,
+            do=do,
         )
     try:
-        return _defined(name, topic.definition)
-    except Exception as error:
-        if isinstance(error, MemoryError):
-            raise
+        return _typestore(name, topic.definition)
+    except Exception as error:  # as for messages
         got = f"text that is none ({type(error).__name__})"
         raise DataError(file, field=topic.name, expected=f"the definition of {name}", got=got) from error
 
 
 @cache
-def _standard() -> Typestore:
-    from rosbags.typesys import Stores, get_typestore  # 0.3 s, and only bags need it
-
-    return get_typestore(Stores.ROS2_HUMBLE)
-
-
-@cache
-def _defined(name: str, definition: str) -> Typestore:
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+def _typestore(name: str = "", definition: str = "") -> Typestore:
+    """The types of ROS 2, and one of the user's."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # 0.3 s, and only bags need it
 
     types = get_typestore(Stores.ROS2_HUMBLE)
-    parsed = get_types_from_msg(definition, name)
-    types.register({key: value for key, value in parsed.items() if key not in types.fielddefs})
+    if name:
+        parsed = get_types_from_msg(definition, name)
+        types.register({key: value for key, value in parsed.items() if key not in types.fielddefs})
     return types

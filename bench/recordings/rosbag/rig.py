@@ -1,4 +1,7 @@
-"""The rig file of a data set of bags: which topic is which sensor, how it sees, and where it sits on the vehicle."""
+"""What the user says of bags: the card's options, and the rig file with each sensor's topic, model and mounting.
+
+Mountings may also come from the frames that a bag publishes once on /tf_static.
+"""
 
 from __future__ import annotations
 
@@ -7,37 +10,62 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
+from bench.errors import DataError, ShapeError
+from bench.geometry import RigidTransform
+from bench.plain_yaml import parse_yaml
 from bench.recordings.atomic import path_inside
 from bench.recordings.images import Polygon
-from bench.recordings.rosbag.yaml import read_yaml
+from bench.recordings.rosbag.bag import BagMessage
+from bench.recordings.rosbag.messages import TRANSFORMS, decode
 from bench.recordings.schema import Mounting, Name
+from bench.recordings.text_files import read_text
 from bench.recordings.validation import FileModel, SidePx, validated
 
-LARGEST_BYTES = 1_000_000
+STATIC_FRAMES = "/tf_static"
+LARGEST_RIG_BYTES = 1_000_000
+MOST_FRAMES = 10_000
 TopicName = Annotated[str, Field(pattern=r"^/[A-Za-z0-9_/~.-]+$")]
 FieldPath = Annotated[str, Field(pattern=r"^[A-Za-z_]\w*(\.[A-Za-z_]\w*|\.[0-9]{1,4})*$")]
 OffsetNs = Annotated[int, Field(ge=-(10**9), le=10**9)]
 
 
-class Placed(FileModel):
-    """Something that sits on the vehicle.
+class RosbagOptions(FileModel):
+    """The card's `options`.
+
+    Attributes:
+        rig: the rig file, relative to the data set's root; `{recording}` stands for the recording's name.
+        clock: "header", the time that a message carries, or "bag", the time at which it was recorded.
+        accept_losses: open a bag that lacks files or messages, or whose times do not increase, and use the rest.
+        evaluated_size_px: (width, height) at which images are evaluated; null for as stored.
+        licence: of the data.
+    """
+
+    rig: str = "rig.yaml"
+    clock: Literal["header", "bag"] = "header"
+    accept_losses: bool = False
+    evaluated_size_px: tuple[SidePx, SidePx] | None = None
+    licence: str = ""
+
+
+class MountedRig(FileModel):
+    """A sensor on the vehicle.
 
     Attributes:
         vehicle_from_sensor: the mounting.
-        frame: name of its frame in /tf_static, which then tells the mounting.
+        frame: name of its frame in /tf_static, which then gives the mounting.
     """
 
     vehicle_from_sensor: Mounting | None = None
     frame: str | None = None
 
     @model_validator(mode="after")
-    def _one(self) -> Placed:
+    def _one(self) -> MountedRig:
         if (self.vehicle_from_sensor is None) == (self.frame is None):
             raise ValueError("one of vehicle_from_sensor, the mounting, and frame, its name in /tf_static")
         return self
 
 
-class CameraRig(Placed):
+class CameraRig(MountedRig):
     """A camera.
 
     Attributes:
@@ -46,7 +74,7 @@ class CameraRig(Placed):
         image_size: width and height of the images, px.
         time_offset_ns: added to the stamp to get the middle of the exposure.
         white_level: value of 16-bit images that is white; fixed, since flow compares images.
-        body_polygons: outlines of the host's own body, (u, v) in stored pixels.
+        body_polygons: outlines of the ego vehicle's own body, (u, v) in stored pixels.
         ego_body_mask: image, relative to the data set's root, that is not 0 where the camera sees its own vehicle.
     """
 
@@ -59,7 +87,7 @@ class CameraRig(Placed):
     ego_body_mask: str | None = None
 
 
-class LidarRig(Placed):
+class LidarRig(MountedRig):
     """The lidar.
 
     Attributes:
@@ -69,7 +97,7 @@ class LidarRig(Placed):
         time_unit: its unit; null for what its type usually means.
         time_from: whether it counts from the message's stamp or from the start of the clock; null for what fits.
         full_intensity: value of the field `intensity` or `reflectivity` that is 1.
-        drop_origin: leave out points at the lidar itself, which some drivers put in the place of lost returns.
+        drop_origin: leave out points at the lidar itself, which some drivers store for lost returns.
     """
 
     topic: TopicName
@@ -107,7 +135,7 @@ class SignalRig(FileModel):
     Attributes:
         topic: of any message.
         field: path of the number, such as `twist.linear.x`; of several the mean is taken.
-        factor: that the value is multiplied with: to m/s and rad/s, and to turn a sign.
+        factor: that the value is multiplied with, to m/s and rad/s, and to change a sign.
     """
 
     topic: TopicName
@@ -116,7 +144,7 @@ class SignalRig(FileModel):
 
 
 class ReverseRig(FileModel):
-    """How messages tell reverse gear.
+    """How messages show reverse gear.
 
     Attributes:
         topic: of any message.
@@ -157,7 +185,7 @@ class EgoMotionRig(FileModel):
 
 
 class VehicleRig(FileModel):
-    """The host.
+    """The ego vehicle.
 
     Attributes:
         outline_m: x and y of its outline seen from above, vehicle frame.
@@ -175,10 +203,10 @@ class Rig(FileModel):
 
     Attributes:
         frame_interval_ns: nominal time between images; null for the median of what the bag has.
-        vehicle: the host.
+        vehicle: the ego vehicle.
         cameras: by name.
         lidar: null without one, then nothing can be scored.
-        ego_motion: of the host.
+        ego_motion: of the ego vehicle.
     """
 
     frame_interval_ns: int | None = Field(default=None, gt=0)
@@ -187,9 +215,14 @@ class Rig(FileModel):
     lidar: LidarRig | None = None
     ego_motion: EgoMotionRig
 
+    @property
+    def sensor_topics(self) -> list[str]:
+        """Topics of images and point clouds."""
+        return [camera.topic for camera in self.cameras.values()] + ([self.lidar.topic] if self.lidar else [])
+
     @model_validator(mode="after")
     def _topics_once(self) -> Rig:
-        topics = [camera.topic for camera in self.cameras.values()] + ([self.lidar.topic] if self.lidar else [])
+        topics = self.sensor_topics
         if twice := sorted({topic for topic in topics if topics.count(topic) > 1}):
             raise ValueError(f"each topic for one sensor, {twice[0]} stands twice")
         return self
@@ -202,7 +235,7 @@ def read_rig(root: Path, relative: str, *, recording: str, card: Path) -> tuple[
         root: folder of the data set, which the file must not leave.
         relative: as the card names it.
         recording: name that stands for `{recording}`.
-        card: for messages.
+        card: for errors.
 
     Returns:
         The rig, and its file.
@@ -211,4 +244,66 @@ def read_rig(root: Path, relative: str, *, recording: str, card: Path) -> tuple[
         DataError: missing, or not what a rig says.
     """
     file = path_inside(root, relative.replace("{recording}", recording), file=card, field="options.rig")
-    return validated(Rig, read_yaml(file, most_bytes=LARGEST_BYTES), file=file), file
+    content = parse_yaml(read_text(file, largest_bytes=LARGEST_RIG_BYTES), file=file)
+    return validated(Rig, content, file=file), file
+
+
+class StaticFrames:
+    """The frames of /tf_static. Each has one parent, the last that was published."""
+
+    def __init__(self) -> None:
+        self._parents: dict[str, tuple[str, RigidTransform]] = {}  # child -> parent, parent_from_child
+
+    def take(self, message: BagMessage) -> None:
+        """Take a message of /tf_static.
+
+        Raises:
+            DataError: another message, or a transform that is none.
+        """
+        message.topic.refuse_others(TRANSFORMS, file=message.file)
+        for entry in decode(message.topic, message.start, file=message.file).transforms:
+            child = str(entry.child_frame_id).lstrip("/")
+            rotation, translation = entry.transform.rotation, entry.transform.translation
+            try:
+                parent_from_child = RigidTransform.from_quaternion(
+                    (rotation.w, rotation.x, rotation.y, rotation.z), (translation.x, translation.y, translation.z)
+                )
+            except ShapeError as error:
+                field = f"{STATIC_FRAMES}, {child[:40]}"
+                raise DataError(message.file, field=field, expected="a transform", got=str(error)) from error
+            self._parents[child] = str(entry.header.frame_id).lstrip("/"), parent_from_child
+        if len(self._parents) > MOST_FRAMES:
+            raise DataError(message.file, field=STATIC_FRAMES, expected=f"at most {MOST_FRAMES} frames", got="more")
+
+    def vehicle_from(self, frame: str, *, vehicle: str, file: Path, field: str) -> RigidTransform:
+        """Where a frame is on the vehicle.
+
+        Args:
+            frame: its name.
+            vehicle: name of the vehicle frame.
+            file: that names them, for errors.
+            field: where in the file.
+
+        Raises:
+            DataError: a frame that is not there, or not joined to the vehicle.
+        """
+        names = set(self._parents) | {parent for parent, _ in self._parents.values()}
+        got = ", ".join(sorted(names)[:20]) or "none; is /tf_static recorded?"
+        frame, vehicle = frame.lstrip("/"), vehicle.lstrip("/")
+        for name in (vehicle, frame):
+            if name not in names and frame != vehicle:
+                raise DataError(file, field=field, expected=f"the frame {name!r} in {STATIC_FRAMES}", got=got)
+        (root, root_from_frame), (vehicle_root, root_from_vehicle) = self._root_from(frame), self._root_from(vehicle)
+        if root != vehicle_root:
+            got = f"one below {root!r}, the other below {vehicle_root!r}"
+            raise DataError(file, field=field, expected=f"{frame!r} joined to {vehicle!r} in {STATIC_FRAMES}", got=got)
+        return root_from_vehicle.inverse() @ root_from_frame
+
+    def _root_from(self, frame: str) -> tuple[str, RigidTransform]:
+        """The frame above all others of this one's tree, and this one in it."""
+        root, root_from_frame, passed = frame, RigidTransform.identity(), set[str]()
+        while root in self._parents and root not in passed:
+            passed.add(root)
+            root, parent_from_child = self._parents[root]
+            root_from_frame = parent_from_child @ root_from_frame
+        return root, root_from_frame
