@@ -417,12 +417,14 @@ def sweep(
     out: Annotated[
         Path | None, typer.Option(help="Folder of sweeps; reports/runs/sweeps-<data set> without it.")
     ] = None,
+    workers: Workers = None,
     cache: Cache = None,
     no_cache: NoCache = False,
 ) -> None:
     """Score one thing through many values: a table and a chart.
 
-    A sweep that was interrupted begins again, but takes flow and references that were computed from the cache.
+    Each value is a run in a folder of the sweep. A sweep that was interrupted goes on where it stopped, by the same
+    command.
     """
     from bench.cli import sweeping
     from bench.cli.computing import Computing
@@ -436,7 +438,7 @@ def sweep(
         protocol=protocol,
         split=split,
         out=out,
-        cache=Computing(cache=cache, no_cache=no_cache).cache_folder,
+        computing=Computing(workers=workers, cache=cache, no_cache=no_cache),
     )
     if failures:
         raise typer.Exit(DATA_ERROR)

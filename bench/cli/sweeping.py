@@ -7,14 +7,14 @@ from pathlib import Path
 
 from rich.table import Table
 
+from bench.cli.computing import Computing
 from bench.cli.console import print_failures, progress_bar, say, show
-from bench.cli.interrupts import interruptible
+from bench.cli.interrupts import resumable
 from bench.cli.rendering import render_if_synthetic
 from bench.cli.settings import parse_settings
 from bench.errors import UsageError
 from bench.evaluation import load_protocol
-from bench.harness.cache import CacheFolder
-from bench.harness.sweep import SWEEPS, SweepResult, Trial, plan_sweep, run_sweep
+from bench.harness.sweep import SWEEPS, Setup, SweepResult, plan_sweep, run_sweep
 from bench.methods import build_method
 from bench.recordings import load_card
 from bench.recordings.atomic import output_folder
@@ -35,22 +35,31 @@ def sweep(
     protocol: str,
     split: str | None,
     out: Path | None,
-    cache: CacheFolder | None,
+    computing: Computing,
 ) -> int:
     """Run a sweep, write table and chart, print the table and the paths; return the number of failures."""
     if what == LIST:
         print_sweeps()
         return 0
     card = load_card(dataset)
-    base = Trial(method=build_method(method, parse_settings(settings)), protocol=load_protocol(protocol))
+    base = Setup(method=build_method(method, parse_settings(settings)), protocol=load_protocol(protocol))
     plan = plan_sweep(what, base=base, values=_split(values))
-    folder = out or RUNS / f"sweeps-{card.name}"
+    folder = (out or RUNS / f"sweeps-{card.name}") / what
     title = f"sweeping {what} over {len(plan.values)} values on {card.name}"
-    with output_folder(folder / what):
+    with output_folder(folder):
         render_if_synthetic(card)
-        with interruptible(_left(cache)), progress_bar(title, "recordings") as report:
-            result = run_sweep(card, plan=plan, out=folder / what, cache=cache, split=split, progress=report)
-    files = write_sweep_files(folder / what)
+        with resumable(folder), progress_bar(title, "values") as report:
+            executor = computing.executor(card, base.method)
+            result = run_sweep(
+                card,
+                plan=plan,
+                out=folder,
+                cache=computing.cache_folder,
+                split=split,
+                executor=executor,
+                progress=report,
+            )
+    files = write_sweep_files(folder)
     show(to_rich(result))
     _print_ends(result, files)
     return len(result.failures)
@@ -62,13 +71,6 @@ def print_sweeps() -> None:
     for name, one in sorted(SWEEPS.items()):
         table.add_row(name, ", ".join(f"{v:g}" if not isinstance(v, str) else v for v in one.values), one.title)
     show(table)
-
-
-def _left(cache: CacheFolder | None) -> str:
-    """What an interrupted sweep leaves."""
-    if cache is None:
-        return "nothing of the sweep is stored, and the same command begins it again"
-    return f"flow and references so far are in {cache.folder}; the same command takes them from there and counts anew"
 
 
 def _split(values: str | None) -> list[str]:

@@ -11,14 +11,16 @@ from typing import TypeVar, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.egomotion import POSES_AHEAD, camera_motion
+from bench.egomotion import POSES_AHEAD
 from bench.errors import DataError
 from bench.evaluation import Protocol
-from bench.harness.cache.steps import KeptSteps, StepCache
+from bench.geometry import RigidTransform
+from bench.harness.cache import StepCache
 from bench.harness.reference_itself import ReferenceItself, repeat_reference
 from bench.harness.stages import StageClock
-from bench.methods import Method, MethodInput, Segmentation, UnansweredImage, ask_method
+from bench.methods import Method, MethodInput, Needs, Segmentation, UnansweredImage, ask_method
 from bench.recordings import ImageRef, Recording, frame_gaps, read_image
+from bench.recordings.input_errors import told_camera, told_motion, told_pixels, told_time_ns
 from bench.reference import ReferenceBuilder, ReferenceFrame
 
 Scalar = TypeVar("Scalar", bound=np.generic)
@@ -77,13 +79,14 @@ class FramePipeline:
         self.recording, self.camera = recording, recording.cameras[camera]
         self.images = recording.images[camera]
         self.references = ReferenceBuilder(recording, camera, protocol.reference_settings())
-        self._method = method
+        self._method, self._needs = method, Needs.of(method)
         self._clock = clock or StageClock()
         self._steps = steps
-        self._reads_images = getattr(method, "reads_images", True)
         self._gaps = {gap.index: gap for gap in frame_gaps(recording, camera)}
         self._held: dict[int, NDArray[np.uint8]] = {}
-        self._camera_given, self._road_given = deepcopy((self.camera.model, self.camera.road))
+        told = told_camera(self.camera, recording.input_errors)
+        self._mounting_told = told.vehicle_from_camera
+        self._camera_given, self._road_given = deepcopy((told.model, told.road))
 
     def process(self, index: int) -> ProcessedFrame:
         """Process the image of an index, at least `method.history` from the start.
@@ -94,26 +97,14 @@ class FramePipeline:
         """
         given = self.method_input(index)
         if isinstance(self._method, ReferenceItself):
-            reference = self._reference(index, given)
+            reference = self._reference(index)
             segmentation = repeat_reference(reference)
         else:
             segmentation = self._answer(given)
-            reference = self._reference(index, given)
+            reference = self._reference(index)
         return ProcessedFrame(image=self.images[index], given=given, segmentation=segmentation, reference=reference)
 
-    def refuse_damaged(self, given: MethodInput) -> None:
-        """Read the images that nobody has looked at yet.
-
-        Whether a method looks at an image, or knows it from earlier, does not decide whether a damaged one counts.
-
-        Raises:
-            DataError: an image that cannot be used.
-        """
-        if self._reads_images and not (isinstance(given.kept, KeptSteps) and given.kept.vouched):
-            tuple(given.images)
-
-    def _reference(self, index: int, given: MethodInput) -> ReferenceFrame:
-        self.refuse_damaged(given)
+    def _reference(self, index: int) -> ReferenceFrame:
         with self._clock.stage("reference"):
             if self._steps is None:
                 return self.references.build(self.images[index])
@@ -128,7 +119,7 @@ class FramePipeline:
 
     def method_input(self, index: int) -> MethodInput:
         """What a method may see of the images up to `index`."""
-        first = index - self._method.history
+        first = index - self._needs.history
         for later in range(first + 1, index + 1):
             if later in self._gaps:
                 gap = self._gaps[later]
@@ -138,21 +129,12 @@ class FramePipeline:
                 )
         first = self._oldest(first)
         images: Sequence[NDArray[np.uint8]] = _ImagesOnDemand(range(first, index + 1), self._copied)
-        if self._reads_images and self._steps is None:
-            images = tuple(images)
+        if self._needs.reads_images:
+            images = tuple(images)  # also where all is cached: a damaged image counts as one, whoever looks at it
         self._held = {i: pixels for i, pixels in self._held.items() if i >= first}
         with self._clock.stage("ego-motion"):
             times_ns = tuple(self.images[i].timestamp_ns for i in range(first, index + 1))
-            next_ns = [image.timestamp_ns for image in self.images[index + 1 : index + 1 + POSES_AHEAD]]
-            poses = [self.recording.trajectory.world_from_vehicle(t, next_ns=next_ns) for t in times_ns]
-            motions = tuple(
-                camera_motion(
-                    world_from_vehicle_previous=previous,
-                    world_from_vehicle_current=current,
-                    vehicle_from_camera=self.camera.vehicle_from_camera,
-                )
-                for previous, current in pairwise(poses)
-            )
+            motions = self._motions(times_ns, next_images=self.images[index + 1 : index + 1 + POSES_AHEAD])
         given = MethodInput(
             images=images,
             timestamps_ns=times_ns,
@@ -165,11 +147,24 @@ class FramePipeline:
         )
         if self._steps is None:
             return given
-        return replace(given, kept=self._steps.of_image(given, self.images[first : index + 1], self._method))
+        return replace(
+            given, kept=self._steps.of_image(given, self.images[first : index + 1], colour=self._needs.colour)
+        )
+
+    def _motions(self, times_ns: Sequence[int], *, next_images: Sequence[ImageRef]) -> tuple[RigidTransform, ...]:
+        """Motion of the camera between consecutive images, as the method is told of it."""
+        errors, trajectory = self.recording.input_errors, self.recording.trajectory
+        next_ns = [told_time_ns(image.timestamp_ns, errors) for image in next_images]
+        poses = [trajectory.world_from_vehicle(told_time_ns(t, errors), next_ns=next_ns) for t in times_ns]
+        seconds = (np.diff(times_ns) / 1e9).tolist()
+        return tuple(
+            told_motion(previous, current, seconds=step, vehicle_from_camera=self._mounting_told, errors=errors)
+            for (previous, current), step in zip(pairwise(poses), seconds, strict=True)
+        )
 
     def _oldest(self, first: int) -> int:
         """The oldest image for a method that can use more than it needs: without a gap, readable, with ego-motion."""
-        spare = getattr(self._method, "longest_history", self._method.history) - self._method.history
+        spare = self._needs.longest_history - self._needs.history
         for earlier in range(first - 1, max(first - spare, 0) - 1, -1):
             try:
                 if earlier + 1 in self._gaps:
@@ -183,7 +178,10 @@ class FramePipeline:
     def _pixels(self, index: int) -> NDArray[np.uint8]:
         if index not in self._held:
             with self._clock.stage("decode"):
-                self._held[index] = read_image(self.images[index], self.camera, colour=self._method.colour)
+                image = self.images[index]
+                pixels = read_image(image, self.camera, colour=self._needs.colour)
+                errors = self.recording.input_errors
+                self._held[index] = told_pixels(pixels, image, recording=self.recording.name, errors=errors)
         return self._held[index]
 
     def _copied(self, index: int) -> NDArray[np.uint8]:

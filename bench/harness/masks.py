@@ -73,7 +73,6 @@ class StoredMasks:
         DataError: the run holds none, as runs of older versions.
     """
 
-    colour = False
     reads_images = False
 
     def __init__(self, run: Path, method: MethodStamp) -> None:

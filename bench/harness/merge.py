@@ -99,7 +99,7 @@ def combine_parts(results: Path, parts: Sequence[Path], *, run: Path, protocol: 
         reference_fingerprint=reference_fingerprint(objects, frames),
         split=first.stamp.split,
         method=first.stamp.method,
-        provenance=_together([report.provenance for report in reports], images=figures.images.evaluated),
+        provenance=combined_provenance([report.provenance for report in reports], images=figures.images.evaluated),
         vehicle_outline_m=first.vehicle_outline_m,
         failures=(*failures, *stored.problems(units)),
         caveats=first.stamp.caveats,
@@ -137,8 +137,13 @@ def _collected(found: Sequence[tuple[Path, ShardReport]], out: Path) -> list[Uni
     return sorted(units, key=lambda unit: (unit.recording, unit.camera, unit.start))
 
 
-def _together(parts: Sequence[Provenance], *, images: int) -> Provenance:
-    """Where the whole comes from: times are added up, memory is that of the largest process."""
+def combined_provenance(parts: Sequence[Provenance], *, images: int) -> Provenance:
+    """Provenance of what was computed in parts: times are added up, memory is that of the largest process.
+
+    Args:
+        parts: at least one; what they have in common is taken from the first.
+        images: that were scored.
+    """
     works = [part.work for part in parts if part.work is not None]
     stages: Counter[str] = Counter()
     found: Counter[str] = Counter()

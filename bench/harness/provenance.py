@@ -107,6 +107,11 @@ class Start:
         """Begin."""
         return cls(utc=datetime.now(UTC), seconds=perf_counter())
 
+    @property
+    def elapsed_s(self) -> float:
+        """Seconds since then."""
+        return round(perf_counter() - self.seconds, 3)
+
 
 def provenance_since(
     start: Start,
@@ -136,7 +141,7 @@ def provenance_since(
         libraries=library_versions(),
         data_fingerprint=combined_fingerprint(fingerprints),
         started_utc=start.utc.isoformat(timespec="seconds"),
-        seconds=round(perf_counter() - start.seconds, 3),
+        seconds=start.elapsed_s,
         stage_seconds={name: round(seconds, 3) for name, seconds in sorted(stage_seconds.items())},
         images=images,
         peak_memory_mb=round(largest_resident_mb() if peak_memory_mb is None else peak_memory_mb, 1),
@@ -193,7 +198,8 @@ def largest_resident_mb() -> float:
 
 
 def recording_fingerprint(recording: Recording) -> str:
-    """SHA-256 over the relative paths and sizes of images and sweeps, and over annotations and calibration as read."""
+    """SHA-256 over the relative paths and sizes of images and sweeps, over annotations and calibration as read,
+    and over errors of what a method is told."""
     digest = hashlib.sha256(recording.name.encode())
     named = [(image.path, image.file) for images in recording.images.values() for image in images]
     for path, file in sorted([*named, *((sweep.path, sweep.file) for sweep in recording.sweeps)]):
@@ -205,6 +211,8 @@ def recording_fingerprint(recording: Recording) -> str:
         digest.update(f"{track.track_id}:{track.object_class}".encode())
         digest.update(b"".join(state.velocity_mps.tobytes() for state in track.states))
     digest.update(recording.trajectory.timestamps_ns.tobytes() + recording.trajectory.positions_m.tobytes())
+    if recording.input_errors.named:
+        digest.update(f"{sorted(recording.input_errors.named.items())}".encode())
     return digest.hexdigest()
 
 

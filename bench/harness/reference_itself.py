@@ -19,7 +19,6 @@ class ReferenceItself:
 
     name: ClassVar[str] = "reference"
     history: ClassVar[int] = 1
-    colour: ClassVar[bool] = False
     reads_images: ClassVar[bool] = False
 
     def __init__(self, *, sees_the_reference: bool = True) -> None:

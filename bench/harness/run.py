@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -36,7 +36,7 @@ from bench.harness.tasks import PlannedRecording, RunSpec, ScoredUnit, UnitTask,
 from bench.harness.unit_files import UnitFolder
 from bench.harness.units import Unit
 from bench.methods import Method
-from bench.recordings import DatasetCard, RecordingHandle, open_dataset
+from bench.recordings import NO_INPUT_ERRORS, DatasetCard, InputErrors, RecordingHandle, open_dataset
 
 SERIAL = SerialExecutor()
 
@@ -48,6 +48,7 @@ def run_benchmark(
     protocol: Protocol,
     out: Path,
     split: str | None = None,
+    input_errors: InputErrors = NO_INPUT_ERRORS,
     overwrite: bool = False,
     executor: TaskExecutor = SERIAL,
     cache: CacheFolder | None = None,
@@ -67,6 +68,7 @@ def run_benchmark(
         protocol: the rules.
         out: folder of the run.
         split: of the data set; None for all of it.
+        input_errors: of what the method is told; the reference keeps the true calibration and ego-motion.
         overwrite: replace the run of another experiment in `out`.
         executor: computes the units; the result does not depend on it.
         cache: where flow, likelihood and reference are kept for other runs; None to keep nothing.
@@ -83,7 +85,7 @@ def run_benchmark(
         DataError: the data set is not there, nothing of it could be used, `out` holds another experiment or something
             that is no run or is in use by another one, or there is no room for the results.
     """
-    handles = open_dataset(card, split)
+    handles = [replace(handle, input_errors=input_errors) for handle in open_dataset(card, split)]
     experiment = Experiment.of(dataset=card.name, split=split, method=method, protocol=protocol)
     with held_run_folder(out):
         mirror.begin(parts=WHOLE.count)
@@ -284,7 +286,7 @@ class _Work:
                 method=MethodStamp.of(self.method, self.identity),
                 code=code_digest(UNIT_CODE),
                 protocol_digest=self.protocol.digest,
-                caveats=self.card.content.caveats,
+                caveats=_caveats(self.card, self.handles),
             ),
             units_of_run=len(units),
             units=tuple(
@@ -310,6 +312,13 @@ class _Work:
                 unrepeatable=unrepeatable_code(self.identity),
             ),
         )
+
+
+def _caveats(card: DatasetCard, handles: Sequence[RecordingHandle]) -> str:
+    """What a reader has to know of the data, errors of what the method was told included."""
+    told = {f"{name} {error:g}": None for handle in handles for name, error in handle.input_errors.named.items()}
+    errors = f"The method was told errors of its input: {', '.join(told)}." if told else ""
+    return "\n".join(part for part in (card.content.caveats, errors) if part)
 
 
 def _never_opened(handle: RecordingHandle, failed: FailedTask) -> PlannedRecording:

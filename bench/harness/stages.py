@@ -42,17 +42,14 @@ class StageClock:
 Progress = Callable[[float, int], None]
 
 
-def recording_reporter(progress: Progress | None, number: int, total: int) -> Callable[[float], None]:
-    """Takes the share done of one recording and tells the recordings done.
+def part_of(progress: Progress | None, *, number: int, total: int) -> Progress | None:
+    """Takes the progress of one of several parts that follow each other, and tells that of the whole in parts.
 
     Args:
-        progress: called with the recordings done, fractions included, and their number; None for nobody.
-        number: recordings done before this one.
-        total: recordings in all.
+        progress: of the whole; None for nobody.
+        number: parts that are done.
+        total: parts in all.
     """
-
-    def report(share: float) -> None:
-        if progress is not None:
-            progress(number + share, total)
-
-    return report
+    if progress is None:
+        return None
+    return lambda done, of: progress(number + done / of, total)

@@ -19,7 +19,7 @@ from bench.harness.stages import StageClock
 from bench.harness.unit import run_unit
 from bench.harness.unit_files import encode_unit
 from bench.harness.units import Unit, plan_units
-from bench.methods import Method
+from bench.methods import Method, Needs
 from bench.recordings import Recording, RecordingHandle
 
 UNIT_FORMAT = 3  # raise it when the files of a unit change
@@ -188,7 +188,7 @@ def unit_key(spec: RunSpec, recording: Recording, unit: Unit, inputs: RecordingI
     """Digest of all that the result of a unit depends on."""
     method, images = spec.method, recording.images[unit.camera]
     reach_ns = spec.protocol.reference_settings().max_sweep_gap_ns
-    first = max(unit.start - getattr(method, "longest_history", method.history) - 1, 0)
+    first = max(unit.start - Needs.of(method).longest_history - 1, 0)
     read = images[first : unit.stop]
     return digest_of(
         UNIT_FORMAT,
@@ -203,6 +203,7 @@ def unit_key(spec: RunSpec, recording: Recording, unit: Unit, inputs: RecordingI
         inputs.ego_motion,
         inputs.lidar_mounting,
         inputs.annotations,
+        inputs.input_errors,
         inputs.images(read),
         inputs.sweeps(read[0].timestamp_ns, read[-1].timestamp_ns, reach_ns=reach_ns),
     )

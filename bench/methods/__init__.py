@@ -6,7 +6,7 @@ A method is given consecutive images, calibration and ego-motion, never annotati
 """
 
 from bench.methods.answers import MethodError, ask_method
-from bench.methods.contract import Method, MethodInput, Segmentation, UnansweredImage
+from bench.methods.contract import Method, MethodInput, Needs, Segmentation, UnansweredImage
 from bench.methods.registry import METHODS, build_method, describe_method, known_methods
 
 __all__ = [
@@ -14,6 +14,7 @@ __all__ = [
     "Method",
     "MethodError",
     "MethodInput",
+    "Needs",
     "Segmentation",
     "UnansweredImage",
     "ask_method",

@@ -121,22 +121,12 @@ class Method(Protocol):
     Attributes:
         name: as the registry knows it.
         history: earlier images that it needs, at least 1 for anything that moves.
-        colour: whether it wants BGR instead of grey images.
 
-    A method that can use more images than it needs may also have an attribute `longest_history`; it is then given up to
-    so many earlier ones, fewer at the start of a drive, after a gap and after an image that cannot be read. So it is
-    scored on the same images as a method that needs `history`, wherever a drive is cut into pieces.
-
-    A method that does without images may also have an attribute `reads_images = False`; they are then read only if it,
-    or somebody who draws a picture, looks at them.
-
-    A method that reads files, for example weights, has an attribute `files` with their paths: results that were stored
-    are found again only as long as settings, code and the content of these files are the same.
+    What else it may have as an attribute, and what holds where it has none, is in `Needs`.
     """
 
     name: str
     history: int
-    colour: bool
 
     def settings(self) -> dict[str, object]:
         """Every parameter that decides the result, for provenance and caching."""
@@ -145,3 +135,37 @@ class Method(Protocol):
     def segment(self, frame: MethodInput) -> Segmentation:
         """Say which cells of the current image move."""
         ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Needs:
+    """What a method asks of those who call it; all but `history` are attributes that it may leave out.
+
+    Attributes:
+        history: earlier images that it needs.
+        longest_history: earlier images that it can use; `history` without it. It is given up to so many, fewer at the
+            start of a drive, after a gap and after an image that cannot be read. So it is scored on the same images as
+            a method that needs `history`, wherever a drive is cut into pieces.
+        colour: it wants BGR images; grey ones without it.
+        reads_images: False for a method that does without images: they are then read only if it, or somebody who draws
+            a picture, looks at them. True without it.
+        files: paths of the files and folders that it reads, for example weights; none without it. Results that were
+            stored are found again only as long as settings, code and the content of these files are the same.
+    """
+
+    history: int
+    longest_history: int
+    colour: bool
+    reads_images: bool
+    files: Any
+
+    @classmethod
+    def of(cls, method: Method) -> Needs:
+        """What a method asks for."""
+        return cls(
+            history=method.history,
+            longest_history=max(getattr(method, "longest_history", method.history), method.history),
+            colour=getattr(method, "colour", False),
+            reads_images=getattr(method, "reads_images", True),
+            files=getattr(method, "files", ()),
+        )

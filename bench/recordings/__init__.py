@@ -14,11 +14,13 @@ from bench.recordings.images import read_image, read_truth
 from bench.recordings.native import open_native
 from bench.recordings.records import (
     MOTION_KINDS,
+    NO_INPUT_ERRORS,
     OBJECT_CLASSES,
     Cuboid,
     FrameGap,
     GroundPolygon,
     ImageRef,
+    InputErrors,
     MountedCamera,
     ObjectShape,
     ObjectState,
@@ -33,6 +35,7 @@ from bench.recordings.writing import RecordingWriter, write_annotations
 __all__ = [
     "ADAPTERS",
     "MOTION_KINDS",
+    "NO_INPUT_ERRORS",
     "OBJECT_CLASSES",
     "Cuboid",
     "DatasetCard",
@@ -40,6 +43,7 @@ __all__ = [
     "FrameGap",
     "GroundPolygon",
     "ImageRef",
+    "InputErrors",
     "MountedCamera",
     "ObjectShape",
     "ObjectState",

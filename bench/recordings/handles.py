@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from bench.recordings.records import ImageRef, Recording
+from bench.recordings.records import NO_INPUT_ERRORS, ImageRef, InputErrors, Recording
 from bench.recordings.salvage import Salvaged
 
 
@@ -49,12 +49,14 @@ class RecordingHandle:
         exclusions: images that are left out on opening.
         salvager: finds all faults of a recording that does not open, and what of it can be used; None where the adapter
             has none, then the first fault is the only one known.
+        input_errors: of what a method is told of the recording.
     """
 
     name: str
     opener: Callable[[], Recording]
     exclusions: tuple[Exclusion, ...] = ()
     salvager: Callable[[], Salvaged] | None = None
+    input_errors: InputErrors = NO_INPUT_ERRORS
 
     def open(self) -> Recording:
         """Open the recording: calibration, lists of images and sweeps, ego-motion and annotations; no bulk data.
@@ -63,6 +65,8 @@ class RecordingHandle:
             DataError: something in it is not what the format asks for.
         """
         recording = self.opener()
+        if self.input_errors != NO_INPUT_ERRORS:
+            recording = replace(recording, input_errors=self.input_errors)
         if not self.exclusions:
             return recording
         images = {camera: self._kept(refs) for camera, refs in recording.images.items()}

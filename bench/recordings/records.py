@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Literal, Protocol, get_args
@@ -216,6 +216,46 @@ class Track:
     instance_id: int | None = None
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InputErrors:
+    """Errors of what a method is told of a recording, all 0 by default; told minus true.
+
+    They reach the method only: the reference keeps the true calibration and ego-motion.
+
+    Attributes:
+        yaw_rate_bias_degps: added to the yaw rate, deg/s, positive to the left; about the vehicle's origin, as
+            odometry integrates it, also while the vehicle is stationary.
+        speed_scale_percent: of the vehicle's path between two images.
+        pitch_deg: of the camera's mounting, positive down, about the camera itself.
+        pitch_rate_degps: rotation of the camera about its own transverse axis between two images that the ego-motion
+            does not know of, deg/s; the road below the current image stays right.
+        principal_point_u_px: shift to the right.
+        principal_point_v_px: shift down.
+        focal_scale_percent: of the focal length in both directions.
+        time_offset_ms: the ego-motion is read this much later than the images were exposed.
+        image_noise_grey: standard deviation of normal noise of the images, grey levels; the same noise for the same
+            image in every run, only its strength differs.
+    """
+
+    yaw_rate_bias_degps: float = 0.0
+    speed_scale_percent: float = 0.0
+    pitch_deg: float = 0.0
+    pitch_rate_degps: float = 0.0
+    principal_point_u_px: float = 0.0
+    principal_point_v_px: float = 0.0
+    focal_scale_percent: float = 0.0
+    time_offset_ms: float = 0.0
+    image_noise_grey: float = 0.0
+
+    @property
+    def named(self) -> dict[str, float]:
+        """Those that are not 0."""
+        return {name: error for name, error in asdict(self).items() if error}
+
+
+NO_INPUT_ERRORS = InputErrors()
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Recording:
     """One drive: cameras, images, lidar, ego-motion and annotations, opened but not yet read.
@@ -234,6 +274,7 @@ class Recording:
         vehicle_outline_m: (K, 2) float64, the host seen from above, vehicle frame, m.
         lidar_from_beams: where the beams start and the axes about which they turn, in the frame of the points; not the
             identity where a data set gives its points in other axes than the sensor's own, such as the vehicle's.
+        input_errors: of what a method is told; calibration and ego-motion above are the true ones.
     """
 
     name: str
@@ -250,6 +291,7 @@ class Recording:
         default_factory=lambda: np.array([[-1.0, -0.9], [3.8, -0.9], [3.8, 0.9], [-1.0, 0.9]])
     )
     lidar_from_beams: RigidTransform = field(default_factory=RigidTransform.identity)
+    input_errors: InputErrors = NO_INPUT_ERRORS
 
 
 GAP_INTERVALS = 1.5  # a pair further apart than this many nominal intervals has an image missing between

@@ -10,6 +10,7 @@ import pytest
 
 from bench.evaluation import load_protocol
 from bench.harness import run_benchmark
+from bench.harness.sweep import read_sweep
 from bench.recordings import load_card
 from tests.harness.conftest import trouble
 from tests.harness.test_resume import bytes_of
@@ -68,21 +69,35 @@ def test_a_run_that_is_stopped_leaves_no_process_and_goes_on(tiny_card, tmp_path
     assert bytes_of(out) == bytes_of(tmp_path / "calm")
 
 
-SWEEP = ("sweep", "--what", "min_points", "--values", "5")
-BEGINS_AGAIN = {
-    "audit": (("audit", "--workers", 2), "nothing of the audit is stored, and the same command begins it again"),
-    "sweep": ((*SWEEP, "--no-cache"), "nothing of the sweep is stored, and the same command begins it again"),
-    "sweep with a cache": ((*SWEEP, "--cache", "kept"), "flow and references so far are in kept"),
-}
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_sweep_that_is_interrupted_goes_on(tiny_card, tmp_path, trouble, workers):
+    words = ("--what", "min_points", "--values", "5", "--no-cache", "--workers", workers, "--out", tmp_path)
+    here, out = trouble / "standing.wait-noted", tmp_path / "min_points"
+    (trouble / "standing.wait").touch()
+    sweep = start("sweep", tiny_card, *TROUBLED, *words)
+    try:
+        until(lambda: bool(pids(here)) and len(list(out.glob("*/units/*.unit"))) == 2, "two units of three stored")
+        os.killpg(sweep.pid, signal.SIGINT)
+        shown, complaints = sweep.communicate(timeout=PATIENCE_S)
+    finally:
+        sweep.kill()
+    assert sweep.returncode == 130
+    assert f"interrupted; what is done is in {out}, and the same command goes on from there" in shown
+    assert "Traceback" not in complaints
+    until(lambda: not any(alive(pid) for pid in pids(here)), "no worker")
+    assert not (out / ".cache").exists()
+    (trouble / "standing.wait").unlink()
+    again = start("sweep", tiny_card, *TROUBLED, *words)
+    assert again.wait(timeout=PATIENCE_S) == 0
+    work = read_sweep(out).provenance.work
+    assert (work.units_computed, work.units_reused) == (4, 2)
 
 
-@pytest.mark.parametrize("name", BEGINS_AGAIN)
-def test_what_does_not_go_on_says_so_and_leaves_no_process(tiny_card, tmp_path, trouble, name, monkeypatch):
-    (command, *options), told = BEGINS_AGAIN[name]
-    monkeypatch.chdir(tmp_path)
+def test_an_audit_begins_again_and_says_so(tiny_card, tmp_path, trouble):
+    told = "nothing of the audit is stored, and the same command begins it again"
     here = trouble / "standing.wait-noted"
     (trouble / "standing.wait").touch()
-    running = start(command, tiny_card, *TROUBLED, *options, "--out", tmp_path / "out")
+    running = start("audit", tiny_card, *TROUBLED, "--workers", 2, "--out", tmp_path / "out")
     try:
         until(lambda: bool(pids(here)), "an image in the middle")
         os.killpg(running.pid, signal.SIGINT)
@@ -94,8 +109,6 @@ def test_what_does_not_go_on_says_so_and_leaves_no_process(tiny_card, tmp_path, 
     assert "Traceback" not in complaints
     until(lambda: not any(alive(pid) for pid in pids(here)), "no worker")
     assert not (tmp_path / "out").exists()
-    if "--cache" in options:
-        assert list((tmp_path / "kept" / "reference").rglob("*.npz")), "of the recordings before"
 
 
 def test_rendering_says_how_it_goes_on(tmp_path):

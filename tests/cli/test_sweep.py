@@ -49,7 +49,10 @@ def test_images_that_cannot_be_used_are_said_and_the_status_is_2(monkeypatch, ca
         (("--what", "threshold", "--values", "1e-3,many"), "expected a number (threshold"),
         (("--what", "threshold", "--values", "1e-3,,2e-3"), "expected values with commas in between"),
         (("--what", "ablation", "--values", "without epipolr"), "did you mean 'without epipolar'"),
-        (("--what", "threshold", "--method", "nothing"), "changes the method 'spherical'"),
+        (
+            ("--what", "threshold", "--method", "nothing"),
+            "expected a method with the parameter 'threshold', got 'nothing'",
+        ),
         (("--what", "threshold", "--split", "test"), "known are all, moving"),
     ],
 )

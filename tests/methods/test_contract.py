@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bench.errors import UnknownNameError, UsageError
-from bench.methods import METHODS, build_method, describe_method, known_methods
+from bench.methods import METHODS, Needs, build_method, describe_method, known_methods
 from tests.methods.test_spherical_method import HEIGHT, STEP, WIDTH, crossing, frame
 
 every_method = pytest.mark.parametrize("name", sorted(known_methods()))
@@ -17,7 +17,7 @@ def test_contract(name):
     method = build_method(name)
     assert method.name == name
     assert method.history == 1
-    assert getattr(method, "longest_history", 1) >= 1
+    assert Needs.of(method).longest_history >= 1
     again = build_method(name, json.loads(json.dumps(method.settings())))
     assert again.settings() == method.settings()
     assert describe_method(known_methods()[name])
@@ -57,3 +57,21 @@ def test_a_method_by_its_place():
         build_method("nowhere:Method")
     with pytest.raises(UsageError, match="no attribute 'Nobody'"):
         build_method("bench.methods.baselines:Nobody")
+
+
+class Bare:
+    """No more than the contract asks for."""
+
+    name, history = "bare", 2
+
+    def settings(self):
+        return {}
+
+    def segment(self, frame):
+        raise NotImplementedError
+
+
+def test_what_a_method_leaves_out_has_a_default():
+    assert Needs.of(Bare()) == Needs(history=2, longest_history=2, colour=False, reads_images=True, files=())
+    own = type("Own", (Bare,), {"longest_history": 5, "colour": True, "reads_images": False, "files": ("weights",)})
+    assert Needs.of(own()) == Needs(history=2, longest_history=5, colour=True, reads_images=False, files=("weights",))

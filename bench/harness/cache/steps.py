@@ -1,4 +1,4 @@
-"""The kept steps of one unit's images: what a method computes, and the reference."""
+"""The cached steps of one unit's images: what a method computes, and the reference."""
 
 from __future__ import annotations
 
@@ -6,12 +6,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from bench.cameras import CameraModel
 from bench.harness.cache.folder import Arrays, CacheFolder
 from bench.harness.cache.reference_arrays import reference_arrays, reference_from_arrays
 from bench.harness.keys import MethodIdentity, RecordingInputs, code_digest, digest_of
 from bench.harness.keys.digests import METHOD_ROOMS, REFERENCE_CODE
-from bench.methods import Method, MethodInput
+from bench.methods import MethodInput
 from bench.methods.contract import StepOf
 from bench.recordings import ImageRef, Recording
 from bench.reference import ReferenceBuilder, ReferenceFrame
@@ -19,7 +18,7 @@ from bench.reference import ReferenceBuilder, ReferenceFrame
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StepCache:
-    """Finds the steps of images of a recording in a cache, and keeps those that it does not find.
+    """Finds the steps of images of a recording in a cache, and stores those that it does not find.
 
     Attributes:
         folder: the cache.
@@ -35,19 +34,18 @@ class StepCache:
 
     @cached_property
     def code(self) -> str:
-        """Digest of the code that a step depends on; methods of this package share steps, others have their own."""
-        own = None if self.identity.place.startswith("bench.") else self.identity.digest
-        return digest_of(code_digest(METHOD_ROOMS), own)
+        """Digest of the code and the files that a method's steps depend on."""
+        return digest_of(code_digest(METHOD_ROOMS), self.identity.steps_digest)
 
-    def of_image(self, given: MethodInput, images: Sequence[ImageRef], method: Method) -> KeptSteps:
-        """What a method's steps on an image are kept by.
+    def of_image(self, given: MethodInput, images: Sequence[ImageRef], *, colour: bool) -> ImageSteps:
+        """The cached steps of a method on an image.
 
         Args:
             given: what the method sees.
             images: the images that it sees, in the same order.
-            method: which.
+            colour: it sees them in colour.
         """
-        return KeptSteps(cache=self, given=given, images=images, method=method)
+        return ImageSteps(cache=self, given=given, images=images, colour=colour)
 
     def reference(self, builder: ReferenceBuilder, image: ImageRef) -> ReferenceFrame:
         """The reference of an image; see `ReferenceBuilder.build`."""
@@ -77,45 +75,53 @@ class StepCache:
         )
 
 
-@dataclass(slots=True, kw_only=True, eq=False)
-class KeptSteps:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ImageSteps:
     """See `bench.methods.contract.Keeper`.
 
     Attributes:
         cache: where to look.
         given: what the method sees.
         images: the images that it sees.
-        method: which.
-        vouched: something computed from these very images was found, so they can be read.
+        colour: it sees them in colour.
     """
 
     cache: StepCache
     given: MethodInput
     images: Sequence[ImageRef]
-    method: Method
-    vouched: bool = False
+    colour: bool
 
     def __call__(self, step: str, settings: object, compute: Callable[[], Arrays], *, of: StepOf) -> Arrays:
-        """The step's arrays, from the cache or computed and then kept."""
+        """The step's arrays, from the cache or computed and then stored."""
         digest = digest_of(self.cache.code, step, settings, self._seen(of))
         found = self.cache.folder.get(step, digest)
         if found is None:
             found = compute()
             self.cache.identity.refuse_change()
             self.cache.folder.put(step, digest, found)
-        else:
-            self.vouched = True
         return found
 
     def _seen(self, of: StepOf) -> str:
-        model: CameraModel = self.given.camera
-        pixels = model.width, model.height, self.method.colour, [self.cache.inputs.image(ref) for ref in self.images]
+        inputs, model = self.cache.inputs, self.given.camera
+        pixels = (
+            (model.width, model.height, self.colour),
+            [inputs.image(ref) for ref in self.images],
+            self._noise,
+        )
         if of == "images":
             return digest_of(pixels)
         return digest_of(
             pixels,
             self.given.timestamps_ns,
-            self.cache.inputs.camera(self.given.camera_name),
+            inputs.camera(self.given.camera_name),
+            inputs.input_errors,
             self.given.current_from_previous,
             self.given.recording,
         )
+
+    @property
+    def _noise(self) -> object:
+        """What the noise of the images depends on; None where there is none, so that all other errors share flow."""
+        strength_grey = self.cache.inputs.input_errors.image_noise_grey
+        seeds = self.given.recording, self.given.camera_name, self.given.timestamps_ns
+        return (strength_grey, *seeds) if strength_grey else None

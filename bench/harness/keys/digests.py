@@ -132,7 +132,7 @@ def _digest(path: Path) -> str:
 
 REFERENCE_ROOMS = ("errors.py", "geometry", "cameras", "lidar", "egomotion", "recordings", "reference")
 REFERENCE_CODE = (*REFERENCE_ROOMS, "harness/cache/reference_arrays.py")  # and how a kept one is stored
-METHOD_ROOMS = ("errors.py", "geometry", "flow", "cameras", "egomotion", "methods")
+METHOD_ROOMS = ("errors.py", "geometry", "flow", "cameras", "egomotion", "recordings/input_errors.py", "methods")
 SCORING_ROOMS = (*sorted({*REFERENCE_ROOMS, *METHOD_ROOMS}), "evaluation")
 UNIT_FILES = ("frames", "unit", "units", "reference_itself", "unit_files")
 UNIT_CODE = (*SCORING_ROOMS, *(f"harness/{name}.py" for name in UNIT_FILES))

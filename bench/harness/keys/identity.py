@@ -21,7 +21,7 @@ from uuid import uuid4
 
 from bench.errors import DataError, UsageError
 from bench.harness.keys.digests import METHOD_ROOMS, digest_of, source_digest
-from bench.methods import Method
+from bench.methods import Method, Needs
 from bench.plug_ins import loaded_with
 
 PROMPT = "typed at a prompt"  # code without a file; nothing tells two states of it apart
@@ -88,8 +88,16 @@ class MethodIdentity:
     @property
     def digest(self) -> str:
         """SHA-256 over all of it but the paths."""
+        return self._digest_at(self.place)
+
+    @property
+    def steps_digest(self) -> str:
+        """SHA-256 for what is cached of the method; those of this package share steps such as flow."""
+        return self._digest_at("bench" if self.place.startswith("bench.") else self.place)
+
+    def _digest_at(self, place: str) -> str:
         files = [(file.name, file.sha256, file.module) for file in self.files]
-        return digest_of(self.place, files, self.libraries, self.own_code)
+        return digest_of(place, files, self.libraries, self.own_code)
 
     def refuse_change(self) -> None:
         """Refuse to go on with other code or files than the run began with, here or on disk.
@@ -152,7 +160,7 @@ def _refuse_settings(method: Method) -> None:
 
 def _listed_files(method: Method) -> Iterator[tuple[str, Path]]:
     """Name and path of every file that a method lists in `files`, folders walked."""
-    listed = getattr(method, "files", ())
+    listed = Needs.of(method).files
     if isinstance(listed, str | bytes | Path) or not isinstance(listed, Iterable):
         raise UsageError(f"method {method.name!r}: files: expected a sequence of paths, got {listed!r}")
     for entry in listed:

@@ -31,6 +31,7 @@ class RecordingInputs:
         )
         self.annotations = digest_of(recording.tracks)
         self.lidar_mounting = digest_of(recording.vehicle_from_lidar, recording.lidar_from_beams)
+        self.input_errors = recording.input_errors
         self._cameras = {name: digest_of(camera) for name, camera in recording.cameras.items()}
         self._named_sweeps = [
             (state.timestamp_ns, state.shape.sweep_timestamp_ns)
@@ -41,8 +42,8 @@ class RecordingInputs:
 
     @property
     def digest(self) -> str:
-        """Digest of calibration, ego-motion and annotations as they were read."""
-        return digest_of(self._cameras, self.ego_motion, self.lidar_mounting, self.annotations)
+        """Digest of calibration, ego-motion and annotations as they were read, and of what a method is told of them."""
+        return digest_of(self._cameras, self.ego_motion, self.lidar_mounting, self.annotations, self.input_errors)
 
     def afresh(self) -> RecordingInputs:
         """The same, with every image and sweep read once more."""

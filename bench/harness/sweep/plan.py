@@ -1,13 +1,14 @@
-"""From the name of a sweep and values to the trials that are run."""
+"""From the name of a sweep and values to the runs that it is made of."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
-from bench.harness.sweep.definition import Sweep, Value
+from bench.harness.sweep.definition import Setup, Sweep, Value
 from bench.harness.sweep.registry import sweep_named
-from bench.harness.sweep.trial import Trial
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -17,21 +18,26 @@ class SweepPlan:
     Attributes:
         what: name of the sweep.
         sweep: what it is.
-        base: the trial of the operating value.
+        base: the setup of the operating value.
         operating: the value that method, protocol and input have of themselves.
         values: each once, numbers in their order, the operating value among them.
-        trials: one per value.
+        setups: one per value.
     """
 
     what: str
     sweep: Sweep
-    base: Trial
+    base: Setup
     operating: Value
     values: tuple[Value, ...]
-    trials: tuple[Trial, ...]
+    setups: tuple[Setup, ...]
+
+    def folder(self, value: Value, out: Path) -> Path:
+        """Where the run of a value lies in the folder of the sweep."""
+        name = value if isinstance(value, str) else f"{value:g}" if float(f"{value:g}") == value else repr(value)
+        return out / re.sub(r"[^A-Za-z0-9_.+-]+", "_", name)
 
 
-def plan_sweep(what: str, *, base: Trial, values: Sequence[str] = ()) -> SweepPlan:
+def plan_sweep(what: str, *, base: Setup, values: Sequence[str] = ()) -> SweepPlan:
     """Plan a sweep.
 
     Args:
@@ -41,7 +47,8 @@ def plan_sweep(what: str, *, base: Trial, values: Sequence[str] = ()) -> SweepPl
 
     Raises:
         UnknownNameError: no such sweep or value.
-        UsageError: a value that is not a number or that method or protocol refuse, or another method than the sweep's.
+        UsageError: a value that is not a number or that method or protocol refuse, or a method without the
+            parameter that the sweep changes.
     """
     sweep = sweep_named(what)
     operating = sweep.operating(base)
@@ -49,5 +56,5 @@ def plan_sweep(what: str, *, base: Trial, values: Sequence[str] = ()) -> SweepPl
     chosen = list(dict.fromkeys(expected if operating in expected else [operating, *expected]))
     if sweep.scale != "names":
         chosen.sort()
-    trials = tuple(base if value == operating else sweep.change(base, value) for value in chosen)
-    return SweepPlan(what=what, sweep=sweep, base=base, operating=operating, values=tuple(chosen), trials=trials)
+    setups = tuple(base if value == operating else sweep.change(base, value) for value in chosen)
+    return SweepPlan(what=what, sweep=sweep, base=base, operating=operating, values=tuple(chosen), setups=setups)

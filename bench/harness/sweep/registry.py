@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import fields, replace
 
 from bench.errors import UnknownNameError, UsageError
-from bench.flow import DENSE_FLOWS, FarnebackFlow, dense_flow
-from bench.harness.sweep.definition import Sweep, Value
-from bench.harness.sweep.trial import Trial
+from bench.flow import DENSE_FLOWS, DisFlow, FarnebackFlow, dense_flow
+from bench.harness.sweep.definition import Setup, Sweep, Value
 from bench.methods.spherical.likelihood import CONSTRAINTS, Weights
 
 EVERYTHING = "all"
@@ -26,21 +25,21 @@ def sweep_named(name: str) -> Sweep:
 
 
 def _parameter(name: str, title: str, about: str, values: tuple[float, ...], **more: object) -> Sweep:
-    """A number among the fields of the spherical method."""
+    """A number among the parameters of a method."""
     return Sweep(
         title=title,
         about=about,
         part="method",
         values=values,
-        change=lambda trial, value: trial.with_method(**{name: value}),
-        operating=lambda trial: getattr(trial.spherical, name),
+        change=lambda setup, value: setup.with_parameters(**{name: value}),
+        operating=lambda setup: setup.parameter(name),
         **({"scale": "log"} | more),  # type: ignore[arg-type]
     )
 
 
 def _weight(name: str) -> Sweep:
-    def change(trial: Trial, value: Value) -> Trial:
-        return trial.with_method(weights=replace(trial.spherical.weights, **{name: float(value)}))
+    def change(setup: Setup, value: Value) -> Setup:
+        return setup.with_parameters(weights=replace(_weights(setup), **{name: float(value)}))
 
     return Sweep(
         title=f"weight of {name.replace('_', ' ')}",
@@ -49,19 +48,19 @@ def _weight(name: str) -> Sweep:
         scale="linear",
         values=(0.0, 0.1, 0.2, 0.5, 1.0, 2.0),
         change=change,
-        operating=lambda trial: getattr(trial.spherical.weights, name),
+        operating=lambda setup: getattr(_weights(setup), name),
         least=0.0,
     )
 
 
 def _farneback(name: str, title: str, values: tuple[int, ...]) -> Sweep:
-    def change(trial: Trial, value: Value) -> Trial:
-        return trial.with_method(flow_parameters={**trial.spherical.flow_parameters, name: value})
+    def change(setup: Setup, value: Value) -> Setup:
+        return setup.with_parameters(flow_parameters={**setup.parameter("flow_parameters"), name: value})
 
-    def operating(trial: Trial) -> Value:
-        flow = dense_flow(trial.spherical.flow, **trial.spherical.flow_parameters)
+    def operating(setup: Setup) -> Value:
+        flow = _dense_flow(setup)
         if not isinstance(flow, FarnebackFlow):
-            raise UsageError(f"this sweep is of the flow 'farneback', got {trial.spherical.flow!r}")
+            raise UsageError(f"sweep: expected a method with the flow 'farneback', got {setup.parameter('flow')!r}")
         found: int = getattr(flow, name)
         return found
 
@@ -78,27 +77,37 @@ def _farneback(name: str, title: str, values: tuple[int, ...]) -> Sweep:
     )
 
 
-def _change_flow(trial: Trial, value: Value) -> Trial:
-    if value == _flow_of(trial):
-        return trial
+def _change_flow(setup: Setup, value: Value) -> Setup:
+    if value == _flow_of(setup):
+        return setup
     name, _, preset = str(value).partition(":")
-    return trial.with_method(flow=name, flow_parameters={"preset": preset} if preset else {})
+    return setup.with_parameters(flow=name, flow_parameters={"preset": preset} if preset else {})
 
 
-def _flow_of(trial: Trial) -> str:
+def _flow_of(setup: Setup) -> str:
     """For example "dis:medium"; a Farnebäck flow with other parameters than its own says so."""
-    method = trial.spherical
-    flow = dense_flow(method.flow, **method.flow_parameters)
+    name, flow = setup.parameter("flow"), _dense_flow(setup)
     if isinstance(flow, FarnebackFlow):
-        return method.flow if flow == FarnebackFlow() else f"{method.flow} as set"
-    return f"{method.flow}:{flow.preset}"
+        return name if flow == FarnebackFlow() else f"{name} as set"
+    return f"{name}:{flow.preset}"
 
 
-def _ablate(trial: Trial, value: Value) -> Trial:
+def _dense_flow(setup: Setup) -> FarnebackFlow | DisFlow:
+    return dense_flow(setup.parameter("flow"), **setup.parameter("flow_parameters"))
+
+
+def _weights(setup: Setup) -> Weights:
+    weights = setup.parameter("weights")
+    if not isinstance(weights, Weights):
+        raise UsageError(f"sweep: expected a method with weights of constraints, got {setup.method.name!r}")
+    return weights
+
+
+def _ablate(setup: Setup, value: Value) -> Setup:
     """Weights of constraints set to 0; the divisor follows their sum, so the threshold weighs what is left."""
-    name, weights = str(value), trial.spherical.weights
+    name, weights = str(value), _weights(setup)
     if name == EVERYTHING:
-        return trial
+        return setup
     if name.startswith(WITHOUT):
         left = replace(weights, **{name.removeprefix(WITHOUT): 0.0})
     else:
@@ -106,27 +115,27 @@ def _ablate(trial: Trial, value: Value) -> Trial:
         if getattr(weights, kept) == 0:
             raise UsageError(f"ablation {name!r}: expected a constraint with a weight, got {kept}=0")
         left = Weights(**{f.name: 0.0 for f in fields(Weights)} | {kept: getattr(weights, kept)})
-    return trial.with_method(weights=left)
+    return setup.with_parameters(weights=left)
 
 
-def _polygon_kind(trial: Trial, value: Value) -> Trial:
-    return trial.with_rules(polygon_kind=value)
+def _polygon_kind(setup: Setup, value: Value) -> Setup:
+    return setup.with_rules(polygon_kind=value)
 
 
-def _concave_ratio(trial: Trial) -> Value:
-    rules = trial.protocol.reference
+def _concave_ratio(setup: Setup) -> Value:
+    rules = setup.protocol.reference
     return rules.concave_ratio if rules.polygon_kind == "concave" else 1.0  # 1 is the convex hull
 
 
-def _injected(name: str, title: str, about: str, values: tuple[float, ...], *, least: float | None = None) -> Sweep:
+def _error(name: str, title: str, about: str, values: tuple[float, ...], *, least: float | None = None) -> Sweep:
     return Sweep(
         title=title,
         about=about,
         part="input",
         scale="linear",
         values=values,
-        change=lambda trial, value: trial.with_error(**{name: float(value)}),
-        operating=lambda trial: getattr(trial.injection, name),
+        change=lambda setup, value: setup.with_error(name, float(value)),
+        operating=lambda setup: getattr(setup.input_errors, name),
         least=least,
     )
 
@@ -137,9 +146,10 @@ THRESHOLDS = (1e-4, 2e-4, 3e-4, 4.5e-4, 6e-4, 1e-3, 1.5e-3, 2.5e-3, 5e-3, 1e-2)
 BOTH_WAYS = (-5.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 5.0)
 
 SWEEPS: dict[str, Sweep] = {
-    "threshold": _parameter("threshold", "threshold of the likelihood (≈ rad)", "for a host that moves", THRESHOLDS),
+    "threshold": _parameter("threshold", "threshold of the likelihood (≈ rad)", "for a vehicle that moves", THRESHOLDS),
     "static_threshold": _parameter(
-        "static_threshold", "threshold of the deviation, standing host (≈ rad)", "for a host that stands", THRESHOLDS
+        "static_threshold", "threshold of the deviation, stationary vehicle (≈ rad)", "for a stationary vehicle",
+        THRESHOLDS,
     ),
     **{f"weights.{name}": _weight(name) for name in CONSTRAINTS},
     "ablation": Sweep(
@@ -175,7 +185,7 @@ SWEEPS: dict[str, Sweep] = {
         scale="names",
         values=("convex", "concave", "footprint"),
         change=_polygon_kind,
-        operating=lambda trial: trial.protocol.reference.polygon_kind,
+        operating=lambda setup: setup.protocol.reference.polygon_kind,
         choices=("convex", "concave", "footprint"),
     ),
     "concave_ratio": Sweep(
@@ -184,7 +194,7 @@ SWEEPS: dict[str, Sweep] = {
         part="reference",
         scale="linear",
         values=(0.05, 0.15, 0.3, 0.6, 1.0),
-        change=lambda trial, value: trial.with_rules(polygon_kind="concave", concave_ratio=value),
+        change=lambda setup, value: setup.with_rules(polygon_kind="concave", concave_ratio=value),
         operating=_concave_ratio,
         least=0.0,
     ),
@@ -194,42 +204,42 @@ SWEEPS: dict[str, Sweep] = {
         part="reference",
         scale="linear",
         values=(3, 5, 10, 20, 40, 80),
-        change=lambda trial, value: trial.with_rules(min_points=value),
-        operating=lambda trial: trial.protocol.reference.min_points,
+        change=lambda setup, value: setup.with_rules(min_points=value),
+        operating=lambda setup: setup.protocol.reference.min_points,
         least=1,
         whole=True,
     ),
-    "error.yaw_rate": _injected(
+    "error.yaw_rate": _error(
         "yaw_rate_bias_degps", "bias of the yaw rate (deg/s)", "about the vehicle's origin, to the left", BOTH_WAYS
     ),
-    "error.speed": _injected(
+    "error.speed": _error(
         "speed_scale_percent", "error of the speed (%)", "of the path between images",
         (-20.0, -10.0, -5.0, -2.0, 0.0, 2.0, 5.0, 10.0, 20.0),
     ),
-    "error.pitch": _injected(
+    "error.pitch": _error(
         "pitch_deg", "error of the mounting's pitch (deg)", "positive: believed to look further down", BOTH_WAYS
     ),
-    "error.pitch_rate": _injected(
+    "error.pitch_rate": _error(
         "pitch_rate_degps", "pitch rate that is not known (deg/s)", "of the camera about itself, between images",
         (-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0),
     ),
-    "error.principal_point_u": _injected(
+    "error.principal_point_u": _error(
         "principal_point_u_px", "shift of the principal point to the right (px)", "of the calibration",
         (-10.0, -5.0, -2.0, 0.0, 2.0, 5.0, 10.0),
     ),
-    "error.principal_point_v": _injected(
+    "error.principal_point_v": _error(
         "principal_point_v_px", "shift of the principal point down (px)", "of the calibration",
         (-10.0, -5.0, -2.0, 0.0, 2.0, 5.0, 10.0),
     ),
-    "error.focal": _injected(
+    "error.focal": _error(
         "focal_scale_percent", "error of the focal length (%)", "of the calibration",
         (-4.0, -2.0, -1.0, 0.0, 1.0, 2.0, 4.0),
     ),
-    "error.time": _injected(
+    "error.time": _error(
         "time_offset_ms", "ego-motion read too late (ms)", "against the exposure; negative: too early",
         (-80.0, -40.0, -20.0, 0.0, 20.0, 40.0, 80.0),
     ),
-    "error.image_noise": _injected(
+    "error.image_noise": _error(
         "image_noise_grey", "noise of the images (grey levels)", "normal, seeded; each strength needs new flow",
         (0.0, 2.0, 4.0, 8.0, 16.0), least=0.0,
     ),

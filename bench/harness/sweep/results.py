@@ -14,6 +14,7 @@ from bench.recordings.sealed_json import read_sealed, write_sealed
 
 SCHEMA_VERSION = 1
 FILE = "sweep.json"
+MARK = "fisheye-bench.sweep"  # the runs in a folder with this file are values of a sweep, and no entries of their own
 
 
 class _Part(BaseModel):
@@ -28,7 +29,7 @@ class SweepRow(_Part):
         operating: whether it is the value that method, protocol and input have of themselves.
         settings: of the method.
         protocol_digest: of the rules, which a sweep of the reference changes.
-        injected: errors of the method's input that are not 0, by name.
+        injected: errors of what the method is told that are not 0, by name.
         categories: figures by kind of motion.
         all_moving: figures over all of them.
         false_positives: figures over the images.
@@ -45,11 +46,11 @@ class SweepRow(_Part):
 
 
 class FlowCalls(_Part):
-    """Where the flow on cells came from.
+    """How often the runs of a sweep needed the flow on cells.
 
     Attributes:
         computed: flows computed.
-        read: flows found in the cache.
+        read: flows found in the cache; a likelihood that is found there needs none.
     """
 
     computed: int
@@ -72,8 +73,8 @@ class SweepResult(_Part):
         method: with its own settings.
         protocol: name of the rules; those of a row by its digest.
         rows: one per value.
-        flow: where the flow came from; 0 and 0 for a method that is not the spherical one.
-        provenance: where the result comes from.
+        flow: how often flow was computed and read; 0 and 0 for a method that keeps none.
+        provenance: where the result comes from; the data are those of the operating value.
         failures: one line per recording, unit or image that could not be used, by any value; the figures of all values
             are of the rest.
     """

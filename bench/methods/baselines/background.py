@@ -37,7 +37,6 @@ class BackgroundSubtraction:
 
     name: ClassVar[str] = "background-subtraction"
     history: ClassVar[int] = 1
-    colour: ClassVar[bool] = False
 
     images: int = 15
     deviations: float = 4.0

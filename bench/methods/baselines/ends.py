@@ -14,7 +14,6 @@ class Nothing:
 
     name: ClassVar[str] = "nothing"
     history: ClassVar[int] = 1
-    colour: ClassVar[bool] = False
 
     def settings(self) -> dict[str, object]:
         """No parameters."""
@@ -30,7 +29,6 @@ class Everything:
 
     name: ClassVar[str] = "everything"
     history: ClassVar[int] = 1
-    colour: ClassVar[bool] = False
 
     def settings(self) -> dict[str, object]:
         """No parameters."""

@@ -37,7 +37,6 @@ class FlowMagnitude:
 
     name: ClassVar[str] = "flow-magnitude"
     history: ClassVar[int] = 1
-    colour: ClassVar[bool] = False
 
     flow: str = "farneback"
     flow_parameters: dict[str, object] = field(default_factory=dict)

@@ -32,7 +32,6 @@ class FrameDifference:
 
     name: ClassVar[str] = "frame-difference"
     history: ClassVar[int] = 1
-    colour: ClassVar[bool] = False
 
     threshold_grey: float = 4 * 15**0.5
 

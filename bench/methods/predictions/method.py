@@ -41,7 +41,6 @@ class PredictedMotion:
         UsageError: a value that an argument cannot have.
     """
 
-    colour = False
     reads_images = False
 
     def __init__(

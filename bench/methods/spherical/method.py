@@ -71,7 +71,6 @@ class SphericalMethod(SphericalSettings):
 
     name: ClassVar[str] = "spherical"
     history: ClassVar[int] = 1
-    colour: ClassVar[bool] = False
 
     flow: str = "farneback"
     flow_parameters: dict[str, object] = field(default_factory=dict)
@@ -85,7 +84,9 @@ class SphericalMethod(SphericalSettings):
         measured: list[Measurement] = []
 
         def weigh() -> Arrays:
-            measured.append(self.measure(frame, self.kept_flow(frame)))
+            settings = self.flow, self.flow_parameters, self.cell_size_px
+            flow = frame.kept("flow", settings, lambda: {"flow": self.mean_flow(frame)}, of="images")["flow"]
+            measured.append(self.measure(frame, flow))
             weighed = self.weigh(measured[0])
             return {field.name: np.asarray(getattr(weighed, field.name)) for field in fields(weighed)}
 
@@ -97,16 +98,6 @@ class SphericalMethod(SphericalSettings):
         """Settings that decide the likelihood."""
         thresholds = ("threshold", "static_threshold")
         return {name: value for name, value in self.settings().items() if name not in thresholds}
-
-    def kept_flow(self, frame: MethodInput, *, altered: object = None) -> NDArray[np.float32]:
-        """See `mean_flow`; from an earlier run where there is one.
-
-        Args:
-            frame: images.
-            altered: what was done to the images since they were read; None for nothing.
-        """
-        settings = self.flow, self.flow_parameters, self.cell_size_px, altered
-        return frame.kept("flow", settings, lambda: {"flow": self.mean_flow(frame)}, of="images")["flow"]
 
     def mean_flow(self, frame: MethodInput) -> NDArray[np.float32]:
         """Flow from the current to the previous image, (rows, columns, 2) float32, px, mean over each cell."""

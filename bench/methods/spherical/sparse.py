@@ -56,7 +56,6 @@ class SparseSphericalMethod(SphericalSettings):
     name: ClassVar[str] = "spherical-sparse"
     history: ClassVar[int] = 1
     longest_history: ClassVar[int] = 2
-    colour: ClassVar[bool] = False
 
     weights: Weights = _WEIGHTS
     threshold: float = PAPER_ANGLE_RAD / _WEIGHTS.total

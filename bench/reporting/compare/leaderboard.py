@@ -19,6 +19,7 @@ from bench.evaluation import summarise
 from bench.evaluation.slices import CommonImages
 from bench.evaluation.summary import Figure
 from bench.harness import RunSummary
+from bench.harness.sweep import MARK
 from bench.plain_text import escape_markdown, plain
 from bench.recordings import write_text
 from bench.reporting.compare.runs import (
@@ -100,7 +101,7 @@ class Leaderboard:
 
 
 def read_leaderboard(folder: Path) -> Leaderboard:
-    """Find and read all runs under a folder, at any depth.
+    """Find and read all runs under a folder, at any depth; the values of a sweep below it are no entries.
 
     Raises:
         DataError: there is no folder, or no run in it.
@@ -109,6 +110,7 @@ def read_leaderboard(folder: Path) -> Leaderboard:
         raise DataError(folder, expected="a folder of runs", got="no such folder")
     found = {file.parent for file in folder.rglob("summary.json")}
     found |= {units.parent for units in folder.rglob(UNITS) if units.is_dir()}
+    found = {run for run in found if run.parent == folder or not (run.parent / MARK).is_file()}
     if not found:
         raise DataError(folder, expected="at least one run", got="no summary.json at any depth")
     sound: list[StoredRun] = []

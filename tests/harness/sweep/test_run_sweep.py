@@ -8,12 +8,13 @@ import pytest
 
 from bench.errors import DataError
 from bench.evaluation import load_protocol
+from bench.execution import ProcessExecutor
 from bench.flow import FarnebackFlow
 from bench.harness import run_benchmark
 from bench.harness.cache import CacheFolder
-from bench.harness.sweep import Trial, plan_sweep, read_sweep, run_sweep
+from bench.harness.sweep import Setup, plan_sweep, read_sweep, run_sweep
 from bench.methods import build_method
-from bench.recordings import load_card
+from bench.recordings import InputErrors, load_card
 
 PROTOCOL = load_protocol("paper-v1")
 PAIRS = 12  # three drives of five images
@@ -39,11 +40,11 @@ def cache(tmp_path_factory) -> CacheFolder:
     return CacheFolder(folder=tmp_path_factory.mktemp("cache"))
 
 
-def sweep(card: Path, what, out: Path, *, values=(), cache=None, method="spherical", protocol=PROTOCOL, split=None):
-    base = Trial(method=build_method(method), protocol=protocol)
+def sweep(card: Path, what, out: Path, *, values=(), cache=None, method="spherical", protocol=PROTOCOL, **options):
+    base = Setup(method=build_method(method), protocol=protocol)
     plan = plan_sweep(what, base=base, values=values)
     return run_sweep(
-        load_card(str(card)), plan=plan, out=out, cache=cache or CacheFolder(folder=out / "cache"), split=split
+        load_card(str(card)), plan=plan, out=out, cache=cache or CacheFolder(folder=out / "cache"), **options
     )
 
 
@@ -103,7 +104,7 @@ def test_flow_is_computed_once_for_all_values_and_sweeps(tiny_card, tmp_path, fl
     for what, value in later.items():
         again = sweep(tiny_card, what, tmp_path / what, values=[value], cache=CacheFolder(folder=kept))
         assert again.flow.computed == 0
-        assert again.flow.read == PAIRS
+        assert again.flow.read == (0 if what == "min_points" else PAIRS), "a likelihood that is found needs no flow"
     assert len(flow_calls) == PAIRS
     base = [next(row for row in one.rows if row.operating) for one in (first, again)]
     assert base[0].all_moving.model_dump_json() == base[1].all_moving.model_dump_json()
@@ -137,13 +138,76 @@ def test_changed_images_and_damaged_files_are_not_taken_from_the_cache(tiny_card
     damaged, *others = sorted(kept.glob("flow/*/*.npz"))
     assert len(others) == PAIRS - 1
     damaged.write_bytes(damaged.read_bytes()[:1000])
-    again = sweep(card, "threshold", tmp_path / "b", values=["1e-3"], cache=CacheFolder(folder=kept))
+    again = sweep(card, "weights.epipolar", tmp_path / "b", values=["0.5"], cache=CacheFolder(folder=kept))
     assert again.flow.computed == 1
     image = sorted((folder / "data" / "tiny" / "crossing" / "images" / "front").glob("*.png"))[2]
     pixels = cv2.imread(str(image))
     cv2.imwrite(str(image), 255 - pixels)
     again = sweep(card, "threshold", tmp_path / "c", values=["1e-3"], cache=CacheFolder(folder=kept))
     assert again.flow.computed == 2, "the pairs that the image is part of"
+
+
+def test_an_interrupted_sweep_goes_on_where_it_stopped(tiny_card, tmp_path, flow_calls):
+    """Of four values with a flow of their own two are there, and two of three units of the third."""
+    values = ["1", "2", "4"]
+    whole = sweep(tiny_card, "flow.levels", tmp_path / "whole", values=values)
+    assert len(flow_calls) == 4 * PAIRS
+    shutil.copytree(tmp_path / "whole", tmp_path / "part")
+    for value in ("3", "4"):
+        for file in (tmp_path / "part" / value).glob("*.*"):
+            file.unlink()
+    shutil.rmtree(tmp_path / "part" / "4")
+    unit, *_ = sorted((tmp_path / "part" / "3" / "units").glob("*.unit"))
+    unit.unlink()
+    (tmp_path / "part" / "sweep.json").unlink()
+    flow_calls.clear()
+    again = sweep(
+        tiny_card, "flow.levels", tmp_path / "part", values=values, cache=CacheFolder(folder=tmp_path / "new")
+    )
+    assert len(flow_calls) == 4 + PAIRS
+    assert again.provenance.work.units_reused == 3 + 3 + 2
+    for row, same in zip(whole.rows, again.rows, strict=True):
+        assert row.model_dump_json() == same.model_dump_json()
+    flow_calls.clear()
+    sweep(tiny_card, "flow.levels", tmp_path / "part", values=values, cache=CacheFolder(folder=tmp_path / "new"))
+    assert not flow_calls
+
+
+def test_a_sweep_in_processes_gives_the_same(tiny_card, tmp_path):
+    one = sweep(tiny_card, "error.image_noise", tmp_path / "one", values=["8"])
+    two = sweep(tiny_card, "error.image_noise", tmp_path / "two", values=["8"], executor=ProcessExecutor(workers=2))
+    assert two.rows == one.rows
+    assert (two.flow, two.provenance.work.workers) == (one.flow, 2)
+
+
+def test_without_a_cache_values_share_one_that_does_not_stay(tiny_card, tmp_path, flow_calls):
+    plan = plan_sweep("threshold", base=Setup(method=build_method("spherical"), protocol=PROTOCOL), values=["1e-3"])
+    run_sweep(load_card(str(tiny_card)), plan=plan, out=tmp_path, cache=None)
+    assert len(flow_calls) == PAIRS
+    names = {"0.0006", "0.001", "sweep.json", "fisheye-bench.sweep"}
+    assert {entry.name for entry in tmp_path.iterdir()} == names
+
+
+def test_a_run_with_errors_is_none_without(tiny_card, tmp_path):
+    """Units, cached steps and data are told apart, and a reader is told of the errors."""
+    card, kept = load_card(str(tiny_card)), CacheFolder(folder=tmp_path / "cache")
+
+    def score(out, **errors):
+        return run_benchmark(
+            card, method=build_method("spherical"), protocol=PROTOCOL, out=tmp_path / out, cache=kept,
+            input_errors=InputErrors(**errors),
+        )  # fmt: skip
+
+    plain = score("run")
+    wrong = [score("run", yaw_rate_bias_degps=3.0), score("run", yaw_rate_bias_degps=2.0)]
+    assert [run.provenance.work.units_reused for run in wrong] == [0, 0]
+    assert [run.provenance.work.steps_found for run in wrong] == [{"flow": PAIRS, "reference": PAIRS}] * 2
+    assert len({run.provenance.data_fingerprint for run in (plain, *wrong)}) == 3
+    assert len({run.all_moving.model_dump_json() for run in (plain, *wrong)}) == 3
+    assert wrong[1].caveats.endswith("The method was told errors of its input: yaw_rate_bias_degps 2.")
+    assert plain.caveats == card.content.caveats
+    assert score("noise", image_noise_grey=1.0).provenance.work.steps_found == {"reference": PAIRS}
+    assert score("run").model_dump_json(exclude={"provenance"}) == plain.model_dump_json(exclude={"provenance"})
 
 
 def test_errors_reach_the_method_and_not_the_reference(tiny_card, tmp_path, cache):

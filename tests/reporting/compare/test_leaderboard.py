@@ -6,6 +6,7 @@ import pytest
 from rich.console import Console
 
 from bench.errors import DataError
+from bench.harness.sweep import MARK
 from bench.reporting.compare.leaderboard import leaderboard_tables, read_leaderboard, write_leaderboard
 from tests.reporting.compare.runs import drawn, write_run
 
@@ -34,6 +35,18 @@ def test_groups_hold_only_what_compares_best_first(folder):
     assert [entry.method for entry in group.entries] == ["nothing (threshold=1)", "nothing (threshold=2)", "empty"]
     assert group.entries[0].frames_per_second == 16
     assert (group.entries[0].date, group.entries[0].code) == ("2026-01-02", "0 01234567+")
+
+
+def test_values_of_a_sweep_are_no_entries_but_of_their_own_folder(tmp_path):
+    write_run(tmp_path / "run", drawn(50))
+    sweep = tmp_path / "sweeps" / "error.speed"
+    write_run(sweep / "10", drawn(20))
+    write_run(sweep / "0", drawn(50))
+    (sweep / MARK).touch()
+    (group,) = read_leaderboard(tmp_path).groups
+    assert [entry.run for entry in group.entries] == ["run"]
+    (group,) = read_leaderboard(sweep).groups
+    assert [entry.run for entry in group.entries] == ["0", "10"]
 
 
 def test_damaged_runs_are_listed_with_their_fault(folder, tmp_path):

@@ -1,0 +1,126 @@
+"""What a method is told of a recording, errors included; the reference keeps the true calibration and ego-motion."""
+
+from __future__ import annotations
+
+import math
+import zlib
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from bench.cameras import CameraModel
+from bench.egomotion import camera_motion
+from bench.geometry import RigidTransform, RoadPlane, advance_twist, twist_between
+from bench.recordings.records import NO_INPUT_ERRORS, ImageRef, InputErrors, MountedCamera
+
+SIZE_FACTOR = 1000  # a focal scale is applied as a change of image size, which must be whole: this is its fineness
+
+
+def told_camera(camera: MountedCamera, errors: InputErrors) -> MountedCamera:
+    """The camera as a method is told of it: lens, mounting, and the road below.
+
+    Its field and the body of the ego vehicle stay: they say where is scored.
+    """
+    if not _reach_calibration_or_motion(errors):
+        return camera
+    vehicle_from_camera = camera.vehicle_from_camera @ _pitched(-errors.pitch_deg)
+    told_from_true = vehicle_from_camera.inverse() @ camera.vehicle_from_camera
+    return replace(
+        camera,
+        model=_told_lens(camera.model, errors),
+        vehicle_from_camera=vehicle_from_camera,
+        road=RoadPlane(told_from_true.rotate(camera.road.down), camera.road.height_m),
+    )
+
+
+def told_time_ns(timestamp_ns: int, errors: InputErrors) -> int:
+    """The time of the pose that a method is told for an image of a time."""
+    return timestamp_ns + round(errors.time_offset_ms * 1e6)
+
+
+def told_motion(
+    world_from_vehicle_previous: RigidTransform,
+    world_from_vehicle_current: RigidTransform,
+    *,
+    seconds: float,
+    vehicle_from_camera: RigidTransform,
+    errors: InputErrors,
+) -> RigidTransform:
+    """`current_from_previous` of the camera as a method is told of it.
+
+    Args:
+        world_from_vehicle_previous: pose at `told_time_ns` of the previous image.
+        world_from_vehicle_current: pose at `told_time_ns` of the current image.
+        seconds: between the images.
+        vehicle_from_camera: mounting as it is told, see `told_camera`.
+        errors: of what is told.
+    """
+    if not _reach_calibration_or_motion(errors):
+        return camera_motion(
+            world_from_vehicle_previous=world_from_vehicle_previous,
+            world_from_vehicle_current=world_from_vehicle_current,
+            vehicle_from_camera=vehicle_from_camera,
+        )
+    return (
+        vehicle_from_camera.inverse()
+        @ _vehicle_motion(world_from_vehicle_previous, world_from_vehicle_current, seconds=seconds, errors=errors)
+        @ vehicle_from_camera
+        @ _pitched(errors.pitch_rate_degps * seconds)
+    )
+
+
+def told_pixels(
+    pixels: NDArray[np.uint8], image: ImageRef, *, recording: str, errors: InputErrors
+) -> NDArray[np.uint8]:
+    """An image as a method is told of it: with normal noise, rounded and cut to 0 ... 255.
+
+    Args:
+        pixels: (H, W) or (H, W, 3) uint8.
+        image: which; its camera and time, with the name of the recording, are the seed.
+        recording: name.
+        errors: of what is told.
+    """
+    if errors.image_noise_grey == 0:
+        return pixels
+    seed = zlib.crc32(f"{recording} {image.camera}".encode()), image.timestamp_ns
+    noise = np.random.default_rng(seed).standard_normal(pixels.shape, dtype=np.float32)
+    return np.clip(np.rint(pixels + errors.image_noise_grey * noise), 0, 255).astype(np.uint8)
+
+
+def _reach_calibration_or_motion(errors: InputErrors) -> bool:
+    return replace(errors, image_noise_grey=0.0) != NO_INPUT_ERRORS
+
+
+def _pitched(pitch_deg: float) -> RigidTransform:
+    """A rotation about the camera's x axis."""
+    return RigidTransform(Rotation.from_rotvec([math.radians(pitch_deg), 0.0, 0.0]).as_matrix(), np.zeros(3))
+
+
+def _vehicle_motion(
+    previous: RigidTransform, current: RigidTransform, *, seconds: float, errors: InputErrors
+) -> RigidTransform:
+    """`current_from_previous` of the vehicle with a biased yaw rate and a scaled path."""
+    turns_rad, paths_m = twist_between(*_row(previous), *_row(current))
+    bias_rad = np.array([0.0, 0.0, math.radians(errors.yaw_rate_bias_degps) * seconds])
+    scale = 1.0 + errors.speed_scale_percent / 100.0
+    rotations, advances_m = advance_twist(turns_rad + bias_rad, scale * paths_m, np.ones(1))
+    return RigidTransform(rotations[0].as_matrix(), advances_m[0]).inverse()
+
+
+def _row(world_from_vehicle: RigidTransform) -> tuple[Rotation, NDArray[np.float64]]:
+    return Rotation.from_matrix(world_from_vehicle.rotation[None]), world_from_vehicle.translation_m[None]
+
+
+def _told_lens(lens: CameraModel, errors: InputErrors) -> CameraModel:
+    """The lens with a shifted principal point and a scaled focal length, at the same image size."""
+    u, v = lens.principal_point
+    centre = u + errors.principal_point_u_px, v + errors.principal_point_v_px
+    if errors.focal_scale_percent == 0:
+        return replace(lens, principal_point=centre)
+    # A lens seen in a larger image has a longer focal length; the image is then cut to its size again.
+    width, height, scale = lens.width, lens.height, 1.0 + errors.focal_scale_percent / 100.0
+    large = replace(lens, width=SIZE_FACTOR * width, height=SIZE_FACTOR * height)
+    zoomed = large.scaled(round(large.width * scale), round(large.height * scale))
+    return replace(zoomed, width=width, height=height, principal_point=centre)
