@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import ShapeError
-from bench.geometry import RigidTransform, RoadPlane, cross, dot
+from bench.geometry import RigidTransform, RoadPlane, cross, dot, normalise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -92,37 +92,35 @@ def deviations(
         raise ShapeError(f"rays: expected two arrays (..., 3), got {rays_previous.shape} and {rays_current.shape}")
     if not np.any(current_from_previous.translation_m):
         raise ShapeError("deviations: the camera did not move and has no epipole; use static_camera_deviation")
-    t = current_from_previous.translation_m
-    length_m = float(np.linalg.norm(t))
+    p, t = rays_current, current_from_previous.translation_m
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        q, along = current_from_previous.rotate(rays_previous), t / length_m
-        c = cross(q, along)
+        q, epipole = current_from_previous.rotate(rays_previous), normalise(t)  # q for p, p for p', and e'
+        c = cross(q, epipole)
         sine = np.sqrt(dot(c, c))
-        defined = (sine >= min_epipole_sine) & np.isfinite(rays_current[..., 0])  # NaN rays compare as False
+        defined = (sine >= min_epipole_sine) & np.isfinite(p[..., 0])  # NaN rays compare as False
+        n = c / sine[..., None]  # eq. 1
 
-        off_plane = dot(c, rays_current) / sine  # n'.p' with n = c / |c|, eq. 1
-        epipolar = np.abs(np.arcsin(np.clip(off_plane, -1, 1))) if variants.geodesic else np.abs(off_plane)  # eq. 2
+        n_dot_p = dot(n, p)
+        epipolar = np.abs(np.arcsin(np.clip(n_dot_p, -1, 1)) if variants.geodesic else n_dot_p)  # eq. 2
 
-        # What n = q x t / |q x t| says of p'_P (eq. 8) opens into scalar products, in half of the time:
-        # n'.(p' x q) = ((p'.q)(q.t) - p'.t) / |q x t| and n'.(p' x t) = (p'.q - (q.t)(p'.t)) / |q x t| for a t of
-        # length 1. The part of p' along n adds nothing to either.
-        p_q, q_t, p_t = dot(rays_current, q), dot(q, along), dot(rays_current, along)
-        scale = 1.0 / (sine * np.sqrt(1.0 - off_plane * off_plane))
-        turn = (p_q * q_t - p_t) * scale  # n'.p_n, eq. 9: p'_P x q lies along n', so |p_n| is its absolute value
-        past = (p_q - q_t * p_t) * scale  # n'.(p'_P x t)
-        behind = turn > 0
+        p_in_plane = normalise(p - n_dot_p[..., None] * n)  # p'_P, eq. 8
+        p_n = cross(p_in_plane, q)  # eq. 9; it lies along n
+        n_dot_pn = dot(n, p_n)
+        behind = n_dot_pn > 0
         if variants.full_cheirality:
-            behind |= past < 0
-        positive_depth = np.where(behind, np.abs(turn), 0.0)  # eq. 10
+            behind |= dot(n, cross(p_in_plane, epipole)) < 0
+        positive_depth = np.where(behind, np.abs(n_dot_pn), 0.0)  # eq. 10
 
-        below = (dot(q, road.down) > 0) & (dot(rays_current, road.down) > 0)
-        s = road.distance_m(q)  # eq. 13
-        reach_m = np.sqrt(s * s + length_m * (2.0 * s * q_t + length_m))  # |s q + t|
-        side = (s * turn + length_m * past) / reach_m  # n'.v with p'_r = (s q + t) / |s q + t|, eq. 12 and 14
-        towards = below & (turn < 0)
+        below = (dot(q, road.down) > 0) & (dot(p, road.down) > 0)
+        p_on_road = normalise(road.distance_m(q)[..., None] * q + t)  # p'_r, eq. 12 and 13; NaN above the horizon
+        v = cross(p_in_plane, p_on_road)  # eq. 14; it lies along n
+        n_dot_v = dot(n, v)
+        towards = below & (n_dot_pn < 0)
         nearer = below if variants.ungated_height else towards
-        positive_height = np.where(nearer & (side > 0), np.maximum(side - lambda_height, 0.0), 0.0)  # eq. 15
-        anti_parallel = np.where(towards & (side < 0), np.maximum(-side - lambda_anti_parallel, 0.0), 0.0)  # eq. 16
+        positive_height = np.where(nearer & (n_dot_v > 0), np.maximum(n_dot_v - lambda_height, 0.0), 0.0)  # eq. 15
+        anti_parallel = np.where(
+            towards & (n_dot_v < 0), np.maximum(-n_dot_v - lambda_anti_parallel, 0.0), 0.0
+        )  # eq. 16
 
     for deviation in (epipolar, positive_depth, positive_height, anti_parallel):
         deviation[~defined] = 0.0
