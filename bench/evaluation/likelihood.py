@@ -36,17 +36,6 @@ EDGES: NDArray[np.float64] = np.concatenate(
 EDGES.setflags(write=False)
 BINS = len(EDGES) - 1
 
-_UPPER_EDGES = EDGES[1:]
-
-
-def _bin_by_bits() -> NDArray[np.int64]:
-    """The bin of the least number among those with the same first sixteen bits; 0 for NaN and what is negative."""
-    least = (np.arange(1 << 16, dtype=np.uint32) << 16).view(np.float32)
-    return np.searchsorted(EDGES[1:-1], np.where(least > 0, least, np.float32(0.0)), side="left")
-
-
-_BIN_BY_BITS = _bin_by_bits()
-
 # A score in [0, 1] is binned by its odds s / (1 - s), since networks crowd at both ends: 20 bins a decade, evenly to
 # both sides of 0.5, which is an edge. They reach from odds of 1 : 3162 to 3162 : 1; scores beyond share the end bins.
 _MIDDLE = (len(EDGES) - 1) // 2
@@ -111,7 +100,7 @@ def count_likelihood(
     Raises:
         ShapeError: the cells do not tile the image.
     """
-    bins = find_score_bins(likelihood) if is_score else find_bins(likelihood)
+    bins = find_bins(likelihood, SCORE_EDGES if is_score else EDGES)
 
     reference_px, outside_px = (
         sum_over_cells(region, bins, cell_size_px=cell_size_px, bins=BINS, name="likelihood", window=window)
@@ -120,19 +109,9 @@ def count_likelihood(
     return LikelihoodCounts(reference_px=reference_px, outside_px=outside_px)
 
 
-def find_bins(likelihood: NDArray[np.float32]) -> NDArray[np.int64]:
-    """The bin of each likelihood, in its shape; k where EDGES[k] < likelihood <= EDGES[k + 1]."""
-    # Numbers with the same first sixteen bits are less than a bin apart: beyond the bin of the least of them lies at
-    # most one edge. A search in the edges, or a logarithm, takes several times longer.
-    first_bits = np.ascontiguousarray(likelihood, dtype=np.float32).view(np.uint32) >> 16
-    bins: NDArray[np.int64] = _BIN_BY_BITS[first_bits]
-    bins += likelihood > _UPPER_EDGES[bins]
-    return bins
-
-
-def find_score_bins(scores: NDArray[np.float32]) -> NDArray[np.int64]:
-    """The bin of each score in [0, 1], in its shape; k where SCORE_EDGES[k] < score <= SCORE_EDGES[k + 1]."""
-    return np.searchsorted(SCORE_EDGES[1:-1], scores.astype(np.float64), side="left")
+def find_bins(likelihood: NDArray[np.float32], edges: NDArray[np.float64] = EDGES) -> NDArray[np.int64]:
+    """The bin of each likelihood or score, in its shape; k where edges[k] < value <= edges[k + 1], 0 for NaN."""
+    return np.searchsorted(edges[1:-1], np.nan_to_num(likelihood, nan=0.0).astype(np.float64), side="left")
 
 
 def threshold_sweep(frames: Rows) -> ThresholdSweep | None:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from bench.evaluation import SequenceScorer, threshold_free_figures, threshold_sweep
-from bench.evaluation.likelihood import BINS, SCORE_EDGES, ThresholdFreeFigures, find_score_bins
+from bench.evaluation.likelihood import BINS, SCORE_EDGES, ThresholdFreeFigures, find_bins
 from bench.methods.contract import Segmentation
 from bench.reference.records import ReferenceFrame
 from tests.evaluation.frames import picture, reference_frame
@@ -62,7 +62,7 @@ def test_score_edges_lie_evenly_over_the_odds_around_one_half() -> None:
 
 @given(st.lists(st.floats(0, 1, width=32), min_size=1, max_size=20))
 def test_a_score_lies_in_its_bin(values: list[float]) -> None:
-    bins = find_score_bins(np.array(values, dtype=np.float32))
+    bins = find_bins(np.array(values, dtype=np.float32), SCORE_EDGES)
     for value, k in zip(values, bins.tolist(), strict=True):
         assert SCORE_EDGES[k] < value <= SCORE_EDGES[k + 1] or (k == 0 and value == 0)
 
