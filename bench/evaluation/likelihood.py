@@ -24,10 +24,10 @@ from bench.evaluation.intervals import FEWEST_RECORDINGS, RATIO, jackknife
 from bench.evaluation.row_source import Rows, RowSource, as_source
 from bench.evaluation.slices import Columns
 from bench.evaluation.summary import Figure, Ratio
+from bench.methods.spherical.likelihood import PAPER_THRESHOLD
 
 # The paper's threshold is an edge, so that its operating point lies on the curve. 20 bins a decade, from a thousandth
 # of it to beyond pi, which no weighted mean of angles exceeds.
-PAPER_THRESHOLD = 6e-4
 PER_DECADE = 20
 _LOWEST, _HIGHEST = -3 * PER_DECADE, 4 * PER_DECADE
 EDGES: NDArray[np.float64] = np.concatenate(

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from bench.errors import UsageError
 from bench.geometry import RigidTransform, RoadPlane
-from bench.methods.spherical.likelihood import PAPER_WEIGHTS, Weights
+from bench.methods.spherical.likelihood import PAPER_THRESHOLD, PAPER_WEIGHTS, Weights
 from bench.methods.spherical.static_camera import static_camera_deviation
 from bench.methods.spherical.two_view import PAPER, Deviations, Variants, deviations
 
@@ -46,8 +46,8 @@ class SphericalSettings:
     weights: Weights = PAPER_WEIGHTS
     lambda_height: float = 0.001
     lambda_anti_parallel: float = 0.001
-    threshold: float = 6e-4
-    static_threshold: float = 6e-4
+    threshold: float = PAPER_THRESHOLD
+    static_threshold: float = PAPER_THRESHOLD
     static_below_m: float = 0.05 / 15
     lambda_static_m: float = 0.02
     min_epipole_sine: float = 0.01

@@ -1,4 +1,4 @@
-"""Machine code for loops over pixels and triangles, kept for the next process.
+"""Machine code for loops over pixels and triangles, cached for the next process.
 
 Without fast-math and threads, so that every run gives the same bytes; floating-point division by zero gives infinity.
 
@@ -17,18 +17,21 @@ import numba
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
-# Kept machine code holds functions and constants of other files too; numba by itself looks at the function's own file.
-SOURCES = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()
+# Cached machine code holds functions and constants of other files too, while numba looks at the function's own file
+# only: so there is a cache folder for each state of all of them.
+_FILES = sorted(Path(__file__).parent.glob("*.py"))
+SOURCES = hashlib.sha256(b"".join(path.read_bytes() for path in _FILES)).hexdigest()
+CACHE = Path(__file__).parent / "__pycache__" / f"numba-{SOURCES[:16]}"
 
 
 def compiled(function: Function) -> Function:
     """Compile a function on its first call."""
-    return _kept(function)
+    return _cached(function)
 
 
 def looped(function: Function) -> Function:
     """Compile a function that makes no arrays, and hence counts no references."""
-    return _kept(function, _nrt=False)
+    return _cached(function, _nrt=False)
 
 
 def inlined(function: Function) -> Function:
@@ -36,10 +39,12 @@ def inlined(function: Function) -> Function:
     return cast(Function, numba.njit(nogil=True, error_model="numpy", inline="always")(function))
 
 
-def _kept(function: Function, **options: Any) -> Function:
+def _cached(function: Function, **options: Any) -> Function:
+    config: Any = numba.config
+    before, config.CACHE_DIR = config.CACHE_DIR, str(CACHE)
     try:
-        made: Any = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
-    except RuntimeError:  # neither the package's folder nor the user's may be written: compile in every process
+        return cast(Function, numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function))
+    except (RuntimeError, OSError):  # the package's folder may not be written: compile in every process
         return cast(Function, numba.njit(nogil=True, error_model="numpy", **options)(function))
-    made._cache._cache_file._source_stamp = SOURCES
-    return cast(Function, made)
+    finally:
+        config.CACHE_DIR = before
