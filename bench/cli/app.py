@@ -37,21 +37,21 @@ Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the method, as YAML; repeatable."),
 ]
-ProtocolName = Annotated[str, typer.Option("--protocol", help="paper-v1, extended-v1, or a YAML file.")]
+ProtocolName = Annotated[str, typer.Option("--protocol", help="paper-v1, extended-v1, masks-v1, or a YAML file.")]
 Missing = Literal["error", "skip", "empty"]
 Names = Literal["auto", "timestamp", "frame", "image"]
-Workers = Annotated[int | None, typer.Option(min=1, help="Processes; one per core without it.")]
+Workers = Annotated[int | None, typer.Option(min=1, help="Worker processes; default: one per core.")]
 Cache = Annotated[
     Path | None,
-    typer.Option("--cache", help="Folder where flow, likelihood and reference are kept; reports/cache without it."),
+    typer.Option("--cache", help="Folder where flow, likelihood and reference are cached; default: reports/cache."),
 ]
-NoCache = Annotated[bool, typer.Option("--no-cache", help="Compute everything, keep nothing.")]
+NoCache = Annotated[bool, typer.Option("--no-cache", help="Compute everything, cache nothing.")]
 Scheduler = Annotated[
     str | None,
     typer.Option("--scheduler", help="Compute on a Dask cluster: tcp://HOST:PORT, or the file of its scheduler."),
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the run of another experiment in the folder.")]
-Split = Annotated[str | None, typer.Option("--split", help="A split of the data set; all recordings without it.")]
+Split = Annotated[str | None, typer.Option("--split", help="A split of the data set; default: all recordings.")]
 
 
 def main() -> None:
@@ -109,11 +109,11 @@ def run(
         str | None,
         typer.Option(
             metavar="FOLDER",
-            help="Folder of the run, or an address as s3://bucket/run; reports/runs/<data set>-<method> without it.",
+            help="Folder of the run, or an address as s3://bucket/run; default: reports/runs/<data set>-<method>.",
         ),
     ] = None,
     overwrite: Overwrite = False,
-    pictures: Annotated[bool, typer.Option(help="Also draw a telling frame of every category.")] = True,
+    pictures: Annotated[bool, typer.Option(help="Also draw an example frame of every category.")] = True,
     workers: Workers = None,
     cache: Cache = None,
     no_cache: NoCache = False,
@@ -124,7 +124,7 @@ def run(
 ) -> None:
     """Score a method on a data set: the paper's table, the range maps, pictures.
 
-    A run that was interrupted goes on where it stopped, by the same command.
+    A run that was interrupted continues where it stopped, by the same command.
     """
     from bench.cli import running
     from bench.cli.computing import Computing
@@ -165,7 +165,7 @@ def merge(
         list[str] | None, typer.Argument(help="Folders that hold the parts, where they are not in RUN itself.")
     ] = None,
     overwrite: Overwrite = False,
-    pictures: Annotated[bool, typer.Option(help="Also draw a telling frame of every category.")] = True,
+    pictures: Annotated[bool, typer.Option(help="Also draw an example frame of every category.")] = True,
 ) -> None:
     """Make one run of the parts that `run --shard` scored."""
     from bench.cli import running
@@ -189,9 +189,10 @@ def cluster_example(
 def cache(
     folder: Cache = None,
     limit_gb: Annotated[
-        float | None, typer.Option(min=0, help="Remove what was not used for longest until the cache is so small.")
+        float | None,
+        typer.Option(min=0, help="Remove the longest unused entries until the cache holds at most so many GB."),
     ] = None,
-    clear: Annotated[bool, typer.Option(help="Remove everything.")] = False,
+    clear: Annotated[bool, typer.Option("--clear", help="Remove everything.")] = False,
 ) -> None:
     """Say what the cache of flow, likelihood and reference holds, and make it smaller."""
     from bench.cli import caching
@@ -203,12 +204,12 @@ def cache(
 def evaluate(
     dataset: Dataset,
     predictions: Annotated[Path, typer.Option(help="Folder of masks or scores: [recording/]camera/<name>.png ...")],
-    name: Annotated[str | None, typer.Option(help="What results call them; predictions-<folder> without it.")] = None,
+    name: Annotated[str | None, typer.Option(help="What results call them; default: predictions-<folder>.")] = None,
     missing: Annotated[
         Missing, typer.Option(help="Images without a prediction: refuse, leave unscored, or count as empty.")
     ] = "error",
-    names: Annotated[Names, typer.Option(help="What files are named by; found out without it.")] = "auto",
-    threshold: Annotated[float | None, typer.Option(help="Score above which a pixel moves; 0.5 without it.")] = None,
+    names: Annotated[Names, typer.Option(help="What files are named by; default: found out.")] = "auto",
+    threshold: Annotated[float | None, typer.Option(help="Score above which a pixel moves; default: 0.5.")] = None,
     history: Annotated[
         int, typer.Option(help="Score images with this many before them; 1 as methods that compare two.")
     ] = 1,
@@ -218,11 +219,11 @@ def evaluate(
         str | None,
         typer.Option(
             metavar="FOLDER",
-            help="Folder of the run, or an address as s3://bucket/run; reports/runs/<data set>-NAME without it.",
+            help="Folder of the run, or an address as s3://bucket/run; default: reports/runs/<data set>-NAME.",
         ),
     ] = None,
     overwrite: Overwrite = False,
-    pictures: Annotated[bool, typer.Option(help="Also draw a telling frame of every category.")] = True,
+    pictures: Annotated[bool, typer.Option(help="Also draw an example frame of every category.")] = True,
     workers: Workers = None,
     cache: Cache = None,
     no_cache: NoCache = False,
@@ -254,9 +255,9 @@ def evaluate(
 @app.command()
 def view(
     dataset: Dataset,
-    recording: Annotated[str | None, typer.Option(help="Name of the recording; the first without it.")] = None,
-    camera: Annotated[str | None, typer.Option(help="Name of the camera; the first without it.")] = None,
-    frame: Annotated[int | None, typer.Option(help="Index of the image; the middle one without it.")] = None,
+    recording: Annotated[str | None, typer.Option(help="Name of the recording; default: the first.")] = None,
+    camera: Annotated[str | None, typer.Option(help="Name of the camera; default: the first.")] = None,
+    frame: Annotated[int | None, typer.Option(help="Index of the image; default: the middle one.")] = None,
     frames: Annotated[
         str | None, typer.Option(metavar="FIRST:LAST[:STEP]", help="Several images, the last one included.")
     ] = None,
@@ -326,7 +327,7 @@ def synthesize(
     out: Annotated[Path, typer.Option(help="Folder of the recordings.")],
     workers: Workers = None,
 ) -> None:
-    """Render a scenario into recordings; what is there and up to date is kept."""
+    """Render a scenario into recordings; what is there and up to date stays."""
     from bench.cli import rendering
 
     rendering.render(scenario, out, workers=workers)
@@ -367,7 +368,7 @@ def report(
     run: Annotated[str, typer.Argument(help="Folder of a stored run, or its address.")],
     category: Annotated[str | None, typer.Option(help="Only this kind of motion, for example preceding.")] = None,
     out: Annotated[
-        Path | None, typer.Option(help="The file; index.html or index-CATEGORY.html in the run without it.")
+        Path | None, typer.Option(help="The file; default: index.html or index-CATEGORY.html in the run.")
     ] = None,
     pictures: Annotated[bool, typer.Option(help="Draw the worst frames, from the data set.")] = True,
 ) -> None:
@@ -382,7 +383,7 @@ def gate(
     run: Annotated[str, typer.Argument(help="Folder of a stored run, or its address.")],
     baseline: Annotated[Path, typer.Option(help="The baseline, for example reports/baselines/demo.json.")],
     tolerances: Annotated[
-        str | None, typer.Option(help="default-v1, rendered-v1, or a YAML file; default-v1 without it.")
+        str | None, typer.Option(help="default-v1, rendered-v1, or a YAML file; default: default-v1.")
     ] = None,
     junit: Annotated[Path | None, typer.Option(help="Write JUnit XML to this file.")] = None,
     json: Annotated[Path | None, typer.Option(help="Write the verdict as JSON to this file.")] = None,
@@ -392,7 +393,7 @@ def gate(
         bool, typer.Option("--allow-dirty", help="With --update: also from changed, uncommitted code.")
     ] = False,
 ) -> None:
-    """Judge a run by a baseline: 0 no regression, 1 a regression, 2 usage or data error, 3 no baseline."""
+    """Judge a run by a baseline: 0 no regression, 1 a regression, 2 usage or data error, 3 no verdict."""
     from bench.cli import gating
     from bench.cli.places import finished_run
 
@@ -409,21 +410,19 @@ def gate(
 def sweep(
     dataset: Dataset,
     what: Annotated[str, typer.Option(help="What to change, for example threshold; `list` lists all.")],
-    values: Annotated[str | None, typer.Option(help="Values with commas in between; usual ones without it.")] = None,
+    values: Annotated[str | None, typer.Option(help="Values with commas in between; default: usual ones.")] = None,
     method: MethodName = "spherical",
     set_: Settings = None,
     protocol: ProtocolName = "paper-v1",
     split: Split = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder of sweeps; reports/runs/sweeps-<data set> without it.")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of sweeps; default: reports/runs/sweeps-<data set>.")] = None,
     workers: Workers = None,
     cache: Cache = None,
     no_cache: NoCache = False,
 ) -> None:
-    """Score one thing through many values: a table and a chart.
+    """Score one parameter through many values: a table and a chart.
 
-    Each value is a run in a folder of the sweep. A sweep that was interrupted goes on where it stopped, by the same
+    Each value is a run in a folder of the sweep. A sweep that was interrupted continues where it stopped, by the same
     command.
     """
     from bench.cli import sweeping
@@ -451,9 +450,9 @@ def audit(
     set_: Settings = None,
     protocol: ProtocolName = "paper-v1",
     split: Split = None,
-    out: Annotated[Path | None, typer.Option(help="Folder of the audit; reports/audit/<data set> without it.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the audit; default: reports/audit/<data set>.")] = None,
     recordings: Annotated[
-        int | None, typer.Option(help="How many recordings, spread over the split; all without it.")
+        int | None, typer.Option(help="How many recordings, spread over the split; default: all.")
     ] = None,
     workers: Workers = None,
     pictures: Annotated[bool, typer.Option(help="Draw median and worst examples of every class.")] = True,
@@ -485,7 +484,7 @@ def compare(
         list[str], typer.Argument(help="Folders of stored runs, or addresses; the first is compared against.")
     ],
     out: Annotated[
-        Path | None, typer.Option(help="Folder of the comparison; reports/runs/compare-<run>-<run> without it.")
+        Path | None, typer.Option(help="Folder of the comparison; default: reports/runs/compare-<run>-<run>.")
     ] = None,
     pictures: Annotated[bool, typer.Option(help="Draw the frames that changed most, from the data set.")] = True,
 ) -> None:
@@ -534,12 +533,12 @@ def annotation_import(
     dataset: Card,
     recording: Annotated[str, typer.Option(help="Name of the recording.")],
     out: Annotated[
-        Path | None, typer.Option(help="Folder of annotation files; the card's, or annotations/<data set>, without it.")
+        Path | None, typer.Option(help="Folder of annotation files; default: the card's, or annotations/<data set>.")
     ] = None,
     class_: ClassPairs = None,
     first_frame: FirstFrame = 0,
 ) -> None:
-    """Write a tool's annotations as <recording>.json; say what came and what was lost."""
+    """Write a tool's annotations as <recording>.json; say what was read and what was lost."""
     from bench.cli import annotating
 
     annotating.import_(
@@ -558,7 +557,7 @@ def annotation_export(
     format_: FormatName,
     dataset: Card,
     out: Annotated[Path, typer.Option(help="Folder; each recording gets one in it.")],
-    recording: Annotated[str | None, typer.Option(help="Name of the recording; all without it.")] = None,
+    recording: Annotated[str | None, typer.Option(help="Name of the recording; default: all.")] = None,
     class_: ClassPairs = None,
     first_frame: FirstFrame = 0,
 ) -> None:
@@ -578,7 +577,7 @@ def annotation_export(
 @annotation_app.command("calibration")
 def annotation_calibration(
     file: Annotated[Path, typer.Argument(help="An OpenLABEL file with streams.")],
-    out: Annotated[Path | None, typer.Option(help="The file; printed without it.")] = None,
+    out: Annotated[Path | None, typer.Option(help="The file; default: printed.")] = None,
 ) -> None:
     """Give lenses and mountings of an OpenLABEL file as `cameras` and `lidar` of a recording.json."""
     from bench.cli import annotating

@@ -35,7 +35,7 @@ def track_motion(track: Track, trajectory: Trajectory, settings: MotionSettings)
     """Velocities and the moving state along a track.
 
     Source:
-        metrics.md, category of a moving object, rule 1.
+        docs/metrics.md, category of a moving object, rule 1.
     """
     times_ns = np.array([state.timestamp_ns for state in track.states], dtype=np.int64)
     rotations, positions_m, _ = trajectory.at(times_ns)
@@ -87,7 +87,7 @@ def categorise(
         settings: thresholds.
 
     Source:
-        metrics.md, category of a moving object, rules 2 and 3.
+        docs/metrics.md, category of a moving object, rules 2 and 3.
     """
     (x, y), (ego_x, ego_y) = velocity_world_mps[:2].tolist(), ego_velocity_world_mps[:2].tolist()
     ego_speed = hypot(ego_x, ego_y)

@@ -1,6 +1,6 @@
 """The paper's method: deviations from what a static world allows, measured on the unit sphere.
 
-Symbols, all in the current camera frame (paper.md's corrections of the print included):
+Symbols, all in the current camera frame (with the corrections of the print that each function names):
 
 - `R`, `t`: `current_from_previous`; `e' = t/|t|` is the previous camera centre seen from the current camera, the focus
   of contraction.
