@@ -148,7 +148,7 @@ class FramePipeline:
         if self._steps is None:
             return given
         return replace(
-            given, kept=self._steps.of_image(given, self.images[first : index + 1], colour=self._needs.colour)
+            given, cached_step=self._steps.of_image(given, self.images[first : index + 1], colour=self._needs.colour)
         )
 
     def _motions(self, times_ns: Sequence[int], *, next_images: Sequence[ImageRef]) -> tuple[RigidTransform, ...]:

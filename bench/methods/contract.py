@@ -17,8 +17,8 @@ StepOf = Literal["images", "input"]
 Arrays = dict[str, NDArray[Any]]
 
 
-class Keeper(Protocol):
-    """Keeps what a method computes on an image for the next run, in which other parameters may have changed."""
+class CachedStep(Protocol):
+    """Caches what a method computes on an image for the next run, in which other parameters may have changed."""
 
     def __call__(self, step: str, settings: object, compute: Callable[[], Arrays], *, of: StepOf) -> Arrays:
         """A step's arrays: from an earlier run where everything that they depend on is the same, else computed.
@@ -34,7 +34,7 @@ class Keeper(Protocol):
 
 
 def compute_anew(step: str, settings: object, compute: Callable[[], Arrays], *, of: StepOf) -> Arrays:  # noqa: ARG001
-    """The keeper that keeps nothing."""
+    """Where there is no cache."""
     return compute()
 
 
@@ -54,7 +54,8 @@ class MethodInput:
         valid: (H, W) bool; inside the lens's field and off the host's own body.
         recording: name of the recording; empty where nobody says.
         camera_name: name of the camera; empty where nobody says.
-        kept: finds what the method computed in an earlier run; a method with a dear step asks it, others need not.
+        cached_step: finds what the method computed in an earlier run; methods with an expensive step
+            call it.
     """
 
     images: Sequence[NDArray[np.uint8]]
@@ -65,7 +66,7 @@ class MethodInput:
     valid: NDArray[np.bool_]
     recording: str = ""
     camera_name: str = ""
-    kept: Keeper = compute_anew
+    cached_step: CachedStep = compute_anew
 
 
 class UnansweredImage(Exception):  # noqa: N818 - it is not an error
@@ -86,7 +87,7 @@ class Segmentation:
         likelihood_is_score: the likelihood is a score in [0, 1], for example a network's, not the paper's mean of
             angles; it decides the bins of histograms and the scale of pictures.
         parts: named (rows, columns) float arrays to look at, for example the single deviations and the flow; they may
-            be missing where a step was kept from an earlier run.
+            be missing where a step was found in the cache.
     """
 
     cell_size_px: int

@@ -74,7 +74,7 @@ def force_valid(frame):
 
 
 def leave_cache(frame):
-    frame.kept("../../escaped", {}, lambda: {"a": np.zeros(3)}, of="images")
+    frame.cached_step("../../escaped", {}, lambda: {"a": np.zeros(3)}, of="images")
     return calm(frame)
 
 

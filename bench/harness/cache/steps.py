@@ -77,7 +77,7 @@ class StepCache:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ImageSteps:
-    """See `bench.methods.contract.Keeper`.
+    """See `bench.methods.contract.CachedStep`.
 
     Attributes:
         cache: where to look.

@@ -85,12 +85,12 @@ class SphericalMethod(SphericalSettings):
 
         def weigh() -> Arrays:
             settings = self.flow, self.flow_parameters, self.cell_size_px
-            flow = frame.kept("flow", settings, lambda: {"flow": self.mean_flow(frame)}, of="images")["flow"]
+            flow = frame.cached_step("flow", settings, lambda: {"flow": self.mean_flow(frame)}, of="images")["flow"]
             measured.append(self.measure(frame, flow))
             weighed = self.weigh(measured[0])
             return {field.name: np.asarray(getattr(weighed, field.name)) for field in fields(weighed)}
 
-        found = frame.kept("likelihood", (self.name, self._all_but_thresholds), weigh, of="input")
+        found = frame.cached_step("likelihood", (self.name, self._all_but_thresholds), weigh, of="input")
         return self._decide(Weighed(**found), self._parts(measured[0]) if measured else {})
 
     @cached_property
