@@ -238,8 +238,12 @@ def test_a_bug_keeps_its_traceback(monkeypatch, capsys, places):
     monkeypatch.setattr(sys, "argv", ["fisheye-bench", "datasets", "."])
     from bench.cli import main
 
-    with pytest.raises(OSError, match="no file is named"):
+    with pytest.raises(SystemExit) as ended:
         main()
+    assert ended.value.code == 70
+    shown = capsys.readouterr().err
+    assert "no file is named" in shown
+    assert "Traceback" in shown
 
 
 # Who writes beside `bench.recordings.atomic`, and tells in one line what cannot be written.

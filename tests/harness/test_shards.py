@@ -173,6 +173,7 @@ def test_a_part_of_another_name_for_the_card_is_the_same(tiny_card, parts, whole
 def test_a_part_of_other_code_is_refused(parts, tmp_path, changed, told):
     file = parts[1] / "shards" / Shard(number=2, count=COUNT).file
     content = json.loads(file.read_text())
+    del content["sha256"]
     method = content["stamp"]["method"] | changed.get("method", {})
     content["stamp"] |= changed | {"method": method}
     file.write_text(json.dumps(content))
@@ -193,9 +194,9 @@ def test_parts_of_another_experiment_do_not_take_the_place_of_a_finished_run(tin
 def test_a_damaged_report_is_named(parts, tmp_path, damage):
     file = parts[1] / "shards" / Shard(number=2, count=COUNT).file
     file.write_bytes(file.read_bytes()[:-30] if damage is None else damage)
-    with pytest.raises(DataError, match="expected the report of a part") as raised:
+    with pytest.raises(DataError, match="expected (the report of a part|an object|a value), got") as raised:
         merge(tmp_path / "run", parts)
-    assert file.name in str(raised.value)
+    assert str(raised.value).startswith(str(file))
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
@@ -221,6 +222,7 @@ def test_a_report_names_no_unit_elsewhere(parts, tmp_path):
     """A report is data: what it names stays in its folder."""
     file = parts[1] / "shards" / Shard(number=2, count=COUNT).file
     content = json.loads(file.read_text())
+    del content["sha256"]
     content["units"][0]["recording"] = "../../../etc"
     file.write_text(json.dumps(content))
     with pytest.raises(DataError, match="expected a stored unit"):
