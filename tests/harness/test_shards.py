@@ -194,7 +194,7 @@ def test_parts_of_another_experiment_do_not_take_the_place_of_a_finished_run(tin
 def test_a_damaged_report_is_named(parts, tmp_path, damage):
     file = parts[1] / "shards" / Shard(number=2, count=COUNT).file
     file.write_bytes(file.read_bytes()[:-30] if damage is None else damage)
-    with pytest.raises(DataError, match="expected (the report of a part|an object|a value), got") as raised:
+    with pytest.raises(DataError, match=r"expected (the report of a part|an object|a value), got") as raised:
         merge(tmp_path / "run", parts)
     assert str(raised.value).startswith(str(file))
 
