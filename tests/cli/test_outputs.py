@@ -248,6 +248,7 @@ def test_a_bug_keeps_its_traceback(monkeypatch, capsys, places):
 
 # Who writes beside `bench.recordings.atomic`, and tells in one line what cannot be written.
 WRITERS = {
+    "execution.py": "results of tasks in a temporary folder",
     "egomotion/tum.py": "to the temporary file of its caller",
     "harness/cache/folder.py": "a cache keeps nothing where it cannot write",
     "harness/remote_runs.py": "a local copy of an address",

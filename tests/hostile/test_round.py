@@ -36,6 +36,7 @@ from tests.recordings import tiny, tiny_aimotive, tiny_kitti360, tiny_rosbag, ti
 
 BENCH = Path(bench.__file__).parent
 SEED = 12
+CLOUD_CASES, IMAGE_CASES = 40, 60  # of each kind
 LONGEST_S = 30  # of a case; the slowest whole one takes two
 CLEAR = {0, 1, 2, 3}  # 70 is a fault of ours
 Observed = Mapping[str, bytes] | None
@@ -91,7 +92,7 @@ def test_point_clouds(tmp_path, kind):
     path = tmp_path / f"1000.{kind.rpartition('.')[2]}"
     path.write_bytes(CLOUDS[kind])
     whole = read_sweep(path, 1000)
-    for case in range(70):
+    for case in range(CLOUD_CASES):
         content, how = damaged(CLOUDS[kind], seeded(kind, case))
         path.write_bytes(content)
         sweep = read_or_told(lambda: read_sweep(path, 1000), path)
@@ -107,7 +108,7 @@ def test_images(tmp_path, suffix):
     camera, image = tiny.front_camera(), ImageRef(camera="front", timestamp_ns=1000, path=path)
     smooth = cv2.GaussianBlur(tiny.pixels(0), (0, 0), 3)
     whole = cv2.imencode(suffix, smooth)[1].tobytes()
-    for case in range(100):
+    for case in range(IMAGE_CASES):
         content, how = damaged(whole, seeded(suffix, case))
         path.write_bytes(content)
         pixels = read_or_told(lambda: read_image(image, camera), path)
@@ -134,7 +135,7 @@ class Target:
 
     harm: tuple[str, ...]
     words: tuple[str, ...]
-    cases: int = 30
+    cases: int = 25
     observe: Callable[[Path], Observed] | None = None
 
 
@@ -167,35 +168,35 @@ RUN = ("run", "{}/tiny.yaml", "--method", "everything", "--workers", "1", "--no-
 GATE = ("gate", "{}/run", "--baseline", "{}/baseline.json", "--json", "{}/verdict.json")
 STORED = ("run/*.json", "run/*.parquet", "run/*.npz")
 TARGETS = {
-    **{f"run {name}": Target(("data/**/*",), DATA, 40) for name in ("aimotive", "kitti360", "mcap", "sqlite")},
-    "run native": Target(("data/**/*",), DATA, 60),
-    "run woodscape": Target(("data/**/*",), (*DATA, "--protocol", "masks-v1"), 40),
-    **{f"validate {name}": Target(("data/**/*",), VALIDATE, 40) for name in ("aimotive", "kitti360", "native", "mcap")},
+    **{f"run {name}": Target(("data/**/*",), DATA, 25) for name in ("aimotive", "kitti360", "mcap", "sqlite")},
+    "run native": Target(("data/**/*",), DATA, 40),
+    "run woodscape": Target(("data/**/*",), (*DATA, "--protocol", "masks-v1"), 25),
+    **{f"validate {name}": Target(("data/**/*",), VALIDATE, 25) for name in ("aimotive", "kitti360", "native", "mcap")},
     "card": Target(("card.yaml",), DATA),
     "scenario": Target(
-        ("*.scenario.yaml",), ("synthesize", "{}/s.scenario.yaml", "--out", "{}/made", "--workers", "1"), 12
+        ("*.scenario.yaml",), ("synthesize", "{}/s.scenario.yaml", "--out", "{}/made", "--workers", "1"), 10
     ),
     **{
         f"label format {name}": Target(
             ("tool/**/*",),
             ("annotations", "import", name, "{}/tool/drive", "--dataset", "{}/card.yaml", "--recording", "drive",
-             "--out", "{}/annotations"),
+             "--out", "{}/annotations"), 15,
         )
         for name in FORMATS
     },
-    "protocol": Target(("p.yaml",), (*RUN, "--protocol", "{}/p.yaml", "--out", "{}/out"), 20),
-    "tolerances": Target(("t.yaml",), (*GATE, "--tolerances", "{}/t.yaml"), 20),
-    "gate": Target(STORED, GATE, 60, verdict),
-    "baseline": Target(("baseline.json",), GATE, 60, verdict),
-    "report": Target(STORED, ("report", "{}/run", "--no-pictures"), 30, content_of("run/index.html")),
-    "page with pictures": Target(("run/masks.parquet", "run/frames.parquet"), ("report", "{}/run"), 12,
+    "protocol": Target(("p.yaml",), (*RUN, "--protocol", "{}/p.yaml", "--out", "{}/out"), 15),
+    "tolerances": Target(("t.yaml",), (*GATE, "--tolerances", "{}/t.yaml"), 15),
+    "gate": Target(STORED, GATE, 50, verdict),
+    "baseline": Target(("baseline.json",), GATE, 50, verdict),
+    "report": Target(STORED, ("report", "{}/run", "--no-pictures"), 20, content_of("run/index.html")),
+    "page with pictures": Target(("run/masks.parquet", "run/frames.parquet"), ("report", "{}/run"), 10,
                                  content_of("run/index.html")),
-    "compare": Target(STORED, ("compare", "{}/run", "{}/other", "--no-pictures", "--out", "{}/compared"), 40,
+    "compare": Target(STORED, ("compare", "{}/run", "{}/other", "--no-pictures", "--out", "{}/compared"), 25,
                       content_of("compared/compare.json")),
-    "leaderboard": Target(STORED, ("leaderboard", "{}", "--out", "{}/board"), 30, content_of("board/leaderboard.json")),
-    "units": Target(("run/units/*",), (*RUN, "--out", "{}/run"), 40, tables),
-    "parts": Target(("run/shards/*", "run/units/*"), ("merge", "{}/run", "--no-pictures"), 40, tables),
-    "cache": Target(("cache/**/*",), (*RUN, "--cache", "{}/cache", "--out", "{}/run"), 40, tables),
+    "leaderboard": Target(STORED, ("leaderboard", "{}", "--out", "{}/board"), 20, content_of("board/leaderboard.json")),
+    "units": Target(("run/units/*",), (*RUN, "--out", "{}/run"), 25, tables),
+    "parts": Target(("run/shards/*", "run/units/*"), ("merge", "{}/run", "--no-pictures"), 30, tables),
+    "cache": Target(("cache/**/*",), (*RUN, "--cache", "{}/cache", "--out", "{}/run"), 20, tables),
 }  # fmt: skip
 
 
@@ -318,5 +319,6 @@ def test_files_behind_commands(whole, tmp_path, monkeypatch, capsys, name):
 
 def test_the_round_is_large_enough():
     """What the tests above say of themselves."""
-    assert 70 * len(CLOUDS) + 2 * 2 * 100 + sum(target.cases for target in TARGETS.values()) >= 1000
+    cases = CLOUD_CASES * len(CLOUDS) + IMAGE_CASES * 2 + sum(target.cases for target in TARGETS.values())
+    assert cases >= 1000
     assert all(json.dumps(target.words) for target in TARGETS.values())
