@@ -129,31 +129,17 @@ def run(
     from bench.cli import running
     from bench.cli.computing import Computing
 
-    computing = Computing(workers=workers, cache=cache, no_cache=no_cache, scheduler=scheduler)
-    if shard is not None:
-        failures = running.run_part(
-            dataset,
-            method=method,
-            settings=set_ or [],
-            protocol=protocol,
-            split=split,
-            out=out,
-            overwrite=overwrite,
-            shard=shard,
-            computing=computing,
-        )
-    else:
-        failures = running.run(
-            dataset,
-            method=method,
-            settings=set_ or [],
-            protocol=protocol,
-            split=split,
-            out=out,
-            overwrite=overwrite,
-            pictures=pictures,
-            computing=computing,
-        )
+    asked = running.Scoring(
+        dataset=dataset,
+        method=method,
+        settings=set_ or [],
+        protocol=protocol,
+        split=split,
+        out=out,
+        overwrite=overwrite,
+        computing=Computing(workers=workers, cache=cache, no_cache=no_cache, scheduler=scheduler),
+    )
+    failures = running.run(asked, pictures=pictures) if shard is None else running.run_part(asked, part=shard)
     if failures:
         raise typer.Exit(DATA_ERROR)
 

@@ -40,36 +40,46 @@ DEFAULT_PROTOCOL = "paper-v1"
 LONGEST_NAME = 120  # characters of a folder's name
 
 
-def run(
-    dataset: str,
-    *,
-    method: str,
-    settings: Sequence[str],
-    protocol: str,
-    split: str | None,
-    out: str | None,
-    overwrite: bool,
-    pictures: bool,
-    computing: Computing,
-) -> int:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scoring:
+    """What is to be scored, as the command line says it.
+
+    Attributes:
+        dataset: card, or its name.
+        method: name, or "module:Class".
+        settings: of the method, "name=value".
+        protocol: name, or file.
+        split: of the data set; None for all of it.
+        out: folder or address of the run; None for the usual one.
+        overwrite: replace the run of another experiment.
+        computing: where and how.
+    """
+
+    dataset: str
+    method: str
+    settings: Sequence[str]
+    protocol: str
+    split: str | None
+    out: str | None
+    overwrite: bool
+    computing: Computing
+
+
+def run(asked: Scoring, *, pictures: bool) -> int:
     """Score a method, write the report, print the table and the paths; return the number of failures."""
-    card, rules = load_card(dataset), load_protocol(protocol)
-    chosen = build_scorable(method, parse_settings(settings))
-    where = destination(out, default_folder(card, chosen.name, unusual(chosen, method), rules, split))
-    render_if_synthetic(card)
+    card, rules, method, where = _opened(asked)
     report = RunReport(card=card, protocol=rules, pictures=pictures)
     with resumable(where):
-        with progress_bar(f"scoring {method} on {card.name}", "images") as progress:
-            executor = computing.executor(card, chosen)
+        with progress_bar(f"scoring {asked.method} on {card.name}", "images") as progress:
             summary = run_benchmark(
                 card,
-                method=chosen,
+                method=method,
                 protocol=rules,
                 out=where.folder,
-                split=split,
-                overwrite=overwrite,
-                executor=executor,
-                cache=computing.cache_folder,
+                split=asked.split,
+                overwrite=asked.overwrite,
+                executor=asked.computing.executor(card, method),
+                cache=asked.computing.cache_folder,
                 progress=progress,
                 mirror=where.mirror,
                 finish=report.write,
@@ -78,43 +88,39 @@ def run(
     return len(summary.failures)
 
 
-def run_part(
-    dataset: str,
-    *,
-    method: str,
-    settings: Sequence[str],
-    protocol: str,
-    split: str | None,
-    out: str | None,
-    overwrite: bool,
-    shard: str,
-    computing: Computing,
-) -> int:
-    """Score a part of the units and say what comes next; return the number of failures."""
-    card, rules, part = load_card(dataset), load_protocol(protocol), Shard.parse(shard)
-    chosen = build_scorable(method, parse_settings(settings))
-    where = destination(out, default_folder(card, chosen.name, unusual(chosen, method), rules, split))
-    render_if_synthetic(card)
-    with resumable(where), progress_bar(f"scoring part {part} of {card.name}", "images") as report:
-        executor = computing.executor(card, chosen)
+def run_part(asked: Scoring, *, part: str) -> int:
+    """Score a part I/N of the units and say what comes next; return the number of failures."""
+    shard = Shard.parse(part)
+    card, rules, method, where = _opened(asked)
+    with resumable(where), progress_bar(f"scoring part {shard} of {card.name}", "images") as progress:
         done = run_shard(
             card,
-            method=chosen,
+            method=method,
             protocol=rules,
             out=where.folder,
-            shard=part,
-            split=split,
-            overwrite=overwrite,
-            executor=executor,
-            cache=computing.cache_folder,
-            progress=report,
+            shard=shard,
+            split=asked.split,
+            overwrite=asked.overwrite,
+            executor=asked.computing.executor(card, method),
+            cache=asked.computing.cache_folder,
+            progress=progress,
             mirror=where.mirror,
         )
     failures = (*done.recording_failures, *done.unit_failures)
-    say(f"part {part}: {len(done.units)} of {done.units_of_run} units; when all parts are there: merge {where}")
+    say(f"part {shard}: {len(done.units)} of {done.units_of_run} units; when all parts are there: merge {where}")
     _print_cost(done.provenance)
-    print_failures(failures, all_in=f"{where}/shards/{part.file}")
+    print_failures(failures, all_in=f"{where}/shards/{shard.file}")
     return len(failures)
+
+
+def _opened(asked: Scoring) -> tuple[DatasetCard, Protocol, Method, Destination]:
+    """The data set, which is rendered where it is not there, the rules, the method, and the folder of the run."""
+    card, rules = load_card(asked.dataset), load_protocol(asked.protocol)
+    method = build_scorable(asked.method, parse_settings(asked.settings))
+    usual = default_folder(card, method.name, unusual(method, asked.method), rules, asked.split)
+    where = destination(asked.out, usual)
+    render_if_synthetic(card)
+    return card, rules, method, where
 
 
 def merge(run: str, parts: Sequence[str], *, overwrite: bool, pictures: bool) -> int:
