@@ -11,8 +11,9 @@ import numpy as np
 from bench.errors import DataError
 from bench.geometry import RigidTransform, quaternions_wxyz
 from bench.recordings import openlabel
+from bench.recordings.error_handlers import STRICT, ErrorHandler, OnError, reporting_all
 from bench.recordings.records import Cuboid, GroundPolygon, ObjectShape, ObjectState, PointIndices, Track
-from bench.recordings.validation import read_json
+from bench.recordings.validation import MOST_FAULTS, lenient_json, read_json
 
 
 def read_annotations(file: Path) -> tuple[Track, ...]:
@@ -25,16 +26,7 @@ def read_annotations(file: Path) -> tuple[Track, ...]:
         DataError: missing, not of the OpenLABEL subset, or objects and frames that do not fit together.
     """
     content = read_json(openlabel.AnnotationFile, file).openlabel
-    states: dict[str, list[ObjectState]] = {uid: [] for uid in content.objects}
-    for number, frame in sorted(content.frames.items(), key=lambda item: item[1].frame_properties.timestamp):
-        timestamp_ns = frame.frame_properties.timestamp
-        for uid, entry in frame.objects.items():
-            field = f"openlabel.frames.{number}.objects.{uid}"
-            if uid not in states:
-                raise DataError(file, field=field, expected="an object listed under openlabel.objects", got=repr(uid))
-            if states[uid] and states[uid][-1].timestamp_ns == timestamp_ns:
-                raise DataError(file, field=field, expected="one frame for each time", got=f"{timestamp_ns} twice")
-            states[uid].append(read_state(entry.object_data, timestamp_ns, file=file, field=field))
+    states = _states(content, file, STRICT)
     return tuple(
         Track(
             track_id=uid,
@@ -44,6 +36,47 @@ def read_annotations(file: Path) -> tuple[Track, ...]:
         )
         for uid, item in content.objects.items()
     )
+
+
+def annotations_or_none(file: Path, on_error: ErrorHandler) -> tuple[Track, ...] | None:
+    """What `read_annotations` gives; None after an error, which is reported with all others of the file, at most 200.
+
+    Faults of a value come first: only a file without any is searched for objects and frames that do not fit together.
+    """
+    with reporting_all(on_error, lambda _: _faults(file)):
+        return read_annotations(file)
+    return None
+
+
+def _faults(file: Path) -> tuple[DataError, ...]:
+    content, faults = lenient_json(openlabel.AnnotationFile, file)
+    if content is None:
+        return faults
+    found: list[DataError] = []
+    _states(content.openlabel, file, found.append)
+    return tuple(found[:MOST_FAULTS])
+
+
+def _states(content: openlabel.OpenLabel, file: Path, on_error: OnError) -> dict[str, list[ObjectState]]:
+    """The states of each object, by time."""
+    states: dict[str, list[ObjectState]] = {uid: [] for uid in content.objects}
+    last_ns: dict[str, int] = {}
+    for number, frame in sorted(content.frames.items(), key=lambda item: item[1].frame_properties.timestamp):
+        timestamp_ns = frame.frame_properties.timestamp
+        for uid, entry in frame.objects.items():
+            field = f"openlabel.frames.{number}.objects.{uid}"
+            if uid not in content.objects:
+                expected = "an object listed under openlabel.objects"
+                on_error(DataError(file, field=field, expected=expected, got=repr(uid)))
+            if last_ns.get(uid) == timestamp_ns:
+                on_error(DataError(file, field=field, expected="one frame for each time", got=f"{timestamp_ns} twice"))
+            last_ns[uid] = timestamp_ns
+            try:
+                state = read_state(entry.object_data, timestamp_ns, file=file, field=field)
+                states.setdefault(uid, []).append(state)
+            except DataError as error:
+                on_error(error)
+    return states
 
 
 def annotation_document(tracks: Sequence[Track], timestamps_ns: Iterable[int] = ()) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from bench.recordings.handles import Exclusion, RecordingHandle
 from bench.recordings.remote import RemoteDataset, remote_recordings
 
 ADAPTERS = {
-    "native": "bench.recordings.native_listing:native_recordings",
+    "native": "bench.recordings.native:native_recordings",
     "aimotive": "bench.recordings.aimotive:aimotive_recordings",
     "kitti360": "bench.recordings.kitti360:kitti360_recordings",
     "woodscape": "bench.recordings.woodscape:woodscape_recordings",

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from bench.errors import DataError
+from bench.recordings.error_handlers import ErrorCollector, NothingUsableError, Part
 from bench.recordings.records import NO_INPUT_ERRORS, ImageRef, InputErrors, Recording
-from bench.recordings.salvage import Salvaged
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,6 +40,22 @@ class Exclusion:
         return _within(timestamp_ns, self.first_ns, self.last_ns) and _within(frame, self.first_frame, self.last_frame)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LenientReading:
+    """Every error of the files that opening reads, and the rest of the recording.
+
+    Attributes:
+        errors: one for each fault.
+        recording: what is left; cameras, images, sweeps and objects that cannot be used are not in it. None where not
+            even the calibration can be used.
+        missing: parts of `recording` that only have a stand-in: a trajectory that stands still, no tracks.
+    """
+
+    errors: tuple[DataError, ...]
+    recording: Recording | None
+    missing: frozenset[Part] = frozenset()
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordingHandle:
     """A recording by name; it travels to other processes and is opened there.
@@ -47,15 +64,14 @@ class RecordingHandle:
         name: of the recording.
         opener: opens it; a function of a module, or a `functools.partial` of one.
         exclusions: images that are left out on opening.
-        salvager: finds all faults of a recording that does not open, and what of it can be used; None where the adapter
-            has none, then the first fault is the only one known.
+        lenient: the opener takes an error handler, `on_error`; False where the first error is the only one known.
         input_errors: of what a method is told of the recording.
     """
 
     name: str
-    opener: Callable[[], Recording]
+    opener: Callable[..., Recording]
     exclusions: tuple[Exclusion, ...] = ()
-    salvager: Callable[[], Salvaged] | None = None
+    lenient: bool = False
     input_errors: InputErrors = NO_INPUT_ERRORS
 
     def open(self) -> Recording:
@@ -71,6 +87,17 @@ class RecordingHandle:
             return recording
         images = {camera: self._kept(refs) for camera, refs in recording.images.items()}
         return replace(recording, images=images)
+
+    def read_leniently(self) -> LenientReading:
+        """Find all errors of a recording that does not open, and what of it can be used, exclusions included."""
+        collector, recording = ErrorCollector(), None
+        try:
+            recording = self.opener(on_error=collector) if self.lenient else self.opener()
+        except NothingUsableError:
+            pass
+        except DataError as error:
+            collector(error)
+        return LenientReading(errors=tuple(collector.errors), recording=recording, missing=frozenset(collector.missing))
 
     def _kept(self, refs: tuple[ImageRef, ...]) -> tuple[ImageRef, ...]:
         return tuple(

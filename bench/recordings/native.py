@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from functools import partial
 from os import scandir
 from pathlib import Path
 from typing import Any, Literal
@@ -12,17 +13,18 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from bench.cameras import CameraModel, camera_from_parameters
-from bench.egomotion import Trajectory, read_bus_signals, read_tum
+from bench.egomotion import Trajectory, bus_signal_faults, read_bus_signals, read_tum
 from bench.errors import DataError, ShapeError, UnknownNameError
 from bench.geometry import RigidTransform, RoadPlane
 from bench.lidar import read_sweep
-from bench.recordings.annotations import read_annotations
+from bench.recordings.annotations import annotations_or_none
 from bench.recordings.atomic import path_inside, refuse_escape
+from bench.recordings.error_handlers import STRICT, ErrorHandler, OnError, reporting, reporting_all, stationary
+from bench.recordings.handles import RecordingHandle
 from bench.recordings.images import read_mask, scaled_camera
 from bench.recordings.records import ImageRef, MountedCamera, Recording, SweepRef, Track
-from bench.recordings.salvage import Complaint, refuse
 from bench.recordings.schema import CameraHead, LidarHead, RecordingHead, TrueCalibration
-from bench.recordings.validation import LATEST_NS, FileModel, SidePx, data_error, read_json
+from bench.recordings.validation import LATEST_NS, FileModel, SidePx, data_error, json_faults, read_json, validated
 
 HEAD = "recording.json"
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -47,47 +49,7 @@ class NativeOptions(FileModel):
     calibration: Source = "recorded"
 
 
-def open_native(
-    root: Path,
-    *,
-    evaluated_size_px: tuple[int, int] | None = None,
-    ego_motion: Source = "recorded",
-    calibration: Source = "recorded",
-    annotations: Path | None = None,
-) -> Recording:
-    """Open a native recording.
-
-    Args:
-        root: its folder.
-        evaluated_size_px: (width, height) at which images are evaluated; None for as stored.
-        ego_motion: "exact" for the true poses of a synthetic recording instead of what its car reports.
-        calibration: "exact" for where its sensors are instead of where its calibration says that they are.
-        annotations: annotation file that stands in for the recording's own where it exists.
-
-    Raises:
-        DataError: a file that is missing or not what the format asks for.
-    """
-    head = read_head(root, calibration)
-    refuse_other_name(root, head)
-    refuse_uncalibrated(root, head)
-    cameras = {name: mounted_camera(root, name, entry, head, evaluated_size_px) for name, entry in head.cameras.items()}
-    return Recording(
-        name=head.name,
-        root=root,
-        licence=head.licence,
-        frame_interval_ns=head.frame_interval_ns,
-        cameras=cameras,
-        images={name: image_refs(root, name) for name in cameras},
-        trajectory=ego_motion_of(root, ego_motion),
-        vehicle_from_lidar=head.lidar.vehicle_from_lidar.transform,
-        sweeps=sweep_refs(root),
-        tracks=annotated_tracks(root, annotations),
-        vehicle_outline_m=np.array(head.vehicle.outline_m, dtype=np.float64),
-        lidar_from_beams=lidar_from_beams(head.lidar),
-    )
-
-
-def read_head(root: Path, calibration: Source = "recorded") -> RecordingHead:
+def _read_head(root: Path, calibration: Source) -> RecordingHead:
     """`recording.json`, with the true mountings where `calibration` is "exact"."""
     file = root / HEAD
     head = read_json(RecordingHead, file)
@@ -95,7 +57,7 @@ def read_head(root: Path, calibration: Source = "recorded") -> RecordingHead:
     return head if calibration == "recorded" else _truly_calibrated(root, head)
 
 
-def refuse_other_name(root: Path, head: RecordingHead) -> None:
+def _refuse_other_name(root: Path, head: RecordingHead) -> None:
     """Refuse a name that is not the folder's."""
     if head.name != root.resolve().name:
         expected = f"{root.resolve().name!r}, as its folder"
@@ -130,7 +92,7 @@ def _truth(root: Path, name: str, option: str) -> Path:
     return file
 
 
-def mounted_camera(
+def _mounted_camera(
     root: Path, name: str, entry: CameraHead, head: RecordingHead, size_px: tuple[int, int] | None
 ) -> MountedCamera:
     """A camera of the head, at the size at which it is evaluated."""
@@ -150,7 +112,7 @@ def mounted_camera(
     return scaled_camera(camera, size_px)
 
 
-def lidar_from_beams(entry: LidarHead) -> RigidTransform:
+def _lidar_from_beams(entry: LidarHead) -> RigidTransform:
     """Where the beams start in the frame of the points."""
     return RigidTransform.identity() if entry.lidar_from_beams is None else entry.lidar_from_beams.transform
 
@@ -192,7 +154,7 @@ def _ego_body(root: Path, name: str, entry: CameraHead) -> NDArray[np.bool_] | N
     return read_mask(path, entry.image_size)
 
 
-def refuse_uncalibrated(root: Path, head: RecordingHead) -> None:
+def _refuse_uncalibrated(root: Path, head: RecordingHead) -> None:
     """Refuse folders of images that the head has no camera for."""
     folder = root / "images"
     if not folder.is_dir():
@@ -203,26 +165,26 @@ def refuse_uncalibrated(root: Path, head: RecordingHead) -> None:
             raise DataError(root / HEAD, field=f"cameras.{path.name}", expected=expected, got="none")
 
 
-def image_refs(root: Path, camera: str, complain: Complaint = refuse) -> tuple[ImageRef, ...]:
-    """The images of a camera, by time; what is wrong with a name goes to `complain`."""
+def _image_refs(root: Path, camera: str, on_error: OnError) -> tuple[ImageRef, ...]:
+    """The images of a camera, by time; what is wrong with a name goes to `on_error`."""
     folder = root / "images" / camera
-    paths = _timed_files(root, folder, IMAGE_SUFFIXES, complain)
+    paths = _timed_files(root, folder, IMAGE_SUFFIXES, on_error)
     if not paths:
-        complain(DataError(folder, expected="images named <timestamp_ns>.png or .jpg", got="none"))
-    truth = _timed_files(root, root / "truth" / camera, (".png",), complain)
+        on_error(DataError(folder, expected="images named <timestamp_ns>.png or .jpg", got="none"))
+    truth = _timed_files(root, root / "truth" / camera, (".png",), on_error)
     return tuple(
         ImageRef(camera=camera, timestamp_ns=time_ns, path=path, truth_path=truth.get(time_ns))
         for time_ns, path in sorted(paths.items())
     )
 
 
-def sweep_refs(root: Path, complain: Complaint = refuse) -> tuple[SweepRef, ...]:
-    """The sweeps, by time; what is wrong with a name goes to `complain`."""
-    paths = _timed_files(root, root / "lidar", SWEEP_SUFFIXES, complain)
+def _sweep_refs(root: Path, on_error: OnError) -> tuple[SweepRef, ...]:
+    """The sweeps, by time; what is wrong with a name goes to `on_error`."""
+    paths = _timed_files(root, root / "lidar", SWEEP_SUFFIXES, on_error)
     return tuple(SweepRef(timestamp_ns=t, path=path, reader=read_sweep) for t, path in sorted(paths.items()))
 
 
-def _timed_files(root: Path, folder: Path, suffixes: tuple[str, ...], complain: Complaint) -> dict[int, Path]:
+def _timed_files(root: Path, folder: Path, suffixes: tuple[str, ...], on_error: OnError) -> dict[int, Path]:
     """Files named by their time; hidden ones are not finished and passed over."""
     if not folder.is_dir():
         return {}
@@ -233,22 +195,35 @@ def _timed_files(root: Path, folder: Path, suffixes: tuple[str, ...], complain: 
         if entry.name.startswith(".") or path.suffix.lower() not in suffixes:
             continue
         if not path.stem.isascii() or not path.stem.isdigit() or int(path.stem) > LATEST_NS:
-            complain(DataError(path, expected="a name that is a time in nanoseconds", got=repr(path.stem)))
+            on_error(DataError(path, expected="a name that is a time in nanoseconds", got=repr(path.stem)))
             continue
         if int(path.stem) in found:
-            complain(DataError(path, expected="one file for each time", got=f"also {found[int(path.stem)].name}"))
+            on_error(DataError(path, expected="one file for each time", got=f"also {found[int(path.stem)].name}"))
             continue
         if entry.is_symlink():
             try:
                 refuse_escape(root, path, file=path)
             except DataError as error:
-                complain(error)
+                on_error(error)
                 continue
         found[int(path.stem)] = path
     return found
 
 
-def ego_motion_of(root: Path, ego_motion: Source = "recorded") -> Trajectory:
+def _trajectory(root: Path, ego_motion: Source, on_error: ErrorHandler) -> Trajectory:
+    """The ego-motion, or a stand-in."""
+
+    def find_all(error: DataError) -> Iterable[DataError]:
+        file = root / EGOMOTION_FILES[0]
+        return bus_signal_faults(file) if ego_motion == "recorded" and error.file == str(file) else ()
+
+    with reporting_all(on_error, find_all):
+        return _ego_motion(root, ego_motion)
+    on_error.leave_out("trajectory")
+    return stationary(root)
+
+
+def _ego_motion(root: Path, ego_motion: Source) -> Trajectory:
     """What the car reports of its motion, or the true poses."""
     if ego_motion == "exact":
         return read_tum(_truth(root, TRUE_POSES, "ego_motion"))
@@ -263,13 +238,113 @@ def ego_motion_of(root: Path, ego_motion: Source = "recorded") -> Trajectory:
     return read_tum(present[0])
 
 
-def annotated_tracks(root: Path, annotations: Path | None) -> tuple[Track, ...]:
+def _tracks(root: Path, annotations: Path | None, on_error: ErrorHandler) -> tuple[Track, ...]:
     """The objects of `annotations` where that file exists, else of the recording's own file."""
+    tracks = None
+    with reporting(on_error):
+        tracks = annotations_or_none(_annotation_file(root, annotations), on_error)
+    if tracks is None:
+        on_error.leave_out("annotations")
+    return tracks or ()
+
+
+def _annotation_file(root: Path, annotations: Path | None) -> Path:
     if annotations is not None and annotations.is_file():
-        return read_annotations(annotations)
+        return annotations
     file = root / "annotations.json"
     if not file.is_file():
         do = "write one without objects where nothing is annotated"
         raise DataError(file, expected="an annotation file", got="no such file", do=do)
     refuse_escape(root, file, file=file)
-    return read_annotations(file)
+    return file
+
+
+def open_native(
+    root: Path,
+    *,
+    evaluated_size_px: tuple[int, int] | None = None,
+    ego_motion: Source = "recorded",
+    calibration: Source = "recorded",
+    annotations: Path | None = None,
+    on_error: ErrorHandler = STRICT,
+) -> Recording:
+    """Open a native recording.
+
+    Args:
+        root: its folder.
+        evaluated_size_px: (width, height) at which images are evaluated; None for as stored.
+        ego_motion: "exact" for the true poses of a synthetic recording instead of what its car reports.
+        calibration: "exact" for where its sensors are instead of where its calibration says that they are.
+        annotations: annotation file that stands in for the recording's own where it exists.
+        on_error: takes errors; the default raises the first.
+
+    Raises:
+        DataError: a file that is missing or not what the format asks for.
+    """
+    head: RecordingHead | None = None
+    cameras: dict[str, MountedCamera] = {}
+    images: dict[str, tuple[ImageRef, ...]] = {}
+    with reporting_all(on_error, lambda _: json_faults(RecordingHead, root / HEAD)):
+        head = _read_head(root, calibration)
+    if head is not None:
+        for refuse in (_refuse_other_name, _refuse_uncalibrated):
+            with reporting(on_error):
+                refuse(root, head)
+        for name, entry in head.cameras.items():
+            with reporting(on_error):
+                cameras[name] = _mounted_camera(root, name, entry, head, evaluated_size_px)
+        for name in head.cameras:
+            with reporting(on_error):
+                images[name] = _image_refs(root, name, on_error)
+    trajectory = _trajectory(root, ego_motion, on_error)
+    sweeps: tuple[SweepRef, ...] = ()
+    with reporting(on_error):
+        sweeps = _sweep_refs(root, on_error)
+    tracks = _tracks(root, annotations, on_error)
+    usable = [name for name in cameras if name in images]
+    if head is None or not usable:
+        on_error.stop()
+    return Recording(
+        name=root.resolve().name,
+        root=root,
+        licence=head.licence,
+        frame_interval_ns=head.frame_interval_ns,
+        cameras={name: cameras[name] for name in usable},
+        images={name: images[name] for name in usable},
+        trajectory=trajectory,
+        vehicle_from_lidar=head.lidar.vehicle_from_lidar.transform,
+        sweeps=sweeps,
+        tracks=tracks,
+        vehicle_outline_m=np.array(head.vehicle.outline_m, dtype=np.float64),
+        lidar_from_beams=_lidar_from_beams(head.lidar),
+    )
+
+
+def native_recordings(
+    root: Path, *, options: Mapping[str, Any], card: Path, annotations: Path | None
+) -> tuple[RecordingHandle, ...]:
+    """The adapter `native`: each folder of `root` that looks like a recording, or `root` itself.
+
+    One without `recording.json` but with images or annotations is listed too: opening it says what is missing.
+
+    Raises:
+        DataError: options that do not exist.
+    """
+    chosen = validated(NativeOptions, options, file=card, field="options")
+    folders = [root] if (root / HEAD).is_file() else sorted(path for path in root.glob("[!.]*/") if _is_recording(path))
+    handles = []
+    for folder in folders:
+        opener = partial(
+            open_native,
+            folder,
+            evaluated_size_px=chosen.evaluated_size_px,
+            ego_motion=chosen.ego_motion,
+            calibration=chosen.calibration,
+            annotations=None if annotations is None else annotations / f"{folder.name}.json",
+        )
+        handles.append(RecordingHandle(name=folder.name, opener=opener, lenient=True))
+    return tuple(handles)
+
+
+def _is_recording(folder: Path) -> bool:
+    return any((folder / name).exists() for name in (HEAD, "images", "annotations.json"))

@@ -59,7 +59,7 @@ def parse_json(model: type[Model], content: bytes, file: Path, *, strict: bool =
         raise _data_error(error, file) from None
 
 
-def salvage_json(model: type[Model], file: Path) -> tuple[Model | None, tuple[DataError, ...]]:
+def lenient_json(model: type[Model], file: Path) -> tuple[Model | None, tuple[DataError, ...]]:
     """What `read_json` gives, or None, and everything that it would refuse, one error each; at most 200."""
     try:
         return model.model_validate_json(_content(file), strict=True), ()
@@ -71,8 +71,8 @@ def salvage_json(model: type[Model], file: Path) -> tuple[Model | None, tuple[Da
 
 
 def json_faults(model: type[BaseModel], file: Path) -> tuple[DataError, ...]:
-    """The faults of `salvage_json` alone."""
-    return salvage_json(model, file)[1]
+    """The faults of `lenient_json` alone."""
+    return lenient_json(model, file)[1]
 
 
 def _content(file: Path) -> bytes:

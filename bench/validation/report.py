@@ -11,7 +11,7 @@ import numpy as np
 
 from bench.errors import DataError
 from bench.recordings import Recording, RecordingHandle
-from bench.recordings.salvage import Salvaged
+from bench.recordings.handles import LenientReading
 from bench.validation.boxes import check_boxes
 from bench.validation.calibration import check_calibration
 from bench.validation.clocks import check_annotation_times, check_clocks, check_coverage
@@ -62,32 +62,30 @@ def validate_recording(
         read: of "images" and "sweeps", how many were read and how many there are.
     """
     opened = _opened(handle)
-    findings = [unusable(error) for error in opened.faults]
+    findings = [unusable(error) for error in opened.errors]
     read = {"images": (0, 0), "sweeps": (0, 0)}
     if opened.recording is not None:
         recording = opened.recording
         for check, needs in CHECKS:
-            if not needs & opened.lost:
+            if not needs & opened.missing:
                 findings += check(recording)
-        findings += _bulk(recording, opened.lost, depth, progress or (lambda _: None), read)
+        findings += _bulk(recording, opened.missing, depth, progress or (lambda _: None), read)
     named = [replace(finding, recording=handle.name) for finding in findings]
     return sorted(named, key=lambda finding: finding.severity != "error"), read
 
 
-def _opened(handle: RecordingHandle) -> Salvaged:
+def _opened(handle: RecordingHandle) -> LenientReading:
     try:
         recording = handle.open()
     except DataError as error:
-        if handle.salvager is None:
-            return Salvaged(faults=(error,), recording=None)
-        salvaged = handle.salvager()
-        return salvaged if salvaged.faults else replace(salvaged, faults=(error,))
-    return Salvaged(faults=(), recording=recording)
+        reading = handle.read_leniently()
+        return reading if reading.errors else replace(reading, errors=(error,))
+    return LenientReading(errors=(), recording=recording)
 
 
 def _bulk(
     recording: Recording,
-    lost: frozenset[str],
+    missing: frozenset[str],
     depth: Depth,
     progress: Callable[[float], None],
     read: dict[str, tuple[int, int]],
@@ -104,7 +102,7 @@ def _bulk(
 
     for camera in recording.cameras:
         yield from check_images(recording, camera, rows[camera], step)
-    occupancy = None if lost else Occupancy(recording)
+    occupancy = None if missing else Occupancy(recording)
     yield from SweepChecks(recording, occupancy).check(sweep_rows, step)
     if occupancy is not None:
         yield from occupancy.findings()

@@ -82,7 +82,7 @@ def test_one_bad_recording_does_not_stop_the_others(monkeypatch, capsys, folder)
         (("DATA", "--adapter", "nomodule"), "expected module:function, got 'nomodule'"),
         (("DATA", "--adapter", "no_such_module_here:list"), "that can be imported"),
         (("DATA", "--adapter", "bench.recordings:no_such"), "that can be imported"),
-        (("nowhere", "--adapter", "bench.recordings.native_listing:native_recordings"), "which is missing"),
+        (("nowhere", "--adapter", "bench.recordings.native:native_recordings"), "which is missing"),
     ],
 )
 def test_mistakes_are_one_clear_line_and_status_2(monkeypatch, capsys, clean, words, message):
@@ -108,6 +108,6 @@ def test_an_adapter_of_the_users_own(monkeypatch, capsys, clean, tmp_path):
     shown = capsys.readouterr().out
     assert "options: expected a DataError for an option that does not exist, got none" in shown
     assert "my_own_adapter:listing breaks 1 promises of the contract of adapters" in shown
-    name = "bench.recordings.native_listing:native_recordings"
+    name = "bench.recordings.native:native_recordings"
     assert call(monkeypatch, "validate", clean / "data", "--adapter", name, "--set", "evaluated_size_px=[32,24]") == 0
     assert f"{name} keeps the contract of adapters" in capsys.readouterr().out

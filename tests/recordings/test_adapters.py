@@ -108,9 +108,7 @@ def test_unknown_options_are_refused_before_anything_is_opened(card, tmp_path):
 
 
 def test_a_package_adds_an_adapter(tmp_path, monkeypatch):
-    point = EntryPoint(
-        name="mine", value="bench.recordings.native_listing:native_recordings", group="fisheye_bench.adapters"
-    )
+    point = EntryPoint(name="mine", value="bench.recordings.native:native_recordings", group="fisheye_bench.adapters")
     monkeypatch.setattr(plug_ins, "entry_points", lambda group: [point] if group == point.group else [])
     native(tmp_path / "data")
     (handle,) = open_dataset(write_card(tmp_path, "mine", {}))

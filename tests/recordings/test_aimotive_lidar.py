@@ -39,7 +39,9 @@ def test_beams_start_at_the_one_lidar_and_points_stay_where_they_are(handle):
     recording = handle(M_LIDAR_M=lidar()).open()
     assert recording.lidar_from_beams.matrix == pytest.approx(MOUNTING.matrix)
     assert np.array_equal(recording.vehicle_from_lidar.matrix, np.eye(4))
-    assert handle(M_LIDAR_M=lidar()).salvager().recording.lidar_from_beams.matrix == pytest.approx(MOUNTING.matrix)
+    assert handle(M_LIDAR_M=lidar()).read_leniently().recording.lidar_from_beams.matrix == pytest.approx(
+        MOUNTING.matrix
+    )
 
 
 @pytest.mark.parametrize("sensors", [{}, {"LEFT": lidar(), "RIGHT": lidar()}, {"M_LIDAR_M": [1, 2]}])
@@ -51,14 +53,14 @@ def test_without_one_lidar_beams_start_at_the_origin(handle, sensors):
     ("matrix", "field"),
     [(2 * np.eye(4), "M_LIDAR_M.RT_body_from_sensor"), (np.eye(3), "M_LIDAR_M"), ("here", "M_LIDAR_M")],
 )
-def test_a_mounting_that_is_none_is_refused_and_told_by_salvage(handle, matrix, field):
+def test_a_mounting_that_is_none_is_refused_and_told_by_lenient_reading(handle, matrix, field):
     broken = handle(M_LIDAR_M=lidar(matrix))
     with pytest.raises(DataError, match=field):
         broken.open()
-    salvaged = broken.salvager()
-    assert len(salvaged.faults) == 1
-    assert field in str(salvaged.faults[0])
-    assert salvaged.recording is not None
+    reading = broken.read_leniently()
+    assert len(reading.errors) == 1
+    assert field in str(reading.errors[0])
+    assert reading.recording is not None
 
 
 def test_a_calibration_that_is_none_is_told_once(handle, tmp_path):
@@ -67,7 +69,7 @@ def test_a_calibration_that_is_none_is_told_once(handle, tmp_path):
     file.write_text("[]")
     with pytest.raises(DataError, match="expected calibrations by sensor name, got list"):
         read_lidar_mounting(tmp_path, file.parents[2])
-    assert len([fault for fault in found.salvager().faults if str(file) in str(fault)]) == 1
+    assert len([fault for fault in found.read_leniently().errors if str(file) in str(fault)]) == 1
 
 
 @needs_real

@@ -14,8 +14,7 @@ from bench.recordings import RecordingHandle, catalogue
 from bench.recordings.aimotive.adapter import aimotive_recordings
 from bench.recordings.contract import adapter_faults, check_adapter
 from bench.recordings.kitti360.adapter import kitti360_recordings
-from bench.recordings.native import open_native
-from bench.recordings.native_listing import native_recordings
+from bench.recordings.native import native_recordings, open_native
 from bench.recordings.validation import FileModel, validated
 from bench.recordings.woodscape.adapter import woodscape_recordings
 from tests.recordings import tiny, tiny_aimotive, tiny_kitti360, tiny_woodscape
@@ -134,9 +133,7 @@ def test_adapters_of_data_sets_keep_it(tmp_path, adapter, miniature):
 
 def test_an_adapter_of_another_package_keeps_it(root, monkeypatch):
     """One that is found by its entry point, as an installed package gives it."""
-    point = EntryPoint(
-        name="mine", value="bench.recordings.native_listing:native_recordings", group="fisheye_bench.adapters"
-    )
+    point = EntryPoint(name="mine", value="bench.recordings.native:native_recordings", group="fisheye_bench.adapters")
     monkeypatch.setattr(plug_ins, "entry_points", lambda group: [point] if group == point.group else [])
     check_adapter(catalogue._adapter("mine"), root)
 

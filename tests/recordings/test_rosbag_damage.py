@@ -94,7 +94,7 @@ def indices(recording):
 def test_nothing_is_wrong_with_a_whole_bag(whole, tmp_path):
     root = copied(whole, tmp_path)
     assert indices(handle_of(root).open()) == list(range(IMAGES))
-    assert handle_of(root).salvager().faults == ()
+    assert handle_of(root).read_leniently().errors == ()
 
 
 REPAIR = {
@@ -111,9 +111,9 @@ def refused(root, file, told=""):
         assert str(caught.value).startswith(str(root / "drive" / file.name))
         assert told in str(caught.value)
         assert str(caught.value).endswith(REPAIR[file.suffix])
-    salvaged = handle_of(root).salvager()
-    assert salvaged.recording is None
-    assert str(salvaged.faults[-1]) == str(caught.value)
+    reading = handle_of(root).read_leniently()
+    assert reading.recording is None
+    assert str(reading.errors[-1]) == str(caught.value)
 
 
 @pytest.mark.parametrize("share", [0.3, 0.7, 0.999])
@@ -137,7 +137,7 @@ def test_a_recorder_that_died_left_no_metadata(whole, tmp_path):
     with pytest.raises(DataError, match=r"accept_losses: true to use the rest") as caught:
         handle_of(root).open()
     assert told in str(caught.value)
-    (fault,) = handle_of(root).salvager().faults
+    (fault,) = handle_of(root).read_leniently().errors
     assert told in str(fault)
     assert indices(handle_of(root, accept_losses=True).open()) == list(range(IMAGES))
 
@@ -237,10 +237,10 @@ def test_random_damage_is_told_and_never_a_bug(tmp_path, storage):
         if random.random() < 0.3:
             damaged = damaged[: random.integers(1, len(content))]
         root = copied(small, tmp_path, bytes(damaged))
-        for salvage in (False, True):
+        for lenient in (False, True):
             handle = handle_of(root, accept_losses=True)
             try:
-                recording = handle.salvager().recording if salvage else handle.open()
+                recording = handle.read_leniently().recording if lenient else handle.open()
                 for ref in recording.images["front"] if recording else ():
                     read_image(ref, recording.cameras["front"])
                 for ref in recording.sweeps if recording else ():
@@ -590,9 +590,9 @@ def test_a_lost_trajectory_leaves_the_rest(tmp_path):
     bags.write_bag(root / "drive", [row for row in bags.drive() if row[0] != bags.ODOM])
     with pytest.raises(DataError, match=r"/odom: expected messages of the ego-motion, got none"):
         handle_of(root, accept_losses=True).open()
-    salvaged = handle_of(root).salvager()
-    assert "trajectory" in salvaged.lost
-    assert indices_of_tiny(salvaged.recording) == [0, 1, 2]
+    reading = handle_of(root).read_leniently()
+    assert "trajectory" in reading.missing
+    assert indices_of_tiny(reading.recording) == [0, 1, 2]
 
 
 def test_memory_does_not_grow_with_the_length(tmp_path):

@@ -14,7 +14,7 @@ from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep, read_sweep
 from bench.lidar.files import write_sweep
 from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track
-from bench.recordings.native_listing import native_recordings
+from bench.recordings.native import native_recordings
 from bench.validation import Depth, Severity, boxes, occupancy, validate_recording
 from bench.validation.boxes import check_boxes
 from tests.recordings import tiny

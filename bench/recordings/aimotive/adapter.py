@@ -31,16 +31,18 @@ from typing import Any
 
 import numpy as np
 
+from bench.egomotion import Trajectory
+from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.recordings.aimotive.boxes import read_box_frame, tracks_from_boxes
+from bench.recordings.aimotive.boxes import BoxFrame, frames_in_order, read_box_frame, tracks_from_boxes
 from bench.recordings.aimotive.cameras import FRAME_INTERVAL_NS, AimotiveOptions, read_cameras
 from bench.recordings.aimotive.egomotion import sequence_trajectory
 from bench.recordings.aimotive.files import box_files, image_refs, sweep_refs
 from bench.recordings.aimotive.lidar import read_lidar_mounting
-from bench.recordings.aimotive.salvage import salvage_aimotive
-from bench.recordings.annotations import read_annotations
+from bench.recordings.annotations import annotations_or_none
+from bench.recordings.error_handlers import STRICT, ErrorHandler, reporting, stationary
 from bench.recordings.handles import RecordingHandle
-from bench.recordings.records import Recording
+from bench.recordings.records import ImageRef, Recording, SweepRef, Track
 from bench.recordings.validation import validated
 
 
@@ -55,22 +57,25 @@ def aimotive_recordings(
     chosen = validated(AimotiveOptions, options, file=card, field="options")
     handles = []
     for sequence in sorted(path for path in root.glob("data/*/*/*") if path.is_dir()):
-        how: dict[str, Any] = {
-            "sequence": sequence.relative_to(root).as_posix(),
-            "options": chosen,
-            "annotations": None if annotations is None else annotations / f"{sequence.name}.json",
-        }
-        handles.append(
-            RecordingHandle(
-                name=sequence.name,
-                opener=partial(open_aimotive, root, **how),
-                salvager=partial(salvage_aimotive, root, **how),
-            )
+        opener = partial(
+            open_aimotive,
+            root,
+            sequence=sequence.relative_to(root).as_posix(),
+            options=chosen,
+            annotations=None if annotations is None else annotations / f"{sequence.name}.json",
         )
+        handles.append(RecordingHandle(name=sequence.name, opener=opener, lenient=True))
     return tuple(handles)
 
 
-def open_aimotive(root: Path, *, sequence: str, options: AimotiveOptions, annotations: Path | None = None) -> Recording:
+def open_aimotive(
+    root: Path,
+    *,
+    sequence: str,
+    options: AimotiveOptions,
+    annotations: Path | None = None,
+    on_error: ErrorHandler = STRICT,
+) -> Recording:
     """Open a sequence.
 
     Args:
@@ -78,30 +83,74 @@ def open_aimotive(root: Path, *, sequence: str, options: AimotiveOptions, annota
         sequence: path of the sequence below `root`.
         options: as in the card.
         annotations: annotation file that stands in for the boxes where it exists.
+        on_error: takes errors; the default raises the first.
 
     Raises:
         DataError: a file that is missing or not what the format asks for.
     """
     folder = root / sequence
-    cameras = read_cameras(root, folder, options)
-    boxes = {number: read_box_frame(path) for number, path in box_files(root, folder).items()}
+    cameras = read_cameras(root, folder, options, on_error)
+    boxes, untold = _boxes(root, folder, on_error)
     times_ns = {number: frame.timestamp_ns for number, frame in boxes.items()}
-    trajectory = sequence_trajectory(root, folder, options, times_ns)
-    if annotations is not None and annotations.is_file():
-        tracks = read_annotations(annotations)
-    else:
-        tracks = tracks_from_boxes(tuple(boxes.values()), trajectory)
+    trajectory = sequence_trajectory(root, folder, options, times_ns, on_error)
+    tracks = _tracks(boxes, trajectory, annotations, on_error)
+    images: dict[str, tuple[ImageRef, ...]] = dict.fromkeys(cameras, ())
+    for name in cameras:
+        with reporting(on_error):
+            images[name] = image_refs(root, folder, name, times_ns, on_error, untold=untold)
+    sweeps: tuple[SweepRef, ...] = ()
+    with reporting(on_error):
+        sweeps = sweep_refs(root, folder, times_ns, on_error, untold=untold)
+    lidar_from_beams = _lidar_mounting(root, folder, on_error)
+    if not cameras or not boxes:
+        on_error.stop()
+    if trajectory is None:
+        on_error.leave_out("trajectory")
+    if tracks is None:
+        on_error.leave_out("annotations")
     return Recording(
         name=folder.name,
         root=root,
         licence=options.licence,
         frame_interval_ns=FRAME_INTERVAL_NS,
         cameras=cameras,
-        images={name: image_refs(root, folder, name, times_ns) for name in cameras},
-        trajectory=trajectory,
+        images=images,
+        trajectory=trajectory or stationary(root),
         vehicle_from_lidar=RigidTransform.identity(),
-        sweeps=sweep_refs(root, folder, times_ns),
-        tracks=tracks,
+        sweeps=sweeps,
+        tracks=tracks or (),
         vehicle_outline_m=np.array(options.vehicle_outline_m, dtype=np.float64),
-        lidar_from_beams=read_lidar_mounting(root, folder),
+        lidar_from_beams=lidar_from_beams,
     )
+
+
+def _boxes(root: Path, folder: Path, on_error: ErrorHandler) -> tuple[dict[int, BoxFrame], frozenset[int]]:
+    """Frames by increasing time, and the numbers of those that cannot be used."""
+    files: Mapping[int, Path] = {}
+    with reporting(on_error):
+        files = box_files(root, folder, on_error)
+    read = {number: read_box_frame(file, on_error) for number, file in files.items()}
+    frames = frames_in_order({number: frame for number, frame in read.items() if frame is not None}, on_error)
+    return frames, frozenset(files) - frozenset(frames)
+
+
+def _tracks(
+    boxes: Mapping[int, BoxFrame], trajectory: Trajectory | None, annotations: Path | None, on_error: ErrorHandler
+) -> tuple[Track, ...] | None:
+    """None after an error, or where there is no ego-motion to add to the velocities."""
+    if annotations is not None and annotations.is_file():
+        return annotations_or_none(annotations, on_error)
+    if trajectory is not None:
+        with reporting(on_error):
+            return tracks_from_boxes(tuple(boxes.values()), trajectory)
+    return None
+
+
+def _lidar_mounting(root: Path, folder: Path, on_error: ErrorHandler) -> RigidTransform:
+    """The identity after an error; one of the whole file was reported with the cameras."""
+    try:
+        return read_lidar_mounting(root, folder)
+    except DataError as error:
+        if error.field is not None:
+            on_error(error)
+        return RigidTransform.identity()

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import islice, pairwise
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +15,9 @@ from pydantic import ConfigDict, Field, field_validator
 from bench.egomotion import Trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
+from bench.recordings.error_handlers import ErrorHandler, OnError, reporting_all
 from bench.recordings.records import Cuboid, ObjectState, Track, yaw_rates
-from bench.recordings.validation import MOST_FAULTS, FileModel, TimeNs, read_json, salvage_json
+from bench.recordings.validation import MOST_FAULTS, FileModel, TimeNs, json_faults, read_json
 
 CLASSES = {
     "CAR": "vehicle",
@@ -88,22 +89,25 @@ class BoxFrame:
     boxes: tuple[Box, ...]
 
 
-def read_box_frame(file: Path) -> BoxFrame:
+def read_box_frame(file: Path, on_error: ErrorHandler) -> BoxFrame | None:
     """Read a box file.
 
-    Raises:
-        DataError: missing, a key that is absent or not a number, an unknown type of object, an object named twice.
+    Args:
+        file: JSON.
+        on_error: takes errors, at most 200: a missing file, a key that is absent or not a number, an unknown type of
+            object, an object named twice. Objects are looked at once the values are sound.
+
+    Returns:
+        The boxes; None after an error.
     """
-    content = read_json(BoxFile, file)
-    for fault in _object_faults(content, file):
-        raise fault
-    return BoxFrame(file=file, timestamp_ns=content.timestamp_ns, boxes=content.objects)
-
-
-def box_frame_faults(file: Path) -> tuple[DataError, ...]:
-    """All that `read_box_frame` would refuse, at most 200; objects are looked at once the values are sound."""
-    content, faults = salvage_json(BoxFile, file)
-    return faults if content is None else tuple(islice(_object_faults(content, file), MOST_FAULTS))
+    with reporting_all(on_error, lambda _: json_faults(BoxFile, file)):
+        content = read_json(BoxFile, file)
+        faults = list(islice(_object_faults(content, file), MOST_FAULTS))
+        if not faults:
+            return BoxFrame(file=file, timestamp_ns=content.timestamp_ns, boxes=content.objects)
+        for fault in faults:
+            on_error(fault)
+    return None
 
 
 def _object_faults(content: BoxFile, file: Path) -> Iterator[DataError]:
@@ -120,6 +124,19 @@ def _object_faults(content: BoxFile, file: Path) -> Iterator[DataError]:
         seen.add(box.object_id)
 
 
+def frames_in_order(frames: Mapping[int, BoxFrame], on_error: OnError) -> dict[int, BoxFrame]:
+    """The frames of increasing time; one that is not later than the one before it is an error."""
+    ordered: dict[int, BoxFrame] = {}
+    last_ns: int | None = None
+    for number, frame in frames.items():
+        if last_ns is not None and frame.timestamp_ns <= last_ns:
+            got = f"{frame.timestamp_ns} after {last_ns}"
+            on_error(DataError(frame.file, field="Timestamp", expected="times that increase", got=got))
+        else:
+            ordered[number], last_ns = frame, frame.timestamp_ns
+    return ordered
+
+
 def tracks_from_boxes(frames: Sequence[BoxFrame], trajectory: Trajectory) -> tuple[Track, ...]:
     """Join boxes to tracks by their number and add the ego-motion to their velocities.
 
@@ -131,12 +148,8 @@ def tracks_from_boxes(frames: Sequence[BoxFrame], trajectory: Trajectory) -> tup
         Tracks by object number.
 
     Raises:
-        DataError: times that do not increase, or without ego-motion.
+        DataError: times without ego-motion.
     """
-    for before, after in pairwise(frames):
-        if after.timestamp_ns <= before.timestamp_ns:
-            got = f"{after.timestamp_ns} after {before.timestamp_ns}"
-            raise DataError(after.file, field="Timestamp", expected="times that increase", got=got)
     boxes: dict[int, list[Box]] = defaultdict(list)
     times_ns: dict[int, list[int]] = defaultdict(list)
     ego_mps = {frame.timestamp_ns: trajectory.velocity_vehicle_mps(frame.timestamp_ns) for frame in frames}

@@ -14,9 +14,9 @@ from bench.cameras import UnifiedCamera
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform, RoadPlane
 from bench.recordings.atomic import refuse_escape
+from bench.recordings.error_handlers import STRICT, OnError, reporting
 from bench.recordings.images import Polygon, body_mask, scaled_camera
 from bench.recordings.records import MountedCamera
-from bench.recordings.salvage import Complaint, refuse
 from bench.recordings.text_files import read_text
 from bench.recordings.validation import FileModel, SidePx, data_error, validated
 
@@ -80,30 +80,19 @@ class CameraCalibration(FileModel):
     RT_body_from_sensor: tuple[tuple[float, float, float, float], ...] = Field(min_length=4, max_length=4)
 
 
-def read_cameras(root: Path, folder: Path, options: AimotiveOptions) -> dict[str, MountedCamera]:
+def read_cameras(
+    root: Path, folder: Path, options: AimotiveOptions, on_error: OnError = STRICT
+) -> dict[str, MountedCamera]:
     """Read the calibration of a sequence.
 
     Args:
         root: folder of the data set, which the file must not leave.
         folder: of the sequence.
         options: which cameras, at which size, with which masks.
+        on_error: takes errors: a missing file, a camera without a calibration, or one of another model.
 
-    Raises:
-        DataError: missing, a camera without a calibration, or one of another model.
-    """
-    return salvage_cameras(root, folder, options, refuse)
-
-
-def salvage_cameras(
-    root: Path, folder: Path, options: AimotiveOptions, complain: Complaint
-) -> dict[str, MountedCamera]:
-    """The cameras that can be used.
-
-    Args:
-        root: as for `read_cameras`, with `folder` and `options`.
-        folder: of the sequence.
-        options: which cameras, at which size, with which masks.
-        complain: takes every fault.
+    Returns:
+        The cameras that can be used.
     """
     file = folder / CALIBRATION
     try:
@@ -112,16 +101,14 @@ def salvage_cameras(
         if not names:
             raise DataError(folder / "sensor/camera", expected="images of a camera with a known model", got="none")
     except DataError as error:
-        complain(error)
+        on_error(error)
         return {}
     cameras: dict[str, MountedCamera] = {}
     for name in names:
-        try:
+        with reporting(on_error):
             if name not in content:
                 raise DataError(file, field=name, expected="a calibration of this camera", got="none")
             cameras[name] = _camera(name, content[name], file, options)
-        except DataError as error:
-            complain(error)
     return cameras
 
 

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bench.egomotion import Trajectory, read_bus_signals
+from bench.egomotion import Trajectory, bus_signal_faults, read_bus_signals
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
 from bench.recordings.aimotive.cameras import AimotiveOptions
 from bench.recordings.atomic import path_inside, refuse_escape
-from bench.recordings.salvage import Complaint, collected, refuse
+from bench.recordings.error_handlers import ErrorHandler, OnError, at_most, reporting, reporting_all
 from bench.recordings.text_files import read_text
 from bench.recordings.validation import MOST_FAULTS, data_error
 
@@ -25,16 +25,24 @@ POSE = "RT_ECEF_body"
 AXES_M = np.array([6_378_137.0, 6_378_137.0, 6_356_752.3142])  # of the WGS 84 ellipsoid
 
 
-def sequence_trajectory(root: Path, folder: Path, options: AimotiveOptions, times_ns: Mapping[int, int]) -> Trajectory:
+def sequence_trajectory(
+    root: Path, folder: Path, options: AimotiveOptions, times_ns: Mapping[int, int], on_error: ErrorHandler
+) -> Trajectory | None:
     """The ego-motion that the card names, or the data set's own; arguments and errors as for `read_egomotion`."""
     if options.ego_motion is None:
-        return read_egomotion(root, folder, times_ns)
-    name = options.ego_motion.file.replace("{sequence}", folder.name)
-    path = path_inside(root, name, file=root, field="options.ego_motion.file")
-    return read_bus_signals(path, columns=options.ego_motion.columns).trajectory()
+        with reporting(on_error):
+            return read_egomotion(root, folder, times_ns, on_error)
+        return None
+    columns = options.ego_motion.columns
+    with reporting(on_error):
+        name = options.ego_motion.file.replace("{sequence}", folder.name)
+        path = path_inside(root, name, file=root, field="options.ego_motion.file")
+        with reporting_all(on_error, lambda _: () if columns else bus_signal_faults(path)):
+            return read_bus_signals(path, columns=columns).trajectory()
+    return None
 
 
-def read_egomotion(root: Path, folder: Path, times_ns: Mapping[int, int]) -> Trajectory:
+def read_egomotion(root: Path, folder: Path, times_ns: Mapping[int, int], on_error: ErrorHandler) -> Trajectory | None:
     """Read the poses.
 
     The file maps frame numbers to entries with a 4 x 4 matrix that takes points of the body into the earth-centred,
@@ -44,12 +52,18 @@ def read_egomotion(root: Path, folder: Path, times_ns: Mapping[int, int]) -> Tra
         root: folder of the data set, which the file must not leave.
         folder: of the sequence.
         times_ns: of frames, from the files of boxes; poses of other frames are passed over.
+        on_error: takes entries that are no poses, at most 200.
+
+    Returns:
+        The trajectory; None after an error.
 
     Raises:
-        DataError: missing, not JSON, or an entry that is no pose.
+        DataError: missing, not JSON, or fewer than two poses.
     """
     file = folder / FILE
-    poses = _poses(root, file, times_ns, refuse)
+    poses = _poses(root, file, times_ns, at_most(MOST_FAULTS, on_error))
+    if poses is None or not times_ns:
+        return None
     frames = sorted(poses)
     if len(frames) < 2:
         expected = f"poses of two frames at least, of those from {min(times_ns)} to {max(times_ns)}"
@@ -65,15 +79,8 @@ def read_egomotion(root: Path, folder: Path, times_ns: Mapping[int, int]) -> Tra
     )
 
 
-def egomotion_faults(root: Path, folder: Path, times_ns: Mapping[int, int]) -> tuple[DataError, ...]:
-    """Every entry that `read_egomotion` would refuse, at most 200."""
-    faults: list[DataError] = []
-    with collected(faults):
-        _poses(root, folder / FILE, times_ns, faults.append)
-    return tuple(faults[:MOST_FAULTS])
-
-
-def _poses(root: Path, file: Path, times_ns: Mapping[int, int], complain: Complaint) -> dict[int, RigidTransform]:
+def _poses(root: Path, file: Path, times_ns: Mapping[int, int], on_error: OnError) -> dict[int, RigidTransform] | None:
+    """By frame; None after an error of one."""
     refuse_escape(root, file, file=file)
     try:
         content = json.loads(read_text(file))
@@ -82,13 +89,15 @@ def _poses(root: Path, file: Path, times_ns: Mapping[int, int], complain: Compla
     if not isinstance(content, dict):
         raise DataError(file, expected="poses by frame number", got=type(content).__name__)
     poses: dict[int, RigidTransform] = {}
+    complete = True
     for key in content:
         if _is_wanted(key, times_ns):
             try:
                 poses[int(key)] = _pose(content[key], key, file)
             except DataError as error:
-                complain(error)
-    return poses
+                on_error(error)
+                complete = False
+    return poses if complete else None
 
 
 def _is_wanted(key: str, times_ns: Mapping[int, int]) -> bool:

@@ -9,19 +9,19 @@ from pathlib import Path
 from bench.errors import DataError
 from bench.lidar import read_sweep
 from bench.recordings.atomic import refuse_escape
+from bench.recordings.error_handlers import OnError
 from bench.recordings.records import ImageRef, SweepRef
-from bench.recordings.salvage import Complaint, refuse
 
 BOXES = "dynamic/box/3d_body"
 SWEEPS = "dynamic/raw-revolutions"
 
 
-def box_files(root: Path, folder: Path, complain: Complaint = refuse) -> dict[int, Path]:
+def box_files(root: Path, folder: Path, on_error: OnError) -> dict[int, Path]:
     """Files of boxes, which also tell the times of frames."""
-    frames = _numbered(root, folder / BOXES, r"frame_(\d+)\.json", complain)
+    frames = _numbered(root, folder / BOXES, r"frame_(\d+)\.json", on_error)
     if not frames:
         expected = "files frame_<number>.json, which tell the times of frames"
-        complain(DataError(folder / BOXES, expected=expected, got="none"))
+        on_error(DataError(folder / BOXES, expected=expected, got="none"))
     return frames
 
 
@@ -30,9 +30,9 @@ def image_refs(
     folder: Path,
     camera: str,
     times_ns: Mapping[int, int],
-    complain: Complaint = refuse,
+    on_error: OnError,
     *,
-    untold: frozenset[int] = frozenset(),
+    untold: frozenset[int],
 ) -> tuple[ImageRef, ...]:
     """The images of a camera.
 
@@ -41,14 +41,14 @@ def image_refs(
         folder: of the sequence.
         camera: name.
         times_ns: of frames.
-        complain: takes images whose frame has no time.
-        untold: frames whose time is known to be lost; nothing is said of them again.
+        on_error: takes images whose frame has no time.
+        untold: frames whose time could not be read, which was reported already.
     """
     place = folder / "sensor/camera" / camera
-    paths = _numbered(root, place, rf"{re.escape(camera)}_(\d+)\.(?:jpg|png)", complain)
+    paths = _numbered(root, place, rf"{re.escape(camera)}_(\d+)\.(?:jpg|png)", on_error)
     if not paths:
-        complain(DataError(place, expected=f"images {camera}_<number>.jpg", got="none"))
-    timed = _timed(paths, times_ns, complain, untold)
+        on_error(DataError(place, expected=f"images {camera}_<number>.jpg", got="none"))
+    timed = _timed(paths, times_ns, on_error, untold)
     return tuple(ImageRef(camera=camera, timestamp_ns=times_ns[n], path=path) for n, path in timed.items())
 
 
@@ -56,26 +56,26 @@ def sweep_refs(
     root: Path,
     folder: Path,
     times_ns: Mapping[int, int],
-    complain: Complaint = refuse,
+    on_error: OnError,
     *,
-    untold: frozenset[int] = frozenset(),
+    untold: frozenset[int],
 ) -> tuple[SweepRef, ...]:
     """The revolutions; arguments as for `image_refs`."""
-    paths = _numbered(root, folder / SWEEPS, r"frame_(\d+)\.laz", complain)
-    timed = _timed(paths, times_ns, complain, untold)
+    paths = _numbered(root, folder / SWEEPS, r"frame_(\d+)\.laz", on_error)
+    timed = _timed(paths, times_ns, on_error, untold)
     return tuple(SweepRef(timestamp_ns=times_ns[n], path=path, reader=read_sweep) for n, path in timed.items())
 
 
 def _timed(
-    paths: Mapping[int, Path], times_ns: Mapping[int, int], complain: Complaint, untold: frozenset[int]
+    paths: Mapping[int, Path], times_ns: Mapping[int, int], on_error: OnError, untold: frozenset[int]
 ) -> dict[int, Path]:
     for number, path in paths.items():
         if number not in times_ns and number not in untold:
-            complain(DataError(path, expected=f"{BOXES}/frame_{number:07d}.json with its time", got="no such file"))
+            on_error(DataError(path, expected=f"{BOXES}/frame_{number:07d}.json with its time", got="no such file"))
     return {number: path for number, path in paths.items() if number in times_ns}
 
 
-def _numbered(root: Path, folder: Path, pattern: str, complain: Complaint) -> dict[int, Path]:
+def _numbered(root: Path, folder: Path, pattern: str, on_error: OnError) -> dict[int, Path]:
     if not folder.is_dir():
         return {}
     refuse_escape(root, folder, file=folder)
@@ -90,7 +90,7 @@ def _numbered(root: Path, folder: Path, pattern: str, complain: Complaint) -> di
             if int(match[1]) in found:
                 raise DataError(path, expected="one file for each frame", got=f"also {found[int(match[1])].name}")
         except DataError as error:
-            complain(error)
+            on_error(error)
         else:
             found[int(match[1])] = path
     return dict(sorted(found.items()))

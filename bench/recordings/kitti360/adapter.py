@@ -20,6 +20,7 @@ What is translated here, once:
 from __future__ import annotations
 
 import re
+from collections import deque
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -28,11 +29,12 @@ from typing import Any
 import numpy as np
 
 from bench.errors import DataError
-from bench.recordings.annotations import read_annotations
+from bench.recordings.annotations import annotations_or_none
 from bench.recordings.atomic import refuse_escape
+from bench.recordings.error_handlers import STRICT, ErrorHandler, at_most, reporting, reporting_all, stationary
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.kitti360.boxes import read_boxes
-from bench.recordings.kitti360.calibration import Kitti360Options, read_rig
+from bench.recordings.kitti360.calibration import CameraName, Kitti360Options, Rig, read_rig
 from bench.recordings.kitti360.files import (
     BOXES,
     IMAGES,
@@ -42,17 +44,18 @@ from bench.recordings.kitti360.files import (
     camera_names,
     image_files,
     image_refs,
+    pose_faults,
     read_clock,
     read_drive,
     sweep_files,
     sweep_refs,
     wanted_frames,
 )
-from bench.recordings.kitti360.salvage import salvage_kitti360
 from bench.recordings.kitti360.tracks import Annotated, tracks_from_world
-from bench.recordings.records import Recording
-from bench.recordings.validation import validated
+from bench.recordings.records import ImageRef, Recording
+from bench.recordings.validation import MOST_FAULTS, validated
 
+EVERYTHING = Annotated(tracks=(), windows=())
 SEQUENCE = re.compile(r"\d{4}_\d\d_\d\d_drive_(\d{4})_sync")
 
 
@@ -71,19 +74,20 @@ def kitti360_recordings(
     sequences = sorted(p.name for p in folder.iterdir() if SEQUENCE.fullmatch(p.name) and camera_names(p, chosen))
     handles = []
     for name in sequences:
-        layer = None if annotations is None else annotations / f"{name}.json"
-        how: dict[str, Any] = {"sequence": name, "options": chosen, "annotations": layer}
-        handles.append(
-            RecordingHandle(
-                name=name,
-                opener=partial(open_kitti360, root, **how),
-                salvager=partial(salvage_kitti360, root, **how),
-            )
-        )
+        file = None if annotations is None else annotations / f"{name}.json"
+        opener = partial(open_kitti360, root, sequence=name, options=chosen, annotations=file)
+        handles.append(RecordingHandle(name=name, opener=opener, lenient=True))
     return tuple(handles)
 
 
-def open_kitti360(root: Path, *, sequence: str, options: Kitti360Options, annotations: Path | None = None) -> Recording:
+def open_kitti360(
+    root: Path,
+    *,
+    sequence: str,
+    options: Kitti360Options,
+    annotations: Path | None = None,
+    on_error: ErrorHandler = STRICT,
+) -> Recording:
     """Open a sequence.
 
     Args:
@@ -91,6 +95,7 @@ def open_kitti360(root: Path, *, sequence: str, options: Kitti360Options, annota
         sequence: name of its folders.
         options: as in the card.
         annotations: annotation file that stands in for the boxes where it exists.
+        on_error: takes errors; the default raises the first.
 
     Raises:
         DataError: a file that is missing or not what the format asks for.
@@ -98,50 +103,105 @@ def open_kitti360(root: Path, *, sequence: str, options: Kitti360Options, annota
     folder = root / IMAGES / sequence
     names = camera_names(folder, options)
     if not names:
-        raise DataError(folder, expected=f"images of {' or '.join(options.cameras)}", got="none")
-    rig = read_rig(root, names, options)
-    images = {name: image_files(root, sequence, name) for name in names}
-    clock = _clock(root, folder, names[0], images[names[0]])
-    poses = root / POSES / sequence / "poses.txt"
-    refuse_escape(root, poses, file=poses)
-    drive = read_drive(
-        poses, clock, rig.vehicle_from_imu, max_gap_s=options.max_pose_gap_s, standing_m=options.standing_m
-    )
-    annotated = _annotated(root, sequence, drive, clock, options, annotations)
-    expected = wanted_frames(sequence, options, annotated.covers)
+        on_error(DataError(folder, expected=f"images of {' or '.join(options.cameras)}", got="none"))
+    rig = read_rig(root, names, options, on_error)
+    images: dict[CameraName, Mapping[int, Path]] = {}
+    for name in names:
+        with reporting(on_error):
+            images[name] = image_files(root, sequence, name, on_error)
+    clock = _clock(root, folder, images, on_error)
+    drive = _drive(root, sequence, clock, rig, options, on_error)
+    annotated = _annotated(root, sequence, drive, clock, options, annotations, on_error)
+    expected = wanted_frames(sequence, options, (annotated or EVERYTHING).covers)
+    refs: dict[str, tuple[ImageRef, ...]] = {}
+    if clock is not None:
+        refs = {name: image_refs(name, images.get(name, {}), clock, expected, on_error) for name in names}
+    sweeps: Mapping[int, Path] = {}
+    with reporting(on_error):
+        sweeps = sweep_files(root, sequence, on_error)
+    if rig is None or clock is None or not rig.cameras:
+        on_error.stop()
+    if drive is None:
+        on_error.leave_out("trajectory")
+    if annotated is None:
+        on_error.leave_out("annotations")
     return Recording(
         name=sequence,
         root=root,
         licence=options.licence,
         frame_interval_ns=clock.interval_ns,
         cameras=rig.cameras,
-        images={name: image_refs(name, images[name], clock, expected) for name in names},
-        trajectory=drive.trajectory,
+        images={name: refs[name] for name in rig.cameras},
+        trajectory=stationary(root) if drive is None else drive.trajectory,
         vehicle_from_lidar=rig.vehicle_from_lidar,
-        sweeps=sweep_refs(sweep_files(root, sequence), clock, expected),
-        tracks=annotated.tracks,
+        sweeps=sweep_refs(sweeps, clock, expected, on_error),
+        tracks=() if annotated is None else annotated.tracks,
         vehicle_outline_m=np.array(options.vehicle_outline_m, dtype=np.float64),
     )
 
 
-def _clock(root: Path, folder: Path, camera: str, images: Mapping[int, Path]) -> FrameClock:
-    file = folder / camera / "timestamps.txt"
-    refuse_escape(root, file, file=file)
-    if not images:
-        raise DataError(folder / camera / "data_rgb", expected="images <frame, ten digits>.png", got="none")
-    return read_clock(file, list(images))
+def _clock(
+    root: Path, folder: Path, images: Mapping[CameraName, Mapping[int, Path]], on_error: ErrorHandler
+) -> FrameClock | None:
+    """The clock of the first camera; in lenient reading, of the first that has one."""
+    for camera, files in images.items():
+        file = folder / camera / "timestamps.txt"
+        with reporting(on_error):
+            refuse_escape(root, file, file=file)
+            if not files:
+                on_error(DataError(folder / camera / "data_rgb", expected="images <frame, ten digits>.png", got="none"))
+            clock = read_clock(file, list(files), on_error)
+            if clock is not None:
+                return clock
+    return None
+
+
+def _drive(
+    root: Path,
+    sequence: str,
+    clock: FrameClock | None,
+    rig: Rig | None,
+    options: Kitti360Options,
+    on_error: ErrorHandler,
+) -> Drive | None:
+    """None after an error; also without a clock or a rig are the poses read, so that every error is told."""
+    file = root / POSES / sequence / "poses.txt"
+    with reporting(on_error):
+        refuse_escape(root, file, file=file)
+        if rig is None or clock is None:
+            for error in pose_faults(file, clock):
+                on_error(error)
+            return None
+        with reporting_all(on_error, lambda _: pose_faults(file, clock)):
+            gap_s, standing_m = options.max_pose_gap_s, options.standing_m
+            return read_drive(file, clock, rig.vehicle_from_imu, max_gap_s=gap_s, standing_m=standing_m)
+    return None
 
 
 def _annotated(
-    root: Path, sequence: str, drive: Drive, clock: FrameClock, options: Kitti360Options, annotations: Path | None
-) -> Annotated:
+    root: Path,
+    sequence: str,
+    drive: Drive | None,
+    clock: FrameClock | None,
+    options: Kitti360Options,
+    annotations: Path | None,
+    on_error: ErrorHandler,
+) -> Annotated | None:
+    """None where there is no trajectory to place the boxes along, or after an error of the whole file."""
     if annotations is not None and annotations.is_file():
-        return Annotated(tracks=read_annotations(annotations), windows=())
+        tracks = annotations_or_none(annotations, on_error)
+        return None if tracks is None else Annotated(tracks=tracks, windows=())
     file = root / BOXES / options.boxes / f"{sequence}.xml"
-    if not file.is_file():
-        do = "test sequences have none; choose a split that has, or name a folder of annotations in the card"
-        raise DataError(file, expected="a file of boxes", got="no such file", do=do)
-    refuse_escape(root, file, file=file)
-    return tracks_from_world(
-        read_boxes(file), drive, clock, static_range_m=options.static_range_m, static_people=options.static_people
-    )
+    with reporting(on_error):
+        if not file.is_file():
+            do = "test sequences have none; choose a split that has, or name a folder of annotations in the card"
+            raise DataError(file, expected="a file of boxes", got="no such file", do=do)
+        refuse_escape(root, file, file=file)
+        boxes = read_boxes(file, at_most(MOST_FAULTS, on_error))
+        if drive is None or clock is None:
+            deque(boxes, maxlen=0)  # for the errors in it
+            return None
+        return tracks_from_world(
+            boxes, drive, clock, static_range_m=options.static_range_m, static_people=options.static_people
+        )
+    return None

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from scipy.linalg import polar
 
 from bench.errors import DataError
+from bench.recordings.error_handlers import STRICT, OnError
 from bench.recordings.metered import MeteredFile
-from bench.recordings.salvage import Complaint, refuse
 from bench.recordings.text_files import numbers
 
 
@@ -97,12 +97,12 @@ class WorldBox:
     size_m: NDArray[np.float64]
 
 
-def read_boxes(file: Path, complain: Complaint = refuse) -> Iterator[WorldBox | tuple[int, int]]:
+def read_boxes(file: Path, on_error: OnError = STRICT) -> Iterator[WorldBox | tuple[int, int]]:
     """Read the boxes of everything that can move.
 
     Args:
         file: of boxes.
-        complain: takes objects that are not whole; where it returns, they are passed over.
+        on_error: takes objects that are not whole; where it returns, they are passed over.
 
     Yields:
         Boxes in the order of the file; for every other object its window of annotated frames, if it has one.
@@ -122,7 +122,7 @@ def read_boxes(file: Path, complain: Complaint = refuse) -> Iterator[WorldBox | 
                 if event == "start":
                     root = element if root is None else root
                 elif depth == 1 and root is not None:
-                    found = _told(element, file, complain)
+                    found = _told(element, file, on_error)
                     root.clear()
                     source.restart()
                     if found is not None:
@@ -135,11 +135,11 @@ def read_boxes(file: Path, complain: Complaint = refuse) -> Iterator[WorldBox | 
         raise DataError(file, expected="well-formed XML", got=f"{error}; the file may be cut short") from None
 
 
-def _told(element: Element, file: Path, complain: Complaint) -> WorldBox | tuple[int, int] | None:
+def _told(element: Element, file: Path, on_error: OnError) -> WorldBox | tuple[int, int] | None:
     try:
         return _object(element, file)
     except DataError as error:
-        complain(error)
+        on_error(error)
     return None
 
 

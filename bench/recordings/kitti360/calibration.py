@@ -24,9 +24,9 @@ from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform, RoadPlane
 from bench.plain_yaml import parse_yaml
 from bench.recordings.atomic import refuse_escape
+from bench.recordings.error_handlers import OnError, reporting
 from bench.recordings.images import Polygon, body_mask, scaled_camera
 from bench.recordings.records import MountedCamera
-from bench.recordings.salvage import Complaint, refuse
 from bench.recordings.text_files import numbers, read_text
 from bench.recordings.validation import FileModel, SidePx, data_error, validated
 
@@ -148,37 +148,22 @@ class Rig:
     cameras: dict[str, MountedCamera]
 
 
-def read_rig(root: Path, cameras: tuple[CameraName, ...], options: Kitti360Options) -> Rig:
+def read_rig(root: Path, cameras: tuple[CameraName, ...], options: Kitti360Options, on_error: OnError) -> Rig | None:
     """Read the calibration, which all sequences share.
 
     Args:
         root: folder of the data set, above `calibration`.
         cameras: which.
         options: sizes, masks and the place of the scanner.
+        on_error: takes errors: a file that is missing or not what the format asks for.
 
-    Raises:
-        DataError: a file that is missing or not what the format asks for.
-    """
-    rig = salvage_rig(root, cameras, options, refuse)
-    assert rig is not None  # what is missing was refused
-    return rig
-
-
-def salvage_rig(
-    root: Path, cameras: tuple[CameraName, ...], options: Kitti360Options, complain: Complaint
-) -> Rig | None:
-    """What can be used of the calibration, with the cameras that can be; None where sensors cannot be placed.
-
-    Args:
-        root: as for `read_rig`, with `cameras` and `options`.
-        cameras: which.
-        options: sizes, masks and the place of the scanner.
-        complain: takes every fault.
+    Returns:
+        What can be used, with the cameras that can be; None where sensors cannot be placed.
     """
     folder = root / FOLDER
-    imu_from = _cameras_in_imu(root, folder / "calib_cam_to_pose.txt", ("image_00", *cameras), complain)
-    lidar_from_camera = _lidar_from_camera(root, folder / "calib_cam_to_velo.txt", complain)
-    lenses = {name: lens for name in cameras if (lens := _lens(root, name, options, complain)) is not None}
+    imu_from = _cameras_in_imu(root, folder / "calib_cam_to_pose.txt", ("image_00", *cameras), on_error)
+    lidar_from_camera = _lidar_from_camera(root, folder / "calib_cam_to_velo.txt", on_error)
+    lenses = {name: lens for name in cameras if (lens := _lens(root, name, options, on_error)) is not None}
     if lidar_from_camera is None or "image_00" not in imu_from:
         return None
     imu_from_lidar = imu_from["image_00"] @ lidar_from_camera.inverse()
@@ -186,27 +171,23 @@ def salvage_rig(
     offset_m = np.array(options.lidar_position_m) - turned.apply(imu_from_lidar.translation_m)
     vehicle_from_imu = RigidTransform(TURN_OVER, offset_m)
     mounted: dict[str, MountedCamera] = {}
-    for name in lenses.keys() & imu_from.keys():
-        try:
+    for name in (name for name in cameras if name in lenses and name in imu_from):
+        with reporting(on_error):
             mounted[name] = _camera(root, name, lenses[name], vehicle_from_imu @ imu_from[name], options)
-        except DataError as error:
-            complain(error)
     return Rig(
         vehicle_from_imu=vehicle_from_imu,
         vehicle_from_lidar=vehicle_from_imu @ imu_from_lidar,
-        cameras={name: mounted[name] for name in cameras if name in mounted},
+        cameras=mounted,
     )
 
 
-def _lidar_from_camera(root: Path, file: Path, complain: Complaint) -> RigidTransform | None:
-    try:
+def _lidar_from_camera(root: Path, file: Path, on_error: OnError) -> RigidTransform | None:
+    with reporting(on_error):
         return _transform(_text(root, file).split(), file=file, field="calib_cam_to_velo")
-    except DataError as error:
-        complain(error)
     return None
 
 
-def _lens(root: Path, name: CameraName, options: Kitti360Options, complain: Complaint) -> UnifiedCamera | None:
+def _lens(root: Path, name: CameraName, options: Kitti360Options, on_error: OnError) -> UnifiedCamera | None:
     file = root / FOLDER / f"{name}.yaml"
     field_deg = options.field_of_view_deg.get(name)
     try:
@@ -225,9 +206,9 @@ def _lens(root: Path, name: CameraName, options: Kitti360Options, complain: Comp
             max_angle_rad=None if field_deg is None else float(np.deg2rad(field_deg / 2)),
         )
     except ShapeError as error:
-        complain(data_error(error, file=file, field=name))
+        on_error(data_error(error, file=file, field=name))
     except DataError as error:
-        complain(error)
+        on_error(error)
     return None
 
 
@@ -260,21 +241,19 @@ def _fisheye(root: Path, file: Path) -> FisheyeFile:
     return validated(FisheyeFile, values, file=file)
 
 
-def _cameras_in_imu(root: Path, file: Path, names: tuple[str, ...], complain: Complaint) -> dict[str, RigidTransform]:
+def _cameras_in_imu(root: Path, file: Path, names: tuple[str, ...], on_error: OnError) -> dict[str, RigidTransform]:
     try:
         lines = [line.partition(":") for line in _text(root, file).splitlines()]
     except DataError as error:
-        complain(error)
+        on_error(error)
         return {}
     told = {name: words for name, colon, words in lines if colon and name in names}
     found: dict[str, RigidTransform] = {}
     for name in names:
-        try:
+        with reporting(on_error):
             if name not in told:
                 raise DataError(file, field=name, expected="a line with 12 numbers", got="none")
             found[name] = _transform(told[name].split(), file=file, field=name)
-        except DataError as error:
-            complain(error)
     return found
 
 

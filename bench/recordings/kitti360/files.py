@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import date
 from functools import partial
+from itertools import islice
 from os import scandir
 from pathlib import Path
 
@@ -19,11 +20,11 @@ from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep, read_points
 from bench.recordings.atomic import refuse_escape
+from bench.recordings.error_handlers import STRICT, OnError, at_most, reporting
 from bench.recordings.kitti360.calibration import CameraName, Kitti360Options
 from bench.recordings.records import ImageRef, SweepRef
-from bench.recordings.salvage import Complaint, refuse
-from bench.recordings.text_files import number_rows, read_text
-from bench.recordings.validation import data_error
+from bench.recordings.text_files import number_rows, numbers, read_text
+from bench.recordings.validation import MOST_FAULTS, data_error
 
 STAMP = re.compile(r"(\d{4})-(\d\d)-(\d\d) (\d\d):(\d\d):(\d\d)\.(\d{1,9})")
 SECOND_NS = 1_000_000_000
@@ -60,7 +61,7 @@ class FrameClock:
         return self.times_ns[frame]
 
 
-def read_clock(file: Path, frames: list[int]) -> FrameClock:
+def read_clock(file: Path, frames: list[int], on_error: OnError = STRICT) -> FrameClock | None:
     """Read a `timestamps.txt`.
 
     Line n is of frame n - 1. Where the first frames of a drive were cut off together with their lines, the file has as
@@ -69,29 +70,50 @@ def read_clock(file: Path, frames: list[int]) -> FrameClock:
     Args:
         file: lines `YYYY-MM-DD hh:mm:ss.nnnnnnnnn`.
         frames: numbers of the images beside it, increasing.
+        on_error: takes errors: a line that is no time, times that do not increase, fewer lines than images. At most
+            200 lines are told.
 
-    Raises:
-        DataError: a line that is no time, times that do not increase, or fewer lines than images.
+    Returns:
+        The clock; None after an error.
     """
-    lines = read_text(file).rstrip().splitlines()
-    if len(lines) < 2:
-        raise DataError(file, expected="two times at least", got=str(len(lines)))
-    numbers: list[int] = list(range(len(lines)))
-    if frames and frames[-1] >= len(lines):
-        if len(frames) != len(lines):
-            raise DataError(file, expected=f"a line for each frame up to {frames[-1]}", got=f"{len(lines)} lines")
-        numbers = frames
-    times_ns = {
-        number: stamp_ns(line, row, file) for row, (number, line) in enumerate(zip(numbers, lines, strict=True), 1)
-    }
+    lines: list[str] = []
+    numbered: list[int] | None = None
+    with reporting(on_error):
+        lines = read_text(file).rstrip().splitlines()
+        numbered = _frame_numbers(file, len(lines), frames)
+    on_line_error = at_most(MOST_FAULTS, on_error)
+    times_ns: dict[int, int] = {}  # by row
+    for row, line in enumerate(lines, start=1):
+        try:
+            times_ns[row] = _stamp_ns(line, row, file)
+        except DataError as error:
+            on_line_error(error)
+    rows = list(times_ns)
     steps_ns = np.diff(np.fromiter(times_ns.values(), dtype=np.int64))
-    if steps_ns.min() <= 0:
-        row = int(np.argmax(steps_ns <= 0)) + 2
-        raise DataError(file, field=f"line {row}", expected="times that increase", got=lines[row - 1].strip()[:40])
-    return FrameClock(file=file, times_ns=times_ns, interval_ns=int(np.median(steps_ns)))
+    late = [rows[i + 1] for i in np.flatnonzero(steps_ns <= 0)]
+    for row in late:
+        got = lines[row - 1].strip()[:40]
+        on_line_error(DataError(file, field=f"line {row}", expected="times that increase", got=got))
+    if numbered is None or len(times_ns) < len(lines) or late:
+        return None
+    return FrameClock(
+        file=file,
+        times_ns=dict(zip(numbered, times_ns.values(), strict=True)),
+        interval_ns=int(np.median(steps_ns)),
+    )
 
 
-def stamp_ns(line: str, row: int, file: Path) -> int:
+def _frame_numbers(file: Path, lines: int, frames: list[int]) -> list[int]:
+    if lines < 2:
+        raise DataError(file, expected="two times at least", got=str(lines))
+    if not frames or frames[-1] < lines:
+        return list(range(lines))
+    if len(frames) != lines:
+        raise DataError(file, expected=f"a line for each frame up to {frames[-1]}", got=f"{lines} lines")
+    return frames
+
+
+def _stamp_ns(line: str, row: int, file: Path) -> int:
     """Time of a line, counted from 1, of `timestamps.txt`.
 
     Raises:
@@ -152,7 +174,7 @@ def read_drive(
         row = int(np.argmax(np.diff(frames) <= 0)) + 2
         got = f"{frames[row - 1]:.0f} after {frames[row - 2]:.0f}"
         raise DataError(file, field=f"row {row}", expected="frames that increase", got=got)
-    poses = [read_pose(matrix, file, row) for row, matrix in enumerate(rows[:, 1:].reshape(-1, 3, 4), 1)]
+    poses = [_pose(matrix, file, row) for row, matrix in enumerate(rows[:, 1:].reshape(-1, 3, 4), 1)]
     imu_from_vehicle = vehicle_from_imu.inverse()
     world_from_global = _levelled(poses[0] @ imu_from_vehicle)
     vehicles = [world_from_global @ pose @ imu_from_vehicle for pose in poses]
@@ -173,7 +195,7 @@ def _levelled(global_from_vehicle: RigidTransform) -> RigidTransform:
     return RigidTransform(upright, -upright @ global_from_vehicle.translation_m)
 
 
-def read_pose(matrix: NDArray[np.float64], file: Path, row: int) -> RigidTransform:
+def _pose(matrix: NDArray[np.float64], file: Path, row: int) -> RigidTransform:
     """Global world from IMU, of a row, counted from 1, of `poses.txt`.
 
     Raises:
@@ -183,6 +205,36 @@ def read_pose(matrix: NDArray[np.float64], file: Path, row: int) -> RigidTransfo
         return RigidTransform.from_matrix(matrix)
     except ShapeError as error:
         raise data_error(error, file=file, field=f"row {row}") from error
+
+
+def pose_faults(file: Path, clock: FrameClock | None) -> tuple[DataError, ...]:
+    """Lines of `poses.txt` that `read_drive` would refuse, at most 200; without a clock frames may have any time."""
+    try:
+        lines = read_text(file).rstrip().splitlines()
+    except DataError as error:
+        return (error,)
+    return tuple(islice(_line_faults(lines, file, clock), MOST_FAULTS))
+
+
+def _line_faults(lines: list[str], file: Path, clock: FrameClock | None) -> Iterator[DataError]:
+    before = -1.0
+    for row, line in enumerate(lines, start=1):
+        if not line.strip():
+            continue
+        try:
+            frame, *matrix = numbers(line.split(), 13, file=file, field=f"line {row}")
+            if frame != round(frame) or not 0 <= frame <= LARGEST_FRAME:
+                raise DataError(file, field=f"line {row}", expected="a whole frame number", got=f"{frame:g}")
+            _pose(np.array(matrix).reshape(3, 4), file, row)
+            if clock is not None:
+                clock.at(int(frame), file=file)
+        except DataError as error:
+            yield error
+            continue
+        if frame <= before:
+            got = f"{frame:.0f} after {before:.0f}"
+            yield DataError(file, field=f"line {row}", expected="frames that increase", got=got)
+        before = frame
 
 
 def _standing_filled(sparse: Trajectory, clock: FrameClock, standing_m: float) -> Trajectory:
@@ -259,30 +311,30 @@ def camera_names(folder: Path, options: Kitti360Options) -> tuple[CameraName, ..
     return tuple(name for name in options.cameras if (folder / name / "data_rgb").is_dir())
 
 
-def image_files(root: Path, sequence: str, camera: CameraName, complain: Complaint = refuse) -> dict[int, Path]:
+def image_files(root: Path, sequence: str, camera: CameraName, on_error: OnError) -> dict[int, Path]:
     """Images of a camera by frame number, in order."""
-    return _frames(root, root / IMAGES / sequence / camera / "data_rgb", "png", complain)
+    return _frames(root, root / IMAGES / sequence / camera / "data_rgb", "png", on_error)
 
 
-def sweep_files(root: Path, sequence: str, complain: Complaint = refuse) -> dict[int, Path]:
+def sweep_files(root: Path, sequence: str, on_error: OnError) -> dict[int, Path]:
     """Scans by frame number, in order; none where the folder does not exist."""
-    return _frames(root, root / SWEEPS / sequence / "velodyne_points" / "data", "bin", complain)
+    return _frames(root, root / SWEEPS / sequence / "velodyne_points" / "data", "bin", on_error)
 
 
 def image_refs(
-    camera: CameraName, files: Mapping[int, Path], clock: FrameClock, expected: Wanted, complain: Complaint = refuse
+    camera: CameraName, files: Mapping[int, Path], clock: FrameClock, expected: Wanted, on_error: OnError
 ) -> tuple[ImageRef, ...]:
-    """The images of wanted frames; one whose frame has no time goes to `complain`."""
-    times_ns = _times(files, clock, expected, complain)
+    """The images of wanted frames; one whose frame has no time goes to `on_error`."""
+    times_ns = _times(files, clock, expected, on_error)
     return tuple(ImageRef(camera=camera, timestamp_ns=time, path=files[frame]) for frame, time in times_ns.items())
 
 
 def sweep_refs(
-    files: Mapping[int, Path], clock: FrameClock, expected: Wanted, complain: Complaint = refuse
+    files: Mapping[int, Path], clock: FrameClock, expected: Wanted, on_error: OnError
 ) -> tuple[SweepRef, ...]:
-    """The scans of wanted frames; one whose frame has no time goes to `complain`."""
+    """The scans of wanted frames; one whose frame has no time goes to `on_error`."""
     reader = partial(read_turn, period_ns=clock.interval_ns)
-    times_ns = _times(files, clock, expected, complain)
+    times_ns = _times(files, clock, expected, on_error)
     return tuple(SweepRef(timestamp_ns=time, path=files[frame], reader=reader) for frame, time in times_ns.items())
 
 
@@ -292,18 +344,18 @@ def wanted_frames(sequence: str, options: Kitti360Options, covers: Wanted) -> Wa
     return lambda frame: covers(frame) and not any(first <= frame <= last for first, last in left_out)
 
 
-def _times(files: Mapping[int, Path], clock: FrameClock, expected: Wanted, complain: Complaint) -> dict[int, int]:
+def _times(files: Mapping[int, Path], clock: FrameClock, expected: Wanted, on_error: OnError) -> dict[int, int]:
     times_ns: dict[int, int] = {}
     for frame, path in files.items():
         try:
             if expected(frame):
                 times_ns[frame] = clock.at(frame, file=path)
         except DataError as error:
-            complain(error)
+            on_error(error)
     return times_ns
 
 
-def _frames(root: Path, folder: Path, suffix: str, complain: Complaint) -> dict[int, Path]:
+def _frames(root: Path, folder: Path, suffix: str, on_error: OnError) -> dict[int, Path]:
     """Files named by their frame number, in order; none where the folder does not exist."""
     if not folder.is_dir():
         return {}
@@ -317,7 +369,7 @@ def _frames(root: Path, folder: Path, suffix: str, complain: Complaint) -> dict[
             if path.is_symlink():
                 refuse_escape(root, path, file=path)
         except DataError as error:
-            complain(error)
+            on_error(error)
         else:
             found[int(path.stem)] = path
     return found

@@ -11,13 +11,13 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from bench.errors import DataError
+from bench.recordings.error_handlers import STRICT, ErrorHandler
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.records import Recording
 from bench.recordings.remote.fetching import WHOLE, FetchedData, Part
 from bench.recordings.remote.names import refuse_unsafe
 from bench.recordings.remote.storage import Storage
 from bench.recordings.remote.urls import RemoteUrl
-from bench.recordings.salvage import Salvaged
 
 # Adapters whose recordings are entries of the top folder, and whether they also read other entries of it. Of all other
 # adapters' data sets the whole is fetched at once.
@@ -75,31 +75,21 @@ def remote_recordings(dataset: RemoteDataset, adapter_name: str) -> tuple[Record
     )
 
 
-def open_remote(dataset: RemoteDataset, name: str, part: Part) -> Recording:
+def open_remote(dataset: RemoteDataset, name: str, part: Part, *, on_error: ErrorHandler = STRICT) -> Recording:
     """Fetch a recording and open the copy.
 
     Raises:
-        DataError: it cannot be fetched, or is not what the format asks for.
+        DataError: it cannot be fetched, or is not what the format asks for; whatever cannot be fetched also ends
+            lenient reading.
     """
-    return _fetched(dataset, name, part).open()
-
-
-def salvage_remote(dataset: RemoteDataset, name: str, part: Part) -> Salvaged:
-    """Fetch a recording and find all faults of it."""
-    try:
-        handle = _fetched(dataset, name, part)
-    except DataError as error:
-        return Salvaged(faults=(error,), recording=None)
-    assert handle.salvager is not None, "only handles that have one get this"
-    return handle.salvager()
+    handle = _fetched(dataset, name, part)
+    return handle.opener(on_error=on_error) if handle.lenient else handle.opener()
 
 
 def _remote(dataset: RemoteDataset, handle: RecordingHandle, part: Part) -> RecordingHandle:
     """A handle like another one, but of the remote data set."""
-    name, salvager = handle.name, None
-    if handle.salvager is not None:
-        salvager = partial(salvage_remote, dataset, name, part)
-    return RecordingHandle(name=name, opener=partial(open_remote, dataset, name, part), salvager=salvager)
+    opener = partial(open_remote, dataset, handle.name, part)
+    return RecordingHandle(name=handle.name, opener=opener, lenient=handle.lenient)
 
 
 def _fetched(dataset: RemoteDataset, name: str, part: Part) -> RecordingHandle:

@@ -25,7 +25,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -35,9 +34,9 @@ import numpy as np
 from bench.egomotion import Trajectory
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform, RoadPlane
-from bench.recordings.annotation_faults import annotation_faults
-from bench.recordings.annotations import read_annotations
+from bench.recordings.annotations import annotations_or_none
 from bench.recordings.atomic import path_inside
+from bench.recordings.error_handlers import STRICT, ErrorHandler, OnError, reporting, stationary
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.images import body_mask, read_mask, scaled_camera
 from bench.recordings.native import camera_model
@@ -49,7 +48,6 @@ from bench.recordings.rosbag.messages import COMPRESSED_IMAGE, IMAGE, POINT_CLOU
 from bench.recordings.rosbag.motion import EgoMotionMessages
 from bench.recordings.rosbag.rig import STATIC_FRAMES, CameraRig, LidarRig, RosbagOptions, StaticFrames, read_rig
 from bench.recordings.rosbag.storage import Position
-from bench.recordings.salvage import Part, Salvaged, collected, standing_still
 from bench.recordings.schema import Mounting
 from bench.recordings.validation import data_error, validated
 
@@ -68,7 +66,7 @@ def rosbag_recordings(
         name = root.resolve().name if path == root else path.stem if path.is_file() else path.name
         file = None if annotations is None else annotations / f"{name}.json"
         sources.append(_Source(root=root, path=path, name=name, card=card, options=chosen, annotations=file))
-    return tuple(RecordingHandle(name=each.name, opener=each.open, salvager=each.salvage) for each in sources)
+    return tuple(RecordingHandle(name=each.name, opener=each.open, lenient=True) for each in sources)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,55 +89,46 @@ class _Source:
     options: RosbagOptions
     annotations: Path | None
 
-    def open(self) -> Recording:
+    def open(self, *, on_error: ErrorHandler = STRICT) -> Recording:
         """Open the bag.
 
         Raises:
             DataError: a file that is missing or not what the format asks for; files or messages that the bag lacks or
-                that cannot be used, unless the card accepts that.
+                that cannot be used, unless the card accepts that. In lenient reading, no camera is left.
         """
-        opening = _Opening(self, lenient=False)
-        recording = opening.recording()
-        if opening.losses and not self.options.accept_losses:
-            first, more = opening.losses[0], len(opening.losses) - 1
+        losses: list[DataError] = []
+        recording = _Opening(self, on_error, losses.append if on_error is STRICT else on_error).recording()
+        if losses and not self.options.accept_losses:
+            first, more = losses[0], len(losses) - 1
             hints = [first.do, "set the card's option accept_losses: true to use the rest"]
             hints += [f"{more} more faults, which fisheye-bench validate lists"] if more else []
             do = "; ".join(filter(None, hints))
             raise DataError(first.file, field=first.field, expected=first.expected, got=first.got, do=do)
         return recording
 
-    def salvage(self) -> Salvaged:
-        """All that is wrong with the bag, and the rest of it."""
-        opening = _Opening(self, lenient=True)
-        try:
-            recording = opening.recording()
-        except DataError as error:
-            return Salvaged(faults=(*opening.losses, error), recording=None)
-        return Salvaged(faults=tuple(opening.losses), recording=recording, lost=frozenset(opening.lost))
-
 
 class _Opening:
-    """A bag that is being opened; `losses` and `lost` fill meanwhile.
+    """A bag that is being opened.
 
     Args:
         source: where it comes from.
-        lenient: go on without parts that cannot be used.
+        on_error: takes errors of parts that cannot be used.
+        on_loss: takes errors for what the bag lacks, which the card may accept.
     """
 
-    def __init__(self, source: _Source, *, lenient: bool) -> None:
-        self.source, self.lenient = source, lenient
-        self.losses: list[DataError] = []
-        self.lost: set[Part] = set()
+    def __init__(self, source: _Source, on_error: ErrorHandler, on_loss: OnError) -> None:
+        self.source, self.on_error, self.on_loss = source, on_error, on_loss
 
     def recording(self) -> Recording:
         """The recording.
 
         Raises:
-            DataError: a part that cannot be used; when lenient, only if no camera is left.
+            DataError: no camera is left, or the bag or the rig file cannot be read.
         """
         source = self.source
         self.bag = open_bag(source.root, source.path)
-        self.losses.extend(self.bag.losses)
+        for loss in self.bag.losses:
+            self.on_loss(loss)
         self.rig, self.rig_file = read_rig(source.root, source.options.rig, recording=source.name, card=source.card)
         self.frames, motion = StaticFrames(), EgoMotionMessages(self.rig.ego_motion)
         self._walk(motion)
@@ -147,7 +136,7 @@ class _Opening:
         cameras: dict[str, MountedCamera] = {}
         images: dict[str, tuple[ImageRef, ...]] = {}
         for name, camera in self.rig.cameras.items():
-            with self._part():
+            with reporting(self.on_error):
                 refs = tuple(self._images(name, camera, scored=tracks is not None))
                 cameras[name], images[name] = self._camera(name, camera), refs
         if not cameras:
@@ -155,7 +144,7 @@ class _Opening:
         vehicle_from_lidar, lidar = RigidTransform.identity(), self.rig.lidar
         sweeps: tuple[SweepRef, ...] = ()
         if lidar is not None:
-            with self._part():
+            with reporting(self.on_error):
                 vehicle_from_lidar = self._vehicle_from(lidar.vehicle_from_sensor, lidar.frame, "lidar.frame")
                 sweeps = tuple(self._sweeps(lidar))
         return Recording(
@@ -171,9 +160,6 @@ class _Opening:
             tracks=tracks or (),
             vehicle_outline_m=np.array(self.rig.vehicle.outline_m, dtype=np.float64),
         )
-
-    def _part(self) -> AbstractContextManager[object]:
-        return collected(self.losses) if self.lenient else nullcontext()
 
     def _walk(self, motion: EgoMotionMessages) -> None:
         """Find the messages of the sensors, and read those of the ego-motion and the frames."""
@@ -192,7 +178,7 @@ class _Opening:
         for name, stated in self.bag.counts.items():
             if self.counts[name] < stated:
                 expected, got = f"{stated} messages, as metadata.yaml says", str(self.counts[name])
-                self.losses.append(DataError(self.bag.path, field=name[:80], expected=expected, got=got))
+                self.on_loss(DataError(self.bag.path, field=name[:80], expected=expected, got=got))
 
     def _camera(self, name: str, camera: CameraRig) -> MountedCamera:
         """A camera, at the size at which it is evaluated."""
@@ -241,7 +227,7 @@ class _Opening:
             raise DataError(self.rig_file, field=f"{field}.topic", expected=f"messages on {sensor.topic}", got=got)
         rows.topic.refuse_others(*types, file=path)
         topic = replace(rows.topic, definition="")  # ROS's own types need none, and references stay small
-        times_ns, positions = rows.usable(self.source.options.clock, file=path, losses=self.losses)
+        times_ns, positions = rows.usable(self.source.options.clock, file=path, on_loss=self.on_loss)
         if not len(times_ns):
             raise DataError(path, field=sensor.topic, expected="messages whose times can be used", got="none")
         for time_ns, (number, *position) in zip(times_ns.tolist(), positions.tolist(), strict=True):
@@ -257,25 +243,20 @@ class _Opening:
 
     def _trajectory(self, motion: EgoMotionMessages) -> Trajectory:
         odometry, clock, file = self.rig.ego_motion.odometry, self.source.options.clock, self.bag.path
-        with self._part():
+        with reporting(self.on_error):
             mounting, frame = (odometry.vehicle_from_child, odometry.frame) if odometry else (None, None)
             child_from_vehicle = self._vehicle_from(mounting, frame, "ego_motion.odometry.frame").inverse()
-            return motion.trajectory(clock, child_from_vehicle=child_from_vehicle, file=file, losses=self.losses)
-        self.lost.add("trajectory")
-        return standing_still(file)
+            return motion.trajectory(clock, child_from_vehicle=child_from_vehicle, file=file, on_loss=self.on_loss)
+        self.on_error.leave_out("trajectory")
+        return stationary(file)
 
     def _tracks(self) -> tuple[Track, ...] | None:
         """The annotated objects; None where the bag is not annotated."""
         file = self.source.annotations
-        if file is not None and file.is_file():
-            try:
-                return read_annotations(file)
-            except DataError as error:
-                if not self.lenient:
-                    raise
-                self.losses.extend(annotation_faults(file) or (error,))
-        self.lost.add("annotations")
-        return None
+        tracks = annotations_or_none(file, self.on_error) if file is not None and file.is_file() else None
+        if tracks is None:
+            self.on_error.leave_out("annotations")
+        return tracks
 
     def _median_interval_ns(self, images: Mapping[str, tuple[ImageRef, ...]]) -> int:
         steps_ns = [np.diff([ref.timestamp_ns for ref in refs]) for refs in images.values() if len(refs) > 1]

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from os import scandir
 from pathlib import Path
 from typing import Literal
 
 from bench.errors import DataError
 from bench.recordings.atomic import refuse_escape
-from bench.recordings.salvage import Complaint, refuse
+from bench.recordings.error_handlers import OnError, reporting
 
+# Of a pair: the annotated image, the one before it, what moves in the annotated one, the calibration of the camera, and
+# speed and yaw rate at both images.
 Kind = Literal["current", "previous", "mask", "calibration", "vehicle", "vehicle_before"]
 
 # Folders, the likeliest first. Archives unpacked into a folder of their own name give a folder twice.
@@ -51,27 +52,6 @@ PLACES: Mapping[Kind, tuple[str, ...]] = {
 IMAGE = re.compile(r"(\d{5})_(FV|RV|MVL|MVR)\.png")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PairFiles:
-    """The files of a pair of images.
-
-    Attributes:
-        current: the annotated image.
-        previous: the one before it.
-        mask: what moves in the annotated one.
-        calibration: of the camera.
-        vehicle: speed and yaw rate at the annotated image.
-        vehicle_before: at the one before it.
-    """
-
-    current: Path
-    previous: Path
-    mask: Path
-    calibration: Path
-    vehicle: Path
-    vehicle_before: Path
-
-
 def list_pairs(root: Path, cameras: tuple[str, ...]) -> list[str]:
     """Names `<index>_<camera>` of the annotated images, in order.
 
@@ -91,21 +71,14 @@ def list_pairs(root: Path, cameras: tuple[str, ...]) -> list[str]:
     return sorted(names)
 
 
-def find_pair(root: Path, name: str) -> PairFiles:
+def find_pair(root: Path, name: str, on_error: OnError) -> dict[Kind, Path]:
     """The files of a pair, wherever the data set's variants have them.
 
     Args:
         root: of the data set.
         name: `<index>_<camera>`.
-
-    Raises:
-        DataError: one is nowhere; the message says where it was looked for.
+        on_error: takes an error for each that is nowhere; it says where the file was looked for.
     """
-    return PairFiles(**found_files(root, name, refuse))
-
-
-def found_files(root: Path, name: str, complain: Complaint) -> dict[Kind, Path]:
-    """Those files of a pair that are there; each that is not goes to `complain`."""
     # The suffix is on the image only; the earlier vehicle data has the name of the later.
     befores = [f"{name}{suffix}.png" for suffix in ("_prev", "_PREV", "_Prev")]
     names: dict[Kind, list[str]] = {
@@ -118,10 +91,8 @@ def found_files(root: Path, name: str, complain: Complaint) -> dict[Kind, Path]:
     }
     found: dict[Kind, Path] = {}
     for kind, candidates in names.items():
-        try:
+        with reporting(on_error):
             found[kind] = _found(root, PLACES[kind], candidates)
-        except DataError as error:
-            complain(error)
     return found
 
 

@@ -85,12 +85,12 @@ def test_faults_are_told_of_the_remote_recording(tmp_path, bucket):
     (handle,) = open_dataset(there)
     with pytest.raises(DataError, match=r"annotations.json"):
         handle.open()
-    salvaged = handle.salvager()
-    assert salvaged.faults
-    assert salvaged.recording is not None
+    reading = handle.read_leniently()
+    assert reading.errors
+    assert reading.recording is not None
     for key in bucket.names("sets/data/drive/"):
         bucket.remove(key)
-    (fault,) = handle.salvager().faults
+    (fault,) = handle.read_leniently().errors
     assert "nothing there" in str(fault)
 
 

@@ -10,14 +10,14 @@ from bench.recordings.woodscape.adapter import woodscape_recordings
 from tests.recordings import tiny_aimotive, tiny_kitti360, tiny_woodscape
 
 
-def salvaged(adapter, root, options, number=0):
+def read_leniently(adapter, root, options, number=0):
     handle = adapter(root, options=options, card=root / "card.yaml", annotations=None)[number]
-    assert handle.salvager is not None
-    return handle.salvager()
+    assert handle.lenient
+    return handle.read_leniently()
 
 
 def told(found):
-    return sorted(str(fault) for fault in found.faults)
+    return sorted(str(fault) for fault in found.errors)
 
 
 def has(found, *parts):
@@ -34,12 +34,12 @@ ADAPTERS = {
 
 
 @pytest.mark.parametrize("name", ADAPTERS)
-def test_of_a_whole_recording_nothing_is_lost(tmp_path, name):
+def test_of_a_whole_recording_nothing_is_missing(tmp_path, name):
     adapter, tiny = ADAPTERS[name]
     tiny.write_data_set(tmp_path)
     handle = adapter(tmp_path, options=tiny.OPTIONS, card=tmp_path / "card.yaml", annotations=None)[0]
-    found, opened = handle.salvager(), handle.open()
-    assert (found.faults, found.lost) == ((), frozenset())
+    found, opened = handle.read_leniently(), handle.open()
+    assert (found.errors, found.missing) == ((), frozenset())
     assert found.recording.images == opened.images
     assert [sweep.path for sweep in found.recording.sweeps] == [sweep.path for sweep in opened.sweeps]
     assert [track.track_id for track in found.recording.tracks] == [track.track_id for track in opened.tracks]
@@ -68,7 +68,7 @@ def test_kitti360_boxes_poses_times_and_a_camera(kitti360):
     poses.write_text("\n".join(lines))
     edit(kitti360 / "calibration/image_03.yaml", "model_type: MEI", "model_type: PINHOLE")
     edit(kitti360 / "data_2d_raw" / sequence / "image_02/timestamps.txt", "2013-05-28 08:46:03", "28.05.2013")
-    found = salvaged(kitti360_recordings, kitti360, tiny_kitti360.OPTIONS)
+    found = read_leniently(kitti360_recordings, kitti360, tiny_kitti360.OPTIONS)
     times = sum("image_02/timestamps.txt: line" in line for line in told(found))
     assert times >= 2  # each line that is no time
     complete, lines = has(
@@ -85,15 +85,15 @@ def test_kitti360_boxes_poses_times_and_a_camera(kitti360):
     assert list(found.recording.cameras) == ["image_02"]
     assert len(found.recording.images["image_02"]) == tiny_kitti360.FRAMES
     assert len(found.recording.sweeps) == tiny_kitti360.FRAMES
-    assert found.lost == {"trajectory", "annotations"}
+    assert found.missing == {"trajectory", "annotations"}
 
 
 def test_kitti360_bad_boxes_do_not_cost_the_good_ones(kitti360):
     boxes = kitti360 / "data_3d_bboxes/train" / f"{tiny_kitti360.SEQUENCE}.xml"
     edit(boxes, "<semanticId>13</semanticId><instanceId>4</instanceId>", "<semanticId>x</semanticId>")
-    found = salvaged(kitti360_recordings, kitti360, tiny_kitti360.OPTIONS)
+    found = read_leniently(kitti360_recordings, kitti360, tiny_kitti360.OPTIONS)
     assert ["object50.semanticId" in line for line in told(found)] == [True]
-    assert not found.lost
+    assert not found.missing
     assert {track.object_class for track in found.recording.tracks} == {"vehicle", "pedestrian"}
 
 
@@ -104,7 +104,7 @@ def test_kitti360_without_the_place_of_the_scanner_every_other_file_is_still_rea
     poses.write_text("1 2 3\n" + poses.read_text())
     boxes = kitti360 / "data_3d_bboxes/train" / f"{tiny_kitti360.SEQUENCE}.xml"
     boxes.write_text(boxes.read_text()[:-200])
-    found = salvaged(kitti360_recordings, kitti360, tiny_kitti360.OPTIONS)
+    found = read_leniently(kitti360_recordings, kitti360, tiny_kitti360.OPTIONS)
     complete, lines = has(
         found,
         "calib_cam_to_velo.txt: calib_cam_to_velo: expected 12 numbers, got 3",
@@ -139,7 +139,7 @@ def test_aimotive_boxes_calibration_and_ego_motion(aimotive):
     motion = next((aimotive / "derived").iterdir())
     edit(motion, ",29.5,", ",quick,", 1)
     options = tiny_aimotive.OPTIONS | {"cameras": ["M_FISHEYE_L", tiny_aimotive.CAMERA]}
-    found = salvaged(aimotive_recordings, aimotive, options)
+    found = read_leniently(aimotive_recordings, aimotive, options)
     complete, lines = has(
         found,
         "CapturedObjects.1.ObjectType: expected one of",
@@ -154,14 +154,14 @@ def test_aimotive_boxes_calibration_and_ego_motion(aimotive):
     assert list(found.recording.cameras) == [tiny_aimotive.CAMERA]
     assert len(found.recording.images[tiny_aimotive.CAMERA]) == 1  # of the frames whose time is known
     assert len(found.recording.sweeps) == 1
-    assert found.lost == {"trajectory", "annotations"}
+    assert found.missing == {"trajectory", "annotations"}
 
 
 def test_aimotive_without_calibration(aimotive):
     folder = aimotive / tiny_aimotive.SEQUENCE
     (folder / "sensor/calibration/calibration.json").write_text("[")
     tiny_aimotive.box_file(folder, 0).write_text("{}")
-    found = salvaged(aimotive_recordings, aimotive, tiny_aimotive.OPTIONS)
+    found = read_leniently(aimotive_recordings, aimotive, tiny_aimotive.OPTIONS)
     complete, lines = has(
         found, "calibration.json: expected JSON", "Timestamp: expected a value", "CapturedObjects: expected a"
     )
@@ -181,7 +181,7 @@ def test_woodscape_every_file_of_a_pair(woodscape):
     later = woodscape / "vehicle_data/rgb_images" / f"{name}.json"
     later.write_text(json.dumps(json.loads(later.read_text()) | {"ego_speed": "fast", "timestamp": "-1"}))
     (woodscape / "vehicle_data/previous_images" / f"{name}.json").write_text("{")
-    found = salvaged(woodscape_recordings, woodscape, tiny_woodscape.OPTIONS)
+    found = read_leniently(woodscape_recordings, woodscape, tiny_woodscape.OPTIONS)
     complete, lines = has(
         found,
         "_prev.png: expected a file in previous_images",
@@ -194,7 +194,7 @@ def test_woodscape_every_file_of_a_pair(woodscape):
     assert len(lines) == 5
     (image,) = found.recording.images["FV"]
     assert image.moving_path is None
-    assert found.lost == {"trajectory"}
+    assert found.missing == {"trajectory"}
 
 
 def test_woodscape_without_calibration(woodscape):
@@ -204,7 +204,7 @@ def test_woodscape_without_calibration(woodscape):
     content["intrinsic"] |= {"k1": "big", "model": "mei"}
     calibration.write_text(json.dumps(content))
     (woodscape / "vehicle_data/rgb_images" / f"{name}.json").unlink()
-    found = salvaged(woodscape_recordings, woodscape, tiny_woodscape.OPTIONS)
+    found = read_leniently(woodscape_recordings, woodscape, tiny_woodscape.OPTIONS)
     complete, lines = has(found, "intrinsic.k1", "intrinsic.model", f"rgb_images/{name}.json: expected a file in")
     assert complete, lines
     assert found.recording is None
