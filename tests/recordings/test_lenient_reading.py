@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from bench.errors import DataError
 from bench.recordings.aimotive.adapter import aimotive_recordings
 from bench.recordings.kitti360.adapter import kitti360_recordings
 from bench.recordings.woodscape.adapter import woodscape_recordings
@@ -166,6 +167,39 @@ def test_aimotive_without_calibration(aimotive):
         found, "calibration.json: expected JSON", "Timestamp: expected a value", "CapturedObjects: expected a"
     )
     assert complete, lines
+    assert found.recording is None
+
+
+def with_its_own_odometry(aimotive):
+    """Options without another source of ego-motion, and poses for every frame."""
+    file = aimotive / tiny_aimotive.SEQUENCE / "sensor/gnssins/egomotion.json"
+    file.parent.mkdir(parents=True)
+    pose = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+    frames = range(tiny_aimotive.FIRST_FRAME, tiny_aimotive.FIRST_FRAME + 3)
+    file.write_text(json.dumps({str(frame): {"RT_ECEF_body": pose} for frame in frames}))
+    return {key: value for key, value in tiny_aimotive.OPTIONS.items() if key != "ego_motion"}
+
+
+def test_aimotive_a_frame_out_of_order_is_told_of_its_own_file(aimotive):
+    options = with_its_own_odometry(aimotive)
+    file = tiny_aimotive.box_file(aimotive / tiny_aimotive.SEQUENCE, 1)
+    file.write_text(json.dumps(json.loads(file.read_text()) | {"Timestamp": "1"}))
+    found = read_leniently(aimotive_recordings, aimotive, options)
+    (line,) = told(found)
+    assert f"{file.name}: Timestamp: expected times that increase, got 1 after" in line
+    assert not found.missing
+    handle = aimotive_recordings(aimotive, options=options, card=aimotive / "card.yaml", annotations=None)[0]
+    with pytest.raises(DataError) as caught:
+        handle.open()
+    assert str(caught.value) == line
+
+
+def test_aimotive_without_boxes_there_are_no_times(aimotive):
+    options = with_its_own_odometry(aimotive)
+    for file in (aimotive / tiny_aimotive.SEQUENCE / "dynamic/box/3d_body").iterdir():
+        file.unlink()
+    found = read_leniently(aimotive_recordings, aimotive, options)
+    assert any("expected files frame_<number>.json, which tell the times of frames" in line for line in told(found))
     assert found.recording is None
 
 
