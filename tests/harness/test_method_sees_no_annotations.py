@@ -41,7 +41,7 @@ def test_history_colour_and_ego_motion_arrive_and_nothing_else(tiny_card):
         "valid",
         "recording",
         "camera_name",
-        "kept",
+        "cached_step",
     }
     assert [image.shape for image in given.images] == [(240, 320, 3)] * 3
     np.testing.assert_array_equal(given.images[0], spy.seen[0].images[1])

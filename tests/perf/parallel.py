@@ -120,7 +120,7 @@ def seconds_to_stop(card: Path, *options: object) -> float:
         run = subprocess.Popen(
             command(card, out, *options, "--workers", 2), start_new_session=True, stdout=subprocess.DEVNULL
         )
-        while not list(out.glob("units/*.json")):
+        while not list(out.glob("units/*.unit")):
             assert run.poll() is None, "the run ended before it could be interrupted"
             time.sleep(0.05)
         start = time.perf_counter()

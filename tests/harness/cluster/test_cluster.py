@@ -62,7 +62,7 @@ def test_when_the_scheduler_dies_the_run_says_so_and_goes_on_from_there(own_clus
     (tmp_path / "scheduler-pid").write_text(str(own_cluster.scheduler.pid))
     with pytest.raises(DataError, match="connection that was lost; start it and its workers"):
         score("run", own_cluster.address, happening="without_scheduler")
-    stored = len(list((tmp_path / "run" / "units").glob("*.json")))
+    stored = len(list((tmp_path / "run" / "units").glob("*.unit")))
     assert 0 < stored < ALL
     work = score("run", happening="without_scheduler").provenance.work
     assert (work.units_reused, work.units_computed) == (stored, ALL - stored)
@@ -170,12 +170,12 @@ def test_an_interrupted_command_ends_and_the_same_one_goes_on(own_cluster, tiny_
     units = tmp_path / "run" / "units"
     with in_background(*words, "--scheduler", own_cluster.address, folder=tmp_path) as running:
         wait_until((tmp_path / "asleep").exists)
-        wait_until(lambda: len(list(units.glob("*.json"))) == ALL - 1)
+        wait_until(lambda: len(list(units.glob("*.unit"))) == ALL - 1)
         running.send_signal(signal.SIGINT)
         said, wrong = running.communicate(timeout=PATIENCE_S)
     assert (running.returncode, wrong) == (130, "")
     assert "interrupted; what is done is in" in said
-    assert len(list(units.glob("*.json"))) == ALL - 1
+    assert len(list(units.glob("*.unit"))) == ALL - 1
 
 
 def test_predictions_are_scored_on_a_cluster(cluster, tiny_card, tmp_path):

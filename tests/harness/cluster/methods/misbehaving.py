@@ -45,7 +45,7 @@ class Bright:
         folder = Path(self.folder)
         mark = folder / "scheduler-pid"
         if mark.exists():
-            while not list((folder / "run" / "units").glob("*.json")):
+            while not list((folder / "run" / "units").glob("*.unit")):
                 sleep(0.05)
             os.kill(int(mark.read_text()), signal.SIGKILL)
             mark.unlink()
