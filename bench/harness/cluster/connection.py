@@ -51,21 +51,16 @@ def connected(scheduler: str) -> Iterator[Client]:
     except ImportError as error:
         do = "install it: pip install 'fisheye-bench[cluster]'"
         raise UsageError(f"--scheduler: expected Dask, which is optional, got none ({error}); {do}") from error
-    logger = logging.getLogger("distributed")
-    level = logger.level
-    logger.setLevel(logging.CRITICAL + 1)
-    try:
-        with dask.config.set({"distributed.comm.timeouts.connect": f"{CONNECTION_S:g}s"}):
-            try:
-                client = Client(scheduler, timeout=CONNECTION_S, set_as_default=False, name="fisheye-bench")
-            except (OSError, ValueError, TimeoutError) as error:
-                got = f"none within {CONNECTION_S:g} s ({' '.join(str(error).split())})"
-                do = "start one with `dask scheduler`, and workers with `dask worker`; or compute here, with --workers"
-                raise DataError(scheduler, expected="a Dask scheduler", got=got, do=do) from error
-            try:
-                yield client
-            finally:
-                with suppress(OSError, TimeoutError):
-                    client.close(timeout=CLOSING_S)
-    finally:
-        logger.setLevel(level)
+    logging.getLogger("distributed").setLevel(logging.CRITICAL + 1)  # for good: its threads outlive the client
+    with dask.config.set({"distributed.comm.timeouts.connect": f"{CONNECTION_S:g}s"}):
+        try:
+            client = Client(scheduler, timeout=CONNECTION_S, set_as_default=False, name="fisheye-bench")
+        except (OSError, ValueError, TimeoutError) as error:
+            got = f"none within {CONNECTION_S:g} s ({' '.join(str(error).split())})"
+            do = "start one with `dask scheduler`, and workers with `dask worker`; or compute here, with --workers"
+            raise DataError(scheduler, expected="a Dask scheduler", got=got, do=do) from error
+        try:
+            yield client
+        finally:
+            with suppress(OSError, TimeoutError):
+                client.close(timeout=CLOSING_S)
