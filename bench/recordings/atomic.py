@@ -1,8 +1,6 @@
 """Files that appear whole or not at all, folders that one process works in, paths that stay inside a folder.
 
-Files that appear whole or not at all, and one clear line where they cannot be written.
-
-All that commands write goes through here.
+All that commands write goes through here; what cannot be written is told in one clear line.
 """
 
 from __future__ import annotations
