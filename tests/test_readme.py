@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from bench.evaluation import load_protocol
-from bench.harness import run_benchmark
+from bench.harness import RunRequest, run_benchmark
 from bench.methods import build_method
 from bench.recordings import load_card
 
@@ -19,7 +19,9 @@ def test_the_example_method_can_be_pasted(tiny_card, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     method = build_method("my_method:FrameDifference", {"threshold": 20.0})
     summary = run_benchmark(
-        load_card(str(tiny_card)), method=method, protocol=load_protocol("paper-v1"), out=tmp_path / "run"
+        RunRequest(
+            card=load_card(str(tiny_card)), method=method, protocol=load_protocol("paper-v1"), out=tmp_path / "run"
+        )
     )
     assert summary.method.name == "my-frame-difference"
     assert summary.images.evaluated == 12

@@ -12,7 +12,7 @@ from bench.cli.rendering import render_if_synthetic
 from bench.cli.running import RunReport, default_folder
 from bench.errors import UsageError
 from bench.evaluation import load_protocol
-from bench.harness import PredictionReport, check_predictions, evaluate_predictions
+from bench.harness import PredictionReport, RunRequest, check_predictions, evaluate_predictions
 from bench.harness.predicted import write_report
 from bench.methods import known_methods
 from bench.methods.predictions import MissingPolicy, Naming, PredictedMotion
@@ -72,20 +72,19 @@ def evaluate(
     finished = RunReport(card=card, protocol=rules, pictures=pictures)
     with resumable(where):
         with progress_bar(f"scoring {called} on {card.name}", "images") as report:
-            executor = computing.executor(card, method, reads=[predictions])
-            summary = evaluate_predictions(
-                card,
+            request = RunRequest(
+                card=card,
                 method=method,
-                report=checked,
                 protocol=rules,
                 out=folder,
-                executor=executor,
-                cache=computing.cache_folder,
-                progress=report,
-                mirror=where.mirror,
+                split=split,
                 overwrite=overwrite,
-                finish=finished.write,
+                executor=computing.executor(card, method, reads=[predictions]),
+                cache=computing.cache_folder,
+                mirror=where.mirror,
+                progress=report,
             )
+            summary = evaluate_predictions(request, checked, finish=finished.write)
         finished.print(summary, where)
     return len(summary.failures)
 

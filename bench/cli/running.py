@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from bench.cli.computing import Computing
@@ -19,6 +19,7 @@ from bench.errors import BenchError
 from bench.evaluation import Protocol, load_protocol
 from bench.harness import (
     Provenance,
+    RunRequest,
     RunSummary,
     build_scorable,
     merge_shards,
@@ -67,23 +68,11 @@ class Scoring:
 
 def run(asked: Scoring, *, pictures: bool) -> int:
     """Score a method, write the report, print the table and the paths; return the number of failures."""
-    card, rules, method, where = _opened(asked)
-    report = RunReport(card=card, protocol=rules, pictures=pictures)
+    request, where = _request(asked)
+    report = RunReport(card=request.card, protocol=request.protocol, pictures=pictures)
     with resumable(where):
-        with progress_bar(f"scoring {asked.method} on {card.name}", "images") as progress:
-            summary = run_benchmark(
-                card,
-                method=method,
-                protocol=rules,
-                out=where.folder,
-                split=asked.split,
-                overwrite=asked.overwrite,
-                executor=asked.computing.executor(card, method),
-                cache=asked.computing.cache_folder,
-                progress=progress,
-                mirror=where.mirror,
-                finish=report.write,
-            )
+        with progress_bar(f"scoring {asked.method} on {request.card.name}", "images") as progress:
+            summary = run_benchmark(replace(request, progress=progress), finish=report.write)
         report.print(summary, where)
     return len(summary.failures)
 
@@ -91,21 +80,9 @@ def run(asked: Scoring, *, pictures: bool) -> int:
 def run_part(asked: Scoring, *, part: str) -> int:
     """Score a part I/N of the units and say what comes next; return the number of failures."""
     shard = Shard.parse(part)
-    card, rules, method, where = _opened(asked)
-    with resumable(where), progress_bar(f"scoring part {shard} of {card.name}", "images") as progress:
-        done = run_shard(
-            card,
-            method=method,
-            protocol=rules,
-            out=where.folder,
-            shard=shard,
-            split=asked.split,
-            overwrite=asked.overwrite,
-            executor=asked.computing.executor(card, method),
-            cache=asked.computing.cache_folder,
-            progress=progress,
-            mirror=where.mirror,
-        )
+    request, where = _request(asked)
+    with resumable(where), progress_bar(f"scoring part {shard} of {request.card.name}", "images") as progress:
+        done = run_shard(replace(request, progress=progress), shard)
     failures = (*done.recording_failures, *done.unit_failures)
     say(f"part {shard}: {len(done.units)} of {done.units_of_run} units; when all parts are there: merge {where}")
     _print_cost(done.provenance)
@@ -113,14 +90,24 @@ def run_part(asked: Scoring, *, part: str) -> int:
     return len(failures)
 
 
-def _opened(asked: Scoring) -> tuple[DatasetCard, Protocol, Method, Destination]:
-    """The data set, which is rendered where it is not there, the rules, the method, and the folder of the run."""
+def _request(asked: Scoring) -> tuple[RunRequest, Destination]:
+    """What the command line says, as a run; the data set is rendered where it is not there."""
     card, rules = load_card(asked.dataset), load_protocol(asked.protocol)
     method = build_scorable(asked.method, parse_settings(asked.settings))
-    usual = default_folder(card, method.name, unusual(method, asked.method), rules, asked.split)
-    where = destination(asked.out, usual)
+    where = destination(asked.out, default_folder(card, method.name, unusual(method, asked.method), rules, asked.split))
     render_if_synthetic(card)
-    return card, rules, method, where
+    request = RunRequest(
+        card=card,
+        method=method,
+        protocol=rules,
+        out=where.folder,
+        split=asked.split,
+        overwrite=asked.overwrite,
+        executor=asked.computing.executor(card, method),
+        cache=asked.computing.cache_folder,
+        mirror=where.mirror,
+    )
+    return request, where
 
 
 def merge(run: str, parts: Sequence[str], *, overwrite: bool, pictures: bool) -> int:

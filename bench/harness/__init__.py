@@ -10,7 +10,7 @@ from bench.harness.merge import merge_shards, merged_units
 from bench.harness.predicted import PredictionReport, check_predictions, evaluate_predictions
 from bench.harness.provenance import Provenance
 from bench.harness.reference_itself import build_scorable, scorable_methods
-from bench.harness.run import run_benchmark, run_shard
+from bench.harness.run import RunRequest, run_benchmark, run_shard
 from bench.harness.stored import (
     RunSummary,
     StoredRows,
@@ -27,6 +27,7 @@ __all__ = [
     "PredictionReport",
     "ProcessedFrame",
     "Provenance",
+    "RunRequest",
     "RunSummary",
     "StoredRows",
     "Unit",

@@ -9,13 +9,8 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict
 
 from bench.errors import DataError
-from bench.evaluation import Protocol
-from bench.execution import TaskExecutor
-from bench.harness.cache import CacheFolder
 from bench.harness.merge import Finish
-from bench.harness.mirror import NOWHERE, RunMirror
-from bench.harness.run import SERIAL, run_benchmark
-from bench.harness.stages import Progress
+from bench.harness.run import RunRequest, run_benchmark
 from bench.harness.stored import PREDICTIONS, RunSummary
 from bench.methods.predictions import FaultKind, PredictedMotion, PredictionIndex, index_predictions
 from bench.recordings import DatasetCard, write_text
@@ -119,33 +114,12 @@ def check_predictions(
     return _report(card, method, found)
 
 
-def evaluate_predictions(
-    card: DatasetCard,
-    *,
-    method: PredictedMotion,
-    report: PredictionReport,
-    protocol: Protocol,
-    out: Path,
-    executor: TaskExecutor = SERIAL,
-    cache: CacheFolder | None = None,
-    progress: Progress | None = None,
-    mirror: RunMirror = NOWHERE,
-    overwrite: bool = False,
-    finish: Finish | None = None,
-) -> RunSummary:
+def evaluate_predictions(request: RunRequest, report: PredictionReport, *, finish: Finish | None = None) -> RunSummary:
     """Score predictions and store the run, with the report as `predictions.json` in it.
 
     Args:
-        card: the data set.
-        method: whose folder was gone through.
-        report: of it.
-        protocol: the rules.
-        out: folder of the run.
-        executor: computes the units.
-        cache: where steps are kept; None to keep nothing.
-        progress: called with the images done and their number.
-        mirror: where else the run is kept.
-        overwrite: replace the run of another experiment in `out`.
+        request: the run; its method is the one whose folder was gone through.
+        report: of that folder.
         finish: see `run_benchmark`.
 
     Raises:
@@ -157,19 +131,7 @@ def evaluate_predictions(
         if finish is not None:
             finish(results, summary)
 
-    return run_benchmark(
-        card,
-        method=method,
-        protocol=protocol,
-        out=out,
-        split=method.split,
-        executor=executor,
-        cache=cache,
-        progress=progress,
-        mirror=mirror,
-        overwrite=overwrite,
-        finish=finished,
-    )
+    return run_benchmark(request, finish=finished)
 
 
 def write_report(file: Path, report: PredictionReport) -> None:

@@ -41,28 +41,11 @@ from bench.recordings import NO_INPUT_ERRORS, DatasetCard, InputErrors, Recordin
 SERIAL = SerialExecutor()
 
 
-def run_benchmark(
-    card: DatasetCard,
-    *,
-    method: Method,
-    protocol: Protocol,
-    out: Path,
-    split: str | None = None,
-    input_errors: InputErrors = NO_INPUT_ERRORS,
-    overwrite: bool = False,
-    executor: TaskExecutor = SERIAL,
-    cache: CacheFolder | None = None,
-    progress: Progress | None = None,
-    mirror: RunMirror = NOWHERE,
-    finish: Finish | None = None,
-) -> RunSummary:
-    """Score a method on a data set and store the run.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RunRequest:
+    """A run that is asked for: what is scored, where the results go, how they are computed.
 
-    Units that are stored in `out`, by this or an interrupted run, are not computed again if all that they depend on is
-    the same: protocol, method, settings, code, and the content of the files that they read. The results of an older
-    run in `out` stay as they are until all of the new ones take their place at once.
-
-    Args:
+    Attributes:
         card: the data set.
         method: to be scored.
         protocol: the rules.
@@ -71,99 +54,94 @@ def run_benchmark(
         input_errors: of what the method is told; the reference keeps the true calibration and ego-motion.
         overwrite: replace the run of another experiment in `out`.
         executor: computes the units; the result does not depend on it.
-        cache: where flow, likelihood and reference are kept for other runs; None to keep nothing.
+        cache: where flow, likelihood and reference are stored for other runs; None to store nothing.
         progress: called with the images done and their number.
-        mirror: where else the run is kept.
+        mirror: where else the run is stored.
+    """
+
+    card: DatasetCard
+    method: Method
+    protocol: Protocol
+    out: Path
+    split: str | None = None
+    input_errors: InputErrors = NO_INPUT_ERRORS
+    overwrite: bool = False
+    executor: TaskExecutor = SERIAL
+    cache: CacheFolder | None = None
+    progress: Progress | None = None
+    mirror: RunMirror = NOWHERE
+
+    def recordings(self) -> list[RecordingHandle]:
+        """The recordings to be scored, with the input errors."""
+        return [replace(handle, input_errors=self.input_errors) for handle in open_dataset(self.card, self.split)]
+
+    @property
+    def experiment(self) -> Experiment:
+        """What all files in `out` are of."""
+        return Experiment.of(dataset=self.card.name, split=self.split, method=self.method, protocol=self.protocol)
+
+
+def run_benchmark(request: RunRequest, *, finish: Finish | None = None) -> RunSummary:
+    """Score a method on a data set and store the run.
+
+    Units that are stored in `out`, by this or an interrupted run, are not computed again if all that they depend on is
+    the same: protocol, method, settings, code, and the content of the files that they read. The results of an older
+    run in `out` stay as they are until all of the new ones take their place at once.
+
+    Args:
+        request: what to score, where and how.
         finish: called with the folder of the new results, before they take their place, and the summary; writes what
             else belongs to them, for example tables and pictures.
 
     Returns:
         The summary, also stored as `summary.json`. Recordings, units and images that could not be used are listed
-        in `failures`; the figures are of the rest.
+        in `failures`; the metrics are of the rest.
 
     Raises:
         DataError: the data set is not there, nothing of it could be used, `out` holds another experiment or something
             that is no run or is in use by another one, or there is no room for the results.
     """
-    handles = [replace(handle, input_errors=input_errors) for handle in open_dataset(card, split)]
-    experiment = Experiment.of(dataset=card.name, split=split, method=method, protocol=protocol)
+    work = _Work(request=request, handles=request.recordings(), shard=WHOLE)
+    out, mirror = request.out, request.mirror
     with held_run_folder(out):
         mirror.begin(parts=WHOLE.count)
-        claim(out, experiment, protocol, overwrite=overwrite)
+        claim(out, request.experiment, request.protocol, overwrite=request.overwrite)
         with new_results(out) as results:
             remove_shards(out)
-            work = _Work(
-                card=card,
-                handles=handles,
-                method=method,
-                protocol=protocol,
-                out=out,
-                split=split,
-                shard=WHOLE,
-                mirror=mirror,
-            )
-            work.run(executor, cache, progress)
-            summary = combine_parts(results, [out], run=out, protocol=protocol)
+            work.run()
+            summary = combine_parts(results, [out], run=out, protocol=request.protocol)
             if finish is not None:
                 finish(results, summary)
         mirror.keep_rest()
         return summary
 
 
-def run_shard(
-    card: DatasetCard,
-    *,
-    method: Method,
-    protocol: Protocol,
-    out: Path,
-    shard: Shard,
-    split: str | None = None,
-    overwrite: bool = False,
-    executor: TaskExecutor = SERIAL,
-    cache: CacheFolder | None = None,
-    progress: Progress | None = None,
-    mirror: RunMirror = NOWHERE,
-) -> ShardReport:
+def run_shard(request: RunRequest, shard: Shard) -> ShardReport:
     """Score a part of a data set's units and store them; `merge_shards` makes a run of all parts.
 
-    Parts may work at the same time, in one folder or in many. See `run_benchmark` for the arguments.
+    Parts may work at the same time, in one folder or in many.
 
     Raises:
         DataError: as `run_benchmark`, but for a part of which nothing could be used.
     """
-    handles = open_dataset(card, split)
-    experiment = Experiment.of(dataset=card.name, split=split, method=method, protocol=protocol)
+    work = _Work(request=request, handles=request.recordings(), shard=shard)
+    out, mirror = request.out, request.mirror
     with held_run_folder(out, shared=True):
         mirror.begin(parts=shard.count)
-        claim(out, experiment, protocol, overwrite=overwrite)
+        claim(out, request.experiment, request.protocol, overwrite=request.overwrite)
         remove_shards(out, but_of=shard.count)
-        work = _Work(
-            card=card,
-            handles=handles,
-            method=method,
-            protocol=protocol,
-            out=out,
-            split=split,
-            shard=shard,
-            mirror=mirror,
-        )
-        report = work.run(executor, cache, progress)
+        report = work.run()
         mirror.keep_rest()
         return report
 
 
 @dataclass(kw_only=True)
 class _Work:
-    """What piles up while a part of a run goes on."""
+    """A part of a run while it goes on: what it has computed so far."""
 
-    card: DatasetCard
+    request: RunRequest
     handles: Sequence[RecordingHandle]
-    method: Method
-    protocol: Protocol
-    out: Path
-    split: str | None
     shard: Shard
-    mirror: RunMirror
     start: origin.Start = field(default_factory=origin.Start.now)
     clock: StageClock = field(default_factory=StageClock)
     keys: dict[Unit, str] = field(default_factory=dict)
@@ -176,52 +154,43 @@ class _Work:
     peak_memory_mb: float = 0.0
 
     def __post_init__(self) -> None:
-        self.identity = MethodIdentity.of(self.method)
+        self.identity = MethodIdentity.of(self.request.method)
 
-    def run(self, executor: TaskExecutor, cache: CacheFolder | None, progress: Progress | None) -> ShardReport:
+    def run(self) -> ShardReport:
         """Plan, score, store."""
-        if cache is not None:
-            cache.prepare()
-        (self.out / "shards" / self.shard.file).unlink(missing_ok=True)
-        spec = RunSpec(method=self.method, identity=self.identity, protocol=self.protocol, cache=cache)
-        with executor:
-            planned = self._plan(spec, self.handles, executor)
+        asked = self.request
+        if asked.cache is not None:
+            asked.cache.prepare()
+        (asked.out / "shards" / self.shard.file).unlink(missing_ok=True)
+        spec = RunSpec(method=asked.method, identity=self.identity, protocol=asked.protocol, cache=asked.cache)
+        with asked.executor:
+            planned = self._plan(spec)
             units = [unit for recording in planned for unit in recording.units]
             part = self.shard.part(units)
-            stored = UnitFolder(self.out)
+            stored = UnitFolder(asked.out)
             if self.shard.count == 1:
                 stored.keep_only(units)
-                self.mirror.keep_only(units)
-            self.mirror.bring(part)
-            self._score(spec, self.handles, part, stored, executor, progress)
-        if cache is not None:
-            cache.make_room()
-        report = self._report(planned, units, part, executor)
-        write_shard(self.out, self.shard, report)
+                asked.mirror.keep_only(units)
+            asked.mirror.bring(part)
+            self._score(spec, part, stored)
+        if asked.cache is not None:
+            asked.cache.make_room()
+        report = self._report(planned, units, part)
+        write_shard(asked.out, self.shard, report)
         return report
 
-    def _plan(
-        self, spec: RunSpec, handles: Sequence[RecordingHandle], executor: TaskExecutor
-    ) -> list[PlannedRecording]:
+    def _plan(self, spec: RunSpec) -> list[PlannedRecording]:
         """The recordings in the order of the data set."""
         found: dict[str, PlannedRecording] = {}
-        with closing(executor.compute(partial(plan_recording, spec), handles)) as results:
+        with closing(self.request.executor.compute(partial(plan_recording, spec), self.handles)) as results:
             for handle, planned in results:
                 recording = _never_opened(handle, planned) if isinstance(planned, FailedTask) else planned
                 found[handle.name] = recording
                 self.clock.seconds["open"] += recording.seconds
-        return [found[handle.name] for handle in handles]
+        return [found[handle.name] for handle in self.handles]
 
-    def _score(
-        self,
-        spec: RunSpec,
-        handles: Sequence[RecordingHandle],
-        units: Sequence[Unit],
-        stored: UnitFolder,
-        executor: TaskExecutor,
-        progress: Progress | None,
-    ) -> None:
-        by_name = {handle.name: handle for handle in handles}
+    def _score(self, spec: RunSpec, units: Sequence[Unit], stored: UnitFolder) -> None:
+        by_name = {handle.name: handle for handle in self.handles}
         tasks = []
         for unit in units:
             status = stored.status(unit)
@@ -229,12 +198,12 @@ class _Work:
             tasks.append(UnitTask(handle=by_name[unit.recording], unit=unit, stored_key=key))
         tasks.sort(key=lambda task: task.unit.start - task.unit.stop)  # the longest first, so that all end together
         total, done = sum(unit.stop - unit.start for unit in units), 0
-        with closing(executor.compute(partial(score_unit, spec), tasks)) as results:
+        with closing(self.request.executor.compute(partial(score_unit, spec), tasks)) as results:
             for task, scored in results:
                 self._take(task, scored, stored)
                 done += task.unit.stop - task.unit.start
-                if progress is not None:
-                    progress(done, total)
+                if self.request.progress is not None:
+                    self.request.progress(done, total)
 
     def _take(self, task: UnitTask, scored: ScoredUnit | FailedTask, stored: UnitFolder) -> None:
         unit = task.unit
@@ -253,23 +222,23 @@ class _Work:
         self.keys[unit] = scored.key
         if scored.content is None:
             self.reused += 1
-            self.mirror.keep(unit, anew=False)
+            self.request.mirror.keep(unit, anew=False)
             return
         self.images_computed += unit.stop - unit.start
         with self.clock.stage("store"):
             stored.store(unit, scored.content)
-            self.mirror.keep(unit, anew=True)
+            self.request.mirror.keep(unit, anew=True)
 
     def _report(
         self,
         planned: Sequence[PlannedRecording],
         units: Sequence[Unit],
         part: Sequence[Unit],
-        executor: TaskExecutor,
     ) -> ShardReport:
+        asked = self.request
         outlines = [recording.vehicle_outline_m for recording in planned if recording.vehicle_outline_m]
         work = origin.Work(
-            workers=executor.workers,
+            workers=asked.executor.workers,
             units_computed=len(self.keys) - self.reused,
             units_reused=self.reused,
             images_computed=self.images_computed,
@@ -279,14 +248,14 @@ class _Work:
         return ShardReport(
             schema_version=SCHEMA_VERSION,
             stamp=RunStamp(
-                dataset=self.card.name,
-                card=str(self.card.file),
+                dataset=asked.card.name,
+                card=str(asked.card.file),
                 data=digest_of(sorted(recording.content for recording in planned if recording.content is not None)),
-                split=self.split,
-                method=MethodStamp.of(self.method, self.identity),
+                split=asked.split,
+                method=MethodStamp.of(asked.method, self.identity),
                 code=code_digest(UNIT_CODE),
-                protocol_digest=self.protocol.digest,
-                caveats=_caveats(self.card, self.handles),
+                protocol_digest=asked.protocol.digest,
+                caveats=_caveats(asked.card, self.handles),
             ),
             units_of_run=len(units),
             units=tuple(

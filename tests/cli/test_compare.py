@@ -7,7 +7,7 @@ import cv2
 import pytest
 
 from bench.evaluation import load_protocol
-from bench.harness import run_benchmark
+from bench.harness import RunRequest, run_benchmark
 from bench.methods import build_method
 from bench.recordings import load_card
 from tests.cli.test_commands import call
@@ -23,7 +23,12 @@ def runs(tiny_card, tmp_path_factory):
         ("extended", "nothing", "extended-v1"),
     ):
         run_benchmark(
-            load_card(tiny_card), method=build_method(method), protocol=load_protocol(protocol), out=folder / name
+            RunRequest(
+                card=load_card(tiny_card),
+                method=build_method(method),
+                protocol=load_protocol(protocol),
+                out=folder / name,
+            )
         )
     return folder
 

@@ -11,7 +11,7 @@ from junitparser import JUnitXml
 
 from bench.evaluation import load_protocol
 from bench.gate import scored_run, write_baseline
-from bench.harness import code_state, read_run, run_benchmark
+from bench.harness import RunRequest, code_state, read_run, run_benchmark
 from bench.harness.keys import MethodIdentity
 from bench.harness.stored import write_summary
 from bench.methods import build_method
@@ -39,12 +39,18 @@ def runs(tiny_card, tmp_path_factory) -> dict[str, Path]:
             (again / "recording.json").write_text(json.dumps(head | {"name": again.name}))
     card, protocol = load_card(str(data / tiny_card.name)), load_protocol("paper-v1")
     few = run_benchmark(
-        load_card(str(tiny_card)), method=build_method("spherical"), protocol=protocol, out=folder / "few"
+        RunRequest(
+            card=load_card(str(tiny_card)), method=build_method("spherical"), protocol=protocol, out=folder / "few"
+        )
     )
     assert few.images.evaluated
     for name in ("spherical", "nothing"):
-        run_benchmark(card, method=build_method(name), protocol=protocol, out=folder / name)
-    run_benchmark(card, method=build_method("nothing"), protocol=load_protocol("extended-v1"), out=folder / "extended")
+        run_benchmark(RunRequest(card=card, method=build_method(name), protocol=protocol, out=folder / name))
+    run_benchmark(
+        RunRequest(
+            card=card, method=build_method("nothing"), protocol=load_protocol("extended-v1"), out=folder / "extended"
+        )
+    )
     write_baseline(scored_run(folder / "spherical"), folder / "baseline.json", allow_dirty=True)
     return {path.stem: path for path in folder.iterdir()}
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from bench.evaluation import load_protocol
-from bench.harness import run_benchmark
+from bench.harness import RunRequest, run_benchmark
 from bench.harness.sweep import read_sweep
 from bench.recordings import load_card
 from tests.harness.conftest import trouble
@@ -45,7 +45,7 @@ def test_a_run_that_is_stopped_leaves_no_process_and_goes_on(tiny_card, tmp_path
     number, status, told = ENDINGS[how]
     options = {"method": Troubled(), "protocol": load_protocol("paper-v1")}
     card = load_card(str(tiny_card))
-    run_benchmark(card, out=tmp_path / "calm", **options)
+    run_benchmark(RunRequest(card=card, out=tmp_path / "calm", **options))
     out, here = tmp_path / "run", trouble / "standing.wait-noted"
     (trouble / "standing.wait").touch()
     run = start("run", tiny_card, *TROUBLED, "--out", out, "--no-pictures", "--no-cache", "--workers", workers)
@@ -64,7 +64,7 @@ def test_a_run_that_is_stopped_leaves_no_process_and_goes_on(tiny_card, tmp_path
     until(lambda: not any(alive(pid) for pid in pids(here)), "no worker")
     assert not (out / "summary.json").exists()
     (trouble / "standing.wait").unlink()
-    again = run_benchmark(card, out=out, **options)
+    again = run_benchmark(RunRequest(card=card, out=out, **options))
     assert (again.provenance.work.units_computed, again.provenance.work.units_reused) == (1, 2)
     assert bytes_of(out) == bytes_of(tmp_path / "calm")
 

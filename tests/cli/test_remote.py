@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from bench.evaluation import load_protocol
-from bench.harness import run_benchmark
+from bench.harness import RunRequest, run_benchmark
 from bench.methods import build_method
 from bench.recordings import load_card
 from tests.cli.test_commands import call
@@ -50,7 +50,9 @@ def test_a_run_from_storage_to_storage_is_reported_judged_and_compared(
 
     own = tmp_path / "local"
     run_benchmark(
-        load_card(str(tiny_card)), method=build_method("nothing"), protocol=load_protocol("paper-v1"), out=own
+        RunRequest(
+            card=load_card(str(tiny_card)), method=build_method("nothing"), protocol=load_protocol("paper-v1"), out=own
+        )
     )
     assert bucket.get("runs/nothing/objects.parquet") == (own / "objects.parquet").read_bytes()
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from bench.evaluation import load_protocol
-from bench.harness import run_benchmark
+from bench.harness import RunRequest, run_benchmark
 from bench.methods import Method, build_method
 from bench.recordings import load_card
 from bench.synthesis import synthesize
@@ -26,7 +26,7 @@ def gated_card(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def run(card: Path, out: Path, method: Method | None = None) -> Path:
     chosen = method or build_method("spherical")
-    run_benchmark(load_card(str(card)), method=chosen, protocol=load_protocol("paper-v1"), out=out)
+    run_benchmark(RunRequest(card=load_card(str(card)), method=chosen, protocol=load_protocol("paper-v1"), out=out))
     return out
 
 

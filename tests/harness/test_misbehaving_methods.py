@@ -3,7 +3,7 @@
 import pytest
 
 from bench.evaluation import load_protocol
-from bench.harness import read_run, read_tables, run_benchmark
+from bench.harness import RunRequest, read_run, read_tables, run_benchmark
 from bench.harness.cache import CacheFolder
 from bench.harness.stored import REFERENCE_OF_FRAMES, REFERENCE_OF_OBJECTS
 from bench.methods import build_method
@@ -35,7 +35,7 @@ FAULTY = {
 
 def score(card, out, *, method, cache=None):
     kept = None if cache is None else CacheFolder(folder=cache)
-    return run_benchmark(load_card(str(card)), method=method, protocol=PAPER, out=out, cache=kept)
+    return run_benchmark(RunRequest(card=load_card(str(card)), method=method, protocol=PAPER, out=out, cache=kept))
 
 
 def test_every_fault_is_tried():

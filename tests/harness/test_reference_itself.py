@@ -4,7 +4,7 @@ import pytest
 
 from bench.cli import main
 from bench.evaluation import load_protocol
-from bench.harness import build_scorable, read_run, run_benchmark, scorable_methods
+from bench.harness import RunRequest, build_scorable, read_run, run_benchmark, scorable_methods
 from bench.methods import build_method, known_methods
 from bench.recordings import load_card
 
@@ -46,10 +46,12 @@ def test_the_reference_scores_perfectly(tiny_card, tmp_path, monkeypatch, protoc
 def test_it_compares_with_methods_on_the_same_images(tiny_card, tmp_path):
     fingerprints = {
         run_benchmark(
-            load_card(str(tiny_card)),
-            method=build_scorable(name),
-            protocol=load_protocol("paper-v1"),
-            out=tmp_path / name,
+            RunRequest(
+                card=load_card(str(tiny_card)),
+                method=build_scorable(name),
+                protocol=load_protocol("paper-v1"),
+                out=tmp_path / name,
+            )
         ).reference_fingerprint
         for name in ("reference", "nothing", "background-subtraction", "spherical-sparse")
     }

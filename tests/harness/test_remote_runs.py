@@ -8,7 +8,7 @@ import yaml
 from bench.errors import DataError
 from bench.evaluation import load_protocol
 from bench.execution import ProcessExecutor, SerialExecutor
-from bench.harness import merge_shards, merged_units, run_benchmark, run_shard
+from bench.harness import RunRequest, merge_shards, merged_units, run_benchmark, run_shard
 from bench.harness.remote_runs import MARK, RemoteRun, fetched_run
 from bench.harness.shards import Shard
 from bench.methods import build_method
@@ -28,7 +28,7 @@ URL = "s3://bench/runs/one"
 
 def score(card, out, *, method="nothing", executor=SERIAL, **options):
     given = {"method": build_method(method), "protocol": PAPER, "executor": executor}
-    return run_benchmark(load_card(str(card)), out=out, **given, **options)
+    return run_benchmark(RunRequest(card=load_card(str(card)), out=out, **given, **options))
 
 
 def score_there(card, *, machine=None, monkeypatch=None, **options):
@@ -256,7 +256,7 @@ def test_parts_of_two_machines_merge_at_the_address(own_card, bucket, tmp_path, 
         monkeypatch.setenv("FISHEYE_BENCH_REMOTE", str(tmp_path / f"machine-{number}"))
         remote = RemoteRun(url=parse_place(URL))
         options = {"method": build_method("nothing"), "protocol": PAPER, "shard": Shard(number=number, count=2)}
-        run_shard(load_card(str(own_card)), out=remote.folder, mirror=remote, **options)
+        run_shard(RunRequest(card=load_card(str(own_card)), out=remote.folder, mirror=remote, **options))
     monkeypatch.setenv("FISHEYE_BENCH_REMOTE", str(tmp_path / "third"))
     remote = RemoteRun(url=parse_place(URL))
     remote.bring_all(write=True)

@@ -14,7 +14,7 @@ import pytest
 import bench
 from bench.errors import DataError
 from bench.evaluation import load_protocol
-from bench.harness import run_benchmark
+from bench.harness import RunRequest, run_benchmark
 from bench.harness.cache import CacheFolder
 from bench.harness.keys import digests as code
 from bench.harness.masks import MASKS
@@ -39,7 +39,9 @@ def score(
     chosen = build_method(method, settings or {})
     kept = None if cache is None else CacheFolder(folder=cache)
     return run_benchmark(
-        load_card(str(card)), method=chosen, protocol=protocol, out=out, cache=kept, overwrite=overwrite
+        RunRequest(
+            card=load_card(str(card)), method=chosen, protocol=protocol, out=out, cache=kept, overwrite=overwrite
+        )
     )
 
 

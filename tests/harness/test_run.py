@@ -9,7 +9,7 @@ import pytest
 
 from bench.errors import DataError
 from bench.evaluation import load_protocol
-from bench.harness import plan_units, read_protocol, read_run, read_tables, run_benchmark
+from bench.harness import RunRequest, plan_units, read_protocol, read_run, read_tables, run_benchmark
 from bench.harness.stored import MethodStamp
 from bench.methods import build_method
 from bench.recordings import load_card, open_dataset
@@ -18,7 +18,9 @@ PROTOCOL = load_protocol("paper-v1")
 
 
 def run(card: Path, out: Path, method="spherical", **options):
-    return run_benchmark(load_card(str(card)), method=build_method(method), protocol=PROTOCOL, out=out, **options)
+    return run_benchmark(
+        RunRequest(card=load_card(str(card)), method=build_method(method), protocol=PROTOCOL, out=out, **options)
+    )
 
 
 def files_of(folder: Path) -> dict[str, bytes]:

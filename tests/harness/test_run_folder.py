@@ -13,7 +13,7 @@ import pytest
 from bench.cli.running import RUNS, default_folder, unusual
 from bench.errors import DataError
 from bench.evaluation import load_protocol
-from bench.harness import run_benchmark
+from bench.harness import RunRequest, run_benchmark
 from bench.harness.run_folder import held_run_folder, new_results
 from bench.methods import build_method
 from bench.recordings import load_card
@@ -106,7 +106,8 @@ def test_results_that_cannot_be_finished_do_not_appear(finished, tiny_card):
 
     with pytest.raises(OSError, match="the disk is full"):
         run_benchmark(
-            load_card(tiny_card), method=build_method("everything"), protocol=PAPER, out=finished, finish=finish
+            RunRequest(card=load_card(tiny_card), method=build_method("everything"), protocol=PAPER, out=finished),
+            finish=finish,
         )
     assert everything_in(finished) == before
     assert not list(finished.parent.glob(".*"))

@@ -8,7 +8,7 @@ import pytest
 
 from bench.errors import DataError, UsageError
 from bench.evaluation import load_protocol
-from bench.harness import merge_shards, run_benchmark, run_shard
+from bench.harness import RunRequest, merge_shards, run_benchmark, run_shard
 from bench.harness.shards import Shard
 from bench.methods import build_method
 from bench.recordings import load_card
@@ -29,12 +29,14 @@ COUNT = 3
 
 def score_part(card: Path, out: Path, number: int, *, count=COUNT, settings=None, protocol=PAPER, overwrite=False):
     return run_shard(
-        load_card(str(card)),
-        method=build_method("spherical", settings or {}),
-        protocol=protocol,
-        out=out,
-        shard=Shard(number=number, count=count),
-        overwrite=overwrite,
+        RunRequest(
+            card=load_card(str(card)),
+            method=build_method("spherical", settings or {}),
+            protocol=protocol,
+            out=out,
+            overwrite=overwrite,
+        ),
+        Shard(number=number, count=count),
     )
 
 
@@ -42,7 +44,9 @@ def score_part(card: Path, out: Path, number: int, *, count=COUNT, settings=None
 def whole(tiny_card, tmp_path_factory) -> Path:
     """The run in one piece."""
     out = tmp_path_factory.mktemp("whole") / "run"
-    run_benchmark(load_card(str(tiny_card)), method=build_method("spherical", {}), protocol=PAPER, out=out)
+    run_benchmark(
+        RunRequest(card=load_card(str(tiny_card)), method=build_method("spherical", {}), protocol=PAPER, out=out)
+    )
     return out
 
 
@@ -100,7 +104,7 @@ def test_a_part_that_is_scored_again_computes_nothing(tiny_card, parts, whole):
 
 def test_a_whole_run_takes_over_what_its_parts_have_computed(tiny_card, parts, whole):
     method = build_method("spherical", {})
-    run_benchmark(load_card(str(tiny_card)), method=method, protocol=PAPER, out=parts[1])
+    run_benchmark(RunRequest(card=load_card(str(tiny_card)), method=method, protocol=PAPER, out=parts[1]))
     assert bytes_of(parts[1]) == bytes_of(whole)
     assert not (parts[1] / "shards" / Shard(number=2, count=COUNT).file).exists()
 
@@ -182,7 +186,9 @@ def test_a_part_of_other_code_is_refused(parts, tmp_path, changed, told):
 
 
 def test_parts_of_another_experiment_do_not_take_the_place_of_a_finished_run(tiny_card, parts, tmp_path):
-    run_benchmark(load_card(str(tiny_card)), method=build_method("nothing"), protocol=PAPER, out=tmp_path / "run")
+    run_benchmark(
+        RunRequest(card=load_card(str(tiny_card)), method=build_method("nothing"), protocol=PAPER, out=tmp_path / "run")
+    )
     before = bytes_of(tmp_path / "run")
     with pytest.raises(DataError, match="--overwrite"):
         merge(tmp_path / "run", parts)
@@ -235,7 +241,7 @@ def test_a_unit_that_failed_is_told_by_the_whole(own_card, tmp_path):
     for number in (1, 2):
         score_part(own_card, tmp_path / "run", number, count=2)
     method = build_method("spherical", {})
-    run_benchmark(load_card(str(own_card)), method=method, protocol=PAPER, out=tmp_path / "whole")
+    run_benchmark(RunRequest(card=load_card(str(own_card)), method=method, protocol=PAPER, out=tmp_path / "whole"))
     summary = merge(tmp_path / "run", [tmp_path / "run"])
     assert len(summary.failures) >= 1
     assert bytes_of(tmp_path / "run") == bytes_of(tmp_path / "whole")

@@ -16,7 +16,7 @@ import pytest
 from bench.errors import DataError
 from bench.evaluation import load_protocol
 from bench.execution import ProcessExecutor, SerialExecutor
-from bench.harness import provenance, read_run, read_tables, run_benchmark
+from bench.harness import RunRequest, provenance, read_run, read_tables, run_benchmark
 from bench.harness.cache import CacheFolder
 from bench.harness.tasks import UnitTask
 from bench.methods import build_method
@@ -34,7 +34,9 @@ UNITS = 3
 def score(card: Path, out: Path, *, method=None, cache=None, **options):
     kept = None if cache is None else CacheFolder(folder=cache)
     return run_benchmark(
-        load_card(str(card)), method=method or Troubled(), protocol=PAPER, out=out, cache=kept, **options
+        RunRequest(
+            card=load_card(str(card)), method=method or Troubled(), protocol=PAPER, out=out, cache=kept, **options
+        )
     )
 
 
@@ -170,7 +172,7 @@ import resource, sys
 from pathlib import Path
 
 from bench.evaluation import load_protocol
-from bench.harness import run_benchmark
+from bench.harness import RunRequest, run_benchmark
 from bench.harness.cache import CacheFolder
 from bench.methods import build_method
 from bench.recordings import load_card
@@ -185,9 +187,8 @@ def put_on_a_full_disk(self, step, digest, arrays):
     resource.setrlimit(resource.RLIMIT_FSIZE, (-1, -1))
 
 CacheFolder.put = put_on_a_full_disk
-run_benchmark(
-    load_card(card), method=build_method("spherical", {}), protocol=load_protocol("paper-v1"), out=Path(out), cache=kept
-)
+method, protocol = build_method("spherical", {}), load_protocol("paper-v1")
+run_benchmark(RunRequest(card=load_card(card), method=method, protocol=protocol, out=Path(out), cache=kept))
 """
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from bench.evaluation import load_protocol
-from bench.harness import run_benchmark, run_shard
+from bench.harness import RunRequest, run_benchmark, run_shard
 from bench.harness.shards import Shard
 from bench.methods import build_method
 from bench.recordings import load_card
@@ -53,7 +53,7 @@ def runs(tiny_card, tmp_path_factory) -> list[Path]:
     folders = []
     for name in ("spherical", "nothing"):
         folders.append(tmp_path_factory.mktemp("runs") / name)
-        run_benchmark(load_card(tiny_card), method=build_method(name), protocol=PAPER, out=folders[-1])
+        run_benchmark(RunRequest(card=load_card(tiny_card), method=build_method(name), protocol=PAPER, out=folders[-1]))
     return folders
 
 
@@ -76,11 +76,10 @@ def test_commands_that_read_runs(runs, tmp_path, monkeypatch, trap, words):
 def test_merge(tiny_card, tmp_path, monkeypatch, trap):
     for number in (1, 2):
         run_shard(
-            load_card(tiny_card),
-            method=build_method("spherical"),
-            protocol=PAPER,
-            out=tmp_path / "run",
-            shard=Shard(number=number, count=2),
+            RunRequest(
+                card=load_card(tiny_card), method=build_method("spherical"), protocol=PAPER, out=tmp_path / "run"
+            ),
+            Shard(number=number, count=2),
         )
     for file in (tmp_path / "run" / "shards").glob("*.json"):
         set_trap(file, trap)

@@ -18,7 +18,7 @@ from bench.harness.cache import CacheFolder
 from bench.harness.keys import MethodIdentity
 from bench.harness.merge import combined_provenance
 from bench.harness.method_stamp import MethodStamp
-from bench.harness.run import SERIAL, run_benchmark
+from bench.harness.run import SERIAL, RunRequest, run_benchmark
 from bench.harness.stages import Progress, part_of
 from bench.harness.stored import RunSummary, open_tables
 from bench.harness.sweep.plan import SweepPlan
@@ -65,8 +65,8 @@ def run_sweep(
     summaries = []
     with _shared(cache, out) as steps, executor:
         for number, (value, setup) in enumerate(zip(plan.values, plan.setups, strict=True)):
-            summary = run_benchmark(
-                card,
+            request = RunRequest(
+                card=card,
                 method=setup.method,
                 protocol=setup.protocol,
                 input_errors=setup.input_errors,
@@ -77,7 +77,7 @@ def run_sweep(
                 cache=steps,
                 progress=part_of(progress, number=number, total=len(plan.values)),
             )
-            summaries.append(summary)
+            summaries.append(run_benchmark(request))
     result = _result(card, plan, summaries, out=out, split=split, start=start, workers=executor.workers)
     write_sweep(out, result)
     return result

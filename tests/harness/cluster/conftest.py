@@ -8,7 +8,7 @@ import pytest
 
 from bench.evaluation import load_protocol
 from bench.execution import SerialExecutor, TaskExecutor
-from bench.harness import RunSummary, run_benchmark
+from bench.harness import RunRequest, RunSummary, run_benchmark
 from bench.harness.cluster import ClusterExecutor, Terms
 from bench.methods import build_method
 from bench.recordings import load_card
@@ -54,7 +54,9 @@ def score(tiny_card: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> S
             terms = Terms.of(chosen, reads=(card.root,), cache=None)
             executor = ClusterExecutor.of_fit_workers(address, terms, patience_s=patience_s)
         return run_benchmark(
-            card, method=chosen, protocol=load_protocol("paper-v1"), out=tmp_path / out, executor=executor
+            RunRequest(
+                card=card, method=chosen, protocol=load_protocol("paper-v1"), out=tmp_path / out, executor=executor
+            )
         )
 
     return scored

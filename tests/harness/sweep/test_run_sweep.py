@@ -10,7 +10,7 @@ from bench.errors import DataError
 from bench.evaluation import load_protocol
 from bench.execution import ProcessExecutor
 from bench.flow import FarnebackFlow
-from bench.harness import run_benchmark
+from bench.harness import RunRequest, run_benchmark
 from bench.harness.cache import CacheFolder
 from bench.harness.sweep import Setup, plan_sweep, read_sweep, run_sweep
 from bench.methods import build_method
@@ -67,7 +67,12 @@ def by_value(result) -> dict:
 def test_each_value_is_what_a_run_with_it_gives(tiny_card, tmp_path, cache, what, value, settings):
     found = sweep(tiny_card, what, tmp_path / "sweep", values=[value], cache=cache)
     run = run_benchmark(
-        load_card(str(tiny_card)), method=build_method("spherical", settings), protocol=PROTOCOL, out=tmp_path / "run"
+        RunRequest(
+            card=load_card(str(tiny_card)),
+            method=build_method("spherical", settings),
+            protocol=PROTOCOL,
+            out=tmp_path / "run",
+        )
     )
     row = next(row for row in found.rows if not row.operating)
     assert row.model_dump_json(include={"categories", "all_moving", "false_positives"}) == run.model_dump_json(
@@ -84,7 +89,9 @@ def test_a_sweep_over_the_reference_is_what_runs_by_those_rules_give(tiny_card, 
     content["reference"]["min_points"] = 1000
     rules = type(PROTOCOL).model_validate(content)
     run = run_benchmark(
-        load_card(str(tiny_card)), method=build_method("spherical"), protocol=rules, out=tmp_path / "run"
+        RunRequest(
+            card=load_card(str(tiny_card)), method=build_method("spherical"), protocol=rules, out=tmp_path / "run"
+        )
     )
     assert found[1000].all_moving.model_dump_json() == run.all_moving.model_dump_json()
 
@@ -194,9 +201,15 @@ def test_a_run_with_errors_is_none_without(tiny_card, tmp_path):
 
     def score(out, **errors):
         return run_benchmark(
-            card, method=build_method("spherical"), protocol=PROTOCOL, out=tmp_path / out, cache=kept,
-            input_errors=InputErrors(**errors),
-        )  # fmt: skip
+            RunRequest(
+                card=card,
+                method=build_method("spherical"),
+                protocol=PROTOCOL,
+                out=tmp_path / out,
+                cache=kept,
+                input_errors=InputErrors(**errors),
+            )
+        )
 
     plain = score("run")
     wrong = [score("run", yaw_rate_bias_degps=3.0), score("run", yaw_rate_bias_degps=2.0)]
