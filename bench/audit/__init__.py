@@ -12,8 +12,11 @@ constraint says what it cannot see.
 """
 
 from bench.audit.causes import BLIND, ExplainedImage, FalseCause, MissCause, explain_image
-from bench.audit.figures import (
+from bench.audit.polygons import Compensation, lenient
+from bench.audit.recording import Scoring
+from bench.audit.results import (
     ALL,
+    AUDIT,
     Aim,
     AuditSummary,
     FalseAlarmFigures,
@@ -21,12 +24,12 @@ from bench.audit.figures import (
     PolygonFigures,
     Quartiles,
     Scores,
+    read_audit,
+    read_misses,
+    read_polygons,
 )
-from bench.audit.polygons import Compensation, lenient
-from bench.audit.recording import Scoring
 from bench.audit.run import run_audit
 from bench.audit.sources import AuditSource, audit_sources
-from bench.audit.stored import AUDIT, read_audit, read_misses, read_polygons
 
 __all__ = [
     "ALL",

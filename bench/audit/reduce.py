@@ -9,7 +9,8 @@ import pandas as pd
 import pyarrow as pa
 
 from bench.audit.causes import FalseCause, MissCause
-from bench.audit.figures import (
+from bench.audit.polygons import FIT, Compensation
+from bench.audit.results import (
     ALL,
     Aim,
     FalseAlarmFigures,
@@ -18,7 +19,6 @@ from bench.audit.figures import (
     Quartiles,
     Scores,
 )
-from bench.audit.polygons import FIT, Compensation
 from bench.evaluation import Protocol, summarise
 from bench.evaluation.slices import bin_names, name_bins
 

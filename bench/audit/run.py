@@ -7,12 +7,11 @@ from contextlib import closing
 from functools import partial
 from pathlib import Path
 
-from bench.audit.figures import AuditSummary
 from bench.audit.polygons import POLYGON_KINDS
 from bench.audit.recording import RecordingAudit, Scoring, audit_recording, joined
 from bench.audit.reduce import aims, false_alarm_figures, miss_figures, polygon_figures, scores
+from bench.audit.results import SCHEMA_VERSION, AuditSummary, write_audit
 from bench.audit.sources import NO_SCENARIO, AuditSource, audit_sources
-from bench.audit.stored import SCHEMA_VERSION, write_audit
 from bench.errors import DataError
 from bench.evaluation import Protocol
 from bench.evaluation.summary import ProtocolStamp

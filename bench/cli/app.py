@@ -181,9 +181,9 @@ def cache(
     clear: Annotated[bool, typer.Option("--clear", help="Remove everything.")] = False,
 ) -> None:
     """Say what the cache of flow, likelihood and reference holds, and make it smaller."""
-    from bench.cli import caching
+    from bench.cli import listing
 
-    caching.cache(folder, limit_bytes=0 if clear else None if limit_gb is None else int(limit_gb * 1e9))
+    listing.cache(folder, limit_bytes=0 if clear else None if limit_gb is None else int(limit_gb * 1e9))
 
 
 @app.command()
@@ -314,9 +314,9 @@ def synthesize(
     workers: Workers = None,
 ) -> None:
     """Render a scenario into recordings; what is there and up to date stays."""
-    from bench.cli import rendering
+    from bench.cli.computing import render
 
-    rendering.render(scenario, out, workers=workers)
+    render(scenario, out, workers=workers)
 
 
 @app.command()
@@ -359,9 +359,9 @@ def report(
     pictures: Annotated[bool, typer.Option(help="Draw the worst frames, from the data set.")] = True,
 ) -> None:
     """Write one page to read, from disk and without a network: figures, charts, the worst cases."""
-    from bench.cli import paging
+    from bench.cli import reports
 
-    paging.report(run, category=category, out=out, pictures=pictures)
+    reports.report(run, category=category, out=out, pictures=pictures)
 
 
 @app.command()
@@ -475,10 +475,10 @@ def compare(
     pictures: Annotated[bool, typer.Option(help="Draw the frames that changed most, from the data set.")] = True,
 ) -> None:
     """Compare runs in pairs: differences with intervals, object-frames gained and lost, pictures of the biggest."""
-    from bench.cli import comparing
+    from bench.cli import reports
     from bench.cli.places import finished_run
 
-    comparing.compare([finished_run(run) for run in runs], out=out, pictures=pictures)
+    reports.compare([finished_run(run) for run in runs], out=out, pictures=pictures)
 
 
 @app.command()
@@ -487,9 +487,9 @@ def leaderboard(
     out: Annotated[Path | None, typer.Option(help="Also write leaderboard.md, .csv, .json into this folder.")] = None,
 ) -> None:
     """List all runs of a folder, those that compare in one table each."""
-    from bench.cli import comparing
+    from bench.cli import reports
 
-    if comparing.leaderboard(folder, out=out):
+    if reports.leaderboard(folder, out=out):
         raise typer.Exit(DATA_ERROR)
 
 

@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bench.audit import audit_sources, read_misses, read_polygons, run_audit
-from bench.cli.computing import local_executor
+from bench.cli.computing import local_executor, parse_settings, render_if_synthetic
 from bench.cli.console import print_failures, progress_bar, say, show
 from bench.cli.interrupts import interruptible
-from bench.cli.rendering import render_if_synthetic
-from bench.cli.settings import parse_settings
 from bench.evaluation import load_protocol
 from bench.methods import build_method
 from bench.methods.spherical.method import SphericalMethod

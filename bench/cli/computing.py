@@ -1,17 +1,23 @@
-"""Where and how a command computes."""
+"""How a command computes: settings of the method, executor and cache, and rendered data."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from bench.errors import UsageError
+from bench.cli.console import progress_bar, say
+from bench.cli.interrupts import interruptible
+from bench.errors import DataError, UsageError
 from bench.execution import ProcessExecutor, SerialExecutor, TaskExecutor, usable_cores
 from bench.harness.cache import CacheFolder, default_folder
 from bench.harness.cluster import ClusterExecutor, Terms, scheduler_address
 from bench.methods import Method
+from bench.plain_yaml import parse_yaml
 from bench.recordings import DatasetCard
+
+LONGEST = 1000  # characters of one setting
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,3 +71,56 @@ def local_executor(workers: int | None) -> TaskExecutor:
     """
     count = workers or usable_cores()
     return SerialExecutor() if count == 1 else ProcessExecutor(workers=count)
+
+
+def parse_settings(pairs: Sequence[str]) -> dict[str, Any]:
+    """Parse assignments: `weights.anti_parallel=0` becomes `{"weights": {"anti_parallel": 0}}`.
+
+    Raises:
+        UsageError: no `=`, a value that is no YAML, or a name that is both a value and a group.
+    """
+    parsed: dict[str, Any] = {}
+    for pair in pairs:
+        if len(pair) > LONGEST:
+            raise UsageError(f"--set: expected at most {LONGEST} characters, got {len(pair)}")
+        name, equals, text = pair.partition("=")
+        if not (equals and name):
+            raise UsageError(f"--set: expected NAME=VALUE, got {pair!r}")
+        try:
+            value = parse_yaml(text, file=f"--set {name}")
+        except DataError as error:
+            raise UsageError(f"--set {name}: expected a YAML value, got {text!r}") from error
+        group = parsed
+        *parents, leaf = name.split(".")
+        for parent in parents:
+            group = group.setdefault(parent, {})
+            if not isinstance(group, dict):
+                raise UsageError(f"--set {name}: {parent!r} already has the value {group!r}")
+        group[leaf] = _number(value)
+    return parsed
+
+
+def _number(value: object) -> object:
+    """YAML 1.1 reads `6e-4` as text; users mean the number."""
+    if isinstance(value, str):
+        try:
+            return float(value)
+        except ValueError:
+            return value
+    return value
+
+
+def render(scenario: Path, out: Path, *, workers: int | None = None) -> None:
+    """Render a scenario with a progress bar and say where."""
+    from bench.synthesis import synthesize  # a second, and data that are there already need none of it
+
+    left = f"the recordings that are done are in {out}, and the same command goes on from there"
+    with interruptible(left), progress_bar(f"rendering {scenario.stem}", "recordings") as report:
+        folders = synthesize(scenario, out, workers=workers, progress=report)
+    say(f"{len(folders)} recordings in {out}")
+
+
+def render_if_synthetic(card: DatasetCard) -> None:
+    """Render what a card's scenario asks for and is not there yet."""
+    if card.scenario is not None and card.remote_root is None:
+        render(card.scenario, card.root)

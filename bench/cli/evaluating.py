@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bench.cli.computing import Computing
+from bench.cli.computing import Computing, render_if_synthetic
 from bench.cli.console import progress_bar, say, show
 from bench.cli.interrupts import resumable
 from bench.cli.places import destination
-from bench.cli.rendering import render_if_synthetic
 from bench.cli.running import RunReport, default_folder
 from bench.errors import UsageError
 from bench.evaluation import load_protocol

@@ -1,4 +1,4 @@
-"""What there is."""
+"""Lists: data sets, methods, and what the cache holds."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ from pathlib import Path
 
 from rich.table import Table
 
-from bench.cli.console import show
-from bench.errors import UsageError
+from bench.cli.console import say, show
+from bench.errors import DataError, UsageError
 from bench.harness import scorable_methods
+from bench.harness.cache import CacheFolder, default_folder
 from bench.methods import describe_method
 from bench.recordings import list_cards
 
@@ -31,3 +32,23 @@ def methods() -> None:
             about = str(error)
         table.add_row(name, about if place.startswith("bench.") else f"{about} ({place})")
     show(table)
+
+
+def cache(folder: Path | None, *, limit_bytes: int | None) -> None:
+    """Print what the cache holds, after making it as small as asked.
+
+    Raises:
+        DataError: the folder holds something else.
+    """
+    chosen = CacheFolder(folder=folder or default_folder())
+    if not chosen.folder.is_dir():
+        if folder is not None:
+            raise DataError(folder, expected="the folder of a cache", got="no such folder")
+        say(f"{chosen.folder}: no cache yet")
+        return
+    chosen.prepare()
+    use = chosen.use() if limit_bytes is None else chosen.make_room(limit_bytes)
+    say(
+        f"{chosen.folder}: {use.files} entries, {use.size_bytes / 1e6:.1f} MB; runs keep it below "
+        f"{chosen.limit_bytes / 1e9:.0f} GB"
+    )

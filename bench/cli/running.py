@@ -8,12 +8,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from bench.cli.computing import Computing
+from bench.cli.computing import Computing, parse_settings, render_if_synthetic
 from bench.cli.console import print_failures, progress_bar, say, show
 from bench.cli.interrupts import interruptible, resumable
 from bench.cli.places import Destination, destination, parts_of_run
-from bench.cli.rendering import render_if_synthetic
-from bench.cli.settings import parse_settings
 from bench.cli.viewing import draw_telling_frames
 from bench.errors import BenchError
 from bench.evaluation import Protocol, load_protocol

@@ -7,11 +7,9 @@ from pathlib import Path
 
 from rich.table import Table
 
-from bench.cli.computing import Computing
+from bench.cli.computing import Computing, parse_settings, render_if_synthetic
 from bench.cli.console import print_failures, progress_bar, say, show
 from bench.cli.interrupts import resumable
-from bench.cli.rendering import render_if_synthetic
-from bench.cli.settings import parse_settings
 from bench.errors import UsageError
 from bench.evaluation import load_protocol
 from bench.harness.sweep import SWEEPS, Setup, SweepResult, plan_sweep, run_sweep

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 
 from rich.table import Table
 
+from bench.cli.computing import parse_settings, render_if_synthetic
 from bench.cli.console import progress_bar, say, show
-from bench.cli.rendering import render_if_synthetic
-from bench.cli.settings import parse_settings
 from bench.evaluation import load_protocol
 from bench.harness.perf import measure
 from bench.methods import build_method

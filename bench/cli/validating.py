@@ -10,9 +10,8 @@ from pathlib import Path
 from rich.table import Table
 from rich.text import Text
 
+from bench.cli.computing import parse_settings, render_if_synthetic
 from bench.cli.console import progress_bar, say, show
-from bench.cli.rendering import render_if_synthetic
-from bench.cli.settings import parse_settings
 from bench.errors import UsageError
 from bench.plug_ins import imported
 from bench.recordings import load_card, open_dataset, write_text

@@ -20,7 +20,7 @@ from bench.harness.stored import (
     read_run,
     read_tables,
 )
-from bench.harness.units import Unit, plan_units
+from bench.harness.unit import Unit, plan_units
 
 __all__ = [
     "FramePipeline",

@@ -23,9 +23,9 @@ from bench.harness.stored import (
     write_protocol,
     write_summary,
 )
+from bench.harness.unit import Unit
 from bench.harness.unit_files import FOLDER as UNITS
 from bench.harness.unit_files import UnitFolder
-from bench.harness.units import Unit
 from bench.recordings.atomic import alone_in
 
 Finish = Callable[[Path, RunSummary], None]

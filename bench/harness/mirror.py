@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from bench.harness.units import Unit
+from bench.harness.unit import Unit
 
 
 class RunMirror:

@@ -22,8 +22,8 @@ from bench.errors import DataError
 from bench.harness import shards
 from bench.harness.mirror import RunMirror
 from bench.harness.run_folder import EXPERIMENT
+from bench.harness.unit import Unit
 from bench.harness.unit_files import FOLDER, SUFFIX, unit_name
-from bench.harness.units import Unit
 from bench.recordings import write_text
 from bench.recordings.atomic import alone_in
 from bench.recordings.remote import FetchedData, Part, RemoteUrl, Storage, StoredObject, refuse_unsafe, remote_folder

@@ -33,8 +33,8 @@ from bench.harness.shards import (
 from bench.harness.stages import Progress, StageClock
 from bench.harness.stored import RunSummary
 from bench.harness.tasks import PlannedRecording, RunSpec, ScoredUnit, UnitTask, plan_recording, score_unit
+from bench.harness.unit import Unit
 from bench.harness.unit_files import UnitFolder
-from bench.harness.units import Unit
 from bench.methods import Method
 from bench.recordings import NO_INPUT_ERRORS, DatasetCard, InputErrors, RecordingHandle, open_dataset
 

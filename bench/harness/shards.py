@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict
 from bench.errors import DataError, UsageError
 from bench.harness.method_stamp import MethodStamp
 from bench.harness.provenance import Provenance
-from bench.harness.units import Unit
+from bench.harness.unit import Unit
 from bench.recordings.sealed_json import read_sealed, write_sealed
 
 FOLDER = "shards"

@@ -16,9 +16,8 @@ from bench.harness.keys import MethodIdentity, RecordingInputs, code_digest, dig
 from bench.harness.keys.digests import UNIT_CODE
 from bench.harness.provenance import largest_resident_mb, recording_fingerprint
 from bench.harness.stages import StageClock
-from bench.harness.unit import run_unit
+from bench.harness.unit import Unit, plan_units, run_unit
 from bench.harness.unit_files import encode_unit
-from bench.harness.units import Unit, plan_units
 from bench.methods import Method, Needs
 from bench.recordings import Recording, RecordingHandle
 

@@ -24,8 +24,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from bench.errors import DataError, OutputError
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, ImageMap, add_image_maps
 from bench.harness.masks import MASKS, MASKS_SCHEMA
-from bench.harness.unit import UnitTables
-from bench.harness.units import Unit
+from bench.harness.unit import Unit, UnitTables
 from bench.recordings import replacing
 from bench.recordings.atomic import write_bytes
 

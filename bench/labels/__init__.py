@@ -5,8 +5,17 @@ layers speak of the vehicle frame at each state's time. What does not fit throug
 in the layer's `lost`, or it is an error. Called by the command line alone.
 """
 
-from bench.labels.exchange import export_labels, import_labels, open_unannotated
-from bench.labels.formats import LABEL_FORMATS, LabelFormat, LabelOptions, Layer, known_formats, label_format
+from bench.labels.formats import (
+    LABEL_FORMATS,
+    LabelFormat,
+    LabelOptions,
+    Layer,
+    export_labels,
+    import_labels,
+    known_formats,
+    label_format,
+    open_unannotated,
+)
 from bench.labels.openlabel_calibration import calibration_text
 
 __all__ = [

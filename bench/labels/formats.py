@@ -1,19 +1,40 @@
-"""What a label format is, which there are, and what its classes are for us."""
+"""What a label format is, which there are, and the way from a tool's files to an annotation file and back."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Protocol
 
 from pydantic import ConfigDict, Field
 
 from bench.errors import DataError, UnknownNameError, UsageError
 from bench.plug_ins import imported, known_places
-from bench.recordings import OBJECT_CLASSES, Recording, Track
+from bench.recordings import OBJECT_CLASSES, DatasetCard, Recording, Track, open_dataset, write_annotations
 from bench.recordings.validation import FileModel
+
+WELL_KNOWN = {
+    **{name: name for name in OBJECT_CLASSES},
+    **dict.fromkeys(("person", "person (sitting)", "person_sitting", "adult", "child", "people"), "pedestrian"),
+    **dict.fromkeys(("bicycle", "bicyclist", "bike", "motorbike", "motorcycle", "motorcyclist", "rider"), "cyclist"),
+    **dict.fromkeys(("car", "van", "truck", "bus", "tram", "train", "trailer", "caravan"), "vehicle"),
+}
+LARGEST_M = 1e8  # coordinates of any map are below
+Length = Annotated[float, Field(ge=-LARGEST_M, le=LARGEST_M)]
+ENTRY_POINTS = "fisheye_bench.labels"
+LABEL_FORMATS = {
+    "openlabel": "bench.labels.openlabel_format:OpenLabelFormat",
+    "kitti-tracklets": "bench.labels.kitti_tracklets:KittiTracklets",
+    "cvat-tracklets": "bench.labels.kitti_tracklets:CvatTracklets",
+    "sustechpoints": "bench.labels.sustechpoints:SustechPoints",
+    "labelcloud-centroid-abs": "bench.labels.labelcloud:LabelCloudCentroidAbs",
+    "labelcloud-centroid-rel": "bench.labels.labelcloud:LabelCloudCentroidRel",
+    "labelcloud-vertices": "bench.labels.labelcloud:LabelCloudVertices",
+    "semantickitti": "bench.labels.semantickitti:SemanticKitti",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -95,12 +116,6 @@ class LabelFormat(Protocol):
         ...
 
 
-WELL_KNOWN = {
-    **{name: name for name in OBJECT_CLASSES},
-    **dict.fromkeys(("person", "person (sitting)", "person_sitting", "adult", "child", "people"), "pedestrian"),
-    **dict.fromkeys(("bicycle", "bicyclist", "bike", "motorbike", "motorcycle", "motorcyclist", "rider"), "cyclist"),
-    **dict.fromkeys(("car", "van", "truck", "bus", "tram", "train", "trailer", "caravan"), "vehicle"),
-}
 """Names that need no explanation, in lower case; upper and lower case are one."""
 
 
@@ -166,16 +181,10 @@ def left_out(classes: Mapping[str, str | None], counts: Mapping[str, int]) -> tu
     )
 
 
-LARGEST_M = 1e8  # coordinates of any map are below
-
-
 class ToolModel(FileModel):
     """Part of a file of another tool: keys that are not used are passed over."""
 
     model_config = ConfigDict(extra="ignore")
-
-
-Length = Annotated[float, Field(ge=-LARGEST_M, le=LARGEST_M)]
 
 
 class Vector(ToolModel):
@@ -201,20 +210,6 @@ def finite_number(value: object) -> float | None:
     return number if math.isfinite(number) else None
 
 
-ENTRY_POINTS = "fisheye_bench.labels"
-
-LABEL_FORMATS = {
-    "openlabel": "bench.labels.openlabel_format:OpenLabelFormat",
-    "kitti-tracklets": "bench.labels.kitti_tracklets:KittiTracklets",
-    "cvat-tracklets": "bench.labels.kitti_tracklets:CvatTracklets",
-    "sustechpoints": "bench.labels.sustechpoints:SustechPoints",
-    "labelcloud-centroid-abs": "bench.labels.labelcloud:LabelCloudCentroidAbs",
-    "labelcloud-centroid-rel": "bench.labels.labelcloud:LabelCloudCentroidRel",
-    "labelcloud-vertices": "bench.labels.labelcloud:LabelCloudVertices",
-    "semantickitti": "bench.labels.semantickitti:SemanticKitti",
-}
-
-
 def known_formats() -> dict[str, str]:
     """Name -> "module:Class" of the package's formats and of those that installed packages add."""
     return known_places(ENTRY_POINTS, LABEL_FORMATS)
@@ -232,3 +227,95 @@ def label_format(name: str) -> LabelFormat:
         raise UnknownNameError("format of annotations", name, known)
     found: LabelFormat = imported(known[name], expected=f"format {name!r}: expected a class")()
     return found
+
+
+def open_unannotated(card: DatasetCard, name: str) -> Recording:
+    """Open a recording without its annotations, which may be missing, old or wrong.
+
+    Args:
+        card: the data set.
+        name: of the recording.
+
+    Raises:
+        UnknownNameError: no such recording.
+        DataError: the data set cannot be opened, or takes no annotations.
+    """
+    with TemporaryDirectory() as folder:
+        blank = replace(card, content=card.content.model_copy(update={"annotations": folder}))
+        handles = {handle.name: handle for handle in open_dataset(blank)}
+        if name not in handles:
+            raise UnknownNameError("recording", name, handles)
+        write_annotations(Path(folder) / f"{name}.json", ())
+        return handles[name].open()
+
+
+def import_labels(format_name: str, source: Path, recording: Recording, options: LabelOptions, *, file: Path) -> Layer:
+    """Read a tool's files and write them as an annotation file.
+
+    Args:
+        format_name: of the tool's files.
+        source: the tool's file or folder.
+        recording: what was annotated.
+        options: what the user says about the files.
+        file: the annotation file.
+
+    Returns:
+        What was written, with one more line where sweeps have no frame.
+
+    Raises:
+        UnknownNameError: no such format.
+        DataError: files that the format refuses, an object twice, or twice at one time.
+    """
+    layer = label_format(format_name).read(source, recording, options)
+    _refuse_twice(layer, source)
+    write_annotations(file, layer.tracks, timestamps_ns=layer.timestamps_ns)
+    annotated = set(layer.timestamps_ns)
+    missing = [sweep for sweep in recording.sweeps if sweep.timestamp_ns not in annotated]
+    if not missing:
+        return layer
+    line = (
+        f"{len(missing)} of {len(recording.sweeps)} sweeps have no frame in the source, first {missing[0].path.name}: "
+        f"their images count as annotated and empty unless the card excludes them"
+    )
+    return replace(layer, lost=(*layer.lost, line))
+
+
+def export_labels(
+    format_name: str, recording: Recording, out: Path, options: LabelOptions
+) -> tuple[Layer, tuple[str, ...]]:
+    """Write a recording's annotations as a tool's files.
+
+    Args:
+        format_name: of the tool's files.
+        recording: with its annotations; all its sweeps count as looked at.
+        out: folder of the tool's files.
+        options: what the files should look like.
+
+    Returns:
+        layer: what was handed to the format.
+        lost: one line for each thing that it cannot hold.
+
+    Raises:
+        UnknownNameError: no such format.
+        DataError: a recording without sweeps.
+    """
+    chosen = label_format(format_name)
+    if not recording.sweeps:
+        raise DataError(recording.root, expected="lidar sweeps, which tools label", got=f"none in {recording.name!r}")
+    times_ns = {sweep.timestamp_ns for sweep in recording.sweeps}
+    times_ns |= {state.timestamp_ns for track in recording.tracks for state in track.states}
+    layer = Layer(tracks=recording.tracks, timestamps_ns=tuple(sorted(times_ns)))
+    return layer, chosen.write(layer, recording, out, options)
+
+
+def _refuse_twice(layer: Layer, source: Path) -> None:
+    seen: set[str] = set()
+    for track in layer.tracks:
+        if track.track_id in seen:
+            raise DataError(source, field=f"object {track.track_id!r}", expected="each object once", got="it twice")
+        seen.add(track.track_id)
+        times_ns = [state.timestamp_ns for state in track.states]
+        if len(set(times_ns)) < len(times_ns):
+            twice = next(time_ns for i, time_ns in enumerate(times_ns) if time_ns in times_ns[:i])
+            field = f"object {track.track_id!r}"
+            raise DataError(source, field=field, expected="one state at each time", got=f"two at {twice}")

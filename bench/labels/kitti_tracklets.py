@@ -40,8 +40,7 @@ from bench.labels.formats import LabelOptions, Layer, left_out, map_classes, too
 from bench.labels.frames import frame_numbers, pair_with_sweeps
 from bench.labels.motion import lidar_from_object, motion_lost, states_at_sweeps, with_motion
 from bench.recordings import Cuboid, ObjectState, Recording, SweepRef, Track, write_text
-from bench.recordings.metered import READ_BYTES, MeteredFile
-from bench.recordings.text_files import numbers
+from bench.recordings.text_files import READ_BYTES, MeteredFile, numbers
 
 LARGEST_ITEM_BYTES = 8_000_000  # ten thousand poses, a quarter of an hour
 DEEPEST = 12  # levels of nested elements; the format has six, attributes that tools add two more

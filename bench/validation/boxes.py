@@ -14,7 +14,7 @@ from bench.recordings import Cuboid, Recording, Track
 from bench.recordings.validation import keys_twice
 from bench.reference.records import Category
 from bench.validation.findings import BODIES, Finding, Severity, Span, annotation_file, listed, unusable
-from bench.validation.tracks import box_of
+from bench.validation.motion import box_of
 
 TILTED_RAD, ODD_TILT_RAD = float(np.radians(45)), float(np.radians(20))
 CHANGES = 1.6  # a rigid body does not grow by so much; people swing arms and legs

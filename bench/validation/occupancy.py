@@ -18,7 +18,7 @@ from bench.recordings import Cuboid, ObjectState, PointIndices, Recording, Track
 from bench.reference.clusters import object_cluster
 from bench.reference.sweeps import PlacedSweep, place_sweep
 from bench.validation.findings import Finding, Severity, annotation_file
-from bench.validation.tracks import box_of
+from bench.validation.motion import box_of
 
 NEAR_NS = 60_000_000  # of a state to a sweep
 FAR_M = 60.0

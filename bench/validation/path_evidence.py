@@ -21,7 +21,7 @@ from bench.lidar import LidarSweep
 from bench.recordings import Recording
 from bench.reference.sweeps import place_sweep
 from bench.validation.findings import Finding
-from bench.validation.tracks import box_of
+from bench.validation.motion import box_of
 
 MOST_PAIRS = 6
 APART_NS = (90_000_000, 350_000_000)  # of two sweeps that are compared; nearer ones share points

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from bench.cli import main
-from bench.cli.settings import parse_settings
+from bench.cli.computing import parse_settings
 from bench.errors import UsageError
 
 COMMANDS = {

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from bench.cli.frame_choice import chosen_frames
+from bench.cli.viewing import chosen_frames
 from bench.errors import UsageError
 from bench.recordings import ImageRef
 from tests.cli.test_commands import call

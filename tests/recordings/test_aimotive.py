@@ -11,7 +11,7 @@ from bench.errors import DataError
 from bench.lidar import deskew, knot_times
 from bench.recordings import load_card, open_dataset, read_image
 from bench.recordings.aimotive.adapter import aimotive_recordings
-from bench.recordings.aimotive.cameras import AimotiveOptions, read_cameras
+from bench.recordings.aimotive.calibration import AimotiveOptions, read_cameras
 from tests.real import needs_real
 from tests.recordings import tiny_aimotive as tiny
 

@@ -8,7 +8,7 @@ import pytest
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings.aimotive.adapter import aimotive_recordings
-from bench.recordings.aimotive.lidar import read_lidar_mounting
+from bench.recordings.aimotive.calibration import read_lidar_mounting
 from bench.reference.patches import find_grid
 from tests.real import needs_real
 from tests.recordings import tiny_aimotive as tiny

@@ -8,7 +8,7 @@ import pytest
 
 from bench.errors import DataError
 from bench.evaluation import load_protocol
-from bench.harness.units import plan_units
+from bench.harness.unit import plan_units
 from bench.methods import build_method
 from bench.recordings import load_card, open_dataset, read_image
 from bench.recordings.woodscape.adapter import woodscape_recordings

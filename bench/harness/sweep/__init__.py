@@ -6,9 +6,7 @@ value does not change (flow, likelihood, reference) is computed once. Errors rea
 keeps the true calibration and ego-motion.
 """
 
-from bench.harness.sweep.definition import Setup, Sweep
-from bench.harness.sweep.plan import SweepPlan, plan_sweep
-from bench.harness.sweep.registry import SWEEPS
+from bench.harness.sweep.plan import SWEEPS, Setup, Sweep, SweepPlan, plan_sweep
 from bench.harness.sweep.results import FILE, MARK, SweepResult, SweepRow, read_sweep
 from bench.harness.sweep.run_sweep import run_sweep
 

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict
 from bench.evaluation import FalsePositiveFigures, ObjectFigures
 from bench.harness.method_stamp import MethodStamp
 from bench.harness.provenance import Provenance
-from bench.harness.sweep.definition import Part, Scale, Value
+from bench.harness.sweep.plan import Part, Scale, Value
 from bench.recordings.sealed_json import read_sealed, write_sealed
 
 SCHEMA_VERSION = 1

@@ -35,10 +35,9 @@ from bench.egomotion import Trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings.aimotive.boxes import BoxFrame, frames_in_order, read_box_frame, tracks_from_boxes
-from bench.recordings.aimotive.cameras import FRAME_INTERVAL_NS, AimotiveOptions, read_cameras
+from bench.recordings.aimotive.calibration import FRAME_INTERVAL_NS, AimotiveOptions, read_cameras, read_lidar_mounting
 from bench.recordings.aimotive.egomotion import sequence_trajectory
 from bench.recordings.aimotive.files import box_files, image_refs, sweep_refs
-from bench.recordings.aimotive.lidar import read_lidar_mounting
 from bench.recordings.annotations import annotations_or_none
 from bench.recordings.error_handlers import STRICT, ErrorHandler, reporting, stationary
 from bench.recordings.handles import RecordingHandle

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from bench.egomotion import Trajectory, bus_signal_faults, read_bus_signals
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
-from bench.recordings.aimotive.cameras import AimotiveOptions
+from bench.recordings.aimotive.calibration import AimotiveOptions
 from bench.recordings.atomic import path_inside, refuse_escape
 from bench.recordings.error_handlers import ErrorHandler, OnError, at_most, reporting, reporting_all
 from bench.recordings.text_files import read_text

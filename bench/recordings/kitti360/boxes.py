@@ -22,8 +22,7 @@ from scipy.linalg import polar
 
 from bench.errors import DataError
 from bench.recordings.error_handlers import STRICT, OnError
-from bench.recordings.metered import MeteredFile
-from bench.recordings.text_files import numbers
+from bench.recordings.text_files import MeteredFile, numbers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -36,8 +36,7 @@ from bench.recordings.handles import RecordingHandle
 from bench.recordings.records import ImageRef, MountedCamera, Recording
 from bench.recordings.validation import json_faults, read_json, validated
 from bench.recordings.woodscape.camera import CalibrationFile, WoodscapeOptions, read_camera
-from bench.recordings.woodscape.files import Kind, find_pair, list_pairs
-from bench.recordings.woodscape.vehicle import VehicleFile, read_arc
+from bench.recordings.woodscape.files import Kind, VehicleFile, find_pair, list_pairs, read_arc
 
 STAND_IN_TIMES_NS = (0, 33_320_000)  # of a pair whose own cannot be read
 

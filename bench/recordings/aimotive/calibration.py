@@ -1,4 +1,4 @@
-"""The calibration file of the aiMotive data set, brought into mounted cameras."""
+"""The aiMotive data set's calibration file: cameras and the lidar, brought into mountings."""
 
 from __future__ import annotations
 
@@ -21,8 +21,9 @@ from bench.recordings.text_files import read_text
 from bench.recordings.validation import FileModel, SidePx, data_error, validated
 
 LICENCE = "CC BY-NC-SA 4.0"
-
 FRAME_INTERVAL_NS = 66_666_667
+CALIBRATION = "sensor/calibration/calibration.json"
+MODELS = ("mei", "opencv_pinhole")  # the second is the first with its centre of projection in the sphere's: xi = 0
 
 
 class EgoMotionOptions(FileModel):
@@ -60,10 +61,6 @@ class AimotiveOptions(FileModel):
     ground_height_m: float = 0.0
     vehicle_outline_m: Polygon = Field(default=((-1.1, -0.95), (3.9, -0.95), (3.9, 0.95), (-1.1, 0.95)), min_length=3)
     licence: str = LICENCE
-
-
-CALIBRATION = "sensor/calibration/calibration.json"
-MODELS = ("mei", "opencv_pinhole")  # the second is the first with its centre of projection in the sphere's: xi = 0
 
 
 class CameraCalibration(FileModel):
@@ -169,3 +166,42 @@ def _camera(name: str, content: Mapping[str, Any], file: Path, options: Aimotive
         ego_body=body_mask(entry.image_resolution_px, options.body_polygons.get(name, ())),
     )
     return scaled_camera(camera, options.evaluated_size_px)
+
+
+class LidarCalibration(FileModel):
+    """The key of a lidar's calibration that is used; the file has many more."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    RT_body_from_sensor: tuple[tuple[float, float, float, float], ...] = Field(min_length=4, max_length=4)
+
+
+def read_lidar_mounting(root: Path, folder: Path) -> RigidTransform:
+    """`body_from_beams` of the one lidar that the calibration names.
+
+    Points come in body axes, so it serves only to tell rows and columns of beams. Where the calibration names no lidar,
+    or several whose points are mixed, it is the identity: footprints then have no rows to go by.
+
+    Args:
+        root: folder of the data set, which the file must not leave.
+        folder: of the sequence.
+
+    Raises:
+        DataError: missing, not a calibration, or a mounting that is none.
+    """
+    file = folder / CALIBRATION
+    refuse_escape(root, file, file=file)
+    try:
+        content = json.loads(read_text(file))
+    except (ValueError, RecursionError) as error:
+        raise DataError(file, expected="JSON", got=str(error)) from error
+    if not isinstance(content, dict):
+        raise DataError(file, expected="calibrations by sensor name", got=type(content).__name__)
+    names = [n for n, entry in content.items() if isinstance(entry, dict) and entry.get("sensor_type") == "lidar"]
+    if len(names) != 1:
+        return RigidTransform.identity()
+    entry = validated(LidarCalibration, content[names[0]], file=file, field=names[0])
+    try:
+        return RigidTransform.from_matrix(entry.RT_body_from_sensor)
+    except ShapeError as error:
+        raise data_error(error, file=file, field=f"{names[0]}.RT_body_from_sensor") from error

@@ -1,4 +1,4 @@
-"""`compare` and `leaderboard`: runs beside each other."""
+"""Pages, comparisons and leaderboards of stored runs."""
 
 from __future__ import annotations
 
@@ -6,11 +6,35 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bench.cli.console import progress_bar, say, show
+from bench.cli.places import destination
+from bench.errors import UnknownNameError
+from bench.harness.remote_runs import RemoteRun
+from bench.reference import Category
 from bench.reporting.compare.comparison import category_line, verdict_line
 from bench.reporting.compare.leaderboard import leaderboard_tables, read_leaderboard, write_leaderboard
 from bench.reporting.compare.writing import to_rich, write_comparison
+from bench.reporting.page.build import write_page
+from bench.reporting.page.charts import write_figures
 
 RUNS = Path("reports/runs")
+
+
+def report(run: str, *, category: str | None, out: Path | None, pictures: bool) -> None:
+    """Write the page of a run and its charts for papers, and print the files."""
+    if category is not None and category not in set(Category):
+        raise UnknownNameError("category", category, (known.value for known in Category))
+    kind = None if category is None else Category(category)
+    where = destination(run, Path(run))
+    if isinstance(where.mirror, RemoteRun):
+        where.mirror.bring_results()
+    with progress_bar("drawing the worst frames", "pictures") as progress:
+        page = write_page(where.folder, category=kind, out=out, pictures=pictures, progress=progress)
+    for problem in page.problems:
+        say(f"pictures missing: {problem}", style="yellow")
+    files = (page.file, *write_figures(where.folder, category=kind))
+    where.mirror.keep_rest()
+    for file in files:
+        say(where.told(file))
 
 
 def compare(runs: Sequence[Path], *, out: Path | None, pictures: bool) -> None:
