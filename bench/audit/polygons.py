@@ -24,15 +24,15 @@ class Compensation(StrEnum):
     """What of the motion between a lidar point and the exposure is undone."""
 
     NONE = "none"  # the sweep is taken for a snapshot at exposure
-    EGO_MOTION = "ego_motion"  # every point is freed of the host's motion
+    EGO_MOTION = "ego_motion"  # every point is freed of the ego-motion
     FULL = "full"  # and moved with its object: what the benchmark does
 
 
 def with_compensation(recording: Recording, compensation: Compensation) -> Recording:
     """A recording whose reference is built with that much compensation and nothing else changed.
 
-    The reference builder takes ego-motion and the objects' velocities from the recording: without the one the host
-    stands, without the other the objects do. Every object of a changed recording is annotated as moving, since
+    The reference builder takes ego-motion and the objects' velocities from the recording: without the one the ego
+    vehicle stands, without the other the objects do. Every object of a changed recording is annotated as moving, since
     velocities no longer tell; who is evaluated is decided by the unchanged one.
     """
     if compensation is Compensation.FULL:

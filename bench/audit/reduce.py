@@ -1,4 +1,4 @@
-"""From the tables of an audit to its figures."""
+"""From the tables of an audit to its metrics."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def aims(polygons: pa.Table, *, kinds: tuple[str, ...]) -> tuple[Aim, ...]:
 
 
 def scores(objects: pa.Table, frames: pa.Table, *, protocol: Protocol) -> Scores:
-    """The evaluation's own figures of one scoring."""
+    """The evaluation's own metrics of one scoring."""
     found = summarise(objects, frames, protocol=protocol)
     return Scores(categories=found.categories, all_moving=found.all_moving, false_positives=found.false_positives)
 

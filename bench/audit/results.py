@@ -94,7 +94,7 @@ class Aim(_Part):
 
 
 class Scores(_Part):
-    """The evaluation's figures of one `Scoring`."""
+    """The evaluation's metrics of one `Scoring`."""
 
     categories: dict[str, ObjectFigures]
     all_moving: ObjectFigures
@@ -160,7 +160,7 @@ class AuditSummary(_Part):
         polygon_kinds: the protocol's own first.
         polygons: by kind, compensation, class and range.
         aims: for the kinds that are meant to follow the outline.
-        not_seen: evaluated object-frames of which the camera sees no pixel; they are in none of the figures.
+        not_seen: evaluated object-frames of which the camera sees no pixel; they are in none of the metrics.
         scores: by `Scoring`.
         misses: by kind of motion, then "all"; empty without exact flow.
         false_alarms: None without exact flow.
@@ -189,7 +189,7 @@ class AuditSummary(_Part):
 
 
 def write_audit(folder: Path, summary: AuditSummary, audit: RecordingAudit) -> None:
-    """Write every file of an audit, the figures last."""
+    """Write every file of an audit, the metrics last."""
     tables = {
         POLYGONS: audit.polygons,
         "scores.parquet": _with_scoring(audit),
@@ -208,7 +208,7 @@ def read_audit(folder: Path) -> AuditSummary:
     Raises:
         DataError: missing, or not an audit of a known version; names the field.
     """
-    return read_sealed(AuditSummary, folder / AUDIT, expected="the figures of an audit")
+    return read_sealed(AuditSummary, folder / AUDIT, expected="the metrics of an audit")
 
 
 def read_polygons(folder: Path) -> pa.Table:

@@ -1,4 +1,4 @@
-"""A whole audit: data set, method and protocol in, figures and tables out."""
+"""A whole audit: data set, method and protocol in, metrics and tables out."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def run_audit(
         progress: called with the recordings done and their number.
 
     Returns:
-        The figures, also stored as `audit.json`.
+        The metrics, also stored as `audit.json`.
 
     Raises:
         DataError: nothing of the data set could be audited, above all where it has no rendered masks.

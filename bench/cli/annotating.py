@@ -1,4 +1,4 @@
-"""Annotation layers of other tools: list, import, export."""
+"""Label formats of other tools: list, import, export."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bench.cli.console import say, show, write_out
 from bench.errors import UnknownNameError, UsageError
 from bench.labels import (
     LabelOptions,
-    Layer,
+    LabelSet,
     calibration_text,
     export_labels,
     import_labels,
@@ -57,9 +57,9 @@ def import_(
     card = load_card(dataset)
     file = (out or card.annotations or DEFAULT_FOLDER / card.name) / f"{recording}.json"
     opened = open_unannotated(card, recording)
-    layer = import_labels(format_name, source, opened, options, file=file)
-    _print_layer(layer, opened)
-    _print_lost(layer.lost)
+    label_set = import_labels(format_name, source, opened, options, file=file)
+    _print_label_set(label_set, opened)
+    _print_lost(label_set.lost)
     say(str(file))
     if not _stands_in(card, file.parent):
         folder = os.path.relpath(file.parent.resolve(), card.file.parent.resolve())  # as a card counts paths
@@ -83,8 +83,8 @@ def export(
         raise UnknownNameError("recording", recording, handles)
     for name in handles if recording is None else (recording,):
         opened = handles[name].open()
-        layer, lost = export_labels(format_name, opened, out / name, options)
-        _print_layer(layer, opened)
+        label_set, lost = export_labels(format_name, opened, out / name, options)
+        _print_label_set(label_set, opened)
         _print_lost(lost)
         say(str(out / name))
 
@@ -120,24 +120,24 @@ def _stands_in(card: DatasetCard, folder: Path) -> bool:
     return card.annotations is not None and card.annotations.resolve() == folder.resolve()
 
 
-def _print_layer(layer: Layer, recording: Recording) -> None:
-    states = sum(len(track.states) for track in layer.tracks)
-    annotated = len({sweep.timestamp_ns for sweep in recording.sweeps} & set(layer.timestamps_ns))
+def _print_label_set(label_set: LabelSet, recording: Recording) -> None:
+    states = sum(len(track.states) for track in label_set.tracks)
+    annotated = len({sweep.timestamp_ns for sweep in recording.sweeps} & set(label_set.timestamps_ns))
     say(
-        f"{recording.name}: {len(layer.tracks)} objects in {states} places, "
+        f"{recording.name}: {len(label_set.tracks)} objects in {states} places, "
         f"{annotated} of {len(recording.sweeps)} sweeps annotated"
     )
-    counts = Counter(track.object_class for track in layer.tracks)
-    for object_class, size in _middle_sizes(layer).items():
+    counts = Counter(track.object_class for track in label_set.tracks)
+    for object_class, size in _middle_sizes(label_set).items():
         say(f"  {counts.pop(object_class)} {object_class}: {size}")
     for object_class, count in counts.items():
         say(f"  {count} {object_class}")
 
 
-def _middle_sizes(layer: Layer) -> Mapping[str, str]:
+def _middle_sizes(label_set: LabelSet) -> Mapping[str, str]:
     """Class -> length, width and height of its middle box, by which swapped axes are seen at once."""
     sizes: dict[str, list[NDArray[np.float64]]] = defaultdict(list)
-    for track in layer.tracks:
+    for track in label_set.tracks:
         sizes[track.object_class] += [state.shape.size_m for state in track.states if isinstance(state.shape, Cuboid)]
     return {
         object_class: "the middle box is {:.2f} m long, {:.2f} m wide, {:.2f} m high".format(*np.median(found, axis=0))

@@ -67,7 +67,7 @@ def main() -> None:
         if told is None:
             sys.excepthook(*sys.exc_info())
             sys.exit(OWN_FAULT)
-        _complain(f"error: {told}")
+        _print_error(f"error: {told}")
         sys.exit(DATA_ERROR)
 
 
@@ -89,10 +89,10 @@ def _warn(
     file: TextIO | None = None,  # noqa: ARG001
     line: str | None = None,  # noqa: ARG001
 ) -> None:
-    _complain(f"{filename}:{lineno}: {category.__name__}: {message}")
+    _print_error(f"{filename}:{lineno}: {category.__name__}: {message}")
 
 
-def _complain(line: str) -> None:
+def _print_error(line: str) -> None:
     from bench.cli.console import say
 
     say(line, to_errors=True)
@@ -358,7 +358,7 @@ def report(
     ] = None,
     pictures: Annotated[bool, typer.Option(help="Draw the worst frames, from the data set.")] = True,
 ) -> None:
-    """Write one page to read, from disk and without a network: figures, charts, the worst cases."""
+    """Write one page to read, from disk and without a network: metrics, charts, the worst cases."""
     from bench.cli import reports
 
     reports.report(run, category=category, out=out, pictures=pictures)

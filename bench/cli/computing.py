@@ -12,7 +12,7 @@ from bench.cli.interrupts import interruptible
 from bench.errors import DataError, UsageError
 from bench.execution import ProcessExecutor, SerialExecutor, TaskExecutor, usable_cores
 from bench.harness.cache import CacheFolder, default_folder
-from bench.harness.cluster import ClusterExecutor, Terms, scheduler_address
+from bench.harness.cluster import ClusterExecutor, WorkerRequirements, scheduler_address
 from bench.methods import Method
 from bench.plain_yaml import parse_yaml
 from bench.recordings import DatasetCard
@@ -26,7 +26,7 @@ class Computing:
 
     Attributes:
         workers: processes, as they were asked for; None for one per core.
-        cache: folder for kept steps; None for the usual one.
+        cache: folder of cached steps; None for the usual one.
         no_cache: keep nothing.
         scheduler: address, or file, of a Dask scheduler whose workers compute; None for this machine.
     """
@@ -54,12 +54,12 @@ class Computing:
             raise UsageError("--workers: expected none beside --scheduler, whose workers are started apart")
         local = card.root if card.remote_root is None else None
         data = [path for path in (local, card.annotations) if path is not None and path.exists()]
-        terms = Terms.of(method, reads=(*data, *reads), cache=self.cache_folder)
-        return ClusterExecutor.of_fit_workers(scheduler_address(self.scheduler), terms)
+        requirements = WorkerRequirements.of(method, reads=(*data, *reads), cache=self.cache_folder)
+        return ClusterExecutor.of_fit_workers(scheduler_address(self.scheduler), requirements)
 
     @property
     def cache_folder(self) -> CacheFolder | None:
-        """Where steps are kept; None for nowhere."""
+        """Where cached steps are stored; None for nowhere."""
         return None if self.no_cache else CacheFolder(folder=self.cache or default_folder())
 
 

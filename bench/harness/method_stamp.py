@@ -9,7 +9,7 @@ from bench.methods import Method, known_methods
 
 
 class MethodStamp(BaseModel):
-    """Which method made the figures.
+    """Which method made the metrics.
 
     Attributes:
         name: its own.

@@ -57,7 +57,7 @@ class Work(BaseModel):
 
 
 class Provenance(BaseModel):
-    """What made a run; none of it decides a figure.
+    """What made a run; none of it decides a metric.
 
     Attributes:
         version: of the package.
@@ -151,7 +151,7 @@ def provenance_since(
 
 
 def library_versions() -> dict[str, str]:
-    """Versions of the libraries that decide figures: those that compute them, and those that decode what is read."""
+    """Versions of the libraries that decide metrics: those that compute them, and those that decode what is read."""
     return dict(_library_versions())
 
 

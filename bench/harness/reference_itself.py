@@ -1,4 +1,4 @@
-"""The reference, scored against itself: every figure must be perfect, or the evaluation is wrong.
+"""The reference, scored against itself: every metric must be perfect, or the evaluation is wrong.
 
 It is no method: methods never see annotations. The harness alone knows it, answers in its place with the reference of
 the image, and a run's stamp says so: `sees_the_reference`.
@@ -15,7 +15,7 @@ from bench.reference import ReferenceFrame
 
 
 class ReferenceItself:
-    """The reference in the place of a method: a check of the evaluation, which every figure must pass with 1 or 0."""
+    """The reference in the place of a method: a check of the evaluation, which every metric must pass with 1 or 0."""
 
     name: ClassVar[str] = "reference"
     history: ClassVar[int] = 1

@@ -122,7 +122,7 @@ class _Protocol(BaseModel):
 
 
 class _Summary(BaseModel):
-    """Of `summary.json`, what tells experiments apart; the figures may be those of an older version."""
+    """Of `summary.json`, what tells experiments apart; the metrics may be those of an older version."""
 
     dataset: str
     split: str | None

@@ -75,7 +75,7 @@ class RunStamp(BaseModel):
             sweeps; the content of these is part of each unit's key.
         split: of it; None for all.
         method: that is scored, with the identity of its code and files.
-        code: digest of this package's code, of Python's version and of the libraries that decide figures.
+        code: digest of this package's code, of Python's version and of the libraries that decide metrics.
         protocol_digest: of the rules.
         caveats: of the data set's card.
     """
@@ -135,7 +135,7 @@ class ShardReport(BaseModel):
         stamp: of the run.
         units_of_run: how many units all parts have together.
         units: of this part, in the order of the run.
-        vehicle_outline_m: the host from above.
+        vehicle_outline_m: the ego vehicle from above.
         recording_failures: one line per recording that cannot be used; the same in all parts.
         unit_failures: one line per unit of this part that could not be scored.
         provenance: of this part.

@@ -206,7 +206,7 @@ REFERENCE_OF_FRAMES = ("recording", "camera", "timestamp_ns", "status", "valid_p
 
 
 class RunSummary(Summary):
-    """`summary.json`: the figures, and what they are of.
+    """`summary.json`: the metrics, and what they are of.
 
     Attributes:
         schema_version: of this file.
@@ -216,12 +216,12 @@ class RunSummary(Summary):
         split: of the data set; None for all of it.
         method: that was scored.
         provenance: where the result comes from.
-        vehicle_outline_m: the host from above, vehicle frame, for pictures.
+        vehicle_outline_m: the ego vehicle from above, vehicle frame, for pictures.
         caveats: what a reader has to know of the data set, from its card.
-        failures: one line per recording, unit or image that could not be used; the figures are of the rest.
+        failures: one line per recording, unit or image that could not be used; the metrics are of the rest.
         threshold_free: what the method's likelihood is worth at all thresholds; None for a method without one and in
             runs of older versions.
-        files: SHA-256 of the tables that the figures are of, by name; empty in runs of older versions.
+        files: SHA-256 of the tables that the metrics are of, by name; empty in runs of older versions.
     """
 
     schema_version: int
@@ -254,7 +254,7 @@ def read_tables(run: Path, *, histograms: bool = True) -> tuple[pa.Table, pa.Tab
 
 
 def read_threshold_free(run: Path) -> ThresholdFreeFigures | None:
-    """Take the threshold-free figures of a run from its frames, some hundred of them in memory at a time.
+    """Take the threshold-free metrics of a run from its frames, some hundred of them in memory at a time.
 
     Raises:
         DataError: the frames are missing or damaged.
@@ -290,7 +290,7 @@ def read_protocol(run: Path, summary: RunSummary) -> Protocol:
         summary: of the run, which has to be made by these rules.
 
     Raises:
-        DataError: missing, not a protocol, or the summary is of another one or lacks its figures.
+        DataError: missing, not a protocol, or the summary is of another one or lacks its metrics.
     """
     file = run / "protocol.json"
     if not file.is_file():
@@ -309,7 +309,7 @@ def read_protocol(run: Path, summary: RunSummary) -> Protocol:
         raise DataError(run / SUMMARY, field="categories", expected=", ".join(sorted(rows)), got=got)
     for name, row in (*summary.categories.items(), ("all_moving", summary.all_moving)):
         if missing := sorted(figures - set(row.figure_names()) - {"object_frames", "tracks", "recordings"}):
-            raise DataError(run / SUMMARY, field=name, expected="the figures of its protocol", got=f"no {missing[0]}")
+            raise DataError(run / SUMMARY, field=name, expected="the metrics of its protocol", got=f"no {missing[0]}")
     return protocol
 
 

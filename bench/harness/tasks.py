@@ -32,7 +32,7 @@ class RunSpec:
         method: to be scored.
         identity: of the method, in the process that started the run.
         protocol: the rules.
-        cache: where steps are kept; None to compute everything.
+        cache: where cached steps are stored; None to compute everything.
         code: digest of this package's code that decides a unit's result, in the process that started the run.
         run_id: of this run; a process opens a recording once for each.
     """
@@ -65,7 +65,7 @@ class PlannedRecording:
         fingerprint: of its data; None where it does not open.
         content: digest of its calibration, ego-motion and annotations as they were read, and of names and sizes of its
             images and sweeps; None where it does not open.
-        vehicle_outline_m: the host from above, vehicle frame.
+        vehicle_outline_m: the ego vehicle from above, vehicle frame.
         failure: why it cannot be used; None where it can.
         seconds: that opening took.
     """
@@ -103,7 +103,7 @@ class ScoredUnit:
         failure: why there is no result; None where there is one.
         seconds: by stage.
         found: steps found in the cache, by name.
-        computed: steps computed and kept, by name.
+        computed: steps computed and stored, by name.
         peak_memory_mb: of the process so far.
     """
 

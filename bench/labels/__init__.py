@@ -1,15 +1,15 @@
-"""Annotation layers of other tools <-> tracks.
+"""Label formats of other tools <-> tracks.
 
-A format reads a tool's files into a `Layer` and writes one back. Tools label in the frame of the lidar, sweep by sweep;
-layers speak of the vehicle frame at each state's time. What does not fit through is never dropped in silence: it stands
-in the layer's `lost`, or it is an error. Called by the command line alone.
+A format reads a tool's files into a `LabelSet` and writes one back. Tools label in the frame of the lidar, sweep by
+sweep; label sets speak of the vehicle frame at each state's time. What does not fit through is never dropped in silence: it
+stands in the label set's `lost`, or it is an error. Called by the command line alone.
 """
 
 from bench.labels.formats import (
     LABEL_FORMATS,
     LabelFormat,
     LabelOptions,
-    Layer,
+    LabelSet,
     export_labels,
     import_labels,
     known_formats,
@@ -22,7 +22,7 @@ __all__ = [
     "LABEL_FORMATS",
     "LabelFormat",
     "LabelOptions",
-    "Layer",
+    "LabelSet",
     "calibration_text",
     "export_labels",
     "import_labels",

@@ -38,7 +38,7 @@ LABEL_FORMATS = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Layer:
+class LabelSet:
     """Annotations of one recording, and when the scene was annotated.
 
     Attributes:
@@ -75,7 +75,7 @@ class LabelOptions:
 
 
 class LabelFormat(Protocol):
-    """Translates between the files of a tool and a layer; without state.
+    """Translates between the files of a tool and a label set; without state.
 
     Attributes:
         name: as the registry knows it, for example "kitti-tracklets".
@@ -85,8 +85,8 @@ class LabelFormat(Protocol):
     name: str
     description: str
 
-    def read(self, source: Path, recording: Recording, options: LabelOptions) -> Layer:
-        """Read a layer.
+    def read(self, source: Path, recording: Recording, options: LabelOptions) -> LabelSet:
+        """Read a label set.
 
         Args:
             source: the tool's file or folder.
@@ -98,11 +98,11 @@ class LabelFormat(Protocol):
         """
         ...
 
-    def write(self, layer: Layer, recording: Recording, out: Path, options: LabelOptions) -> tuple[str, ...]:
-        """Write a layer, each file whole or not at all.
+    def write(self, label_set: LabelSet, recording: Recording, out: Path, options: LabelOptions) -> tuple[str, ...]:
+        """Write a label set, each file whole or not at all.
 
         Args:
-            layer: the annotations.
+            label_set: the annotations.
             recording: what they belong to.
             out: folder of this recording's files; made if missing, nothing is written outside.
             options: what the tool's files should look like.
@@ -249,7 +249,9 @@ def open_unannotated(card: DatasetCard, name: str) -> Recording:
         return handles[name].open()
 
 
-def import_labels(format_name: str, source: Path, recording: Recording, options: LabelOptions, *, file: Path) -> Layer:
+def import_labels(
+    format_name: str, source: Path, recording: Recording, options: LabelOptions, *, file: Path
+) -> LabelSet:
     """Read a tool's files and write them as an annotation file.
 
     Args:
@@ -266,23 +268,23 @@ def import_labels(format_name: str, source: Path, recording: Recording, options:
         UnknownNameError: no such format.
         DataError: files that the format refuses, an object twice, or twice at one time.
     """
-    layer = label_format(format_name).read(source, recording, options)
-    _refuse_twice(layer, source)
-    write_annotations(file, layer.tracks, timestamps_ns=layer.timestamps_ns)
-    annotated = set(layer.timestamps_ns)
+    label_set = label_format(format_name).read(source, recording, options)
+    _refuse_twice(label_set, source)
+    write_annotations(file, label_set.tracks, timestamps_ns=label_set.timestamps_ns)
+    annotated = set(label_set.timestamps_ns)
     missing = [sweep for sweep in recording.sweeps if sweep.timestamp_ns not in annotated]
     if not missing:
-        return layer
+        return label_set
     line = (
         f"{len(missing)} of {len(recording.sweeps)} sweeps have no frame in the source, first {missing[0].path.name}: "
         f"their images count as annotated and empty unless the card excludes them"
     )
-    return replace(layer, lost=(*layer.lost, line))
+    return replace(label_set, lost=(*label_set.lost, line))
 
 
 def export_labels(
     format_name: str, recording: Recording, out: Path, options: LabelOptions
-) -> tuple[Layer, tuple[str, ...]]:
+) -> tuple[LabelSet, tuple[str, ...]]:
     """Write a recording's annotations as a tool's files.
 
     Args:
@@ -292,7 +294,7 @@ def export_labels(
         options: what the files should look like.
 
     Returns:
-        layer: what was handed to the format.
+        label_set: what was handed to the format.
         lost: one line for each thing that it cannot hold.
 
     Raises:
@@ -304,13 +306,13 @@ def export_labels(
         raise DataError(recording.root, expected="lidar sweeps, which tools label", got=f"none in {recording.name!r}")
     times_ns = {sweep.timestamp_ns for sweep in recording.sweeps}
     times_ns |= {state.timestamp_ns for track in recording.tracks for state in track.states}
-    layer = Layer(tracks=recording.tracks, timestamps_ns=tuple(sorted(times_ns)))
-    return layer, chosen.write(layer, recording, out, options)
+    label_set = LabelSet(tracks=recording.tracks, timestamps_ns=tuple(sorted(times_ns)))
+    return label_set, chosen.write(label_set, recording, out, options)
 
 
-def _refuse_twice(layer: Layer, source: Path) -> None:
+def _refuse_twice(label_set: LabelSet, source: Path) -> None:
     seen: set[str] = set()
-    for track in layer.tracks:
+    for track in label_set.tracks:
         if track.track_id in seen:
             raise DataError(source, field=f"object {track.track_id!r}", expected="each object once", got="it twice")
         seen.add(track.track_id)

@@ -1,4 +1,4 @@
-"""KITTI's raw tracklets as a layer, and what CVAT writes under the same name.
+"""KITTI's raw tracklets as a label set, and what CVAT writes under the same name.
 
 KITTI: length along x, width along y, height along z; the place is the middle of the box's bottom; rz is the yaw, and
 rx and ry are 0. A tracklet's frame is its first frame plus the number of the pose.
@@ -36,7 +36,7 @@ from scipy.spatial.transform import Rotation
 
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.labels.formats import LabelOptions, Layer, left_out, map_classes, tool_class
+from bench.labels.formats import LabelOptions, LabelSet, left_out, map_classes, tool_class
 from bench.labels.frames import frame_numbers, pair_with_sweeps
 from bench.labels.motion import lidar_from_object, motion_lost, states_at_sweeps, with_motion
 from bench.recordings import Cuboid, ObjectState, Recording, SweepRef, Track, write_text
@@ -263,8 +263,8 @@ class KittiTracklets:
     description = "tracklet_labels.xml of KITTI's raw data: boxes that stand upright, one size for each object"
     centred = False
 
-    def read(self, source: Path, recording: Recording, options: LabelOptions) -> Layer:
-        """Read a layer; arguments and errors as in `LabelFormat`."""
+    def read(self, source: Path, recording: Recording, options: LabelOptions) -> LabelSet:
+        """Read a label set; arguments and errors as in `LabelFormat`."""
         file = source / FILE if source.is_dir() else source
         tracklets = read_tracklets(file)
         classes = map_classes((tracklet.object_type for tracklet in tracklets), options, source=file)
@@ -290,13 +290,13 @@ class KittiTracklets:
             f"{len(recording.sweeps)} sweeps count as annotated"
         )
         times_ns = tuple(sweep.timestamp_ns for sweep in recording.sweeps)
-        return Layer(tracks=tracks, timestamps_ns=times_ns, lost=tuple(lost))
+        return LabelSet(tracks=tracks, timestamps_ns=times_ns, lost=tuple(lost))
 
-    def write(self, layer: Layer, recording: Recording, out: Path, options: LabelOptions) -> tuple[str, ...]:
+    def write(self, label_set: LabelSet, recording: Recording, out: Path, options: LabelOptions) -> tuple[str, ...]:
         """Write `tracklet_labels.xml`; arguments as in `LabelFormat`."""
-        states, lost = states_at_sweeps(layer, recording, (Cuboid,))
+        states, lost = states_at_sweeps(label_set, recording, (Cuboid,))
         numbers = frame_numbers(recording, options)
-        by_track: dict[str, list[tuple[int, Cuboid]]] = {track.track_id: [] for track in layer.tracks}
+        by_track: dict[str, list[tuple[int, Cuboid]]] = {track.track_id: [] for track in label_set.tracks}
         for time_ns, found in states.items():
             for track, state in found:
                 assert isinstance(state.shape, Cuboid)
@@ -304,7 +304,7 @@ class KittiTracklets:
         tracklets: list[Tracklet] = []
         split = resized = 0
         lean_rad = 0.0
-        for track in layer.tracks:
+        for track in label_set.tracks:
             runs = _runs(by_track[track.track_id])
             split += len(runs) > 1
             for run in runs:
@@ -324,7 +324,7 @@ class KittiTracklets:
             lost.append(f"{resized} objects change their size: each has its median one")
         if lean_rad > UPRIGHT_RAD and not self.centred:
             lost.append(f"boxes that lean by up to {np.degrees(lean_rad):.3g} deg against the lidar stand upright")
-        return (*lost, *motion_lost(layer.tracks))
+        return (*lost, *motion_lost(label_set.tracks))
 
     def _posed(self, tracklet: Tracklet) -> list[tuple[int, TrackletPose]]:
         """Number of the frame and pose, without poses that nobody set."""

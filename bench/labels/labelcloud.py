@@ -1,7 +1,7 @@
 """Label files of labelCloud: a JSON file for each point cloud, and `_classes.json` with the classes.
 
 The tool knows boxes and no objects: a box has a class and no number. Boxes of one class are therefore followed from
-frame to frame by nearness.
+frame to frame by proximity.
 
 Source:
     labelCloud/io/labels and labelCloud/utils/math3d.py (`rotate_around_zyx`) of the tool.
@@ -29,7 +29,7 @@ from scipy.spatial.transform import Rotation
 
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
-from bench.labels.formats import LabelOptions, Layer, Length, ToolModel, Vector, left_out, map_classes, tool_class
+from bench.labels.formats import LabelOptions, LabelSet, Length, ToolModel, Vector, left_out, map_classes, tool_class
 from bench.labels.frames import frame_files, frame_names, pair_with_sweeps, refuse_other_frames
 from bench.labels.motion import (
     GroupedSweep,
@@ -180,7 +180,7 @@ class LabelCloud:
     name: str
     description: str
 
-    def read(self, source: Path, recording: Recording, options: LabelOptions) -> Layer:
+    def read(self, source: Path, recording: Recording, options: LabelOptions) -> LabelSet:
         """Read a folder of labels; see `LabelFormat.read`."""
         files = {file.stem: file for file in frame_files(source, ".json", folders=(FOLDER,), without=(CLASS_FILE,))}
         self._refuse_other_way(next(iter(files.values())).parent / CLASS_FILE)
@@ -192,13 +192,13 @@ class LabelCloud:
         lost = list(left_out(classes, counts))
         if tracks:
             kept = sum(len(track.states) for track in tracks)
-            lost.append(f"labelCloud numbers no objects: {kept} boxes followed by nearness make {len(tracks)} objects")
+            lost.append(f"labelCloud numbers no objects: {kept} boxes followed by proximity make {len(tracks)} objects")
         times_ns = tuple(sweep.timestamp_ns for sweep in frames.values())
-        return Layer(tracks=tracks, timestamps_ns=times_ns, lost=tuple(lost))
+        return LabelSet(tracks=tracks, timestamps_ns=times_ns, lost=tuple(lost))
 
-    def write(self, layer: Layer, recording: Recording, out: Path, options: LabelOptions) -> tuple[str, ...]:
+    def write(self, label_set: LabelSet, recording: Recording, out: Path, options: LabelOptions) -> tuple[str, ...]:
         """Write the folder labels/ with its class definition; see `LabelFormat.write`."""
-        states, lost = states_at_sweeps(layer, recording, (Cuboid,))
+        states, lost = states_at_sweeps(label_set, recording, (Cuboid,))
         names = frame_names(recording, options)
         sweeps = {sweep.timestamp_ns: sweep for sweep in recording.sweeps}
         tool_names = {ours: tool_class(ours, options) for ours in OBJECT_CLASSES}
@@ -214,7 +214,7 @@ class LabelCloud:
         self._write_classes(out / FOLDER / CLASS_FILE, tuple(dict.fromkeys(tool_names.values())))
         held = len({id(track) for objects in states.values() for track, _ in objects})
         numbers = [f"which boxes are one object: labelCloud numbers none of the {held}"] if held else []
-        return (*lost, *numbers, *motion_lost(layer.tracks))
+        return (*lost, *numbers, *motion_lost(label_set.tracks))
 
     def _refuse_other_way(self, file: Path) -> None:
         if not file.is_file():

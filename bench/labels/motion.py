@@ -12,7 +12,7 @@ from scipy.spatial.distance import cdist
 
 from bench.egomotion import Trajectory
 from bench.geometry import RigidTransform
-from bench.labels.formats import Layer
+from bench.labels.formats import LabelSet
 from bench.lidar import open3d
 from bench.recordings import Cuboid, GroundPolygon, ObjectShape, ObjectState, Recording, Track
 from bench.recordings.records import world_velocities, world_yaw_rates
@@ -96,12 +96,12 @@ KINDS = {"Cuboid": "boxes", "GroundPolygon": "ground outlines", "PointIndices": 
 
 
 def states_at_sweeps(
-    layer: Layer, recording: Recording, kinds: tuple[type[ObjectShape], ...]
+    label_set: LabelSet, recording: Recording, kinds: tuple[type[ObjectShape], ...]
 ) -> tuple[dict[int, list[tuple[Track, ObjectState]]], list[str]]:
-    """What a tool that labels sweeps can hold of a layer.
+    """What a tool that labels sweeps can hold of a label set.
 
     Args:
-        layer: the annotations.
+        label_set: the annotations.
         recording: what they belong to.
         kinds: shapes that the format has.
 
@@ -111,11 +111,11 @@ def states_at_sweeps(
     """
     sweep_times = {sweep.timestamp_ns for sweep in recording.sweeps}
     states: dict[int, list[tuple[Track, ObjectState]]] = {
-        time_ns: [] for time_ns in layer.timestamps_ns if time_ns in sweep_times
+        time_ns: [] for time_ns in label_set.timestamps_ns if time_ns in sweep_times
     }
     between: list[int] = []
     shapeless: dict[str, int] = {}
-    for track in layer.tracks:
+    for track in label_set.tracks:
         for state in track.states:
             if state.timestamp_ns not in sweep_times:
                 between.append(state.timestamp_ns)

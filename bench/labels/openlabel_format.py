@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.labels.formats import LabelOptions, Layer, left_out, map_classes, tool_class
+from bench.labels.formats import LabelOptions, LabelSet, left_out, map_classes, tool_class
 from bench.labels.motion import with_motion
 from bench.labels.openlabel_calibration import Systems, lens_properties
 from bench.labels.openlabel_file import ELEMENTS, Root, read_label_file
@@ -21,20 +21,20 @@ from bench.recordings import Recording, Track, openlabel, write_text
 from bench.recordings.annotations import annotation_document
 
 
-def label_document(layer: Layer, recording: Recording, options: LabelOptions) -> dict[str, Any]:
+def label_document(label_set: LabelSet, recording: Recording, options: LabelOptions) -> dict[str, Any]:
     """The content of the file, as JSON values.
 
     Args:
-        layer: the annotations.
+        label_set: the annotations.
         recording: for mountings, lenses and sweeps.
         options: for other names of classes.
     """
-    document = annotation_document(layer.tracks, layer.timestamps_ns)
+    document = annotation_document(label_set.tracks, label_set.timestamps_ns)
     root = document["openlabel"]
     lidar = _free_name("lidar", recording)
     root["coordinate_systems"] = _systems(recording, lidar)
     root["streams"] = _streams(recording, lidar)
-    _number_objects(root, layer, options)
+    _number_objects(root, label_set, options)
     _add_streams(root["frames"], recording, lidar)
     if root["frames"]:
         root["frame_intervals"] = [{"frame_start": 0, "frame_end": len(root["frames"]) - 1}]
@@ -72,9 +72,9 @@ def _streams(recording: Recording, lidar: str) -> dict[str, Any]:
     return streams
 
 
-def _number_objects(root: dict[str, Any], layer: Layer, options: LabelOptions) -> None:
+def _number_objects(root: dict[str, Any], label_set: LabelSet, options: LabelOptions) -> None:
     """Keys as the standard wants them, numbers; what they were is each object's name."""
-    uids = {track.track_id: str(i) for i, track in enumerate(layer.tracks)}
+    uids = {track.track_id: str(i) for i, track in enumerate(label_set.tracks)}
     for frame in root["frames"].values():
         frame["objects"] = {uids[track_id]: entry for track_id, entry in frame["objects"].items()}
     places: dict[str, list[int]] = {uid: [] for uid in uids.values()}
@@ -87,7 +87,7 @@ def _number_objects(root: dict[str, Any], layer: Layer, options: LabelOptions) -
             "type": tool_class(track.object_class, options),
             "frame_intervals": _intervals(places[uids[track.track_id]]),
         }
-        for track in layer.tracks
+        for track in label_set.tracks
     }
 
 
@@ -121,8 +121,8 @@ class OpenLabelFormat:
     name = "openlabel"
     description = "ASAM OpenLABEL 1.0 of any tool: cuboids in any coordinate system, times in any unit"
 
-    def read(self, source: Path, recording: Recording, options: LabelOptions) -> Layer:
-        """Read a layer; arguments and errors as in `LabelFormat`."""
+    def read(self, source: Path, recording: Recording, options: LabelOptions) -> LabelSet:
+        """Read a label set; arguments and errors as in `LabelFormat`."""
         file = source / FILE if source.is_dir() else source
         content = read_label_file(file)
         counts = Counter(item.type for item in content.objects.values())
@@ -150,11 +150,11 @@ class OpenLabelFormat:
         ]
         if systems.guessed and tracks:
             lost.append("the file names no coordinate system: read in the frame of the lidar")
-        return Layer(tracks=tuple(tracks), timestamps_ns=tuple(sorted(times_ns.values())), lost=tuple(lost))
+        return LabelSet(tracks=tuple(tracks), timestamps_ns=tuple(sorted(times_ns.values())), lost=tuple(lost))
 
-    def write(self, layer: Layer, recording: Recording, out: Path, options: LabelOptions) -> tuple[str, ...]:
+    def write(self, label_set: LabelSet, recording: Recording, out: Path, options: LabelOptions) -> tuple[str, ...]:
         """Write `openlabel.json`; arguments as in `LabelFormat`."""
-        document = label_document(layer, recording, options)
+        document = label_document(label_set, recording, options)
         write_text(out / FILE, json.dumps(document, indent=1, allow_nan=False) + "\n")
         return ()
 

@@ -2,7 +2,7 @@
 
 A label says of each point what it is and to which instance it belongs; both together name an object through the
 sequence. Points labelled as moving without an instance, as masks of moving-object segmentation are, are grouped by
-nearness and followed from sweep to sweep. Labels tell no velocity: what stands has none, that of what moves is
+proximity and followed from sweep to sweep. Labels tell no velocity: what stands has none, that of what moves is
 estimated from the middles of its points.
 
 Source:
@@ -22,7 +22,7 @@ import shapely
 from numpy.typing import NDArray
 
 from bench.errors import DataError, UsageError
-from bench.labels.formats import LabelOptions, Layer, map_classes, tool_class
+from bench.labels.formats import LabelOptions, LabelSet, map_classes, tool_class
 from bench.labels.frames import frame_files, frame_names, pair_with_sweeps, refuse_other_frames
 from bench.labels.motion import (
     GroupedSweep,
@@ -186,14 +186,14 @@ class _SweepLabels:
     pointless: int
 
 
-def write_layer(layer: Layer, recording: Recording, folder: Path, options: LabelOptions) -> tuple[str, ...]:
+def write_label_set(label_set: LabelSet, recording: Recording, folder: Path, options: LabelOptions) -> tuple[str, ...]:
     """Write a `.label` file for each annotated sweep.
 
     Points on no object get the label static, those on unclear objects unlabeled. Where objects overlap, points that are
     named one by one go first, then the smaller object.
 
     Args:
-        layer: the annotations.
+        label_set: the annotations.
         recording: what they belong to.
         folder: of the files.
         options: the first class that the user maps to one of ours is what it is called, "moving-" or not.
@@ -205,9 +205,9 @@ def write_layer(layer: Layer, recording: Recording, folder: Path, options: Label
         DataError: point indices beyond the sweep, or no ego-motion during it.
         UsageError: a class that has no label, or more objects than instances.
     """
-    moved = [_at_its_sweeps(with_motion(track, recording.trajectory)) for track in layer.tracks]
+    moved = [_at_its_sweeps(with_motion(track, recording.trajectory)) for track in label_set.tracks]
     states, lost = states_at_sweeps(
-        replace(layer, tracks=tuple(moved)), recording, (Cuboid, GroundPolygon, PointIndices)
+        replace(label_set, tracks=tuple(moved)), recording, (Cuboid, GroundPolygon, PointIndices)
     )
     labels = _labels(moved, options)
     names = frame_names(recording, options)
@@ -220,7 +220,7 @@ def write_layer(layer: Layer, recording: Recording, folder: Path, options: Label
         pointless += written.pointless
     if pointless:
         lost.append(f"{pointless} places of objects hold no point of their sweep: they leave nothing to label")
-    return (*lost, *_loss(layer.tracks, labels))
+    return (*lost, *_loss(label_set.tracks, labels))
 
 
 def _at_its_sweeps(track: Track) -> Track:
@@ -338,7 +338,7 @@ def _loss(tracks: Sequence[Track], labels: dict[str, _Label]) -> list[str]:
     if boxes := sum(not isinstance(state.shape, PointIndices) for state in states):
         lost.append(f"{boxes} boxes and outlines: their points are kept, the shapes are not")
     if unclear := sum(state.unclear for state in states):
-        lost.append(f"{unclear} unclear sightings: their points are unlabeled")
+        lost.append(f"{unclear} unclear observations: their points are unlabeled")
     certain = [replace(track, states=tuple(replace(s, unclear=False) for s in track.states)) for track in tracks]
     lost += motion_lost(certain)
     for ours in OBJECT_CLASSES:
@@ -377,8 +377,8 @@ class _Gathered:
     """What the files hold, gathered sweep by sweep.
 
     Attributes:
-        instances: (label, instance) -> sightings by time.
-        loose: label -> sightings without an instance, by sweep.
+        instances: (label, instance) -> observations by time.
+        loose: label -> observations without an instance, by sweep.
         points: label -> number of its points.
         nameless: label -> number of its points without an instance.
     """
@@ -397,7 +397,7 @@ class SemanticKitti:
         "SemanticKITTI: a sequence folder, or its folder labels/ or predictions/ with one .label for each sweep"
     )
 
-    def read(self, source: Path, recording: Recording, options: LabelOptions) -> Layer:
+    def read(self, source: Path, recording: Recording, options: LabelOptions) -> LabelSet:
         """Read a sequence's labels; see `LabelFormat.read`."""
         files = {file.stem: file for file in frame_files(source, ".label", folders=FOLDERS)}
         frames = pair_with_sweeps(files, recording, options, source=source)
@@ -409,13 +409,13 @@ class SemanticKitti:
             _gather(gathered, files[name], sweep, recording, expected)
         tracks = tuple(_tracks(gathered, classes, recording))
         times_ns = tuple(sweep.timestamp_ns for sweep in frames.values())
-        return Layer(
+        return LabelSet(
             tracks=tracks, timestamps_ns=times_ns, lost=tuple(_loss_of_groups(gathered, classes, tracks, options))
         )
 
-    def write(self, layer: Layer, recording: Recording, out: Path, options: LabelOptions) -> tuple[str, ...]:
+    def write(self, label_set: LabelSet, recording: Recording, out: Path, options: LabelOptions) -> tuple[str, ...]:
         """Write the folder labels/ of a sequence; see `LabelFormat.write`."""
-        return write_layer(layer, recording, out / FOLDERS[0], options)
+        return write_label_set(label_set, recording, out / FOLDERS[0], options)
 
 
 def _name(label: int) -> str:
@@ -460,13 +460,13 @@ def _gather(gathered: _Gathered, file: Path, sweep: SweepRef, recording: Recordi
 
 def _tracks(gathered: _Gathered, classes: Mapping[str, str | None], recording: Recording) -> list[Track]:
     tracks = []
-    for (label, instance), sightings in sorted(gathered.instances.items()):
+    for (label, instance), observations in sorted(gathered.instances.items()):
         if ours := classes[_name(label)]:
-            tracks.append(_track(f"{_name(label)}-{instance}", ours, sightings, recording, stands=_stands(label)))
+            tracks.append(_track(f"{_name(label)}-{instance}", ours, observations, recording, stands=_stands(label)))
     for label, sweeps in sorted(gathered.loose.items()):
         if ours := classes[_name(label)]:
-            for number, sightings in sorted(_followed(sweeps).items()):
-                tracks.append(_track(f"{_name(label)}-group-{number + 1}", ours, sightings, recording, stands=False))
+            for number, observations in sorted(_followed(sweeps).items()):
+                tracks.append(_track(f"{_name(label)}-group-{number + 1}", ours, observations, recording, stands=False))
     return tracks
 
 
@@ -483,13 +483,13 @@ def _followed(sweeps: Sequence[Sequence[_Seen]]) -> dict[int, list[_Seen]]:
     return objects
 
 
-def _track(name: str, ours: str, sightings: Sequence[_Seen], recording: Recording, *, stands: bool) -> Track:
-    times_ns = np.array([one.timestamp_ns for one in sightings], dtype=np.int64)
+def _track(name: str, ours: str, observations: Sequence[_Seen], recording: Recording, *, stands: bool) -> Track:
+    times_ns = np.array([one.timestamp_ns for one in observations], dtype=np.int64)
     if stands:
-        velocities = np.zeros((len(sightings), 3))
+        velocities = np.zeros((len(observations), 3))
     else:
-        seen_ns = np.array([one.seen_ns for one in sightings], dtype=np.int64)
-        world_mps = middle_velocities(seen_ns, np.array([one.middle_m for one in sightings]))
+        seen_ns = np.array([one.seen_ns for one in observations], dtype=np.int64)
+        world_mps = middle_velocities(seen_ns, np.array([one.middle_m for one in observations]))
         world_from_vehicle, _, _ = recording.trajectory.at(times_ns)
         velocities = np.einsum("nji,nj->ni", world_from_vehicle, world_mps)
     states = tuple(
@@ -498,7 +498,7 @@ def _track(name: str, ours: str, sightings: Sequence[_Seen], recording: Recordin
             shape=PointIndices(indices=one.rows.astype(np.int64), sweep_timestamp_ns=one.timestamp_ns),
             velocity_mps=velocity,
         )
-        for one, velocity in zip(sightings, velocities, strict=True)
+        for one, velocity in zip(observations, velocities, strict=True)
     )
     return Track(track_id=name, object_class=ours, states=states)
 
@@ -517,7 +517,7 @@ def _loss_of_groups(
     for label, count in sorted(gathered.nameless.items()):
         start = f"{count} points of {_name(label)} without an instance"
         groups = sum(track.track_id.startswith(f"{_name(label)}-group-") for track in tracks)
-        standing = "left out, they stand" if _stands(label) else f"grouped by nearness and followed, {groups} objects"
+        standing = "left out, they stand" if _stands(label) else f"grouped by proximity and followed, {groups} objects"
         lost.append(f"{start}: {standing}")
     moving = [track for track in tracks if not all(np.array_equal(s.velocity_mps, np.zeros(3)) for s in track.states)]
     if moving:

@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.labels.formats import LabelOptions, Layer, Length, ToolModel, Vector, left_out, map_classes, tool_class
+from bench.labels.formats import LabelOptions, LabelSet, Length, ToolModel, Vector, left_out, map_classes, tool_class
 from bench.labels.frames import frame_files, frame_names, pair_with_sweeps, refuse_other_frames
 from bench.labels.motion import lidar_from_object, motion_lost, states_at_sweeps, with_motion
 from bench.recordings import MOTION_KINDS, Cuboid, ObjectState, Recording, SweepRef, Track, write_text
@@ -134,7 +134,7 @@ class SustechPoints:
     name = "sustechpoints"
     description = "SUSTechPOINTS: a scene folder, or its folder label/ with one JSON file of boxes for each frame"
 
-    def read(self, source: Path, recording: Recording, options: LabelOptions) -> Layer:
+    def read(self, source: Path, recording: Recording, options: LabelOptions) -> LabelSet:
         """Read a scene's labels; see `LabelFormat.read`."""
         files = {file.stem: file for file in frame_files(source, ".json", folders=(FOLDER,))}
         frames = pair_with_sweeps(files, recording, options, source=source)
@@ -147,21 +147,21 @@ class SustechPoints:
             with_motion(_track(name, boxes, classes, doubtful, recording), recording.trajectory)
             for name, boxes in _by_object(kept).items()
         )
-        return Layer(
+        return LabelSet(
             tracks=tracks,
             timestamps_ns=tuple(sweep.timestamp_ns for sweep in frames.values()),
             lost=(*_not_taken(classes, types, options), *_read_loss(kept, doubtful)),
         )
 
-    def write(self, layer: Layer, recording: Recording, out: Path, options: LabelOptions) -> tuple[str, ...]:
+    def write(self, label_set: LabelSet, recording: Recording, out: Path, options: LabelOptions) -> tuple[str, ...]:
         """Write a scene's folder label/; see `LabelFormat.write`."""
-        states, lost = states_at_sweeps(layer, recording, (Cuboid,))
+        states, lost = states_at_sweeps(label_set, recording, (Cuboid,))
         names = frame_names(recording, options)
         refuse_other_frames(out / FOLDER, ".json", map(names.__getitem__, states))
         for time_ns, objects in states.items():
             boxes = [_written(track, state, recording, options) for track, state in objects]
             write_text(out / FOLDER / f"{names[time_ns]}.json", json.dumps(boxes, allow_nan=False))
-        return (*lost, *motion_lost([_without_marks(track) for track in layer.tracks]))
+        return (*lost, *motion_lost([_without_marks(track) for track in label_set.tracks]))
 
 
 def _told(options: LabelOptions) -> set[str]:

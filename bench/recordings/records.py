@@ -271,7 +271,7 @@ class Recording:
         vehicle_from_lidar: mounting of the lidar.
         sweeps: by increasing time.
         tracks: annotated objects.
-        vehicle_outline_m: (K, 2) float64, the host seen from above, vehicle frame, m.
+        vehicle_outline_m: (K, 2) float64, the ego vehicle seen from above, vehicle frame, m.
         lidar_from_beams: where the beams start and the axes about which they turn, in the frame of the points; not the
             identity where a data set gives its points in other axes than the sensor's own, such as the vehicle's.
         input_errors: of what a method is told; calibration and ego-motion above are the true ones.

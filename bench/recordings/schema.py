@@ -51,7 +51,7 @@ class Mounting(FileModel):
 
 
 class VehicleHead(FileModel):
-    """The host.
+    """The ego vehicle.
 
     Attributes:
         outline_m: x and y of its outline seen from above.

@@ -48,7 +48,7 @@ class RecordingWriter:
         ground_height_m: float = 0.0,
         lidar_from_beams: RigidTransform | None = None,
     ) -> None:
-        """Write `recording.json` and the masks of the host's own body.
+        """Write `recording.json` and the masks of the ego vehicle's body.
 
         Args:
             name: of the recording.
@@ -56,7 +56,7 @@ class RecordingWriter:
             frame_interval_ns: nominal time between images.
             cameras: by name, with the lens at the size of the images.
             vehicle_from_lidar: mounting of the lidar.
-            vehicle_outline_m: (K, 2) float64, the host seen from above, vehicle frame, m.
+            vehicle_outline_m: (K, 2) float64, the ego vehicle seen from above, vehicle frame, m.
             ground_height_m: height of the road in the vehicle frame.
             lidar_from_beams: as of the recording; None where points are given in the lidar's own axes.
 

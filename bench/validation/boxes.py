@@ -25,7 +25,7 @@ SAME_PLACE = 0.5  # intersection over union of two footprints
 MOST_PAIRS = 200_000  # of footprints that touch, in a recording; five seconds
 QUERIED_AT_ONCE = 64  # footprints; of 5000 that all touch, their pairs take 5 MB
 MOST_TOLD = 100  # pairs of objects, each for itself
-INSIDE_HOST_M = 0.3
+INSIDE_EGO_M = 0.3
 
 
 def check_boxes(recording: Recording) -> Iterator[Finding]:
@@ -49,28 +49,45 @@ def _names(recording: Recording, file: str) -> Iterator[Finding]:
     ):
         twice = sorted(name for name, times in Counter(names).items() if times > 1)
         if twice:
-            yield Finding(check="id-twice", file=file, field=what, expected="each object once",
-                          got=f"{listed(twice)} more than once", times=len(twice))  # fmt: skip
+            yield Finding(
+                check="id-twice",
+                file=file,
+                field=what,
+                expected="each object once",
+                got=f"{listed(twice)} more than once",
+                times=len(twice),
+            )
     stateless = [track.track_id for track in recording.tracks if not track.states]
     if stateless:
-        yield Finding(check="object-without-frames", severity=Severity.WARNING, file=file, field="objects",
-                      expected="a place at some time", got=f"none for {listed(stateless)}",
-                      times=len(stateless))  # fmt: skip
+        yield Finding(
+            check="object-without-frames",
+            severity=Severity.WARNING,
+            file=file,
+            field="objects",
+            expected="a place at some time",
+            got=f"none for {listed(stateless)}",
+            times=len(stateless),
+        )
     known = {category.value for category in Category}
     for track in recording.tracks:
         told = {state.category for state in track.states} - known - {None}
         if told:
-            yield Finding(check="category", file=file, field=f"object {track.track_id!r}",
-                          expected=f"one of {', '.join(sorted(known))}",
-                          got=listed(sorted(str(name) for name in told)))  # fmt: skip
+            yield Finding(
+                check="category",
+                file=file,
+                field=f"object {track.track_id!r}",
+                expected=f"one of {', '.join(sorted(known))}",
+                got=listed(sorted(str(name) for name in told)),
+            )
 
 
 def _sizes(track: Track, file: str) -> Iterator[Finding]:
     limits = BODIES.get(track.object_class)
     field = f"object {track.track_id!r} ({track.object_class})"
     if limits is None:
-        yield Finding(check="class", file=file, field=field, expected=f"one of {', '.join(BODIES)}",
-                      got=repr(track.object_class))  # fmt: skip
+        yield Finding(
+            check="class", file=file, field=field, expected=f"one of {', '.join(BODIES)}", got=repr(track.object_class)
+        )
         return
     boxed = [(state, box) for state in track.states if (box := box_of(state.shape)) is not None]
     if not boxed:
@@ -191,16 +208,28 @@ def _same_place(recording: Recording, file: str) -> Iterator[Finding]:
             timestamp_ns=times_ns[0],
         )
     if often[MOST_TOLD:]:
-        yield Finding(check="same-object", file=file, field="objects", expected="one box for each object",
-                      got=f"boxes that overlap by more than half in {len(often) - MOST_TOLD} more pairs of objects",
-                      do="one object under two names", times=len(often) - MOST_TOLD,
-                      timestamp_ns=min(times_ns[0] for _, times_ns in often[MOST_TOLD:]))  # fmt: skip
+        yield Finding(
+            check="same-object",
+            file=file,
+            field="objects",
+            expected="one box for each object",
+            got=f"boxes that overlap by more than half in {len(often) - MOST_TOLD} more pairs of objects",
+            do="one object under two names",
+            times=len(often) - MOST_TOLD,
+            timestamp_ns=min(times_ns[0] for _, times_ns in often[MOST_TOLD:]),
+        )
     if given_up_ns:
-        yield Finding(check="crowded-boxes", severity=Severity.WARNING, file=file, field="cuboid",
-                      expected=f"at most {MOST_PAIRS} pairs of boxes of a class that touch",
-                      got=f"more; at {len(given_up_ns)} of {len(at)} times not all were compared",
-                      do="mend those that are told, then validate again",
-                      times=len(given_up_ns), timestamp_ns=given_up_ns[0])  # fmt: skip
+        yield Finding(
+            check="crowded-boxes",
+            severity=Severity.WARNING,
+            file=file,
+            field="cuboid",
+            expected=f"at most {MOST_PAIRS} pairs of boxes of a class that touch",
+            got=f"more; at {len(given_up_ns)} of {len(at)} times not all were compared",
+            do="mend those that are told, then validate again",
+            times=len(given_up_ns),
+            timestamp_ns=given_up_ns[0],
+        )
 
 
 def _overlapping(
@@ -238,18 +267,24 @@ def _overlapping(
 
 
 def _in_host(recording: Recording, file: str) -> Iterator[Finding]:
-    host = shapely.Polygon(recording.vehicle_outline_m).buffer(-INSIDE_HOST_M)
+    ego = shapely.Polygon(recording.vehicle_outline_m).buffer(-INSIDE_EGO_M)
     for track in recording.tracks:
         inside = []
         for state in track.states:
             box = box_of(state.shape)
-            if box is not None and host.contains(shapely.Point(box.vehicle_from_object.translation_m[:2])):
+            if box is not None and ego.contains(shapely.Point(box.vehicle_from_object.translation_m[:2])):
                 inside.append(state.timestamp_ns)
         if inside:
-            yield Finding(check="object-in-host", file=file, field=f"object {track.track_id!r} ({track.object_class})",
-                          expected="objects outside of the host", got=f"its centre in the host at {len(inside)} times",
-                          do="check the frame of the annotations: the vehicle's, not the lidar's or the world's",
-                          times=len(inside), timestamp_ns=inside[0])  # fmt: skip
+            yield Finding(
+                check="object-in-ego",
+                file=file,
+                field=f"object {track.track_id!r} ({track.object_class})",
+                expected="objects outside of the ego vehicle",
+                got=f"its centre in the ego vehicle at {len(inside)} times",
+                do="check the frame of the annotations: the vehicle's, not the lidar's or the world's",
+                times=len(inside),
+                timestamp_ns=inside[0],
+            )
 
 
 def _footprint(box: Cuboid) -> shapely.Polygon:

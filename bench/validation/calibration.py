@@ -1,4 +1,4 @@
-"""Cameras and lidar: mountings, lenses, masks of the host's own body."""
+"""Cameras and lidar: mountings, lenses, masks of the ego vehicle's body."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ def _body_mask(camera: MountedCamera, file: str, field: str) -> Iterator[Finding
             check="ego-body",
             file=file,
             field=f"{field}.ego_body_mask",
-            expected="a mask of the host's own body, not 0 where it is",
+            expected="a mask of the ego vehicle's body, not 0 where it is",
             got=f"one that covers {100 * mask.mean():.0f} % of the image",
             do="it may be inverted",
         )

@@ -9,9 +9,9 @@ import numpy as np
 from bench.geometry import twist_between
 from bench.recordings import Recording
 from bench.validation.findings import (
-    HOST_SIDEWAYS_MPS2,
-    HOST_TOP_SPEED_MPS,
-    HOST_TOP_TURN_RADPS,
+    EGO_SIDEWAYS_MPS2,
+    EGO_TOP_SPEED_MPS,
+    EGO_TOP_TURN_RADPS,
     Finding,
     Severity,
 )
@@ -39,9 +39,9 @@ def check_ego_limits(recording: Recording) -> Iterator[Finding]:
     speed = np.linalg.norm(paths_m[near], axis=1) / seconds
     turn = np.linalg.norm(turns[near], axis=1) / seconds
     tests = (
-        ("host-speed", "speed", speed, HOST_TOP_SPEED_MPS, "m/s", "km/h where m/s are due?"),
-        ("host-turn", "yaw rate", turn, HOST_TOP_TURN_RADPS, "rad/s", "degrees per second where rad/s are due?"),
-        ("host-cornering", "speed times yaw rate", speed * turn, HOST_SIDEWAYS_MPS2, "m/s2",
+        ("ego-speed", "speed", speed, EGO_TOP_SPEED_MPS, "m/s", "km/h where m/s are due?"),
+        ("ego-turn", "yaw rate", turn, EGO_TOP_TURN_RADPS, "rad/s", "degrees per second where rad/s are due?"),
+        ("ego-cornering", "speed times yaw rate", speed * turn, EGO_SIDEWAYS_MPS2, "m/s2",
          "km/h where m/s, or degrees where radians are due?"),
     )  # fmt: skip
     for check, what, values, limit, unit, hint in tests:
@@ -74,7 +74,7 @@ def _jumps(recording: Recording) -> Iterator[Finding]:
     jumps = (change_mps / span_s > JUMP_MPS2) & (away_m > 0.3)
     if jumps.any():
         yield Finding(
-            check="host-jump",
+            check="ego-jump",
             severity=Severity.ERROR,
             file=path.source,
             field="position",

@@ -130,10 +130,10 @@ BODIES = {
     ),
 }
 
-HOST_TOP_SPEED_MPS = 75.0
-HOST_TOP_TURN_RADPS = 1.5  # a tight turn at walking pace is 0.5
-HOST_SIDEWAYS_MPS2 = 1.3 * GRAVITY_MPS2
+EGO_TOP_SPEED_MPS = 75.0
+EGO_TOP_TURN_RADPS = 1.5  # a tight turn at walking pace is 0.5
+EGO_SIDEWAYS_MPS2 = 1.3 * GRAVITY_MPS2
 CAMERA_HEIGHT_M: Span = (0.1, 4.5)
 LIDAR_HEIGHT_M: Span = (0.1, 5.0)
-SENSOR_OUTSIDE_M = 2.5  # beyond the host's outline
+SENSOR_OUTSIDE_M = 2.5  # beyond the ego vehicle's outline
 LIDAR_REACH_M = 400.0

@@ -38,7 +38,7 @@ class TrackPath:
         stated_mps: (N, 3) float64, stated velocity over the ground, world axes; NaN where not told.
         forward: (N, 2) float64, horizontal part of the box's x axis, world axes; NaN for outlines.
         range_m: (N,) float64, m, horizontal distance from the vehicle's origin.
-        host_mps: (N, 3) float64, velocity of the host, world axes.
+        ego_mps: (N, 3) float64, velocity of the ego vehicle, world axes.
         stated_turn_radps: (N,) float64.
         rotations: (N, 3, 3) float64, world_from_vehicle.
     """
@@ -48,7 +48,7 @@ class TrackPath:
     stated_mps: NDArray[np.float64]
     forward: NDArray[np.float64]
     range_m: NDArray[np.float64]
-    host_mps: NDArray[np.float64]
+    ego_mps: NDArray[np.float64]
     stated_turn_radps: NDArray[np.float64]
     rotations: NDArray[np.float64]
 
@@ -85,14 +85,14 @@ def track_path(track: Track, trajectory: Trajectory) -> TrackPath:
         box.vehicle_from_object.rotation[:, 0] if isinstance(state.shape, Cuboid) else np.full(3, np.nan)
         for state, box in kept
     ]).reshape(-1, 3)  # fmt: skip
-    host = np.array([rotations[i] @ trajectory.velocity_vehicle_mps(int(t)) for i, t in enumerate(times_ns)])
+    ego = np.array([rotations[i] @ trajectory.velocity_vehicle_mps(int(t)) for i, t in enumerate(times_ns)])
     return TrackPath(
         times_ns=times_ns,
         positions_m=_turned(rotations, centres) + positions_m,
         stated_mps=_turned(rotations, stated),
         forward=_turned(rotations, axes)[:, :2],
         range_m=np.hypot(centres[:, 0], centres[:, 1]),
-        host_mps=host.reshape(-1, 3),
+        ego_mps=ego.reshape(-1, 3),
         stated_turn_radps=np.array([state.yaw_rate_radps for state, _ in kept], dtype=np.float64),
         rotations=rotations,
     )
@@ -221,7 +221,7 @@ def _heading(path: TrackPath, file: str, field: str) -> Iterator[Finding]:
 def _velocity_fault(path: TrackPath) -> tuple[str, float] | None:
     """What is wrong with the stated velocities, and by how many m/s."""
     known = np.isfinite(path.stated_mps).all(axis=1) & (path.range_m < FAR_M)
-    real, said, host, local = [], [], [], []
+    real, said, ego, local = [], [], [], []
     for first, last in _chunks(path):
         rows = slice(first, last + 1)
         if not known[rows].all():
@@ -229,7 +229,7 @@ def _velocity_fault(path: TrackPath) -> tuple[str, float] | None:
         seconds = (path.times_ns[last] - path.times_ns[first]) / SECOND_NS
         real.append(((path.positions_m[last] - path.positions_m[first]) / seconds)[:2])
         said.append(_mean(path.times_ns[rows], path.stated_mps[rows])[:2])
-        host.append(_mean(path.times_ns[rows], path.host_mps[rows])[:2])
+        ego.append(_mean(path.times_ns[rows], path.ego_mps[rows])[:2])
         local.append(np.einsum("nji,nj->ni", path.rotations[rows], path.stated_mps[rows]).mean(axis=0)[:2])
     if not real:
         return None
@@ -241,8 +241,8 @@ def _velocity_fault(path: TrackPath) -> tuple[str, float] | None:
     readings = {
         "km/h where m/s are due": stated / 3.6,
         "m/s divided by 3.6 once too often": stated * 3.6,
-        "relative to the vehicle, where over the ground is due": stated + np.array(host),
-        "the host's own velocity added once too often": stated - np.array(host),
+        "relative to the vehicle, where over the ground is due": stated + np.array(ego),
+        "the ego vehicle's own velocity added once too often": stated - np.array(ego),
         "along the world's axes, where the vehicle's are due": np.array(local),
         "the sign is turned": -stated,
     }

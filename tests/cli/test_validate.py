@@ -8,14 +8,14 @@ import pytest
 from tests.cli.test_commands import call
 from tests.validation import drive
 
-CARD = "name: street\ntitle: a street\nadapter: native\nroot: data\nlicence: x\nannotations: {layer}\n"
+CARD = "name: street\ntitle: a street\nadapter: native\nroot: data\nlicence: x\nannotations: {label_set}\n"
 
 
 @pytest.fixture(scope="module")
 def clean(tmp_path_factory):
     folder = tmp_path_factory.mktemp("street")
     drive.write_drive(folder / "data" / "drive")
-    (folder / "street.yaml").write_text(CARD.replace("annotations: {layer}\n", ""))
+    (folder / "street.yaml").write_text(CARD.replace("annotations: {label_set}\n", ""))
     return folder
 
 

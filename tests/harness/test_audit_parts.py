@@ -167,7 +167,7 @@ def test_less_compensation_moves_the_polygon_of_a_fast_object_and_keeps_it_movin
     assert with_compensation(recording, Compensation.FULL) is recording
     assert all(frame.objects[0].status is Status.EVALUATED for frame in built.values())
     places = {name: frame.objects[0].polygon.centroid.x for name, frame in built.items()}
-    # The car drives at 6 m/s and the host at 2.8: undoing the host's motion alone leaves more than undoing neither.
+    # The car drives at 6 m/s and the ego vehicle at 2.8: undoing the ego-motion alone leaves more than undoing neither.
     shifts = {name: abs(place - places[Compensation.FULL]) for name, place in places.items()}
     assert shifts[Compensation.EGO_MOTION] > 0.2
     assert shifts[Compensation.NONE] > 0.05

@@ -1,4 +1,4 @@
-"""A street in six sweeps, small enough to know each point: the host turns slowly, a car passes, another is parked."""
+"""A street in six sweeps, each point known: the ego vehicle turns slowly, a car passes, another is parked."""
 
 from functools import cache
 from pathlib import Path

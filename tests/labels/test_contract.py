@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bench.errors import BenchError, DataError, UnknownNameError
-from bench.labels import LABEL_FORMATS, LabelOptions, Layer, import_labels, known_formats, label_format
+from bench.labels import LABEL_FORMATS, LabelOptions, LabelSet, import_labels, known_formats, label_format
 from bench.recordings import OBJECT_CLASSES, Cuboid, read_annotations
 from tests.labels import street
 
@@ -17,8 +17,8 @@ def drive(tmp_path):
     return street.recording(tmp_path / "drive")
 
 
-def layer():
-    return Layer(tracks=tuple(street.box_track(name) for name in street.SIZES_M), timestamps_ns=street.TIMES_NS)
+def label_set():
+    return LabelSet(tracks=tuple(street.box_track(name) for name in street.SIZES_M), timestamps_ns=street.TIMES_NS)
 
 
 def files(folder):
@@ -36,7 +36,7 @@ def test_names_and_descriptions(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_what_is_written_is_read_and_makes_an_annotation_file(name, tmp_path, drive):
     before = files(tmp_path)
-    lost = label_format(name).write(layer(), drive, tmp_path / "out", PLAIN)
+    lost = label_format(name).write(label_set(), drive, tmp_path / "out", PLAIN)
     assert all(isinstance(line, str) and line and "\n" not in line for line in lost)
     written = [path for path in files(tmp_path) if path not in before]
     assert written
@@ -59,14 +59,14 @@ def test_what_is_written_is_read_and_makes_an_annotation_file(name, tmp_path, dr
 @pytest.mark.parametrize("name", NAMES)
 def test_writing_twice_leaves_the_same_bytes(name, tmp_path, drive):
     for folder in ("a", "b"):
-        label_format(name).write(layer(), drive, tmp_path / folder, PLAIN)
+        label_format(name).write(label_set(), drive, tmp_path / folder, PLAIN)
     one, other = ({p.relative_to(tmp_path / f): p.read_bytes() for p in files(tmp_path / f)} for f in "ab")
     assert one == other
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_drive_without_objects_comes_back_empty(name, tmp_path, drive):
-    label_format(name).write(Layer(tracks=(), timestamps_ns=street.TIMES_NS), drive, tmp_path / "out", PLAIN)
+    label_format(name).write(LabelSet(tracks=(), timestamps_ns=street.TIMES_NS), drive, tmp_path / "out", PLAIN)
     found = label_format(name).read(tmp_path / "out", drive, PLAIN)
     assert found.tracks == ()
     assert found.timestamps_ns == street.TIMES_NS
@@ -75,7 +75,7 @@ def test_a_drive_without_objects_comes_back_empty(name, tmp_path, drive):
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("content", [None, b"", b"\0" * 64, b"{}", b"[[[["])
 def test_what_is_no_such_file_is_one_clear_line(name, content, tmp_path, drive):
-    label_format(name).write(layer(), drive, tmp_path / "out", PLAIN)
+    label_format(name).write(label_set(), drive, tmp_path / "out", PLAIN)
     for path in files(tmp_path / "out"):
         path.unlink() if content is None else path.write_bytes(content)
     with pytest.raises(BenchError) as told:

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.labels import LabelOptions, Layer, label_format
+from bench.labels import LabelOptions, LabelSet, label_format
 from bench.labels.kitti_tracklets import DEEPEST, Tracklet, TrackletPose, read_tracklets, write_tracklets
 from bench.recordings import GroundPolygon, ObjectState, Track
 from tests.labels import street
@@ -59,16 +59,16 @@ def test_a_tracklet_by_hand(tmp_path, drive):
     """The lidar sits at (1, 0, 2) and looks to the left: its x is the vehicle's y. The box stands on tz = -1.75."""
     drive = replace(drive, vehicle_from_lidar=RigidTransform.from_yaw(np.pi / 2, (1.0, 0.0, 2.0)))
     file = put(tmp_path, document(item(pose(rz=-np.pi / 2), pose(at=(10.0, 2.5, -1.75), rz=-np.pi / 2), first=2)))
-    layer = label_format("kitti-tracklets").read(file, drive, PLAIN)
-    (track,) = layer.tracks
+    label_set = label_format("kitti-tracklets").read(file, drive, PLAIN)
+    (track,) = label_set.tracks
     first, second = track.states
     assert (track.track_id, track.object_class) == ("tracklet-0", "vehicle")
     assert [first.timestamp_ns, second.timestamp_ns] == list(street.TIMES_NS[2:4])
     assert first.shape.vehicle_from_object.translation_m == pytest.approx([-1.0, 10.0, 2.0 - 1.75 + 0.75], abs=1e-12)
     assert first.shape.vehicle_from_object.rotation == pytest.approx(np.eye(3), abs=1e-12)
     assert first.shape.size_m.tolist() == [4.5, 1.75, 1.5]
-    assert layer.timestamps_ns == street.TIMES_NS
-    assert [line for line in layer.lost if "frames without objects" not in line] == []
+    assert label_set.timestamps_ns == street.TIMES_NS
+    assert [line for line in label_set.lost if "frames without objects" not in line] == []
 
 
 def test_the_same_tags_of_cvat_mean_something_else(tmp_path, drive):
@@ -97,8 +97,8 @@ def test_gaps_that_cvat_fills_stay_gaps(tmp_path, drive):
 def test_what_has_no_place_is_told(tmp_path, drive):
     poses = (pose(state=1, occlusion=2), pose(state=0), pose(truncation=99))
     file = put(tmp_path, document(item(*poses), item(pose(), kind="Misc")))
-    layer = label_format("kitti-tracklets").read(file, drive, LabelOptions(classes={"Misc": None}))
-    told = "\n".join(layer.lost)
+    label_set = label_format("kitti-tracklets").read(file, drive, LabelOptions(classes={"Misc": None}))
+    told = "\n".join(label_set.lost)
     for line in (
         "1 objects of class 'Misc', left out as asked",
         "1 poses that are unset or outside, left out",
@@ -108,7 +108,7 @@ def test_what_has_no_place_is_told(tmp_path, drive):
         "all 6 sweeps count as annotated",
     ):
         assert line in told
-    assert [len(track.states) for track in layer.tracks] == [2]
+    assert [len(track.states) for track in label_set.tracks] == [2]
 
 
 def test_boxes_that_float_are_doubted(tmp_path, drive):
@@ -133,30 +133,30 @@ def upright(drive):
 def test_boxes_come_back_as_they_went(tmp_path, drive, name):
     drive = upright(drive) if name == "kitti-tracklets" else drive
     tracks = tuple(street.box_track(which) for which in street.SIZES_M)
-    layer = Layer(tracks=tracks, timestamps_ns=street.TIMES_NS)
-    lost = label_format(name).write(layer, drive, tmp_path / "out", PLAIN)
+    label_set = LabelSet(tracks=tracks, timestamps_ns=street.TIMES_NS)
+    lost = label_format(name).write(label_set, drive, tmp_path / "out", PLAIN)
     assert not any("stand upright" in line for line in lost)
     found = label_format(name).read(tmp_path / "out", drive, PLAIN)
     assert_same_boxes(found.tracks, tracks, names=False)
-    assert found.timestamps_ns == layer.timestamps_ns
+    assert found.timestamps_ns == label_set.timestamps_ns
 
 
 def test_velocities_come_from_the_places_in_the_world(tmp_path, drive):
-    """The walker moves on a straight line at one speed, so that differences are exact; the host turns meanwhile."""
-    layer = Layer(tracks=(street.box_track("walker"),), timestamps_ns=street.TIMES_NS)
-    label_format("cvat-tracklets").write(layer, drive, tmp_path / "out", PLAIN)
+    """The walker moves on a straight line at one speed: differences are exact; the ego vehicle turns meanwhile."""
+    label_set = LabelSet(tracks=(street.box_track("walker"),), timestamps_ns=street.TIMES_NS)
+    label_format("cvat-tracklets").write(label_set, drive, tmp_path / "out", PLAIN)
     (track,) = label_format("cvat-tracklets").read(tmp_path / "out", drive, PLAIN).tracks
-    for state, true in zip(track.states, layer.tracks[0].states, strict=True):
+    for state, true in zip(track.states, label_set.tracks[0].states, strict=True):
         assert state.velocity_mps == pytest.approx(true.velocity_mps, abs=1e-6)
         assert abs(state.yaw_rate_radps) < 1e-9
 
 
 def test_a_leaning_lidar_makes_boxes_stand_upright_and_says_so(tmp_path, drive):
-    layer = Layer(tracks=(street.box_track("car"),), timestamps_ns=street.TIMES_NS)
-    lost = label_format("kitti-tracklets").write(layer, drive, tmp_path / "out", PLAIN)
+    label_set = LabelSet(tracks=(street.box_track("car"),), timestamps_ns=street.TIMES_NS)
+    lost = label_format("kitti-tracklets").write(label_set, drive, tmp_path / "out", PLAIN)
     assert any(line.startswith("boxes that lean by up to 1.28 deg") for line in lost)
     (track,) = read(tmp_path / "out", drive).tracks
-    for state, true in zip(track.states, layer.tracks[0].states, strict=True):
+    for state, true in zip(track.states, label_set.tracks[0].states, strict=True):
         same = true.shape.vehicle_from_object.translation_m
         assert state.shape.vehicle_from_object.translation_m == pytest.approx(same, abs=1e-9)
 
@@ -174,8 +174,8 @@ def test_what_the_format_cannot_hold_is_told(tmp_path, drive):
         replace(car, states=tuple(states), instance_id=7),
         Track(track_id="walker", object_class="pedestrian", states=(walker,)),
     )
-    layer = Layer(tracks=tracks, timestamps_ns=street.TIMES_NS)
-    told = "\n".join(label_format("kitti-tracklets").write(layer, upright(drive), tmp_path / "out", PLAIN))
+    label_set = LabelSet(tracks=tracks, timestamps_ns=street.TIMES_NS)
+    told = "\n".join(label_format("kitti-tracklets").write(label_set, upright(drive), tmp_path / "out", PLAIN))
     for line in (
         "1 states that are ground outlines: the format has none",
         "1 states at 1 times at which there is no sweep",
@@ -195,15 +195,15 @@ def test_what_the_format_cannot_hold_is_told(tmp_path, drive):
 
 def test_numbers_of_frames_are_those_of_the_sweeps(tmp_path):
     drive = street.recording(tmp_path / "drive", names=tuple(f"{250 + i:010d}" for i in range(street.SWEEPS)))
-    layer = Layer(tracks=(street.box_track("parked"),), timestamps_ns=street.TIMES_NS)
-    label_format("cvat-tracklets").write(layer, drive, tmp_path / "a", PLAIN)
+    label_set = LabelSet(tracks=(street.box_track("parked"),), timestamps_ns=street.TIMES_NS)
+    label_format("cvat-tracklets").write(label_set, drive, tmp_path / "a", PLAIN)
     assert read_tracklets(tmp_path / "a/tracklet_labels.xml")[0].first_frame == 250
     options = LabelOptions(first_frame=10, classes={"Van": "vehicle"})
-    label_format("cvat-tracklets").write(layer, drive, tmp_path / "b", options)
+    label_format("cvat-tracklets").write(label_set, drive, tmp_path / "b", options)
     (tracklet,) = read_tracklets(tmp_path / "b/tracklet_labels.xml")
     assert (tracklet.first_frame, tracklet.object_type) == (10, "Van")
     found = label_format("cvat-tracklets").read(tmp_path / "b", drive, options)
-    assert_same_boxes(found.tracks, layer.tracks, names=False)
+    assert_same_boxes(found.tracks, label_set.tracks, names=False)
 
 
 finite = st.floats(-1e6, 1e6)
@@ -326,17 +326,17 @@ def test_the_real_sample_stands_on_the_road(tmp_path):
         for i in range(108)
     )
     drive = replace(drive, sweeps=sweeps, vehicle_from_lidar=RigidTransform.from_yaw(0.0, (0.76, 0.0, 1.73)))
-    layer = read(file, drive)
-    assert [track.object_class for track in layer.tracks] == ["vehicle"] * 10 + ["cyclist"] * 2 + ["vehicle"] * 3
-    assert sum(len(track.states) for track in layer.tracks) == 572
-    assert not any("doubtful" in line for line in layer.lost)
+    label_set = read(file, drive)
+    assert [track.object_class for track in label_set.tracks] == ["vehicle"] * 10 + ["cyclist"] * 2 + ["vehicle"] * 3
+    assert sum(len(track.states) for track in label_set.tracks) == 572
+    assert not any("doubtful" in line for line in label_set.lost)
     cars = [
-        track for track in layer.tracks if track.states[0].shape.size_m[2] < 2.5 and track.object_class == "vehicle"
+        track for track in label_set.tracks if track.states[0].shape.size_m[2] < 2.5 and track.object_class == "vehicle"
     ]
     bottoms = [
         state.shape.vehicle_from_object.translation_m[2] - state.shape.size_m[2] / 2 for t in cars for state in t.states
     ]
     assert abs(np.median(bottoms)) < 0.15
-    label_format("kitti-tracklets").write(layer, drive, tmp_path / "out", PLAIN)
+    label_format("kitti-tracklets").write(label_set, drive, tmp_path / "out", PLAIN)
     again = read(tmp_path / "out", drive)
-    assert_same_boxes(again.tracks, [replace(t, object_class=t.object_class) for t in layer.tracks], names=False)
+    assert_same_boxes(again.tracks, [replace(t, object_class=t.object_class) for t in label_set.tracks], names=False)

@@ -9,7 +9,7 @@ import pytest
 
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.labels import LabelOptions, Layer, label_format
+from bench.labels import LabelOptions, LabelSet, label_format
 from tests.labels import street
 from tests.labels.same import assert_same_boxes
 
@@ -69,9 +69,9 @@ CORNERS = [
 def test_a_box_by_hand(tmp_path, drive, way, entry):
     put(tmp_path / "labels", "000001", labelled(entry))
     put(tmp_path / "labels", "000002", labelled())
-    layer = label_format(f"labelcloud-{way}").read(tmp_path, still(drive), PLAIN)
-    assert layer.timestamps_ns == street.TIMES_NS[1:3]
-    (track,) = layer.tracks
+    label_set = label_format(f"labelcloud-{way}").read(tmp_path, still(drive), PLAIN)
+    assert label_set.timestamps_ns == street.TIMES_NS[1:3]
+    (track,) = label_set.tracks
     shape = track.states[0].shape
     assert (track.track_id, track.object_class) == ("car-1", "vehicle")
     assert shape.size_m == pytest.approx([4.0, 2.0, 1.5])
@@ -94,17 +94,17 @@ def test_there_and_back(tmp_path, drive, way):
     """The tool numbers no objects: those that come back are followed, and called after their class."""
     form = label_format(f"labelcloud-{way}")
     tracks = tuple(street.box_track(name) for name in street.SIZES_M)
-    lost = form.write(Layer(tracks=tracks, timestamps_ns=street.TIMES_NS), drive, tmp_path / "out", PLAIN)
+    lost = form.write(LabelSet(tracks=tracks, timestamps_ns=street.TIMES_NS), drive, tmp_path / "out", PLAIN)
     assert lost == (
         "which boxes are one object: labelCloud numbers none of the 3",
         "18 velocities: no place for them",
         "6 yaw rates: no place for them",
     )
-    layer = form.read(tmp_path / "out", drive, PLAIN)
-    assert layer.timestamps_ns == street.TIMES_NS
-    assert layer.lost == ("labelCloud numbers no objects: 18 boxes followed by nearness make 3 objects",)
+    label_set = form.read(tmp_path / "out", drive, PLAIN)
+    assert label_set.timestamps_ns == street.TIMES_NS
+    assert label_set.lost == ("labelCloud numbers no objects: 18 boxes followed by proximity make 3 objects",)
     renamed = {"pedestrian-1": "walker", "vehicle-1": "car", "vehicle-2": "parked"}
-    back = {renamed[track.track_id]: replace(track, track_id=renamed[track.track_id]) for track in layer.tracks}
+    back = {renamed[track.track_id]: replace(track, track_id=renamed[track.track_id]) for track in label_set.tracks}
     assert_same_boxes([back[track.track_id] for track in tracks], tracks)
     for state in back["car"].states:
         world = drive.trajectory.world_from_vehicle(state.timestamp_ns).rotate(state.velocity_mps)
@@ -114,7 +114,7 @@ def test_there_and_back(tmp_path, drive, way):
 def test_the_class_definition(tmp_path, drive):
     form = label_format("labelcloud-centroid-rel")
     options = LabelOptions(classes={"lorry": "vehicle"})
-    form.write(Layer(tracks=(street.box_track("car"),), timestamps_ns=()), drive, tmp_path, options)
+    form.write(LabelSet(tracks=(street.box_track("car"),), timestamps_ns=()), drive, tmp_path, options)
     told = json.loads((tmp_path / "labels/_classes.json").read_text())
     assert [(c["name"], c["id"]) for c in told["classes"]] == [
         ("pedestrian", 0),
@@ -157,11 +157,11 @@ def test_two_that_pass_each_other_keep_their_names(tmp_path, drive):
         places = [np.array([10.0, 0.75 - 0.3 * i, 1.0]), np.array([11.0, -0.75 + 0.3 * i, 1.0])]
         entries = [by_middle((0, 0, 0), name="walker", at=vehicle_from_world.apply(place).tolist()) for place in places]
         put(tmp_path, f"{i:06d}", labelled(*(entries if i % 2 else reversed(entries))))
-    layer = label_format("labelcloud-centroid-abs").read(
+    label_set = label_format("labelcloud-centroid-abs").read(
         tmp_path, still(drive), LabelOptions(classes={"walker": "pedestrian"})
     )
-    assert sorted(len(track.states) for track in layer.tracks) == [6, 6]
-    for track in layer.tracks:
+    assert sorted(len(track.states) for track in label_set.tracks) == [6, 6]
+    for track in label_set.tracks:
         speeds = [drive.trajectory.world_from_vehicle(s.timestamp_ns).rotate(s.velocity_mps)[1] for s in track.states]
         assert np.abs(speeds) == pytest.approx(np.full(6, 3.0), abs=1e-6)
         assert len(set(np.sign(speeds))) == 1
@@ -170,9 +170,9 @@ def test_two_that_pass_each_other_keep_their_names(tmp_path, drive):
 def test_what_is_far_away_is_another(tmp_path, drive):
     put(tmp_path, "000000", labelled(by_middle((0, 0, 0))))
     put(tmp_path, "000001", labelled(by_middle((0, 0, 0), at=(1.0, 9.0, 3.0))))
-    layer = label_format("labelcloud-centroid-abs").read(tmp_path, still(drive), PLAIN)
-    assert [(t.track_id, len(t.states)) for t in layer.tracks] == [("car-1", 1), ("car-2", 1)]
-    assert np.isnan(layer.tracks[0].states[0].velocity_mps).all()
+    label_set = label_format("labelcloud-centroid-abs").read(tmp_path, still(drive), PLAIN)
+    assert [(t.track_id, len(t.states)) for t in label_set.tracks] == [("car-1", 1), ("car-2", 1)]
+    assert np.isnan(label_set.tracks[0].states[0].velocity_mps).all()
 
 
 def mirrored():

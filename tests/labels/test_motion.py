@@ -1,4 +1,4 @@
-"""Velocities of tools that tell none, from places in the world while the host turns."""
+"""Velocities of tools that tell none, from places in the world while the ego vehicle turns."""
 
 from dataclasses import replace
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from bench.cameras import KannalaBrandtCamera, PinholeCamera, RadialPolynomialCamera, UnifiedCamera
 from bench.errors import DataError
 from bench.geometry import RigidTransform, RoadPlane
-from bench.labels import LabelOptions, Layer, calibration_text, label_format
+from bench.labels import LabelOptions, LabelSet, calibration_text, label_format
 from bench.labels.openlabel_calibration import lens_properties, read_lens
 from bench.labels.openlabel_file import StreamProperties
 from bench.recordings import (
@@ -81,8 +81,8 @@ def read(tmp_path, drive, content, options=PLAIN):
     return OPENLABEL.read(file, drive, options)
 
 
-def only(layer):
-    ((state,),) = (track.states for track in layer.tracks)
+def only(label_set):
+    ((state,),) = (track.states for track in label_set.tracks)
     return state
 
 
@@ -136,14 +136,14 @@ def test_boxes_in_a_camera_reach_the_vehicle_over_the_lidar(tmp_path, drive, way
     camera_from_box = RigidTransform(Rotation.from_euler("y", 0.4).as_matrix(), np.array([3.0, 1.0, 12.0]))
     w, x, y, z = camera_from_box.quaternion_wxyz.tolist()
     val = [3.0, 1.0, 12.0, x, y, z, w, 4.0, 1.5, 1.75]
-    layer = read(tmp_path, drive, document({"0": frame(entry(val, "CAM"))}, systems=systems))
+    label_set = read(tmp_path, drive, document({"0": frame(entry(val, "CAM"))}, systems=systems))
     vehicle_from_box = drive.vehicle_from_lidar @ lidar_from_camera @ camera_from_box
-    state = only(layer)
+    state = only(label_set)
     assert pose(state).translation_m == pytest.approx(vehicle_from_box.translation_m, abs=1e-9)
     assert pose(state).rotation[:, 0] == pytest.approx(vehicle_from_box.rotation[:, 0], abs=1e-9)
     assert pose(state).rotation[2, 2] > 0.9
     assert state.shape.size_m.tolist() == [4.0, 1.75, 1.5]
-    assert layer.lost == ("1 boxes whose height is not along their own z: their axes are renamed",)
+    assert label_set.lost == ("1 boxes whose height is not along their own z: their axes are renamed",)
 
 
 def test_boxes_in_the_world_follow_the_pose_of_their_frame(tmp_path, drive):
@@ -223,9 +223,9 @@ def test_frames_without_times_pair_by_what_the_lidar_says(tmp_path, drive):
 
 
 def test_a_file_without_systems_speaks_of_the_lidar_and_is_told(tmp_path, drive):
-    layer = read(tmp_path, drive, document({"0": frame(entry(BOX))}, systems={}))
-    assert pose(only(layer)).translation_m == pytest.approx(drive.vehicle_from_lidar.apply(np.array(BOX[:3])))
-    assert layer.lost == ("the file names no coordinate system: read in the frame of the lidar",)
+    label_set = read(tmp_path, drive, document({"0": frame(entry(BOX))}, systems={}))
+    assert pose(only(label_set)).translation_m == pytest.approx(drive.vehicle_from_lidar.apply(np.array(BOX[:3])))
+    assert label_set.lost == ("the file names no coordinate system: read in the frame of the lidar",)
 
 
 def test_what_has_no_place_is_told(tmp_path, drive):
@@ -239,8 +239,8 @@ def test_what_has_no_place_is_told(tmp_path, drive):
     }
     objects = {"0": {"name": "a", "type": "Car"}, "1": {"name": "b", "type": "Sign"}, "2": {"name": "c", "type": "Car"}}
     content = document({"0": shown}, objects=objects, actions={"0": {"name": "", "type": "moves"}})
-    layer = read(tmp_path, drive, content, LabelOptions(classes={"Sign": None}))
-    assert set(layer.lost) == {
+    label_set = read(tmp_path, drive, content, LabelOptions(classes={"Sign": None}))
+    assert set(label_set.lost) == {
         "1 objects of class 'Sign', left out as asked",
         "1 bbox of images: no place for them",
         "1 poly2d of images: no place for them",
@@ -269,7 +269,7 @@ def full_layer():
         replace(car, states=(first, *car.states[1:]), instance_id=9),
         Track(track_id="the walker", object_class="pedestrian", states=walker),
     )
-    return Layer(tracks=tracks, timestamps_ns=tuple(sorted({*street.TIMES_NS, between_ns})))
+    return LabelSet(tracks=tracks, timestamps_ns=tuple(sorted({*street.TIMES_NS, between_ns})))
 
 
 def with_cameras(drive):
@@ -289,14 +289,14 @@ def with_cameras(drive):
 
 def test_everything_comes_back(tmp_path, drive):
     """One of the cameras is called lidar on purpose."""
-    drive, layer = with_cameras(drive), full_layer()
-    assert OPENLABEL.write(layer, drive, tmp_path / "out", PLAIN) == ()
+    drive, label_set = with_cameras(drive), full_layer()
+    assert OPENLABEL.write(label_set, drive, tmp_path / "out", PLAIN) == ()
     found = OPENLABEL.read(tmp_path / "out", drive, PLAIN)
     assert found.lost == ()
-    assert found.timestamps_ns == layer.timestamps_ns
-    assert_same_boxes(found.tracks[:1], layer.tracks[:1])
+    assert found.timestamps_ns == label_set.timestamps_ns
+    assert_same_boxes(found.tracks[:1], label_set.tracks[:1])
     assert [track.instance_id for track in found.tracks] == [9, None]
-    for one, other in zip(found.tracks, layer.tracks, strict=True):
+    for one, other in zip(found.tracks, label_set.tracks, strict=True):
         for state, true in zip(one.states, other.states, strict=True):
             assert np.array_equal(state.velocity_mps, true.velocity_mps, equal_nan=True)
             assert (state.category, state.unclear) == (true.category, true.unclear)
@@ -337,10 +337,10 @@ def test_the_written_file_keeps_to_the_standard(tmp_path, drive):
 
 
 def test_our_own_annotation_files_are_read(tmp_path, drive):
-    layer = full_layer()
-    write_annotations(tmp_path / "street.json", layer.tracks, timestamps_ns=layer.timestamps_ns)
+    label_set = full_layer()
+    write_annotations(tmp_path / "street.json", label_set.tracks, timestamps_ns=label_set.timestamps_ns)
     found = OPENLABEL.read(tmp_path / "street.json", drive, PLAIN)
-    assert_same_boxes(found.tracks[:1], layer.tracks[:1])
+    assert_same_boxes(found.tracks[:1], label_set.tracks[:1])
     write_annotations(tmp_path / "again.json", found.tracks, timestamps_ns=found.timestamps_ns)
     assert [track.track_id for track in read_annotations(tmp_path / "again.json")] == ["car", "the walker"]
 

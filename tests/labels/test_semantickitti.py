@@ -10,7 +10,7 @@ import pytest
 
 from bench.errors import DataError, UsageError
 from bench.geometry import RigidTransform
-from bench.labels import LabelOptions, Layer, label_format
+from bench.labels import LabelOptions, LabelSet, label_format
 from bench.lidar import LidarSweep, read_sweep
 from bench.recordings import Cuboid, ObjectState, PointIndices, SweepRef, Track
 from tests.labels import street
@@ -57,15 +57,15 @@ def write_sequence(folder, kinds=None, *, sweeps=range(street.SWEEPS)):
 
 def test_label_and_instance_together_are_an_object(tmp_path, drive, semantickitti):
     write_sequence(tmp_path / "00" / "labels")
-    layer = semantickitti.read(tmp_path / "00", drive, PLAIN)
-    assert {t.track_id: t.object_class for t in layer.tracks} == {
+    label_set = semantickitti.read(tmp_path / "00", drive, PLAIN)
+    assert {t.track_id: t.object_class for t in label_set.tracks} == {
         "car-7": "vehicle",
         "moving-car-7": "vehicle",
         "moving-person-7": "pedestrian",
     }
-    assert layer.timestamps_ns == street.TIMES_NS
+    assert label_set.timestamps_ns == street.TIMES_NS
     names = {"car-7": "parked", "moving-car-7": "car", "moving-person-7": "walker"}
-    for track in layer.tracks:
+    for track in label_set.tracks:
         assert [s.timestamp_ns for s in track.states] == list(street.TIMES_NS)
         for i, state in enumerate(track.states):
             assert isinstance(state.shape, PointIndices)
@@ -85,12 +85,12 @@ def test_what_stands_has_no_velocity_and_what_moves_that_of_its_middle(tmp_path,
 
 def test_an_object_that_moves_in_one_sweep_only_has_an_unknown_velocity(tmp_path, drive, semantickitti):
     write_sequence(tmp_path / "labels", sweeps=[2])
-    layer = semantickitti.read(tmp_path, drive, PLAIN)
-    assert layer.timestamps_ns == (street.TIMES_NS[2],)
-    velocities = {t.track_id: t.states[0].velocity_mps for t in layer.tracks}
+    label_set = semantickitti.read(tmp_path, drive, PLAIN)
+    assert label_set.timestamps_ns == (street.TIMES_NS[2],)
+    velocities = {t.track_id: t.states[0].velocity_mps for t in label_set.tracks}
     assert np.isnan(velocities["moving-car-7"]).all()
     assert velocities["car-7"].tolist() == [0, 0, 0]
-    assert any("2 states stay without" in line for line in layer.lost)
+    assert any("2 states stay without" in line for line in label_set.lost)
 
 
 def test_moving_points_without_instance_are_grouped_and_followed(tmp_path, drive, semantickitti):
@@ -98,16 +98,16 @@ def test_moving_points_without_instance_are_grouped_and_followed(tmp_path, drive
     kinds = {"car": (MOVING, 0), "walker": (MOVING, 0), "parked": (9, 0)}
     write_sequence(tmp_path / "predictions", kinds)
     options = LabelOptions(classes={"moving": "vehicle"})
-    layer = semantickitti.read(tmp_path, drive, options)
-    found = [sorted(s.shape.indices.tolist() for s in t.states) for t in layer.tracks]
+    label_set = semantickitti.read(tmp_path, drive, options)
+    found = [sorted(s.shape.indices.tolist() for s in t.states) for t in label_set.tracks]
     truth = [sorted(street.sweep(i)[1][name].tolist() for i in range(street.SWEEPS)) for name in ("car", "walker")]
     # The random points of a car lie up to a metre apart: what belongs together stays together, over all sweeps.
     whole = [sorted(chain(*rows)) for rows in found]
     assert all(any(set(part) <= set(chain(*rows)) for rows in truth) for part in whole)
     assert sum(map(len, whole)) == 2 * street.POINTS * street.SWEEPS
-    walker = max(layer.tracks, key=lambda t: t.track_id in ("moving-group-1", "moving-group-2") and len(t.states))
+    walker = max(label_set.tracks, key=lambda t: t.track_id in ("moving-group-1", "moving-group-2") and len(t.states))
     assert len(walker.states) == street.SWEEPS
-    assert any("points of moving without an instance: grouped" in line for line in layer.lost)
+    assert any("points of moving without an instance: grouped" in line for line in label_set.lost)
 
 
 def test_a_moving_mask_does_not_say_of_which_class(tmp_path, drive, semantickitti):
@@ -115,20 +115,20 @@ def test_a_moving_mask_does_not_say_of_which_class(tmp_path, drive, semantickitt
     with pytest.raises(DataError, match=r"'300', 'moving'.*--class '300=vehicle'"):
         semantickitti.read(tmp_path, drive, PLAIN)
     options = LabelOptions(classes={"moving": None, "300": "pedestrian"})
-    layer = semantickitti.read(tmp_path, drive, options)
-    assert [(t.track_id, t.object_class) for t in layer.tracks] == [("300-4", "pedestrian")]
-    assert f"{street.POINTS * street.SWEEPS} points of moving: left out as asked" in layer.lost
-    assert np.isfinite(layer.tracks[0].states[0].velocity_mps).all()
-    assert np.abs(layer.tracks[0].states[2].velocity_mps).max() > 0.5  # a number says nothing of standing
+    label_set = semantickitti.read(tmp_path, drive, options)
+    assert [(t.track_id, t.object_class) for t in label_set.tracks] == [("300-4", "pedestrian")]
+    assert f"{street.POINTS * street.SWEEPS} points of moving: left out as asked" in label_set.lost
+    assert np.isfinite(label_set.tracks[0].states[0].velocity_mps).all()
+    assert np.abs(label_set.tracks[0].states[2].velocity_mps).max() > 0.5  # a number says nothing of standing
 
 
 def test_points_of_nobody_are_told(tmp_path, drive, semantickitti):
     write_sequence(tmp_path, {"car": (0, 0), "walker": (1, 0), "parked": (CAR, 0)})
-    layer = semantickitti.read(tmp_path, drive, PLAIN)
+    label_set = semantickitti.read(tmp_path, drive, PLAIN)
     count = street.POINTS * street.SWEEPS
-    assert layer.tracks == ()
-    assert layer.timestamps_ns == street.TIMES_NS
-    assert layer.lost == (
+    assert label_set.tracks == ()
+    assert label_set.timestamps_ns == street.TIMES_NS
+    assert label_set.lost == (
         f"{2 * count} points of which the labels do not say what they are (unlabeled, outlier)",
         f"{count} points of car without an instance: left out, they stand",
     )
@@ -137,8 +137,8 @@ def test_points_of_nobody_are_told(tmp_path, drive, semantickitti):
 def test_labels_come_back_as_they_were(tmp_path, drive, semantickitti):
     kinds = {"car": (258, 65535), "walker": (253, 1), "parked": (13, 2)}
     write_sequence(tmp_path / "in", kinds, sweeps=[0, 2, 3])
-    layer = semantickitti.read(tmp_path / "in", drive, PLAIN)
-    semantickitti.write(layer, drive, tmp_path / "out", PLAIN)
+    label_set = semantickitti.read(tmp_path / "in", drive, PLAIN)
+    semantickitti.write(label_set, drive, tmp_path / "out", PLAIN)
     assert sorted(path.name for path in (tmp_path / "out/labels").iterdir()) == [f"00000{i}.label" for i in (0, 2, 3)]
     for i in (0, 2, 3):
         labels, instances = true_labels(i, kinds)
@@ -148,17 +148,17 @@ def test_labels_come_back_as_they_were(tmp_path, drive, semantickitti):
 
 def test_groups_come_back_without_an_instance(tmp_path, drive, semantickitti):
     write_sequence(tmp_path / "in", {"car": (MOVING, 0), "walker": (MOVING_PERSON, 0)})
-    layer = semantickitti.read(tmp_path / "in", drive, LabelOptions(classes={"moving": "vehicle"}))
-    semantickitti.write(layer, drive, tmp_path / "out", PLAIN)
+    label_set = semantickitti.read(tmp_path / "in", drive, LabelOptions(classes={"moving": "vehicle"}))
+    semantickitti.write(label_set, drive, tmp_path / "out", PLAIN)
     labels, instances = true_labels(1, {"car": (MOVING, 0), "walker": (MOVING_PERSON, 0)})
     labels[labels == ROAD] = 9
     assert (tmp_path / "out/labels/000001.label").read_bytes() == packed(labels, instances)
 
 
 def test_boxes_become_labels_of_the_points_in_them(tmp_path, drive, semantickitti):
-    """Each point was seen at its own time, with the host, the car and its heading elsewhere."""
+    """Each point was seen at its own time, with the ego vehicle, the car and its heading elsewhere."""
     tracks = tuple(street.box_track(name) for name in street.SIZES_M)
-    lost = semantickitti.write(Layer(tracks=tracks, timestamps_ns=street.TIMES_NS), drive, tmp_path, PLAIN)
+    lost = semantickitti.write(LabelSet(tracks=tracks, timestamps_ns=street.TIMES_NS), drive, tmp_path, PLAIN)
     for i in range(street.SWEEPS):
         _, rows = street.sweep(i)
         values = np.fromfile(tmp_path / f"labels/{i:06d}.label", dtype="<u4")
@@ -171,7 +171,7 @@ def test_boxes_become_labels_of_the_points_in_them(tmp_path, drive, semantickitt
 
 def test_without_velocities_boxes_find_theirs(tmp_path, drive, semantickitti):
     tracks = (street.box_track("car", told=False),)
-    semantickitti.write(Layer(tracks=tracks, timestamps_ns=street.TIMES_NS), drive, tmp_path, PLAIN)
+    semantickitti.write(LabelSet(tracks=tracks, timestamps_ns=street.TIMES_NS), drive, tmp_path, PLAIN)
     for i in range(street.SWEEPS):
         values = np.fromfile(tmp_path / f"labels/{i:06d}.label", dtype="<u4")
         assert np.flatnonzero(values & 0xFFFF == MOVING_CAR).tolist() == street.sweep(i)[1]["car"].tolist()
@@ -196,14 +196,14 @@ def test_overlaps_unclear_objects_and_other_shapes(tmp_path, drive, semantickitt
         Track(track_id="small", object_class="vehicle", states=(big,)),
         Track(track_id="huge", object_class="animal", states=(far,)),
     )
-    lost = semantickitti.write(Layer(tracks=tracks, timestamps_ns=()), drive, tmp_path, PLAIN)
+    lost = semantickitti.write(LabelSet(tracks=tracks, timestamps_ns=()), drive, tmp_path, PLAIN)
     labels = np.fromfile(tmp_path / "labels/000000.label", dtype="<u4") & 0xFFFF
     assert np.flatnonzero(labels == 253).tolist() == rows["car"][:5].tolist()
     assert np.flatnonzero(labels == MOVING_CAR).tolist() == rows["car"][5:].tolist()
     assert np.flatnonzero(labels == 0).tolist() == rows["walker"].tolist()
     assert set(rows["parked"].tolist()) <= set(np.flatnonzero(labels == 99).tolist())
     assert "class animal: written as other-object, which does not say it" in lost
-    assert "1 unclear sightings: their points are unlabeled" in lost
+    assert "1 unclear observations: their points are unlabeled" in lost
     assert [path.name for path in (tmp_path / "labels").iterdir()] == ["000000.label"]
 
 
@@ -217,8 +217,8 @@ def test_labels_count_in_the_sweep_as_it_is_read(tmp_path, drive, semantickitti)
     labels, instances = true_labels(0, WITH_INSTANCES)
     (tmp_path / "kept").mkdir()
     (tmp_path / "kept/000000.label").write_bytes(packed(labels[10:], instances[10:]))
-    layer = semantickitti.read(tmp_path / "kept", short, PLAIN)
-    of_car = next(t for t in layer.tracks if t.track_id == "moving-car-7").states[0].shape.indices
+    label_set = semantickitti.read(tmp_path / "kept", short, PLAIN)
+    of_car = next(t for t in label_set.tracks if t.track_id == "moving-car-7").states[0].shape.indices
     rows = street.sweep(0)[1]["car"]
     assert of_car.tolist() == (rows[rows >= 10] - 10).tolist()
 
@@ -271,23 +271,25 @@ def test_what_cannot_be_written_is_refused_by_name(tmp_path, drive, semantickitt
         shape=PointIndices(indices=np.array([3, 180]), sweep_timestamp_ns=time_ns),
         velocity_mps=np.zeros(3),
     )
-    layer = Layer(tracks=(Track(track_id="x", object_class="vehicle", states=(beyond,)),), timestamps_ns=(time_ns,))
+    label_set = LabelSet(
+        tracks=(Track(track_id="x", object_class="vehicle", states=(beyond,)),), timestamps_ns=(time_ns,)
+    )
     with pytest.raises(DataError, match=re.escape("point indices of 'x' from 0 to 179, got 3 to 180")):
-        semantickitti.write(layer, drive, tmp_path, PLAIN)
-    layer = Layer(tracks=(street.box_track("car"),), timestamps_ns=street.TIMES_NS)
+        semantickitti.write(label_set, drive, tmp_path, PLAIN)
+    label_set = LabelSet(tracks=(street.box_track("car"),), timestamps_ns=street.TIMES_NS)
     with pytest.raises(UsageError, match="'limousine': SemanticKITTI has no label of this name"):
-        semantickitti.write(layer, drive, tmp_path, LabelOptions(classes={"limousine": "vehicle"}))
+        semantickitti.write(label_set, drive, tmp_path, LabelOptions(classes={"limousine": "vehicle"}))
     late = replace(drive, sweeps=(replace(drive.sweeps[0], timestamp_ns=street.TIMES_NS[0] + 10**11),))
     state = replace(street.box_track("car").states[0], timestamp_ns=street.TIMES_NS[0] + 10**11)
-    layer = Layer(tracks=(Track(track_id="x", object_class="vehicle", states=(state,)),), timestamps_ns=())
+    label_set = LabelSet(tracks=(Track(track_id="x", object_class="vehicle", states=(state,)),), timestamps_ns=())
     with pytest.raises(DataError, match="ego-motion"):
-        semantickitti.write(layer, late, tmp_path, PLAIN)
+        semantickitti.write(label_set, late, tmp_path, PLAIN)
     assert not (tmp_path / "labels").exists()
 
 
 def test_the_user_says_what_ours_is_called(tmp_path, drive, semantickitti):
-    layer = Layer(tracks=(street.box_track("car"), street.box_track("parked")), timestamps_ns=street.TIMES_NS)
-    semantickitti.write(layer, drive, tmp_path, LabelOptions(classes={"truck": "vehicle"}))
+    label_set = LabelSet(tracks=(street.box_track("car"), street.box_track("parked")), timestamps_ns=street.TIMES_NS)
+    semantickitti.write(label_set, drive, tmp_path, LabelOptions(classes={"truck": "vehicle"}))
     labels = np.fromfile(tmp_path / "labels/000000.label", dtype="<u4") & 0xFFFF
     assert set(labels.tolist()) == {9, 18, 258}
 
@@ -295,13 +297,13 @@ def test_the_user_says_what_ours_is_called(tmp_path, drive, semantickitti):
 def test_a_sweep_without_points(tmp_path, drive, semantickitti):
     empty = replace(drive, sweeps=(replace(drive.sweeps[0], reader=nothing),))
     put(tmp_path / "in", "000000", b"")
-    layer = semantickitti.read(tmp_path / "in", empty, PLAIN)
-    assert layer.tracks == ()
-    assert layer.timestamps_ns == (street.TIMES_NS[0],)
+    label_set = semantickitti.read(tmp_path / "in", empty, PLAIN)
+    assert label_set.tracks == ()
+    assert label_set.timestamps_ns == (street.TIMES_NS[0],)
     box = Cuboid(vehicle_from_object=RigidTransform.identity(), size_m=np.ones(3))
     state = ObjectState(timestamp_ns=street.TIMES_NS[0], shape=box, velocity_mps=np.zeros(3))
-    layer = Layer(tracks=(Track(track_id="x", object_class="vehicle", states=(state,)),), timestamps_ns=())
-    semantickitti.write(layer, empty, tmp_path / "out", PLAIN)
+    label_set = LabelSet(tracks=(Track(track_id="x", object_class="vehicle", states=(state,)),), timestamps_ns=())
+    semantickitti.write(label_set, empty, tmp_path / "out", PLAIN)
     assert (tmp_path / "out/labels/000000.label").read_bytes() == b""
 
 

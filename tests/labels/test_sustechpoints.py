@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.labels import LabelOptions, Layer, label_format
+from bench.labels import LabelOptions, LabelSet, label_format
 from bench.recordings import Cuboid, GroundPolygon, ObjectState, Track, load_card, open_dataset
 from tests.labels import street
 from tests.labels.same import assert_same_boxes
@@ -53,9 +53,9 @@ def test_a_file_as_the_tool_writes_it(tmp_path, drive, sustech):
     )
     put(tmp_path / "scene/label", "000002", text)
     put(tmp_path / "scene/label", "000003", [])
-    layer = sustech.read(tmp_path / "scene", drive, PLAIN)
-    assert layer.timestamps_ns == (street.TIMES_NS[2], street.TIMES_NS[3])
-    (track,) = layer.tracks
+    label_set = sustech.read(tmp_path / "scene", drive, PLAIN)
+    assert label_set.timestamps_ns == (street.TIMES_NS[2], street.TIMES_NS[3])
+    (track,) = label_set.tracks
     (state,) = track.states
     assert (track.track_id, track.object_class, state.timestamp_ns) == ("8", "vehicle", street.TIMES_NS[2])
     assert state.shape.vehicle_from_object.translation_m == pytest.approx([-1.0, 10.0, 0.75], abs=1e-12)
@@ -63,7 +63,7 @@ def test_a_file_as_the_tool_writes_it(tmp_path, drive, sustech):
     assert state.shape.size_m.tolist() == [4.5, 1.75, 1.5]
     assert (state.category, state.unclear) == ("crossing", False)
     assert np.isnan(state.velocity_mps).all()
-    assert layer.lost == ("1 attributes 'door open': no place for them here",)
+    assert label_set.lost == ("1 attributes 'door open': no place for them here",)
 
 
 def test_angles_turn_about_the_boxs_own_x_then_y_then_z(tmp_path, drive, sustech):
@@ -100,22 +100,25 @@ def test_static_is_a_word_of_the_tool(tmp_path, drive, sustech):
 def test_boxes_without_id_things_and_doubtful_ones(tmp_path, drive, sustech):
     entries = [box(""), box("", kind="Pedestrian"), box("3", kind="Cone"), box("4", kind="DontCare"), box(None)]
     put(tmp_path, "000000", entries)
-    layer = sustech.read(tmp_path, drive, PLAIN)
-    assert [(t.track_id, t.object_class, t.states[0].unclear) for t in layer.tracks] == [
+    label_set = sustech.read(tmp_path, drive, PLAIN)
+    assert [(t.track_id, t.object_class, t.states[0].unclear) for t in label_set.tracks] == [
         ("unnamed-000000-0", "vehicle", False),
         ("unnamed-000000-1", "pedestrian", False),
         ("4", "vehicle", True),
         ("unnamed-000000-4", "vehicle", False),
     ]
-    assert layer.lost == (
+    assert label_set.lost == (
         "1 boxes of class 'Cone', which does not move by itself: left out",
         "3 boxes without obj_id: each one is an object of its own, seen once",
         "1 boxes of class 'DontCare', which does not say what they are: unclear, so not scored",
     )
     asked = LabelOptions(classes={"DontCare": None, "cone": "animal", "Car": None})
-    layer = sustech.read(tmp_path, drive, asked)
-    assert [(t.track_id, t.object_class) for t in layer.tracks] == [("unnamed-000000-1", "pedestrian"), ("3", "animal")]
-    assert layer.lost[:2] == (
+    label_set = sustech.read(tmp_path, drive, asked)
+    assert [(t.track_id, t.object_class) for t in label_set.tracks] == [
+        ("unnamed-000000-1", "pedestrian"),
+        ("3", "animal"),
+    ]
+    assert label_set.lost[:2] == (
         "2 objects of class 'Car', left out as asked",
         "1 objects of class 'DontCare', left out as asked",
     )
@@ -129,8 +132,8 @@ def test_unknown_classes_are_named_all_at_once(tmp_path, drive, sustech):
 
 def test_there_and_back(tmp_path, drive, sustech):
     tracks = tuple(marked(street.box_track(name, told=False)) for name in street.SIZES_M)
-    layer = Layer(tracks=tracks, timestamps_ns=street.TIMES_NS)
-    assert sustech.write(layer, drive, tmp_path / "scene", PLAIN) == ()
+    label_set = LabelSet(tracks=tracks, timestamps_ns=street.TIMES_NS)
+    assert sustech.write(label_set, drive, tmp_path / "scene", PLAIN) == ()
     assert sorted(path.name for path in (tmp_path / "scene/label").iterdir()) == [
         f"{i:06d}.json" for i in range(street.SWEEPS)
     ]
@@ -166,7 +169,7 @@ def test_any_box_comes_back(tmp_path, drive, wxyz, place, size):
     state = ObjectState(timestamp_ns=street.TIMES_NS[1], shape=shape, velocity_mps=np.full(3, np.nan))
     track = Track(track_id="box", object_class="animal", states=(state,))
     form = label_format("sustechpoints")
-    form.write(Layer(tracks=(track,), timestamps_ns=()), drive, tmp_path / "out", PLAIN)
+    form.write(LabelSet(tracks=(track,), timestamps_ns=()), drive, tmp_path / "out", PLAIN)
     # Near pitch 90 degrees two of three angles are one, and they hold half of the digits.
     assert_same_boxes(form.read(tmp_path / "out", drive, PLAIN).tracks, (track,), within=1e-7)
 
@@ -181,7 +184,7 @@ def test_what_the_format_cannot_hold_is_told(tmp_path, drive, sustech):
         states=(ObjectState(timestamp_ns=street.TIMES_NS[1], shape=outline, velocity_mps=np.zeros(3)),),
     )
     tracks = (replace(car, states=(car.states[0], between, *car.states[1:3])), walker)
-    lost = sustech.write(Layer(tracks=tracks, timestamps_ns=()), drive, tmp_path, PLAIN)
+    lost = sustech.write(LabelSet(tracks=tracks, timestamps_ns=()), drive, tmp_path, PLAIN)
     assert lost == (
         "1 states that are ground outlines: the format has none",
         "1 states at 1 times at which there is no sweep",
@@ -195,11 +198,11 @@ def test_what_the_format_cannot_hold_is_told(tmp_path, drive, sustech):
 def test_frames_are_called_as_the_sweeps_or_counted(tmp_path, sustech):
     names = tuple(str(t) for t in street.TIMES_NS)
     drive = street.recording(tmp_path / "drive", names=names)
-    layer = Layer(tracks=(street.box_track("car", told=False),), timestamps_ns=street.TIMES_NS)
+    label_set = LabelSet(tracks=(street.box_track("car", told=False),), timestamps_ns=street.TIMES_NS)
     for folder, options, first in (("a", PLAIN, names[0]), ("b", LabelOptions(first_frame=950), "000950")):
-        sustech.write(layer, drive, tmp_path / folder, options)
+        sustech.write(label_set, drive, tmp_path / folder, options)
         assert min(path.stem for path in (tmp_path / folder / "label").iterdir()) == first
-        assert_same_boxes(sustech.read(tmp_path / folder, drive, options).tracks, layer.tracks)
+        assert_same_boxes(sustech.read(tmp_path / folder, drive, options).tracks, label_set.tracks)
 
 
 def faulty(**changes):
@@ -268,10 +271,10 @@ def test_frames_that_do_not_pair(tmp_path, drive, sustech):
 
 
 def test_old_frames_do_not_pass_for_new_ones(tmp_path, drive, sustech):
-    whole = Layer(tracks=(street.box_track("car"),), timestamps_ns=street.TIMES_NS)
+    whole = LabelSet(tracks=(street.box_track("car"),), timestamps_ns=street.TIMES_NS)
     sustech.write(whole, drive, tmp_path, PLAIN)
     sustech.write(whole, drive, tmp_path, PLAIN)
-    two = Layer(tracks=(), timestamps_ns=street.TIMES_NS[:2])
+    two = LabelSet(tracks=(), timestamps_ns=street.TIMES_NS[:2])
     with pytest.raises(
         DataError, match=r"expected no frames but the 2 that are written, got 4 others, as 000002\.json"
     ):
@@ -289,7 +292,7 @@ def test_real_boxes_come_back(tmp_path, sustech):
     real = handle.open()
     times_ns = {sweep.timestamp_ns for sweep in real.sweeps}
     tracks = [replace(t, states=tuple(s for s in t.states if s.timestamp_ns in times_ns)) for t in real.tracks]
-    sustech.write(Layer(tracks=real.tracks, timestamps_ns=tuple(sorted(times_ns))), real, tmp_path, PLAIN)
+    sustech.write(LabelSet(tracks=real.tracks, timestamps_ns=tuple(sorted(times_ns))), real, tmp_path, PLAIN)
     found = sustech.read(tmp_path, real, PLAIN)
     assert len(found.timestamps_ns) == 16
     assert_same_boxes(by_name(found.tracks), by_name(track for track in tracks if track.states))

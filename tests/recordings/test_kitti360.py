@@ -64,7 +64,7 @@ def test_the_host_drives_and_a_missing_pose_is_filled(root):
     for n in range(1, 12):
         pose = trajectory.world_from_vehicle(tiny.time_ns(n))
         assert pose.translation_m[2] == pytest.approx(0, abs=1e-6)
-        assert trajectory.velocity_vehicle_mps(tiny.time_ns(n)) == pytest.approx([tiny.HOST_MPS, 0, 0], abs=1e-4)
+        assert trajectory.velocity_vehicle_mps(tiny.time_ns(n)) == pytest.approx([tiny.EGO_MPS, 0, 0], abs=1e-4)
     with pytest.raises(DataError, match=r"poses\.txt: timestamp_ns: expected ego-motion at"):
         trajectory.world_from_vehicle(tiny.time_ns(0))
 
@@ -99,7 +99,7 @@ def test_what_stands_stands_at_every_frame_near_it(root):
 
 @pytest.mark.parametrize("frame", [3, 5, 8])
 def test_the_reference_lies_on_the_car_in_the_image(root, frame):
-    """The returns come from a clockwise scan by a moving host of a moving car; the truth is the car at exposure."""
+    """The returns come from a clockwise scan by a moving ego of a moving car; the truth is the car at exposure."""
     recording = opened(root)
     camera = recording.cameras["image_03"]
     image = next(i for i in recording.images["image_03"] if i.timestamp_ns == tiny.time_ns(frame))

@@ -92,7 +92,7 @@ def test_reverse_gear_goes_backwards(root):
 
 def test_objects_are_the_connected_components_of_the_mask(root):
     reference = reference_of(opened(root))
-    # 80 + 16 px joined by a corner, 60 px, a speck of one; the part on the host's own body is not in V.
+    # 80 + 16 px joined by a corner, 60 px, a speck of one; the part on the ego vehicle's body is not in V.
     assert [(o.polygon_px, o.status) for o in reference.objects] == [
         (96, Status.EVALUATED),
         (60, Status.EVALUATED),

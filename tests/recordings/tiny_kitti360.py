@@ -1,7 +1,7 @@
 """A made-up sequence in KITTI-360's layout: a car that overtakes on the right, a parked one and a person.
 
-The host drives at 5 m/s, the global world has z up and the host a heading of 30 degrees in it. Lidar returns are
-computed here, each at its own time by its azimuth, with plain matrices and none of the adapter's code.
+The ego vehicle drives at 5 m/s, the global world has z up and the ego vehicle a heading of 30 degrees in it. Lidar
+returns are computed here, each at its own time by its azimuth, with plain matrices and none of the adapter's code.
 """
 
 from functools import cache
@@ -14,7 +14,7 @@ SEQUENCE = "2013_05_28_drive_0003_sync"
 FRAMES, PERIOD_S = 12, 0.1036
 START_NS = 1_369_730_762_904_219_904  # 2013-05-28 08:46:02.904219904
 HEADING_RAD = np.radians(30)
-HOST_MPS, CAR_MPS = 5.0, 9.0
+EGO_MPS, CAR_MPS = 5.0, 9.0
 ORIGIN = np.array([1200.0, 3400.0, 110.0])  # of the drive in the global world
 CAR_SIZE = np.array([4.4, 1.8, 1.5])
 NO_POSE = {0, 5}
@@ -66,15 +66,15 @@ def rotation_z(angle: float) -> np.ndarray:
 
 
 def global_from_vehicle(frame: float) -> np.ndarray:
-    """The host at any time, in frames."""
+    """The ego vehicle at any time, in frames."""
     pose = np.eye(4)
     pose[:3, :3] = rotation_z(HEADING_RAD)
-    pose[:3, 3] = ORIGIN + pose[:3, 0] * HOST_MPS * PERIOD_S * frame
+    pose[:3, 3] = ORIGIN + pose[:3, 0] * EGO_MPS * PERIOD_S * frame
     return pose
 
 
 def car_centre(frame: float) -> np.ndarray:
-    """The moving car's centre, global world; beside the host at frame 6."""
+    """The moving car's centre, global world; beside the ego vehicle at frame 6."""
     beside = (global_from_vehicle(6) @ [0.5, -5.0, 0.85, 1.0])[:3]
     return beside + rotation_z(HEADING_RAD)[:, 0] * CAR_MPS * PERIOD_S * (frame - 6)
 
@@ -100,8 +100,8 @@ def scan(frame: int) -> np.ndarray:
     for _ in range(30):
         along = rotation_z(HEADING_RAD)[:, 0] * PERIOD_S * (moments - frame)[:, None]
         world = car_centre(frame) + CAR_MPS * along + offsets
-        host = global_from_vehicle(frame)[:3, 3] + HOST_MPS * along
-        seen = (world - host) @ rotation_z(HEADING_RAD) - VEHICLE_FROM_LIDAR[:3, 3]
+        ego = global_from_vehicle(frame)[:3, 3] + EGO_MPS * along
+        seen = (world - ego) @ rotation_z(HEADING_RAD) - VEHICLE_FROM_LIDAR[:3, 3]
         moments = frame - np.arctan2(seen[:, 1], seen[:, 0]) / (2 * np.pi)
     around = np.linspace(-3, 3, 50)
     road = np.column_stack([12 * np.cos(around), 12 * np.sin(around), np.full(50, -1.73)])

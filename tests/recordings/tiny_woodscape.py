@@ -53,7 +53,7 @@ def motion(name: str) -> np.ndarray:
     mask = np.zeros((HEIGHT, WIDTH), dtype=np.uint8)
     if name.endswith("FV"):
         mask[20:30, 10:18], mask[30:34, 18:22], mask[22:28, 40:50], mask[15, 30] = 5, 9, 14, 5
-        mask[45:48, 0:10] = 9  # on the host's own body
+        mask[45:48, 0:10] = 9  # on the ego vehicle's body
     return mask
 
 

@@ -132,12 +132,12 @@ def test_reverse_gear_while_driving_forwards(root):
 
 def test_degrees_per_second(root):
     change_bus(root, lambda row: row.update(yaw_rate_radps=str(np.degrees(drive.TURN_RADPS))))
-    assert ("host-turn", Severity.ERROR) in checks(root)
+    assert ("ego-turn", Severity.ERROR) in checks(root)
 
 
 def test_speed_no_car_has(root):
     change_bus(root, lambda row: row.update(speed_mps="120"))
-    assert ("host-speed", Severity.ERROR) in checks(root)
+    assert ("ego-speed", Severity.ERROR) in checks(root)
 
 
 def test_ego_motion_that_ends_early(root):
@@ -528,7 +528,7 @@ def test_an_object_in_the_host(root):
         data["cuboid"][0]["val"][:2] = [1.0, 0.0]
 
     change_boxes(root, inside, only="walker")
-    assert ("object-in-host", Severity.ERROR) in checks(root)
+    assert ("object-in-ego-vehicle", Severity.ERROR) in checks(root)
 
 
 def test_an_object_without_frames(root):

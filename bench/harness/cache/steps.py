@@ -9,7 +9,7 @@ from functools import cached_property
 from bench.harness.cache.folder import Arrays, CacheFolder
 from bench.harness.cache.reference_arrays import reference_arrays, reference_from_arrays
 from bench.harness.keys import MethodIdentity, RecordingInputs, code_digest, digest_of
-from bench.harness.keys.digests import METHOD_ROOMS, REFERENCE_CODE
+from bench.harness.keys.digests import METHOD_PACKAGES, REFERENCE_CODE
 from bench.methods import MethodInput
 from bench.methods.contract import StepOf
 from bench.recordings import ImageRef, Recording
@@ -35,7 +35,7 @@ class StepCache:
     @cached_property
     def code(self) -> str:
         """Digest of the code and the files that a method's steps depend on."""
-        return digest_of(code_digest(METHOD_ROOMS), self.identity.steps_digest)
+        return digest_of(code_digest(METHOD_PACKAGES), self.identity.steps_digest)
 
     def of_image(self, given: MethodInput, images: Sequence[ImageRef], *, colour: bool) -> ImageSteps:
         """The cached steps of a method on an image.

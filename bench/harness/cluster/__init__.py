@@ -6,6 +6,6 @@ in their cache. Whatever dies, stored units stay, and the same command goes on f
 
 from bench.harness.cluster.connection import scheduler_address
 from bench.harness.cluster.executor import ClusterExecutor
-from bench.harness.cluster.terms import Terms
+from bench.harness.cluster.requirements import WorkerRequirements
 
-__all__ = ["ClusterExecutor", "Terms", "scheduler_address"]
+__all__ = ["ClusterExecutor", "WorkerRequirements", "scheduler_address"]

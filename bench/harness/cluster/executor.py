@@ -17,8 +17,8 @@ from uuid import uuid4
 from bench.errors import DataError, UsageError
 from bench.execution import FailedTask
 from bench.harness.cluster.connection import connected
-from bench.harness.cluster.terms import Terms
-from bench.harness.cluster.worker import Call, Parcel, Unfit, breach, compute
+from bench.harness.cluster.requirements import WorkerRequirements
+from bench.harness.cluster.worker import Call, Parcel, Unfit, compute, unmet
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -42,30 +42,32 @@ class ClusterExecutor:
 
     Attributes:
         scheduler: its address, for example tcp://host:8786.
-        terms: what each worker must have.
+        requirements: what each worker must have.
         workers: how many processes there were when the run began.
         patience_s: how long to wait for the first worker, or for another one when all have gone.
     """
 
     scheduler: str
-    terms: Terms
+    requirements: WorkerRequirements
     workers: int = 0
     patience_s: float = PATIENCE_S
     _connections: list[tuple[ExitStack, Client]] = field(default_factory=list, init=False, repr=False)
 
     @classmethod
-    def of_fit_workers(cls, scheduler: str, terms: Terms, *, patience_s: float = PATIENCE_S) -> Self:
+    def of_fit_workers(
+        cls, scheduler: str, requirements: WorkerRequirements, *, patience_s: float = PATIENCE_S
+    ) -> Self:
         """The executor of a cluster that has workers, all of them fit for the run.
 
         Raises:
             UsageError: Dask is not installed, or a worker has other code, or does not see the data.
             DataError: no scheduler, or no worker.
         """
-        executor = cls(scheduler=scheduler, terms=terms, patience_s=patience_s)
+        executor = cls(scheduler=scheduler, requirements=requirements, patience_s=patience_s)
         with executor:
             workers = executor._workers()
             executor.workers = workers.wait_for_one()
-            workers.refuse_unfit(terms)
+            workers.refuse_unfit(requirements)
         return executor
 
     def __enter__(self) -> Self:
@@ -86,7 +88,9 @@ class ClusterExecutor:
             UsageError: as `workers`.
             DataError: the scheduler does not answer, or no longer, or all workers have gone.
         """
-        parcel = Parcel(run_id=uuid4().hex, terms=self.terms, work=zlib.compress(pickle.dumps(function), level=1))
+        parcel = Parcel(
+            run_id=uuid4().hex, requirements=self.requirements, work=zlib.compress(pickle.dumps(function), level=1)
+        )
         waiting = deque(tasks)
         running: dict[Any, tuple[Future[Any], Task]] = {}
         finished: SimpleQueue[Future[Any]] = SimpleQueue()
@@ -152,9 +156,9 @@ class _Workers:
             sleep(POLL_S)
         return count
 
-    def refuse_unfit(self, terms: Terms) -> None:
+    def refuse_unfit(self, requirements: WorkerRequirements) -> None:
         """Ask each worker that is there now whether it is fit."""
-        call = pickle.dumps(Call(function=breach, arguments=(terms,)))
+        call = pickle.dumps(Call(function=unmet, arguments=(requirements,)))
         try:
             answers = self.client.run(pickle.loads, call, on_error="return")
         except OSError as error:

@@ -11,7 +11,7 @@ from contextlib import chdir
 from dataclasses import dataclass
 from typing import Any
 
-from bench.harness.cluster.terms import Terms
+from bench.harness.cluster.requirements import WorkerRequirements
 from bench.threads import single_threaded
 
 _one_at_a_time = threading.Lock()
@@ -24,12 +24,12 @@ class Parcel:
 
     Attributes:
         run_id: of the call that it belongs to.
-        terms: what the worker must have.
-        work: the function, pickled and compressed, so that nothing of it is opened where the terms are not kept.
+        requirements: what the worker must have.
+        work: the function, pickled and compressed, so that nothing of it is opened where the requirements are not met.
     """
 
     run_id: str
-    terms: Terms
+    requirements: WorkerRequirements
     work: bytes
 
 
@@ -68,15 +68,15 @@ def compute(parcel: Parcel, task: bytes) -> object:
     with _one_at_a_time:
         if not (_unpacked and _unpacked[0][0] == parcel.run_id):
             _unpacked[:] = []
-            reason = parcel.terms.breach()
+            reason = parcel.requirements.unmet()
             if reason is not None:
                 return Unfit(reason=f"worker on {platform.node()}: {reason}")
-            with chdir(parcel.terms.folder):
+            with chdir(parcel.requirements.folder):
                 _unpacked.append((parcel.run_id, pickle.loads(zlib.decompress(parcel.work))))
-        with chdir(parcel.terms.folder), single_threaded():
+        with chdir(parcel.requirements.folder), single_threaded():
             return _unpacked[0][1](pickle.loads(task))
 
 
-def breach(terms: Terms) -> str | None:
+def unmet(requirements: WorkerRequirements) -> str | None:
     """Why this worker cannot compute for a run; None where it can."""
-    return terms.breach()
+    return requirements.unmet()

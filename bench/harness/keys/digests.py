@@ -130,17 +130,17 @@ def _digest(path: Path) -> str:
         return f"unreadable: {error.strerror}"
 
 
-REFERENCE_ROOMS = ("errors.py", "geometry", "cameras", "lidar", "egomotion", "recordings", "reference")
-REFERENCE_CODE = (*REFERENCE_ROOMS, "harness/cache/reference_arrays.py")  # and how a kept one is stored
-METHOD_ROOMS = ("errors.py", "geometry", "flow", "cameras", "egomotion", "recordings/input_errors.py", "methods")
-SCORING_ROOMS = (*sorted({*REFERENCE_ROOMS, *METHOD_ROOMS}), "evaluation")
+REFERENCE_PACKAGES = ("errors.py", "geometry", "cameras", "lidar", "egomotion", "recordings", "reference")
+REFERENCE_CODE = (*REFERENCE_PACKAGES, "harness/cache/reference_arrays.py")  # and how a cached one is stored
+METHOD_PACKAGES = ("errors.py", "geometry", "flow", "cameras", "egomotion", "recordings/input_errors.py", "methods")
+SCORING_PACKAGES = (*sorted({*REFERENCE_PACKAGES, *METHOD_PACKAGES}), "evaluation")
 UNIT_FILES = ("frames", "unit", "units", "reference_itself", "unit_files")
-UNIT_CODE = (*SCORING_ROOMS, *(f"harness/{name}.py" for name in UNIT_FILES))
+UNIT_CODE = (*SCORING_PACKAGES, *(f"harness/{name}.py" for name in UNIT_FILES))
 
 
 @cache
 def code_digest(places: tuple[str, ...]) -> str:
-    """Digest of source files of this package, of its version, and of the libraries that decide figures.
+    """Digest of source files of this package, of its version, and of the libraries that decide metrics.
 
     Args:
         places: packages or files below `bench/`.

@@ -20,7 +20,7 @@ from site import getusersitepackages
 from uuid import uuid4
 
 from bench.errors import DataError, UsageError
-from bench.harness.keys.digests import METHOD_ROOMS, digest_of, source_digest
+from bench.harness.keys.digests import METHOD_PACKAGES, digest_of, source_digest
 from bench.methods import Method, Needs
 from bench.plug_ins import loaded_with
 
@@ -76,7 +76,7 @@ class MethodIdentity:
             IdentityFile(name=name, path=path, sha256=_loaded(name, path) if module else _on_disk(path), module=module)
             for name, path, module in (*((name, path, True) for name, path in sorted(modules.items())), *listed)
         )
-        own_code = source_digest(METHOD_ROOMS)
+        own_code = source_digest(METHOD_PACKAGES)
         if kind.__module__ not in modules and kind.__module__.partition(".")[0] != "bench":
             own_code = f"{PROMPT}: {_PROCESS}"
         identity = cls(

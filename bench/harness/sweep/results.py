@@ -1,4 +1,4 @@
-"""`sweep.json`: the figures of every value of a sweep."""
+"""`sweep.json`: the metrics of every value of a sweep."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ class SweepRow(_Part):
         settings: of the method.
         protocol_digest: of the rules, which a sweep of the reference changes.
         injected: errors of what the method is told that are not 0, by name.
-        categories: figures by kind of motion.
-        all_moving: figures over all of them.
-        false_positives: figures over the images.
+        categories: metrics by kind of motion.
+        all_moving: metrics over all of them.
+        false_positives: metrics over the images.
     """
 
     value: Value
@@ -75,7 +75,7 @@ class SweepResult(_Part):
         rows: one per value.
         flow: how often flow was computed and read; 0 and 0 for a method that keeps none.
         provenance: where the result comes from; the data are those of the operating value.
-        failures: one line per recording, unit or image that could not be used, by any value; the figures of all values
+        failures: one line per recording, unit or image that could not be used, by any value; the metrics of all values
             are of the rest.
     """
 

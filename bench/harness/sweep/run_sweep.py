@@ -1,4 +1,4 @@
-"""Run a sweep: one run for each value, all with one cache, and the figures of all of them on the same images."""
+"""Run a sweep: one run for each value, all with one cache, and the metrics of all of them on the same images."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ def run_sweep(
     executor: TaskExecutor = SERIAL,
     progress: Progress | None = None,
 ) -> SweepResult:
-    """Score every value of a sweep on a data set and store the figures.
+    """Score every value of a sweep on a data set and store the metrics.
 
-    Each value is a run in a folder of `out`; what an interrupted sweep has stored is not computed again. The figures
+    Each value is a run in a folder of `out`; what an interrupted sweep has stored is not computed again. The metrics
     are those on the images that all values scored. Errors of the input reach the method only; the reference keeps the
     true calibration and ego-motion.
 
@@ -54,7 +54,7 @@ def run_sweep(
         progress: called with the values done (with a fraction for the one at work) and their number.
 
     Returns:
-        The figures, also stored as `sweep.json`.
+        The metrics, also stored as `sweep.json`.
 
     Raises:
         DataError: the data set is not there, nothing of it could be used, `cache` is a folder of other files, or the
@@ -135,7 +135,7 @@ def _result(
 
 
 def _rows(plan: SweepPlan, summaries: Sequence[RunSummary], out: Path) -> tuple[SweepRow, ...]:
-    """The figures of every value, on the images that all of them scored."""
+    """The metrics of every value, on the images that all of them scored."""
     return tuple(
         SweepRow(
             value=value,
@@ -152,7 +152,7 @@ def _rows(plan: SweepPlan, summaries: Sequence[RunSummary], out: Path) -> tuple[
 
 
 def _on_common_images(plan: SweepPlan, summaries: Sequence[RunSummary], out: Path) -> Sequence[Summary]:
-    """The figures of each run; counted again where another one could not score all of its images."""
+    """The metrics of each run; counted again where another one could not score all of its images."""
     tables = [open_tables(plan.folder(value, out)) for value in plan.values]
     common = CommonImages([frames for _, frames in tables])
     if {common.count()} == {summary.images.evaluated for summary in summaries}:

@@ -47,9 +47,9 @@ class AimotiveOptions(FileModel):
         evaluated_size_px: (width, height) at which images are evaluated; null for as stored.
         field_of_view_deg: per camera, full angle of the lens, beyond which the image is dark; absent for as far as the
             calibration holds.
-        body_polygons: per camera, outlines of the host's own body, (u, v) in stored pixels.
+        body_polygons: per camera, outlines of the ego vehicle's body, (u, v) in stored pixels.
         ground_height_m: height of the road in the body frame.
-        vehicle_outline_m: the host seen from above, body frame, where the size of the host is known.
+        vehicle_outline_m: the ego vehicle seen from above, body frame, where the size of the ego vehicle is known.
         licence: of the data.
     """
 

@@ -62,10 +62,10 @@ class Kitti360Options(FileModel):
         boxes: folder of `data_3d_bboxes` that the boxes come from.
         evaluated_size_px: (width, height) at which images are evaluated; null for as stored.
         field_of_view_deg: per camera, full angle of the lens; absent for as far as the calibration is one-to-one.
-        body_polygons: per camera, outlines of the host's own body, (u, v) in stored pixels.
+        body_polygons: per camera, outlines of the ego vehicle's body, (u, v) in stored pixels.
         lidar_position_m: the laser scanner in the vehicle frame; the calibration gives only places of sensors to each
             other.
-        vehicle_outline_m: the host seen from above, vehicle frame.
+        vehicle_outline_m: the ego vehicle seen from above, vehicle frame.
         max_pose_gap_s: poses further apart are not interpolated between, unless the car stood.
         standing_m: poses no further apart than this are of a car that stood or crept, whatever the time between.
         static_range_m: objects that stand are kept while they are this near, since they hide what moves.

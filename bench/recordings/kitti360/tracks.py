@@ -52,7 +52,7 @@ def tracks_from_world(
         static_range_m: how near boxes that stand have to be.
         static_people: "unclear" or "static", for people who are not marked dynamic.
     """
-    host = _Host(drive, clock)
+    ego = _EgoPath(drive, clock)
     groups: dict[str, list[WorldBox]] = defaultdict(list)
     windows: set[tuple[int, int]] = set()
     for found in boxes:
@@ -61,11 +61,11 @@ def tracks_from_world(
             windows.add(window)
         if not isinstance(found, tuple):
             groups[found.key].append(found)
-    tracks = (_track(key, group, host, static_range_m, static_people) for key, group in groups.items())
+    tracks = (_track(key, group, ego, static_range_m, static_people) for key, group in groups.items())
     return Annotated(tracks=tuple(track for track in tracks if track.states), windows=_merged(windows))
 
 
-class _Host:
+class _EgoPath:
     """The vehicle at every frame that has ego-motion."""
 
     def __init__(self, drive: Drive, clock: FrameClock) -> None:
@@ -78,12 +78,12 @@ class _Host:
         self.row: Mapping[int, int] = {int(frame): row for row, frame in enumerate(self.frames)}
 
 
-def _track(key: str, boxes: Sequence[WorldBox], host: _Host, static_range_m: float, static_people: str) -> Track:
+def _track(key: str, boxes: Sequence[WorldBox], ego: _EgoPath, static_range_m: float, static_people: str) -> Track:
     label = boxes[0].label
-    order = _axes(host.world_from_global.rotation @ boxes[0].rotation, boxes[0].size_m)
+    order = _axes(ego.world_from_global.rotation @ boxes[0].rotation, boxes[0].size_m)
     by_row: dict[int, WorldBox] = {}
     for box in boxes:
-        rows = _near(box, host, static_range_m) if box.frame == STANDING else _row(box.frame, host)
+        rows = _near(box, ego, static_range_m) if box.frame == STANDING else _row(box.frame, ego)
         for row in rows:
             if box.frame != STANDING or row not in by_row:
                 by_row[row] = box
@@ -91,14 +91,14 @@ def _track(key: str, boxes: Sequence[WorldBox], host: _Host, static_range_m: flo
     dynamic = any(box.dynamic for box in boxes)
     person = label is not None and label.object_class == "pedestrian"
     unclear = label is None or (person and not dynamic and static_people == "unclear")
-    placed = {id(box): _placed(box, host, order) for box in by_row.values()}
-    states = _states([(row, by_row[row], *placed[id(by_row[row])]) for row in rows], host, unclear=unclear)
+    placed = {id(box): _placed(box, ego, order) for box in by_row.values()}
+    states = _states([(row, by_row[row], *placed[id(by_row[row])]) for row in rows], ego, unclear=unclear)
     return Track(track_id=key, object_class="vehicle" if label is None else label.object_class, states=states)
 
 
 def _states(
     placed: Sequence[tuple[int, WorldBox, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]],
-    host: _Host,
+    ego: _EgoPath,
     *,
     unclear: bool,
 ) -> tuple[ObjectState, ...]:
@@ -108,7 +108,7 @@ def _states(
     rotations = np.stack([rotation for *_, rotation, _, _ in placed])
     centres_m = np.stack([centre for *_, centre, _ in placed])
     moves = np.array([box.frame != STANDING for _, box, *_ in placed])
-    times_ns = host.times_ns[rows]
+    times_ns = ego.times_ns[rows]
     velocities = np.where(moves[:, None], world_velocities(times_ns, centres_m), 0.0)
     along = np.nan_to_num(np.einsum("ni,ni->n", velocities, rotations[:, :, 0])).sum()
     if along < 0:  # the box was drawn facing backwards
@@ -116,7 +116,7 @@ def _states(
     turns = np.where(moves, world_yaw_rates(times_ns, rotations), 0.0)
     states = []
     for i, row in enumerate(rows):
-        vehicle_from_world = RigidTransform(host.rotations[row], host.positions_m[row]).inverse()
+        vehicle_from_world = RigidTransform(ego.rotations[row], ego.positions_m[row]).inverse()
         states.append(
             ObjectState(
                 timestamp_ns=int(times_ns[i]),
@@ -133,16 +133,16 @@ def _states(
 
 
 def _placed(
-    box: WorldBox, host: _Host, order: tuple[int, int]
+    box: WorldBox, ego: _EgoPath, order: tuple[int, int]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Rotation with x along and z up, centre and size (length, width, height), in our world."""
-    axes = host.world_from_global.rotation @ box.rotation
+    axes = ego.world_from_global.rotation @ box.rotation
     along, up = order
     z = axes[:, up] * (1.0 if axes[2, up] > 0 else -1.0)
     x = axes[:, along]
     rotation = np.column_stack([x, np.cross(z, x), z])
     size_m = box.size_m[[along, 3 - along - up, up]]
-    return rotation, host.world_from_global.apply(box.centre_m), size_m
+    return rotation, ego.world_from_global.apply(box.centre_m), size_m
 
 
 def _axes(rotation: NDArray[np.float64], size_m: NDArray[np.float64]) -> tuple[int, int]:
@@ -152,15 +152,15 @@ def _axes(rotation: NDArray[np.float64], size_m: NDArray[np.float64]) -> tuple[i
     return along, up
 
 
-def _row(frame: int, host: _Host) -> list[int]:
-    return [host.row[frame]] if frame in host.row else []
+def _row(frame: int, ego: _EgoPath) -> list[int]:
+    return [ego.row[frame]] if frame in ego.row else []
 
 
-def _near(box: WorldBox, host: _Host, range_m: float) -> list[int]:
-    centre = host.world_from_global.apply(box.centre_m)
-    away_m = np.hypot(*(host.positions_m[:, :2] - centre[:2]).T) - np.linalg.norm(box.size_m) / 2
+def _near(box: WorldBox, ego: _EgoPath, range_m: float) -> list[int]:
+    centre = ego.world_from_global.apply(box.centre_m)
+    away_m = np.hypot(*(ego.positions_m[:, :2] - centre[:2]).T) - np.linalg.norm(box.size_m) / 2
     first, last = box.window or (0, np.iinfo(np.int64).max)
-    return np.flatnonzero((away_m <= range_m) & (host.frames >= first) & (host.frames <= last)).tolist()
+    return np.flatnonzero((away_m <= range_m) & (ego.frames >= first) & (ego.frames <= last)).tolist()
 
 
 def _merged(windows: Iterable[tuple[int, int]]) -> tuple[tuple[int, int], ...]:

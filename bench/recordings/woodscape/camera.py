@@ -60,9 +60,10 @@ class WoodscapeOptions(FileModel):
         cameras: front, rear, left mirror and right mirror.
         evaluated_size_px: (width, height) at which images are evaluated; null for as stored.
         field_of_view_deg: per camera, full angle of the lens; absent for as far as the calibration is one-to-one.
-        body_polygons: per camera, outlines of the host's own body in the images of every car, (u, v) in stored pixels.
+        body_polygons: per camera, outlines of the ego vehicle's body in the images of every car, (u, v) in stored
+            pixels.
         cars: what differs from car to car; an index that none of them has is of a car without masks of its own.
-        vehicle_outline_m: the host seen from above, vehicle frame.
+        vehicle_outline_m: the ego vehicle seen from above, vehicle frame.
         yaw_rate_positive: to which side the car turns where `ego_yawRate` is positive; the data set does not say.
         licence: of the data.
     """

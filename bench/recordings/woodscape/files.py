@@ -1,4 +1,4 @@
-"""WoodScape's files: where they lie (its archives, readme and loader disagree: WoodScape #16), and a pair's vehicle data."""
+"""WoodScape's files, on whose places archives, readme and loader disagree (WoodScape #16); the vehicle data of a pair."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ import pytest
 from bench.evaluation import load_protocol
 from bench.execution import SerialExecutor, TaskExecutor
 from bench.harness import RunRequest, RunSummary, run_benchmark
-from bench.harness.cluster import ClusterExecutor, Terms
+from bench.harness.cluster import ClusterExecutor, WorkerRequirements
 from bench.methods import build_method
 from bench.recordings import load_card
 from tests.harness.cluster.dask_processes import DaskProcesses, dask_processes
@@ -51,8 +51,8 @@ def score(tiny_card: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> S
         chosen, card = build_method(method, ours | settings), load_card(tiny_card)
         executor: TaskExecutor = SerialExecutor()
         if address is not None:
-            terms = Terms.of(chosen, reads=(card.root,), cache=None)
-            executor = ClusterExecutor.of_fit_workers(address, terms, patience_s=patience_s)
+            requirements = WorkerRequirements.of(chosen, reads=(card.root,), cache=None)
+            executor = ClusterExecutor.of_fit_workers(address, requirements, patience_s=patience_s)
         return run_benchmark(
             RunRequest(
                 card=card, method=chosen, protocol=load_protocol("paper-v1"), out=tmp_path / out, executor=executor

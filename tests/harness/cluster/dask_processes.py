@@ -44,7 +44,7 @@ class DaskProcesses:
 def dask_processes(folder: Path, *, workers: int, python_path: Path) -> Iterator[DaskProcesses]:
     """Run a scheduler on a free port and workers until the block ends."""
     file = folder / "scheduler.json"
-    words = ["scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file)]
+    words = ["scheduler", "--ego", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file)]
     scheduler = _started(words, log=folder / "scheduler.log", environment={}, cwd=folder)
     cluster = DaskProcesses(folder=folder, address="", scheduler=scheduler, python_path=str(python_path))
     try:

@@ -13,7 +13,7 @@ import pytest
 
 import bench
 from bench.errors import DataError, UsageError
-from bench.harness.cluster import ClusterExecutor, Terms
+from bench.harness.cluster import ClusterExecutor, WorkerRequirements
 from bench.methods.baselines.ends import Nothing
 from tests.harness.cluster.conftest import METHODS, stop
 from tests.harness.cluster.dask_processes import PATIENCE_S, wait_until
@@ -84,7 +84,7 @@ def test_a_scheduler_that_is_not_there(score, monkeypatch):
             score("run", address)
 
 
-@pytest.mark.parametrize("address", ["nonsense://localhost:1", "tcp://no-such-host.invalid:8786", "tcp://:::"])
+@pytest.mark.parametrize("address", ["nonsense://localhost:1", "tcp://no-such-ego.invalid:8786", "tcp://:::"])
 def test_an_address_that_is_none(score, monkeypatch, address):
     monkeypatch.setattr("bench.harness.cluster.connection.CONNECTION_S", 1.0)
     with pytest.raises(DataError, match="expected a Dask scheduler"):
@@ -108,7 +108,7 @@ def test_a_worker_without_this_package_is_refused(own_cluster, score, tmp_path):
     with pytest.raises(UsageError, match="a worker cannot import fisheye-bench"):
         score("run", own_cluster.address)
     with pytest.raises(UsageError, match="a worker cannot import fisheye-bench"):
-        ClusterExecutor.of_fit_workers(own_cluster.address, Terms.of(Nothing(), reads=(), cache=None))
+        ClusterExecutor.of_fit_workers(own_cluster.address, WorkerRequirements.of(Nothing(), reads=(), cache=None))
 
 
 def test_a_worker_that_cannot_import_the_method_is_refused(own_cluster, score):

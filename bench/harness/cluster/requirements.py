@@ -13,24 +13,24 @@ import bench
 from bench.errors import DataError
 from bench.harness.cache import CacheFolder
 from bench.harness.keys import MethodIdentity, code_digest
-from bench.harness.keys.digests import SCORING_ROOMS
+from bench.harness.keys.digests import SCORING_PACKAGES
 from bench.harness.provenance import library_versions
 from bench.methods import Method
 
-CODE = (*SCORING_ROOMS, "harness")
+CODE = (*SCORING_PACKAGES, "harness")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Terms:
+class WorkerRequirements:
     """What a worker must have.
 
     Attributes:
-        versions: of Python, this package and the libraries that decide figures.
+        versions: of Python, this package and the libraries that decide metrics.
         code: digest of this package's source.
         method: identity of the method.
         folder: where the run was started; relative paths count from it.
         reads: files and folders that must be there, absolute.
-        cache: where steps are kept; None for nowhere.
+        cache: where cached steps are stored; None for nowhere.
     """
 
     versions: Mapping[str, str]
@@ -41,13 +41,13 @@ class Terms:
     cache: CacheFolder | None
 
     @classmethod
-    def of(cls, method: Method, *, reads: tuple[Path, ...], cache: CacheFolder | None) -> Terms:
-        """The terms of a run that this process starts.
+    def of(cls, method: Method, *, reads: tuple[Path, ...], cache: CacheFolder | None) -> WorkerRequirements:
+        """The requirements of a run that this process starts.
 
         Args:
             method: to be scored.
             reads: what units read; relative paths count from the working directory.
-            cache: where steps are kept; None for nowhere.
+            cache: where cached steps are stored; None for nowhere.
         """
         folder = Path.cwd()
         return cls(
@@ -59,7 +59,7 @@ class Terms:
             cache=cache if cache is None else CacheFolder(folder=folder / cache.folder, limit_bytes=cache.limit_bytes),
         )
 
-    def breach(self) -> str | None:
+    def unmet(self) -> str | None:
         """Why this process cannot compute for the run, and what to do about it; None where it can."""
         return self._other_code() or self._other_method() or self._missing_path()
 
