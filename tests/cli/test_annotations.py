@@ -80,7 +80,7 @@ def test_a_recording_that_nobody_annotated_is_imported_into(monkeypatch, capsys,
         assert np.allclose(state.shape.vehicle_from_object.matrix, true.shape.vehicle_from_object.matrix, atol=1e-9)
         assert state.velocity_mps == pytest.approx(
             [3.0, 0.0, 0.0], abs=1e-6
-        )  # it keeps its place before a ego at 3 m/s
+        )  # it keeps its place before an ego vehicle at 3 m/s
 
 
 @pytest.mark.parametrize("name", ["openlabel", "cvat-tracklets", "kitti-tracklets"])

@@ -99,7 +99,7 @@ def test_what_stands_stands_at_every_frame_near_it(root):
 
 @pytest.mark.parametrize("frame", [3, 5, 8])
 def test_the_reference_lies_on_the_car_in_the_image(root, frame):
-    """The returns come from a clockwise scan by a moving ego of a moving car; the truth is the car at exposure."""
+    """The returns come from a clockwise scan by a moving vehicle of a moving car; the truth is the car at exposure."""
     recording = opened(root)
     camera = recording.cameras["image_03"]
     image = next(i for i in recording.images["image_03"] if i.timestamp_ns == tiny.time_ns(frame))

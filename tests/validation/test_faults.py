@@ -523,12 +523,12 @@ def tiny_recording(tmp_path):
     return tiny.write_recording(tmp_path / "tiny")
 
 
-def test_an_object_in_the_host(root):
+def test_an_object_in_the_ego_vehicle(root):
     def inside(name, i, data):
         data["cuboid"][0]["val"][:2] = [1.0, 0.0]
 
     change_boxes(root, inside, only="walker")
-    assert ("object-in-ego-vehicle", Severity.ERROR) in checks(root)
+    assert ("object-in-ego", Severity.ERROR) in checks(root)
 
 
 def test_an_object_without_frames(root):

@@ -134,35 +134,35 @@ REFERENCE_PACKAGES = ("errors.py", "geometry", "cameras", "lidar", "egomotion", 
 REFERENCE_CODE = (*REFERENCE_PACKAGES, "harness/cache/reference_arrays.py")  # and how a cached one is stored
 METHOD_PACKAGES = ("errors.py", "geometry", "flow", "cameras", "egomotion", "recordings/input_errors.py", "methods")
 SCORING_PACKAGES = (*sorted({*REFERENCE_PACKAGES, *METHOD_PACKAGES}), "evaluation")
-UNIT_FILES = ("frames", "unit", "units", "reference_itself", "unit_files")
+UNIT_FILES = ("frames", "unit", "reference_itself", "unit_files")
 UNIT_CODE = (*SCORING_PACKAGES, *(f"harness/{name}.py" for name in UNIT_FILES))
 
 
 @cache
-def code_digest(places: tuple[str, ...]) -> str:
+def code_digest(sources: tuple[str, ...]) -> str:
     """Digest of source files of this package, of its version, and of the libraries that decide metrics.
 
     Args:
-        places: packages or files below `bench/`.
+        sources: packages or files below `bench/`.
     """
-    return digest_of(bench.__version__, sys.version_info[:2], library_versions(), source_digest(places))
+    return digest_of(bench.__version__, sys.version_info[:2], library_versions(), source_digest(sources))
 
 
 @cache
-def source_digest(places: tuple[str, ...]) -> str:
+def source_digest(sources: tuple[str, ...]) -> str:
     """Digest of source files of this package; see `code_digest`."""
     digest = hashlib.sha256()
-    for place in places:
-        for file in _sources(resources.files("bench").joinpath(place)):
+    for source in sources:
+        for file in _sources(resources.files("bench").joinpath(source)):
             digest.update(file.name.encode() + hashlib.sha256(file.read_bytes()).digest())
     return digest.hexdigest()
 
 
-def _sources(place: Traversable) -> Iterable[Traversable]:
-    if place.is_file():
-        return [place]
+def _sources(source: Traversable) -> Iterable[Traversable]:
+    if source.is_file():
+        return [source]
     found: list[Traversable] = []
-    for entry in sorted(place.iterdir(), key=lambda entry: entry.name):
+    for entry in sorted(source.iterdir(), key=lambda entry: entry.name):
         if entry.is_dir():
             found += _sources(entry)
         elif entry.name.endswith((".py", ".yaml")):

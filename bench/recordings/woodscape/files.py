@@ -1,4 +1,4 @@
-"""WoodScape's files, on whose places archives, readme and loader disagree (WoodScape #16); the vehicle data of a pair."""
+"""WoodScape's files, whose places archives, readme and loader disagree on (WoodScape #16); vehicle data of a pair."""
 
 from __future__ import annotations
 

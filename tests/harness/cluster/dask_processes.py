@@ -44,11 +44,12 @@ class DaskProcesses:
 def dask_processes(folder: Path, *, workers: int, python_path: Path) -> Iterator[DaskProcesses]:
     """Run a scheduler on a free port and workers until the block ends."""
     file = folder / "scheduler.json"
-    words = ["scheduler", "--ego", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file)]
+    words = ["scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file)]
     scheduler = _started(words, log=folder / "scheduler.log", environment={}, cwd=folder)
     cluster = DaskProcesses(folder=folder, address="", scheduler=scheduler, python_path=str(python_path))
     try:
-        wait_until(file.exists)
+        wait_until(lambda: file.exists() or scheduler.poll() is not None)
+        assert scheduler.poll() is None, (folder / "scheduler.log").read_text()
         wait_until(lambda: "tcp://" in (folder / "scheduler.log").read_text())
         cluster.address = next(
             word for word in (folder / "scheduler.log").read_text().split() if word.startswith("tcp://")
