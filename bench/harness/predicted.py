@@ -13,7 +13,7 @@ from bench.evaluation import Protocol
 from bench.execution import TaskExecutor
 from bench.harness.cache import CacheFolder
 from bench.harness.merge import Finish
-from bench.harness.mirror import NOWHERE, RunMirror
+from bench.harness.remote_runs import NOWHERE, RunMirror
 from bench.harness.run import SERIAL, run_benchmark
 from bench.harness.stages import Progress
 from bench.harness.stored import PREDICTIONS, RunSummary

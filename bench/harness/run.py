@@ -18,7 +18,7 @@ from bench.harness.keys import MethodIdentity, code_digest, digest_of
 from bench.harness.keys.digests import UNIT_CODE
 from bench.harness.merge import Finish, combine_parts
 from bench.harness.method_stamp import MethodStamp
-from bench.harness.mirror import NOWHERE, RunMirror
+from bench.harness.remote_runs import NOWHERE, RunMirror
 from bench.harness.run_folder import Experiment, claim, held_run_folder, new_results
 from bench.harness.shards import (
     SCHEMA_VERSION,
@@ -106,7 +106,7 @@ def run_benchmark(
             summary = combine_parts(results, [out], run=out, protocol=protocol)
             if finish is not None:
                 finish(results, summary)
-        mirror.keep_rest()
+        mirror.upload_results()
         return summary
 
 
@@ -148,7 +148,7 @@ def run_shard(
             mirror=mirror,
         )
         report = work.run(executor, cache, progress)
-        mirror.keep_rest()
+        mirror.upload_results()
         return report
 
 
@@ -192,7 +192,7 @@ class _Work:
             if self.shard.count == 1:
                 stored.keep_only(units)
                 self.mirror.keep_only(units)
-            self.mirror.bring(part)
+            self.mirror.download_units(part)
             self._score(spec, self.handles, part, stored, executor, progress)
         if cache is not None:
             cache.make_room()
@@ -253,12 +253,12 @@ class _Work:
         self.keys[unit] = scored.key
         if scored.content is None:
             self.reused += 1
-            self.mirror.keep(unit, anew=False)
+            self.mirror.upload_unit(unit)
             return
         self.images_computed += unit.stop - unit.start
         with self.clock.stage("store"):
             stored.store(unit, scored.content)
-            self.mirror.keep(unit, anew=True)
+            self.mirror.upload_unit(unit)
 
     def _report(
         self,

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.errors import DataError
-from bench.recordings.remote import parse_place, refuse_unsafe
+from bench.recordings.remote.urls import parse_place, refuse_unsafe
 
 URL = parse_place("s3://bench/x")
 
@@ -23,6 +23,8 @@ def test_names_that_lead_elsewhere_are_refused(name):
 def test_a_file_that_is_also_a_folder_is_refused():
     with pytest.raises(DataError, match="both of 'a/b'"):
         refuse_unsafe(URL, ["a/b", "a/b/c/d"])
+    with pytest.raises(DataError, match="both of 'a'"):
+        refuse_unsafe(URL, ["a", "a"])
 
 
 @given(st.lists(st.text(st.characters(codec="ascii") | st.sampled_from("./\\")), max_size=4))
