@@ -285,6 +285,20 @@ def test_parts_of_two_machines_merge_at_the_address(own_card, bucket, tmp_path, 
     assert bytes_of(downloaded_run(parse_place(URL))) == bytes_of(tmp_path / "run")
 
 
+def test_a_former_report_of_a_part_on_this_machine_does_not_replace_the_one_at_the_address(bucket):
+    bucket.put(f"runs/one/{MARK}", b"")
+    bucket.put("runs/one/shards/0001-of-0002.json", b"of another machine")
+    remote = RemoteRun(url=parse_place(URL))
+    report = remote.folder / "shards" / "0001-of-0002.json"
+    report.parent.mkdir(parents=True)
+    report.write_bytes(b"former")
+    remote.begin(parts=2)
+    remote.upload_results()
+    assert bucket.get("runs/one/shards/0001-of-0002.json") == b"of another machine"
+    RemoteRun(url=parse_place(URL)).download_parts(write=False)
+    assert report.read_bytes() == b"of another machine"
+
+
 def test_hostile_names_at_the_address_write_nothing_outside(own_card, bucket, tmp_path):
     bucket.put(f"runs/one/{MARK}", b"")
     bucket.put("runs/one/shards/../../../evil.json", b"{}")

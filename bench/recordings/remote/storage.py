@@ -173,7 +173,7 @@ class Storage:
 class LocalCopy:
     """Files of a remote folder on this machine.
 
-    Beside the folder, `index.json` has for each file the version that the storage listed when it was downloaded or
+    Beside the folder, `index.json` holds for each file the version that the storage listed when it was downloaded or
     uploaded (empty if unknown), and the local size and modification time. A file for which all of it is still true is
     not transferred again.
 
