@@ -7,6 +7,7 @@ from pathlib import Path
 import boto3
 import pytest
 from moto.server import ThreadedMotoServer
+from s3fs import S3FileSystem
 
 BUCKET = "bench"
 
@@ -63,6 +64,7 @@ def bucket(object_server: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) 
         "FISHEYE_BENCH_REMOTE": str(tmp_path / "remote"),
     }.items():
         monkeypatch.setenv(name, value)
+    S3FileSystem.clear_instance_cache()  # connections of another test, with its environment
     made = Bucket(object_server)
     yield made
     for key in made.names():

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bench.errors import UsageError
-from bench.harness.mirror import NOWHERE, RunMirror
-from bench.harness.remote_runs import RemoteRun, fetched_run
+from bench.harness.remote_runs import NOWHERE, RemoteRun, RunMirror, downloaded_run
 from bench.recordings.remote import RemoteUrl, parse_place
 
 
@@ -18,7 +17,7 @@ class Destination:
 
     Attributes:
         folder: on this machine.
-        mirror: keeps it at an address too, where one was given.
+        mirror: stores it at an address too, where one was given.
         url: that address.
     """
 
@@ -61,11 +60,11 @@ def finished_run(place: str) -> Path:
         DataError: nothing is there, or it cannot be read.
     """
     parsed = parsed_place(place)
-    return parsed if isinstance(parsed, Path) else fetched_run(parsed)
+    return parsed if isinstance(parsed, Path) else downloaded_run(parsed)
 
 
 def parts_of_run(run: Destination, parts: Sequence[str]) -> list[Path]:
-    """Folders that hold the parts of a run, with what is at addresses brought here.
+    """Folders that hold the parts of a run, with what is at addresses downloaded.
 
     Args:
         run: where it is merged; holds the parts where no others are given.
@@ -76,7 +75,7 @@ def parts_of_run(run: Destination, parts: Sequence[str]) -> list[Path]:
         DataError: it cannot be read, or `run` not be written.
     """
     if isinstance(run.mirror, RemoteRun):
-        run.mirror.bring_all(write=True)
+        run.mirror.download_parts(write=True)
     folders = []
     for place in parts:
         parsed = parsed_place(place)
@@ -85,7 +84,7 @@ def parts_of_run(run: Destination, parts: Sequence[str]) -> list[Path]:
             continue
         remote = RemoteRun(url=parsed)
         if parsed != run.url:
-            remote.bring_all(write=False)
+            remote.download_parts(write=False)
         folders.append(remote.folder)
     return folders or [run.folder]
 

@@ -26,13 +26,13 @@ def report(run: str, *, category: str | None, out: Path | None, pictures: bool) 
     kind = None if category is None else Category(category)
     where = destination(run, Path(run))
     if isinstance(where.mirror, RemoteRun):
-        where.mirror.bring_results()
+        where.mirror.download_results()
     with progress_bar("drawing the worst frames", "pictures") as progress:
         page = write_page(where.folder, category=kind, out=out, pictures=pictures, progress=progress)
     for problem in page.problems:
         say(f"pictures missing: {problem}", style="yellow")
     files = (page.file, *write_figures(where.folder, category=kind))
-    where.mirror.keep_rest()
+    where.mirror.upload_results()
     for file in files:
         say(where.told(file))
 

@@ -120,8 +120,8 @@ def merge(run: str, parts: Sequence[str], *, overwrite: bool, pictures: bool) ->
     with interruptible("the parts are as they were, and the same command merges them"):
         summary = merge_shards(where.folder, folders, overwrite=overwrite, finish=report.write)
         for unit in merged_units(folders):
-            where.mirror.keep(unit, anew=False)
-        where.mirror.keep_rest()
+            where.mirror.upload_unit(unit)
+        where.mirror.upload_results()
         report.print(summary, where)
     return len(summary.failures)
 

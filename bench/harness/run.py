@@ -18,7 +18,7 @@ from bench.harness.keys import MethodIdentity, code_digest, digest_of
 from bench.harness.keys.digests import UNIT_CODE
 from bench.harness.merge import Finish, combine_parts
 from bench.harness.method_stamp import MethodStamp
-from bench.harness.mirror import NOWHERE, RunMirror
+from bench.harness.remote_runs import NOWHERE, RunMirror
 from bench.harness.run_folder import Experiment, claim, held_run_folder, new_results
 from bench.harness.shards import (
     SCHEMA_VERSION,
@@ -112,7 +112,7 @@ def run_benchmark(request: RunRequest, *, finish: Finish | None = None) -> RunSu
             summary = combine_parts(results, [out], run=out, protocol=request.protocol)
             if finish is not None:
                 finish(results, summary)
-        mirror.keep_rest()
+        mirror.upload_results()
         return summary
 
 
@@ -131,7 +131,7 @@ def run_shard(request: RunRequest, shard: Shard) -> ShardReport:
         claim(out, request.experiment, request.protocol, overwrite=request.overwrite)
         remove_shards(out, but_of=shard.count)
         report = work.run()
-        mirror.keep_rest()
+        mirror.upload_results()
         return report
 
 
@@ -171,7 +171,7 @@ class _Work:
             if self.shard.count == 1:
                 stored.keep_only(units)
                 asked.mirror.keep_only(units)
-            asked.mirror.bring(part)
+            asked.mirror.download_units(part)
             self._score(spec, part, stored)
         if asked.cache is not None:
             asked.cache.make_room()
@@ -222,12 +222,12 @@ class _Work:
         self.keys[unit] = scored.key
         if scored.content is None:
             self.reused += 1
-            self.request.mirror.keep(unit, anew=False)
+            self.request.mirror.upload_unit(unit)
             return
         self.images_computed += unit.stop - unit.start
         with self.clock.stage("store"):
             stored.store(unit, scored.content)
-            self.request.mirror.keep(unit, anew=True)
+            self.request.mirror.upload_unit(unit)
 
     def _report(
         self,

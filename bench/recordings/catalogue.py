@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -11,7 +12,7 @@ from bench.errors import DataError, UnknownNameError
 from bench.plug_ins import imported, known_places
 from bench.recordings.cards import DatasetCard, ExclusionEntry
 from bench.recordings.handles import Exclusion, RecordingHandle
-from bench.recordings.remote import RemoteDataset, remote_recordings
+from bench.recordings.remote import remote_recordings
 
 ADAPTERS = {
     "native": "bench.recordings.native:native_recordings",
@@ -86,15 +87,13 @@ def open_dataset(card: DatasetCard, split: str | None = None) -> tuple[Recording
 
 def _listed(card: DatasetCard) -> tuple[RecordingHandle, ...]:
     adapter, url = _adapter(card.content.adapter), card.remote_root
+    list_recordings = partial(adapter, options=card.content.options, card=card.file, annotations=card.annotations)
     if url is not None:
-        remote = RemoteDataset(
-            url=url, adapter=adapter, options=card.content.options, card=card.file, annotations=card.annotations
-        )
-        return remote_recordings(remote, card.content.adapter)
+        return remote_recordings(url, card.content.adapter, list_recordings)
     if not card.root.is_dir():
         do, got = card.content.how_to_get or "see the card", f"{card.root}, which is missing"
         raise DataError(card.file, field="root", expected="a folder with the data", got=got, do=do)
-    return adapter(card.root, options=card.content.options, card=card.file, annotations=card.annotations)
+    return list_recordings(card.root)
 
 
 def _root(card: DatasetCard) -> str:

@@ -251,11 +251,9 @@ WRITERS = {
     "execution.py": "results of tasks in a temporary folder",
     "egomotion/tum.py": "to the temporary file of its caller",
     "harness/cache/folder.py": "a cache keeps nothing where it cannot write",
-    "harness/remote_runs.py": "a local copy of an address",
     "harness/run_folder.py": "whole folders of a run, by one rename",
     "recordings/contract.py": "copies in a temporary folder",
-    "recordings/remote/datasets.py": "copies in a folder of its own",
-    "recordings/remote/fetching.py": "local copies of an address",
+    "recordings/remote/datasets.py": "empty files in a temporary folder",
 }
 
 

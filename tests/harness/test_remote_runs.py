@@ -9,7 +9,7 @@ from bench.errors import DataError
 from bench.evaluation import load_protocol
 from bench.execution import ProcessExecutor, SerialExecutor
 from bench.harness import RunRequest, merge_shards, merged_units, run_benchmark, run_shard
-from bench.harness.remote_runs import MARK, RemoteRun, fetched_run
+from bench.harness.remote_runs import MARK, RemoteRun, downloaded_run
 from bench.harness.shards import Shard
 from bench.methods import build_method
 from bench.recordings import load_card
@@ -103,7 +103,7 @@ def test_a_run_at_an_address_has_the_files_of_a_local_one(own_card, bucket, tmp_
         assert bucket.get(f"runs/one/{name}") == (tmp_path / "run" / name).read_bytes()
     told = bucket.get("runs/one/summary.json").decode()
     assert not any(secret in told for secret in ("secret-of-tests", "key-of-tests", bucket.endpoint))
-    assert bytes_of(fetched_run(parse_place(URL))) == bytes_of(tmp_path / "run")
+    assert bytes_of(downloaded_run(parse_place(URL))) == bytes_of(tmp_path / "run")
 
 
 def test_another_machine_computes_nothing_again(own_card, bucket, tmp_path, monkeypatch, work):
@@ -149,7 +149,7 @@ def test_an_interrupted_run_goes_on_on_another_machine(own_card, bucket, tmp_pat
     assert units_at(bucket) == ONE
     assert work(score_there(own_card, machine=tmp_path / "other", monkeypatch=monkeypatch)) == (ALL - ONE, ONE)
     score(own_card, tmp_path / "run")
-    assert bytes_of(fetched_run(parse_place(URL))) == bytes_of(tmp_path / "run")
+    assert bytes_of(downloaded_run(parse_place(URL))) == bytes_of(tmp_path / "run")
 
 
 def test_units_that_were_not_uploaded_are_by_the_next_run(own_card, bucket, monkeypatch, work):
@@ -184,6 +184,24 @@ def test_a_unit_that_another_one_of_the_same_size_replaced_is_not_taken_for_it(o
     bucket.put(key, whole[:-100] + b"x" * 100)
     assert work(score_there(own_card)) == (ONE, ALL - ONE)
     assert bucket.get(key) == whole
+
+
+def test_a_unit_that_was_removed_at_the_address_is_stored_again_from_this_machine(own_card, bucket, work):
+    score_there(own_card)
+    (key,) = (key for key in bucket.names() if key.startswith("runs/one/units/crossing"))
+    whole = bucket.get(key)
+    bucket.remove(key)
+    assert work(score_there(own_card)) == (NONE, ALL)
+    assert bucket.get(key) == whole
+
+
+def test_a_part_leaves_the_results_of_an_older_run(own_card, bucket):
+    score_there(own_card)
+    before = results_at(bucket)
+    remote = RemoteRun(url=parse_place(URL))
+    options = {"method": build_method("nothing"), "protocol": PAPER, "shard": Shard(number=1, count=2)}
+    run_shard(load_card(str(own_card)), out=remote.folder, mirror=remote, **options)
+    assert results_at(bucket) == before
 
 
 def test_a_local_unit_of_the_same_size_is_not_taken_for_the_one_at_the_address(own_card, bucket, work):
@@ -245,7 +263,7 @@ def test_a_connection_that_breaks_names_what_is_done(own_card, bucket, monkeypat
 
     with monkeypatch.context() as patched:
         patched.setattr(Storage, "upload", broken)
-        with pytest.raises(DataError, match=r"no answer; what is done lies in .*the same command goes on"):
+        with pytest.raises(DataError, match=r"no answer; what is done is in .*the same command goes on"):
             score_there(own_card)
     assert work(score_there(own_card)) == (ALL - ONE, ONE)
 
@@ -255,21 +273,38 @@ def test_parts_of_two_machines_merge_at_the_address(own_card, bucket, tmp_path, 
     for number in (1, 2):
         monkeypatch.setenv("FISHEYE_BENCH_REMOTE", str(tmp_path / f"machine-{number}"))
         remote = RemoteRun(url=parse_place(URL))
-        options = {"method": build_method("nothing"), "protocol": PAPER, "shard": Shard(number=number, count=2)}
-        run_shard(RunRequest(card=load_card(str(own_card)), out=remote.folder, mirror=remote, **options))
+        options = {"method": build_method("nothing"), "protocol": PAPER}
+        run_shard(
+            RunRequest(card=load_card(str(own_card)), out=remote.folder, mirror=remote, **options),
+            Shard(number=number, count=2),
+        )
     monkeypatch.setenv("FISHEYE_BENCH_REMOTE", str(tmp_path / "third"))
     remote = RemoteRun(url=parse_place(URL))
-    remote.bring_all(write=True)
+    remote.download_parts(write=True)
     merge_shards(remote.folder, [remote.folder])
     for unit in merged_units([remote.folder]):
-        remote.keep(unit, anew=False)
-    remote.keep_rest()
-    assert bytes_of(fetched_run(parse_place(URL))) == bytes_of(tmp_path / "run")
+        remote.upload_unit(unit)
+    remote.upload_results()
+    assert bytes_of(downloaded_run(parse_place(URL))) == bytes_of(tmp_path / "run")
+
+
+def test_a_former_report_of_a_part_on_this_machine_does_not_replace_the_one_at_the_address(bucket):
+    bucket.put(f"runs/one/{MARK}", b"")
+    bucket.put("runs/one/shards/0001-of-0002.json", b"of another machine")
+    remote = RemoteRun(url=parse_place(URL))
+    report = remote.folder / "shards" / "0001-of-0002.json"
+    report.parent.mkdir(parents=True)
+    report.write_bytes(b"former")
+    remote.begin(parts=2)
+    remote.upload_results()
+    assert bucket.get("runs/one/shards/0001-of-0002.json") == b"of another machine"
+    RemoteRun(url=parse_place(URL)).download_parts(write=False)
+    assert report.read_bytes() == b"of another machine"
 
 
 def test_hostile_names_at_the_address_write_nothing_outside(own_card, bucket, tmp_path):
     bucket.put(f"runs/one/{MARK}", b"")
     bucket.put("runs/one/shards/../../../evil.json", b"{}")
     with pytest.raises(DataError, match="names of objects that can be files"):
-        RemoteRun(url=parse_place(URL)).bring_all(write=True)
+        RemoteRun(url=parse_place(URL)).download_parts(write=True)
     assert not list(tmp_path.rglob("evil*"))
