@@ -199,8 +199,8 @@ def test_a_part_leaves_the_results_of_an_older_run(own_card, bucket):
     score_there(own_card)
     before = results_at(bucket)
     remote = RemoteRun(url=parse_place(URL))
-    options = {"method": build_method("nothing"), "protocol": PAPER, "shard": Shard(number=1, count=2)}
-    run_shard(load_card(str(own_card)), out=remote.folder, mirror=remote, **options)
+    options = {"method": build_method("nothing"), "protocol": PAPER, "out": remote.folder, "mirror": remote}
+    run_shard(RunRequest(card=load_card(str(own_card)), **options), Shard(number=1, count=2))
     assert results_at(bucket) == before
 
 
