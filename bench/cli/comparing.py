@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bench.cli.console import progress_bar, say, show
-from bench.reporting.compare.comparison import category_line, verdict_line
+from bench.reporting.compare.changes import category_line, verdict_line
 from bench.reporting.compare.leaderboard import leaderboard_tables, read_leaderboard, write_leaderboard
 from bench.reporting.compare.writing import to_rich, write_comparison
 

@@ -30,10 +30,8 @@ from bench.harness import (
 from bench.harness.shards import Shard
 from bench.methods import Method
 from bench.recordings import DatasetCard, load_card
-from bench.reporting.tables import TableRow
-from bench.reporting.terminal_table import to_rich
-from bench.reporting.threshold_free_line import threshold_free_line
-from bench.reporting.write import write_report_files
+from bench.reporting.table_files import write_report_files
+from bench.reporting.tables import TableRow, threshold_free_line, to_rich
 
 RUNS = Path("reports/runs")
 DEFAULT_PROTOCOL = "paper-v1"

@@ -1,4 +1,4 @@
-"""Pictures of an audit: polygons over images, and why cells are missed and flagged."""
+"""The files of an audit: how well polygons fit by distance, polygons over images, why cells are missed and flagged."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from bench.audit import (
+    AUDIT,
     AuditSource,
     AuditSummary,
     Compensation,
@@ -25,33 +27,105 @@ from bench.audit import (
     MissCause,
     explain_image,
     lenient,
+    read_audit,
+    read_polygons,
 )
 from bench.evaluation import Protocol
 from bench.methods import Method
 from bench.recordings import ImageRef, Recording, RecordingHandle, read_image, read_truth
 from bench.reference import ReferenceBuilder
-from bench.reporting.audit_files import COLOURS
-from bench.reporting.audit_tables import FALSE_ALARMS, MISSES
+from bench.reporting.audit_tables import FALSE_ALARMS, MISSES, to_csv, to_markdown
 from bench.reporting.canvas import (
     BLACK,
     BLUE,
     GREEN,
     GREY,
+    LIGHT_GREY,
     ORANGE,
     PURPLE,
     SKY_BLUE,
     VERMILION,
     YELLOW,
+    axes_at,
     faded,
     new_figure,
     rgb,
     rgb_image,
     show_image,
     styled,
+    write_picture,
 )
-from bench.reporting.outlines import draw_outline
-from bench.reporting.overlay import overlay_mask
-from bench.reporting.write import write_picture
+from bench.reporting.formats import write_texts
+from bench.reporting.overlay import draw_outline, overlay_mask
+
+COLOURS = (ORANGE, BLUE, GREEN, PURPLE)
+BIN_M = 1.0
+FEWEST = 3  # object-frames of a point; fewer say nothing about quartiles
+_PANEL_IN, _HEIGHT_IN, _LEFT_IN, _GAP_IN, _TOP_IN, _BOTTOM_IN = 2.4, 3.0, 0.5, 0.2, 0.75, 0.45
+
+
+@styled
+def draw_fit_by_distance(audit: AuditSummary, polygons: pa.Table) -> Figure:
+    """Draw median and quartiles of the IoU over the distance, each kind of polygon in its colour.
+
+    Args:
+        audit: for names and aims.
+        polygons: the rows behind them.
+    """
+    rows = polygons.to_pandas()
+    rows = rows[rows["compensation"] == Compensation.FULL.value]
+    classes = sorted(set(rows["object_class"])) or ["none"]
+    width_in = max(_LEFT_IN + len(classes) * (_PANEL_IN + _GAP_IN), 4.0)
+    figure = new_figure(width_in, _HEIGHT_IN)
+    for number, name in enumerate(classes):
+        left_in = _LEFT_IN + number * (_PANEL_IN + _GAP_IN)
+        axes = axes_at(figure, left_in, _BOTTOM_IN, _PANEL_IN, _HEIGHT_IN - _TOP_IN - _BOTTOM_IN)
+        of_class = rows[rows["object_class"] == name]
+        for kind, colour in zip(audit.polygon_kinds, COLOURS, strict=False):
+            _draw_kind(axes, of_class[of_class["kind"] == kind], kind=kind, colour=colour)
+        aims = {aim.expected for aim in audit.aims if aim.object_class == name}
+        for expected in sorted(aims):
+            axes.axhline(expected, color=GREY, linewidth=0.8, linestyle=":")
+        frames = len(of_class[of_class["kind"] == audit.polygon_kinds[0]])
+        axes.set(xlabel="distance (m)", ylim=(0.3, 1.0), xlim=(0, max(float(rows["range_m"].max()), 8.0)))
+        axes.set_title(f"{name}, {frames} object-frames", pad=3)
+        axes.grid(color=LIGHT_GREY, linewidth=0.4)
+        axes.tick_params(labelleft=number == 0)
+        if number == 0:
+            axes.set_ylabel("IoU with the exact mask")
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="upper right", ncols=len(labels), frameon=False)
+    left, top = 0.08 / width_in, 1 - 0.06 / _HEIGHT_IN
+    figure.text(left, top, f"Reference polygons of {audit.dataset}", va="top", fontsize=10)
+    told = "Median and quartiles; dotted: the aim for kinds that follow the outline"
+    figure.text(left, top - 0.2 / _HEIGHT_IN, told, va="top", fontsize=7, color="#555555")
+    return figure
+
+
+def _draw_kind(axes: Axes, rows: pd.DataFrame, *, kind: str, colour: str) -> None:
+    bins = np.floor(rows["range_m"].to_numpy(dtype=np.float64) / BIN_M)
+    middles_m, quarters = [], []
+    for number in np.unique(bins):
+        iou = rows["iou"].to_numpy(dtype=np.float64)[bins == number]
+        if len(iou) >= FEWEST:
+            middles_m.append((number + 0.5) * BIN_M)
+            quarters.append(np.quantile(iou, [0.25, 0.5, 0.75]))
+    low, median, high = np.array(quarters).reshape(-1, 3).T
+    axes.fill_between(middles_m, low, high, color=colour, alpha=0.15, linewidth=0)
+    axes.plot(middles_m, median, color=colour, marker="o", markersize=3, linewidth=1.2, label=kind)
+
+
+def write_audit_files(folder: Path) -> tuple[Path, ...]:
+    """Write `audit.md`, `audit.csv`, `fit.png` and `fit.svg` beside `audit.json`; all of their paths.
+
+    Raises:
+        DataError: the stored audit is missing or damaged.
+    """
+    audit = read_audit(folder)
+    tables = write_texts(folder, {"audit.md": to_markdown(audit), "audit.csv": to_csv(audit)})
+    chart = draw_fit_by_distance(audit, read_polygons(folder))
+    return (folder / AUDIT, *tables, *write_picture(folder / "fit", chart))
+
 
 MARGIN = 0.35  # around the object, of its larger side
 SMALLEST_PX = 60  # side of what is shown
@@ -118,14 +192,8 @@ def draw_examples(examples: list[Example], kinds: tuple[str, ...]) -> Figure:
     width_in, height_in = len(examples) * _EXAMPLE_PANEL_IN, _EXAMPLE_TOP_IN + _EXAMPLE_PANEL_IN + _EXAMPLE_BOTTOM_IN
     figure = new_figure(width_in, height_in)
     for number, example in enumerate(examples):
-        axes = figure.add_axes(
-            (
-                number / len(examples) + 0.01,
-                _EXAMPLE_BOTTOM_IN / height_in,
-                0.98 / len(examples),
-                _EXAMPLE_PANEL_IN / height_in,
-            )
-        )
+        left_in = number * _EXAMPLE_PANEL_IN + 0.01 * width_in
+        axes = axes_at(figure, left_in, _EXAMPLE_BOTTOM_IN, 0.98 * _EXAMPLE_PANEL_IN, _EXAMPLE_PANEL_IN)
         tinted = overlay_mask(example.image, mask=example.mask, colour=SKY_BLUE, strength=0.45)
         show_image(axes, rgb_image(tinted))
         for kind, colour in zip(kinds, COLOURS, strict=False):

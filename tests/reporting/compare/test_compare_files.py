@@ -7,7 +7,7 @@ import pytest
 from rich.console import Console
 
 from bench.harness.masks import MASKS, MASKS_SCHEMA
-from bench.reporting.compare.comparison import compare_runs
+from bench.reporting.compare.changes import compare_runs
 from bench.reporting.compare.runs import read_comparable
 from bench.reporting.compare.writing import MIN_COLUMNS, points, to_rich, write_comparison
 from tests.reporting.compare.runs import drawn, write_run

@@ -10,7 +10,7 @@ from bench.evaluation import load_protocol, summarise
 from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA, frames_table, objects_table
 from bench.harness import Provenance, RunSummary
 from bench.harness.stored import MethodStamp, write_protocol, write_summary
-from bench.reporting.write import write_report_files
+from bench.reporting.table_files import write_report_files
 
 NAMES = ["table.md", "table.csv", "table.tex", "table.json", "range_map.png", "range_map.svg"]
 
