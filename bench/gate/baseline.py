@@ -30,7 +30,7 @@ class MissingBaselineError(UsageError):
 
 
 class Origin(FileModel):
-    """Where the figures come from.
+    """What made the values.
 
     Attributes:
         version: of the package.
@@ -56,7 +56,7 @@ class ScoredRun(FileModel):
         schema_version: of the file.
         dataset: name of the data set.
         split: of it; None for all of it.
-        protocol: that made the figures.
+        protocol: of the run.
         method: that was scored.
         reference_fingerprint: of the run.
         data_fingerprint: of the run.

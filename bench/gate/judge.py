@@ -17,7 +17,7 @@ from bench.gate.verdict import Check, Outcome, Row, Verdict
 OVER_DETECTIONS = ("tpr", "iou_detected", "precision", "segmentation_iou")
 COVERAGE = "false_positive_coverage"  # over all scored images
 NO_SUMS = MetricSums(numerators={}, denominators={})
-TOLD = 4  # differences that a message lists
+LISTED = 4  # differences that a message lists
 UNITS = {"object_frames": "object-frames", "annotated": "annotated objects", "evaluated": "scored images"}
 
 
@@ -86,8 +86,8 @@ def _other_reference(baseline: ScoredRun, run: ScoredRun) -> str:
 def _check(name: str, faults: Sequence[str], message: str, *, outcome: Outcome = Outcome.FAILED) -> Check:
     if not faults:
         return Check(name=name, outcome=Outcome.PASSED, message="as in the baseline")
-    more = f"; and {len(faults) - TOLD} more" if len(faults) > TOLD else ""
-    told = "; ".join(faults[:TOLD]) + more
+    more = f"; and {len(faults) - LISTED} more" if len(faults) > LISTED else ""
+    told = "; ".join(faults[:LISTED]) + more
     return Check(name=name, outcome=outcome, message=message.format(count=len(faults), told=told))
 
 
