@@ -27,8 +27,9 @@ def compare(runs: Sequence[Path], *, out: Path | None, pictures: bool) -> None:
             say(note)
         say(verdict_line(comparison), style="bold")
         say(category_line(comparison))
-    for remark in written.remarks:
-        say(remark, style="red")
+    for comparison in written.comparisons:
+        for remark in comparison.remarks:
+            say(remark, style="red")
     for file in written.files:
         say(str(file))
 

@@ -49,10 +49,10 @@ from bench.reporting.canvas import (
     axes_at,
     faded,
     new_figure,
-    rgb,
     rgb_image,
     show_image,
     styled,
+    tint,
     write_picture,
 )
 from bench.reporting.formats import write_texts
@@ -103,14 +103,9 @@ def draw_fit_by_distance(audit: AuditSummary, polygons: pa.Table) -> Figure:
 
 
 def _draw_kind(axes: Axes, rows: pd.DataFrame, *, kind: str, colour: str) -> None:
-    bins = np.floor(rows["range_m"].to_numpy(dtype=np.float64) / BIN_M)
-    middles_m, quarters = [], []
-    for number in np.unique(bins):
-        iou = rows["iou"].to_numpy(dtype=np.float64)[bins == number]
-        if len(iou) >= FEWEST:
-            middles_m.append((number + 0.5) * BIN_M)
-            quarters.append(np.quantile(iou, [0.25, 0.5, 0.75]))
-    low, median, high = np.array(quarters).reshape(-1, 3).T
+    by_bin = rows.groupby(np.floor(rows["range_m"] / BIN_M))["iou"]
+    low, median, high = (by_bin.quantile(share)[by_bin.size() >= FEWEST] for share in (0.25, 0.5, 0.75))
+    middles_m = (median.index.to_numpy(dtype=np.float64) + 0.5) * BIN_M
     axes.fill_between(middles_m, low, high, color=colour, alpha=0.15, linewidth=0)
     axes.plot(middles_m, median, color=colour, marker="o", markersize=3, linewidth=1.2, label=kind)
 
@@ -161,7 +156,7 @@ def write_examples(
 
     Args:
         folder: of the audit.
-        audit: its figures.
+        audit: its summary.
         polygons: its rows.
         handles: of the recordings, by name.
         protocol: of the audit.
@@ -326,6 +321,5 @@ def _tinted(found: ExplainedImage, layers: Mapping[str, tuple[str, NDArray[np.bo
     height, width = picture.shape[:2]
     for colour, cells in layers.values():
         rows = np.repeat(cells, found.cell_size_px, axis=0)
-        area = np.repeat(rows, found.cell_size_px, axis=1)[:height, :width]
-        picture[area] = (1 - _TINT) * picture[area] + _TINT * np.array(rgb(colour), dtype=np.float32)
+        tint(picture, np.repeat(rows, found.cell_size_px, axis=1)[:height, :width], colour, _TINT)
     return picture.astype(np.uint8)

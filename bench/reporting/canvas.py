@@ -100,7 +100,7 @@ styled = rc_context(STYLE)  # decorates every function that draws
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
-    """An empty figure on an Agg canvas, strange to pyplot."""
+    """An empty figure on an Agg canvas, unknown to pyplot."""
     figure = Figure(figsize=(width_in, height_in), dpi=DPI, facecolor="white")
     FigureCanvasAgg(figure)
     return figure
@@ -122,6 +122,12 @@ def figure_bytes(figure: Figure, picture_format: PictureFormat) -> bytes:
     with rc_context(STYLE):
         figure.savefig(buffer, format=picture_format, dpi=DPI, metadata=_UNDATED[picture_format])
     return buffer.getvalue()
+
+
+def figure_pixels(figure: Figure) -> NDArray[np.uint8]:
+    """The figure as an image, (H, W, 3) BGR uint8."""
+    image = cv2.imdecode(np.frombuffer(figure_bytes(figure, "png"), dtype=np.uint8), cv2.IMREAD_COLOR)
+    return np.asarray(image, dtype=np.uint8)
 
 
 def write_picture(stem: Path, figure: Figure) -> tuple[Path, ...]:
@@ -150,6 +156,11 @@ def faded(image_rgb: NDArray[np.uint8], strength: float) -> NDArray[np.uint8]:
     return np.repeat((255.0 - strength * (255.0 - grey)).astype(np.uint8)[:, :, None], 3, axis=2)
 
 
+def tint(image_rgb: NDArray[np.float32], mask: NDArray[np.bool_], colour: str, strength: float) -> None:
+    """Mix a colour into the pixels of a mask, in place."""
+    image_rgb[mask] = (1 - strength) * image_rgb[mask] + strength * np.array(rgb(colour), dtype=np.float32)
+
+
 def show_image(axes: Axes, image_rgb: NDArray[np.uint8]) -> None:
     """Draw an image so that data coordinates are its pixels (u, v); no ticks."""
     height, width = image_rgb.shape[:2]
@@ -171,12 +182,12 @@ def plan_axes(axes: Axes, *, x_m: tuple[float, float], y_m: tuple[float, float],
     axes.yaxis.set_major_locator(MultipleLocator(5))
     axes.tick_params(length=2, pad=2)
     if labels:
-        axes.set_xlabel("y (m), left of the host", labelpad=1.5)
-        axes.set_ylabel("x (m), ahead of the host", labelpad=1.5)
+        axes.set_xlabel("y (m), left of the ego vehicle", labelpad=1.5)
+        axes.set_ylabel("x (m), ahead of the ego vehicle", labelpad=1.5)
 
 
 def draw_vehicle(axes: Axes, outline_m: NDArray[np.float64]) -> None:
-    """Draw the host from its outline, (K, 2) in the vehicle frame, with an arrow in its direction of travel."""
+    """Draw the ego vehicle from its outline, (K, 2) in the vehicle frame, with an arrow in its direction of travel."""
     axes.add_patch(PolygonPatch(outline_m[:, ::-1], facecolor=LIGHT_GREY, edgecolor=BLACK, linewidth=0.9, zorder=5))
     low, high = outline_m.min(axis=0), outline_m.max(axis=0)
     (x, y), length = (low + high) / 2, high[0] - low[0]

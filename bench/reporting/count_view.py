@@ -24,10 +24,10 @@ from bench.reporting.canvas import (
     axes_at,
     faded,
     new_figure,
-    rgb,
     rgb_image,
     show_image,
     styled,
+    tint,
 )
 from bench.reporting.overlay import draw_outline, outlined, overlay_mask, place_labels
 
@@ -135,8 +135,7 @@ def _tinted(image_rgb: NDArray[np.uint8], classes: NDArray[np.uint8]) -> NDArray
     grey = faded(image_rgb, _BACKGROUND_STRENGTH).astype(np.float32)
     grey[classes == PixelClass.OUTSIDE] *= _OUTSIDE_STRENGTH
     for kind, colour in AREA_COLOURS.items():
-        area = classes == kind
-        grey[area] = (1 - _TINT) * grey[area] + _TINT * np.array(rgb(colour), dtype=np.float32)
+        tint(grey, classes == kind, colour, _TINT)
     return grey.astype(np.uint8)
 
 

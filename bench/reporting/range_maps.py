@@ -55,8 +55,8 @@ def draw_range_maps(range_maps: RangeMaps, *, vehicle_outline_m: NDArray[np.floa
             axes.tick_params(labelleft=c == 0, labelbottom=r == 1)
     tall_in, wide_in = 2 * panel_in + _GAP_Y_IN, len(classes) * (panel_in + _GAP_X_IN)
     across, up = (_LEFT_IN + (wide_in - _GAP_X_IN) / 2) / _WIDTH_IN, (_BOTTOM_IN + tall_in / 2) / full_in
-    figure.text(across, (_BOTTOM_IN - 0.3) / full_in, "y (m), left of the host", ha="center", va="center")
-    figure.text(0.1 / _WIDTH_IN, up, "x (m), ahead of the host", rotation=90, ha="center", va="center")
+    figure.text(across, (_BOTTOM_IN - 0.3) / full_in, "y (m), left of the ego vehicle", ha="center", va="center")
+    figure.text(0.1 / _WIDTH_IN, up, "x (m), ahead of the ego vehicle", rotation=90, ha="center", va="center")
     scale = ScalarMappable(norm=Normalize(vmin=0.0, vmax=100.0), cmap=COLOUR_MAP)
     bar = axes_at(figure, _LEFT_IN + wide_in, _BOTTOM_IN, 0.1, tall_in)
     figure.colorbar(scale, cax=bar, ticks=range(0, 101, 20)).set_label("detection rate (%)", labelpad=2)

@@ -353,6 +353,21 @@ def _false_shares(run: StoredRun, recordings: Sequence[str]) -> pd.DataFrame:
     return scored[IMAGE].assign(share=scored["fp_px"] / (scored["width"] * scored["height"]))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DrawnFrame:
+    """A picture of a changed frame.
+
+    Attributes:
+        title: that stands above it.
+        name: of its file.
+        jpeg: the file.
+    """
+
+    title: str
+    name: str
+    jpeg: bytes
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RunComparison:
     """One run against the first.
@@ -360,12 +375,14 @@ class RunComparison:
     Attributes:
         before: the run compared against.
         after: the other run.
-        images: how many each scored, and how many of these both did; all figures are of the last.
+        images: how many each scored, and how many of these both did; all values are of the last.
         methods: of both, with the settings in which they differ.
         rows: of the table.
         detections: gained and lost, by category and of all.
         frames: that changed most.
         notes: what a reader should know: on how many images the runs are compared, whether the data's files differ.
+        drawn: pictures of some of the frames.
+        remarks: why other pictures could not be made.
     """
 
     before: StoredRun
@@ -376,6 +393,8 @@ class RunComparison:
     detections: list[DetectionCounts]
     frames: list[ChangedFrame]
     notes: tuple[str, ...]
+    drawn: tuple[DrawnFrame, ...] = ()
+    remarks: tuple[str, ...] = ()
 
 
 def verdict_line(comparison: RunComparison) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -13,8 +13,8 @@ from bench.errors import BenchError
 from bench.harness import ProcessedFrame
 from bench.harness.frames import UnscorableFrame
 from bench.harness.replay import StoredFrames
-from bench.reporting.canvas import figure_bytes, new_figure, styled
-from bench.reporting.compare.changes import ChangedFrame, Kind, RunComparison
+from bench.reporting.canvas import figure_pixels, new_figure, styled
+from bench.reporting.compare.changes import ChangedFrame, DrawnFrame, Kind, RunComparison
 from bench.reporting.count_view import detected_pixels, draw_counts
 from bench.reporting.formats import shortened
 from bench.reporting.overlay import overlay_frame
@@ -25,29 +25,12 @@ _TITLE_IN, _HEAD_IN, _SIDE_IN = 0.34, 0.22, 3.5
 Picture = NDArray[np.uint8]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DrawnFrame:
-    """A picture of a changed frame.
-
-    Attributes:
-        frame: what it shows.
-        title: that stands above it.
-        name: of its file.
-        jpeg: the file.
-    """
-
-    frame: ChangedFrame
-    title: str
-    name: str
-    jpeg: bytes
-
-
 def draw_changed_frames(
     comparison: RunComparison,
     *,
     number: int,
     progress: Callable[[float, int], None] | None = None,
-) -> tuple[list[DrawnFrame], list[str]]:
+) -> RunComparison:
     """Draw the frames that changed most as both methods were scored on them.
 
     Args:
@@ -56,14 +39,14 @@ def draw_changed_frames(
         progress: called with the pictures done and their number.
 
     Returns:
-        The pictures, and a line for every reason why one could not be made.
+        The comparison with the pictures, and with a line for every reason why one could not be made.
     """
     chosen = [frame for kind in Kind for frame in [f for f in comparison.frames if f.kind is kind][:PICTURED]]
     try:
         runs = (comparison.before, comparison.after) if chosen else ()
         stored = [StoredFrames(run.folder, run.summary, run.protocol) for run in runs]
     except BenchError as error:
-        return [], [f"no pictures: {error}"]
+        return replace(comparison, remarks=(f"no pictures: {error}",))
     drawn, remarks = [], []
     for ordinal, frame in enumerate(chosen, start=1):
         name = f"{number:02d}-{ordinal:02d}-{frame.kind.value.replace(' ', '-')}.jpg"
@@ -73,10 +56,10 @@ def draw_changed_frames(
             remarks.append(f"no picture {name}: {error}")
             continue
         title = frame_title(frame)
-        drawn.append(DrawnFrame(frame=frame, title=title, name=name, jpeg=_compose(title, frame, sides, comparison)))
+        drawn.append(DrawnFrame(title=title, name=name, jpeg=_compose(title, frame, sides, comparison)))
         if progress is not None:
             progress(ordinal, len(chosen))
-    return drawn, remarks
+    return replace(comparison, drawn=tuple(drawn), remarks=tuple(remarks))
 
 
 def frame_title(frame: ChangedFrame) -> str:
@@ -96,7 +79,7 @@ def _compose(title: str, frame: ChangedFrame, sides: Sequence[ProcessedFrame], c
         if iou is not None:
             shares = f"coverage {100 * value:.1f} %, IoU {100 * iou:.1f} %"
         detected = detected_pixels(side)
-        areas = _decoded(figure_bytes(draw_counts(side.pixels, reference=side.reference, detected=detected), "png"))
+        areas = figure_pixels(draw_counts(side.pixels, reference=side.reference, detected=detected))
         overlay = overlay_frame(side.pixels, reference=side.reference, detected=detected)
         height = round(overlay.shape[0] * areas.shape[1] / overlay.shape[1])
         overlay = np.asarray(cv2.resize(overlay, (areas.shape[1], height), interpolation=cv2.INTER_AREA), np.uint8)
@@ -114,8 +97,4 @@ def _text(lines: Sequence[str], *, width_in: float, height_in: float, size: floa
     figure = new_figure(width_in, height_in)
     weight = "bold" if bold else "normal"
     figure.text(0.02, 0.5, "\n".join(lines), ha="left", va="center", fontsize=size, fontweight=weight)
-    return _decoded(figure_bytes(figure, "png"))
-
-
-def _decoded(png: bytes) -> Picture:
-    return np.asarray(cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR), np.uint8)
+    return figure_pixels(figure)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,7 @@ from bench.reporting.compare.changes import (
     verdict_line,
     verdict_text,
 )
-from bench.reporting.compare.pictures import DrawnFrame, draw_changed_frames, frame_title
+from bench.reporting.compare.pictures import draw_changed_frames, frame_title
 from bench.reporting.compare.runs import read_comparable
 from bench.reporting.formats import (
     csv_text,
@@ -69,19 +69,8 @@ _OTHERS = {
 }
 
 
-def to_markdown(
-    comparisons: Sequence[RunComparison],
-    *,
-    drawn: Sequence[Sequence[DrawnFrame]],
-    remarks: Sequence[Sequence[str]],
-) -> str:
-    """The comparison as GitHub's Markdown.
-
-    Args:
-        comparisons: of the first run with each of the others.
-        drawn: pictures of each.
-        remarks: what is to be said about the pictures of each.
-    """
+def to_markdown(comparisons: Sequence[RunComparison]) -> str:
+    """The first run with each of the others as GitHub's Markdown."""
     first = comparisons[0].before.summary
     title = f"{', '.join(c.after.label for c in comparisons)} against {comparisons[0].before.label}"
     compared = (
@@ -89,8 +78,8 @@ def to_markdown(
         f"({first.protocol.digest[:12]}), reference {first.reference_fingerprint[:12]}."
     )
     parts = [f"# {escape_markdown(title)}", escape_markdown(compared)]
-    for comparison, pictures, said in zip(comparisons, drawn, remarks, strict=True):
-        parts += _section(comparison, pictures, said)
+    for comparison in comparisons:
+        parts += _section(comparison)
     return "\n\n".join([*parts, NOTE]) + "\n"
 
 
@@ -120,7 +109,7 @@ def bounds(cell: MetricChange) -> str:
     return "" if cell.change.ci95 is None else " to ".join(points(end) for end in cell.change.ci95)
 
 
-def _section(comparison: RunComparison, drawn: Sequence[DrawnFrame], remarks: Sequence[str]) -> list[str]:
+def _section(comparison: RunComparison) -> list[str]:
     before, after = comparison.before.label, comparison.after.label
     parts = [
         f"## {escape_markdown(f'{after} against {before}')}",
@@ -135,10 +124,10 @@ def _section(comparison: RunComparison, drawn: Sequence[DrawnFrame], remarks: Se
         frames = [frame for frame in comparison.frames if frame.kind is kind]
         if frames:
             parts.append(_frames_table(kind, frames))
-    for picture in drawn:
+    for picture in comparison.drawn:
         title = escape_markdown(picture.title)
         parts += [f"**{title}**", f"![{title}](pictures/{picture.name})"]
-    return parts + [f"*{escape_markdown(remark)}*" for remark in remarks]
+    return parts + [f"*{escape_markdown(remark)}*" for remark in comparison.remarks]
 
 
 def _metrics(rows: Sequence[RowChange]) -> list[str]:
@@ -167,11 +156,9 @@ def _metric_table(rows: Sequence[RowChange], metric: str) -> str:
 
 
 def _detections(comparison: RunComparison) -> str:
-    labels: Mapping[str, str] = {row.name: row.label for row in comparison.rows}
-    lines = [
-        [labels[c.name], *(str(n) for n in (c.object_frames, c.before, c.after, c.gained, c.lost))]
-        for c in comparison.detections
-    ]
+    labels = {row.name: row.label for row in comparison.rows}
+    counted = [(c.name, (c.object_frames, c.before, c.after, c.gained, c.lost)) for c in comparison.detections]
+    lines = [[labels[name], *map(str, counts)] for name, counts in counted]
     headings = ("Type", "Object-frames", "detected before", "after", "newly detected", "newly missed")
     return f"**Object-frames gained and lost**\n\n{markdown_table(headings, lines)}"
 
@@ -179,14 +166,11 @@ def _detections(comparison: RunComparison) -> str:
 def _frames_table(kind: Kind, frames: Sequence[ChangedFrame]) -> str:
     names = [frame_title(frame).removeprefix(kind.value).lstrip(": ") for frame in frames]
     lines = [[name, hundredths(f.before), hundredths(f.after)] for name, f in zip(names, frames, strict=True)]
-    what = "coverage" if frames[0].track_id is not None else "share of the image"
-    which = (
-        f"largest first, one per object, at most {LISTED}" if frames[0].track_id is not None else "the image with most"
-    )
-    return (
-        f"**{kind.value.capitalize()}: {which}**\n\n"
-        f"{markdown_table(('Frame', f'{what} before, percent', 'after'), lines)}"
-    )
+    what, which = "share of the image", "the image with most"
+    if frames[0].track_id is not None:
+        what, which = "coverage", f"largest first, one per object, at most {LISTED}"
+    table = markdown_table(("Frame", f"{what} before, percent", "after"), lines)
+    return f"**{kind.value.capitalize()}: {which}**\n\n{table}"
 
 
 SCHEMA_VERSION = 1
@@ -236,12 +220,7 @@ def write_object_changes(file: Path, comparisons: Sequence[RunComparison]) -> No
                 changed[columns].to_csv(stream, header=False, index=False, lineterminator="\n")
 
 
-def to_json(
-    comparisons: Sequence[RunComparison],
-    *,
-    drawn: Sequence[Sequence[DrawnFrame]],
-    remarks: Sequence[Sequence[str]],
-) -> str:
+def to_json(comparisons: Sequence[RunComparison]) -> str:
     """Everything but the object-frames, at full precision; null where there is no number."""
     first = comparisons[0].before.summary
     content = {
@@ -251,15 +230,12 @@ def to_json(
         "split": first.split,
         "protocol": first.protocol.model_dump(),
         "reference_fingerprint": first.reference_fingerprint,
-        "comparisons": [
-            _json_comparison(comparison, pictures, said)
-            for comparison, pictures, said in zip(comparisons, drawn, remarks, strict=True)
-        ],
+        "comparisons": [_json_comparison(comparison) for comparison in comparisons],
     }
     return json_text(content)
 
 
-def _json_comparison(comparison: RunComparison, drawn: Sequence[DrawnFrame], remarks: Sequence[str]) -> dict[str, Any]:
+def _json_comparison(comparison: RunComparison) -> dict[str, Any]:
     return {
         "before": _json_run(comparison.before),
         "after": _json_run(comparison.after),
@@ -278,8 +254,8 @@ def _json_comparison(comparison: RunComparison, drawn: Sequence[DrawnFrame], rem
         ],
         "detections": [asdict(counts) for counts in comparison.detections],
         "changed_frames": [asdict(frame) for frame in comparison.frames],
-        "pictures": [{"file": f"pictures/{picture.name}", "title": picture.title} for picture in drawn],
-        "remarks": list(remarks),
+        "pictures": [{"file": f"pictures/{picture.name}", "title": picture.title} for picture in comparison.drawn],
+        "remarks": comparison.remarks,
     }
 
 
@@ -383,12 +359,10 @@ class WrittenComparison:
 
     Attributes:
         comparisons: the first run with each of the others, for the terminal.
-        remarks: about pictures that could not be made, or that do not show what was stored.
         files: paths, texts first.
     """
 
     comparisons: tuple[RunComparison, ...]
-    remarks: tuple[str, ...]
     files: tuple[Path, ...]
 
 
@@ -414,18 +388,15 @@ def write_comparison(
         UsageError: fewer than two runs, or runs that do not compare.
     """
     comparisons = compare_runs(read_comparable(folders))
-    drawn: list[list[DrawnFrame]] = []
-    remarks: list[list[str]] = []
-    for number, comparison in enumerate(comparisons, start=1):
-        made, said = draw_changed_frames(comparison, number=number, progress=progress) if pictures else ([], [])
-        drawn.append(made)
-        remarks.append(said)
+    if pictures:
+        numbered = enumerate(comparisons, start=1)
+        comparisons = [draw_changed_frames(found, number=number, progress=progress) for number, found in numbered]
     texts = {
-        "compare.md": to_markdown(comparisons, drawn=drawn, remarks=remarks),
+        "compare.md": to_markdown(comparisons),
         "compare.csv": to_csv(comparisons),
-        "compare.json": to_json(comparisons, drawn=drawn, remarks=remarks),
+        "compare.json": to_json(comparisons),
     }
-    shown = {picture.name: picture.jpeg for made in drawn for picture in made}
+    shown = {picture.name: picture.jpeg for comparison in comparisons for picture in comparison.drawn}
     for name, jpeg in shown.items():
         write_bytes(out / "pictures" / name, jpeg)
     write_texts(out, texts)
@@ -435,6 +406,5 @@ def write_comparison(
             old.unlink()
     return WrittenComparison(
         comparisons=tuple(comparisons),
-        remarks=tuple(line for said in remarks for line in said),
         files=(*(out / name for name in NAMES), *(out / "pictures" / name for name in shown)),
     )

@@ -22,7 +22,7 @@ from bench.evaluation.maps import THRESHOLDS, CoverageCurve, coverage_curves, ra
 from bench.harness import read_image_maps
 from bench.recordings.atomic import write_bytes
 from bench.reference import Category
-from bench.reporting.canvas import GREY, VERMILION, figure_bytes, new_figure, styled
+from bench.reporting.canvas import GREY, VERMILION, figure_bytes, figure_pixels, new_figure, styled
 from bench.reporting.formats import LABELS
 from bench.reporting.range_maps import draw_range_maps
 from bench.reporting.stored_run import StoredRun, read_stored_run
@@ -72,11 +72,10 @@ def jpeg_uri(image: NDArray[np.uint8]) -> str:
 
 def figure_uri(figure: Figure, *, scale: float = 1.0) -> str:
     """A figure as a `data:` address, for pictures with photographs in them."""
-    image = cv2.imdecode(np.frombuffer(figure_bytes(figure, "png"), dtype=np.uint8), cv2.IMREAD_COLOR)
-    assert image is not None, "matplotlib writes PNG"
+    image = figure_pixels(figure)
     if scale != 1.0:
-        image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    return jpeg_uri(np.asarray(image, dtype=np.uint8))
+        image = np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    return jpeg_uri(image)
 
 
 CURVE = "#2a8cc4"  # reads on white and on black
