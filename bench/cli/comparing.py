@@ -17,8 +17,8 @@ def compare(runs: Sequence[Path], *, out: Path | None, pictures: bool) -> None:
     """Compare the first run with each of the others; print tables, verdicts and files."""
     folder = out or RUNS / f"compare-{'-'.join(run.resolve().name for run in runs)}"
     with progress_bar("drawing what changed", "pictures") as report:
-        written = write_comparison(runs, folder, pictures=pictures, progress=report)
-    for comparison in written.comparisons:
+        comparisons, files = write_comparison(runs, folder, pictures=pictures, progress=report)
+    for comparison in comparisons:
         show(to_rich(comparison))
         counts = comparison.detections[-1]
         say(f"{counts.object_frames} object-frames, detected: {counts.before} before, {counts.after} after; "
@@ -27,10 +27,10 @@ def compare(runs: Sequence[Path], *, out: Path | None, pictures: bool) -> None:
             say(note)
         say(verdict_line(comparison), style="bold")
         say(category_line(comparison))
-    for comparison in written.comparisons:
+    for comparison in comparisons:
         for remark in comparison.remarks:
             say(remark, style="red")
-    for file in written.files:
+    for file in files:
         say(str(file))
 
 

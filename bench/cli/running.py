@@ -193,7 +193,7 @@ class RunReport:
 
     def write(self, results: Path, summary: RunSummary) -> None:
         """Write the report of new results and draw their pictures."""
-        written = write_report_files(results)
+        rows, files = write_report_files(results)
         drawn: list[Path] = []
         if self.pictures:
             with progress_bar("drawing", "pictures") as progress:
@@ -204,9 +204,9 @@ class RunReport:
                     protocol=self.protocol or read_protocol(results, summary),
                     progress=progress,
                 )
-        self._rows = written.rows
-        files = (results / "summary.json", *written.files, *drawn)
-        self._files = [file.relative_to(results).as_posix() for file in files]
+        self._rows = tuple(rows)
+        every = (results / "summary.json", *files, *drawn)
+        self._files = [file.relative_to(results).as_posix() for file in every]
 
     def print(self, summary: RunSummary, where: Destination) -> None:
         """Print the table, what became of the images, the cost, and where everything is."""

@@ -118,7 +118,7 @@ def to_markdown(verdict: Verdict, *, largest_bytes: int = LARGEST_BYTES) -> str:
     """The verdict as Markdown, failures first, cut after a whole row where it would be too large.
 
     Args:
-        verdict: to be told.
+        verdict: of a run.
         largest_bytes: of the text in UTF-8; what the file already holds is the caller's to subtract.
 
     Returns:
@@ -199,7 +199,7 @@ def to_rich(verdict: Verdict) -> Table:
     return table
 
 
-def told_lines(verdict: Verdict) -> list[tuple[str, str]]:
+def remark_lines(verdict: Verdict) -> list[tuple[str, str]]:
     """A line and its style for each check that did not pass, then for each reason not to judge."""
     told = [check for check in verdict.checks if check.outcome is not Outcome.PASSED]
     lines = [(f"{check.outcome}: {check.message}", STYLES[check.outcome]) for check in told]

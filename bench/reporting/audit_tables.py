@@ -23,17 +23,7 @@ from bench.audit import (
 from bench.evaluation import Figure, ObjectFigures
 from bench.plain_text import escape_markdown, plain
 from bench.reference import Category
-from bench.reporting.formats import (
-    INTERVALS,
-    LABELS,
-    TextTable,
-    count,
-    csv_text,
-    hundredths,
-    markdown_table,
-    short_interval,
-    terminal_table,
-)
+from bench.reporting import formats
 from bench.reporting.tables import COVERAGES
 
 COMPENSATIONS = {
@@ -53,21 +43,21 @@ def share(part: int, whole: int) -> str:
     return f"{100 * part / whole:.1f}" if whole else "n/a"
 
 
-def polygon_table(audit: AuditSummary) -> TextTable:
+def polygon_table(audit: AuditSummary) -> formats.TextTable:
     """Every kind side by side, by class and range."""
     found = {(p.object_class, p.range_m, p.kind): p for p in audit.polygons if p.compensation == Compensation.FULL}
-    places = list(dict.fromkeys((name, range_m) for name, range_m, _ in found))
+    slices = dict.fromkeys((name, range_m) for name, range_m, _ in found)
     rows = []
-    for name, range_m in places:
+    for name, range_m in slices:
         cells = [_polygon_cells(found.get((name, range_m, kind))) for kind in audit.polygon_kinds]
         frames = max(p.object_frames for (n, r, _), p in found.items() if (n, r) == (name, range_m))
         limit = next(p.solid.median for (n, r, _), p in found.items() if (n, r) == (name, range_m))
         rows.append((name, range_m, str(frames), *(cell for part in cells for cell in part), f"{100 * limit:.0f}"))
     headings = [f"{kind} {what}" for kind in audit.polygon_kinds for what in ("IoU %", "area %")]
-    return TextTable(
+    return formats.TextTable(
         title="How well the reference polygons cover what the camera sees",
         headings=("Class", "Range m", "Frames", *headings, "Filled IoU %"),
-        rows=tuple(rows),
+        rows=rows,
         note="IoU of each polygon, within V and less the nearer polygons, with the exact mask of its object: median "
         "(quartiles). Area: how much too large (+) or too small (-), median. Filled: IoU of the exact mask with its "
         "own filled outline, median: a polygon without holes does hardly better, and one sees through a bicycle. The "
@@ -76,9 +66,9 @@ def polygon_table(audit: AuditSummary) -> TextTable:
     )
 
 
-def aim_table(audit: AuditSummary) -> TextTable:
+def aim_table(audit: AuditSummary) -> formats.TextTable:
     """Which classes reach the aim."""
-    return TextTable(
+    return formats.TextTable(
         title="The aim for polygons that follow the outline",
         headings=("Kind", "Class", "Frames", "Median IoU", "Aim", "Verdict", "IoU, filled"),
         rows=tuple(
@@ -91,25 +81,23 @@ def aim_table(audit: AuditSummary) -> TextTable:
     )  # fmt: skip
 
 
-def compensation_table(audit: AuditSummary) -> TextTable:
+def compensation_table(audit: AuditSummary) -> formats.TextTable:
     """Every kind and compensation, by class."""
     found = {(p.kind, p.compensation, p.object_class): p for p in audit.polygons if p.range_m == ALL}
     classes = list(dict.fromkeys(name for _, _, name in found))
     rows = []
     for kind in audit.polygon_kinds:
         for compensation, label in COMPENSATIONS.items():
-            parts = [found.get((kind, compensation.value, name)) for name in classes]
-            cells = [
-                text
-                for part in parts
-                for text in (("", "") if part is None else (decimal(part.iou.median), decimal(part.boundary_px.median)))
-            ]
-            rows.append((kind, label, *cells))
+            row = [kind, label]
+            for name in classes:
+                part = found.get((kind, compensation.value, name))
+                row += ["", ""] if part is None else [decimal(part.iou.median), decimal(part.boundary_px.median)]
+            rows.append(row)
     headings = [f"{name} {what}" for name in classes for what in ("IoU", "edge px")]
-    return TextTable(
+    return formats.TextTable(
         title="What motion compensation is worth",
         headings=("Kind", "Compensation", *headings),
-        rows=tuple(rows),
+        rows=rows,
         note="Medians over all ranges; edge: mean distance between the two outlines. Compensation: which motion "
         "between a lidar point and the exposure is undone; the last is what the benchmark does.",
         labels=2,
@@ -138,7 +126,7 @@ SCORINGS = {
 RATES = {"detection_rate": "Detection", "detection_rate_50": "Detection at 50 %"}
 
 
-def score_table(audit: AuditSummary) -> TextTable:
+def score_table(audit: AuditSummary) -> formats.TextTable:
     """One line per kind of motion and scoring, then the false positives."""
     first = next(iter(audit.scores.values()))
     rates = {name: heading for name, heading in RATES.items() if name in first.all_moving.figure_names()}
@@ -148,37 +136,33 @@ def score_table(audit: AuditSummary) -> TextTable:
             continue
         for scoring, scores in audit.scores.items():
             cells = _cells(scores.categories[category], rates)
-            rows.append((LABELS[Category(category)], SCORINGS[Scoring(scoring)], *cells))
+            rows.append((formats.LABELS[Category(category)], SCORINGS[Scoring(scoring)], *cells))
     for scoring, scores in audit.scores.items():
         false = scores.false_positives
         blank = [""] * (len(rates) + len(COVERAGES) - 1)
-        head = "False positives", SCORINGS[Scoring(scoring)], count(false.recordings), str(false.frames)
+        head = "False positives", SCORINGS[Scoring(scoring)], formats.count(false.recordings), str(false.frames)
         rows.append((*head, _metric(false.coverage), *blank))
-    return TextTable(
+    return formats.TextTable(
         title="What the reference, the ego-motion and the flow do to the score, in percent",
         headings=("Type", "Scored", "Recordings", "Frames", *rates.values(), *COVERAGES.values()),
-        rows=tuple(rows),
+        rows=rows,
         note="The same object-frames in all lines of a type; types without any are left out. Lidar polygons: the "
         "benchmark. Exact masks: the same detections. Exact motion: ego-motion, calibration and road are exact, the "
         "flow is estimated. Exact flow: nothing is estimated, the method's own limit; the flow is that of each cell's "
         "centre. Perfect cells: every cell whose centre shows a moving object and no other, the limit of the grid. "
-        f"False positives: area of the image. {INTERVALS}",
+        f"False positives: area of the image. {formats.INTERVALS}",
         labels=2,
     )
 
 
-def _cells(row: ObjectFigures, rates: dict[str, str]) -> tuple[str, ...]:
-    plain = [_metric(row.figure(name), with_interval=False) for name in rates]
-    return (
-        str(row.recordings),
-        str(row.object_frames),
-        *plain,
-        *(_metric(row.figure(name), with_interval=name != "tpr") for name in COVERAGES),
-    )
+def _cells(row: ObjectFigures, rates: dict[str, str]) -> list[str]:
+    cells = [str(row.recordings), str(row.object_frames)]
+    cells += [_metric(row.figure(name), with_interval=False) for name in rates]
+    return cells + [_metric(row.figure(name), with_interval=name != "tpr") for name in COVERAGES]
 
 
 def _metric(metric: Figure, *, with_interval: bool = True) -> str:
-    return f"{hundredths(metric.value)} {short_interval(metric) if with_interval else ''}".rstrip()
+    return f"{formats.hundredths(metric.value)} {formats.short_interval(metric) if with_interval else ''}".rstrip()
 
 
 MISSES = {
@@ -200,13 +184,13 @@ FALSE_ALARMS = {
 }
 
 
-def miss_table(audit: AuditSummary) -> TextTable:
+def miss_table(audit: AuditSummary) -> formats.TextTable:
     """One line per kind of motion, then all."""
     rows = [_miss_cells(row) for row in audit.misses if row.cells]
-    return TextTable(
+    return formats.TextTable(
         title="Why cells of moving objects are missed, in percent of the missed ones",
         headings=("Type", "Frames", "Cells", "Found %", "by error %", *MISSES.values(), "flow error px"),
-        rows=tuple(rows),
+        rows=rows,
         note="Cells of the exact masks. By error: share of all cells that are found although the exact flow fires "
         "nothing there. Blind: the exact flow with exact ego-motion fires nothing either, since the motion lies in the "
         "epipolar plane or the deviation stays below the threshold; above the horizon no height constraint can help. "
@@ -219,16 +203,16 @@ def miss_table(audit: AuditSummary) -> TextTable:
 def _miss_cells(row: MissFigures) -> tuple[str, ...]:
     shares = [share(row.causes[cause.value], row.missed) for cause in MISSES]
     found = [share(row.hit, row.cells), share(row.hit_by_error, row.cells)]
-    label = "All moving" if row.category == ALL else LABELS[Category(row.category)]
+    label = "All moving" if row.category == ALL else formats.LABELS[Category(row.category)]
     return (label, str(row.object_frames), str(row.cells), *found, *shares, decimal(row.flow_error_px.median))
 
 
-def false_alarm_table(audit: AuditSummary) -> TextTable:
+def false_alarm_table(audit: AuditSummary) -> formats.TextTable:
     """One line."""
     row = audit.false_alarms
     assert row is not None, "asked for only where there is exact flow"
     shares = [share(row.causes[cause.value], row.flagged) for cause in FALSE_ALARMS]
-    return TextTable(
+    return formats.TextTable(
         title="Why cells of the static world are flagged, in percent of the flagged ones",
         headings=("Images", "Cells", "Flagged %", *FALSE_ALARMS.values(), "flow error px"),
         rows=(
@@ -242,7 +226,7 @@ def false_alarm_table(audit: AuditSummary) -> TextTable:
     )  # fmt: skip
 
 
-def audit_tables(audit: AuditSummary) -> tuple[TextTable, ...]:
+def audit_tables(audit: AuditSummary) -> tuple[formats.TextTable, ...]:
     """Polygons by class and range, the aim, compensation, scores; missed cells and false alarms by exact flow."""
     tables = [polygon_table(audit), aim_table(audit), compensation_table(audit), score_table(audit)]
     if audit.false_alarms is not None:
@@ -262,17 +246,17 @@ def to_markdown(audit: AuditSummary) -> str:
     if audit.left_out:
         head.append(f"Without exact flow: {escape_markdown(audit.left_out)}.")
     for table in audit_tables(audit):
-        cells = markdown_table(table.headings, table.rows, labels=table.labels, rules=("---", "---:"))
+        cells = formats.markdown_table(table.headings, table.rows, labels=table.labels, rules=("---", "---:"))
         head += [f"## {table.title}", cells, table.note]
     return "\n\n".join(head) + "\n"
 
 
-_COLUMNS = ("table", "kind", "compensation", "slice", "range_m", "figure", "cases", "value")
+_COLUMNS = ["table", "kind", "compensation", "slice", "range_m", "figure", "cases", "value"]
 
 
 def to_csv(audit: AuditSummary) -> str:
     """One line per metric, at full precision; empty where there is no number."""
-    return csv_text(list(_csv_rows(audit)), _COLUMNS)
+    return formats.csv_text(list(_csv_rows(audit)), _COLUMNS)
 
 
 def _csv_rows(audit: AuditSummary) -> Iterator[dict[str, object]]:
@@ -311,15 +295,15 @@ _WIDEST = 8  # columns of a table that a terminal holds
 
 def to_rich(audit: AuditSummary) -> Iterator[tuple[Table, str]]:
     """The tables for a console of at least 110 columns, each with its note; nothing is printed here."""
-    for told in audit_tables(audit):
-        rotated = told.labels < 2 and len(told.headings) > _WIDEST
-        headings, rows = told.headings, told.rows
+    for item in audit_tables(audit):
+        rotated = item.labels < 2 and len(item.headings) > _WIDEST
+        headings, rows = item.headings, item.rows
         if rotated:  # rows for columns
-            columns = list(zip(told.headings, *told.rows, strict=True))
-            headings, rows = (columns[0], columns[1:]) if told.labels else (("", ""), columns)
+            columns = list(zip(item.headings, *item.rows, strict=True))
+            headings, rows = (columns[0], columns[1:]) if item.labels else (("", ""), columns)
             headings = ("", *headings[1:])
-        table = terminal_table(told.title)
-        words = max(told.labels, 1)
+        table = formats.terminal_table(item.title)
+        words = max(item.labels, 1)
         for number, heading in enumerate(map(plain, headings)):
             table.add_column(
                 Text(heading if number < words else heading.replace(" ", "\n", 1)),
@@ -330,4 +314,4 @@ def to_rich(audit: AuditSummary) -> Iterator[tuple[Table, str]]:
         for row in rows:
             table.add_row("" if row[0] == before else row[0], *row[1:])
             before = row[0]
-        yield table, told.note
+        yield table, item.note

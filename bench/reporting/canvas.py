@@ -45,10 +45,6 @@ PURPLE = "#cc79a7"
 GREY = "#999999"
 LIGHT_GREY = "#d9d9d9"
 
-TRUE_POSITIVE = GREEN
-FALSE_NEGATIVE = SKY_BLUE
-FALSE_POSITIVE = VERMILION
-
 # Never the green of a mask; orange and vermilion do not meet, since the ego vehicle is either stationary or moves.
 CATEGORY_COLOURS = {
     Category.CROSSING: YELLOW,

@@ -16,19 +16,7 @@ from bench.errors import ShapeError
 from bench.evaluation.counts import ObjectCounts, count_frame
 from bench.harness import ProcessedFrame
 from bench.reference.records import ReferenceFrame
-from bench.reporting.canvas import (
-    FALSE_NEGATIVE,
-    FALSE_POSITIVE,
-    GREY,
-    TRUE_POSITIVE,
-    axes_at,
-    faded,
-    new_figure,
-    rgb_image,
-    show_image,
-    styled,
-    tint,
-)
+from bench.reporting import canvas
 from bench.reporting.overlay import draw_outline, outlined, overlay_mask, place_labels
 
 WIDTH_IN = 3.5
@@ -48,9 +36,9 @@ class PixelClass(IntEnum):
 
 
 AREA_COLOURS = {
-    PixelClass.TRUE_POSITIVE: TRUE_POSITIVE,
-    PixelClass.FALSE_NEGATIVE: FALSE_NEGATIVE,
-    PixelClass.FALSE_POSITIVE: FALSE_POSITIVE,
+    PixelClass.TRUE_POSITIVE: canvas.GREEN,
+    PixelClass.FALSE_NEGATIVE: canvas.SKY_BLUE,
+    PixelClass.FALSE_POSITIVE: canvas.VERMILION,
 }
 
 
@@ -94,7 +82,7 @@ def overlay_counts(processed: ProcessedFrame) -> NDArray[np.uint8]:
     return tinted
 
 
-@styled
+@canvas.styled
 def draw_counts(
     image: NDArray[np.uint8],
     *,
@@ -118,9 +106,9 @@ def draw_counts(
     classes = pixel_classes(reference, detected=detected)
     picture_in = WIDTH_IN - 2 * _MARGIN_IN
     full_in = _TITLE_IN + picture_in * height / width + _LEGEND_IN
-    figure = new_figure(WIDTH_IN, full_in)
-    axes = axes_at(figure, _MARGIN_IN, _LEGEND_IN, picture_in, full_in - _TITLE_IN - _LEGEND_IN)
-    show_image(axes, _tinted(rgb_image(image), classes))
+    figure = canvas.new_figure(WIDTH_IN, full_in)
+    axes = canvas.axes_at(figure, _MARGIN_IN, _LEGEND_IN, picture_in, full_in - _TITLE_IN - _LEGEND_IN)
+    canvas.show_image(axes, _tinted(canvas.rgb_image(image), classes))
     _hatch_ignored(axes, classes)
     frame, objects = count_frame(reference, detected, component_size_px=0)
     _outline_objects(axes, reference, objects)
@@ -132,10 +120,10 @@ def draw_counts(
 
 
 def _tinted(image_rgb: NDArray[np.uint8], classes: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    grey = faded(image_rgb, _BACKGROUND_STRENGTH).astype(np.float32)
+    grey = canvas.faded(image_rgb, _BACKGROUND_STRENGTH).astype(np.float32)
     grey[classes == PixelClass.OUTSIDE] *= _OUTSIDE_STRENGTH
     for kind, colour in AREA_COLOURS.items():
-        tint(grey, classes == kind, colour, _TINT)
+        canvas.tint(grey, classes == kind, colour, _TINT)
     return grey.astype(np.uint8)
 
 
@@ -166,10 +154,10 @@ def _label(track_id: str, count: ObjectCounts) -> str:
 
 def _legend() -> list[Patch | Line2D]:
     return [
-        Patch(color=TRUE_POSITIVE, label="TP, true positive"),
-        Patch(color=FALSE_NEGATIVE, label="FN, false negative"),
-        Patch(color=FALSE_POSITIVE, label="FP, false positive"),
-        Line2D([], [], color=GREY, linestyle="--", linewidth=1.2, label="reference polygon"),
+        Patch(color=canvas.GREEN, label="TP, true positive"),
+        Patch(color=canvas.SKY_BLUE, label="FN, false negative"),
+        Patch(color=canvas.VERMILION, label="FP, false positive"),
+        Line2D([], [], color=canvas.GREY, linestyle="--", linewidth=1.2, label="reference polygon"),
         Patch(facecolor="white", edgecolor="#404040", hatch="//////", linewidth=0.4, label="ignored"),
         Patch(color="#404040", label="not evaluated"),
     ]

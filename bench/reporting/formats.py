@@ -147,7 +147,7 @@ def number_columns(table: Table, headings: Iterable[str], *, min_width: int | No
 
 
 def csv_text(
-    rows: Sequence[Mapping[str, object]] | Sequence[Sequence[object]], columns: Sequence[str] | None = None
+    rows: Sequence[Mapping[str, object]] | Sequence[Sequence[object]], columns: list[str] | None = None
 ) -> str:
     """One line per row, numbers at full precision; empty for NaN, None, and what a row does not have.
 
@@ -155,8 +155,7 @@ def csv_text(
         rows: by name of the column, or in the order of the columns.
         columns: their names; None for those of the rows.
     """
-    names = None if columns is None else list(columns)
-    text: str = pd.DataFrame(list(rows), columns=names, dtype=object).to_csv(index=False, lineterminator="\n")
+    text: str = pd.DataFrame(list(rows), columns=columns, dtype=object).to_csv(index=False, lineterminator="\n")
     return text
 
 

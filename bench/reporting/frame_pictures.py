@@ -23,20 +23,7 @@ from bench.harness import FramePipeline, ProcessedFrame
 from bench.recordings.atomic import write_bytes
 from bench.reference import Category, ReferenceObject, Status
 from bench.reference.records import ObjectGeometry
-from bench.reporting.canvas import (
-    DPI,
-    ORANGE,
-    SKY_BLUE,
-    VERMILION,
-    axes_at,
-    draw_vehicle,
-    figure_bytes,
-    new_figure,
-    plan_axes,
-    rgb_image,
-    show_image,
-    styled,
-)
+from bench.reporting import canvas
 from bench.reporting.count_view import detected_pixels, draw_counts
 from bench.reporting.overlay import draw_outline, outlined, overlay_frame
 from bench.reporting.panels import draw_panels
@@ -68,7 +55,7 @@ class ClusterView:
     title: str = ""
 
 
-@styled
+@canvas.styled
 def draw_cluster(view: ClusterView) -> Figure:
     """Draw the point cloud from above on the left and the image on the right.
 
@@ -79,9 +66,9 @@ def draw_cluster(view: ClusterView) -> Figure:
     # The square plan and the image share one height and fill the width.
     side_in = (_WIDTH_IN - _LEFT_IN - _GAP_IN - _RIGHT_IN) / (1 + width / height)
     full_in = side_in + _BOTTOM_IN + _TOP_IN
-    figure = new_figure(_WIDTH_IN, full_in)
-    plan = axes_at(figure, _LEFT_IN, _BOTTOM_IN, side_in, side_in)
-    picture = axes_at(figure, _LEFT_IN + side_in + _GAP_IN, _BOTTOM_IN, side_in * width / height, side_in)
+    figure = canvas.new_figure(_WIDTH_IN, full_in)
+    plan = canvas.axes_at(figure, _LEFT_IN, _BOTTOM_IN, side_in, side_in)
+    picture = canvas.axes_at(figure, _LEFT_IN + side_in + _GAP_IN, _BOTTOM_IN, side_in * width / height, side_in)
     _draw_plan(plan, view)
     _draw_picture(picture, view)
     plan.set_title("(a) point cloud from above", pad=3)
@@ -93,20 +80,20 @@ def _draw_plan(axes: Axes, view: ClusterView) -> None:
     found = view.geometry
     around, cluster, outline_m = found.surroundings_vehicle, found.cluster_vehicle, found.outline_m
     axes.scatter(around[:, 1], around[:, 0], s=0.4, c=_CLOUD, linewidths=0, rasterized=True)
-    axes.scatter(cluster[:, 1], cluster[:, 0], s=2.5, c=SKY_BLUE, linewidths=0, zorder=4.5, rasterized=True)
+    axes.scatter(cluster[:, 1], cluster[:, 0], s=2.5, c=canvas.SKY_BLUE, linewidths=0, zorder=4.5, rasterized=True)
     if len(outline_m):
-        axes.add_patch(PolygonPatch(outline_m[:, ::-1], fill=False, edgecolor=ORANGE, linewidth=1.3, zorder=4))
-    draw_vehicle(axes, view.vehicle_outline_m)
+        axes.add_patch(PolygonPatch(outline_m[:, ::-1], fill=False, edgecolor=canvas.ORANGE, linewidth=1.3, zorder=4))
+    canvas.draw_vehicle(axes, view.vehicle_outline_m)
     corners = [part for part in (cluster[:, :2], outline_m, view.vehicle_outline_m) if len(part)]
     low, high = np.concatenate(corners).min(axis=0), np.concatenate(corners).max(axis=0)
     half_m = (high - low).max() / 2 + _SURROUNDINGS_M
     (x, y) = (low + high) / 2
-    plan_axes(axes, x_m=(x - half_m, x + half_m), y_m=(y - half_m, y + half_m))
+    canvas.plan_axes(axes, x_m=(x - half_m, x + half_m), y_m=(y - half_m, y + half_m))
 
 
 def _draw_picture(axes: Axes, view: ClusterView) -> None:
-    image = rgb_image(view.image)
-    show_image(axes, image)
+    image = canvas.rgb_image(view.image)
+    canvas.show_image(axes, image)
     height, width = image.shape[:2]
     _draw_cluster_pixels(axes, view)
     u_min, v_min, u_max, v_max = view.polygon.bounds
@@ -117,14 +104,14 @@ def _draw_picture(axes: Axes, view: ClusterView) -> None:
 def _draw_cluster_pixels(axes: Axes, view: ClusterView) -> None:
     seen = view.geometry.pixels[np.isfinite(view.geometry.pixels).all(axis=1)]
     size = _dot_size(axes, view.polygon, len(seen))
-    axes.scatter(seen[:, 0], seen[:, 1], s=size, c=SKY_BLUE, linewidths=0, zorder=3, rasterized=True)
-    draw_outline(axes, view.polygon, colour=VERMILION, width=1.1).set_zorder(3.5)
+    axes.scatter(seen[:, 0], seen[:, 1], s=size, c=canvas.SKY_BLUE, linewidths=0, zorder=3, rasterized=True)
+    draw_outline(axes, view.polygon, colour=canvas.VERMILION, width=1.1).set_zorder(3.5)
 
 
 def _dot_size(axes: Axes, polygon: Polygon, dots: int) -> float:
     """Area of a dot, points squared, so that the dots leave most of the object to be seen."""
     origin, corner = axes.transData.transform([(0.0, 0.0), (1.0, 1.0)])
-    points_per_px = abs(corner[0] - origin[0]) * 72.0 / DPI
+    points_per_px = abs(corner[0] - origin[0]) * 72.0 / canvas.DPI
     return float(np.clip(_DOT_SHARE * polygon.area * points_per_px**2 / max(dots, 1), *_DOT_SIZES))
 
 
@@ -138,7 +125,7 @@ def _draw_inset(axes: Axes, view: ClusterView, image: NDArray[np.uint8]) -> None
     left = 0.01 if u > width / 2 else 0.99 - _INSET_SHARE
     bottom = 0.01 if v < height / 2 else 0.99 - _INSET_SHARE
     inset = axes.inset_axes((left, bottom, _INSET_SHARE, _INSET_SHARE))
-    show_image(inset, image)
+    canvas.show_image(inset, image)
     inset.set(xlim=(u - half_u, u + half_u), ylim=(v + half_v, v - half_v))
     _draw_cluster_pixels(inset, view)
     corner = (u - half_u, v - half_v)
@@ -162,14 +149,14 @@ def write_frame_pictures(processed: ProcessedFrame, pipeline: FramePipeline, fol
     panels = draw_panels(image, segmentation=processed.segmentation, reference=reference)
     overlay = overlay_frame(image, reference=reference, detected=detected)
     pictures = {
-        "panels": figure_bytes(panels, "png"),
-        "areas": figure_bytes(draw_counts(image, reference=reference, detected=detected), "png"),
+        "panels": canvas.figure_bytes(panels, "png"),
+        "areas": canvas.figure_bytes(draw_counts(image, reference=reference, detected=detected), "png"),
         "overlay": cv2.imencode(".png", overlay)[1].tobytes(),
     }
     for found, polygon in outlined(reference.objects):
         if processed.image.moving_path is None:
             view = _cluster_view(found, polygon, processed, pipeline)
-            pictures[f"cluster-{_file_name(found.track_id)}"] = figure_bytes(draw_cluster(view), "png")
+            pictures[f"cluster-{_file_name(found.track_id)}"] = canvas.figure_bytes(draw_cluster(view), "png")
     for name, content in pictures.items():
         write_bytes(folder / f"{name}.png", content)
     return tuple(folder / f"{name}.png" for name in pictures)
@@ -192,7 +179,7 @@ def _cluster_view(
     )
 
 
-def telling_frames(objects: Rows) -> dict[Category, tuple[str, str, int]]:
+def example_frames(objects: Rows) -> dict[Category, tuple[str, str, int]]:
     """For every category the frame in which an object of it fills most pixels: recording, camera, timestamp_ns.
 
     Args:

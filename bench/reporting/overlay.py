@@ -130,12 +130,12 @@ def place_labels(axes: Axes, polygons: Sequence[Polygon], texts: Sequence[str]) 
         label = axes.text(0, 0, plain(text), fontsize=size, color="white", ha="left", va="bottom", zorder=10)
         label.set_path_effects([effect(linewidth=1.4, foreground="black") for effect in (Stroke, withStroke)])
         others = [Bbox.from_extents(*other.bounds) for other in polygons if other is not polygon]
-        placed.append(_settle(axes, label, polygon, taken=placed, shunned=others))
+        placed.append(_place_label(axes, label, polygon, taken=placed, avoided=others))
         labels.append(label)
     return labels
 
 
-def _settle(axes: Axes, label: Text, polygon: Polygon, *, taken: Sequence[Bbox], shunned: Sequence[Bbox]) -> Bbox:
+def _place_label(axes: Axes, label: Text, polygon: Polygon, *, taken: Sequence[Bbox], avoided: Sequence[Bbox]) -> Bbox:
     """Move the label to the first free position and return the box it covers, in data coordinates."""
     extent = label.get_window_extent().transformed(axes.transData.inverted())
     width, height = abs(extent.width), abs(extent.height)
@@ -152,7 +152,7 @@ def _settle(axes: Axes, label: Text, polygon: Polygon, *, taken: Sequence[Bbox],
     v = float(np.clip((v_min + v_max + height) / 2, top + height, bottom))
     inside = Bbox.from_extents(sides[0], v - height, sides[0] + width, v)
     free = [box for box in boxes if not any(box.overlaps(other) for other in taken)]
-    clear = (box for box in free if not any(box.overlaps(other) for other in shunned))
+    clear = (box for box in free if not any(box.overlaps(other) for other in avoided))
     chosen = next(clear, free[0] if free else inside)
     label.set_position((chosen.x0, chosen.y1))
     return chosen

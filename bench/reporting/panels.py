@@ -15,17 +15,7 @@ from numpy.typing import NDArray
 
 from bench.methods.contract import Segmentation
 from bench.reference.records import ReferenceFrame
-from bench.reporting.canvas import (
-    GREEN,
-    LIGHT_GREY,
-    axes_at,
-    faded,
-    new_figure,
-    rgb,
-    rgb_image,
-    show_image,
-    styled,
-)
+from bench.reporting import canvas
 from bench.reporting.overlay import draw_references
 
 LIKELIHOOD_SATURATION = 0.02  # the paper's figure 6
@@ -56,7 +46,7 @@ class _Panel:
     unit: str = ""
 
 
-@styled
+@canvas.styled
 def draw_panels(image: NDArray[np.uint8], *, segmentation: Segmentation, reference: ReferenceFrame) -> Figure:
     """Draw a frame as a column of panels, one for everything that the method shows of its work.
 
@@ -71,10 +61,10 @@ def draw_panels(image: NDArray[np.uint8], *, segmentation: Segmentation, referen
     panels = list(_panels(image, segmentation, reference))
     height_in = _WIDTH_IN * image.shape[0] / image.shape[1]
     full_in = _TOP_IN + len(panels) * height_in + (len(panels) - 1) * _GAP_IN + _BOTTOM_IN
-    figure = new_figure(_LEFT_IN + _WIDTH_IN + _RIGHT_IN, full_in)
+    figure = canvas.new_figure(_LEFT_IN + _WIDTH_IN + _RIGHT_IN, full_in)
     for number, panel in enumerate(panels):
         bottom_in = full_in - _TOP_IN - number * (height_in + _GAP_IN) - height_in
-        axes = axes_at(figure, _LEFT_IN, bottom_in, _WIDTH_IN, height_in)
+        axes = canvas.axes_at(figure, _LEFT_IN, bottom_in, _WIDTH_IN, height_in)
         panel.draw(axes)
         if number == 0:
             axes.set_title(f"{reference.camera}, {reference.timestamp_ns / 1e9:.2f} s", pad=3, fontsize=7)
@@ -89,7 +79,7 @@ def draw_panels(image: NDArray[np.uint8], *, segmentation: Segmentation, referen
 def _draw_colour_bar(figure: Figure, panel: _Panel, bottom_in: float, height_in: float) -> None:
     assert panel.saturation is not None
     scale = ScalarMappable(norm=Normalize(vmin=0.0, vmax=panel.saturation), cmap=panel.colour_map)
-    axes = axes_at(figure, _LEFT_IN + _WIDTH_IN + _GAP_IN, bottom_in, _BAR_WIDTH_IN, height_in)
+    axes = canvas.axes_at(figure, _LEFT_IN + _WIDTH_IN + _GAP_IN, bottom_in, _BAR_WIDTH_IN, height_in)
     bar = figure.colorbar(scale, cax=axes, extend="max", ticks=[0.0, panel.saturation / 2, panel.saturation])
     bar.ax.tick_params(labelsize=6, length=2, pad=1.5)
     bar.ax.yaxis.set_major_formatter("{x:g}")
@@ -122,7 +112,7 @@ def _draw_flow(axes: Axes, *, image: NDArray[np.uint8], segmentation: Segmentati
     parts, cell = segmentation.parts, segmentation.cell_size_px
     assert parts is not None
     flow_u, flow_v = parts["flow_u"], parts["flow_v"]
-    show_image(axes, faded(rgb_image(image), 0.45))
+    canvas.show_image(axes, canvas.faded(canvas.rgb_image(image), 0.45))
     step = max(1, flow_u.shape[1] // ARROWS_ACROSS)
     picked = np.s_[step // 2 :: step, step // 2 :: step]
     v, u = (np.mgrid[: flow_u.shape[0], : flow_u.shape[1]] * cell + (cell - 1) / 2)[:, *picked]
@@ -155,7 +145,7 @@ def _draw_cells(
     if segmentation.undefined is not None:
         hidden |= segmentation.undefined
     shown = np.ma.masked_array(values, mask=hidden | ~np.isfinite(values))
-    axes.set_facecolor(LIGHT_GREY)
+    axes.set_facecolor(canvas.LIGHT_GREY)
     axes.imshow(
         shown, cmap=COLOUR_MAP, norm=Normalize(vmin=0.0, vmax=saturation, clip=True), interpolation="nearest",
         extent=(-0.5, columns * cell - 0.5, rows * cell - 0.5, -0.5),
@@ -166,9 +156,9 @@ def _draw_cells(
 def _draw_segmentation(
     axes: Axes, *, image: NDArray[np.uint8], segmentation: Segmentation, reference: ReferenceFrame
 ) -> None:
-    tinted = rgb_image(image)
+    tinted = canvas.rgb_image(image)
     height, width = tinted.shape[:2]
     moving = segmentation.mask_at(width, height) & reference.valid
-    tinted[moving] = (0.45 * tinted[moving] + 0.55 * np.array(rgb(GREEN))).astype(np.uint8)
-    show_image(axes, tinted)
+    tinted[moving] = (0.45 * tinted[moving] + 0.55 * np.array(canvas.rgb(canvas.GREEN))).astype(np.uint8)
+    canvas.show_image(axes, tinted)
     draw_references(axes, reference.objects)

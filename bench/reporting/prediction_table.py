@@ -29,9 +29,9 @@ def prediction_table(report: PredictionReport) -> Table | None:
 
 def prediction_line(report: PredictionReport) -> str:
     """For example "12 of 16 images have a mask; 2 files are of images that are not scored"."""
-    told = [f"{report.usable} of {report.expected} images have a usable {report.form}"]
+    parts = [f"{report.usable} of {report.expected} images have a usable {report.form}"]
     if report.unscored:
-        told.append(f"{report.unscored} predictions are of images that are not scored")
+        parts.append(f"{report.unscored} predictions are of images that are not scored")
     if report.elsewhere:
-        told.append(f"{report.elsewhere} files are of recordings that are not scored")
-    return "; ".join(told)
+        parts.append(f"{report.elsewhere} files are of recordings that are not scored")
+    return "; ".join(parts)

@@ -21,31 +21,7 @@ from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.harness.sweep import FILE, SweepResult, SweepRow, read_sweep
 from bench.plain_text import escape_markdown
 from bench.reference.records import Category
-from bench.reporting.canvas import (
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    LIGHT_GREY,
-    PURPLE,
-    VERMILION,
-    axes_at,
-    new_figure,
-    styled,
-    write_picture,
-)
-from bench.reporting.formats import (
-    INTERVALS,
-    LABELS,
-    csv_text,
-    hundredths,
-    markdown_table,
-    number_columns,
-    short_interval,
-    terminal_table,
-    with_interval,
-    write_texts,
-)
+from bench.reporting import canvas, formats
 
 METRICS = {
     "detection_rate_50": "Detection at 50 %",
@@ -66,7 +42,7 @@ PARTS = {
 }
 NOTE = (
     "TPR and IoU: averages over all object-frames, or over the detected ones. False-positive coverage: share of the "
-    f"image's area. {INTERVALS} All values are of the same images, so their intervals move together."
+    f"image's area. {formats.INTERVALS} All values are of the same images, so their intervals move together."
 )
 _SHORT = {
     Category.CROSSING: "cross.",
@@ -88,7 +64,7 @@ def _groups(row: SweepRow) -> Iterator[tuple[str, str, ObjectFigures]]:
     """Name, label and metrics of all moving objects, then of each category."""
     yield ALL_MOVING, "All moving", row.all_moving
     for name, found in row.categories.items():
-        yield name, LABELS[Category(name)], found
+        yield name, formats.LABELS[Category(name)], found
 
 
 def _value(row: SweepRow) -> str:
@@ -110,14 +86,14 @@ def _markdown(result: SweepResult, groups: Sequence[tuple[str, str, ObjectFigure
     for row, (_, _, found) in zip(result.rows, groups, strict=True):
         value = f"**{_value(row)}** (operating)" if row.operating else _value(row)
         metrics = [found.figure(name) for name in shown] + [row.false_positives.coverage] * with_coverage
-        lines.append([value, str(found.recordings), str(found.object_frames), *map(with_interval, metrics)])
+        lines.append([value, str(found.recordings), str(found.object_frames), *map(formats.with_interval, metrics)])
     headings += ["False-positive coverage"] * with_coverage
-    return f"**{groups[0][1]}**\n\n{markdown_table(headings, lines, rules=('---', '---:'), escape=False)}"
+    return f"**{groups[0][1]}**\n\n{formats.markdown_table(headings, lines, rules=('---', '---:'), escape=False)}"
 
 
 def to_csv(result: SweepResult) -> str:
     """One line per value; ratios in [0, 1] at full precision, empty where there is no number."""
-    return csv_text([_csv_row(row, result) for row in result.rows])
+    return formats.csv_text([_csv_row(row, result) for row in result.rows])
 
 
 def _csv_row(row: SweepRow, result: SweepResult) -> dict[str, object]:
@@ -148,33 +124,34 @@ def to_rich(result: SweepResult) -> Table:
         "TPR by kind of motion: over all its object-frames. *: the operating value. Recs: recordings, under "
         f"{FEWEST_RECORDINGS} no interval.\n{PARTS[result.part]}"
     )
-    title = f"Sweep {result.what} on {result.dataset}: {result.title}; figures in percent"
-    table = terminal_table(title, caption=Text(caption))
+    title = f"Sweep {result.what} on {result.dataset}: {result.title}; in percent"
+    table = formats.terminal_table(title, caption=Text(caption))
     table.add_column("Value", no_wrap=True)
     metrics = [heading.replace(" at ", "\nat ").replace(", ", ",\n") for heading in shown.values()]
     kinds = [f"TPR\n{_SHORT[Category(name)]}" for name in result.rows[0].categories]
-    number_columns(table, ["Recs", *metrics, "False pos.\ncoverage", *kinds])
+    formats.number_columns(table, ["Recs", *metrics, "False pos.\ncoverage", *kinds])
     for row in result.rows:
         cells = [_cell(row.all_moving.figure(name)) for name in shown] + [_cell(row.false_positives.coverage)]
-        cells += [Text(hundredths(kind.tpr_all.value)) for kind in row.categories.values()]
+        cells += [Text(formats.hundredths(kind.tpr_all.value)) for kind in row.categories.values()]
         head = _value(row) + (" *" if row.operating else ""), str(row.all_moving.recordings)
         table.add_row(*head, *cells, style="bold" if row.operating else "")
     return table
 
 
 def _cell(metric: Figure) -> Text:
-    no_cases = math.isnan(metric.value)
-    return Text(f"n/a ({metric.cases})" if no_cases else f"{hundredths(metric.value)}\n{short_interval(metric)}")
+    if math.isnan(metric.value):
+        return Text(f"n/a ({metric.cases})")
+    return Text(f"{formats.hundredths(metric.value)}\n{formats.short_interval(metric)}")
 
 
 # Colour, line, marker, and the shift beside the tick where the values are names.
 LOOKS: dict[str, tuple[str, Literal["-", "--", ""], str | None, float]] = {
-    "detection_rate_50": (BLUE, "-", "o", -0.26),
-    "tpr_all": (GREEN, "-", "s", -0.13),
-    "tpr": (GREEN, "--", None, 0.0),
-    "iou": (PURPLE, "-", "^", 0.13),
-    "iou_detected": (PURPLE, "--", None, 0.26),
-    COVERAGE: (VERMILION, "-", "D", 0.0),
+    "detection_rate_50": (canvas.BLUE, "-", "o", -0.26),
+    "tpr_all": (canvas.GREEN, "-", "s", -0.13),
+    "tpr": (canvas.GREEN, "--", None, 0.0),
+    "iou": (canvas.PURPLE, "-", "^", 0.13),
+    "iou_detected": (canvas.PURPLE, "--", None, 0.26),
+    COVERAGE: (canvas.VERMILION, "-", "D", 0.0),
 }
 COLUMNS = 4
 _LEGEND_AT = COLUMNS - 1  # the upper right corner, so that every column has its axis below
@@ -184,7 +161,7 @@ _BOTTOM_IN, _LETTER_IN = 0.55, 0.055  # names of values are upright below their 
 _PANEL_WIDTH_IN = (_WIDTH_IN - _LEFT_IN - _RIGHT_IN - (COLUMNS - 1) * _GAP_X_IN) / COLUMNS
 
 
-@styled
+@canvas.styled
 def draw_sweep(result: SweepResult) -> Picture:
     """Draw the metrics of every value with their 95 % intervals; the operating value is marked."""
     groups = list(zip(*(_groups(row) for row in result.rows), strict=True))
@@ -193,7 +170,7 @@ def draw_sweep(result: SweepResult) -> Picture:
     slots = len(groups) + 2
     lines = -(-slots // COLUMNS)
     height_in = _TOP_IN + lines * _PANEL_IN + (lines - 1) * _GAP_Y_IN + bottom_in
-    picture = new_figure(_WIDTH_IN, height_in)
+    picture = canvas.new_figure(_WIDTH_IN, height_in)
     panels = [_panel(picture, slot, bottom_in + (lines - 1 - slot // COLUMNS) * (_PANEL_IN + _GAP_Y_IN))
               for slot in range(slots)]  # fmt: skip
     drawn = [slot for slot in range(slots) if slot != _LEGEND_AT]
@@ -212,17 +189,14 @@ def draw_sweep(result: SweepResult) -> Picture:
 
 def _panel(picture: Picture, slot: int, bottom_in: float) -> Axes:
     left_in = _LEFT_IN + slot % COLUMNS * (_PANEL_WIDTH_IN + _GAP_X_IN)
-    return axes_at(picture, left_in, bottom_in, _PANEL_WIDTH_IN, _PANEL_IN)
+    return canvas.axes_at(picture, left_in, bottom_in, _PANEL_WIDTH_IN, _PANEL_IN)
 
 
 def _draw_objects(axes: Axes, result: SweepResult, label: str, rows: Sequence[ObjectFigures]) -> None:
     for name in _shown(result):
         _draw(axes, result, name, [row.figure(name) for row in rows])
-    axes.set_title(
-        f"{label}\n{_counts([row.object_frames for row in rows])} object-frames, "
-        f"{_counts([row.recordings for row in rows])} recordings",
-        pad=3,
-    )
+    frames, recordings = _counts([row.object_frames for row in rows]), _counts([row.recordings for row in rows])
+    axes.set_title(f"{label}\n{frames} object-frames, {recordings} recordings", pad=3)
 
 
 def _draw_coverage(axes: Axes, result: SweepResult) -> None:
@@ -254,14 +228,14 @@ def _finish_axes(axes: Axes, result: SweepResult, *, first: bool, last: bool) ->
     positions = _positions(result)
     for x, row in zip(positions, result.rows, strict=True):
         if row.operating:
-            axes.axvline(float(x), color=GREY, linewidth=1.0, linestyle=":", zorder=0.5)
+            axes.axvline(float(x), color=canvas.GREY, linewidth=1.0, linestyle=":", zorder=0.5)
     if result.scale == "names":
         axes.set_xlim(-0.6, len(positions) - 0.4)
         axes.set_xticks(positions, [_value(row) for row in result.rows], rotation=90)
     elif result.scale == "log":
         axes.set_xscale("log")
     axes.set(ylim=(-2, 102), yticks=range(0, 101, 20))
-    axes.grid(color=LIGHT_GREY, linewidth=0.4)
+    axes.grid(color=canvas.LIGHT_GREY, linewidth=0.4)
     axes.set_axisbelow(True)
     axes.tick_params(labelleft=first, labelbottom=last)
     if first:
@@ -278,8 +252,8 @@ def _draw_legend(axes: Axes, result: SweepResult) -> None:
         if result.scale == "names":
             dash, marker = "", marker or "_"
         handles.append(Line2D([], [], color=colour, linestyle=dash, marker=marker, markersize=4, label=heading))
-    handles.append(Line2D([], [], color=GREY, linestyle=":", label="operating value"))
-    handles.append(Patch(facecolor=BLACK, alpha=0.15, label="95 % interval, by recording"))
+    handles.append(Line2D([], [], color=canvas.GREY, linestyle=":", label="operating value"))
+    handles.append(Patch(facecolor=canvas.BLACK, alpha=0.15, label="95 % interval, by recording"))
     axes.legend(handles=handles, loc="upper left", frameon=False)
 
 
@@ -295,5 +269,5 @@ def write_sweep_files(folder: Path) -> tuple[Path, ...]:
         DataError: the stored sweep is missing or damaged.
     """
     result = read_sweep(folder)
-    tables = write_texts(folder, {"sweep.md": to_markdown(result), "sweep.csv": to_csv(result)})
-    return (folder / FILE, *tables, *write_picture(folder / "sweep", draw_sweep(result)))
+    tables = formats.write_texts(folder, {"sweep.md": to_markdown(result), "sweep.csv": to_csv(result)})
+    return (folder / FILE, *tables, *canvas.write_picture(folder / "sweep", draw_sweep(result)))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -92,12 +91,12 @@ def to_csv(rows: Sequence[TableRow]) -> str:
 
 def to_json(rows: Sequence[TableRow]) -> str:
     """The rows with ratios in [0, 1] at full precision; null where there is no number."""
-    told = ("name", "label", "frames", "paper_frames", "tracks", "recordings")
+    fields = ("name", "label", "frames", "paper_frames", "tracks", "recordings")
     content = {
         "schema_version": SCHEMA_VERSION,
         "note": NOTE,
         "rows": [
-            {field: getattr(row, field) for field in told}
+            {field: getattr(row, field) for field in fields}
             | {
                 "figures": {
                     name: {"value": metric.value, "ci95": metric.ci95, "cases": metric.cases,
@@ -111,21 +110,12 @@ def to_json(rows: Sequence[TableRow]) -> str:
     return json_text(content, indent=2)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Report:
-    """What was written.
+def write_report_files(run: Path) -> tuple[list[TableRow], tuple[Path, ...]]:
+    """Write `table.md`, `.csv`, `.tex`, `.json` and `range_map.png`, `.svg` into the folder of a run.
 
-    Attributes:
+    Returns:
         rows: of the table, for the terminal.
         files: paths, tables first.
-    """
-
-    rows: tuple[TableRow, ...]
-    files: tuple[Path, ...]
-
-
-def write_report_files(run: Path) -> Report:
-    """Write `table.md`, `.csv`, `.tex`, `.json` and `range_map.png`, `.svg` into the folder of a run.
 
     Raises:
         DataError: a stored result is missing or damaged, or the files are not of one run.
@@ -141,4 +131,4 @@ def write_report_files(run: Path) -> Report:
         "table.tex": to_latex(rows),
         "table.json": to_json(rows),
     }
-    return Report(rows=tuple(rows), files=(*write_texts(run, texts), *write_picture(run / "range_map", picture)))
+    return rows, (*write_texts(run, texts), *write_picture(run / "range_map", picture))

@@ -223,15 +223,15 @@ def _cell(row: TableRow, name: str, lines: Sequence[str]) -> Text:
     metric = row.metrics[name]
     no_cases = math.isnan(metric.value)
     chance = row.metrics.get(chance_of(name)) if name.startswith("detection_rate") else None
-    told = {
+    texts = {
         "ours": hundredths(metric.value),
         "95 %": f"({metric.cases})" if no_cases else short_interval(metric),
         "chance": "" if chance is None or math.isnan(chance.value) else hundredths(chance.value),
         "paper": f"{100 * row.paper[name]:.0f}" if name in row.paper else "",
         "diff.": row.difference(name),
     }
-    text = Text(told["ours"], style="" if no_cases else "bold")
-    return text.append("".join(f"\n{told[line]}" for line in lines[1:]), style="not bold")
+    text = Text(texts["ours"], style="" if no_cases else "bold")
+    return text.append("".join(f"\n{texts[line]}" for line in lines[1:]), style="not bold")
 
 
 def _caption(rows: Sequence[TableRow]) -> Text:

@@ -56,20 +56,20 @@ def stored(tmp_path_factory):
 
 
 def test_all_files_are_written_from_the_stored_results(stored):
-    report = write_report_files(stored)
-    assert [file.name for file in report.files] == NAMES
-    assert all(file.parent == stored and file.stat().st_size > 0 for file in report.files)
+    rows, files = write_report_files(stored)
+    assert [file.name for file in files] == NAMES
+    assert all(file.parent == stored and file.stat().st_size > 0 for file in files)
     assert (stored / "table.md").read_text().rstrip().endswith("The data: Staged, not the paper's.")
-    crossing, last = report.rows[0].figures, report.rows[-1].figures
+    crossing, last = rows[0].metrics, rows[-1].metrics
     assert crossing["tpr"].value == 0.5
     assert crossing["iou"].value == pytest.approx(50 / 110)
     assert last["coverage"].value == 0.01
-    assert math.isnan(report.rows[1].figures["tpr"].value)
+    assert math.isnan(rows[1].metrics["tpr"].value)
 
 
 def test_the_same_bytes_twice(stored):
-    first = {file.name: file.read_bytes() for file in write_report_files(stored).files}
-    second = {file.name: file.read_bytes() for file in write_report_files(stored).files}
+    first = {file.name: file.read_bytes() for file in write_report_files(stored)[1]}
+    second = {file.name: file.read_bytes() for file in write_report_files(stored)[1]}
     assert first == second
 
 

@@ -21,7 +21,7 @@ from bench.evaluation.slices import ALL_MOVING, FRAMES, IMAGE
 from bench.evaluation.summary import Figure, Summary
 from bench.evaluation.sums import RunSums, sum_run
 from bench.evaluation.totals import figures_of
-from bench.reporting.compare.runs import Pair, differing_settings, on_common_images, settings_text
+from bench.reporting.compare.runs import differing_settings, on_common_images, settings_text
 from bench.reporting.formats import chance_of
 from bench.reporting.stored_run import StoredRun
 
@@ -138,7 +138,10 @@ def row_changes(sums_before: RunSums, sums_after: RunSums, *, protocol: Protocol
     names[FRAMES] = list(_OF_FRAMES)
     sums = {(row, m): (before.slices[row][m], after.slices[row][m]) for row, metrics in names.items() for m in metrics}
     changes = {key: paired_change(*pair) for key, pair in sums.items()}
-    corrected = _corrected({key: change.p_value for key, change in changes.items()})
+    corrected: dict[tuple[str, str], float | None] = {}
+    for metric in HEADLINES:
+        keys = [key for key in changes if key[1] == metric]
+        corrected |= dict(zip(keys, holm([changes[key].p_value for key in keys]), strict=True))
 
     def metric_change(row: str, metric: str) -> MetricChange:
         change, p_holm = changes[row, metric], corrected.get((row, metric))
@@ -156,14 +159,6 @@ def row_changes(sums_before: RunSums, sums_after: RunSums, *, protocol: Protocol
         )
         for row, metrics in names.items()
     ]
-
-
-def _corrected(p_values: Mapping[tuple[str, str], float | None]) -> dict[tuple[str, str], float | None]:
-    corrected: dict[tuple[str, str], float | None] = {}
-    for metric in HEADLINES:
-        keys = [key for key in p_values if key[1] == metric]
-        corrected |= dict(zip(keys, holm([p_values[key] for key in keys]), strict=True))
-    return corrected
 
 
 def _chance(row: str, metric: str, summaries: tuple[Summary, Summary]) -> tuple[Figure, Figure] | None:
@@ -428,18 +423,11 @@ def category_line(comparison: RunComparison) -> str:
     return f"By category: {'. '.join(said) or 'nothing that the data can show'}."
 
 
-def _methods(first: StoredRun, other: StoredRun) -> tuple[str, str]:
-    settings = differing_settings([first.summary, other.summary])
-    one, two = (
-        f"{run.summary.method.name} ({settings_text(own)})" if own else run.summary.method.name
-        for run, own in zip((first, other), settings, strict=True)
-    )
-    return one, two
-
-
-def _notes(first: StoredRun, other: StoredRun) -> tuple[str, ...]:
-    notes = []
-    one, two = first.summary.provenance, other.summary.provenance
+def _notes(before: StoredRun, after: StoredRun, images: tuple[int, int, int]) -> tuple[str, ...]:
+    notes = [f"Compared on the {images[2]} images that both scored."]
+    if len(set(images)) > 1:
+        notes[0] = notes[0][:-1] + f": {before.label} scored {images[0]}, {after.label} {images[1]}."
+    one, two = before.summary.provenance, after.summary.provenance
     if one.data_fingerprint != two.data_fingerprint:
         notes.append(
             "The files of the data set changed between the runs, though the reference on these images did not."
@@ -454,21 +442,25 @@ def _notes(first: StoredRun, other: StoredRun) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _compare(pair: Pair) -> RunComparison:
-    before, after = pair.before, pair.after
+def _compare(first: StoredRun, other: StoredRun) -> RunComparison:
+    before, after, common = on_common_images(first, other)
+    images = (before.summary.images.evaluated, after.summary.images.evaluated, common)
     protocol = before.protocol
     sums = [sum_run(run.objects, run.frames, protocol=protocol) for run in (before, after)]
     categories = tuple(str(category) for category in protocol.reference.categories)
     detections, frames = sum_changes(paired_objects(before, after), categories=categories)
+    settings = differing_settings([before.summary, after.summary])
+    names = [run.summary.method.name for run in (before, after)]
+    methods = [f"{name} ({settings_text(own)})" if own else name for name, own in zip(names, settings, strict=True)]
     return RunComparison(
         before=before,
         after=after,
-        images=pair.images,
-        methods=_methods(before, after),
+        images=images,
+        methods=(methods[0], methods[1]),
         rows=row_changes(sums[0], sums[1], protocol=protocol),
         detections=detections,
         frames=[*frames, *changed_images(before, after)],
-        notes=(pair.line, *_notes(before, after)),
+        notes=_notes(before, after, images),
     )
 
 
@@ -479,4 +471,4 @@ def compare_runs(runs: Sequence[StoredRun]) -> list[RunComparison]:
         DataError: a table is damaged.
         UsageError: no image was scored by both, or the references differ on these.
     """
-    return [_compare(on_common_images(runs[0], other)) for other in runs[1:]]
+    return [_compare(runs[0], other) for other in runs[1:]]

@@ -17,27 +17,13 @@ from bench.evaluation.summary import Figure
 from bench.harness import RunSummary
 from bench.harness.sweep import MARK
 from bench.plain_text import escape_markdown, plain
+from bench.reporting import formats
 from bench.reporting.compare.runs import (
     SHOWN_DIGEST,
     differing_settings,
     fingerprint,
     restricted,
     settings_text,
-)
-from bench.reporting.formats import (
-    INTERVALS,
-    chance_of,
-    csv_text,
-    detection_levels,
-    hundredths,
-    interval,
-    json_text,
-    level_percent,
-    markdown_table,
-    number_columns,
-    short_interval,
-    terminal_table,
-    write_texts,
 )
 from bench.reporting.stored_run import StoredRun, read_stored_run
 
@@ -244,20 +230,20 @@ SCHEMA_VERSION = 1
 NOTE = (
     "Over all moving objects of the images that all runs of a table scored, in percent. Runs stand in one table if "
     f"they have at least {100 * LEAST_COMMON:.0f} % of their images in common and the same reference on these. "
-    f"{INTERVALS} Ordered by IoU over all object-frames, an undetected one having 0. Rows whose intervals overlap may "
-    "still differ: compare judges runs in pairs. Chance: detection at the same level on the mask of another frame. "
-    "False positives: share of the image. Images: scored by the run. Images per second: whole runs, on machines that "
-    "may differ."
+    f"{formats.INTERVALS} Ordered by IoU over all object-frames, an undetected one having 0. Rows whose intervals "
+    "overlap may still differ: compare judges runs in pairs. Chance: detection at the same level on the mask of "
+    "another frame. False positives: share of the image. Images: scored by the run. Images per second: whole runs, on "
+    "machines that may differ."
 )
 
 
 def leaderboard_tables(found: Leaderboard) -> Iterator[Table]:
     """A table per group, readable at 100 columns."""
     for group in found.groups:
-        table = terminal_table(_title(group), caption=NOTE, below=1)
+        table = formats.terminal_table(_title(group), caption=NOTE, below=1)
         table.add_column("Run, method", overflow="fold", min_width=30)
         columns = _columns(group)
-        number_columns(table, ("Images,\nrecs", *columns.values(), "Images\nper s", "Date, code"))
+        formats.number_columns(table, ("Images,\nrecs", *columns.values(), "Images\nper s", "Date, code"))
         for entry in group.entries:
             metrics = [entry.metrics[name] for name in columns]
             label = Text(plain(entry.run), style="bold")
@@ -265,7 +251,7 @@ def leaderboard_tables(found: Leaderboard) -> Iterator[Table]:
             table.add_row(
                 label,
                 Text(f"{entry.images}\n{group.recordings}"),
-                *(Text(f"{hundredths(metric.value)}\n{short_interval(metric)}") for metric in metrics),
+                *(Text(f"{formats.hundredths(metric.value)}\n{formats.short_interval(metric)}") for metric in metrics),
                 _rate(entry),
                 Text(f"{plain(entry.date)}\n{plain(entry.code)}"),
             )
@@ -279,7 +265,7 @@ def write_leaderboard(found: Leaderboard, out: Path) -> tuple[Path, ...]:
         "leaderboard.csv": to_csv(found),
         "leaderboard.json": to_json(found),
     }
-    return write_texts(out, texts)
+    return formats.write_texts(out, texts)
 
 
 def to_markdown(found: Leaderboard) -> str:
@@ -293,9 +279,9 @@ def to_markdown(found: Leaderboard) -> str:
         for entry in group.entries:
             metrics = [entry.metrics[name] for name in columns]
             row = [entry.run, entry.method + _failed(entry), str(entry.images), str(group.recordings)]
-            row += [f"{hundredths(metric.value)} {interval(metric)}".strip() for metric in metrics]
+            row += [f"{formats.hundredths(metric.value)} {formats.interval(metric)}".strip() for metric in metrics]
             rows.append([*row, _rate(entry), entry.date, entry.code])
-        parts += [f"## {escape_markdown(_title(group))}", markdown_table(headings, rows, labels=2)]
+        parts += [f"## {escape_markdown(_title(group))}", formats.markdown_table(headings, rows, labels=2)]
     if found.damaged:
         faults = "\n".join(f"- {escape_markdown(run)}: {escape_markdown(fault)}" for run, fault in found.damaged)
         parts += ["## Runs that cannot be read", faults]
@@ -315,7 +301,7 @@ def to_csv(found: Leaderboard) -> str:
         for entry in group.entries
         for name, metric in entry.metrics.items()
     ]  # fmt: skip
-    return csv_text(lines, columns)
+    return formats.csv_text(lines, columns)
 
 
 def to_json(found: Leaderboard) -> str:
@@ -328,7 +314,7 @@ def to_json(found: Leaderboard) -> str:
         ],
         "damaged": [{"run": run, "fault": fault} for run, fault in found.damaged],
     }
-    return json_text(content)
+    return formats.json_text(content)
 
 
 def _json_entry(entry: Entry) -> dict[str, object]:
@@ -355,10 +341,10 @@ def _title(group: Group) -> str:
 
 def _columns(group: Group) -> dict[str, str]:
     """Detection at the highest level of the protocol with its chance level, coverage, IoU, false positives."""
-    highest = ["detection_rate", *detection_levels(group.entries[0].metrics)][-1]
+    highest = ["detection_rate", *formats.detection_levels(group.entries[0].metrics)][-1]
     return {
-        highest: "Detection" if highest == "detection_rate" else f"Detection\nat {level_percent(highest):g} %",
-        chance_of(highest): "chance",
+        highest: "Detection" if highest == "detection_rate" else f"Detection\nat {formats.level_percent(highest):g} %",
+        formats.chance_of(highest): "chance",
         "tpr_all": "TPR\nall",
         "iou": "IoU\nall",
         "false_positive_coverage": "False\npositives",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -80,34 +80,13 @@ def _labels(folders: Sequence[Path]) -> list[str]:
 OBJECT = [*IMAGE, "track_id"]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Pair:
-    """Two runs with their rows on the images that both scored.
-
-    Attributes:
-        before: the run compared against.
-        after: the other run.
-        images: how many each scored, and how many of these both did.
-    """
-
-    before: StoredRun
-    after: StoredRun
-    images: tuple[int, int, int]
-
-    @property
-    def line(self) -> str:
-        """One sentence that says what is compared."""
-        before, after, common = self.images
-        if before == after == common:
-            return f"Compared on the {common} images that both scored."
-        return (
-            f"Compared on the {common} images that both scored: {self.before.label} scored {before}, "
-            f"{self.after.label} {after}."
-        )
-
-
-def on_common_images(before: StoredRun, after: StoredRun) -> Pair:
+def on_common_images(before: StoredRun, after: StoredRun) -> tuple[StoredRun, StoredRun, int]:
     """Restrict two runs of the same data and protocol to the images that both scored.
+
+    Returns:
+        before: with its rows on these images.
+        after: the same.
+        common: how many images both scored.
 
     Raises:
         DataError: a table is damaged.
@@ -115,7 +94,7 @@ def on_common_images(before: StoredRun, after: StoredRun) -> Pair:
     """
     numbers = [run.summary.images.evaluated for run in (before, after)]
     if before.summary.reference_fingerprint == after.summary.reference_fingerprint:
-        return Pair(before=before, after=after, images=(numbers[0], numbers[1], numbers[0]))
+        return before, after, numbers[0]
     images = CommonImages([before.frames, after.frames])
     common = images.count()
     refused = f"{before.folder} and {after.folder} do not compare: "
@@ -125,7 +104,7 @@ def on_common_images(before: StoredRun, after: StoredRun) -> Pair:
     if fingerprint(one) != fingerprint(two):
         told = "; ".join(_differences(one, two, images))
         raise UsageError(f"{refused}their references differ on the {common} images that both scored: {told}")
-    return Pair(before=one, after=two, images=(numbers[0], numbers[1], common))
+    return one, two, common
 
 
 def restricted(run: StoredRun, images: CommonImages) -> StoredRun:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -353,26 +353,13 @@ NAMES = ("compare.md", "compare.csv", CHANGES, "compare.json")
 _PICTURE_NAME = re.compile(r"\d\d-\d\d-[a-z-]+\.jpg")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WrittenComparison:
-    """What was written.
-
-    Attributes:
-        comparisons: the first run with each of the others, for the terminal.
-        files: paths, texts first.
-    """
-
-    comparisons: tuple[RunComparison, ...]
-    files: tuple[Path, ...]
-
-
 def write_comparison(
     folders: Sequence[Path],
     out: Path,
     *,
     pictures: bool = True,
     progress: Callable[[float, int], None] | None = None,
-) -> WrittenComparison:
+) -> tuple[list[RunComparison], tuple[Path, ...]]:
     """Compare runs and write `compare.md`, `.csv`, `.json`, `object_changes.csv` and `pictures/`.
 
     Each file appears whole or not at all. Pictures of an earlier comparison in `out` are removed, other files are left.
@@ -382,6 +369,10 @@ def write_comparison(
         out: folder, is made.
         pictures: draw the frames that changed most; needs the data set and the methods.
         progress: called with the pictures done and their number, for each pair anew.
+
+    Returns:
+        comparisons: the first run with each of the others.
+        files: paths, texts first.
 
     Raises:
         DataError: a run is damaged.
@@ -404,7 +395,4 @@ def write_comparison(
     for old in sorted((out / "pictures").glob("*.jpg")):
         if old.name not in shown and _PICTURE_NAME.fullmatch(old.name):
             old.unlink()
-    return WrittenComparison(
-        comparisons=tuple(comparisons),
-        files=(*(out / name for name in NAMES), *(out / "pictures" / name for name in shown)),
-    )
+    return comparisons, (*(out / name for name in NAMES), *(out / "pictures" / name for name in shown))

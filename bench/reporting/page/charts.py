@@ -78,7 +78,7 @@ def figure_uri(figure: Figure, *, scale: float = 1.0) -> str:
     return jpeg_uri(image)
 
 
-CURVE = "#2a8cc4"  # reads on white and on black
+CURVE = "#2a8cc4"  # legible on white and on black
 _GRID = "#999999"
 _SIZE_IN = 3.2, 2.3
 

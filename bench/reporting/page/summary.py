@@ -92,16 +92,16 @@ def remarks(found: Summary, *, category: Category | None) -> list[Remark]:
     rows = {name: row for name, row in found.categories.items() if row.object_frames}
     if not rows:
         return [Remark(kind="note", text="No object-frame was evaluated: there is nothing to say of moving objects.")]
-    told = [*_best_and_worst(rows), *_by_chance(rows), *_weak_slices(found)]
-    return told if category is not None else [*told, *_of_images(found)]
+    said = [*_best_and_worst(rows), *_by_chance(rows), *_weak_slices(found)]
+    return said if category is not None else [*said, *_of_images(found)]
 
 
 def _best_and_worst(rows: dict[str, ObjectFigures]) -> list[Remark]:
     """The best and the weakest kind of motion where their intervals lie apart; all of them as they are otherwise."""
-    told = {name: row.tpr_all for name, row in rows.items() if row.tpr_all.ci95 is not None}
-    order = sorted(told, key=lambda name: told[name].value)
-    if len(order) > 1 and clearly_below(told[order[0]], told[order[-1]]):
-        left = [f"{_name(n).lower()} ({row.recordings})" for n, row in rows.items() if n not in told]
+    known = {name: row.tpr_all for name, row in rows.items() if row.tpr_all.ci95 is not None}
+    order = sorted(known, key=lambda name: known[name].value)
+    if len(order) > 1 and clearly_below(known[order[0]], known[order[-1]]):
+        left = [f"{_name(n).lower()} ({row.recordings})" for n, row in rows.items() if n not in known]
         few = f" Left out, with fewer than {FEWEST_RECORDINGS} recordings: {', '.join(left)}." if left else ""
         return [
             Remark(kind="good", text=f"Best: {_name(order[-1]).lower()}, {_found(rows[order[-1]])}.{few}"),
@@ -125,30 +125,30 @@ def _by_chance(rows: dict[str, ObjectFigures]) -> list[Remark]:
         elif rate.ci95[0] < chance:
             near.append(f"{_name(name).lower()} ({percent(rate.value)}, by chance {percent(chance)})")
     touched = [_name(n).lower() for n, row in rows.items() if row.detection_rate.value - row.chance.value < NEAR_CHANCE]
-    told = []
+    sentences = []
     if unknown:
         text = f"Recordings too few to tell from chance, {FEWEST_RECORDINGS} are needed: {', '.join(unknown)}."
-        told.append(Remark(kind="note", text=text))
+        sentences.append(Remark(kind="note", text=text))
     if near:
         text = f"Not clearly better than chance when half of an object must be found: {', '.join(near)}."
-        told.append(Remark(kind="bad", text=text))
+        sentences.append(Remark(kind="bad", text=text))
     if touched:
         text = f"“Found at all” says little for {', '.join(touched)}: the mask of another image touches as many of "
-        told.append(Remark(kind="note", text=f"{text}these objects."))
-    return told
+        sentences.append(Remark(kind="note", text=f"{text}these objects."))
+    return sentences
 
 
 def _weak_slices(found: Summary) -> list[Remark]:
     """The weakest slice of each breakdown, where its interval lies wholly below that of everything."""
-    whole, told = found.all_moving.tpr_all, []
+    whole, sentences = found.all_moving.tpr_all, []
     for name, (_, _, words) in BREAKDOWNS.items():
         shares = {key: row.tpr_all for key, row in found.breakdowns.get(name, {}).items()}
         weak = {key: share.value for key, share in shares.items() if clearly_below(share, whole)}
         if weak:
             worst = min(weak, key=weak.__getitem__)
-            told.append(f"{words.format(worst)} with {percent(weak[worst])}")
-    text = f"Where least of an object is found (on average {percent(whole.value)}): {'; '.join(told)}."
-    return [Remark(kind="bad", text=text)] if told else []
+            sentences.append(f"{words.format(worst)} with {percent(weak[worst])}")
+    text = f"Where least of an object is found (on average {percent(whole.value)}): {'; '.join(sentences)}."
+    return [Remark(kind="bad", text=text)] if sentences else []
 
 
 def _of_images(found: Summary) -> list[Remark]:
@@ -162,12 +162,12 @@ def _of_images(found: Summary) -> list[Remark]:
         alone = len(order) == 1 or clearly_below(causes[order[1]], causes[order[0]])
         text += f"; the largest cause is {named[0]}" if alone else f"; the two largest causes are {' and '.join(named)}"
         text += " of the false pixels"
-    told = [Remark(kind="bad" if rate.value > NEAR_CHANCE else "note", text=f"{text}.")]
+    sentences = [Remark(kind="bad" if rate.value > NEAR_CHANCE else "note", text=f"{text}.")]
     images = found.images
     if left := images.failed + images.skipped:
         text = f"{left} of {images.images} images could not be scored; the last section says why."
-        told.append(Remark(kind="bad", text=text))
-    return told
+        sentences.append(Remark(kind="bad", text=text))
+    return sentences
 
 
 def _name(category: str) -> str:
