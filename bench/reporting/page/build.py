@@ -21,7 +21,7 @@ from bench.reporting.page.object_table import table_data
 from bench.reporting.page.summary import breakdowns, remarks
 from bench.reporting.page.worst import Progress, WorstCases, worst_cases
 from bench.reporting.stored_run import StoredRun, read_stored_run
-from bench.reporting.tables import COMPARED, NOTE, detection_columns, table_rows, text_tables
+from bench.reporting.tables import NOTE, detection_columns, table_rows, text_tables
 
 WORST, WORST_OF_CATEGORY = 3, 12
 
@@ -84,7 +84,6 @@ def _render(run: StoredRun, worst: WorstCases, *, pictures: bool) -> str:
         "remarks": remarks(found, category=run.category),
         "rows": rows,
         "columns": columns | {"tpr": "TPR of the found", "iou_detected": "IoU of the found"},
-        "compared": COMPARED,
         "tables": text_tables(rows)[1 : 4 if whole else 3],
         "note": NOTE,
         "breakdowns": breakdowns(found),
