@@ -141,10 +141,10 @@ def _lines(verdict: Verdict) -> Iterable[str]:
     yield ""
     yield escape_markdown(f"{verdict.method} on {verdict.dataset}, tolerances {verdict.tolerances}")
     yield ""
-    told = [check for check in verdict.checks if check.outcome is not Outcome.PASSED]
-    for check in told:
+    notable = [check for check in verdict.checks if check.outcome is not Outcome.PASSED]
+    for check in notable:
         yield f"- {_MARKS[check.outcome]}: {escape_markdown(check.message)}"
-    if told:
+    if notable:
         yield ""
     yield from _HEADING
     for outcome in (Outcome.FAILED, Outcome.SUSPECT, Outcome.IMPROVED, Outcome.PASSED, Outcome.NOT_JUDGED):
@@ -201,8 +201,8 @@ def to_rich(verdict: Verdict) -> Table:
 
 def remark_lines(verdict: Verdict) -> list[tuple[str, str]]:
     """A line and its style for each check that did not pass, then for each reason not to judge."""
-    told = [check for check in verdict.checks if check.outcome is not Outcome.PASSED]
-    lines = [(f"{check.outcome}: {check.message}", STYLES[check.outcome]) for check in told]
+    notable = [check for check in verdict.checks if check.outcome is not Outcome.PASSED]
+    lines = [(f"{check.outcome}: {check.message}", STYLES[check.outcome]) for check in notable]
     rows = verdict.rows_with(Outcome.NOT_JUDGED)
     for reason, count in sorted(Counter(row.reason for row in rows).items()):
         slices = dict.fromkeys(row.slice_name for row in rows if row.reason == reason)

@@ -119,11 +119,11 @@ class Verdict:
     def headline(self) -> str:
         """One line: passed or failed, and how many of each."""
         numbers = {outcome: len(self.rows_with(outcome)) for outcome in Outcome}
-        told = [f"{count} {_plural(outcome)}" for outcome, count in numbers.items() if count]
+        parts = [f"{count} {_plural(outcome)}" for outcome, count in numbers.items() if count]
         if self.failed_checks:
-            told.insert(0, f"{len(self.failed_checks)} of {len(self.checks)} checks of the data failed")
+            parts.insert(0, f"{len(self.failed_checks)} of {len(self.checks)} checks of the data failed")
         result = "passed" if self.passed else "FAILED" if self.judged else "WITHOUT A VERDICT"
-        return f"gate {result}: {', '.join(told) or 'nothing to compare'}"
+        return f"gate {result}: {', '.join(parts) or 'nothing to compare'}"
 
 
 def _plural(outcome: Outcome) -> str:
@@ -164,13 +164,13 @@ def _text(metric: str, value: float, *, unit: str = "", sign: str = "") -> str:
 def row_text(row: Row) -> str:
     """A row in one line: "tpr_all of overtaking: 98.6 % -> 79.2 %, -19.4 pt [-24.1, -13.3], tolerated 2.0 pt"."""
     metric, change = row.metric, row.change
-    told = (
+    text = (
         f"{metric} of {row.slice_name}: {value_text(metric, change.before)} -> {value_text(metric, change.after)}, "
         f"{change_text(metric, change.difference)} {interval_text(metric, change.ci95)}"
     ).rstrip()
     if not math.isnan(row.allowed):
-        told += f", tolerated {allowed_text(metric, row.allowed)}"
-    return "; ".join(part for part in (told, worst_text(row), row.reason) if part)
+        text += f", tolerated {allowed_text(metric, row.allowed)}"
+    return "; ".join(part for part in (text, worst_text(row), row.reason) if part)
 
 
 def worst_text(row: Row) -> str:

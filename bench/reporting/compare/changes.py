@@ -418,8 +418,8 @@ def category_line(comparison: RunComparison) -> str:
         if any(cell.verdict is Verdict.TOO_FEW for cell in row.metrics.values())
     }
     if few:
-        told = ", ".join(f"{label} ({recordings})" for label, recordings in few.items())
-        said.append(f"{Verdict.TOO_FEW.value} in at least one metric, {FEWEST_RECORDINGS} are needed: {told}")
+        listed = ", ".join(f"{label} ({recordings})" for label, recordings in few.items())
+        said.append(f"{Verdict.TOO_FEW.value} in at least one metric, {FEWEST_RECORDINGS} are needed: {listed}")
     return f"By category: {'. '.join(said) or 'nothing that the data can show'}."
 
 

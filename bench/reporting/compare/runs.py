@@ -102,8 +102,8 @@ def on_common_images(before: StoredRun, after: StoredRun) -> tuple[StoredRun, St
         raise UsageError(f"{refused}no image was scored by both; the first has {numbers[0]}, the second {numbers[1]}")
     one, two = (restricted(run, images) for run in (before, after))
     if fingerprint(one) != fingerprint(two):
-        told = "; ".join(_differences(one, two, images))
-        raise UsageError(f"{refused}their references differ on the {common} images that both scored: {told}")
+        differences = "; ".join(_differences(one, two, images))
+        raise UsageError(f"{refused}their references differ on the {common} images that both scored: {differences}")
     return one, two, common
 
 

@@ -84,9 +84,9 @@
     const parts = [word("object_class", row), word("track_id", row), "in", word("recording", row), "camera", word("camera", row)];
     by("viewer-title").textContent = `${parts.join(" ")}, ${columns.time_s[row].toFixed(2)} s`;
     const coverage = columns.coverage[row];
-    const told = coverage === null ? word("outcome", row) : `${word("category", row)}, ${coverage.toFixed(1)} % found, IoU ${columns.iou[row].toFixed(1)} %`;
+    const summary = coverage === null ? word("outcome", row) : `${word("category", row)}, ${coverage.toFixed(1)} % found, IoU ${columns.iou[row].toFixed(1)} %`;
     const content = by("viewer-body");
-    content.replaceChildren(make("p", told));
+    content.replaceChildren(make("p", summary));
     if (columns.picture[row]) {
       const card = by(columns.picture[row]);
       const own = [...card.querySelectorAll("[data-object]")].some((image) => image.dataset.object === word("track_id", row));

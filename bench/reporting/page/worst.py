@@ -173,12 +173,14 @@ def object_reason(row: Row, evidence: ObjectEvidence | None, *, threshold: float
     if row["coverage"] >= WELL_FOUND:
         return f"Nothing to explain: {_percent(row['coverage'])} of it is found."
     found = [*(_seen_reasons(row, evidence) if evidence else []), *_stored_reasons(row)]
-    told = " Also: ".join(found[:SHOWN]) or "No single reason found in the numbers."
+    reason = " Also: ".join(found[:SHOWN]) or "No single reason found in the numbers."
     if evidence is None or math.isnan(evidence.likelihood) or threshold is None or evidence.undefined >= MOST:
-        return told
+        return reason
     side = "below" if evidence.likelihood <= threshold else "above"
-    told += f" On its missed pixels the median motion likelihood is {evidence.likelihood:.1e}, {side} the threshold of "
-    return told + f"{threshold:.1e}."
+    reason += (
+        f" On its missed pixels the median motion likelihood is {evidence.likelihood:.1e}, {side} the threshold of "
+    )
+    return reason + f"{threshold:.1e}."
 
 
 def frame_reason(row: Row, evidence: FrameEvidence | None) -> str:
