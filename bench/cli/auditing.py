@@ -14,8 +14,8 @@ from bench.methods import build_method
 from bench.methods.spherical.method import SphericalMethod
 from bench.recordings import load_card
 from bench.recordings.atomic import output_folder
-from bench.reporting.audit_files import to_rich, write_audit_files
-from bench.reporting.audit_pictures import write_cause_pictures, write_examples
+from bench.reporting.audit_pictures import write_audit_files, write_cause_pictures, write_examples
+from bench.reporting.audit_tables import to_rich
 
 AUDITS = Path("reports/audit")
 

@@ -17,7 +17,7 @@ from bench.gate import (
     scored_run,
     write_baseline,
 )
-from bench.gate.reports import LARGEST_BYTES, to_annotations, to_json, to_junit, to_markdown, to_rich, told_lines
+from bench.gate.reports import LARGEST_BYTES, remark_lines, to_annotations, to_json, to_junit, to_markdown, to_rich
 from bench.gate.tolerances import DEFAULT
 from bench.recordings.atomic import write_bytes, write_text
 
@@ -72,7 +72,7 @@ def refuse_with_update(**options: object) -> None:
 
 def _print_verdict(verdict: Verdict) -> None:
     show(to_rich(verdict))
-    for line, style in told_lines(verdict):
+    for line, style in remark_lines(verdict):
         say(line, style=style)
     say(verdict.headline, style="green" if verdict.passed else "bold red")
 

@@ -10,7 +10,7 @@ from bench.cli.places import destination
 from bench.errors import UnknownNameError
 from bench.harness.remote_runs import RemoteRun
 from bench.reference import Category
-from bench.reporting.compare.comparison import category_line, verdict_line
+from bench.reporting.compare.changes import category_line, verdict_line
 from bench.reporting.compare.leaderboard import leaderboard_tables, read_leaderboard, write_leaderboard
 from bench.reporting.compare.writing import to_rich, write_comparison
 from bench.reporting.page.build import write_page
@@ -41,8 +41,8 @@ def compare(runs: Sequence[Path], *, out: Path | None, pictures: bool) -> None:
     """Compare the first run with each of the others; print tables, verdicts and files."""
     folder = out or RUNS / f"compare-{'-'.join(run.resolve().name for run in runs)}"
     with progress_bar("drawing what changed", "pictures") as report:
-        written = write_comparison(runs, folder, pictures=pictures, progress=report)
-    for comparison in written.comparisons:
+        comparisons, files = write_comparison(runs, folder, pictures=pictures, progress=report)
+    for comparison in comparisons:
         show(to_rich(comparison))
         counts = comparison.detections[-1]
         say(f"{counts.object_frames} object-frames, detected: {counts.before} before, {counts.after} after; "
@@ -51,9 +51,10 @@ def compare(runs: Sequence[Path], *, out: Path | None, pictures: bool) -> None:
             say(note)
         say(verdict_line(comparison), style="bold")
         say(category_line(comparison))
-    for remark in written.remarks:
-        say(remark, style="red")
-    for file in written.files:
+    for comparison in comparisons:
+        for remark in comparison.remarks:
+            say(remark, style="red")
+    for file in files:
         say(str(file))
 
 

@@ -29,10 +29,8 @@ from bench.harness import (
 from bench.harness.shards import Shard
 from bench.methods import Method
 from bench.recordings import DatasetCard, load_card
-from bench.reporting.tables import TableRow
-from bench.reporting.terminal_table import to_rich
-from bench.reporting.threshold_free_line import threshold_free_line
-from bench.reporting.write import write_report_files
+from bench.reporting.table_files import write_report_files
+from bench.reporting.tables import TableRow, threshold_free_line, to_rich
 
 RUNS = Path("reports/runs")
 DEFAULT_PROTOCOL = "paper-v1"
@@ -180,7 +178,7 @@ class RunReport:
 
     def write(self, results: Path, summary: RunSummary) -> None:
         """Write the report of new results and draw their pictures."""
-        written = write_report_files(results)
+        rows, files = write_report_files(results)
         drawn: list[Path] = []
         if self.pictures:
             with progress_bar("drawing", "pictures") as progress:
@@ -191,9 +189,9 @@ class RunReport:
                     protocol=self.protocol or read_protocol(results, summary),
                     progress=progress,
                 )
-        self._rows = written.rows
-        files = (results / "summary.json", *written.files, *drawn)
-        self._files = [file.relative_to(results).as_posix() for file in files]
+        self._rows = tuple(rows)
+        every = (results / "summary.json", *files, *drawn)
+        self._files = [file.relative_to(results).as_posix() for file in every]
 
     def print(self, summary: RunSummary, where: Destination) -> None:
         """Print the table, what became of the images, the cost, and where everything is."""

@@ -16,8 +16,7 @@ from bench.harness.sweep import SWEEPS, Setup, SweepResult, plan_sweep, run_swee
 from bench.methods import build_method
 from bench.recordings import load_card
 from bench.recordings.atomic import output_folder
-from bench.reporting.sweep_files import write_sweep_files
-from bench.reporting.sweep_report import to_rich
+from bench.reporting.sweep import to_rich, write_sweep_files
 
 RUNS = Path("reports/runs")
 LIST = "list"

@@ -18,11 +18,9 @@ from bench.harness import FramePipeline, RunSummary, build_scorable, open_tables
 from bench.harness.frames import UnscorableFrame
 from bench.harness.replay import StoredFrames
 from bench.recordings import DatasetCard, ImageRef, RecordingHandle, load_card, open_dataset, read_image
-from bench.reporting.frame_overlay import draw_frame, draw_plain
-from bench.reporting.frame_pictures import telling_frames, write_frame_pictures
-from bench.reporting.lidar_pixels import SweepViewer
+from bench.reporting.frame_pictures import example_frames, write_frame_pictures
 from bench.reporting.rerun_log import refuse_other_log, rerun_log, viewer
-from bench.reporting.video import refuse_other_suffix, video_file
+from bench.reporting.video import SweepViewer, draw_frame, draw_plain, refuse_other_suffix, video_file
 
 PICTURES = Path("reports/runs/view")
 
@@ -144,7 +142,7 @@ def draw_telling_frames(
         stored = StoredFrames(results, summary, protocol, card=card)
     except BenchError as error:
         return [], [str(error)]
-    frames = telling_frames(open_tables(results)[0])
+    frames = example_frames(open_tables(results)[0])
     for number, (category, key) in enumerate(frames.items(), start=1):
         try:
             folder = results / "pictures" / category.value

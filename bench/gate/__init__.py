@@ -2,17 +2,17 @@
 
 A metric fails when it is worse than tolerated, by more than max(absolute, relative * baseline), **and** the 95 %
 interval of the paired change, by recording (`bench.evaluation.score_sheet`), excludes no change. Worse than
-tolerated with an interval that includes no change is suspect: it is told and fails nothing. A slice with too few cases
-or recordings is reported, not judged. Before all metrics stand checks that both runs measured the same things: a
+tolerated with an interval that includes no change is suspect: it is reported and fails nothing. A slice with too few
+cases or recordings is reported, not judged. Before the metrics it is checked that both runs measured the same things: a
 score over fewer objects is not a better score.
 
 A change that touches few of a slice's recordings cannot exclude no change: where k of n equal recordings change by the
 same, the difference is sqrt(k (n - 1) / (n - k)) standard errors, beyond Student's limit only from k = 4 on. So a data
 set needs at least six recordings of whatever the gate shall guard, and four that show a fault.
 
-Files: `tolerances` (the rules, versioned files), `baseline` (a run reduced to sums, stored), `checks`, `judge` (the
-recipe), `verdict` (what comes out), `wording`, and the forms `terminal_table`, `junit`, `annotations`, `step_summary`,
-`verdict_json`. Only the command line calls this room.
+Modules: `tolerances` (the rules, versioned files), `baseline` (a run reduced to sums, stored), `judge` (the checks, and
+the verdict on each metric), `verdict` (the result, and how its numbers are written), `reports` (terminal, Markdown,
+JUnit XML, GitHub annotations, JSON). Only the command line calls this package.
 """
 
 from bench.gate.baseline import MissingBaselineError, ScoredRun, read_baseline, scored_run, write_baseline

@@ -9,7 +9,7 @@ from typing import Literal
 from bench.errors import UsageError
 from bench.evaluation.score_sheet import ScoreSheet, score_sheet
 from bench.evaluation.summary import ProtocolStamp
-from bench.harness import RunSummary, open_tables, read_protocol, read_run
+from bench.harness import open_tables, read_protocol, read_run
 from bench.harness.method_stamp import MethodStamp
 from bench.recordings.sealed_json import read_sealed, write_sealed
 from bench.recordings.validation import FileModel
@@ -30,7 +30,7 @@ class MissingBaselineError(UsageError):
 
 
 class Origin(FileModel):
-    """Where the figures come from.
+    """What made the values.
 
     Attributes:
         version: of the package.
@@ -56,7 +56,7 @@ class ScoredRun(FileModel):
         schema_version: of the file.
         dataset: name of the data set.
         split: of it; None for all of it.
-        protocol: that made the figures.
+        protocol: of the run.
         method: that was scored.
         reference_fingerprint: of the run.
         data_fingerprint: of the run.
@@ -94,7 +94,7 @@ def scored_run(run: Path) -> ScoredRun:
         method=summary.method,
         reference_fingerprint=summary.reference_fingerprint,
         data_fingerprint=summary.provenance.data_fingerprint,
-        origin=_origin(summary),
+        origin=Origin(**{name: getattr(summary.provenance, name) for name in Origin.model_fields}),
         failures=summary.failures,
         sheet=score_sheet(objects, frames, protocol=protocol),
     )
@@ -136,18 +136,6 @@ def write_baseline(run: ScoredRun, file: Path, *, allow_dirty: bool = False) -> 
             "commit or install it and run again, or say --allow-dirty"
         )
     write_sealed(file, run, exclude_defaults=True, layout=_text)
-
-
-def _origin(summary: RunSummary) -> Origin:
-    made = summary.provenance
-    return Origin(
-        version=made.version,
-        commit=made.commit,
-        python=made.python,
-        libraries=made.libraries,
-        started_utc=made.started_utc,
-        unrepeatable=made.unrepeatable,
-    )
 
 
 def _text(value: object, depth: int = 0) -> str:

@@ -17,7 +17,7 @@ from bench.gate.verdict import Check, Outcome, Row, Verdict
 OVER_DETECTIONS = ("tpr", "iou_detected", "precision", "segmentation_iou")
 COVERAGE = "false_positive_coverage"  # over all scored images
 NO_SUMS = MetricSums(numerators={}, denominators={})
-TOLD = 4  # differences that a message lists
+LISTED = 4  # differences that a message lists
 UNITS = {"object_frames": "object-frames", "annotated": "annotated objects", "evaluated": "scored images"}
 
 
@@ -40,28 +40,28 @@ def data_checks(baseline: ScoredRun, run: ScoredRun, *, tolerances: Tolerances) 
     """Check run against baseline, always the same checks in the same order."""
     changed_data = Outcome.FAILED if tolerances.changed_data == "fail" else Outcome.SUSPECT
     return (
-        _check("failures", list(run.failures), "the run has {count} failures: {told}"),
-        _check("counts", list(_count_differences(baseline, run)), "reference changed: {told}"),
-        _check("cases", list(_case_differences(baseline, run)), "metrics are over other cases: {told}"),
-        _check("metrics", list(_missing(baseline, run)), "in the baseline, but not in the run: {told}"),
+        _check("failures", list(run.failures), "the run has {count} failures: {listed}"),
+        _check("counts", list(_count_differences(baseline, run)), "reference changed: {listed}"),
+        _check("cases", list(_case_differences(baseline, run)), "metrics are over other cases: {listed}"),
+        _check("metrics", list(_missing(baseline, run)), "in the baseline, but not in the run: {listed}"),
         _check(
             "reference_fingerprint",
             [
-                f"{_other_reference(baseline, run)}; fingerprint {told}"
-                for told in _changed(baseline.reference_fingerprint, run.reference_fingerprint)
+                f"{_other_reference(baseline, run)}; fingerprint {listed}"
+                for listed in _changed(baseline.reference_fingerprint, run.reference_fingerprint)
             ],
-            "reference changed: {told}",
+            "reference changed: {listed}",
         ),
         _check(
             "data_fingerprint",
             _changed(baseline.data_fingerprint, run.data_fingerprint),
-            "data changed: other images, sweeps, labels, calibration or ego-motion; fingerprint {told}",
+            "data changed: other images, sweeps, labels, calibration or ego-motion; fingerprint {listed}",
             outcome=changed_data,
         ),
         _check(
             "method",
             list(_method_differences(baseline, run)),
-            "method changed: {told}",
+            "method changed: {listed}",
             outcome=Outcome.SUSPECT,
         ),
     )
@@ -86,9 +86,9 @@ def _other_reference(baseline: ScoredRun, run: ScoredRun) -> str:
 def _check(name: str, faults: Sequence[str], message: str, *, outcome: Outcome = Outcome.FAILED) -> Check:
     if not faults:
         return Check(name=name, outcome=Outcome.PASSED, message="as in the baseline")
-    more = f"; and {len(faults) - TOLD} more" if len(faults) > TOLD else ""
-    told = "; ".join(faults[:TOLD]) + more
-    return Check(name=name, outcome=outcome, message=message.format(count=len(faults), told=told))
+    more = f"; and {len(faults) - LISTED} more" if len(faults) > LISTED else ""
+    listed = "; ".join(faults[:LISTED]) + more
+    return Check(name=name, outcome=outcome, message=message.format(count=len(faults), listed=listed))
 
 
 def _count_differences(baseline: ScoredRun, run: ScoredRun) -> Iterator[str]:

@@ -11,8 +11,11 @@ import io
 import json
 import math
 import re
+from bisect import bisect_right
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
+from dataclasses import asdict
+from itertools import accumulate
 
 from junitparser import Failure, JUnitXml, Skipped, TestCase, TestSuite
 from rich.box import SIMPLE_HEAD
@@ -22,7 +25,6 @@ from rich.text import Text
 from bench.evaluation.score_sheet import NOT_RATIOS
 from bench.evaluation.slices import ALL_MOVING, FRAMES
 from bench.gate.verdict import (
-    Check,
     Outcome,
     Row,
     Verdict,
@@ -31,6 +33,7 @@ from bench.gate.verdict import (
     interval_text,
     row_text,
     value_text,
+    worst_text,
 )
 from bench.plain_text import escape_markdown, plain
 
@@ -68,9 +71,9 @@ def to_junit(verdict: Verdict) -> bytes:
     """JUnit XML, UTF-8: failed is a failure, not judged is skipped with the reason, the rest passes with its line."""
     suite = TestSuite(_clean(f"fisheye-bench gate {verdict.dataset} {verdict.method}"))
     for check in verdict.checks:
-        suite.add_testcase(_check_case(check))
+        suite.add_testcase(_case(check.name, "data", check.outcome, message=check.message, reason=""))
     for row in verdict.rows:
-        suite.add_testcase(_row_case(row))
+        suite.add_testcase(_case(row.metric, row.slice_name, row.outcome, message=row_text(row), reason=row.reason))
     document = JUnitXml()
     document.add_testsuite(suite)
     document.update_statistics()  # type: ignore[no-untyped-call]
@@ -79,31 +82,16 @@ def to_junit(verdict: Verdict) -> bytes:
     return text.getvalue()
 
 
-def _check_case(check: Check) -> TestCase:
-    return _case(check.name, "data", outcome=check.outcome, kind="data", message=check.message, skip_reason="")
-
-
-def _row_case(row: Row) -> TestCase:
-    return _case(
-        row.metric,
-        row.slice_name,
-        outcome=row.outcome,
-        kind="regression",
-        message=row_text(row),
-        skip_reason=row.reason,
-    )
-
-
-def _case(name: str, group: str, *, outcome: Outcome, kind: str, message: str, skip_reason: str) -> TestCase:
+def _case(name: str, group: str, outcome: Outcome, *, message: str, reason: str) -> TestCase:
     case = TestCase(_clean(name), classname=_clean(f"gate.{group}"), time=0.0)
     if outcome is Outcome.FAILED:
-        failure = Failure(_clean(message), kind)
+        failure = Failure(_clean(message), "data" if group == "data" else "regression")
         failure.text = _clean(message)
         case.result = [failure]
-    elif outcome is Outcome.NOT_JUDGED:
-        case.result = [Skipped(_clean(skip_reason), "not judged")]
-    if outcome is not Outcome.FAILED:
-        case.system_out = _clean(f"{outcome}: {message}")
+        return case
+    if outcome is Outcome.NOT_JUDGED:
+        case.result = [Skipped(_clean(reason), "not judged")]
+    case.system_out = _clean(f"{outcome}: {message}")
     return case
 
 
@@ -130,31 +118,22 @@ def to_markdown(verdict: Verdict, *, largest_bytes: int = LARGEST_BYTES) -> str:
     """The verdict as Markdown, failures first, cut after a whole row where it would be too large.
 
     Args:
-        verdict: to be told.
+        verdict: of a run.
         largest_bytes: of the text in UTF-8; what the file already holds is the caller's to subtract.
 
     Returns:
         The text; "" where not even the headline fits.
     """
     lines = list(_lines(verdict))
-    sizes = [len(line.encode()) + 1 for line in lines]
-    if sum(sizes) <= largest_bytes:
+    ends = list(accumulate(len(line.encode()) + 1 for line in lines))
+    if ends[-1] <= largest_bytes:
         return "\n".join(lines) + "\n"
-    kept = _fitting(sizes, largest_bytes - _SPARE_BYTES)
-    if kept == 0:
+    fitting = bisect_right(ends, largest_bytes - _SPARE_BYTES)
+    if fitting == 0:
         return ""
-    cut = sum(line.startswith("| ") and line != _HEADING[0] for line in lines[kept:])
-    return "\n".join([*lines[:kept], "", f"{cut} more rows are left out, all are in the JSON and JUnit files."]) + "\n"
-
-
-def _fitting(sizes: Sequence[int], budget: int) -> int:
-    """How many lines fit."""
-    used = 0
-    for number, size in enumerate(sizes):
-        used += size
-        if used > budget:
-            return number
-    return len(sizes)
+    cut = sum(line.startswith("| ") and line != _HEADING[0] for line in lines[fitting:])
+    left_out = f"{cut} more rows are left out, all are in the JSON and JUnit files."
+    return "\n".join([*lines[:fitting], "", left_out]) + "\n"
 
 
 def _lines(verdict: Verdict) -> Iterable[str]:
@@ -162,10 +141,10 @@ def _lines(verdict: Verdict) -> Iterable[str]:
     yield ""
     yield escape_markdown(f"{verdict.method} on {verdict.dataset}, tolerances {verdict.tolerances}")
     yield ""
-    told = [check for check in verdict.checks if check.outcome is not Outcome.PASSED]
-    for check in told:
+    notable = [check for check in verdict.checks if check.outcome is not Outcome.PASSED]
+    for check in notable:
         yield f"- {_MARKS[check.outcome]}: {escape_markdown(check.message)}"
-    if told:
+    if notable:
         yield ""
     yield from _HEADING
     for outcome in (Outcome.FAILED, Outcome.SUSPECT, Outcome.IMPROVED, Outcome.PASSED, Outcome.NOT_JUDGED):
@@ -175,22 +154,12 @@ def _lines(verdict: Verdict) -> Iterable[str]:
 
 def _row(row: Row) -> str:
     metric, change = row.metric, row.change
-    note = row.reason
-    if row.worst_recording is not None and row.outcome in {Outcome.FAILED, Outcome.SUSPECT}:
-        note = f"most in {row.worst_recording}" + (f"; {note}" if note else "")
-    cells = [
-        _MARKS[row.outcome],
-        row.slice_name,
-        metric,
-        str(change.recordings),
-        value_text(metric, change.before),
-        value_text(metric, change.after),
-        change_text(metric, change.difference),
-        interval_text(metric, change.ci95),
-        allowed_text(metric, row.allowed),
-        note,
-    ]
-    return f"| {' | '.join(escape_markdown(cell) for cell in cells)} |"
+    note = "; ".join(part for part in (worst_text(row), row.reason) if part)
+    values = (value_text(metric, value) for value in (change.before, change.after))
+    cells = [_MARKS[row.outcome], row.slice_name, metric, str(change.recordings), *values]
+    cells += [change_text(metric, change.difference), interval_text(metric, change.ci95)]
+    cells += [allowed_text(metric, row.allowed), note]
+    return f"| {' | '.join(map(escape_markdown, cells))} |"
 
 
 STYLES = {
@@ -221,32 +190,25 @@ def to_rich(verdict: Verdict) -> Table:
         table.add_column(heading, overflow="fold")
     for heading in ("Recs", "Base-\nline", "Run", "Change", "95 % of\nthe change", "Toler-\nated"):
         table.add_column(Text(heading), justify="right", no_wrap=True)
-    for outcome in (Outcome.FAILED, Outcome.SUSPECT, Outcome.IMPROVED):
-        for row in verdict.rows_with(outcome):
-            table.add_row(*_cells(row))
-    for row in verdict.rows:
-        if row.outcome is Outcome.PASSED and row.slice_name in {ALL_MOVING, FRAMES}:
-            table.add_row(*_cells(row))
+    shown = [
+        row for outcome in (Outcome.FAILED, Outcome.SUSPECT, Outcome.IMPROVED) for row in verdict.rows_with(outcome)
+    ]
+    overall = [row for row in verdict.rows if row.slice_name in {ALL_MOVING, FRAMES}]
+    for row in [*shown, *(row for row in overall if row.outcome is Outcome.PASSED)]:
+        table.add_row(*_cells(row))
     return table
 
 
-def told_lines(verdict: Verdict) -> list[tuple[str, str]]:
+def remark_lines(verdict: Verdict) -> list[tuple[str, str]]:
     """A line and its style for each check that did not pass, then for each reason not to judge."""
-    told = [check for check in verdict.checks if check.outcome is not Outcome.PASSED]
-    lines = [(f"{check.outcome}: {check.message}", STYLES[check.outcome]) for check in told]
-    return lines + [(line, STYLES[Outcome.NOT_JUDGED]) for line in _not_judged_lines(verdict)]
-
-
-def _not_judged_lines(verdict: Verdict) -> list[str]:
-    """Each reason with the slices that it concerns."""
+    notable = [check for check in verdict.checks if check.outcome is not Outcome.PASSED]
+    lines = [(f"{check.outcome}: {check.message}", STYLES[check.outcome]) for check in notable]
     rows = verdict.rows_with(Outcome.NOT_JUDGED)
-    slices: dict[str, dict[str, None]] = {}
-    for row in rows:
-        slices.setdefault(row.reason, {})[row.slice_name] = None
-    count = Counter(row.reason for row in rows)
-    return [
-        f"not judged: {count[reason]} metrics, {reason}: {', '.join(names)}" for reason, names in sorted(slices.items())
-    ]
+    for reason, count in sorted(Counter(row.reason for row in rows).items()):
+        slices = dict.fromkeys(row.slice_name for row in rows if row.reason == reason)
+        line = f"not judged: {count} metrics, {reason}: {', '.join(slices)}"
+        lines.append((line, STYLES[Outcome.NOT_JUDGED]))
+    return lines
 
 
 def _cells(row: Row) -> list[str | Text]:
@@ -280,14 +242,10 @@ def to_json(verdict: Verdict) -> str:
         "tolerances": verdict.tolerances,
         "baseline": verdict.baseline_origin.model_dump(mode="json"),
         "run": verdict.run_origin.model_dump(mode="json"),
-        "checks": [_check(check) for check in verdict.checks],
+        "checks": [asdict(check) for check in verdict.checks],
         "rows": [_json_row(row) for row in verdict.rows],
     }
     return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
-
-
-def _check(check: Check) -> dict[str, object]:
-    return {"name": check.name, "outcome": check.outcome.value, "message": check.message}
 
 
 def _json_row(row: Row) -> dict[str, object]:

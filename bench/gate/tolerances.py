@@ -124,8 +124,8 @@ def _fits(slice_name: str, pattern: str) -> bool:
 
 def _read(name_or_path: str) -> tuple[dict[str, Any], str]:
     if name_or_path in known_tolerances():
-        place = resources.files("bench.gate") / "tolerances" / f"{name_or_path}.yaml"
-        return _parse(place.read_text("utf-8"), str(place)), str(place)
+        packaged = resources.files("bench.gate") / "tolerances" / f"{name_or_path}.yaml"
+        return _parse(packaged.read_text("utf-8"), str(packaged)), str(packaged)
     path = Path(name_or_path)
     if not path.is_file():
         raise UnknownNameError("tolerances", name_or_path, known_tolerances())

@@ -1,4 +1,4 @@
-"""How the gate writes numbers and rows, the same for people, JUnit and annotations."""
+"""The verdict of the gate, and how its numbers and rows are written for people, JUnit and annotations."""
 
 from __future__ import annotations
 
@@ -119,11 +119,11 @@ class Verdict:
     def headline(self) -> str:
         """One line: passed or failed, and how many of each."""
         numbers = {outcome: len(self.rows_with(outcome)) for outcome in Outcome}
-        told = [f"{count} {_plural(outcome)}" for outcome, count in numbers.items() if count]
+        parts = [f"{count} {_plural(outcome)}" for outcome, count in numbers.items() if count]
         if self.failed_checks:
-            told.insert(0, f"{len(self.failed_checks)} of {len(self.checks)} checks of the data failed")
+            parts.insert(0, f"{len(self.failed_checks)} of {len(self.checks)} checks of the data failed")
         result = "passed" if self.passed else "FAILED" if self.judged else "WITHOUT A VERDICT"
-        return f"gate {result}: {', '.join(told) or 'nothing to compare'}"
+        return f"gate {result}: {', '.join(parts) or 'nothing to compare'}"
 
 
 def _plural(outcome: Outcome) -> str:
@@ -136,43 +136,44 @@ def _worst_first(row: Row) -> tuple[float, bool, str, str]:
 
 
 def value_text(metric: str, value: float) -> str:
-    """A figure: "72.1 %", "3.2" for a mean that is no ratio, "n/a" for NaN."""
-    if math.isnan(value):
-        return "n/a"
-    return f"{value:.2f}" if metric in NOT_RATIOS else f"{100 * value:.1f} %"
+    """A value: "72.1 %", "3.2" for a mean that is no ratio, "n/a" for NaN."""
+    return _text(metric, value, unit=" %") or "n/a"
 
 
 def change_text(metric: str, difference: float) -> str:
     """A difference: "-3.2 pt" in percentage points, "+0.40" for a mean that is no ratio, "n/a" for NaN."""
-    if math.isnan(difference):
-        return "n/a"
-    return f"{difference:+.2f}" if metric in NOT_RATIOS else f"{100 * difference:+.1f} pt"
+    return _text(metric, difference, unit=" pt", sign="+") or "n/a"
 
 
 def interval_text(metric: str, interval: tuple[float, float] | None) -> str:
     """The interval of a difference: "[-5.1, -1.2]"; "" where there is none."""
-    if interval is None:
-        return ""
-    low, high = interval
-    return f"[{low:+.2f}, {high:+.2f}]" if metric in NOT_RATIOS else f"[{100 * low:+.1f}, {100 * high:+.1f}]"
+    return "" if interval is None else f"[{', '.join(_text(metric, end, sign='+') for end in interval)}]"
 
 
 def allowed_text(metric: str, allowed: float) -> str:
     """What is tolerated: "1.5 pt", "4.50", "" for NaN."""
-    if math.isnan(allowed):
+    return _text(metric, allowed, unit=" pt")
+
+
+def _text(metric: str, value: float, *, unit: str = "", sign: str = "") -> str:
+    if math.isnan(value):
         return ""
-    return f"{allowed:.2f}" if metric in NOT_RATIOS else f"{100 * allowed:.1f} pt"
+    return f"{value:{sign}.2f}" if metric in NOT_RATIOS else f"{100 * value:{sign}.1f}{unit}"
 
 
 def row_text(row: Row) -> str:
     """A row in one line: "tpr_all of overtaking: 98.6 % -> 79.2 %, -19.4 pt [-24.1, -13.3], tolerated 2.0 pt"."""
     metric, change = row.metric, row.change
-    told = (
+    text = (
         f"{metric} of {row.slice_name}: {value_text(metric, change.before)} -> {value_text(metric, change.after)}, "
         f"{change_text(metric, change.difference)} {interval_text(metric, change.ci95)}"
     ).rstrip()
     if not math.isnan(row.allowed):
-        told += f", tolerated {allowed_text(metric, row.allowed)}"
-    if row.worst_recording is not None and row.outcome in {Outcome.FAILED, Outcome.SUSPECT}:
-        told += f"; most in {row.worst_recording}"
-    return f"{told}; {row.reason}" if row.reason else told
+        text += f", tolerated {allowed_text(metric, row.allowed)}"
+    return "; ".join(part for part in (text, worst_text(row), row.reason) if part)
+
+
+def worst_text(row: Row) -> str:
+    """Where most of a worsening comes from: "most in drive-3"; "" for a row that is not worse than tolerated."""
+    worse = row.outcome in {Outcome.FAILED, Outcome.SUSPECT}
+    return f"most in {row.worst_recording}" if worse and row.worst_recording is not None else ""

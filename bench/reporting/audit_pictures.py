@@ -1,4 +1,4 @@
-"""Pictures of an audit: polygons over images, and why cells are missed and flagged."""
+"""The files of an audit: how well polygons fit by distance, polygons over images, why cells are missed and flagged."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from bench.audit import (
+    AUDIT,
     AuditSource,
     AuditSummary,
     Compensation,
@@ -25,33 +27,81 @@ from bench.audit import (
     MissCause,
     explain_image,
     lenient,
+    read_audit,
+    read_polygons,
 )
 from bench.evaluation import Protocol
 from bench.methods import Method
 from bench.recordings import ImageRef, Recording, RecordingHandle, read_image, read_truth
 from bench.reference import ReferenceBuilder
-from bench.reporting.audit_files import COLOURS
-from bench.reporting.audit_tables import FALSE_ALARMS, MISSES
-from bench.reporting.canvas import (
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    PURPLE,
-    SKY_BLUE,
-    VERMILION,
-    YELLOW,
-    faded,
-    new_figure,
-    rgb,
-    rgb_image,
-    show_image,
-    styled,
-)
-from bench.reporting.outlines import draw_outline
-from bench.reporting.overlay import overlay_mask
-from bench.reporting.write import write_picture
+from bench.reporting import canvas
+from bench.reporting.audit_tables import FALSE_ALARMS, MISSES, to_csv, to_markdown
+from bench.reporting.formats import write_texts
+from bench.reporting.overlay import draw_outline, overlay_mask
+
+COLOURS = (canvas.ORANGE, canvas.BLUE, canvas.GREEN, canvas.PURPLE)
+BIN_M = 1.0
+FEWEST = 3  # object-frames of a point; fewer say nothing about quartiles
+_PANEL_IN, _HEIGHT_IN, _LEFT_IN, _GAP_IN, _TOP_IN, _BOTTOM_IN = 2.4, 3.0, 0.5, 0.2, 0.75, 0.45
+
+
+@canvas.styled
+def draw_fit_by_distance(audit: AuditSummary, polygons: pa.Table) -> Figure:
+    """Draw median and quartiles of the IoU over the distance, each kind of polygon in its colour.
+
+    Args:
+        audit: for names and aims.
+        polygons: the rows behind them.
+    """
+    rows = polygons.to_pandas()
+    rows = rows[rows["compensation"] == Compensation.FULL.value]
+    classes = sorted(set(rows["object_class"])) or ["none"]
+    width_in = max(_LEFT_IN + len(classes) * (_PANEL_IN + _GAP_IN), 4.0)
+    figure = canvas.new_figure(width_in, _HEIGHT_IN)
+    for number, name in enumerate(classes):
+        left_in = _LEFT_IN + number * (_PANEL_IN + _GAP_IN)
+        axes = canvas.axes_at(figure, left_in, _BOTTOM_IN, _PANEL_IN, _HEIGHT_IN - _TOP_IN - _BOTTOM_IN)
+        of_class = rows[rows["object_class"] == name]
+        for kind, colour in zip(audit.polygon_kinds, COLOURS, strict=False):
+            _draw_kind(axes, of_class[of_class["kind"] == kind], kind=kind, colour=colour)
+        aims = {aim.expected for aim in audit.aims if aim.object_class == name}
+        for expected in sorted(aims):
+            axes.axhline(expected, color=canvas.GREY, linewidth=0.8, linestyle=":")
+        frames = len(of_class[of_class["kind"] == audit.polygon_kinds[0]])
+        axes.set(xlabel="distance (m)", ylim=(0.3, 1.0), xlim=(0, max(float(rows["range_m"].max()), 8.0)))
+        axes.set_title(f"{name}, {frames} object-frames", pad=3)
+        axes.grid(color=canvas.LIGHT_GREY, linewidth=0.4)
+        axes.tick_params(labelleft=number == 0)
+        if number == 0:
+            axes.set_ylabel("IoU with the exact mask")
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="upper right", ncols=len(labels), frameon=False)
+    left, top = 0.08 / width_in, 1 - 0.06 / _HEIGHT_IN
+    figure.text(left, top, f"Reference polygons of {audit.dataset}", va="top", fontsize=10)
+    legend = "Median and quartiles; dotted: the aim for kinds that follow the outline"
+    figure.text(left, top - 0.2 / _HEIGHT_IN, legend, va="top", fontsize=7, color="#555555")
+    return figure
+
+
+def _draw_kind(axes: Axes, rows: pd.DataFrame, *, kind: str, colour: str) -> None:
+    by_bin = rows.groupby(np.floor(rows["range_m"] / BIN_M))["iou"]
+    low, median, high = (by_bin.quantile(share)[by_bin.size() >= FEWEST] for share in (0.25, 0.5, 0.75))
+    middles_m = (median.index.to_numpy(dtype=np.float64) + 0.5) * BIN_M
+    axes.fill_between(middles_m, low, high, color=colour, alpha=0.15, linewidth=0)
+    axes.plot(middles_m, median, color=colour, marker="o", markersize=3, linewidth=1.2, label=kind)
+
+
+def write_audit_files(folder: Path) -> tuple[Path, ...]:
+    """Write `audit.md`, `audit.csv`, `fit.png` and `fit.svg` beside `audit.json`; all of their paths.
+
+    Raises:
+        DataError: the stored audit is missing or damaged.
+    """
+    audit = read_audit(folder)
+    tables = write_texts(folder, {"audit.md": to_markdown(audit), "audit.csv": to_csv(audit)})
+    chart = draw_fit_by_distance(audit, read_polygons(folder))
+    return (folder / AUDIT, *tables, *canvas.write_picture(folder / "fit", chart))
+
 
 MARGIN = 0.35  # around the object, of its larger side
 SMALLEST_PX = 60  # side of what is shown
@@ -87,7 +137,7 @@ def write_examples(
 
     Args:
         folder: of the audit.
-        audit: its figures.
+        audit: its summary.
         polygons: its rows.
         handles: of the recordings, by name.
         protocol: of the audit.
@@ -97,7 +147,7 @@ def write_examples(
         examples = [
             _example(row, title, handles[str(row["recording"])].open(), audit, protocol) for title, row in rows.items()
         ]
-        files += write_picture(folder / f"examples-{name}", draw_examples(examples, audit.polygon_kinds))
+        files += canvas.write_picture(folder / f"examples-{name}", draw_examples(examples, audit.polygon_kinds))
     return tuple(files)
 
 
@@ -112,29 +162,23 @@ def example_rows(polygons: pa.Table, *, kind: str) -> dict[str, dict[str, pd.Ser
     }
 
 
-@styled
+@canvas.styled
 def draw_examples(examples: list[Example], kinds: tuple[str, ...]) -> Figure:
     """Draw object-frames side by side, each enlarged to its surroundings."""
     width_in, height_in = len(examples) * _EXAMPLE_PANEL_IN, _EXAMPLE_TOP_IN + _EXAMPLE_PANEL_IN + _EXAMPLE_BOTTOM_IN
-    figure = new_figure(width_in, height_in)
+    figure = canvas.new_figure(width_in, height_in)
     for number, example in enumerate(examples):
-        axes = figure.add_axes(
-            (
-                number / len(examples) + 0.01,
-                _EXAMPLE_BOTTOM_IN / height_in,
-                0.98 / len(examples),
-                _EXAMPLE_PANEL_IN / height_in,
-            )
-        )
-        tinted = overlay_mask(example.image, mask=example.mask, colour=SKY_BLUE, strength=0.45)
-        show_image(axes, rgb_image(tinted))
+        left_in = number * _EXAMPLE_PANEL_IN + 0.01 * width_in
+        axes = canvas.axes_at(figure, left_in, _EXAMPLE_BOTTOM_IN, 0.98 * _EXAMPLE_PANEL_IN, _EXAMPLE_PANEL_IN)
+        tinted = overlay_mask(example.image, mask=example.mask, colour=canvas.SKY_BLUE, strength=0.45)
+        canvas.show_image(axes, canvas.rgb_image(tinted))
         for kind, colour in zip(kinds, COLOURS, strict=False):
             if kind in example.polygons:
                 draw_outline(axes, example.polygons[kind], colour=colour)
         left, top, right, bottom = _window(example)
         axes.set(xlim=(left, right), ylim=(bottom, top))
         axes.set_title(example.title, pad=3, fontsize=7)
-    handles: list[Line2D | Patch] = [Patch(color=SKY_BLUE, alpha=0.6, label="exact mask")]
+    handles: list[Line2D | Patch] = [Patch(color=canvas.SKY_BLUE, alpha=0.6, label="exact mask")]
     handles += [Line2D([], [], color=colour, label=kind) for kind, colour in zip(kinds, COLOURS, strict=False)]
     figure.legend(handles=handles, loc="lower center", ncols=len(handles), frameon=False, borderaxespad=0.1)
     return figure
@@ -172,21 +216,21 @@ def _polygon(recording: Recording, image: ImageRef, track_id: str, *, protocol: 
 
 
 MISS_COLOURS = {
-    MissCause.NEAR_EPIPOLE: BLACK,
-    MissCause.ENTERED: GREY,
-    MissCause.ABOVE_HORIZON: BLUE,
-    MissCause.BELOW_THRESHOLD: SKY_BLUE,
-    MissCause.UNCOVERED: ORANGE,
-    MissCause.FLOW: VERMILION,
-    MissCause.EGO_MOTION: PURPLE,
+    MissCause.NEAR_EPIPOLE: canvas.BLACK,
+    MissCause.ENTERED: canvas.GREY,
+    MissCause.ABOVE_HORIZON: canvas.BLUE,
+    MissCause.BELOW_THRESHOLD: canvas.SKY_BLUE,
+    MissCause.UNCOVERED: canvas.ORANGE,
+    MissCause.FLOW: canvas.VERMILION,
+    MissCause.EGO_MOTION: canvas.PURPLE,
 }
 FALSE_COLOURS = {
-    FalseCause.ANTI_PARALLEL: YELLOW,
-    FalseCause.OTHER_CONSTRAINT: SKY_BLUE,
-    FalseCause.UNCOVERED: GREY,
-    FalseCause.BESIDE_OBJECT: ORANGE,
-    FalseCause.FLOW: VERMILION,
-    FalseCause.EGO_MOTION: PURPLE,
+    FalseCause.ANTI_PARALLEL: canvas.YELLOW,
+    FalseCause.OTHER_CONSTRAINT: canvas.SKY_BLUE,
+    FalseCause.UNCOVERED: canvas.GREY,
+    FalseCause.BESIDE_OBJECT: canvas.ORANGE,
+    FalseCause.FLOW: canvas.VERMILION,
+    FalseCause.EGO_MOTION: canvas.PURPLE,
 }
 _CAUSE_PANEL_IN, _CAUSE_TOP_IN, _CAUSE_BOTTOM_IN, _TINT = 3.6, 0.3, 0.72, 0.65
 
@@ -214,7 +258,7 @@ def write_cause_pictures(
             sources[recording], camera=camera, timestamp_ns=timestamp_ns, method=method, protocol=protocol
         )
         title = f"{category.replace('_', ' ')}: {recording}, {timestamp_ns / 1e9:.3f} s"
-        files += write_picture(folder / f"causes-{category}", draw_causes(found, title=title))
+        files += canvas.write_picture(folder / f"causes-{category}", draw_causes(found, title=title))
     return tuple(files)
 
 
@@ -229,22 +273,22 @@ def worst_images(misses: pa.Table) -> dict[str, tuple[str, str, int]]:
     return {str(name): (str(recording), str(camera), int(time_ns)) for name, recording, camera, time_ns in keys}
 
 
-@styled
+@canvas.styled
 def draw_causes(found: ExplainedImage, *, title: str) -> Figure:
     """Draw the moving objects' cells on the left, the false alarms on the right, each in the colour of its cause."""
     height, width = found.pixels.shape[:2]
     picture_in = _CAUSE_PANEL_IN * height / width
     full_in = _CAUSE_TOP_IN + picture_in + _CAUSE_BOTTOM_IN
-    figure = new_figure(2 * _CAUSE_PANEL_IN, full_in)
-    left = {"found": (GREEN, found.hit)} | {MISSES[c]: (MISS_COLOURS[c], found.missed[c]) for c in MissCause}
+    figure = canvas.new_figure(2 * _CAUSE_PANEL_IN, full_in)
+    left = {"found": (canvas.GREEN, found.hit)} | {MISSES[c]: (MISS_COLOURS[c], found.missed[c]) for c in MissCause}
     right = {FALSE_ALARMS[c]: (FALSE_COLOURS[c], found.flagged[c]) for c in FalseCause}
     for number, (heading, layers) in enumerate({"moving objects": left, "static world": right}.items()):
         axes = figure.add_axes((number / 2 + 0.005, _CAUSE_BOTTOM_IN / full_in, 0.49, picture_in / full_in))
-        show_image(axes, _tinted(found, layers))
+        canvas.show_image(axes, _tinted(found, layers))
         axes.set_title(f"{title}, {heading}", pad=3, fontsize=7)
         shares = {name: int(np.count_nonzero(cells)) for name, (_, cells) in layers.items()}
         handles = [
-            Patch(facecolor=colour, edgecolor=BLACK, linewidth=0.3, label=f"{name} ({shares[name]})")
+            Patch(facecolor=colour, edgecolor=canvas.BLACK, linewidth=0.3, label=f"{name} ({shares[name]})")
             for name, (colour, _) in layers.items()
             if shares[name]
         ]
@@ -254,10 +298,9 @@ def draw_causes(found: ExplainedImage, *, title: str) -> Figure:
 
 
 def _tinted(found: ExplainedImage, layers: Mapping[str, tuple[str, NDArray[np.bool_]]]) -> NDArray[np.uint8]:
-    picture = faded(rgb_image(found.pixels), 0.8).astype(np.float32)
+    picture = canvas.faded(canvas.rgb_image(found.pixels), 0.8).astype(np.float32)
     height, width = picture.shape[:2]
     for colour, cells in layers.values():
         rows = np.repeat(cells, found.cell_size_px, axis=0)
-        area = np.repeat(rows, found.cell_size_px, axis=1)[:height, :width]
-        picture[area] = (1 - _TINT) * picture[area] + _TINT * np.array(rgb(colour), dtype=np.float32)
+        canvas.tint(picture, np.repeat(rows, found.cell_size_px, axis=1)[:height, :width], colour, _TINT)
     return picture.astype(np.uint8)

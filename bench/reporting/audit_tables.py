@@ -1,9 +1,12 @@
-"""The tables of an audit as sheets of text, each with a note that says how to read it."""
+"""The tables of an audit for people: Markdown, CSV and terminal; each has a note that says how to read it."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterator
+
+from rich.table import Table
+from rich.text import Text
 
 from bench.audit import (
     ALL,
@@ -14,27 +17,20 @@ from bench.audit import (
     MissCause,
     MissFigures,
     PolygonFigures,
+    Quartiles,
     Scoring,
 )
 from bench.evaluation import Figure, ObjectFigures
+from bench.plain_text import escape_markdown, plain
 from bench.reference import Category
-from bench.reporting.sheets import INTERVALS, Sheet, count
-from bench.reporting.tables import LABELS
+from bench.reporting import formats
+from bench.reporting.tables import COVERAGES
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AuditTable:
-    """A table and how to read it.
-
-    Attributes:
-        sheet: the table.
-        note: one or two sentences.
-        labels: how many columns from the left are words.
-    """
-
-    sheet: Sheet
-    note: str
-    labels: int
+COMPENSATIONS = {
+    Compensation.NONE: "none, a snapshot",
+    Compensation.EGO_MOTION: "ego-motion",
+    Compensation.FULL: "ego and object",
+}
 
 
 def decimal(value: float) -> str:
@@ -47,30 +43,21 @@ def share(part: int, whole: int) -> str:
     return f"{100 * part / whole:.1f}" if whole else "n/a"
 
 
-COMPENSATIONS = {
-    Compensation.NONE: "none, a snapshot",
-    Compensation.EGO_MOTION: "ego-motion",
-    Compensation.FULL: "ego and object",
-}
-
-
-def polygon_table(audit: AuditSummary) -> AuditTable:
+def polygon_table(audit: AuditSummary) -> formats.TextTable:
     """Every kind side by side, by class and range."""
     found = {(p.object_class, p.range_m, p.kind): p for p in audit.polygons if p.compensation == Compensation.FULL}
-    places = list(dict.fromkeys((name, range_m) for name, range_m, _ in found))
+    slices = dict.fromkeys((name, range_m) for name, range_m, _ in found)
     rows = []
-    for name, range_m in places:
+    for name, range_m in slices:
         cells = [_polygon_cells(found.get((name, range_m, kind))) for kind in audit.polygon_kinds]
         frames = max(p.object_frames for (n, r, _), p in found.items() if (n, r) == (name, range_m))
         limit = next(p.solid.median for (n, r, _), p in found.items() if (n, r) == (name, range_m))
         rows.append((name, range_m, str(frames), *(cell for part in cells for cell in part), f"{100 * limit:.0f}"))
     headings = [f"{kind} {what}" for kind in audit.polygon_kinds for what in ("IoU %", "area %")]
-    return AuditTable(
-        sheet=Sheet(
-            title="How well the reference polygons cover what the camera sees",
-            headings=("Class", "Range m", "Frames", *headings, "Filled IoU %"),
-            rows=tuple(rows),
-        ),
+    return formats.TextTable(
+        title="How well the reference polygons cover what the camera sees",
+        headings=("Class", "Range m", "Frames", *headings, "Filled IoU %"),
+        rows=rows,
         note="IoU of each polygon, within V and less the nearer polygons, with the exact mask of its object: median "
         "(quartiles). Area: how much too large (+) or too small (-), median. Filled: IoU of the exact mask with its "
         "own filled outline, median: a polygon without holes does hardly better, and one sees through a bicycle. The "
@@ -79,16 +66,14 @@ def polygon_table(audit: AuditSummary) -> AuditTable:
     )
 
 
-def aim_table(audit: AuditSummary) -> AuditTable:
+def aim_table(audit: AuditSummary) -> formats.TextTable:
     """Which classes reach the aim."""
-    return AuditTable(
-        sheet=Sheet(
-            title="The aim for polygons that follow the outline",
-            headings=("Kind", "Class", "Frames", "Median IoU", "Aim", "Verdict", "IoU, filled"),
-            rows=tuple(
-                (a.kind, f"{a.object_class} within {a.within_m:g} m", str(a.object_frames), decimal(a.median_iou),
-                 f">= {a.expected:.2f}", _verdict(a), decimal(a.median_filled_iou)) for a in audit.aims
-            ),
+    return formats.TextTable(
+        title="The aim for polygons that follow the outline",
+        headings=("Kind", "Class", "Frames", "Median IoU", "Aim", "Verdict", "IoU, filled"),
+        rows=tuple(
+            (a.kind, f"{a.object_class} within {a.within_m:g} m", str(a.object_frames), decimal(a.median_iou),
+             f">= {a.expected:.2f}", _verdict(a), decimal(a.median_filled_iou)) for a in audit.aims
         ),
         note="With full motion compensation. The convex hull is the paper's bounding polygon and has no aim. Filled: "
         "with the masks' holes filled, as annotators draw them.",
@@ -96,39 +81,35 @@ def aim_table(audit: AuditSummary) -> AuditTable:
     )  # fmt: skip
 
 
-def compensation_table(audit: AuditSummary) -> AuditTable:
+def compensation_table(audit: AuditSummary) -> formats.TextTable:
     """Every kind and compensation, by class."""
     found = {(p.kind, p.compensation, p.object_class): p for p in audit.polygons if p.range_m == ALL}
     classes = list(dict.fromkeys(name for _, _, name in found))
     rows = []
     for kind in audit.polygon_kinds:
         for compensation, label in COMPENSATIONS.items():
-            parts = [found.get((kind, compensation.value, name)) for name in classes]
-            cells = [
-                text
-                for part in parts
-                for text in (("", "") if part is None else (decimal(part.iou.median), decimal(part.boundary_px.median)))
-            ]
-            rows.append((kind, label, *cells))
+            row = [kind, label]
+            for name in classes:
+                part = found.get((kind, compensation.value, name))
+                row += ["", ""] if part is None else [decimal(part.iou.median), decimal(part.boundary_px.median)]
+            rows.append(row)
     headings = [f"{name} {what}" for name in classes for what in ("IoU", "edge px")]
-    return AuditTable(
-        sheet=Sheet(
-            title="What motion compensation is worth",
-            headings=("Kind", "Compensation", *headings),
-            rows=tuple(rows),
-        ),
+    return formats.TextTable(
+        title="What motion compensation is worth",
+        headings=("Kind", "Compensation", *headings),
+        rows=rows,
         note="Medians over all ranges; edge: mean distance between the two outlines. Compensation: which motion "
         "between a lidar point and the exposure is undone; the last is what the benchmark does.",
         labels=2,
     )
 
 
-def _polygon_cells(figures: PolygonFigures | None) -> tuple[str, str]:
-    if figures is None:
+def _polygon_cells(found: PolygonFigures | None) -> tuple[str, str]:
+    if found is None:
         return "", ""
-    iou = figures.iou
+    iou = found.iou
     spread = f"{100 * iou.median:.0f} ({100 * iou.low:.0f}-{100 * iou.high:.0f})"
-    return spread, f"{100 * figures.area_error.median:+.0f}"
+    return spread, f"{100 * found.area_error.median:+.0f}"
 
 
 def _verdict(aim: Aim) -> str:
@@ -143,10 +124,9 @@ SCORINGS = {
     Scoring.CELLS: "perfect cells",
 }
 RATES = {"detection_rate": "Detection", "detection_rate_50": "Detection at 50 %"}
-COVERAGES = {"tpr": "TPR, detected", "tpr_all": "TPR, all", "iou": "IoU, all", "iou_detected": "IoU, detected"}
 
 
-def score_table(audit: AuditSummary) -> AuditTable:
+def score_table(audit: AuditSummary) -> formats.TextTable:
     """One line per kind of motion and scoring, then the false positives."""
     first = next(iter(audit.scores.values()))
     rates = {name: heading for name, heading in RATES.items() if name in first.all_moving.figure_names()}
@@ -156,42 +136,33 @@ def score_table(audit: AuditSummary) -> AuditTable:
             continue
         for scoring, scores in audit.scores.items():
             cells = _cells(scores.categories[category], rates)
-            rows.append((LABELS[Category(category)], SCORINGS[Scoring(scoring)], *cells))
+            rows.append((formats.LABELS[Category(category)], SCORINGS[Scoring(scoring)], *cells))
     for scoring, scores in audit.scores.items():
         false = scores.false_positives
         blank = [""] * (len(rates) + len(COVERAGES) - 1)
-        head = "False positives", SCORINGS[Scoring(scoring)], count(false.recordings), str(false.frames)
-        rows.append((*head, _figure(false.coverage), *blank))
-    return AuditTable(
-        sheet=Sheet(
-            title="What the reference, the ego-motion and the flow do to the score, in percent",
-            headings=("Type", "Scored", "Recordings", "Frames", *rates.values(), *COVERAGES.values()),
-            rows=tuple(rows),
-        ),
+        head = "False positives", SCORINGS[Scoring(scoring)], formats.count(false.recordings), str(false.frames)
+        rows.append((*head, _metric(false.coverage), *blank))
+    return formats.TextTable(
+        title="What the reference, the ego-motion and the flow do to the score, in percent",
+        headings=("Type", "Scored", "Recordings", "Frames", *rates.values(), *COVERAGES.values()),
+        rows=rows,
         note="The same object-frames in all lines of a type; types without any are left out. Lidar polygons: the "
         "benchmark. Exact masks: the same detections. Exact motion: ego-motion, calibration and road are exact, the "
         "flow is estimated. Exact flow: nothing is estimated, the method's own limit; the flow is that of each cell's "
         "centre. Perfect cells: every cell whose centre shows a moving object and no other, the limit of the grid. "
-        f"False positives: area of the image. {INTERVALS}",
+        f"False positives: area of the image. {formats.INTERVALS}",
         labels=2,
     )
 
 
-def _cells(row: ObjectFigures, rates: dict[str, str]) -> tuple[str, ...]:
-    plain = [_figure(row.figure(name), interval=False) for name in rates]
-    return (
-        str(row.recordings),
-        str(row.object_frames),
-        *plain,
-        *(_figure(row.figure(name), interval=name != "tpr") for name in COVERAGES),
-    )
+def _cells(row: ObjectFigures, rates: dict[str, str]) -> list[str]:
+    cells = [str(row.recordings), str(row.object_frames)]
+    cells += [_metric(row.figure(name), with_interval=False) for name in rates]
+    return cells + [_metric(row.figure(name), with_interval=name != "tpr") for name in COVERAGES]
 
 
-def _figure(figure: Figure, *, interval: bool = True) -> str:
-    if math.isnan(figure.value):
-        return "n/a"
-    bounds = figure.ci95 if interval else None
-    return f"{100 * figure.value:.1f}" + ("" if bounds is None else f" {100 * bounds[0]:.0f}-{100 * bounds[1]:.0f}")
+def _metric(metric: Figure, *, with_interval: bool = True) -> str:
+    return f"{formats.hundredths(metric.value)} {formats.short_interval(metric) if with_interval else ''}".rstrip()
 
 
 MISSES = {
@@ -213,15 +184,13 @@ FALSE_ALARMS = {
 }
 
 
-def miss_table(audit: AuditSummary) -> AuditTable:
+def miss_table(audit: AuditSummary) -> formats.TextTable:
     """One line per kind of motion, then all."""
     rows = [_miss_cells(row) for row in audit.misses if row.cells]
-    return AuditTable(
-        sheet=Sheet(
-            title="Why cells of moving objects are missed, in percent of the missed ones",
-            headings=("Type", "Frames", "Cells", "Found %", "by error %", *MISSES.values(), "flow error px"),
-            rows=tuple(rows),
-        ),
+    return formats.TextTable(
+        title="Why cells of moving objects are missed, in percent of the missed ones",
+        headings=("Type", "Frames", "Cells", "Found %", "by error %", *MISSES.values(), "flow error px"),
+        rows=rows,
         note="Cells of the exact masks. By error: share of all cells that are found although the exact flow fires "
         "nothing there. Blind: the exact flow with exact ego-motion fires nothing either, since the motion lies in the "
         "epipolar plane or the deviation stays below the threshold; above the horizon no height constraint can help. "
@@ -234,23 +203,21 @@ def miss_table(audit: AuditSummary) -> AuditTable:
 def _miss_cells(row: MissFigures) -> tuple[str, ...]:
     shares = [share(row.causes[cause.value], row.missed) for cause in MISSES]
     found = [share(row.hit, row.cells), share(row.hit_by_error, row.cells)]
-    label = "All moving" if row.category == ALL else LABELS[Category(row.category)]
+    label = "All moving" if row.category == ALL else formats.LABELS[Category(row.category)]
     return (label, str(row.object_frames), str(row.cells), *found, *shares, decimal(row.flow_error_px.median))
 
 
-def false_alarm_table(audit: AuditSummary) -> AuditTable:
+def false_alarm_table(audit: AuditSummary) -> formats.TextTable:
     """One line."""
     row = audit.false_alarms
     assert row is not None, "asked for only where there is exact flow"
     shares = [share(row.causes[cause.value], row.flagged) for cause in FALSE_ALARMS]
-    return AuditTable(
-        sheet=Sheet(
-            title="Why cells of the static world are flagged, in percent of the flagged ones",
-            headings=("Images", "Cells", "Flagged %", *FALSE_ALARMS.values(), "flow error px"),
-            rows=(
-                (str(row.images), str(row.cells), share(row.flagged, row.cells), *shares,
-                 decimal(row.flow_error_px.median)),
-            ),
+    return formats.TextTable(
+        title="Why cells of the static world are flagged, in percent of the flagged ones",
+        headings=("Images", "Cells", "Flagged %", *FALSE_ALARMS.values(), "flow error px"),
+        rows=(
+            (str(row.images), str(row.cells), share(row.flagged, row.cells), *shares,
+             decimal(row.flow_error_px.median)),
         ),
         note="Method: the exact flow with exact ego-motion flags them as well; anti-parallel is the paper's own, "
         "static points between the road and the camera's height. Flow: only the estimated flow flags them. Ego-motion: "
@@ -259,9 +226,92 @@ def false_alarm_table(audit: AuditSummary) -> AuditTable:
     )  # fmt: skip
 
 
-def audit_tables(audit: AuditSummary) -> tuple[AuditTable, ...]:
+def audit_tables(audit: AuditSummary) -> tuple[formats.TextTable, ...]:
     """Polygons by class and range, the aim, compensation, scores; missed cells and false alarms by exact flow."""
     tables = [polygon_table(audit), aim_table(audit), compensation_table(audit), score_table(audit)]
     if audit.false_alarms is not None:
         tables += [miss_table(audit), false_alarm_table(audit)]
     return tuple(tables)
+
+
+def to_markdown(audit: AuditSummary) -> str:
+    """All tables with their notes, GitHub's Markdown."""
+    made = audit.method
+    dataset, method, protocol = map(escape_markdown, (audit.dataset, made.name, audit.protocol.name))
+    head = [
+        f"# Audit of {dataset}: lidar reference and {method}",
+        f"{audit.recordings} recordings, protocol {protocol}, method {method}. {audit.not_seen} evaluated "
+        "object-frames of which the camera sees no pixel are in none of the figures.",
+    ]
+    if audit.left_out:
+        head.append(f"Without exact flow: {escape_markdown(audit.left_out)}.")
+    for table in audit_tables(audit):
+        cells = formats.markdown_table(table.headings, table.rows, labels=table.labels, rules=("---", "---:"))
+        head += [f"## {table.title}", cells, table.note]
+    return "\n\n".join(head) + "\n"
+
+
+_COLUMNS = ["table", "kind", "compensation", "slice", "range_m", "figure", "cases", "value"]
+
+
+def to_csv(audit: AuditSummary) -> str:
+    """One line per metric, at full precision; empty where there is no number."""
+    return formats.csv_text(list(_csv_rows(audit)), _COLUMNS)
+
+
+def _csv_rows(audit: AuditSummary) -> Iterator[dict[str, object]]:
+    for p in audit.polygons:
+        where = {"kind": p.kind, "compensation": p.compensation, "slice": p.object_class, "range_m": p.range_m}
+        for name, part in _quartiles(p).items():
+            for quartile in ("low", "median", "high"):
+                yield {"table": "polygons", **where, "figure": f"{name}.{quartile}", "cases": p.object_frames,
+                       "value": getattr(part, quartile)}  # fmt: skip
+    for scoring, scores in audit.scores.items():
+        for category, row in scores.categories.items():
+            for name in row.figure_names():
+                figure = row.figure(name)
+                yield {"table": "scores", "kind": scoring, "slice": category, "figure": name, "cases": figure.cases,
+                       "value": figure.value}  # fmt: skip
+        coverage = scores.false_positives.coverage
+        yield {"table": "scores", "kind": scoring, "slice": "false_positives", "figure": "coverage",
+               "cases": coverage.cases, "value": coverage.value}  # fmt: skip
+    for miss in audit.misses:
+        counts = {"cells": miss.cells, "hit": miss.hit, "hit_by_error": miss.hit_by_error, **miss.causes}
+        for name, cells in counts.items():
+            yield {"table": "misses", "slice": miss.category, "figure": name, "cases": miss.cells, "value": cells}
+    if audit.false_alarms is not None:
+        counts = {"cells": audit.false_alarms.cells, "flagged": audit.false_alarms.flagged, **audit.false_alarms.causes}
+        for name, cells in counts.items():
+            yield {"table": "false_alarms", "figure": name, "cases": audit.false_alarms.cells, "value": cells}
+
+
+def _quartiles(found: PolygonFigures) -> dict[str, Quartiles]:
+    names = [name for name, field in type(found).model_fields.items() if field.annotation is Quartiles]
+    return {name: getattr(found, name) for name in names}
+
+
+_WIDEST = 8  # columns of a table that a terminal holds
+
+
+def to_rich(audit: AuditSummary) -> Iterator[tuple[Table, str]]:
+    """The tables for a console of at least 110 columns, each with its note; nothing is printed here."""
+    for item in audit_tables(audit):
+        rotated = item.labels < 2 and len(item.headings) > _WIDEST
+        headings, rows = item.headings, item.rows
+        if rotated:  # rows for columns
+            columns = list(zip(item.headings, *item.rows, strict=True))
+            headings, rows = (columns[0], columns[1:]) if item.labels else (("", ""), columns)
+            headings = ("", *headings[1:])
+        table = formats.terminal_table(item.title)
+        words = max(item.labels, 1)
+        for number, heading in enumerate(map(plain, headings)):
+            table.add_column(
+                Text(heading if number < words else heading.replace(" ", "\n", 1)),
+                justify="left" if number < words else "right",
+                no_wrap=not rotated and number > 0,
+            )
+        before = ""
+        for row in rows:
+            table.add_row("" if row[0] == before else row[0], *row[1:])
+            before = row[0]
+        yield table, item.note

@@ -1,6 +1,6 @@
-"""Colours, and canvases of pictures.
+"""What every picture starts from: colours, an empty figure, an image on its axes, the ground seen from above.
 
-The colours of every picture: Okabe and Ito's, which stay apart for colour-blind readers.
+The colours are Okabe and Ito's, which stay apart for colour-blind readers.
 
 Source:
     Okabe and Ito 2008, Color Universal Design.
@@ -9,6 +9,8 @@ Source:
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import cv2
@@ -17,11 +19,15 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+from matplotlib.patches import Polygon as PolygonPatch
 from matplotlib.text import Text
+from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 
 from bench.errors import ShapeError
 from bench.plain_text import plain
+from bench.recordings import write_bytes
 from bench.reference.records import Category
 
 if TYPE_CHECKING:
@@ -39,11 +45,7 @@ PURPLE = "#cc79a7"
 GREY = "#999999"
 LIGHT_GREY = "#d9d9d9"
 
-TRUE_POSITIVE = GREEN
-FALSE_NEGATIVE = SKY_BLUE
-FALSE_POSITIVE = VERMILION
-
-# Never the green of a mask; orange and vermilion do not meet, since the host either stands or drives.
+# Never the green of a mask; orange and vermilion do not meet, since the ego vehicle is either stationary or moves.
 CATEGORY_COLOURS = {
     Category.CROSSING: YELLOW,
     Category.OVERTAKING: SKY_BLUE,
@@ -94,10 +96,18 @@ styled = rc_context(STYLE)  # decorates every function that draws
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
-    """An empty figure on an Agg canvas, strange to pyplot."""
+    """An empty figure on an Agg canvas, unknown to pyplot."""
     figure = Figure(figsize=(width_in, height_in), dpi=DPI, facecolor="white")
     FigureCanvasAgg(figure)
     return figure
+
+
+def axes_at(figure: Figure, left_in: float, bottom_in: float, width_in: float, height_in: float) -> Axes:
+    """New axes, placed in inches from the lower left corner of the figure."""
+    full_width_in, full_height_in = figure.get_size_inches()
+    return figure.add_axes(
+        (left_in / full_width_in, bottom_in / full_height_in, width_in / full_width_in, height_in / full_height_in)
+    )
 
 
 def figure_bytes(figure: Figure, picture_format: PictureFormat) -> bytes:
@@ -108,6 +118,20 @@ def figure_bytes(figure: Figure, picture_format: PictureFormat) -> bytes:
     with rc_context(STYLE):
         figure.savefig(buffer, format=picture_format, dpi=DPI, metadata=_UNDATED[picture_format])
     return buffer.getvalue()
+
+
+def figure_pixels(figure: Figure) -> NDArray[np.uint8]:
+    """The figure as an image, (H, W, 3) BGR uint8."""
+    image = cv2.imdecode(np.frombuffer(figure_bytes(figure, "png"), dtype=np.uint8), cv2.IMREAD_COLOR)
+    return np.asarray(image, dtype=np.uint8)
+
+
+def write_picture(stem: Path, figure: Figure) -> tuple[Path, ...]:
+    """Write a figure as `<stem>.png` and `<stem>.svg`, each whole or not at all."""
+    formats: tuple[PictureFormat, ...] = ("png", "svg")
+    for picture_format in formats:
+        write_bytes(stem.with_name(f"{stem.name}.{picture_format}"), figure_bytes(figure, picture_format))
+    return tuple(stem.with_name(f"{stem.name}.{picture_format}") for picture_format in formats)
 
 
 def rgb_image(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -128,8 +152,53 @@ def faded(image_rgb: NDArray[np.uint8], strength: float) -> NDArray[np.uint8]:
     return np.repeat((255.0 - strength * (255.0 - grey)).astype(np.uint8)[:, :, None], 3, axis=2)
 
 
+def tint(image_rgb: NDArray[np.float32], mask: NDArray[np.bool_], colour: str, strength: float) -> None:
+    """Mix a colour into the pixels of a mask, in place."""
+    image_rgb[mask] = (1 - strength) * image_rgb[mask] + strength * np.array(rgb(colour), dtype=np.float32)
+
+
 def show_image(axes: Axes, image_rgb: NDArray[np.uint8]) -> None:
     """Draw an image so that data coordinates are its pixels (u, v); no ticks."""
     height, width = image_rgb.shape[:2]
     axes.imshow(image_rgb, interpolation="antialiased")
     axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xticks=[], yticks=[])
+
+
+def plan_axes(axes: Axes, *, x_m: tuple[float, float], y_m: tuple[float, float], labels: bool = True) -> None:
+    """Set limits in the vehicle frame; data coordinates are (y, x) so that artists take columns swapped.
+
+    Args:
+        axes: where to draw.
+        x_m: lowest and highest x, forward, m.
+        y_m: lowest and highest y, left, m.
+        labels: name the axes.
+    """
+    axes.set(xlim=(y_m[1], y_m[0]), ylim=x_m, aspect="equal")
+    axes.xaxis.set_major_locator(MultipleLocator(5))
+    axes.yaxis.set_major_locator(MultipleLocator(5))
+    axes.tick_params(length=2, pad=2)
+    if labels:
+        axes.set_xlabel("y (m), left of the ego vehicle", labelpad=1.5)
+        axes.set_ylabel("x (m), ahead of the ego vehicle", labelpad=1.5)
+
+
+def draw_vehicle(axes: Axes, outline_m: NDArray[np.float64]) -> None:
+    """Draw the ego vehicle from its outline, (K, 2) in the vehicle frame, with an arrow in its direction of travel."""
+    axes.add_patch(PolygonPatch(outline_m[:, ::-1], facecolor=LIGHT_GREY, edgecolor=BLACK, linewidth=0.9, zorder=5))
+    low, high = outline_m.min(axis=0), outline_m.max(axis=0)
+    (x, y), length = (low + high) / 2, high[0] - low[0]
+    axes.annotate(
+        "", xy=(y, x + 0.32 * length), xytext=(y, x - 0.32 * length), zorder=6,
+        arrowprops={"arrowstyle": "-|>", "color": BLACK, "linewidth": 0.8, "shrinkA": 0, "shrinkB": 0},
+    )  # fmt: skip
+
+
+def draw_rings(axes: Axes, radii_m: Sequence[float]) -> None:
+    """Circles of constant range about the vehicle's origin, each with its range behind on the right."""
+    for radius in radii_m:
+        axes.add_patch(Circle((0, 0), radius, fill=False, edgecolor="#606060", linewidth=0.5, linestyle=":", zorder=4))
+        at = radius * np.sqrt(0.5)
+        axes.text(
+            -at, -at, f"{radius:g} m", fontsize=5.5, color="#303030", ha="center", va="center", zorder=4.5,
+            clip_on=True, bbox={"facecolor": "white", "alpha": 0.75, "linewidth": 0, "pad": 0.4},
+        )  # fmt: skip

@@ -14,20 +14,10 @@ from numpy.typing import NDArray
 
 from bench.errors import ShapeError
 from bench.evaluation.counts import ObjectCounts, count_frame
-from bench.reference.records import ReferenceFrame, Status
-from bench.reporting.canvas import (
-    FALSE_NEGATIVE,
-    FALSE_POSITIVE,
-    GREY,
-    TRUE_POSITIVE,
-    faded,
-    new_figure,
-    rgb,
-    rgb_image,
-    show_image,
-    styled,
-)
-from bench.reporting.outlines import draw_outline, place_labels
+from bench.harness import ProcessedFrame
+from bench.reference.records import ReferenceFrame
+from bench.reporting import canvas
+from bench.reporting.overlay import draw_outline, outlined, overlay_mask, place_labels
 
 WIDTH_IN = 3.5
 _LEGEND_IN, _TITLE_IN, _MARGIN_IN = 0.36, 0.2, 0.04
@@ -43,6 +33,19 @@ class PixelClass(IntEnum):
     FALSE_NEGATIVE = 3
     FALSE_POSITIVE = 4
     IGNORED = 5
+
+
+AREA_COLOURS = {
+    PixelClass.TRUE_POSITIVE: canvas.GREEN,
+    PixelClass.FALSE_NEGATIVE: canvas.SKY_BLUE,
+    PixelClass.FALSE_POSITIVE: canvas.VERMILION,
+}
+
+
+def detected_pixels(processed: ProcessedFrame) -> NDArray[np.bool_]:
+    """(H, W) bool, where the method marks motion in a processed frame, within V."""
+    height, width = processed.reference.valid.shape
+    return processed.segmentation.mask_at(width, height) & processed.reference.valid
 
 
 def pixel_classes(reference: ReferenceFrame, *, detected: NDArray[np.bool_]) -> NDArray[np.uint8]:
@@ -70,7 +73,16 @@ def pixel_classes(reference: ReferenceFrame, *, detected: NDArray[np.bool_]) -> 
     return classes
 
 
-@styled
+def overlay_counts(processed: ProcessedFrame) -> NDArray[np.uint8]:
+    """The image of a processed frame with the areas that it is scored by tinted, (H, W, 3) BGR uint8."""
+    classes = pixel_classes(processed.reference, detected=detected_pixels(processed))
+    tinted = processed.pixels
+    for kind, colour in AREA_COLOURS.items():
+        tinted = overlay_mask(tinted, mask=classes == kind, colour=colour, strength=0.45)
+    return tinted
+
+
+@canvas.styled
 def draw_counts(
     image: NDArray[np.uint8],
     *,
@@ -85,7 +97,7 @@ def draw_counts(
         detected: (H, W) bool; the method's mask at every pixel.
 
     Returns:
-        One picture at the width of a paper's column, with its legend and the frame's figures.
+        One picture at the width of a paper's column, with its legend and the frame's coverage.
 
     Source:
         Mariotti and Eising 2020, the figure that explains the detection rates.
@@ -94,11 +106,9 @@ def draw_counts(
     classes = pixel_classes(reference, detected=detected)
     picture_in = WIDTH_IN - 2 * _MARGIN_IN
     full_in = _TITLE_IN + picture_in * height / width + _LEGEND_IN
-    figure = new_figure(WIDTH_IN, full_in)
-    axes = figure.add_axes(
-        (_MARGIN_IN / WIDTH_IN, _LEGEND_IN / full_in, picture_in / WIDTH_IN, 1 - (_TITLE_IN + _LEGEND_IN) / full_in)
-    )
-    show_image(axes, _tinted(rgb_image(image), classes))
+    figure = canvas.new_figure(WIDTH_IN, full_in)
+    axes = canvas.axes_at(figure, _MARGIN_IN, _LEGEND_IN, picture_in, full_in - _TITLE_IN - _LEGEND_IN)
+    canvas.show_image(axes, _tinted(canvas.rgb_image(image), classes))
     _hatch_ignored(axes, classes)
     frame, objects = count_frame(reference, detected, component_size_px=0)
     _outline_objects(axes, reference, objects)
@@ -110,16 +120,10 @@ def draw_counts(
 
 
 def _tinted(image_rgb: NDArray[np.uint8], classes: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    grey = faded(image_rgb, _BACKGROUND_STRENGTH).astype(np.float32)
+    grey = canvas.faded(image_rgb, _BACKGROUND_STRENGTH).astype(np.float32)
     grey[classes == PixelClass.OUTSIDE] *= _OUTSIDE_STRENGTH
-    colours = {
-        PixelClass.TRUE_POSITIVE: TRUE_POSITIVE,
-        PixelClass.FALSE_NEGATIVE: FALSE_NEGATIVE,
-        PixelClass.FALSE_POSITIVE: FALSE_POSITIVE,
-    }
-    for kind, colour in colours.items():
-        area = classes == kind
-        grey[area] = (1 - _TINT) * grey[area] + _TINT * np.array(rgb(colour), dtype=np.float32)
+    for kind, colour in AREA_COLOURS.items():
+        canvas.tint(grey, classes == kind, colour, _TINT)
     return grey.astype(np.uint8)
 
 
@@ -134,26 +138,26 @@ def _hatch_ignored(axes: Axes, classes: NDArray[np.uint8]) -> None:
 def _outline_objects(axes: Axes, reference: ReferenceFrame, counts: Sequence[ObjectCounts]) -> None:
     polygons, texts = [], []
     for target, count in zip(reference.objects, counts, strict=True):
-        if target.status is Status.EVALUATED and target.polygon is not None:
-            draw_outline(axes, target.polygon, colour="white", style="--", width=0.9)
-            polygons.append(target.polygon)
-            texts.append(f"{target.track_id}: {_figures(count)}")
+        for _, polygon in outlined([target]):
+            draw_outline(axes, polygon, colour="white", style="--", width=0.9)
+            polygons.append(polygon)
+            texts.append(_label(target.track_id, count))
     place_labels(axes, polygons, texts)
 
 
-def _figures(count: ObjectCounts) -> str:
-    """Coverage and IoU of an evaluated object, whose region is never empty."""
+def _label(track_id: str, count: ObjectCounts) -> str:
+    """Track, coverage and IoU of an evaluated object, whose region is never empty."""
     coverage = count.tp / (count.tp + count.fn)
     iou = count.tp / (count.tp + count.fp + count.fn)
-    return f"TPR {100 * coverage:.0f} %, IoU {100 * iou:.0f} %"
+    return f"{track_id}: TPR {100 * coverage:.0f} %, IoU {100 * iou:.0f} %"
 
 
 def _legend() -> list[Patch | Line2D]:
     return [
-        Patch(color=TRUE_POSITIVE, label="TP, true positive"),
-        Patch(color=FALSE_NEGATIVE, label="FN, false negative"),
-        Patch(color=FALSE_POSITIVE, label="FP, false positive"),
-        Line2D([], [], color=GREY, linestyle="--", linewidth=1.2, label="reference polygon"),
+        Patch(color=canvas.GREEN, label="TP, true positive"),
+        Patch(color=canvas.SKY_BLUE, label="FN, false negative"),
+        Patch(color=canvas.VERMILION, label="FP, false positive"),
+        Line2D([], [], color=canvas.GREY, linestyle="--", linewidth=1.2, label="reference polygon"),
         Patch(facecolor="white", edgecolor="#404040", hatch="//////", linewidth=0.4, label="ignored"),
         Patch(color="#404040", label="not evaluated"),
     ]

@@ -1,13 +1,20 @@
-"""The pictures of one frame: panels, areas, overlay, and the lidar cluster of each object."""
+"""The pictures of one frame: panels, areas, overlay, and each object's lidar cluster from above and in the image."""
 
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pyarrow as pa
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon as PolygonPatch
+from matplotlib.patches import Rectangle
+from numpy.typing import NDArray
+from shapely import Polygon
 
 from bench.evaluation import Rows
 from bench.evaluation.row_source import as_source
@@ -15,14 +22,116 @@ from bench.evaluation.slices import Columns
 from bench.harness import FramePipeline, ProcessedFrame
 from bench.recordings.atomic import write_bytes
 from bench.reference import Category, ReferenceObject, Status
-from bench.reporting.canvas import figure_bytes
-from bench.reporting.cluster_view import ClusterView, draw_cluster
-from bench.reporting.count_view import draw_counts
-from bench.reporting.overlay import overlay_frame
-from bench.reporting.panels import PanelColumn, draw_panels
+from bench.reference.records import ObjectGeometry
+from bench.reporting import canvas
+from bench.reporting.count_view import detected_pixels, draw_counts
+from bench.reporting.overlay import draw_outline, outlined, overlay_frame
+from bench.reporting.panels import draw_panels
 
-FrameKey = tuple[str, str, int]
-_ORDER = {category: number for number, category in enumerate(Category)}
+_WIDTH_IN, _LEFT_IN, _BOTTOM_IN, _TOP_IN, _GAP_IN, _RIGHT_IN = 7.0, 0.42, 0.36, 0.22, 0.12, 0.04
+_SURROUNDINGS_M = 3.0
+_CLOUD = "#777777"
+_DOT_SHARE, _DOT_SIZES = 0.3, (0.05, 3.0)
+_INSET_SHARE = 0.42
+_INSET_BELOW = 0.35  # an object that fills less than this share of the image is shown larger in a corner
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ClusterView:
+    """One object, ready to be drawn.
+
+    Attributes:
+        geometry: the object's points and annotated shape at exposure.
+        image: (H, W) grey or (H, W, 3) BGR uint8.
+        polygon: the reference polygon in pixels.
+        vehicle_outline_m: (L, 2) float64, the ego vehicle from above, vehicle frame, m.
+        title: names the object.
+    """
+
+    geometry: ObjectGeometry
+    image: NDArray[np.uint8]
+    polygon: Polygon
+    vehicle_outline_m: NDArray[np.float64]
+    title: str = ""
+
+
+@canvas.styled
+def draw_cluster(view: ClusterView) -> Figure:
+    """Draw the point cloud from above on the left and the image on the right.
+
+    Source:
+        Mariotti and Eising 2020, the figure on ground truth generation.
+    """
+    height, width = view.image.shape[:2]
+    # The square plan and the image share one height and fill the width.
+    side_in = (_WIDTH_IN - _LEFT_IN - _GAP_IN - _RIGHT_IN) / (1 + width / height)
+    full_in = side_in + _BOTTOM_IN + _TOP_IN
+    figure = canvas.new_figure(_WIDTH_IN, full_in)
+    plan = canvas.axes_at(figure, _LEFT_IN, _BOTTOM_IN, side_in, side_in)
+    picture = canvas.axes_at(figure, _LEFT_IN + side_in + _GAP_IN, _BOTTOM_IN, side_in * width / height, side_in)
+    _draw_plan(plan, view)
+    _draw_picture(picture, view)
+    plan.set_title("(a) point cloud from above", pad=3)
+    picture.set_title("(b) " + (view.title or "fisheye image"), pad=3)
+    return figure
+
+
+def _draw_plan(axes: Axes, view: ClusterView) -> None:
+    found = view.geometry
+    around, cluster, outline_m = found.surroundings_vehicle, found.cluster_vehicle, found.outline_m
+    axes.scatter(around[:, 1], around[:, 0], s=0.4, c=_CLOUD, linewidths=0, rasterized=True)
+    axes.scatter(cluster[:, 1], cluster[:, 0], s=2.5, c=canvas.SKY_BLUE, linewidths=0, zorder=4.5, rasterized=True)
+    if len(outline_m):
+        axes.add_patch(PolygonPatch(outline_m[:, ::-1], fill=False, edgecolor=canvas.ORANGE, linewidth=1.3, zorder=4))
+    canvas.draw_vehicle(axes, view.vehicle_outline_m)
+    corners = [part for part in (cluster[:, :2], outline_m, view.vehicle_outline_m) if len(part)]
+    low, high = np.concatenate(corners).min(axis=0), np.concatenate(corners).max(axis=0)
+    half_m = (high - low).max() / 2 + _SURROUNDINGS_M
+    (x, y) = (low + high) / 2
+    canvas.plan_axes(axes, x_m=(x - half_m, x + half_m), y_m=(y - half_m, y + half_m))
+
+
+def _draw_picture(axes: Axes, view: ClusterView) -> None:
+    image = canvas.rgb_image(view.image)
+    canvas.show_image(axes, image)
+    height, width = image.shape[:2]
+    _draw_cluster_pixels(axes, view)
+    u_min, v_min, u_max, v_max = view.polygon.bounds
+    if max((u_max - u_min) / width, (v_max - v_min) / height) < _INSET_BELOW:
+        _draw_inset(axes, view, image)
+
+
+def _draw_cluster_pixels(axes: Axes, view: ClusterView) -> None:
+    seen = view.geometry.pixels[np.isfinite(view.geometry.pixels).all(axis=1)]
+    size = _dot_size(axes, view.polygon, len(seen))
+    axes.scatter(seen[:, 0], seen[:, 1], s=size, c=canvas.SKY_BLUE, linewidths=0, zorder=3, rasterized=True)
+    draw_outline(axes, view.polygon, colour=canvas.VERMILION, width=1.1).set_zorder(3.5)
+
+
+def _dot_size(axes: Axes, polygon: Polygon, dots: int) -> float:
+    """Area of a dot, points squared, so that the dots leave most of the object to be seen."""
+    origin, corner = axes.transData.transform([(0.0, 0.0), (1.0, 1.0)])
+    points_per_px = abs(corner[0] - origin[0]) * 72.0 / canvas.DPI
+    return float(np.clip(_DOT_SHARE * polygon.area * points_per_px**2 / max(dots, 1), *_DOT_SIZES))
+
+
+def _draw_inset(axes: Axes, view: ClusterView, image: NDArray[np.uint8]) -> None:
+    """The object enlarged, in the upper or lower corner that is farther from it."""
+    height, width = image.shape[:2]
+    u_min, v_min, u_max, v_max = view.polygon.bounds
+    u, v = (u_min + u_max) / 2, (v_min + v_max) / 2
+    half_v = 0.65 * max(v_max - v_min, (u_max - u_min) * height / width, 8.0)
+    half_u = half_v * width / height
+    left = 0.01 if u > width / 2 else 0.99 - _INSET_SHARE
+    bottom = 0.01 if v < height / 2 else 0.99 - _INSET_SHARE
+    inset = axes.inset_axes((left, bottom, _INSET_SHARE, _INSET_SHARE))
+    canvas.show_image(inset, image)
+    inset.set(xlim=(u - half_u, u + half_u), ylim=(v + half_v, v - half_v))
+    _draw_cluster_pixels(inset, view)
+    corner = (u - half_u, v - half_v)
+    axes.add_patch(Rectangle(corner, 2 * half_u, 2 * half_v, edgecolor="white", linewidth=0.8, fill=False, zorder=2.5))
+    for spine in inset.spines.values():
+        spine.set(edgecolor="white", linewidth=0.8)
 
 
 def write_frame_pictures(processed: ProcessedFrame, pipeline: FramePipeline, folder: Path) -> tuple[Path, ...]:
@@ -36,25 +145,41 @@ def write_frame_pictures(processed: ProcessedFrame, pipeline: FramePipeline, fol
     Returns:
         The files.
     """
-    height, width = processed.reference.valid.shape
-    detected = processed.segmentation.mask_at(width, height) & processed.reference.valid
-    column = PanelColumn(image=processed.pixels, segmentation=processed.segmentation, reference=processed.reference)
-    overlay = overlay_frame(processed.pixels, reference=processed.reference, detected=detected)
+    image, reference, detected = processed.pixels, processed.reference, detected_pixels(processed)
+    panels = draw_panels(image, segmentation=processed.segmentation, reference=reference)
+    overlay = overlay_frame(image, reference=reference, detected=detected)
     pictures = {
-        "panels": figure_bytes(draw_panels(column), "png"),
-        "areas": figure_bytes(draw_counts(processed.pixels, reference=processed.reference, detected=detected), "png"),
+        "panels": canvas.figure_bytes(panels, "png"),
+        "areas": canvas.figure_bytes(draw_counts(image, reference=reference, detected=detected), "png"),
         "overlay": cv2.imencode(".png", overlay)[1].tobytes(),
     }
-    for found in processed.reference.objects:
-        if found.status is Status.EVALUATED and processed.image.moving_path is None:
-            view = _cluster_view(found, processed, pipeline)
-            pictures[f"cluster-{_file_name(found.track_id)}"] = figure_bytes(draw_cluster(view), "png")
+    for found, polygon in outlined(reference.objects):
+        if processed.image.moving_path is None:
+            view = _cluster_view(found, polygon, processed, pipeline)
+            pictures[f"cluster-{_file_name(found.track_id)}"] = canvas.figure_bytes(draw_cluster(view), "png")
     for name, content in pictures.items():
         write_bytes(folder / f"{name}.png", content)
     return tuple(folder / f"{name}.png" for name in pictures)
 
 
-def telling_frames(objects: Rows) -> dict[Category, FrameKey]:
+def _file_name(track_id: str) -> str:
+    """The track id as part of a file name; ids come from data files and may hold anything."""
+    return re.sub(r"[^A-Za-z0-9_.-]+", "_", track_id)[:80]
+
+
+def _cluster_view(
+    found: ReferenceObject, polygon: Polygon, processed: ProcessedFrame, pipeline: FramePipeline
+) -> ClusterView:
+    return ClusterView(
+        geometry=pipeline.references.geometry(found.track_id, processed.image),
+        image=processed.pixels,
+        polygon=polygon,
+        vehicle_outline_m=pipeline.recording.vehicle_outline_m,
+        title=f"{found.object_class} {found.track_id}, {found.category}, {found.range_m:.1f} m, {found.points} points",
+    )
+
+
+def example_frames(objects: Rows) -> dict[Category, tuple[str, str, int]]:
     """For every category the frame in which an object of it fills most pixels: recording, camera, timestamp_ns.
 
     Args:
@@ -72,23 +197,4 @@ def telling_frames(objects: Rows) -> dict[Category, FrameKey]:
                 row = int(np.lexsort([times_ns, recording, -region])[0])
                 found = -int(region[row]), names[recording[row]], int(times_ns[row]), cameras[camera[row]]
                 largest[category] = min(largest.get(category, found), found)
-    return {
-        category: (recording, camera, timestamp_ns)
-        for category, (_, recording, timestamp_ns, camera) in sorted(largest.items(), key=lambda i: _ORDER[i[0]])
-    }
-
-
-def _file_name(track_id: str) -> str:
-    """The track id as part of a file name; ids come from data files and may hold anything."""
-    return re.sub(r"[^A-Za-z0-9_.-]+", "_", track_id)[:80]
-
-
-def _cluster_view(found: ReferenceObject, processed: ProcessedFrame, pipeline: FramePipeline) -> ClusterView:
-    assert found.polygon is not None, "an evaluated object has a polygon"
-    return ClusterView(
-        geometry=pipeline.references.geometry(found.track_id, processed.image),
-        image=processed.pixels,
-        polygon=found.polygon,
-        vehicle_outline_m=pipeline.recording.vehicle_outline_m,
-        title=f"{found.object_class} {found.track_id}, {found.category}, {found.range_m:.1f} m, {found.points} points",
-    )
+    return {kind: (largest[kind][1], largest[kind][3], largest[kind][2]) for kind in Category if kind in largest}

@@ -1,4 +1,4 @@
-"""Fast overlays of masks and polygons on an image, for galleries; no figure, no fonts, only OpenCV."""
+"""Masks and polygons over an image: fast ones by OpenCV, and outlines with labels on matplotlib's axes."""
 
 from __future__ import annotations
 
@@ -6,14 +6,28 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
+from matplotlib.patheffects import Stroke, withStroke
+from matplotlib.text import Text
+from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 from shapely import LinearRing, Polygon
 
 from bench.errors import ShapeError
-from bench.reference.records import ReferenceFrame, Status
+from bench.plain_text import plain
+from bench.reference.records import ReferenceFrame, ReferenceObject, Status
 from bench.reporting.canvas import GREEN, category_colour, rgb
 
 _SHIFT = 4  # fractional bits of OpenCV's drawing coordinates
+_LABEL_SIZES = 4.5, 6.0  # points, in a picture of 1.8 inches and less, of 2.4 inches and more
+_LABEL_GAP_PX = 3.0
+
+
+def bgr_image(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A copy of an image, (H, W) grey or (H, W, 3) BGR, as (H, W, 3) BGR."""
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image.copy(), dtype=np.uint8)
 
 
 def overlay_mask(
@@ -35,7 +49,7 @@ def overlay_mask(
     """
     if mask.shape != image.shape[:2]:
         raise ShapeError(f"mask: expected {image.shape[:2]}, got {mask.shape}")
-    tinted = _bgr(image)
+    tinted = bgr_image(image)
     tinted[mask] = ((1 - strength) * tinted[mask] + strength * np.array(rgb(colour)[::-1])).astype(np.uint8)
     return tinted
 
@@ -48,7 +62,7 @@ def overlay_polygons(
     Returns:
         (H, W, 3) BGR uint8, a new image.
     """
-    drawn = _bgr(image)
+    drawn = bgr_image(image)
     for polygon, colour in zip(polygons, colours, strict=True):
         rings = [_fixed_point(ring) for ring in (polygon.exterior, *polygon.interiors) if not ring.is_empty]
         cv2.polylines(drawn, rings, True, rgb(colour)[::-1], thickness, cv2.LINE_AA, _SHIFT)
@@ -63,20 +77,82 @@ def overlay_frame(
     Returns:
         (H, W, 3) BGR uint8, a new image.
     """
-    evaluated = [o for o in reference.objects if o.status is Status.EVALUATED and o.polygon is not None]
+    shown = outlined(reference.objects)
     return overlay_polygons(
         overlay_mask(image, mask=detected & reference.valid),
-        polygons=[o.polygon for o in evaluated if o.polygon is not None],
-        colours=[category_colour(o.category) for o in evaluated],
+        polygons=[polygon for _, polygon in shown],
+        colours=[category_colour(target.category) for target, _ in shown],
         thickness=2,
     )
 
 
-def _bgr(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image.copy(), dtype=np.uint8)
+def outlined(objects: Sequence[ReferenceObject]) -> list[tuple[ReferenceObject, Polygon]]:
+    """The evaluated objects with their polygons."""
+    return [(o, o.polygon) for o in objects if o.status is Status.EVALUATED and o.polygon is not None]
 
 
 def _fixed_point(ring: LinearRing) -> NDArray[np.int32]:
     corners: NDArray[np.float64] = np.asarray(ring.coords)[:, :2]
     fixed: NDArray[np.int32] = np.round(corners * 2**_SHIFT).astype(np.int32)
     return fixed
+
+
+def draw_outline(axes: Axes, polygon: Polygon, *, colour: str, style: str = "-", width: float = 1.0) -> PathPatch:
+    """Outline a polygon with its holes; a thin dark rim keeps it visible on any background."""
+    rings = [Path(np.asarray(ring.coords)[:, :2], closed=True) for ring in (polygon.exterior, *polygon.interiors)]
+    path = Path.make_compound_path(*rings)
+    patch = PathPatch(path, fill=False, edgecolor=colour, linewidth=width, linestyle=style)
+    patch.set_path_effects([withStroke(linewidth=width + 0.8, foreground="black")])
+    axes.add_patch(patch)
+    return patch
+
+
+def draw_references(axes: Axes, objects: Sequence[ReferenceObject]) -> None:
+    """Outline the evaluated objects in the colour of their kind of motion, each with category and track."""
+    shown = [(target, polygon) for target, polygon in outlined(objects) if not polygon.is_empty]
+    for target, polygon in shown:
+        draw_outline(axes, polygon, colour=category_colour(target.category))
+    words = ["moving" if o.category is None else o.category.value.replace("_", " ") for o, _ in shown]
+    texts = [f"{word} {target.track_id}" for word, (target, _) in zip(words, shown, strict=True)]
+    place_labels(axes, [polygon for _, polygon in shown], texts)
+
+
+def place_labels(axes: Axes, polygons: Sequence[Polygon], texts: Sequence[str]) -> list[Text]:
+    """Write each text beside its polygon, inside the axes and off the labels already there.
+
+    Above the polygon where there is room, else below it, else further up and down; off the other polygons if it can.
+    """
+    placed: list[Bbox] = []
+    labels = []
+    figure_width_in = axes.figure.get_figure(root=True).get_figwidth()
+    size = float(np.clip(2.5 * figure_width_in * axes.get_position().width, *_LABEL_SIZES))
+    for polygon, text in zip(polygons, texts, strict=True):
+        label = axes.text(0, 0, plain(text), fontsize=size, color="white", ha="left", va="bottom", zorder=10)
+        label.set_path_effects([effect(linewidth=1.4, foreground="black") for effect in (Stroke, withStroke)])
+        others = [Bbox.from_extents(*other.bounds) for other in polygons if other is not polygon]
+        placed.append(_place_label(axes, label, polygon, taken=placed, avoided=others))
+        labels.append(label)
+    return labels
+
+
+def _place_label(axes: Axes, label: Text, polygon: Polygon, *, taken: Sequence[Bbox], avoided: Sequence[Bbox]) -> Bbox:
+    """Move the label to the first free position and return the box it covers, in data coordinates."""
+    extent = label.get_window_extent().transformed(axes.transData.inverted())
+    width, height = abs(extent.width), abs(extent.height)
+    left, right = sorted(axes.get_xlim())
+    top, bottom = sorted(axes.get_ylim())  # v grows downwards
+    u_min, v_min, u_max, v_max = polygon.bounds
+    above, below = v_min - _LABEL_GAP_PX, v_max + _LABEL_GAP_PX + height
+    levels = [above, below, *(above - k * height for k in range(1, 6)), *(below + k * height for k in range(1, 6))]
+    sides = np.clip(
+        [(u_min + u_max - width) / 2, u_min, u_max - width], left + _LABEL_GAP_PX, right - width - _LABEL_GAP_PX
+    )
+    tries = [(u, v) for v in levels if top + height <= v <= bottom for u in sides]
+    boxes = [Bbox.from_extents(u, v - height, u + width, v) for u, v in tries]
+    v = float(np.clip((v_min + v_max + height) / 2, top + height, bottom))
+    inside = Bbox.from_extents(sides[0], v - height, sides[0] + width, v)
+    free = [box for box in boxes if not any(box.overlaps(other) for other in taken)]
+    clear = (box for box in free if not any(box.overlaps(other) for other in avoided))
+    chosen = next(clear, free[0] if free else inside)
+    label.set_position((chosen.x0, chosen.y1))
+    return chosen

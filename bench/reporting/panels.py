@@ -1,22 +1,22 @@
-"""The column of panels of one frame: flow, the four deviations, likelihood, segmentation (the paper's figure 6)."""
+"""The panels of one frame: flow, the deviations, likelihood, segmentation (the paper's figure 6)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from bench.errors import UsageError
 from bench.methods.contract import Segmentation
 from bench.reference.records import ReferenceFrame
-from bench.reporting.canvas import GREEN, LIGHT_GREY, faded, rgb, rgb_image, show_image, styled
-from bench.reporting.outlines import draw_references
-from bench.reporting.panel_grid import PanelGrid
+from bench.reporting import canvas
+from bench.reporting.overlay import draw_references
 
 LIKELIHOOD_SATURATION = 0.02  # the paper's figure 6
 SCORE_SATURATION = 1.0
@@ -33,124 +33,91 @@ DEVIATIONS = {
     "three_view": "three views",
 }
 _NUMERALS = ("I", "II", "III", "IV", "V", "VI", "VII", "VIII")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PanelColumn:
-    """One frame to draw.
-
-    Attributes:
-        image: the current image, (H, W) grey or (H, W, 3) BGR uint8.
-        segmentation: the method's word on it; panels appear for the `parts` it has.
-        reference: the frame's reference.
-        title: above the column; empty for camera and time.
-    """
-
-    image: NDArray[np.uint8]
-    segmentation: Segmentation
-    reference: ReferenceFrame
-    title: str = ""
+_WIDTH_IN, _LEFT_IN, _RIGHT_IN, _TOP_IN, _BOTTOM_IN, _GAP_IN = 2.6, 0.26, 0.62, 0.22, 0.05, 0.06
+_BAR_WIDTH_IN, _BAR_SHARE = 0.09, 0.9  # of a panel's height
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Row:
+class _Panel:
     label: str
-    expected: Callable[[PanelColumn], bool]
-    draw: Callable[[Axes, PanelColumn], None]
+    draw: Callable[[Axes], None]
     saturation: float | None = None
     colour_map: str = COLOUR_MAP
     unit: str = ""
 
 
-@styled
-def draw_panels(columns: PanelColumn | Sequence[PanelColumn], *, column_width_in: float | None = None) -> Figure:
-    """Draw frames side by side, each as a column of panels.
+@canvas.styled
+def draw_panels(image: NDArray[np.uint8], *, segmentation: Segmentation, reference: ReferenceFrame) -> Figure:
+    """Draw a frame as a column of panels, one for everything that the method shows of its work.
 
     Args:
-        columns: the frames; images of one size.
-        column_width_in: width of an image; None for a paper's column or page, as the number of frames asks for.
-
-    Returns:
-        A row for everything that any of the frames has; a frame without it leaves its place empty.
-
-    Raises:
-        UsageError: no frame.
+        image: the current image, (H, W) grey or (H, W, 3) BGR uint8.
+        segmentation: the method's answer; panels appear for the `parts` it has.
+        reference: the frame's reference.
 
     Source:
         Mariotti and Eising 2020, figure 6.
     """
-    frames = [columns] if isinstance(columns, PanelColumn) else list(columns)
-    if not frames:
-        raise UsageError("panels: expected at least one frame, got none")
-    rows = [row for row in _rows() if any(row.expected(frame) for frame in frames)]
-    width_in = column_width_in or (2.6 if len(frames) == 1 else max(1.5, 6.3 / len(frames)))
-    height_in = width_in * frames[0].image.shape[0] / frames[0].image.shape[1]
-    grid = PanelGrid(columns=len(frames), rows=len(rows), width_in=width_in, height_in=height_in)
-    for r, row in enumerate(rows):
-        for c, frame in enumerate(frames):
-            axes = grid.axes(r, c)
-            if row.expected(frame):
-                row.draw(axes, frame)
-            else:
-                axes.set_axis_off()
-            if r == 0:
-                axes.set_title(frame.title or _default_title(frame.reference), pad=3, fontsize=7)
-        grid.label(r, f"({_NUMERALS[r]}) {row.label}")
-        if row.saturation is not None:
-            grid.colour_bar(r, saturation=row.saturation, colour_map=row.colour_map, unit=row.unit)
-    return grid.figure
+    panels = list(_panels(image, segmentation, reference))
+    height_in = _WIDTH_IN * image.shape[0] / image.shape[1]
+    full_in = _TOP_IN + len(panels) * height_in + (len(panels) - 1) * _GAP_IN + _BOTTOM_IN
+    figure = canvas.new_figure(_LEFT_IN + _WIDTH_IN + _RIGHT_IN, full_in)
+    for number, panel in enumerate(panels):
+        bottom_in = full_in - _TOP_IN - number * (height_in + _GAP_IN) - height_in
+        axes = canvas.axes_at(figure, _LEFT_IN, bottom_in, _WIDTH_IN, height_in)
+        panel.draw(axes)
+        if number == 0:
+            axes.set_title(f"{reference.camera}, {reference.timestamp_ns / 1e9:.2f} s", pad=3, fontsize=7)
+        left, middle = (_LEFT_IN - 0.13) / figure.get_figwidth(), (bottom_in + height_in / 2) / full_in
+        label = f"({_NUMERALS[number]}) {panel.label}"
+        figure.text(left, middle, label, rotation=90, ha="center", va="center", fontsize=7)
+        if panel.saturation is not None:
+            _draw_colour_bar(figure, panel, bottom_in + (1 - _BAR_SHARE) / 2 * height_in, _BAR_SHARE * height_in)
+    return figure
 
 
-def _rows() -> list[_Row]:
-    deviations = [
-        _Row(
-            label=label,
-            expected=lambda frame, name=name: name in (frame.segmentation.parts or {}),  # type: ignore[misc]
-            draw=lambda axes, frame, name=name: _draw_deviation(axes, frame, name),  # type: ignore[misc]
-            saturation=DEVIATION_SATURATION,
-            unit="deviation",
-        )
-        for name, label in DEVIATIONS.items()
-    ]
-    return [
-        _Row(
-            label="flow",
-            expected=lambda frame: {"flow_u", "flow_v"} <= set(frame.segmentation.parts or {}),
-            draw=_draw_flow,
-            saturation=FLOW_SATURATION_PX,
-            colour_map=FLOW_COLOUR_MAP,
-            unit="px per frame",
-        ),
-        *deviations,
-        _Row(
-            label="likelihood",
-            expected=lambda frame: _has_likelihood(frame, score=False),
-            draw=_draw_likelihood,
-            saturation=LIKELIHOOD_SATURATION,
-            unit="likelihood",
-        ),
-        _Row(
-            label="score",
-            expected=lambda frame: _has_likelihood(frame, score=True),
-            draw=_draw_likelihood,
-            saturation=SCORE_SATURATION,
-            unit="score",
-        ),
-        _Row(label="segmentation", expected=lambda _: True, draw=_draw_segmentation),
-    ]
+def _draw_colour_bar(figure: Figure, panel: _Panel, bottom_in: float, height_in: float) -> None:
+    assert panel.saturation is not None
+    scale = ScalarMappable(norm=Normalize(vmin=0.0, vmax=panel.saturation), cmap=panel.colour_map)
+    axes = canvas.axes_at(figure, _LEFT_IN + _WIDTH_IN + _GAP_IN, bottom_in, _BAR_WIDTH_IN, height_in)
+    bar = figure.colorbar(scale, cax=axes, extend="max", ticks=[0.0, panel.saturation / 2, panel.saturation])
+    bar.ax.tick_params(labelsize=6, length=2, pad=1.5)
+    bar.ax.yaxis.set_major_formatter("{x:g}")
+    bar.set_label(panel.unit, fontsize=6)
+    bar.ax.yaxis.set_label_coords(4.6, 0.5)  # one line for all bars, whatever their numbers' width
 
 
-def _draw_flow(axes: Axes, frame: PanelColumn) -> None:
+def _panels(image: NDArray[np.uint8], segmentation: Segmentation, reference: ReferenceFrame) -> Iterator[_Panel]:
+    parts = segmentation.parts or {}
+    cells = partial(_draw_cells, segmentation=segmentation, reference=reference)
+    if "flow_u" in parts and "flow_v" in parts:
+        flow = partial(_draw_flow, image=image, segmentation=segmentation, reference=reference)
+        yield _Panel(label="flow", draw=flow, saturation=FLOW_SATURATION_PX, colour_map=FLOW_COLOUR_MAP,
+                     unit="px per frame")  # fmt: skip
+    for name, label in DEVIATIONS.items():
+        if name in parts:
+            draw = partial(cells, values=parts[name], saturation=DEVIATION_SATURATION)
+            yield _Panel(label=label, draw=draw, saturation=DEVIATION_SATURATION, unit="deviation")
+    if segmentation.likelihood is not None:
+        is_score = segmentation.likelihood_is_score
+        label, saturation = ("score", SCORE_SATURATION) if is_score else ("likelihood", LIKELIHOOD_SATURATION)
+        draw = partial(cells, values=segmentation.likelihood, saturation=saturation)
+        yield _Panel(label=label, draw=draw, saturation=saturation, unit=label)
+    result = partial(_draw_segmentation, image=image, segmentation=segmentation, reference=reference)
+    yield _Panel(label="segmentation", draw=result)
+
+
+def _draw_flow(axes: Axes, *, image: NDArray[np.uint8], segmentation: Segmentation, reference: ReferenceFrame) -> None:
     """Arrows from where the pixel was in the previous image to where it is now, on an even grid."""
-    parts, cell = frame.segmentation.parts, frame.segmentation.cell_size_px
+    parts, cell = segmentation.parts, segmentation.cell_size_px
     assert parts is not None
     flow_u, flow_v = parts["flow_u"], parts["flow_v"]
-    show_image(axes, faded(rgb_image(frame.image), 0.45))
+    canvas.show_image(axes, canvas.faded(canvas.rgb_image(image), 0.45))
     step = max(1, flow_u.shape[1] // ARROWS_ACROSS)
     picked = np.s_[step // 2 :: step, step // 2 :: step]
     v, u = (np.mgrid[: flow_u.shape[0], : flow_u.shape[1]] * cell + (cell - 1) / 2)[:, *picked]
-    inside = (u < frame.image.shape[1]) & (v < frame.image.shape[0])
-    seen = inside & frame.reference.valid[np.where(inside, v, 0).astype(int), np.where(inside, u, 0).astype(int)]
+    inside = (u < image.shape[1]) & (v < image.shape[0])
+    seen = inside & reference.valid[np.where(inside, v, 0).astype(int), np.where(inside, u, 0).astype(int)]
     back_u, back_v = flow_u[picked][seen], flow_v[picked][seen]
     length_px = np.hypot(back_u, back_v)
     axes.quiver(
@@ -160,33 +127,25 @@ def _draw_flow(axes: Axes, frame: PanelColumn) -> None:
     )  # fmt: skip
 
 
-def _has_likelihood(frame: PanelColumn, *, score: bool) -> bool:
-    return frame.segmentation.likelihood is not None and frame.segmentation.likelihood_is_score == score
-
-
-def _draw_deviation(axes: Axes, frame: PanelColumn, name: str) -> None:
-    assert frame.segmentation.parts is not None
-    _draw_cells(axes, frame, frame.segmentation.parts[name], DEVIATION_SATURATION)
-
-
-def _draw_likelihood(axes: Axes, frame: PanelColumn) -> None:
-    assert frame.segmentation.likelihood is not None
-    saturation = SCORE_SATURATION if frame.segmentation.likelihood_is_score else LIKELIHOOD_SATURATION
-    _draw_cells(axes, frame, frame.segmentation.likelihood, saturation)
-
-
-def _draw_cells(axes: Axes, frame: PanelColumn, values: NDArray[np.float32], saturation: float) -> None:
+def _draw_cells(
+    axes: Axes,
+    *,
+    segmentation: Segmentation,
+    reference: ReferenceFrame,
+    values: NDArray[np.float32],
+    saturation: float,
+) -> None:
     """Colour the cells; light grey where the lens or the method sees nothing."""
-    height, width = frame.image.shape[:2]
-    cell = frame.segmentation.cell_size_px
+    height, width = reference.valid.shape
+    cell = segmentation.cell_size_px
     rows, columns = values.shape
     middle = cell // 2
-    seen = frame.reference.valid[middle::cell, middle::cell]
+    seen = reference.valid[middle::cell, middle::cell]
     hidden = ~np.pad(seen, ((0, rows - seen.shape[0]), (0, columns - seen.shape[1])), mode="edge")
-    if frame.segmentation.undefined is not None:
-        hidden |= frame.segmentation.undefined
+    if segmentation.undefined is not None:
+        hidden |= segmentation.undefined
     shown = np.ma.masked_array(values, mask=hidden | ~np.isfinite(values))
-    axes.set_facecolor(LIGHT_GREY)
+    axes.set_facecolor(canvas.LIGHT_GREY)
     axes.imshow(
         shown, cmap=COLOUR_MAP, norm=Normalize(vmin=0.0, vmax=saturation, clip=True), interpolation="nearest",
         extent=(-0.5, columns * cell - 0.5, rows * cell - 0.5, -0.5),
@@ -194,15 +153,12 @@ def _draw_cells(axes: Axes, frame: PanelColumn, values: NDArray[np.float32], sat
     axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xticks=[], yticks=[])
 
 
-def _draw_segmentation(axes: Axes, frame: PanelColumn) -> None:
-    image = rgb_image(frame.image)
-    height, width = image.shape[:2]
-    moving = frame.segmentation.mask_at(width, height) & frame.reference.valid
-    tinted = image.copy()
-    tinted[moving] = (0.45 * image[moving] + 0.55 * np.array(rgb(GREEN))).astype(np.uint8)
-    show_image(axes, tinted)
-    draw_references(axes, frame.reference.objects)
-
-
-def _default_title(reference: ReferenceFrame) -> str:
-    return f"{reference.camera}, {reference.timestamp_ns / 1e9:.2f} s"
+def _draw_segmentation(
+    axes: Axes, *, image: NDArray[np.uint8], segmentation: Segmentation, reference: ReferenceFrame
+) -> None:
+    tinted = canvas.rgb_image(image)
+    height, width = tinted.shape[:2]
+    moving = segmentation.mask_at(width, height) & reference.valid
+    tinted[moving] = (0.45 * tinted[moving] + 0.55 * np.array(canvas.rgb(canvas.GREEN))).astype(np.uint8)
+    canvas.show_image(axes, tinted)
+    draw_references(axes, reference.objects)

@@ -1,4 +1,4 @@
-"""Detection rate around the host, per class and direction of relative motion (the paper's detection-rate maps)."""
+"""The paper's maps of the detection rate around the ego vehicle, per class and direction of relative motion."""
 
 from __future__ import annotations
 
@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from bench.evaluation.maps import RangeMap, RangeMaps
 from bench.reference.records import Direction
-from bench.reporting.canvas import new_figure, styled
-from bench.reporting.vehicle_plan import draw_rings, draw_vehicle, plan_axes
+from bench.reporting.canvas import axes_at, draw_rings, draw_vehicle, new_figure, plan_axes, styled
 
 CLASSES = ("pedestrian", "cyclist", "vehicle")
 COLOUR_MAP = "viridis"
@@ -29,11 +28,11 @@ _LEAST_REACH_M = 10.0
 
 @styled
 def draw_range_maps(range_maps: RangeMaps, *, vehicle_outline_m: NDArray[np.float64]) -> Figure:
-    """Draw classes by two directions over the host seen from above; the paper's three classes always.
+    """Draw classes by two directions over the ego vehicle seen from above; the paper's three classes always.
 
     Args:
         range_maps: counts per cell, of any classes; a class and direction without any is drawn empty.
-        vehicle_outline_m: (K, 2) float64, the host from above, vehicle frame, m.
+        vehicle_outline_m: (K, 2) float64, the ego vehicle from above, vehicle frame, m.
 
     Source:
         Mariotti and Eising 2020, the figure of detection ranges.
@@ -48,15 +47,20 @@ def draw_range_maps(range_maps: RangeMaps, *, vehicle_outline_m: NDArray[np.floa
         for c, object_class in enumerate(classes):
             left = _LEFT_IN + c * (panel_in + _GAP_X_IN)
             bottom = full_in - _TOP_IN - (r + 1) * panel_in - r * _GAP_Y_IN
-            axes = figure.add_axes((left / _WIDTH_IN, bottom / full_in, panel_in / _WIDTH_IN, panel_in / full_in))
+            axes = axes_at(figure, left, bottom, panel_in, panel_in)
             range_map = found.get((object_class, direction))
             _draw_panel(axes, range_map, reach_m, vehicle_outline_m)
             total = 0 if range_map is None else int(range_map.object_frames.sum())
             axes.set_title(f"{object_class}, {direction.value}\n{total} object-frames", pad=3, fontsize=7)
             axes.tick_params(labelleft=c == 0, labelbottom=r == 1)
-    _name_axes(figure, full_in, panel_in, len(classes))
-    _colour_bar(figure, full_in, panel_in, len(classes))
-    _legend(figure, range_maps)
+    tall_in, wide_in = 2 * panel_in + _GAP_Y_IN, len(classes) * (panel_in + _GAP_X_IN)
+    across, up = (_LEFT_IN + (wide_in - _GAP_X_IN) / 2) / _WIDTH_IN, (_BOTTOM_IN + tall_in / 2) / full_in
+    figure.text(across, (_BOTTOM_IN - 0.3) / full_in, "y (m), left of the ego vehicle", ha="center", va="center")
+    figure.text(0.1 / _WIDTH_IN, up, "x (m), ahead of the ego vehicle", rotation=90, ha="center", va="center")
+    scale = ScalarMappable(norm=Normalize(vmin=0.0, vmax=100.0), cmap=COLOUR_MAP)
+    bar = axes_at(figure, _LEFT_IN + wide_in, _BOTTOM_IN, 0.1, tall_in)
+    figure.colorbar(scale, cax=bar, ticks=range(0, 101, 20)).set_label("detection rate (%)", labelpad=2)
+    _draw_legend(figure, range_maps)
     return figure
 
 
@@ -102,22 +106,7 @@ def _reach(maps: Sequence[RangeMap]) -> float:
     return float(np.ceil(reach_m)) + 0.5  # the outermost ticks stay off the corners
 
 
-def _name_axes(figure: Figure, full_in: float, panel_in: float, columns: int) -> None:
-    middle_x = (_LEFT_IN + (columns * panel_in + (columns - 1) * _GAP_X_IN) / 2) / _WIDTH_IN
-    middle_y = (_BOTTOM_IN + panel_in + _GAP_Y_IN / 2) / full_in
-    figure.text(middle_x, (_BOTTOM_IN - 0.3) / full_in, "y (m), left of the host", ha="center", va="center")
-    figure.text(0.1 / _WIDTH_IN, middle_y, "x (m), ahead of the host", rotation=90, ha="center", va="center")
-
-
-def _colour_bar(figure: Figure, full_in: float, panel_in: float, columns: int) -> None:
-    left = (_LEFT_IN + columns * (panel_in + _GAP_X_IN)) / _WIDTH_IN
-    tall = 2 * panel_in + _GAP_Y_IN
-    axes = figure.add_axes((left, _BOTTOM_IN / full_in, 0.1 / _WIDTH_IN, tall / full_in))
-    scale = ScalarMappable(norm=Normalize(vmin=0.0, vmax=100.0), cmap=COLOUR_MAP)
-    figure.colorbar(scale, cax=axes, ticks=range(0, 101, 20)).set_label("detection rate (%)", labelpad=2)
-
-
-def _legend(figure: Figure, range_maps: RangeMaps) -> None:
+def _draw_legend(figure: Figure, range_maps: RangeMaps) -> None:
     least = max((m.min_object_frames for m in range_maps.maps), default=1)
     few = Patch(
         facecolor="white", edgecolor="#808080", hatch=HATCH, linewidth=0.4, label=f"fewer than {least} object-frames"

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from bench.errors import OutputError, UsageError
 from bench.recordings import Cuboid, ImageRef, Recording
 from bench.recordings.atomic import replacing
-from bench.reporting.lidar_pixels import SeenSweep
+from bench.reporting.video import SeenSweep
 
 TIMELINE = "exposure"
 NEAR_STATE_NS = 60_000_000

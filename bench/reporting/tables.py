@@ -1,46 +1,44 @@
-"""The rows of the paper's table, ours beside the paper's; every form of the table is written from these."""
+"""The rows of the paper's table, ours beside the paper's, as text tables and for the terminal."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from bench.evaluation import published
-from bench.evaluation.summary import FalsePositiveFigures, Figure, ObjectFigures, Summary
+from rich.table import Table
+from rich.text import Text
+
+from bench.evaluation import Figure, ThresholdFreeFigures, published
+from bench.evaluation.intervals import FEWEST_RECORDINGS
+from bench.evaluation.summary import FalsePositiveFigures, ObjectFigures, Summary
 from bench.reference.records import Category
+from bench.reporting.formats import (
+    INTERVALS,
+    LABELS,
+    TextTable,
+    chance_of,
+    count,
+    detection_levels,
+    hundredths,
+    level_percent,
+    mean,
+    number_columns,
+    percent,
+    short_interval,
+    terminal_table,
+    with_interval,
+)
 
-LABELS = {
-    Category.CROSSING: "Crossing (epipolar)",
-    Category.OVERTAKING: "Overtaking (positive depth)",
-    Category.PRECEDING: "Preceding (positive height)",
-    Category.APPROACHING: "Approaching (anti-parallel)",
-    Category.STATIC_EGO: "Static ego-vehicle (degenerate)",
-    Category.MOVING: "Moving (kind not told)",
-}
 FALSE_POSITIVES = "false_positives"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Comparison:
-    """One figure, ours and the paper's; ratios in [0, 1].
-
-    Attributes:
-        value: ours; NaN without cases.
-        ci95: 95 % interval of ours; None where there is none.
-        cases: what ours is taken over.
-        paper: the paper's; NaN where it has none.
-    """
-
-    value: float
-    ci95: tuple[float, float] | None
-    cases: int
-    paper: float
-
-    @property
-    def difference_points(self) -> float:
-        """Ours minus the paper's in percentage points; NaN where either is missing."""
-        return round(100.0 * (self.value - self.paper), 10)  # without the noise of binary fractions
+FALSE_POSITIVE_METRICS = ("coverage", "coverage_valid", "frame_rate", "components_per_frame")
+COMPARED = {"detection_rate": "Detection rate", "tpr": "TPR", "iou_detected": "IoU"}
+COVERAGES = {"tpr": "TPR, detected", "tpr_all": "TPR, all", "iou": "IoU, all", "iou_detected": "IoU, detected"}
+NOTE = (
+    "TPR and IoU beside the paper's are averages over the detected object-frames. Chance: the same objects on the mask "
+    f"of another frame. {INTERVALS} Differences in percentage points. In the last row, "
+    "the area of the image. The paper's recordings are private: same form, not the same data."
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,7 +52,8 @@ class TableRow:
         paper_frames: the paper's.
         tracks: objects; None in the last row.
         recordings: that hold the frames; None in the last row of a summary of an older version.
-        figures: by the names of `ObjectFigures`, in the last row of `FalsePositiveFigures`.
+        metrics: ours, by the names of `ObjectFigures`, in the last row of `FalsePositiveFigures`.
+        paper: the paper's values of those metrics that it states, in [0, 1].
     """
 
     name: str
@@ -63,7 +62,22 @@ class TableRow:
     paper_frames: int
     tracks: int | None
     recordings: int | None
-    figures: Mapping[str, Comparison]
+    metrics: Mapping[str, Figure]
+    paper: Mapping[str, float]
+
+    def difference_points(self, name: str) -> float:
+        """Ours minus the paper's in percentage points; NaN where either is missing."""
+        difference = self.metrics[name].value - self.paper.get(name, math.nan)
+        return round(100.0 * difference, 10)  # without the noise of binary fractions
+
+    def difference(self, name: str) -> str:
+        """The same as "+0.1"; "" for NaN."""
+        points = self.difference_points(name)
+        return "" if math.isnan(points) else f"{points:+.1f}"
+
+    def paper_percent(self, name: str) -> str:
+        """The paper's value as it prints it, "72 %"; "" where it has none."""
+        return percent(self.paper[name], digits=0) if name in self.paper else ""
 
 
 def table_rows(summary: Summary) -> list[TableRow]:
@@ -72,42 +86,163 @@ def table_rows(summary: Summary) -> list[TableRow]:
     The paper's TPR and IoU stand beside ours over the detected object-frames: as averages over all of them they would
     contradict its detection rate (0.72 x 0.64 is less than 0.55).
     """
-    rows = [_category_row(Category(name), figures) for name, figures in summary.categories.items()]
+    rows = [_category_row(Category(name), found) for name, found in summary.categories.items()]
     return [*rows, _false_positive_row(summary.false_positives)]
 
 
-def _category_row(category: Category, figures: ObjectFigures) -> TableRow:
+def _category_row(category: Category, found: ObjectFigures) -> TableRow:
     theirs = published.CATEGORIES.get(category)
-    paper = {"detection_rate": theirs.detection_rate, "tpr": theirs.tpr, "iou_detected": theirs.iou} if theirs else {}
+    paper = (theirs.detection_rate, theirs.tpr, theirs.iou) if theirs else ()
     return TableRow(
         name=category.value,
         label=LABELS[category],
-        frames=figures.object_frames,
+        frames=found.object_frames,
         paper_frames=theirs.object_frames if theirs else 0,
-        tracks=figures.tracks,
-        recordings=figures.recordings,
-        figures={name: _compare(figures.figure(name), paper.get(name)) for name in figures.figure_names()},
+        tracks=found.tracks,
+        recordings=found.recordings,
+        metrics={name: found.figure(name) for name in found.figure_names()},
+        paper=dict(zip(COMPARED, paper, strict=False)),
     )
 
 
-def _false_positive_row(figures: FalsePositiveFigures) -> TableRow:
+def _false_positive_row(found: FalsePositiveFigures) -> TableRow:
     return TableRow(
         name=FALSE_POSITIVES,
         label="False positives",
-        frames=figures.frames,
+        frames=found.frames,
         paper_frames=published.IMAGE_FRAMES,
         tracks=None,
-        recordings=figures.recordings,
-        figures={
-            "coverage": _compare(figures.coverage, published.FALSE_POSITIVE_COVERAGE),
-            "coverage_valid": _compare(figures.coverage_valid, None),
-            "frame_rate": _compare(figures.frame_rate, None),
-            "components_per_frame": _compare(figures.components_per_frame, None),
-        },
+        recordings=found.recordings,
+        metrics={name: getattr(found, name) for name in FALSE_POSITIVE_METRICS},
+        paper={"coverage": published.FALSE_POSITIVE_COVERAGE},
     )
 
 
-def _compare(figure: Figure, paper: float | None) -> Comparison:
-    return Comparison(
-        value=figure.value, ci95=figure.ci95, cases=figure.cases, paper=math.nan if paper is None else paper
+def threshold_free_line(found: ThresholdFreeFigures) -> str:
+    """For example "Over all thresholds: AUPRC 71.2 % [60.1, 80.3], ... ", with what the bins leave open."""
+    auprc, rate = (
+        " to ".join(percent(bound, digits=2) for bound in bounds) for bounds in (found.auprc_bounds, found.fpr95_bounds)
     )
+    return (
+        f"Over all thresholds: AUPRC {with_interval(found.auprc)}, false-positive rate at 95 % recall "
+        f"{with_interval(found.fpr95)}; over the pixels of {found.images} images, from histograms: without bins "
+        f"AUPRC lies in {auprc}, the rate in {rate}."
+    )
+
+
+def detection_columns(rows: Sequence[TableRow]) -> dict[str, str]:
+    """Names and headings of the detection rates, with the protocol's own levels."""
+    names = next((list(row.metrics) for row in rows if row.name != FALSE_POSITIVES), [])
+    levels = {name: f"at {level_percent(name):g} %" for name in detection_levels(names)}
+    return {"detection_rate": "Detection rate"} | levels
+
+
+def text_tables(rows: Sequence[TableRow]) -> tuple[TextTable, ...]:
+    """Ours beside the paper's; detection and coverage with their intervals; the false positives."""
+    rates: dict[str, str] = {}
+    for name, heading in detection_columns(rows).items():
+        rates |= {name: heading, chance_of(name): "chance"}
+    return (
+        _beside_the_paper(rows),
+        _with_intervals(rows, title="Detection with 95 % intervals", shown=rates),
+        _with_intervals(rows, title="Coverage with 95 % intervals", shown=COVERAGES),
+        _false_positives(rows),
+    )
+
+
+def _beside_the_paper(rows: Sequence[TableRow]) -> TextTable:
+    headings = ["Type", "Recordings", "# Frames", "paper"]
+    for heading in COMPARED.values():
+        headings += [heading, "paper", "diff."]
+    lines = []
+    for row in rows:
+        line = [row.label, count(row.recordings), count(row.frames), count(row.paper_frames)]
+        # The paper prints the false-positive coverage in the column of the detection rate.
+        for name in ["coverage"] if row.name == FALSE_POSITIVES else COMPARED:
+            metric = row.metrics[name]
+            line += [percent(metric.value, cases=metric.cases), row.paper_percent(name), row.difference(name)]
+        lines.append(line + [""] * (len(headings) - len(line)))
+    return TextTable(title="Results by category of objects, beside the paper's", headings=headings, rows=lines)
+
+
+def _with_intervals(rows: Sequence[TableRow], *, title: str, shown: Mapping[str, str]) -> TextTable:
+    lines = [
+        [row.label, *map(count, (row.recordings, row.frames, row.tracks))]
+        + [with_interval(row.metrics[name]) for name in shown]
+        for row in rows
+        if row.name != FALSE_POSITIVES
+    ]
+    return TextTable(title=title, headings=["Type", "Recordings", "# Frames", "Objects", *shown.values()], rows=lines)
+
+
+def _false_positives(rows: Sequence[TableRow]) -> TextTable:
+    *shares, components = FALSE_POSITIVE_METRICS
+    lines = []
+    for row in rows:
+        if row.name == FALSE_POSITIVES:
+            cells = [*(with_interval(row.metrics[name]) for name in shares), mean(row.metrics[components])]
+            lines.append([count(row.recordings), count(row.frames), *cells])
+    headings = ["Recordings", "Image-frames", "False-positive coverage", "of the valid pixels"]
+    headings += ["Frames with a large false positive", "Components per frame"]
+    return TextTable(title="False positives", headings=headings, rows=lines, labels=0)
+
+
+MIN_COLUMNS = 100  # a console narrower than this cuts the table
+_SHORT = {"detection_rate": "Detec-\ntion", "tpr": "TPR\ndet.", "tpr_all": "TPR\nall", "iou": "IoU\nall",
+          "iou_detected": "IoU\ndet."}  # fmt: skip
+
+
+def to_rich(rows: Sequence[TableRow]) -> Table:
+    """Five lines per category: ours, its 95 % interval, its chance level, the paper's, the difference; in percent.
+
+    Returns:
+        A table to print on a `rich.console.Console` of at least `MIN_COLUMNS`; nothing is printed here.
+    """
+    shown = detection_columns(rows) | COVERAGES
+    table = terminal_table("Ours beside the paper's, in percent", caption=_caption(rows), below=1, right=0)
+    table.add_column("Type", no_wrap=True)
+    table.add_column("", style="dim", no_wrap=True)
+    number_columns(table, ("Recs", "Frames", "Objects"))
+    number_columns(table, (_SHORT.get(n, heading.replace(" ", "\n", 1)) for n, heading in shown.items()), min_width=6)
+    for row in rows:
+        of_images = row.name == FALSE_POSITIVES
+        lines = ["ours", "95 %", *([] if of_images else ["chance"]), "paper", "diff."]
+        frames = {"ours": count(row.frames), "paper": count(row.paper_frames)}
+        table.add_row(
+            Text(row.label.replace(" (", "\n(")),
+            Text("\n".join(lines)),
+            count(row.recordings),
+            Text("\n".join(frames.get(line, "") for line in lines)),
+            count(row.tracks),
+            *(_cell(row, name, lines) for name in (["coverage"] if of_images else shown)),
+        )
+    return table
+
+
+def _cell(row: TableRow, name: str, lines: Sequence[str]) -> Text:
+    metric = row.metrics[name]
+    no_cases = math.isnan(metric.value)
+    chance = row.metrics.get(chance_of(name)) if name.startswith("detection_rate") else None
+    texts = {
+        "ours": hundredths(metric.value),
+        "95 %": f"({metric.cases})" if no_cases else short_interval(metric),
+        "chance": "" if chance is None or math.isnan(chance.value) else hundredths(chance.value),
+        "paper": f"{100 * row.paper[name]:.0f}" if name in row.paper else "",
+        "diff.": row.difference(name),
+    }
+    text = Text(texts["ours"], style="" if no_cases else "bold")
+    return text.append("".join(f"\n{texts[line]}" for line in lines[1:]), style="not bold")
+
+
+def _caption(rows: Sequence[TableRow]) -> Text:
+    notes = [
+        f"95 %: interval by recording; none where fewer than {FEWEST_RECORDINGS} recordings (recs) hold cases.",
+        "Detection: object-frames with any pixel found, or at least the stated share of them.",
+        "Chance: the same on the mask of another frame. n/a (0): no cases.",
+        "TPR and IoU: det. over detected object-frames, the paper's reading; all over all of them.",
+    ]
+    for row in rows:
+        rate = row.metrics.get("frame_rate")
+        if rate is not None and not math.isnan(rate.value):
+            notes.append(f"False positives: share of the image; {percent(rate.value)} of the frames have a large one.")
+    return Text("\n".join(notes))

@@ -1,17 +1,154 @@
-"""Video files, written picture by picture."""
+"""Frames as a video: true and false areas tinted, reference polygons, the lidar sweep, and a line of text."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from shapely.affinity import affine_transform
 
 from bench.errors import OutputError, ShapeError, UsageError
+from bench.evaluation.counts import count_frame
+from bench.harness import ProcessedFrame
+from bench.recordings import ImageRef, MountedCamera, Recording
 from bench.recordings.atomic import replacing
+from bench.reference.sweeps import PlacedSweep, place_sweep
+from bench.reporting.canvas import category_colour
+from bench.reporting.count_view import detected_pixels, overlay_counts
+from bench.reporting.overlay import bgr_image, outlined, overlay_polygons
+
+FARTHEST_SWEEP_NS = 100_000_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SeenSweep:
+    """A motion-compensated sweep at an exposure.
+
+    Attributes:
+        points_world: (N, 3) float64, m.
+        points_vehicle: (N, 3) float64, m, vehicle frame at exposure.
+        pixels: (K, 2) float64, px, of the points in the image.
+        range_m: (K,) float64, m, of these points from the camera.
+    """
+
+    points_world: NDArray[np.float64]
+    points_vehicle: NDArray[np.float64]
+    pixels: NDArray[np.float64]
+    range_m: NDArray[np.float64]
+
+
+class SweepViewer:
+    """Projects the sweep nearest to an exposure; holds the last one.
+
+    Args:
+        recording: the drive.
+        camera: whose images the sweeps are projected into.
+    """
+
+    def __init__(self, recording: Recording, camera: MountedCamera) -> None:
+        self._recording, self._camera = recording, camera
+        self._times_ns = np.array([sweep.timestamp_ns for sweep in recording.sweeps], dtype=np.int64)
+        self._held: tuple[int, PlacedSweep | None] | None = None
+
+    def see(self, image: ImageRef) -> SeenSweep | None:
+        """The sweep at an exposure; None where there is none within 100 ms, or no ego-motion.
+
+        Raises:
+            DataError: the sweep's file cannot be read.
+        """
+        away_ns = np.abs(self._times_ns - image.timestamp_ns)
+        if not away_ns.size or away_ns.min() > FARTHEST_SWEEP_NS:
+            return None
+        nearest = int(np.argmin(away_ns))
+        if self._held is None or self._held[0] != nearest:
+            sweep = self._recording.sweeps[nearest].read()
+            self._held = nearest, place_sweep(sweep, self._recording.trajectory, self._recording.vehicle_from_lidar)
+        placed = self._held[1]
+        if placed is None:
+            return None
+        points_world = placed.points_world()
+        vehicle_from_world = self._recording.trajectory.world_from_vehicle(image.timestamp_ns).inverse()
+        points_vehicle = vehicle_from_world.apply(points_world)
+        points_camera = self._camera.vehicle_from_camera.inverse().apply(points_vehicle)
+        pixels, valid = self._camera.model.project(points_camera)
+        seen = valid & self._camera.model.contains(pixels)
+        return SeenSweep(
+            points_world=points_world,
+            points_vehicle=points_vehicle,
+            pixels=pixels[seen],
+            range_m=np.linalg.norm(points_camera[seen], axis=1),
+        )
+
+
+NEAREST_M, FARTHEST_M = 2.0, 40.0
+LEAST_WIDTH_PX = 640  # smaller images are enlarged, or nobody can read the line
+LINE_PX = 26
+
+
+def draw_frame(processed: ProcessedFrame, seen: SeenSweep | None = None) -> NDArray[np.uint8]:
+    """Draw a processed frame.
+
+    Args:
+        processed: the frame.
+        seen: its lidar sweep, if it is to be drawn; near points are yellow, far ones blue.
+
+    Returns:
+        (H, W, 3) BGR uint8 of even sides, the image with a line of text below.
+    """
+    picture, scale = _enlarged(overlay_counts(processed))
+    if seen is not None:
+        picture = _with_points(picture, seen, scale)
+    shown = outlined(processed.reference.objects)
+    shift = 0.5 * scale - 0.5
+    picture = overlay_polygons(
+        picture,
+        polygons=[affine_transform(polygon, [scale, 0, 0, scale, shift, shift]) for _, polygon in shown],
+        colours=[category_colour(target.category) for target, _ in shown],
+        thickness=2,
+    )
+    frame, objects = count_frame(processed.reference, detected_pixels(processed), component_size_px=0)
+    tp, fn = sum(o.tp for o in objects), sum(o.fn for o in objects)
+    text = f"{processed.image.timestamp_ns / 1e9:.3f} s   TP {tp}  FN {fn}  FP {frame.fp_px} px   {len(shown)} objects"
+    return _captioned(picture, text)
+
+
+def draw_plain(image: NDArray[np.uint8], text: str) -> NDArray[np.uint8]:
+    """An image that could not be scored, of the size that `draw_frame` gives, with the reason."""
+    return _captioned(_enlarged(bgr_image(image))[0], text)
+
+
+def _enlarged(picture: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], int]:
+    """The picture at the smallest whole scale that makes it wide enough, and the scale."""
+    scale = max(1, -(-LEAST_WIDTH_PX // picture.shape[1]))
+    return np.repeat(np.repeat(picture, scale, axis=0), scale, axis=1), scale
+
+
+def _with_points(picture: NDArray[np.uint8], seen: SeenSweep, scale: int) -> NDArray[np.uint8]:
+    share = np.clip(np.log(seen.range_m / NEAREST_M) / np.log(FARTHEST_M / NEAREST_M), 0.0, 1.0)
+    levels = np.round(255 * (1.0 - share)).astype(np.uint8)
+    colours = np.asarray(cv2.applyColorMap(levels[:, None], cv2.COLORMAP_VIRIDIS), dtype=np.uint8).reshape(-1, 3)
+    positions = np.round((seen.pixels + 0.5) * scale - 0.5).astype(np.int64)
+    order = np.argsort(-seen.range_m)  # near points over far ones
+    drawn = picture.copy()
+    rows = np.clip(positions[order, 1], 0, picture.shape[0] - 1)
+    columns = np.clip(positions[order, 0], 0, picture.shape[1] - 1)
+    drawn[rows, columns] = colours[order]
+    return drawn
+
+
+def _captioned(picture: NDArray[np.uint8], text: str) -> NDArray[np.uint8]:
+    height, width = picture.shape[:2]
+    framed = np.zeros((height + LINE_PX + (height + LINE_PX) % 2, width + width % 2, 3), dtype=np.uint8)
+    framed[:height, :width] = picture
+    shown = "".join(c if c.isascii() and c.isprintable() else "?" for c in text)
+    cv2.putText(framed, shown, (6, height + 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1, cv2.LINE_AA)
+    return framed
+
 
 # The codecs that the OpenCV wheel carries; H.264 is not among them for its licence. Browsers play .webm only.
 CODECS = {".mp4": "mp4v", ".webm": "VP90", ".avi": "MJPG"}
@@ -53,20 +190,20 @@ class VideoFile:
             OutputError: it does not hold the pictures.
         """
         video = cv2.VideoCapture(str(self._path))
-        told, held = video.get(cv2.CAP_PROP_FRAME_COUNT), 0  # by the file's own end, and what comes before it
+        stated, found = video.get(cv2.CAP_PROP_FRAME_COUNT), 0  # by the file's own end, and what comes before it
         while video.grab():
-            held += 1
+            found += 1
         video.release()
         with self._path.open("rb") as file:
             head = file.read(8)
         length = int.from_bytes(head[4:], "little") + 8 if head.startswith(b"RIFF") else 0  # .avi, its last picture too
-        if not self.pictures == told == held or length > self._path.stat().st_size:
+        if not self.pictures == stated == found or length > self._path.stat().st_size:
             got = "a file that ends before its last picture"
             raise OutputError(self._named, got=got, do="make room, then give the same command again")
 
     def _opened(self, size: tuple[int, int]) -> cv2.VideoWriter:
         codec = CODECS[self._named.suffix.lower()]
-        self._path.touch()  # OpenCV tells a place that cannot be written no other than a missing codec
+        self._path.touch()  # OpenCV reports a path that cannot be written as it does a missing codec
         writer = cv2.VideoWriter(str(self._path), cv2.VideoWriter.fourcc(*codec), self._rate_hz, size)
         if not writer.isOpened():
             raise UsageError(

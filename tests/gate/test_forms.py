@@ -9,7 +9,7 @@ from junitparser import JUnitXml
 from rich.console import Console
 
 from bench.gate import Check, Outcome
-from bench.gate.reports import to_annotations, to_json, to_junit, to_markdown, to_rich, told_lines
+from bench.gate.reports import remark_lines, to_annotations, to_json, to_junit, to_markdown, to_rich
 from tests.gate.factories import one, scored, sums, verdict_of
 
 
@@ -141,7 +141,7 @@ def test_the_terminal_shows_failures_first_and_why_not_judged(mixed):
     stream = StringIO()
     screen = Console(file=stream, width=110)
     screen.print(to_rich(mixed))
-    shown = stream.getvalue() + "\n".join(line for line, _ in told_lines(mixed))
+    shown = stream.getvalue() + "\n".join(line for line, _ in remark_lines(mixed))
     order = [shown.index(word) for word in (" failed ", " suspect ", " improved ")]
     assert order == sorted(order)
     assert "failed: data changed" in shown

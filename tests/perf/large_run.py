@@ -28,7 +28,7 @@ from bench.harness.stored import (
 )
 from bench.reporting.compare.writing import write_comparison
 from bench.reporting.page.build import write_page
-from bench.reporting.write import write_report_files
+from bench.reporting.table_files import write_report_files
 from tests.large_runs import write_run_tables
 
 OUTLINE_M = ((-1.0, -0.9), (3.8, -0.9), (3.8, 0.9), (-1.0, 0.9))

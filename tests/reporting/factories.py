@@ -17,7 +17,7 @@ from bench.reference.records import (
     ReferenceObject,
     Status,
 )
-from bench.reporting.cluster_view import ClusterView
+from bench.reporting.frame_pictures import ClusterView
 
 CELL_PX = 5
 

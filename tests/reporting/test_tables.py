@@ -7,19 +7,17 @@ import re
 import pytest
 from rich.console import Console
 
-from bench.reporting.sheets import (
+from bench.reporting.formats import percent, with_interval
+from bench.reporting.table_files import escape_latex, to_csv, to_json, to_latex, to_markdown
+from bench.reporting.tables import (
     COMPARED,
     COVERAGES,
-    detection_figures,
-    difference,
-    ours,
-    ours_with_interval,
-    paper,
-    percent,
+    FALSE_POSITIVES,
+    MIN_COLUMNS,
+    detection_columns,
+    table_rows,
+    to_rich,
 )
-from bench.reporting.table_files import escape_latex, to_csv, to_json, to_latex, to_markdown
-from bench.reporting.tables import FALSE_POSITIVES, table_rows
-from bench.reporting.terminal_table import MIN_COLUMNS, to_rich
 from tests.reporting.summaries import object_figures, summary
 
 ROWS = table_rows(summary())
@@ -39,7 +37,7 @@ def printed(width=MIN_COLUMNS, rows=ROWS):
     return console.export_text()
 
 
-def test_the_rows_are_the_papers_with_the_papers_figures():
+def test_the_rows_are_the_papers_with_the_papers_values():
     assert [(row.label, row.paper_frames) for row in ROWS] == [
         ("Crossing (epipolar)", 3848),
         ("Overtaking (positive depth)", 2757),
@@ -48,65 +46,56 @@ def test_the_rows_are_the_papers_with_the_papers_figures():
         ("Static ego-vehicle (degenerate)", 475),
         ("False positives", 5000),
     ]
-    crossing, last = ROWS[0].figures, ROWS[-1].figures
-    assert (crossing["detection_rate"].paper, crossing["tpr"].paper, crossing["iou_detected"].paper) == (
-        0.72,
-        0.64,
-        0.55,
-    )
-    assert last["coverage"].paper == 0.13
-
-
-def test_the_papers_iou_and_tpr_stand_beside_ours_over_the_detected_only():
-    assert math.isnan(ROWS[0].figures["iou"].paper)
-    assert math.isnan(ROWS[0].figures["tpr_all"].paper)
+    assert ROWS[0].paper == {"detection_rate": 0.72, "tpr": 0.64, "iou_detected": 0.55}
+    assert ROWS[-1].paper == {"coverage": 0.13}
 
 
 def test_differences_are_percentage_points():
-    assert ROWS[0].figures["detection_rate"].difference_points == pytest.approx(0.14)
-    assert difference(ROWS[0].figures["detection_rate"]) == "+0.1"
-    assert difference(ROWS[0].figures["chance"]) == ""
+    assert ROWS[0].difference_points("detection_rate") == pytest.approx(0.14)
+    assert ROWS[0].difference("detection_rate") == "+0.1"
+    assert ROWS[0].difference("chance") == ""
 
 
 def test_csv_and_json_carry_the_rows_without_loss():
     lines = {(line["row"], line["figure"]): line for line in csv.DictReader(io.StringIO(to_csv(ROWS)))}
     content = {row["name"]: row for row in json.loads(to_json(ROWS))["rows"]}
-    assert len(lines) == sum(len(row.figures) for row in ROWS)
+    assert len(lines) == sum(len(row.metrics) for row in ROWS)
     for row in ROWS:
         assert content[row.name]["frames"] == row.frames
         assert content[row.name]["recordings"] == row.recordings
-        for name, figure in row.figures.items():
+        for name, metric in row.metrics.items():
             line, stored = lines[row.name, name], content[row.name]["figures"][name]
-            assert same(number(line["value"]), figure.value)
-            assert same(number(line["paper"]), figure.paper)
+            assert same(number(line["value"]), metric.value)
+            assert same(number(line["paper"]), row.paper.get(name, math.nan))
             assert line["recordings"] == str(row.recordings)
-            assert same(number(line["difference_points"]), figure.difference_points)
-            assert stored["value"] == (None if math.isnan(figure.value) else figure.value)
+            assert same(number(line["difference_points"]), row.difference_points(name))
+            assert stored["value"] == (None if math.isnan(metric.value) else metric.value)
             low_high = None if stored["ci95"] is None else tuple(stored["ci95"])
-            assert low_high == figure.ci95
+            assert low_high == metric.ci95
 
 
 @pytest.mark.parametrize("write", [to_markdown, lambda rows: to_latex(rows).replace(r"\%", "%")])
-def test_markdown_and_latex_show_the_same_figures(write):
+def test_markdown_and_latex_show_the_same_values(write):
     text = write(ROWS)
     for row in ROWS[:-1]:
-        for name in [*detection_figures(ROWS), *COVERAGES, "chance", "chance_10", "chance_50"]:
-            assert ours_with_interval(row.figures[name]) in text
+        for name in [*detection_columns(ROWS), *COVERAGES, "chance", "chance_10", "chance_50"]:
+            assert with_interval(row.metrics[name]) in text
         for name in COMPARED:
-            shown = [ours(row.figures[name]), paper(row.figures[name]), difference(row.figures[name])]
+            ours = percent(row.metrics[name].value, cases=row.metrics[name].cases)
+            shown = [ours, row.paper_percent(name), row.difference(name)]
             assert re.search(r" +[|&] +".join(map(re.escape, shown)).replace(r"[|&] +$", ""), text)
-    last = ROWS[-1].figures
-    assert all(ours_with_interval(last[name]) in text for name in ("coverage", "coverage_valid", "frame_rate"))
+    last = ROWS[-1].metrics
+    assert all(with_interval(last[name]) in text for name in ("coverage", "coverage_valid", "frame_rate"))
     assert "12.5 [11.0, 14.2]" in text
 
 
-def test_the_terminal_shows_the_same_figures_at_100_columns():
+def test_the_terminal_shows_the_same_values_at_100_columns():
     text = printed()
     assert max(map(len, text.splitlines())) <= 100
     assert "…" not in text
     for row in ROWS[:-1]:
-        for name in [*detection_figures(ROWS), *COVERAGES]:
-            value = row.figures[name].value
+        for name in [*detection_columns(ROWS), *COVERAGES]:
+            value = row.metrics[name].value
             assert ("n/a" if math.isnan(value) else f"{100 * value:.1f}") in text
     crossing = text[text.index("Crossing") : text.index("Overtaking")].splitlines()
     assert crossing[0].split() == [
@@ -153,13 +142,13 @@ def test_nothing_to_average_is_said_and_not_made_up():
     assert "nan" not in to_csv(ROWS)
 
 
-def test_a_figure_without_an_interval_stands_alone():
+def test_a_value_without_an_interval_stands_alone():
     only = summary()
     crossing = only.categories["crossing"].model_copy(
         update={"detection_rate": only.categories["crossing"].detection_rate.model_copy(update={"ci95": None})}
     )
     rows = table_rows(only.model_copy(update={"categories": {"crossing": crossing}}))
-    assert ours_with_interval(rows[0].figures["detection_rate"]) == "72.1 %"
+    assert with_interval(rows[0].metrics["detection_rate"]) == "72.1 %"
     assert [row.name for row in rows] == ["crossing", FALSE_POSITIVES]
 
 

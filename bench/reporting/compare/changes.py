@@ -1,8 +1,9 @@
-"""What changed from one run to another: metrics by row with what may be said of them, and object-frames."""
+"""What changed from the first run to each of the others: metrics by row with a verdict, and object-frames."""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -10,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from bench.errors import DataError
 from bench.evaluation import Protocol, changes_in_parts
@@ -19,9 +19,11 @@ from bench.evaluation.row_source import group_recordings
 from bench.evaluation.score_sheet import PairedChange, holm, paired_change, sheet_of
 from bench.evaluation.slices import ALL_MOVING, FRAMES, IMAGE
 from bench.evaluation.summary import Figure, Summary
-from bench.evaluation.sums import RunSums
+from bench.evaluation.sums import RunSums, sum_run
 from bench.evaluation.totals import figures_of
-from bench.reporting.compare.runs import StoredRun
+from bench.reporting.compare.runs import differing_settings, on_common_images, settings_text
+from bench.reporting.formats import chance_of
+from bench.reporting.stored_run import StoredRun
 
 SIGNIFICANCE = 0.05
 
@@ -117,7 +119,7 @@ class RowChange:
     metrics: Mapping[str, MetricChange]
 
 
-def row_changes(sums_before: RunSums, sums_after: RunSums, *, rules: Protocol) -> list[RowChange]:
+def row_changes(sums_before: RunSums, sums_after: RunSums, *, protocol: Protocol) -> list[RowChange]:
     """Compare the categories, all moving objects, and the false positives.
 
     Holm's correction runs over the rows of one headline metric that have a p-value: the categories and the row of all
@@ -127,34 +129,30 @@ def row_changes(sums_before: RunSums, sums_after: RunSums, *, rules: Protocol) -
     Args:
         sums_before: of the run compared against.
         sums_after: of the other run.
-        rules: their protocol.
+        protocol: of both.
     """
-    before, after = (sheet_of(sums, protocol=rules) for sums in (sums_before, sums_after))
-    summaries = figures_of(sums_before, protocol=rules), figures_of(sums_after, protocol=rules)
-    of_objects = [*(str(category) for category in rules.reference.categories), ALL_MOVING]
+    before, after = (sheet_of(sums, protocol=protocol) for sums in (sums_before, sums_after))
+    summaries = figures_of(sums_before, protocol=protocol), figures_of(sums_after, protocol=protocol)
+    of_objects = [*(str(category) for category in protocol.reference.categories), ALL_MOVING]
     names = {row: [name for name in before.slices[row] if name not in _OF_FRAMES] for row in of_objects}
     names[FRAMES] = list(_OF_FRAMES)
     sums = {(row, m): (before.slices[row][m], after.slices[row][m]) for row, metrics in names.items() for m in metrics}
     changes = {key: paired_change(*pair) for key, pair in sums.items()}
-    corrected = _corrected({key: change.p_value for key, change in changes.items()})
+    corrected: dict[tuple[str, str], float | None] = {}
+    for metric in HEADLINES:
+        keys = [key for key in changes if key[1] == metric]
+        corrected |= dict(zip(keys, holm([changes[key].p_value for key in keys]), strict=True))
 
     def metric_change(row: str, metric: str) -> MetricChange:
-        key = row, metric
-        verdict = None
-        if metric in HEADLINES:
-            lower = metric == FALSE_POSITIVE_COVERAGE
-            verdict = judge(changes[key], p_holm=corrected[key], lower_is_better=lower)
-        return MetricChange(
-            change=changes[key],
-            p_holm=corrected.get(key),
-            verdict=verdict,
-            chance=_chance(row, metric, summaries),
-        )
+        change, p_holm = changes[row, metric], corrected.get((row, metric))
+        lower = metric == FALSE_POSITIVE_COVERAGE
+        verdict = judge(change, p_holm=p_holm, lower_is_better=lower) if metric in HEADLINES else None
+        return MetricChange(change=change, p_holm=p_holm, verdict=verdict, chance=_chance(row, metric, summaries))
 
     return [
         RowChange(
             name=row,
-            label=_label(row),
+            label="False positives" if row == FRAMES else row.replace("_", " ").capitalize(),
             frames=before.counts[row]["evaluated" if row == FRAMES else "object_frames"],
             recordings=len(sums[row, metrics[0]][0].denominators),
             metrics={metric: metric_change(row, metric) for metric in metrics},
@@ -163,34 +161,14 @@ def row_changes(sums_before: RunSums, sums_after: RunSums, *, rules: Protocol) -
     ]
 
 
-def headline_changes(rows: list[RowChange]) -> list[tuple[str, MetricChange]]:
-    """The headline metrics over everything: all moving objects, and the false positives of all images."""
-    by_name = {row.name: row for row in rows}
-    return [(m, by_name[FRAMES if m == FALSE_POSITIVE_COVERAGE else ALL_MOVING].metrics[m]) for m in HEADLINES]
-
-
-def _corrected(p_values: Mapping[tuple[str, str], float | None]) -> dict[tuple[str, str], float | None]:
-    corrected: dict[tuple[str, str], float | None] = {}
-    for metric in HEADLINES:
-        keys = [key for key in p_values if key[1] == metric]
-        corrected |= dict(zip(keys, holm([p_values[key] for key in keys]), strict=True))
-    return corrected
-
-
 def _chance(row: str, metric: str, summaries: tuple[Summary, Summary]) -> tuple[Figure, Figure] | None:
     if not metric.startswith("detection_rate"):
         return None
-    name = metric.replace("detection_rate", "chance")
     before, after = (s.all_moving if row == ALL_MOVING else s.categories[row] for s in summaries)
-    return before.figure(name), after.figure(name)
-
-
-def _label(row: str) -> str:
-    return "False positives" if row == FRAMES else row.replace("_", " ").capitalize()
+    return before.figure(chance_of(metric)), after.figure(chance_of(metric))
 
 
 LISTED = 10  # of each kind, one per track
-_COUNTED = ("object_frames", "before", "after", "gained", "lost")
 _WORDS = ["recording", "camera", "track_id", "object_class", "category", "change"]
 
 
@@ -241,25 +219,12 @@ class ChangedFrame:
     recording: str
     camera: str
     timestamp_ns: int
-    track_id: str | None
-    what: str
+    track_id: str | None = None
+    what: str = ""
     before: float
     after: float
-    iou_before: float | None
-    iou_after: float | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ObjectChanges:
-    """What changed over all object-frames of two runs.
-
-    Attributes:
-        detections: gained and lost, by category and of all.
-        frames: the object-frames that changed most.
-    """
-
-    detections: list[DetectionCounts]
-    frames: list[ChangedFrame]
+    iou_before: float | None = None
+    iou_after: float | None = None
 
 
 def paired_objects(before: StoredRun, after: StoredRun) -> Iterator[pd.DataFrame]:
@@ -282,34 +247,37 @@ def paired_objects(before: StoredRun, after: StoredRun) -> Iterator[pd.DataFrame
         yield rows
 
 
-def sum_changes(parts: Iterable[pd.DataFrame], *, categories: tuple[str, ...], limit: int = LISTED) -> ObjectChanges:
+def sum_changes(
+    parts: Iterable[pd.DataFrame], *, categories: tuple[str, ...], limit: int = LISTED
+) -> tuple[list[DetectionCounts], list[ChangedFrame]]:
     """Count the detections, and pick the object-frames that changed most.
 
     Args:
         parts: whole recordings, as `paired_objects` gives them.
         categories: of the protocol.
         limit: of object-frames of each kind; at most one of each track and kind, largest change of coverage first.
+
+    Returns:
+        detections: gained and lost, by category and of all.
+        frames: the object-frames that changed most.
     """
-    names = (*categories, ALL_MOVING)
-    counted = {name: np.zeros(5, dtype=np.int64) for name in names}
-    largest: dict[Kind, list[pd.DataFrame]] = {kind: [] for kind in _OF_OBJECTS}
+    empty = dict.fromkeys(("object_frames", "before", "after", "gained", "lost"), 0)
+    counted = {name: Counter(empty) for name in (*categories, ALL_MOVING)}
+    largest: dict[Kind, pd.DataFrame] = {}
     for rows in parts:
-        for name in names:
-            counted[name] += _detections(rows if name == ALL_MOVING else rows[rows["category"] == name])
+        for name, counts in counted.items():
+            of_row = rows if name == ALL_MOVING else rows[rows["category"] == name]
+            counts["object_frames"] += len(of_row)
+            for run in ("before", "after"):
+                counts[run] += int(of_row[f"detected_{run}"].sum())
+            for change in ("gained", "lost"):
+                counts[change] += int((of_row["change"] == change).sum())
         for kind, where in _kinds(rows).items():
-            largest[kind] = [_largest([*largest[kind], rows[where]], limit=limit)]
-    return ObjectChanges(
-        detections=[
-            DetectionCounts(name=name, **dict(zip(_COUNTED, counts.tolist(), strict=True)))
-            for name, counts in counted.items()
-        ],
-        frames=[
-            _object_frame(kind, row)
-            for kind, kept in largest.items()
-            for part in kept
-            for row in part.to_dict("records")
-        ],
-    )
+            found = _largest(rows[where], limit=limit)
+            largest[kind] = _largest(pd.concat([largest[kind], found]), limit=limit) if kind in largest else found
+    detections = [DetectionCounts(name=name, **counts) for name, counts in counted.items()]
+    kinds = [kind for kind in _OF_OBJECTS if kind in largest]
+    return detections, [_object_frame(kind, row) for kind in kinds for row in largest[kind].to_dict("records")]
 
 
 def changed_images(before: StoredRun, after: StoredRun) -> list[ChangedFrame]:
@@ -323,23 +291,10 @@ def changed_images(before: StoredRun, after: StoredRun) -> list[ChangedFrame]:
         for kind, sign in ((Kind.MORE_FALSE, 1), (Kind.FEWER_FALSE, -1)):
             # Of equals the first: recordings come in order.
             if len(rows) and (sign * difference).max() > found.get(kind, (0.0, {}))[0]:
-                place = int(np.argmax(sign * difference))
-                found[kind] = float(sign * difference[place]), rows.iloc[place].to_dict()
-    return [_image(kind, found[kind][1]) for kind in (Kind.MORE_FALSE, Kind.FEWER_FALSE) if kind in found]
-
-
-def _image(kind: Kind, row: Mapping[Hashable, Any]) -> ChangedFrame:
-    return ChangedFrame(
-        kind=kind, recording=str(row["recording"]), camera=str(row["camera"]), timestamp_ns=int(row["timestamp_ns"]),
-        track_id=None, what="", before=float(row["share_before"]), after=float(row["share_after"]), iou_before=None,
-        iou_after=None,
-    )  # fmt: skip
-
-
-def _detections(rows: pd.DataFrame) -> NDArray[np.int64]:
-    """The counts of `_COUNTED`."""
-    flags = [rows["detected_before"], rows["detected_after"], rows["change"] == "gained", rows["change"] == "lost"]
-    return np.array([len(rows), *(int(flag.sum()) for flag in flags)], dtype=np.int64)
+                first = int(np.argmax(sign * difference))
+                found[kind] = float(sign * difference[first]), rows.iloc[first].to_dict()
+    kinds = [kind for kind in (Kind.MORE_FALSE, Kind.FEWER_FALSE) if kind in found]
+    return [_changed_frame(kind, found[kind][1], value="share") for kind in kinds]
 
 
 def _kinds(rows: pd.DataFrame) -> dict[Kind, pd.Series[bool]]:
@@ -353,39 +308,36 @@ def _kinds(rows: pd.DataFrame) -> dict[Kind, pd.Series[bool]]:
     }
 
 
-def _largest(parts: Sequence[pd.DataFrame], *, limit: int) -> pd.DataFrame:
-    """The largest changes, one of each track; of equals the largest object, then the first."""
-    rows = pd.concat(
-        [part.astype(dict.fromkeys(_WORDS, object)) for part in (_candidates(rows, limit=limit) for rows in parts)]
-    )
-    size = (rows["coverage_after"] - rows["coverage_before"]).abs()
-    order = rows.assign(size=size).sort_values(
-        ["size", "region_px", *IMAGE, "track_id"], ascending=[False, False, *[True] * 4]
-    )
-    return order.drop_duplicates(["recording", "track_id"]).head(limit).drop(columns="size")
-
-
-def _candidates(rows: pd.DataFrame, *, limit: int) -> pd.DataFrame:
-    """The same of one part, whose rows are in canonical order, without sorting its strings."""
-    size = (rows["coverage_after"] - rows["coverage_before"]).abs()
-    order = np.lexsort([-rows["region_px"].to_numpy(), -size.to_numpy()])  # stable: of equals the first
-    first = rows.iloc[order].drop_duplicates(["recording", "track_id"])
-    return first.head(limit)
+def _largest(rows: pd.DataFrame, *, limit: int) -> pd.DataFrame:
+    """The largest changes, one of each track; of equals the largest object, then the first in canonical order."""
+    ranked = rows.assign(size=(rows["coverage_after"] - rows["coverage_before"]).abs())
+    ranked = ranked.sort_values(["size", "region_px"], ascending=False, kind="stable")  # parts come in canonical order
+    first = ranked.drop_duplicates(["recording", "track_id"]).head(limit)
+    return first.drop(columns="size").astype(dict.fromkeys(_WORDS, object))
 
 
 def _object_frame(kind: Kind, row: Mapping[Hashable, Any]) -> ChangedFrame:
     category = str(row["category"]).replace("_", " ")
+    return _changed_frame(
+        kind,
+        row,
+        value="coverage",
+        track_id=str(row["track_id"]),
+        what=f"{row['object_class']} '{row['track_id']}', {category}, {float(row['range_m']):.1f} m",
+        iou_before=float(row["iou_before"]),
+        iou_after=float(row["iou_after"]),
+    )
+
+
+def _changed_frame(kind: Kind, row: Mapping[Hashable, Any], *, value: str, **of_object: Any) -> ChangedFrame:
     return ChangedFrame(
         kind=kind,
         recording=str(row["recording"]),
         camera=str(row["camera"]),
         timestamp_ns=int(row["timestamp_ns"]),
-        track_id=str(row["track_id"]),
-        what=f"{row['object_class']} '{row['track_id']}', {category}, {float(row['range_m']):.1f} m",
-        before=float(row["coverage_before"]),
-        after=float(row["coverage_after"]),
-        iou_before=float(row["iou_before"]),
-        iou_after=float(row["iou_after"]),
+        before=float(row[f"{value}_before"]),
+        after=float(row[f"{value}_after"]),
+        **of_object,
     )
 
 
@@ -394,3 +346,129 @@ def _false_shares(run: StoredRun, recordings: Sequence[str]) -> pd.DataFrame:
     frames: pd.DataFrame = table.to_pandas().astype(dict.fromkeys(IMAGE[:2], object))
     scored = frames[frames["status"] == "evaluated"]
     return scored[IMAGE].assign(share=scored["fp_px"] / (scored["width"] * scored["height"]))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DrawnFrame:
+    """A picture of a changed frame.
+
+    Attributes:
+        title: that stands above it.
+        name: of its file.
+        jpeg: the file.
+    """
+
+    title: str
+    name: str
+    jpeg: bytes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RunComparison:
+    """One run against the first.
+
+    Attributes:
+        before: the run compared against.
+        after: the other run.
+        images: how many each scored, and how many of these both did; all values are of the last.
+        methods: of both, with the settings in which they differ.
+        rows: of the table.
+        detections: gained and lost, by category and of all.
+        frames: that changed most.
+        notes: what a reader should know: on how many images the runs are compared, whether the data's files differ.
+        drawn: pictures of some of the frames.
+        remarks: why other pictures could not be made.
+    """
+
+    before: StoredRun
+    after: StoredRun
+    images: tuple[int, int, int]
+    methods: tuple[str, str]
+    rows: list[RowChange]
+    detections: list[DetectionCounts]
+    frames: list[ChangedFrame]
+    notes: tuple[str, ...]
+    drawn: tuple[DrawnFrame, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+
+def verdict_line(comparison: RunComparison) -> str:
+    """One sentence: which headline metrics are better, worse, or not shown to differ; and in which categories."""
+    rows = {row.name: row for row in comparison.rows}
+    overall = [(m, rows[FRAMES if m == FALSE_POSITIVE_COVERAGE else ALL_MOVING].metrics[m]) for m in HEADLINES]
+    said = []
+    for verdict in Verdict:
+        names = [HEADLINES[metric] for metric, found in overall if found.verdict is verdict]
+        if names:
+            said.append(f"{verdict.value}: {'; '.join(names)}")
+    return f"{comparison.after.label} against {comparison.before.label}, over everything: {'. '.join(said)}."
+
+
+def category_line(comparison: RunComparison) -> str:
+    """One sentence about the categories: what is shown there, and which are too small to be judged."""
+    rows = [row for row in comparison.rows if row.name in {c.name for c in comparison.detections[:-1]}]
+    said = []
+    for verdict in (Verdict.BETTER, Verdict.WORSE):
+        cells = [f"{r.label} ({HEADLINES[m]})" for r in rows for m, c in r.metrics.items() if c.verdict is verdict]
+        if cells:
+            said.append(f"{verdict.value}: {', '.join(cells)}")
+    few = {
+        row.label: min(cell.change.recordings for cell in row.metrics.values() if cell.verdict is Verdict.TOO_FEW)
+        for row in rows
+        if any(cell.verdict is Verdict.TOO_FEW for cell in row.metrics.values())
+    }
+    if few:
+        listed = ", ".join(f"{label} ({recordings})" for label, recordings in few.items())
+        said.append(f"{Verdict.TOO_FEW.value} in at least one metric, {FEWEST_RECORDINGS} are needed: {listed}")
+    return f"By category: {'. '.join(said) or 'nothing that the data can show'}."
+
+
+def _notes(before: StoredRun, after: StoredRun, images: tuple[int, int, int]) -> tuple[str, ...]:
+    notes = [f"Compared on the {images[2]} images that both scored."]
+    if len(set(images)) > 1:
+        notes[0] = notes[0][:-1] + f": {before.label} scored {images[0]}, {after.label} {images[1]}."
+    one, two = before.summary.provenance, after.summary.provenance
+    if one.data_fingerprint != two.data_fingerprint:
+        notes.append(
+            "The files of the data set changed between the runs, though the reference on these images did not."
+        )
+    if one.commit != two.commit:
+        notes.append(f"Made by different code: {(one.commit or 'none')[:8]} and {(two.commit or 'none')[:8]}.")
+    changed = sorted(
+        name for name in one.libraries | two.libraries if one.libraries.get(name) != two.libraries.get(name)
+    )
+    if changed:
+        notes.append(f"Made with other versions of: {', '.join(changed)}.")
+    return tuple(notes)
+
+
+def _compare(first: StoredRun, other: StoredRun) -> RunComparison:
+    before, after, common = on_common_images(first, other)
+    images = (before.summary.images.evaluated, after.summary.images.evaluated, common)
+    protocol = before.protocol
+    sums = [sum_run(run.objects, run.frames, protocol=protocol) for run in (before, after)]
+    categories = tuple(str(category) for category in protocol.reference.categories)
+    detections, frames = sum_changes(paired_objects(before, after), categories=categories)
+    settings = differing_settings([before.summary, after.summary])
+    names = [run.summary.method.name for run in (before, after)]
+    methods = [f"{name} ({settings_text(own)})" if own else name for name, own in zip(names, settings, strict=True)]
+    return RunComparison(
+        before=before,
+        after=after,
+        images=images,
+        methods=(methods[0], methods[1]),
+        rows=row_changes(sums[0], sums[1], protocol=protocol),
+        detections=detections,
+        frames=[*frames, *changed_images(before, after)],
+        notes=_notes(before, after, images),
+    )
+
+
+def compare_runs(runs: Sequence[StoredRun]) -> list[RunComparison]:
+    """Compare the first of several runs with each of the others, on the images that both scored.
+
+    Raises:
+        DataError: a table is damaged.
+        UsageError: no image was scored by both, or the references differ on these.
+    """
+    return [_compare(runs[0], other) for other in runs[1:]]

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
@@ -21,18 +17,15 @@ from bench.evaluation.summary import Figure
 from bench.harness import RunSummary
 from bench.harness.sweep import MARK
 from bench.plain_text import escape_markdown, plain
-from bench.recordings import write_text
+from bench.reporting import formats
 from bench.reporting.compare.runs import (
     SHOWN_DIGEST,
-    StoredRun,
     differing_settings,
     fingerprint,
-    read_stored_run,
     restricted,
     settings_text,
 )
-from bench.reporting.compare.writing import markdown_table, share
-from bench.reporting.sheets import INTERVALS
+from bench.reporting.stored_run import StoredRun, read_stored_run
 
 UNITS = "units"  # a run that did not end has these and no summary
 ORDERED_BY = "iou"
@@ -47,7 +40,7 @@ class Entry:
     Attributes:
         run: folder, relative to the one that was searched.
         method: with the settings in which its runs of the group differ.
-        figures: by name, over all moving objects and all images of the group.
+        metrics: by name, over all moving objects and all images of the group.
         images: that the run scored; the group may be taken over fewer.
         frames_per_second: images scored over the wall time of the run.
         date: UTC, on which it was started.
@@ -57,7 +50,7 @@ class Entry:
 
     run: str
     method: str
-    figures: dict[str, Figure]
+    metrics: dict[str, Figure]
     images: int
     frames_per_second: float
     date: str
@@ -72,7 +65,7 @@ class Group:
     Best first by IoU over all moving object-frames.
 
     Attributes:
-        images: that all runs scored; all figures are of these.
+        images: that all runs scored; all values are of these.
         reference_fingerprint: of the reference on these images.
     """
 
@@ -131,18 +124,18 @@ def read_leaderboard(folder: Path) -> Leaderboard:
 
 
 def _readable(runs: Sequence[StoredRun], damaged: list[tuple[str, str]]) -> list[StoredRun]:
-    """The runs whose tables can be read and are those of their summary; the others are told as damaged."""
-    kept = []
+    """The runs whose tables can be read and are those of their summary; the others are listed as damaged."""
+    readable = []
     for run in runs:
         try:
             if fingerprint(run) != _reference(run):
                 raise DataError(
                     run.folder, expected="the tables that summary.json is of", got="those of another reference"
                 )
-            kept.append(run)
+            readable.append(run)
         except BenchError as error:
             damaged.append((run.label, str(error)))
-    return kept
+    return readable
 
 
 def _key(run: StoredRun) -> tuple[str, str, str]:
@@ -183,43 +176,43 @@ def _common_images(runs: Sequence[StoredRun]) -> CommonImages:
 
 def _group(runs: Sequence[StoredRun]) -> Group:
     first = runs[0]
-    reference, figures = _reference(first), [run.summary for run in runs]
+    reference, summaries = _reference(first), [run.summary for run in runs]
     if len({_reference(run) for run in runs}) > 1:
         images = _common_images(runs)
         reference = fingerprint(restricted(first, images))
-        figures = [_figures_on(run, images) for run in runs]
+        summaries = [_summary_on(run, images) for run in runs]
     settings = differing_settings([run.summary for run in runs])
-    entries = [_entry(run, of_run, own) for run, of_run, own in zip(runs, figures, settings, strict=True)]
+    entries = [_entry(run, of_run, own) for run, of_run, own in zip(runs, summaries, settings, strict=True)]
     return Group(
         dataset=first.summary.dataset,
         split=first.summary.split,
         protocol=first.summary.protocol.name,
         protocol_digest=first.summary.protocol.digest,
         reference_fingerprint=reference,
-        images=figures[0].images.evaluated,
-        object_frames=figures[0].all_moving.object_frames,
-        recordings=figures[0].all_moving.recordings,
+        images=summaries[0].images.evaluated,
+        object_frames=summaries[0].all_moving.object_frames,
+        recordings=summaries[0].all_moving.recordings,
         entries=tuple(sorted(entries, key=_order)),
     )
 
 
-def _figures_on(run: StoredRun, images: CommonImages) -> RunSummary:
-    """The summary with all figures of some images only."""
-    kept = restricted(run, images)
-    figures = summarise(kept.objects, kept.frames, protocol=run.rules)
-    return run.summary.model_copy(update={name: getattr(figures, name) for name in type(figures).model_fields})
+def _summary_on(run: StoredRun, images: CommonImages) -> RunSummary:
+    """The summary with all metrics of some images only."""
+    rows = restricted(run, images)
+    found = summarise(rows.objects, rows.frames, protocol=run.protocol)
+    return run.summary.model_copy(update={name: getattr(found, name) for name in type(found).model_fields})
 
 
-def _entry(run: StoredRun, figures: RunSummary, settings: dict[str, object]) -> Entry:
-    summary, moving = run.summary, figures.all_moving
+def _entry(run: StoredRun, compared: RunSummary, settings: dict[str, object]) -> Entry:
+    summary, moving = run.summary, compared.all_moving
     made = summary.provenance
     method = f"{summary.method.name} ({settings_text(settings)})" if settings else summary.method.name
     commit = "" if made.commit is None else f" {made.commit[:8]}{'+' if made.commit.endswith('+') else ''}"
     return Entry(
         run=run.label,
         method=method,
-        figures={figure: moving.figure(figure) for figure in moving.figure_names()}
-        | {"false_positive_coverage": figures.false_positives.coverage},
+        metrics={name: moving.figure(name) for name in moving.figure_names()}
+        | {"false_positive_coverage": compared.false_positives.coverage},
         images=summary.images.evaluated,
         frames_per_second=made.images / made.seconds if made.seconds else math.nan,
         date=made.started_utc[:10],
@@ -229,7 +222,7 @@ def _entry(run: StoredRun, figures: RunSummary, settings: dict[str, object]) -> 
 
 
 def _order(entry: Entry) -> tuple[float, str]:
-    value = entry.figures[ORDERED_BY].value
+    value = entry.metrics[ORDERED_BY].value
     return (math.inf if math.isnan(value) else -value), entry.run
 
 
@@ -237,32 +230,31 @@ SCHEMA_VERSION = 1
 NOTE = (
     "Over all moving objects of the images that all runs of a table scored, in percent. Runs stand in one table if "
     f"they have at least {100 * LEAST_COMMON:.0f} % of their images in common and the same reference on these. "
-    f"{INTERVALS} Ordered by IoU over all object-frames, an undetected one having 0. Rows whose intervals overlap may "
-    "still differ: compare judges runs in pairs. Chance: detection at the same level on the mask of another frame. "
-    "False positives: share of the image. Images: scored by the run. Images per second: whole runs, on machines that "
-    "may differ."
+    f"{formats.INTERVALS} Ordered by IoU over all object-frames, an undetected one having 0. Rows whose intervals "
+    "overlap may still differ: compare judges runs in pairs. Chance: detection at the same level on the mask of "
+    "another frame. False positives: share of the image. Images: scored by the run. Images per second: whole runs, on "
+    "machines that may differ."
 )
 
 
 def leaderboard_tables(found: Leaderboard) -> Iterator[Table]:
     """A table per group, readable at 100 columns."""
     for group in found.groups:
-        table = Table(
-            box=SIMPLE_HEAD, padding=(0, 1, 1, 0), show_edge=False, title=_title(group), title_justify="left",
-            caption=NOTE, caption_justify="left",
-        )  # fmt: skip
+        table = formats.terminal_table(_title(group), caption=NOTE, below=1)
         table.add_column("Run, method", overflow="fold", min_width=30)
-        figures = _columns(group)
-        for heading in ("Images,\nrecs", *figures.values(), "Images\nper s", "Date, code"):
-            table.add_column(Text(heading), justify="right", no_wrap=True)
+        columns = _columns(group)
+        formats.number_columns(table, ("Images,\nrecs", *columns.values(), "Images\nper s", "Date, code"))
         for entry in group.entries:
-            cells = [
-                Text(share(entry.figures[name].value) + "\n" + _short_interval(entry.figures[name])) for name in figures
-            ]
+            metrics = [entry.metrics[name] for name in columns]
             label = Text(plain(entry.run), style="bold")
             label.append(f"\n{plain(entry.method)}{_failed(entry)}", style="not bold")
-            counts = Text(f"{entry.images}\n{group.recordings}")
-            table.add_row(label, counts, *cells, _rate(entry), Text(f"{plain(entry.date)}\n{plain(entry.code)}"))
+            table.add_row(
+                label,
+                Text(f"{entry.images}\n{group.recordings}"),
+                *(Text(f"{formats.hundredths(metric.value)}\n{formats.short_interval(metric)}") for metric in metrics),
+                _rate(entry),
+                Text(f"{plain(entry.date)}\n{plain(entry.code)}"),
+            )
         yield table
 
 
@@ -273,35 +265,23 @@ def write_leaderboard(found: Leaderboard, out: Path) -> tuple[Path, ...]:
         "leaderboard.csv": to_csv(found),
         "leaderboard.json": to_json(found),
     }
-    for name, text in texts.items():
-        write_text(out / name, text)
-    return tuple(out / name for name in texts)
+    return formats.write_texts(out, texts)
 
 
 def to_markdown(found: Leaderboard) -> str:
     """A table per group as GitHub's Markdown, then the runs that cannot be read."""
     parts = ["# Leaderboard"]
     for group in found.groups:
-        figures = _columns(group)
-        headings = [
-            "Run",
-            "Method",
-            "Images",
-            "Recordings",
-            *(h.replace("\n", " ") for h in figures.values()),
-            "Images per s",
-            "Date",
-            "Code",
-        ]
-        rows = [
-            [
-                *(entry.run, entry.method + _failed(entry), str(entry.images), str(group.recordings)),
-                *(f"{share(entry.figures[name].value)} {_interval(entry.figures[name])}".strip() for name in figures),
-                *(_rate(entry), entry.date, entry.code),
-            ]
-            for entry in group.entries
-        ]
-        parts += [f"## {escape_markdown(_title(group))}", markdown_table(headings, rows, text_columns=2)]
+        columns = _columns(group)
+        headings = ["Run", "Method", "Images", "Recordings", *(h.replace("\n", " ") for h in columns.values())]
+        headings += ["Images per s", "Date", "Code"]
+        rows = []
+        for entry in group.entries:
+            metrics = [entry.metrics[name] for name in columns]
+            row = [entry.run, entry.method + _failed(entry), str(entry.images), str(group.recordings)]
+            row += [f"{formats.hundredths(metric.value)} {formats.interval(metric)}".strip() for metric in metrics]
+            rows.append([*row, _rate(entry), entry.date, entry.code])
+        parts += [f"## {escape_markdown(_title(group))}", formats.markdown_table(headings, rows, labels=2)]
     if found.damaged:
         faults = "\n".join(f"- {escape_markdown(run)}: {escape_markdown(fault)}" for run, fault in found.damaged)
         parts += ["## Runs that cannot be read", faults]
@@ -309,38 +289,19 @@ def to_markdown(found: Leaderboard) -> str:
 
 
 def to_csv(found: Leaderboard) -> str:
-    """One line per run and figure, ratios at full precision; empty where there is no number."""
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(
-        ["dataset", "split", "protocol", "protocol_digest", "reference_fingerprint", "run", "method", "date", "code",
-         "failures", "images_per_second", "figure", "value", "ci95_low", "ci95_high", "cases",
-         "images", "images_compared", "recordings"]
-    )  # fmt: skip
-    for group in found.groups:
-        of_group = [
-            group.dataset,
-            group.split or "",
-            group.protocol,
-            group.protocol_digest,
-            group.reference_fingerprint,
-        ]
-        for entry in group.entries:
-            of_run = [
-                entry.run,
-                entry.method,
-                entry.date,
-                entry.code,
-                entry.failures,
-                _or_empty(entry.frames_per_second),
-            ]
-            for name, figure in entry.figures.items():
-                low, high = figure.ci95 or (math.nan, math.nan)
-                numbers = [_or_empty(number) for number in (figure.value, low, high)]
-                writer.writerow(
-                    [*of_group, *of_run, name, *numbers, figure.cases, entry.images, group.images, group.recordings]
-                )
-    return buffer.getvalue()
+    """One line per run and metric, ratios at full precision; empty where there is no number."""
+    columns = ["dataset", "split", "protocol", "protocol_digest", "reference_fingerprint", "run", "method", "date",
+               "code", "failures", "images_per_second", "figure", "value", "ci95_low", "ci95_high", "cases", "images",
+               "images_compared", "recordings"]  # fmt: skip
+    lines = [
+        [group.dataset, group.split, group.protocol, group.protocol_digest, group.reference_fingerprint, entry.run,
+         entry.method, entry.date, entry.code, entry.failures, entry.frames_per_second, name, metric.value,
+         *(metric.ci95 or (None, None)), metric.cases, entry.images, group.images, group.recordings]
+        for group in found.groups
+        for entry in group.entries
+        for name, metric in entry.metrics.items()
+    ]  # fmt: skip
+    return formats.csv_text(lines, columns)
 
 
 def to_json(found: Leaderboard) -> str:
@@ -353,17 +314,16 @@ def to_json(found: Leaderboard) -> str:
         ],
         "damaged": [{"run": run, "fault": fault} for run, fault in found.damaged],
     }
-    return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    return formats.json_text(content)
 
 
 def _json_entry(entry: Entry) -> dict[str, object]:
-    rate = entry.frames_per_second
     return {
         "run": entry.run,
         "method": entry.method,
         "images": entry.images,
-        "figures": {name: figure.model_dump(mode="json") for name, figure in entry.figures.items()},
-        "images_per_second": None if math.isnan(rate) else rate,
+        "figures": {name: metric.model_dump(mode="json") for name, metric in entry.metrics.items()},
+        "images_per_second": entry.frames_per_second,
         "date": entry.date,
         "code": entry.code,
         "failures": entry.failures,
@@ -381,24 +341,14 @@ def _title(group: Group) -> str:
 
 def _columns(group: Group) -> dict[str, str]:
     """Detection at the highest level of the protocol with its chance level, coverage, IoU, false positives."""
-    levels = [name for name in group.entries[0].figures if name.startswith("detection_rate_")]
-    highest = max(levels, key=lambda name: float(name.removeprefix("detection_rate_")), default="detection_rate")
-    percent = highest.removeprefix("detection_rate").removeprefix("_")
+    highest = ["detection_rate", *formats.detection_levels(group.entries[0].metrics)][-1]
     return {
-        highest: f"Detection\nat {percent} %" if percent else "Detection",
-        highest.replace("detection_rate", "chance"): "chance",
+        highest: "Detection" if highest == "detection_rate" else f"Detection\nat {formats.level_percent(highest):g} %",
+        formats.chance_of(highest): "chance",
         "tpr_all": "TPR\nall",
         "iou": "IoU\nall",
         "false_positive_coverage": "False\npositives",
     }
-
-
-def _interval(figure: Figure) -> str:
-    return "" if figure.ci95 is None else f"[{share(figure.ci95[0])}, {share(figure.ci95[1])}]"
-
-
-def _short_interval(figure: Figure) -> str:
-    return "" if figure.ci95 is None else f"{100 * figure.ci95[0]:.0f}-{100 * figure.ci95[1]:.0f}"
 
 
 def _rate(entry: Entry) -> str:
@@ -407,7 +357,3 @@ def _rate(entry: Entry) -> str:
 
 def _failed(entry: Entry) -> str:
     return f", {entry.failures} failures" if entry.failures else ""
-
-
-def _or_empty(number: float) -> str:
-    return "" if math.isnan(number) else repr(number)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -13,10 +13,10 @@ from bench.errors import BenchError
 from bench.harness import ProcessedFrame
 from bench.harness.frames import UnscorableFrame
 from bench.harness.replay import StoredFrames
-from bench.reporting.canvas import figure_bytes, new_figure, styled
-from bench.reporting.compare.changes import ChangedFrame, Kind
-from bench.reporting.compare.comparison import RunComparison
-from bench.reporting.count_view import draw_counts
+from bench.reporting.canvas import figure_pixels, new_figure, styled
+from bench.reporting.compare.changes import ChangedFrame, DrawnFrame, Kind, RunComparison
+from bench.reporting.count_view import detected_pixels, draw_counts
+from bench.reporting.formats import shortened
 from bench.reporting.overlay import overlay_frame
 
 PICTURED = 2  # of each kind
@@ -25,29 +25,12 @@ _TITLE_IN, _HEAD_IN, _SIDE_IN = 0.34, 0.22, 3.5
 Picture = NDArray[np.uint8]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DrawnFrame:
-    """A picture of a changed frame.
-
-    Attributes:
-        frame: what it shows.
-        title: that stands above it.
-        name: of its file.
-        jpeg: the file.
-    """
-
-    frame: ChangedFrame
-    title: str
-    name: str
-    jpeg: bytes
-
-
 def draw_changed_frames(
     comparison: RunComparison,
     *,
     number: int,
     progress: Callable[[float, int], None] | None = None,
-) -> tuple[list[DrawnFrame], list[str]]:
+) -> RunComparison:
     """Draw the frames that changed most as both methods were scored on them.
 
     Args:
@@ -56,27 +39,27 @@ def draw_changed_frames(
         progress: called with the pictures done and their number.
 
     Returns:
-        The pictures, and a line for every reason why one could not be made.
+        The comparison with the pictures, and with a line for every reason why one could not be made.
     """
-    chosen = _chosen(comparison.frames)
+    chosen = [frame for kind in Kind for frame in [f for f in comparison.frames if f.kind is kind][:PICTURED]]
     try:
         runs = (comparison.before, comparison.after) if chosen else ()
-        stored = [StoredFrames(run.folder, run.summary, run.rules) for run in runs]
+        stored = [StoredFrames(run.folder, run.summary, run.protocol) for run in runs]
     except BenchError as error:
-        return [], [f"no pictures: {error}"]
+        return replace(comparison, remarks=(f"no pictures: {error}",))
     drawn, remarks = [], []
-    for place, frame in enumerate(chosen, start=1):
-        name = f"{number:02d}-{place:02d}-{frame.kind.value.replace(' ', '-')}.jpg"
+    for ordinal, frame in enumerate(chosen, start=1):
+        name = f"{number:02d}-{ordinal:02d}-{frame.kind.value.replace(' ', '-')}.jpg"
         try:
             sides = [one.process(frame.recording, frame.camera, frame.timestamp_ns) for one in stored]
         except (BenchError, UnscorableFrame) as error:
             remarks.append(f"no picture {name}: {error}")
             continue
         title = frame_title(frame)
-        drawn.append(DrawnFrame(frame=frame, title=title, name=name, jpeg=_compose(title, frame, sides, comparison)))
+        drawn.append(DrawnFrame(title=title, name=name, jpeg=_compose(title, frame, sides, comparison)))
         if progress is not None:
-            progress(place, len(chosen))
-    return drawn, remarks
+            progress(ordinal, len(chosen))
+    return replace(comparison, drawn=tuple(drawn), remarks=tuple(remarks))
 
 
 def frame_title(frame: ChangedFrame) -> str:
@@ -85,32 +68,27 @@ def frame_title(frame: ChangedFrame) -> str:
     return f"{frame.kind.value}{what} ({frame.recording}, {frame.camera}, {frame.timestamp_ns / 1e6:.0f} ms)"
 
 
-def _chosen(frames: Sequence[ChangedFrame]) -> list[ChangedFrame]:
-    by_kind: Mapping[Kind, list[ChangedFrame]] = {kind: [f for f in frames if f.kind is kind] for kind in Kind}
-    return [frame for found in by_kind.values() for frame in found[:PICTURED]]
-
-
 @styled
 def _compose(title: str, frame: ChangedFrame, sides: Sequence[ProcessedFrame], comparison: RunComparison) -> bytes:
-    """Title; then for each run its name and figures, what it detects, and what that counts as."""
+    """Title; then for each run its name and values, what it detects, and what that counts as."""
     columns = []
     runs, methods = (comparison.before, comparison.after), comparison.methods
     values, ious = (frame.before, frame.after), (frame.iou_before, frame.iou_after)
     for side, run, method, value, iou in zip(sides, runs, methods, values, ious, strict=True):
-        figures = f"false positives {100 * value:.1f} %"
+        shares = f"false positives {100 * value:.1f} %"
         if iou is not None:
-            figures = f"coverage {100 * value:.1f} %, IoU {100 * iou:.1f} %"
-        detected = _detected(side)
-        areas = _decoded(figure_bytes(draw_counts(side.pixels, reference=side.reference, detected=detected), "png"))
+            shares = f"coverage {100 * value:.1f} %, IoU {100 * iou:.1f} %"
+        detected = detected_pixels(side)
+        areas = figure_pixels(draw_counts(side.pixels, reference=side.reference, detected=detected))
         overlay = overlay_frame(side.pixels, reference=side.reference, detected=detected)
         height = round(overlay.shape[0] * areas.shape[1] / overlay.shape[1])
         overlay = np.asarray(cv2.resize(overlay, (areas.shape[1], height), interpolation=cv2.INTER_AREA), np.uint8)
         name = run.label if method == run.label else f"{run.label}: {method}"
-        head = _text([_shortened(name, 78), figures], width_in=_SIDE_IN, height_in=_HEAD_IN + 0.08, size=6.5)
+        head = _text([shortened(name, 78), shares], width_in=_SIDE_IN, height_in=_HEAD_IN + 0.08, size=6.5)
         columns.append(np.vstack([head, overlay, areas]))
     gap = np.full((columns[0].shape[0], 8, 3), 255, np.uint8)
     body = np.hstack([columns[0], gap, columns[1]])
-    strip = _text([_shortened(title, 120)], width_in=2 * _SIDE_IN, height_in=_TITLE_IN, size=8.0, bold=True)
+    strip = _text([shortened(title, 120)], width_in=2 * _SIDE_IN, height_in=_TITLE_IN, size=8.0, bold=True)
     strip = np.pad(strip, ((0, 0), (0, body.shape[1] - strip.shape[1]), (0, 0)), constant_values=255)
     return cv2.imencode(".jpg", np.vstack([strip, body]), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes()
 
@@ -119,17 +97,4 @@ def _text(lines: Sequence[str], *, width_in: float, height_in: float, size: floa
     figure = new_figure(width_in, height_in)
     weight = "bold" if bold else "normal"
     figure.text(0.02, 0.5, "\n".join(lines), ha="left", va="center", fontsize=size, fontweight=weight)
-    return _decoded(figure_bytes(figure, "png"))
-
-
-def _shortened(text: str, longest: int) -> str:
-    return text if len(text) <= longest else text[: longest - 4] + " ..."
-
-
-def _decoded(png: bytes) -> Picture:
-    return np.asarray(cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR), np.uint8)
-
-
-def _detected(side: ProcessedFrame) -> NDArray[np.bool_]:
-    height, width = side.reference.valid.shape
-    return side.segmentation.mask_at(width, height) & side.reference.valid
+    return figure_pixels(figure)

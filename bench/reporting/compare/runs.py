@@ -1,56 +1,22 @@
-"""Stored runs that may stand beside each other, on the images that both scored, and why others may not."""
+"""Stored runs that may be compared, on the images that both scored, and why others may not."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
 
 from bench.errors import UsageError
-from bench.evaluation import Protocol
 from bench.evaluation.row_source import RowSource, group_recordings
 from bench.evaluation.slices import IMAGE, CommonImages, RowsOnImages
-from bench.harness import RunSummary, open_tables, read_protocol, read_run
+from bench.harness import RunSummary
 from bench.harness.stored import REFERENCE_OF_FRAMES, REFERENCE_OF_OBJECTS, reference_fingerprint
+from bench.reporting.stored_run import StoredRun, flat_settings, read_stored_run
 
 SHOWN_DIGEST = 12  # characters of a digest that are shown
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class StoredRun:
-    """A run as it lies on disk.
-
-    Attributes:
-        folder: of the run.
-        label: what tables call it: the folder's name, with a number where two are the same.
-        summary: `summary.json`.
-        rules: its protocol.
-        objects: of `OBJECTS_SCHEMA`, on disk, of all images or those that are compared.
-        frames: of `FRAMES_SCHEMA`, the same.
-    """
-
-    folder: Path
-    label: str
-    summary: RunSummary
-    rules: Protocol
-    objects: RowSource
-    frames: RowSource
-
-
-def read_stored_run(folder: Path, *, label: str | None = None) -> StoredRun:
-    """Read a run.
-
-    Raises:
-        DataError: a file of it is missing or damaged, or the files are not of one run.
-    """
-    summary = read_run(folder)
-    rules = read_protocol(folder, summary)
-    objects, frames = open_tables(folder)
-    name = label or folder.resolve().name
-    return StoredRun(folder=folder, label=name, summary=summary, rules=rules, objects=objects, frames=frames)
 
 
 def read_comparable(folders: Sequence[Path]) -> list[StoredRun]:
@@ -69,14 +35,9 @@ def read_comparable(folders: Sequence[Path]) -> list[StoredRun]:
     return runs
 
 
-def settings_of(summary: RunSummary) -> dict[str, object]:
-    """The method's settings with dots for what lies deeper, for example "weights.epipolar"."""
-    return _flat(summary.method.settings)
-
-
 def differing_settings(summaries: Sequence[RunSummary]) -> list[dict[str, object]]:
     """For each run its settings that are not the same in all runs of its method."""
-    flat = [settings_of(summary) for summary in summaries]
+    flat = [flat_settings(summary.method.settings) for summary in summaries]
     found = []
     for summary, own in zip(summaries, flat, strict=True):
         peers = [f for s, f in zip(summaries, flat, strict=True) if s.method.name == summary.method.name]
@@ -110,56 +71,22 @@ def _short(fact: str) -> str:
 
 
 def _labels(folders: Sequence[Path]) -> list[str]:
+    """Names of the folders, with a number from the second on where several are the same."""
     names = [folder.resolve().name for folder in folders]
-    seen: Counter[str] = Counter()
-    labels = []
-    for name in names:
-        seen[name] += 1
-        labels.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
-    return labels
-
-
-def _flat(settings: dict[str, object], parent: str = "") -> dict[str, object]:
-    flat: dict[str, object] = {}
-    for name, value in settings.items():
-        if isinstance(value, dict) and value:
-            flat |= _flat(value, f"{parent}{name}.")
-        else:
-            flat[f"{parent}{name}"] = value
-    return flat
+    seen = [names[:place].count(name) for place, name in enumerate(names)]
+    return [f"{name} ({before + 1})" if before else name for name, before in zip(names, seen, strict=True)]
 
 
 OBJECT = [*IMAGE, "track_id"]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Pair:
-    """Two runs with their rows on the images that both scored.
-
-    Attributes:
-        before: the run compared against.
-        after: the other run.
-        images: how many each scored, and how many of these both did.
-    """
-
-    before: StoredRun
-    after: StoredRun
-    images: tuple[int, int, int]
-
-    @property
-    def line(self) -> str:
-        """One sentence that says what is compared."""
-        before, after, common = self.images
-        if before == after == common:
-            return f"Compared on the {common} images that both scored."
-        return (
-            f"Compared on the {common} images that both scored: {self.before.label} scored {before}, "
-            f"{self.after.label} {after}."
-        )
-
-
-def on_common_images(before: StoredRun, after: StoredRun) -> Pair:
+def on_common_images(before: StoredRun, after: StoredRun) -> tuple[StoredRun, StoredRun, int]:
     """Restrict two runs of the same data and protocol to the images that both scored.
+
+    Returns:
+        before: with its rows on these images.
+        after: the same.
+        common: how many images both scored.
 
     Raises:
         DataError: a table is damaged.
@@ -167,7 +94,7 @@ def on_common_images(before: StoredRun, after: StoredRun) -> Pair:
     """
     numbers = [run.summary.images.evaluated for run in (before, after)]
     if before.summary.reference_fingerprint == after.summary.reference_fingerprint:
-        return Pair(before=before, after=after, images=(numbers[0], numbers[1], numbers[0]))
+        return before, after, numbers[0]
     images = CommonImages([before.frames, after.frames])
     common = images.count()
     refused = f"{before.folder} and {after.folder} do not compare: "
@@ -175,9 +102,9 @@ def on_common_images(before: StoredRun, after: StoredRun) -> Pair:
         raise UsageError(f"{refused}no image was scored by both; the first has {numbers[0]}, the second {numbers[1]}")
     one, two = (restricted(run, images) for run in (before, after))
     if fingerprint(one) != fingerprint(two):
-        told = "; ".join(_differences(one, two, images))
-        raise UsageError(f"{refused}their references differ on the {common} images that both scored: {told}")
-    return Pair(before=one, after=two, images=(numbers[0], numbers[1], common))
+        differences = "; ".join(_differences(one, two, images))
+        raise UsageError(f"{refused}their references differ on the {common} images that both scored: {differences}")
+    return one, two, common
 
 
 def restricted(run: StoredRun, images: CommonImages) -> StoredRun:

@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.plain_text import escape_markdown
-from bench.recordings import replacing, write_bytes, write_text
+from bench.recordings import replacing, write_bytes
 from bench.reporting.compare.changes import (
     FALSE_POSITIVE_COVERAGE,
     HEADLINES,
@@ -28,13 +23,28 @@ from bench.reporting.compare.changes import (
     Kind,
     MetricChange,
     RowChange,
+    RunComparison,
     Verdict,
+    category_line,
+    compare_runs,
     paired_objects,
+    verdict_line,
     verdict_text,
 )
-from bench.reporting.compare.comparison import RunComparison, category_line, compare_runs, verdict_line
-from bench.reporting.compare.pictures import DrawnFrame, draw_changed_frames, frame_title
-from bench.reporting.compare.runs import StoredRun, read_comparable
+from bench.reporting.compare.pictures import draw_changed_frames, frame_title
+from bench.reporting.compare.runs import read_comparable
+from bench.reporting.formats import (
+    csv_text,
+    detection_levels,
+    hundredths,
+    json_text,
+    level_percent,
+    markdown_table,
+    number_columns,
+    terminal_table,
+    write_texts,
+)
+from bench.reporting.stored_run import StoredRun
 
 NOTE = (
     "Differences are after minus before, in percentage points, with 95 % intervals by recording, in pairs: the "
@@ -59,19 +69,8 @@ _OTHERS = {
 }
 
 
-def to_markdown(
-    comparisons: Sequence[RunComparison],
-    *,
-    drawn: Sequence[Sequence[DrawnFrame]],
-    remarks: Sequence[Sequence[str]],
-) -> str:
-    """The comparison as GitHub's Markdown.
-
-    Args:
-        comparisons: of the first run with each of the others.
-        drawn: pictures of each.
-        remarks: what is to be said about the pictures of each.
-    """
+def to_markdown(comparisons: Sequence[RunComparison]) -> str:
+    """The first run with each of the others as GitHub's Markdown."""
     first = comparisons[0].before.summary
     title = f"{', '.join(c.after.label for c in comparisons)} against {comparisons[0].before.label}"
     compared = (
@@ -79,15 +78,15 @@ def to_markdown(
         f"({first.protocol.digest[:12]}), reference {first.reference_fingerprint[:12]}."
     )
     parts = [f"# {escape_markdown(title)}", escape_markdown(compared)]
-    for comparison, pictures, said in zip(comparisons, drawn, remarks, strict=True):
-        parts += _section(comparison, pictures, said)
+    for comparison in comparisons:
+        parts += _section(comparison)
     return "\n\n".join([*parts, NOTE]) + "\n"
 
 
 def metric_label(metric: str) -> str:
     """A metric's name for people."""
     if metric.startswith("detection_rate_"):
-        return f"Detection at {metric.removeprefix('detection_rate_')} %"
+        return f"Detection at {level_percent(metric):g} %"
     return HEADLINES.get(metric) or _OTHERS[metric]
 
 
@@ -96,11 +95,6 @@ def points(ratio: float) -> str:
     if ratio == 0:
         return "0.0"
     return "n/a" if math.isnan(ratio) else f"{100 * ratio:+.1f}"
-
-
-def share(ratio: float) -> str:
-    """A ratio in percent without the sign, for example "72.1"; "n/a" for NaN."""
-    return "n/a" if math.isnan(ratio) else f"{100 * ratio:.1f}"
 
 
 def p_text(p_value: float | None) -> str:
@@ -115,14 +109,7 @@ def bounds(cell: MetricChange) -> str:
     return "" if cell.change.ci95 is None else " to ".join(points(end) for end in cell.change.ci95)
 
 
-def markdown_table(headings: Sequence[str], rows: Sequence[Sequence[str]], *, text_columns: int = 1) -> str:
-    """A table of GitHub's Markdown, the first columns left-aligned, the others right."""
-    rule = [":--" if place < text_columns else "--:" for place in range(len(headings))]
-    lines = [[escape_markdown(cell) for cell in row] for row in (headings, rule, *rows)]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
-
-
-def _section(comparison: RunComparison, drawn: Sequence[DrawnFrame], remarks: Sequence[str]) -> list[str]:
+def _section(comparison: RunComparison) -> list[str]:
     before, after = comparison.before.label, comparison.after.label
     parts = [
         f"## {escape_markdown(f'{after} against {before}')}",
@@ -137,10 +124,10 @@ def _section(comparison: RunComparison, drawn: Sequence[DrawnFrame], remarks: Se
         frames = [frame for frame in comparison.frames if frame.kind is kind]
         if frames:
             parts.append(_frames_table(kind, frames))
-    for picture in drawn:
+    for picture in comparison.drawn:
         title = escape_markdown(picture.title)
         parts += [f"**{title}**", f"![{title}](pictures/{picture.name})"]
-    return parts + [f"*{escape_markdown(remark)}*" for remark in remarks]
+    return parts + [f"*{escape_markdown(remark)}*" for remark in comparison.remarks]
 
 
 def _metrics(rows: Sequence[RowChange]) -> list[str]:
@@ -158,10 +145,10 @@ def _metric_table(rows: Sequence[RowChange], metric: str) -> str:
     lines = []
     for row, cell in cells:
         change = cell.change
-        line = [row.label, str(row.frames), str(change.recordings), share(change.before), share(change.after)]
+        line = [row.label, str(row.frames), str(change.recordings), hundredths(change.before), hundredths(change.after)]
         line += [points(change.difference), bounds(cell)]
         if cell.chance:
-            line += [share(figure.value) for figure in cell.chance]
+            line += [hundredths(metric.value) for metric in cell.chance]
         if metric in HEADLINES:
             line += [p_text(cell.p_holm), "" if cell.verdict is None else verdict_text(cell.verdict, change)]
         lines.append(line)
@@ -169,25 +156,21 @@ def _metric_table(rows: Sequence[RowChange], metric: str) -> str:
 
 
 def _detections(comparison: RunComparison) -> str:
-    labels: Mapping[str, str] = {row.name: row.label for row in comparison.rows}
-    lines = [
-        [labels[c.name], *(str(n) for n in (c.object_frames, c.before, c.after, c.gained, c.lost))]
-        for c in comparison.detections
-    ]
+    labels = {row.name: row.label for row in comparison.rows}
+    counted = [(c.name, (c.object_frames, c.before, c.after, c.gained, c.lost)) for c in comparison.detections]
+    lines = [[labels[name], *map(str, counts)] for name, counts in counted]
     headings = ("Type", "Object-frames", "detected before", "after", "newly detected", "newly missed")
     return f"**Object-frames gained and lost**\n\n{markdown_table(headings, lines)}"
 
 
 def _frames_table(kind: Kind, frames: Sequence[ChangedFrame]) -> str:
-    lines = [[frame_title(f).removeprefix(kind.value).lstrip(": "), share(f.before), share(f.after)] for f in frames]
-    what = "coverage" if frames[0].track_id is not None else "share of the image"
-    which = (
-        f"largest first, one per object, at most {LISTED}" if frames[0].track_id is not None else "the image with most"
-    )
-    return (
-        f"**{kind.value.capitalize()}: {which}**\n\n"
-        f"{markdown_table(('Frame', f'{what} before, percent', 'after'), lines)}"
-    )
+    names = [frame_title(frame).removeprefix(kind.value).lstrip(": ") for frame in frames]
+    lines = [[name, hundredths(f.before), hundredths(f.after)] for name, f in zip(names, frames, strict=True)]
+    what, which = "share of the image", "the image with most"
+    if frames[0].track_id is not None:
+        what, which = "coverage", f"largest first, one per object, at most {LISTED}"
+    table = markdown_table(("Frame", f"{what} before, percent", "after"), lines)
+    return f"**{kind.value.capitalize()}: {which}**\n\n{table}"
 
 
 SCHEMA_VERSION = 1
@@ -196,46 +179,48 @@ _CHANGED = ("gained", "lost", "both")
 
 def to_csv(comparisons: Sequence[RunComparison]) -> str:
     """One line per pair of runs, row and metric, ratios at full precision; empty where there is no number."""
-    heading = ["before_run", "after_run", "row", "frames", "metric", "before", "after", "difference", "ci95_low",
-               "ci95_high", "p_value", "p_holm", "cases_before", "cases_after", "recordings", "chance_before",
-               "chance_after", "verdict", "images_before", "images_after", "images_compared"]  # fmt: skip
-    lines = []
-    for comparison in comparisons:
-        for row in comparison.rows:
-            for metric, cell in row.metrics.items():
-                change, chance = cell.change, cell.chance
-                low, high = change.ci95 or (None, None)
-                numbers = [change.before, change.after, change.difference, low, high, change.p_value, cell.p_holm]
-                chances = [None, None] if chance is None else [figure.value for figure in chance]
-                lines.append(
-                    [comparison.before.label, comparison.after.label, row.name, row.frames, metric,
-                     *map(_or_empty, numbers), change.cases_before, change.cases_after, change.recordings,
-                     *map(_or_empty, chances), cell.verdict or "", *comparison.images]
-                )  # fmt: skip
-    return _csv(heading, lines)
+    return csv_text(
+        [
+            _csv_row(comparison, row, metric, cell)
+            for comparison in comparisons
+            for row in comparison.rows
+            for metric, cell in row.metrics.items()
+        ]
+    )
+
+
+def _csv_row(comparison: RunComparison, row: RowChange, metric: str, cell: MetricChange) -> dict[str, object]:
+    change = cell.change
+    low, high = change.ci95 or (None, None)
+    chance_before, chance_after = cell.chance or (None, None)
+    images_before, images_after, images_compared = comparison.images
+    return {
+        "before_run": comparison.before.label, "after_run": comparison.after.label, "row": row.name,
+        "frames": row.frames, "metric": metric, "before": change.before, "after": change.after,
+        "difference": change.difference, "ci95_low": low, "ci95_high": high, "p_value": change.p_value,
+        "p_holm": cell.p_holm, "cases_before": change.cases_before, "cases_after": change.cases_after,
+        "recordings": change.recordings, "chance_before": chance_before and chance_before.value,
+        "chance_after": chance_after and chance_after.value,
+        "verdict": cell.verdict, "images_before": images_before, "images_after": images_after,
+        "images_compared": images_compared,
+    }  # fmt: skip
 
 
 def write_object_changes(file: Path, comparisons: Sequence[RunComparison]) -> None:
     """Write one line per object-frame that was gained, was lost, or changed its coverage, a part of them at a time."""
-    columns = ["recording", "camera", "timestamp_ns", "track_id", "object_class", "category", "range_m", "region_px",
-               "change", "coverage_before", "coverage_after", "iou_before", "iou_after"]  # fmt: skip
+    columns = ["before_run", "after_run", "recording", "camera", "timestamp_ns", "track_id", "object_class", "category",
+               "range_m", "region_px", "change", "coverage_before", "coverage_after", "iou_before",
+               "iou_after"]  # fmt: skip
     with replacing(file) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(["before_run", "after_run", *columns])
+        stream.write(",".join(columns) + "\n")
         for comparison in comparisons:
-            labels = comparison.before.label, comparison.after.label
             for rows in paired_objects(comparison.before, comparison.after):
                 changed = rows[rows["change"].isin(_CHANGED) & (rows["coverage_before"] != rows["coverage_after"])]
-                values = [_cells(changed[name]) for name in columns]
-                writer.writerows((*labels, *line) for line in zip(*values, strict=True))
+                changed = changed.assign(before_run=comparison.before.label, after_run=comparison.after.label)
+                changed[columns].to_csv(stream, header=False, index=False, lineterminator="\n")
 
 
-def to_json(
-    comparisons: Sequence[RunComparison],
-    *,
-    drawn: Sequence[Sequence[DrawnFrame]],
-    remarks: Sequence[Sequence[str]],
-) -> str:
+def to_json(comparisons: Sequence[RunComparison]) -> str:
     """Everything but the object-frames, at full precision; null where there is no number."""
     first = comparisons[0].before.summary
     content = {
@@ -245,15 +230,12 @@ def to_json(
         "split": first.split,
         "protocol": first.protocol.model_dump(),
         "reference_fingerprint": first.reference_fingerprint,
-        "comparisons": [
-            _json_comparison(comparison, pictures, said)
-            for comparison, pictures, said in zip(comparisons, drawn, remarks, strict=True)
-        ],
+        "comparisons": [_json_comparison(comparison) for comparison in comparisons],
     }
-    return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    return json_text(content)
 
 
-def _json_comparison(comparison: RunComparison, drawn: Sequence[DrawnFrame], remarks: Sequence[str]) -> dict[str, Any]:
+def _json_comparison(comparison: RunComparison) -> dict[str, Any]:
     return {
         "before": _json_run(comparison.before),
         "after": _json_run(comparison.after),
@@ -272,8 +254,8 @@ def _json_comparison(comparison: RunComparison, drawn: Sequence[DrawnFrame], rem
         ],
         "detections": [asdict(counts) for counts in comparison.detections],
         "changed_frames": [asdict(frame) for frame in comparison.frames],
-        "pictures": [{"file": f"pictures/{picture.name}", "title": picture.title} for picture in drawn],
-        "remarks": list(remarks),
+        "pictures": [{"file": f"pictures/{picture.name}", "title": picture.title} for picture in comparison.drawn],
+        "remarks": comparison.remarks,
     }
 
 
@@ -289,34 +271,8 @@ def _json_run(run: StoredRun) -> dict[str, Any]:
 
 
 def _json_change(cell: MetricChange) -> dict[str, Any]:
-    change = asdict(cell.change)
-    return {
-        **{name: _or_none(value) if isinstance(value, float) else value for name, value in change.items()},
-        "p_holm": cell.p_holm,
-        "verdict": cell.verdict,
-        "chance": None if cell.chance is None else [_or_none(figure.value) for figure in cell.chance],
-    }
-
-
-def _cells(column: pd.Series[Any]) -> list[object]:
-    values: list[object] = column.tolist()
-    return [_or_empty(value) if isinstance(value, float) else value for value in values]
-
-
-def _csv(heading: Sequence[str], lines: Iterable[Sequence[object]]) -> str:
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(heading)
-    writer.writerows(lines)
-    return buffer.getvalue()
-
-
-def _or_none(number: float) -> float | None:
-    return None if math.isnan(number) else number
-
-
-def _or_empty(number: float | None) -> str:
-    return "" if number is None or math.isnan(number) else repr(float(number))
+    chance = None if cell.chance is None else [metric.value for metric in cell.chance]
+    return {**asdict(cell.change), "p_holm": cell.p_holm, "verdict": cell.verdict, "chance": chance}
 
 
 MIN_COLUMNS = 100  # a console narrower than this cuts the table
@@ -344,20 +300,12 @@ def to_rich(comparison: RunComparison) -> Table:
         A table to print on a `rich.console.Console` of at least `MIN_COLUMNS`; nothing is printed here.
     """
     shown = _shown(comparison.rows)
-    table = Table(
-        box=SIMPLE_HEAD,
-        padding=(0, 0, 1, 0),
-        show_edge=False,
-        min_width=MIN_COLUMNS,
-        title=f"{comparison.after.label} (after) against {comparison.before.label} (before), in percent",
-        title_justify="left",
-        caption=Text(_CAPTION),
-        caption_justify="left",
-    )
+    title = f"{comparison.after.label} (after) against {comparison.before.label} (before), in percent"
+    table = terminal_table(title, caption=Text(_CAPTION), below=1, right=0)
+    table.min_width = MIN_COLUMNS
     table.add_column("Type", no_wrap=True)
     table.add_column("", style="dim", no_wrap=True)
-    for heading in shown.values():
-        table.add_column(Text(heading), justify="right", no_wrap=True, min_width=9)
+    number_columns(table, shown.values(), min_width=9)
     for row in comparison.rows:
         metrics = [FALSE_POSITIVE_COVERAGE] if FALSE_POSITIVE_COVERAGE in row.metrics else list(shown)
         lines = _LINES[:-1] if FALSE_POSITIVE_COVERAGE in row.metrics else _LINES
@@ -368,9 +316,7 @@ def to_rich(comparison: RunComparison) -> Table:
 
 def _shown(rows: Sequence[RowChange]) -> dict[str, str]:
     """Any detection and that at the highest level; TPR and IoU over detected and over all."""
-    levels = [name for name in rows[0].metrics if name.startswith("detection_rate_")]
-    highest = max(levels, key=lambda name: float(name.removeprefix("detection_rate_")), default=None)
-    at_level = {} if highest is None else {highest: f"Detection\nat {highest.removeprefix('detection_rate_')} %"}
+    at_level = {name: f"Detection\nat {level_percent(name):g} %" for name in detection_levels(rows[0].metrics)[-1:]}
     return {
         "detection_rate": "Detection\nany pixel",
         **at_level,
@@ -385,20 +331,20 @@ def _cell(cell: MetricChange, lines: Sequence[str]) -> Text:
     change = cell.change
     ends = "" if change.ci95 is None else ",".join(points(end) for end in change.ci95)
     found = {
-        "before": share(change.before),
-        "after": share(change.after),
+        "before": hundredths(change.before),
+        "after": hundredths(change.after),
         "diff.": points(change.difference),
         "95 %": ends,
         "p Holm": p_text(cell.p_holm),
         "verdict": "" if cell.verdict is None else _SHORT[cell.verdict].format(change.recordings),
-        "chance": "" if cell.chance is None else "/".join(share(figure.value) for figure in cell.chance),
+        "chance": "" if cell.chance is None else "/".join(hundredths(level.value) for level in cell.chance),
     }
     text = Text()
-    for place, line in enumerate(lines):
+    for number, line in enumerate(lines):
         style = "bold" if line == "diff." else ""
         if line == "verdict" and cell.verdict is not None:
             style = _STYLES.get(cell.verdict, "")
-        text.append(("\n" if place else "") + found[line], style=style)
+        text.append(("\n" if number else "") + found[line], style=style)
     return text
 
 
@@ -407,28 +353,13 @@ NAMES = ("compare.md", "compare.csv", CHANGES, "compare.json")
 _PICTURE_NAME = re.compile(r"\d\d-\d\d-[a-z-]+\.jpg")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WrittenComparison:
-    """What was written.
-
-    Attributes:
-        comparisons: the first run with each of the others, for the terminal.
-        remarks: about pictures that could not be made, or that do not show what was stored.
-        files: paths, texts first.
-    """
-
-    comparisons: tuple[RunComparison, ...]
-    remarks: tuple[str, ...]
-    files: tuple[Path, ...]
-
-
 def write_comparison(
     folders: Sequence[Path],
     out: Path,
     *,
     pictures: bool = True,
     progress: Callable[[float, int], None] | None = None,
-) -> WrittenComparison:
+) -> tuple[list[RunComparison], tuple[Path, ...]]:
     """Compare runs and write `compare.md`, `.csv`, `.json`, `object_changes.csv` and `pictures/`.
 
     Each file appears whole or not at all. Pictures of an earlier comparison in `out` are removed, other files are left.
@@ -439,33 +370,29 @@ def write_comparison(
         pictures: draw the frames that changed most; needs the data set and the methods.
         progress: called with the pictures done and their number, for each pair anew.
 
+    Returns:
+        comparisons: the first run with each of the others.
+        files: paths, texts first.
+
     Raises:
         DataError: a run is damaged.
         UsageError: fewer than two runs, or runs that do not compare.
     """
     comparisons = compare_runs(read_comparable(folders))
-    drawn: list[list[DrawnFrame]] = []
-    remarks: list[list[str]] = []
-    for number, comparison in enumerate(comparisons, start=1):
-        made, said = draw_changed_frames(comparison, number=number, progress=progress) if pictures else ([], [])
-        drawn.append(made)
-        remarks.append(said)
+    if pictures:
+        numbered = enumerate(comparisons, start=1)
+        comparisons = [draw_changed_frames(found, number=number, progress=progress) for number, found in numbered]
     texts = {
-        "compare.md": to_markdown(comparisons, drawn=drawn, remarks=remarks),
+        "compare.md": to_markdown(comparisons),
         "compare.csv": to_csv(comparisons),
-        "compare.json": to_json(comparisons, drawn=drawn, remarks=remarks),
+        "compare.json": to_json(comparisons),
     }
-    shown = {picture.name: picture.jpeg for made in drawn for picture in made}
+    shown = {picture.name: picture.jpeg for comparison in comparisons for picture in comparison.drawn}
     for name, jpeg in shown.items():
         write_bytes(out / "pictures" / name, jpeg)
-    for name, text in texts.items():
-        write_text(out / name, text)
+    write_texts(out, texts)
     write_object_changes(out / CHANGES, comparisons)
     for old in sorted((out / "pictures").glob("*.jpg")):
         if old.name not in shown and _PICTURE_NAME.fullmatch(old.name):
             old.unlink()
-    return WrittenComparison(
-        comparisons=tuple(comparisons),
-        remarks=tuple(line for said in remarks for line in said),
-        files=(*(out / name for name in NAMES), *(out / "pictures" / name for name in shown)),
-    )
+    return comparisons, (*(out / name for name in NAMES), *(out / "pictures" / name for name in shown))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import json
+import math
 from dataclasses import dataclass
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -13,33 +15,13 @@ from markupsafe import Markup
 
 from bench.recordings.atomic import write_text
 from bench.reference import Category
-from bench.reporting.page.charts import coverage_charts, plane_charts, range_chart, threshold_charts
-from bench.reporting.page.frames import (
-    Card,
-    FrameView,
-    Progress,
-    frame_cards,
-    gallery_keys,
-    object_cards,
-    pick,
-    view_frames,
-)
-from bench.reporting.page.source import FrameKey, PageSource, read_source
-from bench.reporting.page.tables import (
-    breakdown_tables,
-    cause_bars,
-    false_positive_lines,
-    headline,
-    ledger_rows,
-    of_recordings,
-    provenance_rows,
-    remarks,
-    script_json,
-    stage_bars,
-    table_data,
-)
-from bench.reporting.sheets import NOTE, sheets
-from bench.reporting.tables import LABELS, table_rows
+from bench.reporting.formats import LABELS, chance_of, count, mean, percent, with_interval
+from bench.reporting.page.charts import draw_charts, inline_svg
+from bench.reporting.page.object_table import table_data
+from bench.reporting.page.summary import breakdowns, remarks
+from bench.reporting.page.worst import Progress, WorstCases, worst_cases
+from bench.reporting.stored_run import StoredRun, read_stored_run
+from bench.reporting.tables import NOTE, detection_columns, table_rows, text_tables
 
 WORST, WORST_OF_CATEGORY = 3, 12
 
@@ -77,79 +59,72 @@ def write_page(
     Raises:
         DataError: a stored result is missing or damaged. Missing data for pictures is no error; it is said.
     """
-    source = read_source(folder, category=category)
-    picked = pick(source, most=WORST if category is None else WORST_OF_CATEGORY)
-    views: dict[FrameKey, FrameView] = {}
-    problems: list[str] = []
-    if pictures:
-        views, problems = view_frames(source, gallery_keys(picked), progress=progress)
-    objects, images = object_cards(source, picked, views), frame_cards(source, picked, views)
+    run = read_stored_run(folder, category=category)
+    most = WORST if category is None else WORST_OF_CATEGORY
+    worst = worst_cases(run, most=most, pictures=pictures, progress=progress)
     file = out or folder / ("index.html" if category is None else f"index-{category.value}.html")
-    write_text(file, _render(source, objects, images, problems=problems, pictures=pictures))
-    return Page(file=file, problems=tuple(problems))
+    write_text(file, _render(run, worst, pictures=pictures))
+    return Page(file=file, problems=tuple(worst.problems))
 
 
-def _render(
-    source: PageSource,
-    objects: Mapping[str, Sequence[Card]],
-    images: Sequence[Card],
-    *,
-    problems: Sequence[str],
-    pictures: bool,
-) -> str:
-    rows = [row for row in table_rows(source.figures) if source.category in (None, row.name)]
-    whole = source.category is None
-    cards = [*(card for some in objects.values() for card in some), *images]
-    pictured: dict[tuple[str, str, int, str], str] = {}
-    for card in reversed(cards):  # of several cards of an image the first
-        if card.view is not None:
-            pictured |= {(*card.key, track): card.element for track in ("", card.track)}
-    table = table_data(source, pictured=pictured)
+def _render(run: StoredRun, worst: WorstCases, *, pictures: bool) -> str:
+    rows = [row for row in table_rows(run.metrics) if run.category in (None, row.name)]
+    whole, found, made = run.category is None, run.metrics, run.summary.provenance
+    (_, any_pixel), *levels = detection_columns(rows).items()
+    columns = {"detection_rate": f"{any_pixel} (any pixel)"} | {name: f"found {heading}" for name, heading in levels}
+    recordings = found.false_positives.recordings
+    causes = [(name, cause) for name, cause in found.false_positive_causes.items() if not math.isnan(cause.value)]
     context: dict[str, Any] = {
-        "run": source.run,
-        "folder": source.folder.resolve().name,
+        "run": run.summary,
+        "made": made,
+        "found": found,
+        "folder": run.label,
         "whole": whole,
-        "category": None if source.category is None else LABELS[source.category],
-        "remarks": remarks(source.figures, category=source.category),
-        "headline": headline(rows),
-        "sheets": sheets(rows)[1 : 4 if whole else 3],
-        "false_positives": false_positive_lines(source.figures) if whole else None,
+        "category": None if run.category is None else LABELS[run.category],
+        "remarks": remarks(found, category=run.category),
+        "rows": rows,
+        "columns": columns | {"tpr": "TPR of the found", "iou_detected": "IoU of the found"},
+        "tables": text_tables(rows)[1 : 4 if whole else 3],
         "note": NOTE,
-        "caveats": source.run.caveats,
-        "breakdowns": breakdown_tables(source.figures),
-        "range_map": range_chart(source),
-        "plane_maps": plane_charts(source) if whole else None,
-        "coverage": coverage_charts(source),
-        "thresholds": threshold_charts(source) if whole else None,
-        "causes": cause_bars(source.figures) if whole else None,
-        "of_recordings": of_recordings(source.figures.false_positives.recordings),
-        "galleries": objects,
+        "breakdowns": breakdowns(found),
+        "sections": draw_charts(run),
+        "causes": sorted(causes, key=lambda item: -item[1].value),
+        "of_recordings": "" if recordings is None else f" of {recordings} recordings",
+        "worst": worst,
         "labels": {category.value: label for category, label in LABELS.items()},
-        "images": images,
-        "problems": problems,
         "pictures": pictures,
-        "rows": script_json(table),
-        "listed": table["rows"],
-        "annotated": table["annotated"],
-        "stages": stage_bars(source.run.provenance),
-        "provenance": provenance_rows(source.run),
-        "ledger": ledger_rows(source.figures),
+        "objects": table_data(run, pictured=_pictured(worst)),
+        "stages": sorted(made.stage_seconds.items(), key=lambda item: -item[1]),
+        "settings": json.dumps(run.summary.method.settings),
         "style": _packaged("page.css"),
         "script": _packaged("page.js"),
     }
-    text: str = _template().render(context)
+    text: str = environment().get_template("page.html.j2").render(context)
     return text
 
 
-def _template() -> jinja2.Template:
-    environment = jinja2.Environment(
+def _pictured(worst: WorstCases) -> dict[tuple[str, str, int, str], str]:
+    """The card of every object and, under track "", of every image; of several cards of an image the first."""
+    cards = [*(card for some in worst.objects.values() for card in some), *worst.images]
+    return {(*card.key, track): card.element for card in reversed(cards) if card.view for track in ("", card.track)}
+
+
+@cache
+def environment() -> jinja2.Environment:
+    """The templates, which escape what they are given."""
+    made = jinja2.Environment(
         loader=jinja2.PackageLoader("bench.reporting.page", "."),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template("page.html.j2")
+    made.filters |= {"percent": percent, "with_interval": with_interval, "mean": mean, "count": count}
+    made.filters |= {"chance_of": chance_of, "svg": inline_svg}
+    made.tests["nan"] = math.isnan
+    # Inside of a <script> element nothing may close it: `tojson` escapes what could.
+    made.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "ensure_ascii": False, "allow_nan": False}
+    return made
 
 
 def _packaged(name: str) -> Markup:

@@ -8,7 +8,7 @@
     ["recording", "recording", null], ["camera", "camera", null], ["time_s", "time (s)", 2], ["track_id", "object", null],
     ["object_class", "class", null], ["category", "kind", null], ["outcome", "outcome", null], ["coverage", "coverage %", 1],
     ["iou", "IoU %", 1], ["false_px", "false px", 0], ["region_px", "object px", 0], ["range_m", "range (m)", 1],
-    ["ego_kmh", "host (km/h)", 1], ["points", "points", 0],
+    ["ego_kmh", "ego (km/h)", 1], ["points", "points", 0],
   ];
   const by = (id) => document.getElementById(id);
   const head = document.querySelector("#objects thead tr"), body = document.querySelector("#objects tbody");
@@ -33,7 +33,7 @@
     return value === null ? "" : value.toFixed(digits);
   }
 
-  // The dictionaries are in order, so the places of words compare as the words do. Empty cells come last both ways.
+  // The dictionaries are in order, so the indices of words compare as the words do. Empty cells come last both ways.
   function compare(a, b) {
     const left = columns[sorted.name][a], right = columns[sorted.name][b];
     if (left === right) return a - b;
@@ -49,7 +49,7 @@
     order = [];
     for (let row = 0; row < data.rows; row += 1) {
       if (pictured && !columns.picture[row]) continue;
-      if (wanted.some(([name, place]) => columns[name][row] !== place)) continue;
+      if (wanted.some(([name, index]) => columns[name][row] !== index)) continue;
       if (asked.every((part) => texts[row].includes(part))) order.push(row);
     }
     order.sort(compare);
@@ -84,9 +84,9 @@
     const parts = [word("object_class", row), word("track_id", row), "in", word("recording", row), "camera", word("camera", row)];
     by("viewer-title").textContent = `${parts.join(" ")}, ${columns.time_s[row].toFixed(2)} s`;
     const coverage = columns.coverage[row];
-    const told = coverage === null ? word("outcome", row) : `${word("category", row)}, ${coverage.toFixed(1)} % found, IoU ${columns.iou[row].toFixed(1)} %`;
+    const summary = coverage === null ? word("outcome", row) : `${word("category", row)}, ${coverage.toFixed(1)} % found, IoU ${columns.iou[row].toFixed(1)} %`;
     const content = by("viewer-body");
-    content.replaceChildren(make("p", told));
+    content.replaceChildren(make("p", summary));
     if (columns.picture[row]) {
       const card = by(columns.picture[row]);
       const own = [...card.querySelectorAll("[data-object]")].some((image) => image.dataset.object === word("track_id", row));
@@ -120,7 +120,7 @@
   }
   for (const select of filters) {
     select.append(new Option("any", ""));
-    words[select.dataset.filter].forEach((text, place) => select.append(new Option(text || "unknown", place)));
+    words[select.dataset.filter].forEach((text, index) => select.append(new Option(text || "unknown", index)));
     select.addEventListener("change", refresh);
   }
   const evaluated = words.outcome.indexOf("evaluated");

@@ -7,7 +7,7 @@ import pytest
 from rich.console import Console
 
 from bench.harness.masks import MASKS, MASKS_SCHEMA
-from bench.reporting.compare.comparison import compare_runs
+from bench.reporting.compare.changes import compare_runs
 from bench.reporting.compare.runs import read_comparable
 from bench.reporting.compare.writing import MIN_COLUMNS, points, to_rich, write_comparison
 from tests.reporting.compare.runs import drawn, write_run
@@ -23,10 +23,10 @@ def folders(tmp_path_factory):
 
 
 def test_equal_input_gives_equal_bytes(folders, tmp_path):
-    first = write_comparison(folders, tmp_path / "one")
-    second = write_comparison(folders, tmp_path / "two")
-    assert [file.name for file in first.files] == NAMES
-    assert [file.read_bytes() for file in first.files] == [file.read_bytes() for file in second.files]
+    _, first = write_comparison(folders, tmp_path / "one")
+    _, second = write_comparison(folders, tmp_path / "two")
+    assert [file.name for file in first] == NAMES
+    assert [file.read_bytes() for file in first] == [file.read_bytes() for file in second]
 
 
 def test_all_forms_carry_the_same_numbers(folders, tmp_path):
@@ -63,14 +63,16 @@ def test_markdown_says_what_is_better_and_what_is_worse(folders, tmp_path):
 
 
 def test_without_data_there_are_no_pictures_and_the_reason_is_said(folders, tmp_path):
-    written = write_comparison(folders, tmp_path)
+    comparisons, _ = write_comparison(folders, tmp_path)
     assert not (tmp_path / "pictures").exists()
-    assert len(written.remarks) == 2
-    assert all("runs of older versions hold no masks" in remark for remark in written.remarks)
+    remarks = [comparison.remarks for comparison in comparisons]
+    assert len(remarks) == 2
+    assert all("runs of older versions hold no masks" in remark for (remark,) in remarks)
     for folder in folders:
         pq.write_table(MASKS_SCHEMA.empty_table(), folder / MASKS)
-    written = write_comparison(folders, tmp_path)
-    assert all(remark.startswith("no pictures: nowhere.yaml") for remark in written.remarks)
+    comparisons, _ = write_comparison(folders, tmp_path)
+    remarks = [comparison.remarks for comparison in comparisons]
+    assert all(remark.startswith("no pictures: nowhere.yaml") for (remark,) in remarks)
     assert "no pictures: nowhere.yaml" in (tmp_path / "compare.md").read_text()
 
 

@@ -30,7 +30,7 @@ def test_groups_hold_only_what_compares_best_first(folder):
     names = sorted([entry.run for entry in group.entries] for group in found.groups)
     assert names == [["deep/strong", "weak", "nothing"], ["extended"], ["other-reference"]]
     (group,) = [group for group in found.groups if len(group.entries) == 3]
-    values = [entry.figures["iou"].value for entry in group.entries]
+    values = [entry.metrics["iou"].value for entry in group.entries]
     assert values == sorted(values, reverse=True)
     assert [entry.method for entry in group.entries] == ["nothing (threshold=1)", "nothing (threshold=2)", "empty"]
     assert group.entries[0].frames_per_second == 16

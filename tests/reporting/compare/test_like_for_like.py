@@ -18,7 +18,7 @@ from bench.harness import RunRequest, read_run, run_benchmark
 from bench.harness.stored import open_tables
 from bench.methods import Segmentation
 from bench.recordings import load_card
-from bench.reporting.compare.comparison import compare_runs
+from bench.reporting.compare.changes import compare_runs
 from bench.reporting.compare.leaderboard import read_leaderboard
 from bench.reporting.compare.runs import read_comparable
 from bench.reporting.compare.writing import write_comparison
@@ -130,7 +130,7 @@ def test_the_leaderboard_ranks_both_on_their_common_images(runs, tiny_card, tmp_
     (group,) = read_leaderboard(tmp_path).groups
     assert {entry.run: entry.images for entry in group.entries} == SCORED | {"again": 12}
     assert group.images == 9
-    values = {entry.run: entry.figures["tpr_all"].value for entry in group.entries}
+    values = {entry.run: entry.metrics["tpr_all"].value for entry in group.entries}
     for name in SCORED:
         rows = [rows_on_both(runs, name, f"{t}.parquet") for t in ("objects", "frames")]
         expected = summarise(*rows, protocol=PROTOCOL)

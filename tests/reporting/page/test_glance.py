@@ -1,10 +1,12 @@
 """The sentences at the top of the page."""
 
 import math
+import re
 
 from bench.evaluation.summary import Figure, FrameLedger, ObjectFigures
 from bench.reference import Category
-from bench.reporting.page.tables import figure_cell, figures_table, remarks
+from bench.reporting.page.build import environment
+from bench.reporting.page.summary import breakdown, remarks
 from tests.reporting.summaries import object_figures, summary
 
 
@@ -89,15 +91,22 @@ def test_a_page_of_one_kind_says_nothing_of_images():
     assert [kind for kind, _ in told(none, Category.CROSSING)] == ["note"]
 
 
+def cells(rows):
+    """What the page shows of the share found, by row."""
+    found = breakdown("By letter", "letter", rows)
+    table = str(environment().get_template("tables.html.j2").module.breakdown(found))
+    lines = [re.findall(r"<td class=\"metric.*?</td>", line, flags=re.DOTALL) for line in table.split("<tr>")[2:]]
+    place = list(found.metrics).index("tpr_all")
+    return {name: line[place] for name, line in zip(rows, lines, strict=True)}
+
+
 def test_the_lowest_of_a_table_is_marked_and_cells_without_cases_have_no_bar():
     rows = {"a": object_figures(0.9), "b": object_figures(0.2), "c": object_figures(math.nan)}
-    table = figures_table("By letter", "letter", rows)
-    place = table.headings.index("share found (TPR, all)") - 4
-    assert [row.cells[place].weakest for row in table.rows] == [False, True, False]
-    assert table.rows[0].counts == ("8", "100", "7")
-    few = figures_table("By letter", "letter", rows | {"b": without_intervals(rows["b"])})
-    assert not any(row.cells[place].weakest for row in few.rows)
-    assert table.rows[2].cells[place].value is None
-    assert table.rows[2].cells[place].text == "n/a (0 cases)"
-    cell = figure_cell(Figure(value=0.5, ci95=(0.25, 0.75), cases=4, recordings=6))
-    assert (cell.value, cell.low, cell.high, cell.interval) == (50, 25, 75, "25.0 to 75.0")
+    shown = cells(rows)
+    assert [name for name, cell in shown.items() if "lowest" in cell] == ["b"]
+    assert not any("lowest" in cell for cell in cells(rows | {"b": without_intervals(rows["b"])}).values())
+    assert "n/a (0 cases)" in shown["c"]
+    assert "meter" not in shown["c"]
+    assert "--v:63.0%" in shown["a"]
+    assert "--l:58.0%;width:10.0%" in shown["a"]
+    assert "58.0 to 68.0" in shown["a"]

@@ -5,7 +5,7 @@ import pytest
 
 from bench.evaluation import row_source
 from bench.evaluation.row_source import TableRows
-from bench.reporting.page.source import KEY, listed_rows
+from bench.reporting.page.object_table import KEY, listed_rows
 from tests.evaluation.runs import random_run, shuffled
 
 

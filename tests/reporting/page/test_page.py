@@ -12,10 +12,10 @@ from bench.errors import DataError
 from bench.harness import read_run, read_tables
 from bench.recordings import load_card, open_dataset
 from bench.reference import Category
-from bench.reporting.page.build import write_page
+from bench.reporting.page.build import environment, write_page
 from bench.reporting.page.charts import write_figures
-from bench.reporting.page.source import read_source
-from bench.reporting.page.tables import script_json, table_data
+from bench.reporting.page.object_table import table_data
+from bench.reporting.stored_run import read_stored_run
 from tests.reporting.page.hostile import TRACK
 from tests.stored_files import change_summary
 
@@ -77,7 +77,7 @@ def test_every_annotated_object_is_a_row(tiny_run, tiny_page):
 
 
 def test_a_row_says_what_is_stored(tiny_run):
-    data = table_data(read_source(tiny_run), pictured={})
+    data = table_data(read_stored_run(tiny_run), pictured={})
     stored = read_tables(tiny_run)[0].to_pandas().sort_values(["recording", "camera", "timestamp_ns", "track_id"])
     for place, (_, row) in enumerate(stored.iterrows()):
         of_row = {name: values[place] for name, values in data["columns"].items()}
@@ -90,7 +90,7 @@ def test_a_row_says_what_is_stored(tiny_run):
 
 
 def test_a_row_opens_its_own_card_or_that_of_its_image(tiny_run):
-    source = read_source(tiny_run)
+    source = read_stored_run(tiny_run)
     one, other = read_tables(tiny_run)[0].to_pylist()[:2]
     keys = [(row["recording"], row["camera"], row["timestamp_ns"]) for row in (one, other)]
     assert keys[0] == keys[1], "two objects of one image"
@@ -102,7 +102,7 @@ def test_a_row_opens_its_own_card_or_that_of_its_image(tiny_run):
 
 
 def test_the_index_of_a_row_is_that_of_its_image(tiny_run, tiny_card):
-    data = table_data(read_source(tiny_run), pictured={})
+    data = table_data(read_stored_run(tiny_run), pictured={})
     images = {handle.name: handle.open().images["front"] for handle in open_dataset(load_card(tiny_card))}
     columns, words = data["columns"], data["words"]["recording"]
     for recording, index, time_s in zip(columns["recording"], columns["index"], columns["time_s"], strict=True):
@@ -110,11 +110,12 @@ def test_the_index_of_a_row_is_that_of_its_image(tiny_run, tiny_card):
 
 
 def test_json_in_a_script_cannot_end_it():
-    text = str(script_json({TRACK: [1.5, None]}))
-    assert not set("<>&\u2028") & set(text)
+    script = environment().from_string("{{ content | tojson }}")
+    text = script.render(content={TRACK: [1.5, None]})
+    assert not set("<>&") & set(text)
     assert json.loads(text) == {TRACK: [1.5, None]}
     with pytest.raises(ValueError, match="not JSON compliant"):
-        script_json([float("nan")])
+        script.render(content=[float("nan")])
 
 
 def test_names_from_the_data_are_escaped(hostile_page):
@@ -132,7 +133,7 @@ def test_without_the_data_it_says_so_and_is_complete(tiny_run, tmp_path):
     assert len(page.problems) == 1
     assert "gone.yaml" in page.problems[0]
     assert "Pictures are missing" in text
-    assert "No picture: the data set was not at hand." in text
+    assert "No picture: the data set was not available." in text
     assert "<img" not in text
     assert [name for name, _ in sections(text)] == SECTIONS
     assert "Reason found" in text

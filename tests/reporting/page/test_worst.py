@@ -10,8 +10,14 @@ from bench.evaluation import CoverageCurve
 from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA
 from bench.reference import Category
 from bench.reporting.page.charts import coverage_points
-from bench.reporting.page.frames import FrameEvidence, ObjectEvidence, frame_reason, object_reason
-from bench.reporting.page.source import worst_frames, worst_objects
+from bench.reporting.page.worst import (
+    FrameEvidence,
+    ObjectEvidence,
+    frame_reason,
+    object_reason,
+    worst_frames,
+    worst_objects,
+)
 
 S = 1_000_000_000
 
@@ -35,16 +41,17 @@ def frames(*rows):
     return pa.Table.from_pylist(content, schema=FRAMES_SCHEMA)
 
 
-def picked(rows):
+def picked(table, category=Category.CROSSING, *, most):
+    rows = worst_objects(table, [category], most=most)[category.value]
     return [(row["track_id"], row["timestamp_ns"] // S, row["tp"]) for row in rows]
 
 
 def test_each_object_first_then_a_second_apart():
     table = objects(("a", 0, 1), ("a", S // 2, 2), ("a", 2 * S, 3), ("b", 0, 40), ("c", 0, 90))
-    assert picked(worst_objects(table, Category.CROSSING, most=3)) == [("a", 0, 1), ("b", 0, 40), ("c", 0, 90)]
+    assert picked(table, most=3) == [("a", 0, 1), ("b", 0, 40), ("c", 0, 90)]
     of_four = [("a", 0, 1), ("a", 2, 3), ("b", 0, 40), ("c", 0, 90)]
-    assert picked(worst_objects(table, Category.CROSSING, most=9)) == of_four
-    assert worst_objects(table, Category.PRECEDING, most=3) == []
+    assert picked(table, most=9) == of_four
+    assert picked(table, Category.PRECEDING, most=3) == []
 
 
 def test_images_of_different_recordings_first():
@@ -76,7 +83,7 @@ def seen(**changes):
         ),
         ({"category": "approaching"}, {"above_horizon": 0.8}, "where anti-parallel"),
         ({"region_px": 400}, {}, "Occluded: 60 %"),
-        ({"category": "preceding", "speed_mps": 4.8}, {}, "almost as fast as the host (4.8 and 5.0 m/s)"),
+        ({"category": "preceding", "speed_mps": 4.8}, {}, "almost as fast as the ego vehicle (4.8 and 5.0 m/s)"),
         ({"points": 12}, {}, "Only 12 lidar points"),
         ({"region_px": 90, "polygon_px": 90}, {}, "Small: 90 pixels"),
         ({}, {}, "No single reason found in the numbers. On its missed pixels the median motion likelihood is 2.0e-04"),

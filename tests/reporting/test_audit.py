@@ -23,9 +23,14 @@ from bench.errors import UsageError
 from bench.evaluation import load_protocol
 from bench.methods import build_method
 from bench.recordings import load_card, open_dataset
-from bench.reporting.audit_files import to_csv, to_markdown, to_rich, write_audit_files
-from bench.reporting.audit_pictures import example_rows, worst_images, write_cause_pictures, write_examples
-from bench.reporting.audit_tables import audit_tables
+from bench.reporting.audit_pictures import (
+    example_rows,
+    worst_images,
+    write_audit_files,
+    write_cause_pictures,
+    write_examples,
+)
+from bench.reporting.audit_tables import audit_tables, to_csv, to_markdown, to_rich
 
 METHOD = build_method("spherical", {"threshold": 0.01})  # so that something is missed
 
@@ -45,21 +50,21 @@ def audit(folder: Path) -> AuditSummary:
 def test_markdown_holds_every_table_in_full(audit: AuditSummary):
     text = to_markdown(audit)
     tables = audit_tables(audit)
-    assert [line[3:] for line in text.splitlines() if line.startswith("## ")] == [t.sheet.title for t in tables]
+    assert [line[3:] for line in text.splitlines() if line.startswith("## ")] == [t.title for t in tables]
     for table in tables:
         assert table.note in text
-        assert all(len(row) == len(table.sheet.headings) for row in table.sheet.rows)
-        assert all(f"| {' | '.join(row)} |" in text for row in table.sheet.rows)
+        assert all(len(row) == len(table.headings) for row in table.rows)
+        assert all(f"| {' | '.join(row)} |" in text for row in table.rows)
 
 
 def test_shares_of_a_line_are_100_percent(audit: AuditSummary):
     misses, false = audit_tables(audit)[-2:]
-    first = misses.sheet.headings.index("by error %") + 1
-    rows = [row for row in misses.sheet.rows if row[first] != "n/a"]  # where something is missed
+    first = misses.headings.index("by error %") + 1
+    rows = [row for row in misses.rows if row[first] != "n/a"]  # where something is missed
     assert rows
     for row in rows:
         assert sum(map(float, row[first : first + len(MissCause)])) == pytest.approx(100, abs=0.4)
-    assert sum(map(float, false.sheet.rows[0][3:-1])) == pytest.approx(100, abs=0.4)
+    assert sum(map(float, false.rows[0][3:-1])) == pytest.approx(100, abs=0.4)
 
 
 def test_csv_holds_the_figures_at_full_precision(audit: AuditSummary):

@@ -15,9 +15,7 @@ from bench.harness.sweep import SweepResult, SweepRow
 from bench.harness.sweep.results import FlowCalls, write_sweep
 from bench.reference.records import Category
 from bench.reporting.canvas import BLUE, GREY, VERMILION
-from bench.reporting.sweep_chart import draw_sweep
-from bench.reporting.sweep_files import write_sweep_files
-from bench.reporting.sweep_report import to_csv, to_markdown, to_rich
+from bench.reporting.sweep import draw_sweep, to_csv, to_markdown, to_rich, write_sweep_files
 
 
 def figure(value, *, spread=0.1, cases=40):

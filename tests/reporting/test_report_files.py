@@ -10,7 +10,7 @@ from bench.evaluation import load_protocol, summarise
 from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA, frames_table, objects_table
 from bench.harness import Provenance, RunSummary
 from bench.harness.stored import MethodStamp, write_protocol, write_summary
-from bench.reporting.write import write_report_files
+from bench.reporting.table_files import write_report_files
 
 NAMES = ["table.md", "table.csv", "table.tex", "table.json", "range_map.png", "range_map.svg"]
 
@@ -56,20 +56,20 @@ def stored(tmp_path_factory):
 
 
 def test_all_files_are_written_from_the_stored_results(stored):
-    report = write_report_files(stored)
-    assert [file.name for file in report.files] == NAMES
-    assert all(file.parent == stored and file.stat().st_size > 0 for file in report.files)
+    rows, files = write_report_files(stored)
+    assert [file.name for file in files] == NAMES
+    assert all(file.parent == stored and file.stat().st_size > 0 for file in files)
     assert (stored / "table.md").read_text().rstrip().endswith("The data: Staged, not the paper's.")
-    crossing, last = report.rows[0].figures, report.rows[-1].figures
+    crossing, last = rows[0].metrics, rows[-1].metrics
     assert crossing["tpr"].value == 0.5
     assert crossing["iou"].value == pytest.approx(50 / 110)
     assert last["coverage"].value == 0.01
-    assert math.isnan(report.rows[1].figures["tpr"].value)
+    assert math.isnan(rows[1].metrics["tpr"].value)
 
 
 def test_the_same_bytes_twice(stored):
-    first = {file.name: file.read_bytes() for file in write_report_files(stored).files}
-    second = {file.name: file.read_bytes() for file in write_report_files(stored).files}
+    first = {file.name: file.read_bytes() for file in write_report_files(stored)[1]}
+    second = {file.name: file.read_bytes() for file in write_report_files(stored)[1]}
     assert first == second
 
 

@@ -1,0 +1,184 @@
+"""How values, intervals and tables are written, the same in every output of this package."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+from rich.text import Text
+
+from bench.evaluation import Figure
+from bench.evaluation.intervals import FEWEST_RECORDINGS
+from bench.plain_text import escape_markdown
+from bench.recordings import write_text
+from bench.reference.records import Category
+
+LABELS = {
+    Category.CROSSING: "Crossing (epipolar)",
+    Category.OVERTAKING: "Overtaking (positive depth)",
+    Category.PRECEDING: "Preceding (positive height)",
+    Category.APPROACHING: "Approaching (anti-parallel)",
+    Category.STATIC_EGO: "Static ego-vehicle (degenerate)",
+    Category.MOVING: "Moving (kind not told)",
+}
+INTERVALS = (
+    "Intervals: 95 %, by recording, since images of one recording are not independent (jackknife, Student's t on the "
+    f"logit scale); figures with cases in fewer than {FEWEST_RECORDINGS} recordings have none."
+)
+
+
+def percent(ratio: float, *, cases: int = 0, digits: int = 1) -> str:
+    """A ratio as "72.1 %"; "n/a (0 cases)" for NaN."""
+    return f"n/a ({cases} cases)" if math.isnan(ratio) else f"{100 * ratio:.{digits}f} %"
+
+
+def hundredths(ratio: float) -> str:
+    """A ratio in percent without the sign, "72.1"; "n/a" for NaN."""
+    return "n/a" if math.isnan(ratio) else f"{100 * ratio:.1f}"
+
+
+def interval(metric: Figure) -> str:
+    """The 95 % interval in percent, "[65.0, 78.3]"; "" without one."""
+    return "" if metric.ci95 is None else "[{:.1f}, {:.1f}]".format(*(100 * end for end in metric.ci95))
+
+
+def short_interval(metric: Figure) -> str:
+    """The 95 % interval in whole percent, "65-78"; "" without one."""
+    return "" if metric.ci95 is None else "{:.0f}-{:.0f}".format(*(100 * end for end in metric.ci95))
+
+
+def with_interval(metric: Figure) -> str:
+    """A ratio as "72.1 % [65.0, 78.3]", "72.1 %" without interval, "n/a (0 cases)" for NaN."""
+    return f"{percent(metric.value, cases=metric.cases)} {interval(metric)}".rstrip()
+
+
+def mean(metric: Figure) -> str:
+    """A mean that is no ratio, "3.2 [2.8, 3.9]"; "n/a (0 cases)" for NaN."""
+    if math.isnan(metric.value):
+        return f"n/a ({metric.cases} cases)"
+    return f"{metric.value:.1f}" + ("" if metric.ci95 is None else " [{:.1f}, {:.1f}]".format(*metric.ci95))
+
+
+def count(number: int | None) -> str:
+    """A count as "3848"; "" for None."""
+    return "" if number is None else str(number)
+
+
+def detection_levels(names: Iterable[str]) -> list[str]:
+    """Those of the names that are detection rates at a level, as "detection_rate_50", the lowest level first."""
+    return sorted((name for name in names if name.startswith("detection_rate_")), key=level_percent)
+
+
+def level_percent(name: str) -> float:
+    """The level of "detection_rate_50", in percent."""
+    return float(name.removeprefix("detection_rate_"))
+
+
+def chance_of(name: str) -> str:
+    """Name of the chance level of a detection rate."""
+    return name.replace("detection_rate", "chance")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TextTable:
+    """A table of text.
+
+    Attributes:
+        title: stands above it.
+        headings: of the columns.
+        rows: as many cells each.
+        labels: how many columns from the left hold words; the others hold numbers.
+        note: how to read it.
+    """
+
+    title: str
+    headings: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    labels: int = 1
+    note: str = ""
+
+
+def markdown_table(
+    headings: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    *,
+    labels: int = 1,
+    rules: tuple[str, str] = (":--", "--:"),
+    escape: bool = True,
+) -> str:
+    """A table of GitHub's Markdown, the first columns left-aligned, the others right.
+
+    Args:
+        headings: of the columns.
+        rows: as many cells each.
+        labels: how many columns from the left hold words.
+        rules: below the headings of words and of numbers.
+        escape: whether the cells are text from outside; otherwise they are Markdown.
+    """
+    cells = [[escape_markdown(cell) for cell in row] if escape else row for row in (headings, *rows)]
+    cells.insert(1, [rules[place >= labels] for place in range(len(headings))])
+    return "\n".join(f"| {' | '.join(line)} |" for line in cells)
+
+
+def terminal_table(title: str, *, caption: str | Text | None = None, below: int = 0, right: int = 1) -> Table:
+    """An empty table for the terminal, with so many blank lines below a row and columns right of a cell."""
+    return Table(
+        box=SIMPLE_HEAD,
+        padding=(0, right, below, 0),
+        show_edge=False,
+        title=title,
+        title_justify="left",
+        caption=caption,
+        caption_justify="left",
+    )
+
+
+def number_columns(table: Table, headings: Iterable[str], *, min_width: int | None = None) -> None:
+    """Add right-aligned columns; line breaks in the headings stay."""
+    for heading in headings:
+        table.add_column(Text(heading), justify="right", no_wrap=True, min_width=min_width)
+
+
+def csv_text(
+    rows: Sequence[Mapping[str, object]] | Sequence[Sequence[object]], columns: list[str] | None = None
+) -> str:
+    """One line per row, numbers at full precision; empty for NaN, None, and what a row does not have.
+
+    Args:
+        rows: by name of the column, or in the order of the columns.
+        columns: their names; None for those of the rows.
+    """
+    text: str = pd.DataFrame(list(rows), columns=columns, dtype=object).to_csv(index=False, lineterminator="\n")
+    return text
+
+
+def json_text(content: Mapping[str, object], *, indent: int = 1) -> str:
+    """JSON with null for NaN."""
+    return json.dumps(_without_nan(content), indent=indent, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def _without_nan(value: Any) -> Any:
+    if isinstance(value, float):
+        return None if math.isnan(value) else value
+    if isinstance(value, Mapping):
+        return {key: _without_nan(part) for key, part in value.items()}
+    return [_without_nan(part) for part in value] if isinstance(value, list | tuple) else value
+
+
+def write_texts(folder: Path, texts: Mapping[str, str]) -> tuple[Path, ...]:
+    """Write texts by file name, each whole or not at all; their paths."""
+    for name, text in texts.items():
+        write_text(folder / name, text)
+    return tuple(folder / name for name in texts)
+
+
+def shortened(text: str, longest: int) -> str:
+    """Text of at most so many characters, with " ..." at its end where it was longer."""
+    return text if len(text) <= longest else text[: longest - 4] + " ..."

@@ -1,0 +1,490 @@
+"""The worst object-frames and images of a run: which they are, their pictures, and the reason in words.
+
+Every sentence about a reason states the number that it rests on. Where no rule applies, that is what is said.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+from shapely import box
+
+from bench.errors import BenchError
+from bench.evaluation import Rows
+from bench.evaluation.row_source import as_source, read_parts
+from bench.evaluation.slices import IMAGE, Columns
+from bench.evaluation.sums import coverage
+from bench.harness import FramePipeline, ProcessedFrame
+from bench.harness.frames import UnscorableFrame
+from bench.harness.replay import StoredFrames
+from bench.reference import Category, ReferenceObject, Status
+from bench.reporting.count_view import PixelClass, detected_pixels, draw_counts, overlay_counts, pixel_classes
+from bench.reporting.overlay import overlay_polygons
+from bench.reporting.page.charts import figure_uri, jpeg_uri
+from bench.reporting.panels import draw_panels
+from bench.reporting.stored_run import StoredRun
+
+FrameKey = tuple[str, str, int]
+Row = Mapping[str, Any]  # of a stored table, with `coverage`
+Ranked = tuple[NDArray[np.float64], NDArray[np.int64]]  # coverage of each row, and the rows, worst first
+APART_NS = 1_000_000_000
+_TRACK = ["recording", "camera", "track_id"]
+
+
+def worst_objects(objects: Rows, categories: Sequence[Category], *, most: int) -> dict[str, list[Row]]:
+    """Evaluated object-frames with the lowest coverage, by category, as rows of `OBJECTS_SCHEMA` plus `coverage`.
+
+    Of each track only the worst, then, while there is room, others of it at least a second apart. One pass over the
+    rows, some recordings in memory at a time.
+    """
+    found: dict[str, list[Columns]] = {category.value: [] for category in categories}
+    for rows in _parts(objects, key=[*IMAGE, "track_id"]):
+        evaluated = rows.is_word("status", "evaluated")
+        for name, worst in found.items():
+            of_kind = rows.take(evaluated & rows.is_word("category", name))
+            worst.append(_spread(of_kind, _least_covered(of_kind), group=_TRACK, most=most))
+    return {name: _join(worst, _least_covered, group=_TRACK, most=most) for name, worst in found.items()}
+
+
+def worst_frames(frames: Rows, *, most: int) -> list[Row]:
+    """Scored images with the largest false-positive coverage, as rows of `FRAMES_SCHEMA` plus `coverage`.
+
+    Without the histograms. Of each recording and camera only the worst, then, while there is room, others of it at
+    least a second apart.
+    """
+    worst = []
+    for rows in _parts(frames, key=IMAGE):
+        with_false = rows.take(rows.is_word("status", "evaluated") & (rows.numbers("fp_px") > 0))
+        worst.append(_spread(with_false, _most_false(with_false), group=IMAGE[:2], most=most))
+    return _join(worst, _most_false, group=IMAGE[:2], most=most)
+
+
+def frame_key(row: Row) -> FrameKey:
+    """The image of a row."""
+    return row["recording"], row["camera"], row["timestamp_ns"]
+
+
+def _parts(rows: Rows, *, key: Sequence[str]) -> Iterable[Columns]:
+    source = as_source(rows)
+    flat = [field.name for field in source.schema if not pa.types.is_list(field.type)]
+    return (Columns(part).canonical(key) for part in read_parts(source, flat))
+
+
+def _least_covered(rows: Columns) -> Ranked:
+    """Of equals the largest first, then in canonical order."""
+    covered = coverage(rows.numbers("tp"), rows.numbers("fn"))
+    return covered, np.lexsort([-rows.numbers("region_px"), covered])
+
+
+def _most_false(rows: Columns) -> Ranked:
+    """Of equals in canonical order."""
+    share = rows.numbers("fp_px") / (rows.numbers("width") * rows.numbers("height"))
+    return share, np.argsort(-share, kind="stable")
+
+
+def _spread(rows: Columns, ranked: Ranked, *, group: Sequence[str], most: int) -> Columns:
+    """At most so many of the rows, in canonical order.
+
+    What is picked of a part is all that could be picked of the whole: groups do not reach across parts, and those of
+    other parts only take room away.
+    """
+    _, order = ranked
+    codes = np.stack([rows.words(name)[0] for name in group])
+    groups = np.unique(codes, axis=1, return_inverse=True)[1].ravel()[order]
+    times_ns = rows.integers("timestamp_ns")[order]
+    first = np.sort(np.unique(groups, return_index=True)[1])
+    picked = first[:most].tolist()
+    for rank in np.setdiff1d(np.arange(len(order)), first) if len(picked) < most else ():
+        if len(picked) == most:
+            break
+        of_group = [times_ns[other] for other in picked if groups[other] == groups[rank]]
+        if all(abs(times_ns[rank] - time_ns) >= APART_NS for time_ns in of_group):
+            picked.append(int(rank))
+    return rows.take(np.sort(order[picked]))
+
+
+def _join(parts: Sequence[Columns], rank: Callable[[Columns], Ranked], *, group: Sequence[str], most: int) -> list[Row]:
+    """The worst of those that were picked of the parts, worst first."""
+    if not parts:
+        return []
+    # Parts of a stored table have dictionaries of their own.
+    rows = Columns(pa.concat_tables([part.table for part in parts]).unify_dictionaries())
+    rows = _spread(rows, rank(rows), group=group, most=most)
+    shares, order = rank(rows)
+    content = rows.table.to_pylist(maps_as_pydicts="strict")
+    return [content[number] | {"coverage": float(shares[number])} for number in order]
+
+
+MOST = 0.5  # of the missed or false pixels, to be called the reason
+WELL_FOUND = 0.8
+FEW_POINTS = 20
+SMALL_PX = 400
+SAME_SPEED_MPS = 0.5
+BLIND_BAND_DEG = 10.0
+BELOW_HORIZON = {"preceding": "positive height", "approaching": "anti-parallel"}  # they need the road behind the object
+SHOWN = 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ObjectEvidence:
+    """What the image shows of an object beyond the stored counts; shares are of its missed pixels, NaN without any.
+
+    Attributes:
+        undefined: share in cells where the method could not say.
+        blind_band: share within `BLIND_BAND_DEG` of the direction of travel, forward or backward.
+        above_horizon: share that looks upwards.
+        likelihood: median motion likelihood; NaN for a method without.
+    """
+
+    undefined: float
+    blind_band: float
+    above_horizon: float
+    likelihood: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameEvidence:
+    """What the image shows of its false positives beyond the stored counts; shares are of them, NaN without any.
+
+    Attributes:
+        below_horizon: share that looks downwards.
+        static_objects: share on annotated objects that are stationary.
+    """
+
+    below_horizon: float
+    static_objects: float
+
+
+def object_reason(row: Row, evidence: ObjectEvidence | None, *, threshold: float | None) -> str:
+    """Say why an object-frame was covered so little.
+
+    Args:
+        row: of `OBJECTS_SCHEMA`, evaluated, with `coverage`.
+        evidence: from the image; None without the data.
+        threshold: of the method's likelihood; None where it has none.
+    """
+    if row["coverage"] >= WELL_FOUND:
+        return f"Nothing to explain: {_percent(row['coverage'])} of it is found."
+    found = [*(_seen_reasons(row, evidence) if evidence else []), *_stored_reasons(row)]
+    reason = " Also: ".join(found[:SHOWN]) or "No single reason found in the numbers."
+    if evidence is None or math.isnan(evidence.likelihood) or threshold is None or evidence.undefined >= MOST:
+        return reason
+    side = "below" if evidence.likelihood <= threshold else "above"
+    reason += (
+        f" On its missed pixels the median motion likelihood is {evidence.likelihood:.1e}, {side} the threshold of "
+    )
+    return reason + f"{threshold:.1e}."
+
+
+def frame_reason(row: Row, evidence: FrameEvidence | None) -> str:
+    """Say where the false positives of an image come from.
+
+    Args:
+        row: of `FRAMES_SCHEMA`, scored, with `coverage`.
+        evidence: from the image; None without the data.
+    """
+    false_px = max(row["fp_px"], 1)
+    causes = row["fp_by_cause"]
+    found = []
+    if isinstance(causes, Mapping) and causes:
+        name, pixels = max(causes.items(), key=lambda item: item[1])
+        words, share = str(name).replace("_", " "), pixels / false_px
+        lead = "Mostly" if share >= MOST else "No single cause; the largest is"
+        found.append(f"{lead} {words}, with {_percent(share)} of the false pixels.")
+    largest = row["fp_largest_px"] / false_px
+    if largest >= MOST:
+        found.append(f"One connected patch makes {_percent(largest)} of them.")
+    attached = 1 - row["fp_unattached_px"] / false_px
+    if attached >= MOST:
+        found.append(f"{_percent(attached)} are in patches that touch a moving object.")
+    if evidence is not None and evidence.below_horizon >= MOST:
+        found.append(f"{_percent(evidence.below_horizon)} lie below the horizon, on the ground or on what is on it.")
+    if evidence is not None and evidence.static_objects >= MOST / 5:
+        found.append(f"{_percent(evidence.static_objects)} lie on annotated objects that are stationary.")
+    return " ".join(found) or "No single reason found in the numbers."
+
+
+def _seen_reasons(row: Row, evidence: ObjectEvidence) -> list[str]:
+    found = []
+    if evidence.undefined >= MOST:
+        found.append(f"The method could not say: {_percent(evidence.undefined)} of the missed pixels are undefined.")
+    constraint = BELOW_HORIZON.get(str(row["category"]))
+    if constraint is not None and evidence.above_horizon >= MOST:
+        found.append(
+            f"{_percent(evidence.above_horizon)} of the missed pixels lie above the horizon, where {constraint}, the "
+            f"constraint for {row['category']} objects, cannot work."
+        )
+    if evidence.blind_band >= MOST:
+        found.append(
+            f"Blind band: {_percent(evidence.blind_band)} of the missed pixels lie within {BLIND_BAND_DEG:.0f}° of the "
+            "direction of travel, where the image hardly moves."
+        )
+    return found
+
+
+def _stored_reasons(row: Row) -> list[str]:
+    found = []
+    region, polygon, points = (row[name] for name in ("region_px", "polygon_px", "points"))
+    if region < MOST * polygon:
+        found.append(f"Occluded: {_percent(1 - region / polygon)} of its outline lies behind nearer objects.")
+    speed, ego = row["speed_mps"], row["ego_speed_mps"]
+    if row["category"] == "preceding" and abs(speed - ego) < SAME_SPEED_MPS:
+        found.append(
+            f"It drives almost as fast as the ego vehicle ({speed:.1f} and {ego:.1f} m/s), so little changes to see."
+        )
+    if points < FEW_POINTS:
+        found.append(f"Only {points:.0f} lidar points: the reference itself is uncertain.")
+    if region < SMALL_PX:
+        found.append(f"Small: {region:.0f} pixels.")
+    return found
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %"
+
+
+Progress = Callable[[float, int], None]
+_PANELS_SCALE = 0.8
+_CLOSE_UP_PX = 480, 360
+_LEAST_STEP_M = 1e-4  # shorter ones have no direction
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameView:
+    """One image of the page.
+
+    Attributes:
+        areas: what was found, missed and wrongly marked, as a `data:` address.
+        panels: what the method saw.
+        close_ups: by track, an evaluated object enlarged.
+        objects: by track, what the image shows of it.
+        evidence: of the false positives.
+    """
+
+    areas: str
+    panels: str
+    close_ups: dict[str, str]
+    objects: dict[str, ObjectEvidence]
+    evidence: FrameEvidence
+
+
+def view_frames(
+    run: StoredRun, keys: Iterable[FrameKey], *, progress: Progress | None = None
+) -> tuple[dict[FrameKey, FrameView], list[str]]:
+    """Draw images as they were scored, on the data set that the run names.
+
+    Returns:
+        views: of the images that could be processed.
+        problems: why the others could not, one line each, none twice.
+    """
+    expected = sorted(set(keys))
+    try:
+        stored = StoredFrames(run.folder, run.summary, run.protocol)
+    except BenchError as error:
+        return {}, [str(error)]
+    views: dict[FrameKey, FrameView] = {}
+    problems: dict[str, None] = {}
+    for key in expected:
+        try:
+            views[key] = _view(stored.process(*key), stored.pipeline(*key[:2]))
+        except (BenchError, UnscorableFrame) as error:
+            problems[str(error)] = None
+        if progress is not None:
+            progress(len(views), len(expected))
+    return views, list(problems)
+
+
+def _view(processed: ProcessedFrame, pipeline: FramePipeline) -> FrameView:
+    image, reference, detected = processed.pixels, processed.reference, detected_pixels(processed)
+    areas = draw_counts(image, reference=reference, detected=detected)
+    panels = draw_panels(image, segmentation=processed.segmentation, reference=reference)
+    tinted = overlay_counts(processed)
+    evaluated = [(k, one) for k, one in enumerate(reference.objects) if one.status is Status.EVALUATED]
+    return FrameView(
+        areas=figure_uri(areas),
+        panels=figure_uri(panels, scale=_PANELS_SCALE),
+        close_ups={one.track_id: _close_up(tinted, one) for _, one in evaluated},
+        objects={
+            one.track_id: _object_evidence(pipeline, processed, missed=(reference.labels == k + 1) & ~detected)
+            for k, one in evaluated
+        },
+        evidence=_frame_evidence(pipeline, processed),
+    )
+
+
+def _close_up(tinted: NDArray[np.uint8], target: ReferenceObject) -> str:
+    """The object with as much around it as it is large, enlarged to a fixed size."""
+    assert target.polygon is not None, "an evaluated object has a polygon"
+    drawn = overlay_polygons(tinted, polygons=[target.polygon], colours=["#ffffff"])
+    height, width = drawn.shape[:2]
+    u_min, v_min, u_max, v_max = target.polygon.intersection(box(0, 0, width - 1, height - 1)).bounds
+    aspect = _CLOSE_UP_PX[0] / _CLOSE_UP_PX[1]
+    half_v = min(max(v_max - v_min, (u_max - u_min) / aspect, 24.0), height / 2, width / 2 / aspect)
+    half_u = half_v * aspect
+    u = float(np.clip((u_min + u_max) / 2, half_u, width - half_u))
+    v = float(np.clip((v_min + v_max) / 2, half_v, height - half_v))
+    crop = drawn[round(v - half_v) : round(v + half_v), round(u - half_u) : round(u + half_u)]
+    larger = cv2.resize(crop, _CLOSE_UP_PX, interpolation=cv2.INTER_CUBIC)
+    return jpeg_uri(np.asarray(larger, dtype=np.uint8))
+
+
+def _object_evidence(
+    pipeline: FramePipeline, processed: ProcessedFrame, *, missed: NDArray[np.bool_]
+) -> ObjectEvidence:
+    height, width = missed.shape
+    rays_vehicle = _rays_vehicle(pipeline, missed)
+    likelihood, cell = processed.segmentation.likelihood, processed.segmentation.cell_size_px
+    v, u = np.nonzero(missed)
+    of_missed = np.empty(0) if likelihood is None else likelihood[v // cell, u // cell]
+    return ObjectEvidence(
+        undefined=_mean(processed.segmentation.undefined_at(width, height)[missed]),
+        blind_band=_mean(_along_travel(pipeline, processed, rays_vehicle)),
+        above_horizon=_mean(rays_vehicle[:, 2] > 0),
+        likelihood=float(np.median(of_missed)) if of_missed.size else math.nan,
+    )
+
+
+def _frame_evidence(pipeline: FramePipeline, processed: ProcessedFrame) -> FrameEvidence:
+    reference = processed.reference
+    false = pixel_classes(reference, detected=detected_pixels(processed)) == PixelClass.FALSE_POSITIVE
+    stationary = np.zeros(false.shape, dtype=np.uint8)
+    for one in reference.objects:
+        if one.status is Status.STATIC and one.polygon is not None and not one.polygon.is_empty:
+            cv2.fillPoly(stationary, [np.round(np.asarray(one.polygon.exterior.coords)[:, :2]).astype(np.int32)], 1)
+    return FrameEvidence(
+        below_horizon=_mean(_rays_vehicle(pipeline, false)[:, 2] < 0),
+        static_objects=_mean(stationary[false] > 0),
+    )
+
+
+def _rays_vehicle(pipeline: FramePipeline, area: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """(N, 3) unit rays of the pixels of an area, in the axes of the vehicle."""
+    v, u = np.nonzero(area)
+    rays_camera, _ = pipeline.camera.model.unproject(np.column_stack([u, v]).astype(np.float64))
+    rays: NDArray[np.float64] = rays_camera @ pipeline.camera.vehicle_from_camera.rotation.T
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    return rays
+
+
+def _along_travel(
+    pipeline: FramePipeline, processed: ProcessedFrame, rays_vehicle: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """(N,) bool, rays within the blind band; none where the camera is stationary."""
+    step = processed.given.current_from_previous[-1].translation_m
+    if np.linalg.norm(step) < _LEAST_STEP_M:
+        return np.zeros(len(rays_vehicle), dtype=bool)
+    travel = pipeline.camera.vehicle_from_camera.rotation @ (step / np.linalg.norm(step))
+    along: NDArray[np.bool_] = np.abs(rays_vehicle @ travel) > np.cos(np.radians(BLIND_BAND_DEG))
+    return along
+
+
+def _mean(flags: NDArray[np.bool_]) -> float:
+    return float(flags.mean()) if flags.size else math.nan
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Card:
+    """One card.
+
+    Attributes:
+        element: id of its element.
+        key: its image.
+        title: what it shows.
+        facts: one line of numbers.
+        reason: in words.
+        view: pictures; None without the data.
+        track: of the object; empty for an image.
+        close_up: the object enlarged; empty for an image or without the data.
+    """
+
+    element: str
+    key: FrameKey
+    title: str
+    facts: str
+    reason: str
+    view: FrameView | None
+    track: str = ""
+    close_up: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WorstCases:
+    """What the galleries show, worst first.
+
+    Attributes:
+        objects: cards by category.
+        images: those with most false positives; none on a page of one kind of motion.
+        problems: why pictures are missing, one line each.
+    """
+
+    objects: dict[str, list[Card]]
+    images: list[Card]
+    problems: list[str]
+
+
+def worst_cases(run: StoredRun, *, most: int, pictures: bool, progress: Progress | None = None) -> WorstCases:
+    """Choose the worst of each category and, on a page of all, of the images; draw them and say why.
+
+    Args:
+        run: the run, or one kind of motion of it.
+        most: cards of a category, and of images.
+        pictures: process the images once more.
+        progress: called with the images done and their number.
+    """
+    names = run.protocol.reference.categories if run.category is None else (run.category,)
+    objects = worst_objects(run.objects, [Category(name) for name in names], most=most)
+    images = worst_frames(run.frames, most=most) if run.category is None else []
+    views: dict[FrameKey, FrameView] = {}
+    problems: list[str] = []
+    if pictures:
+        keys = {frame_key(row) for rows in (*objects.values(), images) for row in rows}
+        views, problems = view_frames(run, keys, progress=progress)
+    setting = run.summary.method.settings.get("threshold")
+    threshold = float(setting) if isinstance(setting, int | float) else None
+    return WorstCases(
+        objects={
+            name: [_object_card(f"worst-{name}-{n}", row, views, threshold) for n, row in enumerate(rows)]
+            for name, rows in objects.items()
+        },
+        images=[_frame_card(f"false-{n}", row, views) for n, row in enumerate(images)],
+        problems=problems,
+    )
+
+
+def _object_card(element: str, row: Row, views: Mapping[FrameKey, FrameView], threshold: float | None) -> Card:
+    track, view = row["track_id"], views.get(frame_key(row))
+    return Card(
+        element=element,
+        key=frame_key(row),
+        title=f"{_percent(row['coverage'])} found: {row['object_class']} “{track}”, {_image(row)}",
+        facts=f"{row['range_m']:.1f} m away, {row['points']} lidar points, {row['region_px']} px, object "
+        f"{row['speed_mps']:.1f} m/s, ego vehicle {row['ego_speed_mps']:.1f} m/s",
+        reason=object_reason(row, view.objects.get(track) if view else None, threshold=threshold),
+        view=view,
+        track=track,
+        close_up=view.close_ups.get(track, "") if view else "",
+    )
+
+
+def _frame_card(element: str, row: Row, views: Mapping[FrameKey, FrameView]) -> Card:
+    view = views.get(frame_key(row))
+    return Card(
+        element=element,
+        key=frame_key(row),
+        title=f"{_percent(row['coverage'])} of the image wrongly marked: {_image(row)}",
+        facts=f"{row['fp_components']} false patches, the largest {row['fp_largest_px']} px, ego vehicle "
+        f"{row['ego_speed_mps']:.1f} m/s",
+        reason=frame_reason(row, view.evidence if view else None),
+        view=view,
+    )
+
+
+def _image(row: Row) -> str:
+    return f"{row['recording']}, camera {row['camera']}, {row['timestamp_ns'] / 1e9:.2f} s"

@@ -1,0 +1,70 @@
+"""A run as it is stored, which every report is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from bench.evaluation import Protocol, Summary, summarise
+from bench.evaluation.row_source import ChosenRows, RowSource
+from bench.harness import RunSummary, open_tables, read_protocol, read_run
+from bench.reference import Category
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StoredRun:
+    """A run on disk, or its object-frames of one kind of motion.
+
+    Attributes:
+        folder: of the run.
+        label: what tables call it: the folder's name, with a number where two are the same.
+        summary: `summary.json`, of all categories.
+        protocol: of the run.
+        category: of the object-frames; None for all.
+        metrics: of these object-frames; the summary itself for all.
+        objects: of `OBJECTS_SCHEMA`, on disk, of this category, on all images or those that are compared.
+        frames: of `FRAMES_SCHEMA`, on all images or those that are compared.
+    """
+
+    folder: Path
+    label: str
+    summary: RunSummary
+    protocol: Protocol
+    category: Category | None
+    metrics: Summary
+    objects: RowSource
+    frames: RowSource
+
+
+def read_stored_run(folder: Path, *, label: str | None = None, category: Category | None = None) -> StoredRun:
+    """Read a run.
+
+    Raises:
+        DataError: a file of it is missing or damaged, or the files are not of one run.
+    """
+    summary = read_run(folder)
+    protocol = read_protocol(folder, summary)
+    objects, frames = open_tables(folder)
+    chosen: RowSource = objects if category is None else ChosenRows(objects, column="category", word=category.value)
+    return StoredRun(
+        folder=folder,
+        label=label or folder.resolve().name,
+        summary=summary,
+        protocol=protocol,
+        category=category,
+        metrics=summary if category is None else summarise(chosen, frames, protocol=protocol),
+        objects=chosen,
+        frames=frames,
+    )
+
+
+def flat_settings(settings: Mapping[str, object], parent: str = "") -> dict[str, object]:
+    """A method's settings with dots for what lies deeper, for example "weights.epipolar"."""
+    flat: dict[str, object] = {}
+    for name, value in settings.items():
+        if isinstance(value, Mapping) and value:
+            flat |= flat_settings(value, f"{parent}{name}.")
+        else:
+            flat[f"{parent}{name}"] = value
+    return flat
