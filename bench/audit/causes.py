@@ -20,7 +20,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
-from bench.audit.sources import AuditSource, ExactPair, StagedTruth, at_centres, instance_ids
+from bench.audit.sources import AuditSource, ExactPair, StagedTruth, instance_ids
 from bench.cameras import ray_grid
 from bench.errors import UsageError
 from bench.evaluation import Protocol
@@ -241,7 +241,7 @@ def false_row(runs: ThreeRuns, exact: ExactPair, reference: ReferenceFrame) -> R
 
 def _shown(reference: ReferenceFrame, exact: ExactPair, runs: ThreeRuns) -> NDArray[np.bool_]:
     cells = ray_grid(exact.given.camera, runs.recorded.cell_size_px)
-    return np.asarray(at_centres(reference.valid, cells), dtype=bool)
+    return cells.at_centres(reference.valid)
 
 
 def _image(reference: ReferenceFrame) -> Row:
@@ -316,7 +316,7 @@ def explain_image(
     moving = np.array([instance_of[o.track_id] for o in objects if o.status is not Status.STATIC], dtype=np.int64)
     evaluated = [instance_of[o.track_id] for o in objects if o.status is Status.EVALUATED]
     runs = run_three_times(method, given, exact, moving_ids=moving)
-    shown = at_centres(valid, staged.cells)
+    shown = staged.cells.at_centres(valid)
     own = shown & np.isin(exact.flow.instance_ids, evaluated)
     missed, false = own & ~runs.recorded.mask, shown & ~runs.evidence.moving & runs.recorded.mask
     why_missed, why_false = miss_causes(runs.evidence), false_causes(runs.evidence, cell_size_px=method.cell_size_px)

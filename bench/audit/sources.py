@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.cameras import RayGrid, ray_grid
+from bench.cameras import ray_grid
 from bench.errors import DataError, UsageError
 from bench.methods import MethodInput
 from bench.recordings import DatasetCard, MountedCamera, RecordingHandle, open_dataset
@@ -77,7 +76,6 @@ def _exact_card(card: DatasetCard) -> DatasetCard:
     return replace(card, content=card.content.model_copy(update={"options": options}))
 
 
-Scalar = TypeVar("Scalar", bound=np.generic)
 LARGEST_DISAGREEMENT = 0.02  # of the cells that show an object, over a recording
 
 
@@ -118,7 +116,7 @@ class StagedTruth:
     ) -> None:
         self._camera, self._name = camera, spec.name
         self.cells = ray_grid(camera.model, cell_size_px)
-        self._shown = at_centres(valid, self.cells)
+        self._shown = self.cells.at_centres(valid)
         self._caster = ExactFlowCaster(set_stage(scenario, spec), camera, valid=valid, cell_size_px=cell_size_px)
         self._object_cells, self._differing_cells = 0, 0
 
@@ -159,7 +157,7 @@ class StagedTruth:
             )
 
     def _compare(self, flow: ExactFlow, ids: NDArray[np.uint16]) -> None:
-        rendered = at_centres(ids, self.cells)
+        rendered = self.cells.at_centres(ids)
         objects = self._shown & ((rendered > 0) | (flow.instance_ids > 0))
         self._object_cells += int(np.count_nonzero(objects))
         self._differing_cells += int(np.count_nonzero(objects & (rendered != flow.instance_ids)))
@@ -169,14 +167,6 @@ class StagedTruth:
         turned = exact.current_from_previous[-1].rotate(rays).reshape(self.cells.rays_camera.shape)
         with np.errstate(invalid="ignore"):
             return (turned @ exact.road.down > 0) & (self.cells.rays_camera @ exact.road.down > 0)
-
-
-def at_centres(image: NDArray[Scalar], cells: RayGrid) -> NDArray[Scalar]:
-    """An image's values at the centres of cells: (H, W) -> (rows, columns)."""
-    height, width = image.shape
-    rows = np.minimum(cells.pixels[:, 0, 1].astype(np.intp), height - 1)
-    columns = np.minimum(cells.pixels[0, :, 0].astype(np.intp), width - 1)
-    return image[np.ix_(rows, columns)]
 
 
 def instance_ids(tracks: Mapping[str, int | None]) -> dict[str, int]:

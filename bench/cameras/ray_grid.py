@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.cameras.model import CameraModel
 from bench.errors import ShapeError
+
+Scalar = TypeVar("Scalar", bound=np.generic)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -28,6 +31,20 @@ class RayGrid:
     pixels: NDArray[np.float64]
     rays_camera: NDArray[np.float64]
     valid: NDArray[np.bool_]
+
+    def at_centres(self, image: NDArray[Scalar]) -> NDArray[Scalar]:
+        """An image's values at the centres of the cells, of border cells at the nearest pixel.
+
+        Args:
+            image: (H, W) of the camera's size.
+
+        Returns:
+            (rows, columns), the image's dtype.
+        """
+        height, width = image.shape
+        rows = np.minimum(self.pixels[:, 0, 1].astype(np.intp), height - 1)
+        columns = np.minimum(self.pixels[0, :, 0].astype(np.intp), width - 1)
+        return image[np.ix_(rows, columns)]
 
 
 @lru_cache(maxsize=16)

@@ -7,9 +7,9 @@ images, calibration and ego-motion, never annotations.
 
 from bench.harness.frames import FramePipeline, ProcessedFrame
 from bench.harness.merge import merge_shards, merged_units
+from bench.harness.oracles import build_scorable, scorable_methods
 from bench.harness.predicted import PredictionReport, check_predictions, evaluate_predictions
 from bench.harness.provenance import Provenance
-from bench.harness.reference_itself import build_scorable, scorable_methods
 from bench.harness.run import RunRequest, run_benchmark, run_shard
 from bench.harness.stored import (
     RunSummary,

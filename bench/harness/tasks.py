@@ -14,6 +14,7 @@ from bench.evaluation import Protocol
 from bench.harness.cache import CacheFolder, StepCache
 from bench.harness.keys import MethodIdentity, RecordingInputs, code_digest, digest_of
 from bench.harness.keys.digests import UNIT_CODE
+from bench.harness.oracles import ExactMasks
 from bench.harness.provenance import largest_resident_mb, recording_fingerprint
 from bench.harness.stages import StageClock
 from bench.harness.unit import Unit, plan_units, run_unit
@@ -204,6 +205,7 @@ def unit_key(spec: RunSpec, recording: Recording, unit: Unit, inputs: RecordingI
         inputs.annotations,
         inputs.input_errors,
         inputs.images(read),
+        inputs.truths(images[unit.start : unit.stop]) if isinstance(method, ExactMasks) else None,
         inputs.sweeps(read[0].timestamp_ns, read[-1].timestamp_ns, reach_ns=reach_ns),
     )
 

@@ -134,7 +134,7 @@ REFERENCE_PACKAGES = ("errors.py", "geometry", "cameras", "lidar", "egomotion", 
 REFERENCE_CODE = (*REFERENCE_PACKAGES, "harness/cache/reference_arrays.py")  # and how a cached one is stored
 METHOD_PACKAGES = ("errors.py", "geometry", "flow", "cameras", "egomotion", "recordings/input_errors.py", "methods")
 SCORING_PACKAGES = (*sorted({*REFERENCE_PACKAGES, *METHOD_PACKAGES}), "evaluation")
-UNIT_FILES = ("frames", "unit", "reference_itself", "unit_files")
+UNIT_FILES = ("frames", "unit", "oracles", "unit_files")
 UNIT_CODE = (*SCORING_PACKAGES, *(f"harness/{name}.py" for name in UNIT_FILES))
 
 

@@ -64,6 +64,10 @@ class RecordingInputs:
         """Digest of images and of their times."""
         return digest_of([(image.timestamp_ns, image.scored, self.image(image)) for image in images])
 
+    def truths(self, images: Sequence[ImageRef]) -> str:
+        """Digest of the exact masks of images."""
+        return digest_of([None if image.truth_path is None else self._digests.of(image.truth_path) for image in images])
+
     def sweeps(self, first_ns: int, last_ns: int, *, reach_ns: int) -> str:
         """Digest of the sweeps that references of images of a span of time may read.
 

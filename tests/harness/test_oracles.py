@@ -1,0 +1,170 @@
+"""The reference scored against itself is perfect, or the evaluation is wrong; exact masks are the ceiling."""
+
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+
+from bench.cli import main
+from bench.errors import UsageError
+from bench.evaluation import load_protocol
+from bench.harness import FramePipeline, RunRequest, build_scorable, read_run, run_benchmark, scorable_methods
+from bench.harness.oracles import ReferenceItself, moving_instances
+from bench.methods import MethodError, build_method, known_methods
+from bench.recordings import load_card, open_dataset, read_truth
+
+
+def call(monkeypatch, *words) -> int:
+    monkeypatch.setattr("sys.argv", ["fisheye-bench", *map(str, words)])
+    try:
+        main()
+    except SystemExit as end:
+        return int(end.code or 0)
+    return 0
+
+
+@pytest.mark.parametrize("protocol", ["paper-v1", "extended-v1"])
+def test_the_reference_scores_perfectly(tiny_card, tmp_path, monkeypatch, protocol):
+    out = tmp_path / "run"
+    words = ("--method", "reference", "--protocol", protocol, "--out", out, "--no-pictures")
+    assert call(monkeypatch, "run", tiny_card, *words) == 0
+    summary = read_run(out)
+    assert summary.all_moving.object_frames >= 12
+    for figures in (summary.all_moving, summary.categories["crossing"], summary.categories["static_ego"]):
+        for name in (
+            "detection_rate",
+            "detection_rate_10",
+            "detection_rate_50",
+            "tpr",
+            "tpr_all",
+            "iou",
+            "iou_detected",
+        ):
+            assert figures.figure(name).value == 1.0
+    assert summary.false_positives.coverage.value == summary.false_positives.frame_rate.value == 0.0
+    assert summary.images.evaluated == 12
+    # The stamp tells that this is no method.
+    assert summary.method.name == "reference"
+    assert summary.method.settings == {"sees_the_reference": True}
+
+
+def test_it_compares_with_methods_on_the_same_images(tiny_card, tmp_path):
+    fingerprints = {
+        run_benchmark(
+            RunRequest(
+                card=load_card(str(tiny_card)),
+                method=build_scorable(name),
+                protocol=load_protocol("paper-v1"),
+                out=tmp_path / name,
+            )
+        ).reference_fingerprint
+        for name in ("reference", "nothing", "background-subtraction", "spherical-sparse")
+    }
+    assert len(fingerprints) == 1
+
+
+def test_it_is_no_method(monkeypatch, tiny_card, capsys):
+    assert "reference" not in known_methods()
+    assert set(scorable_methods()) == {"reference", "truth", *known_methods()}
+    assert call(monkeypatch, "sweep", tiny_card, "--what", "min_points", "--method", "reference") == 2
+    assert "unknown method 'reference'" in capsys.readouterr().err
+    with pytest.raises(Exception, match="sees the reference and nothing else"):
+        build_scorable("reference", {"sees_the_reference": False})
+    assert build_scorable("nothing").settings() == build_method("nothing").settings()
+
+
+def truth_frame(tiny_card, index=2, **settings):
+    """An image of a simulated drive with the answer of its exact masks, and the true instance ids."""
+    handle = next(h for h in open_dataset(load_card(str(tiny_card))) if h.name == "crossing")
+    recording = handle.open()
+    method = build_scorable("truth", settings)
+    pipeline = FramePipeline(recording, "front", method=method, protocol=load_protocol("paper-v1"))
+    frame = pipeline.process(index)
+    return frame, read_truth(frame.image, recording.cameras["front"]), moving_instances(recording, frame.reference)
+
+
+def test_the_exact_masks_are_the_pixels_of_what_moves(tiny_card):
+    frame, ids, moving = truth_frame(tiny_card)
+    assert moving
+    assert np.array_equal(frame.segmentation.mask, np.isin(ids, moving))
+
+
+def test_cells_of_the_exact_masks_are_what_their_centres_show(tiny_card):
+    frame, ids, moving = truth_frame(tiny_card, cell_size_px=5)
+    assert np.array_equal(frame.segmentation.mask, np.isin(ids, moving)[2::5, 2::5])
+
+
+@pytest.mark.parametrize(
+    ("settings", "expected"),
+    [
+        ({"grow_px": 3}, lambda wrong, exact: (wrong[exact].all(), wrong.sum() > exact.sum())),
+        ({"grow_px": -2}, lambda wrong, exact: (exact[wrong].all(), wrong.sum() < exact.sum())),
+        ({"shape": "hull"}, lambda wrong, exact: (wrong[exact].all(), wrong.sum() > exact.sum())),
+        ({"shape": "upper_half"}, lambda wrong, exact: (exact[wrong].all(), 0 < wrong.sum() < 0.9 * exact.sum())),
+        ({"shift_px": 4}, lambda wrong, exact: (np.array_equal(wrong[:, 4:], exact[:, :-4]), not wrong[:, :4].any())),
+    ],
+)
+def test_masks_that_are_wrong_in_a_known_way(tiny_card, settings, expected):
+    exact = truth_frame(tiny_card)[0].segmentation.mask
+    assert all(expected(truth_frame(tiny_card, **settings)[0].segmentation.mask, exact))
+
+
+def test_exact_masks_are_scored_and_marked_and_follow_their_files(own_card, tmp_path):
+    def scored():
+        request = {"card": load_card(str(own_card)), "method": build_scorable("truth"), "out": tmp_path / "run"}
+        return run_benchmark(RunRequest(protocol=load_protocol("paper-v1"), **request))
+
+    summary = scored()
+    assert summary.method.settings["sees_the_truth"] is True
+    assert summary.all_moving.figure("detection_rate").value > 0.9
+    file = sorted(own_card.parent.glob("data/tiny/crossing/truth/front/*.png"))[2]
+    cv2.imwrite(str(file), np.zeros_like(cv2.imread(str(file), cv2.IMREAD_UNCHANGED)))
+    again = scored()
+    assert again.provenance.work.units_computed == 1
+    assert again.all_moving.figure("tpr_all").value < summary.all_moving.figure("tpr_all").value
+
+
+@pytest.mark.parametrize(
+    "settings", [{"sees_the_truth": False}, {"cell_size_px": 0}, {"shape": "box"}, {"grow_px": 0.5}]
+)
+def test_wrong_parameters_of_the_exact_masks(settings):
+    with pytest.raises(UsageError, match=f"truth: .*{next(iter(settings)).removeprefix('sees_the_truth')}"):
+        build_scorable("truth", settings)
+
+
+def test_data_without_exact_masks_have_no_ceiling(own_card, tmp_path, monkeypatch, capsys):
+    shutil.rmtree(own_card.parent / "data" / "tiny" / "crossing" / "truth")
+    call(monkeypatch, "run", own_card, "--method", "truth", "--out", tmp_path / "run")
+    assert "expected exact masks" in capsys.readouterr().out
+
+
+def test_nobody_else_is_answered_for(tiny_card):
+    class Answers(ReferenceItself):
+        """Has all that an oracle has, and is none."""
+
+    handle = open_dataset(load_card(str(tiny_card)))[0]
+    pipeline = FramePipeline(handle.open(), "front", method=Answers(), protocol=load_protocol("paper-v1"))
+    with pytest.raises(MethodError, match="never looks at an image"):
+        pipeline.process(2)
+
+
+def test_it_can_be_looked_at(tiny_card, tmp_path, monkeypatch):
+    assert call(monkeypatch, "view", tiny_card, "--method", "reference", "--out", tmp_path) == 0
+    assert list(tmp_path.rglob("*.png"))
+
+
+def test_methods_are_listed_with_a_line_each(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "200")
+    assert call(monkeypatch, "methods") == 0
+    listed = capsys.readouterr().out
+    for name in scorable_methods():
+        assert f"\n {name} " in f"\n{listed}"
+    assert "MOG2" in listed
+
+
+def test_visual_odometry_refuses_what_needs_scale_in_one_line(monkeypatch, tiny_card, tmp_path, capsys):
+    words = ("--method", "spherical-visual-odometry", "--set", "weights.positive_height=0.2", "--out", tmp_path / "run")
+    assert call(monkeypatch, "run", tiny_card, *words) == 2
+    assert "need the length of the way, which images do not tell" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
