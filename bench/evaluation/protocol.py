@@ -15,7 +15,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from bench.errors import DataError, UnknownNameError
 from bench.plain_yaml import parse_yaml
-from bench.reference.records import Category, MotionSettings, ReferenceSettings
+from bench.reference.records import SURFACE_PATCHES, Category, MotionSettings, ReferenceSettings
 
 
 def _edges(values: tuple[float, ...]) -> tuple[float, ...]:
@@ -56,13 +56,17 @@ class MotionRules(_Part):
 
 
 class ReferenceRules(_Part):
-    """Which objects are evaluated and how their polygons are built; see `ReferenceSettings`."""
+    """Which objects are evaluated and how their polygons are built; see `ReferenceSettings`.
+
+    Attributes:
+        polygon_kind: one of `POLYGON_KINDS`; "footprint" is what earlier versions called "surface-patches".
+    """
 
     range_limit_m: Positive
     ground_clearance_m: NotNegative
     min_points: Annotated[int, Field(ge=1)]
     min_polygon_px: Annotated[int, Field(ge=1)]
-    polygon_kind: Literal["convex", "concave", "footprint"]
+    polygon_kind: Literal["convex", "concave", "surface-patches", "footprint"]
     concave_ratio: Annotated[float, Field(ge=0, le=1)]
     classes: Annotated[tuple[str, ...], Field(min_length=1)]
     categories: Annotated[tuple[Category, ...], Field(min_length=1)]
@@ -126,14 +130,14 @@ class Protocol(_Part):
         return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
     def reference_settings(self) -> ReferenceSettings:
-        """What the reference room needs to know, in its units."""
+        """What the reference builder needs to know, in its units."""
         rules = self.reference
         return ReferenceSettings(
             range_limit_m=rules.range_limit_m,
             ground_clearance_m=rules.ground_clearance_m,
             min_points=rules.min_points,
             min_polygon_px=rules.min_polygon_px,
-            polygon_kind=rules.polygon_kind,
+            polygon_kind=SURFACE_PATCHES if rules.polygon_kind == "footprint" else rules.polygon_kind,
             concave_ratio=rules.concave_ratio,
             classes=rules.classes,
             categories=rules.categories,

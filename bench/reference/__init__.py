@@ -10,6 +10,7 @@ Source:
 
 from bench.reference.build import ReferenceBuilder, visible_region
 from bench.reference.records import (
+    POLYGON_KINDS,
     Category,
     Direction,
     IgnoreReason,
@@ -22,6 +23,7 @@ from bench.reference.records import (
 )
 
 __all__ = [
+    "POLYGON_KINDS",
     "Category",
     "Direction",
     "IgnoreReason",

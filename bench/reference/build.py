@@ -14,12 +14,12 @@ from bench.errors import UsageError
 from bench.geometry import RigidTransform
 from bench.recordings.records import ImageRef, MountedCamera, Recording
 from bench.reference.clusters import Cluster, object_cluster, parts_at_exposure
-from bench.reference.footprint import footprint_polygon, traced_polygon
 from bench.reference.masks import mask_reference
-from bench.reference.motion import categorise, relative_direction
-from bench.reference.patches import find_grid, reach_bounds, surface_patches
-from bench.reference.polygons import Raster, bounding_polygon, compose, rasterise
+from bench.reference.motion import AnnotatedObject, AnnotationIndex, categorise, relative_direction
+from bench.reference.patches import find_grid, patch_polygon, reach_bounds, surface_patches
+from bench.reference.polygons import Raster, bounding_polygon, compose, rasterise, trace_polygon
 from bench.reference.records import (
+    SURFACE_PATCHES,
     Category,
     IgnoreReason,
     ObjectGeometry,
@@ -28,15 +28,14 @@ from bench.reference.records import (
     ReferenceSettings,
     Status,
 )
-from bench.reference.sightings import Sighting, SightingIndex
 from bench.reference.silhouette import silhouette
-from bench.reference.sweeps import PlacedSweep, SweepShelf, slopes_of
+from bench.reference.sweeps import PlacedSweep, SweepCache, slopes_of
 
 SOLID_CLASSES = ("vehicle",)  # seen through their windows at most, which belong to them
 
 
 def visible_region(camera: MountedCamera) -> NDArray[np.bool_]:
-    """V: pixels inside the lens's field and off the host's own body, (H, W) bool."""
+    """V: pixels inside the lens's field and off the ego vehicle's own body, (H, W) bool."""
     valid = ray_grid(camera.model).valid
     return valid.copy() if camera.ego_body is None else valid & ~camera.ego_body
 
@@ -80,8 +79,8 @@ class ReferenceBuilder:
         self.recording, self.settings = recording, settings
         self.camera = recording.cameras[camera]
         self.valid = visible_region(self.camera)
-        self._index = SightingIndex(recording, settings)
-        self._shelf = SweepShelf(recording, settings.max_sweep_gap_ns)
+        self._index = AnnotationIndex(recording, settings)
+        self._sweeps = SweepCache(recording, settings.max_sweep_gap_ns)
         ground_m = float(self.camera.vehicle_from_camera.translation_m[2]) - self.camera.road.height_m
         self._lowest_m = ground_m + settings.ground_clearance_m
 
@@ -101,7 +100,7 @@ class ReferenceBuilder:
                 valid=self.valid,
                 settings=self.settings,
             )
-        found = [self._measure(sighting, exposure) for sighting in self._index.at(image.timestamp_ns)]
+        found = [self._measure(annotated, exposure) for annotated in self._index.at(image.timestamp_ns)]
         found.sort(key=lambda one: (one.distance_m, one.reference.track_id))  # nearest first
         objects, labels, ignored = compose([(one.reference, one.raster) for one in found], self.valid)
         return ReferenceFrame(
@@ -149,26 +148,26 @@ class ReferenceBuilder:
             ego_velocity_mps=self.recording.trajectory.velocity_vehicle_mps(timestamp_ns),
         )
 
-    def _measure(self, sighting: Sighting, exposure: _Exposure) -> _Measured:
-        cluster, placed = self._cluster(sighting, exposure)
+    def _measure(self, annotated: AnnotatedObject, exposure: _Exposure) -> _Measured:
+        cluster, placed = self._cluster(annotated, exposure)
         points_world = cluster.points_world
         pixels, points = self._projected(points_world, exposure)
         distance_m = range_m = _nearest_m(points_world, exposure.camera_position_m)
         if points >= self.settings.min_points and placed is not None:
-            polygon = self._scanned(cluster, placed, sighting, exposure, pixels)
+            polygon = self._scanned(cluster, placed, annotated, exposure, pixels)
             raster = self._raster(polygon)
         else:
-            parts_world = self._parts(sighting, exposure)
+            parts_world = self._parts(annotated, exposure)
             polygon, raster = self._annotated(parts_world, exposure, pixels)
             distance_m = _away_m(parts_world, exposure.camera_position_m) if np.isnan(range_m) else range_m
-        motion_vehicle = exposure.vehicle_from_world.rotate(sighting.smooth_world_mps)
+        motion_vehicle = exposure.vehicle_from_world.rotate(annotated.smooth_world_mps)
         known = bool(np.isfinite(motion_vehicle).all())
         reference = ReferenceObject(
-            track_id=sighting.track.track_id,
-            object_class=sighting.track.object_class,
+            track_id=annotated.track.track_id,
+            object_class=annotated.track.object_class,
             status=Status.EVALUATED,
             reason=None,
-            category=self._category(sighting, motion_vehicle, exposure),
+            category=self._category(annotated, motion_vehicle, exposure),
             direction=relative_direction(motion_vehicle, exposure.ego_velocity_mps) if known else None,
             speed_mps=float(np.hypot(*motion_vehicle[:2])),
             range_m=range_m,
@@ -179,33 +178,33 @@ class ReferenceBuilder:
             region_px=0,
         )
         return _Measured(
-            reference=self._judged(reference, sighting, swept=placed is not None),
+            reference=self._with_status(reference, annotated, swept=placed is not None),
             raster=raster,
             distance_m=np.inf if np.isnan(distance_m) else distance_m,
         )
 
-    def _cluster(self, sighting: Sighting, exposure: _Exposure) -> tuple[Cluster, PlacedSweep | None]:
+    def _cluster(self, annotated: AnnotatedObject, exposure: _Exposure) -> tuple[Cluster, PlacedSweep | None]:
         """Lidar points on the object at exposure, and the sweep they come from."""
-        placed = self._shelf.take(sighting.state.shape, exposure.timestamp_ns)
+        placed = self._sweeps.nearest(annotated.state.shape, exposure.timestamp_ns)
         if placed is None:
             return Cluster(points_world=np.empty((0, 3)), rows=np.empty(0, dtype=np.intp)), None
         cluster = object_cluster(
             placed,
-            sighting.state,
-            velocity_world_mps=sighting.velocity_world_mps,
-            world_from_vehicle=sighting.world_from_vehicle,
+            annotated.state,
+            velocity_world_mps=annotated.velocity_world_mps,
+            world_from_vehicle=annotated.world_from_vehicle,
             exposure_ns=exposure.timestamp_ns,
             lowest_m=self._lowest_m,
-            clearance_m=self.settings.ground_clearance_m if self.settings.polygon_kind == "footprint" else 0.0,
+            clearance_m=self.settings.ground_clearance_m if self.settings.polygon_kind == SURFACE_PATCHES else 0.0,
         )
         return cluster, placed
 
-    def _parts(self, sighting: Sighting, exposure: _Exposure) -> NDArray[np.float64]:
+    def _parts(self, annotated: AnnotatedObject, exposure: _Exposure) -> NDArray[np.float64]:
         """The annotated shape at exposure, (P, K, 3) float64, m, corners of convex bodies, world frame."""
         return parts_at_exposure(
-            sighting.state,
-            velocity_world_mps=sighting.velocity_world_mps,
-            world_from_vehicle=sighting.world_from_vehicle,
+            annotated.state,
+            velocity_world_mps=annotated.velocity_world_mps,
+            world_from_vehicle=annotated.world_from_vehicle,
             exposure_ns=exposure.timestamp_ns,
         )
 
@@ -217,7 +216,7 @@ class ReferenceBuilder:
             hull = self._polygon(pixels, kind="convex")
             return hull, self._raster(hull)
         window, covered = silhouette(exposure.camera_from_world.apply(parts_world), self.camera.model)
-        polygon = traced_polygon(covered, np.array([window[1].start, window[0].start]))
+        polygon = trace_polygon(covered, np.array([window[1].start, window[0].start]))
         return polygon, None if polygon is None else Raster(window, covered & self.valid[window])
 
     def _projected(self, points_world: NDArray[np.float64], exposure: _Exposure) -> tuple[NDArray[np.float64], int]:
@@ -230,42 +229,42 @@ class ReferenceBuilder:
         self,
         cluster: Cluster,
         placed: PlacedSweep,
-        sighting: Sighting,
+        annotated: AnnotatedObject,
         exposure: _Exposure,
         pixels: NDArray[np.float64],
     ) -> Polygon | None:
         """The polygon of the kind that the protocol asks for, from lidar points."""
-        if self.settings.polygon_kind != "footprint":
+        if self.settings.polygon_kind != SURFACE_PATCHES:
             return self._polygon(pixels, kind=self.settings.polygon_kind)
-        patches_world = self._patches(cluster, placed, self._parts(sighting, exposure))
+        patches_world = self._patches(cluster, placed, self._parts(annotated, exposure))
         corners, valid = self.camera.model.project(exposure.camera_from_world.apply(patches_world.reshape(-1, 3)))
         seen = valid[0::4] & valid[1::4] & valid[2::4] & valid[3::4]
         patches_px = corners.reshape(-1, 4, 2)[seen]
-        found = footprint_polygon(
+        found = patch_polygon(
             patches_px,
             width=self.camera.model.width,
             height=self.camera.model.height,
-            solid=sighting.track.object_class in SOLID_CLASSES,
+            solid=annotated.track.object_class in SOLID_CLASSES,
         )
         return self._polygon(pixels, kind="concave") if found is None else found
 
     def _patches(self, cluster: Cluster, placed: PlacedSweep, parts_world: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N, 4, 3) float64, m, world frame: the surface that the returns stand for; empty if too few tell."""
-        points_beams = placed.points_beams(cluster.rows)
-        grid = find_grid(points_beams)
+        points_sensor = placed.points_sensor(cluster.rows)
+        grid = find_grid(points_sensor)
         if grid is None:
             return np.empty((0, 4, 3))
         knot = np.searchsorted(placed.knots_ns, np.median(placed.times_ns[cluster.rows]))
         patches = surface_patches(
-            points_beams,
+            points_sensor,
             cluster.points_world,
-            world_from_beams=placed.rotations[min(int(knot), len(placed.rotations) - 1)]
-            @ placed.lidar_from_beams.rotation,
+            world_from_sensor=placed.rotations[min(int(knot), len(placed.rotations) - 1)]
+            @ placed.lidar_from_sensor.rotation,
             grid=grid,
         )
         if not len(parts_world):
             return patches
-        slopes, (lowest, highest) = slopes_of(points_beams), placed.slope_range
+        slopes, (lowest, highest) = slopes_of(points_sensor), placed.slope_range
         return reach_bounds(
             patches,
             at_lowest_beam=slopes < lowest + grid.row_step_rad / 2,
@@ -292,23 +291,23 @@ class ReferenceBuilder:
         return Raster(window, covered & self.valid[window])
 
     def _category(
-        self, sighting: Sighting, motion_vehicle: NDArray[np.float64], exposure: _Exposure
+        self, annotated: AnnotatedObject, motion_vehicle: NDArray[np.float64], exposure: _Exposure
     ) -> Category | None:
         """As annotated, else from velocities; None where neither tells."""
-        if sighting.state.category is not None:
-            return Category(sighting.state.category)
+        if annotated.state.category is not None:
+            return Category(annotated.state.category)
         if not np.isfinite(motion_vehicle).all():
             return None
         return categorise(motion_vehicle, exposure.ego_velocity_mps, self.settings.motion)
 
-    def _judged(self, found: ReferenceObject, sighting: Sighting, *, swept: bool) -> ReferenceObject:
+    def _with_status(self, found: ReferenceObject, annotated: AnnotatedObject, *, swept: bool) -> ReferenceObject:
         """Evaluated, static, or ignored for the first reason that applies; occlusion comes later."""
-        settings, annotated = self.settings, sighting.state.category is not None
-        unclear = sighting.state.unclear
-        if found.category is not None and not unclear and not annotated and not sighting.moving:
+        settings, state = self.settings, annotated.state
+        stationary = state.category is None and not annotated.moving
+        if found.category is not None and not state.unclear and stationary:
             return replace(found, status=Status.STATIC, category=None)
         reasons = {
-            IgnoreReason.UNCLEAR: unclear,
+            IgnoreReason.UNCLEAR: state.unclear,
             IgnoreReason.CLASS: found.object_class not in settings.classes,
             IgnoreReason.MOTION_UNKNOWN: found.category is None,
             IgnoreReason.CATEGORY: found.category not in settings.categories,

@@ -36,7 +36,7 @@ def mask_reference(
         image: with a mask.
         camera: that took it.
         recording: name.
-        ego_speed_mps: of the host, >= 0.
+        ego_speed_mps: of the ego vehicle, >= 0.
         valid: (H, W) bool, the region V.
         settings: of the protocol.
 

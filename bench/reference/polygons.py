@@ -7,6 +7,7 @@ from dataclasses import replace
 from math import ceil, floor
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from shapely import Polygon
 from bench.errors import UsageError
 from bench.reference.records import IgnoreReason, ReferenceObject, Status
 
+LINK_PX = 1e-3  # width of the bridge between parts that the lidar sees apart, so that a reference is one polygon
 FROM, TO = slice(None, -1), slice(1, None)  # the ends of a ring's edges
 
 
@@ -76,7 +78,7 @@ def rasterise(polygon: Polygon, *, width: int, height: int) -> Raster:
     u0, u1 = max(ceil(left), 0), min(floor(right) + 1, width)
     v0, v1 = max(ceil(top), 0), min(floor(bottom) + 1, height)
     columns, rows = max(u1 - u0, 0), max(v1 - v0, 0)
-    # Without holes, as most are, a polygon need not be taken apart into its rings.
+    # Without holes, as most are, a polygon need not be split into its rings.
     parts = (polygon.exterior, *polygon.interiors) if shapely.get_num_interior_rings(polygon) else (polygon,)
     rings = [shapely.get_coordinates(part) for part in parts]
     (start_u, start_v), (end_u, end_v) = (np.concatenate([ring[part] for ring in rings]).T for part in (FROM, TO))
@@ -85,12 +87,12 @@ def rasterise(polygon: Polygon, *, width: int, height: int) -> Raster:
     share = (row + v0 - start_v[edge]) / (end_v[edge] - start_v[edge])
     crossings_u = start_u[edge] + share * (end_u[edge] - start_u[edge])
     covered = np.zeros((rows, columns), dtype=bool)
-    for crossing_u in _in_turn(crossings_u, row, rows):
+    for crossing_u in _by_order(crossings_u, row, rows):
         covered ^= u >= crossing_u[:, None]  # inside, right of an odd number of them
     return Raster((slice(v0, v0 + rows), slice(u0, u0 + columns)), covered)
 
 
-def _in_turn(values: NDArray[np.float64], row: NDArray[np.intp], rows: int) -> NDArray[np.float64]:
+def _by_order(values: NDArray[np.float64], row: NDArray[np.intp], rows: int) -> NDArray[np.float64]:
     """(most, rows): the first value of every row, the second, and so on, for rows that ascend; infinite where none."""
     place = np.arange(len(row)) - np.searchsorted(row, row)
     table = np.full((place.max(initial=-1) + 1, rows), np.inf)
@@ -136,3 +138,51 @@ def compose(
             ignored[window] |= covered & (labels[window] == 0)  # later G begin where this polygon ends
         settled.append(result)
     return tuple(settled), labels, ignored
+
+
+def trace_polygon(covered: NDArray[np.bool_], corner: NDArray[np.int64]) -> Polygon | None:
+    """The polygon around covered pixels, a quarter of a pixel outside of their centres; its parts are linked.
+
+    Args:
+        covered: (rows, columns) bool, of a window.
+        corner: (2,) int64, (u, v) of the window's first pixel.
+
+    Returns:
+        None where no pixel is covered.
+    """
+    fine = np.repeat(np.repeat(_without_touching_corners(covered), 2, axis=0), 2, axis=1).view(np.uint8)
+    rings, tree = cv2.findContours(fine, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
+    if not len(rings):
+        return None
+    outlines = [ring[:, 0] / 2 - 0.25 + corner for ring in rings]
+    parents = tree[0, :, 3].tolist()
+    parts = [
+        Polygon(outline, [outlines[hole] for hole, parent in enumerate(parents) if parent == number])
+        for number, outline in enumerate(outlines)
+        if parents[number] < 0
+    ]
+    return _link(sorted(parts, key=lambda part: -part.area))
+
+
+def _without_touching_corners(covered: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Fill the upper one of two gaps where pixels meet at a corner only: there the outline would touch itself."""
+    joined = covered.copy()
+    upper_left, upper_right = joined[:-1, :-1], joined[:-1, 1:]
+    lower_left, lower_right = joined[1:, :-1], joined[1:, 1:]
+    while True:
+        falling = upper_left & lower_right & ~upper_right & ~lower_left
+        rising = upper_right & lower_left & ~upper_left & ~lower_right
+        if not (falling.any() or rising.any()):
+            return joined
+        upper_right |= falling
+        upper_left |= rising
+
+
+def _link(parts: list[Polygon]) -> Polygon:
+    """One polygon of several, the largest first."""
+    whole = parts[0]
+    for part in parts[1:]:
+        link = shapely.shortest_line(whole, part).buffer(LINK_PX, quad_segs=1)
+        united = shapely.union_all([whole, part, link])
+        whole = united if isinstance(united, Polygon) else whole
+    return whole

@@ -9,6 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon
 
+SURFACE_PATCHES = "surface-patches"
+POLYGON_KINDS = ("convex", "concave", SURFACE_PATCHES)
+
 
 class Status(StrEnum):
     """Where an annotated object ends; exactly one of the three."""
@@ -30,7 +33,7 @@ class Category(StrEnum):
 
 
 class Direction(StrEnum):
-    """Direction of the motion relative to the host, for the range maps."""
+    """Direction of the motion relative to the ego vehicle, for the range maps."""
 
     LATERAL = "lateral"
     LONGITUDINAL = "longitudinal"
@@ -118,7 +121,7 @@ class ObjectGeometry:
     """An object and its surroundings at exposure, to look at.
 
     Attributes:
-        surroundings_vehicle: (N, 3) float64, m, the whole sweep freed of the lidar's own motion, vehicle frame.
+        surroundings_vehicle: (N, 3) float64, m, the whole sweep motion-compensated, vehicle frame.
         cluster_vehicle: (K, 3) float64, m, the points on the object, vehicle frame.
         outline_m: (M, 2) float64, m, the annotated shape from above, vehicle frame, not closed; empty for point
             indices.
@@ -141,7 +144,7 @@ class MotionSettings:
         hysteresis_high_mps: a static object becomes moving at or above this.
         min_run_ns: shorter runs of either state are taken as noise.
         smoothing_ns: width of the window over which velocities of a track are averaged.
-        ego_static_below_mps: the host counts as standing below this.
+        ego_static_below_mps: the ego vehicle counts as stationary below this.
         crossing_from_rad: angle between object velocity and ego direction of travel from which it is crossing.
         crossing_to_rad: angle above which it is approaching.
     """
@@ -165,8 +168,8 @@ class ReferenceSettings:
         ground_clearance_m: points lower than this above the road are the road's, not an object's.
         min_points: objects with fewer visible lidar points are ignored.
         min_polygon_px: objects whose polygon has fewer pixels in V are ignored.
-        polygon_kind: "convex" (the paper's bounding polygon), "concave" (a tighter hull of the points) or "footprint"
-            (the union of the surface that each point stands for; see `bench.reference.patches`).
+        polygon_kind: "convex" (the paper's bounding polygon), "concave" (a tighter hull of the points) or
+            "surface-patches" (the union of the surface that each point stands for; see `bench.reference.patches`).
         concave_ratio: tightness of the concave hull, 0 the tightest, 1 the convex hull.
         classes: object classes that are evaluated.
         categories: kinds of motion that are evaluated.

@@ -8,6 +8,7 @@ from bench.errors import UnknownNameError, UsageError
 from bench.flow import DENSE_FLOWS, DisFlow, FarnebackFlow, dense_flow
 from bench.harness.sweep.definition import Setup, Sweep, Value
 from bench.methods.spherical.likelihood import CONSTRAINTS, Weights
+from bench.reference import POLYGON_KINDS
 
 EVERYTHING = "all"
 WITHOUT, ONLY = "without ", "only "
@@ -183,10 +184,10 @@ SWEEPS: dict[str, Sweep] = {
         about="convex is the paper's bounding polygon",
         part="reference",
         scale="names",
-        values=("convex", "concave", "footprint"),
+        values=POLYGON_KINDS,
         change=_polygon_kind,
         operating=lambda setup: setup.protocol.reference.polygon_kind,
-        choices=("convex", "concave", "footprint"),
+        choices=(*POLYGON_KINDS, "footprint"),  # its name in earlier versions
     ),
     "concave_ratio": Sweep(
         title="ratio of the concave hull (1: convex)",
