@@ -44,8 +44,8 @@ def track_motion(track: Track, trajectory: Trajectory, settings: MotionSettings)
     annotated = np.array([state.velocity_mps for state in track.states], dtype=np.float64).reshape(-1, 3)
     velocity = np.einsum("nij,nj->ni", rotations, annotated)
     centres = np.array([_centre(state) for state in track.states]).reshape(-1, 3)
-    places = np.einsum("nij,nj->ni", rotations, centres) + positions_m
-    velocity = np.where(np.isfinite(velocity), velocity, _differences(times_ns, places))
+    centres_world = np.einsum("nij,nj->ni", rotations, centres) + positions_m
+    velocity = np.where(np.isfinite(velocity), velocity, _differences(times_ns, centres_world))
     smooth = _smoothed(times_ns, velocity, settings.smoothing_ns)
     speed = np.hypot(smooth[:, 0], smooth[:, 1])
     return TrackMotion(
@@ -120,11 +120,11 @@ def _centre(state: ObjectState) -> NDArray[np.float64]:
     return np.full(3, np.nan)
 
 
-def _differences(times_ns: NDArray[np.int64], places: NDArray[np.float64]) -> NDArray[np.float64]:
+def _differences(times_ns: NDArray[np.int64], positions_m: NDArray[np.float64]) -> NDArray[np.float64]:
     if len(times_ns) < 2:
-        return np.full_like(places, np.nan)
+        return np.full_like(positions_m, np.nan)
     seconds = (times_ns - times_ns[0]) / SECOND_NS
-    return np.asarray(np.gradient(places, seconds, axis=0))
+    return np.asarray(np.gradient(positions_m, seconds, axis=0))
 
 
 def _smoothed(times_ns: NDArray[np.int64], values: NDArray[np.float64], window_ns: int) -> NDArray[np.float64]:

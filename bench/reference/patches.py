@@ -107,11 +107,11 @@ def _above_and_below(
     order = np.argsort(column + elevation, kind="stable")
     keys = (column + elevation)[order]
     found, lifts = [], []
-    for place in (
+    for position in (
         np.searchsorted(keys, column + elevation + SAME_ROW * column_step),
         np.searchsorted(keys, column + elevation - SAME_ROW * column_step) - 1,
     ):
-        other = order[np.clip(place, 0, len(order) - 1)]
+        other = order[np.clip(position, 0, len(order) - 1)]
         lift = np.abs(elevation[other] - elevation)
         same_column = (column[other] == column) & (lift >= SAME_ROW * column_step)
         found.append(other)
@@ -150,9 +150,9 @@ def _beside(
     found = np.full(len(azimuth), -1, dtype=np.intp)
     for columns in (2, 1):
         least = most_lift
-        place = np.searchsorted(key[order], key + side * columns * ROW_KEY)
+        position = np.searchsorted(key[order], key + side * columns * ROW_KEY)
         for shift in (-1, 0):
-            other = order[np.clip(place + shift, 0, len(order) - 1)]
+            other = order[np.clip(position + shift, 0, len(order) - 1)]
             step, lift = (azimuth[other] - azimuth) * side, np.abs(elevation[other] - elevation)
             better = (step > column_step / 4) & (step <= BRIDGED_STEPS * column_step) & (lift < least)
             found, least = np.where(better, other, found), np.where(better, lift, least)
@@ -169,7 +169,7 @@ def surface_patches(
     """Corners of the patch of each return.
 
     Towards a neighbour the patch reaches along the surface to the neighbour itself, so that patches overlap and leave
-    no slits when seen from the camera's place. Where there is none it ends half-way to where the next beam would be.
+    no slits when seen from the camera. Where there is none it ends half-way to where the next beam would be.
 
     Args:
         points_sensor: (N, 3), m, sensor frame at each point's own time.

@@ -94,9 +94,9 @@ def rasterise(polygon: Polygon, *, width: int, height: int) -> Raster:
 
 def _by_order(values: NDArray[np.float64], row: NDArray[np.intp], rows: int) -> NDArray[np.float64]:
     """(most, rows): the first value of every row, the second, and so on, for rows that ascend; infinite where none."""
-    place = np.arange(len(row)) - np.searchsorted(row, row)
-    table = np.full((place.max(initial=-1) + 1, rows), np.inf)
-    table[place, row] = values
+    order = np.arange(len(row)) - np.searchsorted(row, row)
+    table = np.full((order.max(initial=-1) + 1, rows), np.inf)
+    table[order, row] = values
     return table
 
 

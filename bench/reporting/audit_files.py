@@ -35,8 +35,8 @@ def figure_rows(audit: AuditSummary) -> Iterator[dict[str, object]]:
                        "value": getattr(part, quartile)}  # fmt: skip
     for scoring, scores in audit.scores.items():
         for category, row in scores.categories.items():
-            for name in row.figure_names():
-                figure = row.figure(name)
+            for name in row.metric_names():
+                figure = row.metric(name)
                 yield {"table": "scores", "kind": scoring, "slice": category, "figure": name, "cases": figure.cases,
                        "value": figure.value}  # fmt: skip
         coverage = scores.false_positives.coverage

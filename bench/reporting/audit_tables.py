@@ -16,7 +16,7 @@ from bench.audit import (
     PolygonFigures,
     Scoring,
 )
-from bench.evaluation import Figure, ObjectFigures
+from bench.evaluation import Metric, ObjectMetrics
 from bench.reference import Category
 from bench.reporting.sheets import INTERVALS, Sheet, count
 from bench.reporting.tables import LABELS
@@ -149,7 +149,7 @@ COVERAGES = {"tpr": "TPR, detected", "tpr_all": "TPR, all", "iou": "IoU, all", "
 def score_table(audit: AuditSummary) -> AuditTable:
     """One line per kind of motion and scoring, then the false positives."""
     first = next(iter(audit.scores.values()))
-    rates = {name: heading for name, heading in RATES.items() if name in first.all_moving.figure_names()}
+    rates = {name: heading for name, heading in RATES.items() if name in first.all_moving.metric_names()}
     rows = []
     for category, found in first.categories.items():
         if not found.object_frames:
@@ -177,17 +177,17 @@ def score_table(audit: AuditSummary) -> AuditTable:
     )
 
 
-def _cells(row: ObjectFigures, rates: dict[str, str]) -> tuple[str, ...]:
-    plain = [_figure(row.figure(name), interval=False) for name in rates]
+def _cells(row: ObjectMetrics, rates: dict[str, str]) -> tuple[str, ...]:
+    plain = [_figure(row.metric(name), interval=False) for name in rates]
     return (
         str(row.recordings),
         str(row.object_frames),
         *plain,
-        *(_figure(row.figure(name), interval=name != "tpr") for name in COVERAGES),
+        *(_figure(row.metric(name), interval=name != "tpr") for name in COVERAGES),
     )
 
 
-def _figure(figure: Figure, *, interval: bool = True) -> str:
+def _figure(figure: Metric, *, interval: bool = True) -> str:
     if math.isnan(figure.value):
         return "n/a"
     bounds = figure.ci95 if interval else None

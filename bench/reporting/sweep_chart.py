@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from bench.evaluation import Figure, ObjectFigures
+from bench.evaluation import Metric, ObjectMetrics
 from bench.harness.sweep import SweepResult
 from bench.reporting.canvas import BLACK, BLUE, GREEN, GREY, LIGHT_GREY, PURPLE, VERMILION, new_figure, styled
 from bench.reporting.sweep_report import COVERAGE, PARTS, groups, shown_figures, value_text
@@ -62,9 +62,9 @@ def draw_sweep(result: SweepResult) -> Picture:
     return picture
 
 
-def _by_group(result: SweepResult) -> list[tuple[str, list[ObjectFigures]]]:
+def _by_group(result: SweepResult) -> list[tuple[str, list[ObjectMetrics]]]:
     """Label and figures of every value, by group."""
-    found: dict[str, list[ObjectFigures]] = {}
+    found: dict[str, list[ObjectMetrics]] = {}
     for row in result.rows:
         for _, label, figures in groups(row):
             found.setdefault(label, []).append(figures)
@@ -79,9 +79,9 @@ def _panel(picture: Picture, slot: int, lines: int, height_in: float, bottom_in:
     return picture.add_axes((left / _WIDTH_IN, bottom / height_in, width_in / _WIDTH_IN, _PANEL_IN / height_in))
 
 
-def _draw_objects(axes: Axes, result: SweepResult, label: str, rows: Sequence[ObjectFigures]) -> None:
+def _draw_objects(axes: Axes, result: SweepResult, label: str, rows: Sequence[ObjectMetrics]) -> None:
     for name in shown_figures(result):
-        _draw(axes, result, name, [row.figure(name) for row in rows])
+        _draw(axes, result, name, [row.metric(name) for row in rows])
     axes.set_title(
         f"{label}\n{_counts([row.object_frames for row in rows])} object-frames, "
         f"{_counts([row.recordings for row in rows])} recordings",
@@ -96,7 +96,7 @@ def _draw_coverage(axes: Axes, result: SweepResult) -> None:
     axes.set_title(f"False-positive coverage\n{frames} image-frames", pad=3)
 
 
-def _draw(axes: Axes, result: SweepResult, name: str, figures: Sequence[Figure]) -> None:
+def _draw(axes: Axes, result: SweepResult, name: str, figures: Sequence[Metric]) -> None:
     """One figure over the values, in percent, with its interval."""
     colour, dash, marker, shift = LOOKS[name]
     values = 100 * np.array([figure.value for figure in figures])

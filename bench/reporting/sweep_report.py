@@ -11,7 +11,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
-from bench.evaluation import Figure, ObjectFigures
+from bench.evaluation import Metric, ObjectMetrics
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.harness.sweep import SweepResult, SweepRow
 from bench.plain_text import escape_markdown
@@ -52,11 +52,11 @@ _SHORT = {
 
 def shown_figures(result: SweepResult) -> dict[str, str]:
     """Names and headings of the figures; detection at 50 % only where the protocol has that level."""
-    names = result.rows[0].all_moving.figure_names()
+    names = result.rows[0].all_moving.metric_names()
     return {name: heading for name, heading in FIGURES.items() if name in names}
 
 
-def groups(row: SweepRow) -> Iterator[tuple[str, str, ObjectFigures]]:
+def groups(row: SweepRow) -> Iterator[tuple[str, str, ObjectMetrics]]:
     """Name, label and figures of all moving objects, then of each category."""
     yield ALL_MOVING, "All moving", row.all_moving
     for name, figures in row.categories.items():
@@ -108,7 +108,7 @@ def to_rich(result: SweepResult) -> Table:
     for name in result.rows[0].categories:
         table.add_column(Text(f"TPR\n{_SHORT[Category(name)]}"), justify="right", no_wrap=True)
     for row in result.rows:
-        cells = [_with_bounds(row.all_moving.figure(name)) for name in figures]
+        cells = [_with_bounds(row.all_moving.metric(name)) for name in figures]
         cells.append(_with_bounds(row.false_positives.coverage))
         cells += [Text(_number(kind.tpr_all)) for kind in row.categories.values()]
         head = value_text(row) + (" *" if row.operating else ""), count(row.all_moving.recordings)
@@ -127,7 +127,7 @@ def _markdown_group(result: SweepResult, index: int) -> str:
     lines = [[result.title, "Recordings", "# Frames", *shown.values(), *last]]
     for row in result.rows:
         _, _, figures = list(groups(row))[index]
-        cells = [_markdown_figure(figures.figure(figure)) for figure in shown]
+        cells = [_markdown_figure(figures.metric(figure)) for figure in shown]
         cells += [_markdown_figure(row.false_positives.coverage)] if last else []
         value = f"**{value_text(row)}** (operating)" if row.operating else value_text(row)
         lines.append([value, str(figures.recordings), str(figures.object_frames), *cells])
@@ -136,7 +136,7 @@ def _markdown_group(result: SweepResult, index: int) -> str:
     return "\n".join([f"**{label}**", "", *rows])
 
 
-def _markdown_figure(figure: Figure) -> str:
+def _markdown_figure(figure: Metric) -> str:
     if math.isnan(figure.value):
         return f"n/a ({figure.cases} cases)"
     bounds = "" if figure.ci95 is None else f" [{100 * figure.ci95[0]:.1f}, {100 * figure.ci95[1]:.1f}]"
@@ -156,22 +156,22 @@ def _csv_row(row: SweepRow, result: SweepResult) -> dict[str, object]:
         cells[f"{group}.object_frames"] = figures.object_frames
         cells[f"{group}.recordings"] = figures.recordings
         for name in shown_figures(result):
-            cells |= _csv_figure(f"{group}.{name}", figures.figure(name))
+            cells |= _csv_figure(f"{group}.{name}", figures.metric(name))
     return cells
 
 
-def _csv_figure(name: str, figure: Figure) -> dict[str, object]:
+def _csv_figure(name: str, figure: Metric) -> dict[str, object]:
     low, high = figure.ci95 or (math.nan, math.nan)
     numbers = {name: figure.value, f"{name}.ci95_low": low, f"{name}.ci95_high": high}
     return {key: "" if math.isnan(number) else repr(number) for key, number in numbers.items()}
 
 
-def _with_bounds(figure: Figure) -> Text:
+def _with_bounds(figure: Metric) -> Text:
     if math.isnan(figure.value):
         return Text(f"n/a ({figure.cases})")
     bounds = "" if figure.ci95 is None else f"{100 * figure.ci95[0]:.0f}-{100 * figure.ci95[1]:.0f}"
     return Text(f"{_number(figure)}\n{bounds}")
 
 
-def _number(figure: Figure) -> str:
+def _number(figure: Metric) -> str:
     return "n/a" if math.isnan(figure.value) else f"{100 * figure.value:.1f}"

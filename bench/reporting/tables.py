@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from bench.evaluation import published
-from bench.evaluation.summary import FalsePositiveFigures, Figure, ObjectFigures, Summary
+from bench.evaluation.summary import FalsePositiveMetrics, Metric, ObjectMetrics, Summary
 from bench.reference.records import Category
 
 LABELS = {
@@ -54,7 +54,7 @@ class TableRow:
         paper_frames: the paper's.
         tracks: objects; None in the last row.
         recordings: that hold the frames; None in the last row of a summary of an older version.
-        figures: by the names of `ObjectFigures`, in the last row of `FalsePositiveFigures`.
+        figures: by the names of `ObjectMetrics`, in the last row of `FalsePositiveMetrics`.
     """
 
     name: str
@@ -76,7 +76,7 @@ def table_rows(summary: Summary) -> list[TableRow]:
     return [*rows, _false_positive_row(summary.false_positives)]
 
 
-def _category_row(category: Category, figures: ObjectFigures) -> TableRow:
+def _category_row(category: Category, figures: ObjectMetrics) -> TableRow:
     theirs = published.CATEGORIES.get(category)
     paper = {"detection_rate": theirs.detection_rate, "tpr": theirs.tpr, "iou_detected": theirs.iou} if theirs else {}
     return TableRow(
@@ -86,11 +86,11 @@ def _category_row(category: Category, figures: ObjectFigures) -> TableRow:
         paper_frames=theirs.object_frames if theirs else 0,
         tracks=figures.tracks,
         recordings=figures.recordings,
-        figures={name: _compare(figures.figure(name), paper.get(name)) for name in figures.figure_names()},
+        figures={name: _compare(figures.metric(name), paper.get(name)) for name in figures.metric_names()},
     )
 
 
-def _false_positive_row(figures: FalsePositiveFigures) -> TableRow:
+def _false_positive_row(figures: FalsePositiveMetrics) -> TableRow:
     return TableRow(
         name=FALSE_POSITIVES,
         label="False positives",
@@ -107,7 +107,7 @@ def _false_positive_row(figures: FalsePositiveFigures) -> TableRow:
     )
 
 
-def _compare(figure: Figure, paper: float | None) -> Comparison:
+def _compare(figure: Metric, paper: float | None) -> Comparison:
     return Comparison(
         value=figure.value, ci95=figure.ci95, cases=figure.cases, paper=math.nan if paper is None else paper
     )

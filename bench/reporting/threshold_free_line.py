@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from bench.evaluation import Figure, ThresholdFreeFigures
+from bench.evaluation import Metric, ThresholdFreeMetrics
 from bench.reporting.sheets import percent
 
 
-def threshold_free_line(figures: ThresholdFreeFigures) -> str:
+def threshold_free_line(figures: ThresholdFreeMetrics) -> str:
     """For example "Over all thresholds: AUPRC 71.2 % [60.1, 80.3], ... ", with what the bins leave open."""
     return (
         f"Over all thresholds: AUPRC {_with_interval(figures.auprc)}, false-positive rate at 95 % recall "
@@ -15,7 +15,7 @@ def threshold_free_line(figures: ThresholdFreeFigures) -> str:
     )
 
 
-def _with_interval(figure: Figure) -> str:
+def _with_interval(figure: Metric) -> str:
     interval = "" if figure.ci95 is None else f" [{100 * figure.ci95[0]:.1f}, {100 * figure.ci95[1]:.1f}]"
     return percent(figure.value, cases=figure.cases) + interval
 

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from bench.evaluation import SequenceScorer, threshold_free_figures, threshold_sweep
-from bench.evaluation.likelihood import BINS, SCORE_EDGES, ThresholdFreeFigures, find_bins
+from bench.evaluation import SequenceScorer, threshold_free_metrics, threshold_sweep
+from bench.evaluation.likelihood import BINS, SCORE_EDGES, ThresholdFreeMetrics, find_bins
 from bench.methods.contract import Segmentation
 from bench.reference.records import ReferenceFrame
 from tests.evaluation.frames import picture, reference_frame
@@ -34,8 +34,8 @@ def frames_of(*images: tuple[str, Values], is_score: bool = True, recording: str
     return table.set_column(0, "recording", pa.array([recording] * len(table)))
 
 
-def figures_of(frames: pa.Table) -> ThresholdFreeFigures:
-    found = threshold_free_figures(frames.to_batches(max_chunksize=2))
+def figures_of(frames: pa.Table) -> ThresholdFreeMetrics:
+    found = threshold_free_metrics(frames.to_batches(max_chunksize=2))
     assert found is not None
     return found
 
@@ -139,10 +139,10 @@ def test_without_objects_or_without_negatives_there_is_no_figure() -> None:
     assert everything.auprc.value == 1.0
     assert math.isnan(everything.fpr95.value)
     for found in (nothing, everything):
-        again = ThresholdFreeFigures.model_validate_json(found.model_dump_json())
+        again = ThresholdFreeMetrics.model_validate_json(found.model_dump_json())
         assert again.model_dump_json() == found.model_dump_json()
 
 
 def test_a_method_without_likelihood_has_none() -> None:
     _, frames = scored([(reference_frame(picture("1.")), np.array([[True, False]]))])
-    assert threshold_free_figures(frames.to_batches()) is None
+    assert threshold_free_metrics(frames.to_batches()) is None

@@ -35,7 +35,7 @@ def test_the_reference_scores_perfectly(tiny_card, tmp_path, monkeypatch, protoc
             "iou",
             "iou_detected",
         ):
-            assert figures.figure(name).value == 1.0
+            assert figures.metric(name).value == 1.0
     assert summary.false_positives.coverage.value == summary.false_positives.frame_rate.value == 0.0
     assert summary.images.evaluated == 12
     # The stamp tells that this is no method.

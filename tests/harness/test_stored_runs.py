@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from bench.errors import DataError
-from bench.evaluation import Figure, score_sheet, summarise, threshold_sweep
+from bench.evaluation import Metric, recording_sums, summarise, threshold_sweep
 from bench.harness import read_image_maps, read_protocol, read_run, read_tables
 from bench.harness.stored import HISTOGRAMS, LATER_COLUMNS
 
@@ -23,9 +23,9 @@ def stored(request) -> Path:
     return request.param
 
 
-def figures_of(part: object, path: str = "") -> dict[str, Figure]:
+def figures_of(part: object, path: str = "") -> dict[str, Metric]:
     """All figures of a summary by their place in it."""
-    if isinstance(part, Figure):
+    if isinstance(part, Metric):
         return {path: part}
     pairs = part.items() if isinstance(part, dict) else part if hasattr(part, "model_dump") else ()
     return {name: figure for key, inner in pairs for name, figure in figures_of(inner, f"{path}/{key}").items()}
@@ -62,10 +62,10 @@ def test_intervals_that_promised_too_much_are_not_taken_over(stored):
 def test_a_stored_runs_score_sheet_has_its_figures(stored):
     summary = read_run(stored)
     protocol = read_protocol(stored, summary)
-    sheet = score_sheet(*read_tables(stored), protocol=protocol)
+    sheet = recording_sums(*read_tables(stored), protocol=protocol)
     for category, row in summary.categories.items():
         for metric, sums in sheet.slices[category].items():
-            assert sums.value == pytest.approx(row.figure(metric).value, rel=1e-9, nan_ok=True), (category, metric)
+            assert sums.value == pytest.approx(row.metric(metric).value, rel=1e-9, nan_ok=True), (category, metric)
     coverage = sheet.slices["frames"]["false_positive_coverage"]
     assert coverage.value == pytest.approx(summary.false_positives.coverage.value)
     assert sheet.counts["all_moving"]["annotated"] == summary.objects.annotated

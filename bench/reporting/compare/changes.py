@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 from bench.errors import DataError
 from bench.evaluation import Protocol, changes_in_parts
 from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.evaluation.row_source import group_recordings
-from bench.evaluation.score_sheet import PairedChange, holm, paired_change, sheet_of
-from bench.evaluation.slices import ALL_MOVING, FRAMES, IMAGE
-from bench.evaluation.summary import Figure, Summary
+from bench.evaluation.recording_sums import PairedChange, holm, paired_change, recording_sums_of
+from bench.evaluation.row_source import IMAGE, group_recordings
+from bench.evaluation.slices import ALL_MOVING, FRAMES
+from bench.evaluation.summary import Metric, Summary, summary_of
 from bench.evaluation.sums import RunSums
-from bench.evaluation.totals import figures_of
 from bench.reporting.compare.runs import StoredRun
 
 SIGNIFICANCE = 0.05
@@ -95,7 +94,7 @@ class MetricChange:
     change: PairedChange
     p_holm: float | None
     verdict: Verdict | None
-    chance: tuple[Figure, Figure] | None
+    chance: tuple[Metric, Metric] | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -129,8 +128,8 @@ def row_changes(sums_before: RunSums, sums_after: RunSums, *, rules: Protocol) -
         sums_after: of the other run.
         rules: their protocol.
     """
-    before, after = (sheet_of(sums, protocol=rules) for sums in (sums_before, sums_after))
-    summaries = figures_of(sums_before, protocol=rules), figures_of(sums_after, protocol=rules)
+    before, after = (recording_sums_of(sums, protocol=rules) for sums in (sums_before, sums_after))
+    summaries = summary_of(sums_before, protocol=rules), summary_of(sums_after, protocol=rules)
     of_objects = [*(str(category) for category in rules.reference.categories), ALL_MOVING]
     names = {row: [name for name in before.slices[row] if name not in _OF_FRAMES] for row in of_objects}
     names[FRAMES] = list(_OF_FRAMES)
@@ -177,12 +176,12 @@ def _corrected(p_values: Mapping[tuple[str, str], float | None]) -> dict[tuple[s
     return corrected
 
 
-def _chance(row: str, metric: str, summaries: tuple[Summary, Summary]) -> tuple[Figure, Figure] | None:
+def _chance(row: str, metric: str, summaries: tuple[Summary, Summary]) -> tuple[Metric, Metric] | None:
     if not metric.startswith("detection_rate"):
         return None
     name = metric.replace("detection_rate", "chance")
     before, after = (s.all_moving if row == ALL_MOVING else s.categories[row] for s in summaries)
-    return before.figure(name), after.figure(name)
+    return before.metric(name), after.metric(name)
 
 
 def _label(row: str) -> str:

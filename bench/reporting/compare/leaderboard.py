@@ -16,8 +16,8 @@ from rich.text import Text
 
 from bench.errors import BenchError, DataError
 from bench.evaluation import summarise
-from bench.evaluation.slices import CommonImages
-from bench.evaluation.summary import Figure
+from bench.evaluation.row_source import CommonImages
+from bench.evaluation.summary import Metric
 from bench.harness import RunSummary
 from bench.harness.sweep import MARK
 from bench.plain_text import escape_markdown, plain
@@ -57,7 +57,7 @@ class Entry:
 
     run: str
     method: str
-    figures: dict[str, Figure]
+    figures: dict[str, Metric]
     images: int
     frames_per_second: float
     date: str
@@ -218,7 +218,7 @@ def _entry(run: StoredRun, figures: RunSummary, settings: dict[str, object]) -> 
     return Entry(
         run=run.label,
         method=method,
-        figures={figure: moving.figure(figure) for figure in moving.figure_names()}
+        figures={figure: moving.metric(figure) for figure in moving.metric_names()}
         | {"false_positive_coverage": figures.false_positives.coverage},
         images=summary.images.evaluated,
         frames_per_second=made.images / made.seconds if made.seconds else math.nan,
@@ -393,11 +393,11 @@ def _columns(group: Group) -> dict[str, str]:
     }
 
 
-def _interval(figure: Figure) -> str:
+def _interval(figure: Metric) -> str:
     return "" if figure.ci95 is None else f"[{share(figure.ci95[0])}, {share(figure.ci95[1])}]"
 
 
-def _short_interval(figure: Figure) -> str:
+def _short_interval(figure: Metric) -> str:
     return "" if figure.ci95 is None else f"{100 * figure.ci95[0]:.0f}-{100 * figure.ci95[1]:.0f}"
 
 

@@ -11,8 +11,7 @@ import pandas as pd
 
 from bench.errors import UsageError
 from bench.evaluation import Protocol
-from bench.evaluation.row_source import RowSource, group_recordings
-from bench.evaluation.slices import IMAGE, CommonImages, RowsOnImages
+from bench.evaluation.row_source import IMAGE, CommonImages, RowsOnImages, RowSource, group_recordings
 from bench.harness import RunSummary, open_tables, read_protocol, read_run
 from bench.harness.stored import REFERENCE_OF_FRAMES, REFERENCE_OF_OBJECTS, reference_fingerprint
 

@@ -11,8 +11,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from bench.evaluation import Protocol, Rows, Summary, summarise
-from bench.evaluation.row_source import ChosenRows, RowSource, as_source, read_parts
-from bench.evaluation.slices import Columns
+from bench.evaluation.row_source import ChosenRows, Columns, RowSource, as_source, read_parts
 from bench.evaluation.sums import coverage
 from bench.harness import RunSummary, open_tables, read_protocol, read_run
 from bench.reference import Category

@@ -15,9 +15,8 @@ from markupsafe import Markup
 
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.protocol import known_protocols
-from bench.evaluation.row_source import group_recordings
-from bench.evaluation.slices import Columns
-from bench.evaluation.summary import Figure, ObjectFigures, Summary
+from bench.evaluation.row_source import Columns, group_recordings
+from bench.evaluation.summary import Metric, ObjectMetrics, Summary
 from bench.evaluation.sums import coverage, intersection_over_union
 from bench.harness import Provenance, RunSummary
 from bench.methods import METHODS, build_method
@@ -52,7 +51,7 @@ class Cell:
     weakest: bool = False
 
 
-def figure_cell(figure: Figure | Comparison, *, notes: tuple[str, ...] = (), weakest: bool = False) -> Cell:
+def figure_cell(figure: Metric | Comparison, *, notes: tuple[str, ...] = (), weakest: bool = False) -> Cell:
     """A ratio."""
     if math.isnan(figure.value):
         return Cell(text=percent(figure.value, cases=figure.cases))
@@ -96,9 +95,9 @@ BREAKDOWN_FIGURES = {
 }
 
 
-def figures_table(caption: str, first: str, rows: dict[str, ObjectFigures]) -> CellTable:
+def figures_table(caption: str, first: str, rows: dict[str, ObjectMetrics]) -> CellTable:
     """Rows of one breakdown, those without cases included; the lowest share found is marked where it is shown."""
-    names = {n: h for n, h in BREAKDOWN_FIGURES.items() if all(n in row.figure_names() for row in rows.values())}
+    names = {n: h for n, h in BREAKDOWN_FIGURES.items() if all(n in row.metric_names() for row in rows.values())}
     lowest = lowest_of({name: row.tpr_all for name, row in rows.items()})
     return CellTable(
         caption=caption,
@@ -109,7 +108,7 @@ def figures_table(caption: str, first: str, rows: dict[str, ObjectFigures]) -> C
                 counts=(str(row.recordings), str(row.object_frames), str(row.tracks)),
                 cells=tuple(
                     figure_cell(
-                        row.figure(n),
+                        row.metric(n),
                         notes=_chance(row, n),
                         weakest=n == "tpr_all" and name == lowest,
                     )
@@ -121,7 +120,7 @@ def figures_table(caption: str, first: str, rows: dict[str, ObjectFigures]) -> C
     )
 
 
-def lowest_of(figures: Mapping[str, Figure]) -> str | None:
+def lowest_of(figures: Mapping[str, Metric]) -> str | None:
     """The lowest of several figures by name; None where no interval of another lies wholly above its own."""
     known = {name: figure for name, figure in figures.items() if figure.ci95 is not None}
     lowest = min(known, key=lambda name: known[name].value, default=None)
@@ -130,15 +129,15 @@ def lowest_of(figures: Mapping[str, Figure]) -> str | None:
     return lowest if any(clearly_below(known[lowest], other) for other in known.values()) else None
 
 
-def clearly_below(figure: Figure, other: Figure) -> bool:
+def clearly_below(figure: Metric, other: Metric) -> bool:
     """Whether both have intervals and the one lies wholly below the other."""
     return figure.ci95 is not None and other.ci95 is not None and figure.ci95[1] < other.ci95[0]
 
 
-def _chance(row: ObjectFigures, name: str) -> tuple[str, ...]:
+def _chance(row: ObjectMetrics, name: str) -> tuple[str, ...]:
     if not name.startswith("detection_rate"):
         return ()
-    chance = row.figure(name.replace("detection_rate", "chance"))
+    chance = row.metric(name.replace("detection_rate", "chance"))
     return () if math.isnan(chance.value) else (f"chance {percent(chance.value)}",)
 
 
@@ -170,7 +169,7 @@ def remarks(figures: Summary, *, category: Category | None) -> list[Remark]:
     return told if category is not None else [*told, *_false_positives(figures), *_missing(figures)]
 
 
-def _best_and_worst(rows: dict[str, ObjectFigures]) -> list[Remark]:
+def _best_and_worst(rows: dict[str, ObjectMetrics]) -> list[Remark]:
     """The best and the weakest kind of motion where their intervals lie apart; all of them as they are otherwise."""
     told = {name: row.tpr_all for name, row in rows.items() if row.tpr_all.ci95 is not None}
     order = sorted(told, key=lambda name: told[name].value)
@@ -188,12 +187,12 @@ def _best_and_worst(rows: dict[str, ObjectFigures]) -> list[Remark]:
     return [Remark(kind="note", text=text)]
 
 
-def _by_chance(rows: dict[str, ObjectFigures]) -> list[Remark]:
+def _by_chance(rows: dict[str, ObjectMetrics]) -> list[Remark]:
     """A rate that the mask of another image reaches too says nothing."""
     near, unknown = [], []
     for name, row in rows.items():
-        figure_name = _HALF if _HALF in row.figure_names() else "detection_rate"
-        rate, chance = row.figure(figure_name), row.figure(figure_name.replace("detection_rate", "chance")).value
+        figure_name = _HALF if _HALF in row.metric_names() else "detection_rate"
+        rate, chance = row.metric(figure_name), row.metric(figure_name.replace("detection_rate", "chance")).value
         if rate.ci95 is None:
             unknown.append(f"{_name(name).lower()} ({row.recordings})")
         elif rate.ci95[0] < chance:
@@ -259,7 +258,7 @@ def _name(category: str) -> str:
     return LABELS[Category(category)].split(" (")[0]
 
 
-def _found(row: ObjectFigures) -> str:
+def _found(row: ObjectMetrics) -> str:
     return (
         f"on average {percent(row.tpr_all.value)} of an object is found, over "
         f"{row.object_frames} object-frames of {row.tracks} objects in {row.recordings} recordings"

@@ -2,7 +2,7 @@
 
 import math
 
-from bench.evaluation.summary import Figure, FrameLedger, ObjectFigures
+from bench.evaluation.summary import FrameLedger, Metric, ObjectMetrics
 from bench.reference import Category
 from bench.reporting.page.tables import figure_cell, figures_table, remarks
 from tests.reporting.summaries import object_figures, summary
@@ -22,9 +22,9 @@ def test_best_and_weakest_are_named_with_their_figures():
 
 
 def without_intervals(row, recordings=5):
-    names = row.figure_names()
-    few = {name: row.figure(name).model_copy(update={"ci95": None, "recordings": recordings}) for name in names}
-    return ObjectFigures(object_frames=row.object_frames, tracks=row.tracks, recordings=recordings, **few)
+    names = row.metric_names()
+    few = {name: row.metric(name).model_copy(update={"ci95": None, "recordings": recordings}) for name in names}
+    return ObjectMetrics(object_frames=row.object_frames, tracks=row.tracks, recordings=recordings, **few)
 
 
 def test_no_kind_is_called_the_best_where_intervals_overlap():
@@ -54,9 +54,9 @@ def test_nothing_is_claimed_of_fewer_than_six_recordings():
 def test_a_kind_that_chance_reaches_is_named():
     figures = summary()
     row = figures.categories["crossing"]
-    lucky = row.model_copy(update={"detection_rate_50": Figure(value=0.2, ci95=(0.1, 0.3), cases=100, recordings=8)})
-    lucky.__pydantic_extra__["chance_50"] = Figure(value=0.15, ci95=None, cases=100, recordings=8)
-    lucky.__pydantic_extra__["detection_rate_50"] = Figure(value=0.2, ci95=(0.1, 0.3), cases=100, recordings=8)
+    lucky = row.model_copy(update={"detection_rate_50": Metric(value=0.2, ci95=(0.1, 0.3), cases=100, recordings=8)})
+    lucky.__pydantic_extra__["chance_50"] = Metric(value=0.15, ci95=None, cases=100, recordings=8)
+    lucky.__pydantic_extra__["detection_rate_50"] = Metric(value=0.2, ci95=(0.1, 0.3), cases=100, recordings=8)
     sentence = (
         "Not clearly better than chance when half of an object must be found: crossing (20.0 %, by chance 15.0 %)."
     )
@@ -99,5 +99,5 @@ def test_the_lowest_of_a_table_is_marked_and_cells_without_cases_have_no_bar():
     assert not any(row.cells[place].weakest for row in few.rows)
     assert table.rows[2].cells[place].value is None
     assert table.rows[2].cells[place].text == "n/a (0 cases)"
-    cell = figure_cell(Figure(value=0.5, ci95=(0.25, 0.75), cases=4, recordings=6))
+    cell = figure_cell(Metric(value=0.5, ci95=(0.25, 0.75), cases=4, recordings=6))
     assert (cell.value, cell.low, cell.high, cell.interval) == (50, 25, 75, "25.0 to 75.0")
