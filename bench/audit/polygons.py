@@ -223,7 +223,14 @@ class PolygonAuditor:
 
 def lenient(settings: ReferenceSettings, kind: str) -> ReferenceSettings:
     """Settings that give every object that has points its polygon of a kind; who counts is decided elsewhere."""
-    return replace(settings, polygon_kind=kind, range_limit_m=math.inf, min_polygon_px=1, categories=tuple(Category))
+    return replace(
+        settings,
+        polygon_kind=kind,
+        range_limit_m=math.inf,
+        min_polygon_px=1,
+        categories=tuple(Category),
+        outline=None,  # the region itself is compared, not its core
+    )
 
 
 def _fit_columns(region: NDArray[np.bool_], mask: NDArray[np.bool_]) -> Row:

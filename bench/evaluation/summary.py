@@ -19,6 +19,7 @@ from bench.evaluation.sums import (
     MEANS,
     OBJECT_RATIOS,
     SEGMENTATION_RATIOS,
+    UNKNOWN_RATIO,
     RowLedger,
     RunSums,
     SliceSums,
@@ -76,7 +77,8 @@ class ObjectMetrics(BaseModel):
     """A row of the table: evaluated object-frames of one kind.
 
     Beside the declared ones there are, for every detection level of the protocol, `detection_rate_<percent>` and
-    `chance_<percent>` (for example `detection_rate_10`); `metric(name)` finds all of them.
+    `chance_<percent>` (for example `detection_rate_10`), and for protocols with unknown bands `unknown_share`, the mean
+    share of the object-frames' possible pixels that is not certain; `metric(name)` finds all of them.
 
     Attributes:
         object_frames: how many.
@@ -216,14 +218,16 @@ def ratio_metric(sums: SliceSums, index: int, ratio: SumRatio) -> Metric:
     )
 
 
-def object_metrics(sums: SliceSums, *, levels: tuple[float, ...]) -> dict[str, ObjectMetrics]:
+def object_metrics(sums: SliceSums, *, protocol: Protocol) -> dict[str, ObjectMetrics]:
     """Take the metrics of every slice of a split.
 
     Args:
         sums: over the evaluated object-frames.
-        levels: detection levels of the protocol.
+        protocol: says at which coverages an object counts as detected, and whether regions have unknown bands.
     """
-    ratios = OBJECT_RATIOS | level_ratios(levels)
+    ratios = OBJECT_RATIOS | level_ratios(protocol.scoring.detection_levels)
+    if protocol.reference.unknown_band is not None:
+        ratios |= UNKNOWN_RATIO
     return {
         name: ObjectMetrics(
             object_frames=int(sums.rows[:, index].sum()),
@@ -308,8 +312,7 @@ def summarise(objects: Rows, frames: Rows, *, protocol: Protocol, rows_at_once: 
 
 def summary_of(sums: RunSums, *, protocol: Protocol) -> Summary:
     """All metrics of a run from its sums."""
-    levels = protocol.scoring.detection_levels
-    of_objects = {split: object_metrics(part, levels=levels) for split, part in sums.objects.items()}
+    of_objects = {split: object_metrics(part, protocol=protocol) for split, part in sums.objects.items()}
     of_frames = {split: false_positive_metrics(part) for split, part in sums.frames.items()}
     return Summary(
         protocol=ProtocolStamp(name=protocol.name, version=protocol.version, digest=protocol.digest),

@@ -38,6 +38,7 @@ SEGMENTATION_RATIOS: dict[str, SumRatio] = {
     "recall": ("tp", "tp_fn"),
     "f1": ("twice_tp", "twice_tp_fp_fn"),
 }
+UNKNOWN_RATIO: dict[str, SumRatio] = {"unknown_share": ("unknown", "every")}  # of protocols with unknown bands
 MEANS = frozenset({"components"})  # accumulators above a ratio that is no share: it may exceed 1
 CAUSE = "cause="  # before the name of a cause; over "fp"
 
@@ -60,6 +61,7 @@ def object_accumulators(evaluated: Columns, *, levels: tuple[float, ...]) -> dic
     seen, with_chance = detected(tp), ~np.isnan(chance_tp)
     covered, overlap = coverage(tp, fn), intersection_over_union(tp, fp, fn)
     by_chance = chance_tp / (tp + fn)
+    unknown = np.nan_to_num(evaluated.numbers("unknown_px"))  # null in tables of older versions
     accumulators = {
         "every": np.ones(len(tp)),
         "detected": _counted(seen),
@@ -69,6 +71,7 @@ def object_accumulators(evaluated: Columns, *, levels: tuple[float, ...]) -> dic
         "coverage_detected": np.where(seen, covered, 0.0),
         "iou": overlap,
         "iou_detected": np.where(seen, overlap, 0.0),
+        "unknown": unknown / (tp + fn + unknown),
     }
     for level in levels:
         accumulators[f"detected_{100 * level:g}"] = _counted(covered >= level)
@@ -262,7 +265,7 @@ def _by_status(counted: Iterable[tuple[tuple[str, str], int]]) -> Counter[str]:
 
 OBJECT_COLUMNS = (
     *("recording", "camera", "timestamp_ns", "track_id", "object_class", "status", "reason", "category"),
-    *("range_m", "ego_speed_mps", "points", "tp", "fn", "fp", "chance_tp"),
+    *("range_m", "ego_speed_mps", "points", "tp", "fn", "fp", "chance_tp", "unknown_px"),
 )
 FRAME_COLUMNS = (
     *("recording", "camera", "timestamp_ns", "ego_speed_mps", "status", "problem", "width", "height", "valid_px"),

@@ -20,14 +20,16 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from shapely import Polygon
 
-from bench.reference.polygons import trace_polygon
+from bench.reference.polygons import Raster, trace_polygon
 
+CORNERS = ((1, 1), (1, -1), (-1, -1), (-1, 1))  # up and left of the middle of a patch
 QUERIES = 256  # returns of a cluster, evenly chosen, that tell the step between columns
 NEIGHBOURS = 8  # enough to meet the next column even where rows lie four times closer than columns
 BRIDGED_STEPS = 2.5  # one missing return between two is a dropout, two are a gap in the object
 SAME_ROW = 0.35  # of the step between columns: returns closer in elevation lie in one row
 LOCAL = 100  # returns that tell the usual angle between rows at their elevation
-STEEPEST = np.tan(np.radians(80))  # a neighbour further behind than on a surface this oblique is another surface
+DEEPEST_STEPS = BRIDGED_STEPS * np.tan(np.radians(80))  # as on a surface this oblique; further behind is another one
+CERTAIN_STEPS = (BRIDGED_STEPS**2 - 1) ** 0.5  # a link as long as that over a missing return
 SLIT = np.ones((3, 3), dtype=np.uint8)  # closes what is a pixel wide: finer than a beam
 MARGIN_PX = 4  # beyond the image, so that its border does not cut the outline
 ROW_KEY = 8.0  # larger than any difference of elevations, which makes (column, elevation) one sortable number
@@ -62,7 +64,7 @@ def find_grid(points_sensor: NDArray[np.floating]) -> Grid | None:
     """
     if len(points_sensor) < 2:
         return None
-    azimuth, elevation = _directions(points_sensor)
+    azimuth, elevation = _directions(points_sensor, middle=points_sensor.astype(np.float64).mean(axis=0))
     column_step = _column_step(azimuth, elevation)
     if column_step <= 0:
         return None
@@ -79,10 +81,12 @@ def find_grid(points_sensor: NDArray[np.floating]) -> Grid | None:
     )
 
 
-def _directions(points_sensor: NDArray[np.floating]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Azimuth about the cluster's own middle, so that none is cut in two behind the sensor, and elevation; rad."""
+def _directions(
+    points_sensor: NDArray[np.floating], *, middle: NDArray[np.floating]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Azimuth about a middle direction, so that no cluster is cut in two behind the sensor, and elevation; rad."""
     x, y, z = points_sensor.astype(np.float64).T
-    azimuth = np.arctan2(y, x) - np.arctan2(y.mean(), x.mean())
+    azimuth = np.arctan2(y, x) - np.arctan2(middle[1], middle[0])
     return (azimuth + np.pi) % (2 * np.pi) - np.pi, np.arctan2(z, np.hypot(x, y))
 
 
@@ -165,6 +169,7 @@ def surface_patches(
     *,
     world_from_sensor: NDArray[np.float64],
     grid: Grid,
+    deepest_steps: float = DEEPEST_STEPS,
 ) -> NDArray[np.float64]:
     """Corners of the patch of each return.
 
@@ -176,6 +181,7 @@ def surface_patches(
         points_world: (N, 3) float64, m, the same points at exposure.
         world_from_sensor: (3, 3) float64, from sensor axes to those of `points_world`.
         grid: neighbours of the same points.
+        deepest_steps: neighbours that lie further apart in range than so many beam spacings are not linked.
 
     Returns:
         (N, 4, 3) float64, m, world frame: left above, right above, right below, left below.
@@ -197,10 +203,53 @@ def surface_patches(
         ("down", -upright, tall_m),
     ):
         neighbour = getattr(grid, name)
-        linked = (neighbour >= 0) & (np.abs(ranges_m[neighbour] - ranges_m) <= STEEPEST * BRIDGED_STEPS * step_m)
+        linked = (neighbour >= 0) & (np.abs(ranges_m[neighbour] - ranges_m) <= deepest_steps * step_m)
         reach[name] = np.where(linked[:, None], points_world[neighbour] - points_world, step / 2)
     corners = (("up", "left"), ("up", "right"), ("down", "right"), ("down", "left"))
     return np.stack([points_world + reach[tall] + reach[wide] for tall, wide in corners], axis=1)
+
+
+def gap_patches(
+    points_sensor: NDArray[np.floating],
+    points_world: NDArray[np.float64],
+    others_sensor: NDArray[np.floating],
+    *,
+    world_from_sensor: NDArray[np.float64],
+    grid: Grid,
+) -> NDArray[np.float64]:
+    """Where beams went past an object: each that met something behind stands for the gap half-way to its neighbours.
+
+    Args:
+        points_sensor: (N, 3), m, the object's returns, sensor frame at each point's own time.
+        points_world: (N, 3) float64, m, the same points at exposure.
+        others_sensor: (M, 3), m, other returns of the sweep in the same directions, sensor frame.
+        world_from_sensor: (3, 3) float64, from sensor axes to those of `points_world`.
+        grid: neighbours of the object's returns.
+
+    Returns:
+        (K, 4, 3) float64, m, world frame, as far away as the object's nearest return; corners as of `surface_patches`.
+    """
+    both = np.concatenate([points_sensor, others_sensor]).astype(np.float64)
+    azimuth, elevation = _directions(both, middle=points_sensor.mean(axis=0))
+    directions = np.column_stack([azimuth * np.cos(elevation), elevation])
+    own, other = directions[: len(points_sensor)], directions[len(points_sensor) :]
+    reach_rad = BRIDGED_STEPS * max(grid.column_step_rad, float(grid.row_step_rad.max()))
+    distance_rad, nearest = cKDTree(own, balanced_tree=False, compact_nodes=False).query(
+        other, distance_upper_bound=reach_rad
+    )
+    found = np.isfinite(distance_rad)
+    nearest, rays = np.asarray(nearest)[found], both[len(points_sensor) :][found]
+    ranges_m = np.linalg.norm(both[nearest], axis=1)
+    beyond_m = np.linalg.norm(rays, axis=1) - ranges_m
+    behind = beyond_m > DEEPEST_STEPS * ranges_m * grid.column_step_rad
+    nearest, ranges_m = nearest[behind], ranges_m[behind]
+    middles = rays[behind] * (ranges_m / np.linalg.norm(rays[behind], axis=1))[:, None]
+    flat_m = np.hypot(middles[:, 0], middles[:, 1])
+    leftwards, upwards = _square_to_beam(middles, flat_m, ranges_m)
+    aside = leftwards * (flat_m * grid.column_step_rad / 2)[:, None]
+    upright = upwards * (ranges_m * grid.row_step_rad[nearest] / 2)[:, None]
+    offsets = np.stack([middles - both[nearest] + up * upright + left * aside for up, left in CORNERS], axis=1)
+    return np.asarray(points_world[nearest][:, None] + offsets @ world_from_sensor.T)
 
 
 def reach_bounds(
@@ -248,7 +297,13 @@ def _square_to_beam(
     return left, np.column_stack([-lift * cosine, -lift * sine, slope])
 
 
-def patch_polygon(patches_px: NDArray[np.float64], *, width: int, height: int, solid: bool = False) -> Polygon | None:
+def patch_polygon(
+    patches_px: NDArray[np.float64],
+    *,
+    width: int,
+    height: int,
+    solid: bool = False,
+) -> Polygon | None:
     """The polygon of all pixels whose centre lies in a patch.
 
     Separate parts (the head over a parked car and the feet under it) are linked by a thin bridge.
@@ -265,10 +320,27 @@ def patch_polygon(patches_px: NDArray[np.float64], *, width: int, height: int, s
     """
     if not len(patches_px):
         return None
-    covered, corner = patch_pixels(patches_px, width=width, height=height)
-    closed = cv2.morphologyEx(np.pad(covered, 1).view(np.uint8), cv2.MORPH_CLOSE, SLIT)
-    polygon = trace_polygon(closed > 0, corner - 1)
+    polygon = trace_polygon(*_closed_pixels(patches_px, width=width, height=height))
     return Polygon(polygon.exterior) if solid and polygon is not None else polygon
+
+
+def patch_raster(patches_px: NDArray[np.float64], *, width: int, height: int) -> Raster:
+    """The pixels of an image whose centre lies in a patch; arguments as of `patch_polygon`."""
+    if not len(patches_px):
+        return Raster((slice(0, 0), slice(0, 0)), np.zeros((0, 0), dtype=bool))
+    covered, corner = _closed_pixels(patches_px, width=width, height=height)
+    (u, v), size = corner.tolist(), np.array([width, height])
+    left, top = np.clip(corner, 0, size).tolist()
+    right, bottom = np.clip(corner + covered.shape[::-1], 0, size).tolist()
+    return Raster((slice(top, bottom), slice(left, right)), covered[top - v : bottom - v, left - u : right - u])
+
+
+def _closed_pixels(
+    patches_px: NDArray[np.float64], *, width: int, height: int
+) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+    """As `patch_pixels`, slits closed."""
+    covered, corner = patch_pixels(patches_px, width=width, height=height)
+    return cv2.morphologyEx(np.pad(covered, 1).view(np.uint8), cv2.MORPH_CLOSE, SLIT) > 0, corner - 1
 
 
 def patch_pixels(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
 from math import ceil, floor
 from typing import NamedTuple
 
@@ -14,7 +12,6 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from bench.errors import UsageError
-from bench.reference.records import IgnoreReason, ReferenceObject, Status
 
 LINK_PX = 1e-3  # width of the bridge between parts that the lidar sees apart, so that a reference is one polygon
 FROM, TO = slice(None, -1), slice(1, None)  # the ends of a ring's edges
@@ -100,46 +97,6 @@ def _by_order(values: NDArray[np.float64], row: NDArray[np.intp], rows: int) -> 
     return table
 
 
-def compose(
-    objects: Sequence[tuple[ReferenceObject, Raster | None]], valid: NDArray[np.bool_]
-) -> tuple[tuple[ReferenceObject, ...], NDArray[np.int32], NDArray[np.bool_]]:
-    """Give every pixel to the nearest annotated object that covers it.
-
-    Static and ignored objects occlude as well: behind a parked car nothing can be detected. An evaluated object
-    of which nothing remains becomes ignored as occluded.
-
-    Args:
-        objects: nearest first, each with the pixels of its polygon inside V; None where it has no polygon.
-        valid: (H, W) bool, the region V.
-
-    Returns:
-        objects: with `region_px` filled in.
-        labels: (H, W) int32, k + 1 for pixels of G of object k, else 0.
-        ignored: (H, W) bool, the region I: polygons of ignored objects minus every G.
-    """
-    labels, taken = np.zeros(valid.shape, dtype=np.int32), np.zeros(valid.shape, dtype=bool)
-    ignored = np.zeros(valid.shape, dtype=bool)
-    settled = []
-    for number, (found, raster) in enumerate(objects, start=1):
-        if raster is None:
-            settled.append(found)
-            continue
-        window, covered = raster
-        region = covered & ~taken[window]
-        taken[window] |= covered
-        region_px = int(np.count_nonzero(region))
-        result = found
-        if found.status is Status.EVALUATED and not region_px:
-            result = replace(found, status=Status.IGNORED, reason=IgnoreReason.OCCLUDED)
-        elif found.status is Status.EVALUATED:
-            np.copyto(labels[window], number, where=region)
-            result = replace(found, region_px=region_px)
-        if result.status is Status.IGNORED:
-            ignored[window] |= covered & (labels[window] == 0)  # later G begin where this polygon ends
-        settled.append(result)
-    return tuple(settled), labels, ignored
-
-
 def trace_polygon(covered: NDArray[np.bool_], corner: NDArray[np.int64]) -> Polygon | None:
     """The polygon around covered pixels, a quarter of a pixel outside of their centres; its parts are linked.
 
@@ -179,10 +136,10 @@ def _without_touching_corners(covered: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _link(parts: list[Polygon]) -> Polygon:
-    """One polygon of several, the largest first."""
-    whole = parts[0]
-    for part in parts[1:]:
-        link = shapely.shortest_line(whole, part).buffer(LINK_PX, quad_segs=1)
-        united = shapely.union_all([whole, part, link])
-        whole = united if isinstance(united, Polygon) else whole
-    return whole
+    """One polygon of several, each linked to the first."""
+    whole, others = parts[0], parts[1:]
+    if not others:
+        return whole
+    links = shapely.buffer(shapely.shortest_line(whole, others), LINK_PX, quad_segs=1)
+    united = shapely.union_all([*parts, *links])
+    return united if isinstance(united, Polygon) else whole

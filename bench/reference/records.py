@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -74,6 +75,8 @@ class ReferenceObject:
             out of view.
         polygon_px: pixels of the polygon inside V before occlusion.
         region_px: |G_i|, after occlusion; 0 unless evaluated.
+        unknown_px: pixels beside G_i that may be the object's, after occlusion; 0 unless evaluated by a protocol with
+            an unknown band.
     """
 
     track_id: str
@@ -89,6 +92,7 @@ class ReferenceObject:
     polygon: Polygon | None
     polygon_px: int
     region_px: int
+    unknown_px: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -102,7 +106,7 @@ class ReferenceFrame:
         ego_speed_mps: over the ground, >= 0.
         objects: nearest first, ties by track id; every annotated object of the frame once.
         labels: (H, W) int32; k + 1 where the pixel belongs to G of `objects[k]`, 0 elsewhere.
-        ignored: (H, W) bool; the region I.
+        ignored: (H, W) bool; the region I, unknown bands among it.
         valid: (H, W) bool; the region V.
     """
 
@@ -160,6 +164,23 @@ class MotionSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class OutlineErrors:
+    """What makes outlines uncertain, as standard deviations.
+
+    Attributes:
+        range_noise_m: of the lidar.
+        angle_rad: between lidar and camera, about each axis.
+        position_m: between lidar and camera, along each axis.
+        limb_speed: class -> peak speed of its limbs relative to the body, over the speed of the object; none for 0.
+    """
+
+    range_noise_m: float
+    angle_rad: float
+    position_m: float
+    limb_speed: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ReferenceSettings:
     """How reference polygons are built and which objects are evaluated.
 
@@ -167,7 +188,7 @@ class ReferenceSettings:
         range_limit_m: objects whose nearest point is further from the camera are ignored.
         ground_clearance_m: points lower than this above the road are the road's, not an object's.
         min_points: objects with fewer visible lidar points are ignored.
-        min_polygon_px: objects whose polygon has fewer pixels in V are ignored.
+        min_polygon_px: objects of which fewer pixels in V are certain, before occlusion, are ignored.
         polygon_kind: "convex" (the paper's bounding polygon), "concave" (a tighter hull of the points) or
             "surface-patches" (the union of the surface that each point stands for; see `bench.reference.patches`).
         concave_ratio: tightness of the concave hull, 0 the tightest, 1 the convex hull.
@@ -176,6 +197,9 @@ class ReferenceSettings:
         max_sweep_gap_ns: a sweep further from the exposure than this is not used.
         max_annotation_gap_ns: an annotation further from the exposure than this is not used.
         motion: thresholds on velocities.
+        clearance_above_shape: points lower than `ground_clearance_m` above the bottom of the annotated shape are the
+            ground's as well, be it road or pavement; for surface patches always.
+        outline: what makes outlines uncertain; None for regions without an unknown band.
     """
 
     range_limit_m: float
@@ -189,3 +213,5 @@ class ReferenceSettings:
     max_sweep_gap_ns: int
     max_annotation_gap_ns: int
     motion: MotionSettings
+    clearance_above_shape: bool = False
+    outline: OutlineErrors | None = None

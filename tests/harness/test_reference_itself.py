@@ -18,7 +18,7 @@ def call(monkeypatch, *words) -> int:
     return 0
 
 
-@pytest.mark.parametrize("protocol", ["paper-v1", "extended-v1"])
+@pytest.mark.parametrize("protocol", ["paper-v1", "extended-v1", "surface-v1"])
 def test_the_reference_scores_perfectly(tiny_card, tmp_path, monkeypatch, protocol):
     out = tmp_path / "run"
     words = ("--method", "reference", "--protocol", protocol, "--out", out, "--no-pictures")
