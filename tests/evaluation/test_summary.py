@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from bench.evaluation import Metric, Summary, summarise
+from bench.evaluation import Metric, Summary, load_protocol, summarise
 from bench.reference.records import Category, ReferenceFrame, Status
 from tests.evaluation.frames import frames, mask, picture, reference_frame, reference_object
 from tests.evaluation.runs import PAPER, joined, random_run, scored, shuffled
@@ -46,6 +46,17 @@ def test_figures_to_check_by_hand() -> None:
     assert row.iou_detected.value == pytest.approx((2 / 6 + 1) / 2)
     assert row.tpr.cases == 2
     assert row.iou.cases == 3
+
+
+def test_the_unknown_share_stands_beside_the_rows_of_a_protocol_with_unknown_bands() -> None:
+    objects = [reference_object("a", unknown_px=1), reference_object("b")]
+    frame = reference_frame(picture("111.\n2..."), objects=objects)
+    surface = load_protocol("surface-v1")
+    tables = scored([(frame, mask("xxx.\n...."))], protocol=surface)
+    row = summarise(*tables, protocol=surface).categories["crossing"]
+    assert row.metric("unknown_share").value == (1 / 4 + 0) / 2
+    assert row.metric("unknown_share").cases == 2
+    assert "unknown_share" not in summary_of(tables).categories["crossing"].metric_names()
 
 
 def test_false_positives_to_check_by_hand() -> None:

@@ -4,6 +4,7 @@ import pytest
 
 from bench.cli import main
 from bench.evaluation import load_protocol
+from bench.execution import ProcessExecutor, SerialExecutor
 from bench.harness import build_scorable, read_run, run_benchmark, scorable_methods
 from bench.methods import build_method, known_methods
 from bench.recordings import load_card
@@ -41,6 +42,20 @@ def test_the_reference_scores_perfectly(tiny_card, tmp_path, monkeypatch, protoc
     # The stamp tells that this is no method.
     assert summary.method.name == "reference"
     assert summary.method.settings == {"sees_the_reference": True}
+
+
+def test_regions_with_unknown_bands_are_the_same_in_one_process_and_in_two(tiny_card, tmp_path):
+    for name, executor in (("one", SerialExecutor()), ("two", ProcessExecutor(workers=2))):
+        run_benchmark(
+            load_card(str(tiny_card)),
+            method=build_scorable("reference"),
+            protocol=load_protocol("surface-v1"),
+            out=tmp_path / name,
+            executor=executor,
+        )
+    for file in ("objects.parquet", "frames.parquet"):
+        assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()
+    assert read_run(tmp_path / "one").all_moving.metric("unknown_share").value > 0
 
 
 def test_it_compares_with_methods_on_the_same_images(tiny_card, tmp_path):
