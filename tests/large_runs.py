@@ -148,6 +148,7 @@ def _objects(
         "tp": tp,
         "fn": region - tp,
         "fp": _part(method, np.where(evaluated, 100_000, 0)),
+        "unknown_px": np.zeros(count, dtype=np.int64),
         "chance_tp": pa.array(_part(method, region), mask=~evaluated | (method.random(count) < 0.05)),
     }
     return pa.table(columns, schema=OBJECTS_SCHEMA)

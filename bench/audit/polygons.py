@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any, get_args
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bench.egomotion import Trajectory
-from bench.evaluation.protocol import ReferenceRules
 from bench.recordings import ImageRef, ObjectState, Recording, Track
-from bench.reference import Category, ReferenceBuilder, ReferenceFrame, ReferenceSettings, Status
+from bench.reference import POLYGON_KINDS, Category, ReferenceBuilder, ReferenceFrame, ReferenceSettings, Status
 
 
 class Compensation(StrEnum):
@@ -155,7 +154,6 @@ def _outline(mask: Mask) -> Mask:
 
 Row = dict[str, Any]
 FIT = ("iou", "area_error", "missing", "surplus", "boundary_px", "centroid_px", "filled_iou", "solid")
-POLYGON_KINDS: tuple[str, ...] = get_args(ReferenceRules.model_fields["polygon_kind"].annotation)
 
 # One row per evaluated object-frame, kind and compensation that gave a polygon; ratios as in `RegionFit`.
 POLYGONS_SCHEMA = pa.schema(
@@ -225,7 +223,14 @@ class PolygonAuditor:
 
 def lenient(settings: ReferenceSettings, kind: str) -> ReferenceSettings:
     """Settings that give every object that has points its polygon of a kind; who counts is decided elsewhere."""
-    return replace(settings, polygon_kind=kind, range_limit_m=math.inf, min_polygon_px=1, categories=tuple(Category))
+    return replace(
+        settings,
+        polygon_kind=kind,
+        range_limit_m=math.inf,
+        min_polygon_px=1,
+        categories=tuple(Category),
+        outline=None,  # the region itself is compared, not its core
+    )
 
 
 def _fit_columns(region: NDArray[np.bool_], mask: NDArray[np.bool_]) -> Row:

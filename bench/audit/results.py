@@ -19,7 +19,7 @@ from pydantic import BaseModel, ConfigDict
 
 from bench.audit.recording import RecordingAudit
 from bench.errors import DataError
-from bench.evaluation import FalsePositiveFigures, ObjectFigures
+from bench.evaluation import FalsePositiveMetrics, ObjectMetrics
 from bench.evaluation.summary import ProtocolStamp, Ratio
 from bench.harness.method_stamp import MethodStamp
 from bench.harness.provenance import Provenance
@@ -96,9 +96,9 @@ class Aim(_Part):
 class Scores(_Part):
     """The evaluation's metrics of one `Scoring`."""
 
-    categories: dict[str, ObjectFigures]
-    all_moving: ObjectFigures
-    false_positives: FalsePositiveFigures
+    categories: dict[str, ObjectMetrics]
+    all_moving: ObjectMetrics
+    false_positives: FalsePositiveMetrics
 
 
 class MissFigures(_Part):

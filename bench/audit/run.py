@@ -7,7 +7,6 @@ from contextlib import closing
 from functools import partial
 from pathlib import Path
 
-from bench.audit.polygons import POLYGON_KINDS
 from bench.audit.recording import RecordingAudit, Scoring, audit_recording, joined
 from bench.audit.reduce import aims, false_alarm_figures, miss_figures, polygon_figures, scores
 from bench.audit.results import SCHEMA_VERSION, AuditSummary, write_audit
@@ -23,6 +22,7 @@ from bench.harness.stages import Progress
 from bench.methods import Method
 from bench.methods.spherical.method import SphericalMethod
 from bench.recordings import DatasetCard
+from bench.reference import POLYGON_KINDS
 
 Outcome = RecordingAudit | DataError | FailedTask
 
@@ -100,7 +100,7 @@ def _summary(
     failures: tuple[str, ...],
     provenance: origin.Provenance,
 ) -> AuditSummary:
-    own = protocol.reference.polygon_kind
+    own = protocol.reference_settings().polygon_kind
     kinds = (own, *(kind for kind in POLYGON_KINDS if kind != own))
     explained = len(audit.false_alarms) > 0
     return AuditSummary(

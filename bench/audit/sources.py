@@ -201,7 +201,7 @@ def paired_references(
     for number, (item, mask) in enumerate(zip(by_lidar.objects, masks, strict=True), start=1):
         if item.status is Status.EVALUATED:
             labels[mask] = number
-            item = replace(item, region_px=int(np.count_nonzero(mask)))
+            item = replace(item, region_px=int(np.count_nonzero(mask)), unknown_px=0)
         elif item.status is Status.IGNORED:
             ignored |= mask
         objects.append(item)
@@ -215,7 +215,9 @@ def _with_ignored(reference: ReferenceFrame, which: list[bool]) -> ReferenceFram
     labels, ignored = reference.labels.copy(), reference.ignored.copy()
     objects = list(reference.objects)
     for index in np.flatnonzero(which).tolist():
-        objects[index] = replace(objects[index], status=Status.IGNORED, reason=IgnoreReason.OCCLUDED, region_px=0)
+        objects[index] = replace(
+            objects[index], status=Status.IGNORED, reason=IgnoreReason.OCCLUDED, region_px=0, unknown_px=0
+        )
         ignored |= labels == index + 1
         labels[labels == index + 1] = 0
     return replace(reference, objects=tuple(objects), labels=labels, ignored=ignored)

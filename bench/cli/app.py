@@ -37,7 +37,9 @@ Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the method, as YAML; repeatable."),
 ]
-ProtocolName = Annotated[str, typer.Option("--protocol", help="paper-v1, extended-v1, masks-v1, or a YAML file.")]
+ProtocolName = Annotated[
+    str, typer.Option("--protocol", help="paper-v1, surface-v1, extended-v1, masks-v1, or a file.")
+]
 Missing = Literal["error", "skip", "empty"]
 Names = Literal["auto", "timestamp", "frame", "image"]
 Workers = Annotated[int | None, typer.Option(min=1, help="Worker processes; default: one per core.")]

@@ -1,10 +1,10 @@
-"""From reference and prediction to the figures of the paper's table. Read this first.
+"""From reference and prediction to the metrics of the paper's table. Read this first.
 
-The question is how well a method finds what moves in a fisheye image, when the only truth is a polygon around an
+The question is how well a method finds what moves in a fisheye image, when the only truth is a region around an
 object's lidar points. Everything is counted in whole pixels, per object and per image; ratios are taken last.
 
-**Regions of one image.** V: pixels that count, inside the lens's field and off the host's own body. G_i: pixels of
-object i's reference polygon in V, minus those of nearer objects. I: polygons of moving objects that are not evaluated
+**Regions of one image.** V: pixels that count, inside the lens's field and off the ego vehicle's own body. G_i: pixels
+of object i's reference region in V, minus those of nearer objects. I: polygons of moving objects that are not evaluated
 (too far, too few points, unclear ...), minus every G; a detection there is neither right nor wrong. D: detected
 pixels in V. Every annotated object is evaluated, ignored for a reason, or static, and the ledger counts them.
 
@@ -25,68 +25,71 @@ words. Intervals take recordings as independent, not frames; fewer than six reco
 Beside its counts an image leaves two histograms of pixels over the motion likelihood, from which the score at any
 threshold follows, and adds to its camera's map of misses and false positives.
 
-**Between two runs** over the same data nothing is compared but sums by recording (the score sheet), of the images that
-both scored: the same recording is left out of both at a time, so that what makes it hard cancels out.
+**Between two runs** over the same data only sums per recording are compared, of the images that both scored: the same
+recording is left out of both at a time, so that what makes it hard cancels out.
 
 **A run may be larger than the memory.** Its tables are read some recordings at a time and reduced to sums by recording
 and slice; neither the order of the rows nor the size of the parts changes a bit of them.
 
-The files, in the order of the data: `protocol` (the rules, a versioned file with a digest), `regions` (one image taken
-apart), `counts` with `sharing`, `likelihood` and `image_maps` (what is counted in it), `chance`, `scorer` (the recipe
-over a sequence), `rows` (the two tables), `row_source` and `columns` (reading them in parts), `run_sums` with `terms`,
-`slices`, `bins`, `slice_sums` and `ledger` (the reduction), `totals` with `object_figures`, `frame_figures`, `ratios`
-and `intervals` (figures from the sums), `summary` (what comes out), `maps` (detection rate by place),
-`coverage_curves`, `score_sheet` with `metric_sums`, `paired`, `common_images` and `changes` (two runs), `published`
-(the paper's numbers), `threshold_free` (what a likelihood is worth at all thresholds together). The harness calls
-`SequenceScorer` and `summarise`; reporting and the gate read `Summary`, `ScoreSheet`, the tables, `range_maps`,
-`ImageMap` and `threshold_sweep`.
+The modules, in the order of the data: `protocol` (the rules, a versioned file with a digest), `counts` (region masks,
+counts and chance level of one image), `likelihood` (histograms, thresholds), `maps` (by place, in the image, by
+coverage), `rows` (the two tables), `scorer` (a sequence of images to its tables), `row_source` (reading tables in
+parts), `slices` and `sums` (the reduction by recording and slice), `intervals`, `summary` (all metrics of a run),
+`recording_sums` (what comparing two runs needs), `published` (the paper's numbers). The harness calls `SequenceScorer`
+and `summarise`; reporting and the gate read `Summary`, `RecordingSums`, the tables and the maps.
 
 Sources: Mariotti and Eising 2020, section IV; Chan et al. 2021 (SegmentMeIfYouCan) for the sharing of components;
 those of the intervals in their module; Holm 1979.
 """
 
 from bench.evaluation.counts import FrameCounts, ObjectCounts, count_frame
-from bench.evaluation.image_maps import ImageMap, add_image_maps
-from bench.evaluation.likelihood import ThresholdFreeFigures, ThresholdSweep, threshold_free_figures, threshold_sweep
-from bench.evaluation.maps import CoverageCurve, RangeMap, RangeMaps, coverage_curves, range_maps
+from bench.evaluation.likelihood import ThresholdFreeMetrics, ThresholdSweep, threshold_free_metrics, threshold_sweep
+from bench.evaluation.maps import (
+    CoverageCurve,
+    ImageMap,
+    RangeMap,
+    RangeMaps,
+    add_image_maps,
+    coverage_curves,
+    range_maps,
+)
 from bench.evaluation.protocol import Protocol, known_protocols, load_protocol
-from bench.evaluation.row_source import Rows, RowSource
-from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA
-from bench.evaluation.score_sheet import (
+from bench.evaluation.recording_sums import (
     MetricSums,
     PairedChange,
-    ScoreSheet,
+    RecordingSums,
     changes_in_parts,
     holm,
     object_changes,
     paired_change,
-    score_sheet,
+    recording_sums,
 )
+from bench.evaluation.row_source import Rows, RowSource
+from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA
 from bench.evaluation.scorer import SequenceScorer
-from bench.evaluation.summary import FalsePositiveFigures, Figure, ObjectFigures, Summary
-from bench.evaluation.totals import summarise
+from bench.evaluation.summary import FalsePositiveMetrics, Metric, ObjectMetrics, Summary, summarise
 
 __all__ = [
     "FRAMES_SCHEMA",
     "OBJECTS_SCHEMA",
     "CoverageCurve",
-    "FalsePositiveFigures",
-    "Figure",
+    "FalsePositiveMetrics",
     "FrameCounts",
     "ImageMap",
+    "Metric",
     "MetricSums",
     "ObjectCounts",
-    "ObjectFigures",
+    "ObjectMetrics",
     "PairedChange",
     "Protocol",
     "RangeMap",
     "RangeMaps",
+    "RecordingSums",
     "RowSource",
     "Rows",
-    "ScoreSheet",
     "SequenceScorer",
     "Summary",
-    "ThresholdFreeFigures",
+    "ThresholdFreeMetrics",
     "ThresholdSweep",
     "add_image_maps",
     "changes_in_parts",
@@ -98,8 +101,8 @@ __all__ = [
     "object_changes",
     "paired_change",
     "range_maps",
-    "score_sheet",
+    "recording_sums",
     "summarise",
-    "threshold_free_figures",
+    "threshold_free_metrics",
     "threshold_sweep",
 ]

@@ -45,8 +45,8 @@ class Regions:
     components: int
 
 
-def take_apart(reference: ReferenceFrame, detected: Mask) -> Regions:
-    """Take an image apart.
+def find_regions(reference: ReferenceFrame, detected: Mask) -> Regions:
+    """The region masks of an image.
 
     Args:
         reference: of the image.
@@ -277,7 +277,7 @@ def count_frame(
         causes: what can flag a cell.
         cell_size_px: side of the cells of `cause`, px.
         component_size_px: false-positive components with more pixels than this are large.
-        regions: of the image, where the caller has taken it apart already.
+        regions: of the image, where the caller has them already.
 
     Returns:
         frame: counts of the image.
@@ -291,7 +291,7 @@ def count_frame(
         Chan et al. 2021 (SegmentMeIfYouCan).
     """
     order = _canonical_order(reference)
-    regions = regions or take_apart(reference, detected)
+    regions = regions or find_regions(reference, detected)
     region_px = _region_px(reference, regions)
     fp_of_component = _false_positives_by_component(regions)
     overlap = _overlap(reference, regions)

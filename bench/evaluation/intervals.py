@@ -1,16 +1,16 @@
 """95 % intervals that take recordings, not images, as independent.
 
-A figure is taken again with each recording left out in turn; how far these values lie from the figure gives its
+A metric is taken again with each recording left out in turn; how far these values lie from the metric gives its
 standard error (the jackknife), which also knows that recordings differ in size. The interval is Student's, on a scale
-on which the figure has no ends (logit for a ratio), with the degrees of freedom that this standard error has: ten
+on which the metric has no ends (logit for a ratio), with the degrees of freedom that this standard error has: ten
 recordings of which one holds most object-frames know less than ten equal ones. Nothing is drawn at random, and the cost
 is that of a few sums.
 
 - Under `FEWEST_RECORDINGS` recordings with cases there is no interval. That all of n recordings err to the same side by
   chance has the probability 2 / 2^n, above 5 % up to n = 5.
-- A figure that is the same in all n recordings, each of them 100 %, has no spread to go by. But if more than
+- A metric that is the same in all n recordings, each of them 100 %, has no spread to go by. But if more than
   1 - 0.05^(1/n) of all recordings were different, n alike would be seen less than once in twenty times. So the interval
-  reaches to where the figure would be if that share (39 % for 6, 14 % for 20, 3 % for 100) had the worst or the best
+  reaches to where the metric would be if that share (39 % for 6, 14 % for 20, 3 % for 100) had the worst or the best
   value.
 - What no recording shows, no interval covers: that one in fifty fails altogether is not seen in twenty.
 
@@ -35,14 +35,14 @@ object-frames are log-normal, sigma 0.8 unless stated (`tests/evaluation/test_co
     components per image, sigma 0.8              97   96   95   94
 
 The price is width: of few recordings of different size the interval covers more than it says. The percentile
-bootstrap, used before, held the truth of the same figures in 51 to 87 % over 6 recordings, and in 26 to 63 % over 2.
+bootstrap, used before, held the truth of the same metrics in 51 to 87 % over 6 recordings, and in 26 to 63 % over 2.
 
 Source:
     Miller 1974, The jackknife - a review, Biometrika 61, for the standard error; Bell and McCaffrey 2002, Bias
     reduction in standard errors for linear regression with multi-stage samples, Survey Methodology 28, for the degrees
     of freedom (Satterthwaite's, for recordings of equal variance); Korn and Graubard 1998, Confidence intervals for
     proportions with small expected number of positive counts, Survey Methodology 24, for the logit scale; Clopper and
-    Pearson 1934, The use of confidence or fiducial limits, Biometrika 26, one-sided, for a figure without spread.
+    Pearson 1934, The use of confidence or fiducial limits, Biometrika 26, one-sided, for a metric without spread.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ Column = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Range:
-    """What values a figure can have: between two ends, above a least one, or any."""
+    """What values a metric can have: between two ends, above a least one, or any."""
 
     least: float
     most: float
@@ -98,7 +98,7 @@ MEAN_CHANGE = Range(least=-math.inf, most=math.inf)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Jackknife:
-    """A figure, and what leaving out each recording tells of its uncertainty.
+    """A metric, and what leaving out each recording tells of its uncertainty.
 
     Attributes:
         value: of all recordings together.
@@ -138,7 +138,7 @@ class Jackknife:
 
 
 def jackknife(value: float, without: Column, *, shares: Column) -> Jackknife:
-    """The uncertainty of a figure from its values without each recording.
+    """The uncertainty of a metric from its values without each recording.
 
     Args:
         value: of all recordings.

@@ -1,4 +1,4 @@
-"""Scores at every threshold, from histograms that were counted once, and the figures that need no threshold.
+"""Scores at every threshold, from histograms that were counted once, and the metrics that need no threshold.
 
 Each image is counted into two histograms over the motion likelihood: pixels of G and pixels of V outside all G and I.
 Masks at any edge of the bins, and so the whole curve, follow without another look at an image. The area under it
@@ -21,9 +21,8 @@ from scipy.special import digamma
 
 from bench.evaluation.counts import Regions, sum_over_cells
 from bench.evaluation.intervals import FEWEST_RECORDINGS, RATIO, jackknife
-from bench.evaluation.row_source import Rows, RowSource, as_source
-from bench.evaluation.slices import Columns
-from bench.evaluation.summary import Figure, Ratio
+from bench.evaluation.row_source import Columns, Rows, RowSource, as_source
+from bench.evaluation.summary import Metric, Ratio
 from bench.methods.spherical.likelihood import PAPER_THRESHOLD
 
 # The paper's threshold is an edge, so that its operating point lies on the curve. 20 bins a decade, from a thousandth
@@ -64,11 +63,11 @@ class LikelihoodCounts:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ThresholdSweep:
-    """The figures of masks "likelihood above the threshold", over all images with a likelihood.
+    """The metrics of masks "likelihood above the threshold", over all images with a likelihood.
 
     Attributes:
         thresholds: (K,) float64, increasing; the first, 0, stands for a mask of everything. For scores, `SCORE_EDGES`
-            stand in the place of these.
+            stand instead of these.
         tpr: (K,) float64, share of the pixels of all G; the same as `recall`.
         false_positive_coverage: (K,) float64, mean over images of FP / (width x height).
         precision: (K,) float64, TP / (TP + FP); NaN where nothing is above the threshold.
@@ -115,7 +114,7 @@ def find_bins(likelihood: NDArray[np.float32], edges: NDArray[np.float64] = EDGE
 
 
 def threshold_sweep(frames: Rows) -> ThresholdSweep | None:
-    """Take the figures at every edge, a batch of images in memory at a time.
+    """Take the metrics at every edge, a batch of images in memory at a time.
 
     Args:
         frames: of `FRAMES_SCHEMA`, rows in any order, in memory or stored.
@@ -185,7 +184,7 @@ COLUMNS = ("recording", REFERENCE_COLUMN, OUTSIDE_COLUMN)
 Histograms = NDArray[np.float64]
 
 
-class ThresholdFreeFigures(BaseModel):
+class ThresholdFreeMetrics(BaseModel):
     """What a likelihood is worth at all thresholds together.
 
     Attributes:
@@ -198,15 +197,15 @@ class ThresholdFreeFigures(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    auprc: Figure
+    auprc: Metric
     auprc_bounds: tuple[Ratio, Ratio]
-    fpr95: Figure
+    fpr95: Metric
     fpr95_bounds: tuple[Ratio, Ratio]
     images: int
 
 
-def threshold_free_figures(batches: Iterable[pa.RecordBatch]) -> ThresholdFreeFigures | None:
-    """Take the figures, one batch of images in memory at a time.
+def threshold_free_metrics(batches: Iterable[pa.RecordBatch]) -> ThresholdFreeMetrics | None:
+    """Take the metrics, one batch of images in memory at a time.
 
     Args:
         batches: of the columns `COLUMNS` of the frames table; the histograms null where there is none.
@@ -223,9 +222,9 @@ def threshold_free_figures(batches: Iterable[pa.RecordBatch]) -> ThresholdFreeFi
         return None
     of_recording = np.array([sums[name] for name in sorted(sums)], dtype=np.float64)  # (S, 2, BINS)
     positive, negative = of_recording.sum(axis=0)
-    fpr95 = _figure(_rate_at_recall, of_recording, cases=int(negative.sum()))
-    return ThresholdFreeFigures(
-        auprc=_figure(_average_precision, of_recording, cases=int(positive.sum())),
+    fpr95 = _metric(_rate_at_recall, of_recording, cases=int(negative.sum()))
+    return ThresholdFreeMetrics(
+        auprc=_metric(_average_precision, of_recording, cases=int(positive.sum())),
         auprc_bounds=_precision_bounds(positive, negative),
         fpr95=fpr95,
         fpr95_bounds=(float(_rate_at_recall(positive, negative, least=True)), fpr95.value),
@@ -247,8 +246,8 @@ def _sums_by_recording(batches: Iterable[pa.RecordBatch]) -> tuple[dict[str, His
     return sums, images
 
 
-def _figure(taken: Callable[[Histograms, Histograms], Histograms], of_recording: Histograms, *, cases: int) -> Figure:
-    """A figure with its interval, from (S, 2, BINS); the recordings that count are those that hold positives."""
+def _metric(taken: Callable[[Histograms, Histograms], Histograms], of_recording: Histograms, *, cases: int) -> Metric:
+    """A metric with its interval, from (S, 2, BINS); the recordings that count are those that hold positives."""
     whole, recordings = of_recording.sum(axis=0), int(np.count_nonzero(of_recording[:, 0].any(axis=1)))
     value, interval = float(taken(*whole)), None
     if recordings >= FEWEST_RECORDINGS:
@@ -256,7 +255,7 @@ def _figure(taken: Callable[[Histograms, Histograms], Histograms], of_recording:
         pixels = of_recording.sum(axis=(1, 2))
         if np.isfinite(without).all():
             interval = jackknife(value, without, shares=pixels / pixels.sum()).interval(RATIO)
-    return Figure(value=value, ci95=interval, cases=cases, recordings=recordings)
+    return Metric(value=value, ci95=interval, cases=cases, recordings=recordings)
 
 
 def _average_precision(positive: Histograms, negative: Histograms) -> Histograms:

@@ -15,7 +15,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from bench.errors import DataError, UnknownNameError
 from bench.plain_yaml import parse_yaml
-from bench.reference.records import Category, MotionSettings, ReferenceSettings
+from bench.reference.records import SURFACE_PATCHES, Category, MotionSettings, OutlineErrors, ReferenceSettings
 
 
 def _edges(values: tuple[float, ...]) -> tuple[float, ...]:
@@ -55,20 +55,36 @@ class MotionRules(_Part):
         return self
 
 
+class UnknownBandRules(_Part):
+    """What makes outlines uncertain; see `OutlineErrors`."""
+
+    range_noise_m: NotNegative
+    angle_deg: NotNegative
+    position_m: NotNegative
+    limb_speed: dict[str, NotNegative]
+
+
 class ReferenceRules(_Part):
-    """Which objects are evaluated and how their polygons are built; see `ReferenceSettings`."""
+    """Which objects are evaluated and how their polygons are built; see `ReferenceSettings`.
+
+    Attributes:
+        polygon_kind: one of `POLYGON_KINDS`; "footprint" is what earlier versions called "surface-patches".
+        ground_clearance_above: the road alone, or also the bottom of the annotated shape; surface patches always do.
+    """
 
     range_limit_m: Positive
     ground_clearance_m: NotNegative
     min_points: Annotated[int, Field(ge=1)]
     min_polygon_px: Annotated[int, Field(ge=1)]
-    polygon_kind: Literal["convex", "concave", "footprint"]
+    polygon_kind: Literal["convex", "concave", "surface-patches", "footprint"]
     concave_ratio: Annotated[float, Field(ge=0, le=1)]
     classes: Annotated[tuple[str, ...], Field(min_length=1)]
     categories: Annotated[tuple[Category, ...], Field(min_length=1)]
     max_sweep_gap_ms: NotNegative
     max_annotation_gap_ms: NotNegative
     motion: MotionRules
+    ground_clearance_above: Literal["road", "shape"] = "road"
+    unknown_band: UnknownBandRules | None = None
 
 
 class ScoringRules(_Part):
@@ -126,20 +142,22 @@ class Protocol(_Part):
         return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
     def reference_settings(self) -> ReferenceSettings:
-        """What the reference room needs to know, in its units."""
+        """What the reference builder needs to know, in its units."""
         rules = self.reference
         return ReferenceSettings(
             range_limit_m=rules.range_limit_m,
             ground_clearance_m=rules.ground_clearance_m,
             min_points=rules.min_points,
             min_polygon_px=rules.min_polygon_px,
-            polygon_kind=rules.polygon_kind,
+            polygon_kind=SURFACE_PATCHES if rules.polygon_kind == "footprint" else rules.polygon_kind,
             concave_ratio=rules.concave_ratio,
             classes=rules.classes,
             categories=rules.categories,
             max_sweep_gap_ns=round(rules.max_sweep_gap_ms * 1e6),
             max_annotation_gap_ns=round(rules.max_annotation_gap_ms * 1e6),
             motion=_motion_settings(rules.motion),
+            clearance_above_shape=rules.ground_clearance_above == "shape",
+            outline=None if rules.unknown_band is None else _outline_errors(rules.unknown_band),
         )
 
     @property
@@ -193,4 +211,13 @@ def _motion_settings(rules: MotionRules) -> MotionSettings:
         ego_static_below_mps=rules.ego_static_mps,
         crossing_from_rad=math.radians(rules.crossing_from_deg),
         crossing_to_rad=math.radians(rules.crossing_to_deg),
+    )
+
+
+def _outline_errors(rules: UnknownBandRules) -> OutlineErrors:
+    return OutlineErrors(
+        range_noise_m=rules.range_noise_m,
+        angle_rad=math.radians(rules.angle_deg),
+        position_m=rules.position_m,
+        limb_speed=rules.limb_speed,
     )

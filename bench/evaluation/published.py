@@ -12,7 +12,7 @@ SOURCE = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PublishedFigures:
+class PublishedMetrics:
     """A row of the paper's table.
 
     Attributes:
@@ -29,8 +29,8 @@ class PublishedFigures:
     iou: float
 
 
-def _row(object_frames: int, detection_rate: float, tpr: float, iou: float) -> PublishedFigures:
-    return PublishedFigures(object_frames=object_frames, detection_rate=detection_rate, tpr=tpr, iou=iou)
+def _row(object_frames: int, detection_rate: float, tpr: float, iou: float) -> PublishedMetrics:
+    return PublishedMetrics(object_frames=object_frames, detection_rate=detection_rate, tpr=tpr, iou=iou)
 
 
 CATEGORIES = {

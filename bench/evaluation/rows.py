@@ -16,7 +16,8 @@ Row = dict[str, Any]
 
 _IMAGE_KEY = [("recording", pa.string()), ("camera", pa.string()), ("timestamp_ns", pa.int64())]
 
-# One row per annotated object per image, whatever its status. `tp`, `fn`, `fp` and `region_px` are 0 unless evaluated;
+# One row per annotated object per image, whatever its status. `tp`, `fn`, `fp`, `region_px` and `unknown_px` (pixels
+# beside the region that may be the object's) are 0 unless evaluated; `unknown_px` is null in tables of older versions.
 # `chance_tp` is null unless evaluated and where the recording is too short for another mask. Unknown speeds and places
 # are NaN, categories, directions and reasons that do not apply are null.
 OBJECTS_SCHEMA = pa.schema(
@@ -40,6 +41,7 @@ OBJECTS_SCHEMA = pa.schema(
         ("fn", pa.int64()),
         ("fp", pa.int64()),
         ("chance_tp", pa.int64()),
+        ("unknown_px", pa.int64()),
     ]
 )
 
@@ -142,6 +144,7 @@ def _object_row(item: ReferenceObject, counts: ObjectCounts) -> Row:
         "points": item.points,
         "polygon_px": item.polygon_px,
         "region_px": counts.tp + counts.fn,
+        "unknown_px": item.unknown_px,
         "tp": counts.tp,
         "fn": counts.fn,
         "fp": counts.fp,

@@ -8,9 +8,9 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from bench.evaluation.counts import ChanceScorer, Regions, count_by_cell, count_frame, sum_by_kind, take_apart
-from bench.evaluation.image_maps import ImageMap, ImageMapSums
+from bench.evaluation.counts import ChanceScorer, Regions, count_by_cell, count_frame, find_regions, sum_by_kind
 from bench.evaluation.likelihood import LikelihoodCounts, count_likelihood
+from bench.evaluation.maps import ImageMap, ImageMapSums
 from bench.evaluation.protocol import Protocol
 from bench.evaluation.rows import Row, frame_row, frames_table, object_rows, objects_table, unscored_frame_row
 from bench.methods.contract import Segmentation
@@ -41,7 +41,7 @@ class SequenceScorer:
         """
         height, width = reference.valid.shape
         detected = segmentation.mask_at(width, height)
-        regions = take_apart(reference, detected)
+        regions = find_regions(reference, detected)
         frame, objects = count_frame(
             reference,
             detected,

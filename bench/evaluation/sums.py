@@ -11,16 +11,14 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bench.evaluation.protocol import Protocol
-from bench.evaluation.row_source import Rows, RowSource, as_source, read_parts
-from bench.evaluation.slices import IMAGE, Columns, Split, frame_splits, object_splits
-from bench.evaluation.summary import FrameLedger, ObjectLedger
-from bench.reference.records import IgnoreReason, Status
+from bench.evaluation.row_source import IMAGE, Columns, Rows, RowSource, as_source, read_parts
+from bench.evaluation.slices import Split, frame_splits, object_splits
 
 Column = NDArray[np.float64]
-Ratio = tuple[str, str]  # names of the terms above and below
+SumRatio = tuple[str, str]  # names of the accumulators above and below
 
-# Figures of `object_figures` and of the score sheet by name.
-OBJECT_RATIOS: dict[str, Ratio] = {
+# Metrics of `object_metrics` and of the sums per recording by name.
+OBJECT_RATIOS: dict[str, SumRatio] = {
     "detection_rate": ("detected", "every"),
     "chance": ("chance_detected", "with_chance"),
     "tpr": ("coverage_detected", "detected"),
@@ -28,23 +26,24 @@ OBJECT_RATIOS: dict[str, Ratio] = {
     "iou": ("iou", "every"),
     "iou_detected": ("iou_detected", "detected"),
 }
-FALSE_POSITIVE_RATIOS: dict[str, Ratio] = {
+FALSE_POSITIVE_RATIOS: dict[str, SumRatio] = {
     "coverage": ("share", "every"),
     "coverage_valid": ("share_valid", "seeing"),
     "frame_rate": ("large", "every"),
     "components_per_frame": ("components", "every"),
 }
-SEGMENTATION_RATIOS: dict[str, Ratio] = {
+SEGMENTATION_RATIOS: dict[str, SumRatio] = {
     "iou": ("tp", "tp_fp_fn"),
     "precision": ("tp", "tp_fp"),
     "recall": ("tp", "tp_fn"),
     "f1": ("twice_tp", "twice_tp_fp_fn"),
 }
-MEANS = frozenset({"components"})  # terms above a ratio that is no share: it may exceed 1
+UNKNOWN_RATIO: dict[str, SumRatio] = {"unknown_share": ("unknown", "every")}  # of protocols with unknown bands
+MEANS = frozenset({"components"})  # accumulators above a ratio that is no share: it may exceed 1
 CAUSE = "cause="  # before the name of a cause; over "fp"
 
 
-def level_ratios(levels: tuple[float, ...]) -> dict[str, Ratio]:
+def level_ratios(levels: tuple[float, ...]) -> dict[str, SumRatio]:
     """The ratios of the detection levels, detection before chance."""
     names = [f"{100 * level:g}" for level in levels]
     return {f"detection_rate_{name}": (f"detected_{name}", "every") for name in names} | {
@@ -52,8 +51,8 @@ def level_ratios(levels: tuple[float, ...]) -> dict[str, Ratio]:
     }
 
 
-def object_terms(evaluated: Columns, *, levels: tuple[float, ...]) -> dict[str, Column]:
-    """Terms of each evaluated object-frame.
+def object_accumulators(evaluated: Columns, *, levels: tuple[float, ...]) -> dict[str, Column]:
+    """Accumulators of each evaluated object-frame.
 
     Source:
         Mariotti and Eising 2020, section IV: detection rate, and TPR over the detected object-frames.
@@ -62,7 +61,8 @@ def object_terms(evaluated: Columns, *, levels: tuple[float, ...]) -> dict[str, 
     seen, with_chance = detected(tp), ~np.isnan(chance_tp)
     covered, overlap = coverage(tp, fn), intersection_over_union(tp, fp, fn)
     by_chance = chance_tp / (tp + fn)
-    terms = {
+    unknown = np.nan_to_num(evaluated.numbers("unknown_px"))  # null in tables of older versions
+    accumulators = {
         "every": np.ones(len(tp)),
         "detected": _counted(seen),
         "with_chance": _counted(with_chance),
@@ -71,15 +71,16 @@ def object_terms(evaluated: Columns, *, levels: tuple[float, ...]) -> dict[str, 
         "coverage_detected": np.where(seen, covered, 0.0),
         "iou": overlap,
         "iou_detected": np.where(seen, overlap, 0.0),
+        "unknown": unknown / (tp + fn + unknown),
     }
     for level in levels:
-        terms[f"detected_{100 * level:g}"] = _counted(covered >= level)
-        terms[f"chance_detected_{100 * level:g}"] = _counted(by_chance >= level)
-    return terms
+        accumulators[f"detected_{100 * level:g}"] = _counted(covered >= level)
+        accumulators[f"chance_detected_{100 * level:g}"] = _counted(by_chance >= level)
+    return accumulators
 
 
-def frame_terms(scored: Columns) -> dict[str, Column]:
-    """Terms of each scored image-frame.
+def frame_accumulators(scored: Columns) -> dict[str, Column]:
+    """Accumulators of each scored image-frame.
 
     Source:
         Mariotti and Eising 2020, section IV: false-positive area over the total area of the image.
@@ -99,7 +100,7 @@ def frame_terms(scored: Columns) -> dict[str, Column]:
         "tp_fp_fn": tp + fp + fn,
         "twice_tp": 2 * tp,
         "twice_tp_fp_fn": 2 * tp + fp + fn,
-    } | _cause_terms(scored)
+    } | _cause_accumulators(scored)
 
 
 def detected(tp: Column) -> NDArray[np.bool_]:
@@ -119,7 +120,7 @@ def intersection_over_union(tp: Column, fp: Column, fn: Column) -> Column:
         return tp / (tp + fp + fn)
 
 
-def _cause_terms(scored: Columns) -> dict[str, Column]:
+def _cause_accumulators(scored: Columns) -> dict[str, Column]:
     rows, keys, px = scored.pairs("fp_by_cause")
     encoded = keys.dictionary_encode()
     codes, has_false = encoded.indices.to_numpy(zero_copy_only=False), scored.numbers("fp_px") > 0
@@ -138,34 +139,39 @@ def _counted(flags: NDArray[np.bool_]) -> Column:
     return flags.astype(np.float64)
 
 
-Terms = Mapping[str, Column]
+Accumulators = Mapping[str, Column]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SliceSums:
-    """Sums of some terms over the rows of each slice of a split, by recording.
+    """Sums of some accumulators over the rows of each slice of a split, by recording.
 
     Attributes:
         names: of the slices, K of them.
         rows: (S, K) int64, how many there are.
         tracks: (S, K) int64, objects that they come from; 0 for image-frames.
-        terms: name -> (S, K) float64.
+        accumulators: name -> (S, K) float64.
     """
 
     names: tuple[str, ...]
     rows: NDArray[np.int64]
     tracks: NDArray[np.int64]
-    terms: dict[str, NDArray[np.float64]]
+    accumulators: dict[str, NDArray[np.float64]]
 
 
 def sum_slices(
-    split: Split, terms: Terms, *, recording: NDArray[np.int64], recordings: int, track: NDArray[np.int64] | None
+    split: Split,
+    accumulators: Accumulators,
+    *,
+    recording: NDArray[np.int64],
+    recordings: int,
+    track: NDArray[np.int64] | None,
 ) -> SliceSums:
     """Add up the rows of each recording and slice, in their order.
 
     Args:
         split: of N rows.
-        terms: name -> (N,) float64.
+        accumulators: name -> (N,) float64.
         recording: (N,) int64, number of each row's recording.
         recordings: how many there are.
         track: (N,) int64, number of each row's object within all recordings; None for image-frames.
@@ -189,7 +195,7 @@ def sum_slices(
         names=split.names,
         rows=added(None).astype(np.int64),
         tracks=tracks,
-        terms={name: added(values) for name, values in terms.items()},
+        accumulators={name: added(values) for name, values in accumulators.items()},
     )
 
 
@@ -197,14 +203,14 @@ def place_sums(parts: Iterable[tuple[NDArray[np.int64], SliceSums]], *, recordin
     """Lay parts of other recordings beside each other.
 
     Args:
-        parts: (S',) int64 numbers of the recordings of a part, and their sums; no recording in two parts, terms that
-            a part does not have are 0 there.
+        parts: (S',) int64 numbers of the recordings of a part, and their sums; no recording in two parts. Accumulators
+            that a part does not have are 0 there.
         recordings: how many there are in all.
     """
     held = list(parts)
     assert held, "at least one part"
     first = held[0][1]
-    names = sorted({name for _, sums in held for name in sums.terms})
+    names = sorted({name for _, sums in held for name in sums.accumulators})
 
     def placed(tables: Sequence[NDArray[np.float64] | NDArray[np.int64] | None]) -> NDArray[np.float64]:
         whole = np.zeros((recordings, len(first.names)))
@@ -217,7 +223,7 @@ def place_sums(parts: Iterable[tuple[NDArray[np.int64], SliceSums]], *, recordin
         names=first.names,
         rows=placed([sums.rows for _, sums in held]).astype(np.int64),
         tracks=placed([sums.tracks for _, sums in held]).astype(np.int64),
-        terms={name: placed([sums.terms.get(name) for _, sums in held]) for name in names},
+        accumulators={name: placed([sums.accumulators.get(name) for _, sums in held]) for name in names},
     )
 
 
@@ -250,38 +256,6 @@ class RowLedger:
         return RowLedger(statuses=self.statuses + _by_status(more.items()), reasons=self.reasons + more)
 
 
-def object_ledger(ledger: RowLedger) -> ObjectLedger:
-    """The ledger of the objects table."""
-    status = ledger.statuses
-    reasons = {reason: ledger.reasons[Status.IGNORED.value, reason.value] for reason in IgnoreReason}
-    found = ObjectLedger(
-        annotated=ledger.rows,
-        evaluated=status[Status.EVALUATED.value],
-        static=status[Status.STATIC.value],
-        ignored={reason.value: count for reason, count in reasons.items() if count},
-    )
-    ended = found.evaluated + found.static + sum(found.ignored.values())
-    assert ended == found.annotated, "every annotated object is evaluated, static or ignored for a known reason"
-    return found
-
-
-def frame_ledger(ledger: RowLedger) -> FrameLedger:
-    """The ledger of the frames table; the problems by their message."""
-    status, problems = ledger.statuses, Counter[str]()
-    for (_, problem), count in ledger.reasons.items():
-        if problem:
-            problems[problem] += count
-    found = FrameLedger(
-        images=ledger.rows,
-        evaluated=status["evaluated"],
-        failed=status["failed"],
-        skipped=status["skipped"],
-        problems=dict(sorted(problems.items())),
-    )
-    assert found.evaluated + found.failed + found.skipped == found.images, "every image is scored or accounted for"
-    return found
-
-
 def _by_status(counted: Iterable[tuple[tuple[str, str], int]]) -> Counter[str]:
     statuses: Counter[str] = Counter()
     for (status, _), count in counted:
@@ -291,7 +265,7 @@ def _by_status(counted: Iterable[tuple[tuple[str, str], int]]) -> Counter[str]:
 
 OBJECT_COLUMNS = (
     *("recording", "camera", "timestamp_ns", "track_id", "object_class", "status", "reason", "category"),
-    *("range_m", "ego_speed_mps", "points", "tp", "fn", "fp", "chance_tp"),
+    *("range_m", "ego_speed_mps", "points", "tp", "fn", "fp", "chance_tp", "unknown_px"),
 )
 FRAME_COLUMNS = (
     *("recording", "camera", "timestamp_ns", "ego_speed_mps", "status", "problem", "width", "height", "valid_px"),
@@ -302,7 +276,7 @@ EVALUATED = "evaluated"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RunSums:
-    """Everything that the figures, the score sheet and the ledgers of a run are made of.
+    """Everything that the metrics, the sums per recording and the ledgers of a run are made of.
 
     Attributes:
         recordings: S names of those with scored images, sorted.
@@ -338,13 +312,13 @@ def sum_run(objects: Rows, frames: Rows, *, protocol: Protocol, rows_at_once: in
     frame_parts = _Parts()
     for part in _canonical_parts(of_frames, FRAME_COLUMNS, key=IMAGE, rows_at_once=rows_at_once):
         scored = frame_parts.account(part, reasons="problem")
-        frame_parts.add(scored, frame_terms(scored), frame_splits(scored, protocol=protocol, cameras=cameras))
+        frame_parts.add(scored, frame_accumulators(scored), frame_splits(scored, protocol=protocol, cameras=cameras))
 
     object_parts = _Parts()
     for part in _canonical_parts(of_objects, OBJECT_COLUMNS, key=[*IMAGE, "track_id"], rows_at_once=rows_at_once):
         evaluated = object_parts.account(part, reasons="reason")
         splits = object_splits(evaluated, protocol=protocol, cameras=cameras)
-        object_parts.add(evaluated, object_terms(evaluated, levels=levels), splits, tracks=True)
+        object_parts.add(evaluated, object_accumulators(evaluated, levels=levels), splits, tracks=True)
 
     recordings = tuple(sorted(frame_parts.recordings))
     assert object_parts.recordings <= set(recordings), "objects lie in scored images"
@@ -381,7 +355,12 @@ class _Parts:
         return part.take(part.is_word("status", EVALUATED))
 
     def add(
-        self, rows: Columns, terms: dict[str, NDArray[np.float64]], splits: dict[str, Split], *, tracks: bool = False
+        self,
+        rows: Columns,
+        accumulators: dict[str, NDArray[np.float64]],
+        splits: dict[str, Split],
+        *,
+        tracks: bool = False,
     ) -> None:
         """Take in the scored rows of a part."""
         codes, names = rows.words("recording")
@@ -389,7 +368,7 @@ class _Parts:
         present = tuple(names[number] for number in numbers.tolist())
         track = rows.words("track_id")[0] if tracks else None
         sums = {
-            name: sum_slices(split, terms, recording=recording, recordings=len(present), track=track)
+            name: sum_slices(split, accumulators, recording=recording, recordings=len(present), track=track)
             for name, split in splits.items()
         }
         assert not self.recordings & set(present), "no recording is in two parts"
@@ -398,8 +377,8 @@ class _Parts:
 
     def placed(self, recordings: Sequence[str]) -> dict[str, SliceSums]:
         """The sums of all parts, by split."""
-        place = {name: number for number, name in enumerate(recordings)}
-        parts = [(np.array([place[n] for n in names], dtype=np.int64), sums) for names, sums in self._held]
+        number = {name: index for index, name in enumerate(recordings)}
+        parts = [(np.array([number[n] for n in names], dtype=np.int64), sums) for names, sums in self._held]
         return {
             split: place_sums([(numbers, sums[split]) for numbers, sums in parts], recordings=len(recordings))
             for split in self._held[0][1]

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from bench.errors import UsageError
-from bench.evaluation.score_sheet import ScoreSheet, score_sheet
+from bench.evaluation.recording_sums import RecordingSums, recording_sums
 from bench.evaluation.summary import ProtocolStamp
 from bench.harness import open_tables, read_protocol, read_run
 from bench.harness.method_stamp import MethodStamp
@@ -74,7 +74,7 @@ class ScoredRun(FileModel):
     data_fingerprint: str
     origin: Origin
     failures: tuple[str, ...] = ()
-    sheet: ScoreSheet
+    sheet: RecordingSums
 
 
 def scored_run(run: Path) -> ScoredRun:
@@ -96,7 +96,7 @@ def scored_run(run: Path) -> ScoredRun:
         data_fingerprint=summary.provenance.data_fingerprint,
         origin=Origin(**{name: getattr(summary.provenance, name) for name in Origin.model_fields}),
         failures=summary.failures,
-        sheet=score_sheet(objects, frames, protocol=protocol),
+        sheet=recording_sums(objects, frames, protocol=protocol),
     )
 
 

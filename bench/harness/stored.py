@@ -31,16 +31,15 @@ from bench.evaluation import (
     FRAMES_SCHEMA,
     OBJECTS_SCHEMA,
     ImageMap,
-    ObjectFigures,
+    ObjectMetrics,
     Protocol,
     Summary,
-    ThresholdFreeFigures,
+    ThresholdFreeMetrics,
     load_protocol,
-    threshold_free_figures,
+    threshold_free_metrics,
 )
 from bench.evaluation.likelihood import COLUMNS as THRESHOLD_FREE_COLUMNS
-from bench.evaluation.row_source import BATCH_ROWS, Rows, as_source, count_words, read_parts
-from bench.evaluation.slices import Columns
+from bench.evaluation.row_source import BATCH_ROWS, Columns, Rows, as_source, count_words, read_parts
 from bench.evaluation.sums import level_ratios
 from bench.harness.method_stamp import MethodStamp
 from bench.harness.provenance import Provenance
@@ -49,7 +48,7 @@ from bench.recordings import write_text
 from bench.recordings.sealed_json import read_sealed, write_sealed
 
 HISTOGRAMS = frozenset({"likelihood_reference_px", "likelihood_outside_px"})
-LATER_COLUMNS = HISTOGRAMS  # not in the first runs of version 1
+LATER_COLUMNS = HISTOGRAMS | {"unknown_px"}  # not in the first runs of version 1
 RECORDING = "recording"
 READ_ROWS = 8192  # at a time: a row of frames with its histograms takes 2 kB
 
@@ -234,7 +233,7 @@ class RunSummary(Summary):
     vehicle_outline_m: tuple[tuple[float, float], ...]
     failures: tuple[str, ...]
     caveats: str = ""
-    threshold_free: ThresholdFreeFigures | None = None
+    threshold_free: ThresholdFreeMetrics | None = None
     files: dict[Table, str] = Field(default_factory=dict)
 
 
@@ -253,14 +252,14 @@ def read_tables(run: Path, *, histograms: bool = True) -> tuple[pa.Table, pa.Tab
     return objects.table(), frames.table(unread=frozenset() if histograms else HISTOGRAMS)
 
 
-def read_threshold_free(run: Path) -> ThresholdFreeFigures | None:
+def read_threshold_free(run: Path) -> ThresholdFreeMetrics | None:
     """Take the threshold-free metrics of a run from its frames, some hundred of them in memory at a time.
 
     Raises:
         DataError: the frames are missing or damaged.
     """
     _, frames = open_tables(run)
-    return threshold_free_figures(frames.batches(THRESHOLD_FREE_COLUMNS, rows=BATCH_IMAGES))
+    return threshold_free_metrics(frames.batches(THRESHOLD_FREE_COLUMNS, rows=BATCH_IMAGES))
 
 
 def read_image_maps(run: Path) -> dict[str, ImageMap]:
@@ -303,12 +302,12 @@ def read_protocol(run: Path, summary: RunSummary) -> Protocol:
             got=f"{protocol.name!r} with digest {protocol.digest[:12]}",
         )
     rows = {str(category) for category in protocol.reference.categories}
-    figures = {*ObjectFigures.model_fields, *level_ratios(protocol.scoring.detection_levels)}
+    figures = {*ObjectMetrics.model_fields, *level_ratios(protocol.scoring.detection_levels)}
     if rows != summary.categories.keys():
         got = ", ".join(summary.categories)
         raise DataError(run / SUMMARY, field="categories", expected=", ".join(sorted(rows)), got=got)
     for name, row in (*summary.categories.items(), ("all_moving", summary.all_moving)):
-        if missing := sorted(figures - set(row.figure_names()) - {"object_frames", "tracks", "recordings"}):
+        if missing := sorted(figures - set(row.metric_names()) - {"object_frames", "tracks", "recordings"}):
             raise DataError(run / SUMMARY, field=name, expected="the metrics of its protocol", got=f"no {missing[0]}")
     return protocol
 

@@ -10,11 +10,13 @@ Source:
 
 from bench.reference.build import ReferenceBuilder, visible_region
 from bench.reference.records import (
+    POLYGON_KINDS,
     Category,
     Direction,
     IgnoreReason,
     MotionSettings,
     ObjectGeometry,
+    OutlineErrors,
     ReferenceFrame,
     ReferenceObject,
     ReferenceSettings,
@@ -22,11 +24,13 @@ from bench.reference.records import (
 )
 
 __all__ = [
+    "POLYGON_KINDS",
     "Category",
     "Direction",
     "IgnoreReason",
     "MotionSettings",
     "ObjectGeometry",
+    "OutlineErrors",
     "ReferenceBuilder",
     "ReferenceFrame",
     "ReferenceObject",

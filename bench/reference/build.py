@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import sqrt
 
 import numpy as np
 import shapely
@@ -13,30 +14,32 @@ from bench.cameras import ray_grid
 from bench.errors import UsageError
 from bench.geometry import RigidTransform
 from bench.recordings.records import ImageRef, MountedCamera, Recording
-from bench.reference.clusters import Cluster, object_cluster, parts_at_exposure
-from bench.reference.footprint import footprint_polygon, traced_polygon
+from bench.reference.clusters import SECOND_NS, Cluster, object_cluster, parts_at_exposure
 from bench.reference.masks import mask_reference
-from bench.reference.motion import categorise, relative_direction
-from bench.reference.patches import find_grid, reach_bounds, surface_patches
-from bench.reference.polygons import Raster, bounding_polygon, compose, rasterise
+from bench.reference.motion import AnnotatedObject, AnnotationIndex, categorise, relative_direction
+from bench.reference.patches import patch_polygon, patch_raster
+from bench.reference.polygons import Raster, bounding_polygon, rasterise, trace_polygon
 from bench.reference.records import (
+    SURFACE_PATCHES,
     Category,
     IgnoreReason,
     ObjectGeometry,
+    OutlineErrors,
     ReferenceFrame,
     ReferenceObject,
     ReferenceSettings,
     Status,
 )
-from bench.reference.sightings import Sighting, SightingIndex
+from bench.reference.regions import Region, compose, limb_motion_m, outline_error_px, uncertain_region, without_band
+from bench.reference.scanned import ScannedObject
 from bench.reference.silhouette import silhouette
-from bench.reference.sweeps import PlacedSweep, SweepShelf, slopes_of
+from bench.reference.sweeps import PlacedSweep, SweepCache
 
 SOLID_CLASSES = ("vehicle",)  # seen through their windows at most, which belong to them
 
 
 def visible_region(camera: MountedCamera) -> NDArray[np.bool_]:
-    """V: pixels inside the lens's field and off the host's own body, (H, W) bool."""
+    """V: pixels inside the lens's field and off the ego vehicle's own body, (H, W) bool."""
     valid = ray_grid(camera.model).valid
     return valid.copy() if camera.ego_body is None else valid & ~camera.ego_body
 
@@ -58,12 +61,12 @@ class _Measured:
 
     Attributes:
         reference: without its region.
-        raster: pixels of its polygon inside V; None without a polygon.
+        region: its pixels inside V; None without a polygon.
         distance_m: what orders the objects; infinite where nothing tells.
     """
 
     reference: ReferenceObject
-    raster: Raster | None
+    region: Region | None
     distance_m: float
 
 
@@ -80,10 +83,13 @@ class ReferenceBuilder:
         self.recording, self.settings = recording, settings
         self.camera = recording.cameras[camera]
         self.valid = visible_region(self.camera)
-        self._index = SightingIndex(recording, settings)
-        self._shelf = SweepShelf(recording, settings.max_sweep_gap_ns)
+        self._index = AnnotationIndex(recording, settings)
+        self._sweeps = SweepCache(recording, settings.max_sweep_gap_ns)
         ground_m = float(self.camera.vehicle_from_camera.translation_m[2]) - self.camera.road.height_m
         self._lowest_m = ground_m + settings.ground_clearance_m
+        above_shape = settings.clearance_above_shape or settings.polygon_kind == SURFACE_PATCHES
+        self._clearance_m = settings.ground_clearance_m if above_shape else 0.0
+        self._sweep_interval_ns = _sweep_interval_ns(recording)
 
     def build(self, image: ImageRef) -> ReferenceFrame:
         """The reference of one image.
@@ -101,9 +107,9 @@ class ReferenceBuilder:
                 valid=self.valid,
                 settings=self.settings,
             )
-        found = [self._measure(sighting, exposure) for sighting in self._index.at(image.timestamp_ns)]
+        found = [self._measure(annotated, exposure) for annotated in self._index.at(image.timestamp_ns)]
         found.sort(key=lambda one: (one.distance_m, one.reference.track_id))  # nearest first
-        objects, labels, ignored = compose([(one.reference, one.raster) for one in found], self.valid)
+        objects, labels, ignored = compose([(one.reference, one.region) for one in found], self.valid)
         return ReferenceFrame(
             recording=self.recording.name,
             camera=image.camera,
@@ -149,26 +155,29 @@ class ReferenceBuilder:
             ego_velocity_mps=self.recording.trajectory.velocity_vehicle_mps(timestamp_ns),
         )
 
-    def _measure(self, sighting: Sighting, exposure: _Exposure) -> _Measured:
-        cluster, placed = self._cluster(sighting, exposure)
+    def _measure(self, annotated: AnnotatedObject, exposure: _Exposure) -> _Measured:
+        cluster, placed = self._cluster(annotated, exposure)
         points_world = cluster.points_world
         pixels, points = self._projected(points_world, exposure)
         distance_m = range_m = _nearest_m(points_world, exposure.camera_position_m)
         if points >= self.settings.min_points and placed is not None:
-            polygon = self._scanned(cluster, placed, sighting, exposure, pixels)
+            scanned = ScannedObject(cluster=cluster, placed=placed, parts_world=self._parts(annotated, exposure))
+            polygon = self._scanned_polygon(scanned, annotated.track.object_class, exposure)
             raster = self._raster(polygon)
+            region = None if raster is None else self._region(raster, scanned, annotated, exposure)
         else:
-            parts_world = self._parts(sighting, exposure)
+            parts_world = self._parts(annotated, exposure)
             polygon, raster = self._annotated(parts_world, exposure, pixels)
+            region = None if raster is None else without_band(raster)
             distance_m = _away_m(parts_world, exposure.camera_position_m) if np.isnan(range_m) else range_m
-        motion_vehicle = exposure.vehicle_from_world.rotate(sighting.smooth_world_mps)
+        motion_vehicle = exposure.vehicle_from_world.rotate(annotated.smooth_world_mps)
         known = bool(np.isfinite(motion_vehicle).all())
         reference = ReferenceObject(
-            track_id=sighting.track.track_id,
-            object_class=sighting.track.object_class,
+            track_id=annotated.track.track_id,
+            object_class=annotated.track.object_class,
             status=Status.EVALUATED,
             reason=None,
-            category=self._category(sighting, motion_vehicle, exposure),
+            category=self._category(annotated, motion_vehicle, exposure),
             direction=relative_direction(motion_vehicle, exposure.ego_velocity_mps) if known else None,
             speed_mps=float(np.hypot(*motion_vehicle[:2])),
             range_m=range_m,
@@ -179,33 +188,33 @@ class ReferenceBuilder:
             region_px=0,
         )
         return _Measured(
-            reference=self._judged(reference, sighting, swept=placed is not None),
-            raster=raster,
+            reference=self._with_status(reference, region, annotated, swept=placed is not None),
+            region=region,
             distance_m=np.inf if np.isnan(distance_m) else distance_m,
         )
 
-    def _cluster(self, sighting: Sighting, exposure: _Exposure) -> tuple[Cluster, PlacedSweep | None]:
+    def _cluster(self, annotated: AnnotatedObject, exposure: _Exposure) -> tuple[Cluster, PlacedSweep | None]:
         """Lidar points on the object at exposure, and the sweep they come from."""
-        placed = self._shelf.take(sighting.state.shape, exposure.timestamp_ns)
+        placed = self._sweeps.nearest(annotated.state.shape, exposure.timestamp_ns)
         if placed is None:
             return Cluster(points_world=np.empty((0, 3)), rows=np.empty(0, dtype=np.intp)), None
         cluster = object_cluster(
             placed,
-            sighting.state,
-            velocity_world_mps=sighting.velocity_world_mps,
-            world_from_vehicle=sighting.world_from_vehicle,
+            annotated.state,
+            velocity_world_mps=annotated.velocity_world_mps,
+            world_from_vehicle=annotated.world_from_vehicle,
             exposure_ns=exposure.timestamp_ns,
             lowest_m=self._lowest_m,
-            clearance_m=self.settings.ground_clearance_m if self.settings.polygon_kind == "footprint" else 0.0,
+            clearance_m=self._clearance_m,
         )
         return cluster, placed
 
-    def _parts(self, sighting: Sighting, exposure: _Exposure) -> NDArray[np.float64]:
+    def _parts(self, annotated: AnnotatedObject, exposure: _Exposure) -> NDArray[np.float64]:
         """The annotated shape at exposure, (P, K, 3) float64, m, corners of convex bodies, world frame."""
         return parts_at_exposure(
-            sighting.state,
-            velocity_world_mps=sighting.velocity_world_mps,
-            world_from_vehicle=sighting.world_from_vehicle,
+            annotated.state,
+            velocity_world_mps=annotated.velocity_world_mps,
+            world_from_vehicle=annotated.world_from_vehicle,
             exposure_ns=exposure.timestamp_ns,
         )
 
@@ -217,7 +226,7 @@ class ReferenceBuilder:
             hull = self._polygon(pixels, kind="convex")
             return hull, self._raster(hull)
         window, covered = silhouette(exposure.camera_from_world.apply(parts_world), self.camera.model)
-        polygon = traced_polygon(covered, np.array([window[1].start, window[0].start]))
+        polygon = trace_polygon(covered, np.array([window[1].start, window[0].start]))
         return polygon, None if polygon is None else Raster(window, covered & self.valid[window])
 
     def _projected(self, points_world: NDArray[np.float64], exposure: _Exposure) -> tuple[NDArray[np.float64], int]:
@@ -226,54 +235,73 @@ class ReferenceBuilder:
         inside = int(np.count_nonzero(self.camera.model.contains(pixels)))
         return pixels if valid.all() else pixels[valid], inside
 
-    def _scanned(
-        self,
-        cluster: Cluster,
-        placed: PlacedSweep,
-        sighting: Sighting,
-        exposure: _Exposure,
-        pixels: NDArray[np.float64],
-    ) -> Polygon | None:
+    def _scanned_polygon(self, scanned: ScannedObject, object_class: str, exposure: _Exposure) -> Polygon | None:
         """The polygon of the kind that the protocol asks for, from lidar points."""
-        if self.settings.polygon_kind != "footprint":
+        pixels, _ = self._projected(scanned.cluster.points_world, exposure)
+        if self.settings.polygon_kind != SURFACE_PATCHES:
             return self._polygon(pixels, kind=self.settings.polygon_kind)
-        patches_world = self._patches(cluster, placed, self._parts(sighting, exposure))
-        corners, valid = self.camera.model.project(exposure.camera_from_world.apply(patches_world.reshape(-1, 3)))
-        seen = valid[0::4] & valid[1::4] & valid[2::4] & valid[3::4]
-        patches_px = corners.reshape(-1, 4, 2)[seen]
-        found = footprint_polygon(
-            patches_px,
+        found = patch_polygon(
+            self._corner_pixels(scanned.patches_world(clearance_m=self.settings.ground_clearance_m), exposure),
             width=self.camera.model.width,
             height=self.camera.model.height,
-            solid=sighting.track.object_class in SOLID_CLASSES,
+            solid=object_class in SOLID_CLASSES,
         )
         return self._polygon(pixels, kind="concave") if found is None else found
 
-    def _patches(self, cluster: Cluster, placed: PlacedSweep, parts_world: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(N, 4, 3) float64, m, world frame: the surface that the returns stand for; empty if too few tell."""
-        points_beams = placed.points_beams(cluster.rows)
-        grid = find_grid(points_beams)
-        if grid is None:
-            return np.empty((0, 4, 3))
-        knot = np.searchsorted(placed.knots_ns, np.median(placed.times_ns[cluster.rows]))
-        patches = surface_patches(
-            points_beams,
-            cluster.points_world,
-            world_from_beams=placed.rotations[min(int(knot), len(placed.rotations) - 1)]
-            @ placed.lidar_from_beams.rotation,
-            grid=grid,
+    def _corner_pixels(self, patches_world: NDArray[np.float64], exposure: _Exposure) -> NDArray[np.float64]:
+        """(N, 4, 2) float64, px, of the patches, (M, 4, 3), that the lens can see whole."""
+        corners, valid = self.camera.model.project(exposure.camera_from_world.apply(patches_world.reshape(-1, 3)))
+        seen = valid[0::4] & valid[1::4] & valid[2::4] & valid[3::4]
+        return corners.reshape(-1, 4, 2)[seen]
+
+    def _region(
+        self, raster: Raster, scanned: ScannedObject, annotated: AnnotatedObject, exposure: _Exposure
+    ) -> Region:
+        """The pixels of a scanned object, for certain and possibly; the same for a protocol without unknown bands."""
+        errors, camera, camera_from_world = self.settings.outline, self.camera.model, exposure.camera_from_world
+        if errors is None:
+            return without_band(raster)
+        half_width_px = outline_error_px(
+            camera_from_world.apply(scanned.cluster.points_world),
+            camera_from_world.apply(scanned.world_from_sensor.translation_m),
+            unknown_motion_m=self._unknown_motion_m(scanned, annotated, exposure, errors),
+            region_px=int(np.count_nonzero(raster.covered)),
+            camera=camera,
+            errors=errors,
         )
-        if not len(parts_world):
-            return patches
-        slopes, (lowest, highest) = slopes_of(points_beams), placed.slope_range
-        return reach_bounds(
-            patches,
-            at_lowest_beam=slopes < lowest + grid.row_step_rad / 2,
-            at_highest_beam=slopes > highest - grid.row_step_rad / 2,
-            bottom_m=float(parts_world[..., 2].min()),
-            top_m=float(parts_world[..., 2].max()),
-            clearance_m=self.settings.ground_clearance_m,
+        certain = gaps = unseen = None
+        if scanned.grid is not None and annotated.track.object_class not in SOLID_CLASSES:
+            clearance_m = self.settings.ground_clearance_m
+            certain = self._patch_raster(scanned.certain_patches_world(clearance_m=clearance_m), exposure)
+            gaps = self._patch_raster(scanned.gaps_world(), exposure)
+        if len(unseen_world := scanned.unseen_world()):
+            unseen = silhouette(camera_from_world.apply(unseen_world), camera)
+        return uncertain_region(
+            raster, self.valid, half_width_px=half_width_px, certain=certain, gaps=gaps, unseen=unseen
         )
+
+    def _patch_raster(self, patches_world: NDArray[np.float64], exposure: _Exposure) -> Raster:
+        pixels = self._corner_pixels(patches_world, exposure)
+        return patch_raster(pixels, width=self.camera.model.width, height=self.camera.model.height)
+
+    def _unknown_motion_m(
+        self, scanned: ScannedObject, annotated: AnnotatedObject, exposure: _Exposure, errors: OutlineErrors
+    ) -> NDArray[np.float64]:
+        """(N,) float64, m: standard deviation of how far each return moved in ways that nothing tells."""
+        cluster, placed = scanned.cluster, scanned.placed
+        velocity_mps = np.nan_to_num(annotated.velocity_world_mps)
+        limb_mps = errors.limb_speed.get(annotated.track.object_class, 0.0) * float(np.hypot(*velocity_mps[:2]))
+        limbs_m = limb_motion_m(limb_mps, placed.times_ns[cluster.rows] - exposure.timestamp_ns)
+        if placed.sweep.time_offset_ns is not None:
+            return limbs_m
+        # When in the revolution was it met? At either end the object was elsewhere, seen from the vehicle.
+        half_ns = self._sweep_interval_ns // 2
+        ends_ns = placed.sweep.timestamp_ns + np.array([-half_ns, half_ns])
+        rotations, positions_m, _ = self.recording.trajectory.at(ends_ns)
+        centres_m = cluster.points_world.mean(axis=0) + velocity_mps * np.array([[-half_ns], [half_ns]]) / SECOND_NS
+        first_m, last_m = np.einsum("nji,nj->ni", rotations, centres_m - positions_m)
+        away_m = float(np.nan_to_num(np.linalg.norm(last_m - first_m)))
+        return np.asarray(np.hypot(limbs_m, away_m / sqrt(12)))
 
     def _polygon(self, pixels: NDArray[np.float64], *, kind: str) -> Polygon | None:
         return bounding_polygon(
@@ -292,23 +320,26 @@ class ReferenceBuilder:
         return Raster(window, covered & self.valid[window])
 
     def _category(
-        self, sighting: Sighting, motion_vehicle: NDArray[np.float64], exposure: _Exposure
+        self, annotated: AnnotatedObject, motion_vehicle: NDArray[np.float64], exposure: _Exposure
     ) -> Category | None:
         """As annotated, else from velocities; None where neither tells."""
-        if sighting.state.category is not None:
-            return Category(sighting.state.category)
+        if annotated.state.category is not None:
+            return Category(annotated.state.category)
         if not np.isfinite(motion_vehicle).all():
             return None
         return categorise(motion_vehicle, exposure.ego_velocity_mps, self.settings.motion)
 
-    def _judged(self, found: ReferenceObject, sighting: Sighting, *, swept: bool) -> ReferenceObject:
+    def _with_status(
+        self, found: ReferenceObject, region: Region | None, annotated: AnnotatedObject, *, swept: bool
+    ) -> ReferenceObject:
         """Evaluated, static, or ignored for the first reason that applies; occlusion comes later."""
-        settings, annotated = self.settings, sighting.state.category is not None
-        unclear = sighting.state.unclear
-        if found.category is not None and not unclear and not annotated and not sighting.moving:
+        settings, state = self.settings, annotated.state
+        certain_px = 0 if region is None else int(np.count_nonzero(region.core))
+        stationary = state.category is None and not annotated.moving
+        if found.category is not None and not state.unclear and stationary:
             return replace(found, status=Status.STATIC, category=None)
         reasons = {
-            IgnoreReason.UNCLEAR: unclear,
+            IgnoreReason.UNCLEAR: state.unclear,
             IgnoreReason.CLASS: found.object_class not in settings.classes,
             IgnoreReason.MOTION_UNKNOWN: found.category is None,
             IgnoreReason.CATEGORY: found.category not in settings.categories,
@@ -316,7 +347,7 @@ class ReferenceBuilder:
             IgnoreReason.NO_SWEEP: not swept,
             IgnoreReason.RANGE: found.range_m > settings.range_limit_m,
             IgnoreReason.FEW_POINTS: found.points < settings.min_points,
-            IgnoreReason.SMALL_POLYGON: found.polygon_px < settings.min_polygon_px,
+            IgnoreReason.SMALL_POLYGON: certain_px < settings.min_polygon_px,
         }
         reason = next((reason for reason, applies in reasons.items() if applies), None)
         return found if reason is None else replace(found, status=Status.IGNORED, reason=reason)
@@ -338,3 +369,9 @@ def _away_m(parts_world: NDArray[np.float64], position_m: NDArray[np.float64]) -
 
 def _mean(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(points.sum(axis=0) / len(points)) if len(points) else np.full(3, np.nan)
+
+
+def _sweep_interval_ns(recording: Recording) -> int:
+    """Time of a revolution of the lidar: the usual one between two sweeps; 0 for a single sweep."""
+    times_ns = [sweep.timestamp_ns for sweep in recording.sweeps]
+    return int(np.median(np.diff(times_ns))) if len(times_ns) > 1 else 0

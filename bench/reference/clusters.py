@@ -41,14 +41,14 @@ def object_cluster(
 ) -> Cluster:
     """The points on an object, moved to where they were at exposure.
 
-    Each point is freed of the lidar's own motion by the lidar's pose at the point's own time, then moved with the
+    Each point is compensated for the motion of the lidar by its pose at the point's own time, then moved with the
     object (constant velocity and yaw rate) to the time of the annotation, where the shape decides whether it
     belongs, and on to the exposure. Without this a point on a car at 10 m/s is off by up to a metre in a 10 Hz sweep.
 
     Args:
         placed: the sweep.
         state: the annotation.
-        velocity_world_mps: (3,) float64, of the object over the ground, world axes; NaN counts as standing.
+        velocity_world_mps: (3,) float64, of the object over the ground, world axes; NaN counts as stationary.
         world_from_vehicle: pose of the vehicle at the time of the annotation.
         exposure_ns: when the image was taken.
         lowest_m: points below this height in the vehicle frame are the road's; point indices are taken at their word.
@@ -86,7 +86,7 @@ def parts_at_exposure(
 
     Args:
         state: the annotation.
-        velocity_world_mps: (3,) float64, of the object over the ground, world axes; NaN counts as standing.
+        velocity_world_mps: (3,) float64, of the object over the ground, world axes; NaN counts as stationary.
         world_from_vehicle: pose of the vehicle at the time of the annotation.
         exposure_ns: when the image was taken.
 

@@ -36,7 +36,7 @@ def mask_reference(
         image: with a mask.
         camera: that took it.
         recording: name.
-        ego_speed_mps: of the host, >= 0.
+        ego_speed_mps: of the ego vehicle, >= 0.
         valid: (H, W) bool, the region V.
         settings: of the protocol.
 
@@ -44,16 +44,16 @@ def mask_reference(
         DataError: a mask that cannot be read, of another size, or that is noise.
     """
     moving = read_moving_mask(image, camera) & valid
-    count, component, told, _ = cv2.connectedComponentsWithStats(moving.astype(np.uint8), connectivity=8)
+    count, component, stats, _ = cv2.connectedComponentsWithStats(moving.astype(np.uint8), connectivity=8)
     if count - 1 > MOST_OBJECTS:
         expected = f"at most {MOST_OBJECTS} connected components"
         raise DataError(image.moving_path or image.path, expected=expected, got=str(count - 1))
-    found = [_Component(component == number, int(told[number, cv2.CC_STAT_AREA])) for number in range(1, count)]
+    found = [_Component(component == number, int(stats[number, cv2.CC_STAT_AREA])) for number in range(1, count)]
     found.sort(key=lambda part: -part.area_px)  # stable: equal ones stay in the order of their first rows
-    objects = tuple(_judged(part, number, settings) for number, part in enumerate(found, start=1))
+    objects = tuple(_object(part, number, settings) for number, part in enumerate(found, start=1))
     labels, ignored = np.zeros(valid.shape, dtype=np.int32), np.zeros(valid.shape, dtype=bool)
-    for number, (part, judged) in enumerate(zip(found, objects, strict=True), start=1):
-        if judged.status is Status.EVALUATED:
+    for number, (part, item) in enumerate(zip(found, objects, strict=True), start=1):
+        if item.status is Status.EVALUATED:
             labels[part.covered] = number
         else:
             ignored |= part.covered
@@ -75,7 +75,7 @@ class _Component:
     area_px: int
 
 
-def _judged(part: _Component, number: int, settings: ReferenceSettings) -> ReferenceObject:
+def _object(part: _Component, number: int, settings: ReferenceSettings) -> ReferenceObject:
     reasons = {
         IgnoreReason.CLASS: OBJECT_CLASS not in settings.classes,
         IgnoreReason.CATEGORY: Category.MOVING not in settings.categories,

@@ -1,16 +1,18 @@
-"""How an annotated object moves: static or not, which category, which direction."""
+"""Which objects are annotated at an exposure, and how each moves: static or not, which category, which direction."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import atan2, hypot
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.egomotion import Trajectory
-from bench.recordings.records import Cuboid, GroundPolygon, ObjectState, Track
-from bench.reference.records import Category, Direction, MotionSettings
+from bench.egomotion import POSES_AHEAD, Trajectory
+from bench.geometry import RigidTransform
+from bench.recordings.records import Cuboid, GroundPolygon, ObjectState, Recording, Track
+from bench.reference.records import Category, Direction, MotionSettings, ReferenceSettings
 
 SECOND_NS = 1_000_000_000
 
@@ -42,8 +44,8 @@ def track_motion(track: Track, trajectory: Trajectory, settings: MotionSettings)
     annotated = np.array([state.velocity_mps for state in track.states], dtype=np.float64).reshape(-1, 3)
     velocity = np.einsum("nij,nj->ni", rotations, annotated)
     centres = np.array([_centre(state) for state in track.states]).reshape(-1, 3)
-    places = np.einsum("nij,nj->ni", rotations, centres) + positions_m
-    velocity = np.where(np.isfinite(velocity), velocity, _differences(times_ns, places))
+    centres_world = np.einsum("nij,nj->ni", rotations, centres) + positions_m
+    velocity = np.where(np.isfinite(velocity), velocity, _differences(times_ns, centres_world))
     smooth = _smoothed(times_ns, velocity, settings.smoothing_ns)
     speed = np.hypot(smooth[:, 0], smooth[:, 1])
     return TrackMotion(
@@ -83,7 +85,7 @@ def categorise(
 
     Args:
         velocity_world_mps: (3,) float64, of the object over the ground.
-        ego_velocity_world_mps: (3,) float64, of the host; it points backwards along the vehicle in reverse gear.
+        ego_velocity_world_mps: (3,) float64, of the ego vehicle; it points backwards along the vehicle in reverse gear.
         settings: thresholds.
 
     Source:
@@ -118,11 +120,11 @@ def _centre(state: ObjectState) -> NDArray[np.float64]:
     return np.full(3, np.nan)
 
 
-def _differences(times_ns: NDArray[np.int64], places: NDArray[np.float64]) -> NDArray[np.float64]:
+def _differences(times_ns: NDArray[np.int64], positions_m: NDArray[np.float64]) -> NDArray[np.float64]:
     if len(times_ns) < 2:
-        return np.full_like(places, np.nan)
+        return np.full_like(positions_m, np.nan)
     seconds = (times_ns - times_ns[0]) / SECOND_NS
-    return np.asarray(np.gradient(places, seconds, axis=0))
+    return np.asarray(np.gradient(positions_m, seconds, axis=0))
 
 
 def _smoothed(times_ns: NDArray[np.int64], values: NDArray[np.float64], window_ns: int) -> NDArray[np.float64]:
@@ -148,3 +150,73 @@ def _without_short_runs(times_ns: NDArray[np.int64], moving: NDArray[np.bool_], 
         if spans_ns[shortest] >= min_run_ns:
             return moving
         moving[starts[shortest] : starts[shortest + 1]] ^= True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AnnotatedObject:
+    """An annotated object at an exposure.
+
+    Attributes:
+        track: the object.
+        state: its annotation nearest in time.
+        world_from_vehicle: pose of the vehicle at the time of the annotation.
+        velocity_world_mps: (3,) float64, over the ground, by which its points are moved; NaN where unknown.
+        smooth_world_mps: (3,) float64, averaged along the track, which decides the category; NaN where unknown.
+        moving: by its own speed, with hysteresis.
+    """
+
+    track: Track
+    state: ObjectState
+    world_from_vehicle: RigidTransform
+    velocity_world_mps: NDArray[np.float64]
+    smooth_world_mps: NDArray[np.float64]
+    moving: bool
+
+
+class AnnotationIndex:
+    """Finds the objects of an exposure among all annotations of a recording, in time order or not.
+
+    Args:
+        recording: the drive.
+        settings: of the protocol.
+    """
+
+    def __init__(self, recording: Recording, settings: ReferenceSettings) -> None:
+        self._recording, self._settings = recording, settings
+        rows = [(s.timestamp_ns, t, i) for t, track in enumerate(recording.tracks) for i, s in enumerate(track.states)]
+        self._rows = np.array(sorted(rows), dtype=np.int64).reshape(-1, 3)
+        self._times_ns = np.unique(self._rows[:, 0])
+        self._motions: dict[int, TrackMotion] = {}
+
+    def at(self, exposure_ns: int) -> list[AnnotatedObject]:
+        """Every track's state nearest to the exposure, where one is within the protocol's gap."""
+        gap_ns = self._settings.max_annotation_gap_ns
+        first = np.searchsorted(self._rows[:, 0], exposure_ns - gap_ns, side="left")
+        last = np.searchsorted(self._rows[:, 0], exposure_ns + gap_ns, side="right")
+        nearest: dict[int, tuple[int, int]] = {}
+        for time_ns, number, index in self._rows[first:last].tolist():
+            wait_ns = abs(time_ns - exposure_ns)
+            if number not in nearest or wait_ns < nearest[number][0]:
+                nearest[number] = wait_ns, index
+        chosen = [(self._recording.tracks[number], number, index) for number, (_, index) in sorted(nearest.items())]
+        times_ns = {track.states[index].timestamp_ns for track, _, index in chosen}
+        poses = {time_ns: self._pose(time_ns) for time_ns in times_ns}
+        return [self._annotated(track, number, index, poses) for track, number, index in chosen]
+
+    def _pose(self, time_ns: int) -> RigidTransform:
+        first = np.searchsorted(self._times_ns, time_ns, side="right")
+        next_ns = self._times_ns[first : first + POSES_AHEAD].tolist()
+        return self._recording.trajectory.world_from_vehicle(time_ns, next_ns=next_ns)
+
+    def _annotated(self, track: Track, number: int, index: int, poses: Mapping[int, RigidTransform]) -> AnnotatedObject:
+        if number not in self._motions:
+            self._motions[number] = track_motion(track, self._recording.trajectory, self._settings.motion)
+        motion = self._motions[number]
+        return AnnotatedObject(
+            track=track,
+            state=track.states[index],
+            world_from_vehicle=poses[track.states[index].timestamp_ns],
+            velocity_world_mps=motion.velocity_world_mps[index],
+            smooth_world_mps=motion.smooth_world_mps[index],
+            moving=bool(motion.moving[index]),
+        )

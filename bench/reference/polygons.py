@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
 from math import ceil, floor
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
 from bench.errors import UsageError
-from bench.reference.records import IgnoreReason, ReferenceObject, Status
 
+LINK_PX = 1e-3  # width of the bridge between parts that the lidar sees apart, so that a reference is one polygon
 FROM, TO = slice(None, -1), slice(1, None)  # the ends of a ring's edges
 
 
@@ -76,7 +75,7 @@ def rasterise(polygon: Polygon, *, width: int, height: int) -> Raster:
     u0, u1 = max(ceil(left), 0), min(floor(right) + 1, width)
     v0, v1 = max(ceil(top), 0), min(floor(bottom) + 1, height)
     columns, rows = max(u1 - u0, 0), max(v1 - v0, 0)
-    # Without holes, as most are, a polygon need not be taken apart into its rings.
+    # Without holes, as most are, a polygon need not be split into its rings.
     parts = (polygon.exterior, *polygon.interiors) if shapely.get_num_interior_rings(polygon) else (polygon,)
     rings = [shapely.get_coordinates(part) for part in parts]
     (start_u, start_v), (end_u, end_v) = (np.concatenate([ring[part] for ring in rings]).T for part in (FROM, TO))
@@ -85,54 +84,62 @@ def rasterise(polygon: Polygon, *, width: int, height: int) -> Raster:
     share = (row + v0 - start_v[edge]) / (end_v[edge] - start_v[edge])
     crossings_u = start_u[edge] + share * (end_u[edge] - start_u[edge])
     covered = np.zeros((rows, columns), dtype=bool)
-    for crossing_u in _in_turn(crossings_u, row, rows):
+    for crossing_u in _by_order(crossings_u, row, rows):
         covered ^= u >= crossing_u[:, None]  # inside, right of an odd number of them
     return Raster((slice(v0, v0 + rows), slice(u0, u0 + columns)), covered)
 
 
-def _in_turn(values: NDArray[np.float64], row: NDArray[np.intp], rows: int) -> NDArray[np.float64]:
+def _by_order(values: NDArray[np.float64], row: NDArray[np.intp], rows: int) -> NDArray[np.float64]:
     """(most, rows): the first value of every row, the second, and so on, for rows that ascend; infinite where none."""
-    place = np.arange(len(row)) - np.searchsorted(row, row)
-    table = np.full((place.max(initial=-1) + 1, rows), np.inf)
-    table[place, row] = values
+    order = np.arange(len(row)) - np.searchsorted(row, row)
+    table = np.full((order.max(initial=-1) + 1, rows), np.inf)
+    table[order, row] = values
     return table
 
 
-def compose(
-    objects: Sequence[tuple[ReferenceObject, Raster | None]], valid: NDArray[np.bool_]
-) -> tuple[tuple[ReferenceObject, ...], NDArray[np.int32], NDArray[np.bool_]]:
-    """Give every pixel to the nearest annotated object that covers it.
-
-    Static and ignored objects occlude as well: behind a parked car nothing can be detected. An evaluated object
-    of which nothing remains becomes ignored as occluded.
+def trace_polygon(covered: NDArray[np.bool_], corner: NDArray[np.int64]) -> Polygon | None:
+    """The polygon around covered pixels, a quarter of a pixel outside of their centres; its parts are linked.
 
     Args:
-        objects: nearest first, each with the pixels of its polygon inside V; None where it has no polygon.
-        valid: (H, W) bool, the region V.
+        covered: (rows, columns) bool, of a window.
+        corner: (2,) int64, (u, v) of the window's first pixel.
 
     Returns:
-        objects: with `region_px` filled in.
-        labels: (H, W) int32, k + 1 for pixels of G of object k, else 0.
-        ignored: (H, W) bool, the region I: polygons of ignored objects minus every G.
+        None where no pixel is covered.
     """
-    labels, taken = np.zeros(valid.shape, dtype=np.int32), np.zeros(valid.shape, dtype=bool)
-    ignored = np.zeros(valid.shape, dtype=bool)
-    settled = []
-    for number, (found, raster) in enumerate(objects, start=1):
-        if raster is None:
-            settled.append(found)
-            continue
-        window, covered = raster
-        region = covered & ~taken[window]
-        taken[window] |= covered
-        region_px = int(np.count_nonzero(region))
-        result = found
-        if found.status is Status.EVALUATED and not region_px:
-            result = replace(found, status=Status.IGNORED, reason=IgnoreReason.OCCLUDED)
-        elif found.status is Status.EVALUATED:
-            np.copyto(labels[window], number, where=region)
-            result = replace(found, region_px=region_px)
-        if result.status is Status.IGNORED:
-            ignored[window] |= covered & (labels[window] == 0)  # later G begin where this polygon ends
-        settled.append(result)
-    return tuple(settled), labels, ignored
+    fine = np.repeat(np.repeat(_without_touching_corners(covered), 2, axis=0), 2, axis=1).view(np.uint8)
+    rings, tree = cv2.findContours(fine, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
+    if not len(rings):
+        return None
+    outlines = [ring[:, 0] / 2 - 0.25 + corner for ring in rings]
+    parents = tree[0, :, 3].tolist()
+    parts = [
+        Polygon(outline, [outlines[hole] for hole, parent in enumerate(parents) if parent == number])
+        for number, outline in enumerate(outlines)
+        if parents[number] < 0
+    ]
+    return _link(sorted(parts, key=lambda part: -part.area))
+
+
+def _without_touching_corners(covered: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Fill the upper one of two gaps where pixels meet at a corner only: there the outline would touch itself."""
+    joined = covered.copy()
+    upper_left, upper_right = joined[:-1, :-1], joined[:-1, 1:]
+    lower_left, lower_right = joined[1:, :-1], joined[1:, 1:]
+    while True:
+        falling = upper_left & lower_right & ~upper_right & ~lower_left
+        rising = upper_right & lower_left & ~upper_left & ~lower_right
+        if not (falling.any() or rising.any()):
+            return joined
+        upper_right |= falling
+        upper_left |= rising
+
+
+def _link(parts: list[Polygon]) -> Polygon:
+    """One polygon of several, each linked to the first."""
+    whole, others = parts[0], parts[1:]
+    if not others:
+        return whole
+    links = shapely.buffer(shapely.shortest_line(whole, others), LINK_PX, quad_segs=1)
+    united = shapely.union_all([*parts, *links])
+    return united if isinstance(united, Polygon) else whole

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon
+
+SURFACE_PATCHES = "surface-patches"
+POLYGON_KINDS = ("convex", "concave", SURFACE_PATCHES)
 
 
 class Status(StrEnum):
@@ -30,7 +34,7 @@ class Category(StrEnum):
 
 
 class Direction(StrEnum):
-    """Direction of the motion relative to the host, for the range maps."""
+    """Direction of the motion relative to the ego vehicle, for the range maps."""
 
     LATERAL = "lateral"
     LONGITUDINAL = "longitudinal"
@@ -71,6 +75,8 @@ class ReferenceObject:
             out of view.
         polygon_px: pixels of the polygon inside V before occlusion.
         region_px: |G_i|, after occlusion; 0 unless evaluated.
+        unknown_px: pixels beside G_i that may be the object's, after occlusion; 0 unless evaluated by a protocol with
+            an unknown band.
     """
 
     track_id: str
@@ -86,6 +92,7 @@ class ReferenceObject:
     polygon: Polygon | None
     polygon_px: int
     region_px: int
+    unknown_px: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -99,7 +106,7 @@ class ReferenceFrame:
         ego_speed_mps: over the ground, >= 0.
         objects: nearest first, ties by track id; every annotated object of the frame once.
         labels: (H, W) int32; k + 1 where the pixel belongs to G of `objects[k]`, 0 elsewhere.
-        ignored: (H, W) bool; the region I.
+        ignored: (H, W) bool; the region I, unknown bands among it.
         valid: (H, W) bool; the region V.
     """
 
@@ -118,7 +125,7 @@ class ObjectGeometry:
     """An object and its surroundings at exposure, to look at.
 
     Attributes:
-        surroundings_vehicle: (N, 3) float64, m, the whole sweep freed of the lidar's own motion, vehicle frame.
+        surroundings_vehicle: (N, 3) float64, m, the whole sweep motion-compensated, vehicle frame.
         cluster_vehicle: (K, 3) float64, m, the points on the object, vehicle frame.
         outline_m: (M, 2) float64, m, the annotated shape from above, vehicle frame, not closed; empty for point
             indices.
@@ -141,7 +148,7 @@ class MotionSettings:
         hysteresis_high_mps: a static object becomes moving at or above this.
         min_run_ns: shorter runs of either state are taken as noise.
         smoothing_ns: width of the window over which velocities of a track are averaged.
-        ego_static_below_mps: the host counts as standing below this.
+        ego_static_below_mps: the ego vehicle counts as stationary below this.
         crossing_from_rad: angle between object velocity and ego direction of travel from which it is crossing.
         crossing_to_rad: angle above which it is approaching.
     """
@@ -157,6 +164,23 @@ class MotionSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class OutlineErrors:
+    """What makes outlines uncertain, as standard deviations.
+
+    Attributes:
+        range_noise_m: of the lidar.
+        angle_rad: between lidar and camera, about each axis.
+        position_m: between lidar and camera, along each axis.
+        limb_speed: class -> peak speed of its limbs relative to the body, over the speed of the object; none for 0.
+    """
+
+    range_noise_m: float
+    angle_rad: float
+    position_m: float
+    limb_speed: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ReferenceSettings:
     """How reference polygons are built and which objects are evaluated.
 
@@ -164,15 +188,18 @@ class ReferenceSettings:
         range_limit_m: objects whose nearest point is further from the camera are ignored.
         ground_clearance_m: points lower than this above the road are the road's, not an object's.
         min_points: objects with fewer visible lidar points are ignored.
-        min_polygon_px: objects whose polygon has fewer pixels in V are ignored.
-        polygon_kind: "convex" (the paper's bounding polygon), "concave" (a tighter hull of the points) or "footprint"
-            (the union of the surface that each point stands for; see `bench.reference.patches`).
+        min_polygon_px: objects of which fewer pixels in V are certain, before occlusion, are ignored.
+        polygon_kind: "convex" (the paper's bounding polygon), "concave" (a tighter hull of the points) or
+            "surface-patches" (the union of the surface that each point stands for; see `bench.reference.patches`).
         concave_ratio: tightness of the concave hull, 0 the tightest, 1 the convex hull.
         classes: object classes that are evaluated.
         categories: kinds of motion that are evaluated.
         max_sweep_gap_ns: a sweep further from the exposure than this is not used.
         max_annotation_gap_ns: an annotation further from the exposure than this is not used.
         motion: thresholds on velocities.
+        clearance_above_shape: points lower than `ground_clearance_m` above the bottom of the annotated shape are the
+            ground's as well, be it road or pavement; for surface patches always.
+        outline: what makes outlines uncertain; None for regions without an unknown band.
     """
 
     range_limit_m: float
@@ -186,3 +213,5 @@ class ReferenceSettings:
     max_sweep_gap_ns: int
     max_annotation_gap_ns: int
     motion: MotionSettings
+    clearance_above_shape: bool = False
+    outline: OutlineErrors | None = None

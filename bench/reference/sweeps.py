@@ -25,7 +25,7 @@ class PlacedSweep:
         knots_ns: (K,) int64, K >= 2.
         rotations: (K, 3, 3) float64, world_from_lidar.
         positions_m: (K, 3) float64, m.
-        lidar_from_beams: as of the recording.
+        lidar_from_sensor: `Recording.lidar_from_beams`, the pose of the sensor in the frame of the points.
     """
 
     sweep: LidarSweep
@@ -33,19 +33,37 @@ class PlacedSweep:
     knots_ns: NDArray[np.int64]
     rotations: NDArray[np.float64]
     positions_m: NDArray[np.float64]
-    lidar_from_beams: RigidTransform
+    lidar_from_sensor: RigidTransform
 
     @cached_property
     def slope_range(self) -> tuple[float, float]:
-        """Tangents of the elevation of the lowest and the highest point, seen from where the beams start.
+        """Tangents of the elevation of the lowest and the highest point, seen from the sensor.
 
         They are those of the lowest beam, which meets the road, and of the highest that meets anything.
         """
-        slopes = slopes_of(self.points_beams())
-        return float(slopes.min()), float(slopes.max())
+        return float(self._slopes.min()), float(self._slopes.max())
+
+    @cached_property
+    def _slopes(self) -> NDArray[np.float64]:
+        return slopes_of(self.points_sensor())
+
+    def rows_towards(self, points_sensor: NDArray[np.float64]) -> NDArray[np.intp]:
+        """Rows of the points in the directions of others: between their outermost azimuths and elevations.
+
+        Args:
+            points_sensor: (K, 3) float64, m, K >= 1, sensor frame, less than half a turn wide.
+        """
+        slopes, (x, y, _) = slopes_of(points_sensor), points_sensor.T
+        ahead = np.arctan2(y.mean(), x.mean())
+        azimuth = np.arctan2(y * np.cos(ahead) - x * np.sin(ahead), x * np.cos(ahead) + y * np.sin(ahead)) + ahead
+        left, right = azimuth.max(), azimuth.min()
+        rows = np.flatnonzero((self._slopes >= slopes.min()) & (self._slopes <= slopes.max()))
+        x, y, _ = self.points_sensor(rows).T
+        within = (y * np.cos(right) >= x * np.sin(right)) & (y * np.cos(left) <= x * np.sin(left))
+        return np.asarray(rows[within])
 
     def rows_between(self, low_lidar: NDArray[np.float64], high_lidar: NDArray[np.float64]) -> NDArray[np.intp]:
-        """Rows of the points, as they were met, whose x and y lie between those of two corners, lidar frame, m."""
+        """Rows of the points, as measured, whose x and y lie between those of two corners, lidar frame, m."""
         # Plain numbers: for NumPy's own, every x of a float32 sweep would first be made a float64.
         (x0, y0), (x1, y1) = low_lidar[:2].tolist(), high_lidar[:2].tolist()
         x, y, _ = self._components
@@ -58,7 +76,7 @@ class PlacedSweep:
         return np.ascontiguousarray(self.sweep.points_lidar.T)
 
     def points_world(self, rows: NDArray[np.intp] | slice = slice(None)) -> NDArray[np.float64]:
-        """Points freed of the lidar's own motion, (K, 3) float64, m, world frame; each where it was at its own time."""
+        """Motion-compensated points, (K, 3) float64, m, world frame; each where it was at its own time."""
         taken = self._components[:, rows] if isinstance(rows, slice) else self._components.take(rows, axis=1)
         return deskew(
             taken.T,
@@ -68,16 +86,16 @@ class PlacedSweep:
             positions_m=self.positions_m,
         )
 
-    def points_beams(self, rows: NDArray[np.intp] | slice = slice(None)) -> NDArray[np.float64]:
-        """Points as the beams met them, (K, 3) float64, m, the beams' own axes at each point's own time."""
-        return self.lidar_from_beams.inverse().apply(self.sweep.points_lidar[rows].astype(np.float64))
+    def points_sensor(self, rows: NDArray[np.intp] | slice = slice(None)) -> NDArray[np.float64]:
+        """Points in the sensor frame at each point's own time, (K, 3) float64, m."""
+        return self.lidar_from_sensor.inverse().apply(self.sweep.points_lidar[rows].astype(np.float64))
 
 
 def place_sweep(
     sweep: LidarSweep,
     trajectory: Trajectory,
     vehicle_from_lidar: RigidTransform,
-    lidar_from_beams: RigidTransform | None = None,
+    lidar_from_sensor: RigidTransform | None = None,
 ) -> PlacedSweep | None:
     """Find the lidar's poses during a sweep.
 
@@ -85,7 +103,7 @@ def place_sweep(
         sweep: the points.
         trajectory: ego-motion.
         vehicle_from_lidar: mounting of the frame of the points.
-        lidar_from_beams: where in it the beams start; None for its origin.
+        lidar_from_sensor: pose of the sensor in that frame; None for its origin and axes.
 
     Returns:
         None where the sweep has no points or ego-motion is missing for part of it.
@@ -101,18 +119,18 @@ def place_sweep(
         knots_ns=knots_ns,
         rotations=rotations @ vehicle_from_lidar.rotation,
         positions_m=rotations @ vehicle_from_lidar.translation_m + positions_m,
-        lidar_from_beams=lidar_from_beams or RigidTransform.identity(),
+        lidar_from_sensor=lidar_from_sensor or RigidTransform.identity(),
     )
 
 
-def slopes_of(points_beams: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N,) float64, tangent of the elevation of points, (N, 3), the beams' own axes."""
-    x, y, z = points_beams.T
+def slopes_of(points_sensor: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N,) float64, tangent of the elevation of points, (N, 3), sensor frame."""
+    x, y, z = points_sensor.T
     return np.asarray(z / np.maximum(np.hypot(x, y), 1e-9))
 
 
-class SweepShelf:
-    """Hands out the sweep for an exposure; holds the last one, since neighbouring images share it.
+class SweepCache:
+    """Reads the sweep for an exposure; caches the last one, since neighbouring images share it.
 
     Args:
         recording: the drive.
@@ -124,7 +142,7 @@ class SweepShelf:
         self._times_ns = np.array([ref.timestamp_ns for ref in recording.sweeps], dtype=np.int64)
         self._held: tuple[int, PlacedSweep | None] | None = None
 
-    def take(self, shape: ObjectShape, exposure_ns: int) -> PlacedSweep | None:
+    def nearest(self, shape: ObjectShape, exposure_ns: int) -> PlacedSweep | None:
         """The sweep nearest to the exposure; for point indices the one that they count in.
 
         Returns:

@@ -20,7 +20,7 @@ from bench.audit import (
     Quartiles,
     Scoring,
 )
-from bench.evaluation import Figure, ObjectFigures
+from bench.evaluation import Metric, ObjectMetrics
 from bench.plain_text import escape_markdown, plain
 from bench.reference import Category
 from bench.reporting import formats
@@ -129,7 +129,7 @@ RATES = {"detection_rate": "Detection", "detection_rate_50": "Detection at 50 %"
 def score_table(audit: AuditSummary) -> formats.TextTable:
     """One line per kind of motion and scoring, then the false positives."""
     first = next(iter(audit.scores.values()))
-    rates = {name: heading for name, heading in RATES.items() if name in first.all_moving.figure_names()}
+    rates = {name: heading for name, heading in RATES.items() if name in first.all_moving.metric_names()}
     rows = []
     for category, found in first.categories.items():
         if not found.object_frames:
@@ -155,13 +155,13 @@ def score_table(audit: AuditSummary) -> formats.TextTable:
     )
 
 
-def _cells(row: ObjectFigures, rates: dict[str, str]) -> list[str]:
+def _cells(row: ObjectMetrics, rates: dict[str, str]) -> list[str]:
     cells = [str(row.recordings), str(row.object_frames)]
-    cells += [_metric(row.figure(name), with_interval=False) for name in rates]
-    return cells + [_metric(row.figure(name), with_interval=name != "tpr") for name in COVERAGES]
+    cells += [_metric(row.metric(name), with_interval=False) for name in rates]
+    return cells + [_metric(row.metric(name), with_interval=name != "tpr") for name in COVERAGES]
 
 
-def _metric(metric: Figure, *, with_interval: bool = True) -> str:
+def _metric(metric: Metric, *, with_interval: bool = True) -> str:
     return f"{formats.hundredths(metric.value)} {formats.short_interval(metric) if with_interval else ''}".rstrip()
 
 
@@ -268,8 +268,8 @@ def _csv_rows(audit: AuditSummary) -> Iterator[dict[str, object]]:
                        "value": getattr(part, quartile)}  # fmt: skip
     for scoring, scores in audit.scores.items():
         for category, row in scores.categories.items():
-            for name in row.figure_names():
-                figure = row.figure(name)
+            for name in row.metric_names():
+                figure = row.metric(name)
                 yield {"table": "scores", "kind": scoring, "slice": category, "figure": name, "cases": figure.cases,
                        "value": figure.value}  # fmt: skip
         coverage = scores.false_positives.coverage

@@ -14,7 +14,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
-from bench.evaluation import Figure
+from bench.evaluation import Metric
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.plain_text import escape_markdown
 from bench.recordings import write_text
@@ -44,22 +44,22 @@ def hundredths(ratio: float) -> str:
     return "n/a" if math.isnan(ratio) else f"{100 * ratio:.1f}"
 
 
-def interval(metric: Figure) -> str:
+def interval(metric: Metric) -> str:
     """The 95 % interval in percent, "[65.0, 78.3]"; "" without one."""
     return "" if metric.ci95 is None else "[{:.1f}, {:.1f}]".format(*(100 * end for end in metric.ci95))
 
 
-def short_interval(metric: Figure) -> str:
+def short_interval(metric: Metric) -> str:
     """The 95 % interval in whole percent, "65-78"; "" without one."""
     return "" if metric.ci95 is None else "{:.0f}-{:.0f}".format(*(100 * end for end in metric.ci95))
 
 
-def with_interval(metric: Figure) -> str:
+def with_interval(metric: Metric) -> str:
     """A ratio as "72.1 % [65.0, 78.3]", "72.1 %" without interval, "n/a (0 cases)" for NaN."""
     return f"{percent(metric.value, cases=metric.cases)} {interval(metric)}".rstrip()
 
 
-def mean(metric: Figure) -> str:
+def mean(metric: Metric) -> str:
     """A mean that is no ratio, "3.2 [2.8, 3.9]"; "n/a (0 cases)" for NaN."""
     if math.isnan(metric.value):
         return f"n/a ({metric.cases} cases)"

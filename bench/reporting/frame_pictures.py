@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from bench.evaluation import Rows
-from bench.evaluation.row_source import as_source
-from bench.evaluation.slices import Columns
+from bench.evaluation.row_source import Columns, as_source
 from bench.harness import FramePipeline, ProcessedFrame
 from bench.recordings.atomic import write_bytes
 from bench.reference import Category, ReferenceObject, Status

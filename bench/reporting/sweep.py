@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rich.table import Table
 from rich.text import Text
 
-from bench.evaluation import Figure, ObjectFigures
+from bench.evaluation import Metric, ObjectMetrics
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.harness.sweep import FILE, SweepResult, SweepRow, read_sweep
 from bench.plain_text import escape_markdown
@@ -56,11 +56,11 @@ _SHORT = {
 
 def _shown(result: SweepResult) -> dict[str, str]:
     """Names and headings of the metrics; detection at 50 % only where the protocol has that level."""
-    names = result.rows[0].all_moving.figure_names()
+    names = result.rows[0].all_moving.metric_names()
     return {name: heading for name, heading in METRICS.items() if name in names}
 
 
-def _groups(row: SweepRow) -> Iterator[tuple[str, str, ObjectFigures]]:
+def _groups(row: SweepRow) -> Iterator[tuple[str, str, ObjectMetrics]]:
     """Name, label and metrics of all moving objects, then of each category."""
     yield ALL_MOVING, "All moving", row.all_moving
     for name, found in row.categories.items():
@@ -79,13 +79,13 @@ def to_markdown(result: SweepResult) -> str:
     return "\n\n".join([title, f"{PARTS[result.part]} {NOTE}", *tables]) + "\n"
 
 
-def _markdown(result: SweepResult, groups: Sequence[tuple[str, str, ObjectFigures]]) -> str:
+def _markdown(result: SweepResult, groups: Sequence[tuple[str, str, ObjectMetrics]]) -> str:
     shown, with_coverage = _shown(result), groups[0][0] == ALL_MOVING
     headings = [result.title, "Recordings", "# Frames", *shown.values()]
     lines = []
     for row, (_, _, found) in zip(result.rows, groups, strict=True):
         value = f"**{_value(row)}** (operating)" if row.operating else _value(row)
-        metrics = [found.figure(name) for name in shown] + [row.false_positives.coverage] * with_coverage
+        metrics = [found.metric(name) for name in shown] + [row.false_positives.coverage] * with_coverage
         lines.append([value, str(found.recordings), str(found.object_frames), *map(formats.with_interval, metrics)])
     headings += ["False-positive coverage"] * with_coverage
     return f"**{groups[0][1]}**\n\n{formats.markdown_table(headings, lines, rules=('---', '---:'), escape=False)}"
@@ -108,11 +108,11 @@ def _csv_row(row: SweepRow, result: SweepResult) -> dict[str, object]:
     for group, _, found in _groups(row):
         cells |= {f"{group}.object_frames": found.object_frames, f"{group}.recordings": found.recordings}
         for name in _shown(result):
-            cells |= _csv_cells(f"{group}.{name}", found.figure(name))
+            cells |= _csv_cells(f"{group}.{name}", found.metric(name))
     return cells
 
 
-def _csv_cells(name: str, metric: Figure) -> dict[str, object]:
+def _csv_cells(name: str, metric: Metric) -> dict[str, object]:
     low, high = metric.ci95 or (None, None)
     return {name: metric.value, f"{name}.ci95_low": low, f"{name}.ci95_high": high}
 
@@ -131,14 +131,14 @@ def to_rich(result: SweepResult) -> Table:
     kinds = [f"TPR\n{_SHORT[Category(name)]}" for name in result.rows[0].categories]
     formats.number_columns(table, ["Recs", *metrics, "False pos.\ncoverage", *kinds])
     for row in result.rows:
-        cells = [_cell(row.all_moving.figure(name)) for name in shown] + [_cell(row.false_positives.coverage)]
+        cells = [_cell(row.all_moving.metric(name)) for name in shown] + [_cell(row.false_positives.coverage)]
         cells += [Text(formats.hundredths(kind.tpr_all.value)) for kind in row.categories.values()]
         head = _value(row) + (" *" if row.operating else ""), str(row.all_moving.recordings)
         table.add_row(*head, *cells, style="bold" if row.operating else "")
     return table
 
 
-def _cell(metric: Figure) -> Text:
+def _cell(metric: Metric) -> Text:
     if math.isnan(metric.value):
         return Text(f"n/a ({metric.cases})")
     return Text(f"{formats.hundredths(metric.value)}\n{formats.short_interval(metric)}")
@@ -192,9 +192,9 @@ def _panel(picture: Picture, slot: int, bottom_in: float) -> Axes:
     return canvas.axes_at(picture, left_in, bottom_in, _PANEL_WIDTH_IN, _PANEL_IN)
 
 
-def _draw_objects(axes: Axes, result: SweepResult, label: str, rows: Sequence[ObjectFigures]) -> None:
+def _draw_objects(axes: Axes, result: SweepResult, label: str, rows: Sequence[ObjectMetrics]) -> None:
     for name in _shown(result):
-        _draw(axes, result, name, [row.figure(name) for row in rows])
+        _draw(axes, result, name, [row.metric(name) for row in rows])
     frames, recordings = _counts([row.object_frames for row in rows]), _counts([row.recordings for row in rows])
     axes.set_title(f"{label}\n{frames} object-frames, {recordings} recordings", pad=3)
 
@@ -205,7 +205,7 @@ def _draw_coverage(axes: Axes, result: SweepResult) -> None:
     axes.set_title(f"False-positive coverage\n{frames} image-frames", pad=3)
 
 
-def _draw(axes: Axes, result: SweepResult, name: str, metrics: Sequence[Figure]) -> None:
+def _draw(axes: Axes, result: SweepResult, name: str, metrics: Sequence[Metric]) -> None:
     """One metric over the values, in percent, with its interval."""
     colour, dash, marker, shift = LOOKS[name]
     values = 100 * np.array([metric.value for metric in metrics])

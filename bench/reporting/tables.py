@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from rich.table import Table
 from rich.text import Text
 
-from bench.evaluation import Figure, ThresholdFreeFigures, published
+from bench.evaluation import Metric, ThresholdFreeMetrics, published
 from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.evaluation.summary import FalsePositiveFigures, ObjectFigures, Summary
+from bench.evaluation.summary import FalsePositiveMetrics, ObjectMetrics, Summary
 from bench.reference.records import Category
 from bench.reporting.formats import (
     INTERVALS,
@@ -52,7 +52,7 @@ class TableRow:
         paper_frames: the paper's.
         tracks: objects; None in the last row.
         recordings: that hold the frames; None in the last row of a summary of an older version.
-        metrics: ours, by the names of `ObjectFigures`, in the last row of `FalsePositiveFigures`.
+        metrics: ours, by the names of `ObjectMetrics`, in the last row of `FalsePositiveMetrics`.
         paper: the paper's values of those metrics that it states, in [0, 1].
     """
 
@@ -62,7 +62,7 @@ class TableRow:
     paper_frames: int
     tracks: int | None
     recordings: int | None
-    metrics: Mapping[str, Figure]
+    metrics: Mapping[str, Metric]
     paper: Mapping[str, float]
 
     def difference_points(self, name: str) -> float:
@@ -90,7 +90,7 @@ def table_rows(summary: Summary) -> list[TableRow]:
     return [*rows, _false_positive_row(summary.false_positives)]
 
 
-def _category_row(category: Category, found: ObjectFigures) -> TableRow:
+def _category_row(category: Category, found: ObjectMetrics) -> TableRow:
     theirs = published.CATEGORIES.get(category)
     paper = (theirs.detection_rate, theirs.tpr, theirs.iou) if theirs else ()
     return TableRow(
@@ -100,12 +100,12 @@ def _category_row(category: Category, found: ObjectFigures) -> TableRow:
         paper_frames=theirs.object_frames if theirs else 0,
         tracks=found.tracks,
         recordings=found.recordings,
-        metrics={name: found.figure(name) for name in found.figure_names()},
+        metrics={name: found.metric(name) for name in found.metric_names()},
         paper=dict(zip(COMPARED, paper, strict=False)),
     )
 
 
-def _false_positive_row(found: FalsePositiveFigures) -> TableRow:
+def _false_positive_row(found: FalsePositiveMetrics) -> TableRow:
     return TableRow(
         name=FALSE_POSITIVES,
         label="False positives",
@@ -118,7 +118,7 @@ def _false_positive_row(found: FalsePositiveFigures) -> TableRow:
     )
 
 
-def threshold_free_line(found: ThresholdFreeFigures) -> str:
+def threshold_free_line(found: ThresholdFreeMetrics) -> str:
     """For example "Over all thresholds: AUPRC 71.2 % [60.1, 80.3], ... ", with what the bins leave open."""
     auprc, rate = (
         " to ".join(percent(bound, digits=2) for bound in bounds) for bounds in (found.auprc_bounds, found.fpr95_bounds)

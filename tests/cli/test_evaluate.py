@@ -74,7 +74,7 @@ def test_the_reference_scores_perfectly(evaluate, masks, capsys):
     moving = summary.all_moving
     assert moving.object_frames == 12
     for name in ("detection_rate", "detection_rate_50", "tpr", "tpr_all", "iou", "iou_detected"):
-        assert moving.figure(name).value == 1.0
+        assert moving.metric(name).value == 1.0
     assert summary.false_positives.coverage.value == summary.false_positives.frame_rate.value == 0.0
     assert summary.threshold_free is None
     assert (summary.method.name, summary.method.settings["folder"]) == ("predictions-masks", str(masks))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from bench.evaluation import ImageMap, SequenceScorer, add_image_maps
-from bench.evaluation.image_maps import CELL_PX
+from bench.evaluation.maps import CELL_PX
 from bench.methods.contract import Segmentation
 from bench.reference.records import ReferenceFrame
 from tests.evaluation.frames import frames, masks, reference_frame

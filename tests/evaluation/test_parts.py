@@ -15,13 +15,12 @@ from bench.evaluation import (
     coverage_curves,
     object_changes,
     range_maps,
-    score_sheet,
+    recording_sums,
     summarise,
     threshold_sweep,
 )
 from bench.evaluation.maps import THRESHOLDS
-from bench.evaluation.row_source import ChosenRows, TableRows, group_recordings
-from bench.evaluation.slices import Columns
+from bench.evaluation.row_source import ChosenRows, Columns, TableRows, group_recordings
 from bench.harness import StoredRows, open_tables
 from tests.evaluation.runs import PAPER, random_run, shuffled
 from tests.large_runs import write_tables
@@ -32,7 +31,7 @@ Tables = tuple[Rows, Rows]
 def reduced(tables: Tables, rows_at_once: int | None = None) -> tuple[str, str]:
     """Everything that is a sum, as text."""
     options = {"protocol": PAPER, "rows_at_once": rows_at_once}
-    return summarise(*tables, **options).model_dump_json(), score_sheet(*tables, **options).model_dump_json()
+    return summarise(*tables, **options).model_dump_json(), recording_sums(*tables, **options).model_dump_json()
 
 
 def stored(tables: tuple[pa.Table, pa.Table], folder: Path, *, row_group_size: int) -> tuple[StoredRows, StoredRows]:

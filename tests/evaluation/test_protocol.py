@@ -17,6 +17,7 @@ RELEASED = {
     "extended-v1": "c457588be8e7527ad94a9160ba750dc65d508e3c5ed461135096acf2f4330392",
     "masks-v1": "0d772296f3a57d1ae6ccaa6da4897a7a9cfa4441a7e589f1f54fca54bec4ec82",
     "paper-v1": "dde8f4b79b8fab2816f3ef8d9f16d26be1f84e3942ba01dd68270b3c368b0eee",
+    "surface-v1": "23c0063052cd37b6edbc5a3448e45113765d2c97e265ccf0d37d38819eb19fda",
 }
 
 
@@ -26,7 +27,7 @@ def write(path: Path, content: object) -> Path:
 
 
 def content_of(name: str) -> dict[str, object]:
-    content: dict[str, object] = load_protocol(name).model_dump(mode="json")
+    content: dict[str, object] = load_protocol(name).model_dump(mode="json", exclude_unset=True)
     return content
 
 
@@ -52,6 +53,25 @@ def test_extended_reaches_further_with_concave_polygons() -> None:
     assert (settings.range_limit_m, settings.polygon_kind, settings.concave_ratio) == (20.0, "concave", 0.15)
 
 
+def test_surface_says_why_outlines_are_uncertain() -> None:
+    settings = load_protocol("surface-v1").reference_settings()
+    assert (settings.range_limit_m, settings.polygon_kind, settings.clearance_above_shape) == (
+        8.0,
+        "surface-patches",
+        True,
+    )
+    assert settings.outline is not None
+    assert settings.outline.angle_rad == math.radians(0.11)
+    assert settings.outline.limb_speed == {"pedestrian": 2.0, "cyclist": 0.25}
+    assert load_protocol("paper-v1").reference_settings().outline is None
+
+
+def test_surface_patches_are_read_under_their_earlier_name(tmp_path: Path) -> None:
+    content = content_of("paper-v1")
+    content["reference"] = {**content["reference"], "polygon_kind": "footprint"}  # type: ignore[dict-item]
+    assert load_protocol(write(tmp_path / "own.yaml", content)).reference_settings().polygon_kind == "surface-patches"
+
+
 def test_the_digest_is_of_the_content_not_of_its_writing(tmp_path: Path) -> None:
     turned = write(tmp_path / "same.yaml", dict(reversed(content_of("paper-v1").items())))
     turned.write_text("# a comment\n\n" + turned.read_text("utf-8").replace("8.0", "8"), "utf-8")
@@ -64,7 +84,7 @@ def test_the_digest_changes_with_any_rule(tmp_path: Path) -> None:
 
 
 def test_an_unknown_name_lists_the_known_ones() -> None:
-    with pytest.raises(UnknownNameError, match=r"extended-v1, masks-v1, paper-v1; did you mean 'paper-v1'"):
+    with pytest.raises(UnknownNameError, match=r"extended-v1, masks-v1, paper-v1, surface-v1; did you mean 'paper-v1'"):
         load_protocol("paper-v2")
 
 

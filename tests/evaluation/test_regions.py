@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 from numpy.typing import NDArray
 
-from bench.evaluation.counts import count_by_cell, take_apart
+from bench.evaluation.counts import count_by_cell, find_regions
 from bench.reference.records import ReferenceFrame
 from tests.evaluation.frames import frames, mask, masks
 
@@ -37,7 +37,7 @@ def test_cells_hold_what_a_loop_finds(region: NDArray[np.bool_], cell: int) -> N
 
 @given(frames(), masks)
 def test_every_valid_pixel_is_in_one_region(frame: ReferenceFrame, detected: NDArray[np.bool_]) -> None:
-    regions = take_apart(frame, detected)
+    regions = find_regions(frame, detected)
     parts = regions.moving.astype(int) + regions.outside + (frame.ignored & frame.valid)
     assert np.array_equal(parts, frame.valid.astype(int))
     assert np.array_equal(regions.true, regions.moving & detected)

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from bench.evaluation import SequenceScorer, threshold_free_figures, threshold_sweep
-from bench.evaluation.likelihood import BINS, SCORE_EDGES, ThresholdFreeFigures, find_bins
+from bench.evaluation import SequenceScorer, threshold_free_metrics, threshold_sweep
+from bench.evaluation.likelihood import BINS, SCORE_EDGES, ThresholdFreeMetrics, find_bins
 from bench.methods.contract import Segmentation
 from bench.reference.records import ReferenceFrame
 from tests.evaluation.frames import picture, reference_frame
@@ -34,8 +34,8 @@ def frames_of(*images: tuple[str, Values], is_score: bool = True, recording: str
     return table.set_column(0, "recording", pa.array([recording] * len(table)))
 
 
-def figures_of(frames: pa.Table) -> ThresholdFreeFigures:
-    found = threshold_free_figures(frames.to_batches(max_chunksize=2))
+def summary_of(frames: pa.Table) -> ThresholdFreeMetrics:
+    found = threshold_free_metrics(frames.to_batches(max_chunksize=2))
     assert found is not None
     return found
 
@@ -69,7 +69,7 @@ def test_a_score_lies_in_its_bin(values: list[float]) -> None:
 
 def test_figures_to_check_by_hand() -> None:
     # G: 0.9 and 0.4; outside: 0.7, five at 0.1. Half the recall at precision 1, half at 2/3; 95 % recall needs both.
-    found = figures_of(frames_of(("11..\n....", np.array([[0.9, 0.4, 0.7, 0.1], [0.1] * 4]))))
+    found = summary_of(frames_of(("11..\n....", np.array([[0.9, 0.4, 0.7, 0.1], [0.1] * 4]))))
     assert found.auprc.value == pytest.approx(0.5 + 0.5 * 2 / 3)
     assert found.fpr95.value == pytest.approx(1 / 6)
     assert (found.auprc.cases, found.fpr95.cases, found.images) == (2, 6, 1)
@@ -80,7 +80,7 @@ def test_figures_to_check_by_hand() -> None:
 
 def test_bounds_of_a_single_bin_to_check_by_hand() -> None:
     # All eight in one bin. Least: six wrong ones first, then 1/7 and 2/8. Most: both right ones first.
-    found = figures_of(frames_of(("11..\n....", np.full((2, 4), 0.3))))
+    found = summary_of(frames_of(("11..\n....", np.full((2, 4), 0.3))))
     assert found.auprc.value == pytest.approx(2 / 8)
     assert found.auprc_bounds == pytest.approx((0.5 * (1 / 7 + 2 / 8), 1.0))
     assert found.fpr95_bounds == (0.0, 1.0)
@@ -96,7 +96,7 @@ def test_the_exact_figures_lie_within_the_bounds(seed: int, spread: float, is_sc
     values[draw.random((4, 16)) < 0.2] = 0.0
     moving = np.zeros((4, 16), dtype=bool)
     moving[:2, :8] = True
-    found = figures_of(frames_of((f"{'1' * 8 + '.' * 8}\n" * 2 + f"{'.' * 16}\n{'.' * 16}", values), is_score=is_score))
+    found = summary_of(frames_of((f"{'1' * 8 + '.' * 8}\n" * 2 + f"{'.' * 16}\n{'.' * 16}", values), is_score=is_score))
     auprc, fpr95 = exactly(values[moving].astype(np.float64), values[~moving].astype(np.float64))
     assert found.auprc_bounds[0] - 1e-12 <= auprc <= found.auprc_bounds[1] + 1e-12
     assert found.fpr95_bounds[0] <= fpr95 <= found.fpr95_bounds[1] == found.fpr95.value
@@ -108,7 +108,7 @@ def test_the_area_is_that_of_the_curve() -> None:
     frames = frames_of(*[("11..\n1...", draw.random((2, 4))) for _ in range(9)])
     sweep = threshold_sweep(frames)
     assert sweep is not None
-    assert figures_of(frames).auprc.value == pytest.approx(sweep.auprc)
+    assert summary_of(frames).auprc.value == pytest.approx(sweep.auprc)
 
 
 def test_intervals_are_by_recording_and_the_order_of_rows_does_not_matter() -> None:
@@ -118,31 +118,31 @@ def test_intervals_are_by_recording_and_the_order_of_rows_does_not_matter() -> N
         images = [("11..\n1...", np.clip(draw.random((2, 4)) + [[0.13 * r] * 2 + [0] * 2] * 2, 0, 1)) for _ in range(5)]
         tables.append(frames_of(*images, recording=f"drive-{r}"))
     frames = pa.concat_tables(tables)
-    found = figures_of(frames)
+    found = summary_of(frames)
     for figure in (found.auprc, found.fpr95):
         assert figure.ci95 is not None
         assert figure.ci95[0] < figure.value < figure.ci95[1]
     assert found.auprc.recordings == found.fpr95.recordings == 6
-    assert figures_of(shuffled(frames, 3)) == found
-    five = figures_of(pa.concat_tables(tables[:5])).auprc
+    assert summary_of(shuffled(frames, 3)) == found
+    five = summary_of(pa.concat_tables(tables[:5])).auprc
     assert (five.ci95, five.recordings) == (None, 5)
     six_times_the_same = pa.concat_tables([tables[1].set_column(0, "recording", t["recording"]) for t in tables])
-    same, unseen = figures_of(six_times_the_same).auprc, 1 - 0.05 ** (1 / 6)
+    same, unseen = summary_of(six_times_the_same).auprc, 1 - 0.05 ** (1 / 6)
     assert same.ci95 == pytest.approx((same.value * (1 - unseen), same.value + unseen * (1 - same.value)))
 
 
 def test_without_objects_or_without_negatives_there_is_no_figure() -> None:
-    nothing = figures_of(frames_of(("....", np.full((1, 4), 0.3))))
+    nothing = summary_of(frames_of(("....", np.full((1, 4), 0.3))))
     assert math.isnan(nothing.auprc.value)
     assert math.isnan(nothing.fpr95.value)
-    everything = figures_of(frames_of(("1111", np.full((1, 4), 0.3))))
+    everything = summary_of(frames_of(("1111", np.full((1, 4), 0.3))))
     assert everything.auprc.value == 1.0
     assert math.isnan(everything.fpr95.value)
     for found in (nothing, everything):
-        again = ThresholdFreeFigures.model_validate_json(found.model_dump_json())
+        again = ThresholdFreeMetrics.model_validate_json(found.model_dump_json())
         assert again.model_dump_json() == found.model_dump_json()
 
 
 def test_a_method_without_likelihood_has_none() -> None:
     _, frames = scored([(reference_frame(picture("1.")), np.array([[True, False]]))])
-    assert threshold_free_figures(frames.to_batches()) is None
+    assert threshold_free_metrics(frames.to_batches()) is None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from bench.evaluation.score_sheet import MetricSums, ScoreSheet
+from bench.evaluation.recording_sums import MetricSums, RecordingSums
 from bench.evaluation.summary import ProtocolStamp
 from bench.gate import ScoredRun, Tolerances, Verdict, judge, load_tolerances
 from bench.gate.baseline import Origin
@@ -40,7 +40,7 @@ def scored(
         reference_fingerprint="r" * 64,
         data_fingerprint="f" * 64,
         origin=Origin(version="1", commit=commit, python="3.11", libraries={}, started_utc="2026-11-21T00:00:00"),
-        sheet=ScoreSheet(slices=found, counts={name: dict(part) for name, part in (counts or {}).items()}),
+        sheet=RecordingSums(slices=found, counts={name: dict(part) for name, part in (counts or {}).items()}),
     )
     return run.model_copy(update=changes)
 

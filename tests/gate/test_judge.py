@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.evaluation import load_protocol
-from bench.evaluation.score_sheet import MetricSums, score_sheet
+from bench.evaluation.recording_sums import MetricSums, recording_sums
 from bench.gate import Outcome, judge, load_tolerances
 from tests.evaluation.runs import random_run
 from tests.gate.factories import RULES, one, scored, sums, verdict_of
@@ -90,14 +90,16 @@ def test_the_worst_comes_first_in_units_of_what_is_tolerated():
 
 
 def test_every_metric_of_a_run_has_a_tolerance_and_every_tolerance_a_metric():
-    sheet = score_sheet(*random_run(1), protocol=load_protocol("paper-v1"))
+    sheet = recording_sums(*random_run(1), protocol=load_protocol("paper-v1"))
     assert {metric for metrics in sheet.slices.values() for metric in metrics} == set(RULES.metrics)
 
 
 @settings(max_examples=5, deadline=None)  # each judges some 150 metrics
 @given(seed=st.integers(0, 1000))
 def test_a_run_never_fails_against_itself(seed):
-    run = scored({}, sheet=score_sheet(*random_run(seed, recordings=7, images=3), protocol=load_protocol("paper-v1")))
+    run = scored(
+        {}, sheet=recording_sums(*random_run(seed, recordings=7, images=3), protocol=load_protocol("paper-v1"))
+    )
     verdict = verdict_of(run, run)
     assert verdict.passed
     assert {row.outcome for row in verdict.rows} <= {Outcome.PASSED, Outcome.NOT_JUDGED}

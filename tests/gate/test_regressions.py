@@ -12,7 +12,7 @@ import pytest
 
 from bench.cli import gating
 from bench.errors import DataError
-from bench.evaluation.score_sheet import MetricSums, score_sheet
+from bench.evaluation.recording_sums import MetricSums, recording_sums
 from bench.gate import Outcome, Verdict, judge, load_tolerances, scored_run, write_baseline
 from bench.gate import baseline as stored
 from bench.harness import read_run
@@ -107,15 +107,15 @@ def test_a_metric_that_drops_objects(good_run, baseline, monkeypatch, capsys):
 
     def dropping(objects, frames, *, protocol):
         """The score sheet, but `tpr_all` leaves out what is covered by less than 90 %."""
-        whole = score_sheet(objects, frames, protocol=protocol)
-        partial = score_sheet(_well_covered(objects.table()), frames, protocol=protocol)
+        whole = recording_sums(objects, frames, protocol=protocol)
+        partial = recording_sums(_well_covered(objects.table()), frames, protocol=protocol)
         slices = {
             name: metrics | {key: partial.slices[name][key] for key in metrics if key == "tpr_all"}
             for name, metrics in whole.slices.items()
         }
         return whole.model_copy(update={"slices": slices})
 
-    monkeypatch.setattr(stored, "score_sheet", dropping)
+    monkeypatch.setattr(stored, "recording_sums", dropping)
     found = judge(before, scored_run(good_run), tolerances=load_tolerances())
     assert [check.name for check in found.failed_checks] == ["cases"]
     assert "tpr_all: " in found.failed_checks[0].message

@@ -9,6 +9,7 @@ import pytest
 from bench.cli import main
 from bench.errors import UsageError
 from bench.evaluation import load_protocol
+from bench.execution import ProcessExecutor, SerialExecutor
 from bench.harness import FramePipeline, RunRequest, build_scorable, read_run, run_benchmark, scorable_methods
 from bench.harness.oracles import ReferenceItself, moving_instances
 from bench.methods import MethodError, build_method, known_methods
@@ -24,7 +25,7 @@ def call(monkeypatch, *words) -> int:
     return 0
 
 
-@pytest.mark.parametrize("protocol", ["paper-v1", "extended-v1"])
+@pytest.mark.parametrize("protocol", ["paper-v1", "extended-v1", "surface-v1"])
 def test_the_reference_scores_perfectly(tiny_card, tmp_path, monkeypatch, protocol):
     out = tmp_path / "run"
     words = ("--method", "reference", "--protocol", protocol, "--out", out, "--no-pictures")
@@ -41,12 +42,28 @@ def test_the_reference_scores_perfectly(tiny_card, tmp_path, monkeypatch, protoc
             "iou",
             "iou_detected",
         ):
-            assert figures.figure(name).value == 1.0
+            assert figures.metric(name).value == 1.0
     assert summary.false_positives.coverage.value == summary.false_positives.frame_rate.value == 0.0
     assert summary.images.evaluated == 12
     # The stamp tells that this is no method.
     assert summary.method.name == "reference"
     assert summary.method.settings == {"sees_the_reference": True}
+
+
+def test_regions_with_unknown_bands_are_the_same_in_one_process_and_in_two(tiny_card, tmp_path):
+    for name, executor in (("one", SerialExecutor()), ("two", ProcessExecutor(workers=2))):
+        run_benchmark(
+            RunRequest(
+                card=load_card(str(tiny_card)),
+                method=build_scorable("reference"),
+                protocol=load_protocol("surface-v1"),
+                out=tmp_path / name,
+                executor=executor,
+            )
+        )
+    for file in ("objects.parquet", "frames.parquet"):
+        assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()
+    assert read_run(tmp_path / "one").all_moving.metric("unknown_share").value > 0
 
 
 def test_it_compares_with_methods_on_the_same_images(tiny_card, tmp_path):
@@ -117,12 +134,12 @@ def test_exact_masks_are_scored_and_marked_and_follow_their_files(own_card, tmp_
 
     summary = scored()
     assert summary.method.settings["sees_the_truth"] is True
-    assert summary.all_moving.figure("detection_rate").value > 0.9
+    assert summary.all_moving.metric("detection_rate").value > 0.9
     file = sorted(own_card.parent.glob("data/tiny/crossing/truth/front/*.png"))[2]
     cv2.imwrite(str(file), np.zeros_like(cv2.imread(str(file), cv2.IMREAD_UNCHANGED)))
     again = scored()
     assert again.provenance.work.units_computed == 1
-    assert again.all_moving.figure("tpr_all").value < summary.all_moving.figure("tpr_all").value
+    assert again.all_moving.metric("tpr_all").value < summary.all_moving.metric("tpr_all").value
 
 
 @pytest.mark.parametrize(

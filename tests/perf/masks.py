@@ -4,14 +4,14 @@ import cv2
 import numpy as np
 from pycocotools import mask as coco
 
-from bench.evaluation.counts import count_frame, take_apart
+from bench.evaluation.counts import count_frame, find_regions
 from bench.reference.records import ReferenceFrame, Status
 from tests.perf.turns import best_seconds
 
 
 def iou_of_all(reference: ReferenceFrame, detected: np.ndarray) -> np.ndarray:
     """(components, objects) float64: as matching needs it, from the label images."""
-    regions = take_apart(reference, detected)
+    regions = find_regions(reference, detected)
     objects = len(reference.objects)
     labels = reference.labels.ravel().astype(np.int64)
     component = regions.component.ravel().astype(np.int64)

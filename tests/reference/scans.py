@@ -36,10 +36,10 @@ def patches_of(points):
     """Corners of the patches, (N, 4, 3) m, lidar frame."""
     grid = find_grid(points)
     assert grid is not None
-    return surface_patches(points, points, world_from_beams=np.eye(3), grid=grid)
+    return surface_patches(points, points, world_from_sensor=np.eye(3), grid=grid)
 
 
-def footprint(points):
+def silhouette_of(points):
     """The union of the patches in the shape's own plane, (y, z) m."""
     return shapely.union_all(shapely.polygons(patches_of(points)[:, :, 1:]))
 

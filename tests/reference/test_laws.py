@@ -11,11 +11,21 @@ import numpy as np
 import pytest
 
 from bench.evaluation.counts import count_frame
-from bench.reference import ReferenceBuilder, ReferenceFrame, Status
+from bench.reference import OutlineErrors, ReferenceBuilder, ReferenceFrame, Status
 from tests.reference.drives import MS, Box, circle, drive, with_settings
 
 SEEDS = range(12)
-SETTINGS = with_settings(min_points=200)  # of 400 on each object
+SETTINGS = {
+    "convex": with_settings(min_points=200),  # of 400 on each object
+    "unknown bands": with_settings(
+        min_points=200,
+        polygon_kind="surface-patches",
+        clearance_above_shape=True,
+        outline=OutlineErrors(
+            range_noise_m=0.02, angle_rad=0.002, position_m=0.007, limb_speed={"pedestrian": 2.0, "cyclist": 0.25}
+        ),
+    ),
+}
 EXPOSURE_NS = 40 * MS
 
 
@@ -37,9 +47,9 @@ def recording_of(seed):
     return drive(boxes, host, exposures_ns=(EXPOSURE_NS,), classes=classes)
 
 
-def frame_of(recording) -> ReferenceFrame:
+def frame_of(recording, settings) -> ReferenceFrame:
     """The reference of its only image."""
-    return ReferenceBuilder(recording, "front", SETTINGS).build(recording.images["front"][0])
+    return ReferenceBuilder(recording, "front", SETTINGS[settings]).build(recording.images["front"][0])
 
 
 @pytest.fixture(scope="module")
@@ -52,9 +62,14 @@ def recording(request, recordings):
     return recordings[request.param]
 
 
+@pytest.fixture(scope="module", params=SETTINGS)
+def settings(request):
+    return request.param
+
+
 @pytest.fixture(scope="module")
-def frame(recording) -> ReferenceFrame:
-    return frame_of(recording)
+def frame(recording, settings) -> ReferenceFrame:
+    return frame_of(recording, settings)
 
 
 def count(frame, detected):
@@ -62,7 +77,7 @@ def count(frame, detected):
 
 
 def test_the_drives_hold_every_kind_of_object(recordings):
-    objects = [item for recording in recordings for item in frame_of(recording).objects]
+    objects = [item for recording in recordings for item in frame_of(recording, "convex").objects]
     kinds = {(item.status, item.reason.value if item.reason else None) for item in objects}
     assert {status for status, _ in kinds} == set(Status)
     assert {"too_few_points", "beyond_range", "class_not_in_protocol", "out_of_view"} <= {reason for _, reason in kinds}
@@ -84,14 +99,14 @@ def test_every_annotated_object_ends_in_one_way(frame):
         assert (item.reason is not None) == (item.status is Status.IGNORED)
 
 
-def test_the_order_of_the_annotations_changes_nothing(recording, frame):
+def test_the_order_of_the_annotations_changes_nothing(recording, settings, frame):
     """Bit by bit, ignored region included."""
-    turned = frame_of(replace(recording, tracks=recording.tracks[::-1]))
+    turned = frame_of(replace(recording, tracks=recording.tracks[::-1]), settings)
     np.testing.assert_array_equal(turned.labels, frame.labels)
     np.testing.assert_array_equal(turned.ignored, frame.ignored)
     for one, other in zip(frame.objects, turned.objects, strict=True):
-        assert (one.track_id, one.status, one.reason, one.category, one.region_px) == (
-            other.track_id, other.status, other.reason, other.category, other.region_px
+        assert (one.track_id, one.status, one.reason, one.category, one.region_px, one.unknown_px) == (
+            other.track_id, other.status, other.reason, other.category, other.region_px, other.unknown_px
         )  # fmt: skip
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bench.reference import IgnoreReason, ReferenceObject, Status
-from bench.reference.polygons import Raster, compose
+from bench.reference.regions import Region, compose
 
 ROWS, COLUMNS = 30, 40
 
@@ -27,13 +27,14 @@ def an_object(status: Status) -> ReferenceObject:
     )
 
 
-def some_objects(rng: np.random.Generator) -> list[tuple[ReferenceObject, Raster | None]]:
+def some_objects(rng: np.random.Generator) -> list[tuple[ReferenceObject, Region | None]]:
     found = []
     for _ in range(rng.integers(1, 9)):
         (top, bottom), (left, right) = np.sort(rng.integers(0, (ROWS + 1, COLUMNS + 1), (2, 2)).T)
         covered = rng.random((bottom - top, right - left)) < rng.choice([0.1, 0.9])
-        raster = Raster((slice(int(top), int(bottom)), slice(int(left), int(right))), covered)
-        found.append((an_object(rng.choice(list(Status))), raster if rng.random() < 0.9 else None))
+        window = slice(int(top), int(bottom)), slice(int(left), int(right))
+        region = Region(window=window, core=covered, possible=covered)
+        found.append((an_object(rng.choice(list(Status))), region if rng.random() < 0.9 else None))
     return found
 
 
@@ -43,13 +44,13 @@ def test_every_pixel_goes_to_the_nearest_object_that_covers_it(seed):
     settled, labels, ignored = compose(objects, np.ones((ROWS, COLUMNS), dtype=bool))
 
     cover = np.zeros((len(objects), ROWS, COLUMNS), dtype=bool)
-    for image, (_, raster) in zip(cover, objects, strict=True):
-        if raster is not None:
-            image[raster.window] = raster.covered
+    for image, (_, region) in zip(cover, objects, strict=True):
+        if region is not None:
+            image[region.window] = region.core
     nearest = np.where(cover.any(axis=0), cover.argmax(axis=0), -1)
     evaluated = [found.status is Status.EVALUATED for found, _ in objects]
     expected = np.where((nearest >= 0) & np.array(evaluated)[nearest], nearest + 1, 0)
-    covering = [raster is not None for _, raster in objects]
+    covering = [region is not None for _, region in objects]
     occluded = [evaluated[k] and covering[k] and not (nearest == k).any() for k in range(len(objects))]
     hidden = [found.status is Status.IGNORED or gone for (found, _), gone in zip(objects, occluded, strict=True)]
 

@@ -6,7 +6,7 @@ import shapely
 from shapely.affinity import scale
 
 from bench.reference.patches import find_grid, reach_bounds, surface_patches
-from tests.reference.scans import SENSORS, footprint, iou, patches_of, scan
+from tests.reference.scans import SENSORS, iou, patches_of, scan, silhouette_of
 
 ELLIPSE = scale(shapely.Point(0.2, -0.4).buffer(1.0, quad_segs=32), 0.45, 0.9)
 LEGS = shapely.box(-0.5, -1.0, -0.15, 0.6).union(shapely.box(0.15, -1.0, 0.5, 0.6))
@@ -26,14 +26,14 @@ def test_rows_that_lie_close_at_the_horizon_and_far_apart_below_leave_no_stripes
     box = shapely.box(-1.0, -2.0, 1.0, 0.5)
     dense = scan(shapely.box(-1.0, -0.5, 1.0, 0.5), steps_deg=(0.2, 0.17))
     sparse = scan(shapely.box(-1.0, -2.0, 1.0, -0.5), steps_deg=(0.2, 1.0))
-    assert footprint(np.vstack([dense, sparse])).area == pytest.approx(box.area, rel=0.05)
+    assert silhouette_of(np.vstack([dense, sparse])).area == pytest.approx(box.area, rel=0.05)
 
 
 @pytest.mark.parametrize("phase", [(0.0, 0.0), (0.4, 0.8), (0.7, 0.3)])
 @pytest.mark.parametrize("name", ["hdl-64e", "128 rows", "wide columns"])
 def test_the_area_of_a_scanned_ellipse_is_right_whatever_the_beams_and_where_they_fall(name, phase):
     points = scan(ELLIPSE, steps_deg=SENSORS[name], phase=phase)
-    found, hull = footprint(points), shapely.MultiPoint(points[:, 1:]).convex_hull
+    found, hull = silhouette_of(points), shapely.MultiPoint(points[:, 1:]).convex_hull
     assert hull.area < ELLIPSE.area
     assert found.area == pytest.approx(ELLIPSE.area, rel=0.06)
     assert iou(found, ELLIPSE) > max(0.90, iou(hull, ELLIPSE) - 0.01)
@@ -43,14 +43,14 @@ def test_a_rectangle_is_right_on_average_over_where_the_beams_fall():
     box, hulls, areas = shapely.box(-0.4, -0.9, 0.4, 0.8), [], []
     for phase in np.random.default_rng(3).random((12, 2)):
         points = scan(box, steps_deg=SENSORS["hdl-64e"], phase=phase)
-        areas.append(footprint(points).area / box.area)
+        areas.append(silhouette_of(points).area / box.area)
         hulls.append(shapely.MultiPoint(points[:, 1:]).convex_hull.area / box.area)
     assert np.mean(areas) == pytest.approx(1.0, abs=0.01)
     assert np.mean(hulls) < 0.96
 
 
 def test_the_gap_between_two_legs_stays_open():
-    found = footprint(scan(LEGS, steps_deg=SENSORS["hdl-64e"]))
+    found = silhouette_of(scan(LEGS, steps_deg=SENSORS["hdl-64e"]))
     assert found.intersection(shapely.box(-0.1, -1.0, 0.1, 0.6)).area == 0
     assert iou(found, LEGS) > 0.93
 
@@ -58,7 +58,7 @@ def test_the_gap_between_two_legs_stays_open():
 def test_one_missing_return_in_five_leaves_the_area_as_it_is():
     points = scan(ELLIPSE, steps_deg=SENSORS["hdl-64e"])
     kept = np.random.default_rng(1).random(len(points)) > 0.2
-    assert footprint(points[kept]).area == pytest.approx(ELLIPSE.area, rel=0.06)
+    assert silhouette_of(points[kept]).area == pytest.approx(ELLIPSE.area, rel=0.06)
 
 
 def test_two_surfaces_one_behind_the_other_are_not_joined():
@@ -71,12 +71,14 @@ def test_two_surfaces_one_behind_the_other_are_not_joined():
 
 def test_the_order_of_points_and_a_turn_of_the_sensor_do_not_matter():
     points = scan(ELLIPSE, steps_deg=SENSORS["hdl-64e"], jitter_rad=1e-4)
-    area = footprint(points).area
-    assert footprint(np.random.default_rng(2).permutation(points)).area == pytest.approx(
+    area = silhouette_of(points).area
+    assert silhouette_of(np.random.default_rng(2).permutation(points)).area == pytest.approx(
         area, rel=0.005
     )  # other returns tell the step
     backwards = np.diag([-1.0, -1.0, 1.0])  # the cluster now lies across the jump of the azimuth
-    turned = surface_patches(points @ backwards, points, world_from_beams=backwards, grid=find_grid(points @ backwards))
+    turned = surface_patches(
+        points @ backwards, points, world_from_sensor=backwards, grid=find_grid(points @ backwards)
+    )
     assert shapely.union_all(shapely.polygons(turned[:, :, 1:])).area == pytest.approx(area, rel=0.01)
 
 

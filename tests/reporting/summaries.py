@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 
 from bench.evaluation.summary import (
-    FalsePositiveFigures,
-    Figure,
+    FalsePositiveMetrics,
     FrameLedger,
-    ObjectFigures,
+    Metric,
     ObjectLedger,
+    ObjectMetrics,
     ProtocolStamp,
-    SegmentationFigures,
+    SegmentationMetrics,
     Summary,
 )
 from bench.reference.records import Category
@@ -24,20 +24,20 @@ RATES = {
 }
 
 
-def figure(value: float, *, cases: int = 100, spread: float = 0.05) -> Figure:
+def figure(value: float, *, cases: int = 100, spread: float = 0.05) -> Metric:
     if math.isnan(value):
-        return Figure(value=value, ci95=None, cases=0, recordings=0)
+        return Metric(value=value, ci95=None, cases=0, recordings=0)
     ends = max(value - spread, 0.0), min(value + spread, 1.0)
-    return Figure(value=value, ci95=ends, cases=cases, recordings=8)
+    return Metric(value=value, ci95=ends, cases=cases, recordings=8)
 
 
-def object_figures(rate: float, *, object_frames: int = 100, tracks: int = 7) -> ObjectFigures:
+def object_figures(rate: float, *, object_frames: int = 100, tracks: int = 7) -> ObjectMetrics:
     cases = 0 if math.isnan(rate) else object_frames
     shares = {
         "detection_rate": 1.0, "detection_rate_10": 0.9, "detection_rate_50": 0.5, "chance": 0.4, "chance_10": 0.2,
         "chance_50": 0.1, "tpr": 0.8, "tpr_all": 0.7, "iou": 0.45, "iou_detected": 0.6,
     }  # fmt: skip
-    return ObjectFigures(
+    return ObjectMetrics(
         object_frames=cases,
         tracks=tracks if cases else 0,
         recordings=8 if cases else 0,
@@ -52,15 +52,15 @@ def summary() -> Summary:
         protocol=ProtocolStamp(name="paper-v1", version=1, digest="0" * 64),
         categories=categories,
         all_moving=object_figures(0.6),
-        false_positives=FalsePositiveFigures(
+        false_positives=FalsePositiveMetrics(
             frames=250,
             recordings=9,
             coverage=figure(0.1052),
             coverage_valid=figure(0.15),
             frame_rate=figure(0.88),
-            components_per_frame=Figure(value=12.5, ci95=(11.0, 14.25), cases=250, recordings=9),
+            components_per_frame=Metric(value=12.5, ci95=(11.0, 14.25), cases=250, recordings=9),
         ),
-        segmentation=SegmentationFigures(iou=figure(0.2), precision=figure(0.3), recall=figure(0.7), f1=figure(0.4)),
+        segmentation=SegmentationMetrics(iou=figure(0.2), precision=figure(0.3), recall=figure(0.7), f1=figure(0.4)),
         false_positive_causes={},
         breakdowns={},
         false_positive_breakdowns={},

@@ -8,7 +8,7 @@ import pytest
 from matplotlib.colors import to_hex
 from rich.console import Console
 
-from bench.evaluation import FalsePositiveFigures, Figure, ObjectFigures
+from bench.evaluation import FalsePositiveMetrics, Metric, ObjectMetrics
 from bench.harness.provenance import Provenance
 from bench.harness.stored import MethodStamp
 from bench.harness.sweep import SweepResult, SweepRow
@@ -20,8 +20,8 @@ from bench.reporting.sweep import draw_sweep, to_csv, to_markdown, to_rich, writ
 
 def figure(value, *, spread=0.1, cases=40):
     if math.isnan(value):
-        return Figure(value=value, ci95=None, cases=0, recordings=0)
-    return Figure(value=value, ci95=(value - spread, value + spread), cases=cases, recordings=7)
+        return Metric(value=value, ci95=None, cases=0, recordings=0)
+    return Metric(value=value, ci95=(value - spread, value + spread), cases=cases, recordings=7)
 
 
 def object_figures(value, *, frames=40, levels=("10", "50")):
@@ -29,7 +29,7 @@ def object_figures(value, *, frames=40, levels=("10", "50")):
     shifts = {"tpr_all": -0.01, "iou": -0.3, "iou_detected": -0.25}
     named = {name: figure(value + shifts.get(name, 0)) for name in names}
     named |= {f"detection_rate_{level}": figure(value - 0.05) for level in levels}
-    return ObjectFigures(object_frames=frames, tracks=3, recordings=7 if frames else 0, **named)
+    return ObjectMetrics(object_frames=frames, tracks=3, recordings=7 if frames else 0, **named)
 
 
 def row(value, share, *, operating=False, levels=("10", "50")):
@@ -46,7 +46,7 @@ def row(value, share, *, operating=False, levels=("10", "50")):
             if kind is not Category.MOVING
         },
         all_moving=object_figures(share, levels=levels),
-        false_positives=FalsePositiveFigures(
+        false_positives=FalsePositiveMetrics(
             frames=12,
             recordings=8,
             coverage=figure(0.28, spread=0.02),

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict
 
-from bench.evaluation import FalsePositiveFigures, ObjectFigures
+from bench.evaluation import FalsePositiveMetrics, ObjectMetrics
 from bench.harness.method_stamp import MethodStamp
 from bench.harness.provenance import Provenance
 from bench.harness.sweep.plan import Part, Scale, Value
@@ -40,9 +40,9 @@ class SweepRow(_Part):
     settings: dict[str, object]
     protocol_digest: str
     injected: dict[str, float]
-    categories: dict[str, ObjectFigures]
-    all_moving: ObjectFigures
-    false_positives: FalsePositiveFigures
+    categories: dict[str, ObjectMetrics]
+    all_moving: ObjectMetrics
+    false_positives: FalsePositiveMetrics
 
 
 class FlowCalls(_Part):

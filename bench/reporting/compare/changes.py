@@ -15,12 +15,11 @@ import pandas as pd
 from bench.errors import DataError
 from bench.evaluation import Protocol, changes_in_parts
 from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.evaluation.row_source import group_recordings
-from bench.evaluation.score_sheet import PairedChange, holm, paired_change, sheet_of
-from bench.evaluation.slices import ALL_MOVING, FRAMES, IMAGE
-from bench.evaluation.summary import Figure, Summary
+from bench.evaluation.recording_sums import PairedChange, holm, paired_change, recording_sums_of
+from bench.evaluation.row_source import IMAGE, group_recordings
+from bench.evaluation.slices import ALL_MOVING, FRAMES
+from bench.evaluation.summary import Metric, Summary, summary_of
 from bench.evaluation.sums import RunSums, sum_run
-from bench.evaluation.totals import figures_of
 from bench.reporting.compare.runs import differing_settings, on_common_images, settings_text
 from bench.reporting.formats import chance_of
 from bench.reporting.stored_run import StoredRun
@@ -97,7 +96,7 @@ class MetricChange:
     change: PairedChange
     p_holm: float | None
     verdict: Verdict | None
-    chance: tuple[Figure, Figure] | None
+    chance: tuple[Metric, Metric] | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,8 +130,8 @@ def row_changes(sums_before: RunSums, sums_after: RunSums, *, protocol: Protocol
         sums_after: of the other run.
         protocol: of both.
     """
-    before, after = (sheet_of(sums, protocol=protocol) for sums in (sums_before, sums_after))
-    summaries = figures_of(sums_before, protocol=protocol), figures_of(sums_after, protocol=protocol)
+    before, after = (recording_sums_of(sums, protocol=protocol) for sums in (sums_before, sums_after))
+    summaries = summary_of(sums_before, protocol=protocol), summary_of(sums_after, protocol=protocol)
     of_objects = [*(str(category) for category in protocol.reference.categories), ALL_MOVING]
     names = {row: [name for name in before.slices[row] if name not in _OF_FRAMES] for row in of_objects}
     names[FRAMES] = list(_OF_FRAMES)
@@ -161,11 +160,11 @@ def row_changes(sums_before: RunSums, sums_after: RunSums, *, protocol: Protocol
     ]
 
 
-def _chance(row: str, metric: str, summaries: tuple[Summary, Summary]) -> tuple[Figure, Figure] | None:
+def _chance(row: str, metric: str, summaries: tuple[Summary, Summary]) -> tuple[Metric, Metric] | None:
     if not metric.startswith("detection_rate"):
         return None
     before, after = (s.all_moving if row == ALL_MOVING else s.categories[row] for s in summaries)
-    return before.figure(chance_of(metric)), after.figure(chance_of(metric))
+    return before.metric(chance_of(metric)), after.metric(chance_of(metric))
 
 
 LISTED = 10  # of each kind, one per track

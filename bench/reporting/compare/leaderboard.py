@@ -12,8 +12,8 @@ from rich.text import Text
 
 from bench.errors import BenchError, DataError
 from bench.evaluation import summarise
-from bench.evaluation.slices import CommonImages
-from bench.evaluation.summary import Figure
+from bench.evaluation.row_source import CommonImages
+from bench.evaluation.summary import Metric
 from bench.harness import RunSummary
 from bench.harness.sweep import MARK
 from bench.plain_text import escape_markdown, plain
@@ -50,7 +50,7 @@ class Entry:
 
     run: str
     method: str
-    metrics: dict[str, Figure]
+    metrics: dict[str, Metric]
     images: int
     frames_per_second: float
     date: str
@@ -211,7 +211,7 @@ def _entry(run: StoredRun, compared: RunSummary, settings: dict[str, object]) ->
     return Entry(
         run=run.label,
         method=method,
-        metrics={name: moving.figure(name) for name in moving.figure_names()}
+        metrics={name: moving.metric(name) for name in moving.metric_names()}
         | {"false_positive_coverage": compared.false_positives.coverage},
         images=summary.images.evaluated,
         frames_per_second=made.images / made.seconds if made.seconds else math.nan,

@@ -10,8 +10,7 @@ from pathlib import Path
 import pandas as pd
 
 from bench.errors import UsageError
-from bench.evaluation.row_source import RowSource, group_recordings
-from bench.evaluation.slices import IMAGE, CommonImages, RowsOnImages
+from bench.evaluation.row_source import IMAGE, CommonImages, RowsOnImages, RowSource, group_recordings
 from bench.harness import RunSummary
 from bench.harness.stored import REFERENCE_OF_FRAMES, REFERENCE_OF_OBJECTS, reference_fingerprint
 from bench.reporting.stored_run import StoredRun, flat_settings, read_stored_run

@@ -16,9 +16,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from bench.errors import DataError
-from bench.evaluation.image_maps import ImageMap
 from bench.evaluation.likelihood import threshold_sweep
-from bench.evaluation.maps import THRESHOLDS, CoverageCurve, coverage_curves, range_maps
+from bench.evaluation.maps import THRESHOLDS, CoverageCurve, ImageMap, coverage_curves, range_maps
 from bench.harness import read_image_maps
 from bench.recordings.atomic import write_bytes
 from bench.reference import Category

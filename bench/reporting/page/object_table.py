@@ -14,8 +14,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from bench.evaluation.protocol import known_protocols
-from bench.evaluation.row_source import RowSource, group_recordings, read_parts
-from bench.evaluation.slices import IMAGE, Columns
+from bench.evaluation.row_source import IMAGE, Columns, RowSource, group_recordings, read_parts
 from bench.evaluation.sums import coverage, intersection_over_union
 from bench.methods import METHODS, build_method
 from bench.reporting.stored_run import StoredRun, flat_settings

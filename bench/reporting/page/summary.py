@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from bench.evaluation import Figure
+from bench.evaluation import Metric
 from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.evaluation.summary import ObjectFigures, Summary
+from bench.evaluation.summary import ObjectMetrics, Summary
 from bench.reference import Category
 from bench.reporting.formats import LABELS, chance_of, percent
 
@@ -45,7 +45,7 @@ class Breakdown:
 
     caption: str
     heading: str
-    rows: Mapping[str, ObjectFigures]
+    rows: Mapping[str, ObjectMetrics]
     metrics: Mapping[str, str]
     lowest: str | None
 
@@ -58,14 +58,14 @@ def breakdowns(found: Summary) -> list[Breakdown]:
     return [*tables, *(breakdown(*BREAKDOWNS[name][:2], rows) for name, rows in found.breakdowns.items() if rows)]
 
 
-def breakdown(caption: str, heading: str, rows: Mapping[str, ObjectFigures]) -> Breakdown:
+def breakdown(caption: str, heading: str, rows: Mapping[str, ObjectMetrics]) -> Breakdown:
     """One way to sort the object-frames."""
-    metrics = {n: h for n, h in BREAKDOWN_METRICS.items() if all(n in row.figure_names() for row in rows.values())}
+    metrics = {n: h for n, h in BREAKDOWN_METRICS.items() if all(n in row.metric_names() for row in rows.values())}
     lowest = lowest_of({name: row.tpr_all for name, row in rows.items()})
     return Breakdown(caption=caption, heading=heading, rows=rows, metrics=metrics, lowest=lowest)
 
 
-def lowest_of(metrics: Mapping[str, Figure]) -> str | None:
+def lowest_of(metrics: Mapping[str, Metric]) -> str | None:
     """The lowest of several by name; None where no interval of another lies wholly above its own."""
     values = {name: metric.value for name, metric in metrics.items() if not math.isnan(metric.value)}
     lowest = min(values, key=lambda name: (values[name], metrics[name].ci95 is None), default=None)
@@ -74,7 +74,7 @@ def lowest_of(metrics: Mapping[str, Figure]) -> str | None:
     return lowest
 
 
-def clearly_below(metric: Figure, other: Figure) -> bool:
+def clearly_below(metric: Metric, other: Metric) -> bool:
     """Whether both have intervals and the one lies wholly below the other."""
     return metric.ci95 is not None and other.ci95 is not None and metric.ci95[1] < other.ci95[0]
 
@@ -96,7 +96,7 @@ def remarks(found: Summary, *, category: Category | None) -> list[Remark]:
     return said if category is not None else [*said, *_of_images(found)]
 
 
-def _best_and_worst(rows: dict[str, ObjectFigures]) -> list[Remark]:
+def _best_and_worst(rows: dict[str, ObjectMetrics]) -> list[Remark]:
     """The best and the weakest kind of motion where their intervals lie apart; all of them as they are otherwise."""
     known = {name: row.tpr_all for name, row in rows.items() if row.tpr_all.ci95 is not None}
     order = sorted(known, key=lambda name: known[name].value)
@@ -114,12 +114,12 @@ def _best_and_worst(rows: dict[str, ObjectFigures]) -> list[Remark]:
     return [Remark(kind="note", text=text)]
 
 
-def _by_chance(rows: dict[str, ObjectFigures]) -> list[Remark]:
+def _by_chance(rows: dict[str, ObjectMetrics]) -> list[Remark]:
     """A rate that the mask of another image reaches too says nothing."""
     near, unknown = [], []
     for name, row in rows.items():
-        metric_name = _HALF if _HALF in row.figure_names() else "detection_rate"
-        rate, chance = row.figure(metric_name), row.figure(chance_of(metric_name)).value
+        metric_name = _HALF if _HALF in row.metric_names() else "detection_rate"
+        rate, chance = row.metric(metric_name), row.metric(chance_of(metric_name)).value
         if rate.ci95 is None:
             unknown.append(f"{_name(name).lower()} ({row.recordings})")
         elif rate.ci95[0] < chance:
@@ -174,7 +174,7 @@ def _name(category: str) -> str:
     return LABELS[Category(category)].split(" (")[0]
 
 
-def _found(row: ObjectFigures) -> str:
+def _found(row: ObjectMetrics) -> str:
     return (
         f"on average {percent(row.tpr_all.value)} of an object is found, over "
         f"{row.object_frames} object-frames of {row.tracks} objects in {row.recordings} recordings"

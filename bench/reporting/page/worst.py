@@ -18,8 +18,7 @@ from shapely import box
 
 from bench.errors import BenchError
 from bench.evaluation import Rows
-from bench.evaluation.row_source import as_source, read_parts
-from bench.evaluation.slices import IMAGE, Columns
+from bench.evaluation.row_source import IMAGE, Columns, as_source, read_parts
 from bench.evaluation.sums import coverage
 from bench.harness import FramePipeline, ProcessedFrame
 from bench.harness.frames import UnscorableFrame

@@ -12,7 +12,7 @@ import pytest
 from bench.cli import reports
 from bench.errors import UsageError
 from bench.evaluation import load_protocol, summarise
-from bench.evaluation.slices import CommonImages, RowsOnImages
+from bench.evaluation.row_source import CommonImages, RowsOnImages
 from bench.gate import judge, load_tolerances, scored_run
 from bench.harness import RunRequest, read_run, run_benchmark
 from bench.harness.stored import open_tables

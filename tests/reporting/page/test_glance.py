@@ -3,7 +3,7 @@
 import math
 import re
 
-from bench.evaluation.summary import Figure, FrameLedger, ObjectFigures
+from bench.evaluation.summary import FrameLedger, ObjectMetrics
 from bench.reference import Category
 from bench.reporting.page.build import environment
 from bench.reporting.page.summary import breakdown, remarks
@@ -24,9 +24,9 @@ def test_best_and_weakest_are_named_with_their_figures():
 
 
 def without_intervals(row, recordings=5):
-    names = row.figure_names()
-    few = {name: row.figure(name).model_copy(update={"ci95": None, "recordings": recordings}) for name in names}
-    return ObjectFigures(object_frames=row.object_frames, tracks=row.tracks, recordings=recordings, **few)
+    names = row.metric_names()
+    few = {name: row.metric(name).model_copy(update={"ci95": None, "recordings": recordings}) for name in names}
+    return ObjectMetrics(object_frames=row.object_frames, tracks=row.tracks, recordings=recordings, **few)
 
 
 def test_no_kind_is_called_the_best_where_intervals_overlap():
@@ -56,9 +56,9 @@ def test_nothing_is_claimed_of_fewer_than_six_recordings():
 def test_a_kind_that_chance_reaches_is_named():
     figures = summary()
     row = figures.categories["crossing"]
-    lucky = row.model_copy(update={"detection_rate_50": Figure(value=0.2, ci95=(0.1, 0.3), cases=100, recordings=8)})
-    lucky.__pydantic_extra__["chance_50"] = Figure(value=0.15, ci95=None, cases=100, recordings=8)
-    lucky.__pydantic_extra__["detection_rate_50"] = Figure(value=0.2, ci95=(0.1, 0.3), cases=100, recordings=8)
+    lucky = row.model_copy(update={"detection_rate_50": Metric(value=0.2, ci95=(0.1, 0.3), cases=100, recordings=8)})
+    lucky.__pydantic_extra__["chance_50"] = Metric(value=0.15, ci95=None, cases=100, recordings=8)
+    lucky.__pydantic_extra__["detection_rate_50"] = Metric(value=0.2, ci95=(0.1, 0.3), cases=100, recordings=8)
     sentence = (
         "Not clearly better than chance when half of an object must be found: crossing (20.0 %, by chance 15.0 %)."
     )

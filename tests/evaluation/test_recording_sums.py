@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.evaluation import MetricSums, PairedChange, ScoreSheet, holm, paired_change, score_sheet, summarise
+from bench.evaluation import MetricSums, PairedChange, RecordingSums, holm, paired_change, recording_sums, summarise
 from bench.evaluation.intervals import MEAN_CHANGE
 from bench.evaluation.summary import Summary
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object, static_object
@@ -30,8 +30,8 @@ OBJECT_METRICS = {
 }
 
 
-def sheet_of(seed: int, **options: int) -> ScoreSheet:
-    return score_sheet(*random_run(seed, **options), protocol=PAPER)
+def recording_sums_of(seed: int, **options: int) -> RecordingSums:
+    return recording_sums(*random_run(seed, **options), protocol=PAPER)
 
 
 def sums(by_recording: dict[str, tuple[float, float]]) -> MetricSums:
@@ -45,7 +45,7 @@ def expected_figures(summary: Summary) -> dict[tuple[str, str], tuple[float, int
     """Slice and metric -> value and cases, as the summary has them."""
     rows = summary.categories | {"all_moving": summary.all_moving}
     rows |= {f"{split}={name}": row for split, named in summary.breakdowns.items() for name, row in named.items()}
-    found = {(name, metric): row.figure(metric) for name, row in rows.items() for metric in OBJECT_METRICS}
+    found = {(name, metric): row.metric(metric) for name, row in rows.items() for metric in OBJECT_METRICS}
     false = {"frames": summary.false_positives}
     for split, named in summary.false_positive_breakdowns.items():
         false |= {f"{split}={name}": row for name, row in named.items()}
@@ -57,7 +57,7 @@ def expected_figures(summary: Summary) -> dict[tuple[str, str], tuple[float, int
 @pytest.mark.parametrize("seed", [1, 2])
 def test_every_figure_of_the_summary_that_the_sheet_has_is_the_same(seed: int) -> None:
     run = random_run(seed)
-    sheet, expected = score_sheet(*run, protocol=PAPER), expected_figures(summarise(*run, protocol=PAPER))
+    sheet, expected = recording_sums(*run, protocol=PAPER), expected_figures(summarise(*run, protocol=PAPER))
     for (name, metric), (value, cases) in expected.items():
         found = sheet.slices[name][metric]
         assert (found.value, found.cases) == (pytest.approx(value, nan_ok=True), cases), (name, metric)
@@ -71,7 +71,7 @@ def test_sums_and_counts_to_check_by_hand() -> None:
     one = reference_frame(picture("11..\n11.."), objects=objects, recording="one")
     two = reference_frame(picture("1111"), recording="two")
     tables = joined([scored([(one, mask(".x..\n.x.x"))]), scored([(two, mask("...."))])])
-    sheet = score_sheet(*tables, protocol=PAPER)
+    sheet = recording_sums(*tables, protocol=PAPER)
     crossing = sheet.slices["crossing"]
     assert crossing["detection_rate"] == sums({"one": (1, 1), "two": (0, 1)})
     assert crossing["tpr"] == sums({"one": (0.5, 1)})
@@ -93,8 +93,8 @@ def test_sums_and_counts_to_check_by_hand() -> None:
 
 
 def test_a_sheet_survives_its_file_and_has_no_nan() -> None:
-    text = sheet_of(3).model_dump_json()
-    assert ScoreSheet.model_validate_json(text) == sheet_of(3)
+    text = recording_sums_of(3).model_dump_json()
+    assert RecordingSums.model_validate_json(text) == recording_sums_of(3)
     assert "NaN" not in text
     assert "null" not in text
 
@@ -103,18 +103,18 @@ def test_a_sheet_survives_its_file_and_has_no_nan() -> None:
 @given(st.integers(0, 1000))
 def test_the_order_of_the_rows_changes_no_byte(seed: int) -> None:
     objects, images = random_run(seed % 5)
-    turned = score_sheet(shuffled(objects, seed), shuffled(images, seed + 1), protocol=PAPER)
-    assert turned.model_dump_json() == score_sheet(objects, images, protocol=PAPER).model_dump_json()
+    turned = recording_sums(shuffled(objects, seed), shuffled(images, seed + 1), protocol=PAPER)
+    assert turned.model_dump_json() == recording_sums(objects, images, protocol=PAPER).model_dump_json()
 
 
 def test_a_run_of_nothing_has_slices_without_cases() -> None:
-    sheet = score_sheet(*scored([]), protocol=PAPER)
+    sheet = recording_sums(*scored([]), protocol=PAPER)
     assert sheet.slices["crossing"]["iou"] == sums({})
     assert sheet.counts["all_moving"]["annotated"] == 0
 
 
 def test_identical_runs_do_not_differ() -> None:
-    sheet = sheet_of(4, recordings=6)
+    sheet = recording_sums_of(4, recordings=6)
     for metric, found in sheet.slices["all_moving"].items():
         same = paired_change(found, found)
         assert (same.difference, same.ci95, same.p_value) == (0.0, None, 1.0), metric
@@ -194,7 +194,7 @@ def test_recordings_with_cases_of_one_run_count_in_the_change_and_not_as_recordi
 @few
 @given(st.integers(0, 100), st.randoms(use_true_random=False))
 def test_a_change_does_not_depend_on_the_order_of_recordings(seed: int, random: object) -> None:
-    before, after = (sheet_of(s, recordings=7).slices["all_moving"]["iou"] for s in (seed % 5, seed % 5 + 1))
+    before, after = (recording_sums_of(s, recordings=7).slices["all_moving"]["iou"] for s in (seed % 5, seed % 5 + 1))
     names = list(before.denominators)
     random.shuffle(names)  # type: ignore[attr-defined]
     turned = sums({name: (before.numerators[name], before.denominators[name]) for name in names})

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from bench.evaluation import Figure, Summary, summarise
+from bench.evaluation import Metric, Summary, load_protocol, summarise
 from bench.reference.records import Category, ReferenceFrame, Status
 from tests.evaluation.frames import frames, mask, picture, reference_frame, reference_object
 from tests.evaluation.runs import PAPER, joined, random_run, scored, shuffled
@@ -39,13 +39,24 @@ def test_figures_to_check_by_hand() -> None:
     row = three_objects().categories["crossing"]
     assert (row.object_frames, row.tracks, row.recordings) == (3, 3, 2)
     assert row.detection_rate.value == 2 / 3
-    assert row.figure("detection_rate_50").value == 2 / 3
+    assert row.metric("detection_rate_50").value == 2 / 3
     assert row.tpr.value == 3 / 4
     assert row.tpr_all.value == 1 / 2
     assert row.iou.value == pytest.approx((2 / 6 + 0 + 1) / 3)
     assert row.iou_detected.value == pytest.approx((2 / 6 + 1) / 2)
     assert row.tpr.cases == 2
     assert row.iou.cases == 3
+
+
+def test_the_unknown_share_stands_beside_the_rows_of_a_protocol_with_unknown_bands() -> None:
+    objects = [reference_object("a", unknown_px=1), reference_object("b")]
+    frame = reference_frame(picture("111.\n2..."), objects=objects)
+    surface = load_protocol("surface-v1")
+    tables = scored([(frame, mask("xxx.\n...."))], protocol=surface)
+    row = summarise(*tables, protocol=surface).categories["crossing"]
+    assert row.metric("unknown_share").value == (1 / 4 + 0) / 2
+    assert row.metric("unknown_share").cases == 2
+    assert "unknown_share" not in summary_of(tables).categories["crossing"].metric_names()
 
 
 def test_false_positives_to_check_by_hand() -> None:
@@ -61,7 +72,7 @@ def test_false_positives_to_check_by_hand() -> None:
 
 def test_one_recording_has_figures_without_intervals() -> None:
     summary = summary_of(scored([(reference_frame(picture("1.")), mask("x."))]))
-    assert summary.all_moving.iou == Figure(value=1.0, ci95=None, cases=1, recordings=1)
+    assert summary.all_moving.iou == Metric(value=1.0, ci95=None, cases=1, recordings=1)
 
 
 def test_no_cases_are_nan_and_null() -> None:
@@ -86,7 +97,7 @@ def test_a_summary_survives_its_file() -> None:
 
 
 def test_the_names_of_a_rows_figures() -> None:
-    names = three_objects().all_moving.figure_names()
+    names = three_objects().all_moving.metric_names()
     assert set(names) == {
         *("detection_rate", "detection_rate_10", "detection_rate_50", "chance", "chance_10", "chance_50"),
         *("tpr", "tpr_all", "iou", "iou_detected"),
@@ -103,7 +114,7 @@ def test_the_reference_against_itself(frame: ReferenceFrame) -> None:
     summary = run_of(frame, lambda frame: frame.labels > 0)
     if summary.all_moving.object_frames:
         row = summary.all_moving
-        assert [row.figure(name).value for name in row.figure_names() if "chance" not in name] == [1.0] * 7
+        assert [row.metric(name).value for name in row.metric_names() if "chance" not in name] == [1.0] * 7
     assert summary.false_positives.coverage.value == 0
 
 
@@ -158,7 +169,7 @@ def test_every_object_frame_is_in_one_category_and_one_slice_of_each_breakdown()
 def test_figures_lie_in_their_intervals() -> None:
     summary = summary_of(random_run(4, recordings=20))
     rows = [summary.all_moving, *summary.categories.values()]
-    figures = [row.figure(name) for row in rows for name in row.figure_names()]
+    figures = [row.metric(name) for row in rows for name in row.metric_names()]
     figures += [summary.false_positives.coverage, summary.segmentation.f1, *summary.false_positive_causes.values()]
     assert all(f.ci95 is not None and f.ci95[0] <= f.value <= f.ci95[1] for f in figures)
 

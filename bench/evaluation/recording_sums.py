@@ -1,7 +1,7 @@
-"""The sums behind every figure, by recording: what a gate or a comparison needs to judge a change in pairs.
+"""The sums behind every metric, per recording: what a gate or a comparison needs to test a change in pairs.
 
-A summary's figures cannot be compared in pairs, as their sums are gone. A score sheet keeps them, by slice, metric and
-recording, small enough to be committed as a baseline. `paired_change` then leaves whole recordings out, the same
+A summary's metrics cannot be compared in pairs, as their sums are gone. `RecordingSums` holds them, by slice, metric
+and recording, small enough to be committed as a baseline. `paired_change` then leaves whole recordings out, the same
 before and after, so that what makes a recording hard cancels out.
 """
 
@@ -29,15 +29,15 @@ from bench.evaluation.intervals import (
     ratio_without_each,
 )
 from bench.evaluation.protocol import Protocol
-from bench.evaluation.row_source import Rows, as_source, group_recordings
-from bench.evaluation.slices import ALL_MOVING, FRAMES, IMAGE, Columns, slice_name
+from bench.evaluation.row_source import IMAGE, Columns, Rows, as_source, group_recordings
+from bench.evaluation.slices import ALL_MOVING, FRAMES, slice_name
 from bench.evaluation.sums import (
     FALSE_POSITIVE_RATIOS,
     OBJECT_RATIOS,
     SEGMENTATION_RATIOS,
-    Ratio,
     RunSums,
     SliceSums,
+    SumRatio,
     coverage,
     intersection_over_union,
     level_ratios,
@@ -62,25 +62,25 @@ class MetricSums(BaseModel):
 
     @property
     def value(self) -> float:
-        """The figure, NaN for 0/0."""
+        """The metric, NaN for 0/0."""
         cases = math.fsum(self.denominators.values())
         return math.fsum(self.numerators.values()) / cases if cases else math.nan
 
     @property
     def cases(self) -> int:
-        """What the figure is taken over: object-frames, image-frames, or pixels for the segmentation figures."""
+        """What the metric is taken over: object-frames, image-frames, or pixels for the segmentation metrics."""
         return int(math.fsum(self.denominators.values()))
 
 
-def object_metrics(levels: tuple[float, ...]) -> dict[str, Ratio]:
-    """Name -> ratio of the metrics of object-frames: those of `object_figures` but for chance."""
+def object_ratios(levels: tuple[float, ...]) -> dict[str, SumRatio]:
+    """Name -> ratio of the metrics of object-frames: those of `object_metrics` but for chance."""
     ratios = level_ratios(levels)
     found = {"detection_rate": OBJECT_RATIOS["detection_rate"]} | ratios | OBJECT_RATIOS
     return {name: ratio for name, ratio in found.items() if not name.startswith("chance")}
 
 
-def frame_metrics() -> dict[str, Ratio]:
-    """Name -> ratio of the metrics of image-frames, as `frame_figures` defines them."""
+def frame_ratios() -> dict[str, SumRatio]:
+    """Name -> ratio of the metrics of image-frames, as `frame_metrics` defines them."""
     return {
         "false_positive_coverage": FALSE_POSITIVE_RATIOS["coverage"],
         "false_positive_coverage_valid": FALSE_POSITIVE_RATIOS["coverage_valid"],
@@ -93,21 +93,21 @@ def frame_metrics() -> dict[str, Ratio]:
 
 
 def metric_sums(
-    sums: SliceSums, place: int, ratios: Mapping[str, Ratio], *, recordings: Sequence[str]
+    sums: SliceSums, index: int, ratios: Mapping[str, SumRatio], *, recordings: Sequence[str]
 ) -> dict[str, MetricSums]:
     """The metrics of one slice.
 
     Args:
         sums: of a split, over S recordings.
-        place: of the slice.
+        index: of the slice.
         ratios: of the metrics, by name.
         recordings: S names.
     """
-    return {name: _ratio_sums(sums, place, ratio, recordings) for name, ratio in ratios.items()}
+    return {name: _ratio_sums(sums, index, ratio, recordings) for name, ratio in ratios.items()}
 
 
-def _ratio_sums(sums: SliceSums, place: int, ratio: Ratio, recordings: Sequence[str]) -> MetricSums:
-    above, below = (sums.terms[name][:, place] for name in ratio)
+def _ratio_sums(sums: SliceSums, index: int, ratio: SumRatio, recordings: Sequence[str]) -> MetricSums:
+    above, below = (sums.accumulators[name][:, index] for name in ratio)
     held = np.flatnonzero(below)
     names = [recordings[number] for number in held.tolist()]
     return MetricSums(
@@ -187,12 +187,12 @@ def holm(p_values: Sequence[float | None]) -> list[float | None]:
     Source:
         Holm 1979, A simple sequentially rejective multiple test procedure.
     """
-    tests = sorted((p, place) for place, p in enumerate(p_values) if p is not None)
+    tests = sorted((p, index) for index, p in enumerate(p_values) if p is not None)
     corrected: list[float | None] = [None] * len(p_values)
     largest = 0.0
-    for rank, (p, place) in enumerate(tests):
+    for rank, (p, index) in enumerate(tests):
         largest = max(largest, min(1.0, (len(tests) - rank) * p))
-        corrected[place] = largest
+        corrected[index] = largest
     return corrected
 
 
@@ -254,13 +254,13 @@ def object_changes(before_objects: pa.Table, after_objects: pa.Table) -> pa.Tabl
     sides = _evaluated(before_objects), _evaluated(after_objects)
     rows = _side_by_side(*sides)
     keys = {name: _either(sides, rows, name) for name in (*_KEY, *_OF_OBJECT)}
-    figures = [_figures(side, of) for side, of in zip(sides, rows, strict=True)]
+    metrics = [_metrics(side, of) for side, of in zip(sides, rows, strict=True)]
     columns = keys | {
         f"{name}_{run}": of_run[name]
-        for name in figures[0]
-        for run, of_run in zip(("before", "after"), figures, strict=True)
+        for name in metrics[0]
+        for run, of_run in zip(("before", "after"), metrics, strict=True)
     }
-    was, is_now = (of_run["detected"].fill_null(False).to_numpy(zero_copy_only=False) for of_run in figures)
+    was, is_now = (of_run["detected"].fill_null(False).to_numpy(zero_copy_only=False) for of_run in metrics)
     change = np.select(
         [rows[1] < 0, rows[0] < 0, ~was & is_now, was & ~is_now, was & is_now],
         ["only_before", "only_after", "gained", "lost", "both"],
@@ -314,8 +314,8 @@ def _shared_numbers(before: Columns, after: Columns, name: str) -> NDArray[np.in
     if name == "timestamp_ns":
         return np.concatenate([before.integers(name), after.integers(name)])
     found = [side.words(name) for side in (before, after)]
-    place = {word: number for number, word in enumerate(sorted({*found[0][1], *found[1][1]}))}
-    return np.concatenate([np.array([*(place[w] for w in words), -1], dtype=np.int64)[codes] for codes, words in found])
+    index = {word: number for number, word in enumerate(sorted({*found[0][1], *found[1][1]}))}
+    return np.concatenate([np.array([*(index[w] for w in words), -1], dtype=np.int64)[codes] for codes, words in found])
 
 
 def _either(
@@ -327,17 +327,17 @@ def _either(
     return pc.if_else(pa.array(rows[0] >= 0), *taken)
 
 
-def _figures(side: Columns, rows: NDArray[np.int64]) -> dict[str, pa.Array]:
+def _metrics(side: Columns, rows: NDArray[np.int64]) -> dict[str, pa.Array]:
     tp, fp, fn = (side.numbers(name) for name in ("tp", "fp", "fn"))
-    figures = {"detected": tp > 0, "coverage": coverage(tp, fn), "iou": intersection_over_union(tp, fp, fn)}
+    metrics = {"detected": tp > 0, "coverage": coverage(tp, fn), "iou": intersection_over_union(tp, fp, fn)}
     taken = pa.array(rows, mask=rows < 0)
-    return {name: pa.array(values).take(taken) for name, values in figures.items()}
+    return {name: pa.array(values).take(taken) for name, values in metrics.items()}
 
 
-__all__ = ["MetricSums", "PairedChange", "ScoreSheet", "holm", "object_changes", "paired_change", "score_sheet"]
+__all__ = ["MetricSums", "PairedChange", "RecordingSums", "holm", "object_changes", "paired_change", "recording_sums"]
 
 
-class ScoreSheet(BaseModel):
+class RecordingSums(BaseModel):
     """All metrics of a run with their sums.
 
     Attributes:
@@ -354,7 +354,9 @@ class ScoreSheet(BaseModel):
     counts: dict[str, dict[str, int]]
 
 
-def score_sheet(objects: Rows, frames: Rows, *, protocol: Protocol, rows_at_once: int | None = None) -> ScoreSheet:
+def recording_sums(
+    objects: Rows, frames: Rows, *, protocol: Protocol, rows_at_once: int | None = None
+) -> RecordingSums:
     """Reduce the tables of a run to sums, whatever the order of their rows.
 
     Args:
@@ -363,31 +365,31 @@ def score_sheet(objects: Rows, frames: Rows, *, protocol: Protocol, rows_at_once
         protocol: that the run was made with.
         rows_at_once: most rows in memory, unless one recording has more; changes no bit of the sums.
     """
-    return sheet_of(sum_run(objects, frames, protocol=protocol, rows_at_once=rows_at_once), protocol=protocol)
+    return recording_sums_of(sum_run(objects, frames, protocol=protocol, rows_at_once=rows_at_once), protocol=protocol)
 
 
-def sheet_of(sums: RunSums, *, protocol: Protocol) -> ScoreSheet:
-    """The score sheet of a run from its sums."""
-    of_objects, of_frames = object_metrics(protocol.scoring.detection_levels), frame_metrics()
+def recording_sums_of(sums: RunSums, *, protocol: Protocol) -> RecordingSums:
+    """The sums per recording of a run from its sums."""
+    of_objects, of_frames = object_ratios(protocol.scoring.detection_levels), frame_ratios()
     slices: dict[str, dict[str, MetricSums]] = {}
     counts: dict[str, dict[str, int]] = {}
     for split, part in sums.objects.items():
-        for place, name in enumerate(part.names):
+        for index, name in enumerate(part.names):
             called = slice_name(split, name)
-            slices[called] = metric_sums(part, place, of_objects, recordings=sums.recordings)
+            slices[called] = metric_sums(part, index, of_objects, recordings=sums.recordings)
             counts[called] = {
-                "object_frames": int(part.rows[:, place].sum()),
-                "tracks": int(part.tracks[:, place].sum()),
-                "recordings": int(np.count_nonzero(part.rows[:, place])),
+                "object_frames": int(part.rows[:, index].sum()),
+                "tracks": int(part.tracks[:, index].sum()),
+                "recordings": int(np.count_nonzero(part.rows[:, index])),
             }
     for split, part in sums.frames.items():
-        for place, name in enumerate(part.names):
+        for index, name in enumerate(part.names):
             called = slice_name(split, name)
             # A breakdown that images have too, for example "camera=front", holds the metrics of both.
-            of_images = metric_sums(part, place, of_frames, recordings=sums.recordings)
+            of_images = metric_sums(part, index, of_frames, recordings=sums.recordings)
             slices[called] = slices.get(called, {}) | of_images
-            counts[called] = counts.get(called, {}) | {"frames": int(part.rows[:, place].sum())}
+            counts[called] = counts.get(called, {}) | {"frames": int(part.rows[:, index].sum())}
     objects, images = sums.object_ledger, sums.frame_ledger
     counts[ALL_MOVING] |= {"annotated": objects.rows} | {k: objects.statuses[k] for k in ("static", "ignored")}
     counts[FRAMES] |= {"images": images.rows} | {k: images.statuses[k] for k in ("evaluated", "failed", "skipped")}
-    return ScoreSheet(slices=slices, counts=counts)
+    return RecordingSums(slices=slices, counts=counts)

@@ -14,8 +14,7 @@ from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.recordings import SweepRef
 from bench.reference import ReferenceBuilder, Status
-from bench.reference.footprint import footprint_polygon, patch_pixels
-from bench.reference.patches import find_grid
+from bench.reference.patches import find_grid, patch_pixels, patch_polygon
 from bench.reference.polygons import rasterise
 from tests.reference.drives import LIDAR, Box, camera, circle, drive, with_settings
 
@@ -63,16 +62,16 @@ def test_pixels_are_those_whose_centre_any_patch_covers_whichever_way_it_turns(b
 
 def test_holes_stay_open_and_slits_of_a_pixel_are_closed():
     ring = squares(*[(u, v) for u in (10.5, 14.5, 18.5) for v in (10.5, 14.5, 18.5) if (u, v) != (14.5, 14.5)])
-    polygon = footprint_polygon(ring, **SIZE)
+    polygon = patch_polygon(ring, **SIZE)
     assert len(polygon.interiors) == 1
     assert image_of(polygon).sum() == 144 - 16
-    assert image_of(footprint_polygon(ring, **SIZE, solid=True)).sum() == 144
-    slit = footprint_polygon(squares((10.5, 10.5), (15.5, 10.5)), **SIZE)
+    assert image_of(patch_polygon(ring, **SIZE, solid=True)).sum() == 144
+    slit = patch_polygon(squares((10.5, 10.5), (15.5, 10.5)), **SIZE)
     assert image_of(slit).sum() == 9 * 4
 
 
-def test_parts_are_linked_by_a_hair_to_one_valid_polygon():
-    polygon = footprint_polygon(squares((10.5, 10.5), (30.5, 12.5)), **SIZE)
+def test_parts_are_linked_to_one_valid_polygon():
+    polygon = patch_polygon(squares((10.5, 10.5), (30.5, 12.5)), **SIZE)
     assert polygon.geom_type == "Polygon"
     assert polygon.is_valid
     image = image_of(polygon)
@@ -86,7 +85,7 @@ def test_the_polygon_gives_back_its_pixels(mask):
     cells = [(u + 20 - 0.5, v + 20 - 0.5) for v, u in np.argwhere(mask)]
     if not cells:
         return
-    polygon = footprint_polygon(squares(*cells, side=1.0), **SIZE)
+    polygon = patch_polygon(squares(*cells, side=1.0), **SIZE)
     assert polygon.is_valid
     assert image_of(polygon)[20:27, 20:29][mask].all()
 
@@ -95,7 +94,7 @@ def test_the_polygon_gives_back_its_pixels(mask):
     "patches", [np.empty((0, 4, 2)), squares((10.2, 10.2), side=0.5), squares((500, 10)), squares((-90, 10))]
 )
 def test_patches_that_cover_no_pixel_give_no_polygon(patches):
-    assert footprint_polygon(patches, **SIZE) is None
+    assert patch_polygon(patches, **SIZE) is None
 
 
 def wall_recording(width_m=1.0, height_m=1.7, away_m=8.0, steps_deg=(0.1728, 0.42)):
@@ -126,15 +125,15 @@ def wall_recording(width_m=1.0, height_m=1.7, away_m=8.0, steps_deg=(0.1728, 0.4
 def test_a_scanned_wall_is_covered_down_to_the_road_where_hulls_end_early(away_m):
     recording, truth = wall_recording(away_m=away_m)
     found = {}
-    for kind in ("convex", "concave", "footprint"):
+    for kind in ("convex", "concave", "surface-patches"):
         settings = with_settings(polygon_kind=kind)
         (wall,) = ReferenceBuilder(recording, "front", settings).build(recording.images["front"][0]).objects
         assert wall.status is Status.EVALUATED
         found[kind] = wall.polygon.intersection(truth).area / wall.polygon.union(truth).area
-        if kind == "footprint":  # no pixels to count beyond the true outline's border
+        if kind == "surface-patches":  # no pixels to count beyond the true outline's border
             assert wall.polygon.difference(truth.buffer(1.0)).area < 0.01 * truth.area
-    assert found["footprint"] > max(found["convex"], found["concave"])
-    assert found["footprint"] > 0.9
+    assert found["surface-patches"] > max(found["convex"], found["concave"])
+    assert found["surface-patches"] > 0.9
 
 
 def test_what_lies_above_the_highest_beam_goes_on_to_the_top_of_the_annotated_shape():
@@ -142,11 +141,11 @@ def test_what_lies_above_the_highest_beam_goes_on_to_the_top_of_the_annotated_sh
     recording, truth = wall_recording(away_m=6.0, width_m=2.0, height_m=2.6)
     frames = {
         kind: ReferenceBuilder(recording, "front", with_settings(polygon_kind=kind)).build(recording.images["front"][0])
-        for kind in ("concave", "footprint")
+        for kind in ("concave", "surface-patches")
     }
     shares = {kind: f.objects[0].polygon.intersection(truth).area / truth.area for kind, f in frames.items()}
     assert shares["concave"] < 0.8
-    assert shares["footprint"] > 0.95
+    assert shares["surface-patches"] > 0.95
 
 
 def test_points_without_rows_fall_back_to_the_concave_hull():
@@ -163,13 +162,13 @@ def test_points_without_rows_fall_back_to_the_concave_hull():
         .build(sparse.images["front"][0])
         .objects[0]
         .polygon
-        for kind in ("concave", "footprint")
+        for kind in ("concave", "surface-patches")
     ]
     assert polygons[0].area > 20
     assert polygons[1].equals(polygons[0])
 
 
-def test_points_in_the_vehicles_axes_give_the_same_footprint_once_it_is_told_where_the_beams_start():
+def test_points_in_the_vehicles_axes_give_the_same_polygon_once_it_is_told_where_the_beams_start():
     """Seen from below the rear axle, rows of beams are no rows: stripes of the wall would stay open."""
     recording, truth = wall_recording(away_m=4.0, width_m=2.0)
     sweep = recording.sweeps[0].read()
@@ -178,7 +177,7 @@ def test_points_in_the_vehicles_axes_give_the_same_footprint_once_it_is_told_whe
     merged = replace(recording, sweeps=(ref,), vehicle_from_lidar=RigidTransform.identity())
     told = replace(merged, lidar_from_beams=LIDAR)
     expected, found, untold = (
-        ReferenceBuilder(one, "front", with_settings(polygon_kind="footprint"))
+        ReferenceBuilder(one, "front", with_settings(polygon_kind="surface-patches"))
         .build(one.images["front"][0])
         .objects[0]
         .polygon

@@ -1,0 +1,145 @@
+"""Core and band of a region, how wide it is, and what a nearer band does to a farther object."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bench.reference import IgnoreReason, OutlineErrors, Status
+from bench.reference.polygons import Raster
+from bench.reference.regions import (
+    Region,
+    compose,
+    limb_motion_m,
+    outline_error_px,
+    pixels_per_radian,
+    uncertain_region,
+)
+from tests.reference.drives import LENS
+from tests.reference.test_occlusion import an_object
+
+NOTHING = OutlineErrors(range_noise_m=0.0, angle_rad=0.0, position_m=0.0, limb_speed={})
+VALID = np.ones((40, 60), dtype=bool)
+SQUARE = Raster((slice(10, 20), slice(20, 30)), np.ones((10, 10), dtype=bool))
+WITHIN = {"certain": None, "gaps": None, "unseen": None}
+
+
+def whole(region: Region) -> tuple[np.ndarray, np.ndarray]:
+    """Core and possible pixels of the image."""
+    images = np.zeros((2, *VALID.shape), dtype=bool)
+    images[0][region.window], images[1][region.window] = region.core, region.possible
+    return images[0], images[1]
+
+
+def a_box(top: int, bottom: int, left: int, right: int) -> np.ndarray:
+    image = np.zeros(VALID.shape, dtype=bool)
+    image[top:bottom, left:right] = True
+    return image
+
+
+@pytest.mark.parametrize(
+    ("half_width_px", "less", "more"), [(0.0, 0, 0), (0.49, 0, 0), (1.0, 1, 1), (2.0, 2, 2), (4.4, 4, 4)]
+)
+def test_the_band_is_as_wide_on_either_side(half_width_px, less, more):
+    """The centre of the first pixel lies half a pixel from the outline, that of the second one and a half."""
+    core, possible = whole(uncertain_region(SQUARE, VALID, half_width_px=half_width_px, **WITHIN))
+    np.testing.assert_array_equal(core, a_box(10 + less, 20 - less, 20 + less, 30 - less))
+    grown = a_box(10 - more, 20 + more, 20 - more, 30 + more)
+    assert not (possible & ~grown).any()  # its corners are round
+    assert (grown & ~possible).sum() <= 4 * more**2
+    assert (possible[15] == grown[15]).all()
+
+
+def test_a_region_that_would_vanish_keeps_its_pixels():
+    core, possible = whole(uncertain_region(SQUARE, VALID, half_width_px=6.0, **WITHIN))
+    np.testing.assert_array_equal(core, a_box(10, 20, 20, 30))
+    assert possible.sum() > core.sum()
+
+
+def test_the_border_of_the_lens_is_no_outline():
+    valid = VALID.copy()
+    valid[:, :20] = False
+    core, possible = whole(uncertain_region(SQUARE, valid, half_width_px=2.0, **WITHIN))
+    np.testing.assert_array_equal(core, a_box(12, 18, 20, 28))
+    assert not (possible & ~valid).any()
+
+
+def test_gaps_and_what_the_lidar_cannot_reach_are_unknown():
+    gap = Raster((slice(12, 14), slice(0, 60)), np.ones((2, 60), dtype=bool))
+    below = Raster((slice(18, 30), slice(20, 30)), np.ones((12, 10), dtype=bool))
+    certain = Raster((slice(10, 20), slice(20, 28)), np.ones((10, 8), dtype=bool))
+    core, possible = whole(uncertain_region(SQUARE, VALID, half_width_px=0.0, certain=certain, gaps=gap, unseen=below))
+    np.testing.assert_array_equal(core, a_box(10, 12, 20, 28) | a_box(14, 18, 20, 28))
+    np.testing.assert_array_equal(possible, a_box(10, 30, 20, 30))
+
+
+def test_a_farther_core_in_a_nearer_band_is_unknown():
+    near = uncertain_region(SQUARE, VALID, half_width_px=1.0, **WITHIN)
+    far = uncertain_region(Raster((slice(5, 25), slice(25, 45)), np.ones((20, 20), dtype=bool)), VALID,
+                           half_width_px=1.0, **WITHIN)  # fmt: skip
+    objects = [(replace(an_object(Status.EVALUATED), track_id=name), region)
+               for name, region in (("near", near), ("far", far))]  # fmt: skip
+    (first, second), labels, ignored = compose(objects, VALID)
+    near_core, near_possible = whole(near)
+    far_core, far_possible = whole(far)
+    np.testing.assert_array_equal(labels == 1, near_core)
+    np.testing.assert_array_equal(labels == 2, far_core & ~near_possible)
+    np.testing.assert_array_equal(ignored, (near_possible | far_possible) & (labels == 0))
+    assert (first.region_px, first.unknown_px) == (near_core.sum(), (near_possible & ~near_core).sum())
+    assert second.unknown_px == (far_possible & ~near_core & (labels != 2)).sum()
+
+
+def test_an_object_within_a_nearer_band_is_ignored():
+    near = Region(window=SQUARE.window, core=np.zeros((10, 10), dtype=bool), possible=SQUARE.covered)
+    near.core[0, 0] = True
+    far = Region(window=(slice(12, 14), slice(22, 24)), core=np.ones((2, 2), bool), possible=np.ones((2, 2), bool))
+    settled, labels, ignored = compose([(an_object(Status.STATIC), near), (an_object(Status.EVALUATED), far)], VALID)
+    assert settled[1].reason is IgnoreReason.OCCLUDED
+    assert not labels.any()
+    np.testing.assert_array_equal(ignored, a_box(12, 14, 22, 24))
+
+
+def width_px(errors=NOTHING, *, away_m=5.0, returns=100, region_px=0, unknown_m=0.0, sensor_m=(0.0, 0.0, 0.0)):
+    points = np.tile([0.0, 0.0, away_m], (returns, 1))
+    return outline_error_px(
+        points,
+        np.array(sensor_m),
+        unknown_motion_m=np.full(returns, unknown_m),
+        region_px=region_px,
+        camera=LENS,
+        errors=errors,
+    )
+
+
+def test_each_cause_alone():
+    """On the axis of the lens a radian is 170 px."""
+    assert width_px() == 0
+    assert width_px(region_px=1200) == pytest.approx(1.0)  # 12 px each, uniform over their side
+    assert width_px(replace(NOTHING, angle_rad=0.01)) == pytest.approx(1.7, rel=0.01)
+    assert width_px(replace(NOTHING, position_m=0.05)) == pytest.approx(1.7, rel=0.01)
+    assert width_px(unknown_m=0.05) == pytest.approx(1.7, rel=0.01)
+    assert width_px(replace(NOTHING, range_noise_m=0.1), sensor_m=(0, 0, -3.0)) == pytest.approx(0.0)
+    # Seen from the side at a right angle, all of the noise; at 30 degrees, half of it.
+    assert width_px(replace(NOTHING, range_noise_m=0.05), sensor_m=(9.0, 0, 5.0)) == pytest.approx(1.7, rel=0.01)
+    aside = 5.0 * np.tan(np.radians(30))
+    assert width_px(replace(NOTHING, range_noise_m=0.05), sensor_m=(aside, 0, 0)) == pytest.approx(0.85, rel=0.01)
+
+
+def test_causes_add_up_as_variances():
+    both = replace(NOTHING, angle_rad=0.01, position_m=0.05)
+    assert width_px(both) == pytest.approx(1.7 * 2**0.5, rel=0.01)
+
+
+def test_nothing_in_the_image_has_no_width():
+    assert width_px(away_m=-5.0, region_px=50) == 0.0
+
+
+def test_limbs_move_by_their_speed_over_the_time_to_the_exposure():
+    moved_m = limb_motion_m(6**0.5, np.array([-50_000_000, 0, 100_000_000], dtype=np.int64))
+    assert moved_m == pytest.approx([0.05, 0.0, 0.1])
+
+
+def test_a_radian_is_as_many_pixels_as_the_lens_says():
+    scale = pixels_per_radian(LENS)
+    assert scale[240, 320] == pytest.approx(170.0, rel=0.01)
+    assert np.isfinite(scale).any()

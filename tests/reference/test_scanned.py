@@ -1,0 +1,141 @@
+"""The reference with unknown bands, on a wall whose true outline is known: every shape, dense and sparse lidars."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+
+from bench.recordings import GroundPolygon, PointIndices
+from bench.reference import OutlineErrors, ReferenceBuilder, Status
+from bench.reference.polygons import rasterise
+from tests.reference.drives import camera, with_settings
+from tests.reference.test_patch_polygon import wall_recording
+
+ERRORS = OutlineErrors(range_noise_m=0.02, angle_rad=0.002, position_m=0.007, limb_speed={"pedestrian": 2.0})
+SURFACE = with_settings(polygon_kind="surface-patches", clearance_above_shape=True, outline=ERRORS)
+
+
+def truth_pixels(truth) -> np.ndarray:
+    pixels = np.zeros((480, 640), dtype=bool)
+    window, covered = rasterise(truth, width=640, height=480)
+    pixels[window] = covered
+    return pixels
+
+
+def annotated_as(recording, shape: str):
+    """The recording with the same wall annotated in another way."""
+    (track,) = recording.tracks
+    (state,) = track.states
+    box, sweep = state.shape, recording.sweeps[0].read()
+    corners = box.vehicle_from_object.apply(
+        np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * (box.size_m / 2 + 0.05)
+    )
+    points = recording.vehicle_from_lidar.apply(sweep.points_lidar.astype(np.float64))
+    shapes = {
+        "cuboid": box,
+        "ground polygon": GroundPolygon(outline_m=corners[:, :2], bottom_m=0.0, top_m=float(box.size_m[2])),
+        "point indices": PointIndices(sweep_timestamp_ns=0, indices=np.flatnonzero(points[:, 2] > 0.02)),
+    }
+    return replace(recording, tracks=(replace(track, states=(replace(state, shape=shapes[shape]),)),))
+
+
+def built(recording, settings=SURFACE):
+    return ReferenceBuilder(recording, "front", settings).build(recording.images["front"][0])
+
+
+@pytest.mark.parametrize("steps_deg", [(0.1728, 0.42), (0.2, 2.0)], ids=["64 rows", "16 rows"])
+@pytest.mark.parametrize("shape", ["cuboid", "ground polygon", "point indices"])
+@pytest.mark.parametrize("object_class", ["vehicle", "pedestrian"])
+def test_the_core_is_the_objects_and_the_band_holds_its_outline(steps_deg, shape, object_class):
+    recording, truth = wall_recording(width_m=2.0, away_m=6.0, steps_deg=steps_deg)
+    recording = replace(recording, tracks=(replace(recording.tracks[0], object_class=object_class),))
+    frame, pixels = built(annotated_as(recording, shape)), truth_pixels(truth)
+    (wall,) = frame.objects
+    core = frame.labels == 1
+    assert wall.status is Status.EVALUATED
+    assert wall.region_px == core.sum() > 0.5 * pixels.sum()
+    assert 0 < wall.unknown_px == frame.ignored.sum() < wall.region_px
+    assert (core & ~pixels).sum() < 0.01 * pixels.sum()
+    left_out = pixels & ~core & ~frame.ignored
+    # Points tell nothing of what is between the lowest of them and the road.
+    assert left_out.sum() < (0.1 if shape == "point indices" else 0.02) * pixels.sum()
+
+
+def test_a_sparser_lidar_has_a_wider_band():
+    shares = []
+    for row_deg in (0.2, 1.0, 2.0):
+        (wall,) = built(wall_recording(width_m=2.0, away_m=6.0, steps_deg=(0.2, row_deg))[0]).objects
+        shares.append(wall.unknown_px / (wall.region_px + wall.unknown_px))
+    assert shares[0] < shares[1] < shares[2]
+
+
+def test_limbs_and_times_that_nobody_tells_widen_the_band():
+    recording, _ = wall_recording(width_m=2.0, away_m=6.0)
+    late = replace(recording.images["front"][0], timestamp_ns=50_000_000)
+    recording = replace(recording, images={"front": (late,)})
+    walker = replace(recording, tracks=(replace(recording.tracks[0], object_class="pedestrian"),))
+    unknown = {}
+    for name, one, settings in (
+        ("solid", recording, SURFACE),
+        ("still limbs", walker, replace(SURFACE, outline=replace(ERRORS, limb_speed={}))),
+        ("limbs", walker, SURFACE),
+    ):
+        unknown[name] = built(one, settings).objects[0].unknown_px
+    assert unknown["limbs"] > unknown["still limbs"] >= unknown["solid"]
+    # A second sweep tells how long a revolution takes: without times of points, when in it was the wall met?
+    second = replace(recording.sweeps[0], timestamp_ns=100_000_000)
+    two = replace(recording, sweeps=(*recording.sweeps, second))
+    assert built(two).objects[0].unknown_px > unknown["solid"]
+
+
+def test_what_the_lidar_looks_over_is_unknown():
+    """3.5 m from a lidar at 1.8 m, beams that fall by 24.8 degrees meet nothing lower than 0.15 m."""
+    recording, _ = wall_recording(width_m=2.0, away_m=4.5)
+    frame, mounted = built(recording), camera()
+    ring = shapely.segmentize(shapely.box(-0.4, 0.02, 0.4, 0.1), 0.02).exterior.coords
+    strip_vehicle = np.column_stack([np.full(len(ring), 4.49), np.asarray(ring)])
+    pixels, _ = mounted.model.project(mounted.vehicle_from_camera.inverse().apply(strip_vehicle))
+    bottom = truth_pixels(shapely.Polygon(pixels))
+    assert bottom.sum() > 500
+    assert not (frame.labels[bottom] > 0).any()
+    assert frame.ignored[bottom].all()
+
+
+def test_where_beams_went_past_is_not_certain():
+    """A comb with teeth of two columns of beams, four columns apart; what is solid has no such gaps."""
+    recording, truth = wall_recording(width_m=2.0, away_m=6.0)
+    sweep = recording.sweeps[0].read()
+    points = recording.vehicle_from_lidar.apply(sweep.points_lidar.astype(np.float64))
+    through = (points[:, 2] > 0.3) & (np.mod(points[:, 1], 0.09) > 0.03)
+    farther = np.where(through[:, None], sweep.points_lidar * 1.8, sweep.points_lidar)
+    recording = replace(
+        recording,
+        sweeps=(replace(recording.sweeps[0], reader=lambda *_: replace(sweep, points_lidar=farther)),),
+        tracks=(replace(recording.tracks[0], object_class="pedestrian"),),
+    )
+    solid = replace(recording, tracks=(replace(recording.tracks[0], object_class="vehicle"),))
+    comb, filled = built(recording).objects[0], built(solid).objects[0]
+    assert comb.region_px < 0.8 * filled.region_px
+    assert truth_pixels(truth).sum() > filled.region_px
+
+
+def test_points_near_the_ground_on_which_an_object_stands_are_no_part_of_any_kind():
+    """On a pavement 12 cm above the road the box's own bottom counts."""
+    recording, _ = wall_recording(width_m=2.0, away_m=6.0)
+    assert camera().road.height_m == pytest.approx(0.66)
+    (track,) = recording.tracks
+    (state,) = track.states
+    at = state.shape.vehicle_from_object
+    upwards_m = np.array([0.0, 0.0, 0.12])
+    raised = replace(state.shape, vehicle_from_object=replace(at, translation_m=at.translation_m + upwards_m))
+    recording = replace(recording, tracks=(replace(track, states=(replace(state, shape=raised),)),))
+    for kind in ("convex", "concave", "surface-patches"):
+        lowest = []
+        for above_shape in (False, True):
+            settings = with_settings(polygon_kind=kind, clearance_above_shape=above_shape, ground_clearance_m=0.1)
+            builder = ReferenceBuilder(recording, "front", settings)
+            points = builder.geometry(track.track_id, recording.images["front"][0]).cluster_vehicle
+            lowest.append(points[:, 2].min())
+        assert lowest[1] > 0.22
+        assert (lowest[0] < 0.22) == (kind != "surface-patches")
