@@ -3,7 +3,7 @@
 import math
 import re
 
-from bench.evaluation.summary import FrameLedger, ObjectMetrics
+from bench.evaluation.summary import FrameLedger, Metric, ObjectMetrics
 from bench.reference import Category
 from bench.reporting.page.build import environment
 from bench.reporting.page.summary import breakdown, remarks
