@@ -5,8 +5,15 @@ A method is given consecutive images, calibration and ego-motion, never annotati
 `fisheye_bench.methods`.
 """
 
-from bench.methods.answers import MethodError, ask_method
-from bench.methods.contract import Method, MethodInput, Needs, Segmentation, UnansweredImage
+from bench.methods.contract import (
+    Method,
+    MethodError,
+    MethodInput,
+    Needs,
+    Segmentation,
+    UnansweredImage,
+    ask_method,
+)
 from bench.methods.registry import METHODS, build_method, describe_method, known_methods
 
 __all__ = [

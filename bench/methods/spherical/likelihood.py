@@ -1,17 +1,26 @@
-"""From deviations to the likelihood of motion."""
+"""From rays to the likelihood of motion: weights, parameters and the weighted mean of the deviations."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import UsageError
-from bench.methods.spherical.two_view import Deviations
+from bench.geometry import RigidTransform, RoadPlane
+from bench.methods.spherical.constraints import (
+    PAPER,
+    Deviations,
+    Variants,
+    deviations,
+    static_camera_deviation,
+)
 
 CONSTRAINTS = ("epipolar", "positive_depth", "positive_height", "anti_parallel")
+THREE_VIEW = "three_view"
+STATIC_CAUSE = "static_camera"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -120,3 +129,131 @@ def largest_contribution(
         np.copyto(cause, np.uint8(index), where=part > best)
         best = np.fmax(best, part)
     return cause
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LikelihoodMap:
+    """Likelihood of motion, of points or of the cells of an image; only the threshold is missing.
+
+    Attributes:
+        likelihood: (...) float64; 0 where not defined.
+        cause: (...) uint8, index into `causes` of the largest contribution.
+        seen: (...) bool; both images see the content.
+        defined: (...) bool; the deviations are defined.
+        stationary: () bool; the camera is stationary.
+        deviations: the deviations of a moving camera by name, (...) float64; empty where they are not known.
+    """
+
+    likelihood: NDArray[np.float64]
+    cause: NDArray[np.uint8]
+    seen: NDArray[np.bool_]
+    defined: NDArray[np.bool_]
+    stationary: NDArray[np.bool_]
+    deviations: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SphericalSettings:
+    """Parameters of the constraints; the defaults are the paper's.
+
+    Attributes:
+        cell_size_px: side of the cells that are segmented.
+        weights: of the constraints; a dictionary changes the method's own.
+        lambda_height: threshold of positive height.
+        lambda_anti_parallel: threshold of anti-parallel.
+        threshold: likelihood above which a cell moves, at 15 frames per second.
+        static_threshold: the same for a stationary camera. The paper gives one number for both; on this value, which is
+            not divided by the sum of weights, it is 2.4 times more sensitive.
+        static_below_m: translation between two images below which the camera counts as stationary; 0.05 m/s at 15
+            frames per second.
+        lambda_static_m: displacement on the road below which a stationary camera sees no motion.
+        min_epipole_sine: alpha_min, size of the blind spot around the epipoles.
+        variants: departures from the paper's constraints.
+        root_sum: hypot of epipolar and positive depth instead of their sum.
+
+    Raises:
+        UsageError: a number that is out of its domain.
+
+    Source:
+        Mariotti and Eising, section III; constants of section III-H and IV.
+    """
+
+    cell_size_px: int = 5
+    weights: Weights = PAPER_WEIGHTS
+    lambda_height: float = 0.001
+    lambda_anti_parallel: float = 0.001
+    threshold: float = PAPER_THRESHOLD
+    static_threshold: float = PAPER_THRESHOLD
+    static_below_m: float = 0.05 / 15
+    lambda_static_m: float = 0.02
+    min_epipole_sine: float = 0.01
+    variants: Variants = PAPER
+    root_sum: bool = False
+
+    def __post_init__(self) -> None:
+        if isinstance(self.weights, dict):
+            object.__setattr__(self, "weights", replace(type(self).weights, **self.weights))
+        if isinstance(self.variants, dict):
+            object.__setattr__(self, "variants", Variants(**self.variants))
+        if self.cell_size_px < 1 or min(self.threshold, self.static_threshold) <= 0:
+            raise UsageError("spherical: expected cell_size_px >= 1 and thresholds > 0")
+
+    def settings(self) -> dict[str, object]:
+        """Every parameter that decides the result."""
+        return asdict(self)
+
+    def likelihood_of_rays(
+        self,
+        rays_previous: NDArray[np.float64],
+        rays_current: NDArray[np.float64],
+        *,
+        seen: NDArray[np.bool_],
+        current_from_previous: RigidTransform,
+        road: RoadPlane,
+        three_view: NDArray[np.float64] | None = None,
+    ) -> LikelihoodMap:
+        """Likelihood of motion by the constraints of a moving or of a stationary camera, as its motion asks for.
+
+        Args:
+            rays_previous: (..., 3) float64, unit rays p of the previous camera frame; NaN where not valid.
+            rays_current: (..., 3) float64, unit rays p' of the current camera frame; NaN where not valid.
+            seen: (...) bool; both images see the content.
+            current_from_previous: motion of the camera.
+            road: the road below the camera.
+            three_view: (...) float64, xi_3v where tracks over three views exist.
+        """
+        if np.linalg.norm(current_from_previous.translation_m) < self.static_below_m:
+            deviation, defined = static_camera_deviation(
+                rays_previous,
+                rays_current,
+                current_from_previous=current_from_previous,
+                road=road,
+                lambda_static_m=self.lambda_static_m,
+            )
+            cause = np.zeros(defined.shape, dtype=np.uint8)
+            return LikelihoodMap(
+                likelihood=deviation, cause=cause, seen=seen, defined=defined, stationary=np.asarray(True)
+            )
+        found = deviations(
+            rays_previous,
+            rays_current,
+            current_from_previous=current_from_previous,
+            road=road,
+            lambda_height=self.lambda_height,
+            lambda_anti_parallel=self.lambda_anti_parallel,
+            min_epipole_sine=self.min_epipole_sine,
+            variants=self.variants,
+        )
+        by_name = {name: getattr(found, name) for name in CONSTRAINTS}
+        return LikelihoodMap(
+            likelihood=motion_likelihood(found, self.weights, three_view=three_view, root_sum=self.root_sum),
+            cause=largest_contribution(found, self.weights, three_view=three_view),
+            seen=seen,
+            defined=found.defined,
+            stationary=np.asarray(False),
+            deviations=by_name if three_view is None else by_name | {THREE_VIEW: three_view},
+        )
+
+    def threshold_of(self, found: LikelihoodMap) -> float:
+        """The likelihood above which a cell moves."""
+        return self.static_threshold if found.stationary else self.threshold
