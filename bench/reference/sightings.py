@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.egomotion import POSES_AHEAD
 from bench.geometry import RigidTransform
 from bench.recordings.records import ObjectState, Recording, Track
 from bench.reference.motion import TrackMotion, track_motion
@@ -48,7 +47,6 @@ class SightingIndex:
         self._recording, self._settings = recording, settings
         rows = [(s.timestamp_ns, t, i) for t, track in enumerate(recording.tracks) for i, s in enumerate(track.states)]
         self._rows = np.array(sorted(rows), dtype=np.int64).reshape(-1, 3)
-        self._times_ns = np.unique(self._rows[:, 0])
         self._motions: dict[int, TrackMotion] = {}
 
     def at(self, exposure_ns: int) -> list[Sighting]:
@@ -63,13 +61,8 @@ class SightingIndex:
                 nearest[number] = wait_ns, index
         chosen = [(self._recording.tracks[number], number, index) for number, (_, index) in sorted(nearest.items())]
         times_ns = {track.states[index].timestamp_ns for track, _, index in chosen}
-        poses = {time_ns: self._pose(time_ns) for time_ns in times_ns}
+        poses = {time_ns: self._recording.trajectory.world_from_vehicle(time_ns) for time_ns in times_ns}
         return [self._sighting(track, number, index, poses) for track, number, index in chosen]
-
-    def _pose(self, time_ns: int) -> RigidTransform:
-        first = np.searchsorted(self._times_ns, time_ns, side="right")
-        next_ns = self._times_ns[first : first + POSES_AHEAD].tolist()
-        return self._recording.trajectory.world_from_vehicle(time_ns, next_ns=next_ns)
 
     def _sighting(self, track: Track, number: int, index: int, poses: Mapping[int, RigidTransform]) -> Sighting:
         if number not in self._motions:

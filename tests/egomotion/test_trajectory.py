@@ -33,22 +33,16 @@ def test_a_pose_is_met_exactly():
     assert path.world_from_vehicle(STEP_NS).translation_m == pytest.approx([1.0, 0.0, 0.0], abs=1e-15)
 
 
-def test_poses_asked_for_together_are_those_asked_for_one_by_one():
-    times_ns = [STEP_NS // 2, STEP_NS, 2 * STEP_NS + 7, -5 * STEP_NS]  # the last has no ego-motion, and nobody asks
-    together, single = straight(range(0, 4 * STEP_NS, STEP_NS)), straight(range(0, 4 * STEP_NS, STEP_NS))
-    first = together.world_from_vehicle(times_ns[0], next_ns=times_ns[1:])
-    assert together.world_from_vehicle(times_ns[0], next_ns=times_ns[1:]) is first
-    for time_ns in times_ns[:3]:
-        assert np.array_equal(together.world_from_vehicle(time_ns).matrix, single.world_from_vehicle(time_ns).matrix)
-    with pytest.raises(DataError, match=r"expected ego-motion at -500000000"):
-        together.world_from_vehicle(times_ns[3], next_ns=times_ns[:3])
-
-
-def test_more_poses_than_are_held_are_right_all_the_same():
+def test_poses_computed_together_are_those_computed_one_by_one():
+    times_ns = [STEP_NS // 2, STEP_NS, 2 * STEP_NS + 7]
     path = straight(range(0, 4 * STEP_NS, STEP_NS))
-    for start_ns in range(0, 3 * STEP_NS, STEP_NS // 5):
-        path.world_from_vehicle(start_ns, next_ns=range(start_ns + 1, start_ns + 100))
-    assert path.world_from_vehicle(STEP_NS).translation_m == pytest.approx([1.0, 0.0, 0.0], abs=1e-12)
+    rotations, positions_m, _ = path.at(np.array(times_ns))
+    for time_ns, rotation, position_m in zip(times_ns, rotations, positions_m, strict=True):
+        pose = path.world_from_vehicle(time_ns)
+        assert np.array_equal(pose.rotation, rotation)
+        assert np.array_equal(pose.translation_m, position_m)
+    with pytest.raises(DataError, match=r"expected ego-motion at -500000000"):
+        path.world_from_vehicle(-5 * STEP_NS)
 
 
 def test_motion_goes_on_for_a_tenth_of_a_second_beyond_the_ends():
