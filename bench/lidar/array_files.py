@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import io
 import math
-import os
-import struct
 import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from tokenize import TokenError
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
-from isal import isal_zlib
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
@@ -23,12 +21,9 @@ Arrays = dict[str, NDArray[Any]]
 
 BIN_COLUMNS = 4  # x, y, z, intensity
 LARGEST_BYTES = 1 << 28  # of an unpacked sweep: ten million points
-LOCAL_HEADER = struct.Struct("<4s22xHH")  # signature, then the bytes of the name and of what follows it
-ENCRYPTED = 0x1
-INFLATE_ERROR: type[Exception] = isal_zlib.error  # type: ignore[assignment]  # its stub takes it for an instance
 UNREADABLE = (
     *(OSError, ValueError, EOFError, KeyError, AttributeError, TypeError, MemoryError),
-    *(NotImplementedError, RuntimeError, INFLATE_ERROR, struct.error, zipfile.BadZipFile),
+    *(NotImplementedError, RuntimeError, zlib.error, zipfile.BadZipFile),
     *(SyntaxError, TokenError),  # of headers that are no Python
 )
 NPY_HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
@@ -45,20 +40,20 @@ NPZ_STORED = {"intensity": np.float32, "time_offset_ns": np.int64, "ring": np.ui
 def read_npz(path: Path) -> Arrays:
     """Read our own arrays; objects (pickles) and arrays of other names are refused.
 
+    `numpy.load` alone would take the memory that a header speaks of before it looks whether the file holds as much.
+
     Raises:
         DataError: cut short, an array that is missing, unknown or of another type.
     """
     try:
-        with path.open("rb") as file, zipfile.ZipFile(file) as archive:
-            entries = archive.infolist()
-            unpacked = sum(entry.file_size for entry in entries)
+        with zipfile.ZipFile(path) as archive:
+            unpacked = sum(entry.file_size for entry in archive.infolist())
             if unpacked > LARGEST_BYTES:
                 raise DataError(
                     path, expected=f"at most {LARGEST_BYTES} bytes of arrays", got=f"{unpacked} when unpacked"
                 )
             arrays: Arrays = {
-                entry.filename.removesuffix(".npy"): _array(path, entry.filename, _unpacked(file, entry))
-                for entry in entries
+                entry.filename.removesuffix(".npy"): _array(path, archive, entry) for entry in archive.infolist()
             }
     except DataError:
         raise
@@ -78,45 +73,25 @@ def read_npz(path: Path) -> Arrays:
     return {name: values.astype(NPZ_STORED.get(name, values.dtype), copy=False) for name, values in arrays.items()}
 
 
-def _unpacked(file: BinaryIO, entry: zipfile.ZipInfo) -> bytes:
-    """What an entry holds. `zipfile` itself takes twice as long, by the inflating of the standard library.
-
-    Raises:
-        BadZipFile: cut short, damaged, encrypted, or packed in a way that `numpy.savez` does not know.
-    """
-    if entry.flag_bits & ENCRYPTED or entry.compress_type not in {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}:
-        raise zipfile.BadZipFile(f"{entry.filename} is encrypted, or packed in another way than by deflate")
-    file.seek(entry.header_offset)
-    signature, name_bytes, extra_bytes = LOCAL_HEADER.unpack(file.read(LOCAL_HEADER.size))
-    if signature != b"PK\3\4":
-        raise zipfile.BadZipFile(f"{entry.filename} does not begin where the directory says")
-    file.seek(name_bytes + extra_bytes, os.SEEK_CUR)
-    content = file.read(entry.compress_size)
-    if entry.compress_type == zipfile.ZIP_DEFLATED:
-        # Bounded: what a stream unpacks to is not what the directory says of it.
-        content = isal_zlib.decompressobj(-isal_zlib.MAX_WBITS).decompress(content, entry.file_size)
-    if len(content) != entry.file_size or isal_zlib.crc32(content) != entry.CRC:
-        raise zipfile.BadZipFile(f"{entry.filename} is damaged")
-    return content
-
-
-def _array(path: Path, name: str, content: bytes) -> NDArray[Any]:
-    """An array of an entry, that cannot be written to.
-
-    `numpy.load` copies it once more, and takes the memory that a header speaks of before it looks whether the entry
-    holds as much.
-    """
+def _array(path: Path, archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray[Any]:
+    """An array of an entry, read-only."""
+    if entry.compress_type not in {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}:  # `zipfile` limits no other's memory
+        raise zipfile.BadZipFile(f"{entry.filename} is packed in another way than by deflate")
+    with archive.open(entry) as packed:
+        content = packed.read(entry.file_size)  # without the size, a stream is unpacked beyond it
+    if len(content) != entry.file_size:
+        raise zipfile.BadZipFile(f"{entry.filename} is cut short")
     member = io.BytesIO(content)
     version = npy.read_magic(member)
     if version not in NPY_HEADERS:
-        raise DataError(path, field=name, expected="NumPy's format 1 or 2", got=str(version))
+        raise DataError(path, field=entry.filename, expected="NumPy's format 1 or 2", got=str(version))
     shape, by_column, kind = NPY_HEADERS[version](member)
     told, held = math.prod(shape) * max(kind.itemsize, 1), len(content) - member.tell()
     if told > held or min(shape, default=0) < 0:
         got = f"a header of {shape} x {kind.itemsize} bytes over {held}"
-        raise DataError(path, field=name, expected="a whole array", got=got)
+        raise DataError(path, field=entry.filename, expected="a whole array", got=got)
     if kind.hasobject:
-        raise DataError(path, field=name, expected="an array of numbers", got="Python objects")
+        raise DataError(path, field=entry.filename, expected="an array of numbers", got="Python objects")
     values = np.frombuffer(content, dtype=kind, count=math.prod(shape), offset=member.tell())
     return values.reshape(shape, order="F" if by_column else "C")
 

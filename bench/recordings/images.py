@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import zlib
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +12,6 @@ from typing import Any
 import cv2
 import kornia_rs.io
 import numpy as np
-from isal import isal_zlib
 from numpy.typing import NDArray
 
 from bench.errors import DataError
@@ -257,7 +257,7 @@ def _png_fault(content: bytes) -> str | None:
         end = place + 12 + length
         if end > len(content):
             break
-        checksum = isal_zlib.crc32(memoryview(content)[place + 4 : end - 4])
+        checksum = zlib.crc32(memoryview(content)[place + 4 : end - 4])
         if checksum != struct.unpack_from(">I", content, end - 4)[0]:
             return f"a PNG damaged near byte {place}"
         if content[place + 4 : place + 8] == b"IEND":

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bench.egomotion import Trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.lidar import LidarSweep, deskew, knot_times
+from bench.lidar import LidarSweep, deskew, interpolation_timestamps
 from bench.recordings.records import ObjectShape, PointIndices, Recording
 
 
@@ -63,7 +63,7 @@ class PlacedSweep:
         return deskew(
             taken.T,
             self.times_ns[rows],
-            knots_ns=self.knots_ns,
+            interpolation_ns=self.knots_ns,
             rotations=self.rotations,
             positions_m=self.positions_m,
         )
@@ -91,7 +91,7 @@ def place_sweep(
         None where the sweep has no points or ego-motion is missing for part of it.
     """
     times_ns = sweep.times_ns
-    knots_ns = knot_times(times_ns)
+    knots_ns = interpolation_timestamps(times_ns)
     rotations, positions_m, valid = trajectory.at(knots_ns)
     if not (len(knots_ns) and valid.all()):
         return None
