@@ -8,9 +8,8 @@ Pixels are (u, v) with the centre of the first pixel at (0, 0); camera frame x r
 """
 
 from bench.cameras.angular import KannalaBrandtCamera, RadialPolynomialCamera
-from bench.cameras.model import CameraModel
+from bench.cameras.model import CameraModel, RayGrid, ray_grid
 from bench.cameras.pinhole import PinholeCamera
-from bench.cameras.ray_grid import RayGrid, ray_grid
 from bench.cameras.registry import CAMERA_MODELS, camera_from_parameters, camera_parameters
 from bench.cameras.unified import UnifiedCamera
 

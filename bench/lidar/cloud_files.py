@@ -1,8 +1,6 @@
 """Reading and writing .pcd and .ply, by open3d.
 
-The one place that imports open3d.
-
-The import takes 0.6 s, so it waits until it is needed. The wheel links against `libusb-1.0.so.0`, which servers and
+The only module that imports open3d. The import takes 0.6 s, so it is done when it is needed. The wheel links against `libusb-1.0.so.0`, which servers and
 containers often lack; the `libusb-package` wheel carries that library, and once it is loaded for the whole process the
 import finds it, with no system package and no root.
 """
@@ -146,7 +144,7 @@ def _ply_rows(words: list[list[str]]) -> tuple[int, int]:
         raise ValueError("vertices do not come first")
     columns = _ply_columns(words)
     if not {"x", "y", "z"} <= {name for name, _ in columns}:
-        raise ValueError("vertices without a place")
+        raise ValueError("vertices without x, y and z")
     return int(words[first][2]), sum(kind.itemsize for _, kind in columns)
 
 

@@ -2,7 +2,7 @@
 
 Every reader gives the same named arrays: `points_lidar` (N, 3) and, where the file has them, `intensity`,
 `time_offset_ns`, `ring` and `gps_time`. Points that are not finite are refused: a file that holds them was written by
-a tool that keeps places for lost returns, and row numbers would depend on whether they count.
+a tool that writes rows for lost returns, and row numbers would depend on whether they count.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ LAYER_A_BYTE = 14  # the kind of extra bytes
 
 
 def read_laz(path: Path) -> Arrays:
-    """Read points, intensities and times as they stand in the file.
+    """Read points, intensities and times as they are in the file.
 
     Raises:
         DataError: cut short, or not a .laz file.
@@ -46,9 +46,9 @@ def read_laz(path: Path) -> Arrays:
                 file.seek(header.offset_to_point_data)
                 points = opened.read_points(-1)
         with np.errstate(over="ignore", invalid="ignore"):  # scales without end: what comes of them is refused later
-            places = np.column_stack([points.x, points.y, points.z])
+            xyz_m = np.column_stack([points.x, points.y, points.z])
         arrays: Arrays = {
-            "points_lidar": places.astype(np.float64, copy=False),
+            "points_lidar": xyz_m.astype(np.float64, copy=False),
             "intensity": np.asarray(points.intensity, dtype=np.float32),
         }
         if "gps_time" in set(points.point_format.dimension_names):
@@ -109,20 +109,20 @@ def _refuse_lying_chunks(path: Path, file: BinaryIO, header: Any) -> None:
         got = f"{points} points in {packed}"
         refuse("chunk table", f"chunks of {header.point_count} points in {table - start - 8} bytes", got)
     if int.from_bytes(record[:2], "little") == LAYERED:
-        place, head_bytes = start + 8, point_bytes + 4
+        offset, head_bytes = start + 8, point_bytes + 4
         for _, packed in entries:
-            file.seek(place + head_bytes)
+            file.seek(offset + head_bytes)
             sizes = np.frombuffer(file.read(4 * _layers(record)), dtype="<u4")
             if head_bytes + sizes.nbytes + int(sizes.sum()) > packed:
                 refuse("layers of a chunk", f"{packed} bytes", f"{sizes.sum()}")
-            place += packed
+            offset += packed
 
 
 def _chunk_table(file: BinaryIO, start: int) -> tuple[int, int]:
-    """Place of the table of chunks and how many it tells; -1 of them where there is none."""
+    """Offset of the table of chunks and the number that it states; -1 where there is none."""
     size = file.seek(0, 2)
-    for place in (start, size - 8):  # of its address: before the points, or at the end of a file that was streamed
-        file.seek(place)
+    for offset in (start, size - 8):  # of its address: before the points, or at the end of a file that was streamed
+        file.seek(offset)
         table = int.from_bytes(file.read(8), "little", signed=True)
         if start + 8 <= table <= size - 8:
             file.seek(table + 4)
