@@ -30,15 +30,15 @@ Source = str | Sequence[str] | float | None  # of a signal: its column, several 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BusSignals:
-    """What the vehicle's bus says of its motion.
+    """The vehicle's motion as its bus reports it.
 
     Attributes:
         source: the file.
         timestamps_ns: (N,) int64.
         speed_mps: (N,) float64, speed of the middle of the rear axle along x; negative backwards, or without sign where
-            `gear` tells.
+            `gear` is known.
         yaw_rate_radps: (N,) float64, positive to the left.
-        gear: (N,) str, "R" or "-1" in reverse; None where the bus does not tell.
+        gear: (N,) str, "R" or "-1" in reverse; None where the bus does not report it.
     """
 
     source: str

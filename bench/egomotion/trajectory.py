@@ -149,7 +149,7 @@ def camera_motion(
 ) -> RigidTransform:
     """`current_from_previous` of the camera, lever arm included.
 
-    A camera away from the vehicle's origin translates when the vehicle turns; the chain of frames takes care of it:
+    A camera away from the vehicle's origin translates when the vehicle rotates; the chain of frames includes it:
     camera <- vehicle (current) <- world <- vehicle (previous) <- camera.
 
     Source:

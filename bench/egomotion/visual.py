@@ -1,4 +1,4 @@
-"""Visual odometry from two views: rotation and direction of travel, never its length.
+"""Visual odometry from two views: rotation and direction of translation, never its length.
 
 Everything is measured on unit rays, so rays beyond 90 degrees count like all others; the usual essential matrix on a
 plane z = 1 cannot hold them.
@@ -24,7 +24,7 @@ REFINED = 3  # of the drawn matrices, the best, since the best of a draw need no
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VisualMotion:
-    """How a camera moved, as far as its images tell.
+    """How a camera moved, as far as its images show.
 
     Attributes:
         rotation: (3, 3) float64, current_from_previous.
@@ -214,7 +214,7 @@ def _tangents(direction: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VisualOdometry:
-    """Estimates rotation and direction from tracks of a scene that mostly stands still.
+    """Estimates rotation and direction from tracks of a scene that is mostly static.
 
     Attributes:
         tolerance_rad: a track agrees that lies this close to its epipolar plane; 0.33 px at 165 px per radian.
@@ -223,7 +223,7 @@ class VisualOdometry:
             165 px per radian.
         draws: sets of eight tracks that are tried.
         scored: tracks that a drawn matrix is scored on.
-        min_tracks: fewer tracks, or fewer that agree, say nothing.
+        min_tracks: fewer tracks, or fewer that agree, give no motion.
         seed: of the draws; the same tracks give the same motion, whichever image came before.
 
     Raises:

@@ -132,9 +132,7 @@ class FramePipeline:
         first = self._oldest(first)
         images: Sequence[NDArray[np.uint8]] = _ImagesOnDemand(range(first, index + 1), self._copied)
         if self._needs.reads_images:
-            images = tuple(
-                images
-            )  # also where all is cached: a damaged image counts as one, even if nobody looks at it
+            images = tuple(images)  # also where all is cached: a damaged image is an error even if it is not used
         self._held = {i: pixels for i, pixels in self._held.items() if i >= first}
         with self._clock.stage("ego-motion"):
             times_ns = tuple(self.images[i].timestamp_ns for i in range(first, index + 1))
@@ -218,7 +216,7 @@ def _read_only_copy(array: NDArray[Scalar]) -> NDArray[Scalar]:
 
 
 class _ImagesOnDemand(Sequence[NDArray[np.uint8]]):
-    """Images that are read when somebody looks at them."""
+    """Images that are read on access."""
 
     def __init__(self, indices: range, read: Callable[[int], NDArray[np.uint8]]) -> None:
         self._indices, self._read = indices, read
@@ -227,12 +225,12 @@ class _ImagesOnDemand(Sequence[NDArray[np.uint8]]):
         return len(self._indices)
 
     @overload
-    def __getitem__(self, place: int) -> NDArray[np.uint8]: ...
+    def __getitem__(self, key: int) -> NDArray[np.uint8]: ...
 
     @overload
-    def __getitem__(self, place: slice) -> Sequence[NDArray[np.uint8]]: ...
+    def __getitem__(self, key: slice) -> Sequence[NDArray[np.uint8]]: ...
 
-    def __getitem__(self, place: int | slice) -> NDArray[np.uint8] | Sequence[NDArray[np.uint8]]:
-        if isinstance(place, slice):
-            return _ImagesOnDemand(self._indices[place], self._read)
-        return self._read(self._indices[place])
+    def __getitem__(self, key: int | slice) -> NDArray[np.uint8] | Sequence[NDArray[np.uint8]]:
+        if isinstance(key, slice):
+            return _ImagesOnDemand(self._indices[key], self._read)
+        return self._read(self._indices[key])

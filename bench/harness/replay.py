@@ -85,9 +85,9 @@ class StoredFrames:
             self._counts(recording).get((camera, timestamp_ns)),
         )
         if now != then:
-            told = "no counts" if then is None else _difference(then, now)
+            stored = "no counts" if then is None else _difference(then, now)
             raise UnscorableFrame(
-                f"recording {recording!r}, camera {camera!r}, image at {timestamp_ns} ns: the run stored {told}; "
+                f"recording {recording!r}, camera {camera!r}, image at {timestamp_ns} ns: the run stored {stored}; "
                 f"code or data changed since, so that a picture would not show what was scored"
             )
         return processed

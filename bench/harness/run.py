@@ -195,7 +195,7 @@ class _Work:
             self.mirror.bring(part)
             self._score(spec, self.handles, part, stored, executor, progress)
         if cache is not None:
-            cache.make_room()
+            cache.evict()
         report = self._report(planned, units, part, executor)
         write_shard(self.out, self.shard, report)
         return report

@@ -40,7 +40,7 @@ NPZ_STORED = {"intensity": np.float32, "time_offset_ns": np.int64, "ring": np.ui
 def read_npz(path: Path) -> Arrays:
     """Read our own arrays; objects (pickles) and arrays of other names are refused.
 
-    `numpy.load` alone would take the memory that a header speaks of before it looks whether the file holds as much.
+    `numpy.load` alone allocates what a header states before it checks whether the file holds as much.
 
     Raises:
         DataError: cut short, an array that is missing, unknown or of another type.

@@ -1,8 +1,8 @@
 """Reading and writing .pcd and .ply, by open3d.
 
-The only module that imports open3d. The import takes 0.6 s, so it is done when it is needed. The wheel links against `libusb-1.0.so.0`, which servers and
-containers often lack; the `libusb-package` wheel carries that library, and once it is loaded for the whole process the
-import finds it, with no system package and no root.
+The only module that imports open3d. The import takes 0.6 s, so it is done when it is needed. The wheel links against
+`libusb-1.0.so.0`, which servers and containers often lack; the `libusb-package` wheel carries that library, and once it
+is loaded for the whole process the import finds it, with no system package and no root.
 """
 
 from __future__ import annotations
@@ -108,12 +108,12 @@ def _refuse_cut_short(path: Path) -> None:
 
 
 def _refuse_lying(path: Path, body: bytes, unpacked: int) -> None:
-    """Compare the two lengths before compressed points with the file: open3d takes the memory that they ask for."""
+    """Compare the two lengths before compressed points with the file: open3d allocates what they state."""
     if len(body) < 8:
         raise DataError(path, expected="compressed points", got=f"{len(body)} bytes; the file is cut short")
-    packed, told = struct.unpack_from("<II", body)
-    if told != unpacked:
-        raise DataError(path, expected=f"{unpacked} bytes when unpacked, as the header says", got=str(told))
+    packed, stated = struct.unpack_from("<II", body)
+    if stated != unpacked:
+        raise DataError(path, expected=f"{unpacked} bytes when unpacked, as the header says", got=str(stated))
     if packed > len(body) - 8:
         raise DataError(path, expected=f"{packed} bytes packed", got=f"{len(body) - 8}; the file is cut short")
 

@@ -1,7 +1,7 @@
 """Reading and writing .laz.
 
-The decompressor takes the memory that a file speaks of before it looks whether the file holds as much, and where that
-cannot be had the process is aborted. So every length in a file is compared with the file first.
+The decompressor allocates what a file states before it checks whether the file holds as much, and where that fails the
+process is aborted. So every length in a file is compared with the file first.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def read_laz(path: Path) -> Arrays:
     """
     import laspy  # 0.15 s, and only these files need it
 
-    logging.getLogger("laspy").setLevel(logging.CRITICAL)  # what it would print is told here
+    logging.getLogger("laspy").setLevel(logging.CRITICAL)  # what it would print is in our errors
     try:
         with path.open("rb") as file:
             _refuse_lying_header(path, file)
@@ -90,20 +90,20 @@ def _refuse_lying_chunks(path: Path, file: BinaryIO, header: Any) -> None:
 
     start, point_bytes = header.offset_to_point_data, header.point_format.size
     record = bytes(header.vlrs[header.vlrs.index("LasZipVlr")].record_data)
-    told = lazrs.LazVlr(record)
-    if told.item_size() != point_bytes:
-        refuse("LASzip record", f"points of {point_bytes} bytes", told.item_size())
+    laszip = lazrs.LazVlr(record)
+    if laszip.item_size() != point_bytes:
+        refuse("LASzip record", f"points of {point_bytes} bytes", laszip.item_size())
     if int.from_bytes(record[:2], "little") not in (CHUNKED, LAYERED):
         return  # one stream of points without lengths
-    count_in = told.chunk_size()
-    if not told.uses_variable_size_chunks() and not 0 < count_in * point_bytes <= LARGEST_BYTES:
+    count_in = laszip.chunk_size()
+    if not laszip.uses_variable_size_chunks() and not 0 < count_in * point_bytes <= LARGEST_BYTES:
         refuse("LASzip record", f"chunks of at most {LARGEST_BYTES} bytes", f"{count_in} points")
     table, chunks = _chunk_table(file, start)
-    most = header.point_count if told.uses_variable_size_chunks() else -(-header.point_count // count_in)
+    most = header.point_count if laszip.uses_variable_size_chunks() else -(-header.point_count // count_in)
     if not 0 <= chunks <= most:
         refuse("chunk table", f"{most} chunks at most", chunks if chunks >= 0 else "none")
     file.seek(start)
-    entries = lazrs.read_chunk_table(file, told)
+    entries = lazrs.read_chunk_table(file, laszip)
     points, packed = sum(entry[0] for entry in entries), sum(entry[1] for entry in entries)
     if points < header.point_count or start + 8 + packed > table:
         got = f"{points} points in {packed}"

@@ -18,7 +18,7 @@ class LidarSweep:
     Attributes:
         timestamp_ns: the sweep's reference time, at which `time_offset_ns` is 0.
         points_lidar: (N, 3) float32 or float64, m, lidar frame at each point's own time; finite.
-        time_offset_ns: (N,) int64, each point's time minus `timestamp_ns`; None where the sensor does not tell, then
+        time_offset_ns: (N,) int64, each point's time minus `timestamp_ns`; None where it is not known, then
             every point counts as taken at `timestamp_ns`.
         intensity: (N,) float32 in [0, 1], or None.
         ring: (N,) uint8, index of the laser, or None.
@@ -89,7 +89,7 @@ def deskew(
         positions_m: (K, 3) float64, m, position of the lidar in the reference frame.
 
     Returns:
-        (N, 3) float64, m, in the reference frame; each component lies in one piece of memory.
+        (N, 3) float64, m, in the reference frame; each component contiguous in memory.
     """
     moved = np.empty((3, len(points_lidar)))
     if (times_ns[1:] < times_ns[:-1]).any():

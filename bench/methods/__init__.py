@@ -1,7 +1,7 @@
 """Segmentation methods: their contract, their registry, and the paper's own.
 
-A method is given consecutive images, calibration and ego-motion, never annotations, and says which cells of the
-**current** (last) image move. Installed packages add methods through the entry point group
+A method is given consecutive images, calibration and ego-motion, never annotations, and segments the **current**
+(last) image into moving and static cells. Installed packages add methods through the entry point group
 `fisheye_bench.methods`.
 """
 

@@ -25,7 +25,7 @@ MOG2_FOREGROUND = 255  # other values are background, and 127 for shadows
 
 
 class Nothing:
-    """Says that nothing moves: detection rate 0, false positives 0."""
+    """Nothing moves: detection rate 0, false positives 0."""
 
     name: ClassVar[str] = "nothing"
     history: ClassVar[int] = 1
@@ -40,7 +40,7 @@ class Nothing:
 
 
 class Everything:
-    """Says that everything moves: detection rate 1, coverage 1, and false positives over the rest."""
+    """Everything moves: detection rate 1, coverage 1, and false positives over the rest."""
 
     name: ClassVar[str] = "everything"
     history: ClassVar[int] = 1

@@ -83,7 +83,7 @@ class Segmentation:
         cell_size_px: side of a cell; 1 for every pixel.
         mask: (rows, columns) bool; moving. It belongs to the current, that is the last, image.
         likelihood: (rows, columns) float32; motion likelihood, 0 where undefined; None for a method without one.
-        undefined: (rows, columns) bool; where the method could not say and so says static; None for nowhere.
+        undefined: (rows, columns) bool; where the method has no answer, which counts as static; None for nowhere.
         causes: names of what can flag a cell, for example the constraints; empty for a method without any.
         cause: (rows, columns) uint8, index into `causes` of the largest contribution; None without causes.
         likelihood_is_score: the likelihood is a score in [0, 1], for example a network's, not the paper's mean of
@@ -106,7 +106,7 @@ class Segmentation:
         return self._spread(self.mask, width, height)
 
     def undefined_at(self, width: int, height: int) -> NDArray[np.bool_]:
-        """Pixels of cells where the method could not say: (height, width) bool."""
+        """Pixels of cells where the method has no answer: (height, width) bool."""
         if self.undefined is None:
             return np.zeros((height, width), dtype=bool)
         return self._spread(self.undefined, width, height)
@@ -136,7 +136,7 @@ class Method(Protocol):
         ...
 
     def segment(self, frame: MethodInput) -> Segmentation:
-        """Say which cells of the current image move."""
+        """Segment the current image into moving and static cells."""
         ...
 
 
@@ -150,8 +150,8 @@ class Needs:
             start of a drive, after a gap and after an image that cannot be read. So it is scored on the same images as
             a method that needs `history`, wherever a drive is cut into pieces.
         colour: it wants BGR images; grey ones without it.
-        reads_images: False for a method that does without images: they are then read only if it, or somebody who draws
-            a picture, looks at them. True without it.
+        reads_images: False for a method that does without images: they are then read only if it, or a picture that
+            is drawn, needs them. True without it.
         files: paths of the files and folders that it reads, for example weights; none without it. Results that were
             stored are found again only as long as settings, code and the content of these files are the same.
     """

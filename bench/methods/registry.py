@@ -35,16 +35,16 @@ def known_methods() -> dict[str, str]:
     return known_places(ENTRY_POINTS, METHODS)
 
 
-def describe_method(place: str) -> str:
+def describe_method(target: str) -> str:
     """What a method is, in one line: the first of its class's docstring.
 
     Args:
-        place: "module:Class".
+        target: "module:Class".
 
     Raises:
         UsageError: nothing to import there.
     """
-    return next(iter((inspect.getdoc(_class(place, place)) or "").splitlines()), "")
+    return next(iter((inspect.getdoc(_class(target, target)) or "").splitlines()), "")
 
 
 def build_method(name: str, parameters: Mapping[str, object] | None = None) -> Method:
@@ -74,5 +74,5 @@ def build_method(name: str, parameters: Mapping[str, object] | None = None) -> M
     return method
 
 
-def _class(name: str, place: str) -> Any:
-    return imported(place, expected=f"method {name!r}: expected a class")
+def _class(name: str, target: str) -> Any:
+    return imported(target, expected=f"method {name!r}: expected a class")

@@ -183,7 +183,7 @@ def _jpeg(content: bytes, kind: int, file: Path) -> NDArray[np.uint8]:
     grey = kind == cv2.IMREAD_GRAYSCALE or (kind == cv2.IMREAD_UNCHANGED and components == 1)
     try:
         pixels = kornia_rs.io.decode_image_jpegturbo(content, "mono" if grey else "rgb")
-    except Exception as error:  # it raises no narrower kind, and says no more
+    except Exception as error:  # it raises no narrower kind, without details
         got = "data that is damaged or ends before the last line"
         raise DataError(file, expected="a whole JPEG", got=got, do="fetch or record the image again") from error
     seen = np.asarray(pixels, dtype=np.uint8)
@@ -210,7 +210,7 @@ def _at_model_size(pixels: NDArray[Any], path: Path, camera: MountedCamera, inte
 
 
 def _fault(content: bytes) -> str | None:
-    """What is wrong with the file as a whole. OpenCV gives a partly grey image for one that is cut short."""
+    """What is wrong with the whole file. OpenCV gives a partly grey image for one that is cut short."""
     if content.startswith(PNG_START):
         return _png_fault(content)
     if content.startswith(JPEG_START):
@@ -219,7 +219,7 @@ def _fault(content: bytes) -> str | None:
 
 
 def stated_size_px(content: bytes) -> tuple[int, int] | None:
-    """(width, height) as the header says; None where there is none."""
+    """(width, height) as the header states; None where there is none."""
     if content.startswith(PNG_START):
         return struct.unpack_from(">II", content, 16) if len(content) >= 24 else None
     frame = _jpeg_frame(content)
@@ -230,7 +230,7 @@ def stated_size_px(content: bytes) -> tuple[int, int] | None:
 
 
 def _jpeg_frame(content: bytes) -> int | None:
-    """Where the header of a JPEG tells its size; None where there is none."""
+    """Offset of the size in the header of a JPEG; None where there is none."""
     offset = len(JPEG_START)
     while offset + 10 <= len(content) and content[offset] == 0xFF:
         marker = content[offset + 1]

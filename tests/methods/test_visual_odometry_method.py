@@ -52,7 +52,9 @@ def test_images_that_show_nothing_are_undefined():
 
 
 def test_constraints_that_need_scale_are_refused_without_it():
-    with pytest.raises(UsageError, match=r"positive_height and anti_parallel need the length of the way.*scale=given"):
+    with pytest.raises(
+        UsageError, match=r"positive_height and anti_parallel need the length of the translation.*scale=given"
+    ):
         build_method(NAME, {"weights": {"positive_height": 0.2, "anti_parallel": 0.2}})
     with pytest.raises(UsageError, match=r"set weights\.anti_parallel=0, or"):
         build_method(NAME, {"weights": {"anti_parallel": 0.2}})

@@ -170,9 +170,9 @@ class Pairing:
         """
         elsewhere = 0
         for group in (self.files.maps, self.files.lists):
-            for place, files in group.items():
+            for folder, files in group.items():
                 left = [file for file in files if file not in self._seen]
-                if any(f"{place}/".startswith(f"{name}/") for name in others):
+                if any(f"{folder}/".startswith(f"{name}/") for name in others):
                     elsewhere += len(left)
                     continue
                 for file in left:
@@ -189,14 +189,14 @@ class Pairing:
 
     def _named(self, camera: CameraImages) -> Iterator[tuple[str, Path, bool]]:
         """Name, file, and whether the file lists many images, of every prediction of a camera."""
-        places = [f"{camera.recording}/{camera.camera}"]
+        folders = [f"{camera.recording}/{camera.camera}"]
         if self.alone and camera.camera != camera.recording:
-            places.append(camera.camera)
-        for place in places:
-            for file in self.files.maps.get(place, []):
+            folders.append(camera.camera)
+        for folder in folders:
+            for file in self.files.maps.get(folder, []):
                 self._seen.add(file)
                 yield file.stem, file, False
-            for file in self.files.lists.get(place, []):
+            for file in self.files.lists.get(folder, []):
                 for name, entries in self._entries(file).items():
                     if all(entry.is_of(camera.camera) for entry in entries):
                         yield name, file, True
@@ -337,7 +337,7 @@ def index_predictions(
         pairing.end_recording(handle.name, cameras)
     elsewhere = pairing.end_folder(everywhere - opened)
     if not (pairing.usable or pairing.faulty or pairing.unread):
-        _refuse_strangers(files, pairing, example)
+        _refuse_unpaired(files, pairing, example)
     _refuse_mixture(files, pairing)
     order = list(FaultKind)
     return PredictionIndex(
@@ -357,7 +357,7 @@ def _example(cameras: list[CameraImages]) -> str:
     return next((str(camera.key(image)) for camera in cameras for image in camera.images if image.scored), "")
 
 
-def _refuse_strangers(files: PredictionFiles, pairing: Pairing, example: str) -> None:
+def _refuse_unpaired(files: PredictionFiles, pairing: Pairing, example: str) -> None:
     names = [fault.place for fault in pairing.faults if fault.kind is FaultKind.EXTRA]
     got = f"{len(names)} files and none of them does, the first {names[0]}" if names else "no file that does"
     raise DataError(

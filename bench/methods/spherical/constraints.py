@@ -197,7 +197,7 @@ def three_view_deviation(
         rays_third: (..., 3) float64, unit rays, third camera frame.
         second_from_first: camera motion of the first pair, metric.
         third_from_second: camera motion of the second pair, metric.
-        min_angle_rad: pairs that see the point under a smaller angle, or next to the epipole, say nothing.
+        min_angle_rad: pairs that see the point under a smaller angle, or next to the epipole, are not defined.
 
     Returns:
         deviation: (...) float64, xi_3v = sin|theta + theta' - theta_tot|; 0 where not defined. It is blind to objects

@@ -97,7 +97,7 @@ def motion_likelihood(
         weights: mu of each constraint, also as numbers in the paper's order e, d, h, p and, if there, 3v; the divisor
             is their whole sum, whichever constraints fire.
         three_view: xi_3v where tracks over three views exist; 0 is taken where it is NaN.
-        root_sum: use hypot(mu_e xi_e, mu_d xi_d) in place of their sum, since both measure parts of one
+        root_sum: use hypot(mu_e xi_e, mu_d xi_d) instead of their sum, since both measure parts of one
             displacement; off in the paper.
 
     Returns:

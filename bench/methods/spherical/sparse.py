@@ -42,7 +42,7 @@ class SparseSphericalMethod(SphericalSettings):
     The three-view constraint counts where a track reaches back two images; elsewhere, and on an image with only one
     image before it, its deviation is 0.
 
-    The paper gives three views the weight 0. The threshold keeps what the two-view constraints mark: the sum of
+    The paper gives three views the weight 0. The threshold is the one of the two-view constraints: the sum of
     weighted deviations counts from 6e-4 x 2.4 on, as in the paper's method.
 
     Attributes:
@@ -100,7 +100,7 @@ class SparseSphericalMethod(SphericalSettings):
         )
 
     def _three_view(self, frame: MethodInput, rays: NDArray[np.float64]) -> NDArray[np.float64]:
-        """xi_3v of each track; 0 where it says nothing."""
+        """xi_3v of each track; 0 where it is not defined."""
         motions = frame.current_from_previous[-2:]
         lengths_m = [float(np.linalg.norm(motion.translation_m)) for motion in motions]
         if len(rays) < 3 or len(motions) < 2 or min(lengths_m) < self.static_below_m:

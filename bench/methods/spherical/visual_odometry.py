@@ -24,16 +24,16 @@ SCALE_FREE = Weights(positive_height=0.0, anti_parallel=0.0)
 
 @dataclass(frozen=True, kw_only=True)
 class VisualOdometryMethod(SphericalMethod):
-    """The paper's method with visual odometry: rotation and direction of travel from tracks of the same images.
+    """The paper's method with visual odometry: rotation and direction of translation from tracks of the same images.
 
-    Two views of one camera do not tell how far it went. Without a scale only the epipolar and the positive depth
+    Two views of one camera do not show how far it moved. Without a scale only the epipolar and the positive depth
     constraint run, and a weight on another one is refused; with `scale="given"` the length of the translation, but
     neither its direction nor the rotation, is that of the given ego-motion, and all constraints run with the paper's
     weights. Where the camera is stationary, or only rotates, the images show no direction, and the constraint of a
     stationary camera is used. Where they show nothing, all is undefined, and so static.
 
     Attributes:
-        weights: what is not told is the paper's, but 0 on constraints that need a scale where there is none.
+        weights: those not given are the paper's, but 0 on constraints that need a scale where there is none.
         threshold: as in `SphericalSettings`; NaN for the paper's angle by the sum of the weights that the scale allows.
         scale: "none", or "given" for the length of the given ego-motion.
         tracker: finds the tracks.
@@ -69,7 +69,7 @@ class VisualOdometryMethod(SphericalMethod):
         asked = [name for name in NEED_SCALE if getattr(self.weights, name) > 0]
         if self.scale == "none" and asked:
             raise UsageError(
-                f"{self.name}: {' and '.join(asked)} need the length of the way, which images do not tell; "
+                f"{self.name}: {' and '.join(asked)} need the length of the translation, which images do not show; "
                 f"set {' '.join(f'weights.{name}=0' for name in asked)}, or scale=given for the recording's own"
             )
 
