@@ -5,7 +5,7 @@ knows of vehicles: the caller of `deskew` passes the poses (`bench.egomotion` ha
 """
 
 from bench.lidar.cloud_files import open3d
-from bench.lidar.files import read_points, read_sweep, write_points, write_sweep
+from bench.lidar.files import read_points, read_sweep, write_sweep
 from bench.lidar.sweep import LidarSweep, deskew, interpolation_timestamps
 
 __all__ = [
@@ -15,6 +15,5 @@ __all__ = [
     "open3d",
     "read_points",
     "read_sweep",
-    "write_points",
     "write_sweep",
 ]

@@ -1,4 +1,4 @@
-"""Reading and writing .npz and .bin."""
+"""Reading .npz and .bin."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import io
 import math
 import zipfile
 import zlib
-from collections.abc import Mapping
 from pathlib import Path
 from tokenize import TokenError
 from typing import Any
@@ -96,11 +95,6 @@ def _array(path: Path, archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDAr
     return values.reshape(shape, order="F" if by_column else "C")
 
 
-def write_npz(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write our own arrays in a fixed order; zip entries carry a fixed date, so equal arrays give equal bytes."""
-    np.savez_compressed(path, **{name: arrays[name] for name in NPZ_ARRAYS if name in arrays})  # type: ignore[arg-type]
-
-
 def read_bin(path: Path) -> Arrays:
     """Read KITTI's float32 rows of x, y, z and intensity.
 
@@ -114,10 +108,3 @@ def read_bin(path: Path) -> Arrays:
         )
     rows = np.fromfile(path, dtype="<f4").reshape(-1, BIN_COLUMNS)
     return {"points_lidar": rows[:, :3].copy(), "intensity": rows[:, 3].copy()}
-
-
-def write_bin(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write KITTI's float32 rows; without intensities they are 0."""
-    points = arrays["points_lidar"]
-    intensity = arrays.get("intensity", np.zeros(len(points), dtype=np.float32))
-    np.column_stack([points, intensity]).astype("<f4").tofile(path)

@@ -1,4 +1,4 @@
-"""Reading and writing .pcd and .ply, by open3d.
+"""Reading .pcd and .ply, by open3d.
 
 The only module that imports open3d. The import takes 0.6 s, so it is done when it is needed. The wheel links against
 `libusb-1.0.so.0`, which servers and containers often lack; the `libusb-package` wheel carries that library, and once it
@@ -10,7 +10,7 @@ from __future__ import annotations
 import ctypes
 import re
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -164,14 +164,3 @@ def _pcd_rows(words: list[list[str]]) -> tuple[int, int]:
     if int(entries["WIDTH"][0]) * int(entries["HEIGHT"][0]) != int(entries["POINTS"][0]):
         raise ValueError("WIDTH and HEIGHT that do not make POINTS")
     return int(entries["POINTS"][0]), sum(int(s) * int(c) for s, c in zip(entries["SIZE"], counts, strict=True))
-
-
-def write_cloud(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write points and intensities, binary."""
-    library = open3d()
-    cloud = library.t.geometry.PointCloud()
-    cloud.point.positions = library.core.Tensor(np.ascontiguousarray(arrays["points_lidar"], dtype=np.float32))
-    if "intensity" in arrays:
-        cloud.point["intensity"] = library.core.Tensor(arrays["intensity"].astype(np.float32)[:, None])
-    if not library.t.io.write_point_cloud(str(path), cloud):
-        raise OSError(f"{path}: could not be written")

@@ -9,25 +9,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.errors import DataError, ShapeError, UnknownNameError
-from bench.lidar.array_files import (
-    LARGEST_BYTES,
-    NPZ_ARRAYS,
-    Arrays,
-    read_bin,
-    read_npz,
-    write_bin,
-    write_npz,
-)
-from bench.lidar.cloud_files import read_cloud, write_cloud
-from bench.lidar.laz_files import read_laz, write_laz
+from bench.errors import DataError, UnknownNameError
+from bench.lidar.array_files import LARGEST_BYTES, NPZ_ARRAYS, Arrays, read_bin, read_npz
+from bench.lidar.cloud_files import read_cloud
+from bench.lidar.laz_files import read_laz
 from bench.lidar.sweep import LidarSweep
 
+FORMATS: Mapping[str, Callable[[Path], Arrays]] = {
+    ".npz": read_npz,
+    ".bin": read_bin,
+    ".pcd": read_cloud,
+    ".ply": read_cloud,
+    ".laz": read_laz,
+}
 FARTHEST_M = 1e8  # coordinates of any map are below
 FARTHEST_TIME_NS = 1_000_000_000  # a point's time further from its sweep's means another clock or unit
 
@@ -46,13 +44,15 @@ def read_points(path: Path) -> Arrays:
         UnknownNameError: a suffix that is not read here.
         DataError: missing, cut short, an array that is missing or of another shape, or points that are not finite.
     """
-    reader, _ = _format(path)
+    suffix = path.suffix.lower()
+    if suffix not in FORMATS:
+        raise UnknownNameError("point-cloud suffix", path.suffix, FORMATS)
     if not path.is_file():
         raise DataError(path, expected="a point-cloud file", got="no such file")
     if path.stat().st_size > LARGEST_BYTES:
         raise DataError(path, expected=f"a sweep of at most {LARGEST_BYTES} bytes", got=str(path.stat().st_size))
     try:
-        arrays = reader(path)
+        arrays = FORMATS[suffix](path)
     except OSError as error:
         raise DataError(path, expected="a readable point-cloud file", got=error.strerror or str(error)) from error
     points = arrays["points_lidar"]
@@ -70,26 +70,6 @@ def read_points(path: Path) -> Arrays:
         expected, got = f"coordinates within {FARTHEST_M:g} m", f"{np.abs(points).max():g}"
         raise DataError(path, field="points_lidar", expected=expected, got=got)
     return arrays
-
-
-def write_points(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write the arrays of a point cloud in the format of the suffix; what the format cannot hold is refused.
-
-    Args:
-        path: the file, overwritten.
-        arrays: as `read_points` gives them.
-
-    Raises:
-        UnknownNameError: a suffix that is not written here.
-        ShapeError: an array that the format cannot hold.
-    """
-    _, (writer, held) = _format(path)
-    for name in arrays:
-        if name not in held:
-            raise ShapeError(
-                f"{path.name}: expected one of {', '.join(held)}, got {name}, which {path.suffix} cannot hold"
-            )
-    writer(path, arrays)
 
 
 def read_sweep(path: Path, timestamp_ns: int) -> LidarSweep:
@@ -146,25 +126,6 @@ def write_sweep(path: Path, sweep: LidarSweep) -> None:
         path: the file, overwritten.
         sweep: the points; they are stored as float32.
     """
-    values = {name: getattr(sweep, name) for name in NPZ_ARRAYS}
-    arrays = {name: array for name, array in values.items() if array is not None}
-    write_points(path, arrays | {"points_lidar": sweep.points_lidar.astype(np.float32)})
-
-
-_Reader = Callable[[Path], Arrays]
-_Writer = Callable[[Path, Mapping[str, NDArray[Any]]], None]
-
-FORMATS: Mapping[str, tuple[_Reader, tuple[_Writer, tuple[str, ...]]]] = {
-    ".npz": (read_npz, (write_npz, NPZ_ARRAYS)),
-    ".bin": (read_bin, (write_bin, ("points_lidar", "intensity"))),
-    ".pcd": (read_cloud, (write_cloud, ("points_lidar", "intensity"))),
-    ".ply": (read_cloud, (write_cloud, ("points_lidar", "intensity"))),
-    ".laz": (read_laz, (write_laz, ("points_lidar", "intensity", "gps_time"))),
-}
-
-
-def _format(path: Path) -> tuple[_Reader, tuple[_Writer, tuple[str, ...]]]:
-    suffix = path.suffix.lower()
-    if suffix not in FORMATS:
-        raise UnknownNameError("point-cloud suffix", path.suffix, FORMATS)
-    return FORMATS[suffix]
+    arrays = {name: getattr(sweep, name) for name in NPZ_ARRAYS if getattr(sweep, name) is not None}
+    arrays["points_lidar"] = sweep.points_lidar.astype(np.float32)
+    np.savez_compressed(path, **arrays)  # zip entries carry a fixed date

@@ -1,4 +1,4 @@
-"""Reading and writing .laz.
+"""Reading .laz.
 
 The decompressor allocates what a file states before it checks whether the file holds as much, and where that fails the
 process is aborted. So every length in a file is compared with the file first.
@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import logging
 import struct
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.errors import DataError
 from bench.lidar.array_files import LARGEST_BYTES, Arrays
@@ -133,17 +131,3 @@ def _chunk_table(file: BinaryIO, start: int) -> tuple[int, int]:
 def _layers(record: bytes) -> int:
     items = ITEM.iter_unpack(record[ITEMS_AT : ITEMS_AT + (len(record) - ITEMS_AT) // ITEM.size * ITEM.size])
     return sum(size if kind == LAYER_A_BYTE else LAYERS.get(kind, 0) for kind, size, _ in items)
-
-
-def write_laz(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write points to the millimetre, with intensities and times."""
-    import laspy
-
-    header = laspy.LasHeader(point_format=1, version="1.2")
-    header.scales = np.full(3, 0.001)
-    cloud = laspy.LasData(header)
-    cloud.xyz = arrays["points_lidar"]
-    for name in ("intensity", "gps_time"):
-        if name in arrays:
-            setattr(cloud, name, arrays[name])
-    cloud.write(path)

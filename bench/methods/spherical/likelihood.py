@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 
 import numpy as np
@@ -41,17 +41,6 @@ class Weights:
         if min(self.as_tuple()) < 0 or self.total <= 0:
             raise UsageError(f"weights: expected numbers >= 0 with at least one positive, got {self.as_tuple()}")
 
-    @classmethod
-    def from_numbers(cls, numbers: Sequence[float]) -> Weights:
-        """From four or five numbers in the paper's order.
-
-        Raises:
-            UsageError: another number of them.
-        """
-        if len(numbers) not in {4, 5}:
-            raise UsageError(f"weights: expected four or five numbers (e, d, h, p, 3v), got {len(numbers)}")
-        return cls(**dict(zip((f.name for f in fields(cls)), map(float, numbers), strict=False)))
-
     def as_tuple(self) -> tuple[float, float, float, float, float]:
         """In the paper's order: e, d, h, p, 3v."""
         return self.epipolar, self.positive_depth, self.positive_height, self.anti_parallel, self.three_view
@@ -85,7 +74,7 @@ def alone(constraint: str, weight: float = 1.0) -> tuple[Weights, float]:
 
 def motion_likelihood(
     deviations: Deviations,
-    weights: Weights | Sequence[float],
+    weights: Weights,
     *,
     three_view: NDArray[np.float64] | None = None,
     root_sum: bool = False,
@@ -94,8 +83,7 @@ def motion_likelihood(
 
     Args:
         deviations: of any shape.
-        weights: mu of each constraint, also as numbers in the paper's order e, d, h, p and, if there, 3v; the divisor
-            is their whole sum, whichever constraints fire.
+        weights: mu of each constraint; the divisor is their whole sum, whichever constraints fire.
         three_view: xi_3v where tracks over three views exist; 0 is taken where it is NaN.
         root_sum: use hypot(mu_e xi_e, mu_d xi_d) instead of their sum, since both measure parts of one
             displacement; off in the paper.
@@ -106,7 +94,6 @@ def motion_likelihood(
     Source:
         Mariotti and Eising, section III-H.
     """
-    weights = weights if isinstance(weights, Weights) else Weights.from_numbers(weights)
     epipolar, depth = weights.epipolar * deviations.epipolar, weights.positive_depth * deviations.positive_depth
     likelihood = np.hypot(epipolar, depth) if root_sum else epipolar + depth
     likelihood += weights.positive_height * deviations.positive_height
