@@ -83,9 +83,9 @@ class FramePipeline:
         self._steps = steps
         self._gaps = {gap.index: gap for gap in frame_gaps(recording, camera)}
         self._held: dict[int, NDArray[np.uint8] | DataError] = {}
-        self._times_ns = [told_time_ns(image.timestamp_ns, recording.input_errors) for image in self.images]
+        self._pose_times_ns = [told_time_ns(image.timestamp_ns, recording.input_errors) for image in self.images]
         with self._clock.stage("ego-motion"):
-            self._poses = recording.trajectory.at(np.array(self._times_ns, dtype=np.int64))
+            self._poses = recording.trajectory.at(np.array(self._pose_times_ns, dtype=np.int64))
         told = told_camera(self.camera, recording.input_errors)
         self._mounting_told = told.vehicle_from_camera
         self._camera_given, self._road_given = deepcopy((told.model, told.road))
@@ -172,7 +172,9 @@ class FramePipeline:
         """The pose at an image, as the method is told of it; DataError where there is none."""
         rotations, positions_m, valid = self._poses
         if not valid[index]:
-            return self.recording.trajectory.world_from_vehicle(self._times_ns[index])  # which says what is missing
+            return self.recording.trajectory.world_from_vehicle(
+                self._pose_times_ns[index]
+            )  # which says what is missing
         return RigidTransform(rotations[index], positions_m[index])
 
     def _oldest(self, first: int) -> int:

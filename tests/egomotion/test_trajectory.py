@@ -99,7 +99,7 @@ def test_positions_must_be_finite():
     "time_ns", [0, 1, 25_000_000, STEP_NS // 2, STEP_NS - 1, STEP_NS, 2 * STEP_NS, 2 * STEP_NS + 1]
 )
 def test_on_a_bend_the_velocity_points_along_the_vehicle_at_every_time(time_ns, rate_radps, speed_mps):
-    """Poses at 10 Hz: the chord between two would be turned by up to half of the turn between them, 1.43 degrees at
+    """Poses at 10 Hz: the chord between two would be rotated by up to half of the rotation between them, 1.43 degrees at
     0.5 rad/s."""
     seconds = np.arange(3) * STEP_NS / 1e9
     heading_rad = rate_radps * seconds
@@ -132,7 +132,7 @@ def test_the_velocity_between_poses_is_that_of_the_path_there():
         assert path.velocity_vehicle_mps(time_ns) == pytest.approx(seen, rel=1e-5, abs=1e-5)
 
 
-def test_a_vehicle_that_stands_has_no_velocity():
+def test_a_stationary_vehicle_has_no_velocity():
     assert straight([0, STEP_NS, 2 * STEP_NS], speed_mps=0.0).velocity_vehicle_mps(STEP_NS // 2).tolist() == [0, 0, 0]
 
 

@@ -39,19 +39,19 @@ def test_a_wall_stays_a_wall_when_the_car_drives_at_it():
 def test_a_turning_sensor_sees_a_point_stand_still():
     times_ns = np.linspace(0, SECOND_NS // 10, 21).astype(np.int64)
 
-    def turned(angles_rad):
+    def rotated(angles_rad):
         cosine, sine, zero = np.cos(angles_rad), np.sin(angles_rad), np.zeros(len(angles_rad))
         rows = [cosine, -sine, zero, sine, cosine, zero, zero, zero, zero + 1]
         return np.stack(rows, axis=1).reshape(-1, 3, 3)
 
     point = np.array([20.0, 5.0, 1.0])
-    measured = np.einsum("nji,j->ni", turned(times_ns / 1e9), point)
+    measured = np.einsum("nji,j->ni", rotated(times_ns / 1e9), point)
     interpolation_ns = interpolation_timestamps(times_ns)
     still = deskew(
         measured,
         times_ns,
         interpolation_ns=interpolation_ns,
-        rotations=turned(interpolation_ns / 1e9),
+        rotations=rotated(interpolation_ns / 1e9),
         positions_m=np.zeros((len(interpolation_ns), 3)),
     )
     assert np.abs(still - point).max() < 3.2e-6 * np.linalg.norm(point)

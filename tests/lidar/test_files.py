@@ -26,13 +26,13 @@ def test_points_and_intensities_survive_every_format(tmp_path, suffix):
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
-@pytest.mark.parametrize("kept", [0.0, 0.3, 0.97])
-def test_a_file_cut_short_is_refused(tmp_path, suffix, kept):
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.97])
+def test_a_file_cut_short_is_refused(tmp_path, suffix, share):
     whole, cut = tmp_path / f"whole{suffix}", tmp_path / f"cut{suffix}"
     points = np.random.default_rng(1).normal(size=(101, 3)).astype(np.float32)
     write_points(whole, {"points_lidar": points})
     content = whole.read_bytes()
-    cut.write_bytes(content[: int(kept * len(content))])
+    cut.write_bytes(content[: int(share * len(content))])
     with pytest.raises(DataError, match=rf"cut\{suffix}: "):
         read_points(cut)
 

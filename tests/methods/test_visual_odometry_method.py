@@ -34,7 +34,7 @@ def test_the_motion_is_the_cameras():
     assert np.linalg.norm(scaled.translation_m) == pytest.approx(0.06)
 
 
-def test_a_standing_camera_takes_the_static_branch_whatever_the_wheels_say():
+def test_a_stationary_camera_takes_the_static_branch_whatever_the_wheels_say():
     previous, _ = render(np.zeros(3), np.array([3.0, -0.6, 0.0]))
     current, board = render(np.zeros(3), np.array([3.0, -0.3, 0.0]))
     found = build_method(NAME).segment(frame(previous, current, STEP))
