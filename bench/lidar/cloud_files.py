@@ -17,10 +17,9 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.errors import DataError
-from bench.lidar.array_files import LARGEST_BYTES
+from bench.lidar.sweep import LARGEST_BYTES, Arrays
 
 
 @cache
@@ -38,8 +37,6 @@ def open3d() -> ModuleType:
 
     return module
 
-
-Arrays = dict[str, NDArray[Any]]
 
 PLY_TYPES = {
     **{name: np.dtype(name) for name in ("int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64")},

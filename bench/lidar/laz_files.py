@@ -14,7 +14,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from bench.errors import DataError
-from bench.lidar.array_files import LARGEST_BYTES, Arrays
+from bench.lidar.sweep import LARGEST_BYTES, Arrays
 
 HEADER = struct.Struct("<94xHII")  # bytes of the header, offset of the points, records between them
 RECORD_BYTES = 54  # at least, of a record between header and points

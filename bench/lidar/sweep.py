@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import ShapeError
+
+Arrays = dict[str, NDArray[Any]]  # of a point cloud, by name
+LARGEST_BYTES = 1 << 28  # of an unpacked sweep: ten million points
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -99,8 +99,7 @@ def test_positions_must_be_finite():
     "time_ns", [0, 1, 25_000_000, STEP_NS // 2, STEP_NS - 1, STEP_NS, 2 * STEP_NS, 2 * STEP_NS + 1]
 )
 def test_on_a_bend_the_velocity_points_along_the_vehicle_at_every_time(time_ns, rate_radps, speed_mps):
-    """Poses at 10 Hz: the chord between two would be rotated by up to half of the rotation between them, 1.43 degrees at
-    0.5 rad/s."""
+    """Poses at 10 Hz: the chord between two is rotated by up to half of the rotation between them, 1.43 degrees at 0.5 rad/s."""
     seconds = np.arange(3) * STEP_NS / 1e9
     heading_rad = rate_radps * seconds
     if rate_radps:
