@@ -99,7 +99,8 @@ def test_positions_must_be_finite():
     "time_ns", [0, 1, 25_000_000, STEP_NS // 2, STEP_NS - 1, STEP_NS, 2 * STEP_NS, 2 * STEP_NS + 1]
 )
 def test_on_a_bend_the_velocity_points_along_the_vehicle_at_every_time(time_ns, rate_radps, speed_mps):
-    """Poses at 10 Hz: the chord between two is rotated by up to half of the rotation between them, 1.43 degrees at 0.5 rad/s."""
+    """Poses at 10 Hz, between two of which the chord is rotated against the pose by up to 1.43 degrees at 0.5 rad/s,
+    half of the rotation between them."""
     seconds = np.arange(3) * STEP_NS / 1e9
     heading_rad = rate_radps * seconds
     if rate_radps:
