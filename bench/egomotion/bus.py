@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -49,13 +49,7 @@ class BusSignals:
 
     def trajectory(self) -> Trajectory:
         """The path that the signals describe; see `planar_trajectory`."""
-        return planar_trajectory(
-            source=self.source,
-            timestamps_ns=self.timestamps_ns,
-            speed_mps=self.speed_mps,
-            yaw_rate_radps=self.yaw_rate_radps,
-            gear=self.gear,
-        )
+        return planar_trajectory(**{field.name: getattr(self, field.name) for field in fields(self)})
 
 
 def planar_trajectory(

@@ -171,10 +171,8 @@ class FramePipeline:
     def _world_from_vehicle(self, index: int) -> RigidTransform:
         """The pose at an image, as the method is told of it; DataError where there is none."""
         rotations, positions_m, valid = self._poses
-        if not valid[index]:
-            return self.recording.trajectory.world_from_vehicle(
-                self._pose_times_ns[index]
-            )  # which says what is missing
+        if not valid[index]:  # this raises, with what is missing
+            return self.recording.trajectory.world_from_vehicle(self._pose_times_ns[index])
         return RigidTransform(rotations[index], positions_m[index])
 
     def _oldest(self, first: int) -> int:
