@@ -133,7 +133,7 @@ class FramePipeline:
         images: Sequence[NDArray[np.uint8]] = _ImagesOnDemand(range(first, index + 1), self._copied)
         if self._needs.reads_images:
             images = tuple(images)  # also where all is cached: a damaged image is an error even if it is not used
-        self._held = {i: pixels for i, pixels in self._held.items() if i >= first}
+        self._held = {i: held for i, held in self._held.items() if i >= index - self._needs.longest_history}
         with self._clock.stage("ego-motion"):
             times_ns = tuple(self.images[i].timestamp_ns for i in range(first, index + 1))
             motions = self._motions(first, index)
