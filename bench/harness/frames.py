@@ -157,14 +157,9 @@ class FramePipeline:
         """Motion of the camera between consecutive images of a range, as the method is told of it."""
         poses = [self._world_from_vehicle(i) for i in range(first, last + 1)]
         seconds = (np.diff([image.timestamp_ns for image in self.images[first : last + 1]]) / 1e9).tolist()
+        mounting, errors = self._mounting_told, self.recording.input_errors
         return tuple(
-            told_motion(
-                previous,
-                current,
-                seconds=step,
-                vehicle_from_camera=self._mounting_told,
-                errors=self.recording.input_errors,
-            )
+            told_motion(previous, current, seconds=step, vehicle_from_camera=mounting, errors=errors)
             for (previous, current), step in zip(pairwise(poses), seconds, strict=True)
         )
 
@@ -191,19 +186,17 @@ class FramePipeline:
     def _pixels(self, index: int) -> NDArray[np.uint8]:
         """An image as the method is told of it; its file is read once, also where it cannot be used."""
         if index not in self._held:
+            image, errors = self.images[index], self.recording.input_errors
             with self._clock.stage("decode"):
-                self._held[index] = self._read(self.images[index])
+                try:
+                    pixels = read_image(image, self.camera, colour=self._needs.colour)
+                    self._held[index] = told_pixels(pixels, image, recording=self.recording.name, errors=errors)
+                except DataError as error:
+                    self._held[index] = error
         held = self._held[index]
         if isinstance(held, DataError):
             raise held
         return held
-
-    def _read(self, image: ImageRef) -> NDArray[np.uint8] | DataError:
-        try:
-            pixels = read_image(image, self.camera, colour=self._needs.colour)
-        except DataError as error:
-            return error
-        return told_pixels(pixels, image, recording=self.recording.name, errors=self.recording.input_errors)
 
     def _copied(self, index: int) -> NDArray[np.uint8]:
         return _read_only_copy(self._pixels(index))
