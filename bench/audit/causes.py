@@ -178,10 +178,10 @@ def run_three_times(
         moving_ids: instance ids of the objects that move.
     """
     estimated, true = method.mean_flow(given), exact.flow.flow.astype(np.float32)
-    recorded = method.judge(method.measure(given, estimated))
-    exact_motion = method.judge(method.measure(exact.given, estimated))
-    measured = method.measure(exact.given, true)
-    exact_flow = method.judge(measured)
+    recorded = method.segmentation(method.likelihood_map(given, estimated))
+    exact_motion = method.segmentation(method.likelihood_map(exact.given, estimated))
+    likelihood = method.likelihood_map(exact.given, true)
+    exact_flow = method.segmentation(likelihood)
     cause = exact_flow.cause
     assert cause is not None, "the method names its causes"
     anti_parallel = exact_flow.causes == CONSTRAINTS
@@ -193,8 +193,8 @@ def run_three_times(
         evidence=Evidence(
             by_exact_flow=exact_flow.mask,
             by_exact_motion=exact_motion.mask,
-            seen=measured.seen,
-            defined=measured.defined,
+            seen=likelihood.seen,
+            defined=likelihood.defined,
             below_horizon=exact.below_horizon,
             anti_parallel=(cause == CONSTRAINTS.index("anti_parallel")) & anti_parallel,
             visible=exact.flow.visible,

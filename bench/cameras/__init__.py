@@ -1,6 +1,6 @@
 """Camera models: rays of the camera frame to pixels and back.
 
-Every model takes rays of any length and any direction, also beyond 90 degrees, and says by a `valid` mask where
+Every model takes rays of any length and any direction, also beyond 90 degrees, and returns a `valid` mask of where
 its mapping holds. The limit is the first angle at which the mapping stops being one-to-one, found from the
 calibration when the camera is built, or the lens's own `max_angle_rad` where that is smaller.
 
@@ -8,9 +8,8 @@ Pixels are (u, v) with the centre of the first pixel at (0, 0); camera frame x r
 """
 
 from bench.cameras.angular import KannalaBrandtCamera, RadialPolynomialCamera
-from bench.cameras.model import CameraModel
+from bench.cameras.model import CameraModel, RayGrid, ray_grid
 from bench.cameras.pinhole import PinholeCamera
-from bench.cameras.ray_grid import RayGrid, ray_grid
 from bench.cameras.registry import CAMERA_MODELS, camera_from_parameters, camera_parameters
 from bench.cameras.unified import UnifiedCamera
 

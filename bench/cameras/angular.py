@@ -48,7 +48,7 @@ class MonotonePolynomial:
                 f"camera model: expected finite coefficients with a positive linear term, got {self.coefficients}"
             )
         object.__setattr__(self, "limit", min(self._first_fold(), self.domain))
-        nodes = self._places()
+        nodes = self._table_nodes()
         object.__setattr__(self, "_nodes", nodes)
         object.__setattr__(self, "_values", self(nodes))
         object.__setattr__(self, "top", float(self._values[-1]) if np.isfinite(self.limit) else np.inf)
@@ -77,7 +77,7 @@ class MonotonePolynomial:
             np.clip(x, 0.0, self.limit, out=x)
         return x
 
-    def _places(self) -> NDArray[np.float64]:
+    def _table_nodes(self) -> NDArray[np.float64]:
         """Nodes of the table, denser towards the limit: where the polynomial folds, its inverse rises ever steeper."""
         if self.limit > LARGEST:
             return np.linspace(0.0, LARGEST, NODES_WITHOUT_LIMIT)

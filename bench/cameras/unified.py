@@ -121,7 +121,7 @@ class UnifiedCamera(CameraModel):
             scale = 1.0 / (j_xx * j_yy - j_xy * j_xy)
             m_x = m_x - scale * (j_yy * miss_x - j_xy * miss_y)
             m_y = m_y - scale * (j_xx * miss_y - j_xy * miss_x)
-        # The tangential terms shift the border of validity by their own size: keep to the border of the radius.
+        # The tangential terms shift the border of validity by their own size: the border of the radius is used.
         return m_x, m_y, np.hypot(m_x, m_y) <= self._limit_radius * (1.0 + 1e-12)
 
     def _radius_at(self, angle_rad: float) -> float:

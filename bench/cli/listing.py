@@ -47,7 +47,7 @@ def cache(folder: Path | None, *, limit_bytes: int | None) -> None:
         say(f"{chosen.folder}: no cache yet")
         return
     chosen.prepare()
-    use = chosen.use() if limit_bytes is None else chosen.make_room(limit_bytes)
+    use = chosen.use() if limit_bytes is None else chosen.evict(limit_bytes)
     say(
         f"{chosen.folder}: {use.files} entries, {use.size_bytes / 1e6:.1f} MB; runs keep it below "
         f"{chosen.limit_bytes / 1e9:.0f} GB"

@@ -1,8 +1,7 @@
-"""Poses of the vehicle over time."""
+"""Poses of the vehicle over time, and the motion of a camera on it between two of them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,8 +12,6 @@ from bench.errors import DataError
 from bench.geometry import RigidTransform, advance_twist, twist_between
 
 SECOND_NS = 1_000_000_000
-HELD_POSES = 256  # images, their object states and the images after them ask for the same few poses
-POSES_AHEAD = 31  # worth asking for along with one, where times come in order
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -43,7 +40,6 @@ class Trajectory:
     _matrices: NDArray[np.float64] = field(init=False, repr=False)
     _turns_rad: NDArray[np.float64] = field(init=False, repr=False)
     _paths_m: NDArray[np.float64] = field(init=False, repr=False)
-    _held: dict[int, RigidTransform] = field(init=False, repr=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         times_ns, positions_m = self.timestamps_ns, self.positions_m
@@ -83,46 +79,25 @@ class Trajectory:
             valid: (M,) bool; False in gaps and too far beyond the ends.
         """
         times_ns = np.asarray(timestamps_ns, dtype=np.int64)
-        left, fraction, valid = self._places(times_ns)
-        turns, advances_m = advance_twist(self._turns_rad[left], self._paths_m[left], fraction)
+        left, fraction, valid = self._intervals(times_ns)
+        rotations, advances_m = advance_twist(self._turns_rad[left], self._paths_m[left], fraction)
         start = self._matrices[left]
-        matrices = start @ turns.as_matrix()
+        matrices = start @ rotations.as_matrix()
         positions_m = self.positions_m[left] + (start @ advances_m[..., None])[..., 0]
         matrices[~valid] = np.nan
         positions_m[~valid] = np.nan
         return matrices, positions_m, valid
 
-    def world_from_vehicle(self, timestamp_ns: int, *, next_ns: Iterable[int] = ()) -> RigidTransform:
-        """The pose at one time.
-
-        Args:
-            timestamp_ns: the time.
-            next_ns: times that will be asked for soon. Where this one's pose must be computed, theirs are computed
-                with it: a dozen cost little more than one. No ego-motion at one of them is no error yet.
+    def world_from_vehicle(self, timestamp_ns: int) -> RigidTransform:
+        """The pose at one time; `at` computes many in the time of a few.
 
         Raises:
             DataError: no ego-motion there.
         """
-        if timestamp_ns not in self._held:
-            self._hold([timestamp_ns, *next_ns])
-        if timestamp_ns not in self._held:
-            first_ns, last_ns = int(self.timestamps_ns[0]), int(self.timestamps_ns[-1])
-            raise DataError(
-                self.source,
-                field="timestamp_ns",
-                expected=f"ego-motion at {timestamp_ns}",
-                got=f"poses from {first_ns} to {last_ns}, gaps over {self.max_gap_ns / 1e6:.0f} ms left open",
-                do="give ego-motion that covers every image and sweep",
-            )
-        return self._held[timestamp_ns]
-
-    def _hold(self, times_ns: Sequence[int]) -> None:
-        """Compute the poses at times; those without ego-motion are left out."""
-        if len(self._held) + len(times_ns) > HELD_POSES:
-            self._held.clear()
-        rotations, positions_m, valid = self.at(np.array(times_ns, dtype=np.int64))
-        for row in np.flatnonzero(valid).tolist():
-            self._held[times_ns[row]] = RigidTransform(rotations[row], positions_m[row])
+        rotations, positions_m, valid = self.at(np.array([timestamp_ns], dtype=np.int64))
+        if not valid[0]:
+            raise self._no_motion(timestamp_ns)
+        return RigidTransform(rotations[0], positions_m[0])
 
     def velocity_vehicle_mps(self, timestamp_ns: int) -> NDArray[np.float64]:
         """Velocity of the vehicle's origin over the ground in the vehicle's own axes, (3,) float64, m/s.
@@ -133,15 +108,28 @@ class Trajectory:
         Raises:
             DataError: no ego-motion there.
         """
-        self.world_from_vehicle(timestamp_ns)
-        left, _, _ = self._places(np.array([timestamp_ns], dtype=np.int64))
+        left, _, valid = self._intervals(np.array([timestamp_ns], dtype=np.int64))
+        if not valid[0]:
+            raise self._no_motion(timestamp_ns)
         i = int(left[0])
         spans_ns = np.diff(self.timestamps_ns[max(i - 1, 0) : i + 2])
         if i and timestamp_ns == self.timestamps_ns[i] and spans_ns[1] > self.max_gap_ns >= spans_ns[0]:
             i -= 1
         return np.asarray(self._paths_m[i] / ((self.timestamps_ns[i + 1] - self.timestamps_ns[i]) / SECOND_NS))
 
-    def _places(self, times_ns: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.bool_]]:
+    def _no_motion(self, timestamp_ns: int) -> DataError:
+        first_ns, last_ns = int(self.timestamps_ns[0]), int(self.timestamps_ns[-1])
+        return DataError(
+            self.source,
+            field="timestamp_ns",
+            expected=f"ego-motion at {timestamp_ns}",
+            got=f"poses from {first_ns} to {last_ns}, gaps over {self.max_gap_ns / 1e6:.0f} ms left open",
+            do="give ego-motion that covers every image and sweep",
+        )
+
+    def _intervals(
+        self, times_ns: NDArray[np.int64]
+    ) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.bool_]]:
         known = self.timestamps_ns
         left = np.clip(np.searchsorted(known, times_ns, side="right") - 1, 0, len(known) - 2)
         span_ns = known[left + 1] - known[left]
@@ -151,3 +139,21 @@ class Trajectory:
         )
         on_pose = (times_ns == known[left]) | (times_ns == known[left + 1])
         return left, fraction, covered & ((span_ns <= self.max_gap_ns) | on_pose)
+
+
+def camera_motion(
+    *,
+    world_from_vehicle_previous: RigidTransform,
+    world_from_vehicle_current: RigidTransform,
+    vehicle_from_camera: RigidTransform,
+) -> RigidTransform:
+    """`current_from_previous` of the camera, lever arm included.
+
+    A camera away from the vehicle's origin translates when the vehicle rotates; the chain of frames includes it:
+    camera <- vehicle (current) <- world <- vehicle (previous) <- camera.
+
+    Source:
+        Mariotti and Eising 2020, section III: R and t = C - C', expressed in the current camera frame.
+    """
+    vehicle_current_from_previous = world_from_vehicle_current.inverse() @ world_from_vehicle_previous
+    return vehicle_from_camera.inverse() @ vehicle_current_from_previous @ vehicle_from_camera

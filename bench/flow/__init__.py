@@ -5,8 +5,7 @@ Flow is asked for **from the current image to the previous one**: the pixel x of
 start at corners of the current image and go back in time.
 """
 
-from bench.flow.cells import cell_mean
-from bench.flow.dense import DENSE_FLOWS, DenseFlow, DisFlow, FarnebackFlow, dense_flow
+from bench.flow.dense import DENSE_FLOWS, DenseFlow, DisFlow, FarnebackFlow, cell_mean, dense_flow
 from bench.flow.tracks import LucasKanadeTracker, Tracks
 
 __all__ = [

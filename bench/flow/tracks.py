@@ -21,7 +21,8 @@ class Tracks:
 
     Attributes:
         pixels: (K, N, 2) float64, px, (u, v) of N corners in K images, the newest first; NaN where not followed.
-        followed: (K, N) bool; a corner that is lost once stays lost in all older images. All True in the newest.
+        followed: (K, N) bool; a corner that is not followed to an image is not followed to any older one. All True in
+            the newest.
     """
 
     pixels: NDArray[np.float64]
@@ -30,7 +31,7 @@ class Tracks:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LucasKanadeTracker:
-    """Corners after Shi and Tomasi, followed by pyramidal Lucas-Kanade, and kept if the way back leads home.
+    """Corners after Shi and Tomasi, followed by pyramidal Lucas-Kanade with a forward-backward check.
 
     The numbers are those of OpenCV's own example of sparse flow, but for corners (a quality of 0.01 finds few on a
     road) and the window, which is the one of `FarnebackFlow`.
@@ -84,41 +85,43 @@ class LucasKanadeTracker:
         """
         _check(images)
         mask = None if valid is None else valid.astype(np.uint8)
-        found = cv2.goodFeaturesToTrack(
+        strongest = cv2.goodFeaturesToTrack(
             images[0], self.corners, self.quality, self.min_distance_px, mask=mask, blockSize=CORNER_BLOCK_PX
         )
-        places = np.zeros((0, 1, 2), dtype=np.float32) if found is None else np.asarray(found, dtype=np.float32)
-        pixels = np.full((len(images), len(places), 2), np.nan)
+        corners = (
+            np.zeros((0, 1, 2), dtype=np.float32) if strongest is None else np.asarray(strongest, dtype=np.float32)
+        )
+        pixels = np.full((len(images), len(corners), 2), np.nan)
         followed = np.zeros(pixels.shape[:2], dtype=bool)
-        pixels[0], followed[0] = places[:, 0], True
+        pixels[0], followed[0] = corners[:, 0], True
         for age, (newer, older) in enumerate(pairwise(images), start=1):
-            alive = np.flatnonzero(followed[age - 1])
-            if not len(alive):
+            rows = np.flatnonzero(followed[age - 1])
+            if not len(rows):
                 break
-            ends, kept = self._follow(newer, older, pixels[age - 1, alive].astype(np.float32)[:, None])
-            pixels[age, alive[kept]], followed[age, alive[kept]] = ends[kept], True
+            ends, found = self._follow(newer, older, pixels[age - 1, rows].astype(np.float32)[:, None])
+            pixels[age, rows[found]], followed[age, rows[found]] = ends[found], True
         return Tracks(pixels=pixels, followed=followed)
 
     def _follow(
-        self, start: NDArray[np.uint8], end: NDArray[np.uint8], places: NDArray[np.float32]
+        self, start: NDArray[np.uint8], end: NDArray[np.uint8], points: NDArray[np.float32]
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Ends of (N, 1, 2) places, (N, 2), and whether they can be believed, (N,)."""
-        ends, there = self._step(start, end, places)
-        back, home = self._step(end, start, ends)
+        """Where (N, 1, 2) points are in `end`, (N, 2), and whether they pass the forward-backward check, (N,)."""
+        ends, forward = self._step(start, end, points)
+        back, backward = self._step(end, start, ends)
         height, width = end.shape
-        off_px = np.linalg.norm((back - places)[:, 0], axis=-1)
+        off_px = np.linalg.norm((back - points)[:, 0], axis=-1)
         u, v = ends[:, 0, 0], ends[:, 0, 1]
         inside = (u >= -0.5) & (u < width - 0.5) & (v >= -0.5) & (v < height - 0.5)
-        return ends[:, 0].astype(np.float64), there & home & inside & (off_px <= self.max_return_px)
+        return ends[:, 0].astype(np.float64), forward & backward & inside & (off_px <= self.max_return_px)
 
     def _step(
-        self, start: NDArray[np.uint8], end: NDArray[np.uint8], places: NDArray[np.float32]
+        self, start: NDArray[np.uint8], end: NDArray[np.uint8], points: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         ends, status, _ = cv2.calcOpticalFlowPyrLK(
             start,
             end,
-            places,
-            np.empty_like(places),
+            points,
+            np.empty_like(points),
             winSize=(self.window_px, self.window_px),
             maxLevel=self.levels,
         )

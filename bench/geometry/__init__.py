@@ -2,7 +2,7 @@
 
 Conventions of the whole project, written here once:
 
-- Vehicle and world frames: ISO 8855, x forward, y left, z up, metres. The vehicle's origin lies on the ground
+- Vehicle and world frames: ISO 8855, x forward, y left, z up, metres. The vehicle's origin is on the ground
   below the middle of the rear axle.
 - Camera frame: OpenCV, x right, y down, z along the optical axis.
 - Transforms are named `a_from_b` and map points of frame b into frame a; neighbours must match:

@@ -96,7 +96,7 @@ class RigidTransform:
 
     @classmethod
     def from_yaw(cls, yaw_rad: float, translation_m: ArrayLike = (0.0, 0.0, 0.0)) -> RigidTransform:
-        """Planar motion: a turn about z (positive to the left) and a translation in metres."""
+        """Planar motion: a rotation about z (positive to the left) and a translation in metres."""
         cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
         rotation = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
         return cls(rotation, np.asarray(translation_m, dtype=np.float64))
@@ -128,11 +128,11 @@ class RigidTransform:
     def rotate(self, vectors: NDArray[np.float64]) -> NDArray[np.float64]:
         """Directions of frame b in frame a; (..., 3) float64.
 
-        Each component of the result lies in one piece of memory: sums over them run three times faster.
+        Each component of the result is contiguous in memory: sums over them run three times faster.
         """
         components = np.moveaxis(vectors, -1, 0)
-        turned = self.rotation @ components.reshape(3, -1)
-        return np.moveaxis(turned.reshape(components.shape), 0, -1)
+        rotated = self.rotation @ components.reshape(3, -1)
+        return np.moveaxis(rotated.reshape(components.shape), 0, -1)
 
 
 def quaternions_wxyz(rotations: NDArray[np.float64]) -> NDArray[np.float64]:

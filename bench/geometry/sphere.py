@@ -22,8 +22,8 @@ def dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
 def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     """Row-wise vector product.
 
-    Each component of the product lies in one piece of memory, and so do those of what is computed from it: on the cells
-    of an image that is eight times faster than `np.cross`, whose rows lie one after the other.
+    Each component of the product is contiguous in memory, and so are those of what is computed from it: on the cells of
+    an image that is eight times faster than `np.cross`, whose rows are contiguous.
 
     Args:
         a: (..., 3) float64.

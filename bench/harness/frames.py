@@ -11,7 +11,6 @@ from typing import TypeVar, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.egomotion import POSES_AHEAD
 from bench.errors import DataError
 from bench.evaluation import Protocol
 from bench.geometry import RigidTransform
@@ -27,7 +26,7 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 
 
 class UnscorableFrame(Exception):  # noqa: N818 - it is not an error
-    """An image that has no history to compare with, for a reason that is nobody's fault."""
+    """An image that has no history to compare with, or no answer of the method, without any error."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -37,7 +36,7 @@ class ProcessedFrame:
     Attributes:
         image: which.
         given: what the method saw.
-        segmentation: the method's word.
+        segmentation: the method's answer.
         reference: what it is scored against.
     """
 
@@ -53,7 +52,7 @@ class ProcessedFrame:
 
 
 class FramePipeline:
-    """Processes the images of one camera of a recording; keeps as many images as the method looks back.
+    """Processes the images of one camera of a recording; holds as many images as the method looks back.
 
     Whatever a method is given is a copy: nothing that it does to it reaches the reference, the cache or later images.
 
@@ -83,7 +82,10 @@ class FramePipeline:
         self._clock = clock or StageClock()
         self._steps = steps
         self._gaps = {gap.index: gap for gap in frame_gaps(recording, camera)}
-        self._held: dict[int, NDArray[np.uint8]] = {}
+        self._held: dict[int, NDArray[np.uint8] | DataError] = {}
+        self._pose_times_ns = [told_time_ns(image.timestamp_ns, recording.input_errors) for image in self.images]
+        with self._clock.stage("ego-motion"):
+            self._poses = recording.trajectory.at(np.array(self._pose_times_ns, dtype=np.int64))
         told = told_camera(self.camera, recording.input_errors)
         self._mounting_told = told.vehicle_from_camera
         self._camera_given, self._road_given = deepcopy((told.model, told.road))
@@ -93,7 +95,7 @@ class FramePipeline:
 
         Raises:
             DataError: an image, a sweep or the ego-motion of the frame cannot be used.
-            UnscorableFrame: the images before it are missing, or the method has nothing to say.
+            UnscorableFrame: the images before it are missing, or the method has no answer.
         """
         given = self.method_input(index)
         if is_oracle(self._method):
@@ -131,11 +133,11 @@ class FramePipeline:
         first = self._oldest(first)
         images: Sequence[NDArray[np.uint8]] = _ImagesOnDemand(range(first, index + 1), self._copied)
         if self._needs.reads_images:
-            images = tuple(images)  # also where all is cached: a damaged image counts as one, whoever looks at it
-        self._held = {i: pixels for i, pixels in self._held.items() if i >= first}
+            images = tuple(images)  # also where all is cached: a damaged image is an error even if it is not used
+        self._held = {i: held for i, held in self._held.items() if i >= index - self._needs.longest_history}
         with self._clock.stage("ego-motion"):
             times_ns = tuple(self.images[i].timestamp_ns for i in range(first, index + 1))
-            motions = self._motions(times_ns, next_images=self.images[index + 1 : index + 1 + POSES_AHEAD])
+            motions = self._motions(first, index)
         given = MethodInput(
             images=images,
             timestamps_ns=times_ns,
@@ -152,16 +154,22 @@ class FramePipeline:
             given, cached_step=self._steps.of_image(given, self.images[first : index + 1], colour=self._needs.colour)
         )
 
-    def _motions(self, times_ns: Sequence[int], *, next_images: Sequence[ImageRef]) -> tuple[RigidTransform, ...]:
-        """Motion of the camera between consecutive images, as the method is told of it."""
-        errors, trajectory = self.recording.input_errors, self.recording.trajectory
-        next_ns = [told_time_ns(image.timestamp_ns, errors) for image in next_images]
-        poses = [trajectory.world_from_vehicle(told_time_ns(t, errors), next_ns=next_ns) for t in times_ns]
-        seconds = (np.diff(times_ns) / 1e9).tolist()
+    def _motions(self, first: int, last: int) -> tuple[RigidTransform, ...]:
+        """Motion of the camera between consecutive images of a range, as the method is told of it."""
+        poses = [self._world_from_vehicle(i) for i in range(first, last + 1)]
+        seconds = (np.diff([image.timestamp_ns for image in self.images[first : last + 1]]) / 1e9).tolist()
+        mounting, errors = self._mounting_told, self.recording.input_errors
         return tuple(
-            told_motion(previous, current, seconds=step, vehicle_from_camera=self._mounting_told, errors=errors)
+            told_motion(previous, current, seconds=step, vehicle_from_camera=mounting, errors=errors)
             for (previous, current), step in zip(pairwise(poses), seconds, strict=True)
         )
+
+    def _world_from_vehicle(self, index: int) -> RigidTransform:
+        """The pose at an image, as the method is told of it; DataError where there is none."""
+        rotations, positions_m, valid = self._poses
+        if not valid[index]:  # this raises, with what is missing
+            return self.recording.trajectory.world_from_vehicle(self._pose_times_ns[index])
+        return RigidTransform(rotations[index], positions_m[index])
 
     def _oldest(self, first: int) -> int:
         """The oldest image for a method that can use more than it needs: without a gap, readable, with ego-motion."""
@@ -171,19 +179,25 @@ class FramePipeline:
                 if earlier + 1 in self._gaps:
                     return earlier + 1
                 self._pixels(earlier)
-                self.recording.trajectory.world_from_vehicle(self.images[earlier].timestamp_ns)
+                self._world_from_vehicle(earlier)
             except DataError:
                 return earlier + 1
         return max(first - spare, 0)
 
     def _pixels(self, index: int) -> NDArray[np.uint8]:
+        """An image as the method is told of it; its file is read once, also where it cannot be used."""
         if index not in self._held:
+            image, errors = self.images[index], self.recording.input_errors
             with self._clock.stage("decode"):
-                image = self.images[index]
-                pixels = read_image(image, self.camera, colour=self._needs.colour)
-                errors = self.recording.input_errors
-                self._held[index] = told_pixels(pixels, image, recording=self.recording.name, errors=errors)
-        return self._held[index]
+                try:
+                    pixels = read_image(image, self.camera, colour=self._needs.colour)
+                    self._held[index] = told_pixels(pixels, image, recording=self.recording.name, errors=errors)
+                except DataError as error:
+                    self._held[index] = error
+        held = self._held[index]
+        if isinstance(held, DataError):
+            raise held
+        return held
 
     def _copied(self, index: int) -> NDArray[np.uint8]:
         return _read_only_copy(self._pixels(index))
@@ -196,7 +210,7 @@ def _read_only_copy(array: NDArray[Scalar]) -> NDArray[Scalar]:
 
 
 class _ImagesOnDemand(Sequence[NDArray[np.uint8]]):
-    """Images that are read when somebody looks at them."""
+    """Images that are read on access."""
 
     def __init__(self, indices: range, read: Callable[[int], NDArray[np.uint8]]) -> None:
         self._indices, self._read = indices, read
@@ -205,12 +219,12 @@ class _ImagesOnDemand(Sequence[NDArray[np.uint8]]):
         return len(self._indices)
 
     @overload
-    def __getitem__(self, place: int) -> NDArray[np.uint8]: ...
+    def __getitem__(self, key: int) -> NDArray[np.uint8]: ...
 
     @overload
-    def __getitem__(self, place: slice) -> Sequence[NDArray[np.uint8]]: ...
+    def __getitem__(self, key: slice) -> Sequence[NDArray[np.uint8]]: ...
 
-    def __getitem__(self, place: int | slice) -> NDArray[np.uint8] | Sequence[NDArray[np.uint8]]:
-        if isinstance(place, slice):
-            return _ImagesOnDemand(self._indices[place], self._read)
-        return self._read(self._indices[place])
+    def __getitem__(self, key: int | slice) -> NDArray[np.uint8] | Sequence[NDArray[np.uint8]]:
+        if isinstance(key, slice):
+            return _ImagesOnDemand(self._indices[key], self._read)
+        return self._read(self._indices[key])

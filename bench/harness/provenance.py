@@ -22,7 +22,6 @@ from bench.recordings import Recording
 FIGURE_LIBRARIES = ("numpy", "scipy", "numba", "opencv-python-headless", "shapely", "pandas", "pyarrow")
 READER_LIBRARIES = (
     "kornia-rs",
-    "isal",
     "laspy",
     "lazrs",
     "open3d",

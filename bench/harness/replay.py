@@ -1,7 +1,7 @@
 """Images of a stored run as they were scored: its masks, and the reference built once more from the data set.
 
-The run's method is neither imported nor called. What no longer comes to the stored counts, because code or data changed
-since, is refused: a picture shows what was scored, or nothing.
+The run's method is neither imported nor called. Images whose counts differ from the stored ones, because code or data
+changed since, are refused: a picture shows what was scored, or nothing.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class StoredFrames:
         self._stored: tuple[str, dict[tuple[str, int], tuple[int, ...]]] = ("", {})
 
     def pipeline(self, recording: str, camera: str) -> FramePipeline:
-        """What makes the images of a camera.
+        """The pipeline of the images of a camera.
 
         Raises:
             DataError: the data set has no such recording or camera any more.
@@ -66,8 +66,8 @@ class StoredFrames:
         """An image with its stored mask and its reference.
 
         Raises:
-            DataError: the image, its mask or its reference cannot be had.
-            UnscorableFrame: it does not come to the stored counts any more.
+            DataError: the image, its mask or its reference cannot be read.
+            UnscorableFrame: its counts differ from the stored ones.
         """
         pipeline = self.pipeline(recording, camera)
         times_ns = [image.timestamp_ns for image in pipeline.images]
@@ -85,9 +85,9 @@ class StoredFrames:
             self._counts(recording).get((camera, timestamp_ns)),
         )
         if now != then:
-            told = "no counts" if then is None else _difference(then, now)
+            stored = "no counts" if then is None else _difference(then, now)
             raise UnscorableFrame(
-                f"recording {recording!r}, camera {camera!r}, image at {timestamp_ns} ns: the run stored {told}; "
+                f"recording {recording!r}, camera {camera!r}, image at {timestamp_ns} ns: the run stored {stored}; "
                 f"code or data changed since, so that a picture would not show what was scored"
             )
         return processed

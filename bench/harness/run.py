@@ -174,7 +174,7 @@ class _Work:
             asked.mirror.download_units(part)
             self._score(spec, part, stored)
         if asked.cache is not None:
-            asked.cache.make_room()
+            asked.cache.evict()
         report = self._report(planned, units, part)
         write_shard(asked.out, self.shard, report)
         return report

@@ -1,10 +1,8 @@
-"""Reading and writing .pcd and .ply, by open3d.
+"""Reading .pcd and .ply, by open3d.
 
-The one place that imports open3d.
-
-The import takes 0.6 s, so it waits until it is needed. The wheel links against `libusb-1.0.so.0`, which servers and
-containers often lack; the `libusb-package` wheel carries that library, and once it is loaded for the whole process the
-import finds it, with no system package and no root.
+The only module that imports open3d. The import takes 0.6 s, so it is done when it is needed. The wheel links against
+`libusb-1.0.so.0`, which servers and containers often lack; the `libusb-package` wheel carries that library, and once it
+is loaded for the whole process the import finds it, with no system package and no root.
 """
 
 from __future__ import annotations
@@ -12,17 +10,16 @@ from __future__ import annotations
 import ctypes
 import re
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.errors import DataError
-from bench.lidar.array_files import LARGEST_BYTES
+from bench.lidar.sweep import LARGEST_BYTES, Arrays
 
 
 @cache
@@ -40,8 +37,6 @@ def open3d() -> ModuleType:
 
     return module
 
-
-Arrays = dict[str, NDArray[Any]]
 
 PLY_TYPES = {
     **{name: np.dtype(name) for name in ("int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64")},
@@ -110,12 +105,12 @@ def _refuse_cut_short(path: Path) -> None:
 
 
 def _refuse_lying(path: Path, body: bytes, unpacked: int) -> None:
-    """Compare the two lengths before compressed points with the file: open3d takes the memory that they ask for."""
+    """Compare the two lengths before compressed points with the file: open3d allocates what they state."""
     if len(body) < 8:
         raise DataError(path, expected="compressed points", got=f"{len(body)} bytes; the file is cut short")
-    packed, told = struct.unpack_from("<II", body)
-    if told != unpacked:
-        raise DataError(path, expected=f"{unpacked} bytes when unpacked, as the header says", got=str(told))
+    packed, stated = struct.unpack_from("<II", body)
+    if stated != unpacked:
+        raise DataError(path, expected=f"{unpacked} bytes when unpacked, as the header says", got=str(stated))
     if packed > len(body) - 8:
         raise DataError(path, expected=f"{packed} bytes packed", got=f"{len(body) - 8}; the file is cut short")
 
@@ -146,7 +141,7 @@ def _ply_rows(words: list[list[str]]) -> tuple[int, int]:
         raise ValueError("vertices do not come first")
     columns = _ply_columns(words)
     if not {"x", "y", "z"} <= {name for name, _ in columns}:
-        raise ValueError("vertices without a place")
+        raise ValueError("vertices without x, y and z")
     return int(words[first][2]), sum(kind.itemsize for _, kind in columns)
 
 
@@ -166,14 +161,3 @@ def _pcd_rows(words: list[list[str]]) -> tuple[int, int]:
     if int(entries["WIDTH"][0]) * int(entries["HEIGHT"][0]) != int(entries["POINTS"][0]):
         raise ValueError("WIDTH and HEIGHT that do not make POINTS")
     return int(entries["POINTS"][0]), sum(int(s) * int(c) for s, c in zip(entries["SIZE"], counts, strict=True))
-
-
-def write_cloud(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write points and intensities, binary."""
-    library = open3d()
-    cloud = library.t.geometry.PointCloud()
-    cloud.point.positions = library.core.Tensor(np.ascontiguousarray(arrays["points_lidar"], dtype=np.float32))
-    if "intensity" in arrays:
-        cloud.point["intensity"] = library.core.Tensor(arrays["intensity"].astype(np.float32)[:, None])
-    if not library.t.io.write_point_cloud(str(path), cloud):
-        raise OSError(f"{path}: could not be written")

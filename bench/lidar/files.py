@@ -1,35 +1,128 @@
-"""Point-cloud files: .npz (ours), .bin (KITTI), .pcd, .ply and .laz.
+"""Point-cloud files: .npz (ours) and .bin (KITTI) here, .pcd, .ply and .laz by their own modules.
 
 Every reader gives the same named arrays: `points_lidar` (N, 3) and, where the file has them, `intensity`,
 `time_offset_ns`, `ring` and `gps_time`. Points that are not finite are refused: a file that holds them was written by
-a tool that keeps places for lost returns, and row numbers would depend on whether they count.
+a tool that writes rows for lost returns, and row numbers would depend on whether they count.
 """
 
 from __future__ import annotations
 
+import io
+import math
+import zipfile
+import zlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any
 
 import numpy as np
+from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from bench.errors import DataError, ShapeError, UnknownNameError
-from bench.lidar.array_files import (
-    LARGEST_BYTES,
-    NPZ_ARRAYS,
-    Arrays,
-    read_bin,
-    read_npz,
-    write_bin,
-    write_npz,
-)
-from bench.lidar.cloud_files import read_cloud, write_cloud
-from bench.lidar.laz_files import read_laz, write_laz
-from bench.lidar.sweep import LidarSweep
+from bench.errors import DataError, UnknownNameError
+from bench.lidar.cloud_files import read_cloud
+from bench.lidar.laz_files import read_laz
+from bench.lidar.sweep import LARGEST_BYTES, Arrays, LidarSweep
 
+BIN_COLUMNS = 4  # x, y, z, intensity
+UNREADABLE = (
+    *(OSError, ValueError, EOFError, KeyError, AttributeError, TypeError, MemoryError),
+    *(NotImplementedError, RuntimeError, zlib.error, zipfile.BadZipFile),
+    *(SyntaxError, TokenError),  # of headers that are no Python
+)
+NPY_HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
+NPZ_TYPES: Mapping[str, tuple[str, str, type[Any] | None]] = {  # kinds of type, in words, and what they are read as
+    "points_lidar": ("f", "floating point", None),
+    "intensity": ("f", "floating point", np.float32),
+    "time_offset_ns": ("i", "int64", np.int64),
+    "ring": ("ui", "uint8 or integers", np.uint8),
+}
 FARTHEST_M = 1e8  # coordinates of any map are below
 FARTHEST_TIME_NS = 1_000_000_000  # a point's time further from its sweep's means another clock or unit
+
+
+def read_npz(path: Path) -> Arrays:
+    """Read our own arrays; objects (pickles) and arrays of other names are refused.
+
+    `numpy.load` alone allocates what a header states before it checks whether the file holds as much.
+
+    Raises:
+        DataError: cut short, an array that is missing, unknown or of another type.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            unpacked = sum(entry.file_size for entry in archive.infolist())
+            if unpacked > LARGEST_BYTES:
+                raise DataError(
+                    path, expected=f"at most {LARGEST_BYTES} bytes of arrays", got=f"{unpacked} when unpacked"
+                )
+            arrays: Arrays = {
+                entry.filename.removesuffix(".npy"): _array(path, archive, entry) for entry in archive.infolist()
+            }
+    except DataError:
+        raise
+    except UNREADABLE as error:
+        got = " ".join(str(error).split())[:200] or type(error).__name__
+        raise DataError(path, expected="a whole .npz file of plain arrays", got=got) from error
+    for name, values in arrays.items():
+        if name not in NPZ_TYPES:
+            raise DataError(path, field=name, expected=f"only the arrays {', '.join(NPZ_TYPES)}", got="this one")
+        kinds, expected, _ = NPZ_TYPES[name]
+        if values.dtype.kind not in kinds:
+            raise DataError(path, field=name, expected=expected, got=str(values.dtype))
+    if "points_lidar" not in arrays:
+        raise DataError(path, field="points_lidar", expected="an array of this name", got="none")
+    if "ring" in arrays and arrays["ring"].size and not 0 <= int(arrays["ring"].max()) < 256:
+        raise DataError(path, field="ring", expected="0 to 255", got=str(arrays["ring"].max()))
+    return {name: values.astype(NPZ_TYPES[name][2] or values.dtype, copy=False) for name, values in arrays.items()}
+
+
+def _array(path: Path, archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray[Any]:
+    """An array of an entry, read-only."""
+    if entry.compress_type not in {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}:  # `zipfile` limits no other's memory
+        raise zipfile.BadZipFile(f"{entry.filename} is packed in another way than by deflate")
+    with archive.open(entry) as packed:
+        content = packed.read(entry.file_size)  # without the size, a stream is unpacked beyond it
+    if len(content) != entry.file_size:
+        raise zipfile.BadZipFile(f"{entry.filename} is cut short")
+    member = io.BytesIO(content)
+    version = npy.read_magic(member)
+    if version not in NPY_HEADERS:
+        raise DataError(path, field=entry.filename, expected="NumPy's format 1 or 2", got=str(version))
+    shape, by_column, kind = NPY_HEADERS[version](member)
+    told, held = math.prod(shape) * max(kind.itemsize, 1), len(content) - member.tell()
+    if told > held or min(shape, default=0) < 0:
+        got = f"a header of {shape} x {kind.itemsize} bytes over {held}"
+        raise DataError(path, field=entry.filename, expected="a whole array", got=got)
+    if kind.hasobject:
+        raise DataError(path, field=entry.filename, expected="an array of numbers", got="Python objects")
+    values = np.frombuffer(content, dtype=kind, count=math.prod(shape), offset=member.tell())
+    return values.reshape(shape, order="F" if by_column else "C")
+
+
+def read_bin(path: Path) -> Arrays:
+    """Read KITTI's float32 rows of x, y, z and intensity.
+
+    Raises:
+        DataError: empty, or not whole rows.
+    """
+    size = path.stat().st_size
+    if not size or size % (4 * BIN_COLUMNS):
+        raise DataError(
+            path, expected="rows of four float32 (16 bytes)", got=f"{size} bytes; the file may be cut short"
+        )
+    rows = np.fromfile(path, dtype="<f4").reshape(-1, BIN_COLUMNS)
+    return {"points_lidar": rows[:, :3].copy(), "intensity": rows[:, 3].copy()}
+
+
+FORMATS: Mapping[str, Callable[[Path], Arrays]] = {
+    ".npz": read_npz,
+    ".bin": read_bin,
+    ".pcd": read_cloud,
+    ".ply": read_cloud,
+    ".laz": read_laz,
+}
 
 
 def read_points(path: Path) -> Arrays:
@@ -46,13 +139,15 @@ def read_points(path: Path) -> Arrays:
         UnknownNameError: a suffix that is not read here.
         DataError: missing, cut short, an array that is missing or of another shape, or points that are not finite.
     """
-    reader, _ = _format(path)
+    suffix = path.suffix.lower()
+    if suffix not in FORMATS:
+        raise UnknownNameError("point-cloud suffix", path.suffix, FORMATS)
     if not path.is_file():
         raise DataError(path, expected="a point-cloud file", got="no such file")
     if path.stat().st_size > LARGEST_BYTES:
         raise DataError(path, expected=f"a sweep of at most {LARGEST_BYTES} bytes", got=str(path.stat().st_size))
     try:
-        arrays = reader(path)
+        arrays = FORMATS[suffix](path)
     except OSError as error:
         raise DataError(path, expected="a readable point-cloud file", got=error.strerror or str(error)) from error
     points = arrays["points_lidar"]
@@ -70,26 +165,6 @@ def read_points(path: Path) -> Arrays:
         expected, got = f"coordinates within {FARTHEST_M:g} m", f"{np.abs(points).max():g}"
         raise DataError(path, field="points_lidar", expected=expected, got=got)
     return arrays
-
-
-def write_points(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write the arrays of a point cloud in the format of the suffix; what the format cannot hold is refused.
-
-    Args:
-        path: the file, overwritten.
-        arrays: as `read_points` gives them.
-
-    Raises:
-        UnknownNameError: a suffix that is not written here.
-        ShapeError: an array that the format cannot hold.
-    """
-    _, (writer, held) = _format(path)
-    for name in arrays:
-        if name not in held:
-            raise ShapeError(
-                f"{path.name}: expected one of {', '.join(held)}, got {name}, which {path.suffix} cannot hold"
-            )
-    writer(path, arrays)
 
 
 def read_sweep(path: Path, timestamp_ns: int) -> LidarSweep:
@@ -146,25 +221,6 @@ def write_sweep(path: Path, sweep: LidarSweep) -> None:
         path: the file, overwritten.
         sweep: the points; they are stored as float32.
     """
-    values = {name: getattr(sweep, name) for name in NPZ_ARRAYS}
-    arrays = {name: array for name, array in values.items() if array is not None}
-    write_points(path, arrays | {"points_lidar": sweep.points_lidar.astype(np.float32)})
-
-
-_Reader = Callable[[Path], Arrays]
-_Writer = Callable[[Path, Mapping[str, NDArray[Any]]], None]
-
-FORMATS: Mapping[str, tuple[_Reader, tuple[_Writer, tuple[str, ...]]]] = {
-    ".npz": (read_npz, (write_npz, NPZ_ARRAYS)),
-    ".bin": (read_bin, (write_bin, ("points_lidar", "intensity"))),
-    ".pcd": (read_cloud, (write_cloud, ("points_lidar", "intensity"))),
-    ".ply": (read_cloud, (write_cloud, ("points_lidar", "intensity"))),
-    ".laz": (read_laz, (write_laz, ("points_lidar", "intensity", "gps_time"))),
-}
-
-
-def _format(path: Path) -> tuple[_Reader, tuple[_Writer, tuple[str, ...]]]:
-    suffix = path.suffix.lower()
-    if suffix not in FORMATS:
-        raise UnknownNameError("point-cloud suffix", path.suffix, FORMATS)
-    return FORMATS[suffix]
+    arrays = {name: getattr(sweep, name) for name in NPZ_TYPES if getattr(sweep, name) is not None}
+    arrays["points_lidar"] = sweep.points_lidar.astype(np.float32)
+    np.savez_compressed(path, **arrays)  # zip entries carry a fixed date

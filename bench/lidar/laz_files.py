@@ -1,22 +1,20 @@
-"""Reading and writing .laz.
+"""Reading .laz.
 
-The decompressor takes the memory that a file speaks of before it looks whether the file holds as much, and where that
-cannot be had the process is aborted. So every length in a file is compared with the file first.
+The decompressor allocates what a file states before it checks whether the file holds as much, and where that fails the
+process is aborted. So every length in a file is compared with the file first.
 """
 
 from __future__ import annotations
 
 import logging
 import struct
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.errors import DataError
-from bench.lidar.array_files import LARGEST_BYTES, Arrays
+from bench.lidar.sweep import LARGEST_BYTES, Arrays
 
 HEADER = struct.Struct("<94xHII")  # bytes of the header, offset of the points, records between them
 RECORD_BYTES = 54  # at least, of a record between header and points
@@ -27,14 +25,14 @@ LAYER_A_BYTE = 14  # the kind of extra bytes
 
 
 def read_laz(path: Path) -> Arrays:
-    """Read points, intensities and times as they stand in the file.
+    """Read points, intensities and times as they are in the file.
 
     Raises:
         DataError: cut short, or not a .laz file.
     """
     import laspy  # 0.15 s, and only these files need it
 
-    logging.getLogger("laspy").setLevel(logging.CRITICAL)  # what it would print is told here
+    logging.getLogger("laspy").setLevel(logging.CRITICAL)  # what it would print is in our errors
     try:
         with path.open("rb") as file:
             _refuse_lying_header(path, file)
@@ -46,9 +44,9 @@ def read_laz(path: Path) -> Arrays:
                 file.seek(header.offset_to_point_data)
                 points = opened.read_points(-1)
         with np.errstate(over="ignore", invalid="ignore"):  # scales without end: what comes of them is refused later
-            places = np.column_stack([points.x, points.y, points.z])
+            xyz_m = np.column_stack([points.x, points.y, points.z])
         arrays: Arrays = {
-            "points_lidar": places.astype(np.float64, copy=False),
+            "points_lidar": xyz_m.astype(np.float64, copy=False),
             "intensity": np.asarray(points.intensity, dtype=np.float32),
         }
         if "gps_time" in set(points.point_format.dimension_names):
@@ -90,39 +88,39 @@ def _refuse_lying_chunks(path: Path, file: BinaryIO, header: Any) -> None:
 
     start, point_bytes = header.offset_to_point_data, header.point_format.size
     record = bytes(header.vlrs[header.vlrs.index("LasZipVlr")].record_data)
-    told = lazrs.LazVlr(record)
-    if told.item_size() != point_bytes:
-        refuse("LASzip record", f"points of {point_bytes} bytes", told.item_size())
+    laszip = lazrs.LazVlr(record)
+    if laszip.item_size() != point_bytes:
+        refuse("LASzip record", f"points of {point_bytes} bytes", laszip.item_size())
     if int.from_bytes(record[:2], "little") not in (CHUNKED, LAYERED):
         return  # one stream of points without lengths
-    count_in = told.chunk_size()
-    if not told.uses_variable_size_chunks() and not 0 < count_in * point_bytes <= LARGEST_BYTES:
+    count_in = laszip.chunk_size()
+    if not laszip.uses_variable_size_chunks() and not 0 < count_in * point_bytes <= LARGEST_BYTES:
         refuse("LASzip record", f"chunks of at most {LARGEST_BYTES} bytes", f"{count_in} points")
     table, chunks = _chunk_table(file, start)
-    most = header.point_count if told.uses_variable_size_chunks() else -(-header.point_count // count_in)
+    most = header.point_count if laszip.uses_variable_size_chunks() else -(-header.point_count // count_in)
     if not 0 <= chunks <= most:
         refuse("chunk table", f"{most} chunks at most", chunks if chunks >= 0 else "none")
     file.seek(start)
-    entries = lazrs.read_chunk_table(file, told)
+    entries = lazrs.read_chunk_table(file, laszip)
     points, packed = sum(entry[0] for entry in entries), sum(entry[1] for entry in entries)
     if points < header.point_count or start + 8 + packed > table:
         got = f"{points} points in {packed}"
         refuse("chunk table", f"chunks of {header.point_count} points in {table - start - 8} bytes", got)
     if int.from_bytes(record[:2], "little") == LAYERED:
-        place, head_bytes = start + 8, point_bytes + 4
+        offset, head_bytes = start + 8, point_bytes + 4
         for _, packed in entries:
-            file.seek(place + head_bytes)
+            file.seek(offset + head_bytes)
             sizes = np.frombuffer(file.read(4 * _layers(record)), dtype="<u4")
             if head_bytes + sizes.nbytes + int(sizes.sum()) > packed:
                 refuse("layers of a chunk", f"{packed} bytes", f"{sizes.sum()}")
-            place += packed
+            offset += packed
 
 
 def _chunk_table(file: BinaryIO, start: int) -> tuple[int, int]:
-    """Place of the table of chunks and how many it tells; -1 of them where there is none."""
+    """Offset of the table of chunks and the number that it states; -1 where there is none."""
     size = file.seek(0, 2)
-    for place in (start, size - 8):  # of its address: before the points, or at the end of a file that was streamed
-        file.seek(place)
+    for offset in (start, size - 8):  # of its address: before the points, or at the end of a file that was streamed
+        file.seek(offset)
         table = int.from_bytes(file.read(8), "little", signed=True)
         if start + 8 <= table <= size - 8:
             file.seek(table + 4)
@@ -133,17 +131,3 @@ def _chunk_table(file: BinaryIO, start: int) -> tuple[int, int]:
 def _layers(record: bytes) -> int:
     items = ITEM.iter_unpack(record[ITEMS_AT : ITEMS_AT + (len(record) - ITEMS_AT) // ITEM.size * ITEM.size])
     return sum(size if kind == LAYER_A_BYTE else LAYERS.get(kind, 0) for kind, size, _ in items)
-
-
-def write_laz(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write points to the millimetre, with intensities and times."""
-    import laspy
-
-    header = laspy.LasHeader(point_format=1, version="1.2")
-    header.scales = np.full(3, 0.001)
-    cloud = laspy.LasData(header)
-    cloud.xyz = arrays["points_lidar"]
-    for name in ("intensity", "gps_time"):
-        if name in arrays:
-            setattr(cloud, name, arrays[name])
-    cloud.write(path)

@@ -1,14 +1,18 @@
-"""One revolution of a lidar."""
+"""One revolution of a lidar, and the compensation of the lidar's own motion (de-skew)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import ShapeError
+
+Arrays = dict[str, NDArray[Any]]  # of a point cloud, by name
+LARGEST_BYTES = 1 << 28  # of an unpacked sweep: ten million points
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -18,7 +22,7 @@ class LidarSweep:
     Attributes:
         timestamp_ns: the sweep's reference time, at which `time_offset_ns` is 0.
         points_lidar: (N, 3) float32 or float64, m, lidar frame at each point's own time; finite.
-        time_offset_ns: (N,) int64, each point's time minus `timestamp_ns`; None where the sensor does not tell, then
+        time_offset_ns: (N,) int64, each point's time minus `timestamp_ns`; None where it is not known, then
             every point counts as taken at `timestamp_ns`.
         intensity: (N,) float32 in [0, 1], or None.
         ring: (N,) uint8, index of the laser, or None.
@@ -49,10 +53,10 @@ class LidarSweep:
         return np.asarray(self.timestamp_ns + self.time_offset_ns.astype(np.int64))
 
 
-KNOT_SPACING_NS = 5_000_000  # at 1 rad/s the blend between knots is off by 3e-6 of the range
+INTERPOLATION_STEP_NS = 5_000_000  # at 1 rad/s linear interpolation over it is off by 3e-6 of the range
 
 
-def knot_times(times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+def interpolation_timestamps(times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
     """Times, at most 5 ms apart, that span the times of points.
 
     Args:
@@ -64,8 +68,8 @@ def knot_times(times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
     if not times_ns.size:
         return np.empty(0, dtype=np.int64)
     first, last = int(times_ns.min()), int(times_ns.max())
-    intervals = max(1, -(-(last + 1 - first) // KNOT_SPACING_NS))
-    # From 0 on: times since 1970 have more digits than a float, and knots would fall together.
+    intervals = max(1, -(-(last + 1 - first) // INTERPOLATION_STEP_NS))
+    # From 0 on: times since 1970 have more digits than a float, and neighbours would become equal.
     return np.asarray(first + np.linspace(0, max(last - first, 1), intervals + 1).round().astype(np.int64))
 
 
@@ -73,40 +77,45 @@ def deskew(
     points_lidar: NDArray[np.floating],
     times_ns: NDArray[np.int64],
     *,
-    knots_ns: NDArray[np.int64],
+    interpolation_ns: NDArray[np.int64],
     rotations: NDArray[np.float64],
     positions_m: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Apply to each point the sensor's pose at the point's own time.
 
-    Poses are blended linearly between knots, which is exact to second order in the few milliseconds between them.
+    Poses are interpolated linearly, which is exact to second order in the few milliseconds between them.
 
     Args:
         points_lidar: (N, 3), m, lidar frame at each point's own time.
-        times_ns: (N,) int64, within the knots.
-        knots_ns: (K,) int64, increasing, K >= 2.
-        rotations: (K, 3, 3) float64, reference_from_lidar at the knots.
-        positions_m: (K, 3) float64, m, position of the lidar in the reference frame at the knots.
+        times_ns: (N,) int64, within `interpolation_ns`.
+        interpolation_ns: (K,) int64, timestamps of the poses, increasing, K >= 2.
+        rotations: (K, 3, 3) float64, reference_from_lidar.
+        positions_m: (K, 3) float64, m, position of the lidar in the reference frame.
 
     Returns:
-        (N, 3) float64, m, in the reference frame; each component lies in one piece of memory.
+        (N, 3) float64, m, in the reference frame; each component contiguous in memory.
     """
     moved = np.empty((3, len(points_lidar)))
     if (times_ns[1:] < times_ns[:-1]).any():
         order = np.argsort(times_ns, kind="stable")
         moved[:, order] = deskew(
-            points_lidar[order], times_ns[order], knots_ns=knots_ns, rotations=rotations, positions_m=positions_m
+            points_lidar[order],
+            times_ns[order],
+            interpolation_ns=interpolation_ns,
+            rotations=rotations,
+            positions_m=positions_m,
         ).T
         return moved.T
     poses = np.concatenate([rotations, positions_m[:, :, None]], axis=2)
     poses_and_changes = np.concatenate([poses[:-1], np.diff(poses, axis=0)], axis=1)
     homogeneous = np.ones((4, len(points_lidar)))
     homogeneous[:3] = points_lidar.T
-    bounds = [0, *np.searchsorted(times_ns, knots_ns[1:-1]).tolist(), len(times_ns)]
-    for knot, (first, last) in enumerate(pairwise(bounds)):  # all points between two knots at once
+    bounds = [0, *np.searchsorted(times_ns, interpolation_ns[1:-1]).tolist(), len(times_ns)]
+    for k, (first, last) in enumerate(pairwise(bounds)):  # all points between two timestamps at once
         if first < last:
             points = homogeneous[:, first:last]
-            part = (times_ns[first:last] - knots_ns[knot]) / float(knots_ns[knot + 1] - knots_ns[knot])
-            both = poses_and_changes[knot] @ points
+            span_ns = float(interpolation_ns[k + 1] - interpolation_ns[k])
+            part = (times_ns[first:last] - interpolation_ns[k]) / span_ns
+            both = poses_and_changes[k] @ points
             moved[:, first:last] = both[:3] + part * both[3:]
     return moved.T

@@ -1,12 +1,19 @@
 """Segmentation methods: their contract, their registry, and the paper's own.
 
-A method is given consecutive images, calibration and ego-motion, never annotations, and says which cells of the
-**current** (last) image move. Installed packages add methods through the entry point group
+A method is given consecutive images, calibration and ego-motion, never annotations, and segments the **current**
+(last) image into moving and static cells. Installed packages add methods through the entry point group
 `fisheye_bench.methods`.
 """
 
-from bench.methods.answers import MethodError, ask_method
-from bench.methods.contract import Method, MethodInput, Needs, Segmentation, UnansweredImage
+from bench.methods.contract import (
+    Method,
+    MethodError,
+    MethodInput,
+    Needs,
+    Segmentation,
+    UnansweredImage,
+    ask_method,
+)
 from bench.methods.registry import METHODS, build_method, describe_method, known_methods
 
 __all__ = [

@@ -1,39 +1,38 @@
-"""What methods on cells share: where a cell's content was, and what could be seen of it."""
+"""What methods with dense flow share: flow on cells, and where each cell's content was in the previous image."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.cameras import CameraModel, RayGrid
+from bench.cameras import RayGrid
+from bench.flow import DenseFlow, cell_mean
+from bench.methods.contract import MethodInput
+
+
+def cell_flow(frame: MethodInput, flow: DenseFlow, cell_size_px: int) -> NDArray[np.float32]:
+    """Flow from the current to the previous image, (rows, columns, 2) float32, px, mean over each cell."""
+    return cell_mean(flow(frame.images[-1], frame.images[-2]), cell_size_px)
 
 
 def flow_rays(
-    camera: CameraModel, cells: RayGrid, flow: NDArray[np.float32]
+    frame: MethodInput, cells: RayGrid, flow: NDArray[np.float32]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Rays of each cell's content in the previous image.
 
     Args:
-        camera: the lens.
+        frame: of the current image.
         cells: of the current image.
         flow: (rows, columns, 2) float32, px, from the current to the previous image.
 
     Returns:
         rays_previous: (rows, columns, 3) float64, unit rays, previous camera frame; NaN where the lens has none.
-        seen: (rows, columns) bool; inside the lens's field and the image, both times.
+        seen: (rows, columns) bool; inside the lens's field and the image, both times, and valid in the current one.
     """
     pixels = (cells.pixels + flow).reshape(-1, 2)
-    rays, valid = camera.unproject(pixels)
-    seen = (valid & camera.contains(pixels)).reshape(cells.valid.shape)
-    return rays.reshape(cells.rays_camera.shape), seen & cells.valid
-
-
-def seen_at_centres(image: NDArray[np.bool_], cells: RayGrid) -> NDArray[np.bool_]:
-    """An image's mask, (H, W) bool, at the cells' centres: (rows, columns) bool."""
-    height, width = image.shape
-    rows = np.minimum(cells.pixels[:, 0, 1].astype(np.intp), height - 1)
-    columns = np.minimum(cells.pixels[0, :, 0].astype(np.intp), width - 1)
-    return image[np.ix_(rows, columns)]
+    rays, valid = frame.camera.unproject(pixels)
+    seen = (valid & frame.camera.contains(pixels)).reshape(cells.valid.shape) & cells.valid
+    return rays.reshape(cells.rays_camera.shape), seen & cells.at_centres(frame.valid)
 
 
 def flow_parts(flow: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:

@@ -1,8 +1,8 @@
-"""What a segmentation method is given and what it gives back."""
+"""What a segmentation method is given, what it gives back, and how it is called and its answer checked."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol, TypeVar
 
@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.cameras import CameraModel
+from bench.errors import BenchError, DataError
 from bench.geometry import RigidTransform, RoadPlane
+from bench.plug_ins import told_of
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 StepOf = Literal["images", "input"]
@@ -51,9 +53,9 @@ class MethodInput:
         camera: the lens, at the images' size.
         road: the road below the camera.
         current_from_previous: camera motion of each consecutive pair, oldest pair first; one fewer than images.
-        valid: (H, W) bool; inside the lens's field and off the host's own body.
-        recording: name of the recording; empty where nobody says.
-        camera_name: name of the camera; empty where nobody says.
+        valid: (H, W) bool; inside the lens's field and outside the ego vehicle's own body.
+        recording: name of the recording; empty where it is not known.
+        camera_name: name of the camera; empty where it is not known.
         cached_step: finds what the method computed in an earlier run; methods with an expensive step
             call it.
     """
@@ -70,18 +72,18 @@ class MethodInput:
 
 
 class UnansweredImage(Exception):  # noqa: N818 - it is not an error
-    """A method has nothing to say on an image, for a reason that is nobody's fault; the image stays unscored."""
+    """A method has no answer for an image, and that is no error; the image stays unscored."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Segmentation:
-    """A method's word on the current image, on square cells that tile it from the first pixel.
+    """A method's answer for the current image, on square cells that tile it from the first pixel.
 
     Attributes:
         cell_size_px: side of a cell; 1 for every pixel.
         mask: (rows, columns) bool; moving. It belongs to the current, that is the last, image.
         likelihood: (rows, columns) float32; motion likelihood, 0 where undefined; None for a method without one.
-        undefined: (rows, columns) bool; where the method could not say and so says static; None for nowhere.
+        undefined: (rows, columns) bool; where the method has no answer, which counts as static; None for nowhere.
         causes: names of what can flag a cell, for example the constraints; empty for a method without any.
         cause: (rows, columns) uint8, index into `causes` of the largest contribution; None without causes.
         likelihood_is_score: the likelihood is a score in [0, 1], for example a network's, not the paper's mean of
@@ -104,7 +106,7 @@ class Segmentation:
         return self._spread(self.mask, width, height)
 
     def undefined_at(self, width: int, height: int) -> NDArray[np.bool_]:
-        """Pixels of cells where the method could not say: (height, width) bool."""
+        """Pixels of cells where the method has no answer: (height, width) bool."""
         if self.undefined is None:
             return np.zeros((height, width), dtype=bool)
         return self._spread(self.undefined, width, height)
@@ -134,7 +136,7 @@ class Method(Protocol):
         ...
 
     def segment(self, frame: MethodInput) -> Segmentation:
-        """Say which cells of the current image move."""
+        """Segment the current image into moving and static cells."""
         ...
 
 
@@ -148,8 +150,8 @@ class Needs:
             start of a drive, after a gap and after an image that cannot be read. So it is scored on the same images as
             a method that needs `history`, wherever a drive is cut into pieces.
         colour: it wants BGR images; grey ones without it.
-        reads_images: False for a method that does without images: they are then read only if it, or somebody who draws
-            a picture, looks at them. True without it.
+        reads_images: False for a method that does without images: they are then read only if it, or a picture that
+            is drawn, needs them. True without it.
         files: paths of the files and folders that it reads, for example weights; none without it. Results that were
             stored are found again only as long as settings, code and the content of these files are the same.
     """
@@ -170,3 +172,88 @@ class Needs:
             reads_images=getattr(method, "reads_images", True),
             files=getattr(method, "files", ()),
         )
+
+
+class MethodError(BenchError):
+    """A method raised, or its answer is no segmentation of the image; names method, recording and image."""
+
+
+def ask_method(method: Method, frame: MethodInput) -> Segmentation:
+    """The method's segmentation of the current image, checked.
+
+    Args:
+        method: which.
+        frame: what it is given.
+
+    Raises:
+        MethodError: the method raised, tried to exit, or answered with anything but a segmentation of this image.
+        UnansweredImage: the method has no answer for this image.
+        DataError: a file that the method reads cannot be used.
+    """
+    try:
+        answer = method.segment(frame)
+    except (UnansweredImage, DataError, MemoryError, KeyboardInterrupt):
+        raise
+    except BenchError as error:
+        raise MethodError(f"{_image_of(method, frame)}: {error}") from error
+    except BaseException as error:  # also SystemExit, which must not end a run as a success
+        raise MethodError(f"{_image_of(method, frame)}: {told_of(error)}") from error
+    height, width = frame.valid.shape
+    fault = segmentation_fault(answer, width=width, height=height)
+    if fault is not None:
+        raise MethodError(f"{_image_of(method, frame)}: {fault}")
+    return answer
+
+
+def segmentation_fault(answer: object, *, width: int, height: int) -> str | None:
+    """What is wrong with a method's answer on an image of `width` x `height` px; None where nothing is."""
+    return next(_faults(answer, width, height), None)
+
+
+def _faults(answer: object, width: int, height: int) -> Iterator[str]:
+    if not isinstance(answer, Segmentation):
+        yield f"expected a bench.methods.Segmentation from segment(), got {type(answer).__name__}"
+        return
+    size = answer.cell_size_px
+    if isinstance(size, bool) or not isinstance(size, int | np.integer) or size < 1:
+        yield f"cell_size_px: expected a whole number of at least 1, got {size!r}"
+        return
+    shape = -(-height // int(size)), -(-width // int(size))
+    yield from _array_faults("mask", answer.mask, shape, np.bool_)
+    if answer.undefined is not None:
+        yield from _array_faults("undefined", answer.undefined, shape, np.bool_)
+    if answer.likelihood is not None:
+        yield from _array_faults("likelihood", answer.likelihood, shape, np.floating)
+        yield from _likelihood_faults(answer.likelihood, score=answer.likelihood_is_score)
+    if not (isinstance(answer.causes, tuple) and all(isinstance(name, str) for name in answer.causes)):
+        yield f"causes: expected a tuple of names, got {answer.causes!r}"
+        return
+    if answer.cause is not None:
+        yield from _array_faults("cause", answer.cause, shape, np.uint8)
+        if answer.cause.max(initial=0) >= max(len(answer.causes), 1):
+            yield f"cause: expected indices into {len(answer.causes)} causes, got {answer.cause.max()}"
+    for name, values in (answer.parts or {}).items():
+        yield from _array_faults(f"parts[{name!r}]", values, shape, np.floating)
+
+
+def _array_faults(name: str, values: object, shape: tuple[int, int], kind: type[np.generic]) -> Iterator[str]:
+    expected = f"{name}: expected a {shape} array of {'float' if kind is np.floating else kind.__name__.rstrip('_')}"
+    if not isinstance(values, np.ndarray):
+        yield f"{expected}, got {type(values).__name__}"
+    elif values.shape != shape or not np.issubdtype(values.dtype, kind):
+        yield f"{expected}, got {values.shape} of {values.dtype}"
+
+
+def _likelihood_faults(likelihood: NDArray[np.floating], *, score: bool) -> Iterator[str]:
+    lowest, highest = float(likelihood.min()), float(likelihood.max())  # NaN passes through both
+    if not (np.isfinite(lowest) and np.isfinite(highest)):
+        bad = int((~np.isfinite(likelihood)).sum())
+        yield f"likelihood: expected finite numbers, 0 where undefined, got {bad} that are NaN or infinite"
+    elif lowest < 0 or (score and highest > 1):
+        expected = "a score in [0, 1]" if score else "at least 0"
+        yield f"likelihood: expected {expected}, got {lowest:g} to {highest + 0.0:g}"
+
+
+def _image_of(method: Method, frame: MethodInput) -> str:
+    where = f", recording {frame.recording!r}, camera {frame.camera_name!r}" if frame.recording else ""
+    return f"method {method.name!r}{where}, image at {frame.timestamps_ns[-1]} ns"

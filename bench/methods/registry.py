@@ -15,18 +15,18 @@ ENTRY_POINTS = "fisheye_bench.methods"
 METHODS = {
     "spherical": "bench.methods.spherical.method:SphericalMethod",
     "spherical-sparse": "bench.methods.spherical.sparse:SparseSphericalMethod",
-    "spherical-visual-odometry": "bench.methods.spherical.visual:VisualOdometryMethod",
-    "epipolar-only": "bench.methods.spherical.single:EpipolarOnly",
-    "positive-depth-only": "bench.methods.spherical.single:PositiveDepthOnly",
-    "positive-height-only": "bench.methods.spherical.single:PositiveHeightOnly",
-    "anti-parallel-only": "bench.methods.spherical.single:AntiParallelOnly",
+    "spherical-visual-odometry": "bench.methods.spherical.visual_odometry:VisualOdometryMethod",
+    "epipolar-only": "bench.methods.spherical.method:EpipolarOnly",
+    "positive-depth-only": "bench.methods.spherical.method:PositiveDepthOnly",
+    "positive-height-only": "bench.methods.spherical.method:PositiveHeightOnly",
+    "anti-parallel-only": "bench.methods.spherical.method:AntiParallelOnly",
     "three-view-only": "bench.methods.spherical.sparse:ThreeViewOnly",
-    "flow-magnitude": "bench.methods.baselines.flow_angle:FlowMagnitude",
-    "rotation-compensated-flow": "bench.methods.baselines.flow_angle:RotationCompensatedFlow",
-    "frame-difference": "bench.methods.baselines.frame_difference:FrameDifference",
-    "background-subtraction": "bench.methods.baselines.background:BackgroundSubtraction",
-    "nothing": "bench.methods.baselines.ends:Nothing",
-    "everything": "bench.methods.baselines.ends:Everything",
+    "flow-magnitude": "bench.methods.baselines:FlowMagnitude",
+    "rotation-compensated-flow": "bench.methods.baselines:RotationCompensatedFlow",
+    "frame-difference": "bench.methods.baselines:FrameDifference",
+    "background-subtraction": "bench.methods.baselines:BackgroundSubtraction",
+    "nothing": "bench.methods.baselines:Nothing",
+    "everything": "bench.methods.baselines:Everything",
 }
 
 
@@ -35,16 +35,16 @@ def known_methods() -> dict[str, str]:
     return known_places(ENTRY_POINTS, METHODS)
 
 
-def describe_method(place: str) -> str:
+def describe_method(target: str) -> str:
     """What a method is, in one line: the first of its class's docstring.
 
     Args:
-        place: "module:Class".
+        target: "module:Class".
 
     Raises:
         UsageError: nothing to import there.
     """
-    return next(iter((inspect.getdoc(_class(place, place)) or "").splitlines()), "")
+    return next(iter((inspect.getdoc(_class(target, target)) or "").splitlines()), "")
 
 
 def build_method(name: str, parameters: Mapping[str, object] | None = None) -> Method:
@@ -74,5 +74,5 @@ def build_method(name: str, parameters: Mapping[str, object] | None = None) -> M
     return method
 
 
-def _class(name: str, place: str) -> Any:
-    return imported(place, expected=f"method {name!r}: expected a class")
+def _class(name: str, target: str) -> Any:
+    return imported(target, expected=f"method {name!r}: expected a class")

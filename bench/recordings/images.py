@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import zlib
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +12,6 @@ from typing import Any
 import cv2
 import kornia_rs.io
 import numpy as np
-from isal import isal_zlib
 from numpy.typing import NDArray
 
 from bench.errors import DataError
@@ -45,11 +45,7 @@ def read_image(image: ImageRef, camera: MountedCamera, *, colour: bool = False) 
         pixels = _decode(image.path, kind | cv2.IMREAD_IGNORE_ORIENTATION)
     else:
         pixels = image.stored.pixels(colour=colour)
-    _refuse_other_size(pixels, image.path, camera)
-    size = camera.model.width, camera.model.height
-    if size != camera.stored_size_px:
-        pixels = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
-    return np.asarray(pixels, dtype=np.uint8)
+    return np.asarray(_at_model_size(pixels, image.path, camera, cv2.INTER_AREA), dtype=np.uint8)
 
 
 def read_truth(image: ImageRef, camera: MountedCamera | None = None) -> NDArray[np.uint16]:
@@ -71,10 +67,7 @@ def read_truth(image: ImageRef, camera: MountedCamera | None = None) -> NDArray[
     if ids.dtype != np.uint16 or ids.ndim != 2:
         raise DataError(image.truth_path, expected="a 16-bit grey PNG", got=f"{ids.dtype} {ids.shape}")
     if camera is not None:
-        _refuse_other_size(ids, image.truth_path, camera)
-        size = camera.model.width, camera.model.height
-        if size != camera.stored_size_px:
-            ids = cv2.resize(ids, size, interpolation=cv2.INTER_NEAREST)
+        ids = _at_model_size(ids, image.truth_path, camera, cv2.INTER_NEAREST)
     return np.asarray(ids, dtype=np.uint16)
 
 
@@ -96,11 +89,7 @@ def read_moving_mask(image: ImageRef, camera: MountedCamera) -> NDArray[np.bool_
     classes = _decode(image.moving_path, cv2.IMREAD_UNCHANGED)
     if classes.dtype != np.uint8 or classes.ndim != 2:
         raise DataError(image.moving_path, expected="an 8-bit grey PNG", got=f"{classes.dtype} {classes.shape}")
-    _refuse_other_size(classes, image.moving_path, camera)
-    size = camera.model.width, camera.model.height
-    if size != camera.stored_size_px:
-        classes = cv2.resize(classes, size, interpolation=cv2.INTER_NEAREST)
-    return np.asarray(classes > 0)
+    return np.asarray(_at_model_size(classes, image.moving_path, camera, cv2.INTER_NEAREST) > 0)
 
 
 def read_mask(path: Path, size_px: tuple[int, int]) -> NDArray[np.bool_]:
@@ -129,41 +118,41 @@ def read_unchanged(path: Path) -> NDArray[Any]:
     return _decode(path, cv2.IMREAD_UNCHANGED)
 
 
-def decode_image(content: bytes, flags: int, *, place: Path) -> NDArray[Any]:
+def decode_image(content: bytes, flags: int, *, file: Path) -> NDArray[Any]:
     """Decode the content of an image file.
 
     Args:
         content: a whole PNG or JPEG file.
         flags: as `cv2.imdecode` takes them.
-        place: where it comes from, for messages.
+        file: it comes from, for messages.
 
     Raises:
         DataError: cut short, damaged, or not to be decoded.
     """
     fault = _fault(content)
     if fault is not None:
-        raise DataError(place, expected="a whole PNG or JPEG file", got=fault)
+        raise DataError(file, expected="a whole PNG or JPEG file", got=fault)
     size_px = stated_size_px(content)
     if size_px is not None and size_px[0] * size_px[1] > LARGEST_PX:
-        raise DataError(place, expected=f"an image of at most {LARGEST_PX} px", got="{} x {}".format(*size_px))
+        raise DataError(file, expected=f"an image of at most {LARGEST_PX} px", got="{} x {}".format(*size_px))
     kind = flags if flags == cv2.IMREAD_UNCHANGED else flags & ~cv2.IMREAD_IGNORE_ORIENTATION
     if kind == cv2.IMREAD_GRAYSCALE and size_px is not None:
         grey = _grey_png(content, size_px)
         if grey is not None:
             return grey
     if content.startswith(JPEG_START):
-        return _jpeg(content, kind, place)
+        return _jpeg(content, kind, file)
     try:
         pixels = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags)
     except cv2.error as error:
-        raise DataError(place, expected="an image that can be decoded", got=" ".join(str(error).split())) from error
+        raise DataError(file, expected="an image that can be decoded", got=" ".join(str(error).split())) from error
     if pixels is None:
-        raise DataError(place, expected="an image that can be decoded", got=f"{len(content)} bytes that cannot")
+        raise DataError(file, expected="an image that can be decoded", got=f"{len(content)} bytes that cannot")
     return pixels
 
 
 def _grey_png(content: bytes, size_px: tuple[int, int]) -> NDArray[np.uint8] | None:
-    """The pixels of an 8-bit grey PNG, in a third of OpenCV's time; None where OpenCV is to say what it is."""
+    """The pixels of an 8-bit grey PNG, in a third of OpenCV's time; None where it is another file."""
     if not content.startswith(PNG_START) or content[24:26] != PNG_8_BIT_GREY:
         return None
     try:
@@ -173,7 +162,7 @@ def _grey_png(content: bytes, size_px: tuple[int, int]) -> NDArray[np.uint8] | N
     return np.asarray(pixels, dtype=np.uint8)[..., 0]
 
 
-def _jpeg(content: bytes, kind: int, place: Path) -> NDArray[np.uint8]:
+def _jpeg(content: bytes, kind: int, file: Path) -> NDArray[np.uint8]:
     """The pixels of a JPEG, grey or in colour.
 
     Pixels and time are as OpenCV's, which has the same library. But where that warns of damaged data, OpenCV prints
@@ -184,19 +173,19 @@ def _jpeg(content: bytes, kind: int, place: Path) -> NDArray[np.uint8]:
     """
     frame = _jpeg_frame(content)
     if frame is None:
-        raise DataError(place, expected="a whole JPEG", got="one whose header is damaged")
+        raise DataError(file, expected="a whole JPEG", got="one whose header is damaged")
     bits, components = content[frame + 4], content[frame + 9]
     if bits != 8 or components not in (1, 3):
         got = f"{components} of {bits} bits"
-        raise DataError(place, expected="a JPEG of one or three components of 8 bits", got=got)
+        raise DataError(file, expected="a JPEG of one or three components of 8 bits", got=got)
     if content.count(JPEG_SCAN) > MOST_SCANS:
-        raise DataError(place, expected=f"at most {MOST_SCANS} scans of a JPEG", got=str(content.count(JPEG_SCAN)))
+        raise DataError(file, expected=f"at most {MOST_SCANS} scans of a JPEG", got=str(content.count(JPEG_SCAN)))
     grey = kind == cv2.IMREAD_GRAYSCALE or (kind == cv2.IMREAD_UNCHANGED and components == 1)
     try:
         pixels = kornia_rs.io.decode_image_jpegturbo(content, "mono" if grey else "rgb")
-    except Exception as error:  # it raises no narrower kind, and says no more
+    except Exception as error:  # it raises no narrower kind, without details
         got = "data that is damaged or ends before the last line"
-        raise DataError(place, expected="a whole JPEG", got=got, do="fetch or record the image again") from error
+        raise DataError(file, expected="a whole JPEG", got=got, do="fetch or record the image again") from error
     seen = np.asarray(pixels, dtype=np.uint8)
     return seen[..., 0] if grey else np.asarray(cv2.cvtColor(seen, cv2.COLOR_RGB2BGR), dtype=np.uint8)
 
@@ -206,18 +195,22 @@ def _decode(path: Path, flags: int) -> NDArray[Any]:
         content = path.read_bytes()
     except OSError as error:
         raise DataError(path, expected="an image file", got=error.strerror or str(error)) from error
-    return decode_image(content, flags, place=path)
+    return decode_image(content, flags, file=path)
 
 
-def _refuse_other_size(pixels: NDArray[Any], path: Path, camera: MountedCamera) -> None:
-    size = pixels.shape[1], pixels.shape[0]
-    if size != tuple(camera.stored_size_px):
+def _at_model_size(pixels: NDArray[Any], path: Path, camera: MountedCamera, interpolation: int) -> NDArray[Any]:
+    """An image of the calibration's size at the size of the camera's model."""
+    got_px, size_px = (pixels.shape[1], pixels.shape[0]), (camera.model.width, camera.model.height)
+    if got_px != tuple(camera.stored_size_px):
         expected = "{} x {} px, as the calibration of camera {!r}".format(*camera.stored_size_px, camera.name)
-        raise DataError(path, field="image size", expected=expected, got="{} x {}".format(*size))
+        raise DataError(path, field="image size", expected=expected, got="{} x {}".format(*got_px))
+    return (
+        pixels if size_px == tuple(camera.stored_size_px) else cv2.resize(pixels, size_px, interpolation=interpolation)
+    )
 
 
 def _fault(content: bytes) -> str | None:
-    """What is wrong with the file as a whole. OpenCV gives a partly grey image for one that is cut short."""
+    """What is wrong with the whole file. OpenCV gives a partly grey image for one that is cut short."""
     if content.startswith(PNG_START):
         return _png_fault(content)
     if content.startswith(JPEG_START):
@@ -226,7 +219,7 @@ def _fault(content: bytes) -> str | None:
 
 
 def stated_size_px(content: bytes) -> tuple[int, int] | None:
-    """(width, height) as the header says; None where it does not come to that."""
+    """(width, height) as the header states; None where there is none."""
     if content.startswith(PNG_START):
         return struct.unpack_from(">II", content, 16) if len(content) >= 24 else None
     frame = _jpeg_frame(content)
@@ -237,32 +230,32 @@ def stated_size_px(content: bytes) -> tuple[int, int] | None:
 
 
 def _jpeg_frame(content: bytes) -> int | None:
-    """Where the header of a JPEG tells its size; None where it does not come to that."""
-    place = len(JPEG_START)
-    while place + 10 <= len(content) and content[place] == 0xFF:
-        marker = content[place + 1]
+    """Offset of the size in the header of a JPEG; None where there is none."""
+    offset = len(JPEG_START)
+    while offset + 10 <= len(content) and content[offset] == 0xFF:
+        marker = content[offset + 1]
         if marker in JPEG_FRAMES:
-            return place
+            return offset
         if marker == 0xFF or marker in JPEG_ALONE:  # filling, or nothing but itself
-            place += 1 if marker == 0xFF else 2
+            offset += 1 if marker == 0xFF else 2
         else:
-            place += 2 + struct.unpack_from(">H", content, place + 2)[0]
+            offset += 2 + struct.unpack_from(">H", content, offset + 2)[0]
     return None
 
 
 def _png_fault(content: bytes) -> str | None:
-    place = len(PNG_START)
-    while place + 12 <= len(content):
-        (length,) = struct.unpack_from(">I", content, place)
-        end = place + 12 + length
+    offset = len(PNG_START)
+    while offset + 12 <= len(content):
+        (length,) = struct.unpack_from(">I", content, offset)
+        end = offset + 12 + length
         if end > len(content):
             break
-        checksum = isal_zlib.crc32(memoryview(content)[place + 4 : end - 4])
+        checksum = zlib.crc32(memoryview(content)[offset + 4 : end - 4])
         if checksum != struct.unpack_from(">I", content, end - 4)[0]:
-            return f"a PNG damaged near byte {place}"
-        if content[place + 4 : place + 8] == b"IEND":
+            return f"a PNG damaged near byte {offset}"
+        if content[offset + 4 : offset + 8] == b"IEND":
             return None
-        place = end
+        offset = end
     return f"a PNG cut short at {len(content)} bytes"
 
 

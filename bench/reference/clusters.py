@@ -117,7 +117,10 @@ def _candidates(
     middle_vehicle, radius_m = _circumscribed(state.shape)
     away_m = world_from_vehicle.apply(middle_vehicle) - placed.positions_m
     seen_from_lidar = np.einsum("kji,kj->ki", placed.rotations, away_m)
-    wait_ns = max(abs(int(placed.knots_ns[0]) - state.timestamp_ns), abs(int(placed.knots_ns[-1]) - state.timestamp_ns))
+    wait_ns = max(
+        abs(int(placed.interpolation_ns[0]) - state.timestamp_ns),
+        abs(int(placed.interpolation_ns[-1]) - state.timestamp_ns),
+    )
     reach_m = radius_m + speed_mps * wait_ns / SECOND_NS + 0.1
     return placed.rows_between(seen_from_lidar.min(axis=0) - reach_m, seen_from_lidar.max(axis=0) + reach_m)
 

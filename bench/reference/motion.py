@@ -9,7 +9,7 @@ from math import atan2, hypot
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.egomotion import POSES_AHEAD, Trajectory
+from bench.egomotion import Trajectory
 from bench.geometry import RigidTransform
 from bench.recordings.records import Cuboid, GroundPolygon, ObjectState, Recording, Track
 from bench.reference.records import Category, Direction, MotionSettings, ReferenceSettings
@@ -185,7 +185,6 @@ class AnnotationIndex:
         self._recording, self._settings = recording, settings
         rows = [(s.timestamp_ns, t, i) for t, track in enumerate(recording.tracks) for i, s in enumerate(track.states)]
         self._rows = np.array(sorted(rows), dtype=np.int64).reshape(-1, 3)
-        self._times_ns = np.unique(self._rows[:, 0])
         self._motions: dict[int, TrackMotion] = {}
 
     def at(self, exposure_ns: int) -> list[AnnotatedObject]:
@@ -200,13 +199,8 @@ class AnnotationIndex:
                 nearest[number] = wait_ns, index
         chosen = [(self._recording.tracks[number], number, index) for number, (_, index) in sorted(nearest.items())]
         times_ns = {track.states[index].timestamp_ns for track, _, index in chosen}
-        poses = {time_ns: self._pose(time_ns) for time_ns in times_ns}
+        poses = {time_ns: self._recording.trajectory.world_from_vehicle(time_ns) for time_ns in times_ns}
         return [self._annotated(track, number, index, poses) for track, number, index in chosen]
-
-    def _pose(self, time_ns: int) -> RigidTransform:
-        first = np.searchsorted(self._times_ns, time_ns, side="right")
-        next_ns = self._times_ns[first : first + POSES_AHEAD].tolist()
-        return self._recording.trajectory.world_from_vehicle(time_ns, next_ns=next_ns)
 
     def _annotated(self, track: Track, number: int, index: int, poses: Mapping[int, RigidTransform]) -> AnnotatedObject:
         if number not in self._motions:

@@ -46,8 +46,8 @@ class ScannedObject:
     def world_from_sensor(self) -> RigidTransform:
         """Pose of the sensor when it met the object, by the median of its returns."""
         placed = self.placed
-        knot = np.searchsorted(placed.knots_ns, np.median(placed.times_ns[self.cluster.rows]))
-        at = min(int(knot), len(placed.rotations) - 1)
+        interpolated = np.searchsorted(placed.interpolation_ns, np.median(placed.times_ns[self.cluster.rows]))
+        at = min(int(interpolated), len(placed.rotations) - 1)
         return RigidTransform(placed.rotations[at], placed.positions_m[at]) @ placed.lidar_from_sensor
 
     @cached_property

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bench.egomotion import Trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.lidar import LidarSweep, deskew, knot_times
+from bench.lidar import LidarSweep, deskew, interpolation_timestamps
 from bench.recordings.records import ObjectShape, PointIndices, Recording
 
 
@@ -22,7 +22,7 @@ class PlacedSweep:
     Attributes:
         sweep: the points.
         times_ns: (N,) int64, time of each point.
-        knots_ns: (K,) int64, K >= 2.
+        interpolation_ns: (K,) int64, K >= 2.
         rotations: (K, 3, 3) float64, world_from_lidar.
         positions_m: (K, 3) float64, m.
         lidar_from_sensor: `Recording.lidar_from_beams`, the pose of the sensor in the frame of the points.
@@ -30,7 +30,7 @@ class PlacedSweep:
 
     sweep: LidarSweep
     times_ns: NDArray[np.int64]
-    knots_ns: NDArray[np.int64]
+    interpolation_ns: NDArray[np.int64]
     rotations: NDArray[np.float64]
     positions_m: NDArray[np.float64]
     lidar_from_sensor: RigidTransform
@@ -81,7 +81,7 @@ class PlacedSweep:
         return deskew(
             taken.T,
             self.times_ns[rows],
-            knots_ns=self.knots_ns,
+            interpolation_ns=self.interpolation_ns,
             rotations=self.rotations,
             positions_m=self.positions_m,
         )
@@ -109,14 +109,14 @@ def place_sweep(
         None where the sweep has no points or ego-motion is missing for part of it.
     """
     times_ns = sweep.times_ns
-    knots_ns = knot_times(times_ns)
-    rotations, positions_m, valid = trajectory.at(knots_ns)
-    if not (len(knots_ns) and valid.all()):
+    interpolation_ns = interpolation_timestamps(times_ns)
+    rotations, positions_m, valid = trajectory.at(interpolation_ns)
+    if not (len(interpolation_ns) and valid.all()):
         return None
     return PlacedSweep(
         sweep=sweep,
         times_ns=times_ns,
-        knots_ns=knots_ns,
+        interpolation_ns=interpolation_ns,
         rotations=rotations @ vehicle_from_lidar.rotation,
         positions_m=rotations @ vehicle_from_lidar.translation_m + positions_m,
         lidar_from_sensor=lidar_from_sensor or RigidTransform.identity(),

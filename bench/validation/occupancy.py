@@ -184,7 +184,7 @@ def _beams_through(
     """Beams that cross the core of the box and end behind it; each at its own time."""
     object_from_world = (world_from_vehicle @ box.vehicle_from_object).inverse()
     centre = world_from_vehicle.apply(box.vehicle_from_object.translation_m)
-    middle = len(placed.knots_ns) // 2
+    middle = len(placed.interpolation_ns) // 2
     lidar_world = placed.positions_m[middle]
     towards = placed.rotations[middle].T @ (centre - lidar_world)
     points = placed.sweep.points_lidar
@@ -196,8 +196,10 @@ def _beams_through(
     times_ns = placed.times_ns[rows]
     shift = velocity_world_mps * ((state.timestamp_ns - times_ns) / SECOND_NS)[:, None]
     ends = object_from_world.apply(placed.points_world(rows) + shift)
-    knots = placed.positions_m[np.clip(np.searchsorted(placed.knots_ns, times_ns), 0, len(placed.knots_ns) - 1)]
-    starts = object_from_world.apply(knots + shift)
+    positions = placed.positions_m[
+        np.clip(np.searchsorted(placed.interpolation_ns, times_ns), 0, len(placed.interpolation_ns) - 1)
+    ]
+    starts = object_from_world.apply(positions + shift)
     half_m = CORE * box.size_m / 2
     along = ends - starts
     with np.errstate(divide="ignore", invalid="ignore"):

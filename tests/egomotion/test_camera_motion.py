@@ -28,7 +28,7 @@ def test_driving_on_brings_points_nearer():
 def test_turning_about_the_rear_axle_moves_the_front_camera_sideways():
     # A quarter turn to the left: the camera goes from (3.7, 0) to (0, 3.7); it looked along x and now along y.
     motion = moved(RigidTransform.from_yaw(np.pi / 2))
-    # Its old place lies at (3.7, -3.7) from the new one: 3.7 m to its right and 3.7 m behind.
+    # Its old position is (3.7, -3.7) from the new one: 3.7 m to its right and 3.7 m behind.
     assert motion.translation_m == pytest.approx([3.7, 0.0, -3.7])
 
 

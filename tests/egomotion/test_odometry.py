@@ -51,7 +51,7 @@ def test_a_signed_speed_drives_backwards_without_a_gear():
     assert path.velocity_vehicle_mps(START_NS + SECOND_NS // 2) == pytest.approx([-2.0, 0.0, 0.0])
 
 
-def test_standstill_stays_put():
+def test_a_stationary_vehicle_does_not_move():
     path = drive([0.0] * 5, [0.0] * 5)
     assert not path.positions_m.any()
     assert path.velocity_vehicle_mps(START_NS) == pytest.approx([0.0, 0.0, 0.0])

@@ -33,22 +33,16 @@ def test_a_pose_is_met_exactly():
     assert path.world_from_vehicle(STEP_NS).translation_m == pytest.approx([1.0, 0.0, 0.0], abs=1e-15)
 
 
-def test_poses_asked_for_together_are_those_asked_for_one_by_one():
-    times_ns = [STEP_NS // 2, STEP_NS, 2 * STEP_NS + 7, -5 * STEP_NS]  # the last has no ego-motion, and nobody asks
-    together, single = straight(range(0, 4 * STEP_NS, STEP_NS)), straight(range(0, 4 * STEP_NS, STEP_NS))
-    first = together.world_from_vehicle(times_ns[0], next_ns=times_ns[1:])
-    assert together.world_from_vehicle(times_ns[0], next_ns=times_ns[1:]) is first
-    for time_ns in times_ns[:3]:
-        assert np.array_equal(together.world_from_vehicle(time_ns).matrix, single.world_from_vehicle(time_ns).matrix)
-    with pytest.raises(DataError, match=r"expected ego-motion at -500000000"):
-        together.world_from_vehicle(times_ns[3], next_ns=times_ns[:3])
-
-
-def test_more_poses_than_are_held_are_right_all_the_same():
+def test_poses_computed_together_are_those_computed_one_by_one():
+    times_ns = [STEP_NS // 2, STEP_NS, 2 * STEP_NS + 7]
     path = straight(range(0, 4 * STEP_NS, STEP_NS))
-    for start_ns in range(0, 3 * STEP_NS, STEP_NS // 5):
-        path.world_from_vehicle(start_ns, next_ns=range(start_ns + 1, start_ns + 100))
-    assert path.world_from_vehicle(STEP_NS).translation_m == pytest.approx([1.0, 0.0, 0.0], abs=1e-12)
+    rotations, positions_m, _ = path.at(np.array(times_ns))
+    for time_ns, rotation, position_m in zip(times_ns, rotations, positions_m, strict=True):
+        pose = path.world_from_vehicle(time_ns)
+        assert np.array_equal(pose.rotation, rotation)
+        assert np.array_equal(pose.translation_m, position_m)
+    with pytest.raises(DataError, match=r"expected ego-motion at -500000000"):
+        path.world_from_vehicle(-5 * STEP_NS)
 
 
 def test_motion_goes_on_for_a_tenth_of_a_second_beyond_the_ends():
@@ -105,8 +99,8 @@ def test_positions_must_be_finite():
     "time_ns", [0, 1, 25_000_000, STEP_NS // 2, STEP_NS - 1, STEP_NS, 2 * STEP_NS, 2 * STEP_NS + 1]
 )
 def test_on_a_bend_the_velocity_points_along_the_vehicle_at_every_time(time_ns, rate_radps, speed_mps):
-    """Poses at 10 Hz: the chord between two would be turned by up to half of the turn between them, 1.43 degrees at
-    0.5 rad/s."""
+    """Poses at 10 Hz, between two of which the chord is rotated against the pose by up to 1.43 degrees at 0.5 rad/s,
+    half of the rotation between them."""
     seconds = np.arange(3) * STEP_NS / 1e9
     heading_rad = rate_radps * seconds
     if rate_radps:
@@ -138,7 +132,7 @@ def test_the_velocity_between_poses_is_that_of_the_path_there():
         assert path.velocity_vehicle_mps(time_ns) == pytest.approx(seen, rel=1e-5, abs=1e-5)
 
 
-def test_a_vehicle_that_stands_has_no_velocity():
+def test_a_stationary_vehicle_has_no_velocity():
     assert straight([0, STEP_NS, 2 * STEP_NS], speed_mps=0.0).velocity_vehicle_mps(STEP_NS // 2).tolist() == [0, 0, 0]
 
 

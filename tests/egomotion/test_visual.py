@@ -86,7 +86,7 @@ def test_what_moves_is_left_out(share):
     assert found.inliers[moving].mean() < 0.2
 
 
-def test_a_camera_that_stands_has_no_direction():
+def test_a_stationary_camera_has_no_direction():
     previous, current, _, _ = views(around(), (0, 0, 0), (0, 0, 0), noise_rad=5e-4)
     found = ODOMETRY(previous, current)
     assert not found.moves

@@ -1,6 +1,7 @@
 """Methods that can use more images than they need: as many as there are, and scored on the same images."""
 
 import shutil
+from collections import Counter
 from functools import partial
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 from bench.evaluation import load_protocol
 from bench.harness import FramePipeline, RunRequest, plan_units, read_tables, run_benchmark
 from bench.methods import Segmentation, build_method
-from bench.recordings import load_card, open_dataset
+from bench.recordings import load_card, open_dataset, read_image
 
 PROTOCOL = load_protocol("paper-v1")
 
@@ -56,6 +57,20 @@ def test_as_many_images_as_there_are_up_to_the_longest(tiny_card):
 def test_an_older_image_that_cannot_be_read_shortens_what_is_seen(own_card):
     image_file(own_card, 1).write_bytes(b"no picture")
     assert images_seen(own_card, [3, 4]) == [2, 3]
+
+
+def test_every_image_file_is_read_once(own_card, monkeypatch):
+    image_file(own_card, 1).write_bytes(b"no picture")
+    read = Counter()
+
+    def counted(image, camera, *, colour):
+        read[image.path.name] += 1
+        return read_image(image, camera, colour=colour)
+
+    monkeypatch.setattr("bench.harness.frames.read_image", counted)
+    assert images_seen(own_card, [3, 4]) == [2, 3]
+    assert set(read.values()) == {1}
+    assert len(read) == 4
 
 
 def test_a_gap_shortens_what_is_seen(own_card):

@@ -183,5 +183,5 @@ def test_methods_are_listed_with_a_line_each(monkeypatch, capsys):
 def test_visual_odometry_refuses_what_needs_scale_in_one_line(monkeypatch, tiny_card, tmp_path, capsys):
     words = ("--method", "spherical-visual-odometry", "--set", "weights.positive_height=0.2", "--out", tmp_path / "run")
     assert call(monkeypatch, "run", tiny_card, *words) == 2
-    assert "need the length of the way, which images do not tell" in capsys.readouterr().err
+    assert "need the length of the translation, which images do not show" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()

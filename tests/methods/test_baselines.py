@@ -16,9 +16,9 @@ from tests.methods.test_spherical_method import CAMERA, HEIGHT, STEP, WIDTH, cro
 INNER = np.s_[8:-8, 8:-8]  # cells that were in the image before, too
 
 
-def turned_pair(turn_rad):
-    """Images of a camera that only turned, and its motion."""
-    motion = RigidTransform(Rotation.from_rotvec(turn_rad).as_matrix(), np.zeros(3))
+def rotated_pair(rotation_rad):
+    """Images of a camera that only rotated, and its motion."""
+    motion = RigidTransform(Rotation.from_rotvec(rotation_rad).as_matrix(), np.zeros(3))
     previous, _ = render(np.zeros(3))
     rays = np.nan_to_num(ray_grid(CAMERA).rays_camera.reshape(-1, 3), nan=1.0)
     pixels, _ = CAMERA.project(motion.inverse().rotate(rays))
@@ -28,7 +28,7 @@ def turned_pair(turn_rad):
 
 
 def test_the_turn_of_the_camera_moves_all_flow_but_not_what_is_compensated():
-    given = turned_pair([0.0, 0.02, 0.0])
+    given = rotated_pair([0.0, 0.02, 0.0])
     plain, compensated = (build_method(name).segment(given) for name in ("flow-magnitude", "rotation-compensated-flow"))
     assert plain.mask[INNER].mean() > 0.95
     assert compensated.mask[INNER].mean() < 0.1
@@ -67,9 +67,9 @@ def grey_frame(*images, valid=None):
     )
 
 
-def square(place, background=100, grey=200):
+def square(left, background=100, grey=200):
     image = np.full((HEIGHT, WIDTH), background, np.uint8)
-    image[100:140, place : place + 40] = grey
+    image[100:140, left : left + 40] = grey
     return image
 
 
@@ -104,9 +104,9 @@ def test_background_subtraction_looks_back_as_far_as_it_says_and_makes_do_with_o
     images = [square(140), square(100), square(100), square(140)]  # the oldest knows what the newest shows
     far, near = (build_method("background-subtraction", {"images": n}) for n in (3, 2))
     assert (far.longest_history, near.longest_history) == (3, 2)
-    place = np.s_[100:140, 140:180]
-    assert not far.segment(grey_frame(*images)).mask[place].any()
-    assert near.segment(grey_frame(*images)).mask[place].all()
+    region = np.s_[100:140, 140:180]
+    assert not far.segment(grey_frame(*images)).mask[region].any()
+    assert near.segment(grey_frame(*images)).mask[region].all()
     one = far.segment(grey_frame(square(100), square(150))).mask
     assert one[100:140, 150:190].mean() == 1.0
 

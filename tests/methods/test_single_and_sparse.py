@@ -38,9 +38,9 @@ def test_weights_of_a_single_constraint_are_changed_from_its_own():
     assert build_method("spherical", {"weights": {"positive_depth": 0.5}}).weights.as_tuple()[2:] == (0.2, 0.2, 0.0)
 
 
-def three_images(places, steps=(0.0, 0.06, 0.12)):
-    """Three images of a board at places, seen from a camera that goes straight on, with what a method is given."""
-    images = [render(np.array([s, 0.0, 0.0]), np.asarray(p)) for s, p in zip(steps, places, strict=True)]
+def three_images(positions, steps=(0.0, 0.06, 0.12)):
+    """Three images of a board at positions, seen from a camera that goes straight on, with what a method is given."""
+    images = [render(np.array([s, 0.0, 0.0]), np.asarray(p)) for s, p in zip(steps, positions, strict=True)]
     poses = [RigidTransform(LOOK, -LOOK @ (MOUNT_M + np.array([s, 0.0, 0.0]))) for s in steps]
     motions = tuple(after @ before.inverse() for before, after in pairwise(poses))
     given = replace(
@@ -79,8 +79,8 @@ def test_cells_without_a_track_are_undefined_and_static():
 
 
 def test_three_views_see_a_board_that_turns_back_where_two_see_it_less():
-    places = [(3.0, -0.3, 0.0), (3.12, -0.3, 0.0), (3.0, -0.3, 0.0)]
-    given, board = three_images(places)
+    positions = [(3.0, -0.3, 0.0), (3.12, -0.3, 0.0), (3.0, -0.3, 0.0)]
+    given, board = three_images(positions)
     three = build_method("three-view-only")
     assert share(three.segment(given).mask_at(WIDTH, HEIGHT), inner(board)) > 0.5
     assert share(three.segment(given).mask_at(WIDTH, HEIGHT), far(board)) < 0.08
@@ -92,7 +92,7 @@ def test_three_views_see_a_board_that_turns_back_where_two_see_it_less():
     assert share(three.segment(still).mask_at(WIDTH, HEIGHT), inner(board)) < 0.1
 
 
-def test_standing_camera_takes_the_static_branch_on_tracks_too():
+def test_a_stationary_camera_takes_the_static_branch_on_tracks_too():
     given, board = three_images([(3.0, -0.9, 0.0), (3.0, -0.6, 0.0), (3.0, -0.3, 0.0)], steps=(0.0, 0.0, 0.0))
     found = build_method("spherical-sparse").segment(given)
     assert found.causes == ("static_camera",)

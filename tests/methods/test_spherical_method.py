@@ -1,4 +1,4 @@
-"""The paper's method on images: what moves is found where it is now, and what stands is not."""
+"""The paper's method on images: what moves is found where it is now, and what is static is not."""
 
 import cv2
 import numpy as np
@@ -57,9 +57,9 @@ def scene(position_m, box_m=None):
     board = np.zeros(road.shape, dtype=bool)
     if box_m is not None:
         to_board = (box_m[0] - origin[0]) / np.where(np.abs(rays[..., 0]) < 1e-6, 1e-6, rays[..., 0])
-        place = origin + rays * to_board[..., None] - box_m
-        board = (to_board > 0) & (to_board < depth) & (np.abs(place[..., 1]) < 0.6)
-        board &= (place[..., 2] > 0) & (place[..., 2] < 1.2)
+        offset = origin + rays * to_board[..., None] - box_m
+        board = (to_board > 0) & (to_board < depth) & (np.abs(offset[..., 1]) < 0.6)
+        board &= (offset[..., 2] > 0) & (offset[..., 2] < 1.2)
         depth = np.where(board, to_board, depth)
     return origin + rays * depth[..., None], road & ~board, board
 
@@ -99,7 +99,7 @@ def crossing():
     return previous, current, mask
 
 
-def test_a_crossing_board_is_found_where_it_is_now_and_the_world_stands():
+def test_a_crossing_board_is_found_where_it_is_now_and_the_world_is_static():
     previous, current, board = crossing()
     found = build_method("spherical").segment(frame(previous, current, STEP))
     mask = found.mask_at(WIDTH, HEIGHT)
@@ -131,7 +131,7 @@ def test_with_exact_flow_the_mask_is_the_board_in_the_current_image():
     assert expected.sum() > 100
 
 
-def test_standing_camera_takes_the_static_branch():
+def test_a_stationary_camera_takes_the_static_branch():
     previous, _ = render(np.zeros(3), np.array([3.0, -0.6, 0.0]))
     current, board = render(np.zeros(3), np.array([3.0, -0.3, 0.0]))
     found = build_method("spherical").segment(frame(previous, current, np.zeros(3)))
@@ -151,7 +151,7 @@ def test_static_world_stays_static(flow):
     assert found.cause.max() < len(found.causes)
 
 
-def test_where_the_host_sees_itself_nothing_is_detected():
+def test_where_the_ego_vehicle_sees_itself_nothing_is_detected():
     previous, current, _ = crossing()
     valid = np.ones((HEIGHT, WIDTH), bool)
     valid[:, 200:] = False

@@ -7,7 +7,7 @@ from bench.methods.spherical import static_camera_deviation, three_view_deviatio
 from tests.methods.worlds import TwoViews
 
 
-def standing(points, motion, lambda_static_m=0.02, creep_m=0.0):
+def stationary(points, motion, lambda_static_m=0.02, creep_m=0.0):
     views = TwoViews(current_m=(creep_m, 0, 0.66), yaw_rad=0)
     return static_camera_deviation(
         *views.rays(points, motion),
@@ -18,17 +18,17 @@ def standing(points, motion, lambda_static_m=0.02, creep_m=0.0):
 
 
 def test_static_camera_measures_flow_on_the_sphere():
-    deviation, defined = standing([(4.0, 0.0, 0.66), (4.0, 0.0, 0.66)], [(0, 0.1, 0), (0, 0, 0)])
+    deviation, defined = stationary([(4.0, 0.0, 0.66), (4.0, 0.0, 0.66)], [(0, 0.1, 0), (0, 0, 0)])
     np.testing.assert_allclose(deviation, [np.sin(np.arctan(0.1 / 4)), 0.0], atol=1e-12)
     assert defined.all()
 
 
 def test_unregistered_creep_of_the_road_is_suppressed_but_a_walker_is_not():
-    road, _ = standing([(3, 1, 0), (6, -2, 0)], (0, 0, 0), creep_m=0.015)
+    road, _ = stationary([(3, 1, 0), (6, -2, 0)], (0, 0, 0), creep_m=0.015)
     assert road.max() == 0
-    without, _ = standing([(3, 1, 0), (6, -2, 0)], (0, 0, 0), creep_m=0.015, lambda_static_m=0.0)
+    without, _ = stationary([(3, 1, 0), (6, -2, 0)], (0, 0, 0), creep_m=0.015, lambda_static_m=0.0)
     assert without.min() > 3e-4
-    walker, _ = standing([(4, 1, 0.05)], (0, 0.08, 0))
+    walker, _ = stationary([(4, 1, 0.05)], (0, 0.08, 0))
     assert walker[0] > 6e-4
 
 

@@ -34,7 +34,7 @@ def test_the_motion_is_the_cameras():
     assert np.linalg.norm(scaled.translation_m) == pytest.approx(0.06)
 
 
-def test_a_standing_camera_takes_the_static_branch_whatever_the_wheels_say():
+def test_a_stationary_camera_takes_the_static_branch_whatever_the_wheels_say():
     previous, _ = render(np.zeros(3), np.array([3.0, -0.6, 0.0]))
     current, board = render(np.zeros(3), np.array([3.0, -0.3, 0.0]))
     found = build_method(NAME).segment(frame(previous, current, STEP))
@@ -52,7 +52,9 @@ def test_images_that_show_nothing_are_undefined():
 
 
 def test_constraints_that_need_scale_are_refused_without_it():
-    with pytest.raises(UsageError, match=r"positive_height and anti_parallel need the length of the way.*scale=given"):
+    with pytest.raises(
+        UsageError, match=r"positive_height and anti_parallel need the length of the translation.*scale=given"
+    ):
         build_method(NAME, {"weights": {"positive_height": 0.2, "anti_parallel": 0.2}})
     with pytest.raises(UsageError, match=r"set weights\.anti_parallel=0, or"):
         build_method(NAME, {"weights": {"anti_parallel": 0.2}})

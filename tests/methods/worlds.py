@@ -18,7 +18,7 @@ def pitched_down(pitch_rad: float) -> np.ndarray:
 
 @dataclass
 class TwoViews:
-    """A camera that moved from `previous_m` to `current_m` and turned by `yaw_rad` to the left."""
+    """A camera that moved from `previous_m` to `current_m` and rotated by `yaw_rad` to the left."""
 
     previous_m: tuple[float, float, float] = (0.0, 0.0, 0.66)
     current_m: tuple[float, float, float] = (0.4, 0.01, 0.66)

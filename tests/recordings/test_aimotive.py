@@ -8,7 +8,7 @@ import pytest
 
 from bench.cameras import UnifiedCamera
 from bench.errors import DataError
-from bench.lidar import deskew, knot_times
+from bench.lidar import deskew, interpolation_timestamps
 from bench.recordings import load_card, open_dataset, read_image
 from bench.recordings.aimotive.adapter import aimotive_recordings
 from bench.recordings.aimotive.calibration import AimotiveOptions, read_cameras
@@ -194,11 +194,15 @@ def test_points_moved_to_the_exposure_fill_the_vans_box(real, index):
     sweep = real.sweeps[index].read()
     van = next(track for track in real.tracks if track.track_id == "1")
     state = next(state for state in van.states if state.timestamp_ns == sweep.timestamp_ns)
-    knots_ns = knot_times(sweep.times_ns)
-    rotations, positions_m, _ = real.trajectory.at(knots_ns)
+    interpolation_ns = interpolation_timestamps(sweep.times_ns)
+    rotations, positions_m, _ = real.trajectory.at(interpolation_ns)
     now = real.trajectory.world_from_vehicle(sweep.timestamp_ns)
     points_world = deskew(
-        sweep.points_lidar, sweep.times_ns, knots_ns=knots_ns, rotations=rotations, positions_m=positions_m
+        sweep.points_lidar,
+        sweep.times_ns,
+        interpolation_ns=interpolation_ns,
+        rotations=rotations,
+        positions_m=positions_m,
     )
     age_s = sweep.time_offset_ns / 1e9
     moved = now.inverse().apply(points_world - age_s[:, None] * now.rotate(state.velocity_mps))

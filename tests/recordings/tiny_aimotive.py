@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from bench.lidar import write_points
+from tests.lidar.clouds import write_points
 
 SEQUENCE = "data/train/daytime/20260101-000000-tiny@Car"
 CAMERA = "M_FISHEYE_R"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bench.geometry import RigidTransform
-from bench.lidar import LidarSweep, deskew, knot_times
+from bench.lidar import LidarSweep, deskew, interpolation_timestamps
 from bench.lidar.files import read_sweep, write_sweep
 from bench.synthesis.bodies import make_body
 from bench.synthesis.driving.host import own_body
@@ -53,12 +53,12 @@ def scan(lidar: LidarScanner, time_ns: int = SECOND_NS // 2, seed: int = 0) -> L
 
 def placed(sweep: LidarSweep, motion: HostMotion) -> np.ndarray:
     """Points in the world, by the project's own de-skewing with the true poses."""
-    knots_ns = knot_times(sweep.times_ns)
-    poses = motion.at(knots_ns)
+    interpolation_ns = interpolation_timestamps(sweep.times_ns)
+    poses = motion.at(interpolation_ns)
     return deskew(
         sweep.points_lidar,
         sweep.times_ns,
-        knots_ns=knots_ns,
+        interpolation_ns=interpolation_ns,
         rotations=poses.rotations @ ROOF.rotation,
         positions_m=poses.rotations @ ROOF.translation_m + poses.positions_m,
     )

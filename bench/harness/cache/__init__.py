@@ -1,7 +1,7 @@
-"""Steps of a run that are kept for the next one: flow, likelihood, reference.
+"""Steps of a run, cached for the next one: flow, likelihood, reference.
 
-Each is a file of arrays named by a digest of all that it depends on, so it is right or not found. The folder may be
-deleted at any time, and processes may share it.
+Each is a file of arrays named by a digest of all that it depends on, so it is up to date or not found. The folder may
+be deleted at any time, and processes may share it.
 """
 
 from bench.harness.cache.folder import DEFAULT_LIMIT_BYTES, CacheFolder, CacheUse, default_folder

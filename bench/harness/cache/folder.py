@@ -1,4 +1,4 @@
-"""Arrays by digest in a folder of limited size; what was not used for longest goes first."""
+"""Arrays by digest in a folder of limited size; the least recently used are evicted first."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bench.errors import DataError, OutputError, UsageError
 from bench.recordings import replacing
 
 DEFAULT_LIMIT_BYTES = 4_000_000_000
-SWEEP_AFTER_BYTES = 64_000_000  # a process that has added so much makes room
+EVICT_AFTER_BYTES = 64_000_000  # a process that has added so much evicts entries
 MARK = "fisheye-bench.cache"
 STEP_NAME = re.compile(r"[a-z][a-z0-9_-]{0,63}")
 
@@ -24,7 +24,7 @@ Arrays = dict[str, NDArray[np.generic]]
 
 
 def default_folder() -> Path:
-    """Where steps are kept: `FISHEYE_BENCH_CACHE`, else beside the runs."""
+    """Where steps are cached: `FISHEYE_BENCH_CACHE`, else beside the runs."""
     return Path(os.environ.get("FISHEYE_BENCH_CACHE") or "reports/cache").expanduser()
 
 
@@ -46,8 +46,8 @@ class CacheFolder:
     """A cache. Each process has its own object; what it counts is its own.
 
     Attributes:
-        folder: where entries lie.
-        limit_bytes: size that `make_room` brings the folder below; while processes work it grows beyond by at most
+        folder: of the entries.
+        limit_bytes: size that `evict` brings the folder below; while processes work it grows beyond by at most
             64 MB for each.
         found: entries that were found, by the name of the step.
         missed: entries that were not, by the name of the step.
@@ -73,19 +73,19 @@ class CacheFolder:
         return arrays
 
     def put(self, step: str, digest: str, arrays: Arrays) -> None:
-        """Keep an entry. A disk that is full, or that may not be written, keeps nothing, which costs time only."""
+        """Store an entry. On a disk that is full or read-only nothing is stored, which costs time only."""
         try:
             with replacing(self._file(step, digest)) as temporary:
                 np.savez(temporary, **arrays)  # type: ignore[arg-type]
                 self._added_bytes += temporary.stat().st_size
         except (OSError, OutputError):
             return
-        if self._added_bytes > SWEEP_AFTER_BYTES:
+        if self._added_bytes > EVICT_AFTER_BYTES:
             self._added_bytes = 0
-            self.make_room()
+            self.evict()
 
-    def make_room(self, limit_bytes: int | None = None) -> CacheUse:
-        """Remove what was not used for longest until the folder is below a size; say what is left.
+    def evict(self, limit_bytes: int | None = None) -> CacheUse:
+        """Remove the least recently used entries until the folder is below a size; return what is left.
 
         Args:
             limit_bytes: the size; None for the cache's own limit.
@@ -119,11 +119,11 @@ class CacheFolder:
                     raise DataError(self.folder, expected="an empty folder or a cache", got="other files", do=do)
                 (self.folder / MARK).touch()
         except OSError as error:
-            got, do = error.strerror or str(error), "name another folder with --cache, or keep nothing with --no-cache"
+            got, do = error.strerror or str(error), "name another folder with --cache, or cache nothing with --no-cache"
             raise DataError(self.folder, expected="a folder for the cache", got=got, do=do) from error
 
     def _file(self, step: str, digest: str) -> Path:
-        """Where an entry lies; the name of its step comes from a method.
+        """The file of an entry; the name of its step comes from a method.
 
         Raises:
             UsageError: a name that could leave the folder, or that some file system does not take.
@@ -139,7 +139,7 @@ class CacheFolder:
         for file in self.folder.glob("*/*/*.npz"):
             try:
                 state = file.stat()
-            except FileNotFoundError:  # another process made room
+            except FileNotFoundError:  # another process evicted it
                 continue
             found.append((state.st_mtime_ns, state.st_size, file))
         return found

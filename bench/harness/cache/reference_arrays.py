@@ -83,7 +83,7 @@ def _polygon(outline: bytes) -> Polygon | None:
     if not outline:
         return None
     polygon = shapely.from_wkb(outline)
-    assert isinstance(polygon, Polygon), "only polygons are kept"
+    assert isinstance(polygon, Polygon), "only polygons are stored"
     return polygon
 
 

@@ -1,4 +1,4 @@
-"""The cached steps of one unit's images: what a method computes, and the reference."""
+"""The cached steps of one unit's images: of a method, and the reference."""
 
 from __future__ import annotations
 

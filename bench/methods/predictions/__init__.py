@@ -9,13 +9,12 @@ DIR/recording.json                    the same, with "camera" in every entry
 
 The recording's folder may be left out where the data set has only one. `<name>` is the image's time in nanoseconds,
 its frame number, or the name of its file without the suffix; which of them is found out for each camera, and ambiguous
-names are refused. A frame number is the number that names the image's file, else its place among all images of its
+names are refused. A frame number is the number that names the image's file, else its index among all images of its
 camera in the data set, from 0, excluded ones included.
 
-`index`, with `pairing`, is the pass over the folder that finds everything that is wrong before anything is scored;
-`method` then hands out what was found, as any other segmentation method. The rest is one idea each: `images` (what is
-to be predicted), `folder` (which files there are), `names` (which image a name means), `reading` with `png_maps`,
-`npz_scores` and `run_lengths` (the kinds of file), `sizes` (maps smaller or larger than the image), `faults`.
+`pairing` goes through the folder once and finds everything that is wrong before anything is scored; `method` then
+returns what was found, as any other segmentation method. `images` lists what is to be predicted and which image a name
+means; `files` reads each kind of file and brings maps of other sizes to the image.
 """
 
 from bench.methods.predictions.files import Fault, FaultKind

@@ -1,9 +1,9 @@
 """Masks and scores in files: grey PNG files, NumPy archives, COCO run lengths; what can be wrong, and sizes.
 
-A COCO mask is read column by column; runs of 0 and 1 follow each other, the first of 0. The lengths stand as a list or
+A COCO mask is read column by column; runs of 0 and 1 follow each other, the first of 0. The lengths are a list or
 as text: each number, from the fourth on its difference to the last but one, in groups of five bits, the lowest first,
 bit 6 set where more follow, 48 added to make it a letter. `pycocotools` is not used to decode: for lengths that do not
-add up to the mask it returns memory that was never written (2.0.11), so they would have to be decoded first to tell.
+add up to the mask it returns memory that was never written (2.0.11), so they would have to be decoded first.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from bench.recordings.images import PNG_START, read_unchanged
 
 
 class FaultKind(StrEnum):
-    """Kinds of faults, in the order in which they are told."""
+    """Kinds of faults, in the order of reports."""
 
     MISSING = "missing"
     UNREADABLE = "unreadable"
@@ -60,7 +60,7 @@ class WrongSizeError(DataError):
 
 
 class UnclearError(DataError):
-    """A prediction whose values do not say what moves."""
+    """A prediction whose values are no mask and no scores."""
 
 
 def kind_of(error: DataError) -> FaultKind:
@@ -70,7 +70,7 @@ def kind_of(error: DataError) -> FaultKind:
 
 
 def reason_of(error: DataError) -> str:
-    """What an error says, without the file."""
+    """The text of an error, without the file."""
     where = f"{error.field}: " if error.field else ""
     return f"{where}expected {error.expected}, got {error.got}" + (f"; {error.do}" if error.do else "")
 
@@ -297,7 +297,7 @@ class MaskEntry(BaseModel):
         return str(self.image)
 
     def is_of(self, camera: str) -> bool:
-        """Whether it is of a camera, or does not say of which."""
+        """Whether it is of a camera, or names none."""
         return self.camera in (None, camera)
 
 
@@ -390,10 +390,10 @@ def _lengths(text: str, file: Path, field: str) -> list[int]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prediction:
-    """Where the prediction of an image lies.
+    """The file that holds the prediction of an image.
 
     Attributes:
-        file: it stands in.
+        file: that holds it.
         camera: of the image.
         names: by which the file's list names the image; empty for a file of one image.
         sizes: of the image.
@@ -406,7 +406,7 @@ class Prediction:
 
 
 class PredictionReader:
-    """Reads predictions; the file of many images that was read last is kept."""
+    """Reads predictions; the last file of many images stays in memory."""
 
     def __init__(self) -> None:
         self._held: tuple[Path, Mapping[str, list[MaskEntry]]] | None = None

@@ -64,19 +64,19 @@ def camera_images(handle: RecordingHandle, *, history: int) -> Iterator[CameraIm
         DataError: the recording cannot be opened.
     """
     whole = replace(handle, exclusions=()).open()
-    kept = {
+    remaining = {
         camera: tuple(
             ref for i, ref in enumerate(refs) if not any(e.covers(i, ref.timestamp_ns) for e in handle.exclusions)
         )
         for camera, refs in whole.images.items()
     }
-    rest = replace(whole, images=kept)
+    scorable = replace(whole, images=remaining)
     for name, camera in sorted(whole.cameras.items()):
         refs = whole.images[name]
-        late = {gap.index for gap in frame_gaps(rest, name)}
+        late = {gap.index for gap in frame_gaps(scorable, name)}
         scored = {
             ref.timestamp_ns
-            for i, ref in enumerate(kept[name])
+            for i, ref in enumerate(remaining[name])
             if i >= history and late.isdisjoint(range(i - history + 1, i + 1))
         }
         yield CameraImages(
@@ -96,7 +96,7 @@ def camera_images(handle: RecordingHandle, *, history: int) -> Iterator[CameraIm
 
 
 def _frame_numbers(refs: Sequence[ImageRef]) -> list[int]:
-    """The numbers that name the files, where numbers do that are no times; else places from 0."""
+    """The numbers that name the files, where these are numbers but no times; else indices from 0."""
     stems = [ref.path.stem for ref in refs]
     if all(stem.isascii() and stem.isdigit() for stem in stems):
         numbers = [int(stem) for stem in stems]

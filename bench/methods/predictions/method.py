@@ -21,7 +21,7 @@ HALF = 0.5  # of a block's pixels, from which on the block moves
 
 
 class PredictedMotion:
-    """Says of each image what a file says.
+    """Returns the prediction of each image from a file.
 
     The folder is gone through once, when the first image is asked for, unless that has been done before.
 
@@ -90,12 +90,12 @@ class PredictedMotion:
         self.fingerprint, self._index = index.fingerprint, index
 
     def segment(self, frame: MethodInput) -> Segmentation:
-        """What the image's file says.
+        """The prediction from the image's file.
 
         Raises:
             DataError: the prediction cannot be used, or is missing where that is an error.
             UnansweredImage: the prediction is missing and to be skipped.
-            UsageError: the harness does not say which image it is.
+            UsageError: the recording and camera of the image are not given.
         """
         if not frame.recording:
             raise UsageError(f"{self.name}: expected to know which recording and camera it is, got neither")

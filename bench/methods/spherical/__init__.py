@@ -4,7 +4,7 @@ Symbols, all in the current camera frame (with the corrections of the print that
 
 - `R`, `t`: `current_from_previous`; `e' = t/|t|` is the previous camera centre seen from the current camera, the focus
   of contraction.
-- `p`: unit ray in the previous camera frame; `q = R p`: the same ray turned into the current frame. `q` stands
+- `p`: unit ray in the previous camera frame; `q = R p`: the same ray rotated into the current frame. `q` stands
   wherever the printed equations say `p`.
 - `p'`: unit ray of the same point in the current camera frame.
 - `h`: unit vector down to the road; `eta_C`: camera height above it.
@@ -15,10 +15,14 @@ Source:
     Mariotti and Eising, "Spherical formulation of geometric motion segmentation constraints in fisheye cameras".
 """
 
+from bench.methods.spherical.constraints import (
+    Deviations,
+    Variants,
+    deviations,
+    static_camera_deviation,
+    three_view_deviation,
+)
 from bench.methods.spherical.likelihood import PAPER_WEIGHTS, Weights, motion_likelihood
-from bench.methods.spherical.static_camera import static_camera_deviation
-from bench.methods.spherical.three_view import three_view_deviation
-from bench.methods.spherical.two_view import Deviations, Variants, deviations
 
 __all__ = [
     "PAPER_WEIGHTS",

@@ -1,17 +1,26 @@
-"""From deviations to the likelihood of motion."""
+"""From rays to the likelihood of motion: weights, parameters and the weighted mean of the deviations."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import UsageError
-from bench.methods.spherical.two_view import Deviations
+from bench.geometry import RigidTransform, RoadPlane
+from bench.methods.spherical.constraints import (
+    PAPER,
+    Deviations,
+    Variants,
+    deviations,
+    static_camera_deviation,
+)
 
 CONSTRAINTS = ("epipolar", "positive_depth", "positive_height", "anti_parallel")
+THREE_VIEW = "three_view"
+STATIC_CAUSE = "static_camera"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,17 +40,6 @@ class Weights:
     def __post_init__(self) -> None:
         if min(self.as_tuple()) < 0 or self.total <= 0:
             raise UsageError(f"weights: expected numbers >= 0 with at least one positive, got {self.as_tuple()}")
-
-    @classmethod
-    def from_numbers(cls, numbers: Sequence[float]) -> Weights:
-        """From four or five numbers in the paper's order.
-
-        Raises:
-            UsageError: another number of them.
-        """
-        if len(numbers) not in {4, 5}:
-            raise UsageError(f"weights: expected four or five numbers (e, d, h, p, 3v), got {len(numbers)}")
-        return cls(**dict(zip((f.name for f in fields(cls)), map(float, numbers), strict=False)))
 
     def as_tuple(self) -> tuple[float, float, float, float, float]:
         """In the paper's order: e, d, h, p, 3v."""
@@ -76,7 +74,7 @@ def alone(constraint: str, weight: float = 1.0) -> tuple[Weights, float]:
 
 def motion_likelihood(
     deviations: Deviations,
-    weights: Weights | Sequence[float],
+    weights: Weights,
     *,
     three_view: NDArray[np.float64] | None = None,
     root_sum: bool = False,
@@ -85,10 +83,9 @@ def motion_likelihood(
 
     Args:
         deviations: of any shape.
-        weights: mu of each constraint, also as numbers in the paper's order e, d, h, p and, if there, 3v; the divisor
-            is their whole sum, whichever constraints fire.
+        weights: mu of each constraint; the divisor is their whole sum, whichever constraints fire.
         three_view: xi_3v where tracks over three views exist; 0 is taken where it is NaN.
-        root_sum: use hypot(mu_e xi_e, mu_d xi_d) in place of their sum, since both measure parts of one
+        root_sum: use hypot(mu_e xi_e, mu_d xi_d) instead of their sum, since both measure parts of one
             displacement; off in the paper.
 
     Returns:
@@ -97,7 +94,6 @@ def motion_likelihood(
     Source:
         Mariotti and Eising, section III-H.
     """
-    weights = weights if isinstance(weights, Weights) else Weights.from_numbers(weights)
     epipolar, depth = weights.epipolar * deviations.epipolar, weights.positive_depth * deviations.positive_depth
     likelihood = np.hypot(epipolar, depth) if root_sum else epipolar + depth
     likelihood += weights.positive_height * deviations.positive_height
@@ -120,3 +116,131 @@ def largest_contribution(
         np.copyto(cause, np.uint8(index), where=part > best)
         best = np.fmax(best, part)
     return cause
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LikelihoodMap:
+    """Likelihood of motion, of points or of the cells of an image; only the threshold is missing.
+
+    Attributes:
+        likelihood: (...) float64; 0 where not defined.
+        cause: (...) uint8, index into `causes` of the largest contribution.
+        seen: (...) bool; both images see the content.
+        defined: (...) bool; the deviations are defined.
+        stationary: () bool; the camera is stationary.
+        deviations: the deviations of a moving camera by name, (...) float64; empty where they are not known.
+    """
+
+    likelihood: NDArray[np.float64]
+    cause: NDArray[np.uint8]
+    seen: NDArray[np.bool_]
+    defined: NDArray[np.bool_]
+    stationary: NDArray[np.bool_]
+    deviations: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SphericalSettings:
+    """Parameters of the constraints; the defaults are the paper's.
+
+    Attributes:
+        cell_size_px: side of the cells that are segmented.
+        weights: of the constraints; a dictionary changes the method's own.
+        lambda_height: threshold of positive height.
+        lambda_anti_parallel: threshold of anti-parallel.
+        threshold: likelihood above which a cell moves, at 15 frames per second.
+        static_threshold: the same for a stationary camera. The paper gives one number for both; on this value, which is
+            not divided by the sum of weights, it is 2.4 times more sensitive.
+        static_below_m: translation between two images below which the camera counts as stationary; 0.05 m/s at 15
+            frames per second.
+        lambda_static_m: displacement on the road below which a stationary camera sees no motion.
+        min_epipole_sine: alpha_min, size of the blind spot around the epipoles.
+        variants: departures from the paper's constraints.
+        root_sum: hypot of epipolar and positive depth instead of their sum.
+
+    Raises:
+        UsageError: a number that is out of its domain.
+
+    Source:
+        Mariotti and Eising, section III; constants of section III-H and IV.
+    """
+
+    cell_size_px: int = 5
+    weights: Weights = PAPER_WEIGHTS
+    lambda_height: float = 0.001
+    lambda_anti_parallel: float = 0.001
+    threshold: float = PAPER_THRESHOLD
+    static_threshold: float = PAPER_THRESHOLD
+    static_below_m: float = 0.05 / 15
+    lambda_static_m: float = 0.02
+    min_epipole_sine: float = 0.01
+    variants: Variants = PAPER
+    root_sum: bool = False
+
+    def __post_init__(self) -> None:
+        if isinstance(self.weights, dict):
+            object.__setattr__(self, "weights", replace(type(self).weights, **self.weights))
+        if isinstance(self.variants, dict):
+            object.__setattr__(self, "variants", Variants(**self.variants))
+        if self.cell_size_px < 1 or min(self.threshold, self.static_threshold) <= 0:
+            raise UsageError("spherical: expected cell_size_px >= 1 and thresholds > 0")
+
+    def settings(self) -> dict[str, object]:
+        """Every parameter that decides the result."""
+        return asdict(self)
+
+    def likelihood_of_rays(
+        self,
+        rays_previous: NDArray[np.float64],
+        rays_current: NDArray[np.float64],
+        *,
+        seen: NDArray[np.bool_],
+        current_from_previous: RigidTransform,
+        road: RoadPlane,
+        three_view: NDArray[np.float64] | None = None,
+    ) -> LikelihoodMap:
+        """Likelihood of motion by the constraints of a moving or of a stationary camera, as its motion asks for.
+
+        Args:
+            rays_previous: (..., 3) float64, unit rays p of the previous camera frame; NaN where not valid.
+            rays_current: (..., 3) float64, unit rays p' of the current camera frame; NaN where not valid.
+            seen: (...) bool; both images see the content.
+            current_from_previous: motion of the camera.
+            road: the road below the camera.
+            three_view: (...) float64, xi_3v where tracks over three views exist.
+        """
+        if np.linalg.norm(current_from_previous.translation_m) < self.static_below_m:
+            deviation, defined = static_camera_deviation(
+                rays_previous,
+                rays_current,
+                current_from_previous=current_from_previous,
+                road=road,
+                lambda_static_m=self.lambda_static_m,
+            )
+            cause = np.zeros(defined.shape, dtype=np.uint8)
+            return LikelihoodMap(
+                likelihood=deviation, cause=cause, seen=seen, defined=defined, stationary=np.asarray(True)
+            )
+        found = deviations(
+            rays_previous,
+            rays_current,
+            current_from_previous=current_from_previous,
+            road=road,
+            lambda_height=self.lambda_height,
+            lambda_anti_parallel=self.lambda_anti_parallel,
+            min_epipole_sine=self.min_epipole_sine,
+            variants=self.variants,
+        )
+        by_name = {name: getattr(found, name) for name in CONSTRAINTS}
+        return LikelihoodMap(
+            likelihood=motion_likelihood(found, self.weights, three_view=three_view, root_sum=self.root_sum),
+            cause=largest_contribution(found, self.weights, three_view=three_view),
+            seen=seen,
+            defined=found.defined,
+            stationary=np.asarray(False),
+            deviations=by_name if three_view is None else by_name | {THREE_VIEW: three_view},
+        )
+
+    def threshold_of(self, found: LikelihoodMap) -> float:
+        """The likelihood above which a cell moves."""
+        return self.static_threshold if found.stationary else self.threshold

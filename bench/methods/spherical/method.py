@@ -1,60 +1,31 @@
-"""The paper's segmentation, from two images to a mask of the current one."""
+"""The paper's segmentation, from two images to a mask of the current one; and each two-view constraint alone."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.cameras import RayGrid, ray_grid
-from bench.flow import cell_mean, dense_flow
+from bench.cameras import ray_grid
+from bench.flow import dense_flow
 from bench.geometry import RigidTransform
-from bench.methods.cells import flow_parts, flow_rays, seen_at_centres
+from bench.methods.cells import cell_flow, flow_parts, flow_rays
 from bench.methods.contract import Arrays, MethodInput, Segmentation
-from bench.methods.spherical.likelihood import CONSTRAINTS, largest_contribution, motion_likelihood
-from bench.methods.spherical.settings import STATIC_CAUSE, SphericalSettings
-from bench.methods.spherical.two_view import Deviations
+from bench.methods.spherical.likelihood import (
+    CONSTRAINTS,
+    PAPER_WEIGHTS,
+    STATIC_CAUSE,
+    LikelihoodMap,
+    SphericalSettings,
+    Weights,
+    alone,
+)
 
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Measurement:
-    """What the cells of an image show before anything is weighed; exactly one of `moving` and `standing` is there.
-
-    Attributes:
-        flow: (rows, columns, 2) float32, px, to the previous image.
-        seen: (rows, columns) bool; both images could see the cell's content.
-        defined: (rows, columns) bool; the deviations say something.
-        moving: deviations for a camera that moves.
-        standing: (rows, columns) float64, deviation for a camera that stands.
-    """
-
-    flow: NDArray[np.float32]
-    seen: NDArray[np.bool_]
-    defined: NDArray[np.bool_]
-    moving: Deviations | None = None
-    standing: NDArray[np.float64] | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Weighed:
-    """What the cells of an image come to; only the threshold is missing.
-
-    Attributes:
-        likelihood: (rows, columns) float64.
-        cause: (rows, columns) uint8, the constraint of the largest contribution.
-        seen: (rows, columns) bool; both images could see the cell's content.
-        undefined: (rows, columns) bool; nothing can be said.
-        standing: () bool; the camera stands.
-    """
-
-    likelihood: NDArray[np.float64]
-    cause: NDArray[np.uint8]
-    seen: NDArray[np.bool_]
-    undefined: NDArray[np.bool_]
-    standing: NDArray[np.bool_]
+CACHED = ("likelihood", "cause", "seen", "defined", "stationary")  # of a `LikelihoodMap`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,18 +51,19 @@ class SphericalMethod(SphericalSettings):
         dense_flow(self.flow, **self.flow_parameters)
 
     def segment(self, frame: MethodInput) -> Segmentation:
-        """Segment the last image of the pair; see `bench.methods.contract`. Flow and likelihood are worth keeping."""
-        measured: list[Measurement] = []
+        """Segment the last image of the pair; see `bench.methods.contract`. Flow and likelihood are cached steps."""
+        parts: dict[str, NDArray[np.float32]] = {}  # stays empty where the likelihood is in the cache
 
-        def weigh() -> Arrays:
+        def compute() -> Arrays:
             settings = self.flow, self.flow_parameters, self.cell_size_px
             flow = frame.cached_step("flow", settings, lambda: {"flow": self.mean_flow(frame)}, of="images")["flow"]
-            measured.append(self.measure(frame, flow))
-            weighed = self.weigh(measured[0])
-            return {field.name: np.asarray(getattr(weighed, field.name)) for field in fields(weighed)}
+            found = self.likelihood_map(frame, flow)
+            parts.update(flow_parts(flow))
+            parts.update({name: deviation.astype(np.float32) for name, deviation in found.deviations.items()})
+            return {name: getattr(found, name) for name in CACHED}
 
-        found = frame.cached_step("likelihood", (self.name, self._all_but_thresholds), weigh, of="input")
-        return self._decide(Weighed(**found), self._parts(measured[0]) if measured else {})
+        found = frame.cached_step("likelihood", (self.name, self._all_but_thresholds), compute, of="input")
+        return self.segmentation(LikelihoodMap(**found), parts)  # type: ignore[arg-type]  # `found` has no `deviations`
 
     @cached_property
     def _all_but_thresholds(self) -> dict[str, object]:
@@ -101,15 +73,14 @@ class SphericalMethod(SphericalSettings):
 
     def mean_flow(self, frame: MethodInput) -> NDArray[np.float32]:
         """Flow from the current to the previous image, (rows, columns, 2) float32, px, mean over each cell."""
-        compute = dense_flow(self.flow, **self.flow_parameters)
-        return cell_mean(compute(frame.images[-1], frame.images[-2]), self.cell_size_px)
+        return cell_flow(frame, dense_flow(self.flow, **self.flow_parameters), self.cell_size_px)
 
     def motion(self, frame: MethodInput) -> RigidTransform | None:
         """Motion of the camera, current_from_previous; None where it is not known and so nothing can be said."""
         return frame.current_from_previous[-1]
 
-    def measure(self, frame: MethodInput, flow: NDArray[np.float32]) -> Measurement:
-        """Deviations of each cell from a static world; neither weights nor thresholds have a part in them.
+    def likelihood_map(self, frame: MethodInput, flow: NDArray[np.float32]) -> LikelihoodMap:
+        """Likelihood of motion of each cell, (rows, columns); thresholds have no part in it.
 
         Args:
             frame: its images are not looked at, unless the motion is found in them.
@@ -118,56 +89,76 @@ class SphericalMethod(SphericalSettings):
         cells = ray_grid(frame.camera, self.cell_size_px)
         motion = self.motion(frame)
         if motion is None:
-            nowhere = np.zeros(cells.valid.shape, dtype=bool)
-            return Measurement(flow=flow, seen=nowhere, defined=nowhere, standing=np.zeros(nowhere.shape))
-        rays_previous, seen = self._rays_previous(frame, cells, flow)
-        found = self.compare(rays_previous, cells.rays_camera, motion=motion, road=frame.road)
-        return Measurement(flow=flow, seen=seen, defined=found.defined, moving=found.moving, standing=found.standing)
-
-    def judge(self, measured: Measurement) -> Segmentation:
-        """Weigh the deviations and apply the threshold."""
-        return self._decide(self.weigh(measured), self._parts(measured))
-
-    def weigh(self, measured: Measurement) -> Weighed:
-        """Weigh the deviations; thresholds have no part in it."""
-        if measured.moving is None:
-            assert measured.standing is not None, "a camera moves or stands"
-            likelihood, cause = measured.standing, np.zeros(measured.seen.shape, dtype=np.uint8)
-        else:
-            likelihood = motion_likelihood(measured.moving, self.weights, root_sum=self.root_sum)
-            cause = largest_contribution(measured.moving, self.weights)
-        return Weighed(
-            likelihood=likelihood,
-            cause=cause,
-            seen=measured.seen,
-            undefined=~(measured.defined & measured.seen),
-            standing=np.asarray(measured.moving is None),
+            shape, nowhere = cells.valid.shape, np.zeros(cells.valid.shape, dtype=bool)
+            nothing, cause = np.zeros(shape), np.zeros(shape, dtype=np.uint8)
+            return LikelihoodMap(
+                likelihood=nothing, cause=cause, seen=nowhere, defined=nowhere, stationary=np.asarray(True)
+            )
+        rays_previous, seen = flow_rays(frame, cells, flow)
+        return self.likelihood_of_rays(
+            rays_previous, cells.rays_camera, seen=seen, current_from_previous=motion, road=frame.road
         )
 
-    def _decide(self, weighed: Weighed, parts: dict[str, NDArray[np.float32]]) -> Segmentation:
-        threshold = self.static_threshold if weighed.standing else self.threshold
+    def segmentation(
+        self, found: LikelihoodMap, parts: Mapping[str, NDArray[np.float32]] | None = None
+    ) -> Segmentation:
+        """Apply the threshold.
+
+        Args:
+            found: from `likelihood_map`.
+            parts: of the segmentation, to look at.
+        """
         return Segmentation(
             cell_size_px=self.cell_size_px,
-            mask=(weighed.likelihood > threshold) & weighed.seen,
-            likelihood=np.where(weighed.seen, weighed.likelihood, 0.0).astype(np.float32),
-            undefined=weighed.undefined,
-            causes=(STATIC_CAUSE,) if weighed.standing else CONSTRAINTS,
-            cause=weighed.cause,
-            parts=parts,
+            mask=(found.likelihood > self.threshold_of(found)) & found.seen,
+            likelihood=np.where(found.seen, found.likelihood, 0.0).astype(np.float32),
+            undefined=~(found.defined & found.seen),
+            causes=(STATIC_CAUSE,) if found.stationary else CONSTRAINTS,
+            cause=found.cause,
+            parts=dict(parts or {}),
         )
 
-    def _parts(self, measured: Measurement) -> dict[str, NDArray[np.float32]]:
-        """What of a measurement is there to look at."""
-        deviations = {} if measured.moving is None else _deviation_parts(measured.moving)
-        return flow_parts(measured.flow) | deviations
 
-    def _rays_previous(
-        self, frame: MethodInput, cells: RayGrid, flow: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Where each cell's content was in the previous image; and whether both images could see it."""
-        rays, seen = flow_rays(frame.camera, cells, flow)
-        return rays, seen & seen_at_centres(frame.valid, cells)
+# Each two-view constraint alone: what the method sees by it and by nothing else. Flow, cells and the stationary camera
+# are as in the method. A constraint's threshold is the one that it has among the others (see `alone`), so these masks
+# are parts of the method's mask.
+_EPIPOLAR = alone("epipolar", PAPER_WEIGHTS.epipolar)
+_POSITIVE_DEPTH = alone("positive_depth", PAPER_WEIGHTS.positive_depth)
+_POSITIVE_HEIGHT = alone("positive_height", PAPER_WEIGHTS.positive_height)
+_ANTI_PARALLEL = alone("anti_parallel", PAPER_WEIGHTS.anti_parallel)
 
 
-def _deviation_parts(measured: Deviations) -> dict[str, NDArray[np.float32]]:
-    return {name: getattr(measured, name).astype(np.float32) for name in CONSTRAINTS}
+@dataclass(frozen=True, kw_only=True)
+class EpipolarOnly(SphericalMethod):
+    """The epipolar constraint alone; scale-free, blind to motion along the ego vehicle's own."""
+
+    name: ClassVar[str] = "epipolar-only"
+    weights: Weights = _EPIPOLAR[0]
+    threshold: float = _EPIPOLAR[1]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PositiveDepthOnly(SphericalMethod):
+    """The positive depth constraint alone; scale-free, sees what is faster than the ego vehicle."""
+
+    name: ClassVar[str] = "positive-depth-only"
+    weights: Weights = _POSITIVE_DEPTH[0]
+    threshold: float = _POSITIVE_DEPTH[1]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PositiveHeightOnly(SphericalMethod):
+    """The positive height constraint alone; needs scale, sees what would lie below the road."""
+
+    name: ClassVar[str] = "positive-height-only"
+    weights: Weights = _POSITIVE_HEIGHT[0]
+    threshold: float = _POSITIVE_HEIGHT[1]
+
+
+@dataclass(frozen=True, kw_only=True)
+class AntiParallelOnly(SphericalMethod):
+    """The anti-parallel constraint alone; needs scale, sees what comes nearer than the road behind it allows."""
+
+    name: ClassVar[str] = "anti-parallel-only"
+    weights: Weights = _ANTI_PARALLEL[0]
+    threshold: float = _ANTI_PARALLEL[1]

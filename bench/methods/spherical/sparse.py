@@ -11,24 +11,23 @@ from scipy.spatial import cKDTree
 
 from bench.cameras import RayGrid, ray_grid
 from bench.flow import LucasKanadeTracker, Tracks
-from bench.methods.cells import flow_parts, seen_at_centres
+from bench.methods.cells import flow_parts
 from bench.methods.contract import MethodInput, Segmentation
+from bench.methods.spherical.constraints import three_view_deviation
 from bench.methods.spherical.likelihood import (
     CONSTRAINTS,
     PAPER_ANGLE_RAD,
+    STATIC_CAUSE,
+    THREE_VIEW,
+    SphericalSettings,
     Weights,
     alone,
-    largest_contribution,
-    motion_likelihood,
 )
-from bench.methods.spherical.settings import STATIC_CAUSE, SphericalSettings
-from bench.methods.spherical.three_view import three_view_deviation
 
 Value = TypeVar("Value", bound=np.generic)
 
-THREE_VIEW = "three_view"
 # xi_3v is close to a second difference a - 2b + c of the angles of one point, with 6 times the variance of one angle;
-# xi_e and xi_d are first differences, with 2 times. So this weight lets tracking noise weigh the same in both.
+# xi_e and xi_d are first differences, with 2 times. So by this weight tracking noise counts the same in both.
 THREE_VIEW_WEIGHT = 3**-0.5
 _WEIGHTS = Weights(three_view=THREE_VIEW_WEIGHT)
 _ALONE = alone(THREE_VIEW, THREE_VIEW_WEIGHT)
@@ -38,12 +37,12 @@ _ALONE = alone(THREE_VIEW, THREE_VIEW_WEIGHT)
 class SparseSphericalMethod(SphericalSettings):
     """The paper's constraints on Lucas-Kanade tracks instead of dense flow, with the three-view constraint.
 
-    A track speaks for the cells whose centre lies in the window in which it was matched; where windows overlap, the
+    A track counts for the cells whose centre lies in the window in which it was matched; where windows overlap, the
     nearest track does (by the larger of the distances in u and v). Cells without a track are undefined, and so static.
-    The three-view constraint weighs in where a track reaches back two images; elsewhere, and on an image with only one
+    The three-view constraint counts where a track reaches back two images; elsewhere, and on an image with only one
     image before it, its deviation is 0.
 
-    The paper gives three views the weight 0. The threshold keeps what the two-view constraints mark: the sum of
+    The paper gives three views the weight 0. The threshold is the one of the two-view constraints: the sum of
     weighted deviations counts from 6e-4 x 2.4 on, as in the paper's method.
 
     Attributes:
@@ -72,41 +71,36 @@ class SparseSphericalMethod(SphericalSettings):
         rays, known = _rays(frame, tracks)
         cells = ray_grid(frame.camera, self.cell_size_px)
         usable = np.flatnonzero(known[0] & known[1])
-        place, near = _nearest(tracks.pixels[0, usable], cells, reach_px=self.tracker.reach_px)
-        near &= seen_at_centres(frame.valid, cells)
-        found = self.compare(rays[1][usable], rays[0][usable], motion=frame.current_from_previous[-1], road=frame.road)
-        flow = tracks.pixels[1, usable] - tracks.pixels[0, usable]
-        if found.moving is None:
-            assert found.standing is not None, "a camera moves or stands"
-            likelihood, threshold = found.standing, self.static_threshold
-            causes: tuple[str, ...] = (STATIC_CAUSE,)
-            cause = np.zeros(len(usable), dtype=np.uint8)
-            parts = {}
-        else:
-            three = self._three_view(frame, rays[:, usable])
-            weights, threshold = self.weights, self.threshold
-            likelihood = motion_likelihood(found.moving, weights, three_view=three, root_sum=self.root_sum)
-            causes = (*CONSTRAINTS, THREE_VIEW)
-            cause = largest_contribution(found.moving, weights, three_view=three)
-            parts = {name: getattr(found.moving, name) for name in CONSTRAINTS} | {THREE_VIEW: three}
+        nearest, near = _nearest(tracks.pixels[0, usable], cells, reach_px=self.tracker.reach_px)
+        near &= cells.at_centres(frame.valid)
+        found = self.likelihood_of_rays(
+            rays[1][usable],
+            rays[0][usable],
+            seen=np.ones(len(usable), dtype=bool),
+            current_from_previous=frame.current_from_previous[-1],
+            road=frame.road,
+            three_view=self._three_view(frame, rays[:, usable]),
+        )
+        flow = (tracks.pixels[1, usable] - tracks.pixels[0, usable]).astype(np.float32)
 
-        def spread(values: NDArray[np.generic]) -> NDArray[np.float32]:
-            return _spread(values.astype(np.float32), place, near)
+        def on_cells(values: NDArray[Value]) -> NDArray[Value]:
+            spread = np.zeros(nearest.shape + values.shape[1:], dtype=values.dtype)
+            spread[near] = values[nearest[near]]
+            return spread
 
-        marks = spread(likelihood)
+        deviations = {name: on_cells(deviation.astype(np.float32)) for name, deviation in found.deviations.items()}
         return Segmentation(
             cell_size_px=self.cell_size_px,
-            mask=_spread(likelihood > threshold, place, near),
-            likelihood=marks,
-            undefined=~_spread(found.defined, place, near),
-            causes=causes,
-            cause=_spread(cause, place, near),
-            parts=flow_parts(np.dstack([spread(flow[:, 0]), spread(flow[:, 1])]))
-            | {name: spread(values) for name, values in parts.items()},
+            mask=on_cells(found.likelihood > self.threshold_of(found)),
+            likelihood=on_cells(found.likelihood.astype(np.float32)),
+            undefined=~on_cells(found.defined),
+            causes=(STATIC_CAUSE,) if found.stationary else (*CONSTRAINTS, THREE_VIEW),
+            cause=on_cells(found.cause),
+            parts=flow_parts(on_cells(flow)) | deviations,
         )
 
     def _three_view(self, frame: MethodInput, rays: NDArray[np.float64]) -> NDArray[np.float64]:
-        """xi_3v of each track; 0 where it says nothing."""
+        """xi_3v of each track; 0 where it is not defined."""
         motions = frame.current_from_previous[-2:]
         lengths_m = [float(np.linalg.norm(motion.translation_m)) for motion in motions]
         if len(rays) < 3 or len(motions) < 2 or min(lengths_m) < self.static_below_m:
@@ -145,10 +139,3 @@ def _nearest(
     )
     near = np.isfinite(distance_px).reshape(shape) & cells.valid
     return np.where(near, nearest.reshape(shape), 0), near
-
-
-def _spread(values: NDArray[Value], place: NDArray[np.intp], near: NDArray[np.bool_]) -> NDArray[Value]:
-    """What a track says, on its cells; 0 elsewhere."""
-    spread = np.zeros(place.shape, dtype=values.dtype)
-    spread[near] = values[place[near]]
-    return spread

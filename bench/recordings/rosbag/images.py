@@ -127,10 +127,10 @@ class BagImage:
             raise DataError(self.name, field="data", expected="a JPEG or PNG image", got=got)
         self._refuse_other_size(stated_px)
         if content.startswith(PNG_START) and content[24:26] == GREY_OF_16_BITS:
-            pixels = self._from_16_bits(decode_image(content, cv2.IMREAD_UNCHANGED, place=self.name))
+            pixels = self._from_16_bits(decode_image(content, cv2.IMREAD_UNCHANGED, file=self.name))
             return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR), dtype=np.uint8) if colour else pixels
         flags = cv2.IMREAD_COLOR if colour else cv2.IMREAD_GRAYSCALE
-        return np.asarray(decode_image(content, flags | cv2.IMREAD_IGNORE_ORIENTATION, place=self.name), dtype=np.uint8)
+        return np.asarray(decode_image(content, flags | cv2.IMREAD_IGNORE_ORIENTATION, file=self.name), dtype=np.uint8)
 
     def _from_16_bits(self, values: NDArray[np.uint16]) -> NDArray[np.uint8]:
         scaled = np.minimum(values.astype(np.float32) * (255.0 / self.white_level), 255.0)

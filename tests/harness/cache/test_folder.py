@@ -51,14 +51,14 @@ def test_the_limit_is_kept_and_what_was_not_used_for_longest_goes_first(tmp_path
         cache.put("step", digest(number), entry(number))
         os.utime(cache._file("step", digest(number)), ns=(number, number))
     assert cache.get("step", digest(0)) is not None  # and so the last that was used
-    use = cache.make_room()
+    use = cache.evict()
     assert held(cache, range(6)) == [0, 4, 5]
     assert (use.files, use.size_bytes <= cache.limit_bytes) == (3, True)
     assert cache.use() == use
 
 
 def test_room_is_made_while_entries_are_added(tmp_path, monkeypatch):
-    monkeypatch.setattr(of_cache, "SWEEP_AFTER_BYTES", 5 * ENTRY_BYTES)
+    monkeypatch.setattr(of_cache, "EVICT_AFTER_BYTES", 5 * ENTRY_BYTES)
     cache = cache_of(tmp_path, entries=3)
     for number in range(50):
         cache.put("step", digest(number), entry(number))
@@ -68,7 +68,7 @@ def test_room_is_made_while_entries_are_added(tmp_path, monkeypatch):
 def test_a_limit_of_nothing_empties_the_folder_but_keeps_it_a_cache(tmp_path):
     cache = cache_of(tmp_path)
     cache.put("step", digest(1), entry(1))
-    assert cache.make_room(0).files == 0
+    assert cache.evict(0).files == 0
     cache_of(tmp_path)
 
 
@@ -79,7 +79,7 @@ def test_half_written_entries_count_and_go(tmp_path):
     left = file.with_name(f".{file.stem}.0123.npz")
     left.write_bytes(file.read_bytes()[:100])
     assert cache.use().files == 2
-    cache.make_room(0)
+    cache.evict(0)
     assert not left.exists()
 
 
@@ -95,7 +95,7 @@ def test_files_of_others_in_a_cache_stay(tmp_path):
     cache = cache_of(tmp_path)
     (tmp_path / "notes.txt").write_text("mine")
     cache.put("step", digest(1), entry(1))
-    cache.make_room(0)
+    cache.evict(0)
     assert (tmp_path / "notes.txt").exists()
 
 
@@ -158,18 +158,18 @@ def hammer(folder, seed: int) -> int:
         if rng.random() < 0.5:
             cache.put("step", digest(number), entry(number))
         elif rng.random() < 0.1:
-            cache.make_room()
+            cache.evict()
         else:
             arrays = cache.get("step", digest(number))
             if arrays is not None:
                 assert np.array_equal(arrays["values"], entry(number)["values"])
                 found += 1
-    cache.make_room()
+    cache.evict()
     return found
 
 
 def test_processes_share_a_folder(tmp_path):
     done = dict(ProcessExecutor(workers=2).compute(partial(hammer, tmp_path), [1, 2, 3, 4]))
     assert all(found > 0 for found in done.values())
-    assert cache_of(tmp_path, entries=10).make_room().files <= 10
+    assert cache_of(tmp_path, entries=10).evict().files <= 10
     assert not [file for file in tmp_path.rglob(".*") if file.is_file()]

@@ -14,7 +14,7 @@ import pytest
 import bench
 from bench.errors import DataError, UsageError
 from bench.harness.cluster import ClusterExecutor, WorkerRequirements
-from bench.methods.baselines.ends import Nothing
+from bench.methods.baselines import Nothing
 from tests.harness.cluster.conftest import METHODS, stop
 from tests.harness.cluster.dask_processes import PATIENCE_S, wait_until
 from tests.harness.test_resume import bytes_of

@@ -14,8 +14,8 @@ from bench.errors import UsageError
 from bench.flow import LucasKanadeTracker
 from bench.geometry import RigidTransform
 from bench.methods.contract import MethodInput
-from bench.methods.spherical.likelihood import PAPER_ANGLE_RAD, PAPER_WEIGHTS, Weights
-from bench.methods.spherical.method import Measurement, SphericalMethod
+from bench.methods.spherical.likelihood import PAPER_ANGLE_RAD, PAPER_WEIGHTS, LikelihoodMap, Weights
+from bench.methods.spherical.method import SphericalMethod
 
 Scale = Literal["none", "given"]
 NEED_SCALE = ("positive_height", "anti_parallel")
@@ -24,16 +24,16 @@ SCALE_FREE = Weights(positive_height=0.0, anti_parallel=0.0)
 
 @dataclass(frozen=True, kw_only=True)
 class VisualOdometryMethod(SphericalMethod):
-    """The paper's method with visual odometry: rotation and direction of travel from tracks of the same images.
+    """The paper's method with visual odometry: rotation and direction of translation from tracks of the same images.
 
-    Two views of one camera do not tell how far it went. Without a scale only the epipolar and the positive depth
-    constraint run, and a weight on another one is refused; with `scale="given"` the length of the way, but neither its
-    direction nor the rotation, is that of the given ego-motion, and all constraints run with the paper's weights. Where
-    the camera stands, or only turns, the images show no direction, and the branch for a standing camera takes over.
-    Where they show nothing, all is undefined, and so static.
+    Two views of one camera do not show how far it moved. Without a scale only the epipolar and the positive depth
+    constraint run, and a weight on another one is refused; with `scale="given"` the length of the translation, but
+    neither its direction nor the rotation, is that of the given ego-motion, and all constraints run with the paper's
+    weights. Where the camera is stationary, or only rotates, the images show no direction, and the constraint of a
+    stationary camera is used. Where they show nothing, all is undefined, and so static.
 
     Attributes:
-        weights: what is not told is the paper's, but 0 on constraints that need a scale where there is none.
+        weights: those not given are the paper's, but 0 on constraints that need a scale where there is none.
         threshold: as in `SphericalSettings`; NaN for the paper's angle by the sum of the weights that the scale allows.
         scale: "none", or "given" for the length of the given ego-motion.
         tracker: finds the tracks.
@@ -69,29 +69,22 @@ class VisualOdometryMethod(SphericalMethod):
         asked = [name for name in NEED_SCALE if getattr(self.weights, name) > 0]
         if self.scale == "none" and asked:
             raise UsageError(
-                f"{self.name}: {' and '.join(asked)} need the length of the way, which images do not tell; "
+                f"{self.name}: {' and '.join(asked)} need the length of the translation, which images do not show; "
                 f"set {' '.join(f'weights.{name}=0' for name in asked)}, or scale=given for the recording's own"
             )
 
-    def measure(self, frame: MethodInput, flow: NDArray[np.float32]) -> Measurement:
-        """See `SphericalMethod.measure`; without scale the deviations that need one are 0."""
-        measured = super().measure(frame, flow)
-        if self.scale == "given" or measured.moving is None:
-            return measured
-        unknown = np.zeros(measured.defined.shape)
-        return replace(measured, moving=replace(measured.moving, positive_height=unknown, anti_parallel=unknown))
-
-    def _parts(self, measured: Measurement) -> dict[str, NDArray[np.float32]]:
-        """See `SphericalMethod`; deviations that are not known are not shown either."""
+    def likelihood_map(self, frame: MethodInput, flow: NDArray[np.float32]) -> LikelihoodMap:
+        """See `SphericalMethod.likelihood_map`; without scale the deviations that need one are not known."""
+        found = super().likelihood_map(frame, flow)
         hidden = NEED_SCALE if self.scale == "none" else ()
-        return {name: part for name, part in super()._parts(measured).items() if name not in hidden}
+        return replace(found, deviations={name: d for name, d in found.deviations.items() if name not in hidden})
 
     def motion(self, frame: MethodInput) -> RigidTransform | None:
-        """Motion of the camera as its images show it; without scale its length is 1, or 0 where it stands."""
+        """Motion of the camera as its images show it; without scale its length is 1, or 0 where it is stationary."""
         tracks = self.tracker((frame.images[-1], frame.images[-2]), valid=frame.valid)
-        kept = tracks.followed[1]
-        current, _ = frame.camera.unproject(tracks.pixels[0, kept])
-        previous, _ = frame.camera.unproject(tracks.pixels[1, kept])
+        followed = tracks.followed[1]
+        current, _ = frame.camera.unproject(tracks.pixels[0, followed])
+        previous, _ = frame.camera.unproject(tracks.pixels[1, followed])
         found = self.odometry(previous, current)
         if found is None:
             return None

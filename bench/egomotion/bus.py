@@ -1,10 +1,11 @@
-"""Planar odometry from wheel speed and yaw rate."""
+"""Signals of the vehicle's bus: reading, everything that is wrong with a file, and planar odometry from them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,25 +22,23 @@ if TYPE_CHECKING:
 
 LARGEST_SIGNAL = 1e6  # m/s or rad/s; larger ones are no signals, and their sums no numbers
 REVERSE_GEARS = frozenset({"R", "REVERSE", "-1", "-1.0"})
-BUS_COLUMNS: Mapping[str, str | Sequence[str] | float | None] = {
-    "timestamp_ns": "timestamp_ns",
-    "speed_mps": "speed_mps",
-    "yaw_rate_radps": "yaw_rate_radps",
-    "gear": "gear",
-}
+LARGEST_TIME_NS = 2**63 - 1
+MOST_FAULTS = 200
+SIGNALS = ("speed_mps", "yaw_rate_radps")
+Source = str | Sequence[str] | float | None  # of a signal: its column, several whose mean is taken, or a constant
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BusSignals:
-    """What the vehicle's bus says of its motion.
+    """The vehicle's motion as its bus reports it.
 
     Attributes:
         source: the file.
         timestamps_ns: (N,) int64.
         speed_mps: (N,) float64, speed of the middle of the rear axle along x; negative backwards, or without sign where
-            `gear` tells.
+            `gear` is known.
         yaw_rate_radps: (N,) float64, positive to the left.
-        gear: (N,) str, "R" or "-1" in reverse; None where the bus does not tell.
+        gear: (N,) str, "R" or "-1" in reverse; None where the bus does not report it.
     """
 
     source: str
@@ -50,13 +49,7 @@ class BusSignals:
 
     def trajectory(self) -> Trajectory:
         """The path that the signals describe; see `planar_trajectory`."""
-        return planar_trajectory(
-            source=self.source,
-            timestamps_ns=self.timestamps_ns,
-            speed_mps=self.speed_mps,
-            yaw_rate_radps=self.yaw_rate_radps,
-            gear=self.gear,
-        )
+        return planar_trajectory(**{field.name: getattr(self, field.name) for field in fields(self)})
 
 
 def planar_trajectory(
@@ -107,9 +100,18 @@ def planar_trajectory(
     return Trajectory(source=source, timestamps_ns=timestamps_ns, rotations=rotations, positions_m=positions_m)
 
 
-def read_bus_signals(
-    path: Path, *, columns: Mapping[str, str | Sequence[str] | float | None] | None = None
-) -> BusSignals:
+def _signed(speed_mps: NDArray[np.float64], gear: Sequence[str | int] | NDArray[Any] | None) -> NDArray[np.float64]:
+    if gear is None:
+        return speed_mps
+    reverse = np.array([str(g).strip().upper() in REVERSE_GEARS for g in gear], dtype=bool)
+    return np.where(reverse, -np.abs(speed_mps), speed_mps)
+
+
+def _interval_means(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(0.5 * (values[1:] + values[:-1]))
+
+
+def read_bus_signals(path: Path, *, columns: Mapping[str, Source] | None = None) -> BusSignals:
     """Read bus signals from a CSV file; lines that begin with "#" are comments.
 
     Args:
@@ -121,31 +123,37 @@ def read_bus_signals(
     Raises:
         DataError: a file, column or value that is missing or not a number, or times that do not increase.
     """
-    table = _read_table(path)
-    expected = {**BUS_COLUMNS, **(columns or {})}
-    times_name = expected["timestamp_ns"]
+    table, columns = _read_table(path), columns or {}
+    times_name = columns.get("timestamp_ns", "timestamp_ns")
     if not isinstance(times_name, str):
         raise DataError(path, field="timestamp_ns", expected="one column of times", got=repr(times_name))
-    gear_name = expected["gear"]
+    sources = [columns.get(name, name) for name in SIGNALS]
+    gear_name = columns.get("gear", "gear")
     has_gear = isinstance(gear_name, str) and (gear_name in table or gear_name != "gear")
+    for fault in _faults(path, table, times_name, [name for source in sources for name in _names(source)]):
+        raise fault
+    if has_gear and gear_name not in table:
+        raise _absent(path, table, str(gear_name))
+    speed_mps, yaw_rate_radps = (_signal(table, source) for source in sources)
     return BusSignals(
         source=str(path),
-        timestamps_ns=_times(table, times_name, path),
-        speed_mps=_signal(table, expected["speed_mps"], path),
-        yaw_rate_radps=_signal(table, expected["yaw_rate_radps"], path),
-        gear=_column(table, str(gear_name), path).astype(np.str_) if has_gear else None,
+        timestamps_ns=np.array([int(text) for text in table[times_name]], dtype=np.int64),
+        speed_mps=speed_mps,
+        yaw_rate_radps=yaw_rate_radps,
+        gear=table[gear_name].to_numpy(dtype=object).astype(np.str_) if has_gear else None,
     )
 
 
-def _signed(speed_mps: NDArray[np.float64], gear: Sequence[str | int] | NDArray[Any] | None) -> NDArray[np.float64]:
-    if gear is None:
-        return speed_mps
-    reverse = np.array([str(g).strip().upper() in REVERSE_GEARS for g in gear], dtype=bool)
-    return np.where(reverse, -np.abs(speed_mps), speed_mps)
-
-
-def _interval_means(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(0.5 * (values[1:] + values[:-1]))
+def bus_signal_faults(path: Path) -> tuple[DataError, ...]:
+    """All that is wrong with a file of bus signals in the usual columns, row by row; at most 200 faults."""
+    try:
+        table = _read_table(path)
+    except DataError as error:
+        return (error,)
+    faults = tuple(islice(_faults(path, table, "timestamp_ns", SIGNALS), MOST_FAULTS))
+    if len(table) < 2 and {"timestamp_ns", *SIGNALS} <= set(table.columns):
+        return (*faults, DataError(path, expected="at least two rows", got=str(len(table))))
+    return faults
 
 
 def _read_table(path: Path) -> pd.DataFrame:
@@ -162,41 +170,55 @@ def _read_table(path: Path) -> pd.DataFrame:
         ) from error
 
 
-def _times(table: pd.DataFrame, name: str, path: Path) -> NDArray[np.int64]:
-    texts = _column(table, name, path)
-    times_ns = np.zeros(len(texts), dtype=np.int64)
-    for row, text in enumerate(texts):
-        try:
-            times_ns[row] = int(text)
-        except (ValueError, OverflowError):
-            field = f"{name}, row {row + 1}"
-            raise DataError(path, field=field, expected="a whole number of nanoseconds", got=repr(text)) from None
-        if row and times_ns[row] <= times_ns[row - 1]:
-            got = f"{times_ns[row]} after {times_ns[row - 1]}"
-            raise DataError(path, field=f"{name}, row {row + 1}", expected="times that increase", got=got)
-    return times_ns
+def _faults(path: Path, table: pd.DataFrame, times_name: str, signal_names: Sequence[str]) -> Iterator[DataError]:
+    names = (times_name, *signal_names)
+    absent = [name for name in names if name not in table]
+    if absent:
+        yield from (_absent(path, table, name) for name in absent)
+        return
+    last_ns: int | None = None
+    for row, (time, *signals) in enumerate(zip(*(table[name] for name in names), strict=True), start=1):
+        time_ns, field = _whole(time), f"{times_name}, row {row}"
+        if time_ns is None:
+            yield DataError(path, field=field, expected="a whole number of nanoseconds", got=repr(time))
+        elif last_ns is not None and time_ns <= last_ns:
+            yield DataError(path, field=field, expected="times that increase", got=f"{time_ns} after {last_ns}")
+        last_ns = last_ns if time_ns is None else time_ns
+        for name, text in zip(signal_names, signals, strict=True):
+            value, field = _number(text), f"{name}, row {row}"
+            if not math.isfinite(value):
+                yield DataError(path, field=field, expected="a finite number", got=repr(text))
+            elif abs(value) > LARGEST_SIGNAL:
+                yield DataError(path, field=field, expected=f"at most {LARGEST_SIGNAL:g}", got=repr(text))
 
 
-def _signal(table: pd.DataFrame, source: str | Sequence[str] | float | None, path: Path) -> NDArray[np.float64]:
+def _absent(path: Path, table: pd.DataFrame, name: str) -> DataError:
+    got = ", ".join(map(str, table.columns))[:200] or "no columns"
+    return DataError(path, field=name, expected="a column of this name", got=got)
+
+
+def _whole(text: object) -> int | None:
+    try:
+        value = int(str(text))
+    except ValueError:
+        return None
+    return value if abs(value) <= LARGEST_TIME_NS else None
+
+
+def _number(text: object) -> float:
+    try:
+        return float(str(text))
+    except ValueError:
+        return math.nan
+
+
+def _names(source: Source) -> Sequence[str]:
+    if isinstance(source, int | float) or source is None:
+        return ()
+    return (source,) if isinstance(source, str) else source
+
+
+def _signal(table: pd.DataFrame, source: Source) -> NDArray[np.float64]:
     if isinstance(source, int | float):
         return np.full(len(table), float(source))
-    names = [source] if isinstance(source, str) else list(source or ())
-    return np.asarray(np.mean([_numbers(table, name, path) for name in names], axis=0))
-
-
-def _numbers(table: pd.DataFrame, name: str, path: Path) -> NDArray[np.float64]:
-    texts = _column(table, name, path)
-    values = np.full(len(texts), np.nan)
-    for row, text in enumerate(texts):
-        with suppress(ValueError):
-            values[row] = float(text)
-        if not np.isfinite(values[row]):
-            raise DataError(path, field=f"{name}, row {row + 1}", expected="a finite number", got=repr(text))
-    return values
-
-
-def _column(table: pd.DataFrame, name: str, path: Path) -> NDArray[Any]:
-    if name not in table:
-        got = ", ".join(map(str, table.columns))[:200] or "no columns"
-        raise DataError(path, field=name, expected="a column of this name", got=got)
-    return table[name].to_numpy(dtype=object)
+    return np.asarray(np.mean([[float(text) for text in table[name]] for name in _names(source)], axis=0))
