@@ -6,7 +6,8 @@ object's lidar points. Everything is counted in whole pixels, per object and per
 **Regions of one image.** V: pixels that count, inside the lens's field and off the ego vehicle's own body. G_i: pixels
 of object i's reference region in V, minus those of nearer objects. I: polygons of moving objects that are not evaluated
 (too far, too few points, unclear ...), minus every G; a detection there is neither right nor wrong. D: detected
-pixels in V. Every annotated object is evaluated, ignored for a reason, or static, and the ledger counts them.
+pixels in V. Every annotated object is evaluated, ignored for a reason, or static, and the ledger counts them. For a
+protocol with unknown bands G_i is the part of the region that is certain, and I holds the bands.
 
 **Per object-frame** (one object in one image): TP_i = |D n G_i|, FN_i = |G_i minus D|. It is detected when TP_i > 0;
 beside that stand detection at a coverage of 10 % and of 50 %, and what chance would give: the same object scored

@@ -272,7 +272,7 @@ class ReferenceBuilder:
         certain = gaps = unseen = None
         if scanned.grid is not None and annotated.track.object_class not in SOLID_CLASSES:
             clearance_m = self.settings.ground_clearance_m
-            certain = self._patch_raster(scanned.certain_patches_world(clearance_m=clearance_m), exposure)
+            certain = self._patch_raster(scanned.patches_world(clearance_m=clearance_m, certain=True), exposure)
             gaps = self._patch_raster(scanned.gaps_world(), exposure)
         if len(unseen_world := scanned.unseen_world()):
             unseen = silhouette(camera_from_world.apply(unseen_world), camera)

@@ -96,12 +96,12 @@ def outline_error_px(
     px_per_rad = pixels_per_radian(camera)[v, u]
     rays = points_camera[seen]
     px_per_m = px_per_rad / np.sqrt(dot(rays, rays))
-    aside = cross(normalise(rays), normalise(rays - sensor_camera))  # its length: sine of the parallax
+    aside = np.nan_to_num(cross(normalise(rays), normalise(rays - sensor_camera)))  # its length: sine of the parallax
     spread_m2 = errors.range_noise_m**2 * dot(aside, aside) + errors.position_m**2
     spread_m2 = spread_m2 + unknown_motion_m[seen] ** 2
     variance_px2 = (px_per_rad * errors.angle_rad) ** 2 + px_per_m**2 * spread_m2
     spacing_px2 = region_px / np.count_nonzero(seen) / 12
-    return float(np.sqrt(np.nanmean(variance_px2) + spacing_px2))
+    return float(np.sqrt(variance_px2.mean() + spacing_px2))
 
 
 def without_band(raster: Raster) -> Region:
@@ -164,12 +164,15 @@ def _distance_px(mask: NDArray[np.bool_]) -> NDArray[np.float32]:
 
 @lru_cache(maxsize=16)
 def pixels_per_radian(camera: CameraModel) -> NDArray[np.float64]:
-    """How large an angle appears at each pixel, (H, W) float64, px/rad, mean of all directions; NaN beyond the lens."""
+    """How large a radian appears at each pixel, (H, W) float64, px/rad, mean of all directions.
+
+    At the border of the lens and beyond, where neighbours are missing, as large as it usually does.
+    """
     rays = ray_grid(camera).rays_camera
-    areas = cross(
-        np.asarray(np.gradient(rays, axis=1)), np.asarray(np.gradient(rays, axis=0))
-    )  # length: the solid angle of a pixel
-    return np.asarray(dot(areas, areas) ** -0.25)
+    right, down = (np.asarray(np.gradient(rays, axis=axis)) for axis in (1, 0))
+    areas = cross(right, down)  # length: the solid angle of a pixel
+    scale = dot(areas, areas) ** -0.25
+    return np.asarray(np.where(np.isfinite(scale), scale, np.nanmedian(scale)))
 
 
 def compose(

@@ -55,19 +55,13 @@ class ScannedObject:
         """Which returns are neighbours; None where too few tell."""
         return find_grid(self.points_sensor)
 
-    def patches_world(self, *, clearance_m: float) -> NDArray[np.float64]:
+    def patches_world(self, *, clearance_m: float, certain: bool = False) -> NDArray[np.float64]:
         """The surface that the returns stand for, (N, 4, 3) float64, m, world frame; empty where too few tell.
 
         Args:
             clearance_m: returns lower than this above the bottom of the shape were taken for the ground's.
+            certain: only between neighbours no further apart than over a missing return; else they may be two surfaces.
         """
-        return self._patches_world(clearance_m, deepest_steps=DEEPEST_STEPS)
-
-    def certain_patches_world(self, *, clearance_m: float) -> NDArray[np.float64]:
-        """The same where neighbours are no further apart than over a missing return: else they may be two surfaces."""
-        return self._patches_world(clearance_m, deepest_steps=CERTAIN_STEPS)
-
-    def _patches_world(self, clearance_m: float, *, deepest_steps: float) -> NDArray[np.float64]:
         if self.grid is None:
             return np.empty((0, 4, 3))
         patches = surface_patches(
@@ -75,7 +69,7 @@ class ScannedObject:
             self.cluster.points_world,
             world_from_sensor=self.world_from_sensor.rotation,
             grid=self.grid,
-            deepest_steps=deepest_steps,
+            deepest_steps=CERTAIN_STEPS if certain else DEEPEST_STEPS,
         )
         if not len(self.parts_world):
             return patches
