@@ -17,7 +17,7 @@ from bench.reference import IgnoreReason, ReferenceFrame, ReferenceObject, Statu
 from bench.synthesis import Scenario, read_scenario
 from bench.synthesis.exact_flow import ExactFlow, ExactFlowCaster
 from bench.synthesis.scenario import RecordingSpec
-from bench.synthesis.stage import set_stage
+from bench.synthesis.scene import set_stage
 
 EXACT = {"calibration": "exact"}
 NO_SCENARIO = "the data set's card names no scenario, so there is no exact flow"

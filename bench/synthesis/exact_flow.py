@@ -18,7 +18,7 @@ from bench.egomotion import camera_motion
 from bench.geometry import RigidTransform, RoadPlane, cross, dot
 from bench.recordings.records import MountedCamera
 from bench.synthesis.ray_scene import RayScene
-from bench.synthesis.stage import FIRST_IMAGE_NS, Stage
+from bench.synthesis.scene import FIRST_IMAGE_NS, Stage
 
 # What is met this little before a point does not hide it: single precision, and a lane marking on the road below it.
 SAME_POINT_M, SAME_POINT_SHARE = 0.05, 0.002

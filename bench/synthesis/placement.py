@@ -12,10 +12,10 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from bench.synthesis.bodies import make_body
-from bench.synthesis.driving.host import OUTLINE_M, own_body
+from bench.synthesis.draws import named_rng
+from bench.synthesis.driving.ego import OUTLINE_M, own_body
 from bench.synthesis.driving.path import SECOND_NS, Path, Poses, driven_path
 from bench.synthesis.scenario import ActorSpec, CameraSpec, HostSpec, RecordingSpec, ScenarioHead, interval_ns
-from bench.synthesis.scenario.draws import named_rng
 
 FIRST_IMAGE_NS = SECOND_NS  # the recording's clock at the scene's time 0
 MARGIN_NS = 200_000_000  # that paths are known before the first and after the last sensor reading

@@ -21,9 +21,9 @@ from bench.errors import DataError, UsageError
 from bench.execution import FailedTask, ProcessExecutor, SerialExecutor, TaskExecutor, usable_cores
 from bench.recordings import write_text
 from bench.recordings.atomic import alone_in, make_folder
-from bench.synthesis.reading import read_scenario
+from bench.synthesis.reading import LARGEST_BYTES, read_scenario
 from bench.synthesis.recorder import render_recording
-from bench.synthesis.scenario import LARGEST_BYTES, RecordingSpec, Scenario
+from bench.synthesis.scenario import RecordingSpec, Scenario
 
 STAMP = ".synthesis.json"
 MARK = "synthesis.json"  # in the folder of each recording: what it was made from

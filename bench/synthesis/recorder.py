@@ -9,14 +9,13 @@ from scipy.spatial.transform import Rotation
 
 from bench.geometry import RigidTransform
 from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track
+from bench.synthesis.draws import named_rng
 from bench.synthesis.driving.bus import bus_report
-from bench.synthesis.driving.host import OUTLINE_M
-from bench.synthesis.driving.rig import mounted_rig
-from bench.synthesis.imaging.film import film
-from bench.synthesis.scanning.scanner import scan_all
+from bench.synthesis.driving.ego import OUTLINE_M, mounted_rig
+from bench.synthesis.imaging.renderer import film
+from bench.synthesis.scanner import scan_all
 from bench.synthesis.scenario import RecordingSpec, Scenario, interval_ns
-from bench.synthesis.scenario.draws import named_rng
-from bench.synthesis.stage import FIRST_IMAGE_NS, Actor, Stage, set_stage
+from bench.synthesis.scene import FIRST_IMAGE_NS, Actor, Stage, set_stage
 
 # Between true poses a reader moves with constant twist. Measured over hard braking, bends and a bump of 5 cm at up to
 # 50 km/h, that is off by at most 2e-5 rad (0.004 px) and 0.06 mm at 200 Hz, four times as much at 100 Hz.

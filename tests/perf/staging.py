@@ -11,12 +11,11 @@ import numpy as np
 from bench.flow import dense_flow
 from bench.geometry import RigidTransform
 from bench.synthesis import read_scenario
-from bench.synthesis.driving.host import mounted_camera, own_body
-from bench.synthesis.imaging.film import moment
-from bench.synthesis.imaging.renderer import ImageRenderer
+from bench.synthesis.driving.ego import mounted_camera, own_body
+from bench.synthesis.imaging.renderer import ImageRenderer, moment
 from bench.synthesis.imaging.textures import texture_atlas
-from bench.synthesis.scanning.scanner import LidarScanner
-from bench.synthesis.stage import set_stage
+from bench.synthesis.scanner import LidarScanner
+from bench.synthesis.scene import set_stage
 from tests.perf.turns import best_seconds
 
 DEMO = Path(__file__).parents[2] / "datasets" / "demo.scenario.yaml"

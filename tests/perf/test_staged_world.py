@@ -10,9 +10,9 @@ import pytest
 
 from bench.synthesis import GENERATOR_VERSION, read_scenario
 from bench.synthesis.bodies import BODIES, make_body
+from bench.synthesis.draws import named_rng
 from bench.synthesis.placement import box_size, find_ways, swept_ground
 from bench.synthesis.production import MARK, stamped, write_stamp
-from bench.synthesis.scenario.draws import named_rng
 from bench.synthesis.world import build_world
 
 DATASETS = Path(__file__).parents[2] / "datasets"

@@ -14,7 +14,7 @@ from bench.recordings import MountedCamera
 from bench.reference.motion import categorise
 from bench.reference.records import ReferenceSettings
 from bench.synthesis.bodies import BODIES
-from bench.synthesis.driving.host import mounted_camera
+from bench.synthesis.driving.ego import mounted_camera
 from bench.synthesis.placement import Ways, box_outline, box_size, find_ways, footprints
 from bench.synthesis.scenario import RecordingSpec, Scenario
 

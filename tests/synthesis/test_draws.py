@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.synthesis.scenario import DrawError, SeriesSpec
-from bench.synthesis.scenario.draws import Dice
+from bench.synthesis.draws import Dice, DrawError
+from bench.synthesis.scenario import SeriesSpec
 
 TEMPLATE = {
     "name": "passing",

@@ -12,7 +12,7 @@ from bench.recordings import MountedCamera, Recording, open_native, read_truth
 from bench.reference import visible_region
 from bench.synthesis import read_scenario, synthesize
 from bench.synthesis.exact_flow import ExactFlow, ExactFlowCaster
-from bench.synthesis.stage import FIRST_IMAGE_NS, Stage, set_stage
+from bench.synthesis.scene import FIRST_IMAGE_NS, Stage, set_stage
 from tests.synthesis.conftest import MINIATURE
 
 TWICE_AS_FINE = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.synthesis.driving.host import mounted_camera, own_body
+from bench.synthesis.driving.ego import mounted_camera, own_body
 from bench.synthesis.mesh import face_normals
 from bench.synthesis.scenario import CameraSpec
 

@@ -7,10 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.synthesis.bodies.joints import STEPS, Joint, Linkage, still, wheel
-from bench.synthesis.bodies.loft import ellipses, limb, loft, ring, rounded
-from bench.synthesis.bodies.walking import turned_xz, two_links
-from bench.synthesis.mesh import Surface
+from bench.synthesis.bodies.body import STEPS, Joint, Linkage, still, wheel
+from bench.synthesis.bodies.gait import turned_xz, two_links
+from bench.synthesis.mesh import Surface, ellipses, limb, loft, ring, rounded
 from tests.synthesis.test_bodies import open_edges, volume_m3
 
 GREY = Surface(albedo=0.5, contrast=0.1)

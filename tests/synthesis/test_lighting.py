@@ -8,12 +8,12 @@ import pytest
 from bench.cameras import PinholeCamera
 from bench.geometry import RigidTransform, RoadPlane
 from bench.recordings import MountedCamera
-from bench.synthesis.driving.host import AHEAD_FROM_CAMERA
+from bench.synthesis.driving.ego import AHEAD_FROM_CAMERA
 from bench.synthesis.imaging.renderer import ImageRenderer, Moment, RenderedImage
 from bench.synthesis.imaging.textures import texture_atlas
-from bench.synthesis.lighting import KINDS, Lighting
 from bench.synthesis.mesh import Mesh, PlacedMesh, Surface, box, joined, quad
 from bench.synthesis.scenario import SensorSpec
+from bench.synthesis.scene import KINDS, Lighting
 
 pytestmark = pytest.mark.slow
 

@@ -11,14 +11,14 @@ import pytest
 from bench.cameras import PinholeCamera, RadialPolynomialCamera
 from bench.geometry import RigidTransform, RoadPlane
 from bench.recordings import MountedCamera, RecordingWriter
-from bench.synthesis.driving.host import AHEAD_FROM_CAMERA
+from bench.synthesis.driving.ego import AHEAD_FROM_CAMERA
+from bench.synthesis.imaging.exposure import Sensor
 from bench.synthesis.imaging.lens import lens_of
 from bench.synthesis.imaging.renderer import ImageRenderer, Moment
-from bench.synthesis.imaging.sensor import Sensor
 from bench.synthesis.imaging.textures import texture_atlas
-from bench.synthesis.lighting import Lighting
 from bench.synthesis.mesh import PlacedMesh, Surface, box, quad
 from bench.synthesis.scenario import SensorSpec
+from bench.synthesis.scene import Lighting
 
 CAMERA = PinholeCamera(width=160, height=120, focal=(80, 80), principal_point=(79.5, 59.5))
 GREY = np.full((120, 160), 0.4, dtype=np.float32)

@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 from bench.cameras import CAMERA_MODELS, CameraModel, camera_from_parameters, ray_grid
 from bench.geometry import RigidTransform, RoadPlane
 from bench.recordings import MountedCamera
-from bench.synthesis.driving.host import AHEAD_FROM_CAMERA, mounted_camera, own_body
+from bench.synthesis.driving.ego import AHEAD_FROM_CAMERA, mounted_camera, own_body
 from bench.synthesis.imaging.renderer import ImageRenderer, Moment, RenderedImage
 from bench.synthesis.imaging.textures import texture_atlas
-from bench.synthesis.lighting import Lighting
 from bench.synthesis.mesh import PlacedMesh, Surface, box, quad
 from bench.synthesis.scenario import CameraSpec, SensorSpec
+from bench.synthesis.scene import Lighting
 
 GREY = Surface(albedo=0.5, contrast=0.2)
 SIZE = {"width": 320, "height": 240}

@@ -9,13 +9,13 @@ from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep, deskew, knot_times
 from bench.lidar.files import read_sweep, write_sweep
 from bench.synthesis.bodies import make_body
-from bench.synthesis.driving.host import own_body
+from bench.synthesis.driving.ego import own_body
 from bench.synthesis.driving.motion import HostMotion, host_motion
 from bench.synthesis.driving.path import SECOND_NS, driven_path
 from bench.synthesis.mesh import Mesh, Surface, joined, quad
-from bench.synthesis.scanning.scanner import BEAMS_DEG, COLUMN_OF, LidarScanner, _are_panes, revolution
+from bench.synthesis.scanner import BEAMS_DEG, COLUMN_OF, LidarScanner, _are_panes, revolution
 from bench.synthesis.scenario import LidarSpec, StreetSpec, SuspensionSpec
-from bench.synthesis.stage import Actor
+from bench.synthesis.scene import Actor
 from bench.synthesis.world import build_world
 
 GREY = Surface(albedo=0.4, contrast=0.0)

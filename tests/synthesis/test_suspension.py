@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.synthesis.driving.motion import HostMotion, host_motion
+from bench.synthesis.driving.motion import HostMotion, host_motion, road_profile
 from bench.synthesis.driving.path import SECOND_NS, Path, driven_path
-from bench.synthesis.driving.roughness import road_profile
 from bench.synthesis.scenario import BumpSpec, SuspensionSpec
 
 SMOOTH = SuspensionSpec(road_class=None)

@@ -13,12 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bench.synthesis.bodies.body import Part
-from bench.synthesis.bodies.joints import Joint, still
-from bench.synthesis.bodies.loft import ellipses, limb, loft, rounded
+from bench.synthesis.bodies.body import Joint, Part, still
+from bench.synthesis.bodies.gait import phases, turned_xz, two_links
 from bench.synthesis.bodies.looks import HAIRS
-from bench.synthesis.bodies.walking import phases, turned_xz, two_links
-from bench.synthesis.mesh import Mesh, Surface, box, convex
+from bench.synthesis.mesh import Mesh, Surface, box, convex, ellipses, limb, loft, rounded
 
 STRIDE_M, STANCE = 0.88, 0.42  # of a cycle that a paw is on the ground
 LIFT_M, BOB_M = 0.085, 0.012

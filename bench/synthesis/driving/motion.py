@@ -1,4 +1,4 @@
-"""How the host moves: its way in the plane, and its body's sway on top of that."""
+"""How the ego vehicle moves: its path in the plane, and pitch, roll and heave of its body on an uneven road."""
 
 from __future__ import annotations
 
@@ -9,10 +9,141 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from bench.synthesis.driving.path import Path, Poses
-from bench.synthesis.driving.roughness import road_profile
-from bench.synthesis.driving.suspension import Sway, sway
+from bench.synthesis.driving.path import SECOND_NS, STEP_NS, Path, Poses
 from bench.synthesis.scenario import BumpSpec, SuspensionSpec
+
+# ISO 8608: displacement spectra at 0.1 cycles/m, geometric means of the classes, m^3; they fall with n^-2.
+SPECTRUM_M3 = {"A": 16e-6, "B": 64e-6, "C": 256e-6}
+AT_CYCLES_PER_M = 0.1
+# Waves longer than 20 m lift car and street alike, and the rendered street is flat. ISO 8608 ends at 2.83 cycles/m.
+CYCLES_PER_M = (0.05, 2.83)
+WAVES = 96
+TRACK_M = 1.55  # between left and right wheels, for how far they feel the same
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RoadProfile:
+    """Heights below the wheels, over the way along the road.
+
+    Attributes:
+        waves_per_m: (W,) float64, cycles per metre.
+        amplitudes_m: (2, W) float64: of the mean of both wheel tracks, and of half their difference.
+        phases_rad: (2, W) float64.
+        bumps: across both tracks.
+    """
+
+    waves_per_m: NDArray[np.float64]
+    amplitudes_m: NDArray[np.float64]
+    phases_rad: NDArray[np.float64]
+    bumps: tuple[BumpSpec, ...] = ()
+
+    def heights_m(self, ways_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Heights below the left and the right wheel at (N,) ways."""
+        turns = 2 * np.pi * np.outer(ways_m, self.waves_per_m)
+        mean, half = (np.cos(turns + p) @ a for a, p in zip(self.amplitudes_m, self.phases_rad, strict=True))
+        for bump in self.bumps:
+            part = np.clip((ways_m - bump.at_m) / bump.length_m, -0.5, 0.5)
+            mean = mean + bump.height_m * (0.5 + 0.5 * np.cos(2 * np.pi * part))
+        return mean + half, mean - half
+
+
+def road_profile(road_class: str | None, bumps: Sequence[BumpSpec], rng: np.random.Generator) -> RoadProfile:
+    """Draw a road of a class.
+
+    Each wave has the power that its class gives it. Left and right tracks of an isotropic road agree for waves that are
+    long against their distance and go their own ways for short ones; the share in between is simplified to
+    1 / (1 + (2 pi n track)^2).
+
+    Source:
+        ISO 8608:2016, road surface profiles.
+    """
+    edges = np.geomspace(*CYCLES_PER_M, WAVES + 1)
+    waves = rng.uniform(edges[:-1], edges[1:])
+    level = 0.0 if road_class is None else SPECTRUM_M3[road_class]
+    powers = level * (waves / AT_CYCLES_PER_M) ** -2 * np.diff(edges)
+    agreeing = 1.0 / (1.0 + (2 * np.pi * waves * TRACK_M) ** 2)
+    shares = np.stack([(1 + agreeing) / 2, (1 - agreeing) / 2])
+    return RoadProfile(
+        waves_per_m=waves,
+        amplitudes_m=np.sqrt(2 * powers * shares),
+        phases_rad=rng.uniform(0, 2 * np.pi, (2, WAVES)),
+        bumps=tuple(bumps),
+    )
+
+
+SETTLING_NODES = 3000  # 3 s of steady driving before a path begins: the body has forgotten how it began
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sway:
+    """The attitude of a body against its level self.
+
+    Attributes:
+        pitch_rad: (K,) float64, about the y axis: nose down is positive, as ISO 8855 has it.
+        roll_rad: (K,) float64, about the x axis: right side down is positive.
+        heave_m: (K,) float64, upwards.
+    """
+
+    pitch_rad: NDArray[np.float64]
+    roll_rad: NDArray[np.float64]
+    heave_m: NDArray[np.float64]
+
+
+def sway(path: Path, road: RoadProfile, spec: SuspensionSpec) -> Sway:
+    """How the body answers to braking, bends and the road, at the nodes of a path.
+
+    Inertia moves the body as a force on its springs: towards the angle of steady braking or cornering, with the
+    overshoot of its damping. The road moves it through springs and dampers both (base excitation). Before the first
+    node the host drove steadily.
+
+    Args:
+        path: in the plane.
+        road: below the wheels, along the way of the rear axle.
+        spec: of the suspension.
+    """
+    accelerations_mps2 = _led_in(np.gradient(path.speeds_mps, STEP_NS / SECOND_NS))
+    lateral_mps2 = _led_in(path.speeds_mps * path.yaw_rates_radps)
+    lead_in_m = np.arange(-SETTLING_NODES, 0) * (STEP_NS / SECOND_NS) * path.speeds_mps[0]
+    ways_m = np.concatenate([path.distances_m[0] + lead_in_m, path.distances_m])
+    front, rear = (road.heights_m(ways_m + ahead_m) for ahead_m in (spec.wheelbase_m, 0.0))
+    forced, carried = _answers(spec)
+    return Sway(
+        pitch_rad=_answer(forced, -np.radians(spec.pitch_deg_per_mps2) * accelerations_mps2)
+        + _answer(carried, (rear[0] + rear[1] - front[0] - front[1]) / 2 / spec.wheelbase_m),
+        roll_rad=_answer(forced, np.radians(spec.roll_deg_per_mps2) * lateral_mps2)
+        + _answer(carried, (front[0] + rear[0] - front[1] - rear[1]) / 2 / spec.track_m),
+        heave_m=_answer(carried, (front[0] + front[1] + rear[0] + rear[1]) / 4),
+    )
+
+
+def _led_in(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.concatenate([np.full(SETTLING_NODES, values[0]), values])
+
+
+_Filter = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
+def _answers(spec: SuspensionSpec) -> tuple[_Filter, _Filter]:
+    """w^2 / (s^2 + 2 z w s + w^2) for forces, (2 z w s + w^2) over the same for the road; exact for linear steps."""
+    w = 2 * np.pi * spec.natural_hz
+    damping = 2 * spec.damping_ratio * w
+    below = [1.0, damping, w * w]
+    return _discrete([w * w], below), _discrete([damping, w * w], below)
+
+
+def _discrete(above: list[float], below: list[float]) -> _Filter:
+    from scipy.signal import cont2discrete  # half a second, and only new drives need it
+
+    system = np.array(above), np.array(below)
+    numerator, denominator, _ = cont2discrete(system, STEP_NS / SECOND_NS, method="foh")
+    return np.asarray(numerator, dtype=np.float64).ravel(), np.asarray(denominator, dtype=np.float64)
+
+
+def _answer(filter_: _Filter, cause: NDArray[np.float64]) -> NDArray[np.float64]:
+    from scipy.signal import lfilter, lfilter_zi
+
+    answer, _ = lfilter(*filter_, cause, zi=lfilter_zi(*filter_) * cause[0])
+    return np.asarray(answer[SETTLING_NODES:])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -1,4 +1,4 @@
-"""Images: one ray per pixel, and four where an edge runs through it."""
+"""Images of a recording: one ray per pixel, and four where an edge runs through it."""
 
 from __future__ import annotations
 
@@ -9,23 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.geometry import RigidTransform
-from bench.recordings.records import MountedCamera
-from bench.synthesis.imaging.blur import Shutter, blur, image_ways
+from bench.recordings import MountedCamera, RecordingWriter
+from bench.synthesis.draws import named_rng
+from bench.synthesis.driving.ego import own_body
 from bench.synthesis.imaging.compiled import looped
-from bench.synthesis.imaging.edges import smooth_edges
+from bench.synthesis.imaging.exposure import Sensor, Shutter, blur, image_ways, smooth_edges
 from bench.synthesis.imaging.faces import GLOW, Faces, FacesOfBodies, faces_of
 from bench.synthesis.imaging.lamps import NO_LAMPS, Headlights, lamp_faces, street_lamps_m
 from bench.synthesis.imaging.lens import LANES, PIXELS, lens_of, untiled
-from bench.synthesis.imaging.scene import Scene
-from bench.synthesis.imaging.sensor import Sensor
-from bench.synthesis.imaging.shading import shade
+from bench.synthesis.imaging.shading import Scene, shade
 from bench.synthesis.imaging.shadow_maps import Shadows
 from bench.synthesis.imaging.sky import Sky
-from bench.synthesis.imaging.textures import TextureAtlas
+from bench.synthesis.imaging.textures import TextureAtlas, texture_atlas
 from bench.synthesis.imaging.visibility import NOTHING, View, look
-from bench.synthesis.lighting import Lighting
 from bench.synthesis.mesh import Mesh, PlacedMesh
-from bench.synthesis.scenario import SensorSpec
+from bench.synthesis.scenario import RecordingSpec, Scenario, SensorSpec
+from bench.synthesis.scene import FIRST_IMAGE_NS, Lighting, Stage
 
 ZERO, ONE, INFINITE = np.float32(0.0), np.float32(1.0), np.float32(np.inf)
 
@@ -225,3 +224,38 @@ def _name(
             t, near = triangles[v, u], nearness[v, u]
             instance_ids[v, u] = np.uint16(0) if t == NOTHING else ids[np.uintp(t)]
             distances_m[v, u] = ONE / near if near > ZERO else INFINITE
+
+
+def film(
+    scenario: Scenario, spec: RecordingSpec, stage: Stage, *, camera: MountedCamera, writer: RecordingWriter
+) -> None:
+    """Render and write every image of one camera, and the truth beside it; an image's time is mid exposure."""
+    sensor = next(entry.sensor for entry in scenario.cameras if entry.name == camera.name)
+    renderer = ImageRenderer(
+        camera,
+        own_body=own_body(),
+        world=stage.world,
+        atlas=texture_atlas(scenario.seed),
+        light=stage.light,
+        sensor=sensor,
+    )
+    exposure_ms = stage.light.shutter_ms if sensor.exposure_ms is None else sensor.exposure_ms
+    half_ns = round(exposure_ms * 1e6 / 2)
+    for frame, time_ns in enumerate(stage.image_times_ns.tolist()):
+        middle = moment(stage, time_ns)
+        image = renderer.render(
+            middle,
+            shutter=(middle, moment(stage, time_ns + half_ns)) if half_ns else None,
+            rng=named_rng(scenario.seed, spec.name, camera.name, frame),
+        )
+        timestamp_ns = time_ns + FIRST_IMAGE_NS
+        writer.image(camera.name, timestamp_ns, image.pixels, jpeg_quality=sensor.jpeg_quality)
+        writer.truth(camera.name, timestamp_ns, image.instance_ids)
+
+
+def moment(stage: Stage, time_ns: int) -> Moment:
+    """Where everything is at a time of the scene clock."""
+    return Moment(
+        placed=[actor.placed(time_ns) for actor in stage.actors],
+        world_from_vehicle=stage.host.at([time_ns]).transform(),
+    )

@@ -1,10 +1,12 @@
 """Grey values of what is seen: texture, light, shadow and mirror images.
 
-A tile is shaded step by step, see `lanes`: plain arithmetic takes several pixels at once, and where something is looked
-up, no pixel waits for what another does with it.
+A tile is shaded step by step, see the lanes of `lens`: plain arithmetic takes several pixels at once, and where
+something is looked up, no pixel waits for what another does with it.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +27,8 @@ from bench.synthesis.imaging.faces import (
     STEP_U,
     STEP_V,
     TEXEL_LOG2,
-)  # fmt: skip
-from bench.synthesis.imaging.lamp_light import light_spots
-from bench.synthesis.imaging.lamps import GLOW_BY_NIGHT
+)
+from bench.synthesis.imaging.lamps import GLOW_BY_NIGHT, Lamps, light_spots
 from bench.synthesis.imaging.lens import (
     DISTANCE,
     FACING,
@@ -54,12 +55,48 @@ from bench.synthesis.imaging.lens import (
     TOWARDS_X,
     TOWARDS_Y,
     TOWARDS_Z,
-)  # fmt: skip
-from bench.synthesis.imaging.scene import Scene
-from bench.synthesis.imaging.shadow_maps import height_at, lit_share
-from bench.synthesis.imaging.sky import mirrored_grey, sky_grey
+)
+from bench.synthesis.imaging.shadow_maps import HeightMap, height_at, lit_share
+from bench.synthesis.imaging.sky import Sky, mirrored_grey, sky_grey
 from bench.synthesis.imaging.textures import atlas_at, quick_log2
 from bench.synthesis.imaging.visibility import NOTHING
+
+
+class Scene(NamedTuple):
+    """Everything that gives a point its grey value.
+
+    Attributes:
+        rows: (T, 16) float32, see `faces`.
+        turn: (3, 3) float32, world from camera.
+        origin_m: (3,) float32, the camera in the world.
+        sun: (3,) float32, unit vector.
+        sun_light: see `Lighting`.
+        sky_light: see `Lighting`.
+        near: shadows of the sun close to the camera.
+        far: the same, coarser and further.
+        cover: heights around every place, smoothed.
+        sky: brightness of the sky.
+        lamps: by night.
+        night: whether lamps are lit.
+        atlas: the texture.
+        layout: of the texture's levels.
+    """
+
+    rows: NDArray[np.float32]
+    turn: NDArray[np.float32]
+    origin_m: NDArray[np.float32]
+    sun: NDArray[np.float32]
+    sun_light: np.float32
+    sky_light: np.float32
+    near: HeightMap
+    far: HeightMap
+    cover: HeightMap
+    sky: Sky
+    lamps: Lamps
+    night: bool
+    atlas: NDArray[np.float32]
+    layout: NDArray[np.float32]
+
 
 ZERO, ONE, TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)
 # A pixel's patch on a slanted face is long and narrow; the texture is smoothed to this power of the stretch: 1 would

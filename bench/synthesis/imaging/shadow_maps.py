@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.synthesis.imaging.compiled import inlined, looped
-from bench.synthesis.lighting import Lighting
+from bench.synthesis.scene import Lighting
 
 ZERO, HALF, ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
 NOTHING_M = np.float32(-1e3)  # height where there is no surface

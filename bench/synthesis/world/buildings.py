@@ -12,8 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.synthesis.mesh import Mesh, Surface, quads, surfaced
-from bench.synthesis.world.materials import FRAME, KERB, LIT_ADVERT, LIT_PANE, PANE, WOOD, drawn_wall, tinted
-from bench.synthesis.world.solids import assembled, boxes
+from bench.synthesis.world.solids import (
+    FRAME,
+    KERB,
+    LIT_ADVERT,
+    LIT_PANE,
+    PANE,
+    WOOD,
+    assembled,
+    boxes,
+    drawn_wall,
+    tinted,
+)
 
 DEPTH_M = 10.0
 FLOOR_M, GROUND_FLOOR_M = 3.0, 3.4

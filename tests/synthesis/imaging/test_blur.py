@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.synthesis.imaging.blur import blur
+from bench.synthesis.imaging.exposure import blur
 
 SHAPE = (20, 33)
 

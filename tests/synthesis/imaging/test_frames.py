@@ -8,12 +8,12 @@ import pytest
 from bench.cameras import RadialPolynomialCamera
 from bench.geometry import RigidTransform, RoadPlane
 from bench.recordings import MountedCamera
-from bench.synthesis.driving.host import AHEAD_FROM_CAMERA, own_body
+from bench.synthesis.driving.ego import AHEAD_FROM_CAMERA, own_body
 from bench.synthesis.imaging.renderer import ImageRenderer, Moment, RenderedImage
 from bench.synthesis.imaging.textures import texture_atlas
-from bench.synthesis.lighting import Lighting
 from bench.synthesis.mesh import Mesh, PlacedMesh, Surface, box, quad
 from bench.synthesis.scenario import SensorSpec
+from bench.synthesis.scene import Lighting
 
 GREY = Surface(albedo=0.5, contrast=0.2)
 ROAD = quad([[-90, -90, 0], [90, -90, 0], [90, 90, 0], [-90, 90, 0]], GREY)

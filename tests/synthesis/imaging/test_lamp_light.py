@@ -5,8 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.synthesis.imaging.lamp_light import ABOVE, CUT_OFF, HEADLIGHT, light_spots
-from bench.synthesis.imaging.lamps import BEAM_HEIGHT, BEAM_WIDTH, NO_LAMPS, Lamps
+from bench.synthesis.imaging.lamps import (
+    ABOVE,
+    BEAM_HEIGHT,
+    BEAM_WIDTH,
+    CUT_OFF,
+    HEADLIGHT,
+    NO_LAMPS,
+    Lamps,
+    light_spots,
+)
 from bench.synthesis.imaging.lens import (
     LANES,
     PIXELS,

@@ -12,7 +12,7 @@ from bench.cameras import camera_from_parameters
 from bench.errors import BenchError, UnknownNameError
 from bench.recordings.validation import FileModel
 from bench.synthesis.bodies import BODIES
-from bench.synthesis.scenario.draws import Dice, DrawError
+from bench.synthesis.draws import Dice, DrawError
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$")]
 Number = Annotated[float, Field(ge=-1e4, le=1e4)]  # metres, degrees, seconds: nothing of a scene lies beyond

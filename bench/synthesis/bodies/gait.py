@@ -23,7 +23,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bench.synthesis.bodies.joints import STEPS
+from bench.synthesis.bodies.body import STEPS
 
 LONGEST = 0.9995  # of the stretched length: the angle of a stretched knee changes without bound
 

@@ -1,7 +1,11 @@
-"""Motion blur: every pixel is the mean of the picture along the way that it moves while the shutter is open.
+"""From the grey values at pixel centres to those read out: anti-aliasing, motion blur, vignetting and noise.
 
-What lies at r / near, r a ray of unit length, is seen along A r + near b at another time, up to its length, with A the
-camera's turn and b its way. Between the opening and the closing of the shutter the ray hence changes by D r + near e.
+Anti-aliasing: where a pixel's neighbours see something else, its value is the mean over its four quarters.
+
+Motion blur: every pixel is the mean of the picture along the path that it moves while the shutter is open. What lies at
+r / inverse_depth, r a ray of unit length, is seen along A r + inverse_depth b at another time, up to its length, with A
+the camera's rotation and b its translation. Between the opening and the closing of the shutter the ray hence changes by
+D r + inverse_depth e.
 """
 
 from __future__ import annotations
@@ -11,7 +15,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.synthesis.imaging.compiled import looped
+from bench.synthesis.imaging.compiled import inlined, looped
+from bench.synthesis.imaging.faces import PLAIN
+from bench.synthesis.imaging.lens import Lens
+from bench.synthesis.imaging.visibility import NOTHING
+from bench.synthesis.scenario import SensorSpec
 
 LEAST_PX = np.float32(0.3)  # shorter ways change nothing that can be seen
 MOST_PX = np.float32(24.0)  # longer ways are cut
@@ -166,3 +174,146 @@ def _blur(
                     total += weight * (a + share * (b - a))
                     whole += weight
             blurred[here] = total / whole
+
+
+EDGE_STEP = np.float32(0.03)  # of white, between neighbours without texture: an edge worth four rays
+SKY_PLAIN = np.float32(2.0)
+QUARTER = np.float32(0.25)
+
+
+@looped
+def smooth_edges(
+    triangles: NDArray[np.int32],
+    valid: NDArray[np.bool_],
+    rays: NDArray[np.float32],
+    along_u: NDArray[np.float32],
+    along_v: NDArray[np.float32],
+    planes: NDArray[np.float32],
+    rows: NDArray[np.float32],
+    centre: NDArray[np.float32],
+    grey: NDArray[np.float32],
+) -> None:
+    """Mean over a pixel's quarters, where its neighbours see something else.
+
+    Each quarter sees the nearest of the triangles that the pixel and the three neighbours next to the quarter see, and
+    has the grey value that the centre of the pixel has that sees it.
+
+    Args:
+        triangles: (H, W).
+        valid: (H, W).
+        rays: (3, H, W).
+        along_u: (H, W, 3), change of the ray to the right.
+        along_v: (H, W, 3), downwards.
+        planes: (T, 16), see `planes`.
+        rows: (T, 16), see `faces`.
+        centre: (H, W), what the centres see.
+        grey: (H, W), filled.
+    """
+    height, width = grey.shape
+    for v in range(height):
+        for u in range(width):
+            grey[v, u] = centre[v, u]
+    for v in range(1, height - 1):
+        for u in range(1, width - 1):
+            if not _on_edge(v, u, triangles, rows) or not valid[v, u]:
+                continue
+            total, whole, own = ZERO, ZERO, triangles[v, u]
+            for quarter in range(4):
+                step_u, step_v = (1 if quarter & 1 else -1), (1 if quarter & 2 else -1)
+                du, dv = QUARTER * np.float32(step_u), QUARTER * np.float32(step_v)
+                x = rays[0, v, u] + du * along_u[v, u, 0] + dv * along_v[v, u, 0]
+                y = rays[1, v, u] + du * along_u[v, u, 1] + dv * along_v[v, u, 1]
+                z = rays[2, v, u] + du * along_u[v, u, 2] + dv * along_v[v, u, 2]
+                nearest, value, found = ZERO, ZERO, False
+                for candidate in range(4):
+                    row = v + step_v if candidate & 2 else v
+                    column = u + step_u if candidate & 1 else u
+                    t = triangles[row, column]
+                    if (candidate > 0 and t == own) or not valid[row, column]:
+                        continue
+                    if t == NOTHING:
+                        if not found:
+                            value, found = centre[row, column], True
+                        continue
+                    i = planes[t, 0] * x + planes[t, 1] * y + planes[t, 2] * z
+                    j = planes[t, 3] * x + planes[t, 4] * y + planes[t, 5] * z
+                    k = planes[t, 6] * x + planes[t, 7] * y + planes[t, 8] * z
+                    if i >= ZERO and j >= ZERO and k >= ZERO and i + j + k > nearest:
+                        nearest, value, found = i + j + k, centre[row, column], True
+                if found:  # and not between triangles that no centre sees
+                    total += value
+                    whole += np.float32(1.0)
+            if whole > ZERO:
+                grey[v, u] = total / whole
+
+
+@inlined
+def _on_edge(v: int, u: int, triangles: NDArray[np.int32], rows: NDArray[np.float32]) -> bool:
+    """Whether a pixel and one of its four neighbours see faces of different brightness."""
+    t = triangles[v, u]
+    if triangles[v - 1, u] == t and triangles[v + 1, u] == t and triangles[v, u - 1] == t and triangles[v, u + 1] == t:
+        return False
+    plain = _plain(t, rows)
+    return bool(
+        abs(_plain(triangles[v - 1, u], rows) - plain) > EDGE_STEP
+        or abs(_plain(triangles[v + 1, u], rows) - plain) > EDGE_STEP
+        or abs(_plain(triangles[v, u - 1], rows) - plain) > EDGE_STEP
+        or abs(_plain(triangles[v, u + 1], rows) - plain) > EDGE_STEP
+    )
+
+
+@inlined
+def _plain(t: int, rows: NDArray[np.float32]) -> np.float32:
+    return SKY_PLAIN if t == NOTHING else rows[t, PLAIN]
+
+
+NONE, WHITE = np.float32(0.0), np.float32(255.0)
+
+
+class Sensor:
+    """The sensor behind a lens.
+
+    Args:
+        spec: what it does to the light.
+        lens: before it.
+        gain: of the recording; noise grows with it.
+    """
+
+    def __init__(self, spec: SensorSpec, lens: Lens, *, gain: float) -> None:
+        gain = gain if spec.gain is None else spec.gain
+        angles = np.arccos(np.clip(lens.off_axis_cos, -1.0, 1.0)) / max(lens.widest_rad, 1e-6)
+        self._light = np.where(lens.valid, spec.edge_light ** (angles * angles), 0.0).astype(np.float32)
+        self._read_variance = np.float32((spec.read_noise_grey * gain) ** 2)
+        # N electrons vary by sqrt(N), and WHITE stands for full_well / gain of them.
+        shot_variance = 0.0 if spec.full_well_electrons is None else 255.0 * gain / spec.full_well_electrons
+        self._shot_variance = np.float32(shot_variance)
+
+    def expose(self, grey: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.uint8]:
+        """What is read out, (H, W).
+
+        Args:
+            grey: (H, W), 1 is white.
+            rng: the noise.
+        """
+        noise = rng.standard_normal(grey.shape, dtype=np.float32)
+        pixels = np.empty(grey.shape, dtype=np.uint8)
+        _expose(grey, self._light, noise, self._read_variance, self._shot_variance, pixels)
+        return pixels
+
+
+@looped
+def _expose(
+    grey: NDArray[np.float32],
+    light: NDArray[np.float32],
+    noise: NDArray[np.float32],
+    read_variance: np.float32,
+    shot_variance: np.float32,
+    pixels: NDArray[np.uint8],
+) -> None:
+    height, width = grey.shape
+    for v in range(height):
+        for u in range(width):
+            signal = min(WHITE * grey[v, u] * light[v, u], WHITE + WHITE)
+            value = signal + noise[v, u] * np.sqrt(read_variance + shot_variance * signal)
+            seen = min(max(np.rint(value), NONE), WHITE)
+            pixels[v, u] = np.uint8(np.int32(seen if light[v, u] > NONE else NONE))

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.recordings import RecordingWriter
-from bench.synthesis.driving.host import own_body
+from bench.synthesis.draws import named_rng
+from bench.synthesis.driving.ego import own_body
 from bench.synthesis.driving.motion import HostMotion
 from bench.synthesis.mesh import Mesh, Surface
 from bench.synthesis.ray_scene import RayScene
 from bench.synthesis.scenario import LidarSpec, RecordingSpec, Scenario
-from bench.synthesis.scenario.draws import named_rng
-from bench.synthesis.stage import FIRST_IMAGE_NS, Actor, Stage
+from bench.synthesis.scene import FIRST_IMAGE_NS, Actor, Stage
 
 SECOND_NS = 1_000_000_000
 FIRINGS_PER_S = 20_833  # of all 64 lasers: 2083 columns, 0.1728 degrees apart, at 10 Hz
