@@ -87,17 +87,14 @@ class PlacedMesh:
 
 
 def joined(meshes: Sequence[Mesh]) -> Mesh:
-    """All triangles of several meshes, in order."""
+    """All triangles of several meshes, in order; none at all if there are none."""
+    if not meshes:
+        return surfaced(np.empty((0, 3, 3)), Surface(albedo=0.0, contrast=0.0))
     return Mesh(
         corners_m=np.concatenate([mesh.corners_m for mesh in meshes]),
         texture_m=np.concatenate([mesh.texture_m for mesh in meshes]),
         surfaces=np.concatenate([mesh.surfaces for mesh in meshes]),
     )
-
-
-def face_normals(corners_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Outward unit normals: (T, 3, 3) -> (T, 3)."""
-    return normalise(cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0]))
 
 
 def convex(points_m: ArrayLike, surface: Surface) -> Mesh:
@@ -114,12 +111,6 @@ def convex(points_m: ArrayLike, surface: Surface) -> Mesh:
     )
     corners[outward < 0] = corners[outward < 0][:, ::-1]
     return surfaced(corners, surface)
-
-
-def quad(corners_m: ArrayLike, surface: Surface) -> Mesh:
-    """A flat patch of four corners, anticlockwise seen from the side that faces outwards."""
-    a, b, c, d = np.asarray(corners_m, dtype=np.float64)
-    return surfaced(np.array([[a, b, c], [a, c, d]]), surface)
 
 
 def quads(
@@ -217,17 +208,6 @@ def _prism_faces(sides: int) -> NDArray[np.intp]:
     fan = np.arange(1, sides - 1)
     lid = np.stack([np.zeros_like(fan), fan, fan + 1], axis=1)
     return np.concatenate([walls, lid[:, ::-1], sides + lid])
-
-
-def ball(centre_m: ArrayLike, radii_m: ArrayLike, surface: Surface) -> Mesh:
-    """An ellipsoid along the axes, as a body of 42 corners."""
-    latitudes, longitudes = np.meshgrid(np.linspace(-np.pi / 2, np.pi / 2, 7)[1:-1], np.arange(8) * (np.pi / 4))
-    flat = np.cos(latitudes).ravel()
-    sphere = np.column_stack(
-        [flat * np.cos(longitudes).ravel(), flat * np.sin(longitudes).ravel(), np.sin(latitudes).ravel()]
-    )
-    sphere = np.concatenate([sphere, [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]])
-    return convex(sphere * np.asarray(radii_m) + np.asarray(centre_m), surface)
 
 
 Paint = tuple[slice, slice, Surface]  # cells of a loft: steps between rings, steps along a ring, what they look like

@@ -23,8 +23,21 @@ from bench.synthesis.world import build_world
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Day:
-    """The numbers of a kind of light."""
+class LightKind:
+    """The numbers of a kind of light.
+
+    Attributes:
+        elevations_deg: of the sun, from, to.
+        sun_light: brightness of white paper that faces the sun, by the sun alone.
+        sky_light: brightness of white paper that lies on the ground, by the sky alone.
+        horizon: brightness of the sky at the horizon.
+        zenith: brightness of the sky at its top.
+        cloud: standard deviation of the clouds, relative to the sky.
+        sun_glow: brightness of the sky around the sun, added.
+        shutter_ms: how long cameras expose by themselves.
+        gain: how much cameras amplify by themselves; noise grows with it.
+        night: whether lamps are lit.
+    """
 
     elevations_deg: tuple[float, float]
     sun_light: float
@@ -35,6 +48,7 @@ class _Day:
     sun_glow: float
     shutter_ms: float
     gain: float
+    night: bool = False
 
 
 # Sun and sky light: an automatic exposure puts a road of albedo 0.3 at about 110 of 255, so that a level
@@ -43,21 +57,21 @@ class _Day:
 # Shutter: a car camera of f/2 in 50,000 lux needs 2 ms at its lowest gain, under clouds (10,000 lux) 6 ms; by night it
 # exposes for as long as 15 images per second and moving objects allow, and then turns up the gain.
 KINDS = {
-    "sunny": _Day(
+    "sunny": LightKind(
         elevations_deg=(35.0, 65.0), sun_light=0.90, sky_light=0.72, horizon=0.92, zenith=0.62, cloud=0.06,
         sun_glow=0.3, shutter_ms=2.0, gain=1.0,
     ),
-    "overcast": _Day(
+    "overcast": LightKind(
         elevations_deg=(35.0, 65.0), sun_light=0.0, sky_light=1.25, horizon=0.88, zenith=0.95, cloud=0.035,
         sun_glow=0.0, shutter_ms=6.0, gain=1.0,
     ),
-    "low_sun": _Day(
+    "low_sun": LightKind(
         elevations_deg=(10.0, 22.0), sun_light=1.10, sky_light=0.65, horizon=0.95, zenith=0.48, cloud=0.08,
         sun_glow=0.8, shutter_ms=5.0, gain=1.5,
     ),
-    "night": _Day(
+    "night": LightKind(
         elevations_deg=(35.0, 65.0), sun_light=0.0, sky_light=0.045, horizon=0.07, zenith=0.02, cloud=0.1,
-        sun_glow=0.0, shutter_ms=20.0, gain=6.0,
+        sun_glow=0.0, shutter_ms=20.0, gain=6.0, night=True,
     ),
 }  # fmt: skip
 
@@ -67,67 +81,23 @@ class Lighting:
     """The light of a recording.
 
     Attributes:
-        kind: as in `LightSpec`.
+        kind: one of `KINDS`.
         towards_sun: (3,) float64, unit vector, world.
     """
 
-    kind: str
+    kind: LightKind
     towards_sun: NDArray[np.float64]
-
-    @property
-    def night(self) -> bool:
-        """Whether lamps give the light."""
-        return self.kind == "night"
-
-    @property
-    def sun_light(self) -> float:
-        """Brightness of white paper that faces the sun, by the sun alone."""
-        return KINDS[self.kind].sun_light
-
-    @property
-    def sky_light(self) -> float:
-        """Brightness of white paper that lies on the ground, by the sky alone."""
-        return KINDS[self.kind].sky_light
-
-    @property
-    def horizon(self) -> float:
-        """Brightness of the sky at the horizon."""
-        return KINDS[self.kind].horizon
-
-    @property
-    def zenith(self) -> float:
-        """Brightness of the sky at its top."""
-        return KINDS[self.kind].zenith
-
-    @property
-    def cloud(self) -> float:
-        """Standard deviation of the clouds, relative to the sky."""
-        return KINDS[self.kind].cloud
-
-    @property
-    def sun_glow(self) -> float:
-        """Brightness of the sky around the sun, added."""
-        return KINDS[self.kind].sun_glow
-
-    @property
-    def shutter_ms(self) -> float:
-        """How long cameras expose by themselves."""
-        return KINDS[self.kind].shutter_ms
-
-    @property
-    def gain(self) -> float:
-        """How much cameras amplify by themselves; noise grows with it."""
-        return KINDS[self.kind].gain
 
 
 def lighting(spec: LightSpec, rng: np.random.Generator) -> Lighting:
     """The light that a recording asks for; what it leaves open is drawn."""
-    azimuth_deg, elevation_deg = rng.uniform(0, 360), rng.uniform(*KINDS[spec.kind].elevations_deg)
+    kind = KINDS[spec.kind]
+    azimuth_deg, elevation_deg = rng.uniform(0, 360), rng.uniform(*kind.elevations_deg)
     azimuth = np.radians(azimuth_deg if spec.azimuth_deg is None else spec.azimuth_deg)
     elevation = np.radians(elevation_deg if spec.elevation_deg is None else spec.elevation_deg)
     flat = np.cos(elevation)
     towards_sun = np.array([np.cos(azimuth) * flat, np.sin(azimuth) * flat, np.sin(elevation)])
-    return Lighting(kind=spec.kind, towards_sun=towards_sun)
+    return Lighting(kind=kind, towards_sun=towards_sun)
 
 
 __all__ = ["FIRST_IMAGE_NS", "Actor", "Stage", "set_stage"]

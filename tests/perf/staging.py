@@ -50,7 +50,7 @@ def staged(light: str) -> Staged:
         scenario.lidar, vehicle_from_lidar=RigidTransform.from_yaw(0.0, scenario.lidar.position_m), world=stage.world,
         own_body=own_body(), actors=stage.actors, host=stage.host,
     )  # fmt: skip
-    half_ns = round(stage.light.shutter_ms * 5e5)
+    half_ns = round(stage.light.kind.shutter_ms * 5e5)
 
     def render(number: int) -> np.ndarray:
         time_ns = int(stage.image_times_ns[number])

@@ -12,7 +12,7 @@ from bench.synthesis.bodies import make_body
 from bench.synthesis.driving.ego import own_body
 from bench.synthesis.driving.motion import HostMotion, host_motion
 from bench.synthesis.driving.path import SECOND_NS, driven_path
-from bench.synthesis.mesh import Mesh, Surface, joined, quad
+from bench.synthesis.mesh import Mesh, Surface, joined, quads
 from bench.synthesis.scanner import BEAMS_DEG, COLUMN_OF, LidarScanner, _are_panes, revolution
 from bench.synthesis.scenario import LidarSpec, StreetSpec, SuspensionSpec
 from bench.synthesis.scene import Actor
@@ -24,11 +24,11 @@ PERFECT = {"position_m": (1.2, 0.0, 1.8), "range_noise_m": 0.0, "weakest_return_
 
 
 def floor(surface: Surface = GREY) -> Mesh:
-    return quad([[-60, -60, 0], [60, -60, 0], [60, 60, 0], [-60, 60, 0]], surface)
+    return quads([[-60, -60, 0], [60, -60, 0], [60, 60, 0], [-60, 60, 0]], surface)
 
 
 def wall(x_m: float, surface: Surface = GREY) -> Mesh:
-    return quad([[x_m, 20, 0], [x_m, -20, 0], [x_m, -20, 8], [x_m, 20, 8]], surface)
+    return quads([[x_m, 20, 0], [x_m, -20, 0], [x_m, -20, 8], [x_m, 20, 8]], surface)
 
 
 def host(speed_mps: float = 0.0, yaw_rate_radps: float = 0.0, suspension: SuspensionSpec | None = None) -> HostMotion:

@@ -16,8 +16,8 @@ from bench.synthesis.imaging.compiled import looped
 from bench.synthesis.imaging.exposure import Sensor, Shutter, blur, image_ways, smooth_edges
 from bench.synthesis.imaging.faces import GLOW, Faces, FacesOfBodies, faces_of
 from bench.synthesis.imaging.lamps import NO_LAMPS, Headlights, lamp_faces, street_lamps_m
-from bench.synthesis.imaging.lens import LANES, PIXELS, lens_of, untiled
-from bench.synthesis.imaging.shading import Scene, shade
+from bench.synthesis.imaging.lens import lens_of, untiled
+from bench.synthesis.imaging.shading import LANES, PIXELS, ShadingScene, shade
 from bench.synthesis.imaging.shadow_maps import Shadows
 from bench.synthesis.imaging.sky import Sky
 from bench.synthesis.imaging.textures import TextureAtlas, texture_atlas
@@ -82,19 +82,19 @@ class ImageRenderer:
     ) -> None:
         self._camera, self._own_body, self._atlas, self._light = camera, own_body, atlas, light
         self._lens = lens_of(camera.model)
-        self._world, self._bodies = faces_of(world), FacesOfBodies(lit=light.night)
-        self._sensor = Sensor(sensor, self._lens, gain=light.gain)
+        self._world, self._bodies = faces_of(world), FacesOfBodies(lit=light.kind.night)
+        self._sensor = Sensor(sensor, self._lens, gain=light.kind.gain)
         self._shadows = Shadows(self._world.corners_m, light)
         self._sky = Sky(
-            horizon=np.float32(light.horizon),
-            zenith=np.float32(light.zenith),
-            cloud=np.float32(light.cloud),
-            glow=np.float32(light.sun_glow),
+            horizon=np.float32(light.kind.horizon),
+            zenith=np.float32(light.kind.zenith),
+            cloud=np.float32(light.kind.cloud),
+            glow=np.float32(light.kind.sun_glow),
             sun=light.towards_sun.astype(np.float32),
         )
-        self._headlights = Headlights() if light.night else None
+        self._headlights = Headlights() if light.kind.night else None
         self._street_lamps_m = street_lamps_m(self._world)
-        if not light.night:
+        if not light.kind.night:
             self._world.rows[lamp_faces(self._world), GLOW] = 0.0  # switched off
 
     def render(
@@ -153,10 +153,10 @@ class ImageRenderer:
             others = corners[: len(corners) - len(bodies[-1].corners_m)]
             lamps = self._headlights.lamps(others, self._street_lamps_m, middle.world_from_vehicle)
         with self._shadows.around(origin_m, [body.corners_m for body in bodies]) as (near, far, cover):
-            scene = Scene(
+            scene = ShadingScene(
                 rows, turn.astype(np.float32), origin_m.astype(np.float32), light.towards_sun.astype(np.float32),
-                np.float32(light.sun_light), np.float32(light.sky_light), near, far, cover, self._sky, lamps,
-                light.night, self._atlas.image, self._atlas.layout,
+                np.float32(light.kind.sun_light), np.float32(light.kind.sky_light), near, far, cover, self._sky, lamps,
+                light.kind.night, self._atlas.image, self._atlas.layout,
             )  # fmt: skip
             grey, lanes = np.empty(view.nearness.shape, np.float32), np.zeros(LANES, np.float32)
             spots = np.zeros(PIXELS, np.int32)
@@ -239,7 +239,7 @@ def film(
         light=stage.light,
         sensor=sensor,
     )
-    exposure_ms = stage.light.shutter_ms if sensor.exposure_ms is None else sensor.exposure_ms
+    exposure_ms = stage.light.kind.shutter_ms if sensor.exposure_ms is None else sensor.exposure_ms
     half_ns = round(exposure_ms * 1e6 / 2)
     for frame, time_ns in enumerate(stage.image_times_ns.tolist()):
         middle = moment(stage, time_ns)

@@ -242,9 +242,9 @@ class Shadows:
     def __init__(self, corners_m: NDArray[np.float64], light: Lighting) -> None:
         slope = light.towards_sun[:2] / max(float(light.towards_sun[2]), LOWEST_SLOPE)
         none = corners_m[:0]
-        self._sunny = light.sun_light > 0
-        cast = corners_m if light.sun_light > 0 else none
-        cells = (NEAR_CELLS, FAR_CELLS) if light.sun_light > 0 else (4, 4)
+        self._sunny = light.kind.sun_light > 0
+        cast = corners_m if light.kind.sun_light > 0 else none
+        cells = (NEAR_CELLS, FAR_CELLS) if light.kind.sun_light > 0 else (4, 4)
         self._near = ShadowSquare(cast, slope=slope, texel_m=NEAR_TEXEL_M, cells=cells[0])
         self._far = ShadowSquare(cast, slope=slope, texel_m=FAR_TEXEL_M, cells=cells[1])
         self._cover = ShadowSquare(

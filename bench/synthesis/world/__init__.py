@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 
-from bench.synthesis.mesh import Mesh, Surface, box, quad
+from bench.synthesis.mesh import Mesh, Surface, box, joined, quads
 from bench.synthesis.scenario import StreetSpec
 from bench.synthesis.world.furniture import drawn_trees
 from bench.synthesis.world.ground import ground, kerbs, laid_stones, paving
@@ -23,7 +23,6 @@ from bench.synthesis.world.solids import (
     LEAVES,
     PANE,
     SKY,
-    assembled,
     blobs,
     boxes,
     drawn_asphalt,
@@ -45,7 +44,7 @@ def surroundings(plan: Plan, rng: np.random.Generator) -> list[Mesh]:
     sky = box([2 * r, 2 * r, r], [0.0, 0.0, 0.5 * r - 5.0], SKY)
     reach = 0.7 * r
     corners = [[-reach, -reach, LAND_M], [reach, -reach, LAND_M], [reach, reach, LAND_M], [-reach, reach, LAND_M]]
-    land = quad(corners, tinted(GRASS, float(rng.uniform(0.85, 1.1))))
+    land = quads(corners, tinted(GRASS, float(rng.uniform(0.85, 1.1))))
     return [sky, land, *_skyline(plan, rng)]
 
 
@@ -113,7 +112,7 @@ def build_world(spec: StreetSpec, rng: np.random.Generator, keep_clear: Sequence
     for side in sides:
         meshes += things(plan, side, site, put)
         meshes += fronts(plan, side, site, built)
-    return World(mesh=_without_undersides(assembled(meshes)), obstacles=tuple(site.obstacles))
+    return World(mesh=_without_undersides(joined(meshes)), obstacles=tuple(site.obstacles))
 
 
 def _without_undersides(mesh: Mesh) -> Mesh:

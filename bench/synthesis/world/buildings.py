@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.synthesis.mesh import Mesh, Surface, quads, surfaced
+from bench.synthesis.mesh import Mesh, Surface, joined, quads, surfaced
 from bench.synthesis.world.solids import (
     FRAME,
     KERB,
@@ -19,7 +19,6 @@ from bench.synthesis.world.solids import (
     LIT_PANE,
     PANE,
     WOOD,
-    assembled,
     boxes,
     drawn_wall,
     tinted,
@@ -86,7 +85,7 @@ def building(length_m: float, rng: np.random.Generator) -> Mesh:
     parts += _windows(np.array(windows).reshape(-1, 2), look, length_m, rng)
     if rng.random() < 0.5:  # a downpipe between two houses
         parts.append(boxes([[length_m / 2 - 0.2, -0.08, height_m / 2]], [0.1, 0.1, height_m], tinted(FRAME, 0.6)))
-    return assembled(parts)
+    return joined(parts)
 
 
 def _sill_m(floor: int) -> float:

@@ -11,7 +11,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from bench.geometry import RigidTransform
-from bench.synthesis.bodies import BODIES, make_body
+from bench.synthesis.bodies import make_body
 from bench.synthesis.mesh import Mesh, Surface, joined, slab, tube
 from bench.synthesis.world.buildings import DEPTH_M, building
 from bench.synthesis.world.furniture import (
@@ -30,7 +30,7 @@ from bench.synthesis.world.plan import BAY_M, BAY_WIDTH_M, PARKING_M, Alignment,
 from bench.synthesis.world.road_surface import row_starts_m
 from bench.synthesis.world.solids import PANE, boxes
 
-KINDS = ("car", "hatchback", "saloon", "estate", "suv", "city_car", "van")  # what parks in a street
+KINDS = ("car", "saloon", "estate", "suv", "city_car", "van")  # what parks in a street
 PLACE_M = 6.0  # of the kerb for each car
 CAR_FORMS = 3  # different cars of a recording; more would take longer to build than everything else
 DETAILED_TRIANGLES = 9_500  # for the cars next to where host and actors drive; the others are simpler
@@ -63,8 +63,7 @@ def parked_cars(plan: Plan, site: Site, rng: np.random.Generator) -> list[Mesh]:
     places = _bays(plan, rng) if plan.spec.kind == "car_park" else _kerbside(plan, rng)
     expected = [place for place in places if rng.random() < plan.spec.parked_cars and site.free(place.area)]
     expected.sort(key=lambda place: site.away_m(place.area))
-    kinds = [kind for kind in KINDS if kind in BODIES]
-    forms = [make_body(str(own.choice(kinds)), own).mesh for own in rng.spawn(CAR_FORMS)] if expected else []
+    forms = [make_body(str(own.choice(KINDS)), own).mesh for own in rng.spawn(CAR_FORMS)] if expected else []
     meshes, left = [], DETAILED_TRIANGLES
     for place, own in zip(expected, rng.spawn(len(expected)), strict=True):
         car = forms[int(own.integers(CAR_FORMS))].with_texture_shift(own.uniform(0, 8, 2))

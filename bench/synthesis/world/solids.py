@@ -8,7 +8,6 @@ deviation of 8 to 15 % of their mean once lens and pixels have averaged over sev
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -24,7 +23,6 @@ CONCRETE = Surface(albedo=0.50, contrast=0.10, texel_m=0.006)
 KERB = Surface(albedo=0.54, contrast=0.12, texel_m=0.006)
 SETTS = Surface(albedo=0.36, contrast=0.18, texel_m=0.008)
 CAST_IRON = Surface(albedo=0.22, contrast=0.15, texel_m=0.006)
-STAIN = Surface(albedo=0.2, contrast=0.12, texel_m=0.005)
 GRASS = Surface(albedo=0.27, contrast=0.30, texel_m=0.012)
 SOIL = Surface(albedo=0.22, contrast=0.25, texel_m=0.012)
 BARK = Surface(albedo=0.26, contrast=0.30, texel_m=0.015)
@@ -67,11 +65,6 @@ def drawn_wall(rng: np.random.Generator) -> Surface:
 def tinted(surface: Surface, factor: float) -> Surface:
     """The same, lighter or darker."""
     return replace(surface, albedo=float(np.clip(surface.albedo * factor, 0.02, 0.95)))
-
-
-def assembled(meshes: Sequence[Mesh]) -> Mesh:
-    """All triangles of several meshes, none at all if there are none."""
-    return joined(meshes) if meshes else surfaced(np.empty((0, 3, 3)), Surface(albedo=0.0, contrast=0.0))
 
 
 def boxes(

@@ -5,17 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.synthesis.imaging.lamps import (
+from bench.synthesis.imaging.lamps import BEAM_HEIGHT, BEAM_WIDTH, NO_LAMPS, Lamps
+from bench.synthesis.imaging.shading import (
     ABOVE,
-    BEAM_HEIGHT,
-    BEAM_WIDTH,
     CUT_OFF,
     HEADLIGHT,
-    NO_LAMPS,
-    Lamps,
-    light_spots,
-)
-from bench.synthesis.imaging.lens import (
     LANES,
     PIXELS,
     SPOT_LIGHT,
@@ -25,6 +19,7 @@ from bench.synthesis.imaging.lens import (
     SPOT_X,
     SPOT_Y,
     SPOT_Z,
+    light_spots,
 )  # fmt: skip
 
 AHEAD = np.eye(3, dtype=np.float32)  # the headlight looks along z, y is down
