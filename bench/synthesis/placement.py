@@ -108,27 +108,19 @@ def watched_times(ways: Ways) -> NDArray[np.int64]:
     return np.arange(-(-first_ns // step_ns), last_ns // step_ns + 1, dtype=np.int64) * step_ns
 
 
-def footprints(path: Path, outline_m: ArrayLike, times_ns: NDArray[np.int64]) -> NDArray[np.object_]:
-    """Where an outline lies at each time.
+def footprints(poses: Poses, outline_m: ArrayLike, rows: NDArray[np.intp] | slice = slice(None)) -> NDArray[np.object_]:
+    """Where an outline lies at N poses of its body.
 
     Args:
-        path: of the body.
+        poses: world from body.
         outline_m: (K, 2), m, in the body's frame, not closed.
-        times_ns: (N,) int64 within the path.
+        rows: some of the poses.
 
     Returns:
         (N,) shapely polygons, world, m.
     """
-    poses = path.at(times_ns)
-    return outlines_at(poses.rotations, poses.positions_m, outline_m)
-
-
-def outlines_at(
-    rotations: NDArray[np.float64], positions_m: NDArray[np.float64], outline_m: ArrayLike
-) -> NDArray[np.object_]:
-    """Where an outline lies at (N, 3, 3) turns and (N, 3) places of its body: (N,) shapely polygons, world, m."""
-    outline = np.asarray(outline_m, dtype=np.float64)
-    rings = np.einsum("nij,kj->nki", rotations[:, :2, :2], outline) + positions_m[:, None, :2]
+    outline, rotations = np.asarray(outline_m, dtype=np.float64), poses.rotations[rows]
+    rings = np.einsum("nij,kj->nki", rotations[:, :2, :2], outline) + poses.positions_m[rows][:, None, :2]
     return np.asarray(shapely.polygons(rings))
 
 
@@ -145,8 +137,8 @@ def swept_ground(ways: Ways, sizes_m: Sequence[NDArray[np.float64]]) -> tuple[sh
         sizes_m: (3,) each, m, the boxes around the actors' bodies.
     """
     times_ns = watched_times(ways)
-    rows = [footprints(ways.host, OUTLINE_M, times_ns)]
-    rows += [footprints(path, box_outline(size), times_ns) for path, size in zip(ways.actors, sizes_m, strict=True)]
+    rows = [footprints(ways.host.at(times_ns), OUTLINE_M)]
+    rows += [footprints(path.at(times_ns), box_outline(size)) for path, size in zip(ways.actors, sizes_m, strict=True)]
     return tuple(_swept(row) for row in rows)
 
 
@@ -160,25 +152,15 @@ def _swept(row: NDArray[np.object_]) -> shapely.Polygon:
 TOUCH_M2 = 0.01  # boxes that overlap by less only touch
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Clash:
-    """Somebody who stands where somebody else is.
-
-    Attributes:
-        actor: row of the actor whose line tells it, in the recording.
-        told: who stands in whom, and when.
-    """
-
-    actor: int
-    told: str
-
-
-def first_clash(head: ScenarioHead, spec: RecordingSpec) -> Clash | None:
-    """The first pair of bodies that overlap at any time of a recording, or a camera inside a body; None if none do.
+def first_clash(head: ScenarioHead, spec: RecordingSpec) -> tuple[int, str] | None:
+    """The first pair of bodies that overlap at any time of a recording, or a camera inside a body.
 
     Args:
         head: of the scenario: times and cameras.
         spec: the recording.
+
+    Returns:
+        Row of the actor whose line tells it, and who is inside whom and when; None if nothing overlaps.
     """
     ways = find_ways(head, spec)
     times_ns = watched_times(ways)
@@ -190,15 +172,14 @@ def first_clash(head: ScenarioHead, spec: RecordingSpec) -> Clash | None:
     ]
     for number, actor in enumerate(spec.actors):
         if (at := _first_overlap(movers[number], host)) is not None:
-            return Clash(actor=number, told=f"{actor.name!r} inside the host at {_seconds(times_ns[at])}")
+            return number, f"{actor.name!r} inside the host at {_seconds(times_ns[at])}"
         for camera in head.cameras:
             if (at := _first_inside(camera, host, movers[number], sizes_m[number])) is not None:
-                told = f"the camera {camera.name!r} inside {actor.name!r} at {_seconds(times_ns[at])}"
-                return Clash(actor=number, told=told)
+                return number, f"the camera {camera.name!r} inside {actor.name!r} at {_seconds(times_ns[at])}"
     for one, other in combinations(range(len(movers)), 2):
         if (at := _first_overlap(movers[one], movers[other])) is not None:
             names = f"{spec.actors[other].name!r} inside {spec.actors[one].name!r}"
-            return Clash(actor=other, told=f"{names} at {_seconds(times_ns[at])}")
+            return other, f"{names} at {_seconds(times_ns[at])}"
     return None
 
 
@@ -229,23 +210,16 @@ class _Mover:
     poses: Poses
     outline_m: NDArray[np.float64]
 
-    def footprints(self, rows: NDArray[np.intp]) -> NDArray[np.object_]:
-        """At some rows."""
-        return outlines_at(self.poses.rotations[rows], self.poses.positions_m[rows], self.outline_m)
-
-    def rows_near(self, other: _Mover) -> NDArray[np.intp]:
-        """Rows at which the circles around both outlines meet; elsewhere nothing needs a closer look."""
-        apart_m = (self.poses.positions_m - other.poses.positions_m)[:, :2]
-        reach_m = sum(float(np.linalg.norm(outline, axis=1).max()) for outline in (self.outline_m, other.outline_m))
-        return np.flatnonzero(np.hypot(*apart_m.T) <= reach_m)
-
 
 def _first_overlap(one: _Mover, other: _Mover) -> int | None:
     """Row of the first time at which two footprints overlap by more than a touch."""
-    rows = one.rows_near(other)
+    apart_m = (one.poses.positions_m - other.poses.positions_m)[:, :2]
+    reach_m = sum(float(np.linalg.norm(outline, axis=1).max()) for outline in (one.outline_m, other.outline_m))
+    rows = np.flatnonzero(np.hypot(*apart_m.T) <= reach_m)  # elsewhere not even the circles around the outlines meet
     if rows.size == 0:
         return None
-    shared = shapely.intersection(one.footprints(rows), other.footprints(rows))
+    first, second = (footprints(mover.poses, mover.outline_m, rows) for mover in (one, other))
+    shared = shapely.intersection(first, second)
     inside = rows[shapely.area(shared) > TOUCH_M2]
     return int(inside[0]) if inside.size else None
 

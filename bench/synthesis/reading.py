@@ -129,8 +129,8 @@ def read_scenario(path: Path) -> Scenario:
             raise text.fault(f"cameras.{number}.position_m", expected="a camera in the open", got=got)
     for number, spec in enumerate(file.recordings):
         if (clash := first_clash(file, spec)) is not None:
-            field = f"recordings.{number}.actors.{clash.actor}"
-            raise text.fault(field, expected=WANTED_ROOM, got=clash.told, do=f"see {spec.name}")
+            field = f"recordings.{number}.actors.{clash[0]}"
+            raise text.fault(field, expected=WANTED_ROOM, got=clash[1], do=f"see {spec.name}")
     drawn = [_drawn(text, file, number, index) for number, one in enumerate(file.series) for index in range(one.count)]
     head = {key: getattr(file, key) for key in ScenarioHead.model_fields}
     return text.validated(Scenario, {**head, "recordings": (*file.recordings, *drawn)})
@@ -147,7 +147,7 @@ def _drawn(text: ScenarioText, file: ScenarioFile, number: int, index: int) -> R
         spec = _validated(text, values, field, origins)
         if (clash := first_clash(file, spec)) is None:
             return spec
-        line, told = f"{field}.actors.{origins[clash.actor]}", clash.told
+        line, told = f"{field}.actors.{origins[clash[0]]}", clash[1]
     raise text.fault(
         line,
         expected=f"room for everybody in recording {index + 1} of {series.count}",

@@ -73,7 +73,7 @@ class _Box:
 
     def range_m(self, ways: Ways, camera: MountedCamera, time_ns: int) -> float:
         place = self._camera_world(ways, camera, time_ns)
-        box = footprints(self.path, box_outline(self.size_m), np.array([time_ns]))[0]
+        box = footprints(self.path.at([time_ns]), box_outline(self.size_m))[0]
         return float(shapely.distance(box, shapely.Point(place[:2])))
 
     def seen_share(self, ways: Ways, camera: MountedCamera, time_ns: int, others: list[_Box]) -> float:

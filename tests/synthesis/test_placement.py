@@ -137,8 +137,8 @@ def test_swept_ground_holds_every_footprint(scenario_file: Path) -> None:
     grounds = swept_ground(ways, sizes)
     assert len(grounds) == 1 + len(spec.actors)
     fine = np.arange(watched_times(ways)[0], watched_times(ways)[-1], 7_000_000, dtype=np.int64)
-    rows = [footprints(ways.host, OUTLINE_M, fine)]
-    rows += [footprints(way, box_outline(size), fine) for way, size in zip(ways.actors, sizes, strict=True)]
+    rows = [footprints(ways.host.at(fine), OUTLINE_M)]
+    rows += [footprints(way.at(fine), box_outline(size)) for way, size in zip(ways.actors, sizes, strict=True)]
     for ground, row in zip(grounds, rows, strict=True):
         assert shapely.contains(ground, row).all()
 
@@ -146,6 +146,6 @@ def test_swept_ground_holds_every_footprint(scenario_file: Path) -> None:
 def test_footprint_is_the_outline_where_the_body_is(scenario_file: Path) -> None:
     scenario = read_scenario(scenario_file)
     ways = find_ways(scenario, scenario.recordings[0])
-    walker = footprints(ways.actors[0], box_outline(np.array([0.8, 0.5, 1.7])), np.array([0]))[0]
+    walker = footprints(ways.actors[0].at([0]), box_outline(np.array([0.8, 0.5, 1.7])))[0]
     # Walks to the left from (8, -1): its length lies across the host's lane.
     assert shapely.bounds(walker) == pytest.approx([7.75, -1.4, 8.25, -0.6])

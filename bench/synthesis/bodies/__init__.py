@@ -7,11 +7,11 @@ from functools import partial
 
 import numpy as np
 
-from bench.synthesis.bodies.body import Body, assembled
+from bench.synthesis.bodies.body import Body, Built, assembled
 from bench.synthesis.bodies.cyclists import RACING, UPRIGHT, cyclist
 from bench.synthesis.bodies.dog import dog
 from bench.synthesis.bodies.fleet import BUS, CITY_CAR, ESTATE, HATCHBACK, LORRY, MINIBUS, SALOON, SUV, VAN
-from bench.synthesis.bodies.people import Built, Figure, pedestrian
+from bench.synthesis.bodies.people import Figure, pedestrian
 from bench.synthesis.bodies.vehicles import vehicle
 
 Builder = Callable[[np.random.Generator], Built]

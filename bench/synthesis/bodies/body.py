@@ -183,6 +183,7 @@ class Body:
 
 
 Part = tuple[Mesh, str | None]  # a solid in the build posture, and the joint that it hangs on
+Built = tuple[list[Part], list[Joint], float]  # parts, joints, and the distance after which their postures repeat
 
 
 def assembled(

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.geometry import RigidTransform, cross
-from bench.synthesis.bodies.body import STEPS, Joint, Part, still, wheel
+from bench.synthesis.bodies.body import STEPS, Built, Joint, Part, still, wheel
 from bench.synthesis.bodies.gait import ANKLE, BALL, SHANK, THIGH, turned_xz, two_links
 from bench.synthesis.bodies.looks import (
     ALLOY,
@@ -226,7 +226,7 @@ UPRIGHT = Riding(lean_rad=np.radians(14.0), bicycle=CITY_BICYCLE)
 RACING = Riding(lean_rad=np.radians(44.0), bicycle=RACING_BICYCLE)
 
 
-def cyclist(figure: Figure, riding: Riding, rng: np.random.Generator) -> tuple[list[Part], list[Joint], float]:
+def cyclist(figure: Figure, riding: Riding, rng: np.random.Generator) -> Built:
     """A rider on a bicycle of the right size."""
     upright = riding.bicycle.step_through
     fitted = riding.bicycle.scaled(figure.height_m / 1.75)

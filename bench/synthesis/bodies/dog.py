@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bench.synthesis.bodies.body import Joint, Part, still
+from bench.synthesis.bodies.body import Built, Joint, Part, still
 from bench.synthesis.bodies.gait import phases, turned_xz, two_links
 from bench.synthesis.bodies.looks import HAIRS
 from bench.synthesis.mesh import Mesh, Surface, box, convex, ellipses, limb, loft, rounded
@@ -64,7 +64,7 @@ LEGS = {
 }
 
 
-def dog(rng: np.random.Generator) -> tuple[list[Part], list[Joint], float]:
+def dog(rng: np.random.Generator) -> Built:
     """A trotting dog with a coat of some shade and a collar."""
     coat = Surface(albedo=float(rng.choice([*HAIRS, 0.45, 0.62])), contrast=0.30, texel_m=0.004)
     collar = Surface(albedo=float(rng.choice([0.10, 0.70])), contrast=0.10)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.synthesis.bodies.body import Joint, Part, still
+from bench.synthesis.bodies.body import Built, Joint, Part, still
 from bench.synthesis.bodies.gait import ANKLE, BALL, HEEL, SHANK, STRIDE, THIGH, TOE, hip_heights, phases, walking_leg
 from bench.synthesis.bodies.looks import Clothes, dressed
 from bench.synthesis.mesh import Mesh, Surface, box, convex, ellipses, limb, loft, rounded
@@ -129,8 +129,6 @@ def _arm(figure: Figure, clothes: Clothes, side: str, sign: float) -> list[Part]
 SHOULDER_SWING_RAD, SHOULDER_MEAN_RAD = np.radians(18.0), np.radians(3.0)
 ELBOW_MEAN_RAD, ELBOW_SWING_RAD = np.radians(24.0), np.radians(12.0)
 TRUNK_TURN_RAD = np.radians(4.5)  # hips to each side; the shoulders turn the other way
-
-Built = tuple[list[Part], list[Joint], float]  # parts, joints, and the way after which their postures repeat
 
 
 def pedestrian(figure: Figure, rng: np.random.Generator) -> Built:

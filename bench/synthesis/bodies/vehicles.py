@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.geometry import RigidTransform
-from bench.synthesis.bodies.body import Joint, Part, wheel
+from bench.synthesis.bodies.body import Built, Joint, Part, wheel
 from bench.synthesis.bodies.looks import (
     ALLOY,
     CHROME,
@@ -242,7 +242,6 @@ def _circle(count: int, *, turn_rad: float = 0.0) -> NDArray[np.float64]:
     return np.stack([np.sin(turns), np.zeros(count), np.cos(turns)], axis=1)
 
 
-Built = tuple[list[Part], list[Joint], float]
 Extras = Callable[[Surface, np.random.Generator], list[Mesh]]
 
 

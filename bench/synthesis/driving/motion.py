@@ -185,14 +185,6 @@ class HostMotion:
             distances_m=level.distances_m,
         )
 
-    def signals(self, times_ns: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Signed speed (m/s) and yaw rate (rad/s) of the level host at (N,) times within the nodes."""
-        return self.ground.signals(times_ns)
-
-    def velocity_mps(self, time_ns: int) -> NDArray[np.float64]:
-        """(3,) float64, of the level host over the ground, world axes; the body's sway adds centimetres per second."""
-        return self.ground.velocity_mps(time_ns)
-
 
 def host_motion(
     ground: Path, suspension: SuspensionSpec | None, *, bumps: Sequence[BumpSpec] = (), rng: np.random.Generator

@@ -59,34 +59,23 @@ class FacesOfBodies:
 
     def __init__(self, *, lit: bool) -> None:
         self._lit = lit
-        self._known: list[tuple[Mesh, Faces]] = []
+        self._known: dict[int, tuple[Mesh, NDArray[np.float32]]] = {}
 
     def at(self, meshes: Sequence[Mesh]) -> list[Faces]:
         """The faces of each mesh, wherever it is."""
-        return [self._faces(place, mesh) for place, mesh in enumerate(meshes)]
+        return [self._faces(number, mesh) for number, mesh in enumerate(meshes)]
 
-    def _faces(self, place: int, mesh: Mesh) -> Faces:
-        former, faces = self._known[place] if place < len(self._known) else (None, None)
-        if former is None or faces is None or not _look_alike(former, mesh):
-            faces = self._looked_up(mesh)
-            self._known[place : place + 1] = [(mesh, faces)]
-            return faces
-        if len(faces.corners_m) != len(mesh.corners_m):  # some are sky
-            return self._looked_up(mesh)
-        turned = Faces(corners_m=np.ascontiguousarray(mesh.corners_m), rows=faces.rows)
-        face(turned.corners_m, turned.rows)
-        return turned
-
-    def _looked_up(self, mesh: Mesh) -> Faces:
-        faces = faces_of(mesh)
-        if not self._lit:
-            faces.rows[:, GLOW] = 0.0
-            face(faces.corners_m, faces.rows)
+    def _faces(self, number: int, mesh: Mesh) -> Faces:
+        known = self._known.get(number)
+        if known is not None and known[0].surfaces is mesh.surfaces and known[0].texture_m is mesh.texture_m:
+            faces = Faces(corners_m=np.ascontiguousarray(mesh.corners_m), rows=known[1])
+        else:
+            faces = faces_of(mesh)
+            if not self._lit:
+                faces.rows[:, GLOW] = 0.0
+            self._known[number] = mesh, faces.rows
+        face(faces.corners_m, faces.rows)
         return faces
-
-
-def _look_alike(one: Mesh, other: Mesh) -> bool:
-    return one.surfaces is other.surfaces and one.texture_m is other.texture_m
 
 
 @looped

@@ -188,17 +188,15 @@ class Carriageway:
         way: along the road.
         right_m: its right edge, to the left of the way.
         left_m: its left edge.
-        near_m: the stretch that gets details.
     """
 
     way: Alignment
     right_m: float
     left_m: float
-    near_m: tuple[float, float]
 
     def drawn_places(self, count: int, rng: np.random.Generator, *, edge_m: float = 0.3) -> NDArray[np.float64]:
         """(count, 2) along and left, anywhere on the road."""
-        along = rng.uniform(*self.near_m, count)
+        along = rng.uniform(*NEAR_M, count)
         return np.stack([along, rng.uniform(self.right_m + edge_m, self.left_m - edge_m, count)], axis=1)
 
 
@@ -207,7 +205,7 @@ def wear(plan: Plan, asphalt: Surface, rng: np.random.Generator) -> list[Mesh]:
     amount = float(rng.beta(2.0, 2.5)) if plan.spec.wear is None else plan.spec.wear
     section = plan.section
     inner_m = section.left_m + 0.4 if plan.spec.kind == "avenue" else section.left_kerb_m
-    road = Carriageway(way=plan.lane, right_m=section.right_kerb_m, left_m=inner_m, near_m=NEAR_M)
+    road = Carriageway(way=plan.lane, right_m=section.right_kerb_m, left_m=inner_m)
     meshes = _courses(plan, asphalt, rng) + _tracks(plan, asphalt, amount)
     meshes += _patches(road, asphalt, amount, rng) + _trenches(road, asphalt, amount, rng)
     meshes += _cracks(road, asphalt, amount, rng) + _stains(road, asphalt, amount, rng)
@@ -258,7 +256,7 @@ def _trenches(road: Carriageway, asphalt: Surface, amount: float, rng: np.random
     """Strips over pipes and cables: right across the road, or along it."""
     meshes = []
     for _ in range(rng.poisson(FULL["trenches"] * amount)):
-        along_m = float(rng.uniform(*road.near_m))
+        along_m = float(rng.uniform(*NEAR_M))
         if rng.random() < 0.6:
             place, half = (along_m, (road.left_m + road.right_m) / 2), (0.3, (road.left_m - road.right_m) / 2)
         else:
@@ -338,7 +336,7 @@ def _covers(road: Carriageway, rng: np.random.Generator) -> list[Mesh]:
         )
     ]
     for edge_m, sign in ((road.right_m, 1.0), (road.left_m, -1.0)):
-        along = np.arange(road.near_m[0] + rng.uniform(0, 15), road.near_m[1], 19.0)
+        along = np.arange(NEAR_M[0] + rng.uniform(0, 15), NEAR_M[1], 19.0)
         centres = np.stack([along, np.full(len(along), edge_m + sign * 0.2)], axis=1)
         for scale, lift_m, surface in (((0.26, 0.17), 0.0, CAST_IRON), ((0.2, 0.02), 2e-4, tinted(CAST_IRON, 0.3))):
             bars = (
@@ -356,7 +354,7 @@ def _litter(road: Carriageway, asphalt: Surface, rng: np.random.Generator) -> li
     away = rng.exponential(0.7, count)
     left = np.where(rng.random(count) < 0.5, road.right_m + 0.05 + away, road.left_m - 0.05 - away)
     left = np.clip(left, road.right_m + 0.05, road.left_m - 0.05)
-    centres = np.stack([rng.uniform(*road.near_m, count), left], axis=1)
+    centres = np.stack([rng.uniform(*NEAR_M, count), left], axis=1)
     turn = rng.uniform(0, 2 * np.pi, (count, 1)) + np.arange(4) * (np.pi / 2)
     corners = rng.uniform(0.012, 0.045, (count, 1, 1)) * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
     shade = asphalt.albedo * rng.choice([0.5, 0.7, 1.3, 1.6], count)
