@@ -19,13 +19,11 @@ class Hits:
     Attributes:
         distances_m: (N,) float32, in lengths of the ray's direction; infinite where it meets nothing.
         triangles: (N,) int64, row of the triangle; anything where it meets nothing.
-        barycentric: (N, 2) float32, weights of the second and third corner.
         normals: (N, 3) float32, unit length.
     """
 
     distances_m: NDArray[np.float32]
     triangles: NDArray[np.int64]
-    barycentric: NDArray[np.float32]
     normals: NDArray[np.float32]
 
 
@@ -50,23 +48,12 @@ class RayScene:
             directions: (N, 3), any length.
             origins_m: (N, 3), m; None for the origin.
         """
-        found = self._scene.cast_rays(self._rays(directions, origins_m), nthreads=ONE_THREAD)
-        return Hits(
-            distances_m=found["t_hit"].numpy(),
-            triangles=found["primitive_ids"].numpy().astype(np.int64),
-            barycentric=found["primitive_uvs"].numpy(),
-            normals=found["primitive_normals"].numpy(),
-        )
-
-    def blocked(
-        self, directions: NDArray[np.floating], origins_m: NDArray[np.floating], *, beyond_m: float, within_m: float
-    ) -> NDArray[np.bool_]:
-        """Whether anything lies on each ray between two distances, (N,) bool."""
-        rays = self._rays(directions, origins_m)
-        return np.asarray(self._scene.test_occlusions(rays, tnear=beyond_m, tfar=within_m, nthreads=ONE_THREAD).numpy())
-
-    def _rays(self, directions: NDArray[np.floating], origins_m: NDArray[np.floating] | None) -> object:
         rays = np.empty((len(directions), 6), dtype=np.float32)
         rays[:, :3] = 0.0 if origins_m is None else origins_m
         rays[:, 3:] = directions
-        return self._o3d.core.Tensor(rays)
+        found = self._scene.cast_rays(self._o3d.core.Tensor(rays), nthreads=ONE_THREAD)
+        return Hits(
+            distances_m=found["t_hit"].numpy(),
+            triangles=found["primitive_ids"].numpy().astype(np.int64),
+            normals=found["primitive_normals"].numpy(),
+        )

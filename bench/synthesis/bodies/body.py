@@ -9,7 +9,6 @@ which every angle is 0; a joint rotates its parts, and all joints below it, abou
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -75,16 +74,6 @@ class Linkage:
         self._crosses = _cross_matrices(np.array([joint.axis for joint in joints], dtype=np.float64).reshape(-1, 3))
         self._tables = np.array([_table(joint) for joint in joints]).reshape(-1, STEPS + 1, 4)
         self._standing = np.array([_standing(joint) for joint in joints]).reshape(-1, 4)
-
-    def moved(self, shift_m: NDArray[np.float64]) -> Linkage:
-        """The same linkage in a frame whose origin lies elsewhere: pivots move by `shift_m`."""
-        moved = copy(self)
-        moved._pivots_m = self._pivots_m + shift_m
-        moved.joints = tuple(
-            replace(joint, pivot_m=(float(x), float(y), float(z)))
-            for joint, (x, y, z) in zip(self.joints, moved._pivots_m, strict=True)
-        )
-        return moved
 
     def transforms(
         self, ways_m: float | NDArray[np.float64], going: float
@@ -212,7 +201,7 @@ def assembled(
     return Body(
         object_class=object_class,
         mesh=replace(mesh, corners_m=mesh.corners_m - origin),
-        linkage=linkage.moved(-origin),
+        linkage=Linkage([replace(joint, pivot_m=tuple(joint.pivot_m - origin)) for joint in joints]),
         parts=turned,
         cycle_m=cycle_m,
         start_m=start_m,

@@ -2,8 +2,8 @@
 
 Without fast-math and threads, so that every run gives the same bytes; floating-point division by zero gives infinity.
 
-Loops over pixels hand many arrays around and make none; counting who holds each array costs more than the work (three
-times, for shading), so `looped` leaves it out: its functions own nothing that could be freed.
+Loops over pixels hand many arrays around and make none; counting references to each array costs more than the work
+(three times, for shading), so compiled functions count none: they own nothing that could be freed.
 """
 
 from __future__ import annotations
@@ -25,26 +25,18 @@ CACHE = Path(__file__).parent / "__pycache__" / f"numba-{SOURCES[:16]}"
 
 
 def compiled(function: Function) -> Function:
-    """Compile a function on its first call."""
-    return _cached(function)
-
-
-def looped(function: Function) -> Function:
-    """Compile a function that makes no arrays, and hence counts no references."""
-    return _cached(function, _nrt=False)
+    """Compile a function that makes no arrays, on its first call."""
+    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False}
+    config: Any = numba.config
+    before, config.CACHE_DIR = config.CACHE_DIR, str(CACHE)
+    try:
+        return cast(Function, numba.njit(cache=True, **options)(function))
+    except (RuntimeError, OSError):  # the package's folder may not be written: compile in every process
+        return cast(Function, numba.njit(**options)(function))
+    finally:
+        config.CACHE_DIR = before
 
 
 def inlined(function: Function) -> Function:
     """Compile a function into those that call it, which spares them handing over its arguments."""
     return cast(Function, numba.njit(nogil=True, error_model="numpy", inline="always")(function))
-
-
-def _cached(function: Function, **options: Any) -> Function:
-    config: Any = numba.config
-    before, config.CACHE_DIR = config.CACHE_DIR, str(CACHE)
-    try:
-        return cast(Function, numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function))
-    except (RuntimeError, OSError):  # the package's folder may not be written: compile in every process
-        return cast(Function, numba.njit(nogil=True, error_model="numpy", **options)(function))
-    finally:
-        config.CACHE_DIR = before

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.synthesis.imaging.compiled import inlined, looped
+from bench.synthesis.imaging.compiled import compiled, inlined
 from bench.synthesis.imaging.faces import PLAIN
 from bench.synthesis.imaging.lens import Lens
 from bench.synthesis.imaging.visibility import NOTHING
@@ -44,7 +44,7 @@ class Shutter(NamedTuple):
     steps_m: NDArray[np.float32]
 
 
-@looped
+@compiled
 def image_ways(
     triangles: NDArray[np.int32],
     nearness: NDArray[np.float32],
@@ -119,7 +119,7 @@ def blur(
     _blur(grey.ravel(), ways.reshape(2, -1), near.ravel(), height, width, blurred.reshape(-1))
 
 
-@looped
+@compiled
 def _blur(
     grey: NDArray[np.float32],
     ways: NDArray[np.float32],
@@ -181,7 +181,7 @@ SKY_PLAIN = np.float32(2.0)
 QUARTER = np.float32(0.25)
 
 
-@looped
+@compiled
 def smooth_edges(
     triangles: NDArray[np.int32],
     valid: NDArray[np.bool_],
@@ -267,7 +267,7 @@ def _plain(t: int, rows: NDArray[np.float32]) -> np.float32:
     return SKY_PLAIN if t == NOTHING else rows[t, PLAIN]
 
 
-NONE, WHITE = np.float32(0.0), np.float32(255.0)
+WHITE = np.float32(255.0)
 
 
 class Sensor:
@@ -296,24 +296,6 @@ class Sensor:
             rng: the noise.
         """
         noise = rng.standard_normal(grey.shape, dtype=np.float32)
-        pixels = np.empty(grey.shape, dtype=np.uint8)
-        _expose(grey, self._light, noise, self._read_variance, self._shot_variance, pixels)
-        return pixels
-
-
-@looped
-def _expose(
-    grey: NDArray[np.float32],
-    light: NDArray[np.float32],
-    noise: NDArray[np.float32],
-    read_variance: np.float32,
-    shot_variance: np.float32,
-    pixels: NDArray[np.uint8],
-) -> None:
-    height, width = grey.shape
-    for v in range(height):
-        for u in range(width):
-            signal = min(WHITE * grey[v, u] * light[v, u], WHITE + WHITE)
-            value = signal + noise[v, u] * np.sqrt(read_variance + shot_variance * signal)
-            seen = min(max(np.rint(value), NONE), WHITE)
-            pixels[v, u] = np.uint8(np.int32(seen if light[v, u] > NONE else NONE))
+        signal = np.minimum(WHITE * grey * self._light, WHITE + WHITE)
+        value = signal + noise * np.sqrt(self._read_variance + self._shot_variance * signal)
+        return np.where(self._light > 0, np.clip(np.rint(value), 0, WHITE), 0).astype(np.uint8)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.synthesis.imaging.compiled import looped
+from bench.synthesis.imaging.compiled import compiled
 from bench.synthesis.imaging.textures import SIZE
 from bench.synthesis.mesh import Mesh
 
@@ -78,7 +78,7 @@ class FacesOfBodies:
         return faces
 
 
-@looped
+@compiled
 def face(corners: NDArray[np.float64], rows: NDArray[np.float32]) -> None:
     """Fill in what turns with a face.
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bench.cameras import CameraModel, ray_grid
 from bench.geometry import normalise
-from bench.synthesis.imaging.compiled import inlined, looped
+from bench.synthesis.imaging.compiled import compiled, inlined
 
 CHART = 513  # nodes along a side of the chart of all directions; odd, so that the chart's creases fall on nodes
 
@@ -57,7 +57,7 @@ def chart_pixel(x: float, y: float, z: float, chart: NDArray[np.float32]) -> tup
     return u, v
 
 
-@looped
+@compiled
 def chart_error_px(chart: NDArray[np.float32], rays: NDArray[np.float32], valid: NDArray[np.bool_]) -> float:
     """How far the chart is off at most, over all pixels of an image, in u or v.
 

@@ -12,7 +12,6 @@ from bench.geometry import RigidTransform
 from bench.recordings import MountedCamera, RecordingWriter
 from bench.synthesis.draws import named_rng
 from bench.synthesis.driving.ego import own_body
-from bench.synthesis.imaging.compiled import looped
 from bench.synthesis.imaging.exposure import Sensor, Shutter, blur, image_ways, smooth_edges
 from bench.synthesis.imaging.faces import GLOW, Faces, FacesOfBodies, faces_of
 from bench.synthesis.imaging.lamps import NO_LAMPS, Headlights, lamp_faces, street_lamps_m
@@ -21,12 +20,10 @@ from bench.synthesis.imaging.shading import LANES, PIXELS, ShadingScene, shade
 from bench.synthesis.imaging.shadow_maps import Shadows
 from bench.synthesis.imaging.sky import Sky
 from bench.synthesis.imaging.textures import TextureAtlas, texture_atlas
-from bench.synthesis.imaging.visibility import NOTHING, View, look
+from bench.synthesis.imaging.visibility import View, look
 from bench.synthesis.mesh import Mesh, PlacedMesh
 from bench.synthesis.scenario import RecordingSpec, Scenario, SensorSpec
 from bench.synthesis.scene import FIRST_IMAGE_NS, Lighting, Stage
-
-ZERO, ONE, INFINITE = np.float32(0.0), np.float32(1.0), np.float32(np.inf)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -121,21 +118,24 @@ class ImageRenderer:
         turn, origin_m = np.ascontiguousarray(world_from_camera.rotation), world_from_camera.translation_m
         view = look(corners, lens, camera_from_world=turn.T.copy(), origin_m=origin_m)
         triangles, nearness, planes = untiled(view.triangles, shape), untiled(view.nearness, shape), view.planes
-        grey = self._shaded(view, rows, corners, bodies, middle, turn, origin_m)
-        grey = self._smoothed(triangles, planes, rows, grey)
+        centre = self._shaded(view, rows, corners, bodies, middle, turn, origin_m)
+        grey = np.empty_like(centre)
+        smooth_edges(triangles, lens.valid, lens.rays, lens.along_u, lens.along_v, planes, rows, centre, grey)
         if shutter is not None:
             motion = self._shutter(middle, corners[len(self._world.corners_m) :], shutter)
             ways, sharp = np.empty((2, *shape), dtype=np.float32), grey
             image_ways(triangles, nearness, lens.rays, lens.across, planes, motion, ways)
             grey = np.empty_like(sharp)
             blur(sharp, ways, nearness, lens.valid, grey)
-        ids = np.repeat(
+        ids = np.repeat(  # the last one, of the ego vehicle, also serves NOTHING = -1
             np.array([0, *(part.instance_id for part in middle.placed), 0], dtype=np.uint16),
             [len(self._world.corners_m), *(len(body.corners_m) for body in bodies)],
         )
-        instance_ids, distances_m = np.empty(shape, dtype=np.uint16), np.empty(shape, dtype=np.float32)
-        _name(triangles, nearness, ids, instance_ids, distances_m)
-        return RenderedImage(pixels=self._sensor.expose(grey, rng), instance_ids=instance_ids, distances_m=distances_m)
+        with np.errstate(divide="ignore"):
+            distances_m = np.float32(1.0) / nearness  # infinite in the sky
+        return RenderedImage(
+            pixels=self._sensor.expose(grey, rng), instance_ids=ids[triangles], distances_m=distances_m
+        )
 
     def _shaded(
         self,
@@ -163,18 +163,6 @@ class ImageRenderer:
             shade(view.triangles, lens.tile_rays, lens.tile_pixel_rad, view.planes, scene, lanes, spots, grey)
         return untiled(grey, (lens.valid.shape[0], lens.valid.shape[1]))
 
-    def _smoothed(
-        self,
-        triangles: NDArray[np.int32],
-        planes: NDArray[np.float32],
-        rows: NDArray[np.float32],
-        centre: NDArray[np.float32],
-    ) -> NDArray[np.float32]:
-        """Grey values with smooth edges."""
-        lens, grey = self._lens, np.empty_like(centre)
-        smooth_edges(triangles, lens.valid, lens.rays, lens.along_u, lens.along_v, planes, rows, centre, grey)
-        return grey
-
     def _shutter(self, middle: Moment, corners_m: NDArray[np.float64], shutter: tuple[Moment, Moment]) -> Shutter:
         """How everything moves; `corners_m` are those of all that moves, in the middle."""
         world_from_camera = middle.world_from_vehicle @ self._camera.vehicle_from_camera
@@ -199,31 +187,6 @@ class ImageRenderer:
     def _meshes(self, moment: Moment) -> list[Mesh]:
         """Everything that moves, the host last."""
         return [*(part.mesh for part in moment.placed), self._own_body.moved(moment.world_from_vehicle)]
-
-
-@looped
-def _name(
-    triangles: NDArray[np.int32],
-    nearness: NDArray[np.float32],
-    ids: NDArray[np.uint16],
-    instance_ids: NDArray[np.uint16],
-    distances_m: NDArray[np.float32],
-) -> None:
-    """Say what each pixel sees, and how far away.
-
-    Args:
-        triangles: (H, W), NOTHING for the sky.
-        nearness: (H, W), 1 / m.
-        ids: (T,), of each triangle.
-        instance_ids: (H, W), filled.
-        distances_m: (H, W), filled.
-    """
-    height, width = triangles.shape
-    for v in range(height):
-        for u in range(width):
-            t, near = triangles[v, u], nearness[v, u]
-            instance_ids[v, u] = np.uint16(0) if t == NOTHING else ids[np.uintp(t)]
-            distances_m[v, u] = ONE / near if near > ZERO else INFINITE
 
 
 def film(

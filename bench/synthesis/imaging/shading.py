@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.synthesis.imaging.compiled import inlined, looped
+from bench.synthesis.imaging.compiled import compiled, inlined
 from bench.synthesis.imaging.faces import (
     ALBEDO,
     CONTRAST,
@@ -112,7 +112,7 @@ class ShadingScene(NamedTuple):
     layout: NDArray[np.float32]
 
 
-@looped
+@compiled
 def shade(
     triangles: NDArray[np.int32],
     rays: NDArray[np.float32],

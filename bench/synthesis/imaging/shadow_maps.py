@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.synthesis.imaging.compiled import inlined, looped
+from bench.synthesis.imaging.compiled import compiled, inlined
 from bench.synthesis.scene import Lighting
 
 ZERO, HALF, ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
@@ -95,9 +95,9 @@ class ShadowSquare:
         for corners in corners_m:
             if not len(corners):
                 continue
-            box = np.empty((2, 2))
-            cells_around(corners, self._map, box)
-            low, high = np.floor(box[0]).astype(int), np.ceil(box[1]).astype(int)
+            ground_m = corners[..., :2] - corners[..., 2:] * self._map.slope - (self._map.left_m, self._map.near_m)
+            cells = ground_m.reshape(-1, 2) * self._map.per_m
+            low, high = np.floor(cells.min(axis=0)).astype(int), np.ceil(cells.max(axis=0)).astype(int)
             low = np.clip(low - self._blur, 0, self._cells)
             high = np.clip(high + self._blur, 0, self._cells)
             if (low >= high).any():
@@ -125,23 +125,7 @@ class ShadowSquare:
         return np.asarray(cv2.blur(np.minimum(heights_m, self._ceiling_m), window), dtype=np.float32)
 
 
-@looped
-def cells_around(corners: NDArray[np.float64], ground: HeightMap, box: NDArray[np.float64]) -> None:
-    """The lowest and the highest column and row, (2, 2), that triangles (T, 3, 3) reach; there is one at least."""
-    low_u, low_v, high_u, high_v = np.inf, np.inf, -np.inf, -np.inf
-    for t in range(len(corners)):
-        for k in range(3):
-            z = corners[t, k, 2]
-            u = corners[t, k, 0] - z * ground.slope[0] - ground.left_m
-            v = corners[t, k, 1] - z * ground.slope[1] - ground.near_m
-            low_u, low_v, high_u, high_v = min(low_u, u), min(low_v, v), max(high_u, u), max(high_v, v)
-    box[0, 0], box[0, 1], box[1, 0], box[1, 1] = low_u, low_v, high_u, high_v
-    for k in range(2):
-        for axis in range(2):
-            box[k, axis] *= ground.per_m
-
-
-@looped
+@compiled
 def draw_heights(corners: NDArray[np.float64], ground: HeightMap) -> None:
     """Raise a map to all surfaces that lie above it.
 

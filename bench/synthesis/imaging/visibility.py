@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.synthesis.imaging.compiled import inlined, looped
+from bench.synthesis.imaging.compiled import compiled, inlined
 from bench.synthesis.imaging.lens import BLOCK_PX, REGION_PX, TILE_PX, Lens, chart_pixel
 
 SMALL = 0.3  # chord of the longest edge on the unit sphere, of triangles that are looked for by their corners
@@ -24,10 +24,10 @@ HIDDEN, BIG = -1, -2  # first column of a triangle's box that is not seen, or no
 # Columns of a triangle's plane, one cache line of 16 numbers: the three products above over the volume, then their sum,
 # whose product with a ray is 1 over the distance, its length, and the lengths of the three.
 NEAR_X, NEAR_Y, NEAR_Z, NEAR_SIZE, SIZES, COLUMNS = 9, 10, 11, 12, 13, 16
-BUCKETS, KEPT_BITS = 4096, 20  # of a distance in single precision these bits say how early a triangle is drawn
+DROPPED_BITS = 20  # of a distance in single precision; the others say how early a triangle is drawn
 
 
-@looped
+@compiled
 def find_planes(
     corners: NDArray[np.float64],
     turn: NDArray[np.float64],
@@ -120,42 +120,7 @@ def find_planes(
         distances_m[t] = min(a, b, c)
 
 
-@looped
-def nearest_first(
-    boxes: NDArray[np.int16],
-    distance_bits: NDArray[np.int32],
-    first: NDArray[np.int32],
-    order: NDArray[np.int32],
-) -> int:
-    """Put triangles that are seen in order, roughly from near to far: what is hidden is then found early.
-
-    Args:
-        boxes: (T, 4), see `find_planes`.
-        distance_bits: (T,), distances in single precision, read as whole numbers, which have the same order.
-        first: (BUCKETS,), room to work in.
-        order: (T,), filled.
-
-    Returns:
-        How many are seen.
-    """
-    first[:] = 0
-    for t in range(len(boxes)):
-        if boxes[t, 0] != HIDDEN:
-            first[distance_bits[t] >> KEPT_BITS] += 1
-    total = 0
-    for bucket in range(BUCKETS):
-        count = first[bucket]
-        first[bucket] = total
-        total += count
-    for t in range(len(boxes)):
-        if boxes[t, 0] != HIDDEN:
-            bucket = distance_bits[t] >> KEPT_BITS
-            order[first[bucket]] = t
-            first[bucket] += 1
-    return total
-
-
-@looped
+@compiled
 def draw(
     planes: NDArray[np.float32],
     boxes: NDArray[np.int16],
@@ -334,19 +299,22 @@ def look(
     """
     count, shape = len(corners_m), (lens.valid.shape[0], lens.valid.shape[1])
     planes, boxes = np.empty((count, COLUMNS), dtype=np.float32), np.empty((count, 4), dtype=np.int16)
-    distances_m, order = np.empty(count, dtype=np.float32), np.empty(count, dtype=np.int32)
+    distances_m = np.empty(count, dtype=np.float32)
     find_planes(
         corners_m, camera_from_world, origin_m, lens.chart, 2.0 * lens.chart_error_px + LEAST_MARGIN_PX,
         lens.px_per_rad, lens.widest_rad, reach_m, shape, planes, boxes,
         distances_m, np.empty((3, 3)),
     )  # fmt: skip
-    seen = nearest_first(boxes, distances_m.view(np.int32), np.empty(BUCKETS, dtype=np.int32), order)
+    # Roughly from near to far: what is hidden is then found early. The highest bits of single precision are in order.
+    seen = np.flatnonzero(boxes[:, 0] != HIDDEN)
+    buckets = (distances_m.view(np.int32)[seen] >> DROPPED_BITS).astype(np.uint16)
+    order = seen[np.argsort(buckets, kind="stable")].astype(np.int32)
     rows, columns = lens.tiles.shape[:2]
     nearness = np.zeros((rows, columns, TILE_PX * TILE_PX), dtype=np.float32)
     triangles = np.full(nearness.shape, NOTHING, dtype=np.int32)
     farthest, changed = np.zeros((rows, columns), dtype=np.float32), np.zeros((rows, columns), dtype=np.bool_)
     draw(
-        planes, boxes, order[:seen], lens.tile_rays, lens.regions, lens.blocks, lens.tiles,
+        planes, boxes, order, lens.tile_rays, lens.regions, lens.blocks, lens.tiles,
         nearness.view(np.int32), triangles, farthest, farthest.view(np.int32), changed,
     )  # fmt: skip
     return View(planes=planes, triangles=triangles, nearness=nearness)
