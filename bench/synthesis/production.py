@@ -1,10 +1,9 @@
 """A whole scenario, rendered in parallel, resumed where it was interrupted.
 
-A stamp in a folder of recordings: what was read and made when everything was last there.
-
-It lets a second call see in a moment that there is nothing to do, without drawing the scenario. Whatever does not fit,
-be it a byte of the scenario, of the generator or of a recording's mark, sends the call the long way. A stamp needs no
-removal when recordings change: their marks do then, and it fits no more.
+Two kinds of files say what is there. `synthesis.json` in the folder of each recording says what it was made from; a
+recording is rendered again when that changes. `.synthesis.json` beside all recordings (the stamp) holds the content of
+these files, and a digest of the scenario file and of this package: while it fits, a second call knows within
+milliseconds that there is nothing to do, without drawing the series of the scenario.
 """
 
 from __future__ import annotations
@@ -25,68 +24,9 @@ from bench.synthesis.reading import LARGEST_BYTES, read_scenario
 from bench.synthesis.recorder import render_recording
 from bench.synthesis.scenario import RecordingSpec, Scenario
 
-STAMP = ".synthesis.json"
-MARK = "synthesis.json"  # in the folder of each recording: what it was made from
-
-
-def write_stamp(out: Path, *, scenario: bytes, version: int, names: Iterable[str]) -> None:
-    """Say that every recording of a scenario is there; a folder that cannot be written to goes without.
-
-    Args:
-        out: folder of the recordings.
-        scenario: the scenario's file as it was read.
-        version: of the generator.
-        names: of the recordings, in the scenario's order.
-    """
-    with suppress(OSError):
-        marks = {name: _mark_text(out / name) for name in names}
-        content = {"made_from": _made_from(scenario, version), "marks": marks}
-        write_text(out / STAMP, json.dumps(content, indent=1) + "\n")
-
-
-def stamped(out: Path, *, scenario: bytes, version: int) -> list[Path] | None:
-    """Folders of the recordings if everything is there and nothing else is; None if that takes a closer look.
-
-    Args:
-        out: folder of the recordings.
-        scenario: the scenario's file.
-        version: of the generator.
-    """
-    try:
-        content = json.loads((out / STAMP).read_text(encoding="utf-8"))
-        if content["made_from"] != _made_from(scenario, version):
-            return None
-        marks: dict[str, str] = content["marks"]
-        folders = {path.name for path in out.iterdir() if path.is_dir()}
-        whole = folders == marks.keys() and all(mark == _mark_text(out / name) for name, mark in marks.items())
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        return None
-    return [out / name for name in marks] if whole else None
-
-
-def _mark_text(folder: Path) -> str:
-    return (folder / MARK).read_text(encoding="utf-8")
-
-
-def _made_from(scenario: bytes, version: int) -> str:
-    """Digest of everything that decides what the recordings are."""
-    digest = hashlib.sha256(f"{version} {_source_digest()} ".encode())
-    digest.update(scenario)
-    return digest.hexdigest()
-
-
-@cache
-def _source_digest() -> str:
-    """Digest of this room's own source: a change to how a series is drawn also sends the call the long way."""
-    room = Path(__file__).parent
-    digest = hashlib.sha256()
-    for path in sorted(room.rglob("*.py")):
-        digest.update(f"{path.relative_to(room).as_posix()} ".encode())
-        digest.update(path.read_bytes())
-    return digest.hexdigest()
-
-
 GENERATOR_VERSION = 5  # raise it whenever the same scenario gives other bytes
+STAMP = ".synthesis.json"
+MARK = "synthesis.json"
 UNFINISHED = ".unfinished"
 
 Progress = Callable[[int, int], None]
@@ -119,7 +59,7 @@ def synthesize(
     if workers is not None and workers < 1:
         raise UsageError(f"workers: expected at least 1, got {workers}")
     content = _content(scenario_path)
-    if content is not None and (folders := stamped(out, scenario=content, version=GENERATOR_VERSION)) is not None:
+    if content is not None and (folders := stamped(out, content)) is not None:
         if progress is not None:
             progress(len(folders), len(folders))
         return folders
@@ -136,9 +76,60 @@ def synthesize(
                 progress(count, total)
         shutil.rmtree(out / UNFINISHED, ignore_errors=True)
         if content is not None and content == _content(scenario_path):  # nobody edited it while it was read
-            names = [spec.name for spec in scenario.recordings]
-            write_stamp(out, scenario=content, version=GENERATOR_VERSION, names=names)
+            write_stamp(out, content, [spec.name for spec in scenario.recordings])
     return [out / spec.name for spec in scenario.recordings]
+
+
+def write_stamp(out: Path, scenario: bytes, names: Iterable[str]) -> None:
+    """Write that every recording of a scenario is there; a folder that is not writable gets no stamp.
+
+    Args:
+        out: folder of the recordings.
+        scenario: content of the scenario file.
+        names: of the recordings, in the scenario's order.
+    """
+    with suppress(OSError):
+        marks = {name: _mark_text(out / name) for name in names}
+        content = {"made_from": _made_from(scenario), "marks": marks}
+        write_text(out / STAMP, json.dumps(content, indent=1) + "\n")
+
+
+def stamped(out: Path, scenario: bytes) -> list[Path] | None:
+    """Folders of the recordings if all of them and nothing else are there; None if that takes a closer look.
+
+    Args:
+        out: folder of the recordings.
+        scenario: content of the scenario file.
+    """
+    try:
+        content = json.loads((out / STAMP).read_text(encoding="utf-8"))
+        if content["made_from"] != _made_from(scenario):
+            return None
+        marks: dict[str, str] = content["marks"]
+        folders = {path.name for path in out.iterdir() if path.is_dir()}
+        whole = folders == marks.keys() and all(mark == _mark_text(out / name) for name, mark in marks.items())
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return None
+    return [out / name for name in marks] if whole else None
+
+
+def _mark_text(folder: Path) -> str:
+    return (folder / MARK).read_text(encoding="utf-8")
+
+
+def _made_from(scenario: bytes) -> str:
+    """Digest of everything that decides what the recordings are."""
+    return hashlib.sha256(f"{GENERATOR_VERSION} {_source_digest()} ".encode() + scenario).hexdigest()
+
+
+@cache
+def _source_digest() -> str:
+    """Digest of this package's source: the stamp also changes when the drawing of a series does."""
+    package = Path(__file__).parent
+    digest = hashlib.sha256()
+    for path in sorted(package.rglob("*.py")):
+        digest.update(f"{path.relative_to(package).as_posix()} ".encode() + path.read_bytes())
+    return digest.hexdigest()
 
 
 def _content(path: Path) -> bytes | None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.synthesis import GENERATOR_VERSION, read_scenario
+from bench.synthesis import read_scenario
 from bench.synthesis.bodies import BODIES, make_body
 from bench.synthesis.draws import named_rng
 from bench.synthesis.placement import box_size, find_ways, swept_ground
@@ -36,8 +36,8 @@ def test_see_that_all_drives_are_there(benchmark, paper, tmp_path):
     for name in names:
         (tmp_path / name).mkdir()
         (tmp_path / name / MARK).write_text(json.dumps({"scenario": "paper", "fingerprint": name}))
-    write_stamp(tmp_path, scenario=content, version=GENERATOR_VERSION, names=names)
-    assert len(benchmark(stamped, tmp_path, scenario=content, version=GENERATOR_VERSION)) == len(names)
+    write_stamp(tmp_path, content, names)
+    assert len(benchmark(stamped, tmp_path, content)) == len(names)
 
 
 @pytest.mark.parametrize("kind", BODIES)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -88,17 +90,16 @@ def test_turning_a_vector_lifts_its_tip() -> None:
 def test_joints_hang_on_each_other() -> None:
     # Shoulder at height 2, elbow at 1: shoulder and elbow each turn by 90 degrees over a quarter of the cycle.
     turn = np.linspace(0, 2 * np.pi, STEPS + 1)
-    linkage = Linkage(
-        [
-            Joint(name="shoulder", pivot_m=(0, 0, 2), cycle_m=4.0, angles_rad=-turn),
-            Joint(name="elbow", parent="shoulder", pivot_m=(0, 0, 1), cycle_m=4.0, angles_rad=-turn),
-        ]
-    )
-    rotations, translations_m = linkage.transforms(1.0, 1.0)
+    joints = [
+        Joint(name="shoulder", pivot_m=(0, 0, 2), cycle_m=4.0, angles_rad=-turn),
+        Joint(name="elbow", parent="shoulder", pivot_m=(0, 0, 1), cycle_m=4.0, angles_rad=-turn),
+    ]
+    rotations, translations_m = Linkage(joints).transforms(1.0, 1.0)
     hand = rotations[1] @ np.array([0.0, 0.0, 0.0]) + translations_m[1]
     # The upper arm points forward, the forearm up.
     assert hand == pytest.approx([1.0, 0.0, 3.0], abs=1e-9)
-    moved = linkage.moved(np.array([5.0, 0.0, 1.0]))
+    x, y, z = 5.0, 0.0, 1.0
+    moved = Linkage([replace(joint, pivot_m=(x, y, joint.pivot_m[2] + z)) for joint in joints])
     rotations, translations_m = moved.transforms(1.0, 1.0)
     assert rotations[1] @ np.array([5.0, 0.0, 1.0]) + translations_m[1] == pytest.approx([6.0, 0.0, 4.0], abs=1e-9)
 

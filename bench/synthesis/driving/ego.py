@@ -14,22 +14,13 @@ from bench.recordings.records import MountedCamera
 from bench.synthesis.draws import named_rng
 from bench.synthesis.mesh import Mesh, Surface, box, convex, joined, slab, tube
 from bench.synthesis.ray_scene import RayScene
-from bench.synthesis.scenario import CalibrationSpec, CameraSpec, LidarSpec, RecordingSpec, Scenario
+from bench.synthesis.scenario import CalibrationSpec, CameraSpec, RecordingSpec, Scenario
 
 # Seen from above, x forward: a compact car of 4.7 m by 1.8 m with its origin below the rear axle.
-OUTLINE_M = np.array(
-    [
-        [-0.95, -0.8],
-        [3.2, -0.9],
-        [3.55, -0.6],
-        [3.68, -0.3],
-        [3.73, 0.0],
-        [3.68, 0.3],
-        [3.55, 0.6],
-        [3.2, 0.9],
-        [-0.95, 0.8],
-    ]
-)
+OUTLINE_M = np.array([
+    [-0.95, -0.8], [3.2, -0.9], [3.55, -0.6], [3.68, -0.3], [3.73, 0.0], [3.68, 0.3], [3.55, 0.6], [3.2, 0.9],
+    [-0.95, 0.8],
+])  # fmt: skip
 PLASTIC = Surface(albedo=0.10, contrast=0.20)
 PAINT = Surface(albedo=0.34, contrast=0.05)
 WINDOWS = Surface(albedo=0.08, contrast=0.10, mirror=0.04)
@@ -97,11 +88,6 @@ def mounted_camera(spec: CameraSpec, *, vehicle_from_camera: RigidTransform | No
     )
 
 
-def vehicle_from_lidar(spec: LidarSpec) -> RigidTransform:
-    """The mounting of the lidar, its axes along the vehicle's."""
-    return RigidTransform(np.eye(3), np.array(spec.position_m))
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rig:
     """The sensors of a recording.
@@ -140,7 +126,7 @@ def mounted_rig(scenario: Scenario, spec: RecordingSpec) -> Rig:
         cameras[entry.name] = mounted_camera(entry, vehicle_from_camera=true)
         road = RoadPlane.below(nominal)
         recorded[entry.name] = replace(cameras[entry.name], vehicle_from_camera=nominal, road=road)
-    nominal_lidar = vehicle_from_lidar(scenario.lidar)
+    nominal_lidar = RigidTransform.from_yaw(0.0, scenario.lidar.position_m)  # its axes along the vehicle's
     return Rig(
         cameras=cameras,
         recorded_cameras=recorded,

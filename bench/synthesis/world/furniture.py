@@ -23,6 +23,7 @@ from bench.synthesis.world.solids import (
     SIGN_BLUE,
     SIGN_RED,
     SIGN_WHITE,
+    SQUARE,
     STEEL,
     WOOD,
     bars,
@@ -225,7 +226,7 @@ def cabinet(rng: np.random.Generator) -> Mesh:
     places = rng.uniform((-width_m / 2.6, 0.3), (width_m / 2.6, 1.0), (4, 2))
     low = np.stack([places[:, 0], np.full(4, -0.185), places[:, 1]], axis=1)
     half = rng.uniform(0.03, 0.12, (4, 1, 2))
-    square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
+    square = SQUARE * half
     faces = low[:, None] + np.insert(square, 1, 0.0, axis=2)
     return joined([body, quads(faces, SIGN_WHITE, albedos=rng.uniform(0.15, 0.9, 4))])
 

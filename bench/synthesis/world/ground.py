@@ -12,7 +12,7 @@ from shapely.geometry.base import BaseGeometry
 
 from bench.synthesis.mesh import Mesh, Surface, quads, surfaced
 from bench.synthesis.world.plan import KERB_WIDTH_M, RAMP_M, Alignment, Plan, Site
-from bench.synthesis.world.solids import CONCRETE, GRASS, KERB, SETTS, SOIL, flat
+from bench.synthesis.world.solids import CONCRETE, GRASS, KERB, SETTS, SOIL, SQUARE, flat
 
 STONE_M = 1.0  # length of a kerb stone
 KERB_FOOT_M = 0.02  # kerbs reach this far into the ground
@@ -113,8 +113,7 @@ def _courses(
     bonded = 0.5 * size_m[0] * (np.arange(len(across_m)) % 2) * int(rng.integers(2))
     centres = np.stack(np.broadcast_arrays(along[None, :] + bonded[:, None], across_m[:, None]), axis=-1).reshape(-1, 2)
     half = (size_m - JOINT_M) / 2
-    corners = half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    return lane.patches(centres, np.broadcast_to(corners, (len(centres), 4, 2)))
+    return lane.patches(centres, half * SQUARE)
 
 
 VERGE_M = 0.02  # grass lies lower than the pavement beside it

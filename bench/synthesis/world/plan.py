@@ -91,7 +91,7 @@ class Alignment:
 
         Args:
             centres_m: (N, 2), m, along the lane and to its left.
-            corners_m: (N, K, 2), m, about each centre, x along the lane.
+            corners_m: (N, K, 2), m, about each centre, x along the lane; (K, 2) for all.
 
         Returns:
             (N, K, 2) float64, m, world.

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from bench.synthesis.mesh import Mesh, Surface, quads, surfaced
 from bench.synthesis.scenario import ZEBRA_M
 from bench.synthesis.world.plan import AISLE_M, BAY_M, BAY_WIDTH_M, BEND_STEP_M, SHOULDER_M, Alignment, Plan
-from bench.synthesis.world.solids import BITUMEN, CAST_IRON, CONCRETE, PAINT, drawn_asphalt, fans, flat, tinted
+from bench.synthesis.world.solids import BITUMEN, CAST_IRON, CONCRETE, PAINT, SQUARE, drawn_asphalt, fans, flat, tinted
 
 PAINT_M = 0.003  # thickness of a marking
 LINE_M, DASH_M, GAP_M = 0.12, 3.0, 6.0  # of a street in town
@@ -93,9 +93,8 @@ def _car_park(plan: Plan, _: np.random.Generator) -> Lines:
     for edge_m, sign, rows in ((section.right_m, -1.0, section.right_rows), (section.left_m, 1.0, section.left_rows)):
         for start_m in row_starts_m(rows):
             ends = edge_m + sign * np.array([start_m, start_m + BAY_M])
-            corners = np.array([[-half, -BAY_M / 2], [half, -BAY_M / 2], [half, BAY_M / 2], [-half, BAY_M / 2]])
             centres = np.stack([dividers, np.full(len(dividers), ends.mean())], axis=1)
-            lines.append(lane.patches(centres, np.broadcast_to(corners, (len(centres), 4, 2))))
+            lines.append(lane.patches(centres, (half, BAY_M / 2) * SQUARE))
         if rows > 1:
             lines += _solid(lane, edge_m + sign * BAY_M, [])
     return lines
@@ -121,7 +120,7 @@ def _zebra(plan: Plan, at_m: float) -> NDArray[np.float64]:
     bars = np.arange(plan.section.right_kerb_m + 0.3, plan.section.left_kerb_m - BAR_M - 0.1, 2 * BAR_M)
     corners = np.array([[-ZEBRA_M / 2, 0.0], [ZEBRA_M / 2, 0.0], [ZEBRA_M / 2, BAR_M], [-ZEBRA_M / 2, BAR_M]])
     centres = np.stack([np.full(len(bars), at_m), bars], axis=1)
-    return plan.lane.patches(centres, np.broadcast_to(corners, (len(bars), 4, 2)))
+    return plan.lane.patches(centres, corners)
 
 
 def _solid(way: Alignment, left_m: float, gaps: list[tuple[float, float]], *, width_m: float = LINE_M) -> Lines:
@@ -165,9 +164,7 @@ def _arrows(plan: Plan, rng: np.random.Generator) -> tuple[NDArray[np.float64], 
     clear = [abs(at_m - s) > 7.0 for s in along for at_m in spec.zebra_at_m]
     if clear:
         centres = centres[np.array(clear).reshape(count, -1).all(axis=1)]
-    heads = plan.lane.patches(centres, np.broadcast_to(ARROW_HEAD, (len(centres), 3, 2)))
-    shafts = plan.lane.patches(centres, np.broadcast_to(ARROW_AHEAD, (len(centres), 4, 2)))
-    return heads, shafts
+    return plan.lane.patches(centres, ARROW_HEAD), plan.lane.patches(centres, ARROW_AHEAD)
 
 
 NEAR_M = (-15.0, 65.0)  # along the lane
@@ -273,7 +270,6 @@ def _patch(
     asphalt: Surface,
     rng: np.random.Generator,
 ) -> list[Mesh]:
-    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     turn = np.array([[np.cos(turn_rad), np.sin(turn_rad)], [-np.sin(turn_rad), np.cos(turn_rad)]])
     fill = Surface(
         albedo=asphalt.albedo * float(rng.uniform(0.68, 1.12)),
@@ -281,9 +277,9 @@ def _patch(
         texel_m=asphalt.texel_m * float(rng.uniform(0.8, 1.4)),
     )
     shift = rng.uniform(0, 8, (1, 2))
-    meshes = [quads(flat(way.patches(place, (corners * half_m) @ turn), PATCHES), fill, shifts_m=shift)]
+    meshes = [quads(flat(way.patches(place, (SQUARE * half_m) @ turn), PATCHES), fill, shifts_m=shift)]
     if rng.random() < 0.6:
-        meshes.append(quads(flat(way.patches(place, (corners * (half_m + RIM_M)) @ turn), RIMS), BITUMEN))
+        meshes.append(quads(flat(way.patches(place, (SQUARE * (half_m + RIM_M)) @ turn), RIMS), BITUMEN))
     return meshes
 
 
@@ -342,8 +338,7 @@ def _covers(road: Carriageway, rng: np.random.Generator) -> list[Mesh]:
             bars = (
                 centres if lift_m == 0 else np.concatenate([centres + np.array([0.0, dy]) for dy in (-0.09, 0.0, 0.09)])
             )
-            corners = np.array(scale) * [[-1, -1], [1, -1], [1, 1], [-1, 1]]
-            cells = road.way.patches(bars, np.broadcast_to(corners, (len(bars), 4, 2)))
+            cells = road.way.patches(bars, scale * SQUARE)
             meshes.append(quads(flat(cells, COVERS + lift_m), surface))
     return meshes
 

@@ -40,6 +40,7 @@ LAMP_LENS = Surface(albedo=0.85, contrast=0.02, glow=1.0)
 LIT_PANE = replace(PANE, albedo=0.30, glow=0.004)
 LIT_ADVERT = Surface(albedo=0.7, contrast=0.05, glow=0.01)
 SKY = Surface(albedo=0.90, contrast=0.04, texel_m=1.5, sky=True)
+SQUARE = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])  # corners, anticlockwise
 
 
 def drawn_asphalt(rng: np.random.Generator) -> Surface:
