@@ -17,7 +17,7 @@ from bench.reference import IgnoreReason, ReferenceFrame, ReferenceObject, Statu
 from bench.synthesis import Scenario, read_scenario
 from bench.synthesis.exact_flow import ExactFlow, ExactFlowCaster
 from bench.synthesis.scenario import RecordingSpec
-from bench.synthesis.scene import set_stage
+from bench.synthesis.scene import build_scene
 
 EXACT = {"calibration": "exact"}
 NO_SCENARIO = "the data set's card names no scenario, so there is no exact flow"
@@ -119,7 +119,7 @@ class StagedTruth:
         self._camera, self._name = camera, spec.name
         self.cells = ray_grid(camera.model, cell_size_px)
         self._shown = at_centres(valid, self.cells)
-        self._caster = ExactFlowCaster(set_stage(scenario, spec), camera, valid=valid, cell_size_px=cell_size_px)
+        self._caster = ExactFlowCaster(build_scene(scenario, spec), camera, valid=valid, cell_size_px=cell_size_px)
         self._object_cells, self._differing_cells = 0, 0
 
     def look(self, given: MethodInput, ids: NDArray[np.uint16]) -> ExactPair:

@@ -43,7 +43,7 @@ class DrawError(ValueError):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Dice:
+class Sampler:
     """Draws the values of one recording of a series.
 
     Attributes:
@@ -94,47 +94,54 @@ class Dice:
         return float(named_rng(self.seed, "series", *names).random())
 
 
-def _uniform(dice: Dice, node: Any, path: str, repeat: int | None) -> float:
-    low, high = _two(dice, node, path, repeat)
-    return round(low + (high - low) * dice.share(path, repeat), DECIMALS)
+def _uniform(sampler: Sampler, node: Any, path: str, repeat: int | None) -> float:
+    low, high = _two(sampler, node, path, repeat)
+    return round(low + (high - low) * sampler.share(path, repeat), DECIMALS)
 
 
-def _choice(dice: Dice, node: Any, path: str, repeat: int | None) -> Any:
+def _choice(sampler: Sampler, node: Any, path: str, repeat: int | None) -> Any:
     options = _filled(node, path)
-    number = int(dice.share(path, repeat) * len(options))
-    return dice.drawn(options[number], f"{path}.choice.{number}", repeat=repeat)
+    number = int(sampler.share(path, repeat) * len(options))
+    return sampler.drawn(options[number], f"{path}.choice.{number}", repeat=repeat)
 
 
-def _steps(dice: Dice, node: Any, path: str, repeat: int | None) -> float:
-    low, high = _two(dice, node, path, repeat)
-    return round(low + (high - low) * (dice.index / max(dice.count - 1, 1)), DECIMALS)
+def _steps(sampler: Sampler, node: Any, path: str, repeat: int | None) -> float:
+    low, high = _two(sampler, node, path, repeat)
+    return round(low + (high - low) * (sampler.index / max(sampler.count - 1, 1)), DECIMALS)
 
 
-def _each(dice: Dice, node: Any, path: str, repeat: int | None) -> Any:
+def _each(sampler: Sampler, node: Any, path: str, repeat: int | None) -> Any:
     options = _filled(node, path)
     if repeat is None or repeat >= len(options):
         raise DrawError(path, f"at most {len(options)} repeats of the actor", "none" if repeat is None else repeat + 1)
-    return dice.drawn(options[repeat], f"{path}.each.{repeat}", repeat=repeat)
+    return sampler.drawn(options[repeat], f"{path}.each.{repeat}", repeat=repeat)
 
 
-def _value(dice: Dice, node: Any, path: str, repeat: int | None) -> Any:  # noqa: ARG001
-    if not isinstance(node, str) or node not in dice.values:
-        raise DrawError(path, f"a name under values ({', '.join(dice.values) or 'there are none'})", node)
-    rest = {name: value for name, value in dice.values.items() if name != node}  # so that none can hold itself
-    known = Dice(
-        seed=dice.seed, series=dice.series, index=dice.index, count=dice.count, attempt=dice.attempt, values=rest
+def _value(sampler: Sampler, node: Any, path: str, repeat: int | None) -> Any:  # noqa: ARG001
+    if not isinstance(node, str) or node not in sampler.values:
+        raise DrawError(path, f"a name under values ({', '.join(sampler.values) or 'there are none'})", node)
+    rest = {name: value for name, value in sampler.values.items() if name != node}  # so that none can hold itself
+    known = Sampler(
+        seed=sampler.seed,
+        series=sampler.series,
+        index=sampler.index,
+        count=sampler.count,
+        attempt=sampler.attempt,
+        values=rest,
     )
-    return known.drawn(dice.values[node], f"values.{node}")
+    return known.drawn(sampler.values[node], f"values.{node}")
 
 
-def _sum(dice: Dice, node: Any, path: str, repeat: int | None) -> float:
+def _sum(sampler: Sampler, node: Any, path: str, repeat: int | None) -> float:
     parts = _filled(node, path)
-    return round(math.fsum(dice.number(part, f"{path}.sum.{k}", repeat) for k, part in enumerate(parts)), DECIMALS)
+    return round(math.fsum(sampler.number(part, f"{path}.sum.{k}", repeat) for k, part in enumerate(parts)), DECIMALS)
 
 
-def _product(dice: Dice, node: Any, path: str, repeat: int | None) -> float:
+def _product(sampler: Sampler, node: Any, path: str, repeat: int | None) -> float:
     parts = _filled(node, path)
-    return round(math.prod(dice.number(part, f"{path}.product.{k}", repeat) for k, part in enumerate(parts)), DECIMALS)
+    return round(
+        math.prod(sampler.number(part, f"{path}.product.{k}", repeat) for k, part in enumerate(parts)), DECIMALS
+    )
 
 
 def _filled(node: Any, path: str) -> list[Any]:
@@ -143,14 +150,14 @@ def _filled(node: Any, path: str) -> list[Any]:
     return node
 
 
-def _two(dice: Dice, node: Any, path: str, repeat: int | None) -> tuple[float, float]:
+def _two(sampler: Sampler, node: Any, path: str, repeat: int | None) -> tuple[float, float]:
     if not isinstance(node, list) or len(node) != 2:
         raise DrawError(path, "two numbers, [from, to]", node)
-    low, high = (dice.number(part, f"{path}.{k}", repeat) for k, part in enumerate(node))
+    low, high = (sampler.number(part, f"{path}.{k}", repeat) for k, part in enumerate(node))
     return low, high
 
 
-DRAWS: dict[str, Callable[[Dice, Any, str, int | None], Any]] = {
+DRAWS: dict[str, Callable[[Sampler, Any, str, int | None], Any]] = {
     "uniform": _uniform,
     "choice": _choice,
     "steps": _steps,

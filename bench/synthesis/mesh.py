@@ -63,7 +63,7 @@ class Mesh:
         moved_m = a_from_b.apply(self.corners_m.reshape(-1, 3)).reshape(-1, 3, 3)
         return Mesh(corners_m=moved_m, texture_m=self.texture_m, surfaces=self.surfaces)
 
-    def picked(self, kept: NDArray[np.bool_]) -> Mesh:
+    def select(self, kept: NDArray[np.bool_]) -> Mesh:
         """Some of its triangles: (T,) bool."""
         return Mesh(corners_m=self.corners_m[kept], texture_m=self.texture_m[kept], surfaces=self.surfaces[kept])
 

@@ -1,4 +1,4 @@
-"""Where things stand and go: drawn streets, ways, free places."""
+"""Where street_furniture stand and go: drawn streets, trajectories, free places."""
 
 from __future__ import annotations
 
@@ -15,50 +15,50 @@ from bench.synthesis.bodies import make_body
 from bench.synthesis.draws import named_rng
 from bench.synthesis.driving.ego import OUTLINE_M, own_body
 from bench.synthesis.driving.path import SECOND_NS, Path, Poses, driven_path
-from bench.synthesis.scenario import ActorSpec, CameraSpec, HostSpec, RecordingSpec, ScenarioHead, interval_ns
+from bench.synthesis.scenario import ActorSpec, CameraSpec, EgoSpec, RecordingSpec, ScenarioHead, interval_ns
 
 FIRST_IMAGE_NS = SECOND_NS  # the recording's clock at the scene's time 0
 MARGIN_NS = 200_000_000  # that paths are known before the first and after the last sensor reading
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Ways:
-    """Where the host and the actors are at any time, and when the sensors look.
+class Trajectories:
+    """Where the ego vehicle and the actors are at any time, and when the sensors look.
 
     Attributes:
-        host: the host's way.
-        actors: the actors' ways, in the scenario's order.
+        ego: the ego vehicle's way.
+        actors: the actors' trajectories, in the scenario's order.
         image_times_ns: scene clock; 0 is the first image.
         sweep_times_ns: scene clock, reference times.
     """
 
-    host: Path
+    ego: Path
     actors: tuple[Path, ...]
     image_times_ns: NDArray[np.int64]
     sweep_times_ns: NDArray[np.int64]
 
 
-def find_ways(head: ScenarioHead, spec: RecordingSpec) -> Ways:
-    """The ways of a recording."""
+def plan_trajectories(head: ScenarioHead, spec: RecordingSpec) -> Trajectories:
+    """The trajectories of a recording."""
     turn_ns = interval_ns(head.lidar.rotation_hz)
     image_times_ns = np.arange(spec.frames, dtype=np.int64) * interval_ns(head.frame_rate_hz)
     # One revolution before the first image and one after the last, so that every image lies between two sweeps.
     # Camera and lidar keep their own time: where in its revolution the lidar is at the first image is up to chance.
     phase_ns = int(named_rng(head.seed, spec.name, "lidar phase").integers(turn_ns))
     sweep_times_ns = np.arange(-1, int(image_times_ns[-1]) // turn_ns + 2, dtype=np.int64) * turn_ns + phase_ns
-    staged_ns = [_milliseconds(actor.at_s) for actor in spec.actors]
+    actor_times_ns = [_milliseconds(actor.at_s) for actor in spec.actors]
     first_ns = int(sweep_times_ns[0]) - turn_ns - MARGIN_NS
-    last_ns = max([int(sweep_times_ns[-1]) + turn_ns + MARGIN_NS, *staged_ns])
-    host = _host_path(spec.host, first_ns, last_ns)
-    return Ways(
-        host=host,
-        actors=tuple(_actor_path(actor, host, first_ns, last_ns) for actor in spec.actors),
+    last_ns = max([int(sweep_times_ns[-1]) + turn_ns + MARGIN_NS, *actor_times_ns])
+    ego = _ego_path(spec.host, first_ns, last_ns)
+    return Trajectories(
+        ego=ego,
+        actors=tuple(_actor_path(actor, ego, first_ns, last_ns) for actor in spec.actors),
         image_times_ns=image_times_ns,
         sweep_times_ns=sweep_times_ns,
     )
 
 
-def _host_path(spec: HostSpec, first_ns: int, last_ns: int) -> Path:
+def _ego_path(spec: EgoSpec, first_ns: int, last_ns: int) -> Path:
     return driven_path(
         times_s=spec.times_s,
         speeds_mps=_sign(spec.gear) * np.array(spec.speed_kmh) / 3.6,
@@ -69,9 +69,9 @@ def _host_path(spec: HostSpec, first_ns: int, last_ns: int) -> Path:
     )
 
 
-def _actor_path(spec: ActorSpec, host: Path, first_ns: int, last_ns: int) -> Path:
+def _actor_path(spec: ActorSpec, ego: Path, first_ns: int, last_ns: int) -> Path:
     at_ns = _milliseconds(spec.at_s)
-    world_from_vehicle = host.at([at_ns]).transform()
+    world_from_vehicle = ego.at([at_ns]).transform()
     place = world_from_vehicle.apply(np.array([*spec.position_m, 0.0]))
     forward = world_from_vehicle.rotation[:, 0]
     heading_rad = float(np.arctan2(forward[1], forward[0]) + np.radians(spec.heading_deg))
@@ -96,14 +96,14 @@ def _milliseconds(seconds: float) -> int:
     return round(seconds * 1000) * 1_000_000
 
 
-KEEP_CLEAR_M = 0.4  # from the ways to whatever stands beside them: a hand's breadth more than a mirror is wide
+KEEP_CLEAR_M = 0.4  # from the trajectories to whatever stands beside them: a hand's breadth more than a mirror is wide
 
 
-def watched_times(ways: Ways) -> NDArray[np.int64]:
+def watched_times(trajectories: Trajectories) -> NDArray[np.int64]:
     """(N,) int64, ns: the image times, carried on to where the lidar sees its first and its last point."""
-    turn_ns = int(ways.sweep_times_ns[1] - ways.sweep_times_ns[0])
-    first_ns, last_ns = int(ways.sweep_times_ns[0]) - turn_ns, int(ways.sweep_times_ns[-1]) + turn_ns
-    images = ways.image_times_ns
+    turn_ns = int(trajectories.sweep_times_ns[1] - trajectories.sweep_times_ns[0])
+    first_ns, last_ns = int(trajectories.sweep_times_ns[0]) - turn_ns, int(trajectories.sweep_times_ns[-1]) + turn_ns
+    images = trajectories.image_times_ns
     step_ns = int(images[1] - images[0]) if len(images) > 1 else turn_ns
     return np.arange(-(-first_ns // step_ns), last_ns // step_ns + 1, dtype=np.int64) * step_ns
 
@@ -129,16 +129,19 @@ def box_outline(size_m: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]) * size_m[:2]
 
 
-def swept_ground(ways: Ways, sizes_m: Sequence[NDArray[np.float64]]) -> tuple[shapely.Polygon, ...]:
-    """What the host and each actor cover during a recording, with a margin; nothing else may stand there.
+def swept_ground(trajectories: Trajectories, sizes_m: Sequence[NDArray[np.float64]]) -> tuple[shapely.Polygon, ...]:
+    """What the ego vehicle and each actor cover during a recording, with a margin; nothing else may stand there.
 
     Args:
-        ways: of the recording.
+        trajectories: of the recording.
         sizes_m: (3,) each, m, the boxes around the actors' bodies.
     """
-    times_ns = watched_times(ways)
-    rows = [footprints(ways.host.at(times_ns), OUTLINE_M)]
-    rows += [footprints(path.at(times_ns), box_outline(size)) for path, size in zip(ways.actors, sizes_m, strict=True)]
+    times_ns = watched_times(trajectories)
+    rows = [footprints(trajectories.ego.at(times_ns), OUTLINE_M)]
+    rows += [
+        footprints(path.at(times_ns), box_outline(size))
+        for path, size in zip(trajectories.actors, sizes_m, strict=True)
+    ]
     return tuple(_swept(row) for row in rows)
 
 
@@ -162,19 +165,19 @@ def first_clash(head: ScenarioHead, spec: RecordingSpec) -> tuple[int, str] | No
     Returns:
         Row of the actor whose line tells it, and who is inside whom and when; None if nothing overlaps.
     """
-    ways = find_ways(head, spec)
-    times_ns = watched_times(ways)
-    host = _Mover(poses=ways.host.at(times_ns), outline_m=OUTLINE_M)
+    trajectories = plan_trajectories(head, spec)
+    times_ns = watched_times(trajectories)
+    ego = _Mover(poses=trajectories.ego.at(times_ns), outline_m=OUTLINE_M)
     sizes_m = [box_size(actor.kind) for actor in spec.actors]
     movers = [
         _Mover(poses=way.at(times_ns), outline_m=box_outline(size))
-        for way, size in zip(ways.actors, sizes_m, strict=True)
+        for way, size in zip(trajectories.actors, sizes_m, strict=True)
     ]
     for number, actor in enumerate(spec.actors):
-        if (at := _first_overlap(movers[number], host)) is not None:
-            return number, f"{actor.name!r} inside the host at {_seconds(times_ns[at])}"
+        if (at := _first_overlap(movers[number], ego)) is not None:
+            return number, f"{actor.name!r} inside the ego vehicle at {_seconds(times_ns[at])}"
         for camera in head.cameras:
-            if (at := _first_inside(camera, host, movers[number], sizes_m[number])) is not None:
+            if (at := _first_inside(camera, ego, movers[number], sizes_m[number])) is not None:
                 return number, f"the camera {camera.name!r} inside {actor.name!r} at {_seconds(times_ns[at])}"
     for one, other in combinations(range(len(movers)), 2):
         if (at := _first_overlap(movers[one], movers[other])) is not None:
@@ -184,11 +187,11 @@ def first_clash(head: ScenarioHead, spec: RecordingSpec) -> tuple[int, str] | No
 
 
 def camera_fault(camera: CameraSpec) -> str | None:
-    """What is wrong with the place of a camera on the host; None if nothing is."""
+    """What is wrong with the place of a camera on the ego vehicle; None if nothing is."""
     if camera.position_m[2] <= 0:
         return f"a camera {abs(camera.position_m[2]):g} m under the road"
     if _winding(own_body().corners_m, np.array(camera.position_m)) > 0.5:
-        return "a camera inside the host's own body"
+        return "a camera inside the ego vehicle's own body"
     return None
 
 
@@ -224,9 +227,9 @@ def _first_overlap(one: _Mover, other: _Mover) -> int | None:
     return int(inside[0]) if inside.size else None
 
 
-def _first_inside(camera: CameraSpec, host: _Mover, other: _Mover, size_m: NDArray[np.float64]) -> int | None:
+def _first_inside(camera: CameraSpec, ego: _Mover, other: _Mover, size_m: NDArray[np.float64]) -> int | None:
     """Row of the first time at which a camera is inside the box around an actor."""
-    cameras_world = host.poses.rotations @ np.array(camera.position_m) + host.poses.positions_m
+    cameras_world = ego.poses.rotations @ np.array(camera.position_m) + ego.poses.positions_m
     local_m = np.einsum("nji,nj->ni", other.poses.rotations, cameras_world - other.poses.positions_m)
     middle_m = np.array([0.0, 0.0, size_m[2] / 2])
     inside = np.flatnonzero((np.abs(local_m - middle_m) < size_m / 2).all(axis=1))

@@ -13,11 +13,11 @@ from bench.lidar import LidarSweep
 from bench.recordings import RecordingWriter
 from bench.synthesis.draws import named_rng
 from bench.synthesis.driving.ego import own_body
-from bench.synthesis.driving.motion import HostMotion
+from bench.synthesis.driving.motion import EgoMotion
 from bench.synthesis.mesh import Mesh, Surface
 from bench.synthesis.ray_scene import RayScene
 from bench.synthesis.scenario import LidarSpec, RecordingSpec, Scenario
-from bench.synthesis.scene import FIRST_IMAGE_NS, Actor, Stage
+from bench.synthesis.scene import FIRST_IMAGE_NS, Actor, Scene
 
 SECOND_NS = 1_000_000_000
 FIRINGS_PER_S = 20_833  # of all 64 lasers: 2083 columns, 0.1728 degrees apart, at 10 Hz
@@ -166,16 +166,16 @@ class LidarScanner:
     """Scans the scene of one recording.
 
     The sweep's reference time is the middle of the revolution, when the beams look straight ahead; it starts and ends
-    straight behind and turns clockwise. Beams that meet the host itself give no points, as drivers of such sensors
-    are set up.
+    straight behind and turns clockwise. Beams that hit the ego vehicle itself give no points, as drivers of such
+    sensors are set up.
 
     Args:
         spec: the sensor.
         vehicle_from_lidar: its mounting.
         world: the static world, world frame.
-        own_body: the host, vehicle frame.
+        own_body: the ego vehicle, vehicle frame.
         actors: everything else.
-        host: the host's motion.
+        ego: the ego vehicle's motion.
     """
 
     def __init__(
@@ -186,9 +186,9 @@ class LidarScanner:
         world: Mesh,
         own_body: Mesh,
         actors: Sequence[Actor],
-        host: HostMotion,
+        ego: EgoMotion,
     ) -> None:
-        self._spec, self._actors, self._host = spec, actors, host
+        self._spec, self._actors, self._host = spec, actors, ego
         self._world, self._static = world, RayScene(world.corners_m)
         self._vehicle_from_lidar = vehicle_from_lidar
         self._beams = revolution(spec)
@@ -205,10 +205,10 @@ class LidarScanner:
         """
         offsets_ns, rays_lidar = self._beams.offsets_ns, self._beams.rays_lidar
         times_ns = time_ns + offsets_ns
-        host = self._host.at(times_ns)
-        rotations = (host.rotations @ self._vehicle_from_lidar.rotation).astype(np.float32)
+        ego = self._host.at(times_ns)
+        rotations = (ego.rotations @ self._vehicle_from_lidar.rotation).astype(np.float32)
         rays_world = rays_lidar @ rotations.transpose(0, 2, 1)
-        origins_m = host.rotations @ self._vehicle_from_lidar.translation_m + host.positions_m
+        origins_m = ego.rotations @ self._vehicle_from_lidar.translation_m + ego.positions_m
         echoes = Echoes(rays_world.shape[0] * rays_world.shape[1], self._spec.max_range_m)
         self._add_world(echoes, rays_world, origins_m)
         for actor in self._actors:
@@ -248,9 +248,9 @@ def _add_actor(
     columns, _ = np.divmod(rows := np.flatnonzero(near), rays_world.shape[1])
     rays = np.einsum("nji,nj->ni", poses.rotations[columns], rays_world.reshape(-1, 3)[rows]).astype(np.float32)
     for block in _blocks(times_ns[columns]):
-        way_m, speed_mps = (float(values[columns[block]].mean()) for values in (poses.distances_m, speeds_mps))
+        distance_m, speed_mps = (float(values[columns[block]].mean()) for values in (poses.distances_m, speeds_mps))
         echoes.add(
-            RayScene(actor.body.corners_at(way_m, speed_mps=speed_mps)),
+            RayScene(actor.body.corners_at(distance_m, speed_mps=speed_mps)),
             actor.body.mesh.surfaces,
             rows=rows[block],
             rays=rays[block],
@@ -275,10 +275,10 @@ def _blocks(times_ns: NDArray[np.int64]) -> list[NDArray[np.intp]]:
     return list(np.split(np.arange(len(times_ns)), cuts))
 
 
-def scan_all(
+def write_sweeps(
     scenario: Scenario,
     spec: RecordingSpec,
-    stage: Stage,
+    scene: Scene,
     *,
     vehicle_from_lidar: RigidTransform,
     writer: RecordingWriter,
@@ -287,11 +287,11 @@ def scan_all(
     scanner = LidarScanner(
         scenario.lidar,
         vehicle_from_lidar=vehicle_from_lidar,
-        world=stage.world,
+        world=scene.world,
         own_body=own_body(),
-        actors=stage.actors,
-        host=stage.host,
+        actors=scene.actors,
+        ego=scene.ego,
     )
-    for number, time_ns in enumerate(stage.sweep_times_ns.tolist()):
+    for number, time_ns in enumerate(scene.sweep_times_ns.tolist()):
         rng = named_rng(scenario.seed, spec.name, "lidar", number)
         writer.sweep(scanner.scan(time_ns, timestamp_ns=time_ns + FIRST_IMAGE_NS, rng=rng))

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from bench.synthesis.bodies import make_body
 from bench.synthesis.bodies.body import Body
 from bench.synthesis.draws import named_rng
-from bench.synthesis.driving.motion import HostMotion, host_motion
+from bench.synthesis.driving.motion import EgoMotion, ego_motion
 from bench.synthesis.driving.path import Path
 from bench.synthesis.mesh import Mesh, PlacedMesh
-from bench.synthesis.placement import FIRST_IMAGE_NS, find_ways, swept_ground
+from bench.synthesis.placement import FIRST_IMAGE_NS, plan_trajectories, swept_ground
 from bench.synthesis.scenario import LightSpec, RecordingSpec, ScenarioHead
 from bench.synthesis.world import build_world
 
@@ -100,7 +100,7 @@ def lighting(spec: LightSpec, rng: np.random.Generator) -> Lighting:
     return Lighting(kind=kind, towards_sun=towards_sun)
 
 
-__all__ = ["FIRST_IMAGE_NS", "Actor", "Stage", "set_stage"]
+__all__ = ["FIRST_IMAGE_NS", "Actor", "Scene", "build_scene"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -131,13 +131,13 @@ class Actor:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Stage:
+class Scene:
     """The scene of a recording.
 
     Attributes:
         world: the static world, world frame.
         actors: in the scenario's order; the first has instance id 1.
-        host: the host's motion, with the sway of its body.
+        ego: the ego vehicle's motion, with the sway of its body.
         light: sun, clouds or night.
         image_times_ns: scene clock; 0 is the first image.
         sweep_times_ns: scene clock, reference times.
@@ -145,31 +145,33 @@ class Stage:
 
     world: Mesh
     actors: tuple[Actor, ...]
-    host: HostMotion
+    ego: EgoMotion
     light: Lighting
     image_times_ns: NDArray[np.int64]
     sweep_times_ns: NDArray[np.int64]
 
 
-def set_stage(scenario: ScenarioHead, spec: RecordingSpec) -> Stage:
+def build_scene(scenario: ScenarioHead, spec: RecordingSpec) -> Scene:
     """Build the scene of a recording."""
-    ways = find_ways(scenario, spec)
+    trajectories = plan_trajectories(scenario, spec)
     bodies = [make_body(actor.kind, named_rng(scenario.seed, spec.name, "actor", actor.name)) for actor in spec.actors]
-    keep_clear = swept_ground(ways, [body.size_m for body in bodies])
+    keep_clear = swept_ground(trajectories, [body.size_m for body in bodies])
     world = build_world(spec.street, named_rng(scenario.seed, spec.name, "world"), keep_clear)
-    return Stage(
+    return Scene(
         world=world.mesh,
         actors=tuple(
             Actor(name=actor.name, instance_id=number, body=body, path=path)
-            for number, (actor, body, path) in enumerate(zip(spec.actors, bodies, ways.actors, strict=True), start=1)
+            for number, (actor, body, path) in enumerate(
+                zip(spec.actors, bodies, trajectories.actors, strict=True), start=1
+            )
         ),
-        host=host_motion(
-            ways.host,
+        ego=ego_motion(
+            trajectories.ego,
             scenario.vehicle.suspension,
             bumps=spec.host.bumps,
             rng=named_rng(scenario.seed, spec.name, "road"),
         ),
         light=lighting(spec.light, named_rng(scenario.seed, spec.name, "light")),
-        image_times_ns=ways.image_times_ns,
-        sweep_times_ns=ways.sweep_times_ns,
+        image_times_ns=trajectories.image_times_ns,
+        sweep_times_ns=trajectories.sweep_times_ns,
     )

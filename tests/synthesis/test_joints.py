@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.synthesis.bodies.body import STEPS, Joint, Linkage, still, wheel
-from bench.synthesis.bodies.gait import turned_xz, two_links
+from bench.synthesis.bodies.gait import rotate_xz, two_links
 from bench.synthesis.mesh import Surface, ellipses, limb, loft, ring, rounded
 from tests.synthesis.test_bodies import open_edges, volume_m3
 
@@ -83,8 +83,8 @@ def test_what_is_too_far_away_is_pointed_at() -> None:
 
 
 def test_turning_a_vector_lifts_its_tip() -> None:
-    assert turned_xz((1.0, 0.0), np.array([np.pi / 2]))[0] == pytest.approx([0.0, 1.0], abs=1e-12)
-    assert turned_xz((0.0, -1.0), np.array([np.pi / 2]))[0] == pytest.approx([1.0, 0.0], abs=1e-12)
+    assert rotate_xz((1.0, 0.0), np.array([np.pi / 2]))[0] == pytest.approx([0.0, 1.0], abs=1e-12)
+    assert rotate_xz((0.0, -1.0), np.array([np.pi / 2]))[0] == pytest.approx([1.0, 0.0], abs=1e-12)
 
 
 def test_joints_hang_on_each_other() -> None:
@@ -105,7 +105,7 @@ def test_joints_hang_on_each_other() -> None:
 
 
 def test_standing_is_what_a_joint_says_and_wheels_do_not_care() -> None:
-    arm = Joint(name="arm", pivot_m=(0, 0, 1), cycle_m=2.0, angles_rad=still(0.8), standing_rad=0.2)
+    arm = Joint(name="arm", pivot_m=(0, 0, 1), cycle_m=2.0, angles_rad=still(0.8), stationary_rad=0.2)
     linkage = Linkage([arm, wheel("wheel", 3.0, 0.5)])
     for going, expected in ((0.0, 0.2), (0.5, 0.5), (1.0, 0.8)):
         rotations, _ = linkage.transforms(0.25, going)

@@ -28,7 +28,7 @@ AHEAD = RigidTransform(AHEAD_FROM_CAMERA, np.array([0.0, 0.0, 1.0]))
 
 def seen(
     *placed: PlacedMesh, kind: str, sun: tuple[float, float, float], world: Mesh = ROAD,
-    mounting: RigidTransform = DOWN, host: RigidTransform | None = None,
+    mounting: RigidTransform = DOWN, ego: RigidTransform | None = None,
 ) -> RenderedImage:  # fmt: skip
     model = PinholeCamera(width=201, height=201, focal=(100, 100), principal_point=(100, 100))
     camera = MountedCamera(
@@ -36,7 +36,7 @@ def seen(
     )
     light = Lighting(kind=KINDS[kind], towards_sun=np.array(sun) / np.linalg.norm(sun))
     renderer = ImageRenderer(camera, own_body=NOWHERE, world=world, atlas=texture_atlas(0), light=light, sensor=IDEAL)
-    moment = Moment(placed=placed, world_from_vehicle=host or RigidTransform.identity())
+    moment = Moment(placed=placed, world_from_vehicle=ego or RigidTransform.identity())
     return renderer.render(moment, rng=np.random.default_rng(0))
 
 
@@ -73,7 +73,7 @@ def test_clouds_throw_no_shadow_but_take_light_from_below_bodies() -> None:
 
 def test_sky_stands_still_when_the_camera_drives() -> None:
     images = [
-        seen(kind="sunny", sun=(0, 1, 1), mounting=AHEAD, host=RigidTransform.from_yaw(0.0, [way_m, 0.0, 0.0]))
+        seen(kind="sunny", sun=(0, 1, 1), mounting=AHEAD, ego=RigidTransform.from_yaw(0.0, [way_m, 0.0, 0.0]))
         for way_m in (0.0, 13.0)
     ]
     sky = np.isinf(images[0].distances_m)

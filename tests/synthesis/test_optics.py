@@ -73,7 +73,7 @@ def test_stripe_is_smeared_by_its_way_in_the_image() -> None:
     assert (np.diff(middle[first : first + 5]) > 0.05 * (high - low)).all()
 
 
-def test_host_that_turns_leaves_its_own_body_sharp() -> None:
+def test_ego_vehicle_that_turns_leaves_its_own_body_sharp() -> None:
     camera_model = RadialPolynomialCamera(
         width=160, height=120, coefficients=(42.0, -3.0, 5.0, -0.8), principal_point=(79.5, 59.5)
     )

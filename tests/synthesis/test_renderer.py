@@ -103,7 +103,7 @@ def test_road_has_texture_everywhere_and_no_clipping() -> None:
     assert ((image.pixels[near] == 0) | (image.pixels[near] == 255)).mean() < 0.01
 
 
-def test_body_mask_covers_what_is_seen_of_the_host() -> None:
+def test_body_mask_covers_what_is_seen_of_the_ego_vehicle() -> None:
     spec = CameraSpec(
         name="front",
         model="radial_polynomial",

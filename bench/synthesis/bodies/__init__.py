@@ -11,7 +11,7 @@ from bench.synthesis.bodies.body import Body, Built, assembled
 from bench.synthesis.bodies.cyclists import RACING, UPRIGHT, cyclist
 from bench.synthesis.bodies.dog import dog
 from bench.synthesis.bodies.fleet import BUS, CITY_CAR, ESTATE, HATCHBACK, LORRY, MINIBUS, SALOON, SUV, VAN
-from bench.synthesis.bodies.people import Figure, pedestrian
+from bench.synthesis.bodies.people import Stature, pedestrian
 from bench.synthesis.bodies.vehicles import vehicle
 
 Builder = Callable[[np.random.Generator], Built]
@@ -26,16 +26,16 @@ BODIES: dict[str, tuple[str, Builder]] = {
     "minibus": ("vehicle", partial(vehicle, MINIBUS)),
     "lorry": ("vehicle", partial(vehicle, LORRY)),
     "bus": ("vehicle", partial(vehicle, BUS)),
-    "cyclist": ("cyclist", partial(cyclist, Figure(height_m=1.75), UPRIGHT)),
-    "tall_cyclist": ("cyclist", partial(cyclist, Figure(height_m=1.88), UPRIGHT)),
-    "short_cyclist": ("cyclist", partial(cyclist, Figure(height_m=1.62), UPRIGHT)),
-    "racing_cyclist": ("cyclist", partial(cyclist, Figure(height_m=1.78, girth=0.95), RACING)),
-    "child_cyclist": ("cyclist", partial(cyclist, Figure(height_m=1.30, girth=0.95, head=1.25), UPRIGHT)),
-    "adult": ("pedestrian", partial(pedestrian, Figure(height_m=1.75))),
-    "short_adult": ("pedestrian", partial(pedestrian, Figure(height_m=1.60))),
-    "tall_adult": ("pedestrian", partial(pedestrian, Figure(height_m=1.90, girth=0.95))),
-    "stout_adult": ("pedestrian", partial(pedestrian, Figure(height_m=1.70, girth=1.30))),
-    "child": ("pedestrian", partial(pedestrian, Figure(height_m=1.20, girth=0.95, head=1.3))),
+    "cyclist": ("cyclist", partial(cyclist, Stature(height_m=1.75), UPRIGHT)),
+    "tall_cyclist": ("cyclist", partial(cyclist, Stature(height_m=1.88), UPRIGHT)),
+    "short_cyclist": ("cyclist", partial(cyclist, Stature(height_m=1.62), UPRIGHT)),
+    "racing_cyclist": ("cyclist", partial(cyclist, Stature(height_m=1.78, girth=0.95), RACING)),
+    "child_cyclist": ("cyclist", partial(cyclist, Stature(height_m=1.30, girth=0.95, head=1.25), UPRIGHT)),
+    "adult": ("pedestrian", partial(pedestrian, Stature(height_m=1.75))),
+    "short_adult": ("pedestrian", partial(pedestrian, Stature(height_m=1.60))),
+    "tall_adult": ("pedestrian", partial(pedestrian, Stature(height_m=1.90, girth=0.95))),
+    "stout_adult": ("pedestrian", partial(pedestrian, Stature(height_m=1.70, girth=1.30))),
+    "child": ("pedestrian", partial(pedestrian, Stature(height_m=1.20, girth=0.95, head=1.3))),
     "dog": ("animal", dog),
 }
 

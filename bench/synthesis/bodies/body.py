@@ -31,8 +31,8 @@ class Joint:
         axis: (3,) unit vector, build posture.
         parent: the joint that this one hangs on; None for the body's own frame.
         shifts_m: (STEPS + 1, 3) or None: how the joint moves in its parent's axes, over the same cycle.
-        standing_rad: its angle when the body does not go; None where that makes no difference, as for wheels.
-        standing_shift_m: (3,) its shift then.
+        stationary_rad: its angle when the body does not go; None where that makes no difference, as for wheels.
+        stationary_shift_m: (3,) its shift then.
     """
 
     name: str
@@ -42,8 +42,8 @@ class Joint:
     axis: tuple[float, float, float] = (0.0, 1.0, 0.0)
     parent: str | None = None
     shifts_m: NDArray[np.float64] | None = None
-    standing_rad: float | None = None
-    standing_shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    stationary_rad: float | None = None
+    stationary_shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 def wheel(name: str, x_m: float, radius_m: float, *, parent: str | None = None) -> Joint:
@@ -73,37 +73,39 @@ class Linkage:
         self._cycles_m = np.array([joint.cycle_m for joint in joints])
         self._crosses = _cross_matrices(np.array([joint.axis for joint in joints], dtype=np.float64).reshape(-1, 3))
         self._tables = np.array([_table(joint) for joint in joints]).reshape(-1, STEPS + 1, 4)
-        self._standing = np.array([_standing(joint) for joint in joints]).reshape(-1, 4)
+        self._stationary = np.array([_stationary(joint) for joint in joints]).reshape(-1, 4)
 
     def transforms(
-        self, ways_m: float | NDArray[np.float64], going: float
+        self, distances_m: float | NDArray[np.float64], amplitude: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Posed from build posture.
 
         Args:
-            ways_m: travelled so far: one way, or (W,).
-            going: 1 in full motion, 0 standing.
+            distances_m: travelled so far: one way, or (W,).
+            amplitude: 1 in full motion, 0 standing.
 
         Returns:
             rotations: (J, 3, 3), or (W, J, 3, 3).
             translations_m: (J, 3), or (W, J, 3): a point of joint j goes to `rotations[j] @ point + translations_m[j]`.
         """
-        place = np.asarray(ways_m)[..., None] / self._cycles_m
-        place = (place - np.floor(place)) * STEPS
-        step = np.minimum(place.astype(np.intp), STEPS - 1)
+        phase = np.asarray(distances_m)[..., None] / self._cycles_m
+        phase = (phase - np.floor(phase)) * STEPS
+        step = np.minimum(phase.astype(np.intp), STEPS - 1)
         rows = np.arange(len(self._cycles_m))
         low, high = self._tables[rows, step], self._tables[rows, step + 1]
-        values = low + (place - step)[..., None] * (high - low)
-        values = np.where(np.isnan(self._standing), values, self._standing + going * (values - self._standing))
+        values = low + (phase - step)[..., None] * (high - low)
+        values = np.where(
+            np.isnan(self._stationary), values, self._stationary + amplitude * (values - self._stationary)
+        )
         rotations = self._turns(values[..., 0])
-        places_m = self._pivots_m + values[..., 1:]
+        positions_m = self._pivots_m + values[..., 1:]
         for row, parent in enumerate(self.parents):
             if parent >= 0:
-                arms_m = places_m[..., row, :] - self._pivots_m[parent]
+                arms_m = positions_m[..., row, :] - self._pivots_m[parent]
                 turned_m = (rotations[..., parent, :, :] @ arms_m[..., None])[..., 0]
-                places_m[..., row, :] = places_m[..., parent, :] + turned_m
+                positions_m[..., row, :] = positions_m[..., parent, :] + turned_m
                 rotations[..., row, :, :] = rotations[..., parent, :, :] @ rotations[..., row, :, :]
-        return rotations, places_m - (rotations @ self._pivots_m[..., None])[..., 0]
+        return rotations, positions_m - (rotations @ self._pivots_m[..., None])[..., 0]
 
     def _turns(self, angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:
         """Rodrigues' formula for (..., J) angles about the axes: (..., J, 3, 3)."""
@@ -116,10 +118,10 @@ def _table(joint: Joint) -> NDArray[np.float64]:
     return np.column_stack([joint.angles_rad, shifts])
 
 
-def _standing(joint: Joint) -> NDArray[np.float64]:
-    if joint.standing_rad is None:
+def _stationary(joint: Joint) -> NDArray[np.float64]:
+    if joint.stationary_rad is None:
         return np.full(4, np.nan)
-    return np.array([joint.standing_rad, *joint.standing_shift_m])
+    return np.array([joint.stationary_rad, *joint.stationary_shift_m])
 
 
 def _cross_matrices(axes: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -154,19 +156,19 @@ class Body:
     start_m: float
     size_m: NDArray[np.float64]
 
-    def corners_at(self, way_m: float, *, speed_mps: float = FULL_PACE_MPS) -> NDArray[np.float64]:
+    def corners_at(self, distance_m: float, *, speed_mps: float = FULL_PACE_MPS) -> NDArray[np.float64]:
         """The posture after a way.
 
         Args:
-            way_m: travelled so far, negative in reverse.
+            distance_m: travelled so far, negative in reverse.
             speed_mps: who does not go stands on both feet; steps are full from `FULL_PACE_MPS` on.
 
         Returns:
             (T, 3, 3) float64, m, object frame.
         """
-        going = min(abs(speed_mps) / FULL_PACE_MPS, 1.0)
-        posed = _posture(self.mesh.corners_m, self.linkage, self.parts, self.start_m + way_m, going)
-        if 0.0 < going < 1.0:  # half a step: straighter legs than either foot was placed for
+        amplitude = min(abs(speed_mps) / FULL_PACE_MPS, 1.0)
+        posed = _posture(self.mesh.corners_m, self.linkage, self.parts, self.start_m + distance_m, amplitude)
+        if 0.0 < amplitude < 1.0:  # half a step: straighter legs than either foot was placed for
             posed[..., 2] -= min(float(posed[..., 2].min()), 0.0)
         return posed
 
@@ -222,9 +224,9 @@ def _extent(
     still_m = corners_m[:first].reshape(-1, 3)
     lows, highs = ([still_m.min(axis=0)], [still_m.max(axis=0)]) if first else ([], [])
     if parts:
-        going = linkage.transforms(np.arange(STEPS, dtype=np.float64) * (cycle_m / STEPS), 1.0)
+        amplitude = linkage.transforms(np.arange(STEPS, dtype=np.float64) * (cycle_m / STEPS), 1.0)
         standing = linkage.transforms(np.array([start_m]), 0.0)
-        rotations, translations_m = (np.concatenate(both) for both in zip(going, standing, strict=True))
+        rotations, translations_m = (np.concatenate(both) for both in zip(amplitude, standing, strict=True))
         for start, end, row in parts:
             turns = rotations[:, row].reshape(-1, 3)  # every axis of every posture
             along_m = (turns @ _distinct(corners_m[start:end].reshape(-1, 3)).T).reshape(len(rotations), 3, -1)
@@ -243,12 +245,12 @@ def _posture(
     corners_m: NDArray[np.float64],
     linkage: Linkage,
     parts: tuple[tuple[int, int, int], ...],
-    way_m: float,
-    going: float,
+    distance_m: float,
+    amplitude: float,
 ) -> NDArray[np.float64]:
     posed = corners_m.copy()
     if parts:
-        rotations, translations_m = linkage.transforms(way_m, going)
+        rotations, translations_m = linkage.transforms(distance_m, amplitude)
         for start, end, row in parts:
             flat = corners_m[start:end].reshape(-1, 3)
             posed[start:end] = (flat @ rotations[row].T + translations_m[row]).reshape(-1, 3, 3)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from bench.geometry import RigidTransform, cross
 from bench.synthesis.bodies.body import STEPS, Built, Joint, Part, still, wheel
-from bench.synthesis.bodies.gait import ANKLE, BALL, SHANK, THIGH, turned_xz, two_links
+from bench.synthesis.bodies.gait import ANKLE, BALL, SHANK, THIGH, rotate_xz, two_links
 from bench.synthesis.bodies.looks import (
     ALLOY,
     HEADLAMP,
@@ -41,7 +41,7 @@ from bench.synthesis.bodies.people import (
     SIDES,
     UPPER_ARM,
     WAIST,
-    Figure,
+    Stature,
     person_parts,
 )
 from bench.synthesis.mesh import Mesh, Surface, box, prism, ring, rounded, tube
@@ -98,13 +98,13 @@ def bicycle_joints(bicycle: Bicycle) -> list[Joint]:
     joints = [
         wheel("rear_wheel", bicycle.rear_x_m, bicycle.wheel_m),
         wheel("front_wheel", bicycle.front_x_m, bicycle.wheel_m),
-        Joint(name="cranks", pivot_m=centre, cycle_m=way_m, angles_rad=turn, standing_rad=LEVEL_RAD),
+        Joint(name="cranks", pivot_m=centre, cycle_m=way_m, angles_rad=turn, stationary_rad=LEVEL_RAD),
     ]
     for side, sign in (("left", 1.0), ("right", -1.0)):
         axle = (0.0, sign * PEDAL_Y_M, bicycle.bracket_z_m + sign * bicycle.crank_m)
         joints.append(
             Joint(name=f"{side}_pedal", parent="cranks", pivot_m=axle, cycle_m=way_m, angles_rad=-turn,
-                  standing_rad=-LEVEL_RAD)
+                  stationary_rad=-LEVEL_RAD)
         )  # fmt: skip
     return joints
 
@@ -226,25 +226,25 @@ UPRIGHT = Riding(lean_rad=np.radians(14.0), bicycle=CITY_BICYCLE)
 RACING = Riding(lean_rad=np.radians(44.0), bicycle=RACING_BICYCLE)
 
 
-def cyclist(figure: Figure, riding: Riding, rng: np.random.Generator) -> Built:
+def cyclist(stature: Stature, riding: Riding, rng: np.random.Generator) -> Built:
     """A rider on a bicycle of the right size."""
     upright = riding.bicycle.step_through
-    fitted = riding.bicycle.scaled(figure.height_m / 1.75)
+    fitted = riding.bicycle.scaled(stature.height_m / 1.75)
     bicycle = replace(
         fitted,
         step_through=upright and bool(rng.random() < 0.6),
         basket=bool(rng.random() < 0.3) and upright,
         bags=bool(rng.random() < 0.3) and upright,
     )
-    hip_x, hip_z = _hip(figure.height_m, bicycle)
+    hip_x, hip_z = _hip(stature.height_m, bicycle)
     clothes = for_riding(dressed(rng))
-    parts = bicycle_parts(bicycle, painted(rng), saddle_xz_m=(hip_x, hip_z - SADDLE_BELOW_HIP * figure.height_m))
-    parts += [(_shifted(mesh, hip_x), joint) for mesh, joint in person_parts(figure, clothes)]
+    parts = bicycle_parts(bicycle, painted(rng), saddle_xz_m=(hip_x, hip_z - SADDLE_BELOW_HIP * stature.height_m))
+    parts += [(_shifted(mesh, hip_x), joint) for mesh, joint in person_parts(stature, clothes)]
     if rng.random() < (0.5 if upright else 1.0):
-        size = np.array([0.070, 0.056, 0.050]) * figure.head * figure.height_m
-        crown = rounded((hip_x + 0.002, 0, (CHIN + 0.092) * figure.height_m), size, HELMET)
+        size = np.array([0.070, 0.056, 0.050]) * stature.head * stature.height_m
+        crown = rounded((hip_x + 0.002, 0, (CHIN + 0.092) * stature.height_m), size, HELMET)
         parts.append((crown, "head"))
-    joints = [*bicycle_joints(bicycle), *_rider_joints(figure.height_m, riding.lean_rad, bicycle, (hip_x, hip_z))]
+    joints = [*bicycle_joints(bicycle), *_rider_joints(stature.height_m, riding.lean_rad, bicycle, (hip_x, hip_z))]
     return parts, joints, bicycle.development_m
 
 
@@ -265,7 +265,7 @@ def _hip(height_m: float, bicycle: Bicycle) -> tuple[float, float]:
 def _ankle(height_m: float, bicycle: Bicycle, crank_rad: NDArray[np.float64]) -> NDArray[np.float64]:
     """The ankle above a pedal, (N, 2) x and z; a crank of angle 0 points up and turns forward."""
     pedal = bicycle.crank_m * np.stack([np.sin(crank_rad), np.cos(crank_rad)], axis=1)
-    over = turned_xz((-BALL * height_m, ANKLE * height_m), _foot(crank_rad))
+    over = rotate_xz((-BALL * height_m, ANKLE * height_m), _foot(crank_rad))
     return np.asarray(pedal + over + [0.0, bicycle.bracket_z_m + PEDAL_TOP_M])
 
 
@@ -282,15 +282,15 @@ def _rider_joints(height_m: float, lean_rad: float, bicycle: Bicycle, hip: tuple
 
     def joint(
         name: str, parent: str | None, x: float, y: float, z: float, angles_rad: NDArray[np.float64],
-        standing_rad: float,
+        stationary_rad: float,
     ) -> Joint:  # fmt: skip
         return Joint(
             name=name, parent=parent, pivot_m=(hip_x + x * h, y * h, z * h), cycle_m=bicycle.development_m,
-            angles_rad=angles_rad, standing_rad=standing_rad,
+            angles_rad=angles_rad, stationary_rad=stationary_rad,
         )  # fmt: skip
 
     root = replace(
-        joint("root", None, 0, 0, 0, still(), 0.0), shifts_m=np.tile(ride, (STEPS + 1, 1)), standing_shift_m=stand
+        joint("root", None, 0, 0, 0, still(), 0.0), shifts_m=np.tile(ride, (STEPS + 1, 1)), stationary_shift_m=stand
     )
     joints = [
         root,

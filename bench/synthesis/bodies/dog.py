@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bench.synthesis.bodies.body import Built, Joint, Part, still
-from bench.synthesis.bodies.gait import phases, turned_xz, two_links
+from bench.synthesis.bodies.gait import phases, rotate_xz, two_links
 from bench.synthesis.bodies.looks import HAIRS
 from bench.synthesis.mesh import Mesh, Surface, box, convex, ellipses, limb, loft, rounded
 
@@ -73,11 +73,11 @@ def dog(rng: np.random.Generator) -> Built:
     bob = np.zeros((len(wave), 3))
     bob[:, 2] = BOB_M * np.cos(4 * np.pi * phases())
     joints = [
-        Joint(name="trunk", pivot_m=(0, 0, 0), cycle_m=STRIDE_M, angles_rad=still(), shifts_m=bob, standing_rad=0.0),
+        Joint(name="trunk", pivot_m=(0, 0, 0), cycle_m=STRIDE_M, angles_rad=still(), shifts_m=bob, stationary_rad=0.0),
         Joint(name="head", parent="trunk", pivot_m=(0.30, 0, 0.50), cycle_m=STRIDE_M,
-              angles_rad=0.05 * np.cos(4 * np.pi * phases() - 0.6), standing_rad=-0.10),
+              angles_rad=0.05 * np.cos(4 * np.pi * phases() - 0.6), stationary_rad=-0.10),
         Joint(name="tail", parent="trunk", pivot_m=(-0.37, 0, 0.54), axis=(0, 0, 1), cycle_m=STRIDE_M,
-              angles_rad=0.25 * wave, standing_rad=0.0),
+              angles_rad=0.25 * wave, stationary_rad=0.0),
     ]  # fmt: skip
     for name, (leg, sign, behind) in LEGS.items():
         parts += _leg_parts(name, leg, sign * leg.y_m, coat)
@@ -141,7 +141,7 @@ def _leg_joints(name: str, leg: DogLeg, y: float, behind: float, bob_m: NDArray[
     ):
         joints.append(
             Joint(name=f"{name}_{link}", parent=parent, pivot_m=(leg.x_m, y, float(z)), cycle_m=STRIDE_M,
-                  angles_rad=above - angles, standing_rad=float((stood_above - stands)[0]))
+                  angles_rad=above - angles, stationary_rad=float((stood_above - stands)[0]))
         )  # fmt: skip
         above, stood_above = angles, stands
     return joints
@@ -151,7 +151,7 @@ def _links(
     leg: DogLeg, paw: ArrayLike, foot: NDArray[np.float64], joint_z: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Angles of the three links from straight down, for a paw (N, 2) ahead of the upper joint and above the ground."""
-    hock = np.asarray(paw) - leg.links_m[2] * turned_xz((0.0, -1.0), foot)
+    hock = np.asarray(paw) - leg.links_m[2] * rotate_xz((0.0, -1.0), foot)
     reach = hock - np.stack([np.zeros_like(joint_z), joint_z], axis=1)
     upper, lower = two_links(reach, *leg.links_m[:2], bends_forward=leg.knee_forward)
     return upper, lower, foot

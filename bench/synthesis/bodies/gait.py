@@ -58,7 +58,7 @@ def two_links(
     return upper, np.arctan2(rest[:, 0], -rest[:, 1])
 
 
-def turned_xz(vector_xz: ArrayLike, angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+def rotate_xz(vector_xz: ArrayLike, angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:
     """A vector turned by (N,) angles, positive from down to forward and from forward to up: (N, 2)."""
     x, z = np.asarray(vector_xz, dtype=np.float64)
     cosine, sine = np.cos(angles_rad), np.sin(angles_rad)
@@ -122,22 +122,22 @@ def walking_leg() -> Leg:
 def _ankle(phase: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Place of the ankle below the hip's way, (N, 2), and pitch of the foot, (N,)."""
     share = np.clip((phase - STANCE) / (1 - STANCE), 0.0, 1.0)
-    foot = np.where(phase <= STANCE, _standing_pitch(phase), _swinging_pitch(share))
-    leaves, lands = _standing_ankle(np.array([STANCE]))[0], _standing_ankle(np.array([0.0]))[0]
+    foot = np.where(phase <= STANCE, _stance_pitch(phase), _swing_pitch(share))
+    leaves, lands = _stance_ankle(np.array([STANCE]))[0], _stance_ankle(np.array([0.0]))[0]
     step = 1e-4
     speeds = [
-        (_standing_ankle(np.array([at + step])) - _standing_ankle(np.array([at]))) / step for at in (STANCE - step, 0.0)
+        (_stance_ankle(np.array([at + step])) - _stance_ankle(np.array([at]))) / step for at in (STANCE - step, 0.0)
     ]
     swinging = _hermite(share, leaves, lands, *((1 - STANCE) * speed[0] for speed in speeds))
     swinging[:, 1] += _clearance(phase, share, foot, swinging[:, 1])
-    return np.where((phase <= STANCE)[:, None], _standing_ankle(phase), swinging), foot
+    return np.where((phase <= STANCE)[:, None], _stance_ankle(phase), swinging), foot
 
 
 def _clearance(
     phase: NDArray[np.float64], share: NDArray[np.float64], foot: NDArray[np.float64], ankle_z: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """How much higher the ankle has to swing: the toes pass the ground at `CLEARANCE`."""
-    heel, ball = (turned_xz((x, -ANKLE), foot)[:, 1] for x in (HEEL, BALL))
+    heel, ball = (rotate_xz((x, -ANKLE), foot)[:, 1] for x in (HEEL, BALL))
     toe = ball + (TOE - BALL) * np.sin(foot + _toes(phase, foot))
     lowest = np.minimum.reduce([heel, ball, toe])
     bump, late = np.sin(np.pi * share) ** 2, share > 0.3
@@ -147,22 +147,22 @@ def _clearance(
     return np.asarray(bump + np.maximum(expected - ankle_z - bump, 0.0))
 
 
-def _standing_ankle(phase: NDArray[np.float64]) -> NDArray[np.float64]:
+def _stance_ankle(phase: NDArray[np.float64]) -> NDArray[np.float64]:
     """The ankle above a foot that rolls over its heel, then its ball, both fixed to the ground."""
-    pitch = _standing_pitch(phase)
+    pitch = _stance_pitch(phase)
     heel_x = LANDING - STRIDE * phase
-    over_heel = turned_xz((-HEEL, ANKLE), pitch) + np.stack([heel_x, np.zeros_like(phase)], axis=1)
-    over_ball = turned_xz((-BALL, ANKLE), pitch) + np.stack([heel_x + BALL - HEEL, np.zeros_like(phase)], axis=1)
+    over_heel = rotate_xz((-HEEL, ANKLE), pitch) + np.stack([heel_x, np.zeros_like(phase)], axis=1)
+    over_ball = rotate_xz((-BALL, ANKLE), pitch) + np.stack([heel_x + BALL - HEEL, np.zeros_like(phase)], axis=1)
     return np.where((pitch > 0)[:, None], over_heel, over_ball)
 
 
-def _standing_pitch(phase: NDArray[np.float64]) -> NDArray[np.float64]:
+def _stance_pitch(phase: NDArray[np.float64]) -> NDArray[np.float64]:
     landing = LANDS_RAD * np.clip(1 - phase / FLAT[0], 0.0, 1.0)
     leaving = LEAVES_RAD * np.clip((phase - FLAT[1]) / (STANCE - FLAT[1]), 0.0, 1.0) ** 1.7
     return np.asarray(landing + leaving)
 
 
-def _swinging_pitch(share: NDArray[np.float64]) -> NDArray[np.float64]:
+def _swing_pitch(share: NDArray[np.float64]) -> NDArray[np.float64]:
     turned = np.clip(share / 0.75, 0.0, 1.0)
     return np.asarray(LEAVES_RAD + (LANDS_RAD - LEAVES_RAD) * turned**2 * (3 - 2 * turned))
 

@@ -60,14 +60,14 @@ def bus_report(path: Path, spec: BusSpec | None, rng: np.random.Generator) -> Bu
 
 def _tick_times_ns(path: Path, tick_m: float, phase: float) -> NDArray[np.float64]:
     """When the wheel passes each tick, (M,) float64, scene clock."""
-    ways_m = np.abs(path.distances_m - path.distances_m[0])
+    distances_m = np.abs(path.distances_m - path.distances_m[0])
     lead_in_m = abs(float(path.speeds_mps[0])) * LEAD_IN_NS / SECOND_NS
-    ways_m = np.concatenate([[-lead_in_m], ways_m])
+    distances_m = np.concatenate([[-lead_in_m], distances_m])
     nodes_ns = np.concatenate([[path.nodes_ns[0] - LEAD_IN_NS], path.nodes_ns]).astype(np.float64)
-    ticks_m = (np.arange(np.ceil(-lead_in_m / tick_m), np.ceil(ways_m[-1] / tick_m)) + phase) * tick_m
-    ticks_m = ticks_m[(ticks_m > ways_m[0]) & (ticks_m < ways_m[-1])]
-    after = np.searchsorted(ways_m, ticks_m)  # the way grows from the node before, so the step below is not 0
-    part = (ticks_m - ways_m[after - 1]) / (ways_m[after] - ways_m[after - 1])
+    ticks_m = (np.arange(np.ceil(-lead_in_m / tick_m), np.ceil(distances_m[-1] / tick_m)) + phase) * tick_m
+    ticks_m = ticks_m[(ticks_m > distances_m[0]) & (ticks_m < distances_m[-1])]
+    after = np.searchsorted(distances_m, ticks_m)  # the way grows from the node before, so the step below is not 0
+    part = (ticks_m - distances_m[after - 1]) / (distances_m[after] - distances_m[after - 1])
     return np.asarray(nodes_ns[after - 1] + part * (nodes_ns[after] - nodes_ns[after - 1]))
 
 

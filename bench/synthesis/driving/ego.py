@@ -33,7 +33,10 @@ AHEAD_FROM_CAMERA = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0
 
 
 def own_body() -> Mesh:
-    """The host, vehicle frame, as its own cameras see it: bumpers below those at the ends, flanks below the mirrors."""
+    """The ego vehicle as its own cameras see it, vehicle frame.
+
+    Bumpers lie below the cameras at the ends, flanks below those in the mirrors.
+    """
     front = OUTLINE_M[OUTLINE_M[:, 0] > 3.0]
     bumper = convex(np.concatenate([np.column_stack([front, np.full(len(front), z)]) for z in BUMPER_M]), PLASTIC)
     nose = slab([(3.1, 0.3), (3.1, 0.78), (3.45, 0.7), (3.45, 0.3)], [0.84, 0.8, 0.62, 0.7], PAINT)
@@ -66,7 +69,7 @@ def camera_mounting(spec: CameraSpec) -> RigidTransform:
 
 
 def mounted_camera(spec: CameraSpec, *, vehicle_from_camera: RigidTransform | None = None) -> MountedCamera:
-    """The camera of a scenario, with the mask of where it sees the host.
+    """The camera of a scenario, with the mask of where it sees the ego vehicle.
 
     Args:
         spec: the camera.
@@ -94,8 +97,8 @@ class Rig:
 
     Attributes:
         cameras: as rendered, by name.
-        recorded_cameras: as the recording's calibration has them; masks of the host's own body are those of `cameras`,
-            as a user draws them from images.
+        recorded_cameras: as the recording's calibration has them; masks of the ego vehicle's body are those of
+            `cameras`, as a user draws them from images.
         vehicle_from_lidar: as scanned.
         recorded_vehicle_from_lidar: as the recording's calibration has it.
     """

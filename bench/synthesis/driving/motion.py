@@ -37,12 +37,12 @@ class RoadProfile:
     phases_rad: NDArray[np.float64]
     bumps: tuple[BumpSpec, ...] = ()
 
-    def heights_m(self, ways_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def heights_m(self, distances_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Heights below the left and the right wheel at (N,) ways."""
-        turns = 2 * np.pi * np.outer(ways_m, self.waves_per_m)
+        turns = 2 * np.pi * np.outer(distances_m, self.waves_per_m)
         mean, half = (np.cos(turns + p) @ a for a, p in zip(self.amplitudes_m, self.phases_rad, strict=True))
         for bump in self.bumps:
-            part = np.clip((ways_m - bump.at_m) / bump.length_m, -0.5, 0.5)
+            part = np.clip((distances_m - bump.at_m) / bump.length_m, -0.5, 0.5)
             mean = mean + bump.height_m * (0.5 + 0.5 * np.cos(2 * np.pi * part))
         return mean + half, mean - half
 
@@ -75,7 +75,7 @@ SETTLING_NODES = 3000  # 3 s of steady driving before a path begins: the body ha
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Sway:
+class Attitude:
     """The attitude of a body against its level self.
 
     Attributes:
@@ -89,12 +89,12 @@ class Sway:
     heave_m: NDArray[np.float64]
 
 
-def sway(path: Path, road: RoadProfile, spec: SuspensionSpec) -> Sway:
+def sway(path: Path, road: RoadProfile, spec: SuspensionSpec) -> Attitude:
     """How the body answers to braking, bends and the road, at the nodes of a path.
 
     Inertia moves the body as a force on its springs: towards the angle of steady braking or cornering, with the
     overshoot of its damping. The road moves it through springs and dampers both (base excitation). Before the first
-    node the host drove steadily.
+    node the ego vehicle drove steadily.
 
     Args:
         path: in the plane.
@@ -104,10 +104,10 @@ def sway(path: Path, road: RoadProfile, spec: SuspensionSpec) -> Sway:
     accelerations_mps2 = _led_in(np.gradient(path.speeds_mps, STEP_NS / SECOND_NS))
     lateral_mps2 = _led_in(path.speeds_mps * path.yaw_rates_radps)
     lead_in_m = np.arange(-SETTLING_NODES, 0) * (STEP_NS / SECOND_NS) * path.speeds_mps[0]
-    ways_m = np.concatenate([path.distances_m[0] + lead_in_m, path.distances_m])
-    front, rear = (road.heights_m(ways_m + ahead_m) for ahead_m in (spec.wheelbase_m, 0.0))
+    distances_m = np.concatenate([path.distances_m[0] + lead_in_m, path.distances_m])
+    front, rear = (road.heights_m(distances_m + ahead_m) for ahead_m in (spec.wheelbase_m, 0.0))
     forced, carried = _answers(spec)
-    return Sway(
+    return Attitude(
         pitch_rad=_answer(forced, -np.radians(spec.pitch_deg_per_mps2) * accelerations_mps2)
         + _answer(carried, (rear[0] + rear[1] - front[0] - front[1]) / 2 / spec.wheelbase_m),
         roll_rad=_answer(forced, np.radians(spec.roll_deg_per_mps2) * lateral_mps2)
@@ -147,17 +147,17 @@ def _answer(filter_: _Filter, cause: NDArray[np.float64]) -> NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class HostMotion:
-    """The host, to whose body the sensors are bolted.
+class EgoMotion:
+    """The ego vehicle, to whose body the sensors are bolted.
 
     Attributes:
-        ground: the way of the level host: of its origin, below the middle of the rear axle, in the plane of the road.
+        ground: the way of the level ego: of its origin, below the middle of the rear axle, in the plane of the road.
         attitude: of the body at the ground's nodes; None for a rigid car.
         centre_m: (3,) float64, level vehicle frame, what the body pitches and rolls about.
     """
 
     ground: Path
-    attitude: Sway | None
+    attitude: Attitude | None
     centre_m: NDArray[np.float64]
 
     @property
@@ -186,18 +186,18 @@ class HostMotion:
         )
 
 
-def host_motion(
+def ego_motion(
     ground: Path, suspension: SuspensionSpec | None, *, bumps: Sequence[BumpSpec] = (), rng: np.random.Generator
-) -> HostMotion:
-    """The motion of the host's body.
+) -> EgoMotion:
+    """The motion of the ego vehicle's body.
 
     Args:
-        ground: the way of the level host.
+        ground: the way of the level ego.
         suspension: None for a rigid car, which feels no bumps.
         bumps: on the way.
         rng: the unevenness of the road.
     """
     if suspension is None:
-        return HostMotion(ground=ground, attitude=None, centre_m=np.zeros(3))
+        return EgoMotion(ground=ground, attitude=None, centre_m=np.zeros(3))
     road = road_profile(suspension.road_class, bumps, rng)
-    return HostMotion(ground=ground, attitude=sway(ground, road, suspension), centre_m=np.array(suspension.centre_m))
+    return EgoMotion(ground=ground, attitude=sway(ground, road, suspension), centre_m=np.array(suspension.centre_m))

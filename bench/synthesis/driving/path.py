@@ -1,6 +1,6 @@
 """Where a body on the road is at any time.
 
-Everything drives in the plane of the road. Time 0 is the first image; the world is the vehicle frame of a level host at
+Everything drives in the plane of the road. Time 0 is the first image; the world is the vehicle frame of a level ego at
 that time.
 """
 

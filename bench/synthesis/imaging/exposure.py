@@ -21,8 +21,8 @@ from bench.synthesis.imaging.lens import Lens
 from bench.synthesis.imaging.visibility import NOTHING
 from bench.synthesis.scenario import SensorSpec
 
-LEAST_PX = np.float32(0.3)  # shorter ways change nothing that can be seen
-MOST_PX = np.float32(24.0)  # longer ways are cut
+LEAST_PX = np.float32(0.3)  # shorter motion_vectors change nothing that can be seen
+MOST_PX = np.float32(24.0)  # longer motion_vectors are cut
 # What is nearer than a pixel by this share and 1 / m, and does not itself move that far, stays out of the pixel's mean.
 NEARER_SHARE, NEARER = np.float32(1.05), np.float32(0.02)
 ZERO, HALF, ONE, INFINITE = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(np.inf)
@@ -45,25 +45,25 @@ class Shutter(NamedTuple):
 
 
 @compiled
-def image_ways(
+def find_motion_vectors(
     triangles: NDArray[np.int32],
-    nearness: NDArray[np.float32],
+    inverse_depth: NDArray[np.float32],
     rays: NDArray[np.float32],
     across: NDArray[np.float32],
     planes: NDArray[np.float32],
     shutter: Shutter,
-    ways: NDArray[np.float32],
+    motion_vectors: NDArray[np.float32],
 ) -> None:
     """How far what each pixel sees moves in the image while the shutter is open.
 
     Args:
         triangles: (H, W).
-        nearness: (H, W), 1 / m.
+        inverse_depth: (H, W), 1 / m.
         rays: (3, H, W), camera frame; 0 where the lens sees nothing.
         across: (2, 3, H, W), see `Lens`.
         planes: (T, 16), see `planes`.
         shutter: what moves how.
-        ways: (2, H, W), px, (u, v), filled.
+        motion_vectors: (2, H, W), px, (u, v), filled.
     """
     height, width = triangles.shape
     turn, way = shutter.turn, shutter.way
@@ -71,12 +71,12 @@ def image_ways(
     zx, zy, zz, ex, ey, ez = turn[2, 0], turn[2, 1], turn[2, 2], way[0], way[1], way[2]
     for v in range(height):
         for u in range(width):
-            x, y, z, near = rays[0, v, u], rays[1, v, u], rays[2, v, u], nearness[v, u]
+            x, y, z, near = rays[0, v, u], rays[1, v, u], rays[2, v, u], inverse_depth[v, u]
             dx = xx * x + xy * y + xz * z + near * ex
             dy = yx * x + yy * y + yz * z + near * ey
             dz = zx * x + zy * y + zz * z + near * ez
-            ways[0, v, u] = across[0, 0, v, u] * dx + across[0, 1, v, u] * dy + across[0, 2, v, u] * dz
-            ways[1, v, u] = across[1, 0, v, u] * dx + across[1, 1, v, u] * dy + across[1, 2, v, u] * dz
+            motion_vectors[0, v, u] = across[0, 0, v, u] * dx + across[0, 1, v, u] * dy + across[0, 2, v, u] * dz
+            motion_vectors[1, v, u] = across[1, 0, v, u] * dx + across[1, 1, v, u] * dy + across[1, 2, v, u] * dz
         for u in range(width):
             t = triangles[v, u]
             if t < shutter.first:
@@ -85,64 +85,64 @@ def image_ways(
             i = planes[t, 0] * x + planes[t, 1] * y + planes[t, 2] * z
             j = planes[t, 3] * x + planes[t, 4] * y + planes[t, 5] * z
             k = planes[t, 6] * x + planes[t, 7] * y + planes[t, 8] * z
-            way_u, way_v = ZERO, ZERO
+            motion_u, motion_v = ZERO, ZERO
             for axis in range(3):
                 step = i * shutter.steps_m[m, 0, axis] + j * shutter.steps_m[m, 1, axis]
                 step += k * shutter.steps_m[m, 2, axis]
-                way_u += across[0, axis, v, u] * step
-                way_v += across[1, axis, v, u] * step
-            ways[0, v, u], ways[1, v, u] = way_u, way_v
+                motion_u += across[0, axis, v, u] * step
+                motion_v += across[1, axis, v, u] * step
+            motion_vectors[0, v, u], motion_vectors[1, v, u] = motion_u, motion_v
 
 
 def blur(
     grey: NDArray[np.float32],
-    ways: NDArray[np.float32],
-    nearness: NDArray[np.float32],
+    motion_vectors: NDArray[np.float32],
+    inverse_depth: NDArray[np.float32],
     valid: NDArray[np.bool_],
     blurred: NDArray[np.float32],
 ) -> None:
-    """The mean along the ways, half of it before and half of it after.
+    """The mean along the motion_vectors, half of it before and half of it after.
 
     Along its longer axis a way steps from pixel to pixel, across it the picture is interpolated, and in between the
     mean is the integral of a straight line.
 
     Args:
         grey: (H, W).
-        ways: (2, H, W), px.
-        nearness: (H, W), 1 / m.
+        motion_vectors: (2, H, W), px.
+        inverse_depth: (H, W), 1 / m.
         valid: (H, W), where the lens sees anything.
         blurred: (H, W), contiguous, filled.
     """
     # What the lens does not see counts as nearer than anything: one comparison lets nearly every pixel into a mean.
-    near = np.where(valid, nearness, INFINITE)
+    near = np.where(valid, inverse_depth, INFINITE)
     height, width = grey.shape
-    _blur(grey.ravel(), ways.reshape(2, -1), near.ravel(), height, width, blurred.reshape(-1))
+    _blur(grey.ravel(), motion_vectors.reshape(2, -1), near.ravel(), height, width, blurred.reshape(-1))
 
 
 @compiled
 def _blur(
     grey: NDArray[np.float32],
-    ways: NDArray[np.float32],
-    nearness: NDArray[np.float32],
+    motion_vectors: NDArray[np.float32],
+    inverse_depth: NDArray[np.float32],
     height: int,
     width: int,
     blurred: NDArray[np.float32],
 ) -> None:
     """The same with all rows behind each other, (H * W,), so that steps along and across are steps in one index.
 
-    Where the lens sees nothing, the nearness is infinite.
+    Where the lens sees nothing, the inverse_depth is infinite.
     """
     for v in range(height):
         for u in range(width):
             here = np.uintp(v * width + u)
-            way_u, way_v, own = ways[0, here], ways[1, here], grey[here]
+            motion_u, motion_v, own = motion_vectors[0, here], motion_vectors[1, here], grey[here]
             blurred[here] = own
-            if way_u * way_u + way_v * way_v < LEAST_PX * LEAST_PX:
+            if motion_u * motion_u + motion_v * motion_v < LEAST_PX * LEAST_PX:
                 continue
-            if nearness[here] == INFINITE:
+            if inverse_depth[here] == INFINITE:
                 continue
-            flat = abs(way_u) >= abs(way_v)
-            longer, shorter = (way_u, way_v) if flat else (way_v, way_u)
+            flat = abs(motion_u) >= abs(motion_v)
+            longer, shorter = (motion_u, motion_v) if flat else (motion_v, motion_u)
             slope, reach = shorter / longer, min(HALF * abs(longer), HALF * MOST_PX)
             steps = int(reach)
             part = reach - np.float32(steps)
@@ -150,7 +150,7 @@ def _blur(
             place, edge, stride = (u, width, 1) if flat else (v, height, width)
             aside, side, across = (np.float32(v), height, width) if flat else (np.float32(u), width, 1)
             axis = np.uintp(0 if flat else 1)
-            limit, furthest = nearness[here] * NEARER_SHARE + NEARER, np.float32(side - 1)
+            limit, furthest = inverse_depth[here] * NEARER_SHARE + NEARER, np.float32(side - 1)
             whole = ONE if steps > 0 else last + last
             total = whole * own
             for n in range(1, steps + 2):
@@ -164,10 +164,12 @@ def _blur(
                     share = beside - np.float32(low)
                     one = np.uintp(at * stride + low * across)
                     other = one + np.uintp(across)
-                    if nearness[one] > limit and (nearness[one] == INFINITE or abs(ways[axis, one]) * HALF < short):
+                    if inverse_depth[one] > limit and (
+                        inverse_depth[one] == INFINITE or abs(motion_vectors[axis, one]) * HALF < short
+                    ):
                         continue
-                    if nearness[other] > limit and (
-                        nearness[other] == INFINITE or abs(ways[axis, other]) * HALF < short
+                    if inverse_depth[other] > limit and (
+                        inverse_depth[other] == INFINITE or abs(motion_vectors[axis, other]) * HALF < short
                     ):
                         continue
                     a, b = grey[one], grey[other]

@@ -12,7 +12,7 @@ from bench.geometry import RigidTransform
 from bench.recordings import MountedCamera, RecordingWriter
 from bench.synthesis.draws import named_rng
 from bench.synthesis.driving.ego import own_body
-from bench.synthesis.imaging.exposure import Sensor, Shutter, blur, image_ways, smooth_edges
+from bench.synthesis.imaging.exposure import Sensor, Shutter, blur, find_motion_vectors, smooth_edges
 from bench.synthesis.imaging.faces import GLOW, Faces, FacesOfBodies, faces_of
 from bench.synthesis.imaging.lamps import NO_LAMPS, Headlights, lamp_faces, street_lamps_m
 from bench.synthesis.imaging.lens import lens_of, untiled
@@ -20,10 +20,10 @@ from bench.synthesis.imaging.shading import LANES, PIXELS, ShadingScene, shade
 from bench.synthesis.imaging.shadow_maps import Shadows
 from bench.synthesis.imaging.sky import Sky
 from bench.synthesis.imaging.textures import TextureAtlas, texture_atlas
-from bench.synthesis.imaging.visibility import View, look
+from bench.synthesis.imaging.visibility import View, find_visible
 from bench.synthesis.mesh import Mesh, PlacedMesh
 from bench.synthesis.scenario import RecordingSpec, Scenario, SensorSpec
-from bench.synthesis.scene import FIRST_IMAGE_NS, Lighting, Stage
+from bench.synthesis.scene import FIRST_IMAGE_NS, Lighting, Scene
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -33,7 +33,7 @@ class RenderedImage:
     Attributes:
         pixels: (H, W) uint8; 0 where the lens sees nothing.
         instance_ids: (H, W) uint16, of what each pixel's centre sees in the middle of the exposure; 0 for the static
-            world, the sky, the host's own body and invalid pixels.
+            world, the sky, the ego vehicle's own body and invalid pixels.
         distances_m: (H, W) float32 along each ray; infinite in the sky.
     """
 
@@ -47,8 +47,8 @@ class Moment:
     """Where everything is at some time.
 
     Attributes:
-        placed: everything that moves, but the host; the same bodies at every time.
-        world_from_vehicle: the host.
+        placed: everything that moves, but the ego vehicle; the same bodies at every time.
+        world_from_vehicle: the ego vehicle.
     """
 
     placed: Sequence[PlacedMesh]
@@ -59,8 +59,8 @@ class ImageRenderer:
     """Renders one camera.
 
     Args:
-        camera: on the host.
-        own_body: what the camera may see of the host, and what throws its shadow, vehicle frame.
+        camera: on the ego vehicle.
+        own_body: what the camera may see of the ego vehicle, and what throws its shadow, vehicle frame.
         world: the static world, world frame.
         atlas: the texture of every surface.
         light: sun, clouds or night.
@@ -116,23 +116,27 @@ class ImageRenderer:
         rows = np.concatenate([self._world.rows, *(body.rows for body in bodies)])
         world_from_camera = middle.world_from_vehicle @ self._camera.vehicle_from_camera
         turn, origin_m = np.ascontiguousarray(world_from_camera.rotation), world_from_camera.translation_m
-        view = look(corners, lens, camera_from_world=turn.T.copy(), origin_m=origin_m)
-        triangles, nearness, planes = untiled(view.triangles, shape), untiled(view.nearness, shape), view.planes
+        view = find_visible(corners, lens, camera_from_world=turn.T.copy(), origin_m=origin_m)
+        triangles, inverse_depth, planes = (
+            untiled(view.triangles, shape),
+            untiled(view.inverse_depth, shape),
+            view.planes,
+        )
         centre = self._shaded(view, rows, corners, bodies, middle, turn, origin_m)
         grey = np.empty_like(centre)
         smooth_edges(triangles, lens.valid, lens.rays, lens.along_u, lens.along_v, planes, rows, centre, grey)
         if shutter is not None:
             motion = self._shutter(middle, corners[len(self._world.corners_m) :], shutter)
-            ways, sharp = np.empty((2, *shape), dtype=np.float32), grey
-            image_ways(triangles, nearness, lens.rays, lens.across, planes, motion, ways)
+            motion_vectors, sharp = np.empty((2, *shape), dtype=np.float32), grey
+            find_motion_vectors(triangles, inverse_depth, lens.rays, lens.across, planes, motion, motion_vectors)
             grey = np.empty_like(sharp)
-            blur(sharp, ways, nearness, lens.valid, grey)
+            blur(sharp, motion_vectors, inverse_depth, lens.valid, grey)
         ids = np.repeat(  # the last one, of the ego vehicle, also serves NOTHING = -1
             np.array([0, *(part.instance_id for part in middle.placed), 0], dtype=np.uint16),
             [len(self._world.corners_m), *(len(body.corners_m) for body in bodies)],
         )
         with np.errstate(divide="ignore"):
-            distances_m = np.float32(1.0) / nearness  # infinite in the sky
+            distances_m = np.float32(1.0) / inverse_depth  # infinite in the sky
         return RenderedImage(
             pixels=self._sensor.expose(grey, rng), instance_ids=ids[triangles], distances_m=distances_m
         )
@@ -158,7 +162,7 @@ class ImageRenderer:
                 np.float32(light.kind.sun_light), np.float32(light.kind.sky_light), near, far, cover, self._sky, lamps,
                 light.kind.night, self._atlas.image, self._atlas.layout,
             )  # fmt: skip
-            grey, lanes = np.empty(view.nearness.shape, np.float32), np.zeros(LANES, np.float32)
+            grey, lanes = np.empty(view.inverse_depth.shape, np.float32), np.zeros(LANES, np.float32)
             spots = np.zeros(PIXELS, np.int32)
             shade(view.triangles, lens.tile_rays, lens.tile_pixel_rad, view.planes, scene, lanes, spots, grey)
         return untiled(grey, (lens.valid.shape[0], lens.valid.shape[1]))
@@ -185,30 +189,30 @@ class ImageRenderer:
         )
 
     def _meshes(self, moment: Moment) -> list[Mesh]:
-        """Everything that moves, the host last."""
+        """Everything that moves, the ego vehicle last."""
         return [*(part.mesh for part in moment.placed), self._own_body.moved(moment.world_from_vehicle)]
 
 
-def film(
-    scenario: Scenario, spec: RecordingSpec, stage: Stage, *, camera: MountedCamera, writer: RecordingWriter
+def write_images(
+    scenario: Scenario, spec: RecordingSpec, scene: Scene, *, camera: MountedCamera, writer: RecordingWriter
 ) -> None:
     """Render and write every image of one camera, and the truth beside it; an image's time is mid exposure."""
     sensor = next(entry.sensor for entry in scenario.cameras if entry.name == camera.name)
     renderer = ImageRenderer(
         camera,
         own_body=own_body(),
-        world=stage.world,
+        world=scene.world,
         atlas=texture_atlas(scenario.seed),
-        light=stage.light,
+        light=scene.light,
         sensor=sensor,
     )
-    exposure_ms = stage.light.kind.shutter_ms if sensor.exposure_ms is None else sensor.exposure_ms
+    exposure_ms = scene.light.kind.shutter_ms if sensor.exposure_ms is None else sensor.exposure_ms
     half_ns = round(exposure_ms * 1e6 / 2)
-    for frame, time_ns in enumerate(stage.image_times_ns.tolist()):
-        middle = moment(stage, time_ns)
+    for frame, time_ns in enumerate(scene.image_times_ns.tolist()):
+        middle = moment(scene, time_ns)
         image = renderer.render(
             middle,
-            shutter=(middle, moment(stage, time_ns + half_ns)) if half_ns else None,
+            shutter=(middle, moment(scene, time_ns + half_ns)) if half_ns else None,
             rng=named_rng(scenario.seed, spec.name, camera.name, frame),
         )
         timestamp_ns = time_ns + FIRST_IMAGE_NS
@@ -216,9 +220,9 @@ def film(
         writer.truth(camera.name, timestamp_ns, image.instance_ids)
 
 
-def moment(stage: Stage, time_ns: int) -> Moment:
+def moment(scene: Scene, time_ns: int) -> Moment:
     """Where everything is at a time of the scene clock."""
     return Moment(
-        placed=[actor.placed(time_ns) for actor in stage.actors],
-        world_from_vehicle=stage.host.at([time_ns]).transform(),
+        placed=[actor.placed(time_ns) for actor in scene.actors],
+        world_from_vehicle=scene.ego.at([time_ns]).transform(),
     )

@@ -59,7 +59,7 @@ FOOT = np.float32(0.0008)  # share of the beam that falls right before the bumpe
 ABOVE = np.float32(0.012)  # share of the beam that strays above the cut-off
 FAINTEST = np.float32(20.0)  # exponent of what counts as no light
 LEAST_AHEAD_M = np.float32(0.05)
-SHADE_BIAS = np.float32(1.02)  # of the distance; nearer things are the face itself
+SHADE_BIAS = np.float32(1.02)  # of the distance; nearer street_furniture are the face itself
 AT_ONCE = 8  # spots that the compiler takes at once
 
 # Room to shade one tile: for each quantity a lane with its values at the 64 pixels, beside each other. All lanes lie in
@@ -131,8 +131,8 @@ def shade(
         pixel_rad: (H / 8, W / 8, 64), width of each pixel.
         planes: (T, 16), see `planes`.
         scene: what is seen.
-        lanes: (LANES,), room to work in.
-        spots: (64,), room to work in.
+        lanes: (LANES,), scratch space.
+        spots: (64,), scratch space.
         grey: (H / 8, W / 8, 64), filled; 1 is white, 0 where the lens sees nothing.
     """
     for v in range(triangles.shape[0]):
@@ -145,7 +145,7 @@ def shade(
             if faces == 0:
                 continue
             _place(widths, scene, lanes)
-            _look_up(seen, scene, lanes)
+            _sample_texture(seen, scene, lanes)
             if scene.sun_light > ZERO:
                 _add_sun(seen, scene, lanes)
             if scene.night:
@@ -239,7 +239,7 @@ def _place(pixel_rad: NDArray[np.float32], scene: ShadingScene, lanes: NDArray[n
 
 
 @inlined
-def _look_up(seen: NDArray[np.int32], scene: ShadingScene, lanes: NDArray[np.float32]) -> None:
+def _sample_texture(seen: NDArray[np.int32], scene: ShadingScene, lanes: NDArray[np.float32]) -> None:
     """Texture, and how much of the sky's light the surroundings take away."""
     for n in range(PIXELS):
         if seen[n] != NOTHING:
@@ -352,7 +352,7 @@ def light_spots(count: int, lamps: Lamps, lanes: NDArray[np.float32]) -> None:
             along, square = lanes[BEAM_ALONG + n], lanes[BEAM_SQUARE + n]
             if along > ZERO:
                 distance_m = np.sqrt(square)
-                lit = _lit(k, lanes[BEAM_ASIDE + n], lanes[BEAM_DOWN + n], distance_m, lamps.nearness)
+                lit = _lit(k, lanes[BEAM_ASIDE + n], lanes[BEAM_DOWN + n], distance_m, lamps.inverse_depth)
                 lanes[SPOT_LIGHT + n] += lanes[BEAM + n] * lit * along / (square * distance_m)
 
 
@@ -411,7 +411,7 @@ def quick_exp(power: np.float32) -> np.float32:
 
 @inlined
 def _lit(
-    k: int, aside: np.float32, down: np.float32, distance_m: np.float32, nearness: NDArray[np.float32]
+    k: int, aside: np.float32, down: np.float32, distance_m: np.float32, inverse_depth: NDArray[np.float32]
 ) -> np.float32:
     """Share of four rays of a headlight that come as far as a point."""
     column, row = BEAM_FOCAL * aside + MIDDLE_COLUMN, BEAM_FOCAL * down + MIDDLE_ROW
@@ -422,7 +422,9 @@ def _lit(
     i, j = np.uintp(whole_row), np.uintp(whole_column)
     next_i, next_j = i + np.uintp(1), j + np.uintp(1)
     least = SHADE_BIAS / distance_m
-    upper = (ONE - b if nearness[k, i, j] <= least else ZERO) + (b if nearness[k, i, next_j] <= least else ZERO)
-    lower = ONE - b if nearness[k, next_i, j] <= least else ZERO
-    lower += b if nearness[k, next_i, next_j] <= least else ZERO
+    upper = (ONE - b if inverse_depth[k, i, j] <= least else ZERO) + (
+        b if inverse_depth[k, i, next_j] <= least else ZERO
+    )
+    lower = ONE - b if inverse_depth[k, next_i, j] <= least else ZERO
+    lower += b if inverse_depth[k, next_i, next_j] <= least else ZERO
     return upper + a * (lower - upper)

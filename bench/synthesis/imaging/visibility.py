@@ -58,7 +58,7 @@ def find_planes(
         planes: (T, 16), filled, columns as above.
         boxes: (T, 4), filled: first and last column, first and last row; or HIDDEN or BIG.
         distances_m: (T,), filled: of the nearest corner; where not hidden.
-        seen: (3, 3), room to work in.
+        seen: (3, 3), scratch space.
     """
     height, width = shape
     least_cos = np.cos(widest_rad)
@@ -129,7 +129,7 @@ def draw(
     regions: NDArray[np.float32],
     blocks: NDArray[np.float32],
     tiles: NDArray[np.float32],
-    nearness_bits: NDArray[np.int32],
+    inverse_depth_bits: NDArray[np.int32],
     triangles: NDArray[np.int32],
     farthest: NDArray[np.float32],
     farthest_bits: NDArray[np.int32],
@@ -145,10 +145,10 @@ def draw(
         regions: cones, see `Lens`.
         blocks: cones.
         tiles: cones.
-        nearness_bits: (H / 8, W / 8, 64), 1 / m, 1 over the distance of what is seen; 0 where there is nothing; in
+        inverse_depth_bits: (H / 8, W / 8, 64), 1 / m, 1 over the distance of what is seen; 0 where there is nothing; in
             single precision, read as whole numbers, whose order is the same; changed.
         triangles: (H / 8, W / 8, 64), row of what is seen; changed.
-        farthest: (H / 8, W / 8), at most the nearness of all that is seen in each tile; changed.
+        farthest: (H / 8, W / 8), at most the inverse_depth of all that is seen in each tile; changed.
         farthest_bits: the same memory.
         changed: (H / 8, W / 8), tiles that were drawn into since `farthest` was found; changed.
     """
@@ -160,7 +160,7 @@ def draw(
             for v in range(top // TILE_PX, bottom // TILE_PX + 1):
                 for u in range(left // TILE_PX, right // TILE_PX + 1):
                     _draw_tile(
-                        t, planes, v, u, rays, tiles, nearness_bits, triangles, farthest, farthest_bits,
+                        t, planes, v, u, rays, tiles, inverse_depth_bits, triangles, farthest, farthest_bits,
                         changed,
                     )  # fmt: skip
             continue
@@ -185,7 +185,7 @@ def draw(
                         for v in range(block_v * per, last_v):
                             for u in range(block_u * per, last_u):
                                 _draw_tile(
-                                    t, planes, v, u, rays, tiles, nearness_bits, triangles, farthest,
+                                    t, planes, v, u, rays, tiles, inverse_depth_bits, triangles, farthest,
                                     farthest_bits, changed,
                                 )  # fmt: skip
 
@@ -208,7 +208,7 @@ def _outside(planes: NDArray[np.float32], t: int, cones: NDArray[np.float32], v:
 
 @inlined
 def _largest(planes: NDArray[np.float32], t: int, cones: NDArray[np.float32], v: int, u: int) -> np.float32:
-    """What a triangle's nearness stays below within a cone."""
+    """What a triangle's inverse_depth stays below within a cone."""
     product = (
         planes[t, NEAR_X] * cones[v, u, 0] + planes[t, NEAR_Y] * cones[v, u, 1] + planes[t, NEAR_Z] * cones[v, u, 2]
     )
@@ -225,7 +225,7 @@ def _draw_tile(
     u: int,
     rays: NDArray[np.float32],
     cones: NDArray[np.float32],
-    nearness_bits: NDArray[np.int32],
+    inverse_depth_bits: NDArray[np.int32],
     triangles: NDArray[np.int32],
     farthest: NDArray[np.float32],
     farthest_bits: NDArray[np.int32],
@@ -236,9 +236,9 @@ def _draw_tile(
     if largest < farthest[v, u] or _outside(planes, t, cones, v, u):
         return
     if changed[v, u]:
-        least = nearness_bits[v, u, 0]
+        least = inverse_depth_bits[v, u, 0]
         for n in range(1, TILE_PX * TILE_PX):
-            least = min(least, nearness_bits[v, u, n])
+            least = min(least, inverse_depth_bits[v, u, n])
         farthest_bits[v, u], changed[v, u] = least, False
         if largest < farthest[v, u]:
             return
@@ -246,7 +246,7 @@ def _draw_tile(
     cx, cy, cz = planes[t, 6], planes[t, 7], planes[t, 8]
     zero, number, nothing = np.float32(0.0), np.int32(t), np.int32(0)
     xs, ys, zs = rays[v, u, 0], rays[v, u, 1], rays[v, u, 2]
-    near_here, seen_here = nearness_bits[v, u], triangles[v, u]
+    near_here, seen_here = inverse_depth_bits[v, u], triangles[v, u]
     # Always all of a tile and without branches, for the compiler to take several pixels at once.
     for n in range(TILE_PX * TILE_PX):
         x, y, z = xs[n], ys[n], zs[n]
@@ -272,15 +272,15 @@ class View:
     Attributes:
         planes: (T, 16) float32, columns as in `planes`; of triangles that are not hidden.
         triangles: (H / 8, W / 8, 64) int32, row of what each pixel sees, or NOTHING; tile by tile, see `untiled`.
-        nearness: (H / 8, W / 8, 64) float32, 1 / m, 1 over the distance of what is seen; 0 where there is nothing.
+        inverse_depth: (H / 8, W / 8, 64) float32, 1 / m, 1 over the distance of what is seen; 0 where there is nothing.
     """
 
     planes: NDArray[np.float32]
     triangles: NDArray[np.int32]
-    nearness: NDArray[np.float32]
+    inverse_depth: NDArray[np.float32]
 
 
-def look(
+def find_visible(
     corners_m: NDArray[np.float64],
     lens: Lens,
     *,
@@ -310,11 +310,11 @@ def look(
     buckets = (distances_m.view(np.int32)[seen] >> DROPPED_BITS).astype(np.uint16)
     order = seen[np.argsort(buckets, kind="stable")].astype(np.int32)
     rows, columns = lens.tiles.shape[:2]
-    nearness = np.zeros((rows, columns, TILE_PX * TILE_PX), dtype=np.float32)
-    triangles = np.full(nearness.shape, NOTHING, dtype=np.int32)
+    inverse_depth = np.zeros((rows, columns, TILE_PX * TILE_PX), dtype=np.float32)
+    triangles = np.full(inverse_depth.shape, NOTHING, dtype=np.int32)
     farthest, changed = np.zeros((rows, columns), dtype=np.float32), np.zeros((rows, columns), dtype=np.bool_)
     draw(
         planes, boxes, order, lens.tile_rays, lens.regions, lens.blocks, lens.tiles,
-        nearness.view(np.int32), triangles, farthest, farthest.view(np.int32), changed,
+        inverse_depth.view(np.int32), triangles, farthest, farthest.view(np.int32), changed,
     )  # fmt: skip
-    return View(planes=planes, triangles=triangles, nearness=nearness)
+    return View(planes=planes, triangles=triangles, inverse_depth=inverse_depth)

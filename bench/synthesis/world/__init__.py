@@ -17,7 +17,7 @@ from bench.synthesis.world.furniture import drawn_trees
 from bench.synthesis.world.ground import ground, kerbs, laid_stones, paving
 from bench.synthesis.world.plan import Plan, Site, World, drawn_plan
 from bench.synthesis.world.road_surface import markings, wear
-from bench.synthesis.world.roadside import fronts, guard_rails, lamps, parked_cars, roadsides, things, trees
+from bench.synthesis.world.roadside import fronts, guard_rails, lamps, parked_cars, roadsides, street_furniture, trees
 from bench.synthesis.world.solids import (
     GRASS,
     LEAVES,
@@ -69,7 +69,7 @@ def _skyline(plan: Plan, rng: np.random.Generator) -> list[Mesh]:
         bands = np.stack([np.full(len(rows), place[0]), np.full(len(rows), place[1]), rows], axis=1)
         dark = Surface(albedo=wall.albedo * float(rng.uniform(0.45, 0.8)), contrast=PANE.contrast, texel_m=0.1)
         around = boxes(bands, [size[0] + 0.1, size[1] + 0.1, 1.3], dark, yaws_rad=np.full(len(rows), yaw))
-        meshes.append(around.picked(np.ptp(around.corners_m[..., 2], axis=1) > 0))  # lids stick out by 5 cm
+        meshes.append(around.select(np.ptp(around.corners_m[..., 2], axis=1) > 0))  # lids stick out by 5 cm
     if len(woods):
         clumps = np.repeat(woods, 3, axis=0) + rng.normal(0, 6.0, (3 * len(woods), 2))
         size = rng.uniform((4.0, 4.0, 3.5), (8.0, 8.0, 7.0), (len(clumps), 3))
@@ -83,15 +83,15 @@ JOINTS = 0.85  # of the slabs' albedo: what shows between them
 
 
 def build_world(spec: StreetSpec, rng: np.random.Generator, keep_clear: Sequence[shapely.Polygon] = ()) -> World:
-    """Build everything that never moves around the host's way.
+    """Build everything that never moves around the ego vehicle's path.
 
-    The host's lane is centred on the world's x axis up to the origin. Each part draws its numbers from a generator of
-    its own, so that asking for more trees, say, leaves the road as it is.
+    The ego vehicle's lane is centred on the world's x axis up to the origin. Each part draws its numbers from a
+    generator of its own, so that asking for more trees, say, leaves the road as it is.
 
     Args:
         spec: what is asked for; the rest is drawn.
         rng: of this recording's world.
-        keep_clear: world xy; nothing solid is put where these are: the swept footprints of actors and host.
+        keep_clear: world xy; nothing solid is put where these are: the swept footprints of actors and ego.
 
     Returns:
         World: the mesh, and the footprints of what is solid.
@@ -110,7 +110,7 @@ def build_world(spec: StreetSpec, rng: np.random.Generator, keep_clear: Sequence
         meshes += lamps(plan, side, site, lit)
         meshes += trees(plan, side, site, grown, forms)
     for side in sides:
-        meshes += things(plan, side, site, put)
+        meshes += street_furniture(plan, side, site, put)
         meshes += fronts(plan, side, site, built)
     return World(mesh=_without_undersides(joined(meshes)), obstacles=tuple(site.obstacles))
 
@@ -122,4 +122,4 @@ def _without_undersides(mesh: Mesh) -> Mesh:
     # Of a level triangle the z of the vector product is the whole of it; it is negative where the face looks down.
     one_m, two_m = mesh.corners_m[:, 1, :] - mesh.corners_m[:, 0, :], mesh.corners_m[:, 2, :] - mesh.corners_m[:, 0, :]
     level = np.ptp(heights_m, axis=1) < LEVEL_M
-    return mesh.picked(~(low & level & (one_m[:, 0] * two_m[:, 1] < one_m[:, 1] * two_m[:, 0])))
+    return mesh.select(~(low & level & (one_m[:, 0] * two_m[:, 1] < one_m[:, 1] * two_m[:, 0])))

@@ -290,7 +290,7 @@ def _lifted(mesh: Mesh, by_m: float) -> Mesh:
 
 
 # What may stand near a kerb, how often, and the half length and half depth that it needs, m.
-THINGS: tuple[tuple[Callable[[np.random.Generator], Mesh], float, tuple[float, float]], ...] = (
+FURNITURE: tuple[tuple[Callable[[np.random.Generator], Mesh], float, tuple[float, float]], ...] = (
     (sign, 0.30, (0.35, 0.35)),
     (litter_bin, 0.18, (0.3, 0.4)),
     (bollards, 0.12, (0.2, 0.2)),

@@ -20,7 +20,7 @@ LOWERED_M = 0.025  # height of a lowered kerb, low enough for wheels and high en
 GUTTER_M = 0.3
 GUTTER_LIFT_M, SLAB_LIFT_M = 0.001, 0.002
 SLABS_M = (-12.0, 62.0)  # slabs are laid one by one along this stretch, as far as they can be told apart
-SLABS_SEEN_M = 25.0  # from where host and actors drive: a slab farther away is a fifth of a pixel high
+SLABS_SEEN_M = 25.0  # from where ego and actors drive: a slab farther away is a fifth of a pixel high
 JOINT_M = 0.008
 
 
@@ -87,7 +87,7 @@ def kerbs(plan: Plan, stones: Stones, rng: np.random.Generator) -> list[Mesh]:
 
 
 def paving(plan: Plan, site: Site, slabs: Surface, rng: np.random.Generator) -> list[Mesh]:
-    """Slabs of the pavements beside the host's street, in courses, each of its own shade; joints show between them."""
+    """Slabs of the pavements beside the ego vehicle's street, in courses with joints, each of its own shade."""
     size = np.array([(0.5, 0.5), (0.4, 0.4), (0.6, 0.4), (0.75, 0.5)][int(rng.integers(4))])
     section, width_m = plan.section, min(plan.spec.pavement_m, 3.0)
     meshes = []

@@ -37,11 +37,11 @@ class Alignment:
     begin_m: float
     end_m: float
 
-    def place(self, along_m: float, left_m: float, height_m: float = 0.0, *, turned_rad: float = 0.0) -> RigidTransform:
+    def pose(self, along_m: float, left_m: float, height_m: float = 0.0, *, yaw_rad: float = 0.0) -> RigidTransform:
         """World from a frame beside the lane, x along the lane but for a turn."""
         x, y = self.points(along_m, left_m)[0]
         forward = self.world_from_start.rotation[:, 0]
-        yaw = np.arctan2(forward[1], forward[0]) + self._turns(np.array([along_m]))[0] + turned_rad
+        yaw = np.arctan2(forward[1], forward[0]) + self._turns(np.array([along_m]))[0] + yaw_rad
         return RigidTransform.from_yaw(float(yaw), [float(x), float(y), height_m])
 
     def points(self, along_m: ArrayLike, left_m: ArrayLike) -> NDArray[np.float64]:
@@ -128,7 +128,7 @@ class Site:
     """The ground while it is being built on.
 
     Args:
-        keep_clear: world xy, where nothing may stand: the ways of actors and host.
+        keep_clear: world xy, where nothing may stand: the ways of actors and ego.
     """
 
     def __init__(self, keep_clear: Sequence[shapely.Polygon]) -> None:
@@ -151,11 +151,11 @@ class Site:
         return True
 
     def away_m(self, footprint: shapely.Polygon) -> float:
-        """Distance to the ways of actors and host; to the world's origin if there are none."""
+        """Distance to the ways of actors and ego; to the world's origin if there are none."""
         return float(shapely.distance(self._ways, footprint))
 
     def near(self, places_m: NDArray[np.float64], within_m: float) -> NDArray[np.bool_]:
-        """(N,) bool: whether places (N, 2), world xy, lie within a distance of the ways of actors and host."""
+        """(N,) bool: whether places (N, 2), world xy, lie within a distance of the ways of actors and ego."""
         return np.asarray(shapely.dwithin(self._ways, shapely.points(places_m), within_m))
 
 
@@ -190,7 +190,7 @@ VERGE_M = 45.0  # width of the grass on both sides
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Section:
-    """The street across: offsets to the left of the host's lane, m.
+    """The street across: offsets to the left of the ego vehicle's lane, m.
 
     Attributes:
         right_m: edge of the rightmost lane.
@@ -215,9 +215,9 @@ class Plan:
 
     Attributes:
         spec: what was asked for.
-        lane: the host's.
+        lane: the ego vehicle's.
         section: across it.
-        mouths: side streets, each with its lane, which starts at the kerb of the host's street.
+        mouths: side streets, each with its lane, which starts at the kerb of the ego vehicle's street.
         road: asphalt.
         median: between the carriageways of an avenue; empty without one.
         pavement: behind the kerbs, without the ramps.
@@ -311,7 +311,7 @@ def _section(spec: StreetSpec, rng: np.random.Generator) -> Section:
 def _mouth(lane: Alignment, section: Section, street: SideStreetSpec) -> Alignment:
     """A side street's lane, from the kerb outwards."""
     edge_m, turn = (section.left_kerb_m, 1) if street.side == "left" else (section.right_kerb_m, -1)
-    start = lane.place(street.at_m, edge_m, turned_rad=turn * np.pi / 2)
+    start = lane.pose(street.at_m, edge_m, yaw_rad=turn * np.pi / 2)
     return Alignment(world_from_start=start, begin_m=-1.0, end_m=SIDE_STREET_M)
 
 

@@ -154,7 +154,7 @@ def _in_gaps(
 
 
 def _arrows(plan: Plan, rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Heads (N, 3, 2) and shafts (N, 4, 2) of a few arrows in the lanes of the host's direction."""
+    """Heads (N, 3, 2) and shafts (N, 4, 2) of a few arrows in the lanes of the ego vehicle's direction."""
     spec, count = plan.spec, int(rng.integers(0, 4)) + (plan.spec.kind != "street")
     along = np.sort(rng.uniform(-5.0, 60.0, count))
     lowest = -spec.lanes_right

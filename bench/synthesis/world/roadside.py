@@ -15,8 +15,8 @@ from bench.synthesis.bodies import make_body
 from bench.synthesis.mesh import Mesh, Surface, joined, slab, tube
 from bench.synthesis.world.buildings import DEPTH_M, building
 from bench.synthesis.world.furniture import (
+    FURNITURE,
     HEDGE_M,
-    THINGS,
     TREE_FORMS,
     bush,
     fence,
@@ -33,7 +33,7 @@ from bench.synthesis.world.solids import PANE, boxes
 KINDS = ("car", "saloon", "estate", "suv", "city_car", "van")  # what parks in a street
 PLACE_M = 6.0  # of the kerb for each car
 CAR_FORMS = 3  # different cars of a recording; more would take longer to build than everything else
-DETAILED_TRIANGLES = 9_500  # for the cars next to where host and actors drive; the others are simpler
+DETAILED_TRIANGLES = 9_500  # for the cars next to where ego and actors drive; the others are simpler
 WHEELS_M = 10.0  # farther away than this the wheels of a parked car are a few dark pixels
 CAR_M = (4.9, 2.05)  # what a place must hold, with the mirrors; vans that are longer jut out as they do in life
 CABINS = (
@@ -89,8 +89,8 @@ def _kerbside(plan: Plan, rng: np.random.Generator) -> list[Place]:
                 continue
             left_m = kerb_m + sign * (PARKING_M / 2 + rng.normal(0, 0.06))
             backwards = np.pi if side == "left" else 0.0
-            at = plan.lane.place(
-                float(along_m + rng.normal(0, 0.25)), float(left_m), turned_rad=backwards + float(rng.normal(0, 0.015))
+            at = plan.lane.pose(
+                float(along_m + rng.normal(0, 0.25)), float(left_m), yaw_rad=backwards + float(rng.normal(0, 0.015))
             )
             places.append(_place(at))
     return places
@@ -106,7 +106,7 @@ def _bays(plan: Plan, rng: np.random.Generator) -> list[Place]:
                 nose = float(rng.choice([-1.0, 1.0], p=[0.25, 0.75])) * sign * (1.0 if row != 1 else -1.0)
                 turn = nose * np.pi / 2 + float(rng.normal(0, 0.02))
                 along_m = float(divider_m + BAY_WIDTH_M / 2 + rng.normal(0, 0.08))
-                places.append(_place(lane.place(along_m, float(left_m), turned_rad=turn)))
+                places.append(_place(lane.pose(along_m, float(left_m), yaw_rad=turn)))
     return places
 
 
@@ -151,11 +151,11 @@ def _plain_tyre(x: float, y: float) -> Mesh:
     """What shows of a tyre: its outer side, and its tread below the hull."""
     tyre = tube([x, y - 0.1, 0.31], [x, y + 0.1, 0.31], 0.31, TYRE, sides=6)
     middles, inner = tyre.corners_m.mean(axis=1), y - 0.1 * np.sign(y)
-    return tyre.picked((middles[:, 2] < 0.4) & (np.abs(middles[:, 1] - inner) > 0.01) | (np.abs(middles[:, 1]) > 0.87))
+    return tyre.select((middles[:, 2] < 0.4) & (np.abs(middles[:, 1] - inner) > 0.01) | (np.abs(middles[:, 1]) > 0.87))
 
 
 TREE_STEP_M = 9.0
-NEAR_M = 18.0  # from where host and actors drive: within it leaves and twigs are built one by one
+NEAR_M = 18.0  # from where ego and actors drive: within it leaves and twigs are built one by one
 NARROW_M = 1.6  # pavements below this have no room for trees
 PIECE_M = 4.0  # of hedges, walls and rails, each of which may be left out
 RAIL_M = 0.45  # of a guard rail behind the kerb
@@ -184,8 +184,8 @@ class Roadside:
 
     def at(self, along_m: float, behind_m: float, height_m: float) -> RigidTransform:
         """A frame behind the kerb: y away from the road, z up."""
-        turned_rad = 0.0 if self.sign > 0 else np.pi
-        return self.way.place(along_m, self.kerb_m + self.sign * behind_m, height_m, turned_rad=turned_rad)
+        yaw_rad = 0.0 if self.sign > 0 else np.pi
+        return self.way.pose(along_m, self.kerb_m + self.sign * behind_m, height_m, yaw_rad=yaw_rad)
 
     def front(self, along_m: float, height_m: float) -> RigidTransform:
         """The same where the pavement ends."""
@@ -193,7 +193,7 @@ class Roadside:
 
 
 def roadsides(plan: Plan) -> list[Roadside]:
-    """Both sides of the host's street, then those of the side streets."""
+    """Both sides of the ego vehicle's street, then those of the side streets."""
     spec, section, lane = plan.spec, plan.section, plan.lane
     sides = [
         Roadside(
@@ -247,9 +247,9 @@ def trees(
             )
 
 
-def things(plan: Plan, side: Roadside, site: Site, rng: np.random.Generator) -> Iterator[Mesh]:
+def street_furniture(plan: Plan, side: Roadside, site: Site, rng: np.random.Generator) -> Iterator[Mesh]:
     """Signs, bins and the like: near the kerb if they are small, against the fronts if not."""
-    builders, odds, sizes = zip(*THINGS, strict=True)
+    builders, odds, sizes = zip(*FURNITURE, strict=True)
     depth_m = abs(side.back_m - side.kerb_m)
     if plan.spec.kind == "avenue":
         builders, odds, sizes = builders[:1], (1.0,), sizes[:1]
@@ -329,9 +329,9 @@ def guard_rails(plan: Plan, site: Site) -> Iterator[Mesh]:
     if plan.spec.kind != "avenue":
         return
     lines = [(section.right_kerb_m - RAIL_M, np.pi), (section.left_m + 1.2, 0.0), (section.left_m + 1.8, np.pi)]
-    for left_m, turned_rad in lines:
+    for left_m, yaw_rad in lines:
         for along_m in np.arange(plan.lane.begin_m + PIECE_M / 2, plan.lane.end_m, PIECE_M):
-            at = plan.lane.place(float(along_m), left_m, 0.0, turned_rad=turned_rad)
+            at = plan.lane.pose(float(along_m), left_m, 0.0, yaw_rad=yaw_rad)
             area = footprint(at, [-PIECE_M / 2 + 0.01, -0.09], [PIECE_M / 2 - 0.01, 0.12])
             if plan.road.disjoint(area) and site.claim(area):
                 yield rail.moved(at)

@@ -40,10 +40,10 @@ def street(*places_m: tuple[float, float, float]) -> Lamps:
     return NO_LAMPS._replace(street_m=np.array(places_m, dtype=np.float32))
 
 
-def headlight(nearness: float) -> Lamps:
-    """One at the origin, that meets something at 1 / `nearness` everywhere."""
-    pictures = np.full((2, BEAM_HEIGHT, BEAM_WIDTH), nearness, dtype=np.float32)
-    return NO_LAMPS._replace(turns=np.stack([AHEAD, AHEAD]), nearness=pictures, headlights=1)
+def headlight(inverse_depth: float) -> Lamps:
+    """One at the origin, that meets something at 1 / `inverse_depth` everywhere."""
+    pictures = np.full((2, BEAM_HEIGHT, BEAM_WIDTH), inverse_depth, dtype=np.float32)
+    return NO_LAMPS._replace(turns=np.stack([AHEAD, AHEAD]), inverse_depth=pictures, headlights=1)
 
 
 def test_below_a_street_lamp_six_metres_up() -> None:

@@ -1,4 +1,4 @@
-"""The host as its own cameras see it."""
+"""The ego vehicle as its own cameras see it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MOUNTINGS = {
 
 
 @pytest.mark.parametrize("name", MOUNTINGS)
-def test_every_surround_view_camera_sees_a_part_of_the_host_at_its_lower_edge(name: str) -> None:
+def test_every_surround_view_camera_sees_a_part_of_the_ego_vehicle_at_its_lower_edge(name: str) -> None:
     spec = CameraSpec(
         name=name,
         model="radial_polynomial",
@@ -34,7 +34,7 @@ def test_every_surround_view_camera_sees_a_part_of_the_host_at_its_lower_edge(na
     assert not body[200:280, 300:340].any()
 
 
-def test_the_host_is_as_wide_to_the_left_as_to_the_right_and_faces_outwards() -> None:
+def test_the_ego_vehicle_is_as_wide_to_the_left_as_to_the_right_and_faces_outwards() -> None:
     corners_m = own_body().corners_m
     assert corners_m[..., 1].max() == pytest.approx(-corners_m[..., 1].min())
     assert corners_m[..., 2].min() >= -1e-9
