@@ -1,6 +1,6 @@
 """Values that a series draws: every recording of it gets numbers of its own.
 
-In place of a value of a series stands a mapping with one of these keys:
+Instead of a value of a series stands a mapping with one of these keys:
 
     {uniform: [a, b]}        any number from a to b
     {choice: [p, q, ...]}    one of these, which may be whole lists or mappings
@@ -10,9 +10,9 @@ In place of a value of a series stands a mapping with one of these keys:
     {sum: [p, q, ...]}       of numbers, drawn or not
     {product: [p, q, ...]}   likewise
 
-Every draw has random numbers of its own, named by the series, the recording's number in it and the place of the draw:
-another series, another field or a longer series change nothing in a recording
-(a longer series moves its `steps` alone).
+Every draw has random numbers of its own, named by the series, the recording's number in it and the position of the draw
+in the file: another series, another field or a longer series change nothing in a recording (a longer series moves its
+`steps` alone).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class DrawError(ValueError):
     """A draw that cannot be made.
 
     Args:
-        path: keys on the way to it, from the series on.
+        path: keys on the path to it, from the series on.
         expected: what can stand there.
         got: what does.
     """
@@ -51,7 +51,7 @@ class Sampler:
         series: name of the series.
         index: of the recording in the series, from 0.
         count: recordings of the series.
-        attempt: 0, or how often the recording was drawn before without finding room for everybody.
+        attempt: 0, or how often the recording was drawn before without finding space for everybody.
         values: the series' named values, drawn where a field asks for them.
     """
 
@@ -67,7 +67,7 @@ class Sampler:
 
         Args:
             node: the part.
-            path: keys on the way to it.
+            path: keys on the path to it.
             repeat: number of the repeat that it stands in, from 0.
 
         Raises:
@@ -89,7 +89,7 @@ class Sampler:
         return value
 
     def share(self, path: str, repeat: int | None) -> float:
-        """The random number of a place, from 0 to 1."""
+        """The random number of a position in the file, from 0 to 1."""
         names = (self.series, self.index, self.attempt, path, "" if repeat is None else repeat)
         return float(named_rng(self.seed, "series", *names).random())
 

@@ -30,7 +30,7 @@ class ExactFlow:
 
     Attributes:
         flow: (rows, columns, 2) float64, px, from the current to the previous image, also where the point was hidden or
-            outside of the image then; NaN where the ray meets nothing or the lens cannot see the point's former place.
+            outside of the image then; NaN where the ray meets nothing or the lens did not see the point then.
         visible: (rows, columns) bool; the previous image shows the same point.
         instance_ids: (rows, columns) uint16, of what the cell's centre sees; 0 for the static world.
     """

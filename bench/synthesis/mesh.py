@@ -63,9 +63,9 @@ class Mesh:
         moved_m = a_from_b.apply(self.corners_m.reshape(-1, 3)).reshape(-1, 3, 3)
         return Mesh(corners_m=moved_m, texture_m=self.texture_m, surfaces=self.surfaces)
 
-    def select(self, kept: NDArray[np.bool_]) -> Mesh:
+    def select(self, mask: NDArray[np.bool_]) -> Mesh:
         """Some of its triangles: (T,) bool."""
-        return Mesh(corners_m=self.corners_m[kept], texture_m=self.texture_m[kept], surfaces=self.surfaces[kept])
+        return Mesh(corners_m=self.corners_m[mask], texture_m=self.texture_m[mask], surfaces=self.surfaces[mask])
 
     def with_texture_shift(self, shift_m: ArrayLike) -> Mesh:
         """The same mesh with its texture taken from elsewhere, so that two bodies do not look alike."""
@@ -212,7 +212,7 @@ def _prism_faces(sides: int) -> NDArray[np.intp]:
 
 Paint = tuple[slice, slice, Surface]  # cells of a loft: steps between rings, steps along a ring, what they look like
 UP = np.array([0.0, 0.0, 1.0])
-SMALLEST_M2 = 1e-10  # a triangle below it has two corners in one place
+SMALLEST_M2 = 1e-10  # a triangle below it has two corners at one point
 
 
 def loft(rings_m: ArrayLike, surface: Surface, *, paint: Sequence[Paint] = (), loop: bool = False) -> Mesh:
@@ -232,8 +232,8 @@ def loft(rings_m: ArrayLike, surface: Surface, *, paint: Sequence[Paint] = (), l
     worn = np.append(np.repeat(wearing.ravel(), 2), np.zeros(0 if loop else 2 * around, dtype=np.intp))
     middles = rings[[0, -1]].mean(axis=1)
     corners = np.concatenate([rings.reshape(-1, 3), middles])[_faces(count, around, loop)]
-    kept = _doubled_areas_m2(corners) > SMALLEST_M2
-    corners, worn = corners[kept], worn[kept]
+    mask = _doubled_areas_m2(corners) > SMALLEST_M2
+    corners, worn = corners[mask], worn[mask]
     if dot(corners[:, 0], cross(corners[:, 1], corners[:, 2])).sum() < 0:
         corners = corners[:, ::-1]
     return surfaced(corners, [surface, *(looks for _, _, looks in paint)], worn)
@@ -288,7 +288,7 @@ def limb(top_m: ArrayLike, bottom_m: ArrayLike, radii_m: Sequence[float], surfac
         (bottom - 0.6 * radii_m[-1] * UP, 0.55 * radii_m[-1]),
     ]
     middle = [(top + share * (bottom - top), radius) for share, radius in zip(shares, radii_m, strict=True)]
-    levels = [(*place, radius, radius) for place, radius in (ends[0], *middle, ends[1])]
+    levels = [(*point, radius, radius) for point, radius in (ends[0], *middle, ends[1])]
     return loft(ellipses(levels, sides=sides), surface)
 
 

@@ -1,4 +1,4 @@
-"""Where street_furniture stand and go: drawn streets, trajectories, free places."""
+"""Trajectories of the ego vehicle and the actors, the ground that they need, and bodies that overlap."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class Trajectories:
     """Where the ego vehicle and the actors are at any time, and when the sensors look.
 
     Attributes:
-        ego: the ego vehicle's way.
-        actors: the actors' trajectories, in the scenario's order.
+        ego: path of the ego vehicle.
+        actors: their paths, in the scenario's order.
         image_times_ns: scene clock; 0 is the first image.
         sweep_times_ns: scene clock, reference times.
     """
@@ -72,7 +72,7 @@ def _ego_path(spec: EgoSpec, first_ns: int, last_ns: int) -> Path:
 def _actor_path(spec: ActorSpec, ego: Path, first_ns: int, last_ns: int) -> Path:
     at_ns = _milliseconds(spec.at_s)
     world_from_vehicle = ego.at([at_ns]).transform()
-    place = world_from_vehicle.apply(np.array([*spec.position_m, 0.0]))
+    position = world_from_vehicle.apply(np.array([*spec.position_m, 0.0]))
     forward = world_from_vehicle.rotation[:, 0]
     heading_rad = float(np.arctan2(forward[1], forward[0]) + np.radians(spec.heading_deg))
     return driven_path(
@@ -81,7 +81,7 @@ def _actor_path(spec: ActorSpec, ego: Path, first_ns: int, last_ns: int) -> Path
         yaw_rates_radps=np.radians(spec.yaw_rate_degps),
         first_ns=first_ns,
         last_ns=last_ns,
-        through=(float(place[0]), float(place[1]), heading_rad),
+        through=(float(position[0]), float(position[1]), heading_rad),
         through_ns=at_ns,
         floor_m=spec.floor_m,
     )
@@ -170,8 +170,8 @@ def first_clash(head: ScenarioHead, spec: RecordingSpec) -> tuple[int, str] | No
     ego = _Mover(poses=trajectories.ego.at(times_ns), outline_m=OUTLINE_M)
     sizes_m = [box_size(actor.kind) for actor in spec.actors]
     movers = [
-        _Mover(poses=way.at(times_ns), outline_m=box_outline(size))
-        for way, size in zip(trajectories.actors, sizes_m, strict=True)
+        _Mover(poses=path.at(times_ns), outline_m=box_outline(size))
+        for path, size in zip(trajectories.actors, sizes_m, strict=True)
     ]
     for number, actor in enumerate(spec.actors):
         if (at := _first_overlap(movers[number], ego)) is not None:
@@ -187,7 +187,7 @@ def first_clash(head: ScenarioHead, spec: RecordingSpec) -> tuple[int, str] | No
 
 
 def camera_fault(camera: CameraSpec) -> str | None:
-    """What is wrong with the place of a camera on the ego vehicle; None if nothing is."""
+    """What is wrong with the position of a camera on the ego vehicle; None if nothing is."""
     if camera.position_m[2] <= 0:
         return f"a camera {abs(camera.position_m[2]):g} m under the road"
     if _winding(own_body().corners_m, np.array(camera.position_m)) > 0.5:

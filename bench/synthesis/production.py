@@ -32,54 +32,6 @@ UNFINISHED = ".unfinished"
 Progress = Callable[[int, int], None]
 
 
-def synthesize(
-    scenario_path: Path, out: Path, *, workers: int | None = None, progress: Progress | None = None
-) -> list[Path]:
-    """Render every recording of a scenario that is not there yet.
-
-    A recording is rendered aside and moved into place whole. What is there is kept if it was made by the same
-    generator from the same lines of the scenario, and replaced otherwise; recordings that the scenario
-    no longer has are removed. Recordings do not depend on each other, on the order or on the number of workers.
-    A second call for the same folder waits until the first is done, and then finds everything there. A stamp in the
-    folder says that everything is there; while it fits, a call costs a few milliseconds.
-
-    Args:
-        scenario_path: the scenario file.
-        out: folder of the recordings.
-        workers: processes; None for one per core that this process may use.
-        progress: called with the numbers of finished and of all recordings.
-
-    Returns:
-        Folders of the recordings, in the scenario's order.
-
-    Raises:
-        DataError: the scenario is not one, or a folder in the way was not made by `synthesize`.
-        UsageError: fewer than one worker.
-    """
-    if workers is not None and workers < 1:
-        raise UsageError(f"workers: expected at least 1, got {workers}")
-    content = _content(scenario_path)
-    if content is not None and (folders := stamped(out, content)) is not None:
-        if progress is not None:
-            progress(len(folders), len(folders))
-        return folders
-    scenario = read_scenario(scenario_path)
-    make_folder(out)
-    with alone_in(out):
-        _remove_former(scenario, out)
-        missing = [spec for spec in scenario.recordings if _mark_of(out / spec.name) != _mark(scenario, spec)]
-        done, total = len(scenario.recordings) - len(missing), len(scenario.recordings)
-        if progress is not None:
-            progress(done, total)
-        for count, _ in enumerate(_rendered(scenario, missing, out, workers or usable_cores()), start=done + 1):
-            if progress is not None:
-                progress(count, total)
-        shutil.rmtree(out / UNFINISHED, ignore_errors=True)
-        if content is not None and content == _content(scenario_path):  # nobody edited it while it was read
-            write_stamp(out, content, [spec.name for spec in scenario.recordings])
-    return [out / spec.name for spec in scenario.recordings]
-
-
 def write_stamp(out: Path, scenario: bytes, names: Iterable[str]) -> None:
     """Write that every recording of a scenario is there; a folder that is not writable gets no stamp.
 
@@ -133,7 +85,7 @@ def _source_digest() -> str:
 
 
 def _content(path: Path) -> bytes | None:
-    """The bytes of a scenario; None if it cannot be read, which reading it tells better."""
+    """The bytes of a scenario; None if it cannot be read: reading it raises the better error."""
     try:
         return path.read_bytes() if path.stat().st_size <= LARGEST_BYTES else None
     except OSError:
@@ -152,15 +104,15 @@ def _rendered(scenario: Scenario, specs: list[RecordingSpec], out: Path, workers
 
 
 def _produce(spec: RecordingSpec, *, scenario: Scenario, out: Path) -> None:
-    """Render one recording aside, then move it into place."""
-    aside, place = out / UNFINISHED / spec.name, out / spec.name
-    shutil.rmtree(aside, ignore_errors=True)
-    render_recording(scenario, spec, aside)
-    write_text(aside / MARK, json.dumps(_mark(scenario, spec), indent=1) + "\n")
-    if place.exists():
-        _refuse_foreign(place)
-        shutil.rmtree(place)
-    aside.replace(place)
+    """Render one recording in a temporary folder, then move it."""
+    unfinished, final = out / UNFINISHED / spec.name, out / spec.name
+    shutil.rmtree(unfinished, ignore_errors=True)
+    render_recording(scenario, spec, unfinished)
+    write_text(unfinished / MARK, json.dumps(_mark(scenario, spec), indent=1) + "\n")
+    if final.exists():
+        _refuse_foreign(final)
+        shutil.rmtree(final)
+    unfinished.replace(final)
 
 
 def _mark(scenario: Scenario, spec: RecordingSpec) -> dict[str, str]:
@@ -182,7 +134,7 @@ def _refuse_foreign(folder: Path) -> None:
     if _mark_of(folder) is None:
         do = "render into another folder, or move this one away"
         raise DataError(
-            folder, expected="a free place or a recording made by synthesize", got="a folder without its mark", do=do
+            folder, expected="no such folder or a recording made by synthesize", got="a folder without its mark", do=do
         )
 
 
@@ -195,3 +147,51 @@ def _remove_former(scenario: Scenario, out: Path) -> None:
             _refuse_foreign(folder)
         elif mark is not None and mark.get("scenario") == scenario.name:
             shutil.rmtree(folder)
+
+
+def synthesize(
+    scenario_path: Path, out: Path, *, workers: int | None = None, progress: Progress | None = None
+) -> list[Path]:
+    """Render every recording of a scenario that is not there yet.
+
+    A recording is rendered in a temporary folder and then moved. What is there is kept if it was made by the same
+    generator from the same lines of the scenario, and replaced otherwise; recordings that the scenario
+    no longer has are removed. Recordings do not depend on each other, on the order or on the number of workers.
+    A second call for the same folder waits until the first is done, and then finds everything there. A stamp in the
+    folder says that everything is there; while it fits, a call costs a few milliseconds.
+
+    Args:
+        scenario_path: the scenario file.
+        out: folder of the recordings.
+        workers: processes; None for one per core that this process may use.
+        progress: called with the numbers of finished and of all recordings.
+
+    Returns:
+        Folders of the recordings, in the scenario's order.
+
+    Raises:
+        DataError: the scenario is not one, or a folder in the way was not made by `synthesize`.
+        UsageError: fewer than one worker.
+    """
+    if workers is not None and workers < 1:
+        raise UsageError(f"workers: expected at least 1, got {workers}")
+    content = _content(scenario_path)
+    if content is not None and (folders := stamped(out, content)) is not None:
+        if progress is not None:
+            progress(len(folders), len(folders))
+        return folders
+    scenario = read_scenario(scenario_path)
+    make_folder(out)
+    with alone_in(out):
+        _remove_former(scenario, out)
+        missing = [spec for spec in scenario.recordings if _mark_of(out / spec.name) != _mark(scenario, spec)]
+        done, total = len(scenario.recordings) - len(missing), len(scenario.recordings)
+        if progress is not None:
+            progress(done, total)
+        for count, _ in enumerate(_rendered(scenario, missing, out, workers or usable_cores()), start=done + 1):
+            if progress is not None:
+                progress(count, total)
+        shutil.rmtree(out / UNFINISHED, ignore_errors=True)
+        if content is not None and content == _content(scenario_path):  # nobody edited it while it was read
+            write_stamp(out, content, [spec.name for spec in scenario.recordings])
+    return [out / spec.name for spec in scenario.recordings]

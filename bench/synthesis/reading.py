@@ -55,8 +55,8 @@ class ScenarioText:
 
     def fault(self, field: str, *, expected: str, got: str, do: str = "") -> DataError:
         """An error about a field, with its line."""
-        place = f"{self.path}:{_line_of(self.tree, field.split('.'))}"
-        return DataError(place, field=field or None, expected=expected, got=got, do=do)
+        location = f"{self.path}:{_line_of(self.tree, field.split('.'))}"
+        return DataError(location, field=field or None, expected=expected, got=got, do=do)
 
 
 def read_text(path: Path) -> ScenarioText:
@@ -84,7 +84,7 @@ def read_text(path: Path) -> ScenarioText:
 
 
 def _too_deep(text: str) -> int | None:
-    """The first line with too many levels, counted from 1; told from the text's events, which nest nothing."""
+    """The first line with too many levels, counted from 1; found from the text's events, which nest nothing."""
     depth = 0
     for event in yaml.parse(text, Loader=LOADER):
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
@@ -94,7 +94,7 @@ def _too_deep(text: str) -> int | None:
 
 
 def _line_of(node: yaml.Node | None, keys: list[str]) -> int:
-    """Line of the deepest node on the way to a field, counted from 1."""
+    """Line of the deepest node on the path to a field, counted from 1."""
     line = 1
     for key in keys:
         if isinstance(node, yaml.MappingNode):
@@ -108,8 +108,8 @@ def _line_of(node: yaml.Node | None, keys: list[str]) -> int:
     return line
 
 
-ATTEMPTS = 60  # draws of a recording before a series counts as one that leaves no room
-WANTED_ROOM = "a place of its own for everybody at all times"
+ATTEMPTS = 60  # draws of a recording before a series counts as one that leaves no space
+EXPECTED_SPACE = "bodies that never overlap"
 
 
 def read_scenario(path: Path) -> Scenario:
@@ -130,15 +130,15 @@ def read_scenario(path: Path) -> Scenario:
     for number, spec in enumerate(file.recordings):
         if (clash := first_clash(file, spec)) is not None:
             field = f"recordings.{number}.actors.{clash[0]}"
-            raise text.fault(field, expected=WANTED_ROOM, got=clash[1], do=f"see {spec.name}")
+            raise text.fault(field, expected=EXPECTED_SPACE, got=clash[1], do=f"see {spec.name}")
     drawn = [_drawn(text, file, number, index) for number, one in enumerate(file.series) for index in range(one.count)]
     head = {key: getattr(file, key) for key in ScenarioHead.model_fields}
     return text.validated(Scenario, {**head, "recordings": (*file.recordings, *drawn)})
 
 
 def _drawn(text: ScenarioText, file: ScenarioFile, number: int, index: int) -> RecordingSpec:
-    """One recording of a series, drawn until everybody has a place."""
-    series, field, line, told = file.series[number], f"series.{number}", "", ""
+    """One recording of a series, drawn until no bodies overlap."""
+    series, field, line, reason = file.series[number], f"series.{number}", "", ""
     for attempt in range(ATTEMPTS):
         try:
             values, origins = series.recording(index, seed=file.seed, attempt=attempt)
@@ -147,17 +147,17 @@ def _drawn(text: ScenarioText, file: ScenarioFile, number: int, index: int) -> R
         spec = _validated(text, values, field, origins)
         if (clash := first_clash(file, spec)) is None:
             return spec
-        line, told = f"{field}.actors.{origins[clash[0]]}", clash[1]
+        line, reason = f"{field}.actors.{origins[clash[0]]}", clash[1]
     raise text.fault(
         line,
-        expected=f"room for everybody in recording {index + 1} of {series.count}",
-        got=f"bodies inside one another in each of {ATTEMPTS} draws, at last {told}",
-        do="give them more room, or ask for fewer",
+        expected=f"space for everybody in recording {index + 1} of {series.count}",
+        got=f"bodies inside one another in each of {ATTEMPTS} draws, at last {reason}",
+        do="give them more space, or ask for fewer",
     )
 
 
 def _validated(text: ScenarioText, values: dict[str, Any], field: str, origins: list[int]) -> RecordingSpec:
-    """A drawn recording; a fault is told with the line of the series that it was drawn from."""
+    """A drawn recording; a fault is reported with the line of the series that it was drawn from."""
     try:
         return text.validated(RecordingSpec, values, field=field)
     except DataError as error:

@@ -159,7 +159,7 @@ def detected(
 
 
 RESOLUTION_M = 1 / 256  # of stored coordinates: 1 mm rms beside 20 mm of range noise; a power of two packs well
-POSTURE_NS = 5_000_000  # an actor holds its posture this long; its place follows every column exactly
+POSTURE_NS = 5_000_000  # an actor holds its posture this long; its position follows every column exactly
 
 
 class LidarScanner:
@@ -188,7 +188,7 @@ class LidarScanner:
         actors: Sequence[Actor],
         ego: EgoMotion,
     ) -> None:
-        self._spec, self._actors, self._host = spec, actors, ego
+        self._spec, self._actors, self._ego = spec, actors, ego
         self._world, self._static = world, RayScene(world.corners_m)
         self._vehicle_from_lidar = vehicle_from_lidar
         self._beams = revolution(spec)
@@ -205,12 +205,15 @@ class LidarScanner:
         """
         offsets_ns, rays_lidar = self._beams.offsets_ns, self._beams.rays_lidar
         times_ns = time_ns + offsets_ns
-        ego = self._host.at(times_ns)
+        ego = self._ego.at(times_ns)
         rotations = (ego.rotations @ self._vehicle_from_lidar.rotation).astype(np.float32)
         rays_world = rays_lidar @ rotations.transpose(0, 2, 1)
         origins_m = ego.rotations @ self._vehicle_from_lidar.translation_m + ego.positions_m
-        echoes = Echoes(rays_world.shape[0] * rays_world.shape[1], self._spec.max_range_m)
-        self._add_world(echoes, rays_world, origins_m)
+        rays = rays_world.reshape(-1, 3)
+        echoes = Echoes(len(rays), self._spec.max_range_m)
+        ray_origins_m = np.repeat(origins_m.astype(np.float32), rays_world.shape[1], axis=0)
+        everything = np.arange(len(rays))
+        echoes.add(self._static, self._world.surfaces, rows=everything, rays=rays, origins_m=ray_origins_m)
         for actor in self._actors:
             _add_actor(echoes, actor, times_ns, rays_world, origins_m)
         found, intensities = detected(echoes, self._spec, rng)
@@ -226,11 +229,6 @@ class LidarScanner:
             intensity=intensities[rows],
             ring=rings.astype(np.uint8),
         )
-
-    def _add_world(self, echoes: Echoes, rays_world: NDArray[np.float32], origins_m: NDArray[np.float64]) -> None:
-        rays = rays_world.reshape(-1, 3)
-        origins = np.repeat(origins_m.astype(np.float32), rays_world.shape[1], axis=0)
-        echoes.add(self._static, self._world.surfaces, rows=np.arange(len(rays)), rays=rays, origins_m=origins)
 
 
 def _add_actor(

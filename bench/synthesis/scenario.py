@@ -79,7 +79,7 @@ class CameraSpec(FileModel):
         position_m: in the vehicle frame.
         yaw_deg: of the optical axis, to the left of forward.
         pitch_down_deg: of the optical axis, below the horizon.
-        roll_deg: about the optical axis, clockwise as the camera sees itself turn.
+        roll_deg: about the optical axis, clockwise as seen from behind the camera.
         sensor: how it errs.
     """
 
@@ -118,11 +118,11 @@ class ActorSpec(FileModel):
     Attributes:
         name: the track's id.
         kind: a name of `bench.synthesis.bodies.BODIES`.
-        at_s: when it is at its place, after the first image.
+        at_s: when it is at its position, after the first image.
         position_m: its middle on the ground, x forward and y left of where the ego vehicle's origin is at `at_s`.
         heading_deg: direction of travel at `at_s`, to the left of the ego vehicle's forward direction then.
         times_s: of the profile below, after the first image, increasing.
-        speed_mps: along the heading at `times_s`, linear in between, constant beyond; one value for a steady way.
+        speed_mps: along the heading at `times_s`, linear in between, constant beyond; one value if steady.
         yaw_rate_degps: positive to the left; as `speed_mps`.
         gear: "reverse" moves against the heading, tail first.
         floor_m: height of the ground below it, for someone on the pavement.
@@ -151,9 +151,9 @@ class BumpSpec(FileModel):
     It is too low to be part of the rendered street.
 
     Attributes:
-        at_m: its middle, way ahead of the rear axle at the first image.
+        at_m: its middle, distance ahead of the rear axle at the first image.
         height_m: negative for a dip.
-        length_m: along the way; the profile is a raised cosine.
+        length_m: along the path; the profile is a raised cosine.
     """
 
     at_m: Number
@@ -188,7 +188,7 @@ class EgoSpec(FileModel):
 
 
 class LidarSpec(FileModel):
-    """A 64-beam lidar that turns clockwise, as Velodyne's HDL-64E.
+    """A 64-beam lidar that rotates clockwise, as Velodyne's HDL-64E.
 
     The weakest return by default lets a 10 % target out to about 140 m when it is hit squarely, and asphalt below a
     lidar on the roof out to about 35 m, where it is hit at 3 degrees; beyond, more and more pulses are lost.
@@ -241,7 +241,7 @@ class SuspensionSpec(FileModel):
         damping_ratio: of critical damping.
         pitch_deg_per_mps2: nose down for each m/s^2 of braking, up for accelerating.
         roll_deg_per_mps2: to the outside of the bend for each m/s^2 of lateral acceleration.
-        centre_m: what pitch and roll turn about, in the level vehicle frame.
+        centre_m: centre of pitch and roll, in the level vehicle frame.
         wheelbase_m: between the axles, whose bumps come one after the other.
         track_m: between left and right wheels.
         road_class: roughness of the road; null for a smooth one.
@@ -267,7 +267,7 @@ class BusSpec(FileModel):
     Attributes:
         rate_hz: messages per second.
         ticks_per_turn: edges of one turn of a wheel; 0 for a speed without ticks.
-        tyre_radius_m: that the control unit reckons with.
+        tyre_radius_m: that the control unit assumes.
         standstill_after_s: without a tick for so long, the reported speed is 0. One tick in that time, 0.1 m/s by the
             defaults, is the slowest motion that the bus registers.
         speed_step_kmh: resolution of the reported speed; 0 for none.
@@ -295,8 +295,8 @@ class CalibrationSpec(FileModel):
     was calibrated on purpose and sits twice as well.
 
     Attributes:
-        camera_angle_deg: standard deviation of a camera's turn about each of its axes.
-        camera_position_m: standard deviation of its place along each axis.
+        camera_angle_deg: standard deviation of a camera's rotation about each of its axes.
+        camera_position_m: standard deviation of its position along each axis.
         lidar_angle_deg: as for the cameras.
         lidar_position_m: as for the cameras.
     """
@@ -333,7 +333,7 @@ Side = Literal["left", "right"]
 
 
 class SideStreetSpec(FileModel):
-    """A street that opens into the ego vehicle's, at a right angle; two at one place make a crossing.
+    """A street that opens into the ego vehicle's, at a right angle; two at one position make a crossing.
 
     Attributes:
         at_m: its middle, along the ego vehicle's lane.
@@ -367,7 +367,7 @@ class StreetSpec(FileModel):
             both sides in any case.
         parked_cars: share of the spaces in the parking lanes or bays that are taken; spaces that actors or the ego
             vehicle come near stay free.
-        trees: share of the places for trees, 9 m apart on each pavement, that have one.
+        trees: share of the positions for trees, 9 m apart on each pavement, that have one.
         hedges: share of the fronts that are a garden behind a hedge, fence or wall instead of a house.
         wear: of the road, from 0, just laid, to 1, cracked and patched all over; null draws one.
         zebra_at_m: zebra crossings with lowered kerbs.

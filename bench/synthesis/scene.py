@@ -105,13 +105,13 @@ __all__ = ["FIRST_IMAGE_NS", "Actor", "Scene", "build_scene"]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Actor:
-    """A body and its way.
+    """A body and its path.
 
     Attributes:
         name: of the track.
         instance_id: in truth images.
         body: its shape.
-        path: its way.
+        path: over the ground.
     """
 
     name: str
@@ -120,7 +120,7 @@ class Actor:
     path: Path
 
     def placed(self, time_ns: int) -> PlacedMesh:
-        """Its posture and place at a time of the scene clock, world frame."""
+        """Its posture and position at a time of the scene clock, world frame."""
         poses, (speeds_mps, _) = self.path.at([time_ns]), self.path.signals([time_ns])
         posed = Mesh(
             corners_m=self.body.corners_at(float(poses.distances_m[0]), speed_mps=float(speeds_mps[0])),
@@ -137,7 +137,7 @@ class Scene:
     Attributes:
         world: the static world, world frame.
         actors: in the scenario's order; the first has instance id 1.
-        ego: the ego vehicle's motion, with the sway of its body.
+        ego: motion of the ego vehicle, with pitch, roll and heave of its body.
         light: sun, clouds or night.
         image_times_ns: scene clock; 0 is the first image.
         sweep_times_ns: scene clock, reference times.

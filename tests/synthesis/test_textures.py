@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from bench.synthesis.imaging.compiled import compiled
+from bench.synthesis.imaging.compiled import CACHE, SOURCES, compiled
 from bench.synthesis.imaging.textures import LEVELS, SIZE, TextureAtlas, atlas_at, texture_atlas
 
 
@@ -54,3 +54,10 @@ def test_texture_turns_smooth_with_distance() -> None:
     spreads = [sample(atlas, u, v, np.full_like(u, level)).std() for level in range(LEVELS)]
     assert spreads[0] == pytest.approx(1.0, abs=0.15)
     assert all(b < a for a, b in pairwise(spreads))
+
+
+def test_cached_machine_code_belongs_to_the_sources_as_they_are() -> None:
+    """By itself numba would take it again when a file changes that the function's own file imports."""
+    sample(texture_atlas(3), *np.zeros((3, 1), dtype=np.float32))
+    assert CACHE.name.endswith(SOURCES[:16])
+    assert list(CACHE.rglob("*fill*.nbi"))

@@ -21,12 +21,12 @@ STEPS = 96  # of a cycle in a table; linear in between
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Joint:
-    """A turn about an axis, driven by the way that the body has travelled.
+    """A rotation about an axis, driven by the distance that the body has travelled.
 
     Attributes:
         name: parts and joints hang on it by this name.
-        pivot_m: (3,) a place on the axis, object frame, build posture.
-        cycle_m: way of one full cycle.
+        pivot_m: (3,) a point on the axis, object frame, build posture.
+        cycle_m: distance of one full cycle.
         angles_rad: (STEPS + 1,) over one cycle, right-handed about the axis; the last may be whole turns off the first.
         axis: (3,) unit vector, build posture.
         parent: the joint that this one hangs on; None for the body's own frame.
@@ -81,8 +81,8 @@ class Linkage:
         """Posed from build posture.
 
         Args:
-            distances_m: travelled so far: one way, or (W,).
-            amplitude: 1 in full motion, 0 standing.
+            distances_m: travelled so far: one distance, or (W,).
+            amplitude: 1 in full motion, 0 stationary.
 
         Returns:
             rotations: (J, 3, 3), or (W, J, 3, 3).
@@ -97,7 +97,7 @@ class Linkage:
         values = np.where(
             np.isnan(self._stationary), values, self._stationary + amplitude * (values - self._stationary)
         )
-        rotations = self._turns(values[..., 0])
+        rotations = self._rotations(values[..., 0])
         positions_m = self._pivots_m + values[..., 1:]
         for row, parent in enumerate(self.parents):
             if parent >= 0:
@@ -107,7 +107,7 @@ class Linkage:
                 rotations[..., row, :, :] = rotations[..., parent, :, :] @ rotations[..., row, :, :]
         return rotations, positions_m - (rotations @ self._pivots_m[..., None])[..., 0]
 
-    def _turns(self, angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _rotations(self, angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:
         """Rodrigues' formula for (..., J) angles about the axes: (..., J, 3, 3)."""
         sine, cosine = np.sin(angles_rad)[..., None, None], np.cos(angles_rad)[..., None, None]
         return np.asarray(np.eye(3) + sine * self._crosses + (1 - cosine) * (self._crosses @ self._crosses))
@@ -131,7 +131,7 @@ def _cross_matrices(axes: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
 
 
-FULL_PACE_MPS = 0.5  # below this speed steps grow smaller, down to standing
+FULL_PACE_MPS = 0.5  # below this speed steps grow smaller, down to none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -142,9 +142,9 @@ class Body:
         object_class: as annotations name it.
         mesh: all parts in the build posture, as it is for a vehicle; its texture serves every posture.
         linkage: the joints.
-        parts: (first triangle, last triangle + 1, row of the joint) of the parts that turn.
-        cycle_m: way after which walking repeats.
-        start_m: where in its cycle the body is at way 0, so that two of them do not walk in step.
+        parts: (first triangle, last triangle + 1, row of the joint) of the parts on joints.
+        cycle_m: distance after which walking repeats.
+        start_m: where in its cycle the body is at distance 0, so that two of them do not walk in step.
         size_m: (3,) float64, the box that holds every posture: length, width, height.
     """
 
@@ -157,7 +157,7 @@ class Body:
     size_m: NDArray[np.float64]
 
     def corners_at(self, distance_m: float, *, speed_mps: float = FULL_PACE_MPS) -> NDArray[np.float64]:
-        """The posture after a way.
+        """The posture after a distance.
 
         Args:
             distance_m: travelled so far, negative in reverse.
@@ -186,25 +186,25 @@ def assembled(
         object_class: as annotations name it.
         parts: in any frame whose x is forward and whose z is up from the ground.
         joints: in the same frame, parents before their children.
-        cycle_m: way after which every posture repeats.
+        cycle_m: distance after which every posture repeats.
         start_m: where in its cycle the body starts.
     """
     rows = {joint.name: row for row, joint in enumerate(joints)}
     sorted_parts = sorted(parts, key=lambda part: -1 if part[1] is None else rows[part[1]])
     hangs_on = np.concatenate([np.full(len(m.corners_m), -1 if n is None else rows[n]) for m, n in sorted_parts])
-    turned = tuple(
+    jointed = tuple(
         (int(np.searchsorted(hangs_on, row)), int(np.searchsorted(hangs_on, row, side="right")), row)
         for row in range(len(joints))
         if (hangs_on == row).any()
     )
     mesh, linkage = joined([mesh for mesh, _ in sorted_parts]), Linkage(joints)
-    low, high = _extent(mesh.corners_m, linkage, turned, cycle_m=cycle_m, start_m=start_m)
+    low, high = _extent(mesh.corners_m, linkage, jointed, cycle_m=cycle_m, start_m=start_m)
     origin = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, 0.0])
     return Body(
         object_class=object_class,
         mesh=replace(mesh, corners_m=mesh.corners_m - origin),
         linkage=Linkage([replace(joint, pivot_m=tuple(joint.pivot_m - origin)) for joint in joints]),
-        parts=turned,
+        parts=jointed,
         cycle_m=cycle_m,
         start_m=start_m,
         size_m=np.array([high[0] - low[0], high[1] - low[1], high[2]]),
@@ -219,17 +219,17 @@ def _extent(
     cycle_m: float,
     start_m: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Lowest and highest x, y, z over all postures of a cycle and the standing one."""
+    """Lowest and highest x, y, z over all postures of a cycle and the stationary one."""
     first = parts[0][0] if parts else len(corners_m)  # what hangs on no joint comes before what does
     still_m = corners_m[:first].reshape(-1, 3)
     lows, highs = ([still_m.min(axis=0)], [still_m.max(axis=0)]) if first else ([], [])
     if parts:
         amplitude = linkage.transforms(np.arange(STEPS, dtype=np.float64) * (cycle_m / STEPS), 1.0)
-        standing = linkage.transforms(np.array([start_m]), 0.0)
-        rotations, translations_m = (np.concatenate(both) for both in zip(amplitude, standing, strict=True))
+        stationary = linkage.transforms(np.array([start_m]), 0.0)
+        rotations, translations_m = (np.concatenate(both) for both in zip(amplitude, stationary, strict=True))
         for start, end, row in parts:
-            turns = rotations[:, row].reshape(-1, 3)  # every axis of every posture
-            along_m = (turns @ _distinct(corners_m[start:end].reshape(-1, 3)).T).reshape(len(rotations), 3, -1)
+            axes = rotations[:, row].reshape(-1, 3)  # every axis of every posture
+            along_m = (axes @ _distinct(corners_m[start:end].reshape(-1, 3)).T).reshape(len(rotations), 3, -1)
             lows.append((along_m.min(axis=2) + translations_m[:, row]).min(axis=0))
             highs.append((along_m.max(axis=2) + translations_m[:, row]).max(axis=0))
     return np.min(lows, axis=0), np.max(highs, axis=0)

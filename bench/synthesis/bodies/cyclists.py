@@ -66,7 +66,7 @@ class Bicycle:
         grip_xz_m: where the hands are.
         bar_half_m: half width of the handlebar.
         step_through: a frame without a top tube.
-        development_m: way of one turn of the cranks.
+        development_m: distance of one turn of the cranks.
         basket: a basket in front.
         bags: bags at the rear wheel.
     """
@@ -85,7 +85,7 @@ class Bicycle:
     bags: bool = False
 
     def scaled(self, factor: float) -> Bicycle:
-        """The same for a smaller rider; a child pedals through a shorter way."""
+        """The same for a smaller rider; a child rides a shorter distance per turn."""
         names = ("wheel_m", "rear_x_m", "front_x_m", "bracket_z_m", "crank_m", "bar_half_m", "development_m")
         grip = (self.grip_xz_m[0] * factor, self.grip_xz_m[1] * factor)
         return replace(self, grip_xz_m=grip, **{name: factor * getattr(self, name) for name in names})
@@ -94,23 +94,23 @@ class Bicycle:
 def bicycle_joints(bicycle: Bicycle) -> list[Joint]:
     """Wheels, cranks and pedals."""
     turn = np.linspace(0, 2 * np.pi, STEPS + 1)
-    centre, way_m = (0.0, 0.0, bicycle.bracket_z_m), bicycle.development_m
+    centre, cycle_m = (0.0, 0.0, bicycle.bracket_z_m), bicycle.development_m
     joints = [
         wheel("rear_wheel", bicycle.rear_x_m, bicycle.wheel_m),
         wheel("front_wheel", bicycle.front_x_m, bicycle.wheel_m),
-        Joint(name="cranks", pivot_m=centre, cycle_m=way_m, angles_rad=turn, stationary_rad=LEVEL_RAD),
+        Joint(name="cranks", pivot_m=centre, cycle_m=cycle_m, angles_rad=turn, stationary_rad=LEVEL_RAD),
     ]
     for side, sign in (("left", 1.0), ("right", -1.0)):
         axle = (0.0, sign * PEDAL_Y_M, bicycle.bracket_z_m + sign * bicycle.crank_m)
         joints.append(
-            Joint(name=f"{side}_pedal", parent="cranks", pivot_m=axle, cycle_m=way_m, angles_rad=-turn,
+            Joint(name=f"{side}_pedal", parent="cranks", pivot_m=axle, cycle_m=cycle_m, angles_rad=-turn,
                   stationary_rad=-LEVEL_RAD)
         )  # fmt: skip
     return joints
 
 
 def bicycle_parts(bicycle: Bicycle, paint: Surface, *, saddle_xz_m: tuple[float, float]) -> list[Part]:
-    """All solids; the left crank points up, as at way 0.
+    """All solids; the left crank points up, as at distance 0.
 
     Args:
         bicycle: its measures.

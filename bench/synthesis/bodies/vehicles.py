@@ -1,6 +1,6 @@
 """Vehicles: a hull with wheel arches, lamps and seams, a cabin with panes, wheels and what is mounted on them.
 
-x = 0 half way along the vehicle.
+x = 0 halfway along the vehicle.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class Hull:
     tail_lamps_x_m: tuple[float, float]
 
     def half_width_m(self, x_m: float) -> float:
-        """At a place along the vehicle."""
+        """At a position along the vehicle."""
         return float(_along(np.array([x_m]), self.plan_xy_m)[0])
 
 
@@ -89,29 +89,29 @@ class Cabin:
 
 def hull_mesh(hull: Hull, paint: Surface) -> Mesh:
     """The hull as one closed surface."""
-    places = _hull_places(hull)
-    wide, top = _along(places, hull.plan_xy_m), _along(places, hull.top_xz_m)
+    positions = _hull_positions(hull)
+    wide, top = _along(positions, hull.plan_xy_m), _along(positions, hull.top_xz_m)
     arch_m = hull.wheel_radius_m + ARCH_GAP_M
-    away = np.min([np.abs(places - x) for x in hull.axles_x_m], axis=0)
+    away = np.min([np.abs(positions - x) for x in hull.axles_x_m], axis=0)
     arch = hull.wheel_radius_m + np.sqrt(np.maximum(arch_m**2 - away**2, 0.0))
     sill = np.where(away < arch_m + ARCH_EDGE_M / 2, arch, hull.ground_m)
     crease = np.maximum(sill + 0.06, hull.ground_m + 0.62 * (top - hull.ground_m))
     shoulder = np.maximum(crease + 0.01, top - 0.07)
     edge = np.maximum(shoulder + 0.01, top - 0.005)
-    ground = np.full_like(places, hull.ground_m)
+    ground = np.full_like(positions, hull.ground_m)
     inner = wide - np.minimum(WHEELHOUSE_M, 0.5 * wide)
     side = [
         (inner, ground), (inner, sill), (wide - 0.02, sill), (wide, sill + 0.04), (wide, crease),
         (wide - 0.04, shoulder), (wide - 0.12, edge), (0.45 * wide, edge + 0.02),
     ]  # fmt: skip
-    right = np.stack([np.stack([places, -y, z], axis=1) for y, z in side], axis=1)
+    right = np.stack([np.stack([positions, -y, z], axis=1) for y, z in side], axis=1)
     left = right[:, ::-1] * np.array([1.0, -1.0, 1.0])
     painted = [_strip(slice(None), strip, UNDERSIDE) for strip in HOUSE_STRIPS]
     painted += [_strip(slice(None), strip, PLASTIC) for strip in SILL_STRIPS]
     for x in hull.seams_x_m:
-        painted += [_strip(_between(places, x - SEAM_M, x + SEAM_M), strip, UNDERSIDE) for strip in SIDE_STRIPS]
+        painted += [_strip(_between(positions, x - SEAM_M, x + SEAM_M), strip, UNDERSIDE) for strip in SIDE_STRIPS]
     for (start, end), lamp in ((hull.headlamps_x_m, HEADLAMP), (hull.tail_lamps_x_m, TAIL_LAMP)):
-        painted += [_strip(_between(places, start, end), strip, lamp) for strip in LAMP_STRIPS]
+        painted += [_strip(_between(positions, start, end), strip, lamp) for strip in LAMP_STRIPS]
     return loft(np.concatenate([right, left], axis=1), paint, paint=painted)
 
 
@@ -137,29 +137,29 @@ def cabin_mesh(cabin: Cabin, paint: Surface) -> Mesh:
     return loft([*levels, *crown], paint, paint=painted)
 
 
-def _along(places: NDArray[np.float64], outline: Outline) -> NDArray[np.float64]:
+def _along(positions: NDArray[np.float64], outline: Outline) -> NDArray[np.float64]:
     at, values = np.array(outline).T
-    return np.asarray(np.interp(places, at, values))
+    return np.asarray(np.interp(positions, at, values))
 
 
-def _hull_places(hull: Hull) -> NDArray[np.float64]:
+def _hull_positions(hull: Hull) -> NDArray[np.float64]:
     """Where along the hull it needs a ring."""
     arch_m = hull.wheel_radius_m + ARCH_GAP_M
     turns = np.radians([0, 28, 58, 90, 122, 152, 180])
-    places = [x for x, _ in (*hull.top_xz_m, *hull.plan_xy_m)]
+    positions = [x for x, _ in (*hull.top_xz_m, *hull.plan_xy_m)]
     for axle in hull.axles_x_m:
         # Half a circle, and straight down where it ends.
-        places += [axle + arch_m * float(np.cos(turn)) for turn in turns]
-        places += [axle + sign * (arch_m + ARCH_EDGE_M) for sign in (-1, 1)]
-    places += [x + sign * SEAM_M for x in hull.seams_x_m for sign in (-1, 1)]
-    places += [*hull.headlamps_x_m, *hull.tail_lamps_x_m]
+        positions += [axle + arch_m * float(np.cos(turn)) for turn in turns]
+        positions += [axle + sign * (arch_m + ARCH_EDGE_M) for sign in (-1, 1)]
+    positions += [x + sign * SEAM_M for x in hull.seams_x_m for sign in (-1, 1)]
+    positions += [*hull.headlamps_x_m, *hull.tail_lamps_x_m]
     first, last = hull.top_xz_m[0][0], hull.top_xz_m[-1][0]
-    found = np.unique(np.round([x for x in places if first <= x <= last], 4))
+    found = np.unique(np.round([x for x in positions if first <= x <= last], 4))
     return np.asarray(found[np.append(True, np.diff(found) > 1e-3)])
 
 
-def _between(places: NDArray[np.float64], start: float, end: float) -> slice:
-    low, high = np.searchsorted(places, [start - 1e-4, end - 1e-4])
+def _between(positions: NDArray[np.float64], start: float, end: float) -> slice:
+    low, high = np.searchsorted(positions, [start - 1e-4, end - 1e-4])
     return slice(int(low), int(high))
 
 
@@ -198,7 +198,7 @@ PROFILE = ((0.0, 0.90), (0.12, 1.0), (0.88, 1.0), (1.0, 0.90))  # share of the w
 def vehicle_wheels(
     axles_x_m: Sequence[float], outer_y_m: float, radius_m: float, *, width_m: float, spokes: int
 ) -> tuple[list[Part], list[Joint]]:
-    """All wheels of a vehicle; those of an axle turn together.
+    """All wheels of a vehicle; those of an axle rotate together.
 
     Args:
         axles_x_m: where the axles are.
@@ -230,15 +230,15 @@ def _wheel(radius_m: float, width_m: float, spokes: int, sign: float) -> Mesh:
 def _spokes(length_m: float, count: int, out: NDArray[np.float64]) -> Mesh:
     """Flat bars from the hub outwards, twice as wide at the rim."""
     half_m = length_m * 0.55 / count * out[1]
-    along, across = _circle(count)[:, None], _circle(count, turn_rad=np.pi / 2)[:, None]
+    along, across = _circle(count)[:, None], _circle(count, start_rad=np.pi / 2)[:, None]
     share, wide = np.array([[0.0, -1.0], [1.0, -1.7], [1.0, 1.7], [0.0, 1.0]]).T[:, :, None]
     face = share * length_m * along + wide * half_m * across
     return prism(face, face + 0.014 * out, ALLOY)
 
 
-def _circle(count: int, *, turn_rad: float = 0.0) -> NDArray[np.float64]:
-    """(count, 3) directions around the axle, the first one up but for a turn forward."""
-    turns = np.arange(count) * (2 * np.pi / count) + turn_rad
+def _circle(count: int, *, start_rad: float = 0.0) -> NDArray[np.float64]:
+    """(count, 3) directions around the axle, the first one up but for a rotation forward."""
+    turns = np.arange(count) * (2 * np.pi / count) + start_rad
     return np.stack([np.sin(turns), np.zeros(count), np.cos(turns)], axis=1)
 
 

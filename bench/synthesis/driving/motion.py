@@ -23,7 +23,7 @@ TRACK_M = 1.55  # between left and right wheels, for how far they feel the same
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RoadProfile:
-    """Heights below the wheels, over the way along the road.
+    """Heights below the wheels, over the distance along the road.
 
     Attributes:
         waves_per_m: (W,) float64, cycles per metre.
@@ -38,9 +38,9 @@ class RoadProfile:
     bumps: tuple[BumpSpec, ...] = ()
 
     def heights_m(self, distances_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Heights below the left and the right wheel at (N,) ways."""
-        turns = 2 * np.pi * np.outer(distances_m, self.waves_per_m)
-        mean, half = (np.cos(turns + p) @ a for a, p in zip(self.amplitudes_m, self.phases_rad, strict=True))
+        """Heights below the left and the right wheel at (N,) distances."""
+        angles = 2 * np.pi * np.outer(distances_m, self.waves_per_m)
+        mean, half = (np.cos(angles + p) @ a for a, p in zip(self.amplitudes_m, self.phases_rad, strict=True))
         for bump in self.bumps:
             part = np.clip((distances_m - bump.at_m) / bump.length_m, -0.5, 0.5)
             mean = mean + bump.height_m * (0.5 + 0.5 * np.cos(2 * np.pi * part))
@@ -51,7 +51,7 @@ def road_profile(road_class: str | None, bumps: Sequence[BumpSpec], rng: np.rand
     """Draw a road of a class.
 
     Each wave has the power that its class gives it. Left and right tracks of an isotropic road agree for waves that are
-    long against their distance and go their own ways for short ones; the share in between is simplified to
+    long against their distance and differ for short ones; the share in between is simplified to
     1 / (1 + (2 pi n track)^2).
 
     Source:
@@ -76,7 +76,7 @@ SETTLING_NODES = 3000  # 3 s of steady driving before a path begins: the body ha
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Attitude:
-    """The attitude of a body against its level self.
+    """Attitude of the body relative to the level vehicle.
 
     Attributes:
         pitch_rad: (K,) float64, about the y axis: nose down is positive, as ISO 8855 has it.
@@ -89,8 +89,8 @@ class Attitude:
     heave_m: NDArray[np.float64]
 
 
-def sway(path: Path, road: RoadProfile, spec: SuspensionSpec) -> Attitude:
-    """How the body answers to braking, bends and the road, at the nodes of a path.
+def body_attitude(path: Path, road: RoadProfile, spec: SuspensionSpec) -> Attitude:
+    """Attitude of the body under braking, bends and the road, at the nodes of a path.
 
     Inertia moves the body as a force on its springs: towards the angle of steady braking or cornering, with the
     overshoot of its damping. The road moves it through springs and dampers both (base excitation). Before the first
@@ -98,7 +98,7 @@ def sway(path: Path, road: RoadProfile, spec: SuspensionSpec) -> Attitude:
 
     Args:
         path: in the plane.
-        road: below the wheels, along the way of the rear axle.
+        road: below the wheels, along the path of the rear axle.
         spec: of the suspension.
     """
     accelerations_mps2 = _led_in(np.gradient(path.speeds_mps, STEP_NS / SECOND_NS))
@@ -151,7 +151,7 @@ class EgoMotion:
     """The ego vehicle, to whose body the sensors are bolted.
 
     Attributes:
-        ground: the way of the level ego: of its origin, below the middle of the rear axle, in the plane of the road.
+        ground: path of the level vehicle's origin, below the middle of the rear axle, in the plane of the road.
         attitude: of the body at the ground's nodes; None for a rigid car.
         centre_m: (3,) float64, level vehicle frame, what the body pitches and rolls about.
     """
@@ -166,7 +166,7 @@ class EgoMotion:
         return self.ground.nodes_ns
 
     def at(self, times_ns: ArrayLike) -> Poses:
-        """World from body at (N,) int64 times within the nodes; `distances_m` is the way over the ground."""
+        """World from body at (N,) int64 times within the nodes; `distances_m` is measured over the ground."""
         level = self.ground.at(times_ns)
         if self.attitude is None:
             return level
@@ -192,12 +192,14 @@ def ego_motion(
     """The motion of the ego vehicle's body.
 
     Args:
-        ground: the way of the level ego.
-        suspension: None for a rigid car, which feels no bumps.
-        bumps: on the way.
+        ground: the path of the level vehicle.
+        suspension: None for a rigid car, which no bump moves.
+        bumps: on the path.
         rng: the unevenness of the road.
     """
     if suspension is None:
         return EgoMotion(ground=ground, attitude=None, centre_m=np.zeros(3))
     road = road_profile(suspension.road_class, bumps, rng)
-    return EgoMotion(ground=ground, attitude=sway(ground, road, suspension), centre_m=np.array(suspension.centre_m))
+    return EgoMotion(
+        ground=ground, attitude=body_attitude(ground, road, suspension), centre_m=np.array(suspension.centre_m)
+    )

@@ -21,8 +21,8 @@ from bench.synthesis.imaging.lens import Lens
 from bench.synthesis.imaging.visibility import NOTHING
 from bench.synthesis.scenario import SensorSpec
 
-LEAST_PX = np.float32(0.3)  # shorter motion_vectors change nothing that can be seen
-MOST_PX = np.float32(24.0)  # longer motion_vectors are cut
+LEAST_PX = np.float32(0.3)  # shorter motion vectors change nothing that can be seen
+MOST_PX = np.float32(24.0)  # longer ones are cut
 # What is nearer than a pixel by this share and 1 / m, and does not itself move that far, stays out of the pixel's mean.
 NEARER_SHARE, NEARER = np.float32(1.05), np.float32(0.02)
 ZERO, HALF, ONE, INFINITE = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(np.inf)
@@ -32,14 +32,14 @@ class Shutter(NamedTuple):
     """How everything moves in the camera frame while the shutter is open.
 
     Attributes:
-        turn: (3, 3) float32, D above, of what stands.
-        way: (3,) float32, m, e above.
-        first: the first triangle that moves; those before it stand.
+        rotation: (3, 3) float32, D above, of what is stationary.
+        translation: (3,) float32, m, e above.
+        first: the first triangle that moves; those before it are stationary.
         steps_m: (M, 3, 3) float32, the change of the corners of the triangles that move, m.
     """
 
-    turn: NDArray[np.float32]
-    way: NDArray[np.float32]
+    rotation: NDArray[np.float32]
+    translation: NDArray[np.float32]
     first: int
     steps_m: NDArray[np.float32]
 
@@ -66,9 +66,23 @@ def find_motion_vectors(
         motion_vectors: (2, H, W), px, (u, v), filled.
     """
     height, width = triangles.shape
-    turn, way = shutter.turn, shutter.way
-    xx, xy, xz, yx, yy, yz = turn[0, 0], turn[0, 1], turn[0, 2], turn[1, 0], turn[1, 1], turn[1, 2]
-    zx, zy, zz, ex, ey, ez = turn[2, 0], turn[2, 1], turn[2, 2], way[0], way[1], way[2]
+    rotation, translation = shutter.rotation, shutter.translation
+    xx, xy, xz, yx, yy, yz = (
+        rotation[0, 0],
+        rotation[0, 1],
+        rotation[0, 2],
+        rotation[1, 0],
+        rotation[1, 1],
+        rotation[1, 2],
+    )
+    zx, zy, zz, ex, ey, ez = (
+        rotation[2, 0],
+        rotation[2, 1],
+        rotation[2, 2],
+        translation[0],
+        translation[1],
+        translation[2],
+    )
     for v in range(height):
         for u in range(width):
             x, y, z, near = rays[0, v, u], rays[1, v, u], rays[2, v, u], inverse_depth[v, u]
@@ -101,10 +115,10 @@ def blur(
     valid: NDArray[np.bool_],
     blurred: NDArray[np.float32],
 ) -> None:
-    """The mean along the motion_vectors, half of it before and half of it after.
+    """The mean along the motion vectors, half of it before and half of it after.
 
-    Along its longer axis a way steps from pixel to pixel, across it the picture is interpolated, and in between the
-    mean is the integral of a straight line.
+    Along its longer axis a motion vector steps from pixel to pixel, across it the picture is interpolated, and in
+    between the mean is the integral of a straight line.
 
     Args:
         grey: (H, W).

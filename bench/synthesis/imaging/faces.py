@@ -35,10 +35,10 @@ class Faces:
 
 def faces_of(mesh: Mesh) -> Faces:
     """All faces of a mesh but those of the sky, which the light draws."""
-    kept = mesh.surfaces[:, 5] == 0
-    corners, surfaces = mesh.corners_m[kept], mesh.surfaces[kept]
+    drawn = mesh.surfaces[:, 5] == 0
+    corners, surfaces = mesh.corners_m[drawn], mesh.surfaces[drawn]
     albedo, contrast, texel_m, mirror, glow, _ = surfaces.T
-    texture = mesh.texture_m[kept] / (texel_m * SIZE)[:, None, None]
+    texture = mesh.texture_m[drawn] / (texel_m * SIZE)[:, None, None]
     rows = np.zeros((len(corners), COLUMNS), dtype=np.float32)
     rows[:, FIRST_U : FIRST_V + 1] = texture[:, 0] - np.floor(texture[:, 0])
     rows[:, STEP_U : STEP_V + 1] = texture[:, 1] - texture[:, 0]
@@ -51,7 +51,7 @@ def faces_of(mesh: Mesh) -> Faces:
 
 
 class FacesOfBodies:
-    """The faces of bodies that move: their looks are looked up once, what turns with them every time.
+    """The faces of bodies that move: surfaces are looked up once, normals every time.
 
     Args:
         lit: whether their lamps are on.
@@ -80,7 +80,7 @@ class FacesOfBodies:
 
 @compiled
 def face(corners: NDArray[np.float64], rows: NDArray[np.float32]) -> None:
-    """Fill in what turns with a face.
+    """Fill in normals and what follows from them.
 
     Args:
         corners: (T, 3, 3), m, world.

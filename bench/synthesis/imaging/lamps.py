@@ -37,23 +37,23 @@ class Lamps(NamedTuple):
 
     Attributes:
         street_m: (L, 3) float32, world.
-        turns: (2, 3, 3) float32, headlight from world; z is its axis, y down.
-        places_m: (2, 3) float32, world.
+        lamp_from_world: (2, 3, 3) float32, rotations of the headlights; z is its axis, y down.
+        positions_m: (2, 3) float32, world.
         inverse_depth: (2, H, W) float32, 1 / m, what each headlight meets first.
         headlights: how many there are.
     """
 
     street_m: NDArray[np.float32]
-    turns: NDArray[np.float32]
-    places_m: NDArray[np.float32]
+    lamp_from_world: NDArray[np.float32]
+    positions_m: NDArray[np.float32]
     inverse_depth: NDArray[np.float32]
     headlights: int
 
 
 NO_LAMPS = Lamps(
     street_m=np.zeros((0, 3), dtype=np.float32),
-    turns=np.zeros((2, 3, 3), dtype=np.float32),
-    places_m=np.zeros((2, 3), dtype=np.float32),
+    lamp_from_world=np.zeros((2, 3, 3), dtype=np.float32),
+    positions_m=np.zeros((2, 3), dtype=np.float32),
     inverse_depth=np.zeros((2, 1, 1), dtype=np.float32),
     headlights=0,
 )
@@ -65,7 +65,7 @@ def lamp_faces(world: Faces) -> NDArray[np.bool_]:
 
 
 def street_lamps_m(world: Faces) -> NDArray[np.float64]:
-    """Places of the street lamps, (L, 3) m: middles of the groups of their faces."""
+    """Positions of the street lamps, (L, 3) m: middles of the groups of their faces."""
     middles = world.corners_m[lamp_faces(world)].mean(axis=1)
     lamps = []
     while len(middles):
@@ -97,17 +97,19 @@ class Headlights:
             street_m: see `street_lamps_m`.
             world_from_vehicle: the ego vehicle.
         """
-        turn = np.ascontiguousarray((world_from_vehicle.rotation @ AHEAD_FROM_LAMP).T)
-        places_m = world_from_vehicle.apply(np.array(HEADLIGHTS_M))
+        rotation = np.ascontiguousarray((world_from_vehicle.rotation @ AHEAD_FROM_LAMP).T)
+        positions_m = world_from_vehicle.apply(np.array(HEADLIGHTS_M))
         views = [
-            find_visible(corners_m, self._lens, camera_from_world=turn, origin_m=place, reach_m=SHADOWS_REACH_M)
-            for place in places_m
+            find_visible(
+                corners_m, self._lens, camera_from_world=rotation, origin_m=position_m, reach_m=SHADOWS_REACH_M
+            )
+            for position_m in positions_m
         ]
         inverse_depth = np.stack([untiled(view.inverse_depth, (BEAM_HEIGHT, BEAM_WIDTH)) for view in views])
         away_m = np.linalg.norm(street_m - world_from_vehicle.translation_m, axis=1)
         order = np.argsort(away_m, kind="stable")[:LAMPS_NEAR]
         near_m = street_m[order[away_m[order] < LAMP_REACH_M]]
         return Lamps(
-            np.ascontiguousarray(near_m, dtype=np.float32), np.stack([turn, turn]).astype(np.float32),
-            places_m.astype(np.float32), inverse_depth, len(places_m),
+            np.ascontiguousarray(near_m, dtype=np.float32), np.stack([rotation, rotation]).astype(np.float32),
+            positions_m.astype(np.float32), inverse_depth, len(positions_m),
         )  # fmt: skip

@@ -106,7 +106,7 @@ class ImageRenderer:
         Args:
             middle: the scene in the middle of the exposure.
             rng: the sensor noise.
-            shutter: the scene when the shutter opens and closes; None for a still. In place of the first, `middle`
+            shutter: the scene when the shutter opens and closes; None for a still. With `middle` as the first
                 saves posing everything once more: all then moves before the middle as it does after it.
         """
         lens = self._lens
@@ -115,14 +115,14 @@ class ImageRenderer:
         corners = np.concatenate([self._world.corners_m, *(body.corners_m for body in bodies)])
         rows = np.concatenate([self._world.rows, *(body.rows for body in bodies)])
         world_from_camera = middle.world_from_vehicle @ self._camera.vehicle_from_camera
-        turn, origin_m = np.ascontiguousarray(world_from_camera.rotation), world_from_camera.translation_m
-        view = find_visible(corners, lens, camera_from_world=turn.T.copy(), origin_m=origin_m)
+        rotation, origin_m = np.ascontiguousarray(world_from_camera.rotation), world_from_camera.translation_m
+        view = find_visible(corners, lens, camera_from_world=rotation.T.copy(), origin_m=origin_m)
         triangles, inverse_depth, planes = (
             untiled(view.triangles, shape),
             untiled(view.inverse_depth, shape),
             view.planes,
         )
-        centre = self._shaded(view, rows, corners, bodies, middle, turn, origin_m)
+        centre = self._shaded(view, rows, corners, bodies, middle, rotation, origin_m)
         grey = np.empty_like(centre)
         smooth_edges(triangles, lens.valid, lens.rays, lens.along_u, lens.along_v, planes, rows, centre, grey)
         if shutter is not None:
@@ -148,7 +148,7 @@ class ImageRenderer:
         corners: NDArray[np.float64],
         bodies: Sequence[Faces],
         middle: Moment,
-        turn: NDArray[np.float64],
+        rotation: NDArray[np.float64],
         origin_m: NDArray[np.float64],
     ) -> NDArray[np.float32]:
         """Grey values of what the pixels' centres see, 1 is white."""
@@ -158,7 +158,7 @@ class ImageRenderer:
             lamps = self._headlights.lamps(others, self._street_lamps_m, middle.world_from_vehicle)
         with self._shadows.around(origin_m, [body.corners_m for body in bodies]) as (near, far, cover):
             scene = ShadingScene(
-                rows, turn.astype(np.float32), origin_m.astype(np.float32), light.towards_sun.astype(np.float32),
+                rows, rotation.astype(np.float32), origin_m.astype(np.float32), light.towards_sun.astype(np.float32),
                 np.float32(light.kind.sun_light), np.float32(light.kind.sky_light), near, far, cover, self._sky, lamps,
                 light.kind.night, self._atlas.image, self._atlas.layout,
             )  # fmt: skip
@@ -170,22 +170,22 @@ class ImageRenderer:
     def _shutter(self, middle: Moment, corners_m: NDArray[np.float64], shutter: tuple[Moment, Moment]) -> Shutter:
         """How everything moves; `corners_m` are those of all that moves, in the middle."""
         world_from_camera = middle.world_from_vehicle @ self._camera.vehicle_from_camera
-        turns, ways_m, places_m = [], [], []
+        rotations, translations_m, corners_then_m = [], [], []
         for moment in shutter:
             then_from_world = (moment.world_from_vehicle @ self._camera.vehicle_from_camera).inverse()
             then_from_middle = then_from_world @ world_from_camera
-            turns.append(then_from_middle.rotation)
-            ways_m.append(then_from_middle.translation_m)
+            rotations.append(then_from_middle.rotation)
+            translations_m.append(then_from_middle.translation_m)
             there_m = corners_m
             if moment is not middle:
                 there_m = np.concatenate([mesh.corners_m for mesh in self._meshes(moment)])
-            places_m.append(then_from_world.apply(there_m.reshape(-1, 3)).reshape(-1, 3, 3))
+            corners_then_m.append(then_from_world.apply(there_m.reshape(-1, 3)).reshape(-1, 3, 3))
         times = 2.0 if shutter[0] is middle else 1.0
         return Shutter(
-            (times * (turns[1] - turns[0])).astype(np.float32),
-            (times * (ways_m[1] - ways_m[0])).astype(np.float32),
+            (times * (rotations[1] - rotations[0])).astype(np.float32),
+            (times * (translations_m[1] - translations_m[0])).astype(np.float32),
             len(self._world.corners_m),
-            (times * (places_m[1] - places_m[0])).astype(np.float32),
+            (times * (corners_then_m[1] - corners_then_m[0])).astype(np.float32),
         )
 
     def _meshes(self, moment: Moment) -> list[Mesh]:

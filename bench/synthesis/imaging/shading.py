@@ -65,7 +65,7 @@ AT_ONCE = 8  # spots that the compiler takes at once
 # Room to shade one tile: for each quantity a lane with its values at the 64 pixels, beside each other. All lanes lie in
 # one array, so that the compiler sees that no two of them overlap, and takes several pixels at once.
 PIXELS = TILE_PX * TILE_PX
-# First the ray, in world axes, and what it meets: normal on the side that is seen, place, cosine between the two.
+# First the ray, in world axes, and what it meets: normal on the side that is seen, position, cosine between the two.
 # Then spots, those pixels whose light of the lamps is found, and what one headlight sends to each.
 (
     RAY_X, RAY_Y, RAY_Z, TOWARDS_X, TOWARDS_Y, TOWARDS_Z, PLACE_X, PLACE_Y, PLACE_Z, FACING, DISTANCE,
@@ -81,14 +81,14 @@ class ShadingScene(NamedTuple):
 
     Attributes:
         rows: (T, 16) float32, see `faces`.
-        turn: (3, 3) float32, world from camera.
+        world_from_camera: (3, 3) float32, rotation.
         origin_m: (3,) float32, the camera in the world.
         sun: (3,) float32, unit vector.
         sun_light: see `Lighting`.
         sky_light: see `Lighting`.
         near: shadows of the sun close to the camera.
         far: the same, coarser and further.
-        cover: heights around every place, smoothed.
+        cover: heights around every position, smoothed.
         sky: brightness of the sky.
         lamps: by night.
         night: whether lamps are lit.
@@ -97,7 +97,7 @@ class ShadingScene(NamedTuple):
     """
 
     rows: NDArray[np.float32]
-    turn: NDArray[np.float32]
+    world_from_camera: NDArray[np.float32]
     origin_m: NDArray[np.float32]
     sun: NDArray[np.float32]
     sun_light: np.float32
@@ -156,9 +156,16 @@ def shade(
 @inlined
 def _turn(rays: NDArray[np.float32], scene: ShadingScene, lanes: NDArray[np.float32]) -> None:
     """Rays in world axes."""
-    turn, xs, ys, zs = scene.turn, rays[0], rays[1], rays[2]
-    xx, xy, xz, yx, yy, yz = turn[0, 0], turn[0, 1], turn[0, 2], turn[1, 0], turn[1, 1], turn[1, 2]
-    zx, zy, zz = turn[2, 0], turn[2, 1], turn[2, 2]
+    rotation, xs, ys, zs = scene.world_from_camera, rays[0], rays[1], rays[2]
+    xx, xy, xz, yx, yy, yz = (
+        rotation[0, 0],
+        rotation[0, 1],
+        rotation[0, 2],
+        rotation[1, 0],
+        rotation[1, 1],
+        rotation[1, 2],
+    )
+    zx, zy, zz = rotation[2, 0], rotation[2, 1], rotation[2, 2]
     for n in range(PIXELS):
         x, y, z = xs[n], ys[n], zs[n]
         lanes[RAY_X + n] = xx * x + xy * y + xz * z
@@ -339,7 +346,7 @@ def light_spots(count: int, lamps: Lamps, lanes: NDArray[np.float32]) -> None:
     Args:
         count: how many spots there are.
         lamps: that light them.
-        lanes: see `lanes`: place and normal, world, of each spot; those of light are filled.
+        lanes: see `LANES`: position and normal, world, of each spot; those of light are filled.
     """
     whole = -(-count // AT_ONCE) * AT_ONCE  # values beyond the last spot are computed, but not looked at
     for n in range(whole):
@@ -370,11 +377,11 @@ def _add_street_lamp(k: int, count: int, lamps: Lamps, lanes: NDArray[np.float32
 @inlined
 def _aim_headlight(k: int, count: int, lamps: Lamps, lanes: NDArray[np.float32]) -> None:
     """Where in a headlight's beam each spot lies, and how bright the beam is there; `BEAM_ALONG` is 0 behind it."""
-    turns, places_m = lamps.turns, lamps.places_m
-    xx, xy, xz = turns[k, 0, 0], turns[k, 0, 1], turns[k, 0, 2]
-    yx, yy, yz = turns[k, 1, 0], turns[k, 1, 1], turns[k, 1, 2]
-    zx, zy, zz = turns[k, 2, 0], turns[k, 2, 1], turns[k, 2, 2]
-    x, y, z = places_m[k, 0], places_m[k, 1], places_m[k, 2]
+    rotations, positions_m = lamps.lamp_from_world, lamps.positions_m
+    xx, xy, xz = rotations[k, 0, 0], rotations[k, 0, 1], rotations[k, 0, 2]
+    yx, yy, yz = rotations[k, 1, 0], rotations[k, 1, 1], rotations[k, 1, 2]
+    zx, zy, zz = rotations[k, 2, 0], rotations[k, 2, 1], rotations[k, 2, 2]
+    x, y, z = positions_m[k, 0], positions_m[k, 1], positions_m[k, 2]
     for n in range(count):
         dx, dy, dz = lanes[SPOT_X + n] - x, lanes[SPOT_Y + n] - y, lanes[SPOT_Z + n] - z
         along = -(dx * lanes[SPOT_TOWARDS_X + n] + dy * lanes[SPOT_TOWARDS_Y + n] + dz * lanes[SPOT_TOWARDS_Z + n])

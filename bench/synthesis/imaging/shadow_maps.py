@@ -1,8 +1,8 @@
-"""How high the light of a far source is blocked above every place on the ground.
+"""How high the light of a far source is blocked above every position on the ground.
 
-A point (x, y, z) is moved along the light to the ground, (x, y) - z slope; points with the same place there lie on one
-ray. A map keeps the highest z of any surface on each ray: a point below it lies in shadow. On level ground this has no
-slope to trip over, whatever the elevation of the sun.
+A point (x, y, z) is moved along the light to the ground, (x, y) - z slope; points with the same position there lie on
+one ray. A map keeps the highest z of any surface on each ray: a point below it lies in shadow. On level ground this
+needs no bias that depends on the elevation of the sun.
 """
 
 from __future__ import annotations
@@ -72,26 +72,26 @@ class ShadowSquare:
         self._corners, self._slope, self._texel_m, self._cells = corners_m, slope, texel_m, cells
         self._blur, self._ceiling_m = blur_cells, np.float32(ceiling_m)
         self._step_m = texel_m * (cells // 4)
-        self._place: tuple[int, int] | None = None
+        self._step: tuple[int, int] | None = None
         self._raw = np.empty((0, 0), dtype=np.float32)
         self._map = _height_map(self._raw, 0.0, 0.0, texel_m, slope)
 
-    def around(self, place_m: NDArray[np.float64]) -> HeightMap:
-        """The static world around a place, (3,) m; the same for the same place, whatever came before."""
-        place = (int(np.floor(place_m[0] / self._step_m + 0.5)), int(np.floor(place_m[1] / self._step_m + 0.5)))
-        if place != self._place:
+    def around(self, position_m: NDArray[np.float64]) -> HeightMap:
+        """The static world around a position, (3,) m; the same for the same position, whatever came before."""
+        step = (int(np.floor(position_m[0] / self._step_m + 0.5)), int(np.floor(position_m[1] / self._step_m + 0.5)))
+        if step != self._step:
             half_m = self._cells * self._texel_m / 2
-            left_m, near_m = (float(k * self._step_m - half_m) for k in place)
+            left_m, near_m = (float(k * self._step_m - half_m) for k in step)
             self._raw = np.full((self._cells, self._cells), NOTHING_M)
             self._map = _height_map(self._raw, left_m, near_m, self._texel_m, self._slope)
             draw_heights(self._corners, self._map)
             self._map = self._map._replace(heights_m=self._smooth(self._raw))
-            self._place = place
+            self._step = step
         return self._map
 
     def with_bodies(self, corners_m: list[NDArray[np.float64]]) -> list[tuple[slice, slice, NDArray[np.float32]]]:
         """Put bodies onto the map; returns what `without_bodies` needs."""
-        kept = []
+        covered = []
         for corners in corners_m:
             if not len(corners):
                 continue
@@ -103,7 +103,7 @@ class ShadowSquare:
             if (low >= high).any():
                 continue
             rows, columns = slice(low[1], high[1]), slice(low[0], high[0])
-            kept.append((rows, columns, self._map.heights_m[rows, columns].copy()))
+            covered.append((rows, columns, self._map.heights_m[rows, columns].copy()))
             patch = (self._raw if self._blur > 1 else self._map.heights_m)[rows, columns].copy()
             left_m, near_m = self._map.left_m + low[0] * self._texel_m, self._map.near_m + low[1] * self._texel_m
             draw_heights(
@@ -111,11 +111,11 @@ class ShadowSquare:
             )
             heights = self._map.heights_m[rows, columns]
             np.maximum(heights, self._smooth(patch), out=heights)
-        return kept
+        return covered
 
-    def without_bodies(self, kept: list[tuple[slice, slice, NDArray[np.float32]]]) -> None:
+    def without_bodies(self, covered: list[tuple[slice, slice, NDArray[np.float32]]]) -> None:
         """Take the bodies off again."""
-        for rows, columns, heights in reversed(kept):
+        for rows, columns, heights in reversed(covered):
             self._map.heights_m[rows, columns] = heights
 
     def _smooth(self, heights_m: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -238,11 +238,11 @@ class Shadows:
 
     @contextmanager
     def around(
-        self, place_m: NDArray[np.float64], bodies_m: Sequence[NDArray[np.float64]]
+        self, position_m: NDArray[np.float64], bodies_m: Sequence[NDArray[np.float64]]
     ) -> Iterator[tuple[HeightMap, HeightMap, HeightMap]]:
-        """The maps around a place, with the bodies on them as long as the block lasts."""
+        """The maps around a step, with the bodies on them as long as the block lasts."""
         with ExitStack() as stack:
-            maps = [square.around(place_m) for square in (self._near, self._far, self._cover)]
+            maps = [square.around(position_m) for square in (self._near, self._far, self._cover)]
             # What moves further away than the near map reaches throws no shadow that could be seen.
             for square in (self._near, self._cover) if self._sunny else (self._cover,):
                 stack.callback(square.without_bodies, square.with_bodies(list(bodies_m)))

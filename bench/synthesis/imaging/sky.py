@@ -29,7 +29,7 @@ FRONT_13 = (np.float32(0.3 * np.sin(0.5)), np.float32(0.3 * np.cos(0.5)))  # bri
 
 
 class Sky(NamedTuple):
-    """Brightness of the sky, infinitely far away: it turns with the camera and never moves.
+    """Brightness of the sky, infinitely far away: it rotates with the camera and never moves.
 
     Attributes:
         horizon: 1 is white.

@@ -1,7 +1,7 @@
 """One seamless noise texture in all its mip levels.
 
 Each octave of the noise has the same strength, so that a surface has something to track at every distance; the
-level is chosen by the size of the pixel on the surface, so that far surfaces turn smooth instead of flickering.
+level is chosen by the size of the pixel on the surface, so that far surfaces become smooth instead of flickering.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def quick_log2(value: np.float32) -> np.float32:
 def atlas_at(
     u: np.float32, v: np.float32, level: np.float32, image: NDArray[np.float32], layout: NDArray[np.float32]
 ) -> np.float32:
-    """The texture at one place: between four texels of each of two levels."""
+    """The texture at one point: between four texels of each of two levels."""
     u -= np.floor(u)
     v -= np.floor(v)
     level = min(max(level, np.float32(0.0)), HIGHEST)

@@ -20,7 +20,7 @@ from bench.synthesis.imaging.lens import BLOCK_PX, REGION_PX, TILE_PX, Lens, cha
 
 SMALL = 0.3  # chord of the longest edge on the unit sphere, of triangles that are looked for by their corners
 BOW = 0.35  # rad of sagitta per rad^2 of edge length: straight edges bow in a fisheye image by less than this
-HIDDEN, BIG = -1, -2  # first column of a triangle's box that is not seen, or not kept
+HIDDEN, BIG = -1, -2  # first column of a triangle's box that is not seen, or not known
 # Columns of a triangle's plane, one cache line of 16 numbers: the three products above over the volume, then their sum,
 # whose product with a ray is 1 over the distance, its length, and the lengths of the three.
 NEAR_X, NEAR_Y, NEAR_Z, NEAR_SIZE, SIZES, COLUMNS = 9, 10, 11, 12, 13, 16
@@ -30,7 +30,7 @@ DROPPED_BITS = 20  # of a distance in single precision; the others say how early
 @compiled
 def find_planes(
     corners: NDArray[np.float64],
-    turn: NDArray[np.float64],
+    camera_from_world: NDArray[np.float64],
     origin: NDArray[np.float64],
     chart: NDArray[np.float32],
     chart_error_px: float,
@@ -47,7 +47,7 @@ def find_planes(
 
     Args:
         corners: (T, 3, 3), m, world.
-        turn: (3, 3), camera from world.
+        camera_from_world: (3, 3), rotation.
         origin: (3,), m, the camera in the world.
         chart: see `direction_chart`.
         chart_error_px: how far it is off.
@@ -69,7 +69,7 @@ def find_planes(
         for k in range(3):
             x, y, z = corners[t, k, 0] - origin[0], corners[t, k, 1] - origin[1], corners[t, k, 2] - origin[2]
             for i in range(3):
-                seen[k, i] = turn[i, 0] * x + turn[i, 1] * y + turn[i, 2] * z
+                seen[k, i] = camera_from_world[i, 0] * x + camera_from_world[i, 1] * y + camera_from_world[i, 2] * z
         ax, ay, az, bx, by, bz = seen[0, 0], seen[0, 1], seen[0, 2], seen[1, 0], seen[1, 1], seen[1, 2]
         cx, cy, cz = seen[2, 0], seen[2, 1], seen[2, 2]
         if least_cos > 0.0 and az <= 0.0 and bz <= 0.0 and cz <= 0.0:

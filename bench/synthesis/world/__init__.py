@@ -1,6 +1,6 @@
 """The static world: everything that never moves.
 
-`build_world` lays out a plan (road, kerbs, pavements as polygons), turns it into triangles, wears and paints it, and
+`build_world` draws a plan (road, kerbs, pavements as polygons), turns it into triangles, wears and paints it, and
 puts parked cars, lamps, trees, furniture and fronts where nothing else stands and no actor comes by.
 """
 
@@ -54,19 +54,19 @@ def _skyline(plan: Plan, rng: np.random.Generator) -> list[Mesh]:
     count = HOUSES + WOODS
     azimuths = np.arange(count) * (2 * np.pi / count) * 7 + rng.normal(0, 0.1, count)
     radii = RING_M[0] + (RING_M[1] - RING_M[0]) * rng.random(count)
-    places = middle + radii[:, None] * np.stack([np.cos(azimuths), np.sin(azimuths)], axis=1)
+    positions = middle + radii[:, None] * np.stack([np.cos(azimuths), np.sin(azimuths)], axis=1)
     built = shapely.union(plan.verge, plan.paved)
-    free = shapely.distance(built, shapely.points(places)) > AWAY_M
-    houses, woods = places[:HOUSES][free[:HOUSES]], places[HOUSES:][free[HOUSES:]]
+    free = shapely.distance(built, shapely.points(positions)) > AWAY_M
+    houses, woods = positions[:HOUSES][free[:HOUSES]], positions[HOUSES:][free[HOUSES:]]
     meshes = []
-    for place in houses:
+    for position in houses:
         size = rng.uniform((9.0, 9.0, 5.0), (24.0, 20.0, 20.0))
-        centre = [*place, size[2] / 2 - 0.1]
+        centre = [*position, size[2] / 2 - 0.1]
         yaw = float(rng.uniform(0, np.pi))
         wall = drawn_wall(rng)
         meshes.append(boxes([centre], [size], wall, yaws_rad=[yaw]))
         rows = np.arange(2.2, size[2] - 1.0, 3.2)
-        bands = np.stack([np.full(len(rows), place[0]), np.full(len(rows), place[1]), rows], axis=1)
+        bands = np.stack([np.full(len(rows), position[0]), np.full(len(rows), position[1]), rows], axis=1)
         dark = Surface(albedo=wall.albedo * float(rng.uniform(0.45, 0.8)), contrast=PANE.contrast, texel_m=0.1)
         around = boxes(bands, [size[0] + 0.1, size[1] + 0.1, 1.3], dark, yaws_rad=np.full(len(rows), yaw))
         meshes.append(around.select(np.ptp(around.corners_m[..., 2], axis=1) > 0))  # lids stick out by 5 cm

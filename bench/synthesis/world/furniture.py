@@ -39,7 +39,7 @@ HEDGE_M = 0.8  # thickness
 
 
 def drawn_trees(rng: np.random.Generator) -> dict[bool, list[Mesh]]:
-    """A few forms, with single leaves (True) and for far away (False); turned, no two look alike."""
+    """A few forms, with single leaves (True) and for far away (False); rotated, no two look alike."""
     return {near: [tree(own, near=near) for own in rng.spawn(TREE_FORMS)] for near in (True, False)}
 
 
@@ -50,7 +50,7 @@ def tree(rng: np.random.Generator, *, near: bool) -> Mesh:
 
     Args:
         rng: draws its form.
-        near: whether single leaves can be told apart.
+        near: whether single leaves can be distinguished.
     """
     height_m, count = float(rng.uniform(5.0, 9.0)), int(rng.integers(4, 8))
     bole_m, radius_m = 0.38 * height_m, float(rng.uniform(0.09, 0.2))
@@ -94,7 +94,7 @@ def bush(rng: np.random.Generator) -> Mesh:
     return joined([blobs(centres, radii, green, rng), leaves(centres, radii, green, rng, count=40, size_m=0.18)])
 
 
-# A W-beam's cross-section, from below: way towards the traffic, and height; 0.31 m high, its top at 0.75 m (EN 1317).
+# A W-beam's cross-section, from below: towards the traffic, and height; 0.31 m high, its top at 0.75 m (EN 1317).
 BEAM_M = np.array([(0.0, 0.44), (0.08, 0.49), (0.08, 0.54), (0.0, 0.595), (0.08, 0.65), (0.08, 0.70), (0.0, 0.75)])
 POST_STEP_M = 2.0
 
@@ -223,8 +223,8 @@ def cabinet(rng: np.random.Generator) -> Mesh:
     width_m = float(rng.uniform(0.7, 1.6))
     grey = Surface(albedo=float(rng.uniform(0.4, 0.6)), contrast=0.06)
     body = boxes([[0, 0.0, 0.6]], [width_m, 0.35, 1.3], grey)
-    places = rng.uniform((-width_m / 2.6, 0.3), (width_m / 2.6, 1.0), (4, 2))
-    low = np.stack([places[:, 0], np.full(4, -0.185), places[:, 1]], axis=1)
+    positions = rng.uniform((-width_m / 2.6, 0.3), (width_m / 2.6, 1.0), (4, 2))
+    low = np.stack([positions[:, 0], np.full(4, -0.185), positions[:, 1]], axis=1)
     half = rng.uniform(0.03, 0.12, (4, 1, 2))
     square = SQUARE * half
     faces = low[:, None] + np.insert(square, 1, 0.0, axis=2)

@@ -19,8 +19,8 @@ KERB_FOOT_M = 0.02  # kerbs reach this far into the ground
 LOWERED_M = 0.025  # height of a lowered kerb, low enough for wheels and high enough for a white cane
 GUTTER_M = 0.3
 GUTTER_LIFT_M, SLAB_LIFT_M = 0.001, 0.002
-SLABS_M = (-12.0, 62.0)  # slabs are laid one by one along this stretch, as far as they can be told apart
-SLABS_SEEN_M = 25.0  # from where ego and actors drive: a slab farther away is a fifth of a pixel high
+SLABS_M = (-12.0, 62.0)  # slabs are laid one by one along this stretch, as far as they can be distinguished
+SLABS_SEEN_M = 25.0  # from where ego vehicle and actors drive: a slab farther away is a fifth of a pixel high
 JOINT_M = 0.008
 
 
@@ -71,7 +71,7 @@ def kerbs(plan: Plan, stones: Stones, rng: np.random.Generator) -> list[Mesh]:
     foot_a, foot_b = (flat(p, -KERB_FOOT_M) for p in (stones.starts_m, stones.ends_m))
     edge_a, edge_b = (flat(p, height) for p in (stones.starts_m, stones.ends_m))
     back_a, back_b = (flat(p + KERB_WIDTH_M * out, height) for p in (stones.starts_m, stones.ends_m))
-    # Seen from the road, which lies to the left of the way from a to b, b is on the left.
+    # Seen from the road, which lies to the left of the line from a to b, b is on the left.
     faces = np.stack([foot_b, foot_a, edge_a, edge_b], axis=1)
     tops = np.stack([edge_b, edge_a, back_a, back_b], axis=1)
     meshes = [quads(tops, KERB, albedos=shade, shifts_m=shifts)]
@@ -118,7 +118,7 @@ def _courses(
 
 VERGE_M = 0.02  # grass lies lower than the pavement beside it
 POLYGON = 3  # as shapely numbers kinds of geometry
-CELL_M = 12.0  # large triangles would cost float32 places on the texture
+CELL_M = 12.0  # large triangles would cost float32 precision of the texture
 
 Heights = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
@@ -137,13 +137,13 @@ def ground(plan: Plan, *, asphalt: Surface, slabs: Surface, rng: np.random.Gener
 
 
 def area_mesh(area: BaseGeometry, surface: Surface, *, height_m: float, heights_m: Heights | None = None) -> Mesh:
-    """A flat area, or one whose height follows its places.
+    """A flat area, or one whose height follows its positions.
 
     Args:
         area: world xy.
         surface: of all of it.
         height_m: above the road.
-        heights_m: (N, 2) places -> (N,) heights, instead.
+        heights_m: (N, 2) positions -> (N,) heights, instead.
     """
     pieces = shapely.get_parts(_cut(area))
     triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(pieces[shapely.area(pieces) > 1e-6]))
@@ -177,8 +177,8 @@ def _ramps(plan: Plan, slabs: Surface) -> list[Mesh]:
     """Slopes from the lowered kerb up to the pavement, and the little walls beside them."""
     kerb_m = plan.spec.kerb_m
 
-    def rising(places_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        away_m = shapely.distance(plan.road, shapely.points(places_m)) - KERB_WIDTH_M
+    def rising(positions_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        away_m = shapely.distance(plan.road, shapely.points(positions_m)) - KERB_WIDTH_M
         return np.asarray(LOWERED_M + (kerb_m - LOWERED_M) * np.clip(away_m / RAMP_M, 0.0, 1.0))
 
     walls = []

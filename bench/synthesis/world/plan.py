@@ -1,4 +1,4 @@
-"""The plan of the ground seen from above: lanes, areas of road, kerb and pavement, and what is already occupied."""
+"""The plan of the ground seen from above: lanes, areas of road, kerb and pavement, and what is occupied."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ class Alignment:
     end_m: float
 
     def pose(self, along_m: float, left_m: float, height_m: float = 0.0, *, yaw_rad: float = 0.0) -> RigidTransform:
-        """World from a frame beside the lane, x along the lane but for a turn."""
+        """World from a frame beside the lane, x along the lane but for a yaw."""
         x, y = self.points(along_m, left_m)[0]
         forward = self.world_from_start.rotation[:, 0]
-        yaw = np.arctan2(forward[1], forward[0]) + self._turns(np.array([along_m]))[0] + yaw_rad
+        yaw = np.arctan2(forward[1], forward[0]) + self._yaws(np.array([along_m]))[0] + yaw_rad
         return RigidTransform.from_yaw(float(yaw), [float(x), float(y), height_m])
 
     def points(self, along_m: ArrayLike, left_m: ArrayLike) -> NDArray[np.float64]:
-        """(N, 2) float64, m, world, of N ways along the lane and offsets to its left (or one for all)."""
+        """(N, 2) float64, m, world, of N distances along the lane and offsets to its left (or one for all)."""
         along, left = np.atleast_1d(along_m).astype(np.float64), np.asarray(left_m, dtype=np.float64)
         x, y = self._bent(along, left) if self.curvature_per_m else (along, left)
         ahead = np.empty((max(x.size, y.size), 2))
@@ -57,12 +57,12 @@ class Alignment:
         self, along_m: NDArray[np.float64], left_m: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """x and y in the frame of the lane's origin."""
-        turns = self._turns(along_m)
+        yaws = self._yaws(along_m)
         arcs = np.clip(along_m, 0.0, self.bend_m)
-        chords = arcs * np.sinc(turns / (2 * np.pi))
+        chords = arcs * np.sinc(yaws / (2 * np.pi))
         beyond = along_m - arcs
-        x = chords * np.cos(turns / 2) + beyond * np.cos(turns) - left_m * np.sin(turns)
-        y = chords * np.sin(turns / 2) + beyond * np.sin(turns) + left_m * np.cos(turns)
+        x = chords * np.cos(yaws / 2) + beyond * np.cos(yaws) - left_m * np.sin(yaws)
+        y = chords * np.sin(yaws / 2) + beyond * np.sin(yaws) + left_m * np.cos(yaws)
         return x, y
 
     def cells(self, start_m: float, end_m: float, right_m: float, left_m: float) -> NDArray[np.float64]:
@@ -99,13 +99,13 @@ class Alignment:
         centres = np.asarray(centres_m, dtype=np.float64).reshape(-1, 2)
         corners = np.asarray(corners_m, dtype=np.float64)
         forward = self.world_from_start.rotation[:, 0]
-        yaws = np.arctan2(forward[1], forward[0]) + self._turns(centres[:, 0])
+        yaws = np.arctan2(forward[1], forward[0]) + self._yaws(centres[:, 0])
         cosine, sine = np.cos(yaws)[:, None], np.sin(yaws)[:, None]
         x, y = corners[..., 0], corners[..., 1]
-        turned = np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
-        return np.asarray(turned + self.points(centres[:, 0], centres[:, 1])[:, None])
+        rotated = np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
+        return np.asarray(rotated + self.points(centres[:, 0], centres[:, 1])[:, None])
 
-    def _turns(self, along_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _yaws(self, along_m: NDArray[np.float64]) -> NDArray[np.float64]:
         if not self.curvature_per_m:
             return np.zeros_like(along_m)
         return self.curvature_per_m * np.clip(along_m, 0.0, self.bend_m)
@@ -128,12 +128,12 @@ class Site:
     """The ground while it is being built on.
 
     Args:
-        keep_clear: world xy, where nothing may stand: the ways of actors and ego.
+        keep_clear: world xy, where nothing may stand: the ground that actors and ego vehicle cover.
     """
 
     def __init__(self, keep_clear: Sequence[shapely.Polygon]) -> None:
         self._keep_clear = shapely.union_all(list(keep_clear))
-        self._ways = shapely.Point(0, 0) if self._keep_clear.is_empty else self._keep_clear
+        self._paths = shapely.Point(0, 0) if self._keep_clear.is_empty else self._keep_clear
         shapely.prepare(self._keep_clear)
         self.obstacles: list[shapely.Polygon] = []
 
@@ -144,19 +144,19 @@ class Site:
         return not (self.obstacles and shapely.intersects(np.array(self.obstacles), footprint).any())
 
     def claim(self, footprint: shapely.Polygon) -> bool:
-        """Take a place if it is free; whether it was."""
+        """Occupy an area if it is free; whether it was."""
         if not self.free(footprint):
             return False
         self.obstacles.append(footprint)
         return True
 
     def away_m(self, footprint: shapely.Polygon) -> float:
-        """Distance to the ways of actors and ego; to the world's origin if there are none."""
-        return float(shapely.distance(self._ways, footprint))
+        """Distance to the paths of actors and ego vehicle; to the world's origin if there are none."""
+        return float(shapely.distance(self._paths, footprint))
 
-    def near(self, places_m: NDArray[np.float64], within_m: float) -> NDArray[np.bool_]:
-        """(N,) bool: whether places (N, 2), world xy, lie within a distance of the ways of actors and ego."""
-        return np.asarray(shapely.dwithin(self._ways, shapely.points(places_m), within_m))
+    def near(self, positions_m: NDArray[np.float64], within_m: float) -> NDArray[np.bool_]:
+        """(N,) bool: whether positions (N, 2), world xy, lie close to the paths of actors and ego vehicle."""
+        return np.asarray(shapely.dwithin(self._paths, shapely.points(positions_m), within_m))
 
 
 def footprint(at: RigidTransform, low_m: ArrayLike, high_m: ArrayLike) -> shapely.Polygon:
@@ -252,11 +252,14 @@ def drawn_plan(spec: StreetSpec, rng: np.random.Generator) -> Plan:
     section = _section(spec, rng)
     mouths = tuple((street, _mouth(lane, section, street)) for street in spec.side_streets)
     whole = (section.right_kerb_m, section.left_kerb_m)
-    road: BaseGeometry = _area([band(lane, *whole), *(band(way, *_half(s)) for s, way in mouths)])
-    paved = _area([band(lane, *_wider(*whole, spec.pavement_m)), *_side_pavements(mouths, spec.pavement_m)])
+    sides = [(side_lane, -street.width_m / 2, street.width_m / 2) for street, side_lane in mouths]
+    road: BaseGeometry = shapely.union_all([band(lane, *whole), *(band(*side) for side in sides)])
+    pavements = [band(*side, margin_m=min(spec.pavement_m, 2.5)) for side in sides]
+    paved = shapely.union_all([band(lane, *whole, margin_m=spec.pavement_m), *pavements])
     if mouths:  # closing by a disc rounds the corners where streets meet
         road = road.buffer(CORNER_RADIUS_M, quad_segs=6).buffer(-CORNER_RADIUS_M, quad_segs=6)
-    ends = shapely.union_all([_end(way, half_m) for way, half_m in _ends(lane, section, mouths)])
+    ends = [_end(lane, lane.begin_m, *whole), _end(lane, lane.end_m, *whole)]
+    ends += [_end(side[0], side[0].end_m, *side[1:]) for side in sides]
     ramps = _ramps(spec, lane, section, mouths, rng)
     kerb = road.buffer(KERB_WIDTH_M, join_style="mitre")
     median: BaseGeometry = shapely.Polygon()
@@ -273,14 +276,14 @@ def drawn_plan(spec: StreetSpec, rng: np.random.Generator) -> Plan:
         pavement=paved.difference(kerb).difference(ramps),
         ramps=ramps,
         paved=shapely.union(paved, road),
-        verge=_area([band(lane, *_wider(*whole, VERGE_M))]).difference(paved).difference(road),
-        kerbs=shapely.line_merge(road.difference(median).boundary.difference(ends)),
+        verge=shapely.union_all([band(lane, *whole, margin_m=VERGE_M)]).difference(paved).difference(road),
+        kerbs=shapely.line_merge(road.difference(median).boundary.difference(shapely.union_all(ends))),
     )
 
 
-def band(way: Alignment, right_m: float, left_m: float) -> BaseGeometry:
-    """The ground along a whole lane between two offsets to its left."""
-    return cells_area(way.cells(way.begin_m, way.end_m, right_m, left_m))
+def band(lane: Alignment, right_m: float, left_m: float, *, margin_m: float = 0.0) -> BaseGeometry:
+    """The ground along a whole lane between two offsets to its left, with a margin on both sides."""
+    return cells_area(lane.cells(lane.begin_m, lane.end_m, right_m - margin_m, left_m + margin_m))
 
 
 def cells_area(cells_m: NDArray[np.float64]) -> BaseGeometry:
@@ -310,42 +313,18 @@ def _section(spec: StreetSpec, rng: np.random.Generator) -> Section:
 
 def _mouth(lane: Alignment, section: Section, street: SideStreetSpec) -> Alignment:
     """A side street's lane, from the kerb outwards."""
-    edge_m, turn = (section.left_kerb_m, 1) if street.side == "left" else (section.right_kerb_m, -1)
-    start = lane.pose(street.at_m, edge_m, yaw_rad=turn * np.pi / 2)
+    edge_m, sign = (section.left_kerb_m, 1) if street.side == "left" else (section.right_kerb_m, -1)
+    start = lane.pose(street.at_m, edge_m, yaw_rad=sign * np.pi / 2)
     return Alignment(world_from_start=start, begin_m=-1.0, end_m=SIDE_STREET_M)
 
 
-def _half(street: SideStreetSpec) -> tuple[float, float]:
-    return -street.width_m / 2, street.width_m / 2
-
-
-def _wider(right_m: float, left_m: float, by_m: float) -> tuple[float, float]:
-    return right_m - by_m, left_m + by_m
-
-
-def _area(parts: Sequence[BaseGeometry]) -> BaseGeometry:
-    return shapely.union_all(list(parts))
+def _end(lane: Alignment, along_m: float, right_m: float, left_m: float) -> BaseGeometry:
+    """The line across the end of a street, where there is no kerb."""
+    line = shapely.LineString(lane.points([along_m, along_m], np.array([right_m, left_m])))
+    return line.buffer(0.01, cap_style="square")
 
 
 Mouths = tuple[tuple[SideStreetSpec, Alignment], ...]
-
-
-def _side_pavements(mouths: Mouths, pavement_m: float) -> list[BaseGeometry]:
-    return [band(way, *_wider(*_half(street), min(pavement_m, 2.5))) for street, way in mouths]
-
-
-def _ends(
-    lane: Alignment, section: Section, mouths: Mouths
-) -> list[tuple[tuple[Alignment, float], tuple[float, float]]]:
-    whole = (section.right_kerb_m, section.left_kerb_m)
-    ends = [((lane, lane.begin_m), whole), ((lane, lane.end_m), whole)]
-    return ends + [((way, way.end_m), _half(street)) for street, way in mouths]
-
-
-def _end(at: tuple[Alignment, float], half_m: tuple[float, float]) -> BaseGeometry:
-    """The line across the end of a street, where there is no kerb."""
-    way, along_m = at
-    return shapely.LineString(way.points([along_m, along_m], np.array(half_m))).buffer(0.01, cap_style="square")
 
 
 def _ramps(
@@ -358,11 +337,11 @@ def _ramps(
     areas = []
     for edge_m, sign, own in ((section.right_kerb_m, -1, drives[0]), (section.left_kerb_m, 1, drives[1])):
         inner_m, outer_m = edge_m + sign * KERB_WIDTH_M, edge_m + sign * (KERB_WIDTH_M + RAMP_M)
-        places = [(at_m, ZEBRA_M / 2) for at_m in spec.zebra_at_m] + [(float(at_m), 1.6) for at_m in own]
-        for at_m, half_m in places:
+        positions = [(at_m, ZEBRA_M / 2) for at_m in spec.zebra_at_m] + [(float(at_m), 1.6) for at_m in own]
+        for at_m, half_m in positions:
             cells = lane.cells(at_m - half_m, at_m + half_m, *sorted((inner_m, outer_m)))
             areas.append(cells_area(cells))
     area = shapely.union_all(areas)
-    for street, way in mouths:
-        area = area.difference(shapely.LineString(way.points([-3.0, 3.0], 0.0)).buffer(street.width_m / 2 + 5.0))
+    for street, side_lane in mouths:
+        area = area.difference(shapely.LineString(side_lane.points([-3.0, 3.0], 0.0)).buffer(street.width_m / 2 + 5.0))
     return area if spec.pavement_m > RAMP_M + KERB_WIDTH_M + 0.3 else shapely.Polygon()

@@ -60,8 +60,8 @@ def _street(plan: Plan, rng: np.random.Generator) -> Lines:
         lines.append(
             lane.cells(at_m - ZEBRA_M / 2 - 1.5, at_m - ZEBRA_M / 2 - 1.0, section.right_m, 0.5 * spec.lane_width_m)
         )
-    for street, way in plan.mouths:
-        lines += _mouth(way, street.width_m, rng)
+    for street, side_lane in plan.mouths:
+        lines += _mouth(side_lane, street.width_m, rng)
     return lines
 
 
@@ -80,8 +80,8 @@ def _avenue(plan: Plan, rng: np.random.Generator) -> Lines:
             lines += _dashes(
                 lane, right_m + k * spec.lane_width_m, [], dash_m=LONG_DASH_M, gap_m=LONG_GAP_M, width_m=WIDE_M
             )
-    for street, way in plan.mouths:
-        lines += _mouth(way, street.width_m, rng)
+    for street, side_lane in plan.mouths:
+        lines += _mouth(side_lane, street.width_m, rng)
     return lines
 
 
@@ -105,15 +105,15 @@ def row_starts_m(rows: int) -> tuple[float, ...]:
     return (0.0, BAY_M, 2 * BAY_M + AISLE_M)[:rows]
 
 
-def _mouth(way: Alignment, width_m: float, rng: np.random.Generator) -> Lines:
+def _mouth(lane: Alignment, width_m: float, rng: np.random.Generator) -> Lines:
     """Where a side street ends: a stop line, or short bars to give way at; and its own middle line."""
-    lines = _dashes(way, 0.0, [(-2.0, 6.0)], dash_m=DASH_M, gap_m=DASH_M) if rng.random() < 0.7 else []
-    # Who comes out of the side street drives on its other side: to the left of the way into it.
+    lines = _dashes(lane, 0.0, [(-2.0, 6.0)], dash_m=DASH_M, gap_m=DASH_M) if rng.random() < 0.7 else []
+    # Who comes out of the side street drives on its other side: to the left of the lane into it.
     right_m, left_m = 0.1, width_m / 2 - 0.15
     if rng.random() < 0.5:
-        return [*lines, way.cells(1.0, 1.0 + BAR_M, right_m, left_m)]
+        return [*lines, lane.cells(1.0, 1.0 + BAR_M, right_m, left_m)]
     bars = np.arange(right_m, left_m - 0.3, 0.75)
-    return [*lines, *(way.cells(0.8, 1.2, bar_m, bar_m + 0.5) for bar_m in bars)]
+    return [*lines, *(lane.cells(0.8, 1.2, bar_m, bar_m + 0.5) for bar_m in bars)]
 
 
 def _zebra(plan: Plan, at_m: float) -> NDArray[np.float64]:
@@ -123,15 +123,15 @@ def _zebra(plan: Plan, at_m: float) -> NDArray[np.float64]:
     return plan.lane.patches(centres, corners)
 
 
-def _solid(way: Alignment, left_m: float, gaps: list[tuple[float, float]], *, width_m: float = LINE_M) -> Lines:
-    cells = way.cells(way.begin_m, way.end_m, left_m - width_m / 2, left_m + width_m / 2)
-    middles = way.cuts(way.begin_m, way.end_m)
+def _solid(lane: Alignment, left_m: float, gaps: list[tuple[float, float]], *, width_m: float = LINE_M) -> Lines:
+    cells = lane.cells(lane.begin_m, lane.end_m, left_m - width_m / 2, left_m + width_m / 2)
+    middles = lane.cuts(lane.begin_m, lane.end_m)
     free = ~_in_gaps(middles[:-1], middles[1:], gaps)
     return [cells[free]]
 
 
 def _dashes(
-    way: Alignment,
+    lane: Alignment,
     left_m: float,
     gaps: list[tuple[float, float]],
     *,
@@ -139,11 +139,11 @@ def _dashes(
     gap_m: float,
     width_m: float = LINE_M,
 ) -> Lines:
-    starts = np.arange(way.begin_m + 2.0, way.end_m - dash_m, dash_m + gap_m)
+    starts = np.arange(lane.begin_m + 2.0, lane.end_m - dash_m, dash_m + gap_m)
     starts = starts[~_in_gaps(starts, starts + dash_m, gaps)]
     count = int(np.ceil(dash_m / BEND_STEP_M))
     pieces = (starts[:, None] + np.arange(count) * (dash_m / count)).ravel()
-    return [way.pieces(pieces, pieces + dash_m / count, left_m - width_m / 2, left_m + width_m / 2)]
+    return [lane.pieces(pieces, pieces + dash_m / count, left_m - width_m / 2, left_m + width_m / 2)]
 
 
 def _in_gaps(
@@ -171,7 +171,7 @@ NEAR_M = (-15.0, 65.0)  # along the lane
 JOINTS, TRACKS, RESURFACED, RIMS, PATCHES, CRACKS, STAINS, COVERS, LITTER = (
     np.arange(0.3, 2.9, 0.3) / 1000.0
 )  # m, layers
-TRACK_M, TRACK_OFFSET_M = 0.55, 0.75  # width of a wheel track, and its way from the middle of the lane
+TRACK_M, TRACK_OFFSET_M = 0.55, 0.75  # width of a wheel track, and its distance from the middle of the lane
 RIM_M = 0.05  # bitumen around a patch
 JOINT_M = 0.03  # between the courses of the paver, which lays lane by lane
 FULL = {"patches": 30, "trenches": 6, "cracks": 45, "stains": 70, "litter": 200, "covers": 8}
@@ -182,16 +182,16 @@ class Carriageway:
     """Where the wear is: a lane and how far the road reaches to its sides.
 
     Attributes:
-        way: along the road.
-        right_m: its right edge, to the left of the way.
+        lane: along the road.
+        right_m: its right edge, to the left of the lane.
         left_m: its left edge.
     """
 
-    way: Alignment
+    lane: Alignment
     right_m: float
     left_m: float
 
-    def drawn_places(self, count: int, rng: np.random.Generator, *, edge_m: float = 0.3) -> NDArray[np.float64]:
+    def drawn_positions(self, count: int, rng: np.random.Generator, *, edge_m: float = 0.3) -> NDArray[np.float64]:
         """(count, 2) along and left, anywhere on the road."""
         along = rng.uniform(*NEAR_M, count)
         return np.stack([along, rng.uniform(self.right_m + edge_m, self.left_m - edge_m, count)], axis=1)
@@ -202,7 +202,7 @@ def wear(plan: Plan, asphalt: Surface, rng: np.random.Generator) -> list[Mesh]:
     amount = float(rng.beta(2.0, 2.5)) if plan.spec.wear is None else plan.spec.wear
     section = plan.section
     inner_m = section.left_m + 0.4 if plan.spec.kind == "avenue" else section.left_kerb_m
-    road = Carriageway(way=plan.lane, right_m=section.right_kerb_m, left_m=inner_m)
+    road = Carriageway(lane=plan.lane, right_m=section.right_kerb_m, left_m=inner_m)
     meshes = _courses(plan, asphalt, rng) + _tracks(plan, asphalt, amount)
     meshes += _patches(road, asphalt, amount, rng) + _trenches(road, asphalt, amount, rng)
     meshes += _cracks(road, asphalt, amount, rng) + _stains(road, asphalt, amount, rng)
@@ -242,10 +242,10 @@ def _tracks(plan: Plan, asphalt: Surface, amount: float) -> list[Mesh]:
 def _patches(road: Carriageway, asphalt: Surface, amount: float, rng: np.random.Generator) -> list[Mesh]:
     """Holes that were cut square and filled, most with a rim of bitumen."""
     count = rng.poisson(FULL["patches"] * amount)
-    places, meshes = road.drawn_places(count, rng, edge_m=0.8), []
-    for place in places:
+    positions, meshes = road.drawn_positions(count, rng, edge_m=0.8), []
+    for position in positions:
         half = rng.uniform((0.25, 0.2), (1.6, 0.7))
-        meshes += _patch(road.way, place, half, float(rng.normal(0, 0.05)), asphalt, rng)
+        meshes += _patch(road.lane, position, half, float(rng.normal(0, 0.05)), asphalt, rng)
     return meshes
 
 
@@ -255,16 +255,16 @@ def _trenches(road: Carriageway, asphalt: Surface, amount: float, rng: np.random
     for _ in range(rng.poisson(FULL["trenches"] * amount)):
         along_m = float(rng.uniform(*NEAR_M))
         if rng.random() < 0.6:
-            place, half = (along_m, (road.left_m + road.right_m) / 2), (0.3, (road.left_m - road.right_m) / 2)
+            position, half = (along_m, (road.left_m + road.right_m) / 2), (0.3, (road.left_m - road.right_m) / 2)
         else:
-            place, half = tuple(road.drawn_places(1, rng, edge_m=0.8)[0]), (float(rng.uniform(2, 5)), 0.3)
-        meshes += _patch(road.way, np.array(place), np.array(half), float(rng.normal(0, 0.01)), asphalt, rng)
+            position, half = tuple(road.drawn_positions(1, rng, edge_m=0.8)[0]), (float(rng.uniform(2, 5)), 0.3)
+        meshes += _patch(road.lane, np.array(position), np.array(half), float(rng.normal(0, 0.01)), asphalt, rng)
     return meshes
 
 
 def _patch(
-    way: Alignment,
-    place: NDArray[np.float64],
+    lane: Alignment,
+    position: NDArray[np.float64],
     half_m: NDArray[np.float64],
     turn_rad: float,
     asphalt: Surface,
@@ -277,26 +277,26 @@ def _patch(
         texel_m=asphalt.texel_m * float(rng.uniform(0.8, 1.4)),
     )
     shift = rng.uniform(0, 8, (1, 2))
-    meshes = [quads(flat(way.patches(place, (SQUARE * half_m) @ turn), PATCHES), fill, shifts_m=shift)]
+    meshes = [quads(flat(lane.patches(position, (SQUARE * half_m) @ turn), PATCHES), fill, shifts_m=shift)]
     if rng.random() < 0.6:
-        meshes.append(quads(flat(way.patches(place, (SQUARE * (half_m + RIM_M)) @ turn), RIMS), BITUMEN))
+        meshes.append(quads(flat(lane.patches(position, (SQUARE * (half_m + RIM_M)) @ turn), RIMS), BITUMEN))
     return meshes
 
 
 def _cracks(road: Carriageway, asphalt: Surface, amount: float, rng: np.random.Generator) -> list[Mesh]:
     """Wandering lines: open ones of one or two centimetres, sealed ones as wide as a hand."""
     meshes = []
-    for place in road.drawn_places(rng.poisson(FULL["cracks"] * amount), rng, edge_m=0.5):
+    for position in road.drawn_positions(rng.poisson(FULL["cracks"] * amount), rng, edge_m=0.5):
         sealed = rng.random() < 0.4
         count, heading = int(rng.integers(6, 28)), float(rng.choice([0.0, np.pi / 2])) + rng.normal(0, 0.3)
         headings = heading + 0.35 * rng.standard_normal(count).cumsum() * 0.5 + 0.25 * rng.standard_normal(count)
         steps = rng.uniform(0.12, 0.3, count)[:, None] * np.stack([np.cos(headings), np.sin(headings)], axis=1)
-        line = place + np.concatenate([np.zeros((1, 2)), steps.cumsum(axis=0)])
+        line = position + np.concatenate([np.zeros((1, 2)), steps.cumsum(axis=0)])
         line[:, 1] = np.clip(line[:, 1], road.right_m + 0.05, road.left_m - 0.05)
         half = (0.03 if sealed else 0.008) * rng.uniform(0.6, 1.3, count + 1)[:, None]
         aside = np.gradient(line, axis=0)[:, ::-1] * (-1, 1)
         aside /= np.maximum(np.linalg.norm(aside, axis=1, keepdims=True), 1e-9)
-        left, right = (road.way.points(*(line + sign * half * aside).T) for sign in (1, -1))
+        left, right = (road.lane.points(*(line + sign * half * aside).T) for sign in (1, -1))
         cells = np.stack([right[:-1], right[1:], left[1:], left[:-1]], axis=1)
         meshes.append(quads(flat(cells, CRACKS), BITUMEN if sealed else tinted(asphalt, 0.55)))
     return meshes
@@ -305,14 +305,14 @@ def _cracks(road: Carriageway, asphalt: Surface, amount: float, rng: np.random.G
 def _stains(road: Carriageway, asphalt: Surface, amount: float, rng: np.random.Generator) -> list[Mesh]:
     """Oil, damp and spilt paint: blots with a darker heart."""
     count = rng.poisson(FULL["stains"] * (0.3 + 0.7 * amount))
-    places = road.drawn_places(count, rng)
+    positions = road.drawn_positions(count, rng)
     factor = np.where(rng.random(count) < 0.85, rng.uniform(0.72, 0.93, count), rng.uniform(1.06, 1.2, count))
     angles = np.arange(11) * (2 * np.pi / 11)
     rims = np.exp(0.25 * rng.standard_normal((count, 11, 1))) * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     rims = rims * rng.uniform(0.08, 0.5, (count, 1, 1)) * rng.uniform((0.6, 0.4), (1.6, 0.9), (count, 1, 2))
     meshes = []
     for step, share in enumerate((1.0, 0.6)):
-        lifted = flat(road.way.patches(places, share * rims), STAINS + step * 1e-4)
+        lifted = flat(road.lane.patches(positions, share * rims), STAINS + step * 1e-4)
         meshes.append(fans(lifted, asphalt, albedos=asphalt.albedo * factor ** (0.6 + 0.6 * step)))
     return meshes
 
@@ -320,11 +320,11 @@ def _stains(road: Carriageway, asphalt: Surface, amount: float, rng: np.random.G
 def _covers(road: Carriageway, rng: np.random.Generator) -> list[Mesh]:
     """Manholes in the lanes, and gullies at the kerb every 20 m or so."""
     count = 2 + rng.poisson(FULL["covers"] / 2)
-    places = road.drawn_places(count, rng, edge_m=0.9)
+    positions = road.drawn_positions(count, rng, edge_m=0.9)
     angles = np.arange(14) * (2 * np.pi / 14)
     rim = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     meshes = [
-        fans(flat(road.way.patches(places, np.tile(radius_m * rim, (count, 1, 1))), COVERS + lift_m), surface)
+        fans(flat(road.lane.patches(positions, np.tile(radius_m * rim, (count, 1, 1))), COVERS + lift_m), surface)
         for radius_m, lift_m, surface in (
             (0.36, 0.0, tinted(CONCRETE, 0.8)),
             (0.32, 1e-4, CAST_IRON),
@@ -338,7 +338,7 @@ def _covers(road: Carriageway, rng: np.random.Generator) -> list[Mesh]:
             bars = (
                 centres if lift_m == 0 else np.concatenate([centres + np.array([0.0, dy]) for dy in (-0.09, 0.0, 0.09)])
             )
-            cells = road.way.patches(bars, scale * SQUARE)
+            cells = road.lane.patches(bars, scale * SQUARE)
             meshes.append(quads(flat(cells, COVERS + lift_m), surface))
     return meshes
 
@@ -353,4 +353,4 @@ def _litter(road: Carriageway, asphalt: Surface, rng: np.random.Generator) -> li
     turn = rng.uniform(0, 2 * np.pi, (count, 1)) + np.arange(4) * (np.pi / 2)
     corners = rng.uniform(0.012, 0.045, (count, 1, 1)) * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
     shade = asphalt.albedo * rng.choice([0.5, 0.7, 1.3, 1.6], count)
-    return [quads(flat(road.way.patches(centres, corners), LITTER), asphalt, albedos=shade)]
+    return [quads(flat(road.lane.patches(centres, corners), LITTER), asphalt, albedos=shade)]

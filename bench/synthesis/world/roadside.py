@@ -31,11 +31,11 @@ from bench.synthesis.world.road_surface import row_starts_m
 from bench.synthesis.world.solids import PANE, boxes
 
 KINDS = ("car", "saloon", "estate", "suv", "city_car", "van")  # what parks in a street
-PLACE_M = 6.0  # of the kerb for each car
+SPACE_M = 6.0  # of the kerb for each car
 CAR_FORMS = 3  # different cars of a recording; more would take longer to build than everything else
-DETAILED_TRIANGLES = 9_500  # for the cars next to where ego and actors drive; the others are simpler
+DETAILED_TRIANGLES = 9_500  # for the cars next to where ego vehicle and actors drive; the others are simpler
 WHEELS_M = 10.0  # farther away than this the wheels of a parked car are a few dark pixels
-CAR_M = (4.9, 2.05)  # what a place must hold, with the mirrors; vans that are longer jut out as they do in life
+CAR_M = (4.9, 2.05)  # what a space must hold, with the mirrors; vans that are longer jut out as they do in life
 CABINS = (
     ((-1.5, 0.92), (-0.9, 1.42), (0.2, 1.42), (1.0, 0.92)),
     ((-2.0, 0.92), (-1.7, 1.5), (0.1, 1.5), (1.0, 0.92)),
@@ -46,7 +46,7 @@ TYRE = Surface(albedo=0.08, contrast=0.2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Place:
+class ParkingSpace:
     """Somewhere to park.
 
     Attributes:
@@ -59,46 +59,46 @@ class Place:
 
 
 def parked_cars(plan: Plan, site: Site, rng: np.random.Generator) -> list[Mesh]:
-    """Fill a share of the places, the nearest ones with cars in full detail."""
-    places = _bays(plan, rng) if plan.spec.kind == "car_park" else _kerbside(plan, rng)
-    expected = [place for place in places if rng.random() < plan.spec.parked_cars and site.free(place.area)]
-    expected.sort(key=lambda place: site.away_m(place.area))
+    """Fill a share of the spaces, the nearest ones with cars in full detail."""
+    spaces = _bays(plan, rng) if plan.spec.kind == "car_park" else _kerbside(plan, rng)
+    expected = [space for space in spaces if rng.random() < plan.spec.parked_cars and site.free(space.area)]
+    expected.sort(key=lambda space: site.away_m(space.area))
     forms = [make_body(str(own.choice(KINDS)), own).mesh for own in rng.spawn(CAR_FORMS)] if expected else []
     meshes, left = [], DETAILED_TRIANGLES
-    for place, own in zip(expected, rng.spawn(len(expected)), strict=True):
+    for space, own in zip(expected, rng.spawn(len(expected)), strict=True):
         car = forms[int(own.integers(CAR_FORMS))].with_texture_shift(own.uniform(0, 8, 2))
         if left < len(car.corners_m):
-            car = _plain_car(own, wheels=site.away_m(place.area) < WHEELS_M)
-        if site.claim(around(car, place.at)):
-            meshes.append(_unlit(car.moved(place.at)))
+            car = _plain_car(own, wheels=site.away_m(space.area) < WHEELS_M)
+        if site.claim(around(car, space.at)):
+            meshes.append(_unlit(car.moved(space.at)))
             left -= len(car.corners_m)
     return meshes
 
 
-def _kerbside(plan: Plan, rng: np.random.Generator) -> list[Place]:
-    """Places in the parking lanes, away from crossings and mouths, cars in the direction of their side."""
+def _kerbside(plan: Plan, rng: np.random.Generator) -> list[ParkingSpace]:
+    """Spaces in the parking lanes, away from crossings and mouths, cars in the direction of their side."""
     spec, section = plan.spec, plan.section
-    places = []
+    spaces = []
     for side, kerb_m, sign in (("right", section.right_kerb_m, 1.0), ("left", section.left_kerb_m, -1.0)):
         if not spec.has_parking(side):  # type: ignore[arg-type]
             continue
         blocked = [(at_m, 2.0 + 3.0) for at_m in spec.zebra_at_m]
         blocked += [(s.at_m, s.width_m / 2 + 5.0) for s in spec.side_streets if s.side == side]
-        for along_m in np.arange(plan.lane.begin_m + 6.0, plan.lane.end_m - 6.0, PLACE_M):
-            if any(abs(along_m - at_m) < half_m + PLACE_M / 2 for at_m, half_m in blocked):
+        for along_m in np.arange(plan.lane.begin_m + 6.0, plan.lane.end_m - 6.0, SPACE_M):
+            if any(abs(along_m - at_m) < half_m + SPACE_M / 2 for at_m, half_m in blocked):
                 continue
             left_m = kerb_m + sign * (PARKING_M / 2 + rng.normal(0, 0.06))
             backwards = np.pi if side == "left" else 0.0
             at = plan.lane.pose(
                 float(along_m + rng.normal(0, 0.25)), float(left_m), yaw_rad=backwards + float(rng.normal(0, 0.015))
             )
-            places.append(_place(at))
-    return places
+            spaces.append(_parking_space(at))
+    return spaces
 
 
-def _bays(plan: Plan, rng: np.random.Generator) -> list[Place]:
+def _bays(plan: Plan, rng: np.random.Generator) -> list[ParkingSpace]:
     """The bays of a car park, noses in or out."""
-    section, lane, places = plan.section, plan.lane, []
+    section, lane, spaces = plan.section, plan.lane, []
     for edge_m, sign, rows in ((section.right_m, -1.0, section.right_rows), (section.left_m, 1.0, section.left_rows)):
         for row, start_m in enumerate(row_starts_m(rows)):
             for divider_m in np.arange(lane.begin_m + 1.0, FULL_TO_M, BAY_WIDTH_M):
@@ -106,13 +106,13 @@ def _bays(plan: Plan, rng: np.random.Generator) -> list[Place]:
                 nose = float(rng.choice([-1.0, 1.0], p=[0.25, 0.75])) * sign * (1.0 if row != 1 else -1.0)
                 turn = nose * np.pi / 2 + float(rng.normal(0, 0.02))
                 along_m = float(divider_m + BAY_WIDTH_M / 2 + rng.normal(0, 0.08))
-                places.append(_place(lane.pose(along_m, float(left_m), yaw_rad=turn)))
-    return places
+                spaces.append(_parking_space(lane.pose(along_m, float(left_m), yaw_rad=turn)))
+    return spaces
 
 
-def _place(at: RigidTransform) -> Place:
+def _parking_space(at: RigidTransform) -> ParkingSpace:
     half = np.array(CAR_M) / 2
-    return Place(at=at, area=footprint(at, -half, half))
+    return ParkingSpace(at=at, area=footprint(at, -half, half))
 
 
 def _unlit(car: Mesh) -> Mesh:
@@ -123,7 +123,7 @@ def _unlit(car: Mesh) -> Mesh:
 
 
 def _plain_car(rng: np.random.Generator, *, wheels: bool) -> Mesh:
-    """A car of a hundred triangles, or fewer without round wheels, for the far places."""
+    """A car of a hundred triangles, or fewer without round wheels, for the far ones."""
     hull, glass, under, tyres = _plain_parts()[int(rng.integers(len(CABINS)))]
     shade = float(rng.choice([0.12, 0.25, 0.4, 0.55, 0.75]))
     painted = hull.surfaces.copy()
@@ -155,8 +155,8 @@ def _plain_tyre(x: float, y: float) -> Mesh:
 
 
 TREE_STEP_M = 9.0
-NEAR_M = 18.0  # from where ego and actors drive: within it leaves and twigs are built one by one
-NARROW_M = 1.6  # pavements below this have no room for trees
+NEAR_M = 18.0  # from where ego vehicle and actors drive: within it leaves and twigs are built one by one
+NARROW_M = 1.6  # pavements below this are too narrow for trees
 PIECE_M = 4.0  # of hedges, walls and rails, each of which may be left out
 RAIL_M = 0.45  # of a guard rail behind the kerb
 SUNK_M = 0.05  # houses reach into the ground, which slopes a little between pavement and verge
@@ -167,15 +167,15 @@ class Roadside:
     """One side of a road.
 
     Attributes:
-        way: the road's lane.
+        lane: of the road.
         kerb_m: its kerb, to the left of the lane.
         back_m: where the pavement ends and the fronts begin.
         sign: 1 on the left, -1 on the right.
-        begin_m: first place along the lane.
+        begin_m: first position along the lane.
         end_m: last one.
     """
 
-    way: Alignment
+    lane: Alignment
     kerb_m: float
     back_m: float
     sign: int
@@ -185,7 +185,7 @@ class Roadside:
     def at(self, along_m: float, behind_m: float, height_m: float) -> RigidTransform:
         """A frame behind the kerb: y away from the road, z up."""
         yaw_rad = 0.0 if self.sign > 0 else np.pi
-        return self.way.pose(along_m, self.kerb_m + self.sign * behind_m, height_m, yaw_rad=yaw_rad)
+        return self.lane.pose(along_m, self.kerb_m + self.sign * behind_m, height_m, yaw_rad=yaw_rad)
 
     def front(self, along_m: float, height_m: float) -> RigidTransform:
         """The same where the pavement ends."""
@@ -197,17 +197,17 @@ def roadsides(plan: Plan) -> list[Roadside]:
     spec, section, lane = plan.spec, plan.section, plan.lane
     sides = [
         Roadside(
-            way=lane, kerb_m=kerb_m, back_m=kerb_m + sign * spec.pavement_m, sign=sign, begin_m=lane.begin_m,
+            lane=lane, kerb_m=kerb_m, back_m=kerb_m + sign * spec.pavement_m, sign=sign, begin_m=lane.begin_m,
             end_m=lane.end_m,
         )
         for kerb_m, sign in ((section.right_kerb_m, -1), (section.left_kerb_m, 1))
     ]  # fmt: skip
-    for street, way in plan.mouths:
+    for street, side_lane in plan.mouths:
         for sign in (-1, 1):
             kerb_m, depth_m = sign * street.width_m / 2, min(spec.pavement_m, 2.5)
             side = Roadside(
-                way=way, kerb_m=kerb_m, back_m=kerb_m + sign * depth_m, sign=sign,
-                begin_m=spec.pavement_m + DEPTH_M + 0.5, end_m=way.end_m,
+                lane=side_lane, kerb_m=kerb_m, back_m=kerb_m + sign * depth_m, sign=sign,
+                begin_m=spec.pavement_m + DEPTH_M + 0.5, end_m=side_lane.end_m,
             )  # fmt: skip
             sides.append(side)
     return sides
@@ -233,7 +233,7 @@ def lamps(plan: Plan, side: Roadside, site: Site, rng: np.random.Generator) -> I
 def trees(
     plan: Plan, side: Roadside, site: Site, rng: np.random.Generator, forms: dict[bool, list[Mesh]]
 ) -> Iterator[Mesh]:
-    """Trees at some of their places, before the fronts where the pavement is narrow."""
+    """Trees at some of their positions, before the fronts where the pavement is narrow."""
     depth_m = abs(side.back_m - side.kerb_m)
     behind_m = 0.95 if depth_m > NARROW_M and plan.spec.kind == "street" else depth_m + 1.6
     phase_m = rng.uniform(0.0, TREE_STEP_M)

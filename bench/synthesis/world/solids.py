@@ -76,12 +76,12 @@ def boxes(
     yaws_rad: ArrayLike = 0.0,
     albedos: ArrayLike | None = None,
 ) -> Mesh:
-    """Upright boxes: (N, 3) centres, (N, 3) sizes or one for all, (N,) turns about z."""
+    """Upright boxes: (N, 3) centres, (N, 3) sizes or one for all, (N,) yaws."""
     centres = np.asarray(centres_m, dtype=np.float64).reshape(-1, 3)
     half = np.broadcast_to(np.asarray(sizes_m, dtype=np.float64), centres.shape) / 2
     yaws = np.broadcast_to(np.asarray(yaws_rad, dtype=np.float64), len(centres))
     corners = BOX_CORNERS * half[:, None]
-    faces = _turned(corners, yaws) + centres[:, None]
+    faces = _rotated(corners, yaws) + centres[:, None]
     repeated = None if albedos is None else np.repeat(np.asarray(albedos), len(BOX_FACES))
     return quads(faces[:, BOX_FACES].reshape(-1, 4, 3), surface, albedos=repeated)
 
@@ -144,13 +144,13 @@ def leaves(
     which = rng.integers(len(centres_m), size=count)
     outwards = rng.standard_normal((count, 3))
     outwards /= np.linalg.norm(outwards, axis=1, keepdims=True)
-    places = centres_m[which] + outwards * radii_m[which] * rng.uniform(0.85, 1.3, (count, 1))
+    positions = centres_m[which] + outwards * radii_m[which] * rng.uniform(0.85, 1.3, (count, 1))
     along = np.cross(outwards, rng.standard_normal((count, 3)))
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     across = np.cross(outwards, along) + 0.5 * rng.standard_normal((count, 1)) * outwards
     half = 0.5 * size_m * rng.uniform(0.6, 1.4, (count, 1))
     sides = [(-along - across), (along - across), (along + across), (across - along)]
-    corners = np.stack([places + half * side for side in sides], axis=1)
+    corners = np.stack([positions + half * side for side in sides], axis=1)
     return quads(corners, surface, albedos=surface.albedo * rng.uniform(0.55, 1.35, count))
 
 
@@ -172,7 +172,7 @@ def fans(rims_m: ArrayLike, surface: Surface, *, albedos: ArrayLike | None = Non
     return mesh
 
 
-def _turned(corners_m: NDArray[np.float64], yaws_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+def _rotated(corners_m: NDArray[np.float64], yaws_rad: NDArray[np.float64]) -> NDArray[np.float64]:
     cosine, sine = np.cos(yaws_rad)[:, None], np.sin(yaws_rad)[:, None]
     x, y, z = corners_m[..., 0], corners_m[..., 1], corners_m[..., 2]
     return np.stack([cosine * x - sine * y, sine * x + cosine * y, z], axis=-1)

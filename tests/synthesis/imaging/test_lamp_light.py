@@ -43,7 +43,7 @@ def street(*places_m: tuple[float, float, float]) -> Lamps:
 def headlight(inverse_depth: float) -> Lamps:
     """One at the origin, that meets something at 1 / `inverse_depth` everywhere."""
     pictures = np.full((2, BEAM_HEIGHT, BEAM_WIDTH), inverse_depth, dtype=np.float32)
-    return NO_LAMPS._replace(turns=np.stack([AHEAD, AHEAD]), inverse_depth=pictures, headlights=1)
+    return NO_LAMPS._replace(lamp_from_world=np.stack([AHEAD, AHEAD]), inverse_depth=pictures, headlights=1)
 
 
 def test_below_a_street_lamp_six_metres_up() -> None:
