@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from bench.synthesis.imaging.compiled import CACHE, SOURCES, compiled
+from bench.synthesis.imaging.kernels import CACHE, SOURCES, compiled
 from bench.synthesis.imaging.textures import LEVELS, SIZE, TextureAtlas, atlas_at, texture_atlas
 
 

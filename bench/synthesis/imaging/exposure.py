@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.synthesis.imaging.compiled import compiled, inlined
 from bench.synthesis.imaging.faces import PLAIN
+from bench.synthesis.imaging.kernels import compiled, corner_weights, inlined
 from bench.synthesis.imaging.lens import Lens
 from bench.synthesis.imaging.visibility import NOTHING
 from bench.synthesis.scenario import SensorSpec
@@ -96,9 +96,7 @@ def find_motion_vectors(
             if t < shutter.first:
                 continue
             x, y, z, m = rays[0, v, u], rays[1, v, u], rays[2, v, u], t - shutter.first
-            i = planes[t, 0] * x + planes[t, 1] * y + planes[t, 2] * z
-            j = planes[t, 3] * x + planes[t, 4] * y + planes[t, 5] * z
-            k = planes[t, 6] * x + planes[t, 7] * y + planes[t, 8] * z
+            i, j, k = corner_weights(planes, t, x, y, z)
             motion_u, motion_v = ZERO, ZERO
             for axis in range(3):
                 step = i * shutter.steps_m[m, 0, axis] + j * shutter.steps_m[m, 1, axis]
@@ -251,9 +249,7 @@ def smooth_edges(
                         if not found:
                             value, found = centre[row, column], True
                         continue
-                    i = planes[t, 0] * x + planes[t, 1] * y + planes[t, 2] * z
-                    j = planes[t, 3] * x + planes[t, 4] * y + planes[t, 5] * z
-                    k = planes[t, 6] * x + planes[t, 7] * y + planes[t, 8] * z
+                    i, j, k = corner_weights(planes, t, x, y, z)
                     if i >= ZERO and j >= ZERO and k >= ZERO and i + j + k > nearest:
                         nearest, value, found = i + j + k, centre[row, column], True
                 if found:  # and not between triangles that no centre sees

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.synthesis.imaging.compiled import compiled, inlined
 from bench.synthesis.imaging.faces import (
     ALBEDO,
     CONTRAST,
@@ -28,6 +27,7 @@ from bench.synthesis.imaging.faces import (
     STEP_V,
     TEXEL_LOG2,
 )
+from bench.synthesis.imaging.kernels import compiled, corner_weights, inlined, share_below
 from bench.synthesis.imaging.lamps import BEAM_FOCAL, GLOW_BY_NIGHT, MIDDLE_COLUMN, MIDDLE_ROW, WHITE_LUX, Lamps
 from bench.synthesis.imaging.lens import TILE_PX
 from bench.synthesis.imaging.shadow_maps import HeightMap, height_at, lit_share
@@ -189,9 +189,7 @@ def _meet(
             continue
         faces += 1
         t, x, y, z = np.uintp(seen[n]), xs[n], ys[n], zs[n]
-        i = planes[t, 0] * x + planes[t, 1] * y + planes[t, 2] * z
-        j = planes[t, 3] * x + planes[t, 4] * y + planes[t, 5] * z
-        k = planes[t, 6] * x + planes[t, 7] * y + planes[t, 8] * z
+        i, j, k = corner_weights(planes, t, x, y, z)
         distance_m = ONE / (i + j + k)
         j, k = j * distance_m, k * distance_m
         lanes[DISTANCE + n], lanes[LEVEL + n] = distance_m, rows[t, TEXEL_LOG2]
@@ -359,7 +357,7 @@ def light_spots(count: int, lamps: Lamps, lanes: NDArray[np.float32]) -> None:
             along, square = lanes[BEAM_ALONG + n], lanes[BEAM_SQUARE + n]
             if along > ZERO:
                 distance_m = np.sqrt(square)
-                lit = _lit(k, lanes[BEAM_ASIDE + n], lanes[BEAM_DOWN + n], distance_m, lamps.inverse_depth)
+                lit = _lit(lanes[BEAM_ASIDE + n], lanes[BEAM_DOWN + n], distance_m, lamps.inverse_depth[k])
                 lanes[SPOT_LIGHT + n] += lanes[BEAM + n] * lit * along / (square * distance_m)
 
 
@@ -417,21 +415,9 @@ def quick_exp(power: np.float32) -> np.float32:
 
 
 @inlined
-def _lit(
-    k: int, aside: np.float32, down: np.float32, distance_m: np.float32, inverse_depth: NDArray[np.float32]
-) -> np.float32:
+def _lit(aside: np.float32, down: np.float32, distance_m: np.float32, inverse_depth: NDArray[np.float32]) -> np.float32:
     """Share of four rays of a headlight that come as far as a point."""
     column, row = BEAM_FOCAL * aside + MIDDLE_COLUMN, BEAM_FOCAL * down + MIDDLE_ROW
     if not (ZERO <= column < MIDDLE_COLUMN + MIDDLE_COLUMN and ZERO <= row < MIDDLE_ROW + MIDDLE_ROW):
         return ONE
-    whole_row, whole_column = np.int32(row), np.int32(column)
-    a, b = row - np.float32(whole_row), column - np.float32(whole_column)
-    i, j = np.uintp(whole_row), np.uintp(whole_column)
-    next_i, next_j = i + np.uintp(1), j + np.uintp(1)
-    least = SHADE_BIAS / distance_m
-    upper = (ONE - b if inverse_depth[k, i, j] <= least else ZERO) + (
-        b if inverse_depth[k, i, next_j] <= least else ZERO
-    )
-    lower = ONE - b if inverse_depth[k, next_i, j] <= least else ZERO
-    lower += b if inverse_depth[k, next_i, next_j] <= least else ZERO
-    return upper + a * (lower - upper)
+    return share_below(row, column, SHADE_BIAS / distance_m, inverse_depth)

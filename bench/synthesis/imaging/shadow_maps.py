@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.synthesis.imaging.compiled import compiled, inlined
+from bench.synthesis.imaging.kernels import bilinear, compiled, inlined, share_below
 from bench.synthesis.scene import Lighting
 
 ZERO, HALF, ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
@@ -180,15 +180,7 @@ def lit_share(x: np.float32, y: np.float32, z: np.float32, bias: np.float32, gro
     last = np.float32(ground.heights_m.shape[0] - 1)
     if not (ZERO <= column < last and ZERO <= row < last):
         return -ONE
-    whole_row, whole_column = np.int32(row), np.int32(column)
-    a, b = row - np.float32(whole_row), column - np.float32(whole_column)
-    i, j = np.uintp(whole_row), np.uintp(whole_column)
-    next_i, next_j = i + np.uintp(1), j + np.uintp(1)
-    top = z + bias
-    upper = (ONE - b if ground.heights_m[i, j] <= top else ZERO) + (b if ground.heights_m[i, next_j] <= top else ZERO)
-    lower = ONE - b if ground.heights_m[next_i, j] <= top else ZERO
-    lower += b if ground.heights_m[next_i, next_j] <= top else ZERO
-    return np.float32(upper + a * (lower - upper))
+    return share_below(row, column, z + bias, ground.heights_m)
 
 
 @inlined
@@ -198,13 +190,7 @@ def height_at(x: np.float32, y: np.float32, ground: HeightMap) -> np.float32:
     last = np.float32(ground.heights_m.shape[0] - 1)
     if not (ZERO <= column < last and ZERO <= row < last):
         return NOTHING_M
-    whole_row, whole_column = np.int32(row), np.int32(column)
-    a, b = row - np.float32(whole_row), column - np.float32(whole_column)
-    i, j = np.uintp(whole_row), np.uintp(whole_column)
-    next_i, next_j = i + np.uintp(1), j + np.uintp(1)
-    upper = ground.heights_m[i, j] + b * (ground.heights_m[i, next_j] - ground.heights_m[i, j])
-    lower = ground.heights_m[next_i, j] + b * (ground.heights_m[next_i, next_j] - ground.heights_m[next_i, j])
-    return np.float32(upper + a * (lower - upper))
+    return bilinear(row, column, ground.heights_m)
 
 
 # The sun is half a degree wide: the shadow of a roof rack, 2 m up, is blurred over 2 cm, and a pixel at 5 m is 3 cm.

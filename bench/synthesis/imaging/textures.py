@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.synthesis.imaging.compiled import inlined
+from bench.synthesis.imaging.kernels import bilinear, inlined
 
 SIZE = 1024  # texels along one period of the texture
 LEVELS = 9  # 1024 down to 4 texels
@@ -66,13 +66,7 @@ def _texel(
 ) -> np.float32:
     column = u * layout[level, 1] + layout[level, 0]
     row = v * layout[level, 1] + TOP
-    whole_row, whole_column = np.int32(row), np.int32(column)
-    a, b = row - np.float32(whole_row), column - np.float32(whole_column)
-    i, j = np.uintp(whole_row), np.uintp(whole_column)
-    next_i, next_j = i + np.uintp(1), j + np.uintp(1)
-    upper = image[i, j] + b * (image[i, next_j] - image[i, j])
-    lower = image[next_i, j] + b * (image[next_i, next_j] - image[next_i, j])
-    return np.float32(upper + a * (lower - upper))
+    return bilinear(row, column, image)
 
 
 @cache
