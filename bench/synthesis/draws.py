@@ -51,7 +51,7 @@ class Sampler:
         series: name of the series.
         index: of the recording in the series, from 0.
         count: recordings of the series.
-        attempt: 0, or how often the recording was drawn before without finding space for everybody.
+        attempt: 0, or how often the recording was drawn before with bodies that overlapped.
         values: the series' named values, drawn where a field asks for them.
     """
 

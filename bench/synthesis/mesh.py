@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cache
 
 import numpy as np
@@ -44,6 +44,9 @@ class Surface:
         return self.albedo, self.contrast, self.texel_m, self.mirror, self.glow, float(self.sky)
 
 
+COLUMN_OF = {field.name: column for column, field in enumerate(fields(Surface))}  # of `Mesh.surfaces`
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Mesh:
     """Triangles that share nothing, so that meshes join and move without bookkeeping.
@@ -68,7 +71,7 @@ class Mesh:
         return Mesh(corners_m=self.corners_m[mask], texture_m=self.texture_m[mask], surfaces=self.surfaces[mask])
 
     def with_texture_shift(self, shift_m: ArrayLike) -> Mesh:
-        """The same mesh with its texture taken from elsewhere, so that two bodies do not look alike."""
+        """The same mesh with its texture taken from elsewhere, so that two bodies look different."""
         shifted_m = self.texture_m + np.asarray(shift_m, dtype=np.float64)
         return Mesh(corners_m=self.corners_m, texture_m=shifted_m, surfaces=self.surfaces)
 
@@ -122,7 +125,7 @@ def quads(
         corners_m: (N, 4, 3), m, each anticlockwise seen from the side that faces outwards.
         surface: of all of them.
         albedos: (N,), instead of the surface's.
-        shifts_m: (N, 2), m, where each patch takes its texture from, so that no two look alike.
+        shifts_m: (N, 2), m, where each patch takes its texture from, so that all look different.
     """
     corners = np.asarray(corners_m, dtype=np.float64).reshape(-1, 4, 3)
     mesh = surfaced(corners[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, 3), surface)
@@ -134,14 +137,14 @@ def quads(
 
 
 def surfaced(
-    corners_m: NDArray[np.float64], surfaces: Surface | Sequence[Surface], worn: NDArray[np.intp] | None = None
+    corners_m: NDArray[np.float64], surfaces: Surface | Sequence[Surface], choice: NDArray[np.intp] | None = None
 ) -> Mesh:
     """Triangles, the texture laid on each along the two axes that it faces least.
 
     Args:
         corners_m: (T, 3, 3) float64, m, anticlockwise seen from outside.
         surfaces: of all of them, or several to choose from.
-        worn: (T,) which of several surfaces each triangle has.
+        choice: (T,) row of the surface that each triangle has.
     """
     one_m, two_m = corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0]
     beside = AXES_BESIDE[np.abs(cross(one_m, two_m)).argmax(axis=1)]
@@ -150,7 +153,7 @@ def surfaced(
         rows = np.empty((len(corners_m), len(surfaces.row)))
         rows[:] = surfaces.row
     else:
-        rows = np.array([surface.row for surface in surfaces])[worn]
+        rows = np.array([surface.row for surface in surfaces])[choice]
     return Mesh(corners_m=corners_m, texture_m=texture_m, surfaces=rows)
 
 
@@ -226,17 +229,17 @@ def loft(rings_m: ArrayLike, surface: Surface, *, paint: Sequence[Paint] = (), l
     """
     rings = np.asarray(rings_m, dtype=np.float64)
     count, around, _ = rings.shape
-    wearing = np.zeros((count if loop else count - 1, around), dtype=np.intp)
+    chosen = np.zeros((count if loop else count - 1, around), dtype=np.intp)
     for number, (steps, along, _) in enumerate(paint, start=1):
-        wearing[steps, along] = number
-    worn = np.append(np.repeat(wearing.ravel(), 2), np.zeros(0 if loop else 2 * around, dtype=np.intp))
+        chosen[steps, along] = number
+    choice = np.append(np.repeat(chosen.ravel(), 2), np.zeros(0 if loop else 2 * around, dtype=np.intp))
     middles = rings[[0, -1]].mean(axis=1)
     corners = np.concatenate([rings.reshape(-1, 3), middles])[_faces(count, around, loop)]
     mask = _doubled_areas_m2(corners) > SMALLEST_M2
-    corners, worn = corners[mask], worn[mask]
+    corners, choice = corners[mask], choice[mask]
     if dot(corners[:, 0], cross(corners[:, 1], corners[:, 2])).sum() < 0:
         corners = corners[:, ::-1]
-    return surfaced(corners, [surface, *(looks for _, _, looks in paint)], worn)
+    return surfaced(corners, [surface, *(looks for _, _, looks in paint)], choice)
 
 
 @cache

@@ -163,7 +163,7 @@ def first_clash(head: ScenarioHead, spec: RecordingSpec) -> tuple[int, str] | No
         spec: the recording.
 
     Returns:
-        Row of the actor whose line tells it, and who is inside whom and when; None if nothing overlaps.
+        Row of the actor to report, and who is inside whom and when; None if nothing overlaps.
     """
     trajectories = plan_trajectories(head, spec)
     times_ns = watched_times(trajectories)

@@ -150,7 +150,7 @@ def _drawn(text: ScenarioText, file: ScenarioFile, number: int, index: int) -> R
         line, reason = f"{field}.actors.{origins[clash[0]]}", clash[1]
     raise text.fault(
         line,
-        expected=f"space for everybody in recording {index + 1} of {series.count}",
+        expected=f"space for all bodies in recording {index + 1} of {series.count}",
         got=f"bodies inside one another in each of {ATTEMPTS} draws, at last {reason}",
         do="give them more space, or ask for fewer",
     )

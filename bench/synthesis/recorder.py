@@ -13,9 +13,10 @@ from bench.synthesis.draws import named_rng
 from bench.synthesis.driving.bus import bus_report
 from bench.synthesis.driving.ego import OUTLINE_M, mounted_rig
 from bench.synthesis.imaging.renderer import write_images
+from bench.synthesis.placement import FIRST_IMAGE_NS
 from bench.synthesis.scanner import write_sweeps
 from bench.synthesis.scenario import RecordingSpec, Scenario, interval_ns
-from bench.synthesis.scene import FIRST_IMAGE_NS, Actor, Scene, build_scene
+from bench.synthesis.scene import Actor, Scene, build_scene
 
 # Between true poses a reader moves with constant twist. Measured over hard braking, bends and a bump of 5 cm at up to
 # 50 km/h, that is off by at most 2e-5 rad (0.004 px) and 0.06 mm at 200 Hz, four times as much at 100 Hz.
@@ -43,7 +44,7 @@ def render_recording(scenario: Scenario, spec: RecordingSpec, root: Path) -> Non
     """Render a recording into a folder.
 
     Args:
-        scenario: the file that it stands in.
+        scenario: the file that it belongs to.
         spec: the recording.
         root: its folder, whose name is free; nothing of an older recording may lie in it.
     """

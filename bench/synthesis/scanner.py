@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +14,11 @@ from bench.recordings import RecordingWriter
 from bench.synthesis.draws import named_rng
 from bench.synthesis.driving.ego import own_body
 from bench.synthesis.driving.motion import EgoMotion
-from bench.synthesis.mesh import Mesh, Surface
+from bench.synthesis.mesh import COLUMN_OF, Mesh
+from bench.synthesis.placement import FIRST_IMAGE_NS
 from bench.synthesis.ray_scene import RayScene
 from bench.synthesis.scenario import LidarSpec, RecordingSpec, Scenario
-from bench.synthesis.scene import FIRST_IMAGE_NS, Actor, Scene
+from bench.synthesis.scene import Actor, Scene
 
 SECOND_NS = 1_000_000_000
 FIRINGS_PER_S = 20_833  # of all 64 lasers: 2083 columns, 0.1728 degrees apart, at 10 Hz
@@ -56,7 +57,6 @@ def revolution(spec: LidarSpec) -> Beams:
     )
 
 
-COLUMN_OF = {field.name: column for column, field in enumerate(fields(Surface))}
 # A surface that mirrors, is itself dark and yet uneven is a pane: what is seen of it lies behind. Black gloss paint is
 # dark and mirrors too, but it is even.
 PANE_MIRROR, PANE_ALBEDO, PANE_CONTRAST = 0.03, 0.15, 0.2

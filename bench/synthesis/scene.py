@@ -17,7 +17,7 @@ from bench.synthesis.draws import named_rng
 from bench.synthesis.driving.motion import EgoMotion, ego_motion
 from bench.synthesis.driving.path import Path
 from bench.synthesis.mesh import Mesh, PlacedMesh
-from bench.synthesis.placement import FIRST_IMAGE_NS, plan_trajectories, swept_ground
+from bench.synthesis.placement import plan_trajectories, swept_ground
 from bench.synthesis.scenario import LightSpec, RecordingSpec, ScenarioHead
 from bench.synthesis.world import build_world
 
@@ -98,9 +98,6 @@ def lighting(spec: LightSpec, rng: np.random.Generator) -> Lighting:
     flat = np.cos(elevation)
     towards_sun = np.array([np.cos(azimuth) * flat, np.sin(azimuth) * flat, np.sin(elevation)])
     return Lighting(kind=kind, towards_sun=towards_sun)
-
-
-__all__ = ["FIRST_IMAGE_NS", "Actor", "Scene", "build_scene"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -105,7 +105,7 @@ def test_series_without_room_is_told_with_line_and_what_collides(scenario_file: 
     _, line, message = fails(scenario_file, HEAD + SERIES.replace("FROM", "7").replace("PLACED", "car"))
     assert "name: drawn" in line
     assert "'drawn' inside 'fixed'" in message
-    assert "space for everybody in recording 1 of 6" in message
+    assert "space for all bodies in recording 1 of 6" in message
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from bench.synthesis.bodies.body import Body, Built, assembled
+from bench.synthesis.bodies.body import Body, Built, assemble_body
 from bench.synthesis.bodies.cyclists import RACING, UPRIGHT, cyclist
 from bench.synthesis.bodies.dog import dog
 from bench.synthesis.bodies.fleet import BUS, CITY_CAR, ESTATE, HATCHBACK, LORRY, MINIBUS, SALOON, SUV, VAN
@@ -50,5 +50,5 @@ def make_body(kind: str, rng: np.random.Generator) -> Body:
     object_class, build = BODIES[kind]
     parts, joints, cycle_m = build(rng)
     shift_m = rng.uniform(0, 8, 2)
-    worn = [(mesh.with_texture_shift(shift_m), joint) for mesh, joint in parts]
-    return assembled(object_class, worn, joints, cycle_m=cycle_m, start_m=float(rng.uniform(0, cycle_m)))
+    shifted = [(mesh.with_texture_shift(shift_m), joint) for mesh, joint in parts]
+    return assemble_body(object_class, shifted, joints, cycle_m=cycle_m, start_m=float(rng.uniform(0, cycle_m)))

@@ -161,7 +161,7 @@ class Body:
 
         Args:
             distance_m: travelled so far, negative in reverse.
-            speed_mps: who does not go stands on both feet; steps are full from `FULL_PACE_MPS` on.
+            speed_mps: at 0 the body stands on both feet; steps are full from `FULL_PACE_MPS` on.
 
         Returns:
             (T, 3, 3) float64, m, object frame.
@@ -177,7 +177,7 @@ Part = tuple[Mesh, str | None]  # a solid in the build posture, and the joint th
 Built = tuple[list[Part], list[Joint], float]  # parts, joints, and the distance after which their postures repeat
 
 
-def assembled(
+def assemble_body(
     object_class: str, parts: Sequence[Part], joints: Sequence[Joint], *, cycle_m: float, start_m: float
 ) -> Body:
     """Put parts together and centre them.

@@ -23,9 +23,9 @@ from bench.synthesis.bodies.looks import (
     REFLECTOR,
     RUBBER,
     TAIL_LAMP,
-    dressed,
+    drawn_clothes,
+    drawn_paint,
     for_riding,
-    painted,
 )
 from bench.synthesis.bodies.people import (
     CHIN,
@@ -237,8 +237,8 @@ def cyclist(stature: Stature, riding: Riding, rng: np.random.Generator) -> Built
         bags=bool(rng.random() < 0.3) and upright,
     )
     hip_x, hip_z = _hip(stature.height_m, bicycle)
-    clothes = for_riding(dressed(rng))
-    parts = bicycle_parts(bicycle, painted(rng), saddle_xz_m=(hip_x, hip_z - SADDLE_BELOW_HIP * stature.height_m))
+    clothes = for_riding(drawn_clothes(rng))
+    parts = bicycle_parts(bicycle, drawn_paint(rng), saddle_xz_m=(hip_x, hip_z - SADDLE_BELOW_HIP * stature.height_m))
     parts += [(_shifted(mesh, hip_x), joint) for mesh, joint in person_parts(stature, clothes)]
     if rng.random() < (0.5 if upright else 1.0):
         size = np.array([0.070, 0.056, 0.050]) * stature.head * stature.height_m

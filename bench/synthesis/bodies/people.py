@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bench.synthesis.bodies.body import Built, Joint, Part, still
 from bench.synthesis.bodies.gait import ANKLE, BALL, HEEL, SHANK, STRIDE, THIGH, TOE, hip_heights, phases, walking_leg
-from bench.synthesis.bodies.looks import Clothes, dressed
+from bench.synthesis.bodies.looks import Clothes, drawn_clothes
 from bench.synthesis.mesh import Mesh, Surface, box, convex, ellipses, limb, loft, rounded
 
 HIP, KNEE = ANKLE + SHANK + THIGH, ANKLE + SHANK  # heights
@@ -133,7 +133,7 @@ TRUNK_TURN_RAD = np.radians(4.5)  # hips to each side; the shoulders turn the ot
 
 def pedestrian(stature: Stature, rng: np.random.Generator) -> Built:
     """A person who walks along x."""
-    return person_parts(stature, dressed(rng)), walking_joints(stature.height_m, rng), STRIDE * stature.height_m
+    return person_parts(stature, drawn_clothes(rng)), walking_joints(stature.height_m, rng), STRIDE * stature.height_m
 
 
 def walking_joints(height_m: float, rng: np.random.Generator) -> list[Joint]:

@@ -24,7 +24,7 @@ from bench.synthesis.bodies.looks import (
     RUBBER,
     TAIL_LAMP,
     UNDERSIDE,
-    painted,
+    drawn_paint,
 )
 from bench.synthesis.mesh import Mesh, Paint, Surface, box, joined, loft, prism, rounded, tube
 
@@ -268,7 +268,7 @@ class Vehicle:
 
 def vehicle(shape: Vehicle, rng: np.random.Generator) -> Built:
     """Paint and put together a vehicle."""
-    paint, spokes = painted(rng), int(rng.choice([5, 6, 7, 9]))
+    paint, spokes = drawn_paint(rng), int(rng.choice([5, 6, 7, 9]))
     radius, width = shape.tyre_m
     outer = shape.hull.half_width_m(shape.hull.axles_x_m[-1]) - 0.015
     wheels, joints = vehicle_wheels(shape.hull.axles_x_m, outer, radius, width_m=width, spokes=spokes)

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from bench.synthesis.imaging.kernels import compiled
 from bench.synthesis.imaging.textures import SIZE
-from bench.synthesis.mesh import Mesh
+from bench.synthesis.mesh import COLUMN_OF, Mesh
 
 # Columns of a face's row, one cache line of 16 numbers.
 FIRST_U, FIRST_V, STEP_U, STEP_V, LAST_U, LAST_V = range(6)  # texture of the first corner, and steps to the others
 CONTRAST, TEXEL_LOG2, ALBEDO, MIRROR, GLOW = range(6, 11)
-NORMAL_X, NORMAL_Y, NORMAL_Z, PLAIN = range(11, 15)  # world; PLAIN tells faces apart that are worth an edge
+NORMAL_X, NORMAL_Y, NORMAL_Z, PLAIN = range(11, 15)  # world; PLAIN distinguishes faces with an edge worth smoothing
 COLUMNS = 16
 FROM_ABOVE = (0.18, 0.11, 0.30)  # change of PLAIN with the normal: a light of no particular kind
 
@@ -35,7 +35,7 @@ class Faces:
 
 def faces_of(mesh: Mesh) -> Faces:
     """All faces of a mesh but those of the sky, which the light draws."""
-    drawn = mesh.surfaces[:, 5] == 0
+    drawn = mesh.surfaces[:, COLUMN_OF["sky"]] == 0
     corners, surfaces = mesh.corners_m[drawn], mesh.surfaces[drawn]
     albedo, contrast, texel_m, mirror, glow, _ = surfaces.T
     texture = mesh.texture_m[drawn] / (texel_m * SIZE)[:, None, None]

@@ -22,8 +22,9 @@ from bench.synthesis.imaging.sky import Sky
 from bench.synthesis.imaging.textures import TextureAtlas, texture_atlas
 from bench.synthesis.imaging.visibility import View, find_visible
 from bench.synthesis.mesh import Mesh, PlacedMesh
+from bench.synthesis.placement import FIRST_IMAGE_NS
 from bench.synthesis.scenario import RecordingSpec, Scenario, SensorSpec
-from bench.synthesis.scene import FIRST_IMAGE_NS, Lighting, Scene
+from bench.synthesis.scene import Lighting, Scene
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

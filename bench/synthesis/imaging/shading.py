@@ -225,7 +225,7 @@ def _show_sky(
 def _place(pixel_rad: NDArray[np.float32], scene: ShadingScene, lanes: NDArray[np.float32]) -> None:
     """Place of what is seen, the side of it that is seen, the level of its texture, and the light of the open sky.
 
-    Pixels without a face are computed too, for there to be no branches; nobody looks at their values.
+    Pixels without a face are computed too, which avoids branches; their values are not used.
     """
     ox, oy, oz, sky_light = scene.origin_m[0], scene.origin_m[1], scene.origin_m[2], scene.sky_light
     for n in range(PIXELS):

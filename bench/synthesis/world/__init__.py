@@ -7,6 +7,7 @@ puts parked cars, lamps, trees, furniture and fronts where nothing else stands a
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import shapely
@@ -15,7 +16,7 @@ from bench.synthesis.mesh import Mesh, Surface, box, joined, quads
 from bench.synthesis.scenario import StreetSpec
 from bench.synthesis.world.furniture import drawn_trees
 from bench.synthesis.world.ground import ground, kerbs, laid_stones, paving
-from bench.synthesis.world.plan import Plan, Site, World, drawn_plan
+from bench.synthesis.world.plan import Plan, Site, drawn_plan
 from bench.synthesis.world.road_surface import markings, wear
 from bench.synthesis.world.roadside import fronts, guard_rails, lamps, parked_cars, roadsides, street_furniture, trees
 from bench.synthesis.world.solids import (
@@ -80,6 +81,19 @@ def _skyline(plan: Plan, rng: np.random.Generator) -> list[Mesh]:
 
 UNSEEN_M, LEVEL_M = (-1.0, 0.26), 1e-6  # heights of undersides that no camera on a car sees
 JOINTS = 0.85  # of the slabs' albedo: what shows between them
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class World:
+    """The static world.
+
+    Attributes:
+        mesh: world frame.
+        obstacles: footprints, world xy, of everything solid that stands on the road or the pavement or beside them.
+    """
+
+    mesh: Mesh
+    obstacles: tuple[shapely.Polygon, ...]
 
 
 def build_world(spec: StreetSpec, rng: np.random.Generator, keep_clear: Sequence[shapely.Polygon] = ()) -> World:

@@ -39,7 +39,7 @@ HEDGE_M = 0.8  # thickness
 
 
 def drawn_trees(rng: np.random.Generator) -> dict[bool, list[Mesh]]:
-    """A few forms, with single leaves (True) and for far away (False); rotated, no two look alike."""
+    """A few forms, with single leaves (True) and for far away (False); rotated, all look different."""
     return {near: [tree(own, near=near) for own in rng.spawn(TREE_FORMS)] for near in (True, False)}
 
 

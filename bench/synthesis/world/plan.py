@@ -111,19 +111,6 @@ class Alignment:
         return self.curvature_per_m * np.clip(along_m, 0.0, self.bend_m)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class World:
-    """The static world.
-
-    Attributes:
-        mesh: world frame.
-        obstacles: footprints, world xy, of everything solid that stands on the road or the pavement or beside them.
-    """
-
-    mesh: Mesh
-    obstacles: tuple[shapely.Polygon, ...]
-
-
 class Site:
     """The ground while it is being built on.
 
@@ -138,7 +125,7 @@ class Site:
         self.obstacles: list[shapely.Polygon] = []
 
     def free(self, footprint: shapely.Polygon) -> bool:
-        """Whether nothing stands or moves there."""
+        """Whether the area is free of obstacles and paths."""
         if shapely.intersects(self._keep_clear, footprint):
             return False
         return not (self.obstacles and shapely.intersects(np.array(self.obstacles), footprint).any())

@@ -12,7 +12,7 @@ from shapely.geometry.base import BaseGeometry
 
 from bench.geometry import RigidTransform
 from bench.synthesis.bodies import make_body
-from bench.synthesis.mesh import Mesh, Surface, joined, slab, tube
+from bench.synthesis.mesh import COLUMN_OF, Mesh, Surface, joined, slab, tube
 from bench.synthesis.world.buildings import DEPTH_M, building
 from bench.synthesis.world.furniture import (
     FURNITURE,
@@ -41,7 +41,6 @@ CABINS = (
     ((-2.0, 0.92), (-1.7, 1.5), (0.1, 1.5), (1.0, 0.92)),
 )
 FULL_TO_M = 50.0  # along a car park; the bays beyond are empty, and too flat to be seen
-GLOW = 4  # column of a mesh's surfaces
 TYRE = Surface(albedo=0.08, contrast=0.2)
 
 
@@ -118,7 +117,7 @@ def _parking_space(at: RigidTransform) -> ParkingSpace:
 def _unlit(car: Mesh) -> Mesh:
     """The car with its lamps off."""
     surfaces = car.surfaces.copy()
-    surfaces[:, GLOW] = 0.0
+    surfaces[:, COLUMN_OF["glow"]] = 0.0
     return replace(car, surfaces=surfaces)
 
 
@@ -127,7 +126,7 @@ def _plain_car(rng: np.random.Generator, *, wheels: bool) -> Mesh:
     hull, glass, under, tyres = _plain_parts()[int(rng.integers(len(CABINS)))]
     shade = float(rng.choice([0.12, 0.25, 0.4, 0.55, 0.75]))
     painted = hull.surfaces.copy()
-    painted[:, 0] = shade
+    painted[:, COLUMN_OF["albedo"]] = shade
     return joined([replace(hull, surfaces=painted), glass, tyres if wheels else under])
 
 
