@@ -23,7 +23,7 @@ MARGIN_NS = 200_000_000  # that paths are known before the first and after the l
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Trajectories:
-    """Where the ego vehicle and the actors are at any time, and when the sensors look.
+    """Where the ego vehicle and the actors are at any time, and when the sensors measure.
 
     Attributes:
         ego: path of the ego vehicle.
@@ -40,15 +40,17 @@ class Trajectories:
 
 def plan_trajectories(head: ScenarioHead, spec: RecordingSpec) -> Trajectories:
     """The trajectories of a recording."""
-    turn_ns = interval_ns(head.lidar.rotation_hz)
+    revolution_ns = interval_ns(head.lidar.rotation_hz)
     image_times_ns = np.arange(spec.frames, dtype=np.int64) * interval_ns(head.frame_rate_hz)
     # One revolution before the first image and one after the last, so that every image lies between two sweeps.
     # Camera and lidar keep their own time: where in its revolution the lidar is at the first image is up to chance.
-    phase_ns = int(named_rng(head.seed, spec.name, "lidar phase").integers(turn_ns))
-    sweep_times_ns = np.arange(-1, int(image_times_ns[-1]) // turn_ns + 2, dtype=np.int64) * turn_ns + phase_ns
+    phase_ns = int(named_rng(head.seed, spec.name, "lidar phase").integers(revolution_ns))
+    sweep_times_ns = (
+        np.arange(-1, int(image_times_ns[-1]) // revolution_ns + 2, dtype=np.int64) * revolution_ns + phase_ns
+    )
     actor_times_ns = [_milliseconds(actor.at_s) for actor in spec.actors]
-    first_ns = int(sweep_times_ns[0]) - turn_ns - MARGIN_NS
-    last_ns = max([int(sweep_times_ns[-1]) + turn_ns + MARGIN_NS, *actor_times_ns])
+    first_ns = int(sweep_times_ns[0]) - revolution_ns - MARGIN_NS
+    last_ns = max([int(sweep_times_ns[-1]) + revolution_ns + MARGIN_NS, *actor_times_ns])
     ego = _ego_path(spec.host, first_ns, last_ns)
     return Trajectories(
         ego=ego,
@@ -96,15 +98,18 @@ def _milliseconds(seconds: float) -> int:
     return round(seconds * 1000) * 1_000_000
 
 
-KEEP_CLEAR_M = 0.4  # from the trajectories to whatever stands beside them: a hand's breadth more than a mirror is wide
+KEEP_CLEAR_M = 0.4  # from the paths to whatever stands beside them: 10 cm more than a mirror is wide
 
 
 def watched_times(trajectories: Trajectories) -> NDArray[np.int64]:
     """(N,) int64, ns: the image times, carried on to where the lidar sees its first and its last point."""
-    turn_ns = int(trajectories.sweep_times_ns[1] - trajectories.sweep_times_ns[0])
-    first_ns, last_ns = int(trajectories.sweep_times_ns[0]) - turn_ns, int(trajectories.sweep_times_ns[-1]) + turn_ns
+    revolution_ns = int(trajectories.sweep_times_ns[1] - trajectories.sweep_times_ns[0])
+    first_ns, last_ns = (
+        int(trajectories.sweep_times_ns[0]) - revolution_ns,
+        int(trajectories.sweep_times_ns[-1]) + revolution_ns,
+    )
     images = trajectories.image_times_ns
-    step_ns = int(images[1] - images[0]) if len(images) > 1 else turn_ns
+    step_ns = int(images[1] - images[0]) if len(images) > 1 else revolution_ns
     return np.arange(-(-first_ns // step_ns), last_ns // step_ns + 1, dtype=np.int64) * step_ns
 
 
@@ -167,10 +172,10 @@ def first_clash(head: ScenarioHead, spec: RecordingSpec) -> tuple[int, str] | No
     """
     trajectories = plan_trajectories(head, spec)
     times_ns = watched_times(trajectories)
-    ego = _Mover(poses=trajectories.ego.at(times_ns), outline_m=OUTLINE_M)
+    ego = _MovingOutline(poses=trajectories.ego.at(times_ns), outline_m=OUTLINE_M)
     sizes_m = [box_size(actor.kind) for actor in spec.actors]
     movers = [
-        _Mover(poses=path.at(times_ns), outline_m=box_outline(size))
+        _MovingOutline(poses=path.at(times_ns), outline_m=box_outline(size))
         for path, size in zip(trajectories.actors, sizes_m, strict=True)
     ]
     for number, actor in enumerate(spec.actors):
@@ -197,12 +202,12 @@ def camera_fault(camera: CameraSpec) -> str | None:
 
 @cache
 def box_size(kind: str) -> NDArray[np.float64]:
-    """(3,) float64, m: the box around a body of a kind, good to a centimetre or two, by which its looks differ."""
+    """(3,) float64, m: the box around a body of a kind; individual bodies differ by a centimetre or two."""
     return make_body(kind, named_rng(0, "box", kind)).size_m
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Mover:
+class _MovingOutline:
     """A body at all times that are looked at.
 
     Attributes:
@@ -214,7 +219,7 @@ class _Mover:
     outline_m: NDArray[np.float64]
 
 
-def _first_overlap(one: _Mover, other: _Mover) -> int | None:
+def _first_overlap(one: _MovingOutline, other: _MovingOutline) -> int | None:
     """Row of the first time at which two footprints overlap by more than a touch."""
     apart_m = (one.poses.positions_m - other.poses.positions_m)[:, :2]
     reach_m = sum(float(np.linalg.norm(outline, axis=1).max()) for outline in (one.outline_m, other.outline_m))
@@ -227,7 +232,9 @@ def _first_overlap(one: _Mover, other: _Mover) -> int | None:
     return int(inside[0]) if inside.size else None
 
 
-def _first_inside(camera: CameraSpec, ego: _Mover, other: _Mover, size_m: NDArray[np.float64]) -> int | None:
+def _first_inside(
+    camera: CameraSpec, ego: _MovingOutline, other: _MovingOutline, size_m: NDArray[np.float64]
+) -> int | None:
     """Row of the first time at which a camera is inside the box around an actor."""
     cameras_world = ego.poses.rotations @ np.array(camera.position_m) + ego.poses.positions_m
     local_m = np.einsum("nji,nj->ni", other.poses.rotations, cameras_world - other.poses.positions_m)
