@@ -17,8 +17,8 @@ from bench.cameras import ray_grid
 from bench.egomotion import camera_motion
 from bench.geometry import RigidTransform, RoadPlane, cross, dot
 from bench.recordings.records import MountedCamera
+from bench.synthesis.mesh import RayScene
 from bench.synthesis.placement import FIRST_IMAGE_NS
-from bench.synthesis.ray_scene import RayScene
 from bench.synthesis.scene import Scene
 
 # What is met this little before a point does not hide it: single precision, and a lane marking on the road below it.

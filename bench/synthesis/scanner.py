@@ -14,9 +14,8 @@ from bench.recordings import RecordingWriter
 from bench.synthesis.draws import named_rng
 from bench.synthesis.driving.ego import own_body
 from bench.synthesis.driving.motion import EgoMotion
-from bench.synthesis.mesh import COLUMN_OF, Mesh
+from bench.synthesis.mesh import COLUMN_OF, Mesh, RayScene
 from bench.synthesis.placement import FIRST_IMAGE_NS
-from bench.synthesis.ray_scene import RayScene
 from bench.synthesis.scenario import LidarSpec, RecordingSpec, Scenario
 from bench.synthesis.scene import Actor, Scene
 
