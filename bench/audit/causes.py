@@ -20,7 +20,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
-from bench.audit.sources import AuditSource, ExactPair, StagedTruth, instance_ids
+from bench.audit.sources import AuditSource, ExactPair, SimulatedTruth, instance_ids
 from bench.cameras import ray_grid
 from bench.errors import UsageError
 from bench.evaluation import Protocol
@@ -296,13 +296,13 @@ def explain_image(
     if not isinstance(method, SphericalMethod):
         raise UsageError(f"explain: expected the method 'spherical', got {method.name!r}")
     if source.exact is None or source.scenario is None or source.spec is None:
-        raise UsageError(f"recording {source.recorded.name!r}: expected a scene that can be staged, got none")
+        raise UsageError(f"recording {source.recorded.name!r}: expected a scene that can be simulated, got none")
     recording, exact_recording = source.recorded.open(), source.exact.open()
     by_contract: Method = method
     pipeline = FramePipeline(recording, camera, method=by_contract, protocol=protocol)
     index = [image.timestamp_ns for image in pipeline.images].index(timestamp_ns)
     valid = pipeline.references.valid
-    staged = StagedTruth(
+    simulated = SimulatedTruth(
         source.scenario,
         source.spec,
         camera=exact_recording.cameras[camera],
@@ -310,13 +310,13 @@ def explain_image(
         cell_size_px=method.cell_size_px,
     )
     given = pipeline.method_input(index)
-    exact = staged.look(given, read_truth(pipeline.images[index], pipeline.camera))
+    exact = simulated.look(given, read_truth(pipeline.images[index], pipeline.camera))
     instance_of = instance_ids({track.track_id: track.instance_id for track in recording.tracks})
     objects = pipeline.references.build(pipeline.images[index]).objects
     moving = np.array([instance_of[o.track_id] for o in objects if o.status is not Status.STATIC], dtype=np.int64)
     evaluated = [instance_of[o.track_id] for o in objects if o.status is Status.EVALUATED]
     runs = run_three_times(method, given, exact, moving_ids=moving)
-    shown = staged.cells.at_centres(valid)
+    shown = simulated.cells.at_centres(valid)
     own = shown & np.isin(exact.flow.instance_ids, evaluated)
     missed, false = own & ~runs.recorded.mask, shown & ~runs.evidence.moving & runs.recorded.mask
     why_missed, why_false = miss_causes(runs.evidence), false_causes(runs.evidence, cell_size_px=method.cell_size_px)

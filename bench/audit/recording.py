@@ -21,7 +21,7 @@ from bench.audit.causes import (
     run_three_times,
 )
 from bench.audit.polygons import POLYGONS_SCHEMA, PolygonAuditor
-from bench.audit.sources import AuditSource, StagedTruth, instance_ids, paired_references
+from bench.audit.sources import AuditSource, SimulatedTruth, instance_ids, paired_references
 from bench.errors import BenchError, DataError
 from bench.evaluation import Protocol, SequenceScorer
 from bench.harness.frames import FramePipeline, UnscorableFrame
@@ -169,11 +169,11 @@ class _CameraAudit:
         self._pipeline = FramePipeline(recording, camera, method=method, protocol=protocol, clock=clock)
         self._polygons = PolygonAuditor(recording, camera, protocol.reference_settings())
         self._instance_of = instance_ids({track.track_id: track.instance_id for track in recording.tracks})
-        self._staged: StagedTruth | None = None
+        self._simulated: SimulatedTruth | None = None
         if exact is not None and isinstance(method, SphericalMethod):
             assert source.scenario is not None
             assert source.spec is not None
-            self._staged = StagedTruth(
+            self._simulated = SimulatedTruth(
                 source.scenario,
                 source.spec,
                 camera=exact.cameras[camera],
@@ -211,8 +211,8 @@ class _CameraAudit:
         """The tables; without exact flow where the scene turns out to be another one."""
         misses, false_rows, scorings = self._miss_rows, self._false_rows, self._scorings()
         try:
-            if self._staged is not None:
-                self._staged.check()
+            if self._simulated is not None:
+                self._simulated.check()
         except DataError as error:
             self._problems.append(f"recording {self._name!r}, camera {self._camera!r}, without exact flow: {error}")
             misses, false_rows, scorings = [], [], (Scoring.LIDAR, Scoring.MASKS)
@@ -228,17 +228,17 @@ class _CameraAudit:
         )
 
     def _scorings(self) -> tuple[Scoring, ...]:
-        return tuple(Scoring) if self._staged is not None else (Scoring.LIDAR, Scoring.MASKS)
+        return tuple(Scoring) if self._simulated is not None else (Scoring.LIDAR, Scoring.MASKS)
 
     def _judge(self, given: MethodInput, ids: NDArray[np.uint16], reference: ReferenceFrame) -> None:
         by_lidar, by_masks = paired_references(reference, ids, self._instance_of)
         self._not_seen += _evaluated(reference) - _evaluated(by_masks)
-        if self._staged is None:
+        if self._simulated is None:
             with self._clock.stage("method"):
                 found = ask_method(self._method, given)
             detected = {Scoring.LIDAR: found, Scoring.MASKS: found}
         else:
-            runs = self._explain(self._staged, given, ids, by_masks)
+            runs = self._explain(self._simulated, given, ids, by_masks)
             detected = {
                 Scoring.LIDAR: runs.recorded,
                 Scoring.MASKS: runs.recorded,
@@ -253,11 +253,11 @@ class _CameraAudit:
                 self._scorers[scoring].add(against, replace(segmentation, likelihood=None))
 
     def _explain(
-        self, staged: StagedTruth, given: MethodInput, ids: NDArray[np.uint16], reference: ReferenceFrame
+        self, simulated: SimulatedTruth, given: MethodInput, ids: NDArray[np.uint16], reference: ReferenceFrame
     ) -> ThreeRuns:
         assert isinstance(self._method, SphericalMethod), "only its constraints can be asked with exact flow"
         with self._clock.stage("exact flow"):
-            exact = staged.look(given, ids)
+            exact = simulated.look(given, ids)
         moving = [self._instance_of[o.track_id] for o in reference.objects if o.status is not Status.STATIC]
         with self._clock.stage("method"):
             runs = run_three_times(self._method, given, exact, moving_ids=np.array(moving, dtype=np.int64))

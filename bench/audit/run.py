@@ -132,7 +132,7 @@ def _left_out(sources: tuple[AuditSource, ...], method: Method, audit: Recording
         return f"the method {method.name!r} does not take flow from outside; only 'spherical' does"
     if sources[0].scenario is None:
         return NO_SCENARIO
-    return "the scene of no recording could be staged again; see the failures"
+    return "the scene of no recording could be simulated again; see the failures"
 
 
 def _outcomes(

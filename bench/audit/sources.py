@@ -16,7 +16,7 @@ from bench.reference import IgnoreReason, ReferenceFrame, ReferenceObject, Statu
 from bench.synthesis import Scenario, read_scenario
 from bench.synthesis.exact_flow import ExactFlow, ExactFlowCaster
 from bench.synthesis.scenario import RecordingSpec
-from bench.synthesis.stage import set_stage
+from bench.synthesis.scene import build_scene
 
 EXACT = {"calibration": "exact"}
 NO_SCENARIO = "the data set's card names no scenario, so there is no exact flow"
@@ -94,7 +94,7 @@ class ExactPair:
     below_horizon: NDArray[np.bool_]
 
 
-class StagedTruth:
+class SimulatedTruth:
     """The exact flow and motion of one camera's images.
 
     Args:
@@ -117,7 +117,7 @@ class StagedTruth:
         self._camera, self._name = camera, spec.name
         self.cells = ray_grid(camera.model, cell_size_px)
         self._shown = self.cells.at_centres(valid)
-        self._caster = ExactFlowCaster(set_stage(scenario, spec), camera, valid=valid, cell_size_px=cell_size_px)
+        self._caster = ExactFlowCaster(build_scene(scenario, spec), camera, valid=valid, cell_size_px=cell_size_px)
         self._object_cells, self._differing_cells = 0, 0
 
     def look(self, given: MethodInput, ids: NDArray[np.uint16]) -> ExactPair:
@@ -151,7 +151,7 @@ class StagedTruth:
             share = self._differing_cells / self._object_cells
             raise DataError(
                 self._name,
-                expected="a scenario that stages the scene as it was rendered",
+                expected="a scenario that describes the scene as it was rendered",
                 got=f"one that shows other objects in {100 * share:.0f} % of their cells",
                 do="render the data set again",
             )

@@ -4,8 +4,8 @@ Everything is drawn by rays against triangles: fisheye images through any camera
 of beams has its own time, instance masks, annotations and ego-motion, all from the same geometry, so that they agree to
 float precision. The same scenario gives the same bytes in one process or in many.
 
-Time 0 of a scene is its first image, and the world is the host's vehicle frame at that time. Only the command line and
-the harness call this room; it knows nothing of methods, references or scores.
+Time 0 of a scene is its first image, and the world is the vehicle frame of the ego vehicle at that time. Only the
+command line and the harness call this package; it knows nothing of methods, references or scores.
 """
 
 from bench.synthesis.production import GENERATOR_VERSION, synthesize

@@ -1,7 +1,7 @@
-"""Exact optical flow of a staged scene: what a perfect flow algorithm would have measured.
+"""Exact optical flow of a simulated scene: what a perfect flow algorithm would have measured.
 
 A ray through each cell's centre meets a triangle at the time of the current image. The same point of the same triangle
-is looked up at the time of the previous image, when the host, the actors and their limbs stood elsewhere, and is
+is looked up at the time of the previous image, when the ego vehicle, the actors and their limbs stood elsewhere, and is
 projected with the true camera. Direction and grid are those of `bench.flow`: what is seen at x in the current image
 was at `x + flow[x]` in the previous one.
 """
@@ -17,8 +17,9 @@ from bench.cameras import ray_grid
 from bench.egomotion import camera_motion
 from bench.geometry import RigidTransform, RoadPlane, cross, dot
 from bench.recordings.records import MountedCamera
-from bench.synthesis.ray_scene import RayScene
-from bench.synthesis.stage import FIRST_IMAGE_NS, Stage
+from bench.synthesis.mesh import RayScene
+from bench.synthesis.placement import FIRST_IMAGE_NS
+from bench.synthesis.scene import Scene
 
 # What is met this little before a point does not hide it: single precision, and a lane marking on the road below it.
 SAME_POINT_M, SAME_POINT_SHARE = 0.05, 0.002
@@ -30,7 +31,7 @@ class ExactFlow:
 
     Attributes:
         flow: (rows, columns, 2) float64, px, from the current to the previous image, also where the point was hidden or
-            outside of the image then; NaN where the ray meets nothing or the lens cannot see the point's former place.
+            outside of the image then; NaN where the ray meets nothing or the lens did not see the point then.
         visible: (rows, columns) bool; the previous image shows the same point.
         instance_ids: (rows, columns) uint16, of what the cell's centre sees; 0 for the static world.
     """
@@ -50,22 +51,22 @@ class _Moment:
 
 
 class ExactFlowCaster:
-    """Gives the exact flow of one camera of a staged recording.
+    """Gives the exact flow of one camera of a simulated recording.
 
     Args:
-        stage: the scene.
+        scene: the scene.
         camera: with its true lens and mounting.
-        valid: (H, W) bool, pixels that see something else than the host's own body.
+        valid: (H, W) bool, pixels that see something else than the ego vehicle's own body.
         cell_size_px: side of the cells; 1 for every pixel.
     """
 
-    def __init__(self, stage: Stage, camera: MountedCamera, *, valid: NDArray[np.bool_], cell_size_px: int = 1) -> None:
-        self._stage, self._camera, self._valid = stage, camera, valid
+    def __init__(self, scene: Scene, camera: MountedCamera, *, valid: NDArray[np.bool_], cell_size_px: int = 1) -> None:
+        self._scene, self._camera, self._valid = scene, camera, valid
         self._cells = ray_grid(camera.model, cell_size_px)
-        self._world_m = stage.world.corners_m
+        self._world_m = scene.world.corners_m
         self._static = RayScene(self._world_m)
-        counts = [len(actor.body.mesh.corners_m) for actor in stage.actors]
-        actor_ids = np.repeat([actor.instance_id for actor in stage.actors], counts)
+        counts = [len(actor.body.mesh.corners_m) for actor in scene.actors]
+        actor_ids = np.repeat([actor.instance_id for actor in scene.actors], counts)
         self._ids = np.concatenate([np.zeros(len(self._world_m)), actor_ids]).astype(np.uint16)
 
     def flow(self, *, current_ns: int, previous_ns: int) -> ExactFlow:
@@ -103,7 +104,7 @@ class ExactFlowCaster:
         return RoadPlane(down, float(world_from_camera.translation_m[2]))
 
     def _moment(self, timestamp_ns: int) -> _Moment:
-        placed = [actor.placed(timestamp_ns - FIRST_IMAGE_NS).mesh.corners_m for actor in self._stage.actors]
+        placed = [actor.placed(timestamp_ns - FIRST_IMAGE_NS).mesh.corners_m for actor in self._scene.actors]
         return _Moment(
             corners_m=np.concatenate([self._world_m, *placed]),
             moving=RayScene(np.concatenate(placed)) if placed else None,
@@ -111,7 +112,7 @@ class ExactFlowCaster:
         )
 
     def _world_from_vehicle(self, timestamp_ns: int) -> RigidTransform:
-        return self._stage.host.at([timestamp_ns - FIRST_IMAGE_NS]).transform()
+        return self._scene.ego.at([timestamp_ns - FIRST_IMAGE_NS]).transform()
 
     def _world_from_camera(self, timestamp_ns: int) -> RigidTransform:
         return self._world_from_vehicle(timestamp_ns) @ self._camera.vehicle_from_camera
@@ -130,13 +131,13 @@ class ExactFlowCaster:
 
     def _free(self, moment: _Moment, points_m: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Nothing stands between the camera and the points, (N,) bool."""
-        ways = points_m - moment.world_from_camera.translation_m
-        shares, _ = self._cast(moment, ways)
-        length_m = np.linalg.norm(ways, axis=1)
+        rays_world = points_m - moment.world_from_camera.translation_m
+        shares, _ = self._cast(moment, rays_world)
+        length_m = np.linalg.norm(rays_world, axis=1)
         return np.asarray((1.0 - shares) * length_m < np.maximum(SAME_POINT_M, SAME_POINT_SHARE * length_m))
 
     def _shown(self, pixels: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Pixels inside the image and off the host's own body, (N,) bool."""
+        """Pixels inside the image and off the ego vehicle's own body, (N,) bool."""
         inside = self._camera.model.contains(pixels)
         column, row = np.rint(np.where(inside[:, None], pixels, 0.0)).astype(np.intp).T
         return np.asarray(inside & self._valid[row, column])

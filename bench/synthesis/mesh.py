@@ -1,9 +1,9 @@
-"""Triangles with a surface: what rays can hit."""
+"""Triangles with a surface: the solids that everything is built from, and the rays that hit them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cache
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull
 
 from bench.geometry import RigidTransform, cross, dot, normalise
+from bench.lidar.cloud_files import open3d
 
 AXES_BESIDE = np.array([[1, 2], [0, 2], [0, 1]])[:, None, :]  # the two axes that are not the k-th
 # The box around (-1, -1, -1) to (1, 1, 1); its faces, each anticlockwise from outside.
@@ -44,6 +45,9 @@ class Surface:
         return self.albedo, self.contrast, self.texel_m, self.mirror, self.glow, float(self.sky)
 
 
+COLUMN_OF = {field.name: column for column, field in enumerate(fields(Surface))}  # of `Mesh.surfaces`
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Mesh:
     """Triangles that share nothing, so that meshes join and move without bookkeeping.
@@ -63,12 +67,12 @@ class Mesh:
         moved_m = a_from_b.apply(self.corners_m.reshape(-1, 3)).reshape(-1, 3, 3)
         return Mesh(corners_m=moved_m, texture_m=self.texture_m, surfaces=self.surfaces)
 
-    def picked(self, kept: NDArray[np.bool_]) -> Mesh:
+    def select(self, mask: NDArray[np.bool_]) -> Mesh:
         """Some of its triangles: (T,) bool."""
-        return Mesh(corners_m=self.corners_m[kept], texture_m=self.texture_m[kept], surfaces=self.surfaces[kept])
+        return Mesh(corners_m=self.corners_m[mask], texture_m=self.texture_m[mask], surfaces=self.surfaces[mask])
 
     def with_texture_shift(self, shift_m: ArrayLike) -> Mesh:
-        """The same mesh with its texture taken from elsewhere, so that two bodies do not look alike."""
+        """The same mesh with its texture taken from elsewhere, so that two bodies look different."""
         shifted_m = self.texture_m + np.asarray(shift_m, dtype=np.float64)
         return Mesh(corners_m=self.corners_m, texture_m=shifted_m, surfaces=self.surfaces)
 
@@ -87,17 +91,14 @@ class PlacedMesh:
 
 
 def joined(meshes: Sequence[Mesh]) -> Mesh:
-    """All triangles of several meshes, in order."""
+    """All triangles of several meshes, in order; none at all if there are none."""
+    if not meshes:
+        return surfaced(np.empty((0, 3, 3)), Surface(albedo=0.0, contrast=0.0))
     return Mesh(
         corners_m=np.concatenate([mesh.corners_m for mesh in meshes]),
         texture_m=np.concatenate([mesh.texture_m for mesh in meshes]),
         surfaces=np.concatenate([mesh.surfaces for mesh in meshes]),
     )
-
-
-def face_normals(corners_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Outward unit normals: (T, 3, 3) -> (T, 3)."""
-    return normalise(cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0]))
 
 
 def convex(points_m: ArrayLike, surface: Surface) -> Mesh:
@@ -116,12 +117,6 @@ def convex(points_m: ArrayLike, surface: Surface) -> Mesh:
     return surfaced(corners, surface)
 
 
-def quad(corners_m: ArrayLike, surface: Surface) -> Mesh:
-    """A flat patch of four corners, anticlockwise seen from the side that faces outwards."""
-    a, b, c, d = np.asarray(corners_m, dtype=np.float64)
-    return surfaced(np.array([[a, b, c], [a, c, d]]), surface)
-
-
 def quads(
     corners_m: ArrayLike, surface: Surface, *, albedos: ArrayLike | None = None, shifts_m: ArrayLike | None = None
 ) -> Mesh:
@@ -131,7 +126,7 @@ def quads(
         corners_m: (N, 4, 3), m, each anticlockwise seen from the side that faces outwards.
         surface: of all of them.
         albedos: (N,), instead of the surface's.
-        shifts_m: (N, 2), m, where each patch takes its texture from, so that no two look alike.
+        shifts_m: (N, 2), m, where each patch takes its texture from, so that all look different.
     """
     corners = np.asarray(corners_m, dtype=np.float64).reshape(-1, 4, 3)
     mesh = surfaced(corners[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, 3), surface)
@@ -143,14 +138,14 @@ def quads(
 
 
 def surfaced(
-    corners_m: NDArray[np.float64], surfaces: Surface | Sequence[Surface], worn: NDArray[np.intp] | None = None
+    corners_m: NDArray[np.float64], surfaces: Surface | Sequence[Surface], choice: NDArray[np.intp] | None = None
 ) -> Mesh:
     """Triangles, the texture laid on each along the two axes that it faces least.
 
     Args:
         corners_m: (T, 3, 3) float64, m, anticlockwise seen from outside.
         surfaces: of all of them, or several to choose from.
-        worn: (T,) which of several surfaces each triangle has.
+        choice: (T,) row of the surface that each triangle has.
     """
     one_m, two_m = corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0]
     beside = AXES_BESIDE[np.abs(cross(one_m, two_m)).argmax(axis=1)]
@@ -159,7 +154,7 @@ def surfaced(
         rows = np.empty((len(corners_m), len(surfaces.row)))
         rows[:] = surfaces.row
     else:
-        rows = np.array([surface.row for surface in surfaces])[worn]
+        rows = np.array([surface.row for surface in surfaces])[choice]
     return Mesh(corners_m=corners_m, texture_m=texture_m, surfaces=rows)
 
 
@@ -219,12 +214,148 @@ def _prism_faces(sides: int) -> NDArray[np.intp]:
     return np.concatenate([walls, lid[:, ::-1], sides + lid])
 
 
-def ball(centre_m: ArrayLike, radii_m: ArrayLike, surface: Surface) -> Mesh:
-    """An ellipsoid along the axes, as a body of 42 corners."""
-    latitudes, longitudes = np.meshgrid(np.linspace(-np.pi / 2, np.pi / 2, 7)[1:-1], np.arange(8) * (np.pi / 4))
-    flat = np.cos(latitudes).ravel()
-    sphere = np.column_stack(
-        [flat * np.cos(longitudes).ravel(), flat * np.sin(longitudes).ravel(), np.sin(latitudes).ravel()]
-    )
-    sphere = np.concatenate([sphere, [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]])
-    return convex(sphere * np.asarray(radii_m) + np.asarray(centre_m), surface)
+Paint = tuple[slice, slice, Surface]  # cells of a loft: steps between rings, steps along a ring, what they look like
+UP = np.array([0.0, 0.0, 1.0])
+SMALLEST_M2 = 1e-10  # a triangle below it has two corners at one point
+
+
+def loft(rings_m: ArrayLike, surface: Surface, *, paint: Sequence[Paint] = (), loop: bool = False) -> Mesh:
+    """A surface through rings, closed at both ends.
+
+    Args:
+        rings_m: (R, K, 3), m; every ring runs the same way round. Neighbours may coincide.
+        surface: of every cell that is not painted otherwise, and of the ends.
+        paint: cells that look different; the last one that holds a cell decides.
+        loop: the last ring leads back to the first, as in a tyre.
+    """
+    rings = np.asarray(rings_m, dtype=np.float64)
+    count, around, _ = rings.shape
+    chosen = np.zeros((count if loop else count - 1, around), dtype=np.intp)
+    for number, (steps, along, _) in enumerate(paint, start=1):
+        chosen[steps, along] = number
+    choice = np.append(np.repeat(chosen.ravel(), 2), np.zeros(0 if loop else 2 * around, dtype=np.intp))
+    middles = rings[[0, -1]].mean(axis=1)
+    corners = np.concatenate([rings.reshape(-1, 3), middles])[_faces(count, around, loop)]
+    mask = _doubled_areas_m2(corners) > SMALLEST_M2
+    corners, choice = corners[mask], choice[mask]
+    if dot(corners[:, 0], cross(corners[:, 1], corners[:, 2])).sum() < 0:
+        corners = corners[:, ::-1]
+    return surfaced(corners, [surface, *(looks for _, _, looks in paint)], choice)
+
+
+@cache
+def _faces(count: int, around: int, loop: bool) -> NDArray[np.intp]:
+    """Corners of the triangles, (T, 3) rows of all rings in order, then of the middles of the first and the last."""
+    rows = np.arange(count * around).reshape(count, around)
+    near, far = (rows, np.roll(rows, -1, axis=0)) if loop else (rows[:-1], rows[1:])
+    near_next, far_next = np.roll(near, -1, axis=1), np.roll(far, -1, axis=1)
+    faces = np.stack([near, near_next, far_next, near, far_next, far], axis=2).reshape(-1, 3)
+    if loop:
+        return faces
+    ends = ((rows[0][::-1], rows.size), (rows[-1], rows.size + 1))
+    fans = [np.stack([np.full(around, middle), rim, np.roll(rim, -1)], axis=1) for rim, middle in ends]
+    return np.concatenate([faces, *fans])
+
+
+def ellipses(levels_m: ArrayLike, *, sides: int = 10) -> NDArray[np.float64]:
+    """Level rings on top of each other, for `loft`.
+
+    Args:
+        levels_m: (R, 5), m: middle (x, y, z), half depth along x, half width along y.
+        sides: corners of a ring.
+
+    Returns:
+        (R, sides, 3) float64, m.
+    """
+    levels = np.asarray(levels_m, dtype=np.float64)
+    angles = (np.arange(sides) + 0.5) * (2 * np.pi / sides)
+    ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    flat = levels[:, None, :2] + ring * levels[:, None, 3:]
+    heights = np.broadcast_to(levels[:, None, 2:3], (*flat.shape[:2], 1))
+    return np.concatenate([flat, heights], axis=2)
+
+
+def rounded(middle_m: ArrayLike, radii_m: ArrayLike, surface: Surface, *, sides: int = 10, rows: int = 7) -> Mesh:
+    """An ellipsoid along the axes."""
+    (x, y, z), (depth, width, height) = np.asarray(middle_m, dtype=np.float64), np.asarray(radii_m, dtype=np.float64)
+    tilts = np.linspace(-np.pi / 2, np.pi / 2, rows + 2)[1:-1]
+    levels = [(x, y, z + height * np.sin(t), depth * np.cos(t), width * np.cos(t)) for t in tilts]
+    return loft(ellipses(levels, sides=sides), surface)
+
+
+def limb(top_m: ArrayLike, bottom_m: ArrayLike, radii_m: Sequence[float], surface: Surface, *, sides: int = 8) -> Mesh:
+    """A rounded limb that hangs down, its radii spread evenly from its top to its bottom."""
+    top, bottom = np.asarray(top_m, dtype=np.float64), np.asarray(bottom_m, dtype=np.float64)
+    shares = np.linspace(0, 1, len(radii_m))
+    ends = [
+        (top + 0.6 * radii_m[0] * UP, 0.55 * radii_m[0]),
+        (bottom - 0.6 * radii_m[-1] * UP, 0.55 * radii_m[-1]),
+    ]
+    middle = [(top + share * (bottom - top), radius) for share, radius in zip(shares, radii_m, strict=True)]
+    levels = [(*point, radius, radius) for point, radius in (ends[0], *middle, ends[1])]
+    return loft(ellipses(levels, sides=sides), surface)
+
+
+def ring(middle_m: ArrayLike, radius_m: float, thickness_m: float, surface: Surface, *, sides: int = 20) -> Mesh:
+    """A tyre about an axis along y, to be looked through; its section is a square on its edge."""
+    turns = np.arange(sides) * (2 * np.pi / sides)
+    section = np.array([(radius_m, 0.0), (radius_m - thickness_m, thickness_m), (radius_m - 2 * thickness_m, 0.0),
+                        (radius_m - thickness_m, -thickness_m)])  # fmt: skip
+    away = np.stack([np.sin(turns), np.zeros(sides), np.cos(turns)], axis=1)
+    rings = away[:, None, :] * section[None, :, :1] + section[None, :, 1:] * np.array([0.0, 1.0, 0.0])
+    return loft(rings + np.asarray(middle_m, dtype=np.float64), surface, loop=True)
+
+
+def _doubled_areas_m2(corners_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    sides = cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
+    return np.asarray(np.linalg.norm(sides, axis=1))
+
+
+ONE_THREAD = 1  # a worker process is one thread
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Hits:
+    """The first triangle that each ray meets.
+
+    Attributes:
+        distances_m: (N,) float32, in lengths of the ray's direction; infinite where it meets nothing.
+        triangles: (N,) int64, row of the triangle; anything where it meets nothing.
+        normals: (N, 3) float32, unit length.
+    """
+
+    distances_m: NDArray[np.float32]
+    triangles: NDArray[np.int64]
+    normals: NDArray[np.float32]
+
+
+class RayScene:
+    """Triangles, ready to be hit.
+
+    Args:
+        corners_m: (T, 3, 3), m; the frame of the rays.
+    """
+
+    def __init__(self, corners_m: NDArray[np.float64]) -> None:
+        self._o3d = open3d()
+        self._scene = self._o3d.t.geometry.RaycastingScene(nthreads=ONE_THREAD)
+        vertices = np.ascontiguousarray(corners_m.reshape(-1, 3), dtype=np.float32)
+        rows = np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3)
+        self._scene.add_triangles(self._o3d.core.Tensor(vertices), self._o3d.core.Tensor(rows))
+
+    def cast(self, directions: NDArray[np.floating], origins_m: NDArray[np.floating] | None = None) -> Hits:
+        """Follow rays.
+
+        Args:
+            directions: (N, 3), any length.
+            origins_m: (N, 3), m; None for the origin.
+        """
+        rays = np.empty((len(directions), 6), dtype=np.float32)
+        rays[:, :3] = 0.0 if origins_m is None else origins_m
+        rays[:, 3:] = directions
+        found = self._scene.cast_rays(self._o3d.core.Tensor(rays), nthreads=ONE_THREAD)
+        return Hits(
+            distances_m=found["t_hit"].numpy(),
+            triangles=found["primitive_ids"].numpy().astype(np.int64),
+            normals=found["primitive_normals"].numpy(),
+        )

@@ -1,4 +1,4 @@
-"""Where things stand and go: drawn streets, ways, free places."""
+"""Trajectories of the ego vehicle and the actors, the ground that they need, and bodies that overlap."""
 
 from __future__ import annotations
 
@@ -12,53 +12,55 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from bench.synthesis.bodies import make_body
-from bench.synthesis.driving.host import OUTLINE_M, own_body
+from bench.synthesis.draws import named_rng
+from bench.synthesis.driving.ego import OUTLINE_M, own_body
 from bench.synthesis.driving.path import SECOND_NS, Path, Poses, driven_path
-from bench.synthesis.scenario import ActorSpec, CameraSpec, HostSpec, RecordingSpec, ScenarioHead, interval_ns
-from bench.synthesis.scenario.draws import named_rng
+from bench.synthesis.scenario import ActorSpec, CameraSpec, EgoSpec, RecordingSpec, ScenarioHead, interval_ns
 
 FIRST_IMAGE_NS = SECOND_NS  # the recording's clock at the scene's time 0
 MARGIN_NS = 200_000_000  # that paths are known before the first and after the last sensor reading
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Ways:
-    """Where the host and the actors are at any time, and when the sensors look.
+class Trajectories:
+    """Where the ego vehicle and the actors are at any time, and when the sensors measure.
 
     Attributes:
-        host: the host's way.
-        actors: the actors' ways, in the scenario's order.
+        ego: path of the ego vehicle.
+        actors: their paths, in the scenario's order.
         image_times_ns: scene clock; 0 is the first image.
         sweep_times_ns: scene clock, reference times.
     """
 
-    host: Path
+    ego: Path
     actors: tuple[Path, ...]
     image_times_ns: NDArray[np.int64]
     sweep_times_ns: NDArray[np.int64]
 
 
-def find_ways(head: ScenarioHead, spec: RecordingSpec) -> Ways:
-    """The ways of a recording."""
-    turn_ns = interval_ns(head.lidar.rotation_hz)
+def plan_trajectories(head: ScenarioHead, spec: RecordingSpec) -> Trajectories:
+    """The trajectories of a recording."""
+    revolution_ns = interval_ns(head.lidar.rotation_hz)
     image_times_ns = np.arange(spec.frames, dtype=np.int64) * interval_ns(head.frame_rate_hz)
     # One revolution before the first image and one after the last, so that every image lies between two sweeps.
     # Camera and lidar keep their own time: where in its revolution the lidar is at the first image is up to chance.
-    phase_ns = int(named_rng(head.seed, spec.name, "lidar phase").integers(turn_ns))
-    sweep_times_ns = np.arange(-1, int(image_times_ns[-1]) // turn_ns + 2, dtype=np.int64) * turn_ns + phase_ns
-    staged_ns = [_milliseconds(actor.at_s) for actor in spec.actors]
-    first_ns = int(sweep_times_ns[0]) - turn_ns - MARGIN_NS
-    last_ns = max([int(sweep_times_ns[-1]) + turn_ns + MARGIN_NS, *staged_ns])
-    host = _host_path(spec.host, first_ns, last_ns)
-    return Ways(
-        host=host,
-        actors=tuple(_actor_path(actor, host, first_ns, last_ns) for actor in spec.actors),
+    phase_ns = int(named_rng(head.seed, spec.name, "lidar phase").integers(revolution_ns))
+    sweep_times_ns = (
+        np.arange(-1, int(image_times_ns[-1]) // revolution_ns + 2, dtype=np.int64) * revolution_ns + phase_ns
+    )
+    actor_times_ns = [_milliseconds(actor.at_s) for actor in spec.actors]
+    first_ns = int(sweep_times_ns[0]) - revolution_ns - MARGIN_NS
+    last_ns = max([int(sweep_times_ns[-1]) + revolution_ns + MARGIN_NS, *actor_times_ns])
+    ego = _ego_path(spec.host, first_ns, last_ns)
+    return Trajectories(
+        ego=ego,
+        actors=tuple(_actor_path(actor, ego, first_ns, last_ns) for actor in spec.actors),
         image_times_ns=image_times_ns,
         sweep_times_ns=sweep_times_ns,
     )
 
 
-def _host_path(spec: HostSpec, first_ns: int, last_ns: int) -> Path:
+def _ego_path(spec: EgoSpec, first_ns: int, last_ns: int) -> Path:
     return driven_path(
         times_s=spec.times_s,
         speeds_mps=_sign(spec.gear) * np.array(spec.speed_kmh) / 3.6,
@@ -69,10 +71,10 @@ def _host_path(spec: HostSpec, first_ns: int, last_ns: int) -> Path:
     )
 
 
-def _actor_path(spec: ActorSpec, host: Path, first_ns: int, last_ns: int) -> Path:
+def _actor_path(spec: ActorSpec, ego: Path, first_ns: int, last_ns: int) -> Path:
     at_ns = _milliseconds(spec.at_s)
-    world_from_vehicle = host.at([at_ns]).transform()
-    place = world_from_vehicle.apply(np.array([*spec.position_m, 0.0]))
+    world_from_vehicle = ego.at([at_ns]).transform()
+    position = world_from_vehicle.apply(np.array([*spec.position_m, 0.0]))
     forward = world_from_vehicle.rotation[:, 0]
     heading_rad = float(np.arctan2(forward[1], forward[0]) + np.radians(spec.heading_deg))
     return driven_path(
@@ -81,7 +83,7 @@ def _actor_path(spec: ActorSpec, host: Path, first_ns: int, last_ns: int) -> Pat
         yaw_rates_radps=np.radians(spec.yaw_rate_degps),
         first_ns=first_ns,
         last_ns=last_ns,
-        through=(float(place[0]), float(place[1]), heading_rad),
+        through=(float(position[0]), float(position[1]), heading_rad),
         through_ns=at_ns,
         floor_m=spec.floor_m,
     )
@@ -96,39 +98,34 @@ def _milliseconds(seconds: float) -> int:
     return round(seconds * 1000) * 1_000_000
 
 
-KEEP_CLEAR_M = 0.4  # from the ways to whatever stands beside them: a hand's breadth more than a mirror is wide
+KEEP_CLEAR_M = 0.4  # from the paths to whatever stands beside them: 10 cm more than a mirror is wide
 
 
-def watched_times(ways: Ways) -> NDArray[np.int64]:
+def watched_times(trajectories: Trajectories) -> NDArray[np.int64]:
     """(N,) int64, ns: the image times, carried on to where the lidar sees its first and its last point."""
-    turn_ns = int(ways.sweep_times_ns[1] - ways.sweep_times_ns[0])
-    first_ns, last_ns = int(ways.sweep_times_ns[0]) - turn_ns, int(ways.sweep_times_ns[-1]) + turn_ns
-    images = ways.image_times_ns
-    step_ns = int(images[1] - images[0]) if len(images) > 1 else turn_ns
+    revolution_ns = int(trajectories.sweep_times_ns[1] - trajectories.sweep_times_ns[0])
+    first_ns, last_ns = (
+        int(trajectories.sweep_times_ns[0]) - revolution_ns,
+        int(trajectories.sweep_times_ns[-1]) + revolution_ns,
+    )
+    images = trajectories.image_times_ns
+    step_ns = int(images[1] - images[0]) if len(images) > 1 else revolution_ns
     return np.arange(-(-first_ns // step_ns), last_ns // step_ns + 1, dtype=np.int64) * step_ns
 
 
-def footprints(path: Path, outline_m: ArrayLike, times_ns: NDArray[np.int64]) -> NDArray[np.object_]:
-    """Where an outline lies at each time.
+def footprints(poses: Poses, outline_m: ArrayLike, rows: NDArray[np.intp] | slice = slice(None)) -> NDArray[np.object_]:
+    """Where an outline lies at N poses of its body.
 
     Args:
-        path: of the body.
+        poses: world from body.
         outline_m: (K, 2), m, in the body's frame, not closed.
-        times_ns: (N,) int64 within the path.
+        rows: some of the poses.
 
     Returns:
         (N,) shapely polygons, world, m.
     """
-    poses = path.at(times_ns)
-    return outlines_at(poses.rotations, poses.positions_m, outline_m)
-
-
-def outlines_at(
-    rotations: NDArray[np.float64], positions_m: NDArray[np.float64], outline_m: ArrayLike
-) -> NDArray[np.object_]:
-    """Where an outline lies at (N, 3, 3) turns and (N, 3) places of its body: (N,) shapely polygons, world, m."""
-    outline = np.asarray(outline_m, dtype=np.float64)
-    rings = np.einsum("nij,kj->nki", rotations[:, :2, :2], outline) + positions_m[:, None, :2]
+    outline, rotations = np.asarray(outline_m, dtype=np.float64), poses.rotations[rows]
+    rings = np.einsum("nij,kj->nki", rotations[:, :2, :2], outline) + poses.positions_m[rows][:, None, :2]
     return np.asarray(shapely.polygons(rings))
 
 
@@ -137,16 +134,19 @@ def box_outline(size_m: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]) * size_m[:2]
 
 
-def swept_ground(ways: Ways, sizes_m: Sequence[NDArray[np.float64]]) -> tuple[shapely.Polygon, ...]:
-    """What the host and each actor cover during a recording, with a margin; nothing else may stand there.
+def swept_ground(trajectories: Trajectories, sizes_m: Sequence[NDArray[np.float64]]) -> tuple[shapely.Polygon, ...]:
+    """What the ego vehicle and each actor cover during a recording, with a margin; nothing else may stand there.
 
     Args:
-        ways: of the recording.
+        trajectories: of the recording.
         sizes_m: (3,) each, m, the boxes around the actors' bodies.
     """
-    times_ns = watched_times(ways)
-    rows = [footprints(ways.host, OUTLINE_M, times_ns)]
-    rows += [footprints(path, box_outline(size), times_ns) for path, size in zip(ways.actors, sizes_m, strict=True)]
+    times_ns = watched_times(trajectories)
+    rows = [footprints(trajectories.ego.at(times_ns), OUTLINE_M)]
+    rows += [
+        footprints(path.at(times_ns), box_outline(size))
+        for path, size in zip(trajectories.actors, sizes_m, strict=True)
+    ]
     return tuple(_swept(row) for row in rows)
 
 
@@ -160,65 +160,54 @@ def _swept(row: NDArray[np.object_]) -> shapely.Polygon:
 TOUCH_M2 = 0.01  # boxes that overlap by less only touch
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Clash:
-    """Somebody who stands where somebody else is.
-
-    Attributes:
-        actor: row of the actor whose line tells it, in the recording.
-        told: who stands in whom, and when.
-    """
-
-    actor: int
-    told: str
-
-
-def first_clash(head: ScenarioHead, spec: RecordingSpec) -> Clash | None:
-    """The first pair of bodies that overlap at any time of a recording, or a camera inside a body; None if none do.
+def first_clash(head: ScenarioHead, spec: RecordingSpec) -> tuple[int, str] | None:
+    """The first pair of bodies that overlap at any time of a recording, or a camera inside a body.
 
     Args:
         head: of the scenario: times and cameras.
         spec: the recording.
+
+    Returns:
+        Row of the actor to report, and who is inside whom and when; None if nothing overlaps.
     """
-    ways = find_ways(head, spec)
-    times_ns = watched_times(ways)
-    host = _Mover(poses=ways.host.at(times_ns), outline_m=OUTLINE_M)
+    trajectories = plan_trajectories(head, spec)
+    times_ns = watched_times(trajectories)
+    ego = _MovingOutline(poses=trajectories.ego.at(times_ns), outline_m=OUTLINE_M)
     sizes_m = [box_size(actor.kind) for actor in spec.actors]
     movers = [
-        _Mover(poses=way.at(times_ns), outline_m=box_outline(size))
-        for way, size in zip(ways.actors, sizes_m, strict=True)
+        _MovingOutline(poses=path.at(times_ns), outline_m=box_outline(size))
+        for path, size in zip(trajectories.actors, sizes_m, strict=True)
     ]
     for number, actor in enumerate(spec.actors):
-        if (at := _first_overlap(movers[number], host)) is not None:
-            return Clash(actor=number, told=f"{actor.name!r} inside the host at {_seconds(times_ns[at])}")
+        if (at := _first_overlap(movers[number], ego)) is not None:
+            return number, f"{actor.name!r} inside the ego vehicle at {_seconds(times_ns[at])}"
         for camera in head.cameras:
-            if (at := _first_inside(camera, host, movers[number], sizes_m[number])) is not None:
-                told = f"the camera {camera.name!r} inside {actor.name!r} at {_seconds(times_ns[at])}"
-                return Clash(actor=number, told=told)
+            if (at := _first_inside(camera, ego, movers[number], sizes_m[number])) is not None:
+                return number, f"the camera {camera.name!r} inside {actor.name!r} at {_seconds(times_ns[at])}"
     for one, other in combinations(range(len(movers)), 2):
         if (at := _first_overlap(movers[one], movers[other])) is not None:
             names = f"{spec.actors[other].name!r} inside {spec.actors[one].name!r}"
-            return Clash(actor=other, told=f"{names} at {_seconds(times_ns[at])}")
+            return other, f"{names} at {_seconds(times_ns[at])}"
     return None
 
 
 def camera_fault(camera: CameraSpec) -> str | None:
-    """What is wrong with the place of a camera on the host; None if nothing is."""
+    """What is wrong with the position of a camera on the ego vehicle; None if nothing is."""
     if camera.position_m[2] <= 0:
         return f"a camera {abs(camera.position_m[2]):g} m under the road"
     if _winding(own_body().corners_m, np.array(camera.position_m)) > 0.5:
-        return "a camera inside the host's own body"
+        return "a camera inside the ego vehicle's own body"
     return None
 
 
 @cache
 def box_size(kind: str) -> NDArray[np.float64]:
-    """(3,) float64, m: the box around a body of a kind, good to a centimetre or two, by which its looks differ."""
+    """(3,) float64, m: the box around a body of a kind; individual bodies differ by a centimetre or two."""
     return make_body(kind, named_rng(0, "box", kind)).size_m
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Mover:
+class _MovingOutline:
     """A body at all times that are looked at.
 
     Attributes:
@@ -229,30 +218,25 @@ class _Mover:
     poses: Poses
     outline_m: NDArray[np.float64]
 
-    def footprints(self, rows: NDArray[np.intp]) -> NDArray[np.object_]:
-        """At some rows."""
-        return outlines_at(self.poses.rotations[rows], self.poses.positions_m[rows], self.outline_m)
 
-    def rows_near(self, other: _Mover) -> NDArray[np.intp]:
-        """Rows at which the circles around both outlines meet; elsewhere nothing needs a closer look."""
-        apart_m = (self.poses.positions_m - other.poses.positions_m)[:, :2]
-        reach_m = sum(float(np.linalg.norm(outline, axis=1).max()) for outline in (self.outline_m, other.outline_m))
-        return np.flatnonzero(np.hypot(*apart_m.T) <= reach_m)
-
-
-def _first_overlap(one: _Mover, other: _Mover) -> int | None:
+def _first_overlap(one: _MovingOutline, other: _MovingOutline) -> int | None:
     """Row of the first time at which two footprints overlap by more than a touch."""
-    rows = one.rows_near(other)
+    apart_m = (one.poses.positions_m - other.poses.positions_m)[:, :2]
+    reach_m = sum(float(np.linalg.norm(outline, axis=1).max()) for outline in (one.outline_m, other.outline_m))
+    rows = np.flatnonzero(np.hypot(*apart_m.T) <= reach_m)  # elsewhere not even the circles around the outlines meet
     if rows.size == 0:
         return None
-    shared = shapely.intersection(one.footprints(rows), other.footprints(rows))
+    first, second = (footprints(mover.poses, mover.outline_m, rows) for mover in (one, other))
+    shared = shapely.intersection(first, second)
     inside = rows[shapely.area(shared) > TOUCH_M2]
     return int(inside[0]) if inside.size else None
 
 
-def _first_inside(camera: CameraSpec, host: _Mover, other: _Mover, size_m: NDArray[np.float64]) -> int | None:
+def _first_inside(
+    camera: CameraSpec, ego: _MovingOutline, other: _MovingOutline, size_m: NDArray[np.float64]
+) -> int | None:
     """Row of the first time at which a camera is inside the box around an actor."""
-    cameras_world = host.poses.rotations @ np.array(camera.position_m) + host.poses.positions_m
+    cameras_world = ego.poses.rotations @ np.array(camera.position_m) + ego.poses.positions_m
     local_m = np.einsum("nji,nj->ni", other.poses.rotations, cameras_world - other.poses.positions_m)
     middle_m = np.array([0.0, 0.0, size_m[2] / 2])
     inside = np.flatnonzero((np.abs(local_m - middle_m) < size_m / 2).all(axis=1))

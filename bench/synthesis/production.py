@@ -1,10 +1,9 @@
 """A whole scenario, rendered in parallel, resumed where it was interrupted.
 
-A stamp in a folder of recordings: what was read and made when everything was last there.
-
-It lets a second call see in a moment that there is nothing to do, without drawing the scenario. Whatever does not fit,
-be it a byte of the scenario, of the generator or of a recording's mark, sends the call the long way. A stamp needs no
-removal when recordings change: their marks do then, and it fits no more.
+Two kinds of files say what is there. `synthesis.json` in the folder of each recording says what it was made from; a
+recording is rendered again when that changes. `.synthesis.json` beside all recordings (the stamp) holds the content of
+these files, and a digest of the scenario file and of this package: while it fits, a second call knows within
+milliseconds that there is nothing to do, without drawing the series of the scenario.
 """
 
 from __future__ import annotations
@@ -21,40 +20,42 @@ from bench.errors import DataError, UsageError
 from bench.execution import FailedTask, ProcessExecutor, SerialExecutor, TaskExecutor, usable_cores
 from bench.recordings import write_text
 from bench.recordings.atomic import alone_in, make_folder
-from bench.synthesis.reading import read_scenario
+from bench.synthesis.reading import LARGEST_BYTES, read_scenario
 from bench.synthesis.recorder import render_recording
-from bench.synthesis.scenario import LARGEST_BYTES, RecordingSpec, Scenario
+from bench.synthesis.scenario import RecordingSpec, Scenario
 
+GENERATOR_VERSION = 5  # raise it whenever the same scenario gives other bytes
 STAMP = ".synthesis.json"
-MARK = "synthesis.json"  # in the folder of each recording: what it was made from
+MARK = "synthesis.json"
+UNFINISHED = ".unfinished"
+
+Progress = Callable[[int, int], None]
 
 
-def write_stamp(out: Path, *, scenario: bytes, version: int, names: Iterable[str]) -> None:
-    """Say that every recording of a scenario is there; a folder that cannot be written to goes without.
+def write_stamp(out: Path, scenario: bytes, names: Iterable[str]) -> None:
+    """Write that every recording of a scenario is there; a folder that is not writable gets no stamp.
 
     Args:
         out: folder of the recordings.
-        scenario: the scenario's file as it was read.
-        version: of the generator.
+        scenario: content of the scenario file.
         names: of the recordings, in the scenario's order.
     """
     with suppress(OSError):
         marks = {name: _mark_text(out / name) for name in names}
-        content = {"made_from": _made_from(scenario, version), "marks": marks}
+        content = {"made_from": _made_from(scenario), "marks": marks}
         write_text(out / STAMP, json.dumps(content, indent=1) + "\n")
 
 
-def stamped(out: Path, *, scenario: bytes, version: int) -> list[Path] | None:
-    """Folders of the recordings if everything is there and nothing else is; None if that takes a closer look.
+def stamped(out: Path, scenario: bytes) -> list[Path] | None:
+    """Folders of the recordings if all of them and nothing else are there; None if that takes a closer look.
 
     Args:
         out: folder of the recordings.
-        scenario: the scenario's file.
-        version: of the generator.
+        scenario: content of the scenario file.
     """
     try:
         content = json.loads((out / STAMP).read_text(encoding="utf-8"))
-        if content["made_from"] != _made_from(scenario, version):
+        if content["made_from"] != _made_from(scenario):
             return None
         marks: dict[str, str] = content["marks"]
         folders = {path.name for path in out.iterdir() if path.is_dir()}
@@ -68,81 +69,23 @@ def _mark_text(folder: Path) -> str:
     return (folder / MARK).read_text(encoding="utf-8")
 
 
-def _made_from(scenario: bytes, version: int) -> str:
+def _made_from(scenario: bytes) -> str:
     """Digest of everything that decides what the recordings are."""
-    digest = hashlib.sha256(f"{version} {_source_digest()} ".encode())
-    digest.update(scenario)
-    return digest.hexdigest()
+    return hashlib.sha256(f"{GENERATOR_VERSION} {_source_digest()} ".encode() + scenario).hexdigest()
 
 
 @cache
 def _source_digest() -> str:
-    """Digest of this room's own source: a change to how a series is drawn also sends the call the long way."""
-    room = Path(__file__).parent
+    """Digest of this package's source: the stamp also changes when the drawing of a series does."""
+    package = Path(__file__).parent
     digest = hashlib.sha256()
-    for path in sorted(room.rglob("*.py")):
-        digest.update(f"{path.relative_to(room).as_posix()} ".encode())
-        digest.update(path.read_bytes())
+    for path in sorted(package.rglob("*.py")):
+        digest.update(f"{path.relative_to(package).as_posix()} ".encode() + path.read_bytes())
     return digest.hexdigest()
 
 
-GENERATOR_VERSION = 5  # raise it whenever the same scenario gives other bytes
-UNFINISHED = ".unfinished"
-
-Progress = Callable[[int, int], None]
-
-
-def synthesize(
-    scenario_path: Path, out: Path, *, workers: int | None = None, progress: Progress | None = None
-) -> list[Path]:
-    """Render every recording of a scenario that is not there yet.
-
-    A recording is rendered aside and moved into place whole. What is there is kept if it was made by the same
-    generator from the same lines of the scenario, and replaced otherwise; recordings that the scenario
-    no longer has are removed. Recordings do not depend on each other, on the order or on the number of workers.
-    A second call for the same folder waits until the first is done, and then finds everything there. A stamp in the
-    folder says that everything is there; while it fits, a call costs a few milliseconds.
-
-    Args:
-        scenario_path: the scenario file.
-        out: folder of the recordings.
-        workers: processes; None for one per core that this process may use.
-        progress: called with the numbers of finished and of all recordings.
-
-    Returns:
-        Folders of the recordings, in the scenario's order.
-
-    Raises:
-        DataError: the scenario is not one, or a folder in the way was not made by `synthesize`.
-        UsageError: fewer than one worker.
-    """
-    if workers is not None and workers < 1:
-        raise UsageError(f"workers: expected at least 1, got {workers}")
-    content = _content(scenario_path)
-    if content is not None and (folders := stamped(out, scenario=content, version=GENERATOR_VERSION)) is not None:
-        if progress is not None:
-            progress(len(folders), len(folders))
-        return folders
-    scenario = read_scenario(scenario_path)
-    make_folder(out)
-    with alone_in(out):
-        _remove_former(scenario, out)
-        missing = [spec for spec in scenario.recordings if _mark_of(out / spec.name) != _mark(scenario, spec)]
-        done, total = len(scenario.recordings) - len(missing), len(scenario.recordings)
-        if progress is not None:
-            progress(done, total)
-        for count, _ in enumerate(_rendered(scenario, missing, out, workers or usable_cores()), start=done + 1):
-            if progress is not None:
-                progress(count, total)
-        shutil.rmtree(out / UNFINISHED, ignore_errors=True)
-        if content is not None and content == _content(scenario_path):  # nobody edited it while it was read
-            names = [spec.name for spec in scenario.recordings]
-            write_stamp(out, scenario=content, version=GENERATOR_VERSION, names=names)
-    return [out / spec.name for spec in scenario.recordings]
-
-
 def _content(path: Path) -> bytes | None:
-    """The bytes of a scenario; None if it cannot be read, which reading it tells better."""
+    """The bytes of a scenario; None if it cannot be read: reading it raises the better error."""
     try:
         return path.read_bytes() if path.stat().st_size <= LARGEST_BYTES else None
     except OSError:
@@ -161,15 +104,15 @@ def _rendered(scenario: Scenario, specs: list[RecordingSpec], out: Path, workers
 
 
 def _produce(spec: RecordingSpec, *, scenario: Scenario, out: Path) -> None:
-    """Render one recording aside, then move it into place."""
-    aside, place = out / UNFINISHED / spec.name, out / spec.name
-    shutil.rmtree(aside, ignore_errors=True)
-    render_recording(scenario, spec, aside)
-    write_text(aside / MARK, json.dumps(_mark(scenario, spec), indent=1) + "\n")
-    if place.exists():
-        _refuse_foreign(place)
-        shutil.rmtree(place)
-    aside.replace(place)
+    """Render one recording in a temporary folder, then move it."""
+    unfinished, final = out / UNFINISHED / spec.name, out / spec.name
+    shutil.rmtree(unfinished, ignore_errors=True)
+    render_recording(scenario, spec, unfinished)
+    write_text(unfinished / MARK, json.dumps(_mark(scenario, spec), indent=1) + "\n")
+    if final.exists():
+        _refuse_foreign(final)
+        shutil.rmtree(final)
+    unfinished.replace(final)
 
 
 def _mark(scenario: Scenario, spec: RecordingSpec) -> dict[str, str]:
@@ -191,7 +134,7 @@ def _refuse_foreign(folder: Path) -> None:
     if _mark_of(folder) is None:
         do = "render into another folder, or move this one away"
         raise DataError(
-            folder, expected="a free place or a recording made by synthesize", got="a folder without its mark", do=do
+            folder, expected="no such folder or a recording made by synthesize", got="a folder without its mark", do=do
         )
 
 
@@ -204,3 +147,51 @@ def _remove_former(scenario: Scenario, out: Path) -> None:
             _refuse_foreign(folder)
         elif mark is not None and mark.get("scenario") == scenario.name:
             shutil.rmtree(folder)
+
+
+def synthesize(
+    scenario_path: Path, out: Path, *, workers: int | None = None, progress: Progress | None = None
+) -> list[Path]:
+    """Render every recording of a scenario that is not there yet.
+
+    A recording is rendered in a temporary folder and then moved. What is there is kept if it was made by the same
+    generator from the same lines of the scenario, and replaced otherwise; recordings that the scenario
+    no longer has are removed. Recordings do not depend on each other, on the order or on the number of workers.
+    A second call for the same folder waits until the first is done, and then finds everything there. A stamp in the
+    folder says that everything is there; while it fits, a call costs a few milliseconds.
+
+    Args:
+        scenario_path: the scenario file.
+        out: folder of the recordings.
+        workers: processes; None for one per core that this process may use.
+        progress: called with the numbers of finished and of all recordings.
+
+    Returns:
+        Folders of the recordings, in the scenario's order.
+
+    Raises:
+        DataError: the scenario is not one, or a folder in the way was not made by `synthesize`.
+        UsageError: fewer than one worker.
+    """
+    if workers is not None and workers < 1:
+        raise UsageError(f"workers: expected at least 1, got {workers}")
+    content = _content(scenario_path)
+    if content is not None and (folders := stamped(out, content)) is not None:
+        if progress is not None:
+            progress(len(folders), len(folders))
+        return folders
+    scenario = read_scenario(scenario_path)
+    make_folder(out)
+    with alone_in(out):
+        _remove_former(scenario, out)
+        missing = [spec for spec in scenario.recordings if _mark_of(out / spec.name) != _mark(scenario, spec)]
+        done, total = len(scenario.recordings) - len(missing), len(scenario.recordings)
+        if progress is not None:
+            progress(done, total)
+        for count, _ in enumerate(_rendered(scenario, missing, out, workers or usable_cores()), start=done + 1):
+            if progress is not None:
+                progress(count, total)
+        shutil.rmtree(out / UNFINISHED, ignore_errors=True)
+        if content is not None and content == _content(scenario_path):  # nobody edited it while it was read
+            write_stamp(out, content, [spec.name for spec in scenario.recordings])
+    return [out / spec.name for spec in scenario.recordings]

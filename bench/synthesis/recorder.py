@@ -9,34 +9,34 @@ from scipy.spatial.transform import Rotation
 
 from bench.geometry import RigidTransform
 from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track
+from bench.synthesis.draws import named_rng
 from bench.synthesis.driving.bus import bus_report
-from bench.synthesis.driving.host import OUTLINE_M
-from bench.synthesis.driving.rig import mounted_rig
-from bench.synthesis.imaging.film import film
-from bench.synthesis.scanning.scanner import scan_all
+from bench.synthesis.driving.ego import OUTLINE_M, mounted_rig
+from bench.synthesis.imaging.renderer import write_images
+from bench.synthesis.placement import FIRST_IMAGE_NS
+from bench.synthesis.scanner import write_sweeps
 from bench.synthesis.scenario import RecordingSpec, Scenario, interval_ns
-from bench.synthesis.scenario.draws import named_rng
-from bench.synthesis.stage import FIRST_IMAGE_NS, Actor, Stage, set_stage
+from bench.synthesis.scene import Actor, Scene, build_scene
 
 # Between true poses a reader moves with constant twist. Measured over hard braking, bends and a bump of 5 cm at up to
 # 50 km/h, that is off by at most 2e-5 rad (0.004 px) and 0.06 mm at 200 Hz, four times as much at 100 Hz.
 TRUTH_INTERVAL_NS = 5_000_000
 
 
-def write_motion(scenario: Scenario, spec: RecordingSpec, stage: Stage, writer: RecordingWriter) -> None:
+def write_motion(scenario: Scenario, spec: RecordingSpec, scene: Scene, writer: RecordingWriter) -> None:
     """Write the bus signals and the exact poses."""
     rng = named_rng(scenario.seed, spec.name, "bus")
-    report = bus_report(stage.host.ground, scenario.vehicle.bus, rng)
+    report = bus_report(scene.ego.ground, scenario.vehicle.bus, rng)
     writer.bus_signals(
         timestamps_ns=report.times_ns + FIRST_IMAGE_NS,
         speed_mps=report.speeds_mps,
         yaw_rate_radps=report.yaw_rates_radps,
         gear=["R" if spec.host.gear == "reverse" else "D"] * len(report.times_ns),
     )
-    nodes_ns = stage.host.nodes_ns
+    nodes_ns = scene.ego.nodes_ns
     first, last = -(-int(nodes_ns[0]) // TRUTH_INTERVAL_NS), int(nodes_ns[-1]) // TRUTH_INTERVAL_NS
     times_ns = np.arange(first, last + 1, dtype=np.int64) * TRUTH_INTERVAL_NS
-    poses = stage.host.at(times_ns)
+    poses = scene.ego.at(times_ns)
     writer.poses(times_ns + FIRST_IMAGE_NS, Rotation.from_matrix(poses.rotations), poses.positions_m, truth=True)
 
 
@@ -44,17 +44,17 @@ def render_recording(scenario: Scenario, spec: RecordingSpec, root: Path) -> Non
     """Render a recording into a folder.
 
     Args:
-        scenario: the file that it stands in.
+        scenario: the file that it belongs to.
         spec: the recording.
         root: its folder, whose name is free; nothing of an older recording may lie in it.
     """
-    stage, writer, rig = set_stage(scenario, spec), RecordingWriter(root), mounted_rig(scenario, spec)
+    scene, writer, rig = build_scene(scenario, spec), RecordingWriter(root), mounted_rig(scenario, spec)
     for camera in rig.cameras.values():
-        film(scenario, spec, stage, camera=camera, writer=writer)
-    scan_all(scenario, spec, stage, vehicle_from_lidar=rig.vehicle_from_lidar, writer=writer)
-    write_motion(scenario, spec, stage, writer)
-    times_ns = (stage.sweep_times_ns + FIRST_IMAGE_NS).tolist()
-    writer.annotations([_track(actor, stage) for actor in stage.actors], timestamps_ns=times_ns)
+        write_images(scenario, spec, scene, camera=camera, writer=writer)
+    write_sweeps(scenario, spec, scene, vehicle_from_lidar=rig.vehicle_from_lidar, writer=writer)
+    write_motion(scenario, spec, scene, writer)
+    times_ns = (scene.sweep_times_ns + FIRST_IMAGE_NS).tolist()
+    writer.annotations([_track(actor, scene) for actor in scene.actors], timestamps_ns=times_ns)
     writer.true_calibration(cameras=rig.cameras, vehicle_from_lidar=rig.vehicle_from_lidar)
     writer.header(
         name=spec.name,
@@ -66,12 +66,12 @@ def render_recording(scenario: Scenario, spec: RecordingSpec, root: Path) -> Non
     )
 
 
-def _track(actor: Actor, stage: Stage) -> Track:
-    """A cuboid at the reference time of every sweep, in the frame of the host's body as it is at that time."""
+def _track(actor: Actor, scene: Scene) -> Track:
+    """A cuboid at the reference time of every sweep, in the frame of the ego vehicle's body as it is at that time."""
     middle = RigidTransform(np.eye(3), np.array([0.0, 0.0, actor.body.size_m[2] / 2]))
     states = []
-    for time_ns in stage.sweep_times_ns.tolist():
-        vehicle_from_world = stage.host.at([time_ns]).transform().inverse()
+    for time_ns in scene.sweep_times_ns.tolist():
+        vehicle_from_world = scene.ego.at([time_ns]).transform().inverse()
         world_from_centre = actor.path.at([time_ns]).transform() @ middle
         _, yaw_rates_radps = actor.path.signals([time_ns])
         shape = Cuboid(vehicle_from_object=vehicle_from_world @ world_from_centre, size_m=actor.body.size_m)

@@ -11,12 +11,11 @@ import numpy as np
 from bench.flow import dense_flow
 from bench.geometry import RigidTransform
 from bench.synthesis import read_scenario
-from bench.synthesis.driving.host import mounted_camera, own_body
-from bench.synthesis.imaging.film import moment
-from bench.synthesis.imaging.renderer import ImageRenderer
+from bench.synthesis.driving.ego import mounted_camera, own_body
+from bench.synthesis.imaging.renderer import ImageRenderer, moment
 from bench.synthesis.imaging.textures import texture_atlas
-from bench.synthesis.scanning.scanner import LidarScanner
-from bench.synthesis.stage import set_stage
+from bench.synthesis.scanner import LidarScanner
+from bench.synthesis.scene import build_scene
 from tests.perf.turns import best_seconds
 
 DEMO = Path(__file__).parents[2] / "datasets" / "demo.scenario.yaml"
@@ -37,30 +36,30 @@ class Staged:
 
 
 def staged(light: str) -> Staged:
-    """Set the stage."""
+    """Set the scene."""
     scenario = read_scenario(DEMO)
     spec = scenario.recordings[0].model_copy(
         update={"light": scenario.recordings[0].light.model_copy(update={"kind": light})}
     )
-    stage, camera = set_stage(scenario, spec), mounted_camera(scenario.cameras[0])
+    scene, camera = build_scene(scenario, spec), mounted_camera(scenario.cameras[0])
     renderer = ImageRenderer(
-        camera, own_body=own_body(), world=stage.world, atlas=texture_atlas(scenario.seed), light=stage.light,
+        camera, own_body=own_body(), world=scene.world, atlas=texture_atlas(scenario.seed), light=scene.light,
         sensor=scenario.cameras[0].sensor,
     )  # fmt: skip
     scanner = LidarScanner(
-        scenario.lidar, vehicle_from_lidar=RigidTransform.from_yaw(0.0, scenario.lidar.position_m), world=stage.world,
-        own_body=own_body(), actors=stage.actors, host=stage.host,
+        scenario.lidar, vehicle_from_lidar=RigidTransform.from_yaw(0.0, scenario.lidar.position_m), world=scene.world,
+        own_body=own_body(), actors=scene.actors, ego=scene.ego,
     )  # fmt: skip
-    half_ns = round(stage.light.shutter_ms * 5e5)
+    half_ns = round(scene.light.kind.shutter_ms * 5e5)
 
     def render(number: int) -> np.ndarray:
-        time_ns = int(stage.image_times_ns[number])
-        middle = moment(stage, time_ns)
-        shutter = middle, moment(stage, time_ns + half_ns)
+        time_ns = int(scene.image_times_ns[number])
+        middle = moment(scene, time_ns)
+        shutter = middle, moment(scene, time_ns + half_ns)
         return renderer.render(middle, shutter=shutter, rng=np.random.default_rng(0)).pixels
 
     def scan(number: int) -> object:
-        time_ns = int(stage.sweep_times_ns[number])
+        time_ns = int(scene.sweep_times_ns[number])
         return scanner.scan(time_ns, timestamp_ns=time_ns, rng=np.random.default_rng(0))
 
     return Staged(render=render, scan=scan)

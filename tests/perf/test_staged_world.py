@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from bench.synthesis import GENERATOR_VERSION, read_scenario
+from bench.synthesis import read_scenario
 from bench.synthesis.bodies import BODIES, make_body
-from bench.synthesis.placement import box_size, find_ways, swept_ground
+from bench.synthesis.draws import named_rng
+from bench.synthesis.placement import box_size, plan_trajectories, swept_ground
 from bench.synthesis.production import MARK, stamped, write_stamp
-from bench.synthesis.scenario.draws import named_rng
 from bench.synthesis.world import build_world
 
 DATASETS = Path(__file__).parents[2] / "datasets"
@@ -36,8 +36,8 @@ def test_see_that_all_drives_are_there(benchmark, paper, tmp_path):
     for name in names:
         (tmp_path / name).mkdir()
         (tmp_path / name / MARK).write_text(json.dumps({"scenario": "paper", "fingerprint": name}))
-    write_stamp(tmp_path, scenario=content, version=GENERATOR_VERSION, names=names)
-    assert len(benchmark(stamped, tmp_path, scenario=content, version=GENERATOR_VERSION)) == len(names)
+    write_stamp(tmp_path, content, names)
+    assert len(benchmark(stamped, tmp_path, content)) == len(names)
 
 
 @pytest.mark.parametrize("kind", BODIES)
@@ -48,7 +48,7 @@ def test_make_a_body(benchmark, kind):
 @pytest.mark.parametrize("name", ["zebra-01", "stepping-out-02", "avenue-03", "car-park-01", "backing-out-01"])
 def test_build_a_world(benchmark, paper, name):
     spec = next(spec for spec in paper.recordings if spec.name == name)
-    keep_clear = swept_ground(find_ways(paper, spec), [box_size(actor.kind) for actor in spec.actors])
+    keep_clear = swept_ground(plan_trajectories(paper, spec), [box_size(actor.kind) for actor in spec.actors])
     world = benchmark(lambda: build_world(spec.street, named_rng(paper.seed, name, "world"), keep_clear))
     benchmark.extra_info["triangles"] = len(world.mesh.corners_m)
     assert len(world.mesh.corners_m) <= MOST_TRIANGLES

@@ -14,8 +14,8 @@ from bench.recordings import MountedCamera
 from bench.reference.motion import categorise
 from bench.reference.records import ReferenceSettings
 from bench.synthesis.bodies import BODIES
-from bench.synthesis.driving.host import mounted_camera
-from bench.synthesis.placement import Ways, box_outline, box_size, find_ways, footprints
+from bench.synthesis.driving.ego import mounted_camera
+from bench.synthesis.placement import Trajectories, box_outline, box_size, footprints, plan_trajectories
 from bench.synthesis.scenario import RecordingSpec, Scenario
 
 SEEN_SHARE = 0.12  # of the points on a body's box; a box's far sides are never seen
@@ -39,56 +39,56 @@ def object_frames(
 def _of_recording(
     scenario: Scenario, spec: RecordingSpec, cameras: list[MountedCamera], settings: ReferenceSettings, every: int
 ) -> Counter[str]:
-    ways = find_ways(scenario, spec)
+    trajectories = plan_trajectories(scenario, spec)
     sizes = [box_size(actor.kind) for actor in spec.actors]
     found: Counter[str] = Counter()
-    for time_ns in ways.image_times_ns[every // 2 :: every].tolist():
-        boxes = [_Box(ways, k, size, time_ns) for k, size in enumerate(sizes)]
+    for time_ns in trajectories.image_times_ns[every // 2 :: every].tolist():
+        boxes = [_Box(trajectories, k, size, time_ns) for k, size in enumerate(sizes)]
         for k, box in enumerate(boxes):
-            category = _category(ways, k, time_ns, settings)
+            category = _category(trajectories, k, time_ns, settings)
             if category is None or BODIES[spec.actors[k].kind][0] not in settings.classes:
                 continue
             for camera in cameras:
-                if box.range_m(ways, camera, time_ns) > settings.range_limit_m:
+                if box.range_m(trajectories, camera, time_ns) > settings.range_limit_m:
                     continue
-                if box.seen_share(ways, camera, time_ns, boxes[:k] + boxes[k + 1 :]) >= SEEN_SHARE:
+                if box.seen_share(trajectories, camera, time_ns, boxes[:k] + boxes[k + 1 :]) >= SEEN_SHARE:
                     found[category] += every
     return found
 
 
-def _category(ways: Ways, actor: int, time_ns: int, settings: ReferenceSettings) -> str | None:
+def _category(trajectories: Trajectories, actor: int, time_ns: int, settings: ReferenceSettings) -> str | None:
     """Category at an image; None while the actor stands."""
-    motion = ways.actors[actor].velocity_mps(time_ns)
+    motion = trajectories.actors[actor].velocity_mps(time_ns)
     if float(np.hypot(*motion[:2])) < settings.motion.static_below_mps:
         return None
-    return str(categorise(motion, ways.host.velocity_mps(time_ns), settings.motion).value)
+    return str(categorise(motion, trajectories.ego.velocity_mps(time_ns), settings.motion).value)
 
 
 class _Box:
     """The box around an actor's body at one time."""
 
-    def __init__(self, ways: Ways, actor: int, size_m: NDArray[np.float64], time_ns: int) -> None:
-        self.size_m, self.path, self.time_ns = size_m, ways.actors[actor], time_ns
+    def __init__(self, trajectories: Trajectories, actor: int, size_m: NDArray[np.float64], time_ns: int) -> None:
+        self.size_m, self.path, self.time_ns = size_m, trajectories.actors[actor], time_ns
         self.pose = self.path.at([time_ns]).transform()
 
-    def range_m(self, ways: Ways, camera: MountedCamera, time_ns: int) -> float:
-        place = self._camera_world(ways, camera, time_ns)
-        box = footprints(self.path, box_outline(self.size_m), np.array([time_ns]))[0]
+    def range_m(self, trajectories: Trajectories, camera: MountedCamera, time_ns: int) -> float:
+        place = self._camera_world(trajectories, camera, time_ns)
+        box = footprints(self.path.at([time_ns]), box_outline(self.size_m))[0]
         return float(shapely.distance(box, shapely.Point(place[:2])))
 
-    def seen_share(self, ways: Ways, camera: MountedCamera, time_ns: int, others: list[_Box]) -> float:
-        """Share of points on the box that the camera sees past the host and the other boxes."""
+    def seen_share(self, trajectories: Trajectories, camera: MountedCamera, time_ns: int, others: list[_Box]) -> float:
+        """Share of points on the box that the camera sees past the ego vehicle and the other boxes."""
         steps = (np.arange(4) + 0.5) / 4
         x, y, z = (v.ravel() for v in np.meshgrid(steps - 0.5, steps - 0.5, steps))
         points_world = self.pose.apply(np.stack([x, y, z], axis=1) * self.size_m)
-        world_from_camera = ways.host.at([time_ns]).transform() @ camera.vehicle_from_camera
+        world_from_camera = trajectories.ego.at([time_ns]).transform() @ camera.vehicle_from_camera
         pixels, valid = camera.model.project(world_from_camera.inverse().apply(points_world))
         inside = valid & camera.model.contains(pixels)
         rows, columns = (np.rint(np.nan_to_num(pixels[:, k])).astype(int).clip(0) for k in (1, 0))
         region = ray_grid(camera.model).valid
         region = region if camera.ego_body is None else region & ~camera.ego_body
         inside[inside] = region[rows[inside].clip(0, region.shape[0] - 1), columns[inside].clip(0, region.shape[1] - 1)]
-        place = self._camera_world(ways, camera, time_ns)
+        place = self._camera_world(trajectories, camera, time_ns)
         for other in others:
             inside &= ~other.hides(place, points_world)
         return float(inside.mean())
@@ -105,5 +105,5 @@ class _Box:
         return np.asarray((enter < leave) & (leave > 0) & (enter < 1))
 
     @staticmethod
-    def _camera_world(ways: Ways, camera: MountedCamera, time_ns: int) -> NDArray[np.float64]:
-        return (ways.host.at([time_ns]).transform() @ camera.vehicle_from_camera).translation_m
+    def _camera_world(trajectories: Trajectories, camera: MountedCamera, time_ns: int) -> NDArray[np.float64]:
+        return (trajectories.ego.at([time_ns]).transform() @ camera.vehicle_from_camera).translation_m

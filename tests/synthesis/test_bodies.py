@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from bench.geometry import cross, dot
 from bench.synthesis.bodies import BODIES, Body, make_body
-from bench.synthesis.mesh import Mesh, Surface, ball, box, face_normals, slab, tube
+from bench.synthesis.mesh import Mesh, Surface, box, slab, tube
 
 GREY = Surface(albedo=0.5, contrast=0.1)
 VEHICLES = [kind for kind, (object_class, _) in BODIES.items() if object_class == "vehicle"]
@@ -71,10 +71,6 @@ def test_solids_are_closed_and_face_outwards(mesh: Mesh, wanted_m3: float) -> No
     assert open_edges(mesh) == 0
 
 
-def test_ball_is_nearly_round() -> None:
-    assert 0.8 * 4 / 3 * np.pi < volume_m3(ball([1, 1, 1], [1, 1, 1], GREY)) < 4 / 3 * np.pi
-
-
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("kind", BODIES)
 def test_every_part_is_a_closed_solid(kind: str, seed: int) -> None:
@@ -91,7 +87,8 @@ def test_body_is_of_everyday_size(kind: str) -> None:
         assert least < size_m < most
     limit = 3400 if body.object_class in {"vehicle", "cyclist"} else 1800
     assert 500 < len(body.mesh.corners_m) < limit
-    assert not np.isnan(face_normals(body.mesh.corners_m)).any()
+    a, b, c = (body.mesh.corners_m[:, k] for k in range(3))
+    assert np.linalg.norm(cross(b - a, c - a), axis=1).min() > 0  # every face has a normal
     assert ((body.mesh.surfaces[:, 0] > 0) & (body.mesh.surfaces[:, 0] < 0.9)).all()
 
 

@@ -12,8 +12,8 @@ from bench.harness.provenance import recording_fingerprint
 from bench.recordings import open_native
 from bench.synthesis import read_scenario, synthesize
 from bench.synthesis.driving.bus import BusReport, bus_report
+from bench.synthesis.driving.ego import mounted_rig
 from bench.synthesis.driving.path import SECOND_NS, Path, driven_path
-from bench.synthesis.driving.rig import mounted_rig
 from bench.synthesis.scenario import BusSpec
 
 PERFECT = {

@@ -11,7 +11,7 @@ import pytest
 from bench.recordings import load_card
 from bench.synthesis import Scenario, read_scenario
 from bench.synthesis.bodies import BODIES
-from bench.synthesis.placement import find_ways
+from bench.synthesis.placement import plan_trajectories
 from tests.synthesis.composition import object_frames
 
 DATASETS = Path(__file__).parents[2] / "datasets"
@@ -50,10 +50,10 @@ def test_paper_has_5000_images_in_at_least_100_recordings(paper: Scenario) -> No
     assert sum(spec.frames for spec in paper.recordings) == 5000
 
 
-def test_host_of_the_paper_drives_0_to_50_kmh(paper: Scenario) -> None:
+def test_ego_vehicle_of_the_paper_drives_0_to_50_kmh(paper: Scenario) -> None:
     speeds_kmh = np.concatenate(
         [
-            3.6 * np.abs((ways := find_ways(paper, spec)).host.signals(ways.image_times_ns)[0])
+            3.6 * np.abs((trajectories := plan_trajectories(paper, spec)).ego.signals(trajectories.image_times_ns)[0])
             for spec in paper.recordings
         ]
     )
@@ -101,7 +101,7 @@ def test_range_maps_reach_20_m_in_every_direction_for_every_class(range_maps: Sc
     for object_class in ("pedestrian", "cyclist", "vehicle"):
         for direction, lateral in (("lateral", True), ("longitudinal", False)):
             specs = [s for s in range_maps.recordings if s.name.startswith(f"{object_class}-{direction}")]
-            places, relative = _seen_from_the_host(range_maps, specs)
+            places, relative = _seen_from_the_ego_vehicle(range_maps, specs)
             sideways = np.abs(relative[:, 1]) > np.abs(relative[:, 0])
             assert (sideways if lateral else ~sideways).mean() > 0.95, (object_class, direction)
             cells = np.unique(np.floor(places), axis=0)
@@ -111,14 +111,14 @@ def test_range_maps_reach_20_m_in_every_direction_for_every_class(range_maps: Sc
                 assert places[:, axis].min() < -14, (object_class, direction, axis)
 
 
-def _seen_from_the_host(scenario: Scenario, specs: list) -> tuple[np.ndarray, np.ndarray]:
-    """Places and velocities of all actors in the host's frame, at every image."""
+def _seen_from_the_ego_vehicle(scenario: Scenario, specs: list) -> tuple[np.ndarray, np.ndarray]:
+    """Places and velocities of all actors in the ego vehicle's frame, at every image."""
     places, velocities = [], []
     for spec in specs:
-        ways = find_ways(scenario, spec)
-        host = ways.host.at(ways.image_times_ns)
-        for way in ways.actors:
-            away = way.at(ways.image_times_ns).positions_m - host.positions_m
-            places.append(np.einsum("nji,nj->ni", host.rotations, away)[:, :2])
-            velocities.append(np.gradient(places[-1], ways.image_times_ns / 1e9, axis=0))
+        trajectories = plan_trajectories(scenario, spec)
+        ego = trajectories.ego.at(trajectories.image_times_ns)
+        for way in trajectories.actors:
+            away = way.at(trajectories.image_times_ns).positions_m - ego.positions_m
+            places.append(np.einsum("nji,nj->ni", ego.rotations, away)[:, :2])
+            velocities.append(np.gradient(places[-1], trajectories.image_times_ns / 1e9, axis=0))
     return np.concatenate(places), np.concatenate(velocities)

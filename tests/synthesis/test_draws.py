@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.synthesis.scenario import DrawError, SeriesSpec
-from bench.synthesis.scenario.draws import Dice
+from bench.synthesis.draws import DrawError, Sampler
+from bench.synthesis.scenario import SeriesSpec
 
 TEMPLATE = {
     "name": "passing",
@@ -34,8 +34,8 @@ def series(**changes: object) -> SeriesSpec:
     return SeriesSpec.model_validate({**TEMPLATE, **changes})
 
 
-def dice(index: int = 0, **values: object) -> Dice:
-    return Dice(seed=7, series="s", index=index, count=5, values=values)
+def sampler(index: int = 0, **values: object) -> Sampler:
+    return Sampler(seed=7, series="s", index=index, count=5, values=values)
 
 
 def test_same_seed_gives_the_same_recordings_in_any_order() -> None:
@@ -89,13 +89,13 @@ def test_steps_go_evenly_from_the_first_to_the_last() -> None:
 
 @given(low=st.floats(-100, 100), width=st.floats(0, 100), path=st.text(max_size=5))
 def test_uniform_stays_within_its_ends(low: float, width: float, path: str) -> None:
-    value = dice().drawn({"uniform": [low, low + width]}, path)
+    value = sampler().drawn({"uniform": [low, low + width]}, path)
     assert low - 1e-4 <= value <= low + width + 1e-4
 
 
 def test_every_choice_comes_about_equally_often() -> None:
-    picked = [dice(k).drawn({"choice": ["a", "b", "c"]}, "x") for k in range(3000)]
-    assert all(900 < picked.count(name) < 1100 for name in "abc")
+    select = [sampler(k).drawn({"choice": ["a", "b", "c"]}, "x") for k in range(3000)]
+    assert all(900 < select.count(name) < 1100 for name in "abc")
 
 
 @pytest.mark.parametrize(
@@ -113,13 +113,13 @@ def test_every_choice_comes_about_equally_often() -> None:
 )
 def test_what_is_no_draw_is_told_with_its_place(node: object, told: str) -> None:
     with pytest.raises(DrawError, match=told) as caught:
-        dice(speed=3).drawn({"host": [node]}, "here")
+        sampler(speed=3).drawn({"host": [node]}, "here")
     assert caught.value.path.startswith("here.host.0")
 
 
 def test_values_cannot_hold_themselves() -> None:
     with pytest.raises(DrawError, match="name under values"):
-        dice(a={"sum": [{"value": "b"}, 1]}, b={"value": "a"}).drawn({"value": "a"}, "x")
+        sampler(a={"sum": [{"value": "b"}, 1]}, b={"value": "a"}).drawn({"value": "a"}, "x")
 
 
 @pytest.mark.parametrize("repeat", [-1, 41, 1.5, True, "two"])

@@ -12,7 +12,8 @@ from bench.recordings import MountedCamera, Recording, open_native, read_truth
 from bench.reference import visible_region
 from bench.synthesis import read_scenario, synthesize
 from bench.synthesis.exact_flow import ExactFlow, ExactFlowCaster
-from bench.synthesis.stage import FIRST_IMAGE_NS, Stage, set_stage
+from bench.synthesis.placement import FIRST_IMAGE_NS
+from bench.synthesis.scene import Scene, build_scene
 from tests.synthesis.conftest import MINIATURE
 
 TWICE_AS_FINE = {
@@ -29,11 +30,11 @@ TWICE_AS_FINE = {
 class Drive:
     """The first recording of a scenario, staged, and its last pair of images."""
 
-    def __init__(self, recording: Recording, stage: Stage) -> None:
-        self.recording, self.stage = recording, stage
+    def __init__(self, recording: Recording, scene: Scene) -> None:
+        self.recording, self.scene = recording, scene
         self.camera: MountedCamera = recording.cameras["front"]
         self.previous_ns, self.current_ns = (image.timestamp_ns for image in recording.images["front"][-2:])
-        self.caster = ExactFlowCaster(stage, self.camera, valid=visible_region(self.camera))
+        self.caster = ExactFlowCaster(scene, self.camera, valid=visible_region(self.camera))
         self.found: ExactFlow = self.caster.flow(current_ns=self.current_ns, previous_ns=self.previous_ns)
 
     @property
@@ -53,7 +54,7 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Drive:
     (folder / "scenario.yaml").write_text(yaml.safe_dump(content))
     scenario = read_scenario(folder / "scenario.yaml")
     (root,) = synthesize(folder / "scenario.yaml", folder / "out", workers=1)
-    return Drive(open_native(root), set_stage(scenario, scenario.recordings[0]))
+    return Drive(open_native(root), build_scene(scenario, scenario.recordings[0]))
 
 
 def test_cells_see_what_the_truth_images_show(drive: Drive) -> None:
@@ -100,10 +101,10 @@ def test_road_moves_as_the_road_plane_says(drive: Drive) -> None:
 
 def rigid_flow(drive: Drive, number: int) -> tuple[np.ndarray, np.ndarray]:
     """Flow of an actor's cells if it moved without any limb, and the exact one."""
-    actor = drive.stage.actors[number]
+    actor = drive.scene.actors[number]
     cells = drive.found.instance_ids == actor.instance_id
     now_ns, before_ns = drive.current_ns - FIRST_IMAGE_NS, drive.previous_ns - FIRST_IMAGE_NS
-    now, before = (drive.stage.host.at([t]).transform() @ drive.camera.vehicle_from_camera for t in (now_ns, before_ns))
+    now, before = (drive.scene.ego.at([t]).transform() @ drive.camera.vehicle_from_camera for t in (now_ns, before_ns))
     centre_m = (actor.path.at([now_ns]).positions_m[0] + [0, 0, 0.8]) - now.translation_m
     rays = now.rotate(ray_grid(drive.camera.model).rays_camera[cells])
     points_m = now.translation_m + rays * (rays @ centre_m)[:, None]  # about as deep as its middle
@@ -141,7 +142,7 @@ def test_a_visible_point_is_seen_where_the_flow_says(drive: Drive) -> None:
 
 
 def test_coarse_cells_are_the_fine_ones_at_their_centres(drive: Drive) -> None:
-    caster = ExactFlowCaster(drive.stage, drive.camera, valid=visible_region(drive.camera), cell_size_px=5)
+    caster = ExactFlowCaster(drive.scene, drive.camera, valid=visible_region(drive.camera), cell_size_px=5)
     coarse = caster.flow(current_ns=drive.current_ns, previous_ns=drive.previous_ns)
     np.testing.assert_allclose(coarse.flow, drive.found.flow[2::5, 2::5], atol=1e-7)
     assert np.array_equal(coarse.visible, drive.found.visible[2::5, 2::5])

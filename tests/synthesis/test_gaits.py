@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from bench.synthesis.bodies import Body, make_body
-from bench.synthesis.bodies.walking import STANCE, hip_heights, walking_leg
+from bench.synthesis.bodies.gait import STANCE, hip_heights, walking_leg
 from tests.synthesis.test_bodies import of_joint
 
 WALKERS = ["adult", "short_adult", "tall_adult", "stout_adult", "child"]

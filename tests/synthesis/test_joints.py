@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.synthesis.bodies.joints import STEPS, Joint, Linkage, still, wheel
-from bench.synthesis.bodies.loft import ellipses, limb, loft, ring, rounded
-from bench.synthesis.bodies.walking import turned_xz, two_links
-from bench.synthesis.mesh import Surface
+from bench.synthesis.bodies.body import STEPS, Joint, Linkage, still, wheel
+from bench.synthesis.bodies.gait import rotate_xz, two_links
+from bench.synthesis.mesh import Surface, ellipses, limb, loft, ring, rounded
 from tests.synthesis.test_bodies import open_edges, volume_m3
 
 GREY = Surface(albedo=0.5, contrast=0.1)
@@ -82,30 +83,29 @@ def test_what_is_too_far_away_is_pointed_at() -> None:
 
 
 def test_turning_a_vector_lifts_its_tip() -> None:
-    assert turned_xz((1.0, 0.0), np.array([np.pi / 2]))[0] == pytest.approx([0.0, 1.0], abs=1e-12)
-    assert turned_xz((0.0, -1.0), np.array([np.pi / 2]))[0] == pytest.approx([1.0, 0.0], abs=1e-12)
+    assert rotate_xz((1.0, 0.0), np.array([np.pi / 2]))[0] == pytest.approx([0.0, 1.0], abs=1e-12)
+    assert rotate_xz((0.0, -1.0), np.array([np.pi / 2]))[0] == pytest.approx([1.0, 0.0], abs=1e-12)
 
 
 def test_joints_hang_on_each_other() -> None:
     # Shoulder at height 2, elbow at 1: shoulder and elbow each turn by 90 degrees over a quarter of the cycle.
     turn = np.linspace(0, 2 * np.pi, STEPS + 1)
-    linkage = Linkage(
-        [
-            Joint(name="shoulder", pivot_m=(0, 0, 2), cycle_m=4.0, angles_rad=-turn),
-            Joint(name="elbow", parent="shoulder", pivot_m=(0, 0, 1), cycle_m=4.0, angles_rad=-turn),
-        ]
-    )
-    rotations, translations_m = linkage.transforms(1.0, 1.0)
+    joints = [
+        Joint(name="shoulder", pivot_m=(0, 0, 2), cycle_m=4.0, angles_rad=-turn),
+        Joint(name="elbow", parent="shoulder", pivot_m=(0, 0, 1), cycle_m=4.0, angles_rad=-turn),
+    ]
+    rotations, translations_m = Linkage(joints).transforms(1.0, 1.0)
     hand = rotations[1] @ np.array([0.0, 0.0, 0.0]) + translations_m[1]
     # The upper arm points forward, the forearm up.
     assert hand == pytest.approx([1.0, 0.0, 3.0], abs=1e-9)
-    moved = linkage.moved(np.array([5.0, 0.0, 1.0]))
+    x, y, z = 5.0, 0.0, 1.0
+    moved = Linkage([replace(joint, pivot_m=(x, y, joint.pivot_m[2] + z)) for joint in joints])
     rotations, translations_m = moved.transforms(1.0, 1.0)
     assert rotations[1] @ np.array([5.0, 0.0, 1.0]) + translations_m[1] == pytest.approx([6.0, 0.0, 4.0], abs=1e-9)
 
 
 def test_standing_is_what_a_joint_says_and_wheels_do_not_care() -> None:
-    arm = Joint(name="arm", pivot_m=(0, 0, 1), cycle_m=2.0, angles_rad=still(0.8), standing_rad=0.2)
+    arm = Joint(name="arm", pivot_m=(0, 0, 1), cycle_m=2.0, angles_rad=still(0.8), stationary_rad=0.2)
     linkage = Linkage([arm, wheel("wheel", 3.0, 0.5)])
     for going, expected in ((0.0, 0.2), (0.5, 0.5), (1.0, 0.8)):
         rotations, _ = linkage.transforms(0.25, going)

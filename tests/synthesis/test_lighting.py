@@ -8,17 +8,17 @@ import pytest
 from bench.cameras import PinholeCamera
 from bench.geometry import RigidTransform, RoadPlane
 from bench.recordings import MountedCamera
-from bench.synthesis.driving.host import AHEAD_FROM_CAMERA
+from bench.synthesis.driving.ego import AHEAD_FROM_CAMERA
 from bench.synthesis.imaging.renderer import ImageRenderer, Moment, RenderedImage
 from bench.synthesis.imaging.textures import texture_atlas
-from bench.synthesis.lighting import KINDS, Lighting
-from bench.synthesis.mesh import Mesh, PlacedMesh, Surface, box, joined, quad
+from bench.synthesis.mesh import Mesh, PlacedMesh, Surface, box, joined, quads
 from bench.synthesis.scenario import SensorSpec
+from bench.synthesis.scene import KINDS, Lighting
 
 pytestmark = pytest.mark.slow
 
 PLAIN = Surface(albedo=0.5, contrast=0.0)
-ROAD = quad([[-90, -90, 0], [90, -90, 0], [90, 90, 0], [-90, 90, 0]], PLAIN)
+ROAD = quads([[-90, -90, 0], [90, -90, 0], [90, 90, 0], [-90, 90, 0]], PLAIN)
 NOWHERE = box([0.1, 0.1, 0.1], [0, 0, -50], PLAIN)
 IDEAL = SensorSpec(edge_light=1.0, read_noise_grey=0.0, full_well_electrons=None)
 # 5 m up, looking straight down; the right of the image is -y of the world, its top is +x.
@@ -28,15 +28,15 @@ AHEAD = RigidTransform(AHEAD_FROM_CAMERA, np.array([0.0, 0.0, 1.0]))
 
 def seen(
     *placed: PlacedMesh, kind: str, sun: tuple[float, float, float], world: Mesh = ROAD,
-    mounting: RigidTransform = DOWN, host: RigidTransform | None = None,
+    mounting: RigidTransform = DOWN, ego: RigidTransform | None = None,
 ) -> RenderedImage:  # fmt: skip
     model = PinholeCamera(width=201, height=201, focal=(100, 100), principal_point=(100, 100))
     camera = MountedCamera(
         name="c", model=model, vehicle_from_camera=mounting, road=RoadPlane.below(AHEAD), stored_size_px=(201, 201)
     )
-    light = Lighting(kind=kind, towards_sun=np.array(sun) / np.linalg.norm(sun))
+    light = Lighting(kind=KINDS[kind], towards_sun=np.array(sun) / np.linalg.norm(sun))
     renderer = ImageRenderer(camera, own_body=NOWHERE, world=world, atlas=texture_atlas(0), light=light, sensor=IDEAL)
-    moment = Moment(placed=placed, world_from_vehicle=host or RigidTransform.identity())
+    moment = Moment(placed=placed, world_from_vehicle=ego or RigidTransform.identity())
     return renderer.render(moment, rng=np.random.default_rng(0))
 
 
@@ -73,7 +73,7 @@ def test_clouds_throw_no_shadow_but_take_light_from_below_bodies() -> None:
 
 def test_sky_stands_still_when_the_camera_drives() -> None:
     images = [
-        seen(kind="sunny", sun=(0, 1, 1), mounting=AHEAD, host=RigidTransform.from_yaw(0.0, [way_m, 0.0, 0.0]))
+        seen(kind="sunny", sun=(0, 1, 1), mounting=AHEAD, ego=RigidTransform.from_yaw(0.0, [way_m, 0.0, 0.0]))
         for way_m in (0.0, 13.0)
     ]
     sky = np.isinf(images[0].distances_m)
@@ -85,7 +85,7 @@ def test_sky_stands_still_when_the_camera_drives() -> None:
 
 def test_panes_mirror_more_at_a_grazing_angle() -> None:
     pane = Surface(albedo=0.1, contrast=0.0, mirror=0.08)
-    walls = [quad([[x0, 2, 0], [x0 + 2, 2, 0], [x0 + 2, 2, 8], [x0, 2, 8]], pane) for x0 in (3, 19)]
+    walls = [quads([[x0, 2, 0], [x0 + 2, 2, 0], [x0 + 2, 2, 8], [x0, 2, 8]], pane) for x0 in (3, 19)]
     image = seen(kind="overcast", sun=(0, 1, 1), world=joined([ROAD, *walls]), mounting=AHEAD)
     near, far = image.pixels[30:60, 50], image.pixels[80:90, 91]
     assert far.mean() > near.mean() + 20
@@ -93,7 +93,7 @@ def test_panes_mirror_more_at_a_grazing_angle() -> None:
 
 def test_headlights_light_the_road_ahead_and_bodies_shade_it() -> None:
     screen = PlacedMesh(mesh=box([0.1, 3, 1.5], [12, 0, 0.75], PLAIN), instance_id=1)
-    wall = joined([ROAD, quad([[25, 9, 0], [25, -9, 0], [25, -9, 5], [25, 9, 5]], PLAIN)])
+    wall = joined([ROAD, quads([[25, 9, 0], [25, -9, 0], [25, -9, 5], [25, 9, 5]], PLAIN)])
     mounting = RigidTransform(AHEAD_FROM_CAMERA, np.array([3.7, 0.0, 1.8]))  # sees over the screen
     without = seen(kind="night", sun=(0, 1, 1), world=wall, mounting=mounting)
     shaded = seen(screen, kind="night", sun=(0, 1, 1), world=wall, mounting=mounting)

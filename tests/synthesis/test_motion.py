@@ -10,7 +10,7 @@ from bench.synthesis import read_scenario, synthesize
 from bench.synthesis.driving.path import SECOND_NS, driven_path
 
 
-def test_host_drives_a_quarter_circle() -> None:
+def test_ego_vehicle_drives_a_quarter_circle() -> None:
     # 10 m/s and 90 deg/s: a quarter circle of radius 20/pi in one second.
     path = driven_path(times_s=0.0, speeds_mps=10.0, yaw_rates_radps=np.pi / 2, first_ns=0, last_ns=SECOND_NS)
     end = path.at([SECOND_NS])
@@ -20,7 +20,7 @@ def test_host_drives_a_quarter_circle() -> None:
     assert end.distances_m[0] == pytest.approx(10.0)
 
 
-def test_host_stands_at_the_origin_at_time_zero() -> None:
+def test_ego_vehicle_stands_at_the_origin_at_time_zero() -> None:
     path = driven_path(
         times_s=[0, 1], speeds_mps=[-1, -3], yaw_rates_radps=[0.1, 0], first_ns=-SECOND_NS, last_ns=SECOND_NS
     )

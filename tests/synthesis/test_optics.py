@@ -11,14 +11,14 @@ import pytest
 from bench.cameras import PinholeCamera, RadialPolynomialCamera
 from bench.geometry import RigidTransform, RoadPlane
 from bench.recordings import MountedCamera, RecordingWriter
-from bench.synthesis.driving.host import AHEAD_FROM_CAMERA
+from bench.synthesis.driving.ego import AHEAD_FROM_CAMERA
+from bench.synthesis.imaging.exposure import Sensor
 from bench.synthesis.imaging.lens import lens_of
 from bench.synthesis.imaging.renderer import ImageRenderer, Moment
-from bench.synthesis.imaging.sensor import Sensor
 from bench.synthesis.imaging.textures import texture_atlas
-from bench.synthesis.lighting import Lighting
-from bench.synthesis.mesh import PlacedMesh, Surface, box, quad
+from bench.synthesis.mesh import PlacedMesh, Surface, box, quads
 from bench.synthesis.scenario import SensorSpec
+from bench.synthesis.scene import KINDS, Lighting
 
 CAMERA = PinholeCamera(width=160, height=120, focal=(80, 80), principal_point=(79.5, 59.5))
 GREY = np.full((120, 160), 0.4, dtype=np.float32)
@@ -50,10 +50,10 @@ def test_stripe_is_smeared_by_its_way_in_the_image() -> None:
     camera = MountedCamera(
         name="c", model=CAMERA, vehicle_from_camera=ahead, road=RoadPlane.below(ahead), stored_size_px=(160, 120)
     )
-    wall = quad([[9, 30, -20], [9, -30, -20], [9, -30, 20], [9, 30, 20]], black)
+    wall = quads([[9, 30, -20], [9, -30, -20], [9, -30, 20], [9, 30, 20]], black)
     renderer = ImageRenderer(
         camera, own_body=box([0.1, 0.1, 0.1], [0, 0, -50], black), world=wall, atlas=texture_atlas(0),
-        light=Lighting(kind="overcast", towards_sun=np.array([0.0, 0.0, 1.0])), sensor=STILL,
+        light=Lighting(kind=KINDS["overcast"], towards_sun=np.array([0.0, 0.0, 1.0])), sensor=STILL,
     )  # fmt: skip
 
     def at(y_m: float) -> Moment:
@@ -73,7 +73,7 @@ def test_stripe_is_smeared_by_its_way_in_the_image() -> None:
     assert (np.diff(middle[first : first + 5]) > 0.05 * (high - low)).all()
 
 
-def test_host_that_turns_leaves_its_own_body_sharp() -> None:
+def test_ego_vehicle_that_turns_leaves_its_own_body_sharp() -> None:
     camera_model = RadialPolynomialCamera(
         width=160, height=120, coefficients=(42.0, -3.0, 5.0, -0.8), principal_point=(79.5, 59.5)
     )
@@ -84,8 +84,8 @@ def test_host_that_turns_leaves_its_own_body_sharp() -> None:
     rough = Surface(albedo=0.5, contrast=0.4, texel_m=0.02)
     renderer = ImageRenderer(
         camera, own_body=box([2, 4, 0.2], [0.3, 0, 0.3], rough), atlas=texture_atlas(0),
-        world=quad([[-90, -90, 0], [90, -90, 0], [90, 90, 0], [-90, 90, 0]], rough),
-        light=Lighting(kind="overcast", towards_sun=np.array([0.0, 0.0, 1.0])), sensor=STILL,
+        world=quads([[-90, -90, 0], [90, -90, 0], [90, 90, 0], [-90, 90, 0]], rough),
+        light=Lighting(kind=KINDS["overcast"], towards_sun=np.array([0.0, 0.0, 1.0])), sensor=STILL,
     )  # fmt: skip
     moments = [Moment(placed=[], world_from_vehicle=RigidTransform.from_yaw(0, [x_m, 0, 0])) for x_m in (-0.8, 0, 0.8)]
     still = renderer.render(moments[1], rng=np.random.default_rng(0))

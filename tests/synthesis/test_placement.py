@@ -9,13 +9,13 @@ import shapely
 
 from bench.errors import DataError
 from bench.synthesis import read_scenario
-from bench.synthesis.driving.host import OUTLINE_M
+from bench.synthesis.driving.ego import OUTLINE_M
 from bench.synthesis.placement import (
     box_outline,
     box_size,
-    find_ways,
     first_clash,
     footprints,
+    plan_trajectories,
     swept_ground,
     watched_times,
 )
@@ -61,13 +61,13 @@ def test_bodies_that_meet_only_later_are_found(scenario_file: Path) -> None:
     read_scenario(scenario_file)
     _, line, message = fails(scenario_file, near.replace("frames: 2", "frames: 30", 1))
     assert "walker" in line
-    assert "'walker' inside the host" in message
+    assert "'walker' inside the ego vehicle" in message
 
 
-def test_body_inside_the_host(scenario_file: Path) -> None:
+def test_body_inside_the_ego_vehicle(scenario_file: Path) -> None:
     _, line, message = fails(scenario_file, MINIATURE.replace("position_m: [8, -1]", "position_m: [2, 0.5]"))
     assert "walker" in line
-    assert "inside the host" in message
+    assert "inside the ego vehicle" in message
 
 
 def test_camera_inside_an_actor(scenario_file: Path) -> None:
@@ -82,7 +82,7 @@ def test_camera_inside_an_actor(scenario_file: Path) -> None:
 
 @pytest.mark.parametrize(
     ("place", "told"),
-    [("[3.7, 0.0, -0.1]", "under the road"), ("[1.5, 0.0, 0.6]", "inside the host's own body")],
+    [("[3.7, 0.0, -0.1]", "under the road"), ("[1.5, 0.0, 0.6]", "inside the ego vehicle's own body")],
 )
 def test_camera_in_an_impossible_place(scenario_file: Path, place: str, told: str) -> None:
     _, line, message = fails(scenario_file, MINIATURE.replace("[3.7, 0.0, 0.66]", place))
@@ -105,7 +105,7 @@ def test_series_without_room_is_told_with_line_and_what_collides(scenario_file: 
     _, line, message = fails(scenario_file, HEAD + SERIES.replace("FROM", "7").replace("PLACED", "car"))
     assert "name: drawn" in line
     assert "'drawn' inside 'fixed'" in message
-    assert "room for everybody in recording 1 of 6" in message
+    assert "space for all bodies in recording 1 of 6" in message
 
 
 @pytest.mark.parametrize(
@@ -132,20 +132,20 @@ def test_faults_of_a_series_are_told_with_their_line(
 def test_swept_ground_holds_every_footprint(scenario_file: Path) -> None:
     scenario = read_scenario(scenario_file)
     spec = scenario.recordings[0]
-    ways = find_ways(scenario, spec)
+    trajectories = plan_trajectories(scenario, spec)
     sizes = [box_size(actor.kind) for actor in spec.actors]
-    grounds = swept_ground(ways, sizes)
+    grounds = swept_ground(trajectories, sizes)
     assert len(grounds) == 1 + len(spec.actors)
-    fine = np.arange(watched_times(ways)[0], watched_times(ways)[-1], 7_000_000, dtype=np.int64)
-    rows = [footprints(ways.host, OUTLINE_M, fine)]
-    rows += [footprints(way, box_outline(size), fine) for way, size in zip(ways.actors, sizes, strict=True)]
+    fine = np.arange(watched_times(trajectories)[0], watched_times(trajectories)[-1], 7_000_000, dtype=np.int64)
+    rows = [footprints(trajectories.ego.at(fine), OUTLINE_M)]
+    rows += [footprints(way.at(fine), box_outline(size)) for way, size in zip(trajectories.actors, sizes, strict=True)]
     for ground, row in zip(grounds, rows, strict=True):
         assert shapely.contains(ground, row).all()
 
 
 def test_footprint_is_the_outline_where_the_body_is(scenario_file: Path) -> None:
     scenario = read_scenario(scenario_file)
-    ways = find_ways(scenario, scenario.recordings[0])
-    walker = footprints(ways.actors[0], box_outline(np.array([0.8, 0.5, 1.7])), np.array([0]))[0]
-    # Walks to the left from (8, -1): its length lies across the host's lane.
+    trajectories = plan_trajectories(scenario, scenario.recordings[0])
+    walker = footprints(trajectories.actors[0].at([0]), box_outline(np.array([0.8, 0.5, 1.7])))[0]
+    # Walks to the left from (8, -1): its length lies across the ego vehicle's lane.
     assert shapely.bounds(walker) == pytest.approx([7.75, -1.4, 8.25, -0.6])

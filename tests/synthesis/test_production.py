@@ -12,7 +12,6 @@ import pytest
 
 from bench.errors import DataError, UsageError
 from bench.synthesis import Scenario, production, read_scenario, synthesize
-from bench.synthesis import production as stamp
 from bench.synthesis.production import MARK, STAMP
 from bench.synthesis.scenario import RecordingSpec
 from tests.synthesis.conftest import MINIATURE
@@ -191,7 +190,7 @@ def test_change_of_how_a_series_is_drawn_is_noticed_without_a_new_version(
     scenario_file: Path, tmp_path: Path, quick: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     synthesize(scenario_file, tmp_path / "out", workers=1)
-    monkeypatch.setattr(stamp, "_source_digest", lambda: "another")
+    monkeypatch.setattr(production, "_source_digest", lambda: "another")
     scenario = read_scenario(scenario_file)
     slower = scenario.recordings[1].model_copy(update={"frames": 3})
     changed = scenario.model_copy(update={"recordings": (scenario.recordings[0], slower)})

@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 from bench.cameras import CAMERA_MODELS, CameraModel, camera_from_parameters, ray_grid
 from bench.geometry import RigidTransform, RoadPlane
 from bench.recordings import MountedCamera
-from bench.synthesis.driving.host import AHEAD_FROM_CAMERA, mounted_camera, own_body
+from bench.synthesis.driving.ego import AHEAD_FROM_CAMERA, mounted_camera, own_body
 from bench.synthesis.imaging.renderer import ImageRenderer, Moment, RenderedImage
 from bench.synthesis.imaging.textures import texture_atlas
-from bench.synthesis.lighting import Lighting
-from bench.synthesis.mesh import PlacedMesh, Surface, box, quad
+from bench.synthesis.mesh import PlacedMesh, Surface, box, quads
 from bench.synthesis.scenario import CameraSpec, SensorSpec
+from bench.synthesis.scene import KINDS, Lighting
 
 GREY = Surface(albedo=0.5, contrast=0.2)
 SIZE = {"width": 320, "height": 240}
@@ -29,8 +29,8 @@ PITCH = RigidTransform(
 )
 VEHICLE_FROM_CAMERA = RigidTransform(PITCH.rotation @ AHEAD_FROM_CAMERA, np.array([3.7, 0.1, 0.8]))
 WORLD_FROM_VEHICLE = RigidTransform.from_yaw(0.4, [20.0, -7.0, 0.0])
-ROAD = quad([[-90, -90, 0], [90, -90, 0], [90, 90, 0], [-90, 90, 0]], GREY)
-NOON = Lighting(kind="sunny", towards_sun=np.array([0.0, 0.6, 0.8]))
+ROAD = quads([[-90, -90, 0], [90, -90, 0], [90, 90, 0], [-90, 90, 0]], GREY)
+NOON = Lighting(kind=KINDS["sunny"], towards_sun=np.array([0.0, 0.6, 0.8]))
 
 
 def mounted(model: CameraModel) -> MountedCamera:
@@ -103,7 +103,7 @@ def test_road_has_texture_everywhere_and_no_clipping() -> None:
     assert ((image.pixels[near] == 0) | (image.pixels[near] == 255)).mean() < 0.01
 
 
-def test_body_mask_covers_what_is_seen_of_the_host() -> None:
+def test_body_mask_covers_what_is_seen_of_the_ego_vehicle() -> None:
     spec = CameraSpec(
         name="front",
         model="radial_polynomial",

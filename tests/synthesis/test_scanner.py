@@ -9,13 +9,13 @@ from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep, deskew, interpolation_timestamps
 from bench.lidar.files import read_sweep, write_sweep
 from bench.synthesis.bodies import make_body
-from bench.synthesis.driving.host import own_body
-from bench.synthesis.driving.motion import HostMotion, host_motion
+from bench.synthesis.driving.ego import own_body
+from bench.synthesis.driving.motion import EgoMotion, ego_motion
 from bench.synthesis.driving.path import SECOND_NS, driven_path
-from bench.synthesis.mesh import Mesh, Surface, joined, quad
-from bench.synthesis.scanning.scanner import BEAMS_DEG, COLUMN_OF, LidarScanner, _are_panes, revolution
+from bench.synthesis.mesh import Mesh, Surface, joined, quads
+from bench.synthesis.scanner import BEAMS_DEG, COLUMN_OF, LidarScanner, _are_panes, revolution
 from bench.synthesis.scenario import LidarSpec, StreetSpec, SuspensionSpec
-from bench.synthesis.stage import Actor
+from bench.synthesis.scene import Actor
 from bench.synthesis.world import build_world
 
 GREY = Surface(albedo=0.4, contrast=0.0)
@@ -24,14 +24,14 @@ PERFECT = {"position_m": (1.2, 0.0, 1.8), "range_noise_m": 0.0, "weakest_return_
 
 
 def floor(surface: Surface = GREY) -> Mesh:
-    return quad([[-60, -60, 0], [60, -60, 0], [60, 60, 0], [-60, 60, 0]], surface)
+    return quads([[-60, -60, 0], [60, -60, 0], [60, 60, 0], [-60, 60, 0]], surface)
 
 
 def wall(x_m: float, surface: Surface = GREY) -> Mesh:
-    return quad([[x_m, 20, 0], [x_m, -20, 0], [x_m, -20, 8], [x_m, 20, 8]], surface)
+    return quads([[x_m, 20, 0], [x_m, -20, 0], [x_m, -20, 8], [x_m, 20, 8]], surface)
 
 
-def host(speed_mps: float = 0.0, yaw_rate_radps: float = 0.0, suspension: SuspensionSpec | None = None) -> HostMotion:
+def ego(speed_mps: float = 0.0, yaw_rate_radps: float = 0.0, suspension: SuspensionSpec | None = None) -> EgoMotion:
     path = driven_path(
         times_s=[0, 2],
         speeds_mps=[speed_mps, speed_mps / 2],
@@ -39,19 +39,19 @@ def host(speed_mps: float = 0.0, yaw_rate_radps: float = 0.0, suspension: Suspen
         first_ns=-SECOND_NS,
         last_ns=2 * SECOND_NS,
     )
-    return host_motion(path, suspension, rng=np.random.default_rng(4))
+    return ego_motion(path, suspension, rng=np.random.default_rng(4))
 
 
-def scanner(world: Mesh, motion: HostMotion, actors: tuple[Actor, ...] = (), **changes: float) -> LidarScanner:
+def scanner(world: Mesh, motion: EgoMotion, actors: tuple[Actor, ...] = (), **changes: float) -> LidarScanner:
     spec = LidarSpec(**(PERFECT | changes))  # type: ignore[arg-type]
-    return LidarScanner(spec, vehicle_from_lidar=ROOF, world=world, own_body=own_body(), actors=actors, host=motion)
+    return LidarScanner(spec, vehicle_from_lidar=ROOF, world=world, own_body=own_body(), actors=actors, ego=motion)
 
 
 def scan(lidar: LidarScanner, time_ns: int = SECOND_NS // 2, seed: int = 0) -> LidarSweep:
     return lidar.scan(time_ns, timestamp_ns=time_ns, rng=np.random.default_rng(seed))
 
 
-def placed(sweep: LidarSweep, motion: HostMotion) -> np.ndarray:
+def placed(sweep: LidarSweep, motion: EgoMotion) -> np.ndarray:
     """Points in the world, by the project's own de-skewing with the true poses."""
     interpolation_ns = interpolation_timestamps(sweep.times_ns)
     poses = motion.at(interpolation_ns)
@@ -75,8 +75,8 @@ def test_beams_are_those_of_the_manual() -> None:
     assert len(revolution(LidarSpec(position_m=(0, 0, 2), rotation_hz=20)).offsets_ns) == 1042
 
 
-def test_static_points_freed_of_the_hosts_motion_lie_on_their_surfaces() -> None:
-    motion = host(12.0, 0.35, SuspensionSpec(road_class="B"))
+def test_static_points_freed_of_the_ego_vehicles_motion_lie_on_their_surfaces() -> None:
+    motion = ego(12.0, 0.35, SuspensionSpec(road_class="B"))
     world = joined([floor(), wall(22.0)])
     sweep = scan(scanner(world, motion))
     points_world = placed(sweep, motion)
@@ -85,12 +85,12 @@ def test_static_points_freed_of_the_hosts_motion_lie_on_their_surfaces() -> None
     # Coordinates are stored to the nearest 1/256 m.
     assert off_m.max() < 4e-3
     # The same with the level host: its pitch and roll would be seen.
-    level = placed(sweep, host(12.0, 0.35))
+    level = placed(sweep, ego(12.0, 0.35))
     assert np.minimum(np.abs(level[:, 2]), np.abs(level[:, 0] - 22.0)).max() > 0.05
 
 
 def test_range_noise_is_as_stated() -> None:
-    sweep = scan(scanner(wall(10.0), host(), range_noise_m=0.02))
+    sweep = scan(scanner(wall(10.0), ego(), range_noise_m=0.02))
     ranges_m = np.linalg.norm(sweep.points_lidar, axis=1)
     true_m = 8.8 / (sweep.points_lidar[:, 0] / ranges_m)
     assert (ranges_m - true_m).std() == pytest.approx(0.02, rel=0.05)
@@ -100,7 +100,7 @@ def test_range_noise_is_as_stated() -> None:
 def share_returned(surface: Surface, x_m: float, **changes: float) -> float:
     """Of the pulses within 20 degrees of straight ahead on a wall."""
     found, possible = (
-        len(scan(scanner(wall(x_m, look), host(), sector_deg=40.0, max_range_m=80.0, **more)).points_lidar)
+        len(scan(scanner(wall(x_m, look), ego(), sector_deg=40.0, max_range_m=80.0, **more)).points_lidar)
         for look, more in ((surface, changes), (GREY, {}))
     )
     return found / possible
@@ -115,9 +115,9 @@ def test_dark_and_far_surfaces_return_fewer_pulses() -> None:
 
 
 def test_grazing_pulses_are_lost_on_the_road_far_away() -> None:
-    sweep = scan(scanner(floor(Surface(albedo=0.2, contrast=0.0)), host(), weakest_return_per_m2=5e-6, max_range_m=80))
+    sweep = scan(scanner(floor(Surface(albedo=0.2, contrast=0.0)), ego(), weakest_return_per_m2=5e-6, max_range_m=80))
     ranges_m = np.linalg.norm(sweep.points_lidar, axis=1)
-    whole = scan(scanner(floor(), host(), max_range_m=80))
+    whole = scan(scanner(floor(), ego(), max_range_m=80))
     whole_m = np.linalg.norm(whole.points_lidar, axis=1)
     near, far = [(ranges_m < 20).sum() / (whole_m < 20).sum(), (ranges_m > 50).sum() / (whole_m > 50).sum()]
     assert near > 0.99
@@ -138,23 +138,23 @@ def test_windows_of_cars_and_houses_are_panes() -> None:
 
 
 def test_the_sky_returns_nothing() -> None:
-    assert len(scan(scanner(wall(10.0, Surface(albedo=0.9, contrast=0.0, sky=True)), host())).points_lidar) == 0
+    assert len(scan(scanner(wall(10.0, Surface(albedo=0.9, contrast=0.0, sky=True)), ego())).points_lidar) == 0
 
 
 def test_intensity_tells_albedo_and_incidence() -> None:
     world = joined([wall(10.0, Surface(albedo=0.5, contrast=0.0))])
-    sweep = scan(scanner(world, host(), sector_deg=20))
+    sweep = scan(scanner(world, ego(), sector_deg=20))
     assert sweep.intensity is not None
     assert sweep.intensity.dtype == np.float32
     assert np.median(sweep.intensity) == pytest.approx(0.5, rel=0.05)
-    flat = scan(scanner(floor(), host(), max_range_m=15))
+    flat = scan(scanner(floor(), ego(), max_range_m=15))
     assert flat.intensity is not None
     steep, grazing = flat.ring == 63, flat.ring == 40
     assert np.median(flat.intensity[steep]) > 1.5 * np.median(flat.intensity[grazing])
 
 
-def test_the_hosts_roof_gives_no_points() -> None:
-    sweep = scan(scanner(floor(), host()))
+def test_the_ego_vehicles_roof_gives_no_points() -> None:
+    sweep = scan(scanner(floor(), ego()))
     points_vehicle = ROOF.apply(sweep.points_lidar.astype(np.float64))
     assert np.abs(points_vehicle[:, 2]).max() < 0.01
     behind = points_vehicle[np.abs(points_vehicle[:, 1]) < 0.3]
@@ -174,7 +174,7 @@ def test_an_actor_hides_the_world_and_is_met_where_it_is_at_the_beams_own_time()
         through_ns=SECOND_NS // 2,
     )
     car = Actor(name="car", instance_id=1, body=body, path=path)
-    motion = host(6.0, 0.0, SuspensionSpec())
+    motion = ego(6.0, 0.0, SuspensionSpec())
     sweep = scan(scanner(floor(), motion, (car,)))
     points_world = placed(sweep, motion)
     on_car = points_world[:, 2] > 0.05
@@ -194,7 +194,7 @@ def test_an_actor_hides_the_world_and_is_met_where_it_is_at_the_beams_own_time()
 
 
 def test_a_sweep_comes_back_from_its_file_and_is_small(tmp_path) -> None:  # type: ignore[no-untyped-def]
-    sweep = scan(scanner(floor(), host(5.0), range_noise_m=0.02, sector_deg=180, max_range_m=30))
+    sweep = scan(scanner(floor(), ego(5.0), range_noise_m=0.02, sector_deg=180, max_range_m=30))
     write_sweep(tmp_path / "1.npz", sweep)
     again = read_sweep(tmp_path / "1.npz", sweep.timestamp_ns)
     for name in ("points_lidar", "time_offset_ns", "intensity", "ring"):
@@ -203,7 +203,7 @@ def test_a_sweep_comes_back_from_its_file_and_is_small(tmp_path) -> None:  # typ
 
 
 def test_noise_depends_on_its_generator_alone() -> None:
-    lidar = scanner(floor(), host(), range_noise_m=0.02, weakest_return_per_m2=5e-6)
+    lidar = scanner(floor(), ego(), range_noise_m=0.02, weakest_return_per_m2=5e-6)
     first, second, other = scan(lidar, seed=1), scan(lidar, seed=1), scan(lidar, seed=2)
     assert np.array_equal(first.points_lidar, second.points_lidar)
     assert first.points_lidar.shape != other.points_lidar.shape or not np.array_equal(

@@ -14,7 +14,7 @@ DATASETS = Path(__file__).parents[2] / "datasets"
 WRONG = {
     "unknown kind": ("kind: adult", "kind: adlut", "recordings.0.actors.0.kind", "adult"),
     "negative speed": ("speed_mps: 1.4", "speed_mps: -1.4", "recordings.0.actors.0.speed_mps", "-1.4"),
-    "negative host speed": ("speed_kmh: [5]", "speed_kmh: [-5]", "recordings.1.host.speed_kmh.0", "-5"),
+    "negative ego speed": ("speed_kmh: [5]", "speed_kmh: [-5]", "recordings.1.host.speed_kmh.0", "-5"),
     "unknown key": ("gear: reverse", "gaer: reverse", "recordings.1.host.gaer", "no such key"),
     "unknown camera model": ("radial_polynomial", "radial_polynom", "cameras.0", "radial_polynomial"),
     "profile of another length": ("times_s: [0, 0.1]", "times_s: [0, 0.1, 0.2]", "recordings.0.host", "speed_kmh"),

@@ -1,13 +1,12 @@
-"""The host's body on its springs."""
+"""The ego vehicle's body on its springs."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from bench.synthesis.driving.motion import HostMotion, host_motion
+from bench.synthesis.driving.motion import EgoMotion, ego_motion, road_profile
 from bench.synthesis.driving.path import SECOND_NS, Path, driven_path
-from bench.synthesis.driving.roughness import road_profile
 from bench.synthesis.scenario import BumpSpec, SuspensionSpec
 
 SMOOTH = SuspensionSpec(road_class=None)
@@ -23,38 +22,38 @@ def drive(times_s: list[float], speeds_mps: list[float] | float, yaw_rate_radps:
     )
 
 
-def sprung(path: Path, spec: SuspensionSpec = SMOOTH, **more: object) -> HostMotion:
-    return host_motion(path, spec, rng=np.random.default_rng(3), **more)  # type: ignore[arg-type]
+def sprung(path: Path, spec: SuspensionSpec = SMOOTH, **more: object) -> EgoMotion:
+    return ego_motion(path, spec, rng=np.random.default_rng(3), **more)  # type: ignore[arg-type]
 
 
 def test_braking_dips_the_nose_and_accelerating_lifts_it() -> None:
     for change_mps2, lower in ((-2.0, True), (2.0, False)):
-        host = sprung(drive([0, 4], [10.0, 10.0 + 4 * change_mps2]))
-        nose, tail = (host.at([3 * SECOND_NS]).transform().apply(np.array([x, 0.0, 0.5])) for x in (3.7, -0.9))
+        ego = sprung(drive([0, 4], [10.0, 10.0 + 4 * change_mps2]))
+        nose, tail = (ego.at([3 * SECOND_NS]).transform().apply(np.array([x, 0.0, 0.5])) for x in (3.7, -0.9))
         assert (nose[2] < tail[2]) == lower
         # 2 m/s^2 at 0.3 degrees for each, over the 4.6 m between them.
         assert abs(nose[2] - tail[2]) == pytest.approx(4.6 * np.sin(np.radians(0.6)), rel=0.01)
 
 
 def test_in_reverse_braking_dips_the_tail() -> None:
-    host = sprung(drive([0, 2], [-4.0, 0.0]))
-    forward_world = host.at([int(1.9 * SECOND_NS)]).rotations[0, :, 0]
+    ego = sprung(drive([0, 2], [-4.0, 0.0]))
+    forward_world = ego.at([int(1.9 * SECOND_NS)]).rotations[0, :, 0]
     assert forward_world[2] > 0.005
 
 
 def test_a_left_bend_rolls_the_body_to_the_right() -> None:
     for yaw_rate_radps, left_is_higher in ((0.2, True), (-0.2, False)):
-        host = sprung(drive([0.0], 10.0, yaw_rate_radps))
-        left_world = host.at([7 * SECOND_NS]).rotations[0, :, 1]
+        ego = sprung(drive([0.0], 10.0, yaw_rate_radps))
+        left_world = ego.at([7 * SECOND_NS]).rotations[0, :, 1]
         assert (left_world[2] > 0) == left_is_higher
         assert abs(left_world[2]) == pytest.approx(np.sin(np.radians(0.45 * 2.0)), rel=0.01)
 
 
 def test_the_answer_to_a_sudden_brake_overshoots_by_its_damping_and_swings_at_its_frequency() -> None:
     # A step into a second-order system: first peak after half a damped period, higher by exp(-pi z / sqrt(1 - z^2)).
-    host = sprung(drive([0, 6], [18.0, 0.0]))
-    assert host.attitude is not None
-    pitch_deg, seconds = np.degrees(host.attitude.pitch_rad), host.nodes_ns / SECOND_NS
+    ego = sprung(drive([0, 6], [18.0, 0.0]))
+    assert ego.attitude is not None
+    pitch_deg, seconds = np.degrees(ego.attitude.pitch_rad), ego.nodes_ns / SECOND_NS
     braking = (seconds > 0) & (seconds < 5.5)
     ratio = 0.35
     peak = int(np.argmax(pitch_deg[braking]))
@@ -68,7 +67,7 @@ def test_the_answer_to_a_sudden_brake_overshoots_by_its_damping_and_swings_at_it
 
 def test_a_rigid_car_follows_its_path_exactly() -> None:
     path = drive([0, 3], [8.0, 2.0], [0.3, -0.1])
-    rigid, times_ns = host_motion(path, None, rng=np.random.default_rng(0)), np.arange(0, 7) * SECOND_NS
+    rigid, times_ns = ego_motion(path, None, rng=np.random.default_rng(0)), np.arange(0, 7) * SECOND_NS
     poses, expected = rigid.at(times_ns), path.at(times_ns)
     assert np.array_equal(poses.rotations, expected.rotations)
     assert np.array_equal(poses.positions_m, expected.positions_m)
@@ -83,24 +82,24 @@ def test_steady_driving_on_a_smooth_road_is_level() -> None:
 
 def test_the_centre_of_the_sway_stays_on_its_way() -> None:
     path = drive([0, 2, 4], [10.0, 4.0, 9.0], [0.2, -0.3, 0.1])
-    host, times_ns = sprung(path), np.arange(0, 40) * (SECOND_NS // 10)
+    ego, times_ns = sprung(path), np.arange(0, 40) * (SECOND_NS // 10)
     centre_m = np.array(SMOOTH.centre_m)
-    for poses in (host.at(times_ns), path.at(times_ns)):
+    for poses in (ego.at(times_ns), path.at(times_ns)):
         places_m = poses.rotations @ centre_m + poses.positions_m
         assert places_m[:, 2] == pytest.approx(np.full(len(times_ns), centre_m[2]), abs=1e-12)
-    assert host.at(times_ns).rotations @ centre_m + host.at(times_ns).positions_m == pytest.approx(places_m, abs=1e-12)
+    assert ego.at(times_ns).rotations @ centre_m + ego.at(times_ns).positions_m == pytest.approx(places_m, abs=1e-12)
 
 
 def test_a_bump_lifts_the_front_first() -> None:
     path = drive([0.0], 5.0)
-    host = sprung(path, bumps=[BumpSpec(at_m=12.7, height_m=0.05)])
-    assert host.attitude is not None
-    pitch_deg = np.degrees(host.attitude.pitch_rad)
+    ego = sprung(path, bumps=[BumpSpec(at_m=12.7, height_m=0.05)])
+    assert ego.attitude is not None
+    pitch_deg = np.degrees(ego.attitude.pitch_rad)
     # The front wheels, 2.7 m ahead, reach it after 2 s and the rear ones after 2.54 s.
-    before, front, rear = (np.searchsorted(host.nodes_ns, s * SECOND_NS) for s in (1.9, 2.1, 2.64))
+    before, front, rear = (np.searchsorted(ego.nodes_ns, s * SECOND_NS) for s in (1.9, 2.1, 2.64))
     assert abs(pitch_deg[before]) < 1e-3
     assert pitch_deg[front] < -0.1
-    assert host.attitude.heave_m[front] > 0.002
+    assert ego.attitude.heave_m[front] > 0.002
     assert pitch_deg[rear] - pitch_deg[front] > 0.1
 
 

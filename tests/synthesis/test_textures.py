@@ -5,7 +5,23 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from bench.synthesis.imaging.textures import LEVELS, SIZE, texture_atlas
+from bench.synthesis.imaging.kernels import CACHE, SOURCES, compiled
+from bench.synthesis.imaging.textures import LEVELS, SIZE, TextureAtlas, atlas_at, texture_atlas
+
+
+@compiled
+def fill(
+    u: np.ndarray, v: np.ndarray, level: np.ndarray, image: np.ndarray, layout: np.ndarray, found: np.ndarray
+) -> None:
+    for k in range(len(u)):
+        found[k] = atlas_at(u[k], v[k], level[k], image, layout)
+
+
+def sample(atlas: TextureAtlas, u: np.ndarray, v: np.ndarray, level: np.ndarray) -> np.ndarray:
+    """The texture at places (N,), in periods, smoothed to levels."""
+    found = np.empty(len(u), dtype=np.float32)
+    fill(u, v, level, atlas.image, atlas.layout, found)
+    return found
 
 
 def test_levels_lie_on_each_other() -> None:
@@ -15,7 +31,7 @@ def test_levels_lie_on_each_other() -> None:
         texels = SIZE >> level
         v, u = np.meshgrid(*2 * [((np.arange(200) + 0.5) / texels).astype(np.float32)], indexing="ij")
         fine, coarse = (
-            atlas.sample(u.ravel(), v.ravel(), np.full(u.size, k, np.float32)).reshape(u.shape)
+            sample(atlas, u.ravel(), v.ravel(), np.full(u.size, k, np.float32)).reshape(u.shape)
             for k in (level, level + 1)
         )
         slopes = np.stack([part.ravel() for part in np.gradient(fine)], axis=1)
@@ -28,13 +44,20 @@ def test_texture_has_no_seam() -> None:
     u = np.array([-1e-5, 1e-5, 1 - 1e-5, 2 + 1e-5], dtype=np.float32)
     v = np.full_like(u, 0.3)
     for level in range(LEVELS - 1):
-        values = atlas.sample(u, v, np.full_like(u, level))
+        values = sample(atlas, u, v, np.full_like(u, level))
         assert np.ptp(values) < 0.05
 
 
 def test_texture_turns_smooth_with_distance() -> None:
     atlas = texture_atlas(3)
     u, v = np.random.default_rng(0).random((2, 10_000), dtype=np.float32)
-    spreads = [atlas.sample(u, v, np.full_like(u, level)).std() for level in range(LEVELS)]
+    spreads = [sample(atlas, u, v, np.full_like(u, level)).std() for level in range(LEVELS)]
     assert spreads[0] == pytest.approx(1.0, abs=0.15)
     assert all(b < a for a, b in pairwise(spreads))
+
+
+def test_cached_machine_code_belongs_to_the_sources_as_they_are() -> None:
+    """By itself numba would take it again when a file changes that the function's own file imports."""
+    sample(texture_atlas(3), *np.zeros((3, 1), dtype=np.float32))
+    assert CACHE.name.endswith(SOURCES[:16])
+    assert list(CACHE.rglob("*fill*.nbi"))

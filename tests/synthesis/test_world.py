@@ -10,10 +10,9 @@ import shapely
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from bench.synthesis.mesh import Mesh
-from bench.synthesis.ray_scene import Hits, RayScene
-from bench.synthesis.scenario.draws import named_rng
-from bench.synthesis.scenario.recording import SideStreetSpec, StreetSpec
+from bench.synthesis.draws import named_rng
+from bench.synthesis.mesh import Hits, Mesh, RayScene
+from bench.synthesis.scenario import SideStreetSpec, StreetSpec
 from bench.synthesis.world import World, build_world
 
 SPECS = {
@@ -80,7 +79,7 @@ def test_what_stands_out_is_an_obstacle(world: World, kind: str) -> None:
     assert np.quantile(away_m, 0.98) < 0.3
 
 
-def test_road_before_the_host_is_flat_and_looks_up(world: World) -> None:
+def test_road_before_the_ego_vehicle_is_flat_and_looks_up(world: World) -> None:
     hits, height_m = seen_from_above(world.mesh, grid((-6.0, 5.0), (-1.1, 1.1)), from_m=1.9)
     assert np.abs(height_m).max() < FLAT_M
     assert hits.normals[:, 2].min() > 0.99

@@ -1,6 +1,54 @@
-"""Bodies that move: vehicles, cyclists, pedestrians, a dog; their parts, joints and postures."""
+"""Bodies that move, by the names that a scenario gives them: vehicles, cyclists, pedestrians, a dog."""
 
-from bench.synthesis.bodies.body import Body
-from bench.synthesis.bodies.catalogue import BODIES, make_body
+from __future__ import annotations
 
-__all__ = ["BODIES", "Body", "make_body"]
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from bench.synthesis.bodies.body import Body, Built, assemble_body
+from bench.synthesis.bodies.cyclists import RACING, UPRIGHT, cyclist
+from bench.synthesis.bodies.dog import dog
+from bench.synthesis.bodies.fleet import BUS, CITY_CAR, ESTATE, HATCHBACK, LORRY, MINIBUS, SALOON, SUV, VAN
+from bench.synthesis.bodies.people import Stature, pedestrian
+from bench.synthesis.bodies.vehicles import vehicle
+
+Builder = Callable[[np.random.Generator], Built]
+
+BODIES: dict[str, tuple[str, Builder]] = {
+    "car": ("vehicle", partial(vehicle, HATCHBACK)),
+    "city_car": ("vehicle", partial(vehicle, CITY_CAR)),
+    "saloon": ("vehicle", partial(vehicle, SALOON)),
+    "estate": ("vehicle", partial(vehicle, ESTATE)),
+    "suv": ("vehicle", partial(vehicle, SUV)),
+    "van": ("vehicle", partial(vehicle, VAN)),
+    "minibus": ("vehicle", partial(vehicle, MINIBUS)),
+    "lorry": ("vehicle", partial(vehicle, LORRY)),
+    "bus": ("vehicle", partial(vehicle, BUS)),
+    "cyclist": ("cyclist", partial(cyclist, Stature(height_m=1.75), UPRIGHT)),
+    "tall_cyclist": ("cyclist", partial(cyclist, Stature(height_m=1.88), UPRIGHT)),
+    "short_cyclist": ("cyclist", partial(cyclist, Stature(height_m=1.62), UPRIGHT)),
+    "racing_cyclist": ("cyclist", partial(cyclist, Stature(height_m=1.78, girth=0.95), RACING)),
+    "child_cyclist": ("cyclist", partial(cyclist, Stature(height_m=1.30, girth=0.95, head=1.25), UPRIGHT)),
+    "adult": ("pedestrian", partial(pedestrian, Stature(height_m=1.75))),
+    "short_adult": ("pedestrian", partial(pedestrian, Stature(height_m=1.60))),
+    "tall_adult": ("pedestrian", partial(pedestrian, Stature(height_m=1.90, girth=0.95))),
+    "stout_adult": ("pedestrian", partial(pedestrian, Stature(height_m=1.70, girth=1.30))),
+    "child": ("pedestrian", partial(pedestrian, Stature(height_m=1.20, girth=0.95, head=1.3))),
+    "dog": ("animal", dog),
+}
+
+
+def make_body(kind: str, rng: np.random.Generator) -> Body:
+    """Build a body.
+
+    Args:
+        kind: a name of `BODIES`.
+        rng: chooses its looks, the part of the texture that it wears and where in its cycle it starts.
+    """
+    object_class, build = BODIES[kind]
+    parts, joints, cycle_m = build(rng)
+    shift_m = rng.uniform(0, 8, 2)
+    shifted = [(mesh.with_texture_shift(shift_m), joint) for mesh, joint in parts]
+    return assemble_body(object_class, shifted, joints, cycle_m=cycle_m, start_m=float(rng.uniform(0, cycle_m)))

@@ -1,7 +1,7 @@
-"""Cyclists: riders whose feet follow the pedals, and who stand over the frame when they do not go.
+"""Cyclists: bicycles, and riders whose feet follow the pedals and who stand over the frame at speed 0.
 
 Saddle height: the knee stays bent by about 30 degrees where the pedal is lowest, as bicycle fitters set it (Holmes et
-al. 1994: 25 to 35 degrees). Way per turn of the cranks: 70 turns a minute at 18 km/h is 4.3 m; racers ride larger
+al. 1994: 25 to 35 degrees). Distance per turn of the cranks: 70 turns a minute at 18 km/h is 4.3 m; racers ride larger
 gears.
 """
 
@@ -12,13 +12,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.geometry import RigidTransform
-from bench.synthesis.bodies.bicycle import Bicycle, bicycle_joints, bicycle_parts
-from bench.synthesis.bodies.body import Part
-from bench.synthesis.bodies.joints import STEPS, Joint, still
-from bench.synthesis.bodies.loft import rounded
-from bench.synthesis.bodies.looks import dressed, for_riding, painted
-from bench.synthesis.bodies.person import (
+from bench.geometry import RigidTransform, cross
+from bench.synthesis.bodies.body import STEPS, Built, Joint, Part, still, wheel
+from bench.synthesis.bodies.gait import ANKLE, BALL, SHANK, THIGH, rotate_xz, two_links
+from bench.synthesis.bodies.looks import (
+    ALLOY,
+    HEADLAMP,
+    LEATHER,
+    PLASTIC,
+    REFLECTOR,
+    RUBBER,
+    TAIL_LAMP,
+    drawn_clothes,
+    drawn_paint,
+    for_riding,
+)
+from bench.synthesis.bodies.people import (
     CHIN,
     ELBOW,
     FOREARM,
@@ -32,11 +41,156 @@ from bench.synthesis.bodies.person import (
     SIDES,
     UPPER_ARM,
     WAIST,
-    Figure,
+    Stature,
     person_parts,
-)  # fmt: skip
-from bench.synthesis.bodies.walking import ANKLE, BALL, SHANK, THIGH, turned_xz, two_links
-from bench.synthesis.mesh import Mesh, Surface
+)
+from bench.synthesis.mesh import Mesh, Surface, box, prism, ring, rounded, tube
+
+SPOKES = 10  # three times as thick as real ones, a third of their number: the same share of what lies behind is hidden
+SPOKE_M, FRAME_M = 0.006, 0.018  # width; radius
+CRANK_Y_M, PEDAL_Y_M = 0.055, 0.115
+LEVEL_RAD = np.pi / 2  # cranks of who stands astride: one pedal before the shins, one behind the calves
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bicycle:
+    """A bicycle's measures, m; the bottom bracket is at x = 0.
+
+    Attributes:
+        wheel_m: radius.
+        tyre_m: half of its thickness.
+        rear_x_m: rear axle.
+        front_x_m: front axle.
+        bracket_z_m: height of the bottom bracket.
+        crank_m: length of a crank.
+        grip_xz_m: where the hands are.
+        bar_half_m: half width of the handlebar.
+        step_through: a frame without a top tube.
+        development_m: distance of one turn of the cranks.
+        basket: a basket in front.
+        bags: bags at the rear wheel.
+    """
+
+    wheel_m: float
+    tyre_m: float
+    rear_x_m: float
+    front_x_m: float
+    bracket_z_m: float
+    crank_m: float
+    grip_xz_m: tuple[float, float]
+    bar_half_m: float
+    step_through: bool
+    development_m: float
+    basket: bool = False
+    bags: bool = False
+
+    def scaled(self, factor: float) -> Bicycle:
+        """The same for a smaller rider; a child rides a shorter distance per turn."""
+        names = ("wheel_m", "rear_x_m", "front_x_m", "bracket_z_m", "crank_m", "bar_half_m", "development_m")
+        grip = (self.grip_xz_m[0] * factor, self.grip_xz_m[1] * factor)
+        return replace(self, grip_xz_m=grip, **{name: factor * getattr(self, name) for name in names})
+
+
+def bicycle_joints(bicycle: Bicycle) -> list[Joint]:
+    """Wheels, cranks and pedals."""
+    turn = np.linspace(0, 2 * np.pi, STEPS + 1)
+    centre, cycle_m = (0.0, 0.0, bicycle.bracket_z_m), bicycle.development_m
+    joints = [
+        wheel("rear_wheel", bicycle.rear_x_m, bicycle.wheel_m),
+        wheel("front_wheel", bicycle.front_x_m, bicycle.wheel_m),
+        Joint(name="cranks", pivot_m=centre, cycle_m=cycle_m, angles_rad=turn, stationary_rad=LEVEL_RAD),
+    ]
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        axle = (0.0, sign * PEDAL_Y_M, bicycle.bracket_z_m + sign * bicycle.crank_m)
+        joints.append(
+            Joint(name=f"{side}_pedal", parent="cranks", pivot_m=axle, cycle_m=cycle_m, angles_rad=-turn,
+                  stationary_rad=-LEVEL_RAD)
+        )  # fmt: skip
+    return joints
+
+
+def bicycle_parts(bicycle: Bicycle, paint: Surface, *, saddle_xz_m: tuple[float, float]) -> list[Part]:
+    """All solids; the left crank points up, as at distance 0.
+
+    Args:
+        bicycle: its measures.
+        paint: of the frame.
+        saddle_xz_m: top of the saddle.
+    """
+    parts: list[Part] = [(mesh, None) for mesh in _frame(bicycle, paint, saddle_xz_m)]
+    for name, x in (("rear_wheel", bicycle.rear_x_m), ("front_wheel", bicycle.front_x_m)):
+        parts += [(mesh, name) for mesh in _wheel(x, bicycle)]
+    z = bicycle.bracket_z_m
+    parts.append((tube([0, -0.055, z], [0, -0.048, z], 0.095, ALLOY, sides=12), "cranks"))
+    parts.append((tube([0, -0.06, z], [0, 0.06, z], 0.018, ALLOY, sides=6), "cranks"))
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        end = z + sign * bicycle.crank_m
+        crank = box([0.025, 0.014, bicycle.crank_m + 0.03], [0, sign * CRANK_Y_M * 1.2, (z + end) / 2], ALLOY)
+        parts += [(crank, "cranks"), (box([0.095, 0.10, 0.022], [0, sign * PEDAL_Y_M, end], PLASTIC), f"{side}_pedal")]
+    return parts
+
+
+def _wheel(x: float, bicycle: Bicycle) -> list[Mesh]:
+    centre, radius = np.array([x, 0.0, bicycle.wheel_m]), bicycle.wheel_m
+    inner = radius - 2 * bicycle.tyre_m
+    rim = ring(centre, inner + 0.002, 0.010, ALLOY, sides=20)
+    meshes = [ring(centre, radius, bicycle.tyre_m, RUBBER, sides=24), rim]
+    hub = np.array([0.0, 0.05, 0.0])
+    meshes.append(tube(centre - hub, centre + hub, 0.022, ALLOY, sides=6))
+    meshes.append(_spokes(inner - 0.01).moved(RigidTransform(np.eye(3), centre)))
+    between = np.array([0.0, 0.0, 0.62 * inner])
+    reflectors = [box([0.07, 0.012, 0.03], centre + sign * between, REFLECTOR) for sign in (-1, 1)]
+    return [*meshes, *reflectors]
+
+
+def _spokes(length_m: float) -> Mesh:
+    """Thin bars of three sides through the hub, each two spokes."""
+    turns = np.arange(SPOKES // 2) * (2 * np.pi / SPOKES)
+    along, aside = (
+        np.stack([np.sin(turns + more), np.zeros_like(turns), np.cos(turns + more)], axis=1)[:, None]
+        for more in (0.0, np.pi / 2)
+    )
+    angles = np.arange(3)[:, None] * (2 * np.pi / 3)
+    rim = SPOKE_M / 2 * (np.cos(angles) * aside + np.sin(angles) * cross(along, aside))
+    return prism(rim - length_m * along, rim + length_m * along, ALLOY)
+
+
+def _frame(bicycle: Bicycle, paint: Surface, saddle_xz_m: tuple[float, float]) -> list[Mesh]:
+    bracket, rear = (0.0, bicycle.bracket_z_m), (bicycle.rear_x_m, bicycle.wheel_m)
+    front, saddle = (bicycle.front_x_m, bicycle.wheel_m), saddle_xz_m
+    head_x = bicycle.front_x_m - 0.16  # the fork leans back by some 20 degrees
+    top, low = (head_x - 0.03, bicycle.wheel_m + 0.50), (head_x + 0.02, bicycle.wheel_m + 0.36)
+    seat = (saddle[0] * 0.78, bicycle.bracket_z_m + 0.78 * (saddle[1] - bicycle.bracket_z_m))
+    rail = (saddle[0] * 0.35, bicycle.bracket_z_m + 0.35 * (saddle[1] - bicycle.bracket_z_m))
+    bars = [
+        (bracket, saddle, FRAME_M),
+        (bracket, low, 1.15 * FRAME_M),
+        (rail if bicycle.step_through else seat, top, FRAME_M),
+    ]
+    meshes = [tube([a[0], 0, a[1]], [b[0], 0, b[1]], r, paint, sides=6) for a, b, r in bars]
+    for y in (-0.055, 0.055):  # stays and fork blades on both sides of the wheels
+        for a, b in ((rear, bracket), (rear, seat), (front, low)):
+            meshes.append(tube([a[0], y, a[1]], [b[0], 0.3 * y, b[1]], 0.011, paint, sides=5))
+    grip_x, grip_z = bicycle.grip_xz_m
+    half = bicycle.bar_half_m
+    post_x = saddle[0] * (1 - 0.12 / (saddle[1] - bicycle.bracket_z_m))  # of the seat tube, where the tail lamp is
+    meshes += [
+        tube([low[0], 0, low[1]], [top[0] - 0.015, 0, grip_z], FRAME_M, paint, sides=6),
+        *(tube([top[0] - 0.015, s * 0.04, grip_z], [grip_x, s * half, grip_z], 0.013, ALLOY, sides=5) for s in (-1, 1)),
+        *(tube([grip_x - 0.01, s * (half - 0.1), grip_z], [grip_x - 0.04, s * half, grip_z], 0.018, RUBBER, sides=5)
+          for s in (-1, 1)),
+        box([0.26, 0.05, 0.05], [saddle[0] + 0.04, 0, saddle[1] - 0.03], LEATHER),
+        box([0.13, 0.15, 0.05], [saddle[0] - 0.05, 0, saddle[1] - 0.025], LEATHER),
+        box([0.06, 0.06, 0.06], [top[0] + 0.03, 0, grip_z - 0.10], HEADLAMP),
+        box([0.03, 0.06, 0.04], [post_x - FRAME_M - 0.01, 0, saddle[1] - 0.12], TAIL_LAMP),
+    ]  # fmt: skip
+    if bicycle.basket:
+        meshes.append(box([0.26, 0.36, 0.22], [top[0] + 0.16, 0, grip_z - 0.15], PLASTIC))
+    if bicycle.bags:
+        meshes += [box([0.32, 0.12, 0.30], [rear[0] - 0.05, s * 0.13, rear[1] + 0.17], LEATHER) for s in (-1, 1)]
+        meshes.append(box([0.40, 0.14, 0.02], [rear[0] + 0.0, 0, rear[1] + bicycle.wheel_m + 0.04], PLASTIC))
+    return meshes
+
 
 STRETCHED = 0.963  # of the leg's length, hip to ankle, at the lowest pedal: a knee bent by 31 degrees
 SEAT_TUBE = np.tan(np.radians(17.0))  # the hip lies behind the bracket
@@ -72,25 +226,25 @@ UPRIGHT = Riding(lean_rad=np.radians(14.0), bicycle=CITY_BICYCLE)
 RACING = Riding(lean_rad=np.radians(44.0), bicycle=RACING_BICYCLE)
 
 
-def cyclist(figure: Figure, riding: Riding, rng: np.random.Generator) -> tuple[list[Part], list[Joint], float]:
+def cyclist(stature: Stature, riding: Riding, rng: np.random.Generator) -> Built:
     """A rider on a bicycle of the right size."""
     upright = riding.bicycle.step_through
-    fitted = riding.bicycle.scaled(figure.height_m / 1.75)
+    fitted = riding.bicycle.scaled(stature.height_m / 1.75)
     bicycle = replace(
         fitted,
         step_through=upright and bool(rng.random() < 0.6),
         basket=bool(rng.random() < 0.3) and upright,
         bags=bool(rng.random() < 0.3) and upright,
     )
-    hip_x, hip_z = _hip(figure.height_m, bicycle)
-    clothes = for_riding(dressed(rng))
-    parts = bicycle_parts(bicycle, painted(rng), saddle_xz_m=(hip_x, hip_z - SADDLE_BELOW_HIP * figure.height_m))
-    parts += [(_shifted(mesh, hip_x), joint) for mesh, joint in person_parts(figure, clothes)]
+    hip_x, hip_z = _hip(stature.height_m, bicycle)
+    clothes = for_riding(drawn_clothes(rng))
+    parts = bicycle_parts(bicycle, drawn_paint(rng), saddle_xz_m=(hip_x, hip_z - SADDLE_BELOW_HIP * stature.height_m))
+    parts += [(_shifted(mesh, hip_x), joint) for mesh, joint in person_parts(stature, clothes)]
     if rng.random() < (0.5 if upright else 1.0):
-        size = np.array([0.070, 0.056, 0.050]) * figure.head * figure.height_m
-        crown = rounded((hip_x + 0.002, 0, (CHIN + 0.092) * figure.height_m), size, HELMET)
+        size = np.array([0.070, 0.056, 0.050]) * stature.head * stature.height_m
+        crown = rounded((hip_x + 0.002, 0, (CHIN + 0.092) * stature.height_m), size, HELMET)
         parts.append((crown, "head"))
-    joints = [*bicycle_joints(bicycle), *_rider_joints(figure.height_m, riding.lean_rad, bicycle, (hip_x, hip_z))]
+    joints = [*bicycle_joints(bicycle), *_rider_joints(stature.height_m, riding.lean_rad, bicycle, (hip_x, hip_z))]
     return parts, joints, bicycle.development_m
 
 
@@ -111,7 +265,7 @@ def _hip(height_m: float, bicycle: Bicycle) -> tuple[float, float]:
 def _ankle(height_m: float, bicycle: Bicycle, crank_rad: NDArray[np.float64]) -> NDArray[np.float64]:
     """The ankle above a pedal, (N, 2) x and z; a crank of angle 0 points up and turns forward."""
     pedal = bicycle.crank_m * np.stack([np.sin(crank_rad), np.cos(crank_rad)], axis=1)
-    over = turned_xz((-BALL * height_m, ANKLE * height_m), _foot(crank_rad))
+    over = rotate_xz((-BALL * height_m, ANKLE * height_m), _foot(crank_rad))
     return np.asarray(pedal + over + [0.0, bicycle.bracket_z_m + PEDAL_TOP_M])
 
 
@@ -128,15 +282,15 @@ def _rider_joints(height_m: float, lean_rad: float, bicycle: Bicycle, hip: tuple
 
     def joint(
         name: str, parent: str | None, x: float, y: float, z: float, angles_rad: NDArray[np.float64],
-        standing_rad: float,
+        stationary_rad: float,
     ) -> Joint:  # fmt: skip
         return Joint(
             name=name, parent=parent, pivot_m=(hip_x + x * h, y * h, z * h), cycle_m=bicycle.development_m,
-            angles_rad=angles_rad, standing_rad=standing_rad,
+            angles_rad=angles_rad, stationary_rad=stationary_rad,
         )  # fmt: skip
 
     root = replace(
-        joint("root", None, 0, 0, 0, still(), 0.0), shifts_m=np.tile(ride, (STEPS + 1, 1)), standing_shift_m=stand
+        joint("root", None, 0, 0, 0, still(), 0.0), shifts_m=np.tile(ride, (STEPS + 1, 1)), stationary_shift_m=stand
     )
     joints = [
         root,

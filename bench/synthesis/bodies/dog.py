@@ -13,12 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bench.synthesis.bodies.body import Part
-from bench.synthesis.bodies.joints import Joint, still
-from bench.synthesis.bodies.loft import ellipses, limb, loft, rounded
+from bench.synthesis.bodies.body import Built, Joint, Part, still
+from bench.synthesis.bodies.gait import phases, rotate_xz, two_links
 from bench.synthesis.bodies.looks import HAIRS
-from bench.synthesis.bodies.walking import phases, turned_xz, two_links
-from bench.synthesis.mesh import Mesh, Surface, box, convex
+from bench.synthesis.mesh import Mesh, Surface, box, convex, ellipses, limb, loft, rounded
 
 STRIDE_M, STANCE = 0.88, 0.42  # of a cycle that a paw is on the ground
 LIFT_M, BOB_M = 0.085, 0.012
@@ -66,7 +64,7 @@ LEGS = {
 }
 
 
-def dog(rng: np.random.Generator) -> tuple[list[Part], list[Joint], float]:
+def dog(rng: np.random.Generator) -> Built:
     """A trotting dog with a coat of some shade and a collar."""
     coat = Surface(albedo=float(rng.choice([*HAIRS, 0.45, 0.62])), contrast=0.30, texel_m=0.004)
     collar = Surface(albedo=float(rng.choice([0.10, 0.70])), contrast=0.10)
@@ -75,11 +73,11 @@ def dog(rng: np.random.Generator) -> tuple[list[Part], list[Joint], float]:
     bob = np.zeros((len(wave), 3))
     bob[:, 2] = BOB_M * np.cos(4 * np.pi * phases())
     joints = [
-        Joint(name="trunk", pivot_m=(0, 0, 0), cycle_m=STRIDE_M, angles_rad=still(), shifts_m=bob, standing_rad=0.0),
+        Joint(name="trunk", pivot_m=(0, 0, 0), cycle_m=STRIDE_M, angles_rad=still(), shifts_m=bob, stationary_rad=0.0),
         Joint(name="head", parent="trunk", pivot_m=(0.30, 0, 0.50), cycle_m=STRIDE_M,
-              angles_rad=0.05 * np.cos(4 * np.pi * phases() - 0.6), standing_rad=-0.10),
+              angles_rad=0.05 * np.cos(4 * np.pi * phases() - 0.6), stationary_rad=-0.10),
         Joint(name="tail", parent="trunk", pivot_m=(-0.37, 0, 0.54), axis=(0, 0, 1), cycle_m=STRIDE_M,
-              angles_rad=0.25 * wave, standing_rad=0.0),
+              angles_rad=0.25 * wave, stationary_rad=0.0),
     ]  # fmt: skip
     for name, (leg, sign, behind) in LEGS.items():
         parts += _leg_parts(name, leg, sign * leg.y_m, coat)
@@ -143,7 +141,7 @@ def _leg_joints(name: str, leg: DogLeg, y: float, behind: float, bob_m: NDArray[
     ):
         joints.append(
             Joint(name=f"{name}_{link}", parent=parent, pivot_m=(leg.x_m, y, float(z)), cycle_m=STRIDE_M,
-                  angles_rad=above - angles, standing_rad=float((stood_above - stands)[0]))
+                  angles_rad=above - angles, stationary_rad=float((stood_above - stands)[0]))
         )  # fmt: skip
         above, stood_above = angles, stands
     return joints
@@ -153,7 +151,7 @@ def _links(
     leg: DogLeg, paw: ArrayLike, foot: NDArray[np.float64], joint_z: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Angles of the three links from straight down, for a paw (N, 2) ahead of the upper joint and above the ground."""
-    hock = np.asarray(paw) - leg.links_m[2] * turned_xz((0.0, -1.0), foot)
+    hock = np.asarray(paw) - leg.links_m[2] * rotate_xz((0.0, -1.0), foot)
     reach = hock - np.stack([np.zeros_like(joint_z), joint_z], axis=1)
     upper, lower = two_links(reach, *leg.links_m[:2], bends_forward=leg.knee_forward)
     return upper, lower, foot

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.synthesis.bodies.coachwork import Cabin, Hull, Outline
 from bench.synthesis.bodies.looks import PLASTIC, STEEL, TAIL_LAMP, UNDERSIDE
-from bench.synthesis.bodies.vehicles import Vehicle
+from bench.synthesis.bodies.vehicles import Cabin, Hull, Outline, Vehicle
 from bench.synthesis.mesh import Mesh, Surface, box, convex
 
 

@@ -33,7 +33,7 @@ HAIRS = (0.05, 0.08, 0.16, 0.32)
 CLOTHS = (0.05, 0.10, 0.18, 0.28, 0.40, 0.55, 0.70)
 
 
-def painted(rng: np.random.Generator) -> Surface:
+def drawn_paint(rng: np.random.Generator) -> Surface:
     """A car's paint: smooth, with a little dirt, under a clear coat."""
     albedo = float(rng.choice(PAINTS, p=PAINT_SHARES))
     return Surface(albedo=albedo, contrast=float(rng.uniform(0.04, 0.10)), texel_m=0.012, mirror=0.04)
@@ -72,8 +72,8 @@ class Clothes:
     backpack: Surface | None
 
 
-def dressed(rng: np.random.Generator) -> Clothes:
-    """Clothes as they come along the street; the same draws in the same order for everybody."""
+def drawn_clothes(rng: np.random.Generator) -> Clothes:
+    """Clothes as they come along the street; the same draws in the same order for all people."""
     top, bottom = cloth(rng), cloth(rng)
     skin = Surface(albedo=float(rng.choice(SKINS)), contrast=0.10)
     hair = Surface(albedo=float(rng.choice(HAIRS)), contrast=0.35, texel_m=0.004)

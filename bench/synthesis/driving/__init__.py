@@ -1,6 +1,6 @@
-"""The host: how it drives and sways, what its bus reports, and where its sensors sit.
+"""The ego vehicle: how it drives, what its bus reports, and where its sensors are mounted.
 
-`path` is the way in the plane that the host and the actors share. `motion` puts the body's sway on top of it, from
-`suspension` and the road's `roughness`. `bus` is what wheel ticks and a yaw-rate sensor make of the way. `host` is the
-body and the mounting of its sensors, `rig` how far they sit from where the recording says.
+`path` is the motion in the plane that the ego vehicle and the actors share. `motion` adds pitch, roll and heave of the
+body, from its suspension and the roughness of the road. `bus` turns the path into wheel ticks and yaw rates. `ego` is
+the body, the mounting of the sensors, and how far they are off their calibration.
 """

@@ -1,4 +1,4 @@
-"""What wheel sensors and a yaw-rate sensor make of a drive."""
+"""Bus signals of a drive: wheel ticks and a yaw-rate sensor."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bench.synthesis.driving.path import SECOND_NS, Path
 from bench.synthesis.scenario import BusSpec
 
 IDEAL_INTERVAL_NS = 10_000_000
-LEAD_IN_NS = SECOND_NS  # wheels turned before the path begins, at its first speed
+LEAD_IN_NS = SECOND_NS  # wheels rotate before the path begins, at its first speed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -20,7 +20,7 @@ class BusReport:
 
     Attributes:
         times_ns: (N,) int64, scene clock.
-        speeds_mps: (N,) float64, >= 0; the gear tells the direction.
+        speeds_mps: (N,) float64, >= 0; the gear gives the direction.
         yaw_rates_radps: (N,) float64, positive to the left.
     """
 
@@ -60,38 +60,38 @@ def bus_report(path: Path, spec: BusSpec | None, rng: np.random.Generator) -> Bu
 
 def _tick_times_ns(path: Path, tick_m: float, phase: float) -> NDArray[np.float64]:
     """When the wheel passes each tick, (M,) float64, scene clock."""
-    ways_m = np.abs(path.distances_m - path.distances_m[0])
+    distances_m = np.abs(path.distances_m - path.distances_m[0])
     lead_in_m = abs(float(path.speeds_mps[0])) * LEAD_IN_NS / SECOND_NS
-    ways_m = np.concatenate([[-lead_in_m], ways_m])
+    distances_m = np.concatenate([[-lead_in_m], distances_m])
     nodes_ns = np.concatenate([[path.nodes_ns[0] - LEAD_IN_NS], path.nodes_ns]).astype(np.float64)
-    ticks_m = (np.arange(np.ceil(-lead_in_m / tick_m), np.ceil(ways_m[-1] / tick_m)) + phase) * tick_m
-    ticks_m = ticks_m[(ticks_m > ways_m[0]) & (ticks_m < ways_m[-1])]
-    after = np.searchsorted(ways_m, ticks_m)  # the way grows from the node before, so the step below is not 0
-    part = (ticks_m - ways_m[after - 1]) / (ways_m[after] - ways_m[after - 1])
+    ticks_m = (np.arange(np.ceil(-lead_in_m / tick_m), np.ceil(distances_m[-1] / tick_m)) + phase) * tick_m
+    ticks_m = ticks_m[(ticks_m > distances_m[0]) & (ticks_m < distances_m[-1])]
+    after = np.searchsorted(distances_m, ticks_m)  # the distance grows from the node before, so the step below is not 0
+    part = (ticks_m - distances_m[after - 1]) / (distances_m[after] - distances_m[after - 1])
     return np.asarray(nodes_ns[after - 1] + part * (nodes_ns[after] - nodes_ns[after - 1]))
 
 
 def _counted(
     times_ns: NDArray[np.int64], ticks_ns: NDArray[np.float64], *, interval_ns: int, spec: BusSpec
 ) -> NDArray[np.float64]:
-    """Speed from ticks, as control units count: way between the last ticks of two messages over the time between them.
+    """Speed from ticks, as control units count: distance between the last ticks of two messages over their time.
 
     A message without a new tick repeats the speed before it, or what one tick up to now would make if that is less;
     after `standstill_after_s` without any it is 0, and the first tick from standstill only starts the clock.
     """
-    tick_m, patience_ns = 2 * np.pi * spec.tyre_radius_m / spec.ticks_per_turn, spec.standstill_after_s * SECOND_NS
+    tick_m, standstill_ns = 2 * np.pi * spec.tyre_radius_m / spec.ticks_per_turn, spec.standstill_after_s * SECOND_NS
     counts = np.searchsorted(ticks_ns, times_ns, side="right").tolist()
     before = np.searchsorted(ticks_ns, times_ns - interval_ns, side="right").tolist()
     speeds_mps, speed = np.zeros(len(times_ns)), 0.0
     for row, (count, start) in enumerate(zip(counts, before, strict=True)):
         if count > start:
-            fresh = start == 0 or ticks_ns[start] - ticks_ns[start - 1] > patience_ns
+            fresh = start == 0 or ticks_ns[start] - ticks_ns[start - 1] > standstill_ns
             first = start if fresh else start - 1
             seconds = (ticks_ns[count - 1] - ticks_ns[first]) / SECOND_NS
             speed = (count - 1 - first) * tick_m / seconds if count - 1 > first else 0.0
         elif count:
-            silence_ns = times_ns[row] - ticks_ns[count - 1]
-            speed = 0.0 if silence_ns > patience_ns else min(speed, tick_m * SECOND_NS / max(silence_ns, 1.0))
+            since_tick_ns = times_ns[row] - ticks_ns[count - 1]
+            speed = 0.0 if since_tick_ns > standstill_ns else min(speed, tick_m * SECOND_NS / max(since_tick_ns, 1.0))
         speeds_mps[row] = speed
     return speeds_mps
 

@@ -1,4 +1,4 @@
-"""How the host moves: its way in the plane, and its body's sway on top of that."""
+"""How the ego vehicle moves: its path in the plane, and pitch, roll and heave of its body on an uneven road."""
 
 from __future__ import annotations
 
@@ -9,24 +9,155 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from bench.synthesis.driving.path import Path, Poses
-from bench.synthesis.driving.roughness import road_profile
-from bench.synthesis.driving.suspension import Sway, sway
+from bench.synthesis.driving.path import SECOND_NS, STEP_NS, Path, Poses
 from bench.synthesis.scenario import BumpSpec, SuspensionSpec
+
+# ISO 8608: displacement spectra at 0.1 cycles/m, geometric means of the classes, m^3; they fall with n^-2.
+SPECTRUM_M3 = {"A": 16e-6, "B": 64e-6, "C": 256e-6}
+AT_CYCLES_PER_M = 0.1
+# Waves longer than 20 m lift car and street alike, and the rendered street is flat. ISO 8608 ends at 2.83 cycles/m.
+CYCLES_PER_M = (0.05, 2.83)
+WAVES = 96
+TRACK_M = 1.55  # between left and right wheels, for how far they feel the same
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class HostMotion:
-    """The host, to whose body the sensors are bolted.
+class RoadProfile:
+    """Heights below the wheels, over the distance along the road.
 
     Attributes:
-        ground: the way of the level host: of its origin, below the middle of the rear axle, in the plane of the road.
+        waves_per_m: (W,) float64, cycles per metre.
+        amplitudes_m: (2, W) float64: of the mean of both wheel tracks, and of half their difference.
+        phases_rad: (2, W) float64.
+        bumps: across both tracks.
+    """
+
+    waves_per_m: NDArray[np.float64]
+    amplitudes_m: NDArray[np.float64]
+    phases_rad: NDArray[np.float64]
+    bumps: tuple[BumpSpec, ...] = ()
+
+    def heights_m(self, distances_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Heights below the left and the right wheel at (N,) distances."""
+        angles = 2 * np.pi * np.outer(distances_m, self.waves_per_m)
+        mean, half = (np.cos(angles + p) @ a for a, p in zip(self.amplitudes_m, self.phases_rad, strict=True))
+        for bump in self.bumps:
+            part = np.clip((distances_m - bump.at_m) / bump.length_m, -0.5, 0.5)
+            mean = mean + bump.height_m * (0.5 + 0.5 * np.cos(2 * np.pi * part))
+        return mean + half, mean - half
+
+
+def road_profile(road_class: str | None, bumps: Sequence[BumpSpec], rng: np.random.Generator) -> RoadProfile:
+    """Draw a road of a class.
+
+    Each wave has the power that its class gives it. Left and right tracks of an isotropic road agree for waves that are
+    long against their distance and differ for short ones; the share in between is simplified to
+    1 / (1 + (2 pi n track)^2).
+
+    Source:
+        ISO 8608:2016, road surface profiles.
+    """
+    edges = np.geomspace(*CYCLES_PER_M, WAVES + 1)
+    waves = rng.uniform(edges[:-1], edges[1:])
+    level = 0.0 if road_class is None else SPECTRUM_M3[road_class]
+    powers = level * (waves / AT_CYCLES_PER_M) ** -2 * np.diff(edges)
+    agreeing = 1.0 / (1.0 + (2 * np.pi * waves * TRACK_M) ** 2)
+    shares = np.stack([(1 + agreeing) / 2, (1 - agreeing) / 2])
+    return RoadProfile(
+        waves_per_m=waves,
+        amplitudes_m=np.sqrt(2 * powers * shares),
+        phases_rad=rng.uniform(0, 2 * np.pi, (2, WAVES)),
+        bumps=tuple(bumps),
+    )
+
+
+SETTLING_NODES = 3000  # 3 s of steady driving before a path begins: the body has forgotten how it began
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Attitude:
+    """Attitude of the body relative to the level vehicle.
+
+    Attributes:
+        pitch_rad: (K,) float64, about the y axis: nose down is positive, as ISO 8855 has it.
+        roll_rad: (K,) float64, about the x axis: right side down is positive.
+        heave_m: (K,) float64, upwards.
+    """
+
+    pitch_rad: NDArray[np.float64]
+    roll_rad: NDArray[np.float64]
+    heave_m: NDArray[np.float64]
+
+
+def body_attitude(path: Path, road: RoadProfile, spec: SuspensionSpec) -> Attitude:
+    """Attitude of the body under braking, bends and the road, at the nodes of a path.
+
+    Inertia moves the body as a force on its springs: towards the angle of steady braking or cornering, with the
+    overshoot of its damping. The road moves it through springs and dampers both (base excitation). Before the first
+    node the ego vehicle drove steadily.
+
+    Args:
+        path: in the plane.
+        road: below the wheels, along the path of the rear axle.
+        spec: of the suspension.
+    """
+    accelerations_mps2 = _led_in(np.gradient(path.speeds_mps, STEP_NS / SECOND_NS))
+    lateral_mps2 = _led_in(path.speeds_mps * path.yaw_rates_radps)
+    lead_in_m = np.arange(-SETTLING_NODES, 0) * (STEP_NS / SECOND_NS) * path.speeds_mps[0]
+    distances_m = np.concatenate([path.distances_m[0] + lead_in_m, path.distances_m])
+    front, rear = (road.heights_m(distances_m + ahead_m) for ahead_m in (spec.wheelbase_m, 0.0))
+    forced, carried = _answers(spec)
+    return Attitude(
+        pitch_rad=_answer(forced, -np.radians(spec.pitch_deg_per_mps2) * accelerations_mps2)
+        + _answer(carried, (rear[0] + rear[1] - front[0] - front[1]) / 2 / spec.wheelbase_m),
+        roll_rad=_answer(forced, np.radians(spec.roll_deg_per_mps2) * lateral_mps2)
+        + _answer(carried, (front[0] + rear[0] - front[1] - rear[1]) / 2 / spec.track_m),
+        heave_m=_answer(carried, (front[0] + front[1] + rear[0] + rear[1]) / 4),
+    )
+
+
+def _led_in(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.concatenate([np.full(SETTLING_NODES, values[0]), values])
+
+
+_Filter = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
+def _answers(spec: SuspensionSpec) -> tuple[_Filter, _Filter]:
+    """w^2 / (s^2 + 2 z w s + w^2) for forces, (2 z w s + w^2) over the same for the road; exact for linear steps."""
+    w = 2 * np.pi * spec.natural_hz
+    damping = 2 * spec.damping_ratio * w
+    below = [1.0, damping, w * w]
+    return _discrete([w * w], below), _discrete([damping, w * w], below)
+
+
+def _discrete(above: list[float], below: list[float]) -> _Filter:
+    from scipy.signal import cont2discrete  # half a second, and only new drives need it
+
+    system = np.array(above), np.array(below)
+    numerator, denominator, _ = cont2discrete(system, STEP_NS / SECOND_NS, method="foh")
+    return np.asarray(numerator, dtype=np.float64).ravel(), np.asarray(denominator, dtype=np.float64)
+
+
+def _answer(filter_: _Filter, cause: NDArray[np.float64]) -> NDArray[np.float64]:
+    from scipy.signal import lfilter, lfilter_zi
+
+    answer, _ = lfilter(*filter_, cause, zi=lfilter_zi(*filter_) * cause[0])
+    return np.asarray(answer[SETTLING_NODES:])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class EgoMotion:
+    """The ego vehicle, to whose body the sensors are bolted.
+
+    Attributes:
+        ground: path of the level vehicle's origin, below the middle of the rear axle, in the plane of the road.
         attitude: of the body at the ground's nodes; None for a rigid car.
         centre_m: (3,) float64, level vehicle frame, what the body pitches and rolls about.
     """
 
     ground: Path
-    attitude: Sway | None
+    attitude: Attitude | None
     centre_m: NDArray[np.float64]
 
     @property
@@ -35,7 +166,7 @@ class HostMotion:
         return self.ground.nodes_ns
 
     def at(self, times_ns: ArrayLike) -> Poses:
-        """World from body at (N,) int64 times within the nodes; `distances_m` is the way over the ground."""
+        """World from body at (N,) int64 times within the nodes; `distances_m` is measured over the ground."""
         level = self.ground.at(times_ns)
         if self.attitude is None:
             return level
@@ -54,27 +185,21 @@ class HostMotion:
             distances_m=level.distances_m,
         )
 
-    def signals(self, times_ns: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Signed speed (m/s) and yaw rate (rad/s) of the level host at (N,) times within the nodes."""
-        return self.ground.signals(times_ns)
 
-    def velocity_mps(self, time_ns: int) -> NDArray[np.float64]:
-        """(3,) float64, of the level host over the ground, world axes; the body's sway adds centimetres per second."""
-        return self.ground.velocity_mps(time_ns)
-
-
-def host_motion(
+def ego_motion(
     ground: Path, suspension: SuspensionSpec | None, *, bumps: Sequence[BumpSpec] = (), rng: np.random.Generator
-) -> HostMotion:
-    """The motion of the host's body.
+) -> EgoMotion:
+    """The motion of the ego vehicle's body.
 
     Args:
-        ground: the way of the level host.
-        suspension: None for a rigid car, which feels no bumps.
-        bumps: on the way.
+        ground: the path of the level vehicle.
+        suspension: None for a rigid car, which no bump moves.
+        bumps: on the path.
         rng: the unevenness of the road.
     """
     if suspension is None:
-        return HostMotion(ground=ground, attitude=None, centre_m=np.zeros(3))
+        return EgoMotion(ground=ground, attitude=None, centre_m=np.zeros(3))
     road = road_profile(suspension.road_class, bumps, rng)
-    return HostMotion(ground=ground, attitude=sway(ground, road, suspension), centre_m=np.array(suspension.centre_m))
+    return EgoMotion(
+        ground=ground, attitude=body_attitude(ground, road, suspension), centre_m=np.array(suspension.centre_m)
+    )

@@ -1,7 +1,7 @@
 """Where a body on the road is at any time.
 
-Everything drives in the plane of the road. Time 0 is the first image; the world is the vehicle frame of a level host at
-that time.
+Everything drives in the plane of the road. Time 0 is the first image; the world is the vehicle frame of the level ego
+vehicle at that time.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Poses:
     Attributes:
         rotations: (N, 3, 3) float64, world from body.
         positions_m: (N, 3) float64, m, world.
-        distances_m: (N,) float64, way travelled since time 0, negative in reverse.
+        distances_m: (N,) float64, distance travelled since time 0, negative in reverse.
     """
 
     rotations: NDArray[np.float64]
@@ -46,7 +46,7 @@ class Path:
         yaw_rates_radps: (K,) float64, positive to the left.
         positions_m: (K, 2) float64, m, world.
         yaws_rad: (K,) float64, world.
-        distances_m: (K,) float64, way travelled since time 0, negative in reverse.
+        distances_m: (K,) float64, distance travelled since time 0, negative in reverse.
         floor_m: height of the ground below the body.
     """
 
@@ -63,7 +63,7 @@ class Path:
         times = self._within(times_ns)
         ground = [self._between(times, self.positions_m[:, k]) for k in (0, 1)]
         return Poses(
-            rotations=_turns(self._between(times, self.yaws_rad)),
+            rotations=_rotations_about_z(self._between(times, self.yaws_rad)),
             positions_m=np.stack([*ground, np.full(len(times), self.floor_m)], axis=1),
             distances_m=self._between(times, self.distances_m),
         )
@@ -139,15 +139,15 @@ def driven_path(
 
 
 def _along_arcs(distances_m: NDArray[np.float64], yaws_rad: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Places (K, 2) from the first node on: between nodes, the chord of an arc half way through the turn."""
+    """Positions (K, 2) from the first node on: between nodes, the chord of an arc halfway through the change of yaw."""
     middle = (yaws_rad[1:] + yaws_rad[:-1]) / 2
-    chords = np.diff(distances_m) * np.sinc(np.diff(yaws_rad) / (2 * np.pi))  # way sinc(turn / 2)
+    chords = np.diff(distances_m) * np.sinc(np.diff(yaws_rad) / (2 * np.pi))  # distance * sinc(yaw change / 2)
     steps = chords[:, None] * np.stack([np.cos(middle), np.sin(middle)], axis=1)
     return np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
 
 
-def _turns(yaws_rad: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, 3, 3) turns about z."""
+def _rotations_about_z(yaws_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 3, 3) rotations about z."""
     rotations = np.zeros((len(yaws_rad), 3, 3))
     rotations[:, 0, 0] = rotations[:, 1, 1] = np.cos(yaws_rad)
     rotations[:, 1, 0] = np.sin(yaws_rad)

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.synthesis.imaging.compiled import looped
+from bench.synthesis.imaging.kernels import compiled
 from bench.synthesis.imaging.textures import SIZE
-from bench.synthesis.mesh import Mesh
+from bench.synthesis.mesh import COLUMN_OF, Mesh
 
 # Columns of a face's row, one cache line of 16 numbers.
 FIRST_U, FIRST_V, STEP_U, STEP_V, LAST_U, LAST_V = range(6)  # texture of the first corner, and steps to the others
 CONTRAST, TEXEL_LOG2, ALBEDO, MIRROR, GLOW = range(6, 11)
-NORMAL_X, NORMAL_Y, NORMAL_Z, PLAIN = range(11, 15)  # world; PLAIN tells faces apart that are worth an edge
+NORMAL_X, NORMAL_Y, NORMAL_Z, PLAIN = range(11, 15)  # world; PLAIN distinguishes faces with an edge worth smoothing
 COLUMNS = 16
 FROM_ABOVE = (0.18, 0.11, 0.30)  # change of PLAIN with the normal: a light of no particular kind
 
@@ -35,10 +35,10 @@ class Faces:
 
 def faces_of(mesh: Mesh) -> Faces:
     """All faces of a mesh but those of the sky, which the light draws."""
-    kept = mesh.surfaces[:, 5] == 0
-    corners, surfaces = mesh.corners_m[kept], mesh.surfaces[kept]
+    drawn = mesh.surfaces[:, COLUMN_OF["sky"]] == 0
+    corners, surfaces = mesh.corners_m[drawn], mesh.surfaces[drawn]
     albedo, contrast, texel_m, mirror, glow, _ = surfaces.T
-    texture = mesh.texture_m[kept] / (texel_m * SIZE)[:, None, None]
+    texture = mesh.texture_m[drawn] / (texel_m * SIZE)[:, None, None]
     rows = np.zeros((len(corners), COLUMNS), dtype=np.float32)
     rows[:, FIRST_U : FIRST_V + 1] = texture[:, 0] - np.floor(texture[:, 0])
     rows[:, STEP_U : STEP_V + 1] = texture[:, 1] - texture[:, 0]
@@ -51,7 +51,7 @@ def faces_of(mesh: Mesh) -> Faces:
 
 
 class FacesOfBodies:
-    """The faces of bodies that move: their looks are looked up once, what turns with them every time.
+    """The faces of bodies that move: surfaces are looked up once, normals every time.
 
     Args:
         lit: whether their lamps are on.
@@ -59,39 +59,28 @@ class FacesOfBodies:
 
     def __init__(self, *, lit: bool) -> None:
         self._lit = lit
-        self._known: list[tuple[Mesh, Faces]] = []
+        self._known: dict[int, tuple[Mesh, NDArray[np.float32]]] = {}
 
     def at(self, meshes: Sequence[Mesh]) -> list[Faces]:
         """The faces of each mesh, wherever it is."""
-        return [self._faces(place, mesh) for place, mesh in enumerate(meshes)]
+        return [self._faces(number, mesh) for number, mesh in enumerate(meshes)]
 
-    def _faces(self, place: int, mesh: Mesh) -> Faces:
-        former, faces = self._known[place] if place < len(self._known) else (None, None)
-        if former is None or faces is None or not _look_alike(former, mesh):
-            faces = self._looked_up(mesh)
-            self._known[place : place + 1] = [(mesh, faces)]
-            return faces
-        if len(faces.corners_m) != len(mesh.corners_m):  # some are sky
-            return self._looked_up(mesh)
-        turned = Faces(corners_m=np.ascontiguousarray(mesh.corners_m), rows=faces.rows)
-        face(turned.corners_m, turned.rows)
-        return turned
-
-    def _looked_up(self, mesh: Mesh) -> Faces:
-        faces = faces_of(mesh)
-        if not self._lit:
-            faces.rows[:, GLOW] = 0.0
-            face(faces.corners_m, faces.rows)
+    def _faces(self, number: int, mesh: Mesh) -> Faces:
+        known = self._known.get(number)
+        if known is not None and known[0].surfaces is mesh.surfaces and known[0].texture_m is mesh.texture_m:
+            faces = Faces(corners_m=np.ascontiguousarray(mesh.corners_m), rows=known[1])
+        else:
+            faces = faces_of(mesh)
+            if not self._lit:
+                faces.rows[:, GLOW] = 0.0
+            self._known[number] = mesh, faces.rows
+        face(faces.corners_m, faces.rows)
         return faces
 
 
-def _look_alike(one: Mesh, other: Mesh) -> bool:
-    return one.surfaces is other.surfaces and one.texture_m is other.texture_m
-
-
-@looped
+@compiled
 def face(corners: NDArray[np.float64], rows: NDArray[np.float32]) -> None:
-    """Fill in what turns with a face.
+    """Fill in normals and what follows from them.
 
     Args:
         corners: (T, 3, 3), m, world.

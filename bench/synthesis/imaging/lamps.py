@@ -1,4 +1,4 @@
-"""Lamps by night: those of the street, and the host's headlights with the shadows that they throw.
+"""Lamps by night: those of the street, and the headlights of the ego vehicle with the shadows that they throw.
 
 Brightness: white paper at 15 lux is white in the picture.
 """
@@ -13,8 +13,11 @@ from numpy.typing import NDArray
 from bench.cameras import PinholeCamera
 from bench.geometry import RigidTransform
 from bench.synthesis.imaging.faces import GLOW, Faces
-from bench.synthesis.imaging.lens import lens_of, untiled
-from bench.synthesis.imaging.visibility import look
+from bench.synthesis.imaging.lens import (
+    lens_of,
+    untiled,
+)
+from bench.synthesis.imaging.visibility import find_visible
 
 WHITE_LUX = 15.0
 LAMP_GLOW = 0.5  # faces that glow as much are street lamps
@@ -34,24 +37,24 @@ class Lamps(NamedTuple):
 
     Attributes:
         street_m: (L, 3) float32, world.
-        turns: (2, 3, 3) float32, headlight from world; z is its axis, y down.
-        places_m: (2, 3) float32, world.
-        nearness: (2, H, W) float32, 1 / m, what each headlight meets first.
+        lamp_from_world: (2, 3, 3) float32, rotations of the headlights; z is its axis, y down.
+        positions_m: (2, 3) float32, world.
+        inverse_depth: (2, H, W) float32, 1 / m, what each headlight meets first.
         headlights: how many there are.
     """
 
     street_m: NDArray[np.float32]
-    turns: NDArray[np.float32]
-    places_m: NDArray[np.float32]
-    nearness: NDArray[np.float32]
+    lamp_from_world: NDArray[np.float32]
+    positions_m: NDArray[np.float32]
+    inverse_depth: NDArray[np.float32]
     headlights: int
 
 
 NO_LAMPS = Lamps(
     street_m=np.zeros((0, 3), dtype=np.float32),
-    turns=np.zeros((2, 3, 3), dtype=np.float32),
-    places_m=np.zeros((2, 3), dtype=np.float32),
-    nearness=np.zeros((2, 1, 1), dtype=np.float32),
+    lamp_from_world=np.zeros((2, 3, 3), dtype=np.float32),
+    positions_m=np.zeros((2, 3), dtype=np.float32),
+    inverse_depth=np.zeros((2, 1, 1), dtype=np.float32),
     headlights=0,
 )
 
@@ -62,7 +65,7 @@ def lamp_faces(world: Faces) -> NDArray[np.bool_]:
 
 
 def street_lamps_m(world: Faces) -> NDArray[np.float64]:
-    """Places of the street lamps, (L, 3) m: middles of the groups of their faces."""
+    """Positions of the street lamps, (L, 3) m: middles of the groups of their faces."""
     middles = world.corners_m[lamp_faces(world)].mean(axis=1)
     lamps = []
     while len(middles):
@@ -73,7 +76,7 @@ def street_lamps_m(world: Faces) -> NDArray[np.float64]:
 
 
 class Headlights:
-    """The beams of the host."""
+    """The beams of the ego vehicle."""
 
     def __init__(self) -> None:
         camera = PinholeCamera(
@@ -90,21 +93,23 @@ class Headlights:
         """What the lamps light.
 
         Args:
-            corners_m: (T, 3, 3), m, world: everything but the host.
+            corners_m: (T, 3, 3), m, world: everything but the ego vehicle.
             street_m: see `street_lamps_m`.
-            world_from_vehicle: the host.
+            world_from_vehicle: the ego vehicle.
         """
-        turn = np.ascontiguousarray((world_from_vehicle.rotation @ AHEAD_FROM_LAMP).T)
-        places_m = world_from_vehicle.apply(np.array(HEADLIGHTS_M))
+        rotation = np.ascontiguousarray((world_from_vehicle.rotation @ AHEAD_FROM_LAMP).T)
+        positions_m = world_from_vehicle.apply(np.array(HEADLIGHTS_M))
         views = [
-            look(corners_m, self._lens, camera_from_world=turn, origin_m=place, reach_m=SHADOWS_REACH_M)
-            for place in places_m
+            find_visible(
+                corners_m, self._lens, camera_from_world=rotation, origin_m=position_m, reach_m=SHADOWS_REACH_M
+            )
+            for position_m in positions_m
         ]
-        nearness = np.stack([untiled(view.nearness, (BEAM_HEIGHT, BEAM_WIDTH)) for view in views])
+        inverse_depth = np.stack([untiled(view.inverse_depth, (BEAM_HEIGHT, BEAM_WIDTH)) for view in views])
         away_m = np.linalg.norm(street_m - world_from_vehicle.translation_m, axis=1)
         order = np.argsort(away_m, kind="stable")[:LAMPS_NEAR]
         near_m = street_m[order[away_m[order] < LAMP_REACH_M]]
         return Lamps(
-            np.ascontiguousarray(near_m, dtype=np.float32), np.stack([turn, turn]).astype(np.float32),
-            places_m.astype(np.float32), nearness, len(places_m),
+            np.ascontiguousarray(near_m, dtype=np.float32), np.stack([rotation, rotation]).astype(np.float32),
+            positions_m.astype(np.float32), inverse_depth, len(positions_m),
         )  # fmt: skip

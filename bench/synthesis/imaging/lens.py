@@ -1,9 +1,4 @@
-"""What the renderer needs to know of a lens: the ray of every pixel, and the pixels near a direction.
-
-Room to shade one tile: for each quantity a lane with its values at the 64 pixels, beside each other.
-
-All lanes lie in one array, so that the compiler sees that no two of them overlap, and takes several pixels at once.
-"""
+"""What the renderer needs to know of a lens: the ray of every pixel, and the pixels near a direction."""
 
 from __future__ import annotations
 
@@ -16,7 +11,7 @@ from numpy.typing import NDArray
 
 from bench.cameras import CameraModel, ray_grid
 from bench.geometry import normalise
-from bench.synthesis.imaging.compiled import inlined, looped
+from bench.synthesis.imaging.kernels import compiled, inlined
 
 CHART = 513  # nodes along a side of the chart of all directions; odd, so that the chart's creases fall on nodes
 
@@ -62,7 +57,7 @@ def chart_pixel(x: float, y: float, z: float, chart: NDArray[np.float32]) -> tup
     return u, v
 
 
-@looped
+@compiled
 def chart_error_px(chart: NDArray[np.float32], rays: NDArray[np.float32], valid: NDArray[np.bool_]) -> float:
     """How far the chart is off at most, over all pixels of an image, in u or v.
 
@@ -204,15 +199,3 @@ def _squares(image: NDArray[np.float64], size_px: int) -> NDArray[np.float64]:
     padded[:height, :width] = image
     squares = padded.reshape(padded.shape[0] // size_px, size_px, padded.shape[1] // size_px, size_px, depth)
     return squares.swapaxes(1, 2).reshape(squares.shape[0], squares.shape[2], -1, depth)
-
-
-PIXELS = TILE_PX * TILE_PX
-# First the ray, in world axes, and what it meets: normal on the side that is seen, place, cosine between the two.
-# Then spots, those pixels whose light of the lamps is found, and what one headlight sends to each.
-(
-    RAY_X, RAY_Y, RAY_Z, TOWARDS_X, TOWARDS_Y, TOWARDS_Z, PLACE_X, PLACE_Y, PLACE_Z, FACING, DISTANCE,
-    TEXTURE_U, TEXTURE_V, LEVEL, NOISE, LIGHT,
-    SPOT_X, SPOT_Y, SPOT_Z, SPOT_TOWARDS_X, SPOT_TOWARDS_Y, SPOT_TOWARDS_Z, SPOT_LIGHT,
-    BEAM, BEAM_ASIDE, BEAM_DOWN, BEAM_ALONG, BEAM_SQUARE,
-) = range(0, 28 * PIXELS, PIXELS)  # fmt: skip
-LANES = 28 * PIXELS

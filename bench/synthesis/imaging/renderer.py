@@ -1,4 +1,4 @@
-"""Images: one ray per pixel, and four where an edge runs through it."""
+"""Images of a recording: one ray per pixel, and four where an edge runs through it."""
 
 from __future__ import annotations
 
@@ -9,25 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.geometry import RigidTransform
-from bench.recordings.records import MountedCamera
-from bench.synthesis.imaging.blur import Shutter, blur, image_ways
-from bench.synthesis.imaging.compiled import looped
-from bench.synthesis.imaging.edges import smooth_edges
+from bench.recordings import MountedCamera, RecordingWriter
+from bench.synthesis.draws import named_rng
+from bench.synthesis.driving.ego import own_body
+from bench.synthesis.imaging.exposure import Sensor, Shutter, blur, find_motion_vectors, smooth_edges
 from bench.synthesis.imaging.faces import GLOW, Faces, FacesOfBodies, faces_of
 from bench.synthesis.imaging.lamps import NO_LAMPS, Headlights, lamp_faces, street_lamps_m
-from bench.synthesis.imaging.lens import LANES, PIXELS, lens_of, untiled
-from bench.synthesis.imaging.scene import Scene
-from bench.synthesis.imaging.sensor import Sensor
-from bench.synthesis.imaging.shading import shade
+from bench.synthesis.imaging.lens import lens_of, untiled
+from bench.synthesis.imaging.shading import LANES, PIXELS, ShadingScene, shade
 from bench.synthesis.imaging.shadow_maps import Shadows
 from bench.synthesis.imaging.sky import Sky
-from bench.synthesis.imaging.textures import TextureAtlas
-from bench.synthesis.imaging.visibility import NOTHING, View, look
-from bench.synthesis.lighting import Lighting
+from bench.synthesis.imaging.textures import TextureAtlas, texture_atlas
+from bench.synthesis.imaging.visibility import View, find_visible
 from bench.synthesis.mesh import Mesh, PlacedMesh
-from bench.synthesis.scenario import SensorSpec
-
-ZERO, ONE, INFINITE = np.float32(0.0), np.float32(1.0), np.float32(np.inf)
+from bench.synthesis.placement import FIRST_IMAGE_NS
+from bench.synthesis.scenario import RecordingSpec, Scenario, SensorSpec
+from bench.synthesis.scene import Lighting, Scene
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -37,7 +34,7 @@ class RenderedImage:
     Attributes:
         pixels: (H, W) uint8; 0 where the lens sees nothing.
         instance_ids: (H, W) uint16, of what each pixel's centre sees in the middle of the exposure; 0 for the static
-            world, the sky, the host's own body and invalid pixels.
+            world, the sky, the ego vehicle's own body and invalid pixels.
         distances_m: (H, W) float32 along each ray; infinite in the sky.
     """
 
@@ -51,8 +48,8 @@ class Moment:
     """Where everything is at some time.
 
     Attributes:
-        placed: everything that moves, but the host; the same bodies at every time.
-        world_from_vehicle: the host.
+        placed: everything that moves, but the ego vehicle; the same bodies at every time.
+        world_from_vehicle: the ego vehicle.
     """
 
     placed: Sequence[PlacedMesh]
@@ -63,8 +60,8 @@ class ImageRenderer:
     """Renders one camera.
 
     Args:
-        camera: on the host.
-        own_body: what the camera may see of the host, and what throws its shadow, vehicle frame.
+        camera: on the ego vehicle.
+        own_body: what the camera may see of the ego vehicle, and what throws its shadow, vehicle frame.
         world: the static world, world frame.
         atlas: the texture of every surface.
         light: sun, clouds or night.
@@ -83,19 +80,19 @@ class ImageRenderer:
     ) -> None:
         self._camera, self._own_body, self._atlas, self._light = camera, own_body, atlas, light
         self._lens = lens_of(camera.model)
-        self._world, self._bodies = faces_of(world), FacesOfBodies(lit=light.night)
-        self._sensor = Sensor(sensor, self._lens, gain=light.gain)
+        self._world, self._bodies = faces_of(world), FacesOfBodies(lit=light.kind.night)
+        self._sensor = Sensor(sensor, self._lens, gain=light.kind.gain)
         self._shadows = Shadows(self._world.corners_m, light)
         self._sky = Sky(
-            horizon=np.float32(light.horizon),
-            zenith=np.float32(light.zenith),
-            cloud=np.float32(light.cloud),
-            glow=np.float32(light.sun_glow),
+            horizon=np.float32(light.kind.horizon),
+            zenith=np.float32(light.kind.zenith),
+            cloud=np.float32(light.kind.cloud),
+            glow=np.float32(light.kind.sun_glow),
             sun=light.towards_sun.astype(np.float32),
         )
-        self._headlights = Headlights() if light.night else None
+        self._headlights = Headlights() if light.kind.night else None
         self._street_lamps_m = street_lamps_m(self._world)
-        if not light.night:
+        if not light.kind.night:
             self._world.rows[lamp_faces(self._world), GLOW] = 0.0  # switched off
 
     def render(
@@ -110,7 +107,7 @@ class ImageRenderer:
         Args:
             middle: the scene in the middle of the exposure.
             rng: the sensor noise.
-            shutter: the scene when the shutter opens and closes; None for a still. In place of the first, `middle`
+            shutter: the scene when the shutter opens and closes; None for a still. With `middle` as the first
                 saves posing everything once more: all then moves before the middle as it does after it.
         """
         lens = self._lens
@@ -119,24 +116,31 @@ class ImageRenderer:
         corners = np.concatenate([self._world.corners_m, *(body.corners_m for body in bodies)])
         rows = np.concatenate([self._world.rows, *(body.rows for body in bodies)])
         world_from_camera = middle.world_from_vehicle @ self._camera.vehicle_from_camera
-        turn, origin_m = np.ascontiguousarray(world_from_camera.rotation), world_from_camera.translation_m
-        view = look(corners, lens, camera_from_world=turn.T.copy(), origin_m=origin_m)
-        triangles, nearness, planes = untiled(view.triangles, shape), untiled(view.nearness, shape), view.planes
-        grey = self._shaded(view, rows, corners, bodies, middle, turn, origin_m)
-        grey = self._smoothed(triangles, planes, rows, grey)
+        rotation, origin_m = np.ascontiguousarray(world_from_camera.rotation), world_from_camera.translation_m
+        view = find_visible(corners, lens, camera_from_world=rotation.T.copy(), origin_m=origin_m)
+        triangles, inverse_depth, planes = (
+            untiled(view.triangles, shape),
+            untiled(view.inverse_depth, shape),
+            view.planes,
+        )
+        centre = self._shaded(view, rows, corners, bodies, middle, rotation, origin_m)
+        grey = np.empty_like(centre)
+        smooth_edges(triangles, lens.valid, lens.rays, lens.along_u, lens.along_v, planes, rows, centre, grey)
         if shutter is not None:
             motion = self._shutter(middle, corners[len(self._world.corners_m) :], shutter)
-            ways, sharp = np.empty((2, *shape), dtype=np.float32), grey
-            image_ways(triangles, nearness, lens.rays, lens.across, planes, motion, ways)
+            motion_vectors, sharp = np.empty((2, *shape), dtype=np.float32), grey
+            find_motion_vectors(triangles, inverse_depth, lens.rays, lens.across, planes, motion, motion_vectors)
             grey = np.empty_like(sharp)
-            blur(sharp, ways, nearness, lens.valid, grey)
-        ids = np.repeat(
+            blur(sharp, motion_vectors, inverse_depth, lens.valid, grey)
+        ids = np.repeat(  # the last one, of the ego vehicle, also serves NOTHING = -1
             np.array([0, *(part.instance_id for part in middle.placed), 0], dtype=np.uint16),
             [len(self._world.corners_m), *(len(body.corners_m) for body in bodies)],
         )
-        instance_ids, distances_m = np.empty(shape, dtype=np.uint16), np.empty(shape, dtype=np.float32)
-        _name(triangles, nearness, ids, instance_ids, distances_m)
-        return RenderedImage(pixels=self._sensor.expose(grey, rng), instance_ids=instance_ids, distances_m=distances_m)
+        with np.errstate(divide="ignore"):
+            distances_m = np.float32(1.0) / inverse_depth  # infinite in the sky
+        return RenderedImage(
+            pixels=self._sensor.expose(grey, rng), instance_ids=ids[triangles], distances_m=distances_m
+        )
 
     def _shaded(
         self,
@@ -145,7 +149,7 @@ class ImageRenderer:
         corners: NDArray[np.float64],
         bodies: Sequence[Faces],
         middle: Moment,
-        turn: NDArray[np.float64],
+        rotation: NDArray[np.float64],
         origin_m: NDArray[np.float64],
     ) -> NDArray[np.float32]:
         """Grey values of what the pixels' centres see, 1 is white."""
@@ -154,74 +158,72 @@ class ImageRenderer:
             others = corners[: len(corners) - len(bodies[-1].corners_m)]
             lamps = self._headlights.lamps(others, self._street_lamps_m, middle.world_from_vehicle)
         with self._shadows.around(origin_m, [body.corners_m for body in bodies]) as (near, far, cover):
-            scene = Scene(
-                rows, turn.astype(np.float32), origin_m.astype(np.float32), light.towards_sun.astype(np.float32),
-                np.float32(light.sun_light), np.float32(light.sky_light), near, far, cover, self._sky, lamps,
-                light.night, self._atlas.image, self._atlas.layout,
+            scene = ShadingScene(
+                rows, rotation.astype(np.float32), origin_m.astype(np.float32), light.towards_sun.astype(np.float32),
+                np.float32(light.kind.sun_light), np.float32(light.kind.sky_light), near, far, cover, self._sky, lamps,
+                light.kind.night, self._atlas.image, self._atlas.layout,
             )  # fmt: skip
-            grey, lanes = np.empty(view.nearness.shape, np.float32), np.zeros(LANES, np.float32)
+            grey, lanes = np.empty(view.inverse_depth.shape, np.float32), np.zeros(LANES, np.float32)
             spots = np.zeros(PIXELS, np.int32)
             shade(view.triangles, lens.tile_rays, lens.tile_pixel_rad, view.planes, scene, lanes, spots, grey)
         return untiled(grey, (lens.valid.shape[0], lens.valid.shape[1]))
 
-    def _smoothed(
-        self,
-        triangles: NDArray[np.int32],
-        planes: NDArray[np.float32],
-        rows: NDArray[np.float32],
-        centre: NDArray[np.float32],
-    ) -> NDArray[np.float32]:
-        """Grey values with smooth edges."""
-        lens, grey = self._lens, np.empty_like(centre)
-        smooth_edges(triangles, lens.valid, lens.rays, lens.along_u, lens.along_v, planes, rows, centre, grey)
-        return grey
-
     def _shutter(self, middle: Moment, corners_m: NDArray[np.float64], shutter: tuple[Moment, Moment]) -> Shutter:
         """How everything moves; `corners_m` are those of all that moves, in the middle."""
         world_from_camera = middle.world_from_vehicle @ self._camera.vehicle_from_camera
-        turns, ways_m, places_m = [], [], []
+        rotations, translations_m, corners_then_m = [], [], []
         for moment in shutter:
             then_from_world = (moment.world_from_vehicle @ self._camera.vehicle_from_camera).inverse()
             then_from_middle = then_from_world @ world_from_camera
-            turns.append(then_from_middle.rotation)
-            ways_m.append(then_from_middle.translation_m)
+            rotations.append(then_from_middle.rotation)
+            translations_m.append(then_from_middle.translation_m)
             there_m = corners_m
             if moment is not middle:
                 there_m = np.concatenate([mesh.corners_m for mesh in self._meshes(moment)])
-            places_m.append(then_from_world.apply(there_m.reshape(-1, 3)).reshape(-1, 3, 3))
+            corners_then_m.append(then_from_world.apply(there_m.reshape(-1, 3)).reshape(-1, 3, 3))
         times = 2.0 if shutter[0] is middle else 1.0
         return Shutter(
-            (times * (turns[1] - turns[0])).astype(np.float32),
-            (times * (ways_m[1] - ways_m[0])).astype(np.float32),
+            (times * (rotations[1] - rotations[0])).astype(np.float32),
+            (times * (translations_m[1] - translations_m[0])).astype(np.float32),
             len(self._world.corners_m),
-            (times * (places_m[1] - places_m[0])).astype(np.float32),
+            (times * (corners_then_m[1] - corners_then_m[0])).astype(np.float32),
         )
 
     def _meshes(self, moment: Moment) -> list[Mesh]:
-        """Everything that moves, the host last."""
+        """Everything that moves, the ego vehicle last."""
         return [*(part.mesh for part in moment.placed), self._own_body.moved(moment.world_from_vehicle)]
 
 
-@looped
-def _name(
-    triangles: NDArray[np.int32],
-    nearness: NDArray[np.float32],
-    ids: NDArray[np.uint16],
-    instance_ids: NDArray[np.uint16],
-    distances_m: NDArray[np.float32],
+def write_images(
+    scenario: Scenario, spec: RecordingSpec, scene: Scene, *, camera: MountedCamera, writer: RecordingWriter
 ) -> None:
-    """Say what each pixel sees, and how far away.
+    """Render and write every image of one camera, and the truth beside it; an image's time is mid exposure."""
+    sensor = next(entry.sensor for entry in scenario.cameras if entry.name == camera.name)
+    renderer = ImageRenderer(
+        camera,
+        own_body=own_body(),
+        world=scene.world,
+        atlas=texture_atlas(scenario.seed),
+        light=scene.light,
+        sensor=sensor,
+    )
+    exposure_ms = scene.light.kind.shutter_ms if sensor.exposure_ms is None else sensor.exposure_ms
+    half_ns = round(exposure_ms * 1e6 / 2)
+    for frame, time_ns in enumerate(scene.image_times_ns.tolist()):
+        middle = moment(scene, time_ns)
+        image = renderer.render(
+            middle,
+            shutter=(middle, moment(scene, time_ns + half_ns)) if half_ns else None,
+            rng=named_rng(scenario.seed, spec.name, camera.name, frame),
+        )
+        timestamp_ns = time_ns + FIRST_IMAGE_NS
+        writer.image(camera.name, timestamp_ns, image.pixels, jpeg_quality=sensor.jpeg_quality)
+        writer.truth(camera.name, timestamp_ns, image.instance_ids)
 
-    Args:
-        triangles: (H, W), NOTHING for the sky.
-        nearness: (H, W), 1 / m.
-        ids: (T,), of each triangle.
-        instance_ids: (H, W), filled.
-        distances_m: (H, W), filled.
-    """
-    height, width = triangles.shape
-    for v in range(height):
-        for u in range(width):
-            t, near = triangles[v, u], nearness[v, u]
-            instance_ids[v, u] = np.uint16(0) if t == NOTHING else ids[np.uintp(t)]
-            distances_m[v, u] = ONE / near if near > ZERO else INFINITE
+
+def moment(scene: Scene, time_ns: int) -> Moment:
+    """Where everything is at a time of the scene clock."""
+    return Moment(
+        placed=[actor.placed(time_ns) for actor in scene.actors],
+        world_from_vehicle=scene.ego.at([time_ns]).transform(),
+    )

@@ -1,8 +1,8 @@
-"""How high the light of a far source is blocked above every place on the ground.
+"""How high the light of a far source is blocked above every position on the ground.
 
-A point (x, y, z) is moved along the light to the ground, (x, y) - z slope; points with the same place there lie on one
-ray. A map keeps the highest z of any surface on each ray: a point below it lies in shadow. On level ground this has no
-slope to trip over, whatever the elevation of the sun.
+A point (x, y, z) is moved along the light to the ground, (x, y) - z slope; points with the same position there lie on
+one ray. A map keeps the highest z of any surface on each ray: a point below it lies in shadow. On level ground this
+needs no bias that depends on the elevation of the sun.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.synthesis.imaging.compiled import inlined, looped
-from bench.synthesis.lighting import Lighting
+from bench.synthesis.imaging.kernels import bilinear, compiled, inlined, share_below
+from bench.synthesis.scene import Lighting
 
 ZERO, HALF, ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
 NOTHING_M = np.float32(-1e3)  # height where there is no surface
@@ -72,38 +72,38 @@ class ShadowSquare:
         self._corners, self._slope, self._texel_m, self._cells = corners_m, slope, texel_m, cells
         self._blur, self._ceiling_m = blur_cells, np.float32(ceiling_m)
         self._step_m = texel_m * (cells // 4)
-        self._place: tuple[int, int] | None = None
+        self._step: tuple[int, int] | None = None
         self._raw = np.empty((0, 0), dtype=np.float32)
         self._map = _height_map(self._raw, 0.0, 0.0, texel_m, slope)
 
-    def around(self, place_m: NDArray[np.float64]) -> HeightMap:
-        """The static world around a place, (3,) m; the same for the same place, whatever came before."""
-        place = (int(np.floor(place_m[0] / self._step_m + 0.5)), int(np.floor(place_m[1] / self._step_m + 0.5)))
-        if place != self._place:
+    def around(self, position_m: NDArray[np.float64]) -> HeightMap:
+        """The static world around a position, (3,) m; the same for the same position, whatever came before."""
+        step = (int(np.floor(position_m[0] / self._step_m + 0.5)), int(np.floor(position_m[1] / self._step_m + 0.5)))
+        if step != self._step:
             half_m = self._cells * self._texel_m / 2
-            left_m, near_m = (float(k * self._step_m - half_m) for k in place)
+            left_m, near_m = (float(k * self._step_m - half_m) for k in step)
             self._raw = np.full((self._cells, self._cells), NOTHING_M)
             self._map = _height_map(self._raw, left_m, near_m, self._texel_m, self._slope)
             draw_heights(self._corners, self._map)
             self._map = self._map._replace(heights_m=self._smooth(self._raw))
-            self._place = place
+            self._step = step
         return self._map
 
     def with_bodies(self, corners_m: list[NDArray[np.float64]]) -> list[tuple[slice, slice, NDArray[np.float32]]]:
         """Put bodies onto the map; returns what `without_bodies` needs."""
-        kept = []
+        covered = []
         for corners in corners_m:
             if not len(corners):
                 continue
-            box = np.empty((2, 2))
-            cells_around(corners, self._map, box)
-            low, high = np.floor(box[0]).astype(int), np.ceil(box[1]).astype(int)
+            ground_m = corners[..., :2] - corners[..., 2:] * self._map.slope - (self._map.left_m, self._map.near_m)
+            cells = ground_m.reshape(-1, 2) * self._map.per_m
+            low, high = np.floor(cells.min(axis=0)).astype(int), np.ceil(cells.max(axis=0)).astype(int)
             low = np.clip(low - self._blur, 0, self._cells)
             high = np.clip(high + self._blur, 0, self._cells)
             if (low >= high).any():
                 continue
             rows, columns = slice(low[1], high[1]), slice(low[0], high[0])
-            kept.append((rows, columns, self._map.heights_m[rows, columns].copy()))
+            covered.append((rows, columns, self._map.heights_m[rows, columns].copy()))
             patch = (self._raw if self._blur > 1 else self._map.heights_m)[rows, columns].copy()
             left_m, near_m = self._map.left_m + low[0] * self._texel_m, self._map.near_m + low[1] * self._texel_m
             draw_heights(
@@ -111,11 +111,11 @@ class ShadowSquare:
             )
             heights = self._map.heights_m[rows, columns]
             np.maximum(heights, self._smooth(patch), out=heights)
-        return kept
+        return covered
 
-    def without_bodies(self, kept: list[tuple[slice, slice, NDArray[np.float32]]]) -> None:
+    def without_bodies(self, covered: list[tuple[slice, slice, NDArray[np.float32]]]) -> None:
         """Take the bodies off again."""
-        for rows, columns, heights in reversed(kept):
+        for rows, columns, heights in reversed(covered):
             self._map.heights_m[rows, columns] = heights
 
     def _smooth(self, heights_m: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -125,23 +125,7 @@ class ShadowSquare:
         return np.asarray(cv2.blur(np.minimum(heights_m, self._ceiling_m), window), dtype=np.float32)
 
 
-@looped
-def cells_around(corners: NDArray[np.float64], ground: HeightMap, box: NDArray[np.float64]) -> None:
-    """The lowest and the highest column and row, (2, 2), that triangles (T, 3, 3) reach; there is one at least."""
-    low_u, low_v, high_u, high_v = np.inf, np.inf, -np.inf, -np.inf
-    for t in range(len(corners)):
-        for k in range(3):
-            z = corners[t, k, 2]
-            u = corners[t, k, 0] - z * ground.slope[0] - ground.left_m
-            v = corners[t, k, 1] - z * ground.slope[1] - ground.near_m
-            low_u, low_v, high_u, high_v = min(low_u, u), min(low_v, v), max(high_u, u), max(high_v, v)
-    box[0, 0], box[0, 1], box[1, 0], box[1, 1] = low_u, low_v, high_u, high_v
-    for k in range(2):
-        for axis in range(2):
-            box[k, axis] *= ground.per_m
-
-
-@looped
+@compiled
 def draw_heights(corners: NDArray[np.float64], ground: HeightMap) -> None:
     """Raise a map to all surfaces that lie above it.
 
@@ -196,15 +180,7 @@ def lit_share(x: np.float32, y: np.float32, z: np.float32, bias: np.float32, gro
     last = np.float32(ground.heights_m.shape[0] - 1)
     if not (ZERO <= column < last and ZERO <= row < last):
         return -ONE
-    whole_row, whole_column = np.int32(row), np.int32(column)
-    a, b = row - np.float32(whole_row), column - np.float32(whole_column)
-    i, j = np.uintp(whole_row), np.uintp(whole_column)
-    next_i, next_j = i + np.uintp(1), j + np.uintp(1)
-    top = z + bias
-    upper = (ONE - b if ground.heights_m[i, j] <= top else ZERO) + (b if ground.heights_m[i, next_j] <= top else ZERO)
-    lower = ONE - b if ground.heights_m[next_i, j] <= top else ZERO
-    lower += b if ground.heights_m[next_i, next_j] <= top else ZERO
-    return np.float32(upper + a * (lower - upper))
+    return share_below(row, column, z + bias, ground.heights_m)
 
 
 @inlined
@@ -214,13 +190,7 @@ def height_at(x: np.float32, y: np.float32, ground: HeightMap) -> np.float32:
     last = np.float32(ground.heights_m.shape[0] - 1)
     if not (ZERO <= column < last and ZERO <= row < last):
         return NOTHING_M
-    whole_row, whole_column = np.int32(row), np.int32(column)
-    a, b = row - np.float32(whole_row), column - np.float32(whole_column)
-    i, j = np.uintp(whole_row), np.uintp(whole_column)
-    next_i, next_j = i + np.uintp(1), j + np.uintp(1)
-    upper = ground.heights_m[i, j] + b * (ground.heights_m[i, next_j] - ground.heights_m[i, j])
-    lower = ground.heights_m[next_i, j] + b * (ground.heights_m[next_i, next_j] - ground.heights_m[next_i, j])
-    return np.float32(upper + a * (lower - upper))
+    return bilinear(row, column, ground.heights_m)
 
 
 # The sun is half a degree wide: the shadow of a roof rack, 2 m up, is blurred over 2 cm, and a pixel at 5 m is 3 cm.
@@ -242,9 +212,9 @@ class Shadows:
     def __init__(self, corners_m: NDArray[np.float64], light: Lighting) -> None:
         slope = light.towards_sun[:2] / max(float(light.towards_sun[2]), LOWEST_SLOPE)
         none = corners_m[:0]
-        self._sunny = light.sun_light > 0
-        cast = corners_m if light.sun_light > 0 else none
-        cells = (NEAR_CELLS, FAR_CELLS) if light.sun_light > 0 else (4, 4)
+        self._sunny = light.kind.sun_light > 0
+        cast = corners_m if light.kind.sun_light > 0 else none
+        cells = (NEAR_CELLS, FAR_CELLS) if light.kind.sun_light > 0 else (4, 4)
         self._near = ShadowSquare(cast, slope=slope, texel_m=NEAR_TEXEL_M, cells=cells[0])
         self._far = ShadowSquare(cast, slope=slope, texel_m=FAR_TEXEL_M, cells=cells[1])
         self._cover = ShadowSquare(
@@ -254,11 +224,11 @@ class Shadows:
 
     @contextmanager
     def around(
-        self, place_m: NDArray[np.float64], bodies_m: Sequence[NDArray[np.float64]]
+        self, position_m: NDArray[np.float64], bodies_m: Sequence[NDArray[np.float64]]
     ) -> Iterator[tuple[HeightMap, HeightMap, HeightMap]]:
-        """The maps around a place, with the bodies on them as long as the block lasts."""
+        """The maps around a step, with the bodies on them as long as the block lasts."""
         with ExitStack() as stack:
-            maps = [square.around(place_m) for square in (self._near, self._far, self._cover)]
+            maps = [square.around(position_m) for square in (self._near, self._far, self._cover)]
             # What moves further away than the near map reaches throws no shadow that could be seen.
             for square in (self._near, self._cover) if self._sunny else (self._cover,):
                 stack.callback(square.without_bodies, square.with_bodies(list(bodies_m)))

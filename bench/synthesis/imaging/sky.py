@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.synthesis.imaging.compiled import inlined
+from bench.synthesis.imaging.kernels import inlined
 from bench.synthesis.imaging.textures import SIZE, atlas_at, quick_log2
 
 ZERO, ONE, TWO, LEAST = np.float32(0.0), np.float32(1.0), np.float32(2.0), np.float32(1e-6)
@@ -29,7 +29,7 @@ FRONT_13 = (np.float32(0.3 * np.sin(0.5)), np.float32(0.3 * np.cos(0.5)))  # bri
 
 
 class Sky(NamedTuple):
-    """Brightness of the sky, infinitely far away: it turns with the camera and never moves.
+    """Brightness of the sky, infinitely far away: it rotates with the camera and never moves.
 
     Attributes:
         horizon: 1 is white.

@@ -1,7 +1,7 @@
 """One seamless noise texture in all its mip levels.
 
 Each octave of the noise has the same strength, so that a surface has something to track at every distance; the
-level is chosen by the size of the pixel on the surface, so that far surfaces turn smooth instead of flickering.
+level is chosen by the size of the pixel on the surface, so that far surfaces become smooth instead of flickering.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.synthesis.imaging.compiled import compiled, inlined
+from bench.synthesis.imaging.kernels import bilinear, inlined
 
 SIZE = 1024  # texels along one period of the texture
 LEVELS = 9  # 1024 down to 4 texels
@@ -30,31 +30,12 @@ class TextureAtlas:
 
     Attributes:
         image: float32, mean 0, standard deviation 1 at the finest level.
-        left: (LEVELS,) float32, column of each level's first texel; all levels start in row `BORDER`.
-        scale: (LEVELS,) float32, texels of each level along one period.
+        layout: (LEVELS, 2) float32: column of each level's first texel, and its texels along one period; all levels
+            start in row `BORDER`.
     """
 
     image: NDArray[np.float32]
-    left: NDArray[np.float32]
-    scale: NDArray[np.float32]
-
-    @property
-    def layout(self) -> NDArray[np.float32]:
-        """(LEVELS, 2) float32: left and scale of each level, for `atlas_at`."""
-        return np.stack([self.left, self.scale], axis=1)
-
-    def sample(self, u: NDArray[np.float32], v: NDArray[np.float32], level: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The texture at places, smoothed to a level.
-
-        Args:
-            u: (N,) float32, in periods of the texture.
-            v: (N,) float32.
-            level: (N,) float32, log2 of the wanted smoothness in texels; kept within the levels there are.
-
-        Returns:
-            (N,) float32.
-        """
-        return _sample(u, v, level, self.image, self.layout)
+    layout: NDArray[np.float32]
 
 
 @inlined
@@ -69,7 +50,7 @@ def quick_log2(value: np.float32) -> np.float32:
 def atlas_at(
     u: np.float32, v: np.float32, level: np.float32, image: NDArray[np.float32], layout: NDArray[np.float32]
 ) -> np.float32:
-    """The texture at one place: between four texels of each of two levels."""
+    """The texture at one point: between four texels of each of two levels."""
     u -= np.floor(u)
     v -= np.floor(v)
     level = min(max(level, np.float32(0.0)), HIGHEST)
@@ -85,27 +66,7 @@ def _texel(
 ) -> np.float32:
     column = u * layout[level, 1] + layout[level, 0]
     row = v * layout[level, 1] + TOP
-    whole_row, whole_column = np.int32(row), np.int32(column)
-    a, b = row - np.float32(whole_row), column - np.float32(whole_column)
-    i, j = np.uintp(whole_row), np.uintp(whole_column)
-    next_i, next_j = i + np.uintp(1), j + np.uintp(1)
-    upper = image[i, j] + b * (image[i, next_j] - image[i, j])
-    lower = image[next_i, j] + b * (image[next_i, next_j] - image[next_i, j])
-    return np.float32(upper + a * (lower - upper))
-
-
-@compiled
-def _sample(
-    u: NDArray[np.float32],
-    v: NDArray[np.float32],
-    level: NDArray[np.float32],
-    image: NDArray[np.float32],
-    layout: NDArray[np.float32],
-) -> NDArray[np.float32]:
-    values = np.empty(len(u), dtype=np.float32)
-    for k in range(len(u)):
-        values[k] = atlas_at(u[k], v[k], level[k], image, layout)
-    return values
+    return bilinear(row, column, image)
 
 
 @cache
@@ -120,9 +81,8 @@ def texture_atlas(seed: int) -> TextureAtlas:
         image[: wrapped.shape[0], left : left + wrapped.shape[1]] = wrapped
         level = level.reshape(level.shape[0] // 2, 2, level.shape[1] // 2, 2).mean(axis=(1, 3))
     # Texel k covers [k, k + 1) of its level: its centre lies half a texel in.
-    return TextureAtlas(
-        image, (lefts + BORDER - 0.5).astype(np.float32), (SIZE / 2.0 ** np.arange(LEVELS)).astype(np.float32)
-    )
+    layout = np.stack([lefts + BORDER - 0.5, SIZE / 2.0 ** np.arange(LEVELS)], axis=1).astype(np.float32)
+    return TextureAtlas(image, layout)
 
 
 def _noise(rng: np.random.Generator) -> NDArray[np.float32]:

@@ -11,9 +11,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.synthesis.mesh import Mesh, Surface, quads, surfaced
-from bench.synthesis.world.materials import FRAME, KERB, LIT_ADVERT, LIT_PANE, PANE, WOOD, drawn_wall, tinted
-from bench.synthesis.world.solids import assembled, boxes
+from bench.synthesis.mesh import Mesh, Surface, joined, quads, surfaced
+from bench.synthesis.world.solids import (
+    FRAME,
+    KERB,
+    LIT_ADVERT,
+    LIT_PANE,
+    PANE,
+    WOOD,
+    boxes,
+    drawn_wall,
+    tinted,
+)
 
 DEPTH_M = 10.0
 FLOOR_M, GROUND_FLOOR_M = 3.0, 3.4
@@ -22,7 +31,7 @@ BEFORE_M = 0.03  # frames stand this far before the wall, panes 1 cm more, so th
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Look:
+class HouseStyle:
     """What a house is like.
 
     Attributes:
@@ -44,10 +53,10 @@ class Look:
     shutters: bool
 
 
-def drawn_look(rng: np.random.Generator) -> Look:
+def drawn_style(rng: np.random.Generator) -> HouseStyle:
     """Town houses mostly, some of them shops, some offices."""
     bands = rng.random() < 0.15
-    return Look(
+    return HouseStyle(
         floors=int(rng.integers(1, 6)),
         shop=bool(rng.random() < 0.35),
         bands=bool(bands),
@@ -60,33 +69,33 @@ def drawn_look(rng: np.random.Generator) -> Look:
 
 def building(length_m: float, rng: np.random.Generator) -> Mesh:
     """A house of a length, in the frame of its front."""
-    look, wall = drawn_look(rng), drawn_wall(rng)
-    height_m = GROUND_FLOOR_M + (look.floors - 1) * FLOOR_M + 0.5
+    style, wall = drawn_style(rng), drawn_wall(rng)
+    height_m = GROUND_FLOOR_M + (style.floors - 1) * FLOOR_M + 0.5
     body = boxes([[0.0, DEPTH_M / 2, height_m / 2]], [length_m, DEPTH_M, height_m], wall)
     plinth = boxes([[0.0, -0.04, 0.25]], [length_m, 0.08, 0.5], tinted(KERB, float(rng.uniform(0.6, 1.1))))
     cornice = boxes([[0.0, -0.12, height_m - 0.1]], [length_m, 0.26, 0.2], tinted(wall, 0.8))
     shift = rng.uniform(0, 8, 2)
-    parts = [body.with_texture_shift(shift), cornice, *_roof(look, length_m, height_m, wall, rng)]
-    parts += _shop(length_m, wall, rng) if look.shop else [plinth, *_door(length_m, rng)]
-    first = 1 if look.shop else 0
-    columns = _columns(length_m, look)
-    windows = [(x, _sill_m(floor)) for floor in range(first, look.floors) for x in columns]
-    if not look.shop:
+    parts = [body.with_texture_shift(shift), cornice, *_roof(style, length_m, height_m, wall, rng)]
+    parts += _shop(length_m, wall, rng) if style.shop else [plinth, *_door(length_m, rng)]
+    first = 1 if style.shop else 0
+    columns = _columns(length_m, style)
+    windows = [(x, _sill_m(floor)) for floor in range(first, style.floors) for x in columns]
+    if not style.shop:
         windows = [w for w in windows if w[1] > 2.0 or abs(w[0] - _door_x(length_m)) > 1.3]
-    parts += _windows(np.array(windows).reshape(-1, 2), look, length_m, rng)
+    parts += _windows(np.array(windows).reshape(-1, 2), style, length_m, rng)
     if rng.random() < 0.5:  # a downpipe between two houses
         parts.append(boxes([[length_m / 2 - 0.2, -0.08, height_m / 2]], [0.1, 0.1, height_m], tinted(FRAME, 0.6)))
-    return assembled(parts)
+    return joined(parts)
 
 
 def _sill_m(floor: int) -> float:
     return 1.0 if floor == 0 else GROUND_FLOOR_M + (floor - 1) * FLOOR_M + 0.85
 
 
-def _columns(length_m: float, look: Look) -> NDArray[np.float64]:
-    if look.bands:
+def _columns(length_m: float, style: HouseStyle) -> NDArray[np.float64]:
+    if style.bands:
         return np.array([0.0])
-    count = max(1, int(length_m // look.pitch_m))
+    count = max(1, int(length_m // style.pitch_m))
     return np.asarray((np.arange(count) - (count - 1) / 2) * (length_m / count))
 
 
@@ -94,16 +103,16 @@ def _door_x(length_m: float) -> float:
     return -length_m / 2 + 1.3
 
 
-def _windows(places_m: NDArray[np.float64], look: Look, length_m: float, rng: np.random.Generator) -> list[Mesh]:
+def _windows(places_m: NDArray[np.float64], style: HouseStyle, length_m: float, rng: np.random.Generator) -> list[Mesh]:
     """Frames, panes of their own shade, a bar across, and sills; some are lit."""
     if len(places_m) == 0:
         return []
-    count, (width_m, height_m) = len(places_m), look.window_m
-    if look.bands:
+    count, (width_m, height_m) = len(places_m), style.window_m
+    if style.bands:
         width_m, height_m = length_m - 1.0, 1.5
     low = np.stack([places_m[:, 0], np.full(count, -BEFORE_M), places_m[:, 1]], axis=1)
     frame = tinted(FRAME, float(rng.uniform(0.3, 1.15)))
-    bars = int(max(2, width_m // 1.6)) if look.bands else int(rng.integers(1, 3))
+    bars = int(max(2, width_m // 1.6)) if style.bands else int(rng.integers(1, 3))
     lit = rng.random(count) < LIT_SHARE
     shade = PANE.albedo * rng.uniform(0.6, 2.2, count)  # curtains and dark rooms
     panes = _upright(low + np.array([0, -0.01, 0.07]), width_m - 0.14, height_m - 0.14)
@@ -117,7 +126,7 @@ def _windows(places_m: NDArray[np.float64], look: Look, length_m: float, rng: np
     middles = (low[:, None] + across[:, None] * np.array([1.0, 0.0, 0.0])).reshape(-1, 3)
     parts.append(quads(_upright(middles + np.array([0, -0.02, 0]), 0.07, height_m), frame))
     parts.append(quads(_sills(low, width_m + 0.2), tinted(KERB, 1.1)))
-    if look.shutters and not look.bands:
+    if style.shutters and not style.bands:
         wood = tinted(WOOD, float(rng.uniform(0.4, 1.6)))
         beside = np.concatenate([low + np.array([side * (0.75 * width_m + 0.02), 0, 0]) for side in (-1, 1)])
         parts.append(quads(_upright(beside, 0.48 * width_m, height_m), wood))
@@ -178,8 +187,8 @@ def _shop(length_m: float, wall: Surface, rng: np.random.Generator) -> list[Mesh
     return parts
 
 
-def _roof(look: Look, length_m: float, height_m: float, wall: Surface, rng: np.random.Generator) -> list[Mesh]:
-    if not look.gable:
+def _roof(style: HouseStyle, length_m: float, height_m: float, wall: Surface, rng: np.random.Generator) -> list[Mesh]:
+    if not style.gable:
         return []
     rise_m, half = float(rng.uniform(2.0, 4.0)), length_m / 2
     tiles = Surface(albedo=float(rng.uniform(0.18, 0.36)), contrast=0.25, texel_m=0.03)

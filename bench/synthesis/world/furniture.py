@@ -1,7 +1,7 @@
-"""What stands on a pavement: lamp posts, signs, bins, bollards, planters, cabinets, shelters and advertising.
+"""Objects beside the road: lamp posts, signs, bins, shelters, trees, hedges, fences and guard rails.
 
-Each thing has a frame of its own on the ground: y away from the road, x against the traffic beside it, so that a sign
-faces x.
+Furniture has a frame of its own on the ground: y away from the road, x against the traffic beside it, so that a sign
+faces x. Hedges, walls, fences and rails run along x with their front at y = 0.
 """
 
 from __future__ import annotations
@@ -11,22 +11,134 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.synthesis.mesh import Mesh, Surface, quads, surfaced
-from bench.synthesis.world.greenery import bush
-from bench.synthesis.world.materials import (
+from bench.synthesis.mesh import Mesh, Surface, joined, quads, surfaced
+from bench.synthesis.world.solids import (
+    BARK,
     CONCRETE,
     DARK_STEEL,
     LAMP_LENS,
+    LEAVES,
     LIT_ADVERT,
     PANE,
     SIGN_BLUE,
     SIGN_RED,
     SIGN_WHITE,
+    SQUARE,
     STEEL,
     WOOD,
+    bars,
+    blobs,
+    boxes,
+    leaves,
+    posts,
     tinted,
 )
-from bench.synthesis.world.solids import assembled, blobs, boxes, posts
+
+TREE_FORMS = 3  # of trees in a recording, near and far
+HEDGE_M = 0.8  # thickness
+
+
+def drawn_trees(rng: np.random.Generator) -> dict[bool, list[Mesh]]:
+    """A few forms, with single leaves (True) and for far away (False); rotated, all look different."""
+    return {near: [tree(own, near=near) for own in rng.spawn(TREE_FORMS)] for near in (True, False)}
+
+
+def tree(rng: np.random.Generator, *, near: bool) -> Mesh:
+    """A street tree of 5 to 9 m: a trunk, three boughs, a crown of lumps that leaves stick out of.
+
+    Gaps between the lumps and single leaves at their rim are what makes its shadow dappled.
+
+    Args:
+        rng: draws its form.
+        near: whether single leaves can be distinguished.
+    """
+    height_m, count = float(rng.uniform(5.0, 9.0)), int(rng.integers(4, 8))
+    bole_m, radius_m = 0.38 * height_m, float(rng.uniform(0.09, 0.2))
+    spread_m = float(rng.uniform(0.16, 0.26)) * height_m
+    turns = np.arange(count) * 2.4 + rng.uniform(0, 6)
+    away = spread_m * rng.uniform(0.35, 0.8, count) * (np.arange(count) > 0)
+    heights = np.linspace(0.86, 0.5, count) * height_m + rng.normal(0, 0.15, count)
+    centres = np.stack([away * np.cos(turns), away * np.sin(turns), heights], axis=1)
+    radii = spread_m * rng.uniform(0.4, 0.62, (count, 1)) * np.array([1.0, 1.0, 0.85])
+    green = tinted(LEAVES, float(rng.uniform(0.7, 1.25)))
+    tips = centres[1:4] * (0.8, 0.8, 0.98)
+    forks = np.broadcast_to(np.array([0.0, 0.0, 0.9 * bole_m]), tips.shape)
+    return joined(
+        [
+            posts([[0.0, 0.0, -0.05]], bole_m + 0.6, radius_m, BARK, sides=9, taper=0.7),
+            bars(forks, tips, 0.5 * radius_m, BARK, sides=5, taper=0.4),
+            blobs(centres, radii, green, rng),
+            leaves(centres, radii, green, rng, count=140 if near else 40, size_m=0.38 if near else 0.7),
+        ]
+    ).with_texture_shift(rng.uniform(0, 8, 2))
+
+
+def hedge(length_m: float, height_m: float, rng: np.random.Generator, *, near: bool = True) -> Mesh:
+    """A clipped hedge along x, its front at y = 0: uneven pieces with twigs sticking out."""
+    count = max(1, round(length_m / 1.3))
+    x = (np.arange(count) + 0.5) * (length_m / count) - length_m / 2
+    heights = height_m * rng.uniform(0.92, 1.06, count)
+    centres = np.stack([x, HEDGE_M / 2 + 0.05 * rng.standard_normal(count), heights / 2 - 0.05], axis=1)
+    sizes = np.stack([np.full(count, length_m / count + 0.06), np.full(count, HEDGE_M), heights], axis=1)
+    green = tinted(LEAVES, float(rng.uniform(0.7, 1.2)))
+    twigs = leaves(centres, sizes / 2, green, rng, count=round(9 * length_m) if near else 0, size_m=0.16)
+    return joined([boxes(centres, sizes, green), twigs]).with_texture_shift(rng.uniform(0, 8, 2))
+
+
+def bush(rng: np.random.Generator) -> Mesh:
+    """A low bush."""
+    count = int(rng.integers(2, 5))
+    centres = rng.uniform((-0.5, -0.4, 0.25), (0.5, 0.4, 0.6), (count, 3))
+    radii = rng.uniform((0.35, 0.35, 0.3), (0.7, 0.6, 0.6), (count, 3))
+    green = tinted(LEAVES, float(rng.uniform(0.7, 1.3)))
+    return joined([blobs(centres, radii, green, rng), leaves(centres, radii, green, rng, count=40, size_m=0.18)])
+
+
+# A W-beam's cross-section, from below: towards the traffic, and height; 0.31 m high, its top at 0.75 m (EN 1317).
+BEAM_M = np.array([(0.0, 0.44), (0.08, 0.49), (0.08, 0.54), (0.0, 0.595), (0.08, 0.65), (0.08, 0.70), (0.0, 0.75)])
+POST_STEP_M = 2.0
+
+
+def wall(length_m: float, height_m: float, rng: np.random.Generator, *, near: bool = True) -> Mesh:
+    """A low wall of brick, stone or concrete with a coping."""
+    stone = Surface(albedo=float(rng.uniform(0.3, 0.6)), contrast=0.2, texel_m=float(rng.choice([0.01, 0.02])))
+    del near  # a wall is as simple as it gets
+    body = boxes([[0.0, 0.12, height_m / 2 - 0.05]], [length_m, 0.24, height_m + 0.1], stone)
+    coping = boxes(
+        [[0.0, 0.12, height_m + 0.02]], [length_m, 0.32, 0.07], tinted(CONCRETE, float(rng.uniform(0.8, 1.2)))
+    )
+    return joined([body, coping]).with_texture_shift(rng.uniform(0, 8, 2))
+
+
+def fence(length_m: float, height_m: float, rng: np.random.Generator, *, near: bool = True) -> Mesh:
+    """Boards or bars between two rails."""
+    boards = rng.random() < 0.6
+    surface = tinted(WOOD, float(rng.uniform(0.5, 1.9))) if boards else tinted(DARK_STEEL, float(rng.uniform(0.6, 2.0)))
+    width_m, pitch_m = (0.10, 0.14) if boards else (0.022, 0.13)
+    if not near:
+        width_m, pitch_m = 4 * width_m, 4 * pitch_m
+    x = np.arange(-length_m / 2 + pitch_m / 2, length_m / 2, pitch_m)
+    faces = np.stack([x, np.zeros(len(x)), np.full(len(x), 0.06)], axis=1)
+    tall = np.array([[-0.5, 0.0], [0.5, 0.0], [0.5, 1.0], [-0.5, 1.0]]) * (width_m, height_m - 0.06)
+    corners = faces[:, None] + np.insert(tall, 1, 0.0, axis=1)
+    rails = boxes([[0.0, 0.04, z] for z in (0.25 * height_m, 0.8 * height_m)], [length_m, 0.05, 0.06], surface)
+    ends = boxes([[end, 0.05, height_m / 2] for end in (-length_m / 2, length_m / 2)], [0.1, 0.1, height_m], surface)
+    shades = surface.albedo * rng.uniform(0.85, 1.1, len(x))
+    return joined([quads(corners, surface, albedos=shades), rails, ends])
+
+
+def guard_rail(length_m: float) -> Mesh:
+    """A W-beam on posts, facing towards negative y."""
+    half = length_m / 2
+    low, high = BEAM_M[:-1], BEAM_M[1:]
+    beam = [
+        [[-half, -y0, z0], [half, -y0, z0], [half, -y1, z1], [-half, -y1, z1]]
+        for (y0, z0), (y1, z1) in zip(low, high, strict=True)
+    ]
+    x = np.arange(-half + POST_STEP_M / 2, half, POST_STEP_M)
+    centres = np.stack([x, np.full(len(x), 0.06), np.full(len(x), 0.33)], axis=1)
+    return joined([quads(beam, STEEL), boxes(centres, [0.08, 0.1, 0.8], tinted(STEEL, 0.8))])
+
 
 FOOT_M = -0.05  # posts reach this far into the ground
 
@@ -34,7 +146,7 @@ FOOT_M = -0.05  # posts reach this far into the ground
 def lamp_post(height_m: float, reach_m: float) -> Mesh:
     """A lamp post whose head hangs over the road: 4 to 6 m high in a street, 9 m on an avenue."""
     head_y = -reach_m
-    return assembled(
+    return joined(
         [
             posts([[0.0, 0.0, FOOT_M]], height_m, 0.085, STEEL, sides=8, taper=0.6),
             boxes([[0.0, head_y / 2, height_m - 0.06]], [0.07, reach_m, 0.07], STEEL),
@@ -62,7 +174,7 @@ def sign(rng: np.random.Generator) -> Mesh:
     bars = rng.uniform((-0.1, -0.14), (0.1, 0.06), (int(rng.integers(1, 4)), 2))
     tall = np.array([[-0.04, 0.0], [0.04, 0.0], [0.04, 0.13], [-0.04, 0.13]])
     symbol = np.insert(bars[:, None] + tall, 0, 0.055, axis=2) + np.array([0.0, 0.0, z])
-    return assembled([*parts, quads(symbol, tinted(SIGN_BLUE, 0.4))])
+    return joined([*parts, quads(symbol, tinted(SIGN_BLUE, 0.4))])
 
 
 def _plate(ring: NDArray[np.float64], x_m: float, z_m: float, surface: Surface) -> Mesh:
@@ -76,13 +188,13 @@ def litter_bin(rng: np.random.Generator) -> Mesh:
     """A bin on a post, or wheeled bins put out for collection."""
     if rng.random() < 0.5:
         dark = tinted(DARK_STEEL, float(rng.uniform(0.6, 2.0)))
-        return assembled([posts([[0, 0, FOOT_M]], 1.1, 0.03, STEEL), posts([[0, 0.0, 0.5]], 0.55, 0.19, dark, sides=9)])
+        return joined([posts([[0, 0, FOOT_M]], 1.1, 0.03, STEEL), posts([[0, 0.0, 0.5]], 0.55, 0.19, dark, sides=9)])
     x = np.arange(int(rng.integers(1, 4))) * 0.68
     body = np.stack([x, np.zeros(len(x)), np.full(len(x), 0.5)], axis=1)
     shades = rng.uniform(0.1, 0.35, len(x))
     plastic = Surface(albedo=0.2, contrast=0.06)
     lids = boxes(body + np.array([0, -0.03, 0.54]), [0.6, 0.78, 0.09], plastic, albedos=1.3 * shades)
-    return assembled([boxes(body, [0.56, 0.7, 1.0], plastic, albedos=shades), lids])
+    return joined([boxes(body, [0.56, 0.7, 1.0], plastic, albedos=shades), lids])
 
 
 def bollards(rng: np.random.Generator) -> Mesh:
@@ -90,7 +202,7 @@ def bollards(rng: np.random.Generator) -> Mesh:
     count = int(rng.integers(3, 6))
     feet = np.stack([1.5 * np.arange(count), np.zeros(count), np.full(count, FOOT_M)], axis=1)
     stone = rng.random() < 0.4
-    return assembled(
+    return joined(
         [
             posts(
                 feet, 0.9 if not stone else 0.6, 0.05 if not stone else 0.17, CONCRETE if stone else DARK_STEEL, sides=8
@@ -103,7 +215,7 @@ def bollards(rng: np.random.Generator) -> Mesh:
 def planter(rng: np.random.Generator) -> Mesh:
     """A concrete or wooden tub with a bush."""
     tub = tinted(CONCRETE, float(rng.uniform(0.7, 1.2))) if rng.random() < 0.6 else WOOD
-    return assembled([boxes([[0, 0, 0.25]], [1.3, 0.8, 0.5], tub), _lifted(bush(rng), 0.3)])
+    return joined([boxes([[0, 0, 0.25]], [1.3, 0.8, 0.5], tub), _lifted(bush(rng), 0.3)])
 
 
 def cabinet(rng: np.random.Generator) -> Mesh:
@@ -111,12 +223,12 @@ def cabinet(rng: np.random.Generator) -> Mesh:
     width_m = float(rng.uniform(0.7, 1.6))
     grey = Surface(albedo=float(rng.uniform(0.4, 0.6)), contrast=0.06)
     body = boxes([[0, 0.0, 0.6]], [width_m, 0.35, 1.3], grey)
-    places = rng.uniform((-width_m / 2.6, 0.3), (width_m / 2.6, 1.0), (4, 2))
-    low = np.stack([places[:, 0], np.full(4, -0.185), places[:, 1]], axis=1)
+    positions = rng.uniform((-width_m / 2.6, 0.3), (width_m / 2.6, 1.0), (4, 2))
+    low = np.stack([positions[:, 0], np.full(4, -0.185), positions[:, 1]], axis=1)
     half = rng.uniform(0.03, 0.12, (4, 1, 2))
-    square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
+    square = SQUARE * half
     faces = low[:, None] + np.insert(square, 1, 0.0, axis=2)
-    return assembled([body, quads(faces, SIGN_WHITE, albedos=rng.uniform(0.15, 0.9, 4))])
+    return joined([body, quads(faces, SIGN_WHITE, albedos=rng.uniform(0.15, 0.9, 4))])
 
 
 def advertising(rng: np.random.Generator) -> Mesh:
@@ -125,7 +237,7 @@ def advertising(rng: np.random.Generator) -> Mesh:
         column = posts([[0, 0, FOOT_M]], 2.9, 0.6, SIGN_WHITE, sides=14)
         column.surfaces[:28, 0] = np.repeat(rng.uniform(0.15, 0.85, 14), 2)
         lid = posts([[0, 0, 2.85]], 0.2, 0.7, DARK_STEEL, sides=14)
-        return assembled([column, lid])
+        return joined([column, lid])
     frame = boxes([[0, 0, 1.45]], [0.14, 1.35, 2.4], DARK_STEEL)
     feet = boxes([[0, 0, 0.1]], [0.12, 1.0, 0.4], DARK_STEEL)
     rows, columns = np.meshgrid(np.arange(5), np.arange(3))
@@ -134,7 +246,7 @@ def advertising(rng: np.random.Generator) -> Mesh:
     poster = np.insert(corner[:, None] + cell, 0, 0.075, axis=2)
     shades = rng.uniform(0.15, 0.85, len(poster))
     back = poster[:, ::-1] * (-1, 1, 1)
-    return assembled([frame, feet, quads(np.concatenate([poster, back]), LIT_ADVERT, albedos=np.tile(shades, 2))])
+    return joined([frame, feet, quads(np.concatenate([poster, back]), LIT_ADVERT, albedos=np.tile(shades, 2))])
 
 
 def shelter(rng: np.random.Generator) -> Mesh:
@@ -143,7 +255,7 @@ def shelter(rng: np.random.Generator) -> Mesh:
     corners = [[x, y, FOOT_M] for x in (-1.9, 1.9) for y in (0.0, 1.3)]
     back = [[-1.9, 1.3, 0.2], [1.9, 1.3, 0.2], [1.9, 1.3, 2.2], [-1.9, 1.3, 2.2]]
     side = [[-1.9, 0.1, 0.2], [-1.9, 1.3, 0.2], [-1.9, 1.3, 2.2], [-1.9, 0.1, 2.2]]
-    return assembled(
+    return joined(
         [
             posts(corners, 2.4, 0.045, DARK_STEEL),
             boxes([[0, 0.6, 2.4]], [4.2, 1.7, 0.12], STEEL),
@@ -159,12 +271,12 @@ def bicycle_stands(rng: np.random.Generator) -> Mesh:
     count = int(rng.integers(2, 5))
     feet = np.array([[0.9 * k, y, FOOT_M] for k in range(count) for y in (-0.35, 0.35)])
     bars = boxes([[0.9 * k, 0.0, 0.78] for k in range(count)], [0.05, 0.75, 0.05], STEEL)
-    return assembled([posts(feet, 0.85, 0.025, STEEL, sides=6), bars])
+    return joined([posts(feet, 0.85, 0.025, STEEL, sides=6), bars])
 
 
 def globe_lamp(rng: np.random.Generator) -> Mesh:
     """A short post with a globe, as squares and car parks have."""
-    return assembled(
+    return joined(
         [
             posts([[0.0, 0.0, FOOT_M]], 3.6, 0.06, DARK_STEEL, sides=8, taper=0.7),
             blobs([[0.0, 0.0, 3.75]], [[0.22, 0.22, 0.22]], LAMP_LENS, rng),
@@ -178,7 +290,7 @@ def _lifted(mesh: Mesh, by_m: float) -> Mesh:
 
 
 # What may stand near a kerb, how often, and the half length and half depth that it needs, m.
-THINGS: tuple[tuple[Callable[[np.random.Generator], Mesh], float, tuple[float, float]], ...] = (
+FURNITURE: tuple[tuple[Callable[[np.random.Generator], Mesh], float, tuple[float, float]], ...] = (
     (sign, 0.30, (0.35, 0.35)),
     (litter_bin, 0.18, (0.3, 0.4)),
     (bollards, 0.12, (0.2, 0.2)),

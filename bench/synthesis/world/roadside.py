@@ -1,27 +1,161 @@
-"""What stands beside a road: lamps, trees and other things on the pavement, houses and gardens behind it."""
+"""What stands beside a road: parked cars, lamps, trees and furniture on the pavement, houses and gardens behind it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
 from bench.geometry import RigidTransform
-from bench.synthesis.mesh import Mesh
-from bench.synthesis.world.alignment import Alignment
-from bench.synthesis.world.barriers import fence, guard_rail, wall
+from bench.synthesis.bodies import make_body
+from bench.synthesis.mesh import COLUMN_OF, Mesh, Surface, joined, slab, tube
 from bench.synthesis.world.buildings import DEPTH_M, building
-from bench.synthesis.world.furniture import THINGS, globe_lamp, lamp_post
-from bench.synthesis.world.greenery import FORMS, HEDGE_M, bush, hedge
-from bench.synthesis.world.plan import Plan
-from bench.synthesis.world.site import Site, around, footprint, spot
+from bench.synthesis.world.furniture import (
+    FURNITURE,
+    HEDGE_M,
+    TREE_FORMS,
+    bush,
+    fence,
+    globe_lamp,
+    guard_rail,
+    hedge,
+    lamp_post,
+    wall,
+)
+from bench.synthesis.world.plan import BAY_M, BAY_WIDTH_M, PARKING_M, Alignment, Plan, Site, around, footprint, spot
+from bench.synthesis.world.road_surface import row_starts_m
+from bench.synthesis.world.solids import PANE, boxes
+
+KINDS = ("car", "saloon", "estate", "suv", "city_car", "van")  # what parks in a street
+SPACE_M = 6.0  # of the kerb for each car
+CAR_FORMS = 3  # different cars of a recording; more would take longer to build than everything else
+DETAILED_TRIANGLES = 9_500  # for the cars next to where ego vehicle and actors drive; the others are simpler
+WHEELS_M = 10.0  # farther away than this the wheels of a parked car are a few dark pixels
+CAR_M = (4.9, 2.05)  # what a space must hold, with the mirrors; vans that are longer jut out as they do in life
+CABINS = (
+    ((-1.5, 0.92), (-0.9, 1.42), (0.2, 1.42), (1.0, 0.92)),
+    ((-2.0, 0.92), (-1.7, 1.5), (0.1, 1.5), (1.0, 0.92)),
+)
+FULL_TO_M = 50.0  # along a car park; the bays beyond are empty, and too flat to be seen
+TYRE = Surface(albedo=0.08, contrast=0.2)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ParkingSpace:
+    """Somewhere to park.
+
+    Attributes:
+        at: world from the car, roughly.
+        area: its footprint.
+    """
+
+    at: RigidTransform
+    area: shapely.Polygon
+
+
+def parked_cars(plan: Plan, site: Site, rng: np.random.Generator) -> list[Mesh]:
+    """Fill a share of the spaces, the nearest ones with cars in full detail."""
+    spaces = _bays(plan, rng) if plan.spec.kind == "car_park" else _kerbside(plan, rng)
+    expected = [space for space in spaces if rng.random() < plan.spec.parked_cars and site.free(space.area)]
+    expected.sort(key=lambda space: site.away_m(space.area))
+    forms = [make_body(str(own.choice(KINDS)), own).mesh for own in rng.spawn(CAR_FORMS)] if expected else []
+    meshes, left = [], DETAILED_TRIANGLES
+    for space, own in zip(expected, rng.spawn(len(expected)), strict=True):
+        car = forms[int(own.integers(CAR_FORMS))].with_texture_shift(own.uniform(0, 8, 2))
+        if left < len(car.corners_m):
+            car = _plain_car(own, wheels=site.away_m(space.area) < WHEELS_M)
+        if site.claim(around(car, space.at)):
+            meshes.append(_unlit(car.moved(space.at)))
+            left -= len(car.corners_m)
+    return meshes
+
+
+def _kerbside(plan: Plan, rng: np.random.Generator) -> list[ParkingSpace]:
+    """Spaces in the parking lanes, away from crossings and mouths, cars in the direction of their side."""
+    spec, section = plan.spec, plan.section
+    spaces = []
+    for side, kerb_m, sign in (("right", section.right_kerb_m, 1.0), ("left", section.left_kerb_m, -1.0)):
+        if not spec.has_parking(side):  # type: ignore[arg-type]
+            continue
+        blocked = [(at_m, 2.0 + 3.0) for at_m in spec.zebra_at_m]
+        blocked += [(s.at_m, s.width_m / 2 + 5.0) for s in spec.side_streets if s.side == side]
+        for along_m in np.arange(plan.lane.begin_m + 6.0, plan.lane.end_m - 6.0, SPACE_M):
+            if any(abs(along_m - at_m) < half_m + SPACE_M / 2 for at_m, half_m in blocked):
+                continue
+            left_m = kerb_m + sign * (PARKING_M / 2 + rng.normal(0, 0.06))
+            backwards = np.pi if side == "left" else 0.0
+            at = plan.lane.pose(
+                float(along_m + rng.normal(0, 0.25)), float(left_m), yaw_rad=backwards + float(rng.normal(0, 0.015))
+            )
+            spaces.append(_parking_space(at))
+    return spaces
+
+
+def _bays(plan: Plan, rng: np.random.Generator) -> list[ParkingSpace]:
+    """The bays of a car park, noses in or out."""
+    section, lane, spaces = plan.section, plan.lane, []
+    for edge_m, sign, rows in ((section.right_m, -1.0, section.right_rows), (section.left_m, 1.0, section.left_rows)):
+        for row, start_m in enumerate(row_starts_m(rows)):
+            for divider_m in np.arange(lane.begin_m + 1.0, FULL_TO_M, BAY_WIDTH_M):
+                left_m = edge_m + sign * (start_m + BAY_M / 2 + rng.normal(0, 0.12))
+                nose = float(rng.choice([-1.0, 1.0], p=[0.25, 0.75])) * sign * (1.0 if row != 1 else -1.0)
+                turn = nose * np.pi / 2 + float(rng.normal(0, 0.02))
+                along_m = float(divider_m + BAY_WIDTH_M / 2 + rng.normal(0, 0.08))
+                spaces.append(_parking_space(lane.pose(along_m, float(left_m), yaw_rad=turn)))
+    return spaces
+
+
+def _parking_space(at: RigidTransform) -> ParkingSpace:
+    half = np.array(CAR_M) / 2
+    return ParkingSpace(at=at, area=footprint(at, -half, half))
+
+
+def _unlit(car: Mesh) -> Mesh:
+    """The car with its lamps off."""
+    surfaces = car.surfaces.copy()
+    surfaces[:, COLUMN_OF["glow"]] = 0.0
+    return replace(car, surfaces=surfaces)
+
+
+def _plain_car(rng: np.random.Generator, *, wheels: bool) -> Mesh:
+    """A car of a hundred triangles, or fewer without round wheels, for the far ones."""
+    hull, glass, under, tyres = _plain_parts()[int(rng.integers(len(CABINS)))]
+    shade = float(rng.choice([0.12, 0.25, 0.4, 0.55, 0.75]))
+    painted = hull.surfaces.copy()
+    painted[:, COLUMN_OF["albedo"]] = shade
+    return joined([replace(hull, surfaces=painted), glass, tyres if wheels else under])
+
+
+@cache
+def _plain_parts() -> tuple[tuple[Mesh, Mesh, Mesh, Mesh], ...]:
+    """A saloon and a hatchback: hull, glass, a dark underside, and wheels instead."""
+    paint = Surface(albedo=0.4, contrast=0.06, mirror=0.04)
+    side = [(-2.15, 0.35), (-2.1, 0.92), (1.1, 0.94), (2.05, 0.76), (2.15, 0.35), (1.6, 0.2), (-1.7, 0.2)]
+    under = boxes([[0.0, 0.0, 0.16]], [3.2, 1.5, 0.32], TYRE)
+    tyres = joined([_plain_tyre(x, y) for x in (-1.3, 1.3) for y in (-0.78, 0.78)])
+    shapes = []
+    for cabin in CABINS:
+        (x0, z0), (x1, z1) = cabin[1:3]
+        roof = slab([(x0, z0), (x1, z1), (0.9 * x1, z1 + 0.05), (0.95 * x0, z0 + 0.05)], 0.6, paint)
+        glass = slab(cabin, [0.82, 0.62, 0.62, 0.82], PANE)
+        shapes.append((joined([slab(side, 0.86, paint), roof]), glass, under, tyres))
+    return tuple(shapes)
+
+
+def _plain_tyre(x: float, y: float) -> Mesh:
+    """What shows of a tyre: its outer side, and its tread below the hull."""
+    tyre = tube([x, y - 0.1, 0.31], [x, y + 0.1, 0.31], 0.31, TYRE, sides=6)
+    middles, inner = tyre.corners_m.mean(axis=1), y - 0.1 * np.sign(y)
+    return tyre.select((middles[:, 2] < 0.4) & (np.abs(middles[:, 1] - inner) > 0.01) | (np.abs(middles[:, 1]) > 0.87))
+
 
 TREE_STEP_M = 9.0
-NEAR_M = 18.0  # from where host and actors drive: within it leaves and twigs are built one by one
-NARROW_M = 1.6  # pavements below this have no room for trees
+NEAR_M = 18.0  # from where ego vehicle and actors drive: within it leaves and twigs are built one by one
+NARROW_M = 1.6  # pavements below this are too narrow for trees
 PIECE_M = 4.0  # of hedges, walls and rails, each of which may be left out
 RAIL_M = 0.45  # of a guard rail behind the kerb
 SUNK_M = 0.05  # houses reach into the ground, which slopes a little between pavement and verge
@@ -32,15 +166,15 @@ class Roadside:
     """One side of a road.
 
     Attributes:
-        way: the road's lane.
+        lane: of the road.
         kerb_m: its kerb, to the left of the lane.
         back_m: where the pavement ends and the fronts begin.
         sign: 1 on the left, -1 on the right.
-        begin_m: first place along the lane.
+        begin_m: first position along the lane.
         end_m: last one.
     """
 
-    way: Alignment
+    lane: Alignment
     kerb_m: float
     back_m: float
     sign: int
@@ -49,8 +183,8 @@ class Roadside:
 
     def at(self, along_m: float, behind_m: float, height_m: float) -> RigidTransform:
         """A frame behind the kerb: y away from the road, z up."""
-        turned_rad = 0.0 if self.sign > 0 else np.pi
-        return self.way.place(along_m, self.kerb_m + self.sign * behind_m, height_m, turned_rad=turned_rad)
+        yaw_rad = 0.0 if self.sign > 0 else np.pi
+        return self.lane.pose(along_m, self.kerb_m + self.sign * behind_m, height_m, yaw_rad=yaw_rad)
 
     def front(self, along_m: float, height_m: float) -> RigidTransform:
         """The same where the pavement ends."""
@@ -58,21 +192,21 @@ class Roadside:
 
 
 def roadsides(plan: Plan) -> list[Roadside]:
-    """Both sides of the host's street, then those of the side streets."""
+    """Both sides of the ego vehicle's street, then those of the side streets."""
     spec, section, lane = plan.spec, plan.section, plan.lane
     sides = [
         Roadside(
-            way=lane, kerb_m=kerb_m, back_m=kerb_m + sign * spec.pavement_m, sign=sign, begin_m=lane.begin_m,
+            lane=lane, kerb_m=kerb_m, back_m=kerb_m + sign * spec.pavement_m, sign=sign, begin_m=lane.begin_m,
             end_m=lane.end_m,
         )
         for kerb_m, sign in ((section.right_kerb_m, -1), (section.left_kerb_m, 1))
     ]  # fmt: skip
-    for street, way in plan.mouths:
+    for street, side_lane in plan.mouths:
         for sign in (-1, 1):
             kerb_m, depth_m = sign * street.width_m / 2, min(spec.pavement_m, 2.5)
             side = Roadside(
-                way=way, kerb_m=kerb_m, back_m=kerb_m + sign * depth_m, sign=sign,
-                begin_m=spec.pavement_m + DEPTH_M + 0.5, end_m=way.end_m,
+                lane=side_lane, kerb_m=kerb_m, back_m=kerb_m + sign * depth_m, sign=sign,
+                begin_m=spec.pavement_m + DEPTH_M + 0.5, end_m=side_lane.end_m,
             )  # fmt: skip
             sides.append(side)
     return sides
@@ -98,12 +232,12 @@ def lamps(plan: Plan, side: Roadside, site: Site, rng: np.random.Generator) -> I
 def trees(
     plan: Plan, side: Roadside, site: Site, rng: np.random.Generator, forms: dict[bool, list[Mesh]]
 ) -> Iterator[Mesh]:
-    """Trees at some of their places, before the fronts where the pavement is narrow."""
+    """Trees at some of their positions, before the fronts where the pavement is narrow."""
     depth_m = abs(side.back_m - side.kerb_m)
     behind_m = 0.95 if depth_m > NARROW_M and plan.spec.kind == "street" else depth_m + 1.6
     phase_m = rng.uniform(0.0, TREE_STEP_M)
     for along_m in np.arange(side.begin_m + phase_m, side.end_m, TREE_STEP_M):
-        which, turn = int(rng.integers(FORMS)), rng.uniform(0, 2 * np.pi)
+        which, turn = int(rng.integers(TREE_FORMS)), rng.uniform(0, 2 * np.pi)
         at = side.at(float(along_m), behind_m, plan.spec.kerb_m)
         area = spot(at, 0.3)
         if rng.random() < plan.spec.trees and site.claim(area):
@@ -112,9 +246,9 @@ def trees(
             )
 
 
-def things(plan: Plan, side: Roadside, site: Site, rng: np.random.Generator) -> Iterator[Mesh]:
+def street_furniture(plan: Plan, side: Roadside, site: Site, rng: np.random.Generator) -> Iterator[Mesh]:
     """Signs, bins and the like: near the kerb if they are small, against the fronts if not."""
-    builders, odds, sizes = zip(*THINGS, strict=True)
+    builders, odds, sizes = zip(*FURNITURE, strict=True)
     depth_m = abs(side.back_m - side.kerb_m)
     if plan.spec.kind == "avenue":
         builders, odds, sizes = builders[:1], (1.0,), sizes[:1]
@@ -194,9 +328,9 @@ def guard_rails(plan: Plan, site: Site) -> Iterator[Mesh]:
     if plan.spec.kind != "avenue":
         return
     lines = [(section.right_kerb_m - RAIL_M, np.pi), (section.left_m + 1.2, 0.0), (section.left_m + 1.8, np.pi)]
-    for left_m, turned_rad in lines:
+    for left_m, yaw_rad in lines:
         for along_m in np.arange(plan.lane.begin_m + PIECE_M / 2, plan.lane.end_m, PIECE_M):
-            at = plan.lane.place(float(along_m), left_m, 0.0, turned_rad=turned_rad)
+            at = plan.lane.pose(float(along_m), left_m, 0.0, yaw_rad=yaw_rad)
             area = footprint(at, [-PIECE_M / 2 + 0.01, -0.09], [PIECE_M / 2 - 0.01, 0.12])
             if plan.road.disjoint(area) and site.claim(area):
                 yield rail.moved(at)

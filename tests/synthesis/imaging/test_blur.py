@@ -5,17 +5,20 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.synthesis.imaging.blur import blur
+from bench.synthesis.imaging.exposure import blur
 
 SHAPE = (20, 33)
 
 
 def blurred(
-    grey: NDArray[np.float32], ways: NDArray[np.float32], nearness: NDArray[np.float32], valid: NDArray[np.bool_]
+    grey: NDArray[np.float32],
+    motion_vectors: NDArray[np.float32],
+    inverse_depth: NDArray[np.float32],
+    valid: NDArray[np.bool_],
 ) -> NDArray[np.float32]:
     out = np.full(grey.shape, np.nan, dtype=np.float32)
     contiguous = np.ascontiguousarray
-    blur(contiguous(grey), contiguous(ways), contiguous(nearness), contiguous(valid), out)
+    blur(contiguous(grey), contiguous(motion_vectors), contiguous(inverse_depth), contiguous(valid), out)
     return out
 
 
@@ -25,10 +28,10 @@ def ways_px(u: float, v: float) -> NDArray[np.float32]:
 
 def test_blur_down_is_blur_across_of_the_turned_picture() -> None:
     rng = np.random.default_rng(1)
-    grey, nearness = (rng.random(SHAPE, dtype=np.float32) for _ in range(2))
-    ways, valid = rng.normal(0.0, 6.0, (2, *SHAPE)).astype(np.float32), rng.random(SHAPE) < 0.9
-    upright = blurred(grey, ways, nearness, valid)
-    turned = blurred(grey.T, ways[::-1].transpose(0, 2, 1), nearness.T, valid.T)
+    grey, inverse_depth = (rng.random(SHAPE, dtype=np.float32) for _ in range(2))
+    motion_vectors, valid = rng.normal(0.0, 6.0, (2, *SHAPE)).astype(np.float32), rng.random(SHAPE) < 0.9
+    upright = blurred(grey, motion_vectors, inverse_depth, valid)
+    turned = blurred(grey.T, motion_vectors[::-1].transpose(0, 2, 1), inverse_depth.T, valid.T)
     assert np.array_equal(upright, turned.T)
     assert not np.allclose(upright, grey, atol=0.01)
 
@@ -51,9 +54,9 @@ def test_what_the_lens_does_not_see_stays_out() -> None:
 
 
 def test_what_stands_nearer_stays_out_and_what_moves_nearer_does_not() -> None:
-    grey, nearness = np.zeros(SHAPE, dtype=np.float32), np.full(SHAPE, 0.1, dtype=np.float32)
-    grey[:, 20:], nearness[:, 20:] = 1.0, 0.5
-    valid, ways = np.ones(SHAPE, dtype=np.bool_), ways_px(10.0, 0.0)
-    assert (blurred(grey, ways, nearness, valid)[:-1, 18] > 0.2).all()
-    ways[:, :, 20:] = 0.0
-    assert (blurred(grey, ways, nearness, valid)[:, :20] == 0.0).all()
+    grey, inverse_depth = np.zeros(SHAPE, dtype=np.float32), np.full(SHAPE, 0.1, dtype=np.float32)
+    grey[:, 20:], inverse_depth[:, 20:] = 1.0, 0.5
+    valid, motion_vectors = np.ones(SHAPE, dtype=np.bool_), ways_px(10.0, 0.0)
+    assert (blurred(grey, motion_vectors, inverse_depth, valid)[:-1, 18] > 0.2).all()
+    motion_vectors[:, :, 20:] = 0.0
+    assert (blurred(grey, motion_vectors, inverse_depth, valid)[:, :20] == 0.0).all()

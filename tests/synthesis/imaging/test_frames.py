@@ -8,15 +8,15 @@ import pytest
 from bench.cameras import RadialPolynomialCamera
 from bench.geometry import RigidTransform, RoadPlane
 from bench.recordings import MountedCamera
-from bench.synthesis.driving.host import AHEAD_FROM_CAMERA, own_body
+from bench.synthesis.driving.ego import AHEAD_FROM_CAMERA, own_body
 from bench.synthesis.imaging.renderer import ImageRenderer, Moment, RenderedImage
 from bench.synthesis.imaging.textures import texture_atlas
-from bench.synthesis.lighting import Lighting
-from bench.synthesis.mesh import Mesh, PlacedMesh, Surface, box, quad
+from bench.synthesis.mesh import Mesh, PlacedMesh, Surface, box, quads
 from bench.synthesis.scenario import SensorSpec
+from bench.synthesis.scene import KINDS, Lighting
 
 GREY = Surface(albedo=0.5, contrast=0.2)
-ROAD = quad([[-90, -90, 0], [90, -90, 0], [90, 90, 0], [-90, 90, 0]], GREY)
+ROAD = quads([[-90, -90, 0], [90, -90, 0], [90, 90, 0], [-90, 90, 0]], GREY)
 AHEAD = RigidTransform(AHEAD_FROM_CAMERA, np.array([3.7, 0.0, 0.8]))
 MODEL = RadialPolynomialCamera(
     width=157, height=117, coefficients=(42.0, -3.0, 5.0, -0.8), principal_point=(78.0, 58.0)
@@ -29,7 +29,7 @@ def renderer(kind: str, world: Mesh = ROAD) -> ImageRenderer:
     )
     return ImageRenderer(
         camera, own_body=own_body(), world=world, atlas=texture_atlas(0), sensor=SensorSpec(),
-        light=Lighting(kind=kind, towards_sun=np.array([0.0, 0.6, 0.8])),
+        light=Lighting(kind=KINDS[kind], towards_sun=np.array([0.0, 0.6, 0.8])),
     )  # fmt: skip
 
 
@@ -58,7 +58,7 @@ def test_image_is_the_same_whatever_was_rendered_before(kind: str) -> None:
 def test_what_lies_behind_changes_nothing() -> None:
     # Hidden triangles are found early, in an order that depends on all of them.
     body = box([2.0, 1.2, 1.5], [9.0, 0.0, 0.75], GREY)
-    wall = quad([[14, 9, 0], [14, -9, 0], [14, -9, 6], [14, 9, 6]], GREY)
+    wall = quads([[14, 9, 0], [14, -9, 0], [14, -9, 6], [14, 9, 6]], GREY)
     behind = box([1.0, 3.0, 2.0], [16.0, 0.0, 1.0], GREY)
     front, more = (
         Mesh(

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.synthesis.imaging.lamp_light import ABOVE, CUT_OFF, HEADLIGHT, light_spots
 from bench.synthesis.imaging.lamps import BEAM_HEIGHT, BEAM_WIDTH, NO_LAMPS, Lamps
-from bench.synthesis.imaging.lens import (
+from bench.synthesis.imaging.shading import (
+    ABOVE,
+    CUT_OFF,
+    HEADLIGHT,
     LANES,
     PIXELS,
     SPOT_LIGHT,
@@ -17,6 +19,7 @@ from bench.synthesis.imaging.lens import (
     SPOT_X,
     SPOT_Y,
     SPOT_Z,
+    light_spots,
 )  # fmt: skip
 
 AHEAD = np.eye(3, dtype=np.float32)  # the headlight looks along z, y is down
@@ -37,10 +40,10 @@ def street(*places_m: tuple[float, float, float]) -> Lamps:
     return NO_LAMPS._replace(street_m=np.array(places_m, dtype=np.float32))
 
 
-def headlight(nearness: float) -> Lamps:
-    """One at the origin, that meets something at 1 / `nearness` everywhere."""
-    pictures = np.full((2, BEAM_HEIGHT, BEAM_WIDTH), nearness, dtype=np.float32)
-    return NO_LAMPS._replace(turns=np.stack([AHEAD, AHEAD]), nearness=pictures, headlights=1)
+def headlight(inverse_depth: float) -> Lamps:
+    """One at the origin, that meets something at 1 / `inverse_depth` everywhere."""
+    pictures = np.full((2, BEAM_HEIGHT, BEAM_WIDTH), inverse_depth, dtype=np.float32)
+    return NO_LAMPS._replace(lamp_from_world=np.stack([AHEAD, AHEAD]), inverse_depth=pictures, headlights=1)
 
 
 def test_below_a_street_lamp_six_metres_up() -> None:

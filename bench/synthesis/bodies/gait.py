@@ -1,6 +1,6 @@
 """How people walk: tables of angles over one stride, from where the feet have to be.
 
-A foot on the ground stays where it is: it lands on the heel, lies flat, and rolls off over the ball. The ankle's way
+A foot on the ground stays where it is: it lands on the heel, lies flat, and rolls off over the ball. The ankle's path
 follows from that, the hip rides as high as the legs allow, and thigh and shank follow from both.
 
 Everything in units of the body height. Sources: D. A. Winter, *Biomechanics and Motor Control of Human Movement* (after
@@ -9,7 +9,7 @@ Drillis and Contini 1966) for the lengths; J. Perry, *Gait Analysis*, for phases
 degrees in all, hips and shoulders turn by some 4 degrees against each other, the trunk rises and falls by 4 to 5 cm
 twice a stride. A stride (two steps) of 0.8 body heights is a walk of about 1.3 m/s.
 
-Two-link legs and arms: the angles that bring their end to a place.
+Two-link legs and arms: the angles that bring their end to a point.
 
 Angles of links are measured in the plane of x and z from straight down, positive when the lower end swings forward (to
 x); a joint about the y axis turns the other way round, hence the minus where tables are made.
@@ -23,7 +23,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bench.synthesis.bodies.joints import STEPS
+from bench.synthesis.bodies.body import STEPS
 
 LONGEST = 0.9995  # of the stretched length: the angle of a stretched knee changes without bound
 
@@ -31,7 +31,7 @@ LONGEST = 0.9995  # of the stretched length: the angle of a stretched knee chang
 def two_links(
     reach_xz_m: ArrayLike, upper_m: float, lower_m: float, *, bends_forward: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Angles of two links from their root to a place.
+    """Angles of two links from their root to a point.
 
     Args:
         reach_xz_m: (N, 2), m, from the root to the lower end; what lies too far away is pointed at, stretched.
@@ -58,8 +58,8 @@ def two_links(
     return upper, np.arctan2(rest[:, 0], -rest[:, 1])
 
 
-def turned_xz(vector_xz: ArrayLike, angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A vector turned by (N,) angles, positive from down to forward and from forward to up: (N, 2)."""
+def rotate_xz(vector_xz: ArrayLike, angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A vector rotated by (N,) angles, positive from down to forward and from forward to up: (N, 2)."""
     x, z = np.asarray(vector_xz, dtype=np.float64)
     cosine, sine = np.cos(angles_rad), np.sin(angles_rad)
     return np.stack([x * cosine - z * sine, x * sine + z * cosine], axis=-1)
@@ -67,7 +67,7 @@ def turned_xz(vector_xz: ArrayLike, angles_rad: NDArray[np.float64]) -> NDArray[
 
 THIGH, SHANK, ANKLE = 0.245, 0.246, 0.039  # lengths; height of the ankle above the sole
 HEEL, BALL, TOE = -0.040, 0.072, 0.112  # along the foot, ahead of the ankle
-STRIDE = 0.8  # way of two steps
+STRIDE = 0.8  # distance of two steps
 STANCE = 0.60  # share of a cycle that a foot is on the ground
 LANDING = 0.15  # where the heel lands, ahead of the hip
 FLAT = (0.08, 0.32)  # the foot lies flat between these shares of a cycle
@@ -120,24 +120,24 @@ def walking_leg() -> Leg:
 
 
 def _ankle(phase: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Place of the ankle below the hip's way, (N, 2), and pitch of the foot, (N,)."""
+    """Position of the ankle below the hip, (N, 2), and pitch of the foot, (N,)."""
     share = np.clip((phase - STANCE) / (1 - STANCE), 0.0, 1.0)
-    foot = np.where(phase <= STANCE, _standing_pitch(phase), _swinging_pitch(share))
-    leaves, lands = _standing_ankle(np.array([STANCE]))[0], _standing_ankle(np.array([0.0]))[0]
+    foot = np.where(phase <= STANCE, _stance_pitch(phase), _swing_pitch(share))
+    leaves, lands = _stance_ankle(np.array([STANCE]))[0], _stance_ankle(np.array([0.0]))[0]
     step = 1e-4
     speeds = [
-        (_standing_ankle(np.array([at + step])) - _standing_ankle(np.array([at]))) / step for at in (STANCE - step, 0.0)
+        (_stance_ankle(np.array([at + step])) - _stance_ankle(np.array([at]))) / step for at in (STANCE - step, 0.0)
     ]
     swinging = _hermite(share, leaves, lands, *((1 - STANCE) * speed[0] for speed in speeds))
     swinging[:, 1] += _clearance(phase, share, foot, swinging[:, 1])
-    return np.where((phase <= STANCE)[:, None], _standing_ankle(phase), swinging), foot
+    return np.where((phase <= STANCE)[:, None], _stance_ankle(phase), swinging), foot
 
 
 def _clearance(
     phase: NDArray[np.float64], share: NDArray[np.float64], foot: NDArray[np.float64], ankle_z: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """How much higher the ankle has to swing: the toes pass the ground at `CLEARANCE`."""
-    heel, ball = (turned_xz((x, -ANKLE), foot)[:, 1] for x in (HEEL, BALL))
+    heel, ball = (rotate_xz((x, -ANKLE), foot)[:, 1] for x in (HEEL, BALL))
     toe = ball + (TOE - BALL) * np.sin(foot + _toes(phase, foot))
     lowest = np.minimum.reduce([heel, ball, toe])
     bump, late = np.sin(np.pi * share) ** 2, share > 0.3
@@ -147,24 +147,24 @@ def _clearance(
     return np.asarray(bump + np.maximum(expected - ankle_z - bump, 0.0))
 
 
-def _standing_ankle(phase: NDArray[np.float64]) -> NDArray[np.float64]:
+def _stance_ankle(phase: NDArray[np.float64]) -> NDArray[np.float64]:
     """The ankle above a foot that rolls over its heel, then its ball, both fixed to the ground."""
-    pitch = _standing_pitch(phase)
+    pitch = _stance_pitch(phase)
     heel_x = LANDING - STRIDE * phase
-    over_heel = turned_xz((-HEEL, ANKLE), pitch) + np.stack([heel_x, np.zeros_like(phase)], axis=1)
-    over_ball = turned_xz((-BALL, ANKLE), pitch) + np.stack([heel_x + BALL - HEEL, np.zeros_like(phase)], axis=1)
+    over_heel = rotate_xz((-HEEL, ANKLE), pitch) + np.stack([heel_x, np.zeros_like(phase)], axis=1)
+    over_ball = rotate_xz((-BALL, ANKLE), pitch) + np.stack([heel_x + BALL - HEEL, np.zeros_like(phase)], axis=1)
     return np.where((pitch > 0)[:, None], over_heel, over_ball)
 
 
-def _standing_pitch(phase: NDArray[np.float64]) -> NDArray[np.float64]:
+def _stance_pitch(phase: NDArray[np.float64]) -> NDArray[np.float64]:
     landing = LANDS_RAD * np.clip(1 - phase / FLAT[0], 0.0, 1.0)
     leaving = LEAVES_RAD * np.clip((phase - FLAT[1]) / (STANCE - FLAT[1]), 0.0, 1.0) ** 1.7
     return np.asarray(landing + leaving)
 
 
-def _swinging_pitch(share: NDArray[np.float64]) -> NDArray[np.float64]:
-    turned = np.clip(share / 0.75, 0.0, 1.0)
-    return np.asarray(LEAVES_RAD + (LANDS_RAD - LEAVES_RAD) * turned**2 * (3 - 2 * turned))
+def _swing_pitch(share: NDArray[np.float64]) -> NDArray[np.float64]:
+    share_done = np.clip(share / 0.75, 0.0, 1.0)
+    return np.asarray(LEAVES_RAD + (LANDS_RAD - LEAVES_RAD) * share_done**2 * (3 - 2 * share_done))
 
 
 def _toes(phase: NDArray[np.float64], foot_rad: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ from bench.cameras import camera_from_parameters
 from bench.errors import BenchError, UnknownNameError
 from bench.recordings.validation import FileModel
 from bench.synthesis.bodies import BODIES
-from bench.synthesis.scenario.draws import Dice, DrawError
+from bench.synthesis.draws import DrawError, Sampler
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$")]
 Number = Annotated[float, Field(ge=-1e4, le=1e4)]  # metres, degrees, seconds: nothing of a scene lies beyond
@@ -68,7 +68,7 @@ class SensorSpec(FileModel):
 
 
 class CameraSpec(FileModel):
-    """A camera on the host.
+    """A camera on the ego vehicle.
 
     Attributes:
         name: as the recording calls it.
@@ -79,7 +79,7 @@ class CameraSpec(FileModel):
         position_m: in the vehicle frame.
         yaw_deg: of the optical axis, to the left of forward.
         pitch_down_deg: of the optical axis, below the horizon.
-        roll_deg: about the optical axis, clockwise as the camera sees itself turn.
+        roll_deg: about the optical axis, clockwise as seen from behind the camera.
         sensor: how it errs.
     """
 
@@ -118,11 +118,11 @@ class ActorSpec(FileModel):
     Attributes:
         name: the track's id.
         kind: a name of `bench.synthesis.bodies.BODIES`.
-        at_s: when it is at its place, after the first image.
-        position_m: its middle on the ground, x forward and y left of where the host's origin is at `at_s`.
-        heading_deg: direction of travel at `at_s`, to the left of the host's forward direction then.
+        at_s: when it is at its position, after the first image.
+        position_m: its middle on the ground, x forward and y left of where the ego vehicle's origin is at `at_s`.
+        heading_deg: direction of travel at `at_s`, to the left of the ego vehicle's forward direction then.
         times_s: of the profile below, after the first image, increasing.
-        speed_mps: along the heading at `times_s`, linear in between, constant beyond; one value for a steady way.
+        speed_mps: along the heading at `times_s`, linear in between, constant beyond; one value if steady.
         yaw_rate_degps: positive to the left; as `speed_mps`.
         gear: "reverse" moves against the heading, tail first.
         floor_m: height of the ground below it, for someone on the pavement.
@@ -151,9 +151,9 @@ class BumpSpec(FileModel):
     It is too low to be part of the rendered street.
 
     Attributes:
-        at_m: its middle, way ahead of the rear axle at the first image.
+        at_m: its middle, distance ahead of the rear axle at the first image.
         height_m: negative for a dip.
-        length_m: along the way; the profile is a raised cosine.
+        length_m: along the path; the profile is a raised cosine.
     """
 
     at_m: Number
@@ -161,8 +161,8 @@ class BumpSpec(FileModel):
     length_m: float = Field(default=0.6, gt=0.1, le=10)
 
 
-class HostSpec(FileModel):
-    """How the host drives: values at `times_s`, linear in between, constant beyond; one value for a steady drive.
+class EgoSpec(FileModel):
+    """`host` of a file, how the ego vehicle drives: values at `times_s`, linear in between; one value if steady.
 
     Attributes:
         times_s: after the first image, increasing.
@@ -171,7 +171,7 @@ class HostSpec(FileModel):
         gear: "reverse" drives backwards.
         ramp_s: time over which changes of acceleration and steering are spread, half of it before and half after; a
             driver's foot takes about 0.3 s.
-        bumps: felt by a host with a suspension.
+        bumps: felt by an ego vehicle with a suspension.
     """
 
     times_s: tuple[Number, ...] = (0.0,)
@@ -182,13 +182,13 @@ class HostSpec(FileModel):
     bumps: tuple[BumpSpec, ...] = ()
 
     @model_validator(mode="after")
-    def _profile_fits(self) -> HostSpec:
+    def _profile_fits(self) -> EgoSpec:
         refuse_misfit(self.times_s, speed_kmh=self.speed_kmh, yaw_rate_degps=self.yaw_rate_degps)
         return self
 
 
 class LidarSpec(FileModel):
-    """A 64-beam lidar that turns clockwise, as Velodyne's HDL-64E.
+    """A 64-beam lidar that rotates clockwise, as Velodyne's HDL-64E.
 
     The weakest return by default lets a 10 % target out to about 140 m when it is hit squarely, and asphalt below a
     lidar on the roof out to about 35 m, where it is hit at 3 degrees; beyond, more and more pulses are lost.
@@ -219,7 +219,7 @@ class LightSpec(FileModel):
 
     Attributes:
         kind: "sunny", a bright day; "overcast", no sun, no shadows; "low_sun", morning or evening, long shadows;
-            "night", street lamps and the host's headlights.
+            "night", street lamps and the ego vehicle's headlights.
         azimuth_deg: direction to the sun, to the left of the world's x axis; null draws one for the recording.
         elevation_deg: of the sun above the horizon; null draws one that fits the kind.
     """
@@ -241,7 +241,7 @@ class SuspensionSpec(FileModel):
         damping_ratio: of critical damping.
         pitch_deg_per_mps2: nose down for each m/s^2 of braking, up for accelerating.
         roll_deg_per_mps2: to the outside of the bend for each m/s^2 of lateral acceleration.
-        centre_m: what pitch and roll turn about, in the level vehicle frame.
+        centre_m: centre of pitch and roll, in the level vehicle frame.
         wheelbase_m: between the axles, whose bumps come one after the other.
         track_m: between left and right wheels.
         road_class: roughness of the road; null for a smooth one.
@@ -267,7 +267,7 @@ class BusSpec(FileModel):
     Attributes:
         rate_hz: messages per second.
         ticks_per_turn: edges of one turn of a wheel; 0 for a speed without ticks.
-        tyre_radius_m: that the control unit reckons with.
+        tyre_radius_m: that the control unit assumes.
         standstill_after_s: without a tick for so long, the reported speed is 0. One tick in that time, 0.1 m/s by the
             defaults, is the slowest motion that the bus registers.
         speed_step_kmh: resolution of the reported speed; 0 for none.
@@ -295,8 +295,8 @@ class CalibrationSpec(FileModel):
     was calibrated on purpose and sits twice as well.
 
     Attributes:
-        camera_angle_deg: standard deviation of a camera's turn about each of its axes.
-        camera_position_m: standard deviation of its place along each axis.
+        camera_angle_deg: standard deviation of a camera's rotation about each of its axes.
+        camera_position_m: standard deviation of its position along each axis.
         lidar_angle_deg: as for the cameras.
         lidar_position_m: as for the cameras.
     """
@@ -308,7 +308,7 @@ class CalibrationSpec(FileModel):
 
 
 class VehicleSpec(FileModel):
-    """What makes the host a real car; what is left out is ideal. `{}` takes the defaults of a part.
+    """What makes the ego vehicle a real car; what is left out is ideal. `{}` takes the defaults of a part.
 
     Attributes:
         suspension: null for a rigid car on a smooth road.
@@ -321,7 +321,7 @@ class VehicleSpec(FileModel):
     calibration: CalibrationSpec | None = None
 
 
-BEHIND_M, AHEAD_M = -40.0, 100.0  # the street that is built, along the host's lane
+BEHIND_M, AHEAD_M = -40.0, 100.0  # the street that is built, along the ego vehicle's lane
 LARGEST_TURN_RAD = 1.5707963267948966  # a bend ends in the side street, or the street would run into itself
 FROM_END_M = 8.0  # crossings and side streets keep away from the ends of what is built
 ZEBRA_M = 4.0  # length of a zebra crossing along the street: 3 m at least, 4 m is common
@@ -333,11 +333,11 @@ Side = Literal["left", "right"]
 
 
 class SideStreetSpec(FileModel):
-    """A street that opens into the host's, at a right angle; two at one place make a crossing.
+    """A street that opens into the ego vehicle's, at a right angle; two at one position make a crossing.
 
     Attributes:
-        at_m: its middle, along the host's lane.
-        side: of the host's street.
+        at_m: its middle, along the ego vehicle's lane.
+        side: of the ego vehicle's street.
         width_m: between its kerbs.
     """
 
@@ -347,16 +347,16 @@ class SideStreetSpec(FileModel):
 
 
 class StreetSpec(FileModel):
-    """The street: straight up to the host's first place, then a bend of at most 90 degrees, then straight again.
+    """The street: straight up to the ego vehicle's first position, a bend of at most 90 degrees, straight again.
 
-    Places are metres along the host's lane from the host's first place. What a field leaves open (which houses, where
-    exactly a tree stands, how the asphalt is patched) is drawn anew for each recording.
+    Places are metres along the ego vehicle's lane from its first position. What a field leaves open (which houses,
+    where exactly a tree stands, how the asphalt is patched) is drawn anew for each recording.
 
     Attributes:
         kind: "street", between houses; "car_park", whose lanes are the aisle between two rows of marked bays;
-            "avenue", whose lanes are all in the host's direction: a median with a guard rail parts them from as many
-            opposite ones, and there are few houses.
-        lanes_left: lanes to the left of the host's own.
+            "avenue", whose lanes are all in the ego vehicle's direction: a median with a guard rail separates them
+            from as many opposite ones, and there are few houses.
+        lanes_left: lanes to the left of the ego vehicle's own.
         lanes_right: lanes to the right of it.
         lane_width_m: of every lane.
         kerb_m: height of the pavement above the road; 0 for a flush one.
@@ -365,9 +365,9 @@ class StreetSpec(FileModel):
         buildings: whether there are any.
         parking: sides with a parking lane of 2.2 m between the outermost lane and the kerb; a car park has bays on
             both sides in any case.
-        parked_cars: share of the places in the parking lanes or bays that are taken; places that actors or the host
-            come near stay free.
-        trees: share of the places for trees, 9 m apart on each pavement, that have one.
+        parked_cars: share of the spaces in the parking lanes or bays that are taken; spaces that actors or the ego
+            vehicle come near stay free.
+        trees: share of the positions for trees, 9 m apart on each pavement, that have one.
         hedges: share of the fronts that are a garden behind a hedge, fence or wall instead of a house.
         wear: of the road, from 0, just laid, to 1, cracked and patched all over; null draws one.
         zebra_at_m: zebra crossings with lowered kerbs.
@@ -448,7 +448,7 @@ class SeriesSpec(FileModel):
         count: recordings.
         values: name -> draw, for numbers that several fields share, as a speed and the bend that is driven with it.
         frames: as in a recording, and so are the fields below; each may hold draws.
-        host: how the host drives.
+        host: how the ego vehicle drives.
         street: the static world.
         light: sun, clouds or night.
         actors: everything that is annotated; `repeat` says how often one occurs, as name-1, name-2 ...
@@ -479,29 +479,31 @@ class SeriesSpec(FileModel):
         Raises:
             DrawError: something that is not a draw.
         """
-        dice = Dice(seed=seed, series=self.name, index=index, count=self.count, attempt=attempt, values=self.values)
+        sampler = Sampler(
+            seed=seed, series=self.name, index=index, count=self.count, attempt=attempt, values=self.values
+        )
         actors: list[Any] = []
         origins: list[int] = []
         for k, node in enumerate(self.actors if isinstance(self.actors, list | tuple) else []):
-            found = _actors(node, dice, f"actors.{k}")
+            found = _actors(node, sampler, f"actors.{k}")
             actors += found
             origins += [k] * len(found)
-        drawn = {key: dice.drawn(getattr(self, key), key) for key in ("frames", "host", "street", "light")}
+        drawn = {key: sampler.drawn(getattr(self, key), key) for key in ("frames", "host", "street", "light")}
         name = f"{self.name}-{index + 1:0{max(2, len(str(self.count)))}d}"
         return {"name": name, "about": self.about, **drawn, "actors": actors}, origins
 
 
-def _actors(node: Any, dice: Dice, path: str) -> list[Any]:
+def _actors(node: Any, sampler: Sampler, path: str) -> list[Any]:
     """An actor, or its repeats."""
     if not isinstance(node, dict) or "repeat" not in node:
-        return [dice.drawn(node, path)]
-    repeat = dice.drawn(node["repeat"], f"{path}.repeat")
+        return [sampler.drawn(node, path)]
+    repeat = sampler.drawn(node["repeat"], f"{path}.repeat")
     if isinstance(repeat, bool) or not isinstance(repeat, int) or not 0 <= repeat <= LARGEST_REPEAT:
         raise DrawError(f"{path}.repeat", f"a whole number from 0 to {LARGEST_REPEAT}", repeat)
     template = {key: part for key, part in node.items() if key != "repeat"}
     found = []
     for k in range(repeat):
-        actor = dice.drawn(template, path, repeat=k)
+        actor = sampler.drawn(template, path, repeat=k)
         found.append({**actor, "name": f"{actor.get('name')}-{k + 1}"})
     return found
 
@@ -513,7 +515,7 @@ class RecordingSpec(FileModel):
         name: of its folder.
         about: one line for the reader of the file.
         frames: images of each camera.
-        host: how the host drives.
+        host: how the ego vehicle drives.
         street: the static world.
         light: sun, clouds or night.
         actors: everything that is annotated.
@@ -522,7 +524,7 @@ class RecordingSpec(FileModel):
     name: Name
     about: str = ""
     frames: int = Field(default=30, ge=1)
-    host: HostSpec
+    host: EgoSpec
     street: StreetSpec = StreetSpec()
     light: LightSpec = LightSpec()
     actors: tuple[ActorSpec, ...] = ()
@@ -541,9 +543,9 @@ class ScenarioHead(FileModel):
         licence: of what is rendered.
         seed: of everything that is random; a recording's random numbers follow from it and its name alone.
         frame_rate_hz: of every camera.
-        cameras: on the host.
-        lidar: on the host.
-        vehicle: how the host sways, what its bus reports, how well it is calibrated; ideal where nothing is said.
+        cameras: on the ego vehicle.
+        lidar: on the ego vehicle.
+        vehicle: the ego vehicle's suspension, bus and calibration errors; ideal where nothing is said.
     """
 
     name: Name

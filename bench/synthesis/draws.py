@@ -1,6 +1,6 @@
 """Values that a series draws: every recording of it gets numbers of its own.
 
-In place of a value of a series stands a mapping with one of these keys:
+Instead of a value of a series stands a mapping with one of these keys:
 
     {uniform: [a, b]}        any number from a to b
     {choice: [p, q, ...]}    one of these, which may be whole lists or mappings
@@ -10,9 +10,9 @@ In place of a value of a series stands a mapping with one of these keys:
     {sum: [p, q, ...]}       of numbers, drawn or not
     {product: [p, q, ...]}   likewise
 
-Every draw has random numbers of its own, named by the series, the recording's number in it and the place of the draw:
-another series, another field or a longer series change nothing in a recording
-(a longer series moves its `steps` alone).
+Every draw has random numbers of its own, named by the series, the recording's number in it and the position of the draw
+in the file: another series, another field or a longer series change nothing in a recording (a longer series moves its
+`steps` alone).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class DrawError(ValueError):
     """A draw that cannot be made.
 
     Args:
-        path: keys on the way to it, from the series on.
+        path: keys on the path to it, from the series on.
         expected: what can stand there.
         got: what does.
     """
@@ -43,7 +43,7 @@ class DrawError(ValueError):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Dice:
+class Sampler:
     """Draws the values of one recording of a series.
 
     Attributes:
@@ -51,7 +51,7 @@ class Dice:
         series: name of the series.
         index: of the recording in the series, from 0.
         count: recordings of the series.
-        attempt: 0, or how often the recording was drawn before without finding room for everybody.
+        attempt: 0, or how often the recording was drawn before with bodies that overlapped.
         values: the series' named values, drawn where a field asks for them.
     """
 
@@ -67,7 +67,7 @@ class Dice:
 
         Args:
             node: the part.
-            path: keys on the way to it.
+            path: keys on the path to it.
             repeat: number of the repeat that it stands in, from 0.
 
         Raises:
@@ -89,52 +89,59 @@ class Dice:
         return value
 
     def share(self, path: str, repeat: int | None) -> float:
-        """The random number of a place, from 0 to 1."""
+        """The random number of a position in the file, from 0 to 1."""
         names = (self.series, self.index, self.attempt, path, "" if repeat is None else repeat)
         return float(named_rng(self.seed, "series", *names).random())
 
 
-def _uniform(dice: Dice, node: Any, path: str, repeat: int | None) -> float:
-    low, high = _two(dice, node, path, repeat)
-    return round(low + (high - low) * dice.share(path, repeat), DECIMALS)
+def _uniform(sampler: Sampler, node: Any, path: str, repeat: int | None) -> float:
+    low, high = _two(sampler, node, path, repeat)
+    return round(low + (high - low) * sampler.share(path, repeat), DECIMALS)
 
 
-def _choice(dice: Dice, node: Any, path: str, repeat: int | None) -> Any:
+def _choice(sampler: Sampler, node: Any, path: str, repeat: int | None) -> Any:
     options = _filled(node, path)
-    number = int(dice.share(path, repeat) * len(options))
-    return dice.drawn(options[number], f"{path}.choice.{number}", repeat=repeat)
+    number = int(sampler.share(path, repeat) * len(options))
+    return sampler.drawn(options[number], f"{path}.choice.{number}", repeat=repeat)
 
 
-def _steps(dice: Dice, node: Any, path: str, repeat: int | None) -> float:
-    low, high = _two(dice, node, path, repeat)
-    return round(low + (high - low) * (dice.index / max(dice.count - 1, 1)), DECIMALS)
+def _steps(sampler: Sampler, node: Any, path: str, repeat: int | None) -> float:
+    low, high = _two(sampler, node, path, repeat)
+    return round(low + (high - low) * (sampler.index / max(sampler.count - 1, 1)), DECIMALS)
 
 
-def _each(dice: Dice, node: Any, path: str, repeat: int | None) -> Any:
+def _each(sampler: Sampler, node: Any, path: str, repeat: int | None) -> Any:
     options = _filled(node, path)
     if repeat is None or repeat >= len(options):
         raise DrawError(path, f"at most {len(options)} repeats of the actor", "none" if repeat is None else repeat + 1)
-    return dice.drawn(options[repeat], f"{path}.each.{repeat}", repeat=repeat)
+    return sampler.drawn(options[repeat], f"{path}.each.{repeat}", repeat=repeat)
 
 
-def _value(dice: Dice, node: Any, path: str, repeat: int | None) -> Any:  # noqa: ARG001
-    if not isinstance(node, str) or node not in dice.values:
-        raise DrawError(path, f"a name under values ({', '.join(dice.values) or 'there are none'})", node)
-    rest = {name: value for name, value in dice.values.items() if name != node}  # so that none can hold itself
-    known = Dice(
-        seed=dice.seed, series=dice.series, index=dice.index, count=dice.count, attempt=dice.attempt, values=rest
+def _value(sampler: Sampler, node: Any, path: str, repeat: int | None) -> Any:  # noqa: ARG001
+    if not isinstance(node, str) or node not in sampler.values:
+        raise DrawError(path, f"a name under values ({', '.join(sampler.values) or 'there are none'})", node)
+    rest = {name: value for name, value in sampler.values.items() if name != node}  # so that none can hold itself
+    known = Sampler(
+        seed=sampler.seed,
+        series=sampler.series,
+        index=sampler.index,
+        count=sampler.count,
+        attempt=sampler.attempt,
+        values=rest,
     )
-    return known.drawn(dice.values[node], f"values.{node}")
+    return known.drawn(sampler.values[node], f"values.{node}")
 
 
-def _sum(dice: Dice, node: Any, path: str, repeat: int | None) -> float:
+def _sum(sampler: Sampler, node: Any, path: str, repeat: int | None) -> float:
     parts = _filled(node, path)
-    return round(math.fsum(dice.number(part, f"{path}.sum.{k}", repeat) for k, part in enumerate(parts)), DECIMALS)
+    return round(math.fsum(sampler.number(part, f"{path}.sum.{k}", repeat) for k, part in enumerate(parts)), DECIMALS)
 
 
-def _product(dice: Dice, node: Any, path: str, repeat: int | None) -> float:
+def _product(sampler: Sampler, node: Any, path: str, repeat: int | None) -> float:
     parts = _filled(node, path)
-    return round(math.prod(dice.number(part, f"{path}.product.{k}", repeat) for k, part in enumerate(parts)), DECIMALS)
+    return round(
+        math.prod(sampler.number(part, f"{path}.product.{k}", repeat) for k, part in enumerate(parts)), DECIMALS
+    )
 
 
 def _filled(node: Any, path: str) -> list[Any]:
@@ -143,14 +150,14 @@ def _filled(node: Any, path: str) -> list[Any]:
     return node
 
 
-def _two(dice: Dice, node: Any, path: str, repeat: int | None) -> tuple[float, float]:
+def _two(sampler: Sampler, node: Any, path: str, repeat: int | None) -> tuple[float, float]:
     if not isinstance(node, list) or len(node) != 2:
         raise DrawError(path, "two numbers, [from, to]", node)
-    low, high = (dice.number(part, f"{path}.{k}", repeat) for k, part in enumerate(node))
+    low, high = (sampler.number(part, f"{path}.{k}", repeat) for k, part in enumerate(node))
     return low, high
 
 
-DRAWS: dict[str, Callable[[Dice, Any, str, int | None], Any]] = {
+DRAWS: dict[str, Callable[[Sampler, Any, str, int | None], Any]] = {
     "uniform": _uniform,
     "choice": _choice,
     "steps": _steps,

@@ -1,6 +1,9 @@
-"""The host vehicle: where its sensors sit and what of itself its cameras see."""
+"""The ego vehicle: its body as its own cameras see it, and the mounting of its sensors."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -8,24 +11,15 @@ from scipy.spatial.transform import Rotation
 from bench.cameras import camera_from_parameters, ray_grid
 from bench.geometry import RigidTransform, RoadPlane
 from bench.recordings.records import MountedCamera
-from bench.synthesis.mesh import Mesh, Surface, box, convex, joined, slab, tube
-from bench.synthesis.ray_scene import RayScene
-from bench.synthesis.scenario import CameraSpec, LidarSpec
+from bench.synthesis.draws import named_rng
+from bench.synthesis.mesh import Mesh, RayScene, Surface, box, convex, joined, slab, tube
+from bench.synthesis.scenario import CalibrationSpec, CameraSpec, RecordingSpec, Scenario
 
 # Seen from above, x forward: a compact car of 4.7 m by 1.8 m with its origin below the rear axle.
-OUTLINE_M = np.array(
-    [
-        [-0.95, -0.8],
-        [3.2, -0.9],
-        [3.55, -0.6],
-        [3.68, -0.3],
-        [3.73, 0.0],
-        [3.68, 0.3],
-        [3.55, 0.6],
-        [3.2, 0.9],
-        [-0.95, 0.8],
-    ]
-)
+OUTLINE_M = np.array([
+    [-0.95, -0.8], [3.2, -0.9], [3.55, -0.6], [3.68, -0.3], [3.73, 0.0], [3.68, 0.3], [3.55, 0.6], [3.2, 0.9],
+    [-0.95, 0.8],
+])  # fmt: skip
 PLASTIC = Surface(albedo=0.10, contrast=0.20)
 PAINT = Surface(albedo=0.34, contrast=0.05)
 WINDOWS = Surface(albedo=0.08, contrast=0.10, mirror=0.04)
@@ -38,7 +32,10 @@ AHEAD_FROM_CAMERA = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0
 
 
 def own_body() -> Mesh:
-    """The host, vehicle frame, as its own cameras see it: bumpers below those at the ends, flanks below the mirrors."""
+    """The ego vehicle as its own cameras see it, vehicle frame.
+
+    Bumpers lie below the cameras at the ends, flanks below those in the mirrors.
+    """
     front = OUTLINE_M[OUTLINE_M[:, 0] > 3.0]
     bumper = convex(np.concatenate([np.column_stack([front, np.full(len(front), z)]) for z in BUMPER_M]), PLASTIC)
     nose = slab([(3.1, 0.3), (3.1, 0.78), (3.45, 0.7), (3.45, 0.3)], [0.84, 0.8, 0.62, 0.7], PAINT)
@@ -71,7 +68,7 @@ def camera_mounting(spec: CameraSpec) -> RigidTransform:
 
 
 def mounted_camera(spec: CameraSpec, *, vehicle_from_camera: RigidTransform | None = None) -> MountedCamera:
-    """The camera of a scenario, with the mask of where it sees the host.
+    """The camera of a scenario, with the mask of where it sees the ego vehicle.
 
     Args:
         spec: the camera.
@@ -93,6 +90,48 @@ def mounted_camera(spec: CameraSpec, *, vehicle_from_camera: RigidTransform | No
     )
 
 
-def vehicle_from_lidar(spec: LidarSpec) -> RigidTransform:
-    """The mounting of the lidar, its axes along the vehicle's."""
-    return RigidTransform(np.eye(3), np.array(spec.position_m))
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rig:
+    """The sensors of a recording.
+
+    Attributes:
+        cameras: as rendered, by name.
+        recorded_cameras: as the recording's calibration has them; masks of the ego vehicle's body are those of
+            `cameras`, as a user draws them from images.
+        vehicle_from_lidar: as scanned.
+        recorded_vehicle_from_lidar: as the recording's calibration has it.
+    """
+
+    cameras: Mapping[str, MountedCamera]
+    recorded_cameras: Mapping[str, MountedCamera]
+    vehicle_from_lidar: RigidTransform
+    recorded_vehicle_from_lidar: RigidTransform
+
+
+def mounted_rig(scenario: Scenario, spec: RecordingSpec) -> Rig:
+    """Mount every sensor, off by the errors that are drawn for this recording."""
+    errors = scenario.vehicle.calibration or CalibrationSpec(
+        camera_angle_deg=0, camera_position_m=0, lidar_angle_deg=0, lidar_position_m=0
+    )
+
+    def off(nominal: RigidTransform, angle_deg: float, position_m: float, *names: str) -> RigidTransform:
+        rng = named_rng(scenario.seed, spec.name, "calibration", *names)
+        turn = Rotation.from_rotvec(np.radians(angle_deg) * rng.normal(size=3)).as_matrix()
+        shift_m = position_m * rng.normal(size=3)
+        return RigidTransform(nominal.rotation @ turn, nominal.translation_m + shift_m)
+
+    cameras: dict[str, MountedCamera] = {}
+    recorded: dict[str, MountedCamera] = {}
+    for entry in scenario.cameras:
+        nominal = camera_mounting(entry)
+        true = off(nominal, errors.camera_angle_deg, errors.camera_position_m, "camera", entry.name)
+        cameras[entry.name] = mounted_camera(entry, vehicle_from_camera=true)
+        road = RoadPlane.below(nominal)
+        recorded[entry.name] = replace(cameras[entry.name], vehicle_from_camera=nominal, road=road)
+    nominal_lidar = RigidTransform.from_yaw(0.0, scenario.lidar.position_m)  # its axes along the vehicle's
+    return Rig(
+        cameras=cameras,
+        recorded_cameras=recorded,
+        vehicle_from_lidar=off(nominal_lidar, errors.lidar_angle_deg, errors.lidar_position_m, "lidar"),
+        recorded_vehicle_from_lidar=nominal_lidar,
+    )

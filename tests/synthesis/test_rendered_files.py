@@ -20,7 +20,7 @@ def recordings(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPath
     """As recorded by an ideal car, and by a real one whose exact poses and calibration are read."""
     from tests.synthesis.conftest import MINIATURE
 
-    folder, source = tmp_path_factory.mktemp("stage"), "recorded" if request.param == IDEAL else "exact"
+    folder, source = tmp_path_factory.mktemp("scene"), "recorded" if request.param == IDEAL else "exact"
     (folder / "scenario.yaml").write_text(request.param + MINIATURE)
     roots = synthesize(folder / "scenario.yaml", folder / "out", workers=1)
     return [open_native(root, ego_motion=source, calibration=source) for root in roots]  # type: ignore[arg-type]

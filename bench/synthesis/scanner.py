@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.recordings import RecordingWriter
-from bench.synthesis.driving.host import own_body
-from bench.synthesis.driving.motion import HostMotion
-from bench.synthesis.mesh import Mesh, Surface
-from bench.synthesis.ray_scene import RayScene
+from bench.synthesis.draws import named_rng
+from bench.synthesis.driving.ego import own_body
+from bench.synthesis.driving.motion import EgoMotion
+from bench.synthesis.mesh import COLUMN_OF, Mesh, RayScene
+from bench.synthesis.placement import FIRST_IMAGE_NS
 from bench.synthesis.scenario import LidarSpec, RecordingSpec, Scenario
-from bench.synthesis.scenario.draws import named_rng
-from bench.synthesis.stage import FIRST_IMAGE_NS, Actor, Stage
+from bench.synthesis.scene import Actor, Scene
 
 SECOND_NS = 1_000_000_000
 FIRINGS_PER_S = 20_833  # of all 64 lasers: 2083 columns, 0.1728 degrees apart, at 10 Hz
@@ -56,7 +56,6 @@ def revolution(spec: LidarSpec) -> Beams:
     )
 
 
-COLUMN_OF = {field.name: column for column, field in enumerate(fields(Surface))}
 # A surface that mirrors, is itself dark and yet uneven is a pane: what is seen of it lies behind. Black gloss paint is
 # dark and mirrors too, but it is even.
 PANE_MIRROR, PANE_ALBEDO, PANE_CONTRAST = 0.03, 0.15, 0.2
@@ -159,23 +158,23 @@ def detected(
 
 
 RESOLUTION_M = 1 / 256  # of stored coordinates: 1 mm rms beside 20 mm of range noise; a power of two packs well
-POSTURE_NS = 5_000_000  # an actor holds its posture this long; its place follows every column exactly
+POSTURE_NS = 5_000_000  # an actor holds its posture this long; its position follows every column exactly
 
 
 class LidarScanner:
     """Scans the scene of one recording.
 
     The sweep's reference time is the middle of the revolution, when the beams look straight ahead; it starts and ends
-    straight behind and turns clockwise. Beams that meet the host itself give no points, as drivers of such sensors
-    are set up.
+    straight behind and turns clockwise. Beams that hit the ego vehicle itself give no points, as drivers of such
+    sensors are set up.
 
     Args:
         spec: the sensor.
         vehicle_from_lidar: its mounting.
         world: the static world, world frame.
-        own_body: the host, vehicle frame.
+        own_body: the ego vehicle, vehicle frame.
         actors: everything else.
-        host: the host's motion.
+        ego: the ego vehicle's motion.
     """
 
     def __init__(
@@ -186,9 +185,9 @@ class LidarScanner:
         world: Mesh,
         own_body: Mesh,
         actors: Sequence[Actor],
-        host: HostMotion,
+        ego: EgoMotion,
     ) -> None:
-        self._spec, self._actors, self._host = spec, actors, host
+        self._spec, self._actors, self._ego = spec, actors, ego
         self._world, self._static = world, RayScene(world.corners_m)
         self._vehicle_from_lidar = vehicle_from_lidar
         self._beams = revolution(spec)
@@ -205,12 +204,15 @@ class LidarScanner:
         """
         offsets_ns, rays_lidar = self._beams.offsets_ns, self._beams.rays_lidar
         times_ns = time_ns + offsets_ns
-        host = self._host.at(times_ns)
-        rotations = (host.rotations @ self._vehicle_from_lidar.rotation).astype(np.float32)
+        ego = self._ego.at(times_ns)
+        rotations = (ego.rotations @ self._vehicle_from_lidar.rotation).astype(np.float32)
         rays_world = rays_lidar @ rotations.transpose(0, 2, 1)
-        origins_m = host.rotations @ self._vehicle_from_lidar.translation_m + host.positions_m
-        echoes = Echoes(rays_world.shape[0] * rays_world.shape[1], self._spec.max_range_m)
-        self._add_world(echoes, rays_world, origins_m)
+        origins_m = ego.rotations @ self._vehicle_from_lidar.translation_m + ego.positions_m
+        rays = rays_world.reshape(-1, 3)
+        echoes = Echoes(len(rays), self._spec.max_range_m)
+        ray_origins_m = np.repeat(origins_m.astype(np.float32), rays_world.shape[1], axis=0)
+        everything = np.arange(len(rays))
+        echoes.add(self._static, self._world.surfaces, rows=everything, rays=rays, origins_m=ray_origins_m)
         for actor in self._actors:
             _add_actor(echoes, actor, times_ns, rays_world, origins_m)
         found, intensities = detected(echoes, self._spec, rng)
@@ -226,11 +228,6 @@ class LidarScanner:
             intensity=intensities[rows],
             ring=rings.astype(np.uint8),
         )
-
-    def _add_world(self, echoes: Echoes, rays_world: NDArray[np.float32], origins_m: NDArray[np.float64]) -> None:
-        rays = rays_world.reshape(-1, 3)
-        origins = np.repeat(origins_m.astype(np.float32), rays_world.shape[1], axis=0)
-        echoes.add(self._static, self._world.surfaces, rows=np.arange(len(rays)), rays=rays, origins_m=origins)
 
 
 def _add_actor(
@@ -248,9 +245,9 @@ def _add_actor(
     columns, _ = np.divmod(rows := np.flatnonzero(near), rays_world.shape[1])
     rays = np.einsum("nji,nj->ni", poses.rotations[columns], rays_world.reshape(-1, 3)[rows]).astype(np.float32)
     for block in _blocks(times_ns[columns]):
-        way_m, speed_mps = (float(values[columns[block]].mean()) for values in (poses.distances_m, speeds_mps))
+        distance_m, speed_mps = (float(values[columns[block]].mean()) for values in (poses.distances_m, speeds_mps))
         echoes.add(
-            RayScene(actor.body.corners_at(way_m, speed_mps=speed_mps)),
+            RayScene(actor.body.corners_at(distance_m, speed_mps=speed_mps)),
             actor.body.mesh.surfaces,
             rows=rows[block],
             rays=rays[block],
@@ -275,10 +272,10 @@ def _blocks(times_ns: NDArray[np.int64]) -> list[NDArray[np.intp]]:
     return list(np.split(np.arange(len(times_ns)), cuts))
 
 
-def scan_all(
+def write_sweeps(
     scenario: Scenario,
     spec: RecordingSpec,
-    stage: Stage,
+    scene: Scene,
     *,
     vehicle_from_lidar: RigidTransform,
     writer: RecordingWriter,
@@ -287,11 +284,11 @@ def scan_all(
     scanner = LidarScanner(
         scenario.lidar,
         vehicle_from_lidar=vehicle_from_lidar,
-        world=stage.world,
+        world=scene.world,
         own_body=own_body(),
-        actors=stage.actors,
-        host=stage.host,
+        actors=scene.actors,
+        ego=scene.ego,
     )
-    for number, time_ns in enumerate(stage.sweep_times_ns.tolist()):
+    for number, time_ns in enumerate(scene.sweep_times_ns.tolist()):
         rng = named_rng(scenario.seed, spec.name, "lidar", number)
         writer.sweep(scanner.scan(time_ns, timestamp_ns=time_ns + FIRST_IMAGE_NS, rng=rng))

@@ -1,1 +1,0 @@
-"""Lidar sweeps: the beams of a revolution, what they meet, which pulses come back, and the files."""
