@@ -136,10 +136,12 @@ def _without_touching_corners(covered: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _link(parts: list[Polygon]) -> Polygon:
-    """One polygon of several, each linked to the first."""
-    whole, others = parts[0], parts[1:]
-    if not others:
-        return whole
-    links = shapely.buffer(shapely.shortest_line(whole, others), LINK_PX, quad_segs=1)
+    """One polygon of several, each linked to the nearest of those before it."""
+    if len(parts) == 1:
+        return parts[0]
+    nearest = [
+        parts[int(np.argmin(shapely.distance(parts[:number], parts[number])))] for number in range(1, len(parts))
+    ]
+    links = shapely.buffer(shapely.shortest_line(nearest, parts[1:]), LINK_PX, quad_segs=1)
     united = shapely.union_all([*parts, *links])
-    return united if isinstance(united, Polygon) else whole
+    return united if isinstance(united, Polygon) else parts[0]
