@@ -97,12 +97,13 @@ def _by_order(values: NDArray[np.float64], row: NDArray[np.intp], rows: int) -> 
     return table
 
 
-def trace_polygon(covered: NDArray[np.bool_], corner: NDArray[np.int64]) -> Polygon | None:
+def trace_polygon(covered: NDArray[np.bool_], corner: NDArray[np.int64], *, solid: bool = False) -> Polygon | None:
     """The polygon around covered pixels, a quarter of a pixel outside of their centres; its parts are linked.
 
     Args:
         covered: (rows, columns) bool, of a window.
         corner: (2,) int64, (u, v) of the window's first pixel.
+        solid: close holes.
 
     Returns:
         None where no pixel is covered.
@@ -114,7 +115,7 @@ def trace_polygon(covered: NDArray[np.bool_], corner: NDArray[np.int64]) -> Poly
     outlines = [ring[:, 0] / 2 - 0.25 + corner for ring in rings]
     parents = tree[0, :, 3].tolist()
     parts = [
-        Polygon(outline, [outlines[hole] for hole, parent in enumerate(parents) if parent == number])
+        Polygon(outline, [outlines[hole] for hole, parent in enumerate(parents) if parent == number and not solid])
         for number, outline in enumerate(outlines)
         if parents[number] < 0
     ]
@@ -136,12 +137,10 @@ def _without_touching_corners(covered: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _link(parts: list[Polygon]) -> Polygon:
-    """One polygon of several, each linked to the nearest of those before it."""
-    if len(parts) == 1:
-        return parts[0]
-    nearest = [
-        parts[int(np.argmin(shapely.distance(parts[:number], parts[number])))] for number in range(1, len(parts))
-    ]
-    links = shapely.buffer(shapely.shortest_line(nearest, parts[1:]), LINK_PX, quad_segs=1)
+    """One polygon of several, each linked to the first."""
+    first, others = parts[0], parts[1:]
+    if not others:
+        return first
+    links = shapely.buffer(shapely.shortest_line(first, others), LINK_PX, quad_segs=1)
     united = shapely.union_all([*parts, *links])
-    return united if isinstance(united, Polygon) else parts[0]
+    return united if isinstance(united, Polygon) else first
