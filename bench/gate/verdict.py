@@ -47,8 +47,8 @@ class Row:
     """One metric of one slice.
 
     Attributes:
-        slice_name: as the score sheet names it.
-        metric: as the score sheet names it.
+        slice_name: as the sums per recording name it.
+        metric: as the sums per recording name it.
         outcome: of the metric.
         reason: one line; empty where the numbers say it all.
         change: before, after, interval.
@@ -85,7 +85,7 @@ class Verdict:
         baseline_origin: of the baseline.
         run_origin: of the run.
         checks: that both measured the same things, in a fixed order.
-        rows: metrics by slice, in the order of the score sheet.
+        rows: metrics by slice, in the order of the sums per recording.
     """
 
     dataset: str

@@ -320,8 +320,7 @@ def patch_polygon(
     """
     if not len(patches_px):
         return None
-    polygon = trace_polygon(*_closed_pixels(patches_px, width=width, height=height))
-    return Polygon(polygon.exterior) if solid and polygon is not None else polygon
+    return trace_polygon(*_closed_pixels(patches_px, width=width, height=height), solid=solid)
 
 
 def patch_raster(patches_px: NDArray[np.float64], *, width: int, height: int) -> Raster:

@@ -97,12 +97,13 @@ def _by_order(values: NDArray[np.float64], row: NDArray[np.intp], rows: int) -> 
     return table
 
 
-def trace_polygon(covered: NDArray[np.bool_], corner: NDArray[np.int64]) -> Polygon | None:
+def trace_polygon(covered: NDArray[np.bool_], corner: NDArray[np.int64], *, solid: bool = False) -> Polygon | None:
     """The polygon around covered pixels, a quarter of a pixel outside of their centres; its parts are linked.
 
     Args:
         covered: (rows, columns) bool, of a window.
         corner: (2,) int64, (u, v) of the window's first pixel.
+        solid: close holes.
 
     Returns:
         None where no pixel is covered.
@@ -114,7 +115,7 @@ def trace_polygon(covered: NDArray[np.bool_], corner: NDArray[np.int64]) -> Poly
     outlines = [ring[:, 0] / 2 - 0.25 + corner for ring in rings]
     parents = tree[0, :, 3].tolist()
     parts = [
-        Polygon(outline, [outlines[hole] for hole, parent in enumerate(parents) if parent == number])
+        Polygon(outline, [outlines[hole] for hole, parent in enumerate(parents) if parent == number and not solid])
         for number, outline in enumerate(outlines)
         if parents[number] < 0
     ]
@@ -137,9 +138,9 @@ def _without_touching_corners(covered: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 def _link(parts: list[Polygon]) -> Polygon:
     """One polygon of several, each linked to the first."""
-    whole, others = parts[0], parts[1:]
+    first, others = parts[0], parts[1:]
     if not others:
-        return whole
-    links = shapely.buffer(shapely.shortest_line(whole, others), LINK_PX, quad_segs=1)
+        return first
+    links = shapely.buffer(shapely.shortest_line(first, others), LINK_PX, quad_segs=1)
     united = shapely.union_all([*parts, *links])
-    return united if isinstance(united, Polygon) else whole
+    return united if isinstance(united, Polygon) else first

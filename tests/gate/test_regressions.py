@@ -106,7 +106,7 @@ def test_a_metric_that_drops_objects(good_run, baseline, monkeypatch, capsys):
     before = scored_run(good_run)
 
     def dropping(objects, frames, *, protocol):
-        """The score sheet, but `tpr_all` leaves out what is covered by less than 90 %."""
+        """The sums per recording, but `tpr_all` leaves out what is covered by less than 90 %."""
         whole = recording_sums(objects, frames, protocol=protocol)
         partial = recording_sums(_well_covered(objects.table()), frames, protocol=protocol)
         slices = {

@@ -59,7 +59,7 @@ def test_intervals_that_promised_too_much_are_not_taken_over(stored):
     assert summary_of(kept)["/all_moving/iou"] == summary_of(again)["/all_moving/iou"]
 
 
-def test_a_stored_runs_score_sheet_has_its_figures(stored):
+def test_a_stored_runs_sums_per_recording_have_its_figures(stored):
     summary = read_run(stored)
     protocol = read_protocol(stored, summary)
     sheet = recording_sums(*read_tables(stored), protocol=protocol)
