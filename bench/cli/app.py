@@ -100,12 +100,22 @@ def _print_error(line: str) -> None:
     say(line, to_errors=True)
 
 
+Protocols = Annotated[
+    str,
+    typer.Option(
+        "--protocol",
+        help="paper-v1, extended-v1, surface-v1, masks-v1, or a YAML file; several with commas in between, in one "
+        "pass, each with a run of its own.",
+    ),
+]
+
+
 @app.command()
 def run(
     dataset: Dataset,
     method: MethodName = "spherical",
     set_: Settings = None,
-    protocol: ProtocolName = "paper-v1",
+    protocol: Protocols = "paper-v1",
     split: Split = None,
     out: Annotated[
         str | None,

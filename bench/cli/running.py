@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from bench.cli.console import print_failures, progress_bar, say, show
 from bench.cli.interrupts import interruptible, resumable
 from bench.cli.places import Destination, destination, parts_of_run
 from bench.cli.viewing import draw_telling_frames
-from bench.errors import BenchError
+from bench.errors import BenchError, UsageError
 from bench.evaluation import Protocol, load_protocol
 from bench.harness import (
     Provenance,
@@ -23,7 +23,7 @@ from bench.harness import (
     merge_shards,
     merged_units,
     read_protocol,
-    run_benchmark,
+    run_protocols,
     run_shard,
 )
 from bench.harness.shards import Shard
@@ -45,7 +45,7 @@ class Scoring:
         dataset: card, or its name.
         method: name, or "module:Class".
         settings: of the method, "name=value".
-        protocol: name, or file.
+        protocol: names or files, with commas in between; the method is asked once for all of them.
         split: of the data set; None for all of it.
         out: folder or address of the run; None for the usual one.
         overwrite: replace the run of another experiment.
@@ -63,47 +63,86 @@ class Scoring:
 
 
 def run(asked: Scoring, *, pictures: bool) -> int:
-    """Score a method, write the report, print the table and the paths; return the number of failures."""
-    request, where = _request(asked)
-    report = RunReport(card=request.card, protocol=request.protocol, pictures=pictures)
-    with resumable(where):
-        with progress_bar(f"scoring {asked.method} on {request.card.name}", "images") as progress:
-            summary = run_benchmark(replace(request, progress=progress), finish=report.write)
-        report.print(summary, where)
-    return len(summary.failures)
+    """Score a method, write the reports, print the tables and the paths; return the number of failures."""
+    requests, places = _requests(asked)
+    card = requests[0].card
+    reports = {r.protocol.name: RunReport(card=card, protocol=r.protocol, pictures=pictures) for r in requests}
+    with resumable(places[0]):
+        with progress_bar(f"scoring {asked.method} on {card.name}", "images") as progress:
+            summaries = run_protocols(
+                [replace(request, progress=progress) for request in requests],
+                finish=lambda results, summary: reports[summary.protocol.name].write(results, summary),
+            )
+        for summary, where in zip(summaries, places, strict=True):
+            reports[summary.protocol.name].print(summary, where)
+    return max(len(summary.failures) for summary in summaries)
 
 
 def run_part(asked: Scoring, *, part: str) -> int:
     """Score a part I/N of the units and say what comes next; return the number of failures."""
     shard = Shard.parse(part)
-    request, where = _request(asked)
-    with resumable(where), progress_bar(f"scoring part {shard} of {request.card.name}", "images") as progress:
-        done = run_shard(replace(request, progress=progress), shard)
-    failures = (*done.recording_failures, *done.unit_failures)
-    say(f"part {shard}: {len(done.units)} of {done.units_of_run} units; when all parts are there: merge {where}")
-    _print_cost(done.provenance)
-    print_failures(failures, all_in=f"{where}/shards/{shard.file}")
+    requests, places = _requests(asked)
+    with resumable(places[0]), progress_bar(f"scoring part {shard} of {requests[0].card.name}", "images") as progress:
+        done = run_shard([replace(request, progress=progress) for request in requests], shard)
+    failures = (*done[0].recording_failures, *done[0].unit_failures)
+    for report, where in zip(done, places, strict=True):
+        say(f"part {shard}: {len(report.units)} of {report.units_of_run} units; when all are there: merge {where}")
+    _print_cost(done[0].provenance)
+    print_failures(failures, all_in=f"{places[0]}/shards/{shard.file}")
     return len(failures)
 
 
-def _request(asked: Scoring) -> tuple[RunRequest, Destination]:
-    """What the command line says, as a run; the data set is rendered where it is not there."""
-    card, rules = load_card(asked.dataset), load_protocol(asked.protocol)
+def _requests(asked: Scoring) -> tuple[list[RunRequest], list[Destination]]:
+    """What the command line says, as a run for each protocol; the data set is rendered where it is not there."""
+    card, protocols = load_card(asked.dataset), load_protocols(asked.protocol)
     method = build_scorable(asked.method, parse_settings(asked.settings))
-    where = destination(asked.out, default_folder(card, method.name, unusual(method, asked.method), rules, asked.split))
+    settings = unusual(method, asked.method)
+    places = destinations(
+        asked.out, protocols, lambda protocol: default_folder(card, method.name, settings, protocol, asked.split)
+    )
     render_if_synthetic(card)
-    request = RunRequest(
+    common = RunRequest(
         card=card,
         method=method,
-        protocol=rules,
-        out=where.folder,
+        protocol=protocols[0],
+        out=places[0].folder,
         split=asked.split,
         overwrite=asked.overwrite,
         executor=asked.computing.executor(card, method),
         cache=asked.computing.cache_folder,
-        mirror=where.mirror,
     )
-    return request, where
+    requests = [
+        replace(common, protocol=protocol, out=where.folder, mirror=where.mirror)
+        for protocol, where in zip(protocols, places, strict=True)
+    ]
+    return requests, places
+
+
+def load_protocols(names: str) -> list[Protocol]:
+    """Load protocols that are named with commas in between.
+
+    Raises:
+        UsageError: an empty name, or one twice.
+        DataError, UnknownNameError: as `load_protocol`.
+    """
+    protocols = [load_protocol(name.strip()) for name in names.split(",")]
+    if len({protocol.name for protocol in protocols}) < len(protocols):
+        raise UsageError(f"--protocol: expected each protocol once, got {names!r}")
+    return protocols
+
+
+def destinations(
+    out: str | None, protocols: Sequence[Protocol], usual: Callable[[Protocol], Path]
+) -> list[Destination]:
+    """Where runs by several protocols go: the first as named, the others with the protocol behind the name.
+
+    Args:
+        out: folder or address of the first; None for the usual ones.
+        protocols: at least one.
+        usual: folder of a run by a protocol.
+    """
+    named = [out if out is None or i == 0 else f"{out.rstrip('/')}-{p.name}" for i, p in enumerate(protocols)]
+    return [destination(name, usual(protocol)) for name, protocol in zip(named, protocols, strict=True)]
 
 
 def merge(run: str, parts: Sequence[str], *, overwrite: bool, pictures: bool) -> int:

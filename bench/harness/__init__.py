@@ -10,7 +10,7 @@ from bench.harness.merge import merge_shards, merged_units
 from bench.harness.oracles import build_scorable, scorable_methods
 from bench.harness.predicted import PredictionReport, check_predictions, evaluate_predictions
 from bench.harness.provenance import Provenance
-from bench.harness.run import RunRequest, run_benchmark, run_shard
+from bench.harness.run import RunRequest, run_benchmark, run_protocols, run_shard
 from bench.harness.stored import (
     RunSummary,
     StoredRows,
@@ -43,6 +43,7 @@ __all__ = [
     "read_run",
     "read_tables",
     "run_benchmark",
+    "run_protocols",
     "run_shard",
     "scorable_methods",
 ]

@@ -61,6 +61,7 @@ class FramePipeline:
         camera: name of the camera.
         method: to be run.
         protocol: the rules of the reference.
+        further: other protocols by which the same answers are scored.
         clock: adds up the time of each stage.
         steps: where steps of earlier runs are found; None to compute everything.
     """
@@ -72,12 +73,16 @@ class FramePipeline:
         *,
         method: Method,
         protocol: Protocol,
+        further: Sequence[Protocol] = (),
         clock: StageClock | None = None,
         steps: StepCache | None = None,
     ) -> None:
         self.recording, self.camera = recording, recording.cameras[camera]
         self.images = recording.images[camera]
         self.references = ReferenceBuilder(recording, camera, protocol.reference_settings())
+        self._further = tuple(
+            ReferenceBuilder(recording, camera, other.reference_settings(), beside=self.references) for other in further
+        )
         self._method, self._needs = method, Needs.of(method)
         self._clock = clock or StageClock()
         self._steps = steps
@@ -97,21 +102,27 @@ class FramePipeline:
             DataError: an image, a sweep or the ego-motion of the frame cannot be used.
             UnscorableFrame: the images before it are missing, or the method has no answer.
         """
-        given = self.method_input(index)
-        if is_oracle(self._method):
-            reference = self._reference(index)
-            with self._clock.stage("method"):
-                segmentation = self._method.answer(self.recording, self.images[index], reference)
-        else:
-            segmentation = self._answer(given)
-            reference = self._reference(index)
-        return ProcessedFrame(image=self.images[index], given=given, segmentation=segmentation, reference=reference)
+        return self.process_by_all(index)[0]
 
-    def _reference(self, index: int) -> ReferenceFrame:
+    def process_by_all(self, index: int) -> tuple[ProcessedFrame, ...]:
+        """As `process`, once for each protocol; the method is asked once."""
+        given, image = self.method_input(index), self.images[index]
+        answer = None if is_oracle(self._method) else self._answer(given)
+        frames = []
+        for builder in (self.references, *self._further):
+            reference = self._reference(builder, image)
+            segmentation = answer or self._oracle(image, reference)
+            frames.append(ProcessedFrame(image=image, given=given, segmentation=segmentation, reference=reference))
+        return tuple(frames)
+
+    def _reference(self, builder: ReferenceBuilder, image: ImageRef) -> ReferenceFrame:
         with self._clock.stage("reference"):
-            if self._steps is None:
-                return self.references.build(self.images[index])
-            return self._steps.reference(self.references, self.images[index])
+            return builder.build(image) if self._steps is None else self._steps.reference(builder, image)
+
+    def _oracle(self, image: ImageRef, reference: ReferenceFrame) -> Segmentation:
+        assert is_oracle(self._method)
+        with self._clock.stage("method"):
+            return self._method.answer(self.recording, image, reference)
 
     def _answer(self, given: MethodInput) -> Segmentation:
         with self._clock.stage("method"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -75,10 +75,12 @@ class RunRequest:
         """The recordings to be scored, with the input errors."""
         return [replace(handle, input_errors=self.input_errors) for handle in open_dataset(self.card, self.split)]
 
-    @property
-    def experiment(self) -> Experiment:
-        """What all files in `out` are of."""
-        return Experiment.of(dataset=self.card.name, split=self.split, method=self.method, protocol=self.protocol)
+    def begin(self, held: ExitStack, *, shard: Shard) -> None:
+        """Hold the folder of the run, bring what is at its address, and note what is going on there."""
+        held.enter_context(held_run_folder(self.out, shared=shard != WHOLE))
+        self.mirror.begin(parts=shard.count)
+        experiment = Experiment.of(dataset=self.card.name, split=self.split, method=self.method, protocol=self.protocol)
+        claim(self.out, experiment, self.protocol, overwrite=self.overwrite)
 
 
 def run_benchmark(request: RunRequest, *, finish: Finish | None = None) -> RunSummary:
@@ -101,38 +103,62 @@ def run_benchmark(request: RunRequest, *, finish: Finish | None = None) -> RunSu
         DataError: the data set is not there, nothing of it could be used, `out` holds another experiment or something
             that is no run or is in use by another one, or there is no room for the results.
     """
-    work = _Work(request=request, handles=request.recordings(), shard=WHOLE)
-    out, mirror = request.out, request.mirror
-    with held_run_folder(out):
-        mirror.begin(parts=WHOLE.count)
-        claim(out, request.experiment, request.protocol, overwrite=request.overwrite)
-        with new_results(out) as results:
-            remove_shards(out)
-            work.run()
-            summary = combine_parts(results, [out], run=out, protocol=request.protocol)
-            if finish is not None:
-                finish(results, summary)
-        mirror.upload_results()
-        return summary
+    return run_protocols([request], finish=finish)[0]
 
 
-def run_shard(request: RunRequest, shard: Shard) -> ShardReport:
+def run_protocols(requests: Sequence[RunRequest], *, finish: Finish | None = None) -> list[RunSummary]:
+    """Score a method by several protocols in one pass over the images; each is a run of its own.
+
+    Args:
+        requests: at least one; they differ in protocol, folder and mirror alone.
+        finish: see `run_benchmark`; called for each run.
+
+    Raises:
+        DataError: as `run_benchmark`.
+    """
+    handles = requests[0].recordings()
+    works = [_Work(request=request, handles=handles, shard=WHOLE) for request in requests]
+    with ExitStack() as held:
+        for request in requests:
+            request.begin(held, shard=WHOLE)
+        with ExitStack() as replaced:
+            folders = [replaced.enter_context(new_results(request.out)) for request in requests]
+            for request in requests:
+                remove_shards(request.out)
+            _score_in_one_pass(works)
+            summaries = []
+            for request, results in zip(requests, folders, strict=True):
+                summary = combine_parts(results, [request.out], run=request.out, protocol=request.protocol)
+                if finish is not None:
+                    finish(results, summary)
+                summaries.append(summary)
+        for request in requests:
+            request.mirror.upload_results()
+        return summaries
+
+
+def run_shard(requests: Sequence[RunRequest], shard: Shard) -> list[ShardReport]:
     """Score a part of a data set's units and store them; `merge_shards` makes a run of all parts.
 
     Parts may work at the same time, in one folder or in many.
 
+    Args:
+        requests: at least one; they differ in protocol, folder and mirror alone.
+        shard: which part.
+
     Raises:
         DataError: as `run_benchmark`, but for a part of which nothing could be used.
     """
-    work = _Work(request=request, handles=request.recordings(), shard=shard)
-    out, mirror = request.out, request.mirror
-    with held_run_folder(out, shared=True):
-        mirror.begin(parts=shard.count)
-        claim(out, request.experiment, request.protocol, overwrite=request.overwrite)
-        remove_shards(out, but_of=shard.count)
-        report = work.run()
-        mirror.upload_results()
-        return report
+    handles = requests[0].recordings()
+    works = [_Work(request=request, handles=handles, shard=shard) for request in requests]
+    with ExitStack() as held:
+        for request in requests:
+            request.begin(held, shard=shard)
+            remove_shards(request.out, but_of=shard.count)
+        reports = _score_in_one_pass(works)
+        for request in requests:
+            request.mirror.upload_results()
+        return reports
 
 
 @dataclass(kw_only=True)
@@ -156,57 +182,25 @@ class _Work:
     def __post_init__(self) -> None:
         self.identity = MethodIdentity.of(self.request.method)
 
-    def run(self) -> ShardReport:
-        """Plan, score, store."""
-        asked = self.request
-        if asked.cache is not None:
-            asked.cache.prepare()
-        (asked.out / "shards" / self.shard.file).unlink(missing_ok=True)
-        spec = RunSpec(method=asked.method, identity=self.identity, protocol=asked.protocol, cache=asked.cache)
-        with asked.executor:
-            planned = self._plan(spec)
-            units = [unit for recording in planned for unit in recording.units]
-            part = self.shard.part(units)
-            stored = UnitFolder(asked.out)
-            if self.shard.count == 1:
-                stored.keep_only(units)
-                asked.mirror.keep_only(units)
-            asked.mirror.download_units(part)
-            self._score(spec, part, stored)
-        if asked.cache is not None:
-            asked.cache.evict()
-        report = self._report(planned, units, part)
-        write_shard(asked.out, self.shard, report)
-        return report
+    @property
+    def stored(self) -> UnitFolder:
+        """The units that are there."""
+        return UnitFolder(self.request.out)
 
-    def _plan(self, spec: RunSpec) -> list[PlannedRecording]:
-        """The recordings in the order of the data set."""
-        found: dict[str, PlannedRecording] = {}
-        with closing(self.request.executor.compute(partial(plan_recording, spec), self.handles)) as results:
-            for handle, planned in results:
-                recording = _never_opened(handle, planned) if isinstance(planned, FailedTask) else planned
-                found[handle.name] = recording
-                self.clock.seconds["open"] += recording.seconds
-        return [found[handle.name] for handle in self.handles]
+    def begin(self, units: Sequence[Unit], part: Sequence[Unit]) -> None:
+        """Leave no unit that is none of the run's, and bring those of the part that are at its address."""
+        if self.shard.count == 1:
+            self.stored.keep_only(units)
+            self.request.mirror.keep_only(units)
+        self.request.mirror.download_units(part)
 
-    def _score(self, spec: RunSpec, units: Sequence[Unit], stored: UnitFolder) -> None:
-        by_name = {handle.name: handle for handle in self.handles}
-        tasks = []
-        for unit in units:
-            status = stored.status(unit)
-            key = None if status is None else status.key
-            tasks.append(UnitTask(handle=by_name[unit.recording], unit=unit, stored_key=key))
-        tasks.sort(key=lambda task: task.unit.start - task.unit.stop)  # the longest first, so that all end together
-        total, done = sum(unit.stop - unit.start for unit in units), 0
-        with closing(self.request.executor.compute(partial(score_unit, spec), tasks)) as results:
-            for task, scored in results:
-                self._take(task, scored, stored)
-                done += task.unit.stop - task.unit.start
-                if self.request.progress is not None:
-                    self.request.progress(done, total)
+    def stored_key(self, unit: Unit) -> str | None:
+        """Key of the stored result of a unit."""
+        status = self.stored.status(unit)
+        return None if status is None else status.key
 
-    def _take(self, task: UnitTask, scored: ScoredUnit | FailedTask, stored: UnitFolder) -> None:
-        unit = task.unit
+    def take(self, unit: Unit, scored: ScoredUnit | FailedTask) -> None:
+        """Store the result of a unit, or note why there is none."""
         if isinstance(scored, FailedTask):
             where = f"recording {unit.recording!r}, camera {unit.camera!r}, images {unit.start} to {unit.stop - 1}"
             self.failures[unit] = f"{where}: {scored.reason}"
@@ -226,15 +220,16 @@ class _Work:
             return
         self.images_computed += unit.stop - unit.start
         with self.clock.stage("store"):
-            stored.store(unit, scored.content)
+            self.stored.store(unit, scored.content)
             self.request.mirror.upload_unit(unit)
 
-    def _report(
+    def report(
         self,
         planned: Sequence[PlannedRecording],
         units: Sequence[Unit],
         part: Sequence[Unit],
     ) -> ShardReport:
+        """What this part has computed."""
         asked = self.request
         outlines = [recording.vehicle_outline_m for recording in planned if recording.vehicle_outline_m]
         work = origin.Work(
@@ -281,6 +276,61 @@ class _Work:
                 unrepeatable=unrepeatable_code(self.identity),
             ),
         )
+
+
+def _score_in_one_pass(works: Sequence[_Work]) -> list[ShardReport]:
+    """Plan, score and store; the works differ in protocol and folder alone."""
+    first = works[0]
+    asked, shard = first.request, first.shard
+    if asked.cache is not None:
+        asked.cache.prepare()
+    for work in works:
+        (work.request.out / "shards" / shard.file).unlink(missing_ok=True)
+    protocols = tuple(work.request.protocol for work in works)
+    spec = RunSpec(method=asked.method, identity=first.identity, protocols=protocols, cache=asked.cache)
+    with asked.executor:
+        planned = _plan(spec, first)
+        units = [unit for recording in planned for unit in recording.units]
+        part = shard.part(units)
+        for work in works:
+            work.begin(units, part)
+        _score(spec, works, part)
+    if asked.cache is not None:
+        asked.cache.evict()
+    reports = []
+    for work in works:
+        reports.append(work.report(planned, units, part))
+        write_shard(work.request.out, shard, reports[-1])
+    return reports
+
+
+def _plan(spec: RunSpec, work: _Work) -> list[PlannedRecording]:
+    """The recordings in the order of the data set."""
+    found: dict[str, PlannedRecording] = {}
+    with closing(work.request.executor.compute(partial(plan_recording, spec), work.handles)) as results:
+        for handle, planned in results:
+            recording = _never_opened(handle, planned) if isinstance(planned, FailedTask) else planned
+            found[handle.name] = recording
+            work.clock.seconds["open"] += recording.seconds
+    return [found[handle.name] for handle in work.handles]
+
+
+def _score(spec: RunSpec, works: Sequence[_Work], units: Sequence[Unit]) -> None:
+    asked = works[0].request
+    by_name = {handle.name: handle for handle in works[0].handles}
+    tasks = [
+        UnitTask(handle=by_name[unit.recording], unit=unit, stored_keys=tuple(work.stored_key(unit) for work in works))
+        for unit in units
+    ]
+    tasks.sort(key=lambda task: task.unit.start - task.unit.stop)  # the longest first, so that all end together
+    total, done = sum(unit.stop - unit.start for unit in units), 0
+    with closing(asked.executor.compute(partial(score_unit, spec), tasks)) as results:
+        for task, scored in results:
+            for number, work in enumerate(works):
+                work.take(task.unit, scored if isinstance(scored, FailedTask) else scored[number])
+            done += task.unit.stop - task.unit.start
+            if asked.progress is not None:
+                asked.progress(done, total)
 
 
 def _caveats(card: DatasetCard, handles: Sequence[RecordingHandle]) -> str:

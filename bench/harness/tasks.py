@@ -5,7 +5,7 @@ from __future__ import annotations
 import uuid
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import bench
@@ -32,7 +32,7 @@ class RunSpec:
     Attributes:
         method: to be scored.
         identity: of the method, in the process that started the run.
-        protocol: the rules.
+        protocols: the rules, each of a run of its own.
         cache: where cached steps are stored; None to compute everything.
         code: digest of this package's code that decides a unit's result, in the process that started the run.
         run_id: of this run; a process opens a recording once for each.
@@ -40,7 +40,7 @@ class RunSpec:
 
     method: Method
     identity: MethodIdentity
-    protocol: Protocol
+    protocols: tuple[Protocol, ...]
     cache: CacheFolder | None = None
     code: str = field(default_factory=lambda: code_digest(UNIT_CODE))
     run_id: str = field(default_factory=lambda: uuid.uuid4().hex)
@@ -86,17 +86,17 @@ class UnitTask:
     Attributes:
         handle: its recording.
         unit: which images.
-        stored_key: key of the result that is stored already; None for none.
+        stored_keys: keys of the results that are stored already, by protocol; None for none.
     """
 
     handle: RecordingHandle
     unit: Unit
-    stored_key: str | None = None
+    stored_keys: tuple[str | None, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScoredUnit:
-    """What became of a unit.
+    """What became of a unit by one protocol; what it took is told with the first.
 
     Attributes:
         key: digest of all that the result depends on.
@@ -144,56 +144,61 @@ def plan_recording(spec: RunSpec, handle: RecordingHandle) -> PlannedRecording:
     )
 
 
-def score_unit(spec: RunSpec, task: UnitTask) -> ScoredUnit:
-    """Score a unit, unless what is stored has its key; what is wrong with it is told, not raised."""
+def score_unit(spec: RunSpec, task: UnitTask) -> tuple[ScoredUnit, ...]:
+    """Score a unit by each protocol, unless what is stored has its key; what is wrong with it is told, not raised.
+
+    Protocols whose result is not stored share one pass over the images.
+    """
     clock, unit = StageClock(), task.unit
     found, missed = (Counter(spec.cache.found), Counter(spec.cache.missed)) if spec.cache else (Counter(), Counter())
-    key, content, failure = "", None, None
+    keys, contents, failure = [""] * len(spec.protocols), dict[int, bytes](), None
+    due = list(range(len(keys)))
     try:
         with clock.stage("open"):
             opened = _open(spec, task.handle)
         with clock.stage("key"):
             spec.refuse_other_code()
             inputs = opened.inputs.afresh()
-            key = unit_key(spec, opened.recording, unit, inputs)
-        if key != task.stored_key:
+            keys = unit_keys(spec, opened.recording, unit, inputs)
+        due = [i for i, key in enumerate(keys) if key != task.stored_keys[i]]
+        if due:
             steps = None
             if spec.cache is not None:
                 steps = StepCache(folder=spec.cache, recording=opened.recording, inputs=inputs, identity=spec.identity)
-            tables = run_unit(
-                opened.recording, unit, method=spec.method, protocol=spec.protocol, clock=clock, steps=steps
-            )
+            protocols = [spec.protocols[i] for i in due]
+            tables = run_unit(opened.recording, unit, method=spec.method, protocols=protocols, clock=clock, steps=steps)
             with clock.stage("key"):
                 spec.refuse_other_code()
-                _refuse_change(spec, opened, unit, key)
+                _refuse_change(spec, opened, unit, keys)
             with clock.stage("store"):
-                content = encode_unit(unit, tables, key=key)
+                contents = {i: encode_unit(unit, part, key=keys[i]) for i, part in zip(due, tables, strict=True)}
     except BenchError as error:
         failure = f"recording {unit.recording!r}, camera {unit.camera!r}: {error}"
     except MemoryError:
         where = f"recording {unit.recording!r}, camera {unit.camera!r}, images {unit.start} to {unit.stop - 1}"
         failure = f"{where}: the memory that the process may use was not enough"
-    return ScoredUnit(
-        key=key,
-        content=content,
-        failure=failure,
+    scored = [
+        ScoredUnit(key=key, content=contents.get(i), failure=failure if i in due else None)
+        for i, key in enumerate(keys)
+    ]
+    scored[0] = replace(
+        scored[0],
         seconds=dict(clock.seconds),
         found=dict(spec.cache.found - found) if spec.cache else {},
         computed=dict(spec.cache.missed - missed) if spec.cache else {},
         peak_memory_mb=largest_resident_mb(),
     )
+    return tuple(scored)
 
 
-def unit_key(spec: RunSpec, recording: Recording, unit: Unit, inputs: RecordingInputs) -> str:
-    """Digest of all that the result of a unit depends on."""
+def unit_keys(spec: RunSpec, recording: Recording, unit: Unit, inputs: RecordingInputs) -> list[str]:
+    """Digests of all that the results of a unit depend on, by protocol."""
     method, images = spec.method, recording.images[unit.camera]
-    reach_ns = spec.protocol.reference_settings().max_sweep_gap_ns
     first = max(unit.start - Needs.of(method).longest_history - 1, 0)
     read = images[first : unit.stop]
-    return digest_of(
+    shared = digest_of(
         UNIT_FORMAT,
         spec.code,
-        spec.protocol,
         method.name,
         method.settings(),
         spec.identity.digest,
@@ -206,8 +211,13 @@ def unit_key(spec: RunSpec, recording: Recording, unit: Unit, inputs: RecordingI
         inputs.input_errors,
         inputs.images(read),
         inputs.truths(images[unit.start : unit.stop]) if isinstance(method, ExactMasks) else None,
-        inputs.sweeps(read[0].timestamp_ns, read[-1].timestamp_ns, reach_ns=reach_ns),
     )
+    first_ns, last_ns = read[0].timestamp_ns, read[-1].timestamp_ns
+    gaps_ns = [protocol.reference_settings().max_sweep_gap_ns for protocol in spec.protocols]
+    return [
+        digest_of(shared, protocol, inputs.sweeps(first_ns, last_ns, reach_ns=gap_ns))
+        for protocol, gap_ns in zip(spec.protocols, gaps_ns, strict=True)
+    ]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -232,9 +242,9 @@ def _open(spec: RunSpec, handle: RecordingHandle) -> _Opened:
     return _held[0]
 
 
-def _refuse_change(spec: RunSpec, opened: _Opened, unit: Unit, key: str) -> None:
+def _refuse_change(spec: RunSpec, opened: _Opened, unit: Unit, keys: list[str]) -> None:
     """Refuse a result of files that changed while they were read: nobody knows which of them it is of."""
-    if unit_key(spec, opened.recording, unit, opened.inputs.afresh()) != key:
+    if unit_keys(spec, opened.recording, unit, opened.inputs.afresh()) != keys:
         raise DataError(
             opened.recording.root,
             expected="files that stay the same while they are scored",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -78,37 +78,44 @@ def run_unit(
     unit: Unit,
     *,
     method: Method,
-    protocol: Protocol,
+    protocols: Sequence[Protocol],
     clock: StageClock,
     steps: StepCache | None = None,
-) -> UnitTables:
+) -> list[UnitTables]:
     """Score the images of a unit. An image that cannot be used is reported; the others go on.
 
     Args:
         recording: of the unit.
         unit: which images.
-        method: to be scored.
-        protocol: the rules.
+        method: to be scored; asked once for each image.
+        protocols: the rules, at least one.
         clock: adds up the time of each stage.
         steps: where steps of earlier runs are found; None to compute everything.
+
+    Returns:
+        What was counted by each of the protocols.
     """
-    pipeline = FramePipeline(recording, unit.camera, method=method, protocol=protocol, clock=clock, steps=steps)
-    scorer = SequenceScorer(protocol)
+    first, *further = protocols
+    pipeline = FramePipeline(
+        recording, unit.camera, method=method, protocol=first, further=further, clock=clock, steps=steps
+    )
+    scorers = [SequenceScorer(protocol) for protocol in protocols]
     problems: list[str] = []
-    masks: list[dict[str, object]] = []
+    masks: list[list[dict[str, object]]] = [[] for _ in protocols]
 
     def leave_out(index: int, status: Literal["failed", "skipped"], problem: str) -> None:
-        scorer.leave_out(
-            recording=unit.recording,
-            camera=unit.camera,
-            timestamp_ns=pipeline.images[index].timestamp_ns,
-            status=status,
-            problem=problem,
-        )
+        for scorer in scorers:
+            scorer.leave_out(
+                recording=unit.recording,
+                camera=unit.camera,
+                timestamp_ns=pipeline.images[index].timestamp_ns,
+                status=status,
+                problem=problem,
+            )
 
     for index in range(unit.start, unit.stop):
         try:
-            processed = pipeline.process(index)
+            frames = pipeline.process_by_all(index)
         except UnscorableFrame as reason:
             leave_out(index, "skipped", str(reason))
         except BenchError as error:
@@ -116,17 +123,24 @@ def run_unit(
             problems.append(problem)
             leave_out(index, "failed", problem)
         else:
-            with clock.stage("counts"):
-                scorer.add(processed.reference, processed.segmentation)
-            with clock.stage("store"):
-                masks.append(
-                    mask_row(
-                        processed.segmentation,
-                        recording=unit.recording,
-                        camera=unit.camera,
-                        timestamp_ns=processed.image.timestamp_ns,
+            for scorer, rows, frame in zip(scorers, masks, frames, strict=True):
+                with clock.stage("counts"):
+                    scorer.add(frame.reference, frame.segmentation)
+                with clock.stage("store"):
+                    rows.append(
+                        mask_row(
+                            frame.segmentation,
+                            recording=unit.recording,
+                            camera=unit.camera,
+                            timestamp_ns=frame.image.timestamp_ns,
+                        )
                     )
-                )
+    return [_tables(scorer, rows, problems, clock) for scorer, rows in zip(scorers, masks, strict=True)]
+
+
+def _tables(
+    scorer: SequenceScorer, masks: list[dict[str, object]], problems: Sequence[str], clock: StageClock
+) -> UnitTables:
     with clock.stage("counts"):
         objects, frames = scorer.finish()
     return UnitTables(

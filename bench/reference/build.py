@@ -77,14 +77,19 @@ class ReferenceBuilder:
         recording: the drive.
         camera: name of the camera.
         settings: of the protocol.
+        beside: another builder of the same camera, with which sweeps are shared; None for a builder of its own.
     """
 
-    def __init__(self, recording: Recording, camera: str, settings: ReferenceSettings) -> None:
+    def __init__(
+        self, recording: Recording, camera: str, settings: ReferenceSettings, *, beside: ReferenceBuilder | None = None
+    ) -> None:
         self.recording, self.settings = recording, settings
         self.camera = recording.cameras[camera]
         self.valid = visible_region(self.camera)
         self._index = AnnotationIndex(recording, settings)
-        self._sweeps = SweepCache(recording, settings.max_sweep_gap_ns)
+        self._sweeps: SweepCache = SweepCache(recording, settings.max_sweep_gap_ns)
+        if beside is not None and beside.settings.max_sweep_gap_ns == settings.max_sweep_gap_ns:
+            self._sweeps = beside._sweeps
         ground_m = float(self.camera.vehicle_from_camera.translation_m[2]) - self.camera.road.height_m
         self._lowest_m = ground_m + settings.ground_clearance_m
         above_shape = settings.clearance_above_shape or settings.polygon_kind == SURFACE_PATCHES

@@ -1,5 +1,6 @@
 """Every command once: exit status, what it prints, which files it leaves."""
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -146,3 +147,15 @@ def test_help_imports_nothing_heavy():
 def test_every_command_is_tested():
     here = Path(__file__).read_text()
     assert all(f'"{command}"' in here for command in COMMANDS)
+
+
+def test_run_by_two_protocols_prints_two_tables_and_stores_two_runs(monkeypatch, capsys, tiny_card, tmp_path):
+    out = tmp_path / "run"
+    words = ("run", tiny_card, "--protocol", "paper-v1,surface-v1", "--out", out, "--no-pictures")
+    assert call(monkeypatch, *words) == 0
+    printed = capsys.readouterr().out
+    assert printed.index(str(out / "table.md")) < printed.index(f"{out}-surface-v1/table.md")
+    for folder, protocol in ((out, "paper-v1"), (tmp_path / "run-surface-v1", "surface-v1")):
+        assert json.loads((folder / "summary.json").read_text())["protocol"]["name"] == protocol
+    assert call(monkeypatch, "run", tiny_card, "--protocol", "paper-v1,paper-v1", "--out", tmp_path / "twice") == 2
+    assert "expected each protocol once" in capsys.readouterr().err

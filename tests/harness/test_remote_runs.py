@@ -200,7 +200,7 @@ def test_a_part_leaves_the_results_of_an_older_run(own_card, bucket):
     before = results_at(bucket)
     remote = RemoteRun(url=parse_place(URL))
     options = {"method": build_method("nothing"), "protocol": PAPER, "out": remote.folder, "mirror": remote}
-    run_shard(RunRequest(card=load_card(str(own_card)), **options), Shard(number=1, count=2))
+    run_shard([RunRequest(card=load_card(str(own_card)), **options)], Shard(number=1, count=2))
     assert results_at(bucket) == before
 
 
@@ -275,7 +275,7 @@ def test_parts_of_two_machines_merge_at_the_address(own_card, bucket, tmp_path, 
         remote = RemoteRun(url=parse_place(URL))
         options = {"method": build_method("nothing"), "protocol": PAPER}
         run_shard(
-            RunRequest(card=load_card(str(own_card)), out=remote.folder, mirror=remote, **options),
+            [RunRequest(card=load_card(str(own_card)), out=remote.folder, mirror=remote, **options)],
             Shard(number=number, count=2),
         )
     monkeypatch.setenv("FISHEYE_BENCH_REMOTE", str(tmp_path / "third"))

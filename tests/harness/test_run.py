@@ -1,6 +1,7 @@
 """A whole run on rendered drives: what is stored, what fails, and what goes on."""
 
 import json
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -9,9 +10,10 @@ import pytest
 
 from bench.errors import DataError
 from bench.evaluation import load_protocol
-from bench.harness import RunRequest, plan_units, read_protocol, read_run, read_tables, run_benchmark
+from bench.harness import RunRequest, plan_units, read_protocol, read_run, read_tables, run_benchmark, run_protocols
 from bench.harness.stored import MethodStamp
 from bench.methods import build_method
+from bench.methods.spherical.method import SphericalMethod
 from bench.recordings import load_card, open_dataset
 
 PROTOCOL = load_protocol("paper-v1")
@@ -179,3 +181,33 @@ def test_what_a_stored_method_is_called(tiny_card, tmp_path):
     assert run(tiny_card, tmp_path / "ours").method.called == "spherical"
     stranger = MethodStamp(name="stranger", settings={}, place="bench.methods.baselines:Nothing")
     assert stranger.called == "bench.methods.baselines:Nothing"
+
+
+def test_several_protocols_in_one_pass_give_the_runs_that_each_gives_alone(tiny_card, tmp_path, monkeypatch):
+    names = ("paper-v1", "surface-v1", "extended-v1")
+    for name in names:
+        request = {"card": load_card(str(tiny_card)), "method": build_method("spherical")}
+        run_benchmark(RunRequest(protocol=load_protocol(name), out=tmp_path / "alone" / name, **request))
+    asked = []
+    segment = SphericalMethod.segment
+    monkeypatch.setattr(SphericalMethod, "segment", lambda self, given: asked.append(given) or segment(self, given))
+    together = [
+        RunRequest(
+            card=load_card(str(tiny_card)),
+            method=build_method("spherical"),
+            protocol=load_protocol(name),
+            out=tmp_path / "together" / name,
+        )
+        for name in names
+    ]
+    summaries = run_protocols(together)
+    assert [summary.protocol.name for summary in summaries] == list(names)
+    assert len(asked) == summaries[0].images.evaluated, "the method is asked once for all of them"
+    for name in names:
+        for file in ("objects.parquet", "frames.parquet", "masks.parquet", "image_maps.npz"):
+            alone = (tmp_path / "alone" / name / file).read_bytes()
+            assert (tmp_path / "together" / name / file).read_bytes() == alone, (name, file)
+    # A run that is there already is not computed again beside one that is not.
+    fourth = replace(together[0], protocol=load_protocol("masks-v1"), out=tmp_path / "together" / "masks-v1")
+    again = run_protocols([together[0], fourth])
+    assert [summary.provenance.work.units_reused for summary in again] == [3, 0]

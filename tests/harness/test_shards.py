@@ -29,15 +29,17 @@ COUNT = 3
 
 def score_part(card: Path, out: Path, number: int, *, count=COUNT, settings=None, protocol=PAPER, overwrite=False):
     return run_shard(
-        RunRequest(
-            card=load_card(str(card)),
-            method=build_method("spherical", settings or {}),
-            protocol=protocol,
-            out=out,
-            overwrite=overwrite,
-        ),
+        [
+            RunRequest(
+                card=load_card(str(card)),
+                method=build_method("spherical", settings or {}),
+                protocol=protocol,
+                out=out,
+                overwrite=overwrite,
+            )
+        ],
         Shard(number=number, count=count),
-    )
+    )[0]
 
 
 @pytest.fixture(scope="module")

@@ -76,9 +76,11 @@ def test_commands_that_read_runs(runs, tmp_path, monkeypatch, trap, words):
 def test_merge(tiny_card, tmp_path, monkeypatch, trap):
     for number in (1, 2):
         run_shard(
-            RunRequest(
-                card=load_card(tiny_card), method=build_method("spherical"), protocol=PAPER, out=tmp_path / "run"
-            ),
+            [
+                RunRequest(
+                    card=load_card(tiny_card), method=build_method("spherical"), protocol=PAPER, out=tmp_path / "run"
+                )
+            ],
             Shard(number=number, count=2),
         )
     for file in (tmp_path / "run" / "shards").glob("*.json"):
