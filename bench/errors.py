@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 LONGEST_CAME = 1000  # characters of what was found instead
-NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 class BenchError(Exception):
@@ -75,7 +75,7 @@ class OutputError(BenchError):
         """From what the system says when `file`, or a folder for it, is written."""
         above = error.filename is not None and str(file).startswith(f"{error.filename}{os.sep}")
         culprit = f" ({error.filename})" if above else ""
-        do = "make room, then give the same command again" if error.errno in NO_ROOM else ""
+        do = "free some disk space, then run the same command again" if error.errno in DISK_FULL else ""
         return cls(file, got=f"{error.strerror or error}{culprit}", do=do)
 
     def __reduce__(self) -> tuple[object, ...]:

@@ -1,4 +1,4 @@
-"""Memory that a process has freed, kept for its next use."""
+"""Memory that a process has freed, reused."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ KEPT_BYTES = 1 << 29
 LARGEST_MAPPED_BYTES = 1 << 25  # glibc takes no more
 
 
-def keep_freed_memory() -> None:
+def reuse_freed_memory() -> None:
     """Have the C library keep what is freed for the rest of this process, instead of giving it back to the system.
 
     Flow, counts and rendering take and free the same tens of megabytes for every image. Taken from the system anew,

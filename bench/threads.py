@@ -9,7 +9,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from bench.memory import keep_freed_memory
+from bench.memory import reuse_freed_memory
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -19,7 +19,7 @@ def use_one_thread() -> None:
     import cv2
     from threadpoolctl import threadpool_limits
 
-    keep_freed_memory()
+    reuse_freed_memory()
     os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
     cv2.setNumThreads(1)
     threadpool_limits(1)
@@ -27,11 +27,11 @@ def use_one_thread() -> None:
 
 @contextmanager
 def single_threaded() -> Iterator[None]:
-    """Keep OpenCV and BLAS to one thread inside the block; freed memory is kept from here on."""
+    """Keep OpenCV and BLAS to one thread inside the block; freed memory is reused from here on."""
     import cv2
     from threadpoolctl import threadpool_limits
 
-    keep_freed_memory()
+    reuse_freed_memory()
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:

@@ -23,7 +23,7 @@ class Compensation(StrEnum):
     """What of the motion between a lidar point and the exposure is undone."""
 
     NONE = "none"  # the sweep is taken for a snapshot at exposure
-    EGO_MOTION = "ego_motion"  # every point is freed of the ego-motion
+    EGO_MOTION = "ego_motion"  # every point is compensated for the ego-motion
     FULL = "full"  # and moved with its object: what the benchmark does
 
 

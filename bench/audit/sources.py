@@ -164,9 +164,9 @@ class SimulatedTruth:
 
     def _below_horizon(self, exact: MethodInput, flow: ExactFlow) -> NDArray[np.bool_]:
         rays, _ = exact.camera.unproject((self.cells.pixels + flow.flow).reshape(-1, 2))
-        turned = exact.current_from_previous[-1].rotate(rays).reshape(self.cells.rays_camera.shape)
+        rotated = exact.current_from_previous[-1].rotate(rays).reshape(self.cells.rays_camera.shape)
         with np.errstate(invalid="ignore"):
-            return (turned @ exact.road.down > 0) & (self.cells.rays_camera @ exact.road.down > 0)
+            return (rotated @ exact.road.down > 0) & (self.cells.rays_camera @ exact.road.down > 0)
 
 
 def instance_ids(tracks: Mapping[str, int | None]) -> dict[str, int]:

@@ -12,7 +12,7 @@ from typing import Annotated, Literal, TextIO
 import typer
 
 from bench.cli.start import lack_of_memory_told, refuse_unfit
-from bench.errors import NO_ROOM, BenchError
+from bench.errors import DISK_FULL, BenchError
 
 DATA_ERROR = 2
 OWN_FAULT = 70  # EX_SOFTWARE of sysexits.h; 1, Python's own, would be a verdict of the gate
@@ -77,8 +77,10 @@ def _told(error: Exception) -> str | None:
     """The line that tells a mistake that the user can mend; None for a fault of ours, which keeps its traceback."""
     if isinstance(error, BenchError):
         return str(error)
-    if isinstance(error, OSError) and (error.filename is not None or error.errno in NO_ROOM):  # not of our own writers
-        do = "; make room, then give the same command again" if error.errno in NO_ROOM else ""
+    if isinstance(error, OSError) and (
+        error.filename is not None or error.errno in DISK_FULL
+    ):  # not of our own writers
+        do = "; free some disk space, then run the same command again" if error.errno in DISK_FULL else ""
         return f"{error.filename or 'this disk'}: {error.strerror or error}{do}"
     return None
 

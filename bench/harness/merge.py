@@ -89,17 +89,17 @@ def combine_parts(results: Path, parts: Sequence[Path], *, run: Path, protocol: 
     stored = UnitFolder(run)
     stored.join(units, results, maps_name=IMAGE_MAPS)
     objects, frames = open_tables(results)
-    figures = summarise(objects, frames, protocol=protocol)
+    metrics = summarise(objects, frames, protocol=protocol)
     write_protocol(results, protocol)
     summary = RunSummary(
-        **{name: getattr(figures, name) for name in type(figures).model_fields},
+        **{name: getattr(metrics, name) for name in type(metrics).model_fields},
         schema_version=SCHEMA_VERSION,
         dataset=first.stamp.dataset,
         card=first.stamp.card,
         reference_fingerprint=reference_fingerprint(objects, frames),
         split=first.stamp.split,
         method=first.stamp.method,
-        provenance=combined_provenance([report.provenance for report in reports], images=figures.images.evaluated),
+        provenance=combined_provenance([report.provenance for report in reports], images=metrics.images.evaluated),
         vehicle_outline_m=first.vehicle_outline_m,
         failures=(*failures, *stored.problems(units)),
         caveats=first.stamp.caveats,

@@ -101,7 +101,7 @@ def run_benchmark(request: RunRequest, *, finish: Finish | None = None) -> RunSu
 
     Raises:
         DataError: the data set is not there, nothing of it could be used, `out` holds another experiment or something
-            that is no run or is in use by another one, or there is no room for the results.
+            that is no run or is in use by another one, or there is no space for the results.
     """
     return run_protocols([request], finish=finish)[0]
 

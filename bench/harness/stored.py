@@ -302,12 +302,12 @@ def read_protocol(run: Path, summary: RunSummary) -> Protocol:
             got=f"{protocol.name!r} with digest {protocol.digest[:12]}",
         )
     rows = {str(category) for category in protocol.reference.categories}
-    figures = {*ObjectMetrics.model_fields, *level_ratios(protocol.scoring.detection_levels)}
+    metrics = {*ObjectMetrics.model_fields, *level_ratios(protocol.scoring.detection_levels)}
     if rows != summary.categories.keys():
         got = ", ".join(summary.categories)
         raise DataError(run / SUMMARY, field="categories", expected=", ".join(sorted(rows)), got=got)
     for name, row in (*summary.categories.items(), ("all_moving", summary.all_moving)):
-        if missing := sorted(figures - set(row.metric_names()) - {"object_frames", "tracks", "recordings"}):
+        if missing := sorted(metrics - set(row.metric_names()) - {"object_frames", "tracks", "recordings"}):
             raise DataError(run / SUMMARY, field=name, expected="the metrics of its protocol", got=f"no {missing[0]}")
     return protocol
 

@@ -101,7 +101,7 @@ class UnitFolder:
         try:
             write_bytes(file, content)
         except OutputError as error:
-            do = "make room, then give the same command again: units that are stored are not computed again"
+            do = "free some disk space, then run the same command again: units that are stored are not computed again"
             raise OutputError(file, got=error.got, do=do) from error
 
     def keep_only(self, units: Iterable[Unit]) -> None:

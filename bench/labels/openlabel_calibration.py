@@ -143,7 +143,7 @@ def standing_poses(content: Root, file: Path) -> dict[tuple[str, str], RigidTran
 def read_transform(data: TransformData, file: Path, field: str) -> RigidTransform:
     """A pose of the file: maps points of the source (the child) into the destination (the parent).
 
-    Angles are turned about the axes that `sequence` names, one after the other about the turned axes.
+    Angles are rotated about the axes that `sequence` names, one after the other about the rotated axes.
 
     Raises:
         DataError: none or more than one of the three ways to write it, or numbers that are no pose.

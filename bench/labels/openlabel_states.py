@@ -198,8 +198,8 @@ def upright(
     z_axis = np.eye(3)[height] * np.sign(up[height])
     x_axis = np.eye(3)[1 if height == 0 else 0]
     box_from_upright = np.stack([x_axis, np.cross(z_axis, x_axis), z_axis], axis=1)
-    turned = RigidTransform(vehicle_from_box.rotation @ box_from_upright, vehicle_from_box.translation_m)
-    return turned, np.abs(box_from_upright.T) @ size_m
+    rotated = RigidTransform(vehicle_from_box.rotation @ box_from_upright, vehicle_from_box.translation_m)
+    return rotated, np.abs(box_from_upright.T) @ size_m
 
 
 OWN_NUMBERS = ("bottom_m", "top_m", "yaw_rate_radps", "sweep_timestamp_ns")

@@ -241,7 +241,7 @@ def to_markdown(audit: AuditSummary) -> str:
     head = [
         f"# Audit of {dataset}: lidar reference and {method}",
         f"{audit.recordings} recordings, protocol {protocol}, method {method}. {audit.not_seen} evaluated "
-        "object-frames of which the camera sees no pixel are in none of the figures.",
+        "object-frames of which the camera sees no pixel are in none of the metrics.",
     ]
     if audit.left_out:
         head.append(f"Without exact flow: {escape_markdown(audit.left_out)}.")

@@ -30,7 +30,7 @@ LABELS = {
 }
 INTERVALS = (
     "Intervals: 95 %, by recording, since images of one recording are not independent (jackknife, Student's t on the "
-    f"logit scale); figures with cases in fewer than {FEWEST_RECORDINGS} recordings have none."
+    f"logit scale); metrics with cases in fewer than {FEWEST_RECORDINGS} recordings have none."
 )
 
 

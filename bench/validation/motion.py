@@ -244,7 +244,7 @@ def _velocity_fault(path: TrackPath) -> tuple[str, float] | None:
         "relative to the vehicle, where over the ground is due": stated + np.array(ego),
         "the ego vehicle's own velocity added once too often": stated - np.array(ego),
         "along the world's axes, where the vehicle's are due": np.array(local),
-        "the sign is turned": -stated,
+        "the sign is reversed": -stated,
     }
     errors = {told: float(np.mean(np.linalg.norm(v - truth, axis=1))) for told, v in readings.items()}
     best = min(errors, key=lambda told: errors[told])

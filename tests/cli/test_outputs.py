@@ -140,7 +140,7 @@ def test_a_full_disk(monkeypatch, capsys, places, tmp_path, name):
     told = capsys.readouterr().err
     assert status == 2, told
     assert one_line(told, about=Path("crossing.json") if name == "import" else tmp_path), told  # it tries elsewhere
-    assert "make room" in told
+    assert "free some disk space" in told
     assert [file for file in tmp_path.rglob("*") if file.is_file() and file.stat().st_size >= FILE_SIZE] == []
     assert [file for file in tmp_path.rglob(".*") if file.is_file()] == [], "nothing half-written stays"
 

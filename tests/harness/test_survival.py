@@ -142,7 +142,7 @@ def test_a_full_disk_ends_a_run_clearly_and_what_is_stored_stays(tiny_card, tmp_
     ended = call(tiny_card, out, "--workers", workers, preexec_fn=allow_files_of(most - 1))
     assert ended.returncode == 2
     assert "expected a place that can be written, got File too large" in ended.stderr
-    assert "make room" in ended.stderr
+    assert "free some disk space" in ended.stderr
     assert "Traceback" not in ended.stderr
     assert not [file for file in out.rglob(".*") if file.is_file()], "nothing half-written stays"
     assert not (out / "summary.json").exists()
@@ -160,7 +160,7 @@ def test_a_disk_that_is_full_at_the_end_is_no_bug_either(tiny_card, tmp_path, tr
     out = tmp_path / "run"
     ended = call(tiny_card, out, "--workers", 1, preexec_fn=allow_files_of(max(most, joined - 1)))
     assert ended.returncode == 2
-    assert "make room" in ended.stderr
+    assert "free some disk space" in ended.stderr
     assert "Traceback" not in ended.stderr
     assert not (out / "summary.json").exists()
     assert score(tiny_card, out).provenance.work.units_reused == UNITS

@@ -143,11 +143,11 @@ def _rows(plan: SweepPlan, summaries: Sequence[RunSummary], out: Path) -> tuple[
             settings=setup.method.settings(),
             protocol_digest=setup.protocol.digest,
             injected=setup.input_errors.named,
-            categories=figures.categories,
-            all_moving=figures.all_moving,
-            false_positives=figures.false_positives,
+            categories=metrics.categories,
+            all_moving=metrics.all_moving,
+            false_positives=metrics.false_positives,
         )
-        for value, setup, figures in zip(plan.values, plan.setups, _on_common_images(plan, summaries, out), strict=True)
+        for value, setup, metrics in zip(plan.values, plan.setups, _on_common_images(plan, summaries, out), strict=True)
     )
 
 

@@ -167,8 +167,8 @@ def read_rig(root: Path, cameras: tuple[CameraName, ...], options: Kitti360Optio
     if lidar_from_camera is None or "image_00" not in imu_from:
         return None
     imu_from_lidar = imu_from["image_00"] @ lidar_from_camera.inverse()
-    turned = RigidTransform(TURN_OVER, np.zeros(3))
-    offset_m = np.array(options.lidar_position_m) - turned.apply(imu_from_lidar.translation_m)
+    rotated = RigidTransform(TURN_OVER, np.zeros(3))
+    offset_m = np.array(options.lidar_position_m) - rotated.apply(imu_from_lidar.translation_m)
     vehicle_from_imu = RigidTransform(TURN_OVER, offset_m)
     mounted: dict[str, MountedCamera] = {}
     for name in (name for name in cameras if name in lenses and name in imu_from):

@@ -277,7 +277,7 @@ def read_turn(path: Path, timestamp_ns: int, *, period_ns: int) -> LidarSweep:
     just right of straight back are thus the first and the last of the turn.
 
     Args:
-        path: `.bin` file of float32 x, y, z, intensity, velodyne frame, as measured (not freed of the car's motion).
+        path: `.bin` file of float32 x, y, z, intensity, velodyne frame, as measured (not motion-compensated).
         timestamp_ns: of the frame.
         period_ns: duration of a turn.
 

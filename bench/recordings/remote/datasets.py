@@ -38,7 +38,7 @@ def download_folder(url: RemoteUrl, parts: Sequence[str] = ()) -> Path:
 
     Raises:
         DataError: nothing is there, it cannot be read, its objects have names that are no files', it changes while it
-            is downloaded, or there is no room for it.
+            is downloaded, or there is no space for it.
     """
     storage = Storage(url)
     copy = LocalCopy(storage, local_folder(url, "data", parts))

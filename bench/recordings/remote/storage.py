@@ -290,9 +290,9 @@ class LocalCopy:
         try:
             yield
         except (OSError, OutputError) as error:
-            do = "make room, or name another folder with FISHEYE_BENCH_REMOTE"
+            do = "free some disk space, or name another folder with FISHEYE_BENCH_REMOTE"
             got = error.got if isinstance(error, OutputError) else error.strerror or str(error)
-            expected = f"a local folder with room for {self.storage.url}"
+            expected = f"a local folder with space for {self.storage.url}"
             raise DataError(self.folder, expected=expected, got=got, do=do) from error
 
 
@@ -301,7 +301,7 @@ def _remedy(error: Exception) -> str:
     if isinstance(error, ImportError):
         return "pip install 'fisheye-bench[remote]', or the library of fsspec for that protocol"
     if getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT):
-        return "make room, or name another folder with FISHEYE_BENCH_REMOTE"
+        return "free some disk space, or name another folder with FISHEYE_BENCH_REMOTE"
     if kinds & {"NoCredentialsError", "PartialCredentialsError", "CredentialRetrievalError"}:
         return "set credentials, in the environment or in the configuration of fsspec"
     if isinstance(error, PermissionError):

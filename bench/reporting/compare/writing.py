@@ -51,7 +51,7 @@ NOTE = (
     "difference is taken again without each recording (jackknife). p: two-sided, of no difference, corrected after "
     "Holm over the rows of one metric that have a p-value (the categories and all moving objects; false-positive "
     "coverage has one row), for each pair of runs by itself. Only detection rate, TPR and IoU over detected "
-    "object-frames and false-positive coverage are judged; other figures stand with their interval and without a "
+    "object-frames and false-positive coverage are judged; other metrics are shown with their interval and without a "
     "p-value. Better or worse is said only if the interval excludes 0 and the corrected p-value is at most 5 %; both "
     f"need {FEWEST_RECORDINGS} recordings with cases of both runs: with fewer, the same change in all of them could be "
     "chance. Recordings: with cases of both runs. TPR and IoU over detected object-frames are taken over other "

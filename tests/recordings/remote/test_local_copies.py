@@ -200,12 +200,12 @@ def test_a_full_disk_and_a_folder_that_cannot_be_made_are_told(tmp_path, drives,
 
     with monkeypatch.context() as patched:
         patched.setattr(Path, "replace", full)
-        with pytest.raises(DataError, match=r"No space left on device; make room"):
+        with pytest.raises(DataError, match=r"No space left on device; free some disk space"):
             download_folder(URL)
     (tmp_path / "file").touch()
     monkeypatch.setenv("FISHEYE_BENCH_REMOTE", str(tmp_path / "file"))
     with pytest.raises(
-        DataError, match=r"expected a local folder with room for s3://bench/drives.*FISHEYE_BENCH_REMOTE"
+        DataError, match=r"expected a local folder with space for s3://bench/drives.*FISHEYE_BENCH_REMOTE"
     ):
         download_folder(URL)
 
