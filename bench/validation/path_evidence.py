@@ -1,7 +1,8 @@
 """The stated path tried against what the lidar saw: which reading of speed and yaw rate makes neighbouring sweeps meet.
 
 Points of two sweeps are placed in the world by the stated path and by what it would be if speed were km/h, yaw rate
-degrees, a sign reversed, and so on. Where another reading brings the sweeps clearly closer together, it is the right one.
+degrees, a sign reversed, and so on. Where another reading brings the sweeps clearly closer together, it is the right
+one.
 """
 
 from __future__ import annotations

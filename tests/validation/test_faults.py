@@ -391,7 +391,7 @@ def test_an_object_that_jumps(root):
     [
         (lambda v: [3.6 * x for x in v], "km/h where m/s are due"),
         (lambda v: [v[0] - drive.SPEED_MPS, v[1], v[2]], "relative to the vehicle, where over the ground is due"),
-        (lambda v: [-x for x in v], "the sign is turned"),
+        (lambda v: [-x for x in v], "the sign is reversed"),
     ],
 )
 def test_velocities_of_another_kind(root, change, cause):
