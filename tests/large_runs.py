@@ -149,6 +149,8 @@ def _objects(
         "fn": region - tp,
         "fp": _part(method, np.where(evaluated, 100_000, 0)),
         "unknown_px": np.zeros(count, dtype=np.int64),
+        "ceiling_tp": pa.nulls(count, pa.int64()),
+        "ceiling_fp": pa.nulls(count, pa.int64()),
         "chance_tp": pa.array(_part(method, region), mask=~evaluated | (method.random(count) < 0.05)),
     }
     return pa.table(columns, schema=OBJECTS_SCHEMA)

@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from bench.evaluation.counts import FrameCounts, ObjectCounts
 from bench.evaluation.likelihood import OUTSIDE_COLUMN, REFERENCE_COLUMN, LikelihoodCounts
-from bench.reference.records import ReferenceFrame, ReferenceObject
+from bench.reference.records import ReferenceFrame, ReferenceObject, Status
 
 Row = dict[str, Any]
 
@@ -18,6 +18,7 @@ _IMAGE_KEY = [("recording", pa.string()), ("camera", pa.string()), ("timestamp_n
 
 # One row per annotated object per image, whatever its status. `tp`, `fn`, `fp`, `region_px` and `unknown_px` (pixels
 # beside the region that may be the object's) are 0 unless evaluated; `unknown_px` is null in tables of older versions.
+# `ceiling_tp` and `ceiling_fp` are what the exact masks would have got; null unless evaluated and without exact masks.
 # `chance_tp` is null unless evaluated and where the recording is too short for another mask. Unknown speeds and places
 # are NaN, categories, directions and reasons that do not apply are null.
 OBJECTS_SCHEMA = pa.schema(
@@ -42,6 +43,8 @@ OBJECTS_SCHEMA = pa.schema(
         ("fp", pa.int64()),
         ("chance_tp", pa.int64()),
         ("unknown_px", pa.int64()),
+        ("ceiling_tp", pa.int64()),
+        ("ceiling_fp", pa.int64()),
     ]
 )
 
@@ -78,15 +81,23 @@ FRAMES_SCHEMA = pa.schema(
 )
 
 
-def object_rows(reference: ReferenceFrame, counts: Sequence[ObjectCounts]) -> list[Row]:
+def object_rows(
+    reference: ReferenceFrame, counts: Sequence[ObjectCounts], *, ceiling: Sequence[ObjectCounts] | None = None
+) -> list[Row]:
     """Rows of `OBJECTS_SCHEMA`, in the order of `reference.objects`; `chance_tp` is still null.
 
     Args:
         reference: of the image.
         counts: one per object.
+        ceiling: the same of the exact masks; None where nobody knows them.
     """
     image = _image_key(reference) | {"ego_speed_mps": reference.ego_speed_mps, "chance_tp": None}
-    return [image | _object_row(item, count) for item, count in zip(reference.objects, counts, strict=True)]
+    rows = [image | _object_row(item, count) for item, count in zip(reference.objects, counts, strict=True)]
+    for number, row in enumerate(rows):
+        evaluated = row["status"] == Status.EVALUATED.value
+        best = ceiling[number] if ceiling is not None and evaluated else None
+        row["ceiling_tp"], row["ceiling_fp"] = (None, None) if best is None else (best.tp, best.fp)
+    return rows
 
 
 def frame_row(

@@ -33,8 +33,19 @@ class SequenceScorer:
         # V, the size of cells, and how much of V they hold: the same for every frame of a camera as a rule.
         self._valid_cells: tuple[NDArray[np.bool_], int, NDArray[np.int64]] | None = None
 
-    def add(self, reference: ReferenceFrame, segmentation: Segmentation) -> None:
+    def add(
+        self,
+        reference: ReferenceFrame,
+        segmentation: Segmentation,
+        *,
+        exact: NDArray[np.bool_] | None = None,
+    ) -> None:
         """Score a frame.
+
+        Args:
+            reference: of the image.
+            segmentation: the method's answer.
+            exact: (H, W) bool, the exact masks of all that moves, which are scored beside it; None where unknown.
 
         Raises:
             ShapeError: the mask is not of the image's size.
@@ -57,7 +68,10 @@ class SequenceScorer:
         if self._maps is None:
             self._maps = ImageMapSums(camera=reference.camera, width=width, height=height)
         self._maps.add(regions)
-        self._objects.extend(object_rows(reference, objects))
+        ceiling = None
+        if exact is not None:
+            ceiling = count_frame(reference, exact, component_size_px=self._component_size_px)[1]
+        self._objects.extend(object_rows(reference, objects, ceiling=ceiling))
 
     def _undefined_px(self, reference: ReferenceFrame, segmentation: Segmentation) -> int:
         """Pixels of V where the method could not say."""

@@ -15,6 +15,7 @@ from bench.evaluation.row_source import Rows
 from bench.evaluation.slices import ALL_MOVING, CATEGORY, FRAMES
 from bench.evaluation.sums import (
     CAUSE,
+    CEILING_RATIOS,
     FALSE_POSITIVE_RATIOS,
     MEANS,
     OBJECT_RATIOS,
@@ -78,7 +79,8 @@ class ObjectMetrics(BaseModel):
 
     Beside the declared ones there are, for every detection level of the protocol, `detection_rate_<percent>` and
     `chance_<percent>` (for example `detection_rate_10`), and for protocols with unknown bands `unknown_share`, the mean
-    share of the object-frames' possible pixels that is not certain; `metric(name)` finds all of them.
+    share of the object-frames' possible pixels that is not certain, and for data with exact masks `ceiling_tpr_all` and
+    `ceiling_iou`, what these get under the same protocol; `metric(name)` finds all of them.
 
     Attributes:
         object_frames: how many.
@@ -228,6 +230,8 @@ def object_metrics(sums: SliceSums, *, protocol: Protocol) -> dict[str, ObjectMe
     ratios = OBJECT_RATIOS | level_ratios(protocol.scoring.detection_levels)
     if protocol.reference.unknown_band is not None:
         ratios |= UNKNOWN_RATIO
+    if sums.accumulators["with_ceiling"].any():
+        ratios |= CEILING_RATIOS
     return {
         name: ObjectMetrics(
             object_frames=int(sums.rows[:, index].sum()),

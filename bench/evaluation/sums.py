@@ -39,6 +39,10 @@ SEGMENTATION_RATIOS: dict[str, SumRatio] = {
     "f1": ("twice_tp", "twice_tp_fp_fn"),
 }
 UNKNOWN_RATIO: dict[str, SumRatio] = {"unknown_share": ("unknown", "every")}  # of protocols with unknown bands
+CEILING_RATIOS: dict[str, SumRatio] = {  # what the exact masks get, of data that have them
+    "ceiling_tpr_all": ("ceiling_coverage", "with_ceiling"),
+    "ceiling_iou": ("ceiling_iou", "with_ceiling"),
+}
 MEANS = frozenset({"components"})  # accumulators above a ratio that is no share: it may exceed 1
 CAUSE = "cause="  # before the name of a cause; over "fp"
 
@@ -62,6 +66,9 @@ def object_accumulators(evaluated: Columns, *, levels: tuple[float, ...]) -> dic
     covered, overlap = coverage(tp, fn), intersection_over_union(tp, fp, fn)
     by_chance = chance_tp / (tp + fn)
     unknown = np.nan_to_num(evaluated.numbers("unknown_px"))  # null in tables of older versions
+    ceiling_tp, ceiling_fp = (evaluated.numbers(name) for name in ("ceiling_tp", "ceiling_fp"))
+    with_ceiling = ~np.isnan(ceiling_tp)
+    ceiling_iou = intersection_over_union(ceiling_tp, ceiling_fp, tp + fn - ceiling_tp)
     accumulators = {
         "every": np.ones(len(tp)),
         "detected": _counted(seen),
@@ -72,6 +79,9 @@ def object_accumulators(evaluated: Columns, *, levels: tuple[float, ...]) -> dic
         "iou": overlap,
         "iou_detected": np.where(seen, overlap, 0.0),
         "unknown": unknown / (tp + fn + unknown),
+        "with_ceiling": _counted(with_ceiling),
+        "ceiling_coverage": np.where(with_ceiling, ceiling_tp / (tp + fn), 0.0),
+        "ceiling_iou": np.where(with_ceiling, ceiling_iou, 0.0),
     }
     for level in levels:
         accumulators[f"detected_{100 * level:g}"] = _counted(covered >= level)
@@ -265,7 +275,7 @@ def _by_status(counted: Iterable[tuple[tuple[str, str], int]]) -> Counter[str]:
 
 OBJECT_COLUMNS = (
     *("recording", "camera", "timestamp_ns", "track_id", "object_class", "status", "reason", "category"),
-    *("range_m", "ego_speed_mps", "points", "tp", "fn", "fp", "chance_tp", "unknown_px"),
+    *("range_m", "ego_speed_mps", "points", "tp", "fn", "fp", "chance_tp", "unknown_px", "ceiling_tp", "ceiling_fp"),
 )
 FRAME_COLUMNS = (
     *("recording", "camera", "timestamp_ns", "ego_speed_mps", "status", "problem", "width", "height", "valid_px"),

@@ -15,7 +15,7 @@ from bench.errors import DataError
 from bench.evaluation import Protocol
 from bench.geometry import RigidTransform
 from bench.harness.cache import StepCache
-from bench.harness.oracles import is_oracle
+from bench.harness.oracles import ExactMasks, is_oracle
 from bench.harness.stages import StageClock
 from bench.methods import Method, MethodInput, Needs, Segmentation, UnansweredImage, ask_method
 from bench.recordings import ImageRef, Recording, frame_gaps, read_image
@@ -38,12 +38,14 @@ class ProcessedFrame:
         given: what the method saw.
         segmentation: the method's answer.
         reference: what it is scored against.
+        exact: (H, W) bool, the exact masks of all that moves; None where the data have none.
     """
 
     image: ImageRef
     given: MethodInput
     segmentation: Segmentation
     reference: ReferenceFrame
+    exact: NDArray[np.bool_] | None = None
 
     @property
     def pixels(self) -> NDArray[np.uint8]:
@@ -112,12 +114,22 @@ class FramePipeline:
         for builder in (self.references, *self._further):
             reference = self._reference(builder, image)
             segmentation = answer or self._oracle(image, reference)
-            frames.append(ProcessedFrame(image=image, given=given, segmentation=segmentation, reference=reference))
+            exact = self._exact(image, reference)
+            frames.append(
+                ProcessedFrame(image=image, given=given, segmentation=segmentation, reference=reference, exact=exact)
+            )
         return tuple(frames)
 
     def _reference(self, builder: ReferenceBuilder, image: ImageRef) -> ReferenceFrame:
         with self._clock.stage("reference"):
             return builder.build(image) if self._steps is None else self._steps.reference(builder, image)
+
+    def _exact(self, image: ImageRef, reference: ReferenceFrame) -> NDArray[np.bool_] | None:
+        """The exact masks, by which the ceiling of the protocol is counted."""
+        if image.truth_path is None:
+            return None
+        with self._clock.stage("ceiling"):
+            return ExactMasks().answer(self.recording, image, reference).mask
 
     def _oracle(self, image: ImageRef, reference: ReferenceFrame) -> Segmentation:
         assert is_oracle(self._method)

@@ -106,16 +106,20 @@ class ExactMasks:
             )
         camera = recording.cameras[image.camera]
         ids = read_truth(image, camera)
-        mask = np.zeros(ids.shape, dtype=bool)
-        for number in moving_instances(recording, reference):
-            mask |= self._varied(ids == number)
+        moving = moving_instances(recording, reference)
+        if (self.grow_px, self.shift_px, self.shape) == (0, 0, "exact"):
+            mask = np.isin(ids, moving, kind="table")
+        else:
+            mask = np.zeros(ids.shape, dtype=bool)
+            for number in moving:
+                mask |= self._varied(ids == number)
         if self.cell_size_px > 1:
             mask = ray_grid(camera.model, self.cell_size_px).at_centres(mask)
         return Segmentation(cell_size_px=self.cell_size_px, mask=mask)
 
     def _varied(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """The mask of one object, wrong as the parameters say."""
-        if (self.grow_px, self.shift_px, self.shape) == (0, 0, "exact") or not mask.any():
+        if not mask.any():
             return mask
         rows = np.flatnonzero(mask.any(axis=1))
         varied = mask.astype(np.uint8)

@@ -48,7 +48,7 @@ from bench.recordings import write_text
 from bench.recordings.sealed_json import read_sealed, write_sealed
 
 HISTOGRAMS = frozenset({"likelihood_reference_px", "likelihood_outside_px"})
-LATER_COLUMNS = HISTOGRAMS | {"unknown_px"}  # not in the first runs of version 1
+LATER_COLUMNS = HISTOGRAMS | {"unknown_px", "ceiling_tp", "ceiling_fp"}  # not in the first runs of version 1
 RECORDING = "recording"
 READ_ROWS = 8192  # at a time: a row of frames with its histograms takes 2 kB
 

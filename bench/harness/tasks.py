@@ -14,7 +14,6 @@ from bench.evaluation import Protocol
 from bench.harness.cache import CacheFolder, StepCache
 from bench.harness.keys import MethodIdentity, RecordingInputs, code_digest, digest_of
 from bench.harness.keys.digests import UNIT_CODE
-from bench.harness.oracles import ExactMasks
 from bench.harness.provenance import largest_resident_mb, recording_fingerprint
 from bench.harness.stages import StageClock
 from bench.harness.unit import Unit, plan_units, run_unit
@@ -210,7 +209,7 @@ def unit_keys(spec: RunSpec, recording: Recording, unit: Unit, inputs: Recording
         inputs.annotations,
         inputs.input_errors,
         inputs.images(read),
-        inputs.truths(images[unit.start : unit.stop]) if isinstance(method, ExactMasks) else None,
+        inputs.truths(images[unit.start : unit.stop]),
     )
     first_ns, last_ns = read[0].timestamp_ns, read[-1].timestamp_ns
     gaps_ns = [protocol.reference_settings().max_sweep_gap_ns for protocol in spec.protocols]

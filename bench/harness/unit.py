@@ -125,7 +125,7 @@ def run_unit(
         else:
             for scorer, rows, frame in zip(scorers, masks, frames, strict=True):
                 with clock.stage("counts"):
-                    scorer.add(frame.reference, frame.segmentation)
+                    scorer.add(frame.reference, frame.segmentation, exact=frame.exact)
                 with clock.stage("store"):
                     rows.append(
                         mask_row(
