@@ -61,6 +61,12 @@ def test_links_lead_to_files_and_headings(page):
 
 
 @every_page
+def test_files_that_are_named_exist(page):
+    for path in re.findall(r"`((?:bench|tests)/[\w/.-]+)`", prose(page)):
+        assert (ROOT / path).exists(), path
+
+
+@every_page
 def test_pages_that_the_site_includes_are_committed(page):
     named = {(page.parent / link.partition("#")[0]).resolve() for link in LINK.findall(CODE.sub("", prose(page)))}
     files = [str(file) for file in named if file.is_file()]

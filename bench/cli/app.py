@@ -11,7 +11,7 @@ from typing import Annotated, Literal, TextIO
 
 import typer
 
-from bench.cli.start import lack_of_memory_told, refuse_unfit
+from bench.cli.start import refuse_unfit, report_lack_of_memory
 from bench.errors import DISK_FULL, BenchError
 
 DATA_ERROR = 2
@@ -62,7 +62,7 @@ def main() -> None:
     warnings.showwarning = _warn
     try:
         refuse_unfit(sys.argv[1:])
-        with lack_of_memory_told():
+        with report_lack_of_memory():
             app()
     except Exception as error:  # noqa: BLE001 - the last of all handlers
         told = _told(error)
@@ -143,7 +143,7 @@ def run(
     from bench.cli import running
     from bench.cli.computing import Computing
 
-    asked = running.Scoring(
+    asked = running.ScoringOptions(
         dataset=dataset,
         method=method,
         settings=set_ or [],

@@ -12,7 +12,7 @@ from bench.cli.computing import Computing, parse_settings, render_if_synthetic
 from bench.cli.console import print_failures, progress_bar, say, show
 from bench.cli.interrupts import interruptible, resumable
 from bench.cli.places import Destination, destination, parts_of_run
-from bench.cli.viewing import draw_telling_frames
+from bench.cli.viewing import draw_example_frames
 from bench.errors import BenchError, UsageError
 from bench.evaluation import Protocol, load_protocol
 from bench.harness import (
@@ -38,7 +38,7 @@ LONGEST_NAME = 120  # characters of a folder's name
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Scoring:
+class ScoringOptions:
     """What is to be scored, as the command line says it.
 
     Attributes:
@@ -62,7 +62,7 @@ class Scoring:
     computing: Computing
 
 
-def run(asked: Scoring, *, pictures: bool) -> int:
+def run(asked: ScoringOptions, *, pictures: bool) -> int:
     """Score a method, write the reports, print the tables and the paths; return the number of failures."""
     requests, places = _requests(asked)
     card = requests[0].card
@@ -78,7 +78,7 @@ def run(asked: Scoring, *, pictures: bool) -> int:
     return max(len(summary.failures) for summary in summaries)
 
 
-def run_part(asked: Scoring, *, part: str) -> int:
+def run_part(asked: ScoringOptions, *, part: str) -> int:
     """Score a part I/N of the units and say what comes next; return the number of failures."""
     shard = Shard.parse(part)
     requests, places = _requests(asked)
@@ -92,11 +92,11 @@ def run_part(asked: Scoring, *, part: str) -> int:
     return len(failures)
 
 
-def _requests(asked: Scoring) -> tuple[list[RunRequest], list[Destination]]:
+def _requests(asked: ScoringOptions) -> tuple[list[RunRequest], list[Destination]]:
     """What the command line says, as a run for each protocol; the data set is rendered where it is not there."""
     card, protocols = load_card(asked.dataset), load_protocols(asked.protocol)
     method = build_scorable(asked.method, parse_settings(asked.settings))
-    settings = unusual(method, asked.method)
+    settings = non_default_settings(method, asked.method)
     places = destinations(
         asked.out, protocols, lambda protocol: default_folder(card, method.name, settings, protocol, asked.split)
     )
@@ -184,7 +184,7 @@ def default_folder(
     return RUNS / name
 
 
-def unusual(method: Method, named: str) -> list[tuple[str, object]]:
+def non_default_settings(method: Method, named: str) -> list[tuple[str, object]]:
     """Settings that are not the default; all of a method that cannot be built without any.
 
     Args:
@@ -205,7 +205,7 @@ class RunReport:
     Attributes:
         card: the data set; None for the card that the summary names.
         protocol: the rules; None for those of the results.
-        pictures: also draw a telling frame of every category.
+        pictures: also draw an example frame of every category.
     """
 
     card: DatasetCard | None
@@ -221,7 +221,7 @@ class RunReport:
         drawn: list[Path] = []
         if self.pictures:
             with progress_bar("drawing", "pictures") as progress:
-                drawn, self._remarks = draw_telling_frames(
+                drawn, self._remarks = draw_example_frames(
                     results,
                     summary,
                     card=self.card,
@@ -235,12 +235,12 @@ class RunReport:
     def print(self, summary: RunSummary, where: Destination) -> None:
         """Print the table, what became of the images, the cost, and where everything is."""
         show(to_rich(self._rows))
-        _print_ends(summary, [where.told(where.folder / file) for file in self._files])
+        _print_totals(summary, [where.told(where.folder / file) for file in self._files])
         for remark in self._remarks:
             say(f"no picture: {remark}", style="yellow")
 
 
-def _print_ends(summary: RunSummary, files: Sequence[str]) -> None:
+def _print_totals(summary: RunSummary, files: Sequence[str]) -> None:
     ledger, images = summary.objects, summary.images
     ignored = ", ".join(f"{count} {reason}" for reason, count in ledger.ignored.items() if count) or "none"
     say(
@@ -268,11 +268,11 @@ def _print_cost(made: Provenance) -> None:
     )
     if work is not None:
         steps = sorted({*work.steps_found, *work.steps_computed})
-        kept = "; ".join(
+        cached = "; ".join(
             f"{step} found {work.steps_found.get(step, 0)}, computed {work.steps_computed.get(step, 0)}"
             for step in steps
         )
         say(
             f"{work.workers} processes; units computed {work.units_computed}, found done {work.units_reused}"
-            + (f"; cache: {kept}" if kept else "")
+            + (f"; cache: {cached}" if cached else "")
         )

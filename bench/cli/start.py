@@ -32,7 +32,7 @@ def refuse_unfit(arguments: Sequence[str]) -> None:
 
 
 @contextmanager
-def lack_of_memory_told() -> Iterator[None]:
+def report_lack_of_memory() -> Iterator[None]:
     """Say in one line that a library inside the block did not get its memory or thread; they raise all kinds.
 
     Raises:

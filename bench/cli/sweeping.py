@@ -58,7 +58,7 @@ def sweep(
             )
     files = write_sweep_files(folder)
     show(to_rich(result))
-    _print_ends(result, files)
+    _print_totals(result, files)
     return len(result.failures)
 
 
@@ -79,7 +79,7 @@ def _split(values: str | None) -> list[str]:
     return parts
 
 
-def _print_ends(result: SweepResult, files: Sequence[Path]) -> None:
+def _print_totals(result: SweepResult, files: Sequence[Path]) -> None:
     made = result.provenance
     stages = ", ".join(f"{name} {seconds:.1f}" for name, seconds in made.stage_seconds.items())
     say(

@@ -124,7 +124,7 @@ def _film(pipeline: FramePipeline, indices: range, request: ViewRequest) -> list
     return [file for file in (request.video, request.rrd) if file is not None]
 
 
-def draw_telling_frames(
+def draw_example_frames(
     results: Path,
     summary: RunSummary,
     *,

@@ -36,7 +36,7 @@ The modules, in the order of the data: `protocol` (the rules, a versioned file w
 counts and chance level of one image), `likelihood` (histograms, thresholds), `maps` (by place, in the image, by
 coverage), `rows` (the two tables), `scorer` (a sequence of images to its tables), `row_source` (reading tables in
 parts), `slices` and `sums` (the reduction by recording and slice), `intervals`, `summary` (all metrics of a run),
-`recording_sums` (what comparing two runs needs), `published` (the paper's numbers). The harness calls `SequenceScorer`
+`paired` (what comparing two runs needs), `published` (the paper's numbers). The harness calls `SequenceScorer`
 and `summarise`; reporting and the gate read `Summary`, `RecordingSums`, the tables and the maps.
 
 Sources: Mariotti and Eising 2020, section IV; Chan et al. 2021 (SegmentMeIfYouCan) for the sharing of components;
@@ -54,8 +54,7 @@ from bench.evaluation.maps import (
     coverage_curves,
     range_maps,
 )
-from bench.evaluation.protocol import Protocol, known_protocols, load_protocol
-from bench.evaluation.recording_sums import (
+from bench.evaluation.paired import (
     MetricSums,
     PairedChange,
     RecordingSums,
@@ -65,6 +64,7 @@ from bench.evaluation.recording_sums import (
     paired_change,
     recording_sums,
 )
+from bench.evaluation.protocol import Protocol, known_protocols, load_protocol
 from bench.evaluation.row_source import Rows, RowSource
 from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA
 from bench.evaluation.scorer import SequenceScorer

@@ -62,7 +62,7 @@ Column = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Range:
+class Bounds:
     """What values a metric can have: between two ends, above a least one, or any."""
 
     least: float
@@ -90,10 +90,10 @@ class Range:
         return 1.0 if math.isinf(self.least) else 1 / (value - self.least) + below
 
 
-RATIO = Range(least=0.0, most=1.0)
-MEAN = Range(least=0.0, most=math.inf)
-RATIO_CHANGE = Range(least=-1.0, most=1.0)
-MEAN_CHANGE = Range(least=-math.inf, most=math.inf)
+RATIO = Bounds(least=0.0, most=1.0)
+MEAN = Bounds(least=0.0, most=math.inf)
+RATIO_CHANGE = Bounds(least=-1.0, most=1.0)
+MEAN_CHANGE = Bounds(least=-math.inf, most=math.inf)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,7 +112,7 @@ class Jackknife:
     degrees: float
     recordings: int
 
-    def interval(self, within: Range) -> tuple[float, float] | None:
+    def interval(self, within: Bounds) -> tuple[float, float] | None:
         """Lower and upper end of the 95 % interval; None where it has no finite end."""
         if self.standard_error == 0 or not within.least < self.value < within.most:
             return self._of_the_same(within)
@@ -120,7 +120,7 @@ class Jackknife:
         reach = float(stdtrit(self.degrees, (1 + CONFIDENCE) / 2)) * self.standard_error * within.slope(self.value)
         return within.bounded(centre - reach), within.bounded(centre + reach)
 
-    def p_value(self, within: Range, *, of: float = 0.0) -> float:
+    def p_value(self, within: Bounds, *, of: float = 0.0) -> float:
         """Two-sided, of the value `of`: below 0.05 where the interval excludes it.
 
         For a value that is the same in all recordings that of the sign test, which asks only for the direction.
@@ -130,7 +130,7 @@ class Jackknife:
         distance = abs(within.unbounded(self.value) - within.unbounded(of))
         return float(2 * stdtr(self.degrees, -distance / (self.standard_error * within.slope(self.value))))
 
-    def _of_the_same(self, within: Range) -> tuple[float, float] | None:
+    def _of_the_same(self, within: Bounds) -> tuple[float, float] | None:
         if math.isinf(within.most):
             return None
         unseen = 1 - (1 - CONFIDENCE) ** (1 / self.recordings)
@@ -186,7 +186,7 @@ def degrees_of_freedom(shares: Column) -> float:
     return expected**2 / (alone + with_largest + pairs)
 
 
-def ratio_interval(numerators: Column, denominators: Column, *, within: Range = RATIO) -> tuple[float, float] | None:
+def ratio_interval(numerators: Column, denominators: Column, *, within: Bounds = RATIO) -> tuple[float, float] | None:
     """95 % interval of sum(numerators) / sum(denominators).
 
     Args:

@@ -19,18 +19,18 @@ SumRatio = tuple[str, str]  # names of the accumulators above and below
 
 # Metrics of `object_metrics` and of the sums per recording by name.
 OBJECT_RATIOS: dict[str, SumRatio] = {
-    "detection_rate": ("detected", "every"),
+    "detection_rate": ("detected", "all"),
     "chance": ("chance_detected", "with_chance"),
     "tpr": ("coverage_detected", "detected"),
-    "tpr_all": ("coverage", "every"),
-    "iou": ("iou", "every"),
+    "tpr_all": ("coverage", "all"),
+    "iou": ("iou", "all"),
     "iou_detected": ("iou_detected", "detected"),
 }
 FALSE_POSITIVE_RATIOS: dict[str, SumRatio] = {
-    "coverage": ("share", "every"),
-    "coverage_valid": ("share_valid", "seeing"),
-    "frame_rate": ("large", "every"),
-    "components_per_frame": ("components", "every"),
+    "coverage": ("fp_share", "all"),
+    "coverage_valid": ("fp_share_valid", "with_valid_px"),
+    "frame_rate": ("with_large_component", "all"),
+    "components_per_frame": ("components", "all"),
 }
 SEGMENTATION_RATIOS: dict[str, SumRatio] = {
     "iou": ("tp", "tp_fp_fn"),
@@ -38,7 +38,7 @@ SEGMENTATION_RATIOS: dict[str, SumRatio] = {
     "recall": ("tp", "tp_fn"),
     "f1": ("twice_tp", "twice_tp_fp_fn"),
 }
-UNKNOWN_RATIO: dict[str, SumRatio] = {"unknown_share": ("unknown", "every")}  # of protocols with unknown bands
+UNKNOWN_RATIO: dict[str, SumRatio] = {"unknown_share": ("unknown", "all")}  # of protocols with unknown bands
 CEILING_RATIOS: dict[str, SumRatio] = {  # what the exact masks get, of data that have them
     "ceiling_tpr_all": ("ceiling_coverage", "with_ceiling"),
     "ceiling_iou": ("ceiling_iou", "with_ceiling"),
@@ -50,7 +50,7 @@ CAUSE = "cause="  # before the name of a cause; over "fp"
 def level_ratios(levels: tuple[float, ...]) -> dict[str, SumRatio]:
     """The ratios of the detection levels, detection before chance."""
     names = [f"{100 * level:g}" for level in levels]
-    return {f"detection_rate_{name}": (f"detected_{name}", "every") for name in names} | {
+    return {f"detection_rate_{name}": (f"detected_{name}", "all") for name in names} | {
         f"chance_{name}": (f"chance_detected_{name}", "with_chance") for name in names
     }
 
@@ -70,7 +70,7 @@ def object_accumulators(evaluated: Columns, *, levels: tuple[float, ...]) -> dic
     with_ceiling = ~np.isnan(ceiling_tp)
     ceiling_iou = intersection_over_union(ceiling_tp, ceiling_fp, tp + fn - ceiling_tp)
     accumulators = {
-        "every": np.ones(len(tp)),
+        "all": np.ones(len(tp)),
         "detected": _counted(seen),
         "with_chance": _counted(with_chance),
         "chance_detected": _counted(detected(chance_tp)),
@@ -97,11 +97,11 @@ def frame_accumulators(scored: Columns) -> dict[str, Column]:
     """
     tp, fp, fn, valid = (scored.numbers(name) for name in ("tp_px", "fp_px", "fn_px", "valid_px"))
     return {
-        "every": np.ones(len(tp)),
-        "seeing": _counted(valid > 0),
-        "share": fp / (scored.numbers("width") * scored.numbers("height")),
-        "share_valid": np.where(valid > 0, fp / np.where(valid > 0, valid, 1), 0.0),
-        "large": _counted(scored.numbers("fp_large_components") > 0),
+        "all": np.ones(len(tp)),
+        "with_valid_px": _counted(valid > 0),
+        "fp_share": fp / (scored.numbers("width") * scored.numbers("height")),
+        "fp_share_valid": np.where(valid > 0, fp / np.where(valid > 0, valid, 1), 0.0),
+        "with_large_component": _counted(scored.numbers("fp_large_components") > 0),
         "components": scored.numbers("fp_components"),
         "tp": tp,
         "fp": fp,
@@ -209,8 +209,8 @@ def sum_slices(
     )
 
 
-def place_sums(parts: Iterable[tuple[NDArray[np.int64], SliceSums]], *, recordings: int) -> SliceSums:
-    """Lay parts of other recordings beside each other.
+def stack_sums(parts: Iterable[tuple[NDArray[np.int64], SliceSums]], *, recordings: int) -> SliceSums:
+    """Stack the sums of parts that hold different recordings.
 
     Args:
         parts: (S',) int64 numbers of the recordings of a part, and their sums; no recording in two parts. Accumulators
@@ -222,7 +222,7 @@ def place_sums(parts: Iterable[tuple[NDArray[np.int64], SliceSums]], *, recordin
     first = held[0][1]
     names = sorted({name for _, sums in held for name in sums.accumulators})
 
-    def placed(tables: Sequence[NDArray[np.float64] | NDArray[np.int64] | None]) -> NDArray[np.float64]:
+    def stacked(tables: Sequence[NDArray[np.float64] | NDArray[np.int64] | None]) -> NDArray[np.float64]:
         whole = np.zeros((recordings, len(first.names)))
         for (numbers, _), table in zip(held, tables, strict=True):
             if table is not None:
@@ -231,9 +231,9 @@ def place_sums(parts: Iterable[tuple[NDArray[np.int64], SliceSums]], *, recordin
 
     return SliceSums(
         names=first.names,
-        rows=placed([sums.rows for _, sums in held]).astype(np.int64),
-        tracks=placed([sums.tracks for _, sums in held]).astype(np.int64),
-        accumulators={name: placed([sums.accumulators.get(name) for _, sums in held]) for name in names},
+        rows=stacked([sums.rows for _, sums in held]).astype(np.int64),
+        tracks=stacked([sums.tracks for _, sums in held]).astype(np.int64),
+        accumulators={name: stacked([sums.accumulators.get(name) for _, sums in held]) for name in names},
     )
 
 
@@ -334,8 +334,8 @@ def sum_run(objects: Rows, frames: Rows, *, protocol: Protocol, rows_at_once: in
     assert object_parts.recordings <= set(recordings), "objects lie in scored images"
     return RunSums(
         recordings=recordings,
-        objects=object_parts.placed(recordings),
-        frames=frame_parts.placed(recordings),
+        objects=object_parts.stacked(recordings),
+        frames=frame_parts.stacked(recordings),
         object_ledger=object_parts.ledger,
         frame_ledger=frame_parts.ledger,
     )
@@ -385,11 +385,11 @@ class _Parts:
         self.recordings |= set(present)
         self._held.append((present, sums))
 
-    def placed(self, recordings: Sequence[str]) -> dict[str, SliceSums]:
+    def stacked(self, recordings: Sequence[str]) -> dict[str, SliceSums]:
         """The sums of all parts, by split."""
         number = {name: index for index, name in enumerate(recordings)}
         parts = [(np.array([number[n] for n in names], dtype=np.int64), sums) for names, sums in self._held]
         return {
-            split: place_sums([(numbers, sums[split]) for numbers, sums in parts], recordings=len(recordings))
+            split: stack_sums([(numbers, sums[split]) for numbers, sums in parts], recordings=len(recordings))
             for split in self._held[0][1]
         }

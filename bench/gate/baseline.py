@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from bench.errors import UsageError
-from bench.evaluation.recording_sums import RecordingSums, recording_sums
+from bench.evaluation.paired import RecordingSums, recording_sums
 from bench.evaluation.summary import ProtocolStamp
 from bench.harness import open_tables, read_protocol, read_run
 from bench.harness.method_stamp import MethodStamp

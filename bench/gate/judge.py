@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from bench.errors import UsageError
 from bench.evaluation.intervals import FEWEST_RECORDINGS, MEAN_CHANGE, RATIO_CHANGE
-from bench.evaluation.recording_sums import NOT_RATIOS, MetricSums, PairedChange, paired_change
+from bench.evaluation.paired import NOT_RATIOS, MetricSums, PairedChange, paired_change
 from bench.evaluation.slices import FRAMES
 from bench.gate.baseline import ScoredRun
 from bench.gate.tolerances import Tolerance, Tolerances

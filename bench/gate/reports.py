@@ -22,7 +22,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
-from bench.evaluation.recording_sums import NOT_RATIOS
+from bench.evaluation.paired import NOT_RATIOS
 from bench.evaluation.slices import ALL_MOVING, FRAMES
 from bench.gate.verdict import (
     Outcome,

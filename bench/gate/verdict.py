@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
-from bench.evaluation.recording_sums import NOT_RATIOS, PairedChange
+from bench.evaluation.paired import NOT_RATIOS, PairedChange
 from bench.gate.baseline import Origin
 
 

@@ -1,7 +1,7 @@
 """The harness: plan the units of work, run them, store what they count, reduce it to a summary.
 
-The unit is recording x camera x chunk of images. A unit writes its rows and a status file, atomically; the summary is a
-pure reduction over the stored rows. A unit that fails is reported and the rest goes on. The harness hands a method
+The unit is recording x camera x chunk of images. What a unit counted is stored as one file, atomically; the summary is
+a pure reduction over these files. A unit that fails is reported and the rest goes on. The harness hands a method
 images, calibration and ego-motion, never annotations.
 """
 

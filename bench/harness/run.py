@@ -11,7 +11,7 @@ from pathlib import Path
 
 from bench.evaluation import Protocol
 from bench.execution import FailedTask, SerialExecutor, TaskExecutor
-from bench.harness import provenance as origin
+from bench.harness import provenance
 from bench.harness.cache import CacheFolder
 from bench.harness.code_state import unrepeatable_code
 from bench.harness.keys import MethodIdentity, code_digest, digest_of
@@ -168,7 +168,7 @@ class _Work:
     request: RunRequest
     handles: Sequence[RecordingHandle]
     shard: Shard
-    start: origin.Start = field(default_factory=origin.Start.now)
+    start: provenance.Start = field(default_factory=provenance.Start.now)
     clock: StageClock = field(default_factory=StageClock)
     keys: dict[Unit, str] = field(default_factory=dict)
     failures: dict[Unit, str] = field(default_factory=dict)
@@ -232,7 +232,7 @@ class _Work:
         """What this part has computed."""
         asked = self.request
         outlines = [recording.vehicle_outline_m for recording in planned if recording.vehicle_outline_m]
-        work = origin.Work(
+        work = provenance.Work(
             workers=asked.executor.workers,
             units_computed=len(self.keys) - self.reused,
             units_reused=self.reused,
@@ -266,13 +266,13 @@ class _Work:
             vehicle_outline_m=outlines[-1] if outlines else (),
             recording_failures=tuple(recording.failure for recording in planned if recording.failure is not None),
             unit_failures=tuple(self.failures[unit] for unit in part if unit in self.failures),
-            provenance=origin.provenance_since(
+            provenance=provenance.provenance_since(
                 self.start,
                 fingerprints=[recording.fingerprint for recording in planned if recording.fingerprint is not None],
                 stage_seconds=self.clock.seconds,
                 images=0,
                 work=work,
-                peak_memory_mb=max(self.peak_memory_mb, origin.largest_resident_mb()),
+                peak_memory_mb=max(self.peak_memory_mb, provenance.largest_resident_mb()),
                 unrepeatable=unrepeatable_code(self.identity),
             ),
         )
@@ -309,7 +309,7 @@ def _plan(spec: RunSpec, work: _Work) -> list[PlannedRecording]:
     found: dict[str, PlannedRecording] = {}
     with closing(work.request.executor.compute(partial(plan_recording, spec), work.handles)) as results:
         for handle, planned in results:
-            recording = _never_opened(handle, planned) if isinstance(planned, FailedTask) else planned
+            recording = _failed_to_open(handle, planned) if isinstance(planned, FailedTask) else planned
             found[handle.name] = recording
             work.clock.seconds["open"] += recording.seconds
     return [found[handle.name] for handle in work.handles]
@@ -340,7 +340,7 @@ def _caveats(card: DatasetCard, handles: Sequence[RecordingHandle]) -> str:
     return "\n".join(part for part in (card.content.caveats, errors) if part)
 
 
-def _never_opened(handle: RecordingHandle, failed: FailedTask) -> PlannedRecording:
+def _failed_to_open(handle: RecordingHandle, failed: FailedTask) -> PlannedRecording:
     failure = f"recording {handle.name!r}: it could not be opened: {failed.reason}"
     return PlannedRecording(
         units=(), fingerprint=None, content=None, vehicle_outline_m=(), failure=failure, seconds=0.0

@@ -2,7 +2,7 @@
 
 ```
 <run>/units/                                                                           see `bench.harness.unit_files`
-<run>/objects.parquet, frames.parquet, image_maps.npz, summary.json                    the whole run
+<run>/objects.parquet, frames.parquet, masks.parquet, image_maps.npz, summary.json     the whole run
 <run>/protocol.json                                                                    the rules that it was scored by
 ```
 

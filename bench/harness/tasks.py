@@ -95,7 +95,7 @@ class UnitTask:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScoredUnit:
-    """What became of a unit by one protocol; what it took is told with the first.
+    """What became of a unit by one protocol; what it cost is stated in the first of a unit.
 
     Attributes:
         key: digest of all that the result depends on.
@@ -117,7 +117,7 @@ class ScoredUnit:
 
 
 def plan_recording(spec: RunSpec, handle: RecordingHandle) -> PlannedRecording:
-    """Open a recording and list its units; what is wrong with it is told, not raised."""
+    """Open a recording and list its units; what is wrong with it is returned as `failure`, not raised."""
     clock = StageClock()
     try:
         with clock.stage("open"):
@@ -144,7 +144,7 @@ def plan_recording(spec: RunSpec, handle: RecordingHandle) -> PlannedRecording:
 
 
 def score_unit(spec: RunSpec, task: UnitTask) -> tuple[ScoredUnit, ...]:
-    """Score a unit by each protocol, unless what is stored has its key; what is wrong with it is told, not raised.
+    """Score a unit by each protocol, unless what is stored has its key; a fault is returned as `failure`, not raised.
 
     Protocols whose result is not stored share one pass over the images.
     """

@@ -22,7 +22,7 @@ CHUNK_IMAGES = 100  # bounds the rows that are held before they are written; man
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Unit:
-    """Images `start` to `stop` (itself out) of a camera; the method may read images before `start`.
+    """Images from `start` up to, not including, `stop` of a camera; the method may read images before `start`.
 
     Attributes:
         recording: name.

@@ -1,6 +1,6 @@
 """The results of units on disk: one file each, there whole or not at all.
 
-`<run>/units/<recording>-<camera>-<start>.unit` is a ZIP archive without compression of `objects.parquet`,
+`<run>/units/<recording>-<camera>-<digest>-<start>.unit` is a ZIP archive without compression of `objects.parquet`,
 `frames.parquet`, `masks.parquet`, `maps.npz` (none without a scored image) and `status.json`.
 """
 

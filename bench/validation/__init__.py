@@ -2,8 +2,8 @@
 
 Each check is a function from a recording to findings and knows nothing of the others. Nothing stops at the first fault:
 a recording that does not open is read leniently, and what can be used of it is looked at all the same. Limits are those
-of physics and of everyday bodies, in `limits`; what a sensor measured is tried against another (the path against lidar
-sweeps, boxes against the points in them, stated velocities against positions).
+of physics and of everyday bodies, in `findings`; what a sensor measured is tried against another (the path against
+lidar sweeps, boxes against the points in them, stated velocities against positions).
 """
 
 from bench.validation.findings import Finding, Severity

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.cli.start import LEAST_ADDRESSES_BYTES, lack_of_memory_told
+from bench.cli.start import LEAST_ADDRESSES_BYTES, report_lack_of_memory
 from bench.errors import UsageError
 from tests.recordings import tiny
 
@@ -80,12 +80,12 @@ def no_fork():
 
 @pytest.mark.parametrize("lack", [of_chain, no_memory, no_thread, no_fork])
 def test_a_library_that_gets_no_memory_is_told_in_one_line(lack):
-    with pytest.raises(UsageError, match=r"expected memory and threads, got [A-Z]\w+Error"), lack_of_memory_told():
+    with pytest.raises(UsageError, match=r"expected memory and threads, got [A-Z]\w+Error"), report_lack_of_memory():
         lack()
 
 
 def test_other_errors_stay_what_they_are():
-    with pytest.raises(RuntimeError, match="a bug"), lack_of_memory_told():
+    with pytest.raises(RuntimeError, match="a bug"), report_lack_of_memory():
         raise RuntimeError("a bug")
 
 

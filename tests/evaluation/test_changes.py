@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bench.evaluation import object_changes
-from bench.evaluation.recording_sums import CHANGES_SCHEMA
+from bench.evaluation.paired import CHANGES_SCHEMA
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object, static_object
 from tests.evaluation.runs import random_run, scored, shuffled
 

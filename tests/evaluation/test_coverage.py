@@ -13,7 +13,7 @@ import pytest
 
 from bench.evaluation import intervals
 from bench.evaluation.intervals import ratio_interval
-from bench.evaluation.recording_sums import MetricSums, paired_change
+from bench.evaluation.paired import MetricSums, paired_change
 from tests.evaluation.simulated import SCENARIOS, Scenario, rates, sizes
 
 RECORDINGS = (6, 10, 20, 100)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from bench.evaluation.recording_sums import MetricSums, RecordingSums
+from bench.evaluation.paired import MetricSums, RecordingSums
 from bench.evaluation.summary import ProtocolStamp
 from bench.gate import ScoredRun, Tolerances, Verdict, judge, load_tolerances
 from bench.gate.baseline import Origin

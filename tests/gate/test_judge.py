@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.evaluation import load_protocol
-from bench.evaluation.recording_sums import MetricSums, recording_sums
+from bench.evaluation.paired import MetricSums, recording_sums
 from bench.gate import Outcome, judge, load_tolerances
 from tests.evaluation.runs import random_run
 from tests.gate.factories import RULES, one, scored, sums, verdict_of

@@ -12,7 +12,7 @@ import pytest
 
 from bench.cli import gating
 from bench.errors import DataError
-from bench.evaluation.recording_sums import MetricSums, recording_sums
+from bench.evaluation.paired import MetricSums, recording_sums
 from bench.gate import Outcome, Verdict, judge, load_tolerances, scored_run, write_baseline
 from bench.gate import baseline as stored
 from bench.harness import read_run

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.cli.running import RUNS, default_folder, unusual
+from bench.cli.running import RUNS, default_folder, non_default_settings
 from bench.errors import DataError
 from bench.evaluation import load_protocol
 from bench.harness import RunRequest, run_benchmark
@@ -165,7 +165,9 @@ def test_the_default_folder_tells_settings_protocol_and_split_apart(tiny_card):
 
     def named(settings=None, protocol="paper-v1", split=None) -> str:
         method = build_method("spherical", settings or {})
-        folder = default_folder(card, method.name, unusual(method, "spherical"), load_protocol(protocol), split)
+        folder = default_folder(
+            card, method.name, non_default_settings(method, "spherical"), load_protocol(protocol), split
+        )
         assert folder.parent == RUNS
         return folder.name
 

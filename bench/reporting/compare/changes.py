@@ -15,7 +15,7 @@ import pandas as pd
 from bench.errors import DataError
 from bench.evaluation import Protocol, changes_in_parts
 from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.evaluation.recording_sums import PairedChange, holm, paired_change, recording_sums_of
+from bench.evaluation.paired import PairedChange, holm, paired_change, recording_sums_of
 from bench.evaluation.row_source import IMAGE, group_recordings
 from bench.evaluation.slices import ALL_MOVING, FRAMES
 from bench.evaluation.summary import Metric, Summary, summary_of

@@ -5,7 +5,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from bench.errors import DataError, UsageError
-from bench.evaluation.recording_sums import holm
+from bench.evaluation.paired import holm
 from bench.reporting.compare.changes import HEADLINES, Kind, Verdict, compare_runs, verdict_line
 from bench.reporting.compare.runs import differing_settings, read_comparable
 from tests.reporting.compare.runs import IMAGE_PX, IMAGES, RECORDINGS, drawn, write_run

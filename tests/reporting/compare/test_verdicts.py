@@ -4,7 +4,7 @@ from dataclasses import replace
 import pytest
 
 from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.evaluation.recording_sums import PairedChange
+from bench.evaluation.paired import PairedChange
 from bench.reporting.compare.changes import Verdict, judge, verdict_text
 
 CHANGE = PairedChange(

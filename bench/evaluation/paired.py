@@ -22,9 +22,9 @@ from bench.evaluation.intervals import (
     CONFIDENCE,
     FEWEST_RECORDINGS,
     RATIO_CHANGE,
+    Bounds,
     Column,
     Jackknife,
-    Range,
     jackknife,
     ratio_without_each,
 )
@@ -80,7 +80,7 @@ def object_ratios(levels: tuple[float, ...]) -> dict[str, SumRatio]:
 
 
 def frame_ratios() -> dict[str, SumRatio]:
-    """Name -> ratio of the metrics of image-frames, as `frame_metrics` defines them."""
+    """Name -> ratio of the metrics of image-frames: false positives and segmentation, but for F1."""
     return {
         "false_positive_coverage": FALSE_POSITIVE_RATIOS["coverage"],
         "false_positive_coverage_valid": FALSE_POSITIVE_RATIOS["coverage_valid"],
@@ -142,7 +142,7 @@ class PairedChange:
     recordings: int
 
 
-def paired_change(before: MetricSums, after: MetricSums, *, within: Range = RATIO_CHANGE) -> PairedChange:
+def paired_change(before: MetricSums, after: MetricSums, *, within: Bounds = RATIO_CHANGE) -> PairedChange:
     """Compare a metric of two runs over the same data.
 
     The difference is taken again without each recording with cases in either run, so that what makes a recording hard
@@ -205,7 +205,7 @@ def _by_recording(sums: MetricSums, recordings: Sequence[str]) -> tuple[float, C
     return *ratio_without_each(numerators, denominators), denominators / denominators.sum()
 
 
-def _of_the_same(change: Jackknife, within: Range) -> tuple[float, float] | None:
+def _of_the_same(change: Jackknife, within: Bounds) -> tuple[float, float] | None:
     """The interval of a change that is the same in all recordings, as if one more had none; None for no change."""
     if change.value == 0:
         return None
