@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,10 +18,10 @@ from bench.evaluation.counts import ObjectCounts, count_frame
 from bench.harness import ProcessedFrame
 from bench.reference.records import ReferenceFrame
 from bench.reporting import canvas
-from bench.reporting.overlay import draw_outline, outlined, overlay_mask, place_labels
+from bench.reporting.overlay import draw_outline, outlined, overlay_mask, place_labels, unknown_bands
 
 WIDTH_IN = 3.5
-_LEGEND_IN, _TITLE_IN, _MARGIN_IN = 0.36, 0.2, 0.04
+_LEGEND_IN, _BAND_LEGEND_IN, _TITLE_IN, _MARGIN_IN = 0.36, 0.15, 0.2, 0.04
 _BACKGROUND_STRENGTH, _OUTSIDE_STRENGTH, _TINT = 0.8, 0.3, 0.62
 
 
@@ -33,12 +34,14 @@ class PixelClass(IntEnum):
     FALSE_NEGATIVE = 3
     FALSE_POSITIVE = 4
     IGNORED = 5
+    UNKNOWN = 6  # in an unknown band: may be the object's, counts neither way
 
 
 AREA_COLOURS = {
     PixelClass.TRUE_POSITIVE: canvas.GREEN,
     PixelClass.FALSE_NEGATIVE: canvas.SKY_BLUE,
     PixelClass.FALSE_POSITIVE: canvas.VERMILION,
+    PixelClass.UNKNOWN: canvas.YELLOW,
 }
 
 
@@ -67,6 +70,7 @@ def pixel_classes(reference: ReferenceFrame, *, detected: NDArray[np.bool_]) -> 
     classes = np.full(region.shape, PixelClass.BACKGROUND, dtype=np.uint8)
     classes[detected] = PixelClass.FALSE_POSITIVE
     classes[reference.ignored] = PixelClass.IGNORED
+    classes[unknown_bands(reference) > 0] = PixelClass.UNKNOWN
     classes[region & detected] = PixelClass.TRUE_POSITIVE
     classes[region & ~detected] = PixelClass.FALSE_NEGATIVE
     classes[~reference.valid] = PixelClass.OUTSIDE
@@ -105,17 +109,29 @@ def draw_counts(
     height, width = detected.shape
     classes = pixel_classes(reference, detected=detected)
     picture_in = WIDTH_IN - 2 * _MARGIN_IN
-    full_in = _TITLE_IN + picture_in * height / width + _LEGEND_IN
+    has_bands = bool((classes == PixelClass.UNKNOWN).any())
+    legend_in = _LEGEND_IN + has_bands * _BAND_LEGEND_IN
+    full_in = _TITLE_IN + picture_in * height / width + legend_in
     figure = canvas.new_figure(WIDTH_IN, full_in)
-    axes = canvas.axes_at(figure, _MARGIN_IN, _LEGEND_IN, picture_in, full_in - _TITLE_IN - _LEGEND_IN)
+    axes = canvas.axes_at(figure, _MARGIN_IN, legend_in, picture_in, full_in - _TITLE_IN - legend_in)
     canvas.show_image(axes, _tinted(canvas.rgb_image(image), classes))
     _hatch_ignored(axes, classes)
     frame, objects = count_frame(reference, detected, component_size_px=0)
-    _outline_objects(axes, reference, objects)
+    _name_objects(axes, reference, objects, outline=not has_bands)
     coverage = frame.fp_px / (frame.width * frame.height)
     axes.set_title(f"false-positive coverage {100 * coverage:.1f} % of the image", pad=3, fontsize=7)
-    figure.legend(handles=_legend(), loc="lower center", ncols=3, frameon=False, borderaxespad=0.1, fontsize=6.5,
-                  handlelength=1.6, columnspacing=1.2, labelspacing=0.3)  # fmt: skip
+    style: dict[str, Any] = {
+        "loc": "lower center",
+        "frameon": False,
+        "fontsize": 6.5,
+        "handlelength": 1.6,
+        "labelspacing": 0.3,
+    }
+    figure.legend(handles=_legend(has_bands), ncols=3, columnspacing=1.2, borderaxespad=0.1, **style,
+                  bbox_to_anchor=(0.0, (legend_in - _LEGEND_IN) / full_in, 1.0, 1.0))  # fmt: skip
+    if has_bands:
+        band = Patch(color=canvas.YELLOW, label="unknown band around the core of each object: counts neither way")
+        figure.legend(handles=[band], borderaxespad=0.1, **style)
     return figure
 
 
@@ -135,11 +151,13 @@ def _hatch_ignored(axes: Axes, classes: NDArray[np.uint8]) -> None:
         filled.set_linewidth(0.0)
 
 
-def _outline_objects(axes: Axes, reference: ReferenceFrame, counts: Sequence[ObjectCounts]) -> None:
+def _name_objects(axes: Axes, reference: ReferenceFrame, counts: Sequence[ObjectCounts], *, outline: bool) -> None:
+    """Label the evaluated objects; their outlines would hide unknown bands."""
     polygons, texts = [], []
     for target, count in zip(reference.objects, counts, strict=True):
         for _, polygon in outlined([target]):
-            draw_outline(axes, polygon, colour="white", style="--", width=0.9)
+            if outline:
+                draw_outline(axes, polygon, colour="white", style="--", width=0.9)
             polygons.append(polygon)
             texts.append(_label(target.track_id, count))
     place_labels(axes, polygons, texts)
@@ -152,12 +170,13 @@ def _label(track_id: str, count: ObjectCounts) -> str:
     return f"{track_id}: TPR {100 * coverage:.0f} %, IoU {100 * iou:.0f} %"
 
 
-def _legend() -> list[Patch | Line2D]:
+def _legend(has_bands: bool) -> list[Patch | Line2D]:
+    polygon = Line2D([], [], color=canvas.GREY, linestyle="--", linewidth=1.2, label="reference polygon")
     return [
         Patch(color=canvas.GREEN, label="TP, true positive"),
         Patch(color=canvas.SKY_BLUE, label="FN, false negative"),
         Patch(color=canvas.VERMILION, label="FP, false positive"),
-        Line2D([], [], color=canvas.GREY, linestyle="--", linewidth=1.2, label="reference polygon"),
+        *([] if has_bands else [polygon]),
         Patch(facecolor="white", edgecolor="#404040", hatch="//////", linewidth=0.4, label="ignored"),
         Patch(color="#404040", label="not evaluated"),
     ]

@@ -7,16 +7,19 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap, NoNorm
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from matplotlib.patheffects import Stroke, withStroke
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 from shapely import LinearRing, Polygon
 
 from bench.errors import ShapeError
 from bench.plain_text import plain
+from bench.reference.polygons import rasterise
 from bench.reference.records import ReferenceFrame, ReferenceObject, Status
 from bench.reporting.canvas import GREEN, category_colour, rgb
 
@@ -74,16 +77,49 @@ def overlay_frame(
 ) -> NDArray[np.uint8]:
     """The detection tinted, the evaluated objects outlined in the colour of their kind of motion.
 
+    Where there are unknown bands, they are the outlines: as wide as the outline is uncertain, the core inside.
+
     Returns:
         (H, W, 3) BGR uint8, a new image.
     """
+    tinted = overlay_mask(image, mask=detected & reference.valid)
+    bands = unknown_bands(reference)
+    if bands.any():
+        for number, target in enumerate(reference.objects, start=1):
+            tinted = overlay_mask(tinted, mask=bands == number, colour=category_colour(target.category), strength=0.75)
+        return tinted
     shown = outlined(reference.objects)
     return overlay_polygons(
-        overlay_mask(image, mask=detected & reference.valid),
+        tinted,
         polygons=[polygon for _, polygon in shown],
         colours=[category_colour(target.category) for target, _ in shown],
         thickness=2,
     )
+
+
+def unknown_bands(reference: ReferenceFrame) -> NDArray[np.int32]:
+    """Where the unknown bands of the evaluated objects lie.
+
+    The reference holds bands and ignored objects in one region. A pixel of it is taken for the band of the nearest
+    core, unless an ignored object's polygon is nearer.
+
+    Returns:
+        (H, W) int32; k + 1 in the band of `objects[k]`, 0 elsewhere; all 0 under a protocol without bands.
+    """
+    bands = np.zeros_like(reference.labels)
+    if not any(target.unknown_px for target in reference.objects):
+        return bands
+    height, width = reference.labels.shape
+    owner = reference.labels.copy()
+    for target in reference.objects:
+        if target.status is Status.IGNORED and target.polygon is not None and not target.polygon.is_empty:
+            window, covered = rasterise(target.polygon, width=width, height=height)
+            owner[window][covered & (owner[window] == 0)] = -1
+    rows, columns = distance_transform_edt(owner == 0, return_distances=False, return_indices=True)
+    nearest = owner[rows, columns]
+    of_object = reference.ignored & (nearest > 0)
+    bands[of_object] = nearest[of_object]
+    return bands
 
 
 def outlined(objects: Sequence[ReferenceObject]) -> list[tuple[ReferenceObject, Polygon]]:
@@ -107,11 +143,19 @@ def draw_outline(axes: Axes, polygon: Polygon, *, colour: str, style: str = "-",
     return patch
 
 
-def draw_references(axes: Axes, objects: Sequence[ReferenceObject]) -> None:
-    """Outline the evaluated objects in the colour of their kind of motion, each with category and track."""
-    shown = [(target, polygon) for target, polygon in outlined(objects) if not polygon.is_empty]
-    for target, polygon in shown:
-        draw_outline(axes, polygon, colour=category_colour(target.category))
+def draw_references(axes: Axes, reference: ReferenceFrame) -> None:
+    """Show the evaluated objects in the colour of their kind of motion, each with category and track.
+
+    Outlines; where there are unknown bands, these.
+    """
+    shown = [(target, polygon) for target, polygon in outlined(reference.objects) if not polygon.is_empty]
+    bands = unknown_bands(reference)
+    if bands.any():
+        colours = ["none", *(category_colour(target.category) for target in reference.objects)]
+        axes.imshow(bands, cmap=ListedColormap(colours), norm=NoNorm(), interpolation="nearest")
+    else:
+        for target, polygon in shown:
+            draw_outline(axes, polygon, colour=category_colour(target.category))
     words = ["moving" if o.category is None else o.category.value.replace("_", " ") for o, _ in shown]
     texts = [f"{word} {target.track_id}" for word, (target, _) in zip(words, shown, strict=True)]
     place_labels(axes, [polygon for _, polygon in shown], texts)

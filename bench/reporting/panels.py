@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from bench.methods.contract import Segmentation
 from bench.reference.records import ReferenceFrame
 from bench.reporting import canvas
-from bench.reporting.overlay import draw_references
+from bench.reporting.overlay import draw_references, unknown_bands
 
 LIKELIHOOD_SATURATION = 0.02  # the paper's figure 6
 SCORE_SATURATION = 1.0
@@ -35,6 +35,8 @@ DEVIATIONS = {
 _NUMERALS = ("I", "II", "III", "IV", "V", "VI", "VII", "VIII")
 _WIDTH_IN, _LEFT_IN, _RIGHT_IN, _TOP_IN, _BOTTOM_IN, _GAP_IN = 2.6, 0.26, 0.62, 0.22, 0.05, 0.06
 _BAR_WIDTH_IN, _BAR_SHARE = 0.09, 0.9  # of a panel's height
+_NOTE_IN = 0.1
+BAND_NOTE = "coloured: unknown bands, which count neither way; inside: cores"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,7 +62,8 @@ def draw_panels(image: NDArray[np.uint8], *, segmentation: Segmentation, referen
     """
     panels = list(_panels(image, segmentation, reference))
     height_in = _WIDTH_IN * image.shape[0] / image.shape[1]
-    full_in = _TOP_IN + len(panels) * height_in + (len(panels) - 1) * _GAP_IN + _BOTTOM_IN
+    note_in = _NOTE_IN if unknown_bands(reference).any() else 0.0
+    full_in = _TOP_IN + len(panels) * height_in + (len(panels) - 1) * _GAP_IN + note_in + _BOTTOM_IN
     figure = canvas.new_figure(_LEFT_IN + _WIDTH_IN + _RIGHT_IN, full_in)
     for number, panel in enumerate(panels):
         bottom_in = full_in - _TOP_IN - number * (height_in + _GAP_IN) - height_in
@@ -73,6 +76,9 @@ def draw_panels(image: NDArray[np.uint8], *, segmentation: Segmentation, referen
         figure.text(left, middle, label, rotation=90, ha="center", va="center", fontsize=7)
         if panel.saturation is not None:
             _draw_colour_bar(figure, panel, bottom_in + (1 - _BAR_SHARE) / 2 * height_in, _BAR_SHARE * height_in)
+    if note_in:
+        at = (_LEFT_IN + _WIDTH_IN / 2) / figure.get_figwidth(), (_BOTTOM_IN + note_in / 2) / full_in
+        figure.text(*at, BAND_NOTE, ha="center", va="center", fontsize=5.5)
     return figure
 
 
@@ -161,4 +167,4 @@ def _draw_segmentation(
     moving = segmentation.mask_at(width, height) & reference.valid
     tinted[moving] = (0.45 * tinted[moving] + 0.55 * np.array(canvas.rgb(canvas.GREEN))).astype(np.uint8)
     canvas.show_image(axes, tinted)
-    draw_references(axes, reference.objects)
+    draw_references(axes, reference)

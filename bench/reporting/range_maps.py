@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import Collection
@@ -13,42 +15,82 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from bench.evaluation.maps import RangeMap, RangeMaps
-from bench.reference.records import Direction
+from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
+from bench.evaluation.row_source import BATCH_ROWS, ChosenRows, Columns, RowSource
+from bench.evaluation.sums import coverage
+from bench.reference.records import Direction, Status
 from bench.reporting.canvas import axes_at, draw_rings, draw_vehicle, new_figure, plan_axes, styled
+from bench.reporting.stored_run import StoredRun
 
 CLASSES = ("pedestrian", "cyclist", "vehicle")
 COLOUR_MAP = "viridis"
 HATCH = "//////"
 RING_STEP_M = 5.0
 _WIDTH_IN, _LEFT_IN, _GAP_X_IN, _GAP_Y_IN = 7.0, 0.42, 0.16, 0.4
-_TOP_IN, _BOTTOM_IN, _BAR_IN = 0.34, 0.62, 0.72
+_TITLE_IN, _TOP_IN, _BOTTOM_IN, _BAR_IN = 0.22, 0.34, 0.62, 0.72
 _LEAST_REACH_M = 10.0
+HALF = 0.5
+HALF_TITLE = "Detected: at least half of the object's core"
+
+
+def draw_run_maps(run: StoredRun) -> Figure:
+    """Draw the maps of a run, by the paper's rule or, under a protocol with unknown bands, by half of the core.
+
+    Methods that mark much of the image touch every object: "any pixel" tells nothing of them.
+    """
+    outline_m = np.array(run.summary.vehicle_outline_m, dtype=np.float64)
+    if run.protocol.reference.unknown_band is None:
+        return draw_range_maps(range_maps(run.objects, protocol=run.protocol), vehicle_outline_m=outline_m)
+    maps = range_maps(HalfCovered(run.objects), protocol=run.protocol)
+    return draw_range_maps(maps, vehicle_outline_m=outline_m, title=HALF_TITLE)
+
+
+class HalfCovered(ChosenRows):
+    """The evaluated object-frames, with `tp` 0 where less than half of the object is covered.
+
+    Args:
+        source: of `OBJECTS_SCHEMA`.
+    """
+
+    def __init__(self, source: RowSource) -> None:
+        super().__init__(source, column="status", word=Status.EVALUATED.value)
+
+    def batches(self, columns: Sequence[str], *, rows: int = BATCH_ROWS) -> Iterator[pa.RecordBatch]:
+        """As `ChosenRows.batches`; the columns must hold `tp`."""
+        for batch in super().batches([*columns, *({"fn"} - set(columns))], rows=rows):
+            found = Columns(pa.table(batch))
+            half = coverage(found.numbers("tp"), found.numbers("fn")) >= HALF
+            tp = pc.if_else(pa.array(half), batch["tp"], 0)
+            yield batch.set_column(batch.schema.get_field_index("tp"), "tp", tp).select(list(columns))
 
 
 @styled
-def draw_range_maps(range_maps: RangeMaps, *, vehicle_outline_m: NDArray[np.float64]) -> Figure:
+def draw_range_maps(found: RangeMaps, *, vehicle_outline_m: NDArray[np.float64], title: str = "") -> Figure:
     """Draw classes by two directions over the ego vehicle seen from above; the paper's three classes always.
 
     Args:
-        range_maps: counts per cell, of any classes; a class and direction without any is drawn empty.
+        found: counts per cell, of any classes; a class and direction without any is drawn empty.
         vehicle_outline_m: (K, 2) float64, the ego vehicle from above, vehicle frame, m.
+        title: what counts as detected; empty for the paper's rule, any pixel.
 
     Source:
         Mariotti and Eising 2020, the figure of detection ranges.
     """
-    found = {(m.object_class, m.direction): m for m in range_maps.maps}
-    classes = _classes(range_maps.maps)
-    reach_m = _reach(range_maps.maps)
+    by_kind = {(m.object_class, m.direction): m for m in found.maps}
+    classes = _classes(found.maps)
+    reach_m = _reach(found.maps)
     panel_in = (_WIDTH_IN - _LEFT_IN - (len(classes) - 1) * _GAP_X_IN - _BAR_IN) / len(classes)
-    full_in = _TOP_IN + 2 * panel_in + _GAP_Y_IN + _BOTTOM_IN
+    title_in = _TITLE_IN if title else 0.0
+    full_in = title_in + _TOP_IN + 2 * panel_in + _GAP_Y_IN + _BOTTOM_IN
     figure = new_figure(_WIDTH_IN, full_in)
+    if title:
+        figure.text(0.5, 1 - title_in / 2 / full_in, title, ha="center", va="center", fontsize=8)
     for r, direction in enumerate(Direction):
         for c, object_class in enumerate(classes):
             left = _LEFT_IN + c * (panel_in + _GAP_X_IN)
-            bottom = full_in - _TOP_IN - (r + 1) * panel_in - r * _GAP_Y_IN
+            bottom = full_in - title_in - _TOP_IN - (r + 1) * panel_in - r * _GAP_Y_IN
             axes = axes_at(figure, left, bottom, panel_in, panel_in)
-            range_map = found.get((object_class, direction))
+            range_map = by_kind.get((object_class, direction))
             _draw_panel(axes, range_map, reach_m, vehicle_outline_m)
             total = 0 if range_map is None else int(range_map.object_frames.sum())
             axes.set_title(f"{object_class}, {direction.value}\n{total} object-frames", pad=3, fontsize=7)
@@ -60,7 +102,7 @@ def draw_range_maps(range_maps: RangeMaps, *, vehicle_outline_m: NDArray[np.floa
     scale = ScalarMappable(norm=Normalize(vmin=0.0, vmax=100.0), cmap=COLOUR_MAP)
     bar = axes_at(figure, _LEFT_IN + wide_in, _BOTTOM_IN, 0.1, tall_in)
     figure.colorbar(scale, cax=bar, ticks=range(0, 101, 20)).set_label("detection rate (%)", labelpad=2)
-    _draw_legend(figure, range_maps)
+    _draw_legend(figure, found)
     return figure
 
 
@@ -106,13 +148,13 @@ def _reach(maps: Sequence[RangeMap]) -> float:
     return float(np.ceil(reach_m)) + 0.5  # the outermost ticks stay off the corners
 
 
-def _draw_legend(figure: Figure, range_maps: RangeMaps) -> None:
-    least = max((m.min_object_frames for m in range_maps.maps), default=1)
+def _draw_legend(figure: Figure, found: RangeMaps) -> None:
+    least = max((m.min_object_frames for m in found.maps), default=1)
     few = Patch(
         facecolor="white", edgecolor="#808080", hatch=HATCH, linewidth=0.4, label=f"fewer than {least} object-frames"
     )
     none = Patch(facecolor="white", edgecolor="#808080", linewidth=0.4, label="none")
     figure.legend(handles=[few, none], loc="lower center", ncols=2, frameon=False)
-    if range_maps.unplaced:
-        note = f"{range_maps.unplaced} object-frames of unknown direction left out"
+    if found.unplaced:
+        note = f"{found.unplaced} object-frames of unknown direction left out"
         figure.text(0.99, 0.02, note, ha="right", va="bottom", fontsize=6)

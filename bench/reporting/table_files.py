@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
-from bench.evaluation.maps import range_maps
 from bench.plain_text import escape_markdown, plain
 from bench.reporting.canvas import write_picture
 from bench.reporting.formats import TextTable, csv_text, json_text, write_texts
-from bench.reporting.range_maps import draw_range_maps
+from bench.reporting.range_maps import draw_run_maps
 from bench.reporting.stored_run import read_stored_run
-from bench.reporting.tables import NOTE, TableRow, table_rows, text_tables, threshold_free_line
+from bench.reporting.tables import TableRow, table_note, table_rows, text_tables, threshold_free_line
 
 SCHEMA_VERSION = 1
 _SCRIPT_SIZE_HOLDS = 150  # letters across both columns of IEEEtran
@@ -25,7 +22,7 @@ _LATEX_SPECIAL = str.maketrans(
 
 def to_markdown(rows: Sequence[TableRow], *, threshold_free: str = "", caveats: str = "") -> str:
     """The table as GitHub's Markdown, with metrics over all thresholds and what a reader has to know of the data."""
-    notes = [note for note in (threshold_free, NOTE) if note]
+    notes = [note for note in (threshold_free, table_note(rows)) if note]
     notes += [f"The data: {escape_markdown(' '.join(caveats.split()))}"] if caveats.strip() else []
     return "\n\n".join([*map(_markdown, text_tables(rows)), *notes]) + "\n"
 
@@ -41,7 +38,7 @@ def _markdown(table: TextTable) -> str:
 
 def to_latex(rows: Sequence[TableRow]) -> str:
     """The table in the paper's LaTeX, for plain `article` or `IEEEtran` without further packages."""
-    return "\n".join([*map(_latex, text_tables(rows)), f"% {NOTE}"]) + "\n"
+    return "\n".join([*map(_latex, text_tables(rows)), f"% {table_note(rows)}"]) + "\n"
 
 
 def escape_latex(text: str) -> str:
@@ -94,7 +91,7 @@ def to_json(rows: Sequence[TableRow]) -> str:
     fields = ("name", "label", "frames", "paper_frames", "tracks", "recordings")
     content = {
         "schema_version": SCHEMA_VERSION,
-        "note": NOTE,
+        "note": table_note(rows),
         "rows": [
             {field: getattr(row, field) for field in fields}
             | {
@@ -122,8 +119,6 @@ def write_report_files(run: Path) -> tuple[list[TableRow], tuple[Path, ...]]:
     """
     stored = read_stored_run(run)
     summary, rows = stored.summary, table_rows(stored.summary)
-    outline_m = np.array(summary.vehicle_outline_m, dtype=np.float64)
-    picture = draw_range_maps(range_maps(stored.objects, protocol=stored.protocol), vehicle_outline_m=outline_m)
     over_all = "" if summary.threshold_free is None else threshold_free_line(summary.threshold_free)
     texts = {
         "table.md": to_markdown(rows, threshold_free=over_all, caveats=summary.caveats),
@@ -131,4 +126,4 @@ def write_report_files(run: Path) -> tuple[list[TableRow], tuple[Path, ...]]:
         "table.tex": to_latex(rows),
         "table.json": to_json(rows),
     }
-    return rows, (*write_texts(run, texts), *write_picture(run / "range_map", picture))
+    return rows, (*write_texts(run, texts), *write_picture(run / "range_map", draw_run_maps(stored)))

@@ -109,7 +109,7 @@ def draw_frame(processed: ProcessedFrame, seen: SeenSweep | None = None) -> NDAr
         picture,
         polygons=[affine_transform(polygon, [scale, 0, 0, scale, shift, shift]) for _, polygon in shown],
         colours=[category_colour(target.category) for target, _ in shown],
-        thickness=2,
+        thickness=1 if any(target.unknown_px for target, _ in shown) else 2,  # unknown bands stay visible beside it
     )
     frame, objects = count_frame(processed.reference, detected_pixels(processed), component_size_px=0)
     tp, fn = sum(o.tp for o in objects), sum(o.fn for o in objects)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from hashlib import blake2b
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from bench.errors import DataError
@@ -22,6 +23,8 @@ CELL_POINTS = 2
 FIRST_SLAB_M, SLAB_M = 0.6, 0.12  # half a slab around the plane, at first and at last; kerbs lie beyond
 ROUNDS = 6
 LEAST_SHARE = 0.3  # of the cells
+LANE_M, LANE_END_M, LANE_CELL_M = 1.5, 10.0, 0.5  # half its width, how far it is looked at, side of a cell
+LANE_SLABS_M = (0.3, 0.15, 0.08, 0.06, 0.06)  # half a slab around the plane, in each round
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,16 +32,19 @@ class SeenRoad:
     """The road of one sweep.
 
     Attributes:
-        height_m: of the road below the vehicle's origin, vehicle frame.
-        tilt_rad: to the vehicle's xy plane.
+        height_m: of the plane of all that is low around the vehicle, below the vehicle's origin, vehicle frame; some
+            centimetres off where there are pavements, or where points scatter.
+        tilt_rad: of that plane to the vehicle's xy plane.
+        lane_height_m: the same for the vehicle's own lane, to about a centimetre; NaN where too little of it is seen.
     """
 
     height_m: float
     tilt_rad: float
+    lane_height_m: float
 
 
 def seen_road(points_vehicle: NDArray[np.float64]) -> SeenRoad | None:
-    """Fit a plane to the lowest points of cells around the vehicle.
+    """Fit a plane to the lowest points of cells around the vehicle, then one to its lane.
 
     Args:
         points_vehicle: (N, 3) float64, m, vehicle frame.
@@ -65,7 +71,30 @@ def seen_road(points_vehicle: NDArray[np.float64]) -> SeenRoad | None:
         if rows.sum() < max(LEAST_CELLS, LEAST_SHARE * len(lowest)):
             return None
         plane = np.linalg.lstsq(design[rows], lowest[rows, 2], rcond=None)[0]
-    return SeenRoad(height_m=float(plane[2]), tilt_rad=float(np.arctan(np.hypot(plane[0], plane[1]))))
+    return SeenRoad(
+        height_m=float(plane[2]),
+        tilt_rad=float(np.arctan(np.hypot(plane[0], plane[1]))),
+        lane_height_m=_lane_height_m(near, plane),
+    )
+
+
+def _lane_height_m(points_vehicle: NDArray[np.float64], plane: NDArray[np.float64]) -> float:
+    """Fit a plane to the middle point of each cell of the vehicle's lane: half of the scatter lies on either side.
+
+    Args:
+        points_vehicle: (N, 3) float64, m, around the vehicle.
+        plane: (3,) float64, slopes along x and y and height at the origin, to begin with.
+    """
+    x, y, z = points_vehicle[(np.abs(points_vehicle[:, :2]) < (LANE_END_M, LANE_M)).all(axis=1)].T
+    points = pd.DataFrame({"x": x, "y": y, "z": z})
+    cells = [np.floor(x / LANE_CELL_M), np.floor(y / LANE_CELL_M)]
+    for slab_m in LANE_SLABS_M:
+        on_road = np.abs(z - plane[0] * x - plane[1] * y - plane[2]) < slab_m
+        middle = points[on_road].groupby([cell[on_road] for cell in cells]).median().to_numpy()
+        if len(middle) < LEAST_CELLS:
+            return float("nan")
+        plane = np.linalg.lstsq(np.column_stack([middle[:, :2], np.ones(len(middle))]), middle[:, 2], rcond=None)[0]
+    return float(plane[2])
 
 
 FEW = 0.1  # of the middle number of points
@@ -73,6 +102,7 @@ MOST_AT_ORIGIN, ORIGIN_M = 0.01, 0.05
 MOST_BEYOND = 0.5
 SMALL_M = 1.0  # a sweep all within this is in another unit
 ROAD_OFF_M, ROAD_TILT_RAD = 0.25, float(np.radians(4.0))
+LANE_OFF_M = 0.05  # the protocols' ground clearance: a road farther up counts as part of what stands on it
 LEAST_ROADS = 2
 LONGEST_SWEEPS = 2.5  # of the interval: revolutions overlap, but not that much
 MICRO = 1e-3
@@ -192,15 +222,29 @@ class SweepChecks:
         cameras = self._recording.cameras.values()
         stated_m = float(np.median([c.vehicle_from_camera.translation_m[2] - c.road.height_m for c in cameras]))
         file = calibration_file(self._recording)
+        expected = f"the road at {stated_m:+.2f} m in the vehicle frame, as the calibration says"
+        lanes_m = np.array([road.lane_height_m for road in self._roads])
+        lanes_m = lanes_m[~np.isnan(lanes_m)]
         if abs(height_m - stated_m) > ROAD_OFF_M:
             yield Finding(
                 check="road-height",
                 file=file,
                 field="lidar.vehicle_from_lidar or the road's height",
-                expected=f"the road at {stated_m:+.2f} m in the vehicle frame, as the calibration says",
+                expected=expected,
                 got=f"{height_m:+.2f} m in the middle of {len(self._roads)} sweeps",
                 do="check the height of the lidar, and that its mounting is applied once",
                 times=len(self._roads),
+            )
+        elif len(lanes_m) >= LEAST_ROADS and abs(np.median(lanes_m) - stated_m) > LANE_OFF_M:
+            yield Finding(
+                check="road-height",
+                severity=Severity.WARNING,
+                file=file,
+                field="the road's height, ground_height_m",
+                expected=expected,
+                got=f"{np.median(lanes_m):+.2f} m in the vehicle's lane, in the middle of {len(lanes_m)} sweeps",
+                do="set ground_height_m to that; points within the ground clearance of it are taken for the road",
+                times=len(lanes_m),
             )
         if tilt_rad > ROAD_TILT_RAD:
             yield Finding(

@@ -170,7 +170,7 @@ def test_the_real_sample_opens(real):
     assert (len(images), len(real.sweeps), len(real.tracks)) == (50, 16, 8)
     assert np.diff([image.timestamp_ns for image in images]) == pytest.approx(66.67e6, abs=0.05e6)
     assert read_image(images[0], camera).shape == (352, 640)
-    assert camera.road.height_m == pytest.approx(1.51, abs=0.01)
+    assert camera.road.height_m == pytest.approx(1.414 + 0.04, abs=0.001)
     assert {track.object_class for track in real.tracks} == {"vehicle"}
     # The van is passed at 6 m/s.
     van = next(track for track in real.tracks if track.track_id == "1")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -80,6 +82,18 @@ def busy_frame() -> ReferenceFrame:
             reference_object("van-3", box(255, 190, 315, 240), status=Status.IGNORED),
         ]
     )
+
+
+def banded_frame() -> ReferenceFrame:
+    """A core of 10 x 10 px in a band 2 px wide, and far away an ignored object."""
+    objects = [
+        replace(reference_object("a", box(300, 200, 309, 209)), unknown_px=14 * 14 - 10 * 10),
+        reference_object("b", box(330, 200, 339, 209), status=Status.IGNORED),
+    ]
+    frame = reference_frame(objects)
+    ignored = frame.ignored.copy()
+    ignored[198:212, 298:312] |= frame.labels[198:212, 298:312] == 0
+    return replace(frame, ignored=ignored)
 
 
 def segmentation(reference: ReferenceFrame, *, parts: bool = True) -> Segmentation:

@@ -45,6 +45,16 @@ def object_figures(rate: float, *, object_frames: int = 100, tracks: int = 7) ->
     )
 
 
+def banded_summary() -> Summary:
+    """The same under a protocol with unknown bands: a quarter of each row is unknown."""
+    found = summary()
+    rows = {
+        name: row.model_copy(update={"unknown_share": figure(0.25, cases=row.object_frames)})
+        for name, row in found.categories.items()
+    }
+    return found.model_copy(update={"categories": rows})
+
+
 def summary() -> Summary:
     """All categories but the static host, which has no cases."""
     categories = {c.value: object_figures(RATES.get(c, math.nan)) for c in Category if c is not Category.MOVING}

@@ -1,12 +1,22 @@
+from itertools import combinations
+
+import cv2
 import numpy as np
 import pytest
 from shapely import box
 
 from bench.errors import ShapeError
 from bench.reference.records import Status
-from bench.reporting.canvas import figure_bytes
-from bench.reporting.count_view import PixelClass, draw_counts, pixel_classes
-from tests.reporting.factories import busy_frame, fisheye_image, reference_frame, reference_object, segmentation
+from bench.reporting.canvas import figure_bytes, rgb
+from bench.reporting.count_view import AREA_COLOURS, PixelClass, draw_counts, pixel_classes
+from tests.reporting.factories import (
+    banded_frame,
+    busy_frame,
+    fisheye_image,
+    reference_frame,
+    reference_object,
+    segmentation,
+)
 
 
 def test_pixel_classes_are_the_areas_of_the_metrics():
@@ -44,6 +54,35 @@ def test_the_picture_names_the_figures_of_the_frame():
     texts = [text.get_text() for text in figure.axes[0].texts]
     assert texts == ["a: TPR 50 %, IoU 33 %"]
     assert figure.axes[0].get_title() == "false-positive coverage 0.0 % of the image"
+
+
+def test_a_band_counts_neither_way_and_the_legend_says_so():
+    frame = banded_frame()
+    for detected in (np.zeros(frame.labels.shape, dtype=bool), np.ones(frame.labels.shape, dtype=bool)):
+        classes = pixel_classes(frame, detected=detected)
+        assert np.count_nonzero(classes == PixelClass.UNKNOWN) == frame.objects[0].unknown_px
+        assert (classes[200:210, 330:340] == PixelClass.IGNORED).all()
+    core = frame.labels > 0
+    figure = draw_counts(fisheye_image(), reference=frame, detected=core)
+    assert [text.get_text() for text in figure.axes[0].texts] == ["a: TPR 100 %, IoU 100 %"]
+    told = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+    assert "unknown band around the core of each object: counts neither way" in told
+    assert "reference polygon" not in told  # it runs amid the band
+
+
+def seen_by_deuteranopes(colour):
+    """Lab of "#rrggbb" without the green receptors (Vienot, Brettel and Mollon 1999, on linear light)."""
+    linear = (np.array(rgb(colour)) / 255.0) ** 2.2
+    seen = np.array([[0.29275, 0.70725, 0.0], [0.29275, 0.70725, 0.0], [-0.02234, 0.02234, 1.0]]) @ linear
+    red_green_blue = np.clip(seen, 0, 1)[None, None] ** (1 / 2.2)
+    return cv2.cvtColor(red_green_blue.astype(np.float32), cv2.COLOR_RGB2LAB)[0, 0]
+
+
+def test_areas_stay_apart_for_the_colour_blind():
+    for one, other in combinations(AREA_COLOURS.values(), 2):
+        assert np.linalg.norm(seen_by_deuteranopes(one) - seen_by_deuteranopes(other)) > 20, (one, other)
+    alike = [seen_by_deuteranopes(colour) for colour in ("#ff0000", "#8e8e00")]  # red and olive: the simulation bites
+    assert np.linalg.norm(alike[0] - alike[1]) < 10
 
 
 def test_the_same_bytes_twice():

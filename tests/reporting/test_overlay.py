@@ -3,8 +3,8 @@ import pytest
 from shapely import box
 
 from bench.errors import ShapeError
-from bench.reporting.overlay import overlay_frame, overlay_mask, overlay_polygons
-from tests.reporting.factories import busy_frame, fisheye_image, segmentation
+from bench.reporting.overlay import overlay_frame, overlay_mask, overlay_polygons, unknown_bands
+from tests.reporting.factories import banded_frame, busy_frame, fisheye_image, segmentation
 
 
 def test_a_mask_tints_its_pixels_and_no_others():
@@ -27,6 +27,21 @@ def test_a_frame_has_the_size_of_its_image():
     reference = busy_frame()
     detected = segmentation(reference).mask_at(640, 480)
     assert overlay_frame(fisheye_image(), reference=reference, detected=detected).shape == (480, 640, 3)
+
+
+def test_bands_are_told_from_ignored_objects():
+    frame = banded_frame()
+    bands = unknown_bands(frame)
+    assert np.count_nonzero(bands == 1) == np.count_nonzero(bands) == frame.objects[0].unknown_px
+    assert (bands[198:212, 298:312] + frame.labels[198:212, 298:312] == 1).all()
+    assert frame.ignored[205, 335]
+    assert not unknown_bands(busy_frame()).any()  # ignored objects alone
+
+
+def test_a_band_stands_for_the_outline():
+    image, nothing = np.zeros((480, 640), dtype=np.uint8), np.zeros((480, 640), dtype=bool)
+    drawn = overlay_frame(image, reference=banded_frame(), detected=nothing).any(axis=2)
+    assert np.array_equal(drawn, unknown_bands(banded_frame()) > 0)
 
 
 def test_sizes_must_agree():

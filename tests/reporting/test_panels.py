@@ -3,8 +3,8 @@ from matplotlib.image import AxesImage
 from matplotlib.quiver import Quiver
 
 from bench.reporting.canvas import figure_bytes
-from bench.reporting.panels import draw_panels
-from tests.reporting.factories import busy_frame, fisheye_image, segmentation
+from bench.reporting.panels import BAND_NOTE, draw_panels
+from tests.reporting.factories import banded_frame, busy_frame, fisheye_image, segmentation
 
 
 def panels(*, parts: bool = True, image=None):
@@ -31,6 +31,12 @@ def test_the_seven_rows_of_the_paper():
 
 def test_a_method_without_parts_gets_fewer_panels():
     assert row_labels(panels(parts=False)) == ["(I) likelihood", "(II) segmentation"]
+
+
+def test_a_line_explains_bands_where_there_are_any():
+    reference = banded_frame()
+    figure = draw_panels(fisheye_image(), segmentation=segmentation(reference, parts=False), reference=reference)
+    assert row_labels(figure) == ["(I) likelihood", "(II) segmentation", BAND_NOTE]
 
 
 def test_the_likelihood_saturates_at_two_hundredths():

@@ -1,10 +1,17 @@
+from types import SimpleNamespace
+
 import numpy as np
+import pytest
 from matplotlib.colors import to_rgba
 
-from bench.evaluation.maps import RangeMap, RangeMaps
+from bench.evaluation import load_protocol
+from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
+from bench.evaluation.row_source import TableRows
+from bench.evaluation.rows import objects_table
 from bench.reference.records import Direction
 from bench.reporting.canvas import figure_bytes, new_figure
-from bench.reporting.range_maps import HATCH, draw_cells, draw_range_maps
+from bench.reporting.range_maps import HALF_TITLE, HATCH, HalfCovered, draw_cells, draw_range_maps, draw_run_maps
+from tests.reporting.test_report_files import object_row
 
 OUTLINE_M = np.array([[-1.0, -0.9], [3.8, -0.9], [3.8, 0.9], [-1.0, 0.9]])
 EDGES_M = np.arange(-8.0, 9.0)
@@ -85,3 +92,21 @@ def test_the_same_bytes_twice():
     first, second = (figure_bytes(draw_range_maps(maps, vehicle_outline_m=OUTLINE_M), "svg") for _ in range(2))
     assert first == second
     assert b"<dc:date>" not in first
+
+
+ROWS = objects_table([object_row(n) | {"tp": tp, "fn": 20 - tp} for n, tp in enumerate((0, 9, 10, 20))])
+
+
+def test_half_of_the_core_is_half_or_more():
+    source = TableRows(ROWS)
+    for rows, detected in ((source, 3), (HalfCovered(source), 2)):
+        (found,) = [m for m in range_maps(rows, protocol=load_protocol("surface-v1")).maps if m.object_frames.any()]
+        assert (found.object_frames.sum(), found.detected.sum()) == (4, detected)
+
+
+@pytest.mark.parametrize(("protocol", "title"), [("surface-v1", [HALF_TITLE]), ("paper-v1", [])])
+def test_the_map_of_a_protocol_with_unknown_bands_says_that_half_is_due(protocol, title):
+    summary = SimpleNamespace(vehicle_outline_m=OUTLINE_M.tolist())
+    run = SimpleNamespace(objects=TableRows(ROWS), protocol=load_protocol(protocol), summary=summary)
+    texts = [text.get_text() for text in draw_run_maps(run).texts]
+    assert [text for text in texts if "Detected" in text] == title

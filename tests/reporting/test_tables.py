@@ -18,7 +18,7 @@ from bench.reporting.tables import (
     table_rows,
     to_rich,
 )
-from tests.reporting.summaries import object_figures, summary
+from tests.reporting.summaries import banded_summary, object_figures, summary
 
 ROWS = table_rows(summary())
 
@@ -172,3 +172,17 @@ def test_latex_is_balanced_and_every_line_has_its_columns():
 def test_markdown_tables_have_as_many_cells_in_every_line():
     for table in re.findall(r"(?:^\|.*\n)+", to_markdown(ROWS), flags=re.MULTILINE):
         assert len({line.count("|") for line in table.splitlines()}) == 1
+
+
+def test_the_unknown_share_stands_beside_each_row_of_a_protocol_with_bands_and_of_no_other():
+    banded = table_rows(banded_summary())
+    *rows, false_positives = banded
+    assert {row.metrics["unknown_share"].value for row in rows} == {0.25}
+    assert "unknown_share" not in false_positives.metrics
+    for write in (to_markdown, to_latex, to_csv, to_json, lambda rows: printed(rows=rows)):
+        assert "nknown" in write(banded)
+        assert "nknown" not in write(ROWS)
+    (line,) = [line for line in to_markdown(banded).splitlines() if line.startswith("| Crossing") and "25.0 %" in line]
+    assert line.split("|")[-2].split() == ["25.0", "%", "[20.0,", "30.0]"]
+    assert max(map(len, printed(rows=banded).splitlines())) <= MIN_COLUMNS
+    assert "…" not in printed(rows=banded)

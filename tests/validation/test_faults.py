@@ -17,6 +17,7 @@ from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track
 from bench.recordings.native import native_recordings
 from bench.validation import Depth, Severity, boxes, occupancy, validate_recording
 from bench.validation.boxes import check_boxes
+from bench.validation.sweeps import seen_road
 from tests.recordings import tiny
 from tests.validation import drive
 
@@ -280,6 +281,37 @@ def test_a_lidar_mounted_too_low(root):
     change_head(root, lambda head: head["lidar"]["vehicle_from_lidar"].update(translation_m=[1.2, 0.0, 1.3]))
     (told,) = [finding for finding in found(root) if finding.check == "road-height"]
     assert "-0.50 m" in told.got
+
+
+def test_a_road_that_the_calibration_puts_8_cm_off(root):
+    change_head(root, lambda head: head["vehicle"].update(ground_height_m=-0.08))
+    (told,) = [finding for finding in found(root) if finding.check == "road-height"]
+    assert (told.severity, told.times) == (Severity.WARNING, drive.SWEEPS)
+    assert told.expected.startswith("the road at -0.08 m")
+    assert float(told.got.split()[0]) == pytest.approx(0.0, abs=0.01)  # where the rays of the drive meet it
+
+
+@pytest.mark.parametrize("ground_height_m", [-0.03, 0.03])
+def test_a_road_3_cm_off_is_within_suspension_travel(root, ground_height_m):
+    change_head(root, lambda head: head["vehicle"].update(ground_height_m=ground_height_m))
+    assert "road-height" not in {finding.check for finding in found(root)}
+
+
+def test_neither_pavements_nor_scatter_nor_the_car_ahead_move_the_lane():
+    rng = np.random.default_rng(3)
+    x, y = rng.uniform(-13, 13, (2, 40_000))
+    z = np.where(np.abs(y) > 2.0, 0.10, -0.04) + rng.normal(0, 0.02, x.size)
+    car = (x > 7.0) & (np.abs(y) < 0.9)
+    z[car] = rng.uniform(0.15, 1.5, car.sum())
+    road = seen_road(np.column_stack([x, y, z]))
+    assert road.lane_height_m == pytest.approx(-0.04, abs=0.005)
+    assert abs(road.height_m + 0.04) > 0.05  # the lowest points of all cells tell less
+
+
+def test_a_lane_that_is_not_seen_has_no_height():
+    x, y = np.random.default_rng(3).uniform(-13, 13, (2, 40_000))
+    beside = np.abs(y) > 1.5
+    assert np.isnan(seen_road(np.column_stack([x, y, 0.0 * x])[beside]).lane_height_m)
 
 
 def test_a_lidar_that_nods(root):

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 
 from bench.errors import DataError
 from bench.evaluation.likelihood import threshold_sweep
-from bench.evaluation.maps import THRESHOLDS, CoverageCurve, ImageMap, coverage_curves, range_maps
+from bench.evaluation.maps import THRESHOLDS, CoverageCurve, ImageMap, coverage_curves
 from bench.harness import read_image_maps
 from bench.recordings.atomic import write_bytes
 from bench.reference import Category
 from bench.reporting.canvas import GREY, VERMILION, figure_bytes, figure_pixels, new_figure, styled
 from bench.reporting.formats import LABELS
-from bench.reporting.range_maps import draw_range_maps
+from bench.reporting.range_maps import draw_run_maps
 from bench.reporting.stored_run import StoredRun, read_stored_run
 
 _JPEG_QUALITY = 82
@@ -156,11 +156,9 @@ def draw_charts(run: StoredRun) -> dict[str, list[Chart]]:
 
 
 def _range_chart(run: StoredRun) -> Chart:
-    maps = range_maps(run.objects, protocol=run.protocol)
-    outline_m = np.array(run.summary.vehicle_outline_m, dtype=np.float64)
     return Chart(
         name="range_map" if run.category is None else f"range_map-{run.category.value}",
-        figure=draw_range_maps(maps, vehicle_outline_m=outline_m),
+        figure=draw_run_maps(run),
         label="Detection rate around the ego vehicle seen from above, by class and direction of motion",
     )
 

@@ -321,7 +321,8 @@ def _view(processed: ProcessedFrame, pipeline: FramePipeline) -> FrameView:
 def _close_up(tinted: NDArray[np.uint8], target: ReferenceObject) -> str:
     """The object with as much around it as it is large, enlarged to a fixed size."""
     assert target.polygon is not None, "an evaluated object has a polygon"
-    drawn = overlay_polygons(tinted, polygons=[target.polygon], colours=["#ffffff"])
+    outlines = [] if target.unknown_px else [target.polygon]  # an outline would hide the unknown band
+    drawn = overlay_polygons(tinted, polygons=outlines, colours=["#ffffff"] * len(outlines))
     height, width = drawn.shape[:2]
     u_min, v_min, u_max, v_max = target.polygon.intersection(box(0, 0, width - 1, height - 1)).bounds
     aspect = _CLOSE_UP_PX[0] / _CLOSE_UP_PX[1]
