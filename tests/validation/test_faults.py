@@ -33,7 +33,7 @@ def root(clean, tmp_path):
 
 def found(root, depth=Depth.SAMPLED):
     (handle,) = native_recordings(root, options={}, card=root / "card.yaml", annotations=None)
-    return validate_recording(handle, depth=depth)[0]
+    return list(validate_recording(handle, depth=depth).findings)
 
 
 def checks(root):
