@@ -40,7 +40,7 @@ from bench.labels.formats import LabelOptions, LabelSet, left_out, map_classes, 
 from bench.labels.frames import frame_numbers, pair_with_sweeps
 from bench.labels.motion import lidar_from_object, motion_lost, states_at_sweeps, with_motion
 from bench.recordings import Cuboid, ObjectState, Recording, SweepRef, Track, write_text
-from bench.recordings.text_files import READ_BYTES, MeteredFile, numbers
+from bench.recordings.files import READ_BYTES, MeteredFile, numbers
 
 LARGEST_ITEM_BYTES = 8_000_000  # ten thousand poses, a quarter of an hour
 DEEPEST = 12  # levels of nested elements; the format has six, attributes that tools add two more

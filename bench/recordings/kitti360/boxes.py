@@ -22,7 +22,7 @@ from scipy.linalg import polar
 
 from bench.errors import DataError
 from bench.recordings.error_handlers import STRICT, OnError
-from bench.recordings.text_files import MeteredFile, numbers
+from bench.recordings.files import MeteredFile, numbers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

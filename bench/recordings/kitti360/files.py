@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from datetime import date
 from functools import partial
 from itertools import islice
-from os import scandir
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +18,10 @@ from bench.egomotion import Trajectory
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep, read_points
-from bench.recordings.atomic import refuse_escape
 from bench.recordings.error_handlers import STRICT, OnError, at_most, reporting
+from bench.recordings.files import framed_files, number_rows, numbers, read_text
 from bench.recordings.kitti360.calibration import CameraName, Kitti360Options
 from bench.recordings.records import ImageRef, SweepRef
-from bench.recordings.text_files import number_rows, numbers, read_text
 from bench.recordings.validation import MOST_FAULTS, data_error
 
 STAMP = re.compile(r"(\d{4})-(\d\d)-(\d\d) (\d\d):(\d\d):(\d\d)\.(\d{1,9})")
@@ -313,12 +311,12 @@ def camera_names(folder: Path, options: Kitti360Options) -> tuple[CameraName, ..
 
 def image_files(root: Path, sequence: str, camera: CameraName, on_error: OnError) -> dict[int, Path]:
     """Images of a camera by frame number, in order."""
-    return _frames(root, root / IMAGES / sequence / camera / "data_rgb", "png", on_error)
+    return framed_files(root, root / IMAGES / sequence / camera / "data_rgb", r"(\d{10})\.png", on_error)
 
 
 def sweep_files(root: Path, sequence: str, on_error: OnError) -> dict[int, Path]:
     """Scans by frame number, in order; none where the folder does not exist."""
-    return _frames(root, root / SWEEPS / sequence / "velodyne_points" / "data", "bin", on_error)
+    return framed_files(root, root / SWEEPS / sequence / "velodyne_points" / "data", r"(\d{10})\.bin", on_error)
 
 
 def image_refs(
@@ -353,23 +351,3 @@ def _times(files: Mapping[int, Path], clock: FrameClock, expected: Wanted, on_er
         except DataError as error:
             on_error(error)
     return times_ns
-
-
-def _frames(root: Path, folder: Path, suffix: str, on_error: OnError) -> dict[int, Path]:
-    """Files named by their frame number, in order; none where the folder does not exist."""
-    if not folder.is_dir():
-        return {}
-    refuse_escape(root, folder, file=folder)
-    found: dict[int, Path] = {}
-    with scandir(folder) as entries:
-        named = sorted(entry.name for entry in entries if re.fullmatch(rf"\d{{10}}\.{suffix}", entry.name))
-    for name in named:
-        path = folder / name
-        try:
-            if path.is_symlink():
-                refuse_escape(root, path, file=path)
-        except DataError as error:
-            on_error(error)
-        else:
-            found[int(path.stem)] = path
-    return found

@@ -1,18 +1,91 @@
-"""Text files of data sets, never read without a limit: small ones whole, large ones part by part."""
+"""Files of data sets: folders listed by number, texts never read without a limit, large ones part by part."""
 
 from __future__ import annotations
 
+import json
+import re
+from collections.abc import Callable
+from os import scandir
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import DataError
+from bench.recordings.atomic import refuse_escape
+from bench.recordings.error_handlers import OnError, reporting
 
 LARGEST_BYTES = 100_000_000  # a million rows of poses
 LARGEST_NUMBER = 1e12  # nothing that is measured comes near, and squares of it stay finite
 READ_BYTES = 65_536
+LONGEST_FRAME_NUMBER = 18  # digits
+
+
+def numbered_files(
+    root: Path, folder: Path, number_of: Callable[[Path], int | None], on_error: OnError, *, each: str
+) -> dict[int, Path]:
+    """The files of a folder by their number, in order; none where the folder does not exist.
+
+    Args:
+        root: folder of the data set, which no file may leave.
+        folder: below it.
+        number_of: of a file, by its name; None for one to pass over.
+        on_error: takes errors of single files: a name that `number_of` refuses, a link that leads outside, a number
+            that two files have.
+        each: what has one file, for messages.
+
+    Raises:
+        DataError: the folder leads outside of `root`.
+    """
+    if not folder.is_dir():
+        return {}
+    refuse_escape(root, folder, file=folder)
+    found: dict[int, Path] = {}
+    for entry in sorted(scandir(folder), key=lambda entry: entry.name):
+        path = folder / entry.name
+        with reporting(on_error):
+            number = number_of(path)
+            if number is None:
+                continue
+            if entry.is_symlink():
+                refuse_escape(root, path, file=path)
+            if number in found:
+                raise DataError(path, expected=f"one file for each {each}", got=f"also {found[number].name}")
+            found[number] = path
+    return dict(sorted(found.items()))
+
+
+def framed_files(root: Path, folder: Path, pattern: str, on_error: OnError) -> dict[int, Path]:
+    """The files of a folder whose whole name fits a pattern, by the frame number in its first group, in order."""
+    named = re.compile(pattern)
+
+    def number_of(path: Path) -> int | None:
+        match = named.fullmatch(path.name)
+        return None if match is None or len(match[1]) > LONGEST_FRAME_NUMBER else int(match[1])
+
+    return numbered_files(root, folder, number_of, on_error, each="frame")
+
+
+def read_object(root: Path, file: Path, *, expected: str) -> dict[str, Any]:
+    """Read a JSON file that holds an object.
+
+    Args:
+        root: folder of the data set, which the file must not leave.
+        file: JSON.
+        expected: what the object is, for messages.
+
+    Raises:
+        DataError: missing, outside of `root`, not JSON or no object.
+    """
+    refuse_escape(root, file, file=file)
+    try:
+        content = json.loads(read_text(file))
+    except (ValueError, RecursionError) as error:
+        raise DataError(file, expected="JSON", got=str(error)) from error
+    if not isinstance(content, dict):
+        raise DataError(file, expected=expected, got=type(content).__name__)
+    return content
 
 
 def read_text(file: Path, *, largest_bytes: int = LARGEST_BYTES) -> str:
