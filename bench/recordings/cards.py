@@ -16,20 +16,12 @@ from pydantic import Field, model_validator
 
 from bench.errors import DataError, UnknownNameError, UsageError
 from bench.plain_yaml import parse_yaml
+from bench.recordings.handles import Exclusion
 from bench.recordings.remote.urls import RemoteUrl, parse_place
 from bench.recordings.validation import FileModel, validated
 
 DEFAULT_FOLDER = Path("datasets")
 LARGEST_CARD_BYTES = 1_000_000
-
-
-class ExclusionEntry(FileModel):
-    """An entry of `exclusions`; without `frames` and `timestamps_ns` the whole recording is left out."""
-
-    recording: str
-    reason: str = Field(min_length=1)
-    frames: tuple[int | None, int | None] | None = None
-    timestamps_ns: tuple[int | None, int | None] | None = None
 
 
 class CardFile(FileModel):
@@ -63,7 +55,7 @@ class CardFile(FileModel):
     how_to_get: str = ""
     caveats: str = ""
     splits: dict[str, Literal["*"] | tuple[str, ...]] = Field(default={"all": "*"})
-    exclusions: tuple[ExclusionEntry, ...] = ()
+    exclusions: tuple[Exclusion, ...] = ()
     options: dict[str, Any] = Field(default_factory=dict)
 
     @model_validator(mode="after")

@@ -1,12 +1,11 @@
-"""Where KITTI-360's files of a sequence lie, by frame number."""
+"""KITTI-360's files of a sequence: times of frames, poses, and turns of the laser scanner."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import date
-from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -19,9 +18,7 @@ from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep, read_points
 from bench.recordings.error_handlers import STRICT, OnError, at_most, reporting
-from bench.recordings.files import framed_files, number_rows, numbers, read_text
-from bench.recordings.kitti360.calibration import CameraName, Kitti360Options
-from bench.recordings.records import ImageRef, SweepRef
+from bench.recordings.files import number_rows, numbers, read_text
 from bench.recordings.validation import MOST_FAULTS, data_error
 
 STAMP = re.compile(r"(\d{4})-(\d\d)-(\d\d) (\d\d):(\d\d):(\d\d)\.(\d{1,9})")
@@ -297,57 +294,3 @@ def read_turn(path: Path, timestamp_ns: int, *, period_ns: int) -> LidarSweep:
         time_offset_ns=np.rint(-turn * period_ns).astype(np.int64),
         intensity=arrays["intensity"],
     )
-
-
-IMAGES, SWEEPS, POSES, BOXES = "data_2d_raw", "data_3d_raw", "data_poses", "data_3d_bboxes"
-
-Wanted = Callable[[int], bool]
-
-
-def camera_names(folder: Path, options: Kitti360Options) -> tuple[CameraName, ...]:
-    """The cameras of `options` that a sequence has images of."""
-    return tuple(name for name in options.cameras if (folder / name / "data_rgb").is_dir())
-
-
-def image_files(root: Path, sequence: str, camera: CameraName, on_error: OnError) -> dict[int, Path]:
-    """Images of a camera by frame number, in order."""
-    return framed_files(root, root / IMAGES / sequence / camera / "data_rgb", r"(\d{10})\.png", on_error)
-
-
-def sweep_files(root: Path, sequence: str, on_error: OnError) -> dict[int, Path]:
-    """Scans by frame number, in order; none where the folder does not exist."""
-    return framed_files(root, root / SWEEPS / sequence / "velodyne_points" / "data", r"(\d{10})\.bin", on_error)
-
-
-def image_refs(
-    camera: CameraName, files: Mapping[int, Path], clock: FrameClock, expected: Wanted, on_error: OnError
-) -> tuple[ImageRef, ...]:
-    """The images of wanted frames; one whose frame has no time goes to `on_error`."""
-    times_ns = _times(files, clock, expected, on_error)
-    return tuple(ImageRef(camera=camera, timestamp_ns=time, path=files[frame]) for frame, time in times_ns.items())
-
-
-def sweep_refs(
-    files: Mapping[int, Path], clock: FrameClock, expected: Wanted, on_error: OnError
-) -> tuple[SweepRef, ...]:
-    """The scans of wanted frames; one whose frame has no time goes to `on_error`."""
-    reader = partial(read_turn, period_ns=clock.interval_ns)
-    times_ns = _times(files, clock, expected, on_error)
-    return tuple(SweepRef(timestamp_ns=time, path=files[frame], reader=reader) for frame, time in times_ns.items())
-
-
-def wanted_frames(sequence: str, options: Kitti360Options, covers: Wanted) -> Wanted:
-    """Which frames are evaluated: those that are annotated and not left out."""
-    left_out = [entry.frames for entry in options.excluded_frames if f"_drive_{entry.sequence}_" in sequence]
-    return lambda frame: covers(frame) and not any(first <= frame <= last for first, last in left_out)
-
-
-def _times(files: Mapping[int, Path], clock: FrameClock, expected: Wanted, on_error: OnError) -> dict[int, int]:
-    times_ns: dict[int, int] = {}
-    for frame, path in files.items():
-        try:
-            if expected(frame):
-                times_ns[frame] = clock.at(frame, file=path)
-        except DataError as error:
-            on_error(error)
-    return times_ns
