@@ -88,12 +88,13 @@ def read_object(root: Path, file: Path, *, expected: str) -> dict[str, Any]:
     return content
 
 
-def read_text(file: Path, *, largest_bytes: int = LARGEST_BYTES) -> str:
+def read_text(file: Path, *, largest_bytes: int = LARGEST_BYTES, expected: str = "a readable text file") -> str:
     """Read a text file.
 
     Args:
         file: UTF-8 text.
         largest_bytes: a larger file is refused before it is read.
+        expected: what the file is, for messages.
 
     Raises:
         DataError: missing, too large, empty, or not UTF-8.
@@ -104,7 +105,7 @@ def read_text(file: Path, *, largest_bytes: int = LARGEST_BYTES) -> str:
             raise DataError(file, expected=f"at most {largest_bytes} bytes", got=str(size))
         text = file.read_text(encoding="utf-8")
     except OSError as error:
-        raise DataError(file, expected="a readable text file", got=error.strerror or str(error)) from error
+        raise DataError(file, expected=expected, got=error.strerror or str(error)) from error
     except UnicodeDecodeError as error:
         raise DataError(
             file, expected="UTF-8 text", got=f"byte {error.object[error.start]:#04x} at {error.start}"
