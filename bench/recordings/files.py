@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.errors import DataError
 from bench.recordings.atomic import refuse_escape
@@ -113,27 +112,6 @@ def read_text(file: Path, *, largest_bytes: int = LARGEST_BYTES, expected: str =
     if not text.strip():
         raise DataError(file, expected="text", got="an empty file")
     return text
-
-
-def number_rows(file: Path, columns: int) -> NDArray[np.float64]:
-    """Read rows of numbers, separated by blanks.
-
-    Args:
-        file: text; blank lines are passed over.
-        columns: numbers in each row.
-
-    Returns:
-        (N, columns) float64, N >= 1, finite.
-
-    Raises:
-        DataError: a row of another length, or something that is not a finite number.
-    """
-    rows: list[list[float]] = []
-    for number, line in enumerate(read_text(file).splitlines(), start=1):
-        words = line.split()
-        if words:
-            rows.append(numbers(words, columns, file=file, field=f"line {number}"))
-    return np.array(rows, dtype=np.float64)
 
 
 def numbers(words: list[str], count: int, *, file: Path, field: str) -> list[float]:

@@ -31,12 +31,12 @@ import numpy as np
 from bench.errors import DataError
 from bench.recordings.annotations import annotations_or_none
 from bench.recordings.atomic import refuse_escape
-from bench.recordings.error_handlers import STRICT, ErrorHandler, OnError, at_most, reporting, reporting_all, stationary
+from bench.recordings.error_handlers import STRICT, ErrorHandler, OnError, at_most, reporting, stationary
 from bench.recordings.files import framed_files
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.kitti360.boxes import read_boxes
 from bench.recordings.kitti360.calibration import CameraName, Kitti360Options, Rig, read_rig
-from bench.recordings.kitti360.files import Drive, FrameClock, pose_faults, read_clock, read_drive, read_turn
+from bench.recordings.kitti360.files import Drive, FrameClock, drive_through, read_clock, read_poses, read_turn
 from bench.recordings.kitti360.tracks import Annotated, tracks_from_world
 from bench.recordings.records import ImageRef, Recording, SweepRef
 from bench.recordings.validation import MOST_FAULTS, validated
@@ -184,13 +184,11 @@ def _drive(
     file = root / POSES / sequence / "poses.txt"
     with reporting(on_error):
         refuse_escape(root, file, file=file)
-        if rig is None or clock is None:
-            for error in pose_faults(file, clock):
-                on_error(error)
-            return None
-        with reporting_all(on_error, lambda _: pose_faults(file, clock)):
+        poses = read_poses(file, clock, on_error)
+        if poses is not None and rig is not None and clock is not None:
             gap_s, standing_m = options.max_pose_gap_s, options.standing_m
-            return read_drive(file, clock, rig.vehicle_from_imu, max_gap_s=gap_s, standing_m=standing_m)
+            mounting = rig.vehicle_from_imu
+            return drive_through(poses, clock, mounting, file=file, max_gap_s=gap_s, standing_m=standing_m)
     return None
 
 
