@@ -16,7 +16,7 @@ from bench.plug_ins import imported, known_places
 from bench.recordings import OBJECT_CLASSES, DatasetCard, Recording, Track, open_dataset, write_annotations
 from bench.recordings.validation import FileModel
 
-WELL_KNOWN = {
+WELL_KNOWN = {  # names that need no explanation, in lower case; upper and lower case are one
     **{name: name for name in OBJECT_CLASSES},
     **dict.fromkeys(("person", "person (sitting)", "person_sitting", "adult", "child", "people"), "pedestrian"),
     **dict.fromkeys(("bicycle", "bicyclist", "bike", "motorbike", "motorcycle", "motorcyclist", "rider"), "cyclist"),
@@ -114,9 +114,6 @@ class LabelFormat(Protocol):
             DataError: frames that do not pair with the recording's.
         """
         ...
-
-
-"""Names that need no explanation, in lower case; upper and lower case are one."""
 
 
 def map_classes(

@@ -13,7 +13,7 @@ others by one. Another `first_frame` than 0 says that places are meant, whatever
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
 from bench.errors import DataError
@@ -121,7 +121,7 @@ def pair_with_sweeps(
     """
     if not recording.sweeps:
         raise DataError(source, expected=f"a recording with lidar sweeps, as {recording.name!r}", got="none")
-    paired = _best(tuple(dict.fromkeys(names)), recording, options, source)
+    paired = _paired(tuple(dict.fromkeys(names)), recording, options, source)
     frames: dict[int, str] = {}
     for name, sweep in paired.items():
         other = frames.setdefault(sweep.timestamp_ns, name)
@@ -145,64 +145,35 @@ def frame_numbers(recording: Recording, options: LabelOptions) -> dict[int, int]
     return {sweep.timestamp_ns: options.first_frame + i for i, sweep in enumerate(recording.sweeps)}
 
 
-def _best(names: tuple[str, ...], recording: Recording, options: LabelOptions, source: Path) -> dict[str, SweepRef]:
-    places = _by_place(names, recording, options)
-    if options.first_frame:
-        return _complete(names, places, recording, options, source)
-    ways = (_by_stem(names, recording), _by_number(names, recording), _by_time(names, recording))
-    for keyed in ways:
-        if len(keyed) == len(names):
-            return keyed
-    for keyed in ways:
-        if any(not _is_number(name) or int(name) for name in keyed):  # both ways of counting may begin with 0
-            return _complete(names, keyed, recording, options, source)
-    return _complete(names, places, recording, options, source)
-
-
-def _complete(
-    names: tuple[str, ...],
-    paired: Mapping[str, SweepRef],
-    recording: Recording,
-    options: LabelOptions,
-    source: Path,
-) -> dict[str, SweepRef]:
-    odd = [name for name in names if name not in paired]
+def _paired(names: Collection[str], recording: Recording, options: LabelOptions, source: Path) -> dict[str, SweepRef]:
+    """Name -> sweep in the first way that fits; see the ways at the top."""
+    sweeps = recording.sweeps
+    numbers = {name: int(name) for name in names if _is_number(name)}
+    by_stem = {sweep.path.stem: sweep for sweep in sweeps}
+    by_number = {int(stem): sweep for stem, sweep in by_stem.items() if _is_number(stem)}
+    by_time = {sweep.timestamp_ns: sweep for sweep in sweeps}
+    ways = [{name: by_stem[name] for name in names if name in by_stem}]
+    ways += [{name: keyed[i] for name, i in numbers.items() if i in keyed} for keyed in (by_number, by_time)]
+    by_place = dict(enumerate(sweeps, start=options.first_frame))
+    placed = [name for name in names if _is_number(name.removeprefix("-"))]
+    chosen = {name: by_place[int(name)] for name in placed if int(name) in by_place}
+    if not options.first_frame:
+        # What fits in part is meant, but for the number 0 alone: both ways of counting may begin with it.
+        partly = [way for way in ways if any(numbers.get(name) != 0 for name in way)]
+        chosen = next((way for way in (*(way for way in ways if len(way) == len(names)), *partly)), chosen)
+    odd = [name for name in names if name not in chosen]
     if not odd:
-        return dict(paired)
-    first, last = recording.sweeps[0].path.stem, recording.sweeps[-1].path.stem
-    numbers = f"{options.first_frame} to {options.first_frame + len(recording.sweeps) - 1}"
+        return chosen
     listed = ", ".join(odd[:SHOWN]) + (f" and {len(odd) - SHOWN} more" if len(odd) > SHOWN else "")
+    called = f"{sweeps[0].path.stem} to {sweeps[-1].path.stem}"
+    counted = f"{options.first_frame} to {options.first_frame + len(sweeps) - 1}"
     raise DataError(
         source,
         field="frames",
-        expected=f"frames called as the {len(recording.sweeps)} sweeps, {first} to {last}, or {numbers}",
+        expected=f"frames called as the {len(sweeps)} sweeps, {called}, or {counted}",
         got=listed,
         do="name frames after the sweeps, or give the number of the first sweep with --first-frame",
     )
-
-
-def _by_stem(names: Collection[str], recording: Recording) -> dict[str, SweepRef]:
-    sweeps = {sweep.path.stem: sweep for sweep in recording.sweeps}
-    return {name: sweeps[name] for name in names if name in sweeps}
-
-
-def _by_number(names: Collection[str], recording: Recording) -> dict[str, SweepRef]:
-    sweeps = {int(sweep.path.stem): sweep for sweep in recording.sweeps if _is_number(sweep.path.stem)}
-    return {name: sweeps[int(name)] for name in names if _is_number(name) and int(name) in sweeps}
-
-
-def _by_time(names: Collection[str], recording: Recording) -> dict[str, SweepRef]:
-    sweeps = {sweep.timestamp_ns: sweep for sweep in recording.sweeps}
-    return {name: sweeps[int(name)] for name in names if _is_number(name) and int(name) in sweeps}
-
-
-def _by_place(names: Collection[str], recording: Recording, options: LabelOptions) -> dict[str, SweepRef]:
-    paired = {}
-    for name in names:
-        place = int(name) - options.first_frame if _is_number(name.removeprefix("-")) else -1
-        if 0 <= place < len(recording.sweeps):
-            paired[name] = recording.sweeps[place]
-    return paired
 
 
 def _is_number(text: str) -> bool:

@@ -38,9 +38,9 @@ from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.labels.formats import LabelOptions, LabelSet, left_out, map_classes, tool_class
 from bench.labels.frames import frame_numbers, pair_with_sweeps
-from bench.labels.motion import lidar_from_object, motion_lost, states_at_sweeps, with_motion
+from bench.labels.motion import box_state, lidar_from_object, motion_lost, states_at_sweeps, with_motion
 from bench.recordings import Cuboid, ObjectState, Recording, SweepRef, Track, write_text
-from bench.recordings.text_files import READ_BYTES, MeteredFile, numbers
+from bench.recordings.files import READ_BYTES, MeteredFile, numbers
 
 LARGEST_ITEM_BYTES = 8_000_000  # ten thousand poses, a quarter of an hour
 DEEPEST = 12  # levels of nested elements; the format has six, attributes that tools add two more
@@ -262,6 +262,7 @@ class KittiTracklets:
     name = "kitti-tracklets"
     description = "tracklet_labels.xml of KITTI's raw data: boxes that stand upright, one size for each object"
     centred = False
+    sizes = ("length_m", "width_m", "height_m")  # what the file calls the sizes along x, y and z
 
     def read(self, source: Path, recording: Recording, options: LabelOptions) -> LabelSet:
         """Read a label set; arguments and errors as in `LabelFormat`."""
@@ -314,7 +315,14 @@ class KittiTracklets:
                 object_type = tool_class(track.object_class, options, WRITTEN)
                 poses = [lidar_from_object(cuboid, recording) for _, cuboid in run]
                 lean_rad = max(lean_rad, *(_lean_rad(pose) for pose in poses))
-                tracklets.append(self._tracklet(object_type, run[0][0], size_m, poses))
+                tracklets.append(
+                    Tracklet(
+                        object_type=object_type,
+                        **dict(zip(self.sizes, size_m.tolist(), strict=True)),
+                        first_frame=run[0][0],
+                        poses=tuple(self._tracklet_pose(pose, size_m[2]) for pose in poses),
+                    )
+                )
         write_tracklets(out / FILE, tracklets)
         if tracklets:
             lost.append(f"{len(by_track)} names of objects: the format has none")
@@ -342,39 +350,26 @@ class KittiTracklets:
             if not self.centred:
                 _refuse_lean(pose, file, f"{field}, frame {number}")
             lidar_from_box, size_m = self._placed(tracklet, pose)
-            states.append(
-                ObjectState(
-                    timestamp_ns=sweeps[str(number)].timestamp_ns,
-                    shape=Cuboid(vehicle_from_object=recording.vehicle_from_lidar @ lidar_from_box, size_m=size_m),
-                    velocity_mps=np.full(3, np.nan),
-                )
-            )
+            states.append(box_state(recording, sweeps[str(number)].timestamp_ns, lidar_from_box, size_m))
         return tuple(sorted(states, key=lambda state: state.timestamp_ns))
 
     def _placed(self, tracklet: Tracklet, pose: TrackletPose) -> tuple[RigidTransform, NDArray[np.float64]]:
         """Pose of the box's centre in the frame of the lidar, and its size."""
-        size_m = np.array([tracklet.length_m, tracklet.width_m, tracklet.height_m])
-        return RigidTransform.from_yaw(
-            pose.angles_rad[2], np.add(pose.place_m, (0.0, 0.0, tracklet.height_m / 2.0))
-        ), size_m
+        size_m = np.array([getattr(tracklet, name) for name in self.sizes])
+        if self.centred:
+            rotation = Rotation.from_euler("XYZ", pose.angles_rad).as_matrix()
+            return RigidTransform(rotation, np.array(pose.place_m)), size_m
+        place_m = np.add(pose.place_m, (0.0, 0.0, tracklet.height_m / 2.0))
+        return RigidTransform.from_yaw(pose.angles_rad[2], place_m), size_m
 
-    def _tracklet(
-        self, object_type: str, first_frame: int, size_m: NDArray[np.float64], poses: Sequence[RigidTransform]
-    ) -> Tracklet:
-        length_m, width_m, height_m = size_m.tolist()
-        return Tracklet(
-            object_type=object_type,
-            height_m=height_m,
-            width_m=width_m,
-            length_m=length_m,
-            first_frame=first_frame,
-            poses=tuple(
-                TrackletPose(
-                    place_m=_triple(pose.translation_m - (0.0, 0.0, height_m / 2.0)),
-                    angles_rad=(0.0, 0.0, float(np.arctan2(pose.rotation[1, 0], pose.rotation[0, 0]))),
-                )
-                for pose in poses
-            ),
+    def _tracklet_pose(self, pose: RigidTransform, height_m: float) -> TrackletPose:
+        """What the file says of a box's pose in the frame of the lidar."""
+        if self.centred:
+            angles_rad = _triple(Rotation.from_matrix(pose.rotation).as_euler("XYZ"))
+            return TrackletPose(place_m=_triple(pose.translation_m), angles_rad=angles_rad, occlusion=0, truncation=0)
+        return TrackletPose(
+            place_m=_triple(pose.translation_m - (0.0, 0.0, height_m / 2.0)),
+            angles_rad=(0.0, 0.0, float(np.arctan2(pose.rotation[1, 0], pose.rotation[0, 0]))),
         )
 
     def _unread(self, tracklets: Sequence[Tracklet]) -> list[str]:
@@ -397,32 +392,7 @@ class CvatTracklets(KittiTracklets):
     name = "cvat-tracklets"
     description = "tracklet_labels.xml as CVAT writes it (KITTI Raw Format): other places, sizes and angles"
     centred = True
-
-    def _placed(self, tracklet: Tracklet, pose: TrackletPose) -> tuple[RigidTransform, NDArray[np.float64]]:
-        rotation = Rotation.from_euler("XYZ", pose.angles_rad).as_matrix()
-        size_m = np.array([tracklet.width_m, tracklet.height_m, tracklet.length_m])
-        return RigidTransform(rotation, np.array(pose.place_m)), size_m
-
-    def _tracklet(
-        self, object_type: str, first_frame: int, size_m: NDArray[np.float64], poses: Sequence[RigidTransform]
-    ) -> Tracklet:
-        along_x, along_y, along_z = size_m.tolist()
-        return Tracklet(
-            object_type=object_type,
-            height_m=along_y,
-            width_m=along_x,
-            length_m=along_z,
-            first_frame=first_frame,
-            poses=tuple(
-                TrackletPose(
-                    place_m=_triple(pose.translation_m),
-                    angles_rad=_triple(Rotation.from_matrix(pose.rotation).as_euler("XYZ")),
-                    occlusion=0,
-                    truncation=0,
-                )
-                for pose in poses
-            ),
-        )
+    sizes = ("width_m", "height_m", "length_m")
 
 
 def _runs(posed: Sequence[tuple[int, Cuboid]]) -> list[list[tuple[int, Cuboid]]]:

@@ -18,7 +18,6 @@ from __future__ import annotations
 import json
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -33,6 +32,7 @@ from bench.labels.formats import LabelOptions, LabelSet, Length, ToolModel, Vect
 from bench.labels.frames import frame_files, frame_names, pair_with_sweeps, refuse_other_frames
 from bench.labels.motion import (
     GroupedSweep,
+    box_state,
     lidar_from_object,
     linked_groups,
     motion_lost,
@@ -75,17 +75,7 @@ class VerticesObject(ToolModel):
     vertices: tuple[tuple[Length, Length, Length], ...] = Field(min_length=8, max_length=8)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CloudBox:
-    """A box in the frame of the points.
-
-    Attributes:
-        cloud_from_object: pose of its centre; x along the length, z up.
-        size_m: (3,) float64, full length, width and height, m.
-    """
-
-    cloud_from_object: RigidTransform
-    size_m: NDArray[np.float64]
+CloudBox = tuple[RigidTransform, NDArray[np.float64]]  # cloud_from_object of the centre, x along the length; sizes, m
 
 
 def box_of_centroid(found: CentroidObject, *, degrees: bool) -> CloudBox:
@@ -101,10 +91,8 @@ def box_of_centroid(found: CentroidObject, *, degrees: bool) -> CloudBox:
         raise ShapeError(f"rotations: expected radians from -pi to pi, got {angles}")
     rotation = Rotation.from_euler("xyz", angles, degrees=degrees).as_matrix()
     sizes = found.dimensions
-    return CloudBox(
-        cloud_from_object=RigidTransform(rotation, np.array(found.centroid.numbers())),
-        size_m=np.array([sizes.length, sizes.width, sizes.height]),
-    )
+    size_m = np.array([sizes.length, sizes.width, sizes.height])
+    return RigidTransform(rotation, np.array(found.centroid.numbers())), size_m
 
 
 def box_of_vertices(found: VerticesObject) -> CloudBox:
@@ -124,12 +112,12 @@ def box_of_vertices(found: VerticesObject) -> CloudBox:
     rotation = left @ right
     if np.linalg.det(rotation) < 0 or np.abs(rotation.T - edges / half_m[:, None]).max() > LARGEST_SLANT * 10:
         raise ShapeError("vertices: expected the corners of a box in labelCloud's order, got mirrored or slanted ones")
-    return CloudBox(cloud_from_object=RigidTransform(rotation, centre), size_m=2 * half_m)
+    return RigidTransform(rotation, centre), 2 * half_m
 
 
-def written(name: str, box: CloudBox, way: Way) -> dict[str, Any]:
+def written(name: str, pose: RigidTransform, size_m: NDArray[np.float64], way: Way) -> dict[str, Any]:
     """A box as labelCloud writes it; numbers are not rounded."""
-    pose, sizes = box.cloud_from_object, np.asarray(box.size_m, dtype=np.float64)
+    sizes = np.asarray(size_m, dtype=np.float64)
     if way == "vertices":
         return {"name": name, "vertices": pose.apply(CORNERS * sizes / 2).tolist()}
     degrees = way == "centroid_abs"
@@ -164,15 +152,6 @@ class _VerticesFile(ToolModel):
     objects: tuple[VerticesObject, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Found:
-    """A box with its frame."""
-
-    timestamp_ns: int
-    name: str
-    cuboid: Cuboid
-
-
 class LabelCloud:
     """One of labelCloud's ways of writing boxes."""
 
@@ -186,7 +165,7 @@ class LabelCloud:
         self._refuse_other_way(next(iter(files.values())).parent / CLASS_FILE)
         frames = pair_with_sweeps(files, recording, options, source=source)
         found = [one for name, sweep in frames.items() for one in self._boxes(files[name], sweep, recording)]
-        counts = Counter(one.name for one in found)
+        counts = Counter(name for name, _ in found)
         classes = map_classes(counts, options, source=source)
         tracks = _tracks(found, classes, recording)
         lost = list(left_out(classes, counts))
@@ -206,8 +185,9 @@ class LabelCloud:
         for time_ns, objects in states.items():
             cloud = names[time_ns] + sweeps[time_ns].path.suffix
             boxes = [
-                written(tool_names[track.object_class], _in_cloud(state, recording), self.way)
+                written(tool_names[track.object_class], lidar_from_object(box, recording), box.size_m, self.way)
                 for track, state in objects
+                if isinstance(box := state.shape, Cuboid)
             ]
             head = {"folder": CLOUD_FOLDER, "filename": cloud, "path": f"{CLOUD_FOLDER}/{cloud}"}
             write_text(out / FOLDER / f"{names[time_ns]}.json", _json({**head, "objects": boxes}))
@@ -227,7 +207,8 @@ class LabelCloud:
             do = other if told.format in WAYS else "export the labels from labelCloud in one of its JSON formats"
             raise DataError(file, field="format", expected=f"{self.way}, as asked for", got=told.format, do=do)
 
-    def _boxes(self, file: Path, sweep: SweepRef, recording: Recording) -> list[_Found]:
+    def _boxes(self, file: Path, sweep: SweepRef, recording: Recording) -> list[tuple[str, ObjectState]]:
+        """Class and state of each box."""
         found = []
         for row, one in enumerate(self._objects(file)):
             try:
@@ -238,9 +219,7 @@ class LabelCloud:
                 )
             except ShapeError as error:
                 raise data_error(error, file=file, field=f"objects.{row}") from error
-            pose = recording.vehicle_from_lidar @ box.cloud_from_object
-            cuboid = Cuboid(vehicle_from_object=pose, size_m=box.size_m)
-            found.append(_Found(timestamp_ns=sweep.timestamp_ns, name=one.name, cuboid=cuboid))
+            found.append((one.name, box_state(recording, sweep.timestamp_ns, *box)))
         return found
 
     def _objects(self, file: Path) -> Sequence[VerticesObject | CentroidObject]:
@@ -279,18 +258,18 @@ class LabelCloudVertices(LabelCloud):
     description = "labelCloud vertices: a folder of JSON files of boxes, told by their eight corners"
 
 
-def _tracks(found: Sequence[_Found], classes: Mapping[str, str | None], recording: Recording) -> tuple[Track, ...]:
+def _tracks(
+    found: Sequence[tuple[str, ObjectState]], classes: Mapping[str, str | None], recording: Recording
+) -> tuple[Track, ...]:
     """Boxes of each class, followed from frame to frame."""
     tracks: list[Track] = []
     for name, ours in classes.items():
         if ours is None:
             continue
         states: dict[int, list[ObjectState]] = defaultdict(list)
-        for one in found:
-            if one.name == name:
-                states[one.timestamp_ns].append(
-                    ObjectState(timestamp_ns=one.timestamp_ns, shape=one.cuboid, velocity_mps=np.full(3, np.nan))
-                )
+        for found_name, state in found:
+            if found_name == name:
+                states[state.timestamp_ns].append(state)
         objects: dict[int, list[ObjectState]] = defaultdict(list)
         grouped = [_grouped(time_ns, states[time_ns], recording) for time_ns in sorted(states)]
         for sweep, numbers in zip(grouped, linked_groups(grouped), strict=True):
@@ -311,11 +290,6 @@ def _grouped(time_ns: int, states: Sequence[ObjectState], recording: Recording) 
     world_from_vehicle = recording.trajectory.world_from_vehicle(time_ns)
     centres = [s.shape.vehicle_from_object.translation_m for s in states if isinstance(s.shape, Cuboid)]
     return GroupedSweep(timestamp_ns=time_ns, middles_m=world_from_vehicle.apply(np.array(centres)))
-
-
-def _in_cloud(state: ObjectState, recording: Recording) -> CloudBox:
-    assert isinstance(state.shape, Cuboid)
-    return CloudBox(cloud_from_object=lidar_from_object(state.shape, recording), size_m=state.shape.size_m)
 
 
 def _json(values: object) -> str:

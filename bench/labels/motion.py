@@ -58,30 +58,18 @@ def _moved(states: Sequence[ObjectState], trajectory: Trajectory) -> list[Object
     if valid.sum() > 1:
         world = world_velocities(times_ns[valid], world_m[valid])
         velocities[valid] = np.einsum("nji,nj->ni", rotations[valid], world)
-    turns = _turns(states, rotations, times_ns, valid)
+    turns = np.array([state.yaw_rate_radps for state in states])
+    boxes = [(i, state.shape) for i, state in enumerate(states) if valid[i] and isinstance(state.shape, Cuboid)]
+    if len(boxes) > 1:
+        rows = [i for i, _ in boxes]
+        headings = np.stack([box.vehicle_from_object.rotation for _, box in boxes])
+        turns[rows] = world_yaw_rates(times_ns[rows], rotations[rows] @ headings)
     return [
         replace(state, velocity_mps=velocities[i], yaw_rate_radps=state.yaw_rate_radps or float(turns[i]))
         if np.isnan(state.velocity_mps).any() and valid[i]
         else state
         for i, state in enumerate(states)
     ]
-
-
-def _turns(
-    states: Sequence[ObjectState],
-    rotations: NDArray[np.float64],
-    times_ns: NDArray[np.int64],
-    valid: NDArray[np.bool_],
-) -> NDArray[np.float64]:
-    turns = np.array([state.yaw_rate_radps for state in states])
-    boxes = np.array([isinstance(state.shape, Cuboid) for state in states]) & valid
-    if boxes.sum() > 1:
-        headings = np.stack(
-            [state.shape.vehicle_from_object.rotation for state in states if isinstance(state.shape, Cuboid)]
-        )
-        kept = np.array([valid[i] for i, state in enumerate(states) if isinstance(state.shape, Cuboid)])
-        turns[boxes] = world_yaw_rates(times_ns[boxes], rotations[boxes] @ headings[kept])
-    return turns
 
 
 def _centre(state: ObjectState) -> NDArray[np.float64]:
@@ -128,6 +116,23 @@ def states_at_sweeps(
     if between:
         lost.append(f"{len(between)} states at {len(set(between))} times at which there is no sweep")
     return dict(sorted(states.items())), lost
+
+
+def box_state(
+    recording: Recording,
+    timestamp_ns: int,
+    lidar_from_object: RigidTransform,
+    size_m: NDArray[np.float64],
+    *,
+    category: str | None = None,
+    unclear: bool = False,
+) -> ObjectState:
+    """A box that a tool labelled in the frame of the lidar; its velocity is not told."""
+    shape = Cuboid(vehicle_from_object=recording.vehicle_from_lidar @ lidar_from_object, size_m=size_m)
+    velocity_mps = np.full(3, np.nan)
+    return ObjectState(
+        timestamp_ns=timestamp_ns, shape=shape, velocity_mps=velocity_mps, category=category, unclear=unclear
+    )
 
 
 def lidar_from_object(cuboid: Cuboid, recording: Recording) -> RigidTransform:

@@ -171,19 +171,7 @@ WRITTEN = {"pedestrian": "person", "cyclist": "bicyclist", "vehicle": "car", "an
 TOLD = re.compile(r"(?P<name>[a-z-]+?)-(?:(?P<instance>[1-9][0-9]*)|group-[1-9][0-9]*)")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Label:
-    number: int
-    instance: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _SweepLabels:
-    """Labels and instances of the points of a sweep, (N,) int64 each, and how many objects have none of them."""
-
-    numbers: NDArray[np.int64]
-    instances: NDArray[np.int64]
-    pointless: int
+_Label = tuple[int, int]  # number and instance
 
 
 def write_label_set(label_set: LabelSet, recording: Recording, folder: Path, options: LabelOptions) -> tuple[str, ...]:
@@ -215,9 +203,9 @@ def write_label_set(label_set: LabelSet, recording: Recording, folder: Path, opt
     pointless = 0
     refuse_other_frames(folder, ".label", map(names.__getitem__, states))
     for time_ns, objects in states.items():
-        written = _sweep_labels(sweeps[time_ns], objects, labels, recording)
-        write_labels(folder / f"{names[time_ns]}.label", written.numbers, written.instances)
-        pointless += written.pointless
+        numbers, instances, without_points = _sweep_labels(sweeps[time_ns], objects, labels, recording)
+        write_labels(folder / f"{names[time_ns]}.label", numbers, instances)
+        pointless += without_points
     if pointless:
         lost.append(f"{pointless} places of objects hold no point of their sweep: they leave nothing to label")
     return (*lost, *_loss(label_set.tracks, labels))
@@ -238,7 +226,7 @@ def _at_its_sweeps(track: Track) -> Track:
 def _labels(tracks: Sequence[Track], options: LabelOptions) -> dict[str, _Label]:
     """Track -> label and instance; those that came from labels get theirs back."""
     labels = {track.track_id: told for track in tracks if (told := _told(track)) is not None}
-    taken = {(label.number, label.instance) for label in labels.values()}
+    taken = set(labels.values())
     last: Counter[int] = Counter()
     for track in tracks:
         if track.track_id in labels:
@@ -248,7 +236,7 @@ def _labels(tracks: Sequence[Track], options: LabelOptions) -> dict[str, _Label]
         if instance > LARGEST_INSTANCE:
             raise UsageError(f"{track.track_id!r}: expected at most {LARGEST_INSTANCE} objects of a label, got more")
         last[number] = instance
-        labels[track.track_id] = _Label(number=number, instance=instance)
+        labels[track.track_id] = number, instance
     return labels
 
 
@@ -260,7 +248,7 @@ def _told(track: Track) -> _Label | None:
     if CLASSES.get(match["name"], track.object_class) != track.object_class:
         return None
     instance = int(match["instance"] or 0)
-    return _Label(number=NUMBERS[match["name"]], instance=instance) if instance <= LARGEST_INSTANCE else None
+    return (NUMBERS[match["name"]], instance) if instance <= LARGEST_INSTANCE else None
 
 
 def _number(track: Track, options: LabelOptions) -> int:
@@ -280,7 +268,8 @@ def _moved_ever(track: Track) -> bool:
 
 def _sweep_labels(
     ref: SweepRef, objects: Sequence[tuple[Track, ObjectState]], labels: dict[str, _Label], recording: Recording
-) -> _SweepLabels:
+) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
+    """Labels and instances of the points of a sweep, (N,) int64 each, and how many objects have none of them."""
     sweep = ref.read()
     count = len(sweep.points_lidar)
     numbers = np.full(count, STATIC, dtype=np.int64)
@@ -293,9 +282,8 @@ def _sweep_labels(
     for track, state in sorted(objects, key=lambda one: -_volume(one[1].shape)):
         rows = _rows(track, state, ref, count, placed, recording)
         pointless += not len(rows)
-        label = _Label(number=UNLABELED, instance=0) if state.unclear else labels[track.track_id]
-        numbers[rows], instances[rows] = label.number, label.instance
-    return _SweepLabels(numbers=numbers, instances=instances, pointless=pointless)
+        numbers[rows], instances[rows] = (UNLABELED, 0) if state.unclear else labels[track.track_id]
+    return numbers, instances, pointless
 
 
 def _rows(
@@ -342,12 +330,9 @@ def _loss(tracks: Sequence[Track], labels: dict[str, _Label]) -> list[str]:
     certain = [replace(track, states=tuple(replace(s, unclear=False) for s in track.states)) for track in tracks]
     lost += motion_lost(certain)
     for ours in OBJECT_CLASSES:
-        of_class = {labels[track.track_id].number for track in tracks if track.object_class == ours}
-        moving = sorted(
-            NAMES[number] for number in of_class if is_moving(number) and CLASSES.get(NAMES[number]) != ours
-        )
-        standing = sorted(NAMES[n] for n in of_class if not is_moving(n) and CLASSES.get(NAMES[n]) != ours)
-        if names := [*moving, *standing]:
+        of_class = {labels[track.track_id][0] for track in tracks if track.object_class == ours}
+        other = [number for number in of_class if CLASSES.get(NAMES[number]) != ours]
+        if names := [NAMES[number] for number in sorted(other, key=lambda n: (not is_moving(n), NAMES[n]))]:
             lost.append(f"class {ours}: written as {' and '.join(names)}, which does not say it")
     return lost
 

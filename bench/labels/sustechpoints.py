@@ -25,7 +25,7 @@ from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.labels.formats import LabelOptions, LabelSet, Length, ToolModel, Vector, left_out, map_classes, tool_class
 from bench.labels.frames import frame_files, frame_names, pair_with_sweeps, refuse_other_frames
-from bench.labels.motion import lidar_from_object, motion_lost, states_at_sweeps, with_motion
+from bench.labels.motion import box_state, lidar_from_object, motion_lost, states_at_sweeps, with_motion
 from bench.recordings import MOTION_KINDS, Cuboid, ObjectState, Recording, SweepRef, Track, write_text
 from bench.recordings.validation import read_json
 
@@ -203,16 +203,15 @@ def _state(found: _Found, doubtful: bool, recording: Recording) -> ObjectState:
     if len(motions) > 1:
         expected = "one kind of motion"
         raise DataError(found.file, field=f"{found.row}.obj_attr", expected=expected, got=" and ".join(motions))
-    return ObjectState(
-        timestamp_ns=found.timestamp_ns,
-        shape=Cuboid(
-            vehicle_from_object=recording.vehicle_from_lidar @ lidar_from_box,
-            size_m=np.array(box.psr.scale.numbers()),
-        ),
-        velocity_mps=np.full(3, 0.0 if STATIC in box.attributes else np.nan),
+    state = box_state(
+        recording,
+        found.timestamp_ns,
+        lidar_from_box,
+        np.array(box.psr.scale.numbers()),
         category=motions[0] if motions else None,
         unclear=doubtful or UNCLEAR in box.attributes,
     )
+    return replace(state, velocity_mps=np.zeros(3)) if STATIC in box.attributes else state
 
 
 def _not_taken(classes: Mapping[str, str | None], types: Mapping[str, int], options: LabelOptions) -> list[str]:

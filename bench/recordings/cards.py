@@ -16,20 +16,13 @@ from pydantic import Field, model_validator
 
 from bench.errors import DataError, UnknownNameError, UsageError
 from bench.plain_yaml import parse_yaml
+from bench.recordings.files import read_text
+from bench.recordings.handles import Exclusion
 from bench.recordings.remote.urls import RemoteUrl, parse_place
 from bench.recordings.validation import FileModel, validated
 
 DEFAULT_FOLDER = Path("datasets")
 LARGEST_CARD_BYTES = 1_000_000
-
-
-class ExclusionEntry(FileModel):
-    """An entry of `exclusions`; without `frames` and `timestamps_ns` the whole recording is left out."""
-
-    recording: str
-    reason: str = Field(min_length=1)
-    frames: tuple[int | None, int | None] | None = None
-    timestamps_ns: tuple[int | None, int | None] | None = None
 
 
 class CardFile(FileModel):
@@ -63,7 +56,7 @@ class CardFile(FileModel):
     how_to_get: str = ""
     caveats: str = ""
     splits: dict[str, Literal["*"] | tuple[str, ...]] = Field(default={"all": "*"})
-    exclusions: tuple[ExclusionEntry, ...] = ()
+    exclusions: tuple[Exclusion, ...] = ()
     options: dict[str, Any] = Field(default_factory=dict)
 
     @model_validator(mode="after")
@@ -176,14 +169,7 @@ def list_cards(folder: Path = DEFAULT_FOLDER) -> tuple[DatasetCard, ...]:
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:
-    try:
-        if path.stat().st_size > LARGEST_CARD_BYTES:
-            raise DataError(path, expected=f"at most {LARGEST_CARD_BYTES} bytes", got=f"{path.stat().st_size}")
-        values = parse_yaml(path.read_text(encoding="utf-8"), file=path)
-    except OSError as error:
-        raise DataError(path, expected="a readable card", got=error.strerror or str(error)) from error
-    except UnicodeDecodeError as error:
-        raise DataError(path, expected="UTF-8 text", got=" ".join(str(error).split())) from error
+    values = parse_yaml(read_text(path, largest_bytes=LARGEST_CARD_BYTES, expected="a readable card"), file=path)
     if not isinstance(values, dict):
         raise DataError(path, expected="keys and values", got=type(values).__name__)
     return values

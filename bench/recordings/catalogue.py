@@ -10,8 +10,8 @@ from typing import Any, Protocol
 
 from bench.errors import DataError, UnknownNameError
 from bench.plug_ins import imported, known_places
-from bench.recordings.cards import DatasetCard, ExclusionEntry
-from bench.recordings.handles import Exclusion, RecordingHandle
+from bench.recordings.cards import DatasetCard
+from bench.recordings.handles import RecordingHandle
 from bench.recordings.remote import remote_recordings
 
 ADAPTERS = {
@@ -74,9 +74,9 @@ def open_dataset(card: DatasetCard, split: str | None = None) -> tuple[Recording
     chosen = card.content.splits.get(split, "*") if split is not None else "*"
     names = tuple(handles) if chosen == "*" else chosen
     _refuse_unknown(names, handles, card, f"splits.{split}")
-    _refuse_unknown((e.recording for e in card.content.exclusions), handles, card, "exclusions")
+    excluded = card.content.exclusions
+    _refuse_unknown((e.recording for e in excluded), handles, card, "exclusions")
     _refuse_strange_annotations(card, handles)
-    excluded = [_exclusion(entry) for entry in card.content.exclusions]
     whole = {e.recording for e in excluded if e.covers_all}
     return tuple(
         replace(handles[name], exclusions=tuple(e for e in excluded if e.recording == name))
@@ -106,19 +106,6 @@ def _adapter(name: str) -> Adapter:
         raise UnknownNameError("adapter", name, known)
     adapter: Adapter = imported(known[name], expected=f"adapter {name!r}: expected a function")
     return adapter
-
-
-def _exclusion(entry: ExclusionEntry) -> Exclusion:
-    first_frame, last_frame = entry.frames or (None, None)
-    first_ns, last_ns = entry.timestamps_ns or (None, None)
-    return Exclusion(
-        recording=entry.recording,
-        reason=entry.reason,
-        first_ns=first_ns,
-        last_ns=last_ns,
-        first_frame=first_frame,
-        last_frame=last_frame,
-    )
 
 
 def _refuse_unknown(

@@ -5,39 +5,39 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from pydantic import Field
+
 from bench.errors import DataError
 from bench.recordings.error_handlers import ErrorCollector, NothingUsableError, Part
 from bench.recordings.records import NO_INPUT_ERRORS, ImageRef, InputErrors, Recording
+from bench.recordings.validation import FileModel
+
+Span = tuple[int | None, int | None]  # first and last, both included; None for open
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Exclusion:
-    """Images that a card leaves out.
+class Exclusion(FileModel):
+    """Images that a card leaves out; without any limit the whole recording.
 
     Attributes:
         recording: name.
         reason: why.
-        first_ns: first excluded time; None for from the start.
-        last_ns: last excluded time, itself excluded; None for to the end.
-        first_frame: first excluded image of each camera, counted from 0; None for from the start.
-        last_frame: last excluded image, itself excluded; None for to the end.
+        frames: images of each camera, counted from 0.
+        timestamps_ns: times of images.
     """
 
     recording: str
-    reason: str
-    first_ns: int | None = None
-    last_ns: int | None = None
-    first_frame: int | None = None
-    last_frame: int | None = None
+    reason: str = Field(min_length=1)
+    frames: Span | None = None
+    timestamps_ns: Span | None = None
 
     @property
     def covers_all(self) -> bool:
         """Whether the whole recording is left out."""
-        return (self.first_ns, self.last_ns, self.first_frame, self.last_frame) == (None, None, None, None)
+        return all(limit is None for span in (self.frames, self.timestamps_ns) for limit in span or ())
 
     def covers(self, frame: int, timestamp_ns: int) -> bool:
-        """Whether an image is left out; an exclusion without any limit covers the whole recording."""
-        return _within(timestamp_ns, self.first_ns, self.last_ns) and _within(frame, self.first_frame, self.last_frame)
+        """Whether an image is left out."""
+        return _within(frame, self.frames) and _within(timestamp_ns, self.timestamps_ns)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -85,7 +85,7 @@ class RecordingHandle:
             recording = replace(recording, input_errors=self.input_errors)
         if not self.exclusions:
             return recording
-        images = {camera: self._kept(refs) for camera, refs in recording.images.items()}
+        images = {camera: self._included(refs) for camera, refs in recording.images.items()}
         return replace(recording, images=images)
 
     def read_leniently(self) -> LenientReading:
@@ -99,11 +99,12 @@ class RecordingHandle:
             collector(error)
         return LenientReading(errors=tuple(collector.errors), recording=recording, missing=frozenset(collector.missing))
 
-    def _kept(self, refs: tuple[ImageRef, ...]) -> tuple[ImageRef, ...]:
+    def _included(self, refs: tuple[ImageRef, ...]) -> tuple[ImageRef, ...]:
         return tuple(
             ref for i, ref in enumerate(refs) if not any(e.covers(i, ref.timestamp_ns) for e in self.exclusions)
         )
 
 
-def _within(value: int, first: int | None, last: int | None) -> bool:
+def _within(value: int, span: Span | None) -> bool:
+    first, last = span or (None, None)
     return (first is None or value >= first) and (last is None or value <= last)

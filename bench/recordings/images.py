@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -257,39 +255,3 @@ def _png_fault(content: bytes) -> str | None:
             return None
         offset = end
     return f"a PNG cut short at {len(content)} bytes"
-
-
-def scaled_camera(camera: MountedCamera, size_px: tuple[int, int] | None) -> MountedCamera:
-    """The same camera evaluated at another size; the images on disk stay as they are.
-
-    Args:
-        camera: at any size.
-        size_px: (width, height); None to change nothing.
-    """
-    if size_px is None or tuple(size_px) == (camera.model.width, camera.model.height):
-        return camera
-    body = camera.ego_body
-    if body is not None:
-        body = cv2.resize(body.astype(np.uint8), tuple(size_px), interpolation=cv2.INTER_NEAREST).astype(bool)
-    return replace(camera, model=camera.model.scaled(*size_px), ego_body=body)
-
-
-Polygon = tuple[tuple[float, float], ...]
-
-
-def body_mask(size_px: tuple[int, int], polygons: Sequence[Polygon]) -> NDArray[np.bool_] | None:
-    """Fill polygons.
-
-    Args:
-        size_px: (width, height) of the stored images.
-        polygons: corners (u, v) in stored pixels.
-
-    Returns:
-        (height, width) bool, True inside; None without polygons.
-    """
-    if not polygons:
-        return None
-    filled = np.zeros((size_px[1], size_px[0]), dtype=np.uint8)
-    for polygon in polygons:  # one call for all leaves out where two overlap
-        cv2.fillPoly(filled, [np.rint(polygon).astype(np.int32)], 1)
-    return filled.astype(bool)

@@ -4,27 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from functools import partial
-from os import scandir
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
-from bench.cameras import CameraModel, camera_from_parameters
 from bench.egomotion import Trajectory, bus_signal_faults, read_bus_signals, read_tum
-from bench.errors import DataError, ShapeError, UnknownNameError
-from bench.geometry import RigidTransform, RoadPlane
+from bench.errors import DataError
+from bench.geometry import RigidTransform
 from bench.lidar import read_sweep
 from bench.recordings.annotations import annotations_or_none
 from bench.recordings.atomic import path_inside, refuse_escape
 from bench.recordings.error_handlers import STRICT, ErrorHandler, OnError, reporting, reporting_all, stationary
+from bench.recordings.files import numbered_files
 from bench.recordings.handles import RecordingHandle
-from bench.recordings.images import read_mask, scaled_camera
+from bench.recordings.images import read_mask
+from bench.recordings.mounting import camera_model, mounted_camera
 from bench.recordings.records import ImageRef, MountedCamera, Recording, SweepRef, Track
-from bench.recordings.schema import CameraHead, LidarHead, RecordingHead, TrueCalibration
-from bench.recordings.validation import LATEST_NS, FileModel, SidePx, data_error, json_faults, read_json, validated
+from bench.recordings.schema import CameraHead, RecordingHead, TrueCalibration
+from bench.recordings.validation import LATEST_NS, FileModel, SidePx, json_faults, read_json, validated
 
 HEAD = "recording.json"
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -96,62 +95,21 @@ def _mounted_camera(
     root: Path, name: str, entry: CameraHead, head: RecordingHead, size_px: tuple[int, int] | None
 ) -> MountedCamera:
     """A camera of the head, at the size at which it is evaluated."""
-    vehicle_from_camera = entry.vehicle_from_camera.transform
-    try:
-        road = RoadPlane.below(vehicle_from_camera, ground_height_m=head.vehicle.ground_height_m)
-    except ShapeError as error:
-        raise data_error(error, file=root / HEAD, field=f"cameras.{name}.vehicle_from_camera") from error
-    camera = MountedCamera(
-        name=name,
-        model=camera_model(entry.model, entry.image_size, file=root / HEAD, field=f"cameras.{name}.model"),
-        vehicle_from_camera=vehicle_from_camera,
-        road=road,
-        stored_size_px=entry.image_size,
-        ego_body=_ego_body(root, name, entry),
+    file, field = root / HEAD, f"cameras.{name}"
+    ego_body = None
+    if entry.ego_body_mask is not None:
+        path = path_inside(root, entry.ego_body_mask, file=file, field=f"{field}.ego_body_mask")
+        ego_body = read_mask(path, entry.image_size)
+    return mounted_camera(
+        name,
+        camera_model(entry.model, entry.image_size, file=file, field=f"{field}.model"),
+        entry.vehicle_from_camera.transform,
+        ground_height_m=head.vehicle.ground_height_m,
+        ego_body=ego_body,
+        evaluated_size_px=size_px,
+        file=file,
+        field=f"{field}.vehicle_from_camera",
     )
-    return scaled_camera(camera, size_px)
-
-
-def _lidar_from_beams(entry: LidarHead) -> RigidTransform:
-    """Where the beams start in the frame of the points."""
-    return RigidTransform.identity() if entry.lidar_from_beams is None else entry.lidar_from_beams.transform
-
-
-def camera_model(stated: Mapping[str, Any], image_size: tuple[int, int], *, file: Path, field: str) -> CameraModel:
-    """The lens of a camera.
-
-    Args:
-        stated: `model` is the name of a camera model, the rest are its parameters without the image size.
-        image_size: (width, height), px.
-        file: where they stand, for messages.
-        field: the same.
-
-    Raises:
-        DataError: no such model, or values that make none.
-    """
-    model = stated.get("model")
-    if not isinstance(model, str):
-        raise DataError(file, field=f"{field}.model", expected="the name of a camera model", got=repr(model))
-    if taken := {"width", "height"} & set(stated):
-        raise DataError(file, field=f"{field}.{taken.pop()}", expected="no such key", got="one; image_size says it")
-    parameters = {key: value for key, value in stated.items() if key != "model"}
-    try:
-        return camera_from_parameters(model, width=image_size[0], height=image_size[1], **parameters)
-    except UnknownNameError as error:
-        raise DataError(
-            file, field=f"{field}.model", expected=f"one of {', '.join(error.known)}", got=repr(model)
-        ) from error
-    except ShapeError as error:
-        raise data_error(error, file=file, field=field) from error
-    except (TypeError, ValueError) as error:
-        raise DataError(file, field=field, expected="numbers", got=str(error)) from error
-
-
-def _ego_body(root: Path, name: str, entry: CameraHead) -> NDArray[np.bool_] | None:
-    if entry.ego_body_mask is None:
-        return None
-    path = path_inside(root, entry.ego_body_mask, file=root / HEAD, field=f"cameras.{name}.ego_body_mask")
-    return read_mask(path, entry.image_size)
 
 
 def _refuse_uncalibrated(root: Path, head: RecordingHead) -> None:
@@ -174,40 +132,27 @@ def _image_refs(root: Path, camera: str, on_error: OnError) -> tuple[ImageRef, .
     truth = _timed_files(root, root / "truth" / camera, (".png",), on_error)
     return tuple(
         ImageRef(camera=camera, timestamp_ns=time_ns, path=path, truth_path=truth.get(time_ns))
-        for time_ns, path in sorted(paths.items())
+        for time_ns, path in paths.items()
     )
 
 
 def _sweep_refs(root: Path, on_error: OnError) -> tuple[SweepRef, ...]:
     """The sweeps, by time; what is wrong with a name goes to `on_error`."""
     paths = _timed_files(root, root / "lidar", SWEEP_SUFFIXES, on_error)
-    return tuple(SweepRef(timestamp_ns=t, path=path, reader=read_sweep) for t, path in sorted(paths.items()))
+    return tuple(SweepRef(timestamp_ns=t, path=path, reader=read_sweep) for t, path in paths.items())
 
 
 def _timed_files(root: Path, folder: Path, suffixes: tuple[str, ...], on_error: OnError) -> dict[int, Path]:
     """Files named by their time; hidden ones are not finished and passed over."""
-    if not folder.is_dir():
-        return {}
-    refuse_escape(root, folder, file=folder)
-    found: dict[int, Path] = {}
-    for entry in sorted(scandir(folder), key=lambda entry: entry.name):
-        path = Path(entry.path)
-        if entry.name.startswith(".") or path.suffix.lower() not in suffixes:
-            continue
+
+    def time_ns(path: Path) -> int | None:
+        if path.name.startswith(".") or path.suffix.lower() not in suffixes:
+            return None
         if not path.stem.isascii() or not path.stem.isdigit() or int(path.stem) > LATEST_NS:
-            on_error(DataError(path, expected="a name that is a time in nanoseconds", got=repr(path.stem)))
-            continue
-        if int(path.stem) in found:
-            on_error(DataError(path, expected="one file for each time", got=f"also {found[int(path.stem)].name}"))
-            continue
-        if entry.is_symlink():
-            try:
-                refuse_escape(root, path, file=path)
-            except DataError as error:
-                on_error(error)
-                continue
-        found[int(path.stem)] = path
-    return found
+            raise DataError(path, expected="a name that is a time in nanoseconds", got=repr(path.stem))
+        return int(path.stem)
+
+    return numbered_files(root, folder, time_ns, on_error, each="time")
 
 
 def _trajectory(root: Path, ego_motion: Source, on_error: ErrorHandler) -> Trajectory:
@@ -304,6 +249,7 @@ def open_native(
     usable = [name for name in cameras if name in images]
     if head is None or not usable:
         on_error.stop()
+    beams = head.lidar.lidar_from_beams
     return Recording(
         name=root.resolve().name,
         root=root,
@@ -316,7 +262,7 @@ def open_native(
         sweeps=sweeps,
         tracks=tracks,
         vehicle_outline_m=np.array(head.vehicle.outline_m, dtype=np.float64),
-        lidar_from_beams=_lidar_from_beams(head.lidar),
+        lidar_from_beams=RigidTransform.identity() if beams is None else beams.transform,
     )
 
 

@@ -13,7 +13,18 @@ from numpy.typing import NDArray
 from bench.recordings import Cuboid, Recording, Track
 from bench.recordings.validation import keys_twice
 from bench.reference.records import Category
-from bench.validation.findings import BODIES, Finding, Severity, Span, annotation_file, listed, unusable
+from bench.validation.findings import (
+    BODIES,
+    Finding,
+    Severity,
+    Span,
+    annotation_file,
+    listed,
+    object_field,
+    occurrences,
+    road_height_m,
+    unusable,
+)
 from bench.validation.motion import box_of
 
 TILTED_RAD, ODD_TILT_RAD = float(np.radians(45)), float(np.radians(20))
@@ -30,19 +41,19 @@ INSIDE_EGO_M = 0.3
 
 def check_boxes(recording: Recording) -> Iterator[Finding]:
     """Sizes by class, tilt, names, and boxes that overlap."""
-    file = annotation_file(recording)
-    yield from _names(recording, file)
+    yield from _names(recording)
     for track in recording.tracks:
-        yield from _sizes(track, file)
-        yield from _tilt(track, file)
-    yield from _above_road(recording, file)
-    yield from _same_place(recording, file)
-    yield from _in_host(recording, file)
+        yield from _sizes(track)
+        yield from _tilt(track)
+    yield from _above_road(recording)
+    yield from _same_place(recording)
+    yield from _in_ego_vehicle(recording)
 
 
-def _names(recording: Recording, file: str) -> Iterator[Finding]:
-    if Path(file).suffix == ".json":
-        yield from (unusable(error, check="key-twice") for error in keys_twice(Path(file)))
+def _names(recording: Recording) -> Iterator[Finding]:
+    file = Path(annotation_file(recording))
+    if file.suffix == ".json":
+        yield from (unusable(error, check="key-twice") for error in keys_twice(file))
     for what, names in (
         ("track_id", [track.track_id for track in recording.tracks]),
         ("instance_id", [str(track.instance_id) for track in recording.tracks if track.instance_id is not None]),
@@ -51,7 +62,6 @@ def _names(recording: Recording, file: str) -> Iterator[Finding]:
         if twice:
             yield Finding(
                 check="id-twice",
-                file=file,
                 field=what,
                 expected="each object once",
                 got=f"{listed(twice)} more than once",
@@ -62,7 +72,6 @@ def _names(recording: Recording, file: str) -> Iterator[Finding]:
         yield Finding(
             check="object-without-frames",
             severity=Severity.WARNING,
-            file=file,
             field="objects",
             expected="a place at some time",
             got=f"none for {listed(stateless)}",
@@ -74,24 +83,21 @@ def _names(recording: Recording, file: str) -> Iterator[Finding]:
         if told:
             yield Finding(
                 check="category",
-                file=file,
                 field=f"object {track.track_id!r}",
                 expected=f"one of {', '.join(sorted(known))}",
                 got=listed(sorted(str(name) for name in told)),
             )
 
 
-def _sizes(track: Track, file: str) -> Iterator[Finding]:
-    limits = BODIES.get(track.object_class)
-    field = f"object {track.track_id!r} ({track.object_class})"
+def _sizes(track: Track) -> Iterator[Finding]:
+    limits, field = BODIES.get(track.object_class), object_field(track)
     if limits is None:
-        yield Finding(
-            check="class", file=file, field=field, expected=f"one of {', '.join(BODIES)}", got=repr(track.object_class)
-        )
+        yield Finding(check="class", field=field, expected=f"one of {', '.join(BODIES)}", got=repr(track.object_class))
         return
     boxed = [(state, box) for state in track.states if (box := box_of(state.shape)) is not None]
     if not boxed:
         return
+    times_ns = np.array([state.timestamp_ns for state, _ in boxed], dtype=np.int64)
     sizes_m = np.array([box.size_m for _, box in boxed])
     flat = np.sort(sizes_m[:, :2], axis=1)
     sides: tuple[tuple[str, np.ndarray, Span], ...] = (
@@ -105,13 +111,11 @@ def _sizes(track: Track, file: str) -> Iterator[Finding]:
             worst = values[off][np.argmax(np.maximum(low / values[off], values[off] / high))]
             yield Finding(
                 check="box-size",
-                file=file,
                 field=f"{field}: {what}",
                 expected=f"{low} to {high} m for a {track.object_class}",
                 got=f"{worst:.2f} m",
                 do="check the class, the unit and the order of the sizes (length, width, height; full, not half)",
-                times=int(off.sum()),
-                timestamp_ns=boxed[int(np.argmax(off))][0].timestamp_ns,
+                **occurrences(off, times_ns),
             )
     boxes = np.array([isinstance(state.shape, Cuboid) for state, _ in boxed])
     if track.object_class == "vehicle" and boxes.sum() > 1:
@@ -122,7 +126,6 @@ def _sizes(track: Track, file: str) -> Iterator[Finding]:
             yield Finding(
                 check="box-grows",
                 severity=Severity.WARNING,
-                file=file,
                 field=f"{field}: {('length', 'width', 'height')[axis]}",
                 expected="one size of a rigid body",
                 got=f"{values.min():.2f} to {values.max():.2f} m",
@@ -130,31 +133,27 @@ def _sizes(track: Track, file: str) -> Iterator[Finding]:
             )
 
 
-def _tilt(track: Track, file: str) -> Iterator[Finding]:
-    boxed = [(state, state.shape) for state in track.states if isinstance(state.shape, Cuboid)]
-    if not boxed:
-        return
-    up = np.array([shape.vehicle_from_object.rotation[2, 2] for _, shape in boxed])
-    tilt_rad = np.arccos(np.clip(up, -1.0, 1.0))
-    if tilt_rad.max() > ODD_TILT_RAD:
+def _tilt(track: Track) -> Iterator[Finding]:
+    boxed = [(s.timestamp_ns, s.shape.vehicle_from_object) for s in track.states if isinstance(s.shape, Cuboid)]
+    times_ns = np.array([time_ns for time_ns, _ in boxed], dtype=np.int64)
+    tilt_rad = np.arccos(np.clip([pose.rotation[2, 2] for _, pose in boxed], -1.0, 1.0))
+    odd = tilt_rad > ODD_TILT_RAD
+    if odd.any():
         yield Finding(
             check="box-tilt",
             severity=Severity.ERROR if tilt_rad.max() > TILTED_RAD else Severity.WARNING,
-            file=file,
-            field=f"object {track.track_id!r} ({track.object_class})",
+            field=object_field(track),
             expected="a box that stands upright",
             got=f"one tilted by up to {np.degrees(tilt_rad.max()):.0f} degrees",
             do="check the order of the quaternion (OpenLABEL: x, y, z, w) and of angles",
-            times=int((tilt_rad > ODD_TILT_RAD).sum()),
-            timestamp_ns=boxed[int(np.argmax(tilt_rad > ODD_TILT_RAD))][0].timestamp_ns,
+            **occurrences(odd, times_ns),
         )
 
 
-def _above_road(recording: Recording, file: str) -> Iterator[Finding]:
+def _above_road(recording: Recording) -> Iterator[Finding]:
     """Bottoms of near boxes: centres taken for bottoms, or the other way round, put all off by half a height."""
-    roads = [c.vehicle_from_camera.translation_m[2] - c.road.height_m for c in recording.cameras.values()]
-    road_m = float(np.median(roads))
-    off: dict[str, list[float]] = defaultdict(list)
+    road_m = road_height_m(recording)
+    every: list[float] = []
     for track in recording.tracks:
         gaps = []
         for state in track.states:
@@ -162,23 +161,22 @@ def _above_road(recording: Recording, file: str) -> Iterator[Finding]:
             if box is not None and np.hypot(*box.vehicle_from_object.translation_m[:2]) < NEAR_M:
                 gaps.append(float(box.vehicle_from_object.translation_m[2] - box.size_m[2] / 2) - road_m)
         if gaps:
-            off[track.object_class].append(float(np.median(gaps)))
-    every = [gap for gaps in off.values() for gap in gaps]
-    if every and abs(np.median(every)) > OFF_ROAD_M:
-        side = "above" if np.median(every) > 0 else "below"
+            every.append(float(np.median(gaps)))
+    off_m = np.median(every) if every else 0.0
+    if abs(off_m) > OFF_ROAD_M:
+        side = "above" if off_m > 0 else "below"
         yield Finding(
             check="box-height",
             severity=Severity.ERROR if len(every) >= LEAST_BOXES else Severity.WARNING,
-            file=file,
             field="cuboid, z",
             expected=f"objects within {NEAR_M:.0f} m that stand on the road, at {road_m:+.2f} m",
-            got=f"their undersides {abs(np.median(every)):.2f} m {side} it, in the middle of {len(every)} objects",
+            got=f"their undersides {abs(off_m):.2f} m {side} it, in the middle of {len(every)} objects",
             do="the origin of a box is its centre here; some formats give the middle of its bottom",
             times=len(every),
         )
 
 
-def _same_place(recording: Recording, file: str) -> Iterator[Finding]:
+def _same_place(recording: Recording) -> Iterator[Finding]:
     """Two objects of one class whose footprints overlap: one object under two names."""
     at: dict[int, list[tuple[Track, shapely.Polygon]]] = defaultdict(list)
     for track in recording.tracks:
@@ -196,33 +194,27 @@ def _same_place(recording: Recording, file: str) -> Iterator[Finding]:
         if not whole:
             given_up_ns.append(time_ns)
     often = sorted(found.items(), key=lambda pair: -len(pair[1]))
-    for (one, other), times_ns in often[:MOST_TOLD]:
+    told = [
+        (f"objects {one!r} and {other!r}", f"at {len(times_ns)} times", len(times_ns), times_ns[0])
+        for (one, other), times_ns in often[:MOST_TOLD]
+    ]
+    if rest := often[MOST_TOLD:]:
+        first_ns = min(times_ns[0] for _, times_ns in rest)
+        told.append(("objects", f"in {len(rest)} more pairs of objects", len(rest), first_ns))
+    for field, when, times, first_ns in told:
         yield Finding(
             check="same-object",
-            file=file,
-            field=f"objects {one!r} and {other!r}",
+            field=field,
             expected="one box for each object",
-            got=f"boxes that overlap by more than half at {len(times_ns)} times",
+            got=f"boxes that overlap by more than half {when}",
             do="one object under two names",
-            times=len(times_ns),
-            timestamp_ns=times_ns[0],
-        )
-    if often[MOST_TOLD:]:
-        yield Finding(
-            check="same-object",
-            file=file,
-            field="objects",
-            expected="one box for each object",
-            got=f"boxes that overlap by more than half in {len(often) - MOST_TOLD} more pairs of objects",
-            do="one object under two names",
-            times=len(often) - MOST_TOLD,
-            timestamp_ns=min(times_ns[0] for _, times_ns in often[MOST_TOLD:]),
+            times=times,
+            timestamp_ns=first_ns,
         )
     if given_up_ns:
         yield Finding(
             check="crowded-boxes",
             severity=Severity.WARNING,
-            file=file,
             field="cuboid",
             expected=f"at most {MOST_PAIRS} pairs of boxes of a class that touch",
             got=f"more; at {len(given_up_ns)} of {len(at)} times not all were compared",
@@ -266,7 +258,7 @@ def _overlapping(
     return pairs, overlap, count <= most
 
 
-def _in_host(recording: Recording, file: str) -> Iterator[Finding]:
+def _in_ego_vehicle(recording: Recording) -> Iterator[Finding]:
     ego = shapely.Polygon(recording.vehicle_outline_m).buffer(-INSIDE_EGO_M)
     for track in recording.tracks:
         inside = []
@@ -277,8 +269,7 @@ def _in_host(recording: Recording, file: str) -> Iterator[Finding]:
         if inside:
             yield Finding(
                 check="object-in-ego",
-                file=file,
-                field=f"object {track.track_id!r} ({track.object_class})",
+                field=object_field(track),
                 expected="objects outside of the ego vehicle",
                 got=f"its centre in the ego vehicle at {len(inside)} times",
                 do="check the frame of the annotations: the vehicle's, not the lidar's or the world's",

@@ -14,7 +14,7 @@ from bench.validation.findings import (
     SENSOR_OUTSIDE_M,
     Finding,
     Severity,
-    calibration_file,
+    road_height_m,
 )
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -28,33 +28,30 @@ GRID = 24
 
 def check_calibration(recording: Recording) -> Iterator[Finding]:
     """Mountings that no car has, and lenses that do not fit their images."""
-    file = calibration_file(recording)
     for name, camera in recording.cameras.items():
         field = f"cameras.{name}"
-        yield from _mounting(camera, recording, file, field)
-        yield from _lens(camera, file, field)
-        yield from _body_mask(camera, file, field)
-    yield from _lidar(recording, file)
+        yield from _mounting(camera, recording, field)
+        yield from _lens(camera, field)
+        yield from _body_mask(camera, field)
+    yield from _lidar(recording)
 
 
-def _mounting(camera: MountedCamera, recording: Recording, file: str, field: str) -> Iterator[Finding]:
+def _mounting(camera: MountedCamera, recording: Recording, field: str) -> Iterator[Finding]:
     height_m = camera.road.height_m
     if not CAMERA_HEIGHT_M[0] <= height_m <= CAMERA_HEIGHT_M[1]:
         yield Finding(
             check="camera-mounting",
-            file=file,
             field=f"{field}.vehicle_from_camera.translation_m",
             expected="a camera {} to {} m above the road".format(*CAMERA_HEIGHT_M),
             got=f"{height_m:.2f} m",
             do="check the unit and the height of the road in the vehicle frame",
         )
-    yield from _outside(camera.vehicle_from_camera.translation_m, recording, file, f"{field}.vehicle_from_camera")
+    yield from _outside(camera.vehicle_from_camera.translation_m, recording, f"{field}.vehicle_from_camera")
     axis, down = camera.vehicle_from_camera.rotation[:, 2], camera.vehicle_from_camera.rotation[:, 1]
     pitch_up_deg = float(np.degrees(np.arcsin(np.clip(axis @ UP, -1.0, 1.0))))
     if not -STEEPEST_DEG <= pitch_up_deg <= STEEPEST_DEG / 2:
         yield Finding(
             check="camera-mounting",
-            file=file,
             field=f"{field}.vehicle_from_camera.quaternion_wxyz",
             expected="an optical axis (z of the camera frame) towards the road users",
             got=f"one {abs(pitch_up_deg):.0f} degrees {'above' if pitch_up_deg > 0 else 'below'} the horizon",
@@ -67,7 +64,6 @@ def _mounting(camera: MountedCamera, recording: Recording, file: str, field: str
     if tilt_deg > ROLLED_DEG:
         yield Finding(
             check="camera-mounting",
-            file=file,
             field=f"{field}.vehicle_from_camera.quaternion_wxyz",
             expected="y of the camera frame towards the road",
             got=f"one turned by {tilt_deg:.0f} degrees about the optical axis",
@@ -81,13 +77,12 @@ def _side(axis: np.ndarray, down: np.ndarray) -> float:
     return float(down @ level / max(np.linalg.norm(level), 1e-9))
 
 
-def _outside(place_m: np.ndarray, recording: Recording, file: str, field: str) -> Iterator[Finding]:
+def _outside(place_m: np.ndarray, recording: Recording, field: str) -> Iterator[Finding]:
     away_m = shapely.Point(place_m[:2]).distance(shapely.Polygon(recording.vehicle_outline_m))
     if away_m > SENSOR_OUTSIDE_M:
         yield Finding(
             check="sensor-outside",
             severity=Severity.WARNING,
-            file=file,
             field=f"{field}.translation_m",
             expected="a sensor on the vehicle",
             got=f"one {away_m:.1f} m outside of its outline",
@@ -95,7 +90,7 @@ def _outside(place_m: np.ndarray, recording: Recording, file: str, field: str) -
         )
 
 
-def _lens(camera: MountedCamera, file: str, field: str) -> Iterator[Finding]:
+def _lens(camera: MountedCamera, field: str) -> Iterator[Finding]:
     model = camera.model
     u, v = model.principal_point
     inside = -0.5 <= u < model.width - 0.5 and -0.5 <= v < model.height - 0.5
@@ -104,7 +99,6 @@ def _lens(camera: MountedCamera, file: str, field: str) -> Iterator[Finding]:
         yield Finding(
             check="principal-point",
             severity=Severity.WARNING if inside else Severity.ERROR,
-            file=file,
             field=f"{field}.model.principal_point",
             expected=f"a point {'near the middle of' if inside else 'in'} the {model.width} x {model.height} px image",
             got=f"({u:.1f}, {v:.1f})",
@@ -121,7 +115,6 @@ def _lens(camera: MountedCamera, file: str, field: str) -> Iterator[Finding]:
             got += f", up to {error_px:.2f} px off on the way back"
         yield Finding(
             check="lens",
-            file=file,
             field=f"{field}.model",
             expected="a ray for most pixels, and the pixel for each ray",
             got=got,
@@ -129,14 +122,13 @@ def _lens(camera: MountedCamera, file: str, field: str) -> Iterator[Finding]:
         )
 
 
-def _body_mask(camera: MountedCamera, file: str, field: str) -> Iterator[Finding]:
+def _body_mask(camera: MountedCamera, field: str) -> Iterator[Finding]:
     mask, size = camera.ego_body, (camera.model.height, camera.model.width)
     if mask is None:
         return
     if mask.shape != size:
         yield Finding(
             check="ego-body",
-            file=file,
             field=f"{field}.ego_body_mask",
             expected=f"{size[1]} x {size[0]} px",
             got="{1} x {0}".format(*mask.shape),
@@ -144,7 +136,6 @@ def _body_mask(camera: MountedCamera, file: str, field: str) -> Iterator[Finding
     elif mask.mean() > MOST_BODY:
         yield Finding(
             check="ego-body",
-            file=file,
             field=f"{field}.ego_body_mask",
             expected="a mask of the ego vehicle's body, not 0 where it is",
             got=f"one that covers {100 * mask.mean():.0f} % of the image",
@@ -152,21 +143,17 @@ def _body_mask(camera: MountedCamera, file: str, field: str) -> Iterator[Finding
         )
 
 
-def _lidar(recording: Recording, file: str) -> Iterator[Finding]:
+def _lidar(recording: Recording) -> Iterator[Finding]:
     if not recording.sweeps:
         return
-    roads = [
-        camera.vehicle_from_camera.translation_m[2] - camera.road.height_m for camera in recording.cameras.values()
-    ]
-    height_m = float(recording.vehicle_from_lidar.translation_m[2] - np.median(roads))
+    height_m = float(recording.vehicle_from_lidar.translation_m[2]) - road_height_m(recording)
     merged = np.array_equal(recording.vehicle_from_lidar.matrix, np.eye(4))  # points come in the vehicle frame
     if not merged and not LIDAR_HEIGHT_M[0] <= height_m <= LIDAR_HEIGHT_M[1]:
         yield Finding(
             check="lidar-mounting",
-            file=file,
             field="lidar.vehicle_from_lidar.translation_m",
             expected="a lidar {} to {} m above the road".format(*LIDAR_HEIGHT_M),
             got=f"{height_m:.2f} m",
             do="check the unit and the direction of the transform",
         )
-    yield from _outside(recording.vehicle_from_lidar.translation_m, recording, file, "lidar.vehicle_from_lidar")
+    yield from _outside(recording.vehicle_from_lidar.translation_m, recording, "lidar.vehicle_from_lidar")

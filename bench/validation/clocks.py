@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.recordings import Recording, frame_gaps
-from bench.validation.findings import Finding, Severity, annotation_file, calibration_file
+from bench.validation.findings import Finding, Severity, calibration_file, occurrences, sweep_times
 
 OFF_RATE = 0.02  # of the stated time between images
 JITTER = 0.25  # of an interval
@@ -31,9 +31,9 @@ def check_clocks(recording: Recording) -> Iterator[Finding]:
     for camera in recording.cameras:
         yield from _rate(recording, camera)
         yield from _gaps(recording, camera)
-        yield from _jitter(times_of(recording, camera), f"images of {camera}", str(recording.root))
+        yield from _jitter(times_of(recording, camera), f"images of {camera}")
     if recording.sweeps:
-        yield from _jitter(sweep_times(recording), "lidar sweeps", str(recording.root))
+        yield from _jitter(sweep_times(recording), "lidar sweeps")
     yield from _drift(recording)
 
 
@@ -51,13 +51,11 @@ def check_coverage(recording: Recording) -> Iterator[Finding]:
             yield Finding(
                 check="sensor-overlap",
                 severity=Severity.ERROR if none else Severity.WARNING,
-                file=str(recording.root),
                 field=f"images of {camera}",
                 expected="a lidar sweep within 100 ms of every image",
                 got=f"none for {int(lonely.sum())} of {len(times_ns)} images",
                 do="check that both clocks count from the same start" if none else "objects in them are not evaluated",
-                times=int(lonely.sum()),
-                timestamp_ns=int(times_ns[np.argmax(lonely)]),
+                **occurrences(lonely, times_ns),
             )
     yield from _without_motion(recording, sweeps_ns, "lidar sweeps")
 
@@ -78,36 +76,27 @@ def check_annotation_times(recording: Recording) -> Iterator[Finding]:
     if outside.any():
         yield Finding(
             check="annotation-outside",
-            file=annotation_file(recording),
             field="timestamp",
             expected=f"times of the recording, {sensors_ns[0]} to {sensors_ns[-1]}",
             got=f"{int(outside.sum())} of {len(annotated_ns)} annotated times outside",
             do="check the unit and the start of the clock; annotations of another recording?",
-            times=int(outside.sum()),
-            timestamp_ns=int(annotated_ns[np.argmax(outside)]),
+            **occurrences(outside, annotated_ns),
         )
     unseen = (distance_to(annotated_ns, sensors_ns) > MATCHED_NS) & ~outside
     if unseen.any():
         yield Finding(
             check="annotation-time",
             severity=Severity.WARNING,
-            file=annotation_file(recording),
             field="timestamp",
             expected="the time of an image or of a sweep",
             got=f"{int(unseen.sum())} of {len(annotated_ns)} annotated times at neither",
-            times=int(unseen.sum()),
-            timestamp_ns=int(annotated_ns[np.argmax(unseen)]),
+            **occurrences(unseen, annotated_ns),
         )
 
 
 def times_of(recording: Recording, camera: str) -> NDArray[np.int64]:
     """(N,) int64, times of a camera's images."""
     return np.array([image.timestamp_ns for image in recording.images[camera]], dtype=np.int64)
-
-
-def sweep_times(recording: Recording) -> NDArray[np.int64]:
-    """(N,) int64, reference times of the sweeps."""
-    return np.array([sweep.timestamp_ns for sweep in recording.sweeps], dtype=np.int64)
 
 
 def distance_to(times_ns: NDArray[np.int64], marks_ns: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -122,7 +111,6 @@ def _rate(recording: Recording, camera: str) -> Iterator[Finding]:
     if not len(steps_ns):
         yield Finding(
             check="image-times",
-            file=str(recording.root),
             field=f"images of {camera}",
             expected="at least two images",
             got=str(len(steps_ns) + 1 if recording.images[camera] else 0),
@@ -163,7 +151,7 @@ def _gaps(recording: Recording, camera: str) -> Iterator[Finding]:
     )
 
 
-def _jitter(times_ns: NDArray[np.int64], what: str, file: str) -> Iterator[Finding]:
+def _jitter(times_ns: NDArray[np.int64], what: str) -> Iterator[Finding]:
     steps_ns = np.diff(times_ns)
     if len(steps_ns) < LEAST_IMAGES:
         return
@@ -174,13 +162,11 @@ def _jitter(times_ns: NDArray[np.int64], what: str, file: str) -> Iterator[Findi
         yield Finding(
             check="irregular-times",
             severity=Severity.WARNING,
-            file=file,
             field=what,
             expected=f"steps of about {middle_ns / 1e6:.1f} ms",
             got=f"{int(unsteady.sum())} of {len(steps_ns)} more than a quarter off",
             do="times of arrival instead of exposure?",
-            times=int(unsteady.sum()),
-            timestamp_ns=int(times_ns[1:][np.argmax(unsteady)]),
+            **occurrences(unsteady, times_ns[1:]),
         )
 
 
@@ -197,8 +183,7 @@ def _without_motion(recording: Recording, times_ns: NDArray[np.int64], what: str
             expected="ego-motion at all of them",
             got=f"none at {int((~valid).sum())} of {len(times_ns)}; it runs from {first_ns} to {last_ns}",
             do="give ego-motion that covers every image and sweep, without gaps over half a second",
-            times=int((~valid).sum()),
-            timestamp_ns=int(times_ns[np.argmin(valid)]),
+            **occurrences(~valid, times_ns),
         )
 
 
@@ -220,7 +205,6 @@ def _drift(recording: Recording) -> Iterator[Finding]:
             yield Finding(
                 check="clock-drift",
                 severity=Severity.ERROR if clocks else Severity.WARNING,
-                file=str(recording.root),
                 field=f"{one} and {other}",
                 expected=f"intervals as {simple.denominator} to {simple.numerator}, as sensors of one clock have them",
                 got=f"{1e6 * rate:+.0f} ppm more, {apart_ns / 1e6:.1f} ms over the recording",

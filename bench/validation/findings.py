@@ -16,10 +16,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from pathlib import Path
+from typing import TypedDict
+
+import numpy as np
+from numpy.typing import NDArray
 
 from bench.errors import DataError
-from bench.recordings import Recording
+from bench.recordings import Recording, Track
 
 
 class Severity(StrEnum):
@@ -37,7 +40,7 @@ class Finding:
         check: name of the check, for example "clock-drift".
         severity: how sure it is.
         recording: name; empty for the data set as a whole.
-        file: the file, or the folder where none can be named.
+        file: the file, or the folder where none can be named; empty for the one that `report.CHECKS` names.
         field: the field, camera or object in it; None for the whole file.
         expected: what is due.
         got: what was found.
@@ -49,7 +52,7 @@ class Finding:
     check: str
     severity: Severity = Severity.ERROR
     recording: str = ""
-    file: str
+    file: str = ""
     field: str | None = None
     expected: str
     got: str
@@ -60,29 +63,48 @@ class Finding:
 
 def unusable(error: DataError, *, check: str = "file", timestamp_ns: int | None = None) -> Finding:
     """A file that cannot be read, as its reader tells."""
-    return Finding(
-        check=check,
-        file=error.file,
-        field=error.field,
-        expected=error.expected,
-        got=error.got,
-        do=error.do,
-        timestamp_ns=timestamp_ns,
-    )
+    told = {name: getattr(error, name) for name in ("file", "field", "expected", "got", "do")}
+    return Finding(check=check, timestamp_ns=timestamp_ns, **told)
+
+
+class Occurrences(TypedDict):
+    """How often something was found, and when first, as `Finding` takes it."""
+
+    times: int
+    timestamp_ns: int
+
+
+def occurrences(found: NDArray[np.bool_], times_ns: NDArray[np.int64]) -> Occurrences:
+    """Number of elements that are True, at least one, and the time of the first."""
+    return {"times": int(found.sum()), "timestamp_ns": int(times_ns[np.argmax(found)])}
 
 
 def calibration_file(recording: Recording) -> str:
     """Where the calibration stands, as far as the recording tells."""
-    return _known(recording.root / "recording.json", recording)
+    file = recording.root / "recording.json"
+    return str(file if file.is_file() else recording.root)
 
 
 def annotation_file(recording: Recording) -> str:
     """Where the annotations stand, as far as the recording tells."""
-    return _known(recording.root / "annotations.json", recording)
-
-
-def _known(file: Path, recording: Recording) -> str:
+    file = recording.root / "annotations.json"
     return str(file if file.is_file() else recording.root)
+
+
+def object_field(track: Track) -> str:
+    """How findings name an object."""
+    return f"object {track.track_id!r} ({track.object_class})"
+
+
+def road_height_m(recording: Recording) -> float:
+    """Height of the road in the vehicle frame, m: the median of what the cameras are told."""
+    cameras = recording.cameras.values()
+    return float(np.median([c.vehicle_from_camera.translation_m[2] - c.road.height_m for c in cameras]))
+
+
+def sweep_times(recording: Recording) -> NDArray[np.int64]:
+    """(N,) int64, reference times of the sweeps."""
+    return np.array([sweep.timestamp_ns for sweep in recording.sweeps], dtype=np.int64)
 
 
 def listed(names: Sequence[str], most: int = 5) -> str:
@@ -115,19 +137,16 @@ class BodyLimits:
     top_turn_radps: float
 
 
+# long side, short side, height, top speed, top turn
+_BODIES: dict[str, tuple[Span, Span, Span, float, float]] = {
+    "pedestrian": ((0.15, 1.7), (0.1, 1.5), (0.4, 2.4), 12.0, 7.0),
+    "cyclist": ((0.4, 3.2), (0.15, 1.6), (0.5, 2.7), 60.0, 4.0),
+    "vehicle": ((1.0, 26.0), (0.5, 3.7), (0.5, 5.0), 75.0, 2.5),
+    "animal": ((0.1, 3.5), (0.05, 1.7), (0.1, 2.8), 20.0, 12.0),
+}
 BODIES = {
-    "pedestrian": BodyLimits(
-        long_side_m=(0.15, 1.7), short_side_m=(0.1, 1.5), height_m=(0.4, 2.4), top_speed_mps=12.0, top_turn_radps=7.0
-    ),
-    "cyclist": BodyLimits(
-        long_side_m=(0.4, 3.2), short_side_m=(0.15, 1.6), height_m=(0.5, 2.7), top_speed_mps=60.0, top_turn_radps=4.0
-    ),
-    "vehicle": BodyLimits(
-        long_side_m=(1.0, 26.0), short_side_m=(0.5, 3.7), height_m=(0.5, 5.0), top_speed_mps=75.0, top_turn_radps=2.5
-    ),
-    "animal": BodyLimits(
-        long_side_m=(0.1, 3.5), short_side_m=(0.05, 1.7), height_m=(0.1, 2.8), top_speed_mps=20.0, top_turn_radps=12.0
-    ),
+    name: BodyLimits(long_side_m=long, short_side_m=short, height_m=height, top_speed_mps=speed, top_turn_radps=turn)
+    for name, (long, short, height, speed, turn) in _BODIES.items()
 }
 
 EGO_TOP_SPEED_MPS = 75.0

@@ -44,16 +44,16 @@ def check_images(recording: Recording, camera: str, rows: list[int], progress: C
             if before == (row - 1, digest) and image not in dark:
                 (twice if _moves(recording, images[row - 1].timestamp_ns, image.timestamp_ns) else still).append(image)
             before = row, digest
-        if image.truth_path is not None:
+        others = (
+            ("truth-image", image.truth_path, read_truth),
+            ("mask-image", image.moving_path, read_moving_mask),
+        )
+        for check, path, read in others:
             try:
-                read_truth(image, mounted)
+                if path is not None:
+                    read(image, mounted)
             except DataError as error:
-                yield unusable(error, check="truth-image", timestamp_ns=image.timestamp_ns)
-        if image.moving_path is not None:
-            try:
-                read_moving_mask(image, mounted)
-            except DataError as error:
-                yield unusable(error, check="mask-image", timestamp_ns=image.timestamp_ns)
+                yield unusable(error, check=check, timestamp_ns=image.timestamp_ns)
         progress()
     what = f"images of {camera}"
     yield from _told(dark, "black-image", what, "an image of something", "black ones", Severity.WARNING)

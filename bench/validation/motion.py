@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from bench.egomotion import Trajectory
 from bench.geometry import RigidTransform
 from bench.recordings import Cuboid, GroundPolygon, ObjectShape, Recording, Track
-from bench.validation.findings import BODIES, BodyLimits, Finding, Severity, annotation_file, listed
+from bench.validation.findings import BODIES, BodyLimits, Finding, Severity, listed, object_field, occurrences
 
 SECOND_NS = 1_000_000_000
 LONGEST_STEP_S = 1.0
@@ -104,26 +104,24 @@ def _turned(rotations: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDA
 
 def check_motion(recording: Recording) -> Iterator[Finding]:
     """Every track for itself; what is wrong alike with many of them is told once."""
-    file = annotation_file(recording)
     velocities: dict[str, list[tuple[str, float]]] = defaultdict(list)
     for track in recording.tracks:
         limits = BODIES.get(track.object_class)
         path = track_path(track, recording.trajectory)
         if limits is None or len(path.times_ns) < 2:
             continue
-        field = f"object {track.track_id!r} ({track.object_class})"
-        yield from _jumps(path, file, field)
-        yield from _too_fast(path, limits, file, field)
-        yield from _turns(path, limits, file, field)
+        field = object_field(track)
+        yield from _jumps(path, field)
+        yield from _too_fast(path, limits, field)
+        yield from _turns(path, limits, field)
         if track.object_class in ("vehicle", "cyclist"):
-            yield from _heading(path, file, field)
+            yield from _heading(path, field)
         told = _velocity_fault(path)
         if told is not None:
             velocities[told[0]].append((track.track_id, told[1]))
     for cause, found in velocities.items():
         yield Finding(
             check="velocity",
-            file=file,
             field="velocity_mps",
             expected="velocities over the ground along the vehicle's axes, as the positions change",
             got=f"{len(found)} objects off by up to {max(off for _, off in found):.1f} m/s: "
@@ -133,7 +131,7 @@ def check_motion(recording: Recording) -> Iterator[Finding]:
         )
 
 
-def _jumps(path: TrackPath, file: str, field: str) -> Iterator[Finding]:
+def _jumps(path: TrackPath, field: str) -> Iterator[Finding]:
     """Steps that leave what the steps around them lead one to expect."""
     seconds = np.diff(path.times_ns) / SECOND_NS
     velocity = np.diff(path.positions_m, axis=0) / seconds[:, None]
@@ -146,20 +144,17 @@ def _jumps(path: TrackPath, file: str, field: str) -> Iterator[Finding]:
     allowed_m = JUMP_M + HARD_MPS2 * seconds**2 + JUMP_SHARE_OF_RANGE * range_m
     jumps = (off_m > allowed_m) & (seconds <= LONGEST_STEP_S)
     if jumps.any():
-        first = int(np.argmax(jumps))
         yield Finding(
             check="object-jump",
-            file=file,
             field=field,
             expected="a path without jumps",
             got=f"{int(jumps.sum())} steps off their line by up to {off_m[jumps].max():.1f} m",
             do="two objects under one name, or a box left behind",
-            times=int(jumps.sum()),
-            timestamp_ns=int(path.times_ns[first + 1]),
+            **occurrences(jumps, path.times_ns[1:]),
         )
 
 
-def _too_fast(path: TrackPath, limits: BodyLimits, file: str, field: str) -> Iterator[Finding]:
+def _too_fast(path: TrackPath, limits: BodyLimits, field: str) -> Iterator[Finding]:
     seconds = (path.times_ns[-1] - path.times_ns[0]) / SECOND_NS
     mean_mps = float(np.linalg.norm(path.positions_m[-1] - path.positions_m[0])) / seconds
     stated = np.linalg.norm(path.stated_mps, axis=1)
@@ -167,7 +162,6 @@ def _too_fast(path: TrackPath, limits: BodyLimits, file: str, field: str) -> Ite
     if fastest > limits.top_speed_mps:
         yield Finding(
             check="object-speed",
-            file=file,
             field=field,
             expected=f"at most {limits.top_speed_mps:.0f} m/s",
             got=f"{fastest:.1f} m/s {'along its positions' if fastest == mean_mps else 'as stated'}",
@@ -176,12 +170,11 @@ def _too_fast(path: TrackPath, limits: BodyLimits, file: str, field: str) -> Ite
         )
 
 
-def _turns(path: TrackPath, limits: BodyLimits, file: str, field: str) -> Iterator[Finding]:
+def _turns(path: TrackPath, limits: BodyLimits, field: str) -> Iterator[Finding]:
     fastest = float(np.abs(path.stated_turn_radps).max())
     if fastest > limits.top_turn_radps:
         yield Finding(
             check="object-turn",
-            file=file,
             field=f"{field}: yaw_rate_radps",
             expected=f"at most {limits.top_turn_radps} rad/s",
             got=f"{fastest:.3g}",
@@ -190,7 +183,7 @@ def _turns(path: TrackPath, limits: BodyLimits, file: str, field: str) -> Iterat
         )
 
 
-def _heading(path: TrackPath, file: str, field: str) -> Iterator[Finding]:
+def _heading(path: TrackPath, field: str) -> Iterator[Finding]:
     """Wheels roll along the length of a body."""
     angles = []
     for first, last in _chunks(path):
@@ -206,7 +199,6 @@ def _heading(path: TrackPath, file: str, field: str) -> Iterator[Finding]:
     yield Finding(
         check="heading",
         severity=Severity.WARNING if backwards else Severity.ERROR,
-        file=file,
         field=field,
         expected="a box whose x points where the object goes",
         got=f"{np.median(angles):.0f} degrees between them",

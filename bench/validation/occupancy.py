@@ -7,7 +7,7 @@ it, is empty: its object is elsewhere, or not there.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from bench.lidar import LidarSweep
 from bench.recordings import Cuboid, ObjectState, PointIndices, Recording, Track
 from bench.reference.clusters import object_cluster
 from bench.reference.sweeps import PlacedSweep, place_sweep
-from bench.validation.findings import Finding, Severity, annotation_file
+from bench.validation.findings import Finding, Severity, annotation_file, object_field
 from bench.validation.motion import box_of
 
 NEAR_NS = 60_000_000  # of a state to a sweep
@@ -107,7 +107,7 @@ class Occupancy:
                     check="empty-box",
                     severity=Severity.ERROR if sure else Severity.WARNING,
                     file=file,
-                    field=f"object {track.track_id!r} ({track.object_class})",
+                    field=object_field(track),
                     expected="lidar points in the box where beams pass through it",
                     got=f"none in {tally.empty} of {tally.looked} sweeps, with {tally.beams} beams through it",
                     do="the box is elsewhere than its object, or at another time",
@@ -124,16 +124,9 @@ class Occupancy:
             return
         world_from_vehicle = RigidTransform(rotations[0], positions_m[0])
         velocity_world = np.nan_to_num(world_from_vehicle.rotation @ state.velocity_mps)
-        wide = Cuboid(vehicle_from_object=box.vehicle_from_object, size_m=box.size_m + 2 * SLACK_M)
-        grown = ObjectState(
-            timestamp_ns=state.timestamp_ns,
-            shape=wide,
-            velocity_mps=state.velocity_mps,
-            yaw_rate_radps=state.yaw_rate_radps,
-        )
         inside = object_cluster(
             placed,
-            grown,
+            replace(state, shape=replace(box, size_m=box.size_m + 2 * SLACK_M)),
             velocity_world_mps=velocity_world,
             world_from_vehicle=world_from_vehicle,
             exposure_ns=state.timestamp_ns,

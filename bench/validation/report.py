@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
+from itertools import count
 
 import numpy as np
 
@@ -15,12 +16,11 @@ from bench.recordings.handles import LenientReading
 from bench.validation.boxes import check_boxes
 from bench.validation.calibration import check_calibration
 from bench.validation.clocks import check_annotation_times, check_clocks, check_coverage
-from bench.validation.ego_limits import check_ego_limits
-from bench.validation.findings import Finding, Severity, unusable
+from bench.validation.ego_motion import check_ego_limits, check_path
+from bench.validation.findings import Finding, Severity, annotation_file, calibration_file, unusable
 from bench.validation.images import check_images
 from bench.validation.motion import check_motion
 from bench.validation.occupancy import Occupancy
-from bench.validation.path_evidence import check_path
 from bench.validation.sweeps import SweepChecks
 
 SAMPLED_IMAGES = 40  # of each camera, in pairs of neighbours
@@ -34,44 +34,79 @@ class Depth(StrEnum):
     DEEP = "deep"
 
 
-# Each with the parts of a recording that it cannot do without.
-CHECKS: tuple[tuple[Callable[[Recording], Iterator[Finding]], frozenset[str]], ...] = (
-    (check_calibration, frozenset()),
-    (check_clocks, frozenset()),
-    (check_coverage, frozenset({"trajectory"})),
-    (check_ego_limits, frozenset({"trajectory"})),
-    (check_path, frozenset({"trajectory"})),
-    (check_annotation_times, frozenset({"annotations"})),
-    (check_boxes, frozenset({"annotations"})),
-    (check_motion, frozenset({"trajectory", "annotations"})),
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordingReport:
+    """One recording.
+
+    Attributes:
+        name: of the recording.
+        findings: errors first, in the order in which they were found.
+        images: how many images were read, and how many there are.
+        sweeps: how many sweeps were read, and how many there are.
+    """
+
+    name: str
+    findings: tuple[Finding, ...]
+    images: tuple[int, int] = (0, 0)
+    sweeps: tuple[int, int] = (0, 0)
+
+
+def _root(recording: Recording) -> str:
+    return str(recording.root)
+
+
+def _path(recording: Recording) -> str:
+    return recording.trajectory.source
+
+
+Check = Callable[[Recording], Iterator[Finding]]
+# Each with the parts of a recording that it cannot do without, and the file of findings that name none.
+CHECKS: tuple[tuple[Check, frozenset[str], Callable[[Recording], str]], ...] = (
+    (check_calibration, frozenset(), calibration_file),
+    (check_clocks, frozenset(), _root),
+    (check_coverage, frozenset({"trajectory"}), _root),
+    (check_ego_limits, frozenset({"trajectory"}), _path),
+    (check_path, frozenset({"trajectory"}), _path),
+    (check_annotation_times, frozenset({"annotations"}), annotation_file),
+    (check_boxes, frozenset({"annotations"}), annotation_file),
+    (check_motion, frozenset({"trajectory", "annotations"}), annotation_file),
 )
 
 
 def validate_recording(
-    handle: RecordingHandle, *, depth: Depth = Depth.SAMPLED, progress: Callable[[float], None] | None = None
-) -> tuple[list[Finding], dict[str, tuple[int, int]]]:
+    handle: RecordingHandle, *, depth: Depth = Depth.SAMPLED, progress: Callable[[float], None] = lambda _: None
+) -> RecordingReport:
     """Find all that is wrong with a recording.
 
     Args:
         handle: the recording.
         depth: how many images and sweeps are read.
         progress: called with the share that is done, 0 to 1.
-
-    Returns:
-        findings: errors first, in the order in which they were found.
-        read: of "images" and "sweeps", how many were read and how many there are.
     """
     opened = _opened(handle)
     findings = [unusable(error) for error in opened.errors]
-    read = {"images": (0, 0), "sweeps": (0, 0)}
-    if opened.recording is not None:
-        recording = opened.recording
-        for check, needs in CHECKS:
+    images = sweeps = (0, 0)
+    if (recording := opened.recording) is not None:
+        for check, needs, file in CHECKS:
             if not needs & opened.missing:
-                findings += check(recording)
-        findings += _bulk(recording, opened.missing, depth, progress or (lambda _: None), read)
+                findings += [replace(found, file=found.file or file(recording)) for found in check(recording)]
+        rows = {camera: _pairs(len(recording.images[camera]), depth) for camera in recording.cameras}
+        sweep_rows = _spread(len(recording.sweeps), SAMPLED_SWEEPS, depth)
+        images = sum(map(len, rows.values())), sum(map(len, recording.images.values()))
+        sweeps = len(sweep_rows), len(recording.sweeps)
+        occupancy = None if opened.missing else Occupancy(recording)
+        steps = count(1)
+
+        def step() -> None:
+            progress(next(steps) / (images[0] + sweeps[0]))
+
+        for camera in recording.cameras:
+            findings += check_images(recording, camera, rows[camera], step)
+        findings += SweepChecks(recording, occupancy).check(sweep_rows, step)
+        findings += occupancy.findings() if occupancy is not None else ()
     named = [replace(finding, recording=handle.name) for finding in findings]
-    return sorted(named, key=lambda finding: finding.severity != "error"), read
+    ordered = tuple(sorted(named, key=lambda finding: finding.severity != "error"))
+    return RecordingReport(name=handle.name, findings=ordered, images=images, sweeps=sweeps)
 
 
 def _opened(handle: RecordingHandle) -> LenientReading:
@@ -81,33 +116,6 @@ def _opened(handle: RecordingHandle) -> LenientReading:
         reading = handle.read_leniently()
         return reading if reading.errors else replace(reading, errors=(error,))
     return LenientReading(errors=(), recording=recording)
-
-
-def _bulk(
-    recording: Recording,
-    missing: frozenset[str],
-    depth: Depth,
-    progress: Callable[[float], None],
-    read: dict[str, tuple[int, int]],
-) -> Iterator[Finding]:
-    rows = {camera: _pairs(len(recording.images[camera]), depth) for camera in recording.cameras}
-    sweep_rows = _spread(len(recording.sweeps), SAMPLED_SWEEPS, depth)
-    total = sum(map(len, rows.values())) + len(sweep_rows)
-    done = 0
-
-    def step() -> None:
-        nonlocal done
-        done += 1
-        progress(done / total)
-
-    for camera in recording.cameras:
-        yield from check_images(recording, camera, rows[camera], step)
-    occupancy = None if missing else Occupancy(recording)
-    yield from SweepChecks(recording, occupancy).check(sweep_rows, step)
-    if occupancy is not None:
-        yield from occupancy.findings()
-    read["images"] = sum(map(len, rows.values())), sum(map(len, recording.images.values()))
-    read["sweeps"] = len(sweep_rows), len(recording.sweeps)
 
 
 def _spread(count: int, most: int, depth: Depth) -> list[int]:
@@ -124,23 +132,6 @@ def _pairs(count: int, depth: Depth) -> list[int]:
 
 
 SCHEMA_VERSION = 1
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RecordingReport:
-    """One recording.
-
-    Attributes:
-        name: of the recording.
-        findings: errors first.
-        images: how many images were read, and how many there are.
-        sweeps: how many sweeps were read, and how many there are.
-    """
-
-    name: str
-    findings: tuple[Finding, ...]
-    images: tuple[int, int]
-    sweeps: tuple[int, int]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -205,13 +196,10 @@ def validate_dataset(
     reports = []
     report = progress or (lambda _done, _total: None)
     for number, handle in enumerate(handles):
-        findings, read = validate_recording(
-            handle,
-            depth=depth,
-            progress=lambda share, number=number: report(number + share, len(handles)),  # type: ignore[misc]
-        )
-        reports.append(
-            RecordingReport(name=handle.name, findings=tuple(findings), images=read["images"], sweeps=read["sweeps"])
-        )
+
+        def share_done(share: float, number: int = number) -> None:
+            report(number + share, len(handles))
+
+        reports.append(validate_recording(handle, depth=depth, progress=share_done))
         report(number + 1, len(handles))
     return ValidationReport(dataset=name, depth=depth, recordings=tuple(reports))

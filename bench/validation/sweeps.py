@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 from bench.errors import DataError
 from bench.lidar import LidarSweep
 from bench.recordings import Recording
-from bench.validation.findings import LIDAR_REACH_M, Finding, Severity, calibration_file, unusable
+from bench.validation.findings import (
+    LIDAR_REACH_M,
+    Finding,
+    Severity,
+    calibration_file,
+    road_height_m,
+    sweep_times,
+    unusable,
+)
 from bench.validation.occupancy import Occupancy
 
 RING_M = (2.5, 14.0)  # around the vehicle's origin
@@ -120,9 +128,9 @@ class SweepChecks:
         self._recording, self._occupancy = recording, occupancy
         self._counts: list[tuple[int, int, str]] = []
         self._roads: list[SeenRoad] = []
-        self._faults: dict[str, list[tuple[LidarSweep, str, str]]] = {}
+        self._faults: dict[str, list[tuple[int, str, str]]] = {}
         self._before: tuple[int, bytes] | None = None
-        steps_ns = np.diff(np.array([s.timestamp_ns for s in recording.sweeps], dtype=np.int64))
+        steps_ns = np.diff(sweep_times(recording))
         self._interval_ns = float(np.median(steps_ns)) if len(steps_ns) else None
 
     def check(self, rows: list[int], progress: Callable[[], None]) -> Iterator[Finding]:
@@ -181,36 +189,33 @@ class SweepChecks:
             self._note("point-times", sweep, file, f"points {away_ns / 1e6:.1f} ms away from it")
 
     def _note(self, check: str, sweep: LidarSweep, file: str, got: str) -> None:
-        self._faults.setdefault(check, []).append((sweep, file, got))
+        self._faults.setdefault(check, []).append((sweep.timestamp_ns, file, got))
 
     def _told(self) -> Iterator[Finding]:
         middle = float(np.median([count for _, count, _ in self._counts])) if self._counts else 0.0
-        empty = [(time_ns, file) for time_ns, count, file in self._counts if count == 0]
-        few = [(time_ns, count, file) for time_ns, count, file in self._counts if 0 < count < FEW * middle]
-        if empty:
-            yield Finding(check="empty-sweep", file=empty[0][1], expected="points", got="none",
-                          times=len(empty), timestamp_ns=empty[0][0])  # fmt: skip
-        if few:
-            yield Finding(check="thin-sweep", severity=Severity.WARNING, file=few[0][2],
-                          expected=f"about {middle:.0f} points, as the others", got=str(few[0][1]),
-                          times=len(few), timestamp_ns=few[0][0])  # fmt: skip
+        empty = [(time_ns, file, "none") for time_ns, count, file in self._counts if count == 0]
+        few = [(time_ns, file, str(count)) for time_ns, count, file in self._counts if 0 < count < FEW * middle]
         expected = {
+            "empty-sweep": ("points", ""),
+            "thin-sweep": (f"about {middle:.0f} points, as the others", ""),
             "same-sweep": ("new points in each sweep", ""),
             "lost-returns": ("points that something sent back", "leave out lost returns"),
             "sweep-range": (f"points within {LIDAR_REACH_M:.0f} m", "check the unit: metres are due"),
             "point-times": ("points of one revolution around the sweep's time", "check the unit: nanoseconds are due"),
         }
-        for check, found in self._faults.items():
-            sweep, file, got = found[0]
+        for check, found in {"empty-sweep": empty, "thin-sweep": few, **self._faults}.items():
+            if not found:
+                continue
+            time_ns, file, got = found[0]
             yield Finding(
                 check=check,
-                severity=Severity.WARNING if check == "lost-returns" else Severity.ERROR,
+                severity=Severity.WARNING if check in ("thin-sweep", "lost-returns") else Severity.ERROR,
                 file=file,
                 expected=expected[check][0],
                 got=got,
                 do=expected[check][1],
                 times=len(found),
-                timestamp_ns=sweep.timestamp_ns,
+                timestamp_ns=time_ns,
             )
         yield from self._road()
 
@@ -219,9 +224,7 @@ class SweepChecks:
             return
         height_m = float(np.median([road.height_m for road in self._roads]))
         tilt_rad = float(np.median([road.tilt_rad for road in self._roads]))
-        cameras = self._recording.cameras.values()
-        stated_m = float(np.median([c.vehicle_from_camera.translation_m[2] - c.road.height_m for c in cameras]))
-        file = calibration_file(self._recording)
+        stated_m, file = road_height_m(self._recording), calibration_file(self._recording)
         expected = f"the road at {stated_m:+.2f} m in the vehicle frame, as the calibration says"
         lanes_m = np.array([road.lane_height_m for road in self._roads])
         lanes_m = lanes_m[~np.isnan(lanes_m)]

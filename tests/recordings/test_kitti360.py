@@ -244,7 +244,7 @@ TEXT_FAULTS = {
     "pose scaled": ("poses", lambda t: t.replace("0.866025404", "1.866025404", 1), "expected a rotation without scale"),
     "pose order": ("poses", lambda t: t + t.splitlines()[0] + "\n", "expected frames that increase, got 1 after 11"),
     "pose frame": ("poses", lambda t: t.replace("11 ", "999 ", 1), "expected a line for frame 999 in"),
-    "pose half": ("poses", lambda t: t.replace("11 ", "10.5 ", 1), "frame: expected whole frame numbers"),
+    "pose half": ("poses", lambda t: t.replace("11 ", "10.5 ", 1), "line 10: expected a whole frame number, got 10.5"),
     "one pose": ("poses", lambda t: t.splitlines()[0], "expected at least two poses, got 1"),
     "empty": ("poses", lambda _: "", "expected text, got an empty file"),
     "time": (

@@ -3,7 +3,7 @@
 import sqlite3
 import struct
 import tracemalloc
-from contextlib import closing
+from contextlib import closing, contextmanager
 from functools import cache
 from zlib import crc32
 
@@ -76,6 +76,25 @@ def copied(file, tmp_path, content=None, *, metadata=True):
     if metadata:
         (root / "drive" / "metadata.yaml").write_bytes((file.parent / "metadata.yaml").read_bytes())
     return root
+
+
+def bag_of(tmp_path, rows):
+    """A data set with one bag of these messages."""
+    root = bags.write_rig(tmp_path / "data")
+    bags.write_bag(root / "drive", rows)
+    return root
+
+
+@contextmanager
+def memory_below(most_bytes):
+    """Python's memory stays below so much in the block."""
+    tracemalloc.start()
+    try:
+        yield
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < most_bytes
 
 
 def handle_of(root, **options):
@@ -339,15 +358,9 @@ def test_definitions_in_other_languages_than_ros_damage_nothing(tmp_path, kind):
 def test_hostile_records_are_told_and_take_little_memory(tmp_path, content, told):
     file = tmp_path / "hostile.mcap"
     file.write_bytes(b"\x89MCAP0\r\n" + HEADER_RECORD + content + b"\x89MCAP0\r\n")
-    tracemalloc.start()
-    try:
-        with pytest.raises(DataError) as caught:
-            list(stored_messages(file, {}))
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
+    with memory_below(10_000_000), pytest.raises(DataError) as caught:
+        list(stored_messages(file, {}))
     assert told in str(caught.value)
-    assert peak < 10_000_000
 
 
 def test_definitions_that_fill_the_memory(tmp_path):
@@ -361,14 +374,11 @@ def test_definitions_that_fill_the_memory(tmp_path):
         content += chunk(b"".join(record(3, schema) for schema in schemas))
     file = tmp_path / "hostile.mcap"
     file.write_bytes(content)
-    tracemalloc.start()
-    try:
-        with pytest.raises(DataError, match=r"topics and definitions of more than 33554432 bytes"):
-            list(stored_messages(file, {}))
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    assert peak < 60_000_000
+    with (
+        memory_below(60_000_000),
+        pytest.raises(DataError, match=r"topics and definitions of more than 33554432 bytes"),
+    ):
+        list(stored_messages(file, {}))
 
 
 def database(file, *statements):
@@ -423,15 +433,9 @@ def test_hostile_databases_are_told_and_take_little_memory(tmp_path, statements,
     assert read_message(file, position, compressed=False) == b"ab"
     file.unlink()
     database(file, *statements)
-    tracemalloc.start()
-    try:
-        with pytest.raises(DataError, match=told) as caught:
-            list(stored_messages(file, {}))
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
+    with memory_below(60_000_000), pytest.raises(DataError, match=told) as caught:
+        list(stored_messages(file, {}))
     assert str(file) in str(caught.value)
-    assert peak < 60_000_000
 
 
 def test_a_definition_that_takes_forever_to_parse(tmp_path):
@@ -458,8 +462,7 @@ def metadata(root, change):
 
 @pytest.mark.parametrize("path", ["../drive.mcap", "/etc/drive.mcap", "..", "C:\\x.mcap", "secret.txt"])
 def test_metadata_that_names_files_elsewhere(tmp_path, path):
-    root = bags.write_rig(tmp_path / "data")
-    bags.write_bag(root / "drive", bags.drive())
+    root = bag_of(tmp_path, bags.drive())
     metadata(root, lambda content: content.update(relative_file_paths=[path]))
     with pytest.raises(
         DataError, match=r"metadata\.yaml: rosbag2_bagfile_information\.relative_file_paths\.0: expected"
@@ -494,16 +497,14 @@ def test_links_that_lead_outside(tmp_path):
     ids=["tag", "list", "no keys", "nested", "aliases"],
 )
 def test_metadata_that_is_none(tmp_path, content):
-    root = bags.write_rig(tmp_path / "data")
-    bags.write_bag(root / "drive", bags.drive())
+    root = bag_of(tmp_path, bags.drive())
     (root / "drive" / "metadata.yaml").write_text(content)
     with pytest.raises(DataError, match=r"metadata\.yaml"):
         handle_of(root, accept_losses=True).open()
 
 
 def test_a_missing_part_of_several(tmp_path):
-    root = bags.write_rig(tmp_path / "data")
-    bags.write_bag(root / "drive", bags.drive())
+    root = bag_of(tmp_path, bags.drive())
     metadata(root, lambda content: content["relative_file_paths"].append("drive_1.mcap"))
     with pytest.raises(DataError, match=r"drive_1\.mcap: expected a file of messages, as metadata\.yaml says, got no"):
         handle_of(root).open()
@@ -561,8 +562,7 @@ STAMPS = [
 
 @pytest.mark.parametrize(("stamps_ns", "told", "kept"), STAMPS)
 def test_stamps_that_no_clock_gives(tmp_path, stamps_ns, told, kept):
-    root = bags.write_rig(tmp_path / "data")
-    bags.write_bag(root / "drive", with_stamps(*stamps_ns))
+    root = bag_of(tmp_path, with_stamps(*stamps_ns))
     with pytest.raises(DataError) as caught:
         handle_of(root).open()
     assert f"/camera/front: expected {told} ns" in str(caught.value)
@@ -586,8 +586,7 @@ def test_numbers_that_are_none_in_poses(tmp_path):
 
 
 def test_a_lost_trajectory_leaves_the_rest(tmp_path):
-    root = bags.write_rig(tmp_path / "data")
-    bags.write_bag(root / "drive", [row for row in bags.drive() if row[0] != bags.ODOM])
+    root = bag_of(tmp_path, [row for row in bags.drive() if row[0] != bags.ODOM])
     with pytest.raises(DataError, match=r"/odom: expected messages of the ego-motion, got none"):
         handle_of(root, accept_losses=True).open()
     reading = handle_of(root).read_leniently()

@@ -5,20 +5,16 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bench.cameras import RadialPolynomialCamera
 from bench.egomotion import planar_trajectory
-from bench.geometry import RigidTransform, RoadPlane
+from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
-from bench.recordings import Cuboid, MountedCamera, ObjectState, RecordingWriter, Track
+from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track
+from tests.recordings.tiny import HEIGHT, OUTLINE_M, VEHICLE_FROM_LIDAR, WIDTH, front_camera
 
 START_NS = 1_700_000_000_000_000_000
 IMAGE_NS, SWEEP_NS, BUS_NS = 66_666_667, 100_000_000, 10_000_000
 IMAGES, SWEEPS = 24, 16
 SPEED_MPS, TURN_RADPS = 8.0, 0.2
-LIDAR = RigidTransform.from_yaw(0.1, (1.2, 0.0, 1.8))
-FRONT = RigidTransform(np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.array([3.7, 0.0, 0.65]))
-OUTLINE_M = np.array([[-1.0, -0.9], [3.8, -0.9], [3.8, 0.9], [-1.0, 0.9]])
-WIDTH, HEIGHT = 64, 48
 
 
 def trajectory():
@@ -66,7 +62,7 @@ def cast(origin, rays, boxes):
 
 def sweep(index, path):
     time_ns = START_NS + index * SWEEP_NS
-    world_from_lidar = path.world_from_vehicle(time_ns) @ LIDAR
+    world_from_lidar = path.world_from_vehicle(time_ns) @ VEHICLE_FROM_LIDAR
     azimuth, elevation = np.meshgrid(np.radians(np.arange(0, 360, 1.0)), np.radians(np.arange(-24, 6, 1.5)))
     rays = np.stack(
         [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=-1
@@ -98,22 +94,6 @@ def tracks(path):
     return tuple(made)
 
 
-def camera():
-    model = RadialPolynomialCamera(
-        width=WIDTH, height=HEIGHT, coefficients=(20.0, 0.5, -0.25, 0.0), principal_point=(31.5, 23.5)
-    )
-    ego_body = np.zeros((HEIGHT, WIDTH), dtype=bool)
-    ego_body[40:, 10:50] = True
-    return MountedCamera(
-        name="front",
-        model=model,
-        vehicle_from_camera=FRONT,
-        road=RoadPlane.below(FRONT),
-        stored_size_px=(WIDTH, HEIGHT),
-        ego_body=ego_body,
-    )
-
-
 def write_drive(root: Path) -> Path:
     path = trajectory()
     writer = RecordingWriter(root)
@@ -121,8 +101,8 @@ def write_drive(root: Path) -> Path:
         name=root.name,
         licence="Apache-2.0",
         frame_interval_ns=IMAGE_NS,
-        cameras={"front": camera()},
-        vehicle_from_lidar=LIDAR,
+        cameras={"front": front_camera()},
+        vehicle_from_lidar=VEHICLE_FROM_LIDAR,
         vehicle_outline_m=OUTLINE_M,
     )
     for i in range(IMAGES):

@@ -34,7 +34,7 @@ def root(clean, tmp_path):
 
 def found(root, depth=Depth.SAMPLED):
     (handle,) = native_recordings(root, options={}, card=root / "card.yaml", annotations=None)
-    return validate_recording(handle, depth=depth)[0]
+    return list(validate_recording(handle, depth=depth).findings)
 
 
 def checks(root):
@@ -57,6 +57,11 @@ def change_json(file, change):
 
 def change_head(root, change):
     change_json(root / "recording.json", change)
+
+
+def change_mounting(root, **values):
+    """Change the front camera's mounting in the head."""
+    change_head(root, lambda head: head["cameras"]["front"]["vehicle_from_camera"].update(values))
 
 
 def change_boxes(root, change, *, only=None):
@@ -226,7 +231,7 @@ def test_the_same_image_twice(root):
 
 def test_black_images(root):
     for path in images(root)[3:6]:
-        cv2.imwrite(str(path), np.zeros((drive.HEIGHT, drive.WIDTH), dtype=np.uint8))
+        cv2.imwrite(str(path), np.zeros((tiny.HEIGHT, tiny.WIDTH), dtype=np.uint8))
     (told,) = found(root)
     assert (told.check, told.times) == ("black-image", 3)
 
@@ -315,7 +320,7 @@ def test_a_lane_that_is_not_seen_has_no_height():
 
 
 def test_a_lidar_that_nods(root):
-    turned = drive.quaternion_wxyz(drive.LIDAR, Rotation.from_euler("y", 6, degrees=True))
+    turned = drive.quaternion_wxyz(tiny.VEHICLE_FROM_LIDAR, Rotation.from_euler("y", 6, degrees=True))
     change_head(root, lambda head: head["lidar"]["vehicle_from_lidar"].update(quaternion_wxyz=turned))
     assert ("road-tilt", Severity.WARNING) in checks(root)
 
@@ -324,7 +329,7 @@ def test_a_lidar_that_nods(root):
 
 
 def test_a_camera_in_the_ground(root):
-    change_head(root, lambda head: head["cameras"]["front"]["vehicle_from_camera"].update(translation_m=[3.7, 0, -0.5]))
+    change_mounting(root, translation_m=[3.7, 0, -0.5])
     (told,) = found(root)
     assert told.check == "file"
     assert told.field.startswith("cameras.front.vehicle_from_camera")
@@ -332,35 +337,31 @@ def test_a_camera_in_the_ground(root):
 
 
 def test_a_camera_in_the_sky(root):
-    change_head(root, lambda head: head["cameras"]["front"]["vehicle_from_camera"].update(translation_m=[3.7, 0, 65.0]))
+    change_mounting(root, translation_m=[3.7, 0, 65.0])
     assert checks(root) == error("camera-mounting")
 
 
 def test_a_camera_that_looks_up(root):
-    change_head(
-        root, lambda head: head["cameras"]["front"]["vehicle_from_camera"].update(quaternion_wxyz=[1.0, 0.0, 0.0, 0.0])
-    )
+    change_mounting(root, quaternion_wxyz=[1.0, 0.0, 0.0, 0.0])
     (told,) = found(root)
     assert told.check == "camera-mounting"
     assert told.got == "one 90 degrees above the horizon"
 
 
 def test_a_camera_upside_down(root):
-    turned = drive.quaternion_wxyz(drive.FRONT, Rotation.from_euler("z", 180, degrees=True))
-    change_head(root, lambda head: head["cameras"]["front"]["vehicle_from_camera"].update(quaternion_wxyz=turned))
+    turned = drive.quaternion_wxyz(tiny.FRONT, Rotation.from_euler("z", 180, degrees=True))
+    change_mounting(root, quaternion_wxyz=turned)
     (told,) = found(root)
     assert told.got == "one turned by 180 degrees about the optical axis"
 
 
 def test_a_camera_far_from_the_car(root):
-    change_head(root, lambda head: head["cameras"]["front"]["vehicle_from_camera"].update(translation_m=[37, 0, 0.65]))
+    change_mounting(root, translation_m=[37, 0, 0.65])
     assert checks(root) == warning("sensor-outside")
 
 
 def test_no_unit_quaternion(root):
-    change_head(
-        root, lambda head: head["cameras"]["front"]["vehicle_from_camera"].update(quaternion_wxyz=[2.0, 0.0, 0.0, 0.0])
-    )
+    change_mounting(root, quaternion_wxyz=[2.0, 0.0, 0.0, 0.0])
     (told,) = found(root)
     assert "length 1" in told.expected
 

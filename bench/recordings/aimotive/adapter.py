@@ -24,7 +24,8 @@ What is translated here, once:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -34,15 +35,18 @@ import numpy as np
 from bench.egomotion import Trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
+from bench.lidar import read_sweep
 from bench.recordings.aimotive.boxes import BoxFrame, frames_in_order, read_box_frame, tracks_from_boxes
 from bench.recordings.aimotive.calibration import FRAME_INTERVAL_NS, AimotiveOptions, read_cameras, read_lidar_mounting
 from bench.recordings.aimotive.egomotion import sequence_trajectory
-from bench.recordings.aimotive.files import box_files, image_refs, sweep_refs
 from bench.recordings.annotations import annotations_or_none
-from bench.recordings.error_handlers import STRICT, ErrorHandler, reporting, stationary
+from bench.recordings.error_handlers import STRICT, ErrorHandler, OnError, reporting, stationary
+from bench.recordings.files import framed_files
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.records import ImageRef, Recording, SweepRef, Track
 from bench.recordings.validation import validated
+
+BOXES, SWEEPS = "dynamic/box/3d_body", "dynamic/raw-revolutions"
 
 
 def aimotive_recordings(
@@ -93,13 +97,19 @@ def open_aimotive(
     times_ns = {number: frame.timestamp_ns for number, frame in boxes.items()}
     trajectory = sequence_trajectory(root, folder, options, times_ns, on_error)
     tracks = _tracks(boxes, trajectory, annotations, on_error)
+    timed = partial(_timed, times_ns=times_ns, untold=untold, on_error=on_error)
     images: dict[str, tuple[ImageRef, ...]] = dict.fromkeys(cameras, ())
     for name in cameras:
         with reporting(on_error):
-            images[name] = image_refs(root, folder, name, times_ns, on_error, untold=untold)
+            place = folder / "sensor/camera" / name
+            paths = framed_files(root, place, rf"{re.escape(name)}_(\d+)\.(?:jpg|png)", on_error)
+            if not paths:
+                on_error(DataError(place, expected=f"images {name}_<number>.jpg", got="none"))
+            images[name] = tuple(ImageRef(camera=name, timestamp_ns=t, path=path) for t, path in timed(paths))
     sweeps: tuple[SweepRef, ...] = ()
     with reporting(on_error):
-        sweeps = sweep_refs(root, folder, times_ns, on_error, untold=untold)
+        paths = framed_files(root, folder / SWEEPS, r"frame_(\d+)\.laz", on_error)
+        sweeps = tuple(SweepRef(timestamp_ns=t, path=path, reader=read_sweep) for t, path in timed(paths))
     lidar_from_beams = _lidar_mounting(root, folder, on_error)
     if not cameras or not boxes:
         on_error.stop()
@@ -127,10 +137,24 @@ def _boxes(root: Path, folder: Path, on_error: ErrorHandler) -> tuple[dict[int, 
     """Frames by increasing time, and the numbers of those that cannot be used."""
     files: Mapping[int, Path] = {}
     with reporting(on_error):
-        files = box_files(root, folder, on_error)
+        files = framed_files(root, folder / BOXES, r"frame_(\d+)\.json", on_error)
+        if not files:
+            expected = "files frame_<number>.json, which tell the times of frames"
+            on_error(DataError(folder / BOXES, expected=expected, got="none"))
     read = {number: read_box_frame(file, on_error) for number, file in files.items()}
     frames = frames_in_order({number: frame for number, frame in read.items() if frame is not None}, on_error)
     return frames, frozenset(files) - frozenset(frames)
+
+
+def _timed(
+    paths: Mapping[int, Path], *, times_ns: Mapping[int, int], untold: frozenset[int], on_error: OnError
+) -> Iterator[tuple[int, Path]]:
+    """Files with the times of their frames; no time is an error, unless it is one of `untold`, reported already."""
+    for number, path in paths.items():
+        if number in times_ns:
+            yield times_ns[number], path
+        elif number not in untold:
+            on_error(DataError(path, expected=f"{BOXES}/frame_{number:07d}.json with its time", got="no such file"))
 
 
 def _tracks(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,12 +11,11 @@ from pydantic import ConfigDict, Field
 
 from bench.cameras import UnifiedCamera
 from bench.errors import DataError, ShapeError
-from bench.geometry import RigidTransform, RoadPlane
-from bench.recordings.atomic import refuse_escape
+from bench.geometry import RigidTransform
 from bench.recordings.error_handlers import STRICT, OnError, reporting
-from bench.recordings.images import Polygon, body_mask, scaled_camera
+from bench.recordings.files import read_object
+from bench.recordings.mounting import Polygon, body_mask, mounted_camera
 from bench.recordings.records import MountedCamera
-from bench.recordings.text_files import read_text
 from bench.recordings.validation import FileModel, SidePx, data_error, validated
 
 LICENCE = "CC BY-NC-SA 4.0"
@@ -93,7 +91,7 @@ def read_cameras(
     """
     file = folder / CALIBRATION
     try:
-        content = _content(root, file)
+        content = read_object(root, file, expected="calibrations by sensor name")
         names = _camera_names(folder, content) if options.cameras is None else options.cameras
         if not names:
             raise DataError(folder / "sensor/camera", expected="images of a camera with a known model", got="none")
@@ -107,17 +105,6 @@ def read_cameras(
                 raise DataError(file, field=name, expected="a calibration of this camera", got="none")
             cameras[name] = _camera(name, content[name], file, options)
     return cameras
-
-
-def _content(root: Path, file: Path) -> dict[str, Any]:
-    refuse_escape(root, file, file=file)
-    try:
-        content = json.loads(read_text(file))
-    except (ValueError, RecursionError) as error:
-        raise DataError(file, expected="JSON", got=str(error)) from error
-    if not isinstance(content, dict):
-        raise DataError(file, expected="calibrations by sensor name", got=type(content).__name__)
-    return content
 
 
 def _is_known(entry: Any) -> bool:
@@ -154,18 +141,18 @@ def _camera(name: str, content: Mapping[str, Any], file: Path, options: Aimotive
             tangential=(p1, p2),
             max_angle_rad=None if field_deg is None else float(np.deg2rad(field_deg / 2)),
         )
-        road = RoadPlane.below(vehicle_from_camera, ground_height_m=options.ground_height_m)
     except ShapeError as error:
         raise data_error(error, file=file, field=name) from error
-    camera = MountedCamera(
-        name=name,
-        model=model,
-        vehicle_from_camera=vehicle_from_camera,
-        road=road,
-        stored_size_px=entry.image_resolution_px,
+    return mounted_camera(
+        name,
+        model,
+        vehicle_from_camera,
+        ground_height_m=options.ground_height_m,
         ego_body=body_mask(entry.image_resolution_px, options.body_polygons.get(name, ())),
+        evaluated_size_px=options.evaluated_size_px,
+        file=file,
+        field=name,
     )
-    return scaled_camera(camera, options.evaluated_size_px)
 
 
 class LidarCalibration(FileModel):
@@ -190,13 +177,7 @@ def read_lidar_mounting(root: Path, folder: Path) -> RigidTransform:
         DataError: missing, not a calibration, or a mounting that is none.
     """
     file = folder / CALIBRATION
-    refuse_escape(root, file, file=file)
-    try:
-        content = json.loads(read_text(file))
-    except (ValueError, RecursionError) as error:
-        raise DataError(file, expected="JSON", got=str(error)) from error
-    if not isinstance(content, dict):
-        raise DataError(file, expected="calibrations by sensor name", got=type(content).__name__)
+    content = read_object(root, file, expected="calibrations by sensor name")
     names = [n for n, entry in content.items() if isinstance(entry, dict) and entry.get("sensor_type") == "lidar"]
     if len(names) != 1:
         return RigidTransform.identity()

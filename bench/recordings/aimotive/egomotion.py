@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,9 +14,9 @@ from bench.egomotion import Trajectory, bus_signal_faults, read_bus_signals
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
 from bench.recordings.aimotive.calibration import AimotiveOptions
-from bench.recordings.atomic import path_inside, refuse_escape
+from bench.recordings.atomic import path_inside
 from bench.recordings.error_handlers import ErrorHandler, OnError, at_most, reporting, reporting_all
-from bench.recordings.text_files import read_text
+from bench.recordings.files import read_object
 from bench.recordings.validation import MOST_FAULTS, data_error
 
 FILE = "sensor/gnssins/egomotion.json"
@@ -81,13 +80,7 @@ def read_egomotion(root: Path, folder: Path, times_ns: Mapping[int, int], on_err
 
 def _poses(root: Path, file: Path, times_ns: Mapping[int, int], on_error: OnError) -> dict[int, RigidTransform] | None:
     """By frame; None after an error of one."""
-    refuse_escape(root, file, file=file)
-    try:
-        content = json.loads(read_text(file))
-    except (ValueError, RecursionError) as error:
-        raise DataError(file, expected="JSON", got=str(error)) from error
-    if not isinstance(content, dict):
-        raise DataError(file, expected="poses by frame number", got=type(content).__name__)
+    content = read_object(root, file, expected="poses by frame number")
     poses: dict[int, RigidTransform] = {}
     complete = True
     for key in content:

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import re
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -31,30 +31,17 @@ import numpy as np
 from bench.errors import DataError
 from bench.recordings.annotations import annotations_or_none
 from bench.recordings.atomic import refuse_escape
-from bench.recordings.error_handlers import STRICT, ErrorHandler, at_most, reporting, reporting_all, stationary
+from bench.recordings.error_handlers import STRICT, ErrorHandler, OnError, at_most, reporting, stationary
+from bench.recordings.files import framed_files
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.kitti360.boxes import read_boxes
 from bench.recordings.kitti360.calibration import CameraName, Kitti360Options, Rig, read_rig
-from bench.recordings.kitti360.files import (
-    BOXES,
-    IMAGES,
-    POSES,
-    Drive,
-    FrameClock,
-    camera_names,
-    image_files,
-    image_refs,
-    pose_faults,
-    read_clock,
-    read_drive,
-    sweep_files,
-    sweep_refs,
-    wanted_frames,
-)
+from bench.recordings.kitti360.files import Drive, FrameClock, drive_through, read_clock, read_poses, read_turn
 from bench.recordings.kitti360.tracks import Annotated, tracks_from_world
-from bench.recordings.records import ImageRef, Recording
+from bench.recordings.records import ImageRef, Recording, SweepRef
 from bench.recordings.validation import MOST_FAULTS, validated
 
+IMAGES, SWEEPS, POSES, BOXES = "data_2d_raw", "data_3d_raw", "data_poses", "data_3d_bboxes"
 EVERYTHING = Annotated(tracks=(), windows=())
 SEQUENCE = re.compile(r"\d{4}_\d\d_\d\d_drive_(\d{4})_sync")
 
@@ -71,7 +58,7 @@ def kitti360_recordings(
     folder = root / IMAGES
     if not folder.is_dir():
         raise DataError(folder, expected="folders of sequences with fisheye images", got="no such folder")
-    sequences = sorted(p.name for p in folder.iterdir() if SEQUENCE.fullmatch(p.name) and camera_names(p, chosen))
+    sequences = sorted(p.name for p in folder.iterdir() if SEQUENCE.fullmatch(p.name) and _camera_names(p, chosen))
     handles = []
     for name in sequences:
         file = None if annotations is None else annotations / f"{name}.json"
@@ -101,30 +88,33 @@ def open_kitti360(
         DataError: a file that is missing or not what the format asks for.
     """
     folder = root / IMAGES / sequence
-    names = camera_names(folder, options)
+    names = _camera_names(folder, options)
     if not names:
         on_error(DataError(folder, expected=f"images of {' or '.join(options.cameras)}", got="none"))
     rig = read_rig(root, names, options, on_error)
     images: dict[CameraName, Mapping[int, Path]] = {}
     for name in names:
         with reporting(on_error):
-            images[name] = image_files(root, sequence, name, on_error)
+            images[name] = framed_files(root, folder / name / "data_rgb", r"(\d{10})\.png", on_error)
     clock = _clock(root, folder, images, on_error)
     drive = _drive(root, sequence, clock, rig, options, on_error)
     annotated = _annotated(root, sequence, drive, clock, options, annotations, on_error)
-    expected = wanted_frames(sequence, options, (annotated or EVERYTHING).covers)
+    evaluated = partial(_evaluated, sequence=sequence, options=options, annotated=annotated or EVERYTHING)
     refs: dict[str, tuple[ImageRef, ...]] = {}
     if clock is not None:
-        refs = {name: image_refs(name, images.get(name, {}), clock, expected, on_error) for name in names}
-    sweeps: Mapping[int, Path] = {}
+        for name in names:
+            timed = _timed(evaluated(images.get(name, {})), clock, on_error)
+            refs[name] = tuple(ImageRef(camera=name, timestamp_ns=t, path=path) for t, path in timed)
+    scans: Mapping[int, Path] = {}
     with reporting(on_error):
-        sweeps = sweep_files(root, sequence, on_error)
+        scans = framed_files(root, root / SWEEPS / sequence / "velodyne_points" / "data", r"(\d{10})\.bin", on_error)
     if rig is None or clock is None or not rig.cameras:
         on_error.stop()
     if drive is None:
         on_error.leave_out("trajectory")
     if annotated is None:
         on_error.leave_out("annotations")
+    reader = partial(read_turn, period_ns=clock.interval_ns)
     return Recording(
         name=sequence,
         root=root,
@@ -134,10 +124,36 @@ def open_kitti360(
         images={name: refs[name] for name in rig.cameras},
         trajectory=stationary(root) if drive is None else drive.trajectory,
         vehicle_from_lidar=rig.vehicle_from_lidar,
-        sweeps=sweep_refs(sweeps, clock, expected, on_error),
+        sweeps=tuple(
+            SweepRef(timestamp_ns=t, path=path, reader=reader) for t, path in _timed(evaluated(scans), clock, on_error)
+        ),
         tracks=() if annotated is None else annotated.tracks,
         vehicle_outline_m=np.array(options.vehicle_outline_m, dtype=np.float64),
     )
+
+
+def _camera_names(folder: Path, options: Kitti360Options) -> tuple[CameraName, ...]:
+    """The cameras of `options` that a sequence has images of."""
+    return tuple(name for name in options.cameras if (folder / name / "data_rgb").is_dir())
+
+
+def _evaluated(
+    files: Mapping[int, Path], *, sequence: str, options: Kitti360Options, annotated: Annotated
+) -> dict[int, Path]:
+    """The files of frames that are annotated and not left out."""
+    left_out = [entry.frames for entry in options.excluded_frames if f"_drive_{entry.sequence}_" in sequence]
+    return {
+        frame: path
+        for frame, path in files.items()
+        if annotated.covers(frame) and not any(first <= frame <= last for first, last in left_out)
+    }
+
+
+def _timed(files: Mapping[int, Path], clock: FrameClock, on_error: OnError) -> Iterator[tuple[int, Path]]:
+    """Files with the times of their frames; no time is an error."""
+    for frame, path in files.items():
+        with reporting(on_error):
+            yield clock.at(frame, file=path), path
 
 
 def _clock(
@@ -168,13 +184,11 @@ def _drive(
     file = root / POSES / sequence / "poses.txt"
     with reporting(on_error):
         refuse_escape(root, file, file=file)
-        if rig is None or clock is None:
-            for error in pose_faults(file, clock):
-                on_error(error)
-            return None
-        with reporting_all(on_error, lambda _: pose_faults(file, clock)):
+        poses = read_poses(file, clock, on_error)
+        if poses is not None and rig is not None and clock is not None:
             gap_s, standing_m = options.max_pose_gap_s, options.standing_m
-            return read_drive(file, clock, rig.vehicle_from_imu, max_gap_s=gap_s, standing_m=standing_m)
+            mounting = rig.vehicle_from_imu
+            return drive_through(poses, clock, mounting, file=file, max_gap_s=gap_s, standing_m=standing_m)
     return None
 
 

@@ -22,7 +22,7 @@ from scipy.linalg import polar
 
 from bench.errors import DataError
 from bench.recordings.error_handlers import STRICT, OnError
-from bench.recordings.text_files import MeteredFile, numbers
+from bench.recordings.files import MeteredFile, numbers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,7 +68,7 @@ GLOBAL_ID_STEP = 1000  # global id = number * 1000 + instance
 LARGEST_OBJECT_BYTES = 32_000_000  # of XML without the end of a child of the root
 LARGEST_MATRIX = 1_000_000  # numbers
 DEEPEST = 50
-STANDING = -1
+STATIONARY = -1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -154,7 +154,7 @@ def _object(element: Element, file: Path) -> WorldBox | tuple[int, int] | None:
         return window
     rotation, centre_m, size_m = _placed(element, file)
     frame = _integer(element, "timestamp", file)
-    if frame is None or frame < STANDING:
+    if frame is None or frame < STATIONARY:
         raise DataError(file, field=f"{field}.timestamp", expected="a frame number, or -1", got=str(frame))
     return WorldBox(
         key=_key(element, label, semantic, file),

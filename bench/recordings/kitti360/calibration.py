@@ -21,13 +21,13 @@ from pydantic import ConfigDict, Field, model_validator
 
 from bench.cameras import UnifiedCamera
 from bench.errors import DataError, ShapeError
-from bench.geometry import RigidTransform, RoadPlane
+from bench.geometry import RigidTransform
 from bench.plain_yaml import parse_yaml
 from bench.recordings.atomic import refuse_escape
 from bench.recordings.error_handlers import OnError, reporting
-from bench.recordings.images import Polygon, body_mask, scaled_camera
+from bench.recordings.files import numbers, read_text
+from bench.recordings.mounting import Polygon, body_mask, mounted_camera
 from bench.recordings.records import MountedCamera
-from bench.recordings.text_files import numbers, read_text
 from bench.recordings.validation import FileModel, SidePx, data_error, validated
 
 LICENCE = "CC BY-NC-SA 3.0"
@@ -173,7 +173,16 @@ def read_rig(root: Path, cameras: tuple[CameraName, ...], options: Kitti360Optio
     mounted: dict[str, MountedCamera] = {}
     for name in (name for name in cameras if name in lenses and name in imu_from):
         with reporting(on_error):
-            mounted[name] = _camera(root, name, lenses[name], vehicle_from_imu @ imu_from[name], options)
+            lens = lenses[name]
+            mounted[name] = mounted_camera(
+                name,
+                lens,
+                vehicle_from_imu @ imu_from[name],
+                ego_body=body_mask((lens.width, lens.height), options.body_polygons.get(name, ())),
+                evaluated_size_px=options.evaluated_size_px,
+                file=folder / "calib_cam_to_pose.txt",
+                field=name,
+            )
     return Rig(
         vehicle_from_imu=vehicle_from_imu,
         vehicle_from_lidar=vehicle_from_imu @ imu_from_lidar,
@@ -210,25 +219,6 @@ def _lens(root: Path, name: CameraName, options: Kitti360Options, on_error: OnEr
     except DataError as error:
         on_error(error)
     return None
-
-
-def _camera(
-    root: Path, name: CameraName, model: UnifiedCamera, vehicle_from_camera: RigidTransform, options: Kitti360Options
-) -> MountedCamera:
-    try:
-        road = RoadPlane.below(vehicle_from_camera)
-    except ShapeError as error:
-        raise data_error(error, file=root / FOLDER / "calib_cam_to_pose.txt", field=name) from error
-    size_px = model.width, model.height
-    camera = MountedCamera(
-        name=name,
-        model=model,
-        vehicle_from_camera=vehicle_from_camera,
-        road=road,
-        stored_size_px=size_px,
-        ego_body=body_mask(size_px, options.body_polygons.get(name, ())),
-    )
-    return scaled_camera(camera, options.evaluated_size_px)
 
 
 def _fisheye(root: Path, file: Path) -> FisheyeFile:

@@ -1,14 +1,10 @@
-"""Where KITTI-360's files of a sequence lie, by frame number."""
+"""KITTI-360's files of a sequence: times of frames, poses, and turns of the laser scanner."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from datetime import date
-from functools import partial
-from itertools import islice
-from os import scandir
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,17 +15,14 @@ from bench.egomotion import Trajectory
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep, read_points
-from bench.recordings.atomic import refuse_escape
 from bench.recordings.error_handlers import STRICT, OnError, at_most, reporting
-from bench.recordings.kitti360.calibration import CameraName, Kitti360Options
-from bench.recordings.records import ImageRef, SweepRef
-from bench.recordings.text_files import number_rows, numbers, read_text
+from bench.recordings.files import numbers, read_text
+from bench.recordings.kitti360.calibration import TURN_OVER
 from bench.recordings.validation import MOST_FAULTS, data_error
 
-STAMP = re.compile(r"(\d{4})-(\d\d)-(\d\d) (\d\d):(\d\d):(\d\d)\.(\d{1,9})")
+STAMP = re.compile(r"(19|20)\d\d-\d\d-\d\d \d\d:\d\d:\d\d\.\d{1,9}", re.ASCII)  # other years do not fit int64
 SECOND_NS = 1_000_000_000
 LARGEST_FRAME = 10_000_000
-TURN_OVER = np.diag([1.0, -1.0, -1.0])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -119,19 +112,13 @@ def _stamp_ns(line: str, row: int, file: Path) -> int:
     Raises:
         DataError: it is none.
     """
-    match = STAMP.fullmatch(line.strip())
     try:
-        if match is None:
+        if STAMP.fullmatch(line.strip()) is None:
             raise ValueError
-        year, month, day, hour, minute, second = (int(part) for part in match.groups()[:6])
-        days = date(year, month, day).toordinal() - date(1970, 1, 1).toordinal()
-        if hour > 23 or minute > 59 or second > 59:
-            raise ValueError
+        return int(np.datetime64(line.strip(), "ns").astype(np.int64))
     except ValueError:
         expected = "a time YYYY-MM-DD hh:mm:ss.nnnnnnnnn"
         raise DataError(file, field=f"line {row}", expected=expected, got=repr(line.strip()[:40])) from None
-    seconds = ((days * 24 + hour) * 60 + minute) * 60 + second
-    return seconds * SECOND_NS + int(match[7].ljust(9, "0"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -147,46 +134,80 @@ class Drive:
     world_from_global: RigidTransform
 
 
-def read_drive(
-    file: Path, clock: FrameClock, vehicle_from_imu: RigidTransform, *, max_gap_s: float, standing_m: float
-) -> Drive:
+def read_poses(file: Path, clock: FrameClock | None, on_error: OnError) -> dict[int, RigidTransform] | None:
     """Read `poses.txt`.
+
+    Args:
+        file: lines of frame number and 3 x 4 matrix.
+        clock: times of frames; None where they are not known, so that any frame will do.
+        on_error: takes errors of lines, at most 200: one that is no pose, frames that do not increase or have no time.
+
+    Returns:
+        Frame -> global world from IMU, increasing; None after an error.
+
+    Raises:
+        DataError: missing, too large, empty, or not UTF-8.
+    """
+    poses: dict[int, RigidTransform] = {}
+    before, whole, on_line_error = -1, True, at_most(MOST_FAULTS, on_error)
+    for row, line in enumerate(read_text(file).rstrip().splitlines(), start=1):
+        if not line.strip():
+            continue
+        try:
+            number, *matrix = numbers(line.split(), 13, file=file, field=f"line {row}")
+            if number != round(number) or not 0 <= number <= LARGEST_FRAME:
+                raise DataError(file, field=f"line {row}", expected="a whole frame number", got=f"{number:g}")
+            frame, pose = int(number), _pose(np.array(matrix).reshape(3, 4), file, row)
+            if clock is not None:
+                clock.at(frame, file=file)
+            after, before = before, frame
+            if frame <= after:
+                got = f"{frame} after {after}"
+                raise DataError(file, field=f"line {row}", expected="frames that increase", got=got)
+            poses[frame] = pose
+        except DataError as error:
+            whole = False
+            on_line_error(error)
+    return poses if whole else None
+
+
+def drive_through(
+    poses: Mapping[int, RigidTransform],
+    clock: FrameClock,
+    vehicle_from_imu: RigidTransform,
+    *,
+    file: Path,
+    max_gap_s: float,
+    standing_m: float,
+) -> Drive:
+    """The drive through the poses of frames.
 
     Poses are missing where the car had moved too little since the last one (kitti360Scripts #96, #102). Such gaps are
     filled: the car is put evenly between the poses around. Longer gaps over which it did move stay open, and frames
     within them have no ego-motion.
 
     Args:
-        file: rows of frame number and 3 x 4 matrix, global world from IMU.
+        poses: frame -> global world from IMU, increasing.
         clock: times of frames.
         vehicle_from_imu: mounting of the IMU.
+        file: of the poses, for messages.
         max_gap_s: poses further apart are not interpolated between ...
         standing_m: ... unless the car moved no further than this.
 
     Raises:
-        DataError: a row that is no pose, frames that do not increase or have no time, fewer than two poses.
+        DataError: fewer than two poses.
     """
-    rows = number_rows(file, 13)
-    frames = rows[:, 0]
-    if (frames != frames.round()).any() or frames.min() < 0 or frames.max() > LARGEST_FRAME:
-        raise DataError(file, field="frame", expected="whole frame numbers", got=f"{frames.min()} to {frames.max()}")
-    if (np.diff(frames) <= 0).any():
-        row = int(np.argmax(np.diff(frames) <= 0)) + 2
-        got = f"{frames[row - 1]:.0f} after {frames[row - 2]:.0f}"
-        raise DataError(file, field=f"row {row}", expected="frames that increase", got=got)
-    poses = [_pose(matrix, file, row) for row, matrix in enumerate(rows[:, 1:].reshape(-1, 3, 4), 1)]
     imu_from_vehicle = vehicle_from_imu.inverse()
-    world_from_global = _levelled(poses[0] @ imu_from_vehicle)
-    vehicles = [world_from_global @ pose @ imu_from_vehicle for pose in poses]
-    times_ns = np.array([clock.at(int(frame), file=file) for frame in frames], dtype=np.int64)
+    world_from_global = _levelled(next(iter(poses.values())) @ imu_from_vehicle)
+    vehicles = [world_from_global @ pose @ imu_from_vehicle for pose in poses.values()]
     sparse = Trajectory(
         source=str(file),
-        timestamps_ns=times_ns,
+        timestamps_ns=np.array([clock.times_ns[frame] for frame in poses], dtype=np.int64),
         rotations=Rotation.from_matrix(np.stack([pose.rotation for pose in vehicles])),
         positions_m=np.stack([pose.translation_m for pose in vehicles]),
         max_gap_ns=round(max_gap_s * SECOND_NS),
     )
-    return Drive(trajectory=_standing_filled(sparse, clock, standing_m), world_from_global=world_from_global)
+    return Drive(trajectory=_stationary_filled(sparse, clock, standing_m), world_from_global=world_from_global)
 
 
 def _levelled(global_from_vehicle: RigidTransform) -> RigidTransform:
@@ -207,37 +228,7 @@ def _pose(matrix: NDArray[np.float64], file: Path, row: int) -> RigidTransform:
         raise data_error(error, file=file, field=f"row {row}") from error
 
 
-def pose_faults(file: Path, clock: FrameClock | None) -> tuple[DataError, ...]:
-    """Lines of `poses.txt` that `read_drive` would refuse, at most 200; without a clock frames may have any time."""
-    try:
-        lines = read_text(file).rstrip().splitlines()
-    except DataError as error:
-        return (error,)
-    return tuple(islice(_line_faults(lines, file, clock), MOST_FAULTS))
-
-
-def _line_faults(lines: list[str], file: Path, clock: FrameClock | None) -> Iterator[DataError]:
-    before = -1.0
-    for row, line in enumerate(lines, start=1):
-        if not line.strip():
-            continue
-        try:
-            frame, *matrix = numbers(line.split(), 13, file=file, field=f"line {row}")
-            if frame != round(frame) or not 0 <= frame <= LARGEST_FRAME:
-                raise DataError(file, field=f"line {row}", expected="a whole frame number", got=f"{frame:g}")
-            _pose(np.array(matrix).reshape(3, 4), file, row)
-            if clock is not None:
-                clock.at(int(frame), file=file)
-        except DataError as error:
-            yield error
-            continue
-        if frame <= before:
-            got = f"{frame:.0f} after {before:.0f}"
-            yield DataError(file, field=f"line {row}", expected="frames that increase", got=got)
-        before = frame
-
-
-def _standing_filled(sparse: Trajectory, clock: FrameClock, standing_m: float) -> Trajectory:
+def _stationary_filled(sparse: Trajectory, clock: FrameClock, standing_m: float) -> Trajectory:
     """Add poses at the frames of gaps in which the car stood or crept."""
     known_ns = sparse.timestamps_ns
     wide = np.diff(known_ns) > sparse.max_gap_ns
@@ -248,22 +239,10 @@ def _standing_filled(sparse: Trajectory, clock: FrameClock, standing_m: float) -
     inside[inside] = (wide & near)[left[inside]]
     if not inside.any():
         return sparse
-    between = Trajectory(
-        source=sparse.source,
-        timestamps_ns=known_ns,
-        rotations=sparse.rotations,
-        positions_m=sparse.positions_m,
-        max_gap_ns=int(known_ns[-1] - known_ns[0]),
-    )
+    between = replace(sparse, max_gap_ns=int(known_ns[-1] - known_ns[0]))
     times_ns = np.union1d(known_ns, clock_ns[inside])
     rotations, positions_m, _ = between.at(times_ns)
-    return Trajectory(
-        source=sparse.source,
-        timestamps_ns=times_ns,
-        rotations=Rotation.from_matrix(rotations),
-        positions_m=positions_m,
-        max_gap_ns=sparse.max_gap_ns,
-    )
+    return replace(sparse, timestamps_ns=times_ns, rotations=Rotation.from_matrix(rotations), positions_m=positions_m)
 
 
 LARGEST_BYTES = 64_000_000  # four million points; a turn of this scanner has about 120,000
@@ -299,77 +278,3 @@ def read_turn(path: Path, timestamp_ns: int, *, period_ns: int) -> LidarSweep:
         time_offset_ns=np.rint(-turn * period_ns).astype(np.int64),
         intensity=arrays["intensity"],
     )
-
-
-IMAGES, SWEEPS, POSES, BOXES = "data_2d_raw", "data_3d_raw", "data_poses", "data_3d_bboxes"
-
-Wanted = Callable[[int], bool]
-
-
-def camera_names(folder: Path, options: Kitti360Options) -> tuple[CameraName, ...]:
-    """The cameras of `options` that a sequence has images of."""
-    return tuple(name for name in options.cameras if (folder / name / "data_rgb").is_dir())
-
-
-def image_files(root: Path, sequence: str, camera: CameraName, on_error: OnError) -> dict[int, Path]:
-    """Images of a camera by frame number, in order."""
-    return _frames(root, root / IMAGES / sequence / camera / "data_rgb", "png", on_error)
-
-
-def sweep_files(root: Path, sequence: str, on_error: OnError) -> dict[int, Path]:
-    """Scans by frame number, in order; none where the folder does not exist."""
-    return _frames(root, root / SWEEPS / sequence / "velodyne_points" / "data", "bin", on_error)
-
-
-def image_refs(
-    camera: CameraName, files: Mapping[int, Path], clock: FrameClock, expected: Wanted, on_error: OnError
-) -> tuple[ImageRef, ...]:
-    """The images of wanted frames; one whose frame has no time goes to `on_error`."""
-    times_ns = _times(files, clock, expected, on_error)
-    return tuple(ImageRef(camera=camera, timestamp_ns=time, path=files[frame]) for frame, time in times_ns.items())
-
-
-def sweep_refs(
-    files: Mapping[int, Path], clock: FrameClock, expected: Wanted, on_error: OnError
-) -> tuple[SweepRef, ...]:
-    """The scans of wanted frames; one whose frame has no time goes to `on_error`."""
-    reader = partial(read_turn, period_ns=clock.interval_ns)
-    times_ns = _times(files, clock, expected, on_error)
-    return tuple(SweepRef(timestamp_ns=time, path=files[frame], reader=reader) for frame, time in times_ns.items())
-
-
-def wanted_frames(sequence: str, options: Kitti360Options, covers: Wanted) -> Wanted:
-    """Which frames are evaluated: those that are annotated and not left out."""
-    left_out = [entry.frames for entry in options.excluded_frames if f"_drive_{entry.sequence}_" in sequence]
-    return lambda frame: covers(frame) and not any(first <= frame <= last for first, last in left_out)
-
-
-def _times(files: Mapping[int, Path], clock: FrameClock, expected: Wanted, on_error: OnError) -> dict[int, int]:
-    times_ns: dict[int, int] = {}
-    for frame, path in files.items():
-        try:
-            if expected(frame):
-                times_ns[frame] = clock.at(frame, file=path)
-        except DataError as error:
-            on_error(error)
-    return times_ns
-
-
-def _frames(root: Path, folder: Path, suffix: str, on_error: OnError) -> dict[int, Path]:
-    """Files named by their frame number, in order; none where the folder does not exist."""
-    if not folder.is_dir():
-        return {}
-    refuse_escape(root, folder, file=folder)
-    found: dict[int, Path] = {}
-    with scandir(folder) as entries:
-        named = sorted(entry.name for entry in entries if re.fullmatch(rf"\d{{10}}\.{suffix}", entry.name))
-    for name in named:
-        path = folder / name
-        try:
-            if path.is_symlink():
-                refuse_escape(root, path, file=path)
-        except DataError as error:
-            on_error(error)
-        else:
-            found[int(path.stem)] = path
-    return found

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.geometry import RigidTransform
-from bench.recordings.kitti360.boxes import STANDING, WorldBox
+from bench.recordings.kitti360.boxes import STATIONARY, WorldBox
 from bench.recordings.kitti360.files import Drive, FrameClock
 from bench.recordings.records import Cuboid, ObjectState, Track, world_velocities, world_yaw_rates
 
@@ -83,9 +83,9 @@ def _track(key: str, boxes: Sequence[WorldBox], ego: _EgoPath, static_range_m: f
     order = _axes(ego.world_from_global.rotation @ boxes[0].rotation, boxes[0].size_m)
     by_row: dict[int, WorldBox] = {}
     for box in boxes:
-        rows = _near(box, ego, static_range_m) if box.frame == STANDING else _row(box.frame, ego)
+        rows = _near(box, ego, static_range_m) if box.frame == STATIONARY else _row(box.frame, ego)
         for row in rows:
-            if box.frame != STANDING or row not in by_row:
+            if box.frame != STATIONARY or row not in by_row:
                 by_row[row] = box
     rows = sorted(by_row)
     dynamic = any(box.dynamic for box in boxes)
@@ -107,7 +107,7 @@ def _states(
     rows = np.array([row for row, *_ in placed])
     rotations = np.stack([rotation for *_, rotation, _, _ in placed])
     centres_m = np.stack([centre for *_, centre, _ in placed])
-    moves = np.array([box.frame != STANDING for _, box, *_ in placed])
+    moves = np.array([box.frame != STATIONARY for _, box, *_ in placed])
     times_ns = ego.times_ns[rows]
     velocities = np.where(moves[:, None], world_velocities(times_ns, centres_m), 0.0)
     along = np.nan_to_num(np.einsum("ni,ni->n", velocities, rotations[:, :, 0])).sum()

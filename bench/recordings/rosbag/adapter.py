@@ -32,14 +32,14 @@ from typing import Any
 import numpy as np
 
 from bench.egomotion import Trajectory
-from bench.errors import DataError, ShapeError
-from bench.geometry import RigidTransform, RoadPlane
+from bench.errors import DataError
+from bench.geometry import RigidTransform
 from bench.recordings.annotations import annotations_or_none
 from bench.recordings.atomic import path_inside
 from bench.recordings.error_handlers import STRICT, ErrorHandler, OnError, reporting, stationary
 from bench.recordings.handles import RecordingHandle
-from bench.recordings.images import body_mask, read_mask, scaled_camera
-from bench.recordings.native import camera_model
+from bench.recordings.images import read_mask
+from bench.recordings.mounting import body_mask, camera_model, mounted_camera
 from bench.recordings.records import ImageRef, MountedCamera, Recording, SweepRef, Track
 from bench.recordings.rosbag.bag import TimedRows, bag_messages, bags_below, open_bag
 from bench.recordings.rosbag.clouds import BagSweep
@@ -49,7 +49,7 @@ from bench.recordings.rosbag.motion import EgoMotionMessages
 from bench.recordings.rosbag.rig import STATIC_FRAMES, CameraRig, LidarRig, RosbagOptions, StaticFrames, read_rig
 from bench.recordings.rosbag.storage import Position
 from bench.recordings.schema import Mounting
-from bench.recordings.validation import data_error, validated
+from bench.recordings.validation import validated
 
 
 def rosbag_recordings(
@@ -184,24 +184,21 @@ class _Opening:
         """A camera, at the size at which it is evaluated."""
         field, file = f"cameras.{name}", self.rig_file
         vehicle_from_camera = self._vehicle_from(camera.vehicle_from_sensor, camera.frame, f"{field}.frame")
-        try:
-            road = RoadPlane.below(vehicle_from_camera, ground_height_m=self.rig.vehicle.ground_height_m)
-        except ShapeError as error:
-            raise data_error(error, file=file, field=field) from error
         ego_body = body_mask(camera.image_size, camera.body_polygons)
         if camera.ego_body_mask is not None:
             path = path_inside(self.source.root, camera.ego_body_mask, file=file, field=f"{field}.ego_body_mask")
             mask = read_mask(path, camera.image_size)
             ego_body = mask if ego_body is None else mask | ego_body
-        mounted = MountedCamera(
-            name=name,
-            model=camera_model(camera.model, camera.image_size, file=file, field=f"{field}.model"),
-            vehicle_from_camera=vehicle_from_camera,
-            road=road,
-            stored_size_px=camera.image_size,
+        return mounted_camera(
+            name,
+            camera_model(camera.model, camera.image_size, file=file, field=f"{field}.model"),
+            vehicle_from_camera,
+            ground_height_m=self.rig.vehicle.ground_height_m,
             ego_body=ego_body,
+            evaluated_size_px=self.source.options.evaluated_size_px,
+            file=file,
+            field=field,
         )
-        return scaled_camera(mounted, self.source.options.evaluated_size_px)
 
     def _images(self, name: str, camera: CameraRig, *, scored: bool) -> Iterator[ImageRef]:
         """The images of a camera, by time."""

@@ -22,6 +22,7 @@ from bench.errors import DataError
 from bench.plain_yaml import parse_yaml
 from bench.recordings.atomic import path_inside, refuse_escape
 from bench.recordings.error_handlers import OnError
+from bench.recordings.files import read_text
 from bench.recordings.rosbag.messages import HEADER_BYTES, SECOND_NS, Topic, has_header, header_stamp_ns
 from bench.recordings.rosbag.storage import (
     SUFFIXES,
@@ -31,7 +32,6 @@ from bench.recordings.rosbag.storage import (
     decompressed_start,
     stored_messages,
 )
-from bench.recordings.text_files import read_text
 from bench.recordings.validation import LATEST_NS, validated
 
 METADATA = "metadata.yaml"

@@ -14,11 +14,11 @@ from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
 from bench.plain_yaml import parse_yaml
 from bench.recordings.atomic import path_inside
-from bench.recordings.images import Polygon
+from bench.recordings.files import read_text
+from bench.recordings.mounting import Polygon
 from bench.recordings.rosbag.bag import BagMessage
 from bench.recordings.rosbag.messages import TRANSFORMS, decode
 from bench.recordings.schema import Mounting, Name
-from bench.recordings.text_files import read_text
 from bench.recordings.validation import FileModel, SidePx, validated
 
 STATIC_FRAMES = "/tf_static"

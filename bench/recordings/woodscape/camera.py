@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
@@ -12,9 +13,10 @@ from pydantic import ConfigDict, Field, model_validator
 
 from bench.cameras import RadialPolynomialCamera
 from bench.errors import DataError, ShapeError
-from bench.geometry import RigidTransform, RoadPlane
+from bench.geometry import RigidTransform
 from bench.recordings.atomic import path_inside
-from bench.recordings.images import Polygon, body_mask, read_mask, scaled_camera
+from bench.recordings.images import read_mask
+from bench.recordings.mounting import Polygon, body_mask, mounted_camera
 from bench.recordings.records import MountedCamera
 from bench.recordings.validation import LARGEST_SIDE_PX, FileModel, SidePx, data_error, read_json
 
@@ -148,19 +150,18 @@ def read_camera(root: Path, file: Path, pair: str, options: WoodscapeOptions) ->
         vehicle_from_camera = RigidTransform.from_quaternion((w, x, y, z), content.extrinsic.translation)
         model = RadialPolynomialCamera.from_woodscape(content.intrinsic.model_dump())
         if field_deg is not None:
-            model = _narrowed(model, float(np.deg2rad(field_deg / 2)))
-        road = RoadPlane.below(vehicle_from_camera)
+            model = replace(model, max_angle_rad=float(np.deg2rad(field_deg / 2)))
     except ShapeError as error:
         raise data_error(error, file=file, field=content.name) from error
-    camera = MountedCamera(
-        name=content.name,
-        model=model,
-        vehicle_from_camera=vehicle_from_camera,
-        road=road,
-        stored_size_px=(model.width, model.height),
+    return mounted_camera(
+        content.name,
+        model,
+        vehicle_from_camera,
         ego_body=_ego_body(root, content.name, int(index), (model.width, model.height), options),
+        evaluated_size_px=options.evaluated_size_px,
+        file=file,
+        field=content.name,
     )
-    return scaled_camera(camera, options.evaluated_size_px)
 
 
 def _ego_body(
@@ -174,14 +175,3 @@ def _ego_body(
     field = f"options.cars.body_masks.{name}"
     stored = read_mask(path_inside(root, car.body_masks[name], file=root, field=field), size_px)
     return stored if drawn is None else stored | drawn
-
-
-def _narrowed(model: RadialPolynomialCamera, max_angle_rad: float) -> RadialPolynomialCamera:
-    return RadialPolynomialCamera(
-        width=model.width,
-        height=model.height,
-        principal_point=model.principal_point,
-        coefficients=model.coefficients,
-        aspect_ratio=model.aspect_ratio,
-        max_angle_rad=max_angle_rad,
-    )

@@ -56,7 +56,7 @@ def test_images_without_their_history_are_not_scored(recording):
 
 def test_excluded_images_are_there_under_their_numbers_but_not_scored(recording):
     refs = [(k * STEP_NS, f"x{k}") for k in range(6)]
-    start = Exclusion(recording=recording.name, reason="late", last_frame=1)
+    start = Exclusion(recording=recording.name, reason="late", frames=(None, 1))
     scored = [(frame, is_scored) for frame, _, is_scored in listed(handle_of(recording, refs, (start,)), history=1)]
     assert scored == [(0, False), (1, False), (2, False), (3, True), (4, True), (5, True)]
 

@@ -1,4 +1,4 @@
-"""The stated path tried against what the lidar saw: which reading of speed and yaw rate makes neighbouring sweeps meet.
+"""Ego-motion: limits that no road vehicle exceeds, and the stated path tried against what the lidar saw.
 
 Points of two sweeps are placed in the world by the stated path and by what it would be if speed were km/h, yaw rate
 degrees, a sign reversed, and so on. Where another reading brings the sweeps clearly closer together, it is the right
@@ -8,7 +8,7 @@ one.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +21,79 @@ from bench.geometry import advance_twist, twist_between
 from bench.lidar import LidarSweep
 from bench.recordings import Recording
 from bench.reference.sweeps import place_sweep
-from bench.validation.findings import Finding
+from bench.validation.findings import (
+    EGO_SIDEWAYS_MPS2,
+    EGO_TOP_SPEED_MPS,
+    EGO_TOP_TURN_RADPS,
+    Finding,
+    occurrences,
+    sweep_times,
+)
 from bench.validation.motion import box_of
+
+SECOND_NS = 1_000_000_000
+SPEED_WINDOW_NS = 200_000_000  # single steps of measured poses jitter
+JUMP_MPS2 = 40.0  # a crash; also what a pose that jumps by half a metre between two 10 Hz poses gives
+
+
+def check_ego_limits(recording: Recording) -> Iterator[Finding]:
+    """Speed, turn, cornering and jumps of the path, from poses a fifth of a second apart."""
+    path = recording.trajectory
+    times_ns = path.timestamps_ns
+    after = np.minimum(np.searchsorted(times_ns, times_ns + SPEED_WINDOW_NS), len(times_ns) - 1)
+    before = np.flatnonzero(times_ns[after] > times_ns)
+    after = after[before]
+    turns, paths_m = twist_between(
+        path.rotations[before], path.positions_m[before], path.rotations[after], path.positions_m[after]
+    )
+    seconds = (times_ns[after] - times_ns[before]) / SECOND_NS
+    near = seconds <= 1.0
+    if not near.any():
+        return
+    before, seconds = before[near], seconds[near]
+    speed = np.linalg.norm(paths_m[near], axis=1) / seconds
+    turn = np.linalg.norm(turns[near], axis=1) / seconds
+    tests = (
+        ("ego-speed", "speed", speed, EGO_TOP_SPEED_MPS, "m/s", "km/h where m/s are due?"),
+        ("ego-turn", "yaw rate", turn, EGO_TOP_TURN_RADPS, "rad/s", "degrees per second where rad/s are due?"),
+        ("ego-cornering", "speed times yaw rate", speed * turn, EGO_SIDEWAYS_MPS2, "m/s2",
+         "km/h where m/s, or degrees where radians are due?"),
+    )  # fmt: skip
+    for check, what, values, limit, unit, hint in tests:
+        beyond = values > limit
+        if beyond.any():
+            yield Finding(
+                check=check,
+                field=what,
+                expected=f"at most {limit:.3g} {unit}",
+                got=f"up to {values.max():.3g} {unit}",
+                do=hint,
+                **occurrences(beyond, times_ns[before]),
+            )
+            return  # what follows from a wrong unit is not told again
+    yield from _jumps(recording)
+
+
+def _jumps(recording: Recording) -> Iterator[Finding]:
+    """Poses that leave the line of their neighbours."""
+    path = recording.trajectory
+    if len(path.timestamps_ns) < 4:
+        return
+    seconds = np.diff(path.timestamps_ns) / SECOND_NS
+    velocity = np.diff(path.positions_m, axis=0) / seconds[:, None]
+    change_mps = np.linalg.norm(np.diff(velocity, axis=0), axis=1)
+    span_s = (seconds[1:] + seconds[:-1]) / 2
+    away_m = change_mps * np.minimum(seconds[1:], seconds[:-1])
+    jumps = (change_mps / span_s > JUMP_MPS2) & (away_m > 0.3)
+    if jumps.any():
+        yield Finding(
+            check="ego-jump",
+            field="position",
+            expected="a path without jumps",
+            got=f"{int(jumps.sum())} places where it leaves its line, by up to {away_m[jumps].max():.2f} m",
+            **occurrences(jumps, path.timestamps_ns[1:-1]),
+        )
+
 
 MOST_PAIRS = 6
 APART_NS = (90_000_000, 350_000_000)  # of two sweeps that are compared; nearer ones share points
@@ -96,7 +167,6 @@ def check_path(recording: Recording) -> Iterator[Finding]:
     if means[best] < CLEARLY * means[STATED] - CLEARLY_M and nearer > 0.8 * len(totals[best]):
         yield Finding(
             check="ego-motion-unit",
-            file=recording.trajectory.source,
             field=best.field,
             expected="a path on which neighbouring lidar sweeps meet",
             got=f"sweeps {100 * means[STATED]:.0f} cm apart; {100 * means[best]:.0f} cm if this is {best.told}",
@@ -107,7 +177,7 @@ def check_path(recording: Recording) -> Iterator[Finding]:
 
 def _pairs(recording: Recording) -> list[tuple[int, int]]:
     """Pairs of sweeps between which the vehicle moves, spread over the recording."""
-    times_ns = np.array([sweep.timestamp_ns for sweep in recording.sweeps], dtype=np.int64)
+    times_ns = sweep_times(recording)
     if len(times_ns) < 2:
         return []
     partner = np.searchsorted(times_ns, times_ns + APART_NS[0])
@@ -147,12 +217,7 @@ def _read_as(path: Trajectory, reading: Reading) -> Trajectory:
     for step, advance_m in zip(steps.as_matrix(), advances_m, strict=True):
         positions_m.append(positions_m[-1] + rotations[-1] @ advance_m)
         rotations.append(rotations[-1] @ step)
-    return Trajectory(
-        source=path.source,
-        timestamps_ns=path.timestamps_ns,
-        rotations=Rotation.from_matrix(np.array(rotations)),
-        positions_m=np.array(positions_m),
-    )
+    return replace(path, rotations=Rotation.from_matrix(np.array(rotations)), positions_m=np.array(positions_m))
 
 
 def _distance(source: NDArray[np.float64], target: NDArray[np.float64]) -> float:

@@ -1,0 +1,172 @@
+"""Files of data sets: folders listed by number, texts never read without a limit, large ones part by part."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from os import scandir
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from bench.errors import DataError
+from bench.recordings.atomic import refuse_escape
+from bench.recordings.error_handlers import OnError, reporting
+
+LARGEST_BYTES = 100_000_000  # a million rows of poses
+LARGEST_NUMBER = 1e12  # nothing that is measured comes near, and squares of it stay finite
+READ_BYTES = 65_536
+LONGEST_FRAME_NUMBER = 18  # digits
+
+
+def numbered_files(
+    root: Path, folder: Path, number_of: Callable[[Path], int | None], on_error: OnError, *, each: str
+) -> dict[int, Path]:
+    """The files of a folder by their number, in order; none where the folder does not exist.
+
+    Args:
+        root: folder of the data set, which no file may leave.
+        folder: below it.
+        number_of: of a file, by its name; None for one to pass over.
+        on_error: takes errors of single files: a name that `number_of` refuses, a link that leads outside, a number
+            that two files have.
+        each: what has one file, for messages.
+
+    Raises:
+        DataError: the folder leads outside of `root`.
+    """
+    if not folder.is_dir():
+        return {}
+    refuse_escape(root, folder, file=folder)
+    found: dict[int, Path] = {}
+    for entry in sorted(scandir(folder), key=lambda entry: entry.name):
+        path = folder / entry.name
+        with reporting(on_error):
+            number = number_of(path)
+            if number is None:
+                continue
+            if entry.is_symlink():
+                refuse_escape(root, path, file=path)
+            if number in found:
+                raise DataError(path, expected=f"one file for each {each}", got=f"also {found[number].name}")
+            found[number] = path
+    return dict(sorted(found.items()))
+
+
+def framed_files(root: Path, folder: Path, pattern: str, on_error: OnError) -> dict[int, Path]:
+    """The files of a folder whose whole name fits a pattern, by the frame number in its first group, in order."""
+    named = re.compile(pattern)
+
+    def number_of(path: Path) -> int | None:
+        match = named.fullmatch(path.name)
+        return None if match is None or len(match[1]) > LONGEST_FRAME_NUMBER else int(match[1])
+
+    return numbered_files(root, folder, number_of, on_error, each="frame")
+
+
+def read_object(root: Path, file: Path, *, expected: str) -> dict[str, Any]:
+    """Read a JSON file that holds an object.
+
+    Args:
+        root: folder of the data set, which the file must not leave.
+        file: JSON.
+        expected: what the object is, for messages.
+
+    Raises:
+        DataError: missing, outside of `root`, not JSON or no object.
+    """
+    refuse_escape(root, file, file=file)
+    try:
+        content = json.loads(read_text(file))
+    except (ValueError, RecursionError) as error:
+        raise DataError(file, expected="JSON", got=str(error)) from error
+    if not isinstance(content, dict):
+        raise DataError(file, expected=expected, got=type(content).__name__)
+    return content
+
+
+def read_text(file: Path, *, largest_bytes: int = LARGEST_BYTES, expected: str = "a readable text file") -> str:
+    """Read a text file.
+
+    Args:
+        file: UTF-8 text.
+        largest_bytes: a larger file is refused before it is read.
+        expected: what the file is, for messages.
+
+    Raises:
+        DataError: missing, too large, empty, or not UTF-8.
+    """
+    try:
+        size = file.stat().st_size
+        if size > largest_bytes:
+            raise DataError(file, expected=f"at most {largest_bytes} bytes", got=str(size))
+        text = file.read_text(encoding="utf-8")
+    except OSError as error:
+        raise DataError(file, expected=expected, got=error.strerror or str(error)) from error
+    except UnicodeDecodeError as error:
+        raise DataError(
+            file, expected="UTF-8 text", got=f"byte {error.object[error.start]:#04x} at {error.start}"
+        ) from None
+    if not text.strip():
+        raise DataError(file, expected="text", got="an empty file")
+    return text
+
+
+def numbers(words: list[str], count: int, *, file: Path, field: str) -> list[float]:
+    """Turn words into finite numbers, at most `LARGEST_NUMBER`.
+
+    Args:
+        words: as they stand in the file.
+        count: how many there must be.
+        file: where they come from.
+        field: where in the file.
+
+    Raises:
+        DataError: more or fewer, or something that is not a finite number.
+    """
+    if len(words) != count:
+        raise DataError(file, field=field, expected=f"{count} numbers", got=str(len(words)))
+    values = []
+    for word in words:
+        try:
+            value = float(word)
+        except ValueError:
+            value = float("nan")
+        if not abs(value) <= LARGEST_NUMBER:
+            expected = f"numbers up to {LARGEST_NUMBER:g}" if np.isfinite(value) else "finite numbers"
+            raise DataError(file, field=field, expected=expected, got=repr(word[:40]))
+        values.append(value)
+    return values
+
+
+class MeteredFile:
+    """Hands out a file and stops where one part of it goes on for too long.
+
+    Args:
+        raw: the open file.
+        file: its path, for messages.
+        part: what a part is, in the plural, for messages.
+        largest_bytes: of a part.
+    """
+
+    def __init__(self, raw: IO[bytes], file: Path, *, part: str, largest_bytes: int) -> None:
+        self._raw, self._file, self._part, self._largest, self._since = raw, file, part, largest_bytes, 0
+
+    def read(self, size: int = READ_BYTES) -> bytes:
+        """The next bytes, at most `READ_BYTES`.
+
+        Raises:
+            DataError: the part is longer than it may be.
+        """
+        content = self._raw.read(min(size, READ_BYTES) if size > 0 else READ_BYTES)
+        self._since += len(content)
+        if self._since > self._largest:
+            expected = f"{self._part} of at most {self._largest} bytes"
+            raise DataError(self._file, expected=expected, got="a longer one")
+        return content
+
+    def restart(self) -> None:
+        """A new part begins."""
+        self._since = 0

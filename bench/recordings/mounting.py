@@ -1,0 +1,124 @@
+"""Cameras on the vehicle: lens, mounting, the road below, the evaluated size, masks of the vehicle itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.cameras import CameraModel, camera_from_parameters
+from bench.errors import DataError, ShapeError, UnknownNameError
+from bench.geometry import RigidTransform, RoadPlane
+from bench.recordings.records import MountedCamera
+from bench.recordings.validation import data_error
+
+Polygon = tuple[tuple[float, float], ...]
+
+
+def mounted_camera(
+    name: str,
+    model: CameraModel,
+    vehicle_from_camera: RigidTransform,
+    *,
+    ground_height_m: float = 0.0,
+    ego_body: NDArray[np.bool_] | None,
+    evaluated_size_px: tuple[int, int] | None,
+    file: Path,
+    field: str,
+) -> MountedCamera:
+    """A camera at the size at which it is evaluated.
+
+    Args:
+        name: unique in the recording.
+        model: the lens, at the size of the stored images.
+        vehicle_from_camera: the mounting.
+        ground_height_m: height of the road in the vehicle frame.
+        ego_body: as of the camera, at the size of the stored images.
+        evaluated_size_px: (width, height); None for as stored.
+        file: that says where the camera is, for messages.
+        field: the same.
+
+    Raises:
+        DataError: a camera that is not above the road.
+    """
+    try:
+        road = RoadPlane.below(vehicle_from_camera, ground_height_m=ground_height_m)
+    except ShapeError as error:
+        raise data_error(error, file=file, field=field) from error
+    camera = MountedCamera(
+        name=name,
+        model=model,
+        vehicle_from_camera=vehicle_from_camera,
+        road=road,
+        stored_size_px=(model.width, model.height),
+        ego_body=ego_body,
+    )
+    return scaled_camera(camera, evaluated_size_px)
+
+
+def scaled_camera(camera: MountedCamera, size_px: tuple[int, int] | None) -> MountedCamera:
+    """The same camera evaluated at another size; the images on disk stay as they are.
+
+    Args:
+        camera: at any size.
+        size_px: (width, height); None to change nothing.
+    """
+    if size_px is None or tuple(size_px) == (camera.model.width, camera.model.height):
+        return camera
+    body = camera.ego_body
+    if body is not None:
+        body = cv2.resize(body.astype(np.uint8), tuple(size_px), interpolation=cv2.INTER_NEAREST).astype(bool)
+    return replace(camera, model=camera.model.scaled(*size_px), ego_body=body)
+
+
+def body_mask(size_px: tuple[int, int], polygons: Sequence[Polygon]) -> NDArray[np.bool_] | None:
+    """Fill polygons.
+
+    Args:
+        size_px: (width, height) of the stored images.
+        polygons: corners (u, v) in stored pixels.
+
+    Returns:
+        (height, width) bool, True inside; None without polygons.
+    """
+    if not polygons:
+        return None
+    filled = np.zeros((size_px[1], size_px[0]), dtype=np.uint8)
+    for polygon in polygons:  # one call for all leaves out where two overlap
+        cv2.fillPoly(filled, [np.rint(polygon).astype(np.int32)], 1)
+    return filled.astype(bool)
+
+
+def camera_model(stated: Mapping[str, Any], image_size: tuple[int, int], *, file: Path, field: str) -> CameraModel:
+    """The lens of a camera.
+
+    Args:
+        stated: `model` is the name of a camera model, the rest are its parameters without the image size.
+        image_size: (width, height), px.
+        file: where they stand, for messages.
+        field: the same.
+
+    Raises:
+        DataError: no such model, or values that make none.
+    """
+    model = stated.get("model")
+    if not isinstance(model, str):
+        raise DataError(file, field=f"{field}.model", expected="the name of a camera model", got=repr(model))
+    if taken := {"width", "height"} & set(stated):
+        raise DataError(file, field=f"{field}.{taken.pop()}", expected="no such key", got="one; image_size says it")
+    parameters = {key: value for key, value in stated.items() if key != "model"}
+    try:
+        return camera_from_parameters(model, width=image_size[0], height=image_size[1], **parameters)
+    except UnknownNameError as error:
+        raise DataError(
+            file, field=f"{field}.model", expected=f"one of {', '.join(error.known)}", got=repr(model)
+        ) from error
+    except ShapeError as error:
+        raise data_error(error, file=file, field=field) from error
+    except (TypeError, ValueError) as error:
+        raise DataError(file, field=field, expected="numbers", got=str(error)) from error
