@@ -53,7 +53,7 @@ def polygon_table(audit: AuditSummary) -> formats.TextTable:
         frames = max(p.object_frames for (n, r, _), p in found.items() if (n, r) == (name, range_m))
         limit = next(p.solid.median for (n, r, _), p in found.items() if (n, r) == (name, range_m))
         rows.append((name, range_m, str(frames), *(cell for part in cells for cell in part), f"{100 * limit:.0f}"))
-    headings = [f"{kind} {what}" for kind in audit.polygon_kinds for what in ("IoU %", "area %")]
+    headings = [f"{kind.replace('-', ' ')} {what}" for kind in audit.polygon_kinds for what in ("IoU %", "area %")]
     return formats.TextTable(
         title="How well the reference polygons cover what the camera sees",
         headings=("Class", "Range m", "Frames", *headings, "Filled IoU %"),

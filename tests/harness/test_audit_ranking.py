@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.lines import Line2D
 
 from bench.audit.predictions import ALL_PREDICTIONS, Prediction, SharedStep, shortened_input
 from bench.audit.ranking import (
@@ -34,6 +35,7 @@ from bench.methods import MethodInput, build_method
 from bench.methods.spherical.method import SphericalMethod
 from bench.recordings import load_card
 from bench.reference import IgnoreReason, Status
+from bench.reporting.audit_ranking import draw_ranking, ranking_tables
 from tests.cli.test_commands import call
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object
 
@@ -300,9 +302,15 @@ def test_the_command_prints_the_tables_and_leaves_the_files(monkeypatch, capsys,
     shown = capsys.readouterr().out
     for text in ("Agreement with the exact masks", "What a perfect method scores", "never beats", "too few"):
         assert text in shown
+    assert "\u2026" not in shown  # no cell is cut
     for name in ("ranking.json", "ranking.md", "ranking.csv", "ranking.png", "ranking.svg"):
         assert (tmp_path / name).stat().st_size > 100
         assert str(tmp_path / name) in shown
+    found, text = read_ranking(tmp_path), (tmp_path / "ranking.md").read_text()
+    for table in ranking_tables(found):
+        assert table.title in text
+        assert all(len(cells) == len(table.headings) for cells in table.rows)
+    assert draw_ranking(found).findobj(Line2D)
     rows = list(csv.DictReader((tmp_path / "ranking.csv").read_text().splitlines()))
     assert {row["prediction"] for row in rows if row["table"] == "scores"} == set(METHODS.split(","))
     assert call(monkeypatch, *words, "--protocol", "surface-v1") == 2
