@@ -173,7 +173,7 @@ class RankingSummary(_Part):
         The order counts in rows with at least six recordings.
         """
         found = [
-            f"tau {row.agreement[reference].tau.value:.2f} in {row.name}"
+            f"tau {row.agreement[reference].tau.value:.2f} in {row.name.replace('_', ' ')}"
             for row in self.rows
             if row.recordings >= FEWEST_RECORDINGS and row.agreement[reference].tau.value < LEAST_TAU
         ]

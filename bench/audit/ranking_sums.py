@@ -12,7 +12,6 @@ from bench.audit.predictions import CameraPredictions, Prediction
 from bench.audit.sources import AuditSource, instance_ids, refuse_without_masks, same_objects
 from bench.errors import BenchError
 from bench.evaluation import count_frame, load_protocol
-from bench.evaluation.sums import coverage, detected, intersection_over_union
 from bench.harness.frames import UnscorableFrame
 from bench.harness.provenance import recording_fingerprint
 from bench.harness.stages import StageClock
@@ -111,11 +110,8 @@ def _rows_of(category: Category | None) -> list[int]:
 
 def _of_object(tp: int, fp: int, fn: int) -> NDArray[np.float64]:
     """Accumulators of one object-frame, in the order of `SUMS`."""
-    counts = (np.array([count], dtype=np.float64) for count in (tp, fp, fn))
-    tp_px, fp_px, fn_px = counts
-    covered, seen = coverage(tp_px, fn_px), detected(tp_px)
-    overlap = intersection_over_union(tp_px, fp_px, fn_px)
-    return np.concatenate([np.ones(1), overlap, seen, covered * seen, covered >= 0.5, np.zeros(1)])
+    covered, overlap = tp / (tp + fn), tp / (tp + fp + fn)  # what is evaluated has pixels
+    return np.array([1.0, overlap, tp > 0, covered if tp else 0.0, covered >= 0.5, 0.0])
 
 
 def _of_frame(false_positive_share: float) -> NDArray[np.float64]:

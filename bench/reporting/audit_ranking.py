@@ -9,6 +9,7 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from bench.audit.predictions import ALL_PREDICTIONS
 from bench.audit.ranking import (
     LARGEST_DIFFERENCE,
     LARGEST_REAL_DIFFERENCE,
@@ -42,7 +43,8 @@ OTHERS = {"tpr": "TPR", "detection_rate_50": "Detection at 50 %"}
 
 def row_label(name: str) -> str:
     """What a row is called in tables and pictures."""
-    return {ALL_MOVING: "All moving", FALSE_POSITIVES: "False positives"}.get(name) or formats.LABELS[Category(name)]
+    others = {ALL_MOVING: "All moving", FALSE_POSITIVES: "False positives"}
+    return others.get(name) or formats.LABELS[Category(name)].partition(" (")[0]
 
 
 def overview_table(ranking: RankingSummary) -> formats.TextTable:
@@ -51,18 +53,20 @@ def overview_table(ranking: RankingSummary) -> formats.TextTable:
     for reference in LIDAR:
         differences = [100 * ranking.mean_difference(reference, real=real) for real in (False, True)]
         taus = [decimal(row.agreement[reference].tau.value) for row in ranking.rows]
-        aims = "; ".join(ranking.misses(reference)) or "met"
-        rows.append((NAMES[reference], *(f"{value:.1f}" for value in differences), *taus, aims))
-    taus = [f"tau {row_label(row.name).split(' (')[0].lower()}" for row in ranking.rows]
+        checks = [check for row in ranking.rows for check in row.checks if check.reference == reference]
+        wins = f"{sum(not check.holds for check in checks)} of {len(checks)}"
+        aims = "; ".join(ranking.misses(reference)) or "none"
+        rows.append((NAMES[reference], *(f"{value:.1f}" for value in differences), *taus, wins, aims))
+    taus = [f"tau {row_label(row.name).lower()}" for row in ranking.rows]
     return formats.TextTable(
         title="Agreement with the exact masks",
-        headings=("Reference", "IoU points, all", "real methods", *taus, "Aims missed"),
+        headings=("Reference", "IoU points, all", "real methods", *taus, "Wrong masks win", "Aims missed"),
         rows=rows,
         note="Points: mean absolute difference of IoU from the score against exact masks, over the predictions and the "
         "kinds of motion. Tau: Kendall's tau-b of the two orders of the predictions, by IoU, of false positives by "
         f"their area. The aims: tau of at least {LEAST_TAU} in every row with at least {FEWEST_RECORDINGS} recordings, "
         f"at most {100 * LARGEST_DIFFERENCE:g} points over all predictions and {100 * LARGEST_REAL_DIFFERENCE:g} over "
-        "real methods.",
+        "real methods. Wrong masks: how often a hull-shaped or a fat mask scores more than the exact one.",
         labels=1,
     )
 
@@ -197,7 +201,7 @@ def to_markdown(ranking: RankingSummary) -> str:
         f"# Does the lidar reference of {escape_markdown(ranking.dataset)} rank methods as the truth does?",
         f"{len(ranking.predictions)} predictions, {len(ranking.real)} of them real methods, against four lidar "
         f"references and the exact masks, over the same object-frames of {ranking.images} images of "
-        f"{ranking.recordings} recordings.",
+        f"{ranking.recordings} recordings. Made by `{_command(ranking)}`.",
         "![Scores against lidar references over scores against exact masks](ranking.png)",
     )
     tables = (
@@ -206,6 +210,12 @@ def to_markdown(ranking: RankingSummary) -> str:
         *(score_table(row) for row in ranking.rows if row.cases),
     )
     return "\n\n".join([*head, *markdown_sections(tables)]) + "\n"
+
+
+def _command(ranking: RankingSummary) -> str:
+    methods = "all" if ranking.predictions == ALL_PREDICTIONS else ",".join(ranking.predictions)
+    split = "" if ranking.split is None else f" --split {ranking.split}"
+    return f"fisheye-bench audit {ranking.card} --recordings {ranking.recordings}{split} --methods {methods}"
 
 
 def to_csv(ranking: RankingSummary) -> str:
@@ -233,7 +243,7 @@ def _csv_rows(ranking: RankingSummary) -> Iterator[dict[str, object]]:
                                 "low": low, "high": high}  # fmt: skip
 
 
-_PANEL_IN, _LEFT_IN, _GAP_IN, _BELOW_IN, _TOP_IN, _COLUMNS = 2.1, 0.5, 0.45, 0.62, 0.55, 4
+_PANEL_IN, _LEFT_IN, _GAP_IN, _BELOW_IN, _TOP_IN, _COLUMNS = 2.1, 0.5, 0.55, 0.72, 0.6, 4
 
 
 @canvas.styled
@@ -242,7 +252,7 @@ def draw_ranking(ranking: RankingSummary) -> Figure:
     rows = [row for row in ranking.rows if row.cases]
     lines = -(-(len(rows) + 1) // _COLUMNS)  # one place for the legend
     width_in = _LEFT_IN + _COLUMNS * (_PANEL_IN + _GAP_IN)
-    height_in = _TOP_IN + lines * (_PANEL_IN + _BELOW_IN)
+    height_in = _TOP_IN + lines * (_PANEL_IN + _BELOW_IN) - 0.3  # the last line has no title below it
     figure = canvas.new_figure(width_in, height_in)
     for number, row in enumerate(rows):
         down, right = divmod(number, _COLUMNS)
@@ -275,8 +285,8 @@ def _draw_row(axes: Axes, row: RankedRow, ranking: RankingSummary) -> None:
                 x, y, MARKERS[reference], color=COLOURS[reference], markersize=3.6, markeredgewidth=0.9, zorder=3,
                 markerfacecolor=COLOURS[reference] if real else "none", label=NAMES[reference] if real else "_",
             )  # fmt: skip
-    unit = "area of the image (%)" if areas else "IoU (%)"
-    axes.set(xlim=limits, ylim=limits, xlabel=f"{unit}, exact masks", ylabel=f"{unit}, lidar")
+    unit = "image area (%)" if areas else "IoU (%)"
+    axes.set(xlim=limits, ylim=limits, xlabel=f"{unit}, exact masks", ylabel=f"{unit}, lidar reference")
     axes.xaxis.labelpad = axes.yaxis.labelpad = 1.5
     axes.set_title(f"{row_label(row.name)}\n{row.recordings} recordings, {row.cases} frames", pad=3)
     axes.grid(color=canvas.LIGHT_GREY, linewidth=0.4)
