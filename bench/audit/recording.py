@@ -21,7 +21,7 @@ from bench.audit.causes import (
     run_three_times,
 )
 from bench.audit.polygons import POLYGONS_SCHEMA, PolygonAuditor
-from bench.audit.sources import AuditSource, SimulatedTruth, instance_ids, paired_references
+from bench.audit.sources import AuditSource, SimulatedTruth, instance_ids, refuse_without_masks, same_objects
 from bench.errors import BenchError, DataError
 from bench.evaluation import Protocol, SequenceScorer
 from bench.harness.frames import FramePipeline, UnscorableFrame
@@ -82,7 +82,7 @@ def audit_recording(source: AuditSource, *, method: Method, protocol: Protocol) 
     clock = StageClock()
     with clock.stage("open"):
         recording = source.recorded.open()
-        _refuse_without_masks(recording)
+        refuse_without_masks(recording)
         exact, problems = _exact_recording(source, method)
     found = [_nothing(recording_fingerprint(recording), problems)]
     for name in sorted(recording.cameras):
@@ -127,16 +127,6 @@ def _nothing(fingerprint: str, problems: list[str]) -> RecordingAudit:
         problems=problems,
         seconds={},
     )
-
-
-def _refuse_without_masks(recording: Recording) -> None:
-    if not any(image.truth_path for images in recording.images.values() for image in images):
-        raise DataError(
-            recording.root,
-            expected="rendered masks (truth/<camera>/<timestamp_ns>.png), against which an audit compares",
-            got="a recording without",
-            do="audit a rendered data set, for example datasets/demo.yaml",
-        )
 
 
 def _exact_recording(source: AuditSource, method: Method) -> tuple[Recording | None, list[str]]:
@@ -231,7 +221,7 @@ class _CameraAudit:
         return tuple(Scoring) if self._simulated is not None else (Scoring.LIDAR, Scoring.MASKS)
 
     def _judge(self, given: MethodInput, ids: NDArray[np.uint16], reference: ReferenceFrame) -> None:
-        by_lidar, by_masks = paired_references(reference, ids, self._instance_of)
+        by_lidar, by_masks = same_objects([reference], ids, self._instance_of)
         self._not_seen += _evaluated(reference) - _evaluated(by_masks)
         if self._simulated is None:
             with self._clock.stage("method"):

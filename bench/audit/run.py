@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
 from functools import partial
 from pathlib import Path
 
 from bench.audit.recording import RecordingAudit, Scoring, audit_recording, joined
 from bench.audit.reduce import aims, false_alarm_figures, miss_figures, polygon_figures, scores
 from bench.audit.results import SCHEMA_VERSION, AuditSummary, write_audit
-from bench.audit.sources import NO_SCENARIO, AuditSource, audit_sources
-from bench.errors import DataError
+from bench.audit.sources import NO_SCENARIO, AuditSource, audit_each, audit_sources
 from bench.evaluation import Protocol
 from bench.evaluation.summary import ProtocolStamp
-from bench.execution import FailedTask, SerialExecutor, TaskExecutor
+from bench.execution import SerialExecutor, TaskExecutor
 from bench.harness import provenance as origin
 from bench.harness.keys import MethodIdentity
 from bench.harness.method_stamp import MethodStamp
@@ -23,8 +20,6 @@ from bench.methods import Method
 from bench.methods.spherical.method import SphericalMethod
 from bench.recordings import DatasetCard
 from bench.reference import POLYGON_KINDS
-
-Outcome = RecordingAudit | DataError | FailedTask
 
 
 def run_audit(
@@ -58,15 +53,13 @@ def run_audit(
     """
     start = origin.Start.now()
     sources = audit_sources(card, split=split, recordings=recordings)
-    outcomes = _outcomes(sources, executor, partial(_outcome, method=method, protocol=protocol), progress)
-    audits = [outcome for outcome in outcomes.values() if isinstance(outcome, RecordingAudit)]
-    failures = [
-        f"recording {name!r}: {outcome.reason if isinstance(outcome, FailedTask) else outcome}"
-        for name, outcome in outcomes.items()
-        if not isinstance(outcome, RecordingAudit)
-    ]
-    if not audits:
-        raise _nothing_audited(card, outcomes, failures)
+    audits, failures = audit_each(
+        sources,
+        partial(audit_recording, method=method, protocol=protocol),
+        card=card,
+        executor=executor,
+        progress=progress,
+    )
     audit = joined(audits)
     summary = _summary(
         audit,
@@ -133,34 +126,3 @@ def _left_out(sources: tuple[AuditSource, ...], method: Method, audit: Recording
     if sources[0].scenario is None:
         return NO_SCENARIO
     return "the scene of no recording could be simulated again; see the failures"
-
-
-def _outcomes(
-    sources: Sequence[AuditSource],
-    executor: TaskExecutor,
-    audit_one: Callable[[AuditSource], RecordingAudit | DataError],
-    progress: Progress | None,
-) -> dict[str, Outcome]:
-    """What became of each recording, by name, in the order of the data set."""
-    found: dict[str, Outcome] = {}
-    with executor, closing(executor.compute(audit_one, sources)) as results:
-        for source, outcome in results:
-            found[source.recorded.name] = outcome
-            if progress is not None:
-                progress(len(found), len(sources))
-    return {source.recorded.name: found[source.recorded.name] for source in sources}
-
-
-def _outcome(source: AuditSource, *, method: Method, protocol: Protocol) -> RecordingAudit | DataError:
-    """The audit, or the user's mistake that prevents it; a bug goes on upwards."""
-    try:
-        return audit_recording(source, method=method, protocol=protocol)
-    except DataError as error:
-        return error
-
-
-def _nothing_audited(card: DatasetCard, outcomes: Mapping[str, Outcome], failures: Sequence[str]) -> DataError:
-    """The first recording's own error, which says what to do; else all that was lost."""
-    mistakes = (outcome for outcome in outcomes.values() if isinstance(outcome, DataError))
-    lost = DataError(card.file, expected="a recording that can be audited", got="; ".join(failures) or "none")
-    return next(mistakes, lost)

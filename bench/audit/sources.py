@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence, Set
+from contextlib import closing
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.cameras import ray_grid
 from bench.errors import DataError, UsageError
+from bench.execution import FailedTask, TaskExecutor
+from bench.harness.stages import Progress
 from bench.methods import MethodInput
-from bench.recordings import DatasetCard, MountedCamera, RecordingHandle, open_dataset
+from bench.recordings import DatasetCard, MountedCamera, Recording, RecordingHandle, open_dataset
 from bench.reference import IgnoreReason, ReferenceFrame, ReferenceObject, Status
 from bench.synthesis import Scenario, read_scenario
 from bench.synthesis.exact_flow import ExactFlow, ExactFlowCaster
 from bench.synthesis.scenario import RecordingSpec
 from bench.synthesis.scene import build_scene
 
+Found = TypeVar("Found")
 EXACT = {"calibration": "exact"}
 NO_SCENARIO = "the data set's card names no scenario, so there is no exact flow"
 
@@ -71,9 +77,79 @@ def _spread(handles: tuple[RecordingHandle, ...], expected: int | None) -> tuple
     return tuple(handles[k * len(handles) // expected] for k in range(expected))
 
 
+def audit_each(
+    sources: Sequence[AuditSource],
+    work: Callable[[AuditSource], Found],
+    *,
+    card: DatasetCard,
+    executor: TaskExecutor,
+    progress: Progress | None,
+) -> tuple[list[Found], list[str]]:
+    """Do the same with every recording.
+
+    Args:
+        sources: the recordings.
+        work: a function of a module, or a partial of one; its `DataError` is the failure of the recording.
+        card: the data set.
+        executor: does the work; the result does not depend on it.
+        progress: called with the recordings done and their number.
+
+    Returns:
+        found: of the recordings that could be used, in the order of the data set.
+        failures: one line for each of the others.
+
+    Raises:
+        DataError: none could be used; the first one's own error, which says what to do, where there is one.
+    """
+    outcomes: dict[str, Found | DataError | FailedTask] = {}
+    with executor, closing(executor.compute(partial(_or_mistake, work=work), sources)) as results:
+        for source, outcome in results:
+            outcomes[source.recorded.name] = outcome
+            if progress is not None:
+                progress(len(outcomes), len(sources))
+    found: list[Found] = []
+    failures, mistakes = [], []
+    for name in (source.recorded.name for source in sources):
+        outcome = outcomes[name]
+        if isinstance(outcome, FailedTask):
+            failures.append(f"recording {name!r}: {outcome.reason}")
+        elif isinstance(outcome, DataError):
+            failures.append(f"recording {name!r}: {outcome}")
+            mistakes.append(outcome)
+        else:
+            found.append(outcome)
+    if not found:
+        lost = DataError(card.file, expected="a recording that can be audited", got="; ".join(failures) or "none")
+        raise next(iter(mistakes), lost)
+    return found, failures
+
+
+def _or_mistake(source: AuditSource, *, work: Callable[[AuditSource], Found]) -> Found | DataError:
+    """What the work gives, or the user's mistake that prevents it; a bug goes on upwards."""
+    try:
+        return work(source)
+    except DataError as error:
+        return error
+
+
 def _exact_card(card: DatasetCard) -> DatasetCard:
     options = {**card.content.options, **EXACT}
     return replace(card, content=card.content.model_copy(update={"options": options}))
+
+
+def refuse_without_masks(recording: Recording) -> None:
+    """Refuse what was recorded, not rendered.
+
+    Raises:
+        DataError: no image has an exact mask.
+    """
+    if not any(image.truth_path for images in recording.images.values() for image in images):
+        raise DataError(
+            recording.root,
+            expected="rendered masks (truth/<camera>/<timestamp_ns>.png), against which an audit compares",
+            got="a recording without",
+            do="audit a rendered data set, for example datasets/demo.yaml",
+        )
 
 
 LARGEST_DISAGREEMENT = 0.02  # of the cells that show an object, over a recording
@@ -174,47 +250,55 @@ def instance_ids(tracks: Mapping[str, int | None]) -> dict[str, int]:
     return {track: -1 if number is None else number for track, number in tracks.items()}
 
 
-def paired_references(
-    lidar: ReferenceFrame, ids: NDArray[np.uint16], instance_of: Mapping[str, int]
-) -> tuple[ReferenceFrame, ReferenceFrame]:
-    """Two references that differ in their regions alone.
+def same_objects(
+    by_lidar: Sequence[ReferenceFrame], ids: NDArray[np.uint16], instance_of: Mapping[str, int]
+) -> tuple[ReferenceFrame, ...]:
+    """References of one image that differ in their regions alone; the exact masks make the last one.
 
-    Status, reason and category of every object are the lidar's. An object of which the camera sees no pixel cannot be
-    scored by a mask: it is ignored as occluded in both, so that both are over the same object-frames.
+    An object is evaluated in all of them or in none. Ignored are those that a lidar reference does not evaluate, and
+    those of which the camera sees no pixel, which a mask cannot score (as occluded). Category and reason of every other
+    object are the first lidar reference's.
 
     Args:
-        lidar: the reference of the protocol.
+        by_lidar: at least one, of the same annotations.
         ids: (H, W) uint16, the image's true instance ids.
         instance_of: instance id by track.
 
     Returns:
-        The lidar's reference, and the one whose regions G and I are the exact masks in V.
+        The lidar references, and the one whose regions G and I are the exact masks in V.
     """
+    first = by_lidar[0]
     shown = ids.astype(np.int32)
-    masks = [(shown == instance_of[item.track_id]) & lidar.valid for item in lidar.objects]
-    unseen = [
-        item.status is Status.EVALUATED and not mask.any() for item, mask in zip(lidar.objects, masks, strict=True)
-    ]
-    by_lidar = _with_ignored(lidar, unseen)
-    labels, ignored = np.zeros_like(lidar.labels), np.zeros_like(lidar.ignored)
+    masks = {item.track_id: (shown == instance_of[item.track_id]) & first.valid for item in first.objects}
+    evaluated = {track_id for track_id, mask in masks.items() if mask.any()}
+    for reference in by_lidar:
+        evaluated &= {item.track_id for item in reference.objects if item.status is Status.EVALUATED}
+    same = [_evaluating(reference, evaluated) for reference in by_lidar]
+    labels, ignored = np.zeros_like(first.labels), np.zeros_like(first.ignored)
     objects: list[ReferenceObject] = []
-    for number, (item, mask) in enumerate(zip(by_lidar.objects, masks, strict=True), start=1):
+    for number, item in enumerate(same[0].objects, start=1):
+        mask = masks[item.track_id]
         if item.status is Status.EVALUATED:
             labels[mask] = number
             item = replace(item, region_px=int(np.count_nonzero(mask)), unknown_px=0)
         elif item.status is Status.IGNORED:
             ignored |= mask
         objects.append(item)
-    return by_lidar, replace(lidar, objects=tuple(objects), labels=labels, ignored=ignored)
+    return (*same, replace(first, objects=tuple(objects), labels=labels, ignored=ignored))
 
 
-def _with_ignored(reference: ReferenceFrame, which: list[bool]) -> ReferenceFrame:
-    """The reference with some of its evaluated objects ignored, their regions among the ignored ones."""
-    if not any(which):
+def _evaluating(reference: ReferenceFrame, evaluated: Set[str]) -> ReferenceFrame:
+    """The reference with its other evaluated objects ignored, their regions among the ignored ones."""
+    others = [
+        index
+        for index, item in enumerate(reference.objects)
+        if item.status is Status.EVALUATED and item.track_id not in evaluated
+    ]
+    if not others:
         return reference
     labels, ignored = reference.labels.copy(), reference.ignored.copy()
     objects = list(reference.objects)
-    for index in np.flatnonzero(which).tolist():
+    for index in others:
         objects[index] = replace(
             objects[index], status=Status.IGNORED, reason=IgnoreReason.OCCLUDED, region_px=0, unknown_px=0
         )

@@ -12,7 +12,7 @@ from typing import Annotated, Literal, TextIO
 import typer
 
 from bench.cli.start import refuse_unfit, report_lack_of_memory
-from bench.errors import DISK_FULL, BenchError
+from bench.errors import DISK_FULL, BenchError, UsageError
 
 DATA_ERROR = 2
 OWN_FAULT = 70  # EX_SOFTWARE of sysexits.h; 1, Python's own, would be a verdict of the gate
@@ -446,6 +446,14 @@ def sweep(
 @app.command()
 def audit(
     dataset: Dataset,
+    methods: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B,...",
+            help="Rank these methods by lidar references and by exact masks instead; settings behind colons, as in "
+            "spherical:flow=dis,truth:grow_px=4; `all` for a list of good and bad ones.",
+        ),
+    ] = None,
     method: MethodName = "spherical",
     set_: Settings = None,
     protocol: ProtocolName = "paper-v1",
@@ -459,21 +467,30 @@ def audit(
 ) -> None:
     """Audit a rendered data set: lidar polygons against exact masks, and why the method misses.
 
-    An audit that was interrupted begins again.
+    With --methods: whether the lidar references rank methods as the exact masks do. An audit that was interrupted
+    begins again.
     """
     from bench.cli import auditing
 
-    failures = auditing.audit(
-        dataset,
-        method=method,
-        settings=set_ or [],
-        protocol=protocol,
-        split=split,
-        out=out,
-        recordings=recordings,
-        workers=workers,
-        pictures=pictures,
-    )
+    if methods is not None:
+        if set_ or method != "spherical" or protocol != "paper-v1":
+            raise UsageError(
+                "--methods: expected none of --method, --set and --protocol beside it; settings follow a method's name "
+                "behind a colon, and the references are always the same"
+            )
+        failures = auditing.rank(dataset, methods=methods, split=split, out=out, recordings=recordings, workers=workers)
+    else:
+        failures = auditing.audit(
+            dataset,
+            method=method,
+            settings=set_ or [],
+            protocol=protocol,
+            split=split,
+            out=out,
+            recordings=recordings,
+            workers=workers,
+            pictures=pictures,
+        )
     if failures:
         raise typer.Exit(DATA_ERROR)
 

@@ -1,23 +1,30 @@
-"""`audit`: how good the lidar reference is, and why a method misses."""
+"""`audit`: how good the lidar reference is, why a method misses, and whether the reference ranks as the truth does."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from bench.audit import audit_sources, read_misses, read_polygons, run_audit
+from bench.audit.predictions import ALL_PREDICTIONS, Prediction
+from bench.audit.ranking import run_ranking
 from bench.cli.computing import local_executor, parse_settings, render_if_synthetic
 from bench.cli.console import print_failures, progress_bar, say, show
 from bench.cli.interrupts import interruptible
+from bench.errors import UsageError
 from bench.evaluation import load_protocol
+from bench.harness import Provenance, build_scorable
 from bench.methods import build_method
 from bench.methods.spherical.method import SphericalMethod
 from bench.recordings import load_card
 from bench.recordings.atomic import output_folder
 from bench.reporting.audit_pictures import write_audit_files, write_cause_pictures, write_examples
-from bench.reporting.audit_tables import to_rich
+from bench.reporting.audit_ranking import ranking_tables, write_ranking_files
+from bench.reporting.audit_tables import audit_tables, to_rich
+from bench.reporting.formats import TextTable
 
 AUDITS = Path("reports/audit")
+LEFT = "nothing of the audit is stored, and the same command begins it again"
 
 
 def audit(
@@ -36,10 +43,9 @@ def audit(
     card, rules = load_card(dataset), load_protocol(protocol)
     chosen = build_method(method, parse_settings(settings))
     folder = out or AUDITS / card.name
-    left = "nothing of the audit is stored, and the same command begins it again"
     with output_folder(folder):
         render_if_synthetic(card)
-        with interruptible(left), progress_bar(f"auditing {card.name}", "recordings") as report:
+        with interruptible(LEFT), progress_bar(f"auditing {card.name}", "recordings") as report:
             found = run_audit(
                 card,
                 method=chosen,
@@ -57,16 +63,85 @@ def audit(
         files += write_examples(folder, found, read_polygons(folder), handles=handles, protocol=rules)
         if isinstance(chosen, SphericalMethod):
             files += write_cause_pictures(folder, read_misses(folder), sources=sources, method=chosen, protocol=rules)
-    for table, note in to_rich(found):
+    _print_tables(audit_tables(found))
+    _print_cost(found.provenance, recordings=found.recordings)
+    if found.left_out:
+        say(f"without exact flow: {found.left_out}")
+    _print_ends(found.failures, files, all_in="audit.json")
+    return len(found.failures)
+
+
+def rank(
+    dataset: str,
+    *,
+    methods: str,
+    split: str | None,
+    out: Path | None,
+    recordings: int | None,
+    workers: int | None,
+) -> int:
+    """Rank methods by every reference, write tables and picture, print the tables and the paths.
+
+    Returns:
+        The number of failures.
+    """
+    predictions = parse_methods(methods)
+    card = load_card(dataset)
+    folder = out or AUDITS / card.name
+    with output_folder(folder):
+        render_if_synthetic(card)
+        with interruptible(LEFT), progress_bar(f"ranking {len(predictions)} on {card.name}", "recordings") as report:
+            found = run_ranking(
+                card,
+                predictions=predictions,
+                out=folder,
+                split=split,
+                recordings=recordings,
+                executor=local_executor(workers),
+                progress=report,
+            )
+    files = write_ranking_files(folder)
+    _print_tables(ranking_tables(found))
+    _print_cost(found.provenance, recordings=found.recordings)
+    _print_ends(found.failures, files, all_in="ranking.json")
+    return len(found.failures)
+
+
+def parse_methods(text: str) -> tuple[Prediction, ...]:
+    """Build the methods of a list with commas, settings behind colons: `spherical,spherical:flow=dis:cell_size_px=4`.
+
+    Args:
+        text: the list, or "all".
+
+    Raises:
+        UsageError: a method or a setting that does not exist, or words behind a setting that are none.
+    """
+    names = ALL_PREDICTIONS if text == "all" else tuple(name.strip() for name in text.split(","))
+    return tuple(_prediction(name) for name in names)
+
+
+def _prediction(name: str) -> Prediction:
+    words = name.split(":")
+    settings = [word for word in words if "=" in word]
+    method = words[: len(words) - len(settings)]  # "module:Class" has a colon of its own
+    if any("=" in word for word in method):
+        raise UsageError(f"--methods: expected METHOD:NAME=VALUE:NAME=VALUE, got {name!r}")
+    return Prediction(name=name, method=build_scorable(":".join(method), parse_settings(settings)))
+
+
+def _print_tables(tables: Iterable[TextTable]) -> None:
+    for table, note in to_rich(tables):
         show(table)
         say(note, style="dim")
         say("")
-    made = found.provenance
+
+
+def _print_cost(made: Provenance, *, recordings: int) -> None:
     stages = ", ".join(f"{name} {seconds:.1f}" for name, seconds in made.stage_seconds.items())
-    say(f"{made.images} images of {found.recordings} recordings in {made.seconds:.1f} s ({stages})")
-    if found.left_out:
-        say(f"without exact flow: {found.left_out}")
-    print_failures(found.failures, all_in="audit.json")
+    say(f"{made.images} images of {recordings} recordings in {made.seconds:.1f} s ({stages})")
+
+
+def _print_ends(failures: Sequence[str], files: Iterable[Path], *, all_in: str) -> None:
+    print_failures(failures, all_in=all_in)
     for file in files:
         say(str(file))
-    return len(found.failures)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from rich.table import Table
 from rich.text import Text
@@ -245,10 +245,15 @@ def to_markdown(audit: AuditSummary) -> str:
     ]
     if audit.left_out:
         head.append(f"Without exact flow: {escape_markdown(audit.left_out)}.")
-    for table in audit_tables(audit):
-        cells = formats.markdown_table(table.headings, table.rows, labels=table.labels, rules=("---", "---:"))
-        head += [f"## {table.title}", cells, table.note]
-    return "\n\n".join(head) + "\n"
+    return "\n\n".join([*head, *markdown_sections(audit_tables(audit))]) + "\n"
+
+
+def markdown_sections(tables: Iterable[formats.TextTable]) -> Iterator[str]:
+    """Heading, table and note of each, GitHub's Markdown."""
+    for table in tables:
+        yield f"## {table.title}"
+        yield formats.markdown_table(table.headings, table.rows, labels=table.labels, rules=("---", "---:"))
+        yield table.note
 
 
 _COLUMNS = ["table", "kind", "compensation", "slice", "range_m", "figure", "cases", "value"]
@@ -293,9 +298,9 @@ def _quartiles(found: PolygonFigures) -> dict[str, Quartiles]:
 _WIDEST = 8  # columns of a table that a terminal holds
 
 
-def to_rich(audit: AuditSummary) -> Iterator[tuple[Table, str]]:
-    """The tables for a console of at least 110 columns, each with its note; nothing is printed here."""
-    for item in audit_tables(audit):
+def to_rich(tables: Iterable[formats.TextTable]) -> Iterator[tuple[Table, str]]:
+    """Tables for a console of at least 110 columns, each with its note; nothing is printed here."""
+    for item in tables:
         rotated = item.labels < 2 and len(item.headings) > _WIDEST
         headings, rows = item.headings, item.rows
         if rotated:  # rows for columns

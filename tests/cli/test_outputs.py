@@ -37,6 +37,8 @@ COMMANDS = {
     "sweep": ("sweep", "CARD", "--what", "threshold", "--values", "0.001", "--no-cache", "--out", "OUT"),
     "audit": ("audit", "CARD", "--method", "nothing", "--recordings", 1, "--workers", 1, "--no-pictures",
               "--out", "OUT"),
+    "audit, ranking": ("audit", "CARD", "--methods", "nothing,truth", "--recordings", 1, "--workers", 1,
+                       "--out", "OUT"),
     "view": ("view", "CARD", "--method", "nothing", "--out", "OUT"),
     "view, video": ("view", "CARD", "--method", "nothing", "--video", "OUT.avi"),
     "view, log": ("view", "CARD", "--method", "nothing", "--rrd", "OUT.rrd"),

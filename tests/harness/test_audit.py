@@ -178,7 +178,7 @@ def test_images_that_cannot_be_used_are_reported(tiny_card: Path, tmp_path: Path
 
 
 def test_a_damaged_audit_is_refused(folder: Path, tmp_path: Path):
-    with pytest.raises(DataError, match="expected the figures of an audit"):
+    with pytest.raises(DataError, match="expected the metrics of an audit"):
         read_audit(tmp_path)
     text = (folder / "audit.json").read_text()
     (tmp_path / "audit.json").write_text(text.replace('"recordings": 3', '"recordings": "many"'))

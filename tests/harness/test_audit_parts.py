@@ -10,7 +10,7 @@ from hypothesis.extra import numpy as npst
 
 from bench.audit.causes import BLIND, Evidence, FalseCause, MissCause, false_causes, miss_causes
 from bench.audit.polygons import Compensation, lenient, region_fit, with_compensation
-from bench.audit.sources import instance_ids, paired_references
+from bench.audit.sources import instance_ids, same_objects
 from bench.evaluation import count_frame, load_protocol
 from bench.recordings import load_card, open_dataset
 from bench.reference import IgnoreReason, ReferenceBuilder, Status
@@ -113,7 +113,7 @@ def test_every_cell_has_one_cause_and_blind_means_that_exact_flow_does_not_fire(
     assert np.array_equal(by_method, drawn.by_exact_flow.ravel())
 
 
-def test_paired_references_differ_in_their_regions_alone():
+def test_references_of_the_same_objects_differ_in_their_regions_alone():
     labels = picture(
         """
         11..22
@@ -132,7 +132,7 @@ def test_paired_references_differ_in_their_regions_alone():
     valid = np.ones(labels.shape, dtype=bool)
     valid[1, 0] = False
     lidar = reference_frame(labels * valid, objects=objects, valid=valid)
-    by_lidar, by_masks = paired_references(lidar, ids, {"a": 7, "b": 3, "c": 5, "d": 9})
+    by_lidar, by_masks = same_objects([lidar], ids, {"a": 7, "b": 3, "c": 5, "d": 9})
     assert by_lidar is lidar
     assert np.array_equal(by_masks.labels, picture(".1..22\n.1....\n......"))
     assert np.array_equal(by_masks.ignored, mask("......\n......\n..##.."))
@@ -145,7 +145,7 @@ def test_paired_references_differ_in_their_regions_alone():
 def test_an_object_that_no_pixel_shows_is_ignored_in_both():
     lidar = reference_frame(picture("11.22"))
     ids = picture("..99.").astype(np.uint16)
-    both = paired_references(lidar, ids, instance_ids({"a": None, "b": 9}))
+    both = same_objects([lidar], ids, instance_ids({"a": None, "b": 9}))
     for frame in both:
         assert [o.status for o in frame.objects] == [Status.IGNORED, Status.EVALUATED]
         assert frame.objects[0].reason is IgnoreReason.OCCLUDED

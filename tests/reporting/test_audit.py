@@ -83,7 +83,7 @@ def test_csv_holds_the_figures_at_full_precision(audit: AuditSummary):
 
 def test_the_terminal_cuts_nothing(audit: AuditSummary):
     console = Console(width=110, record=True, file=io.StringIO())
-    for table, note in to_rich(audit):
+    for table, note in to_rich(audit_tables(audit)):
         console.print(table)
         console.print(note, markup=False)
     shown = console.export_text()

@@ -1,0 +1,204 @@
+"""Masks of an image by many methods at once: it is decoded once, and what several methods compute, is computed once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.errors import UsageError
+from bench.evaluation import Protocol
+from bench.harness.frames import FramePipeline, UnscorableFrame
+from bench.harness.keys import MethodIdentity, digest_of
+from bench.harness.oracles import ReferenceItself, is_oracle
+from bench.harness.stages import StageClock
+from bench.methods import Method, MethodInput, Needs, Segmentation, UnansweredImage, ask_method
+from bench.methods.contract import Arrays, StepOf
+from bench.recordings import Recording
+from bench.reference import ReferenceBuilder, ReferenceFrame
+
+# What `--methods all` stands for: real methods, good and bad, then exact masks that are wrong in known ways.
+ALL_PREDICTIONS = (
+    "spherical",
+    "spherical:flow=dis",
+    "epipolar-only",
+    "positive-depth-only",
+    "positive-height-only",
+    "anti-parallel-only",
+    "spherical-sparse",
+    "spherical-visual-odometry",
+    "frame-difference",
+    "background-subtraction",
+    "flow-magnitude",
+    "everything",
+    "nothing",
+    "truth",
+    "truth:cell_size_px=5",
+    "truth:grow_px=-3",
+    "truth:grow_px=4",
+    "truth:grow_px=10",
+    "truth:shape=hull",
+    "truth:shape=upper_half",
+    "truth:shift_px=2",
+    "truth:shift_px=5",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Prediction:
+    """A method with its settings, or the exact masks in one of their variants.
+
+    Attributes:
+        name: as the command line says it, for example "spherical:flow=dis".
+        method: what answers.
+
+    Raises:
+        UsageError: the reference itself, which is another one for every reference.
+    """
+
+    name: str
+    method: Method
+
+    def __post_init__(self) -> None:
+        kind: type = type(self.method)
+        if kind is ReferenceItself:
+            raise UsageError(f"{self.name}: expected a method or 'truth', got the reference, which cannot be ranked")
+
+    @property
+    def real(self) -> bool:
+        """A method that anybody could run; False for what is made of the exact masks."""
+        return not is_oracle(self.method)
+
+    @cached_property
+    def code(self) -> str:
+        """Digest of the code and the files that the method's cached steps depend on."""
+        return MethodIdentity.of(self.method).steps_digest
+
+
+@dataclass(slots=True, kw_only=True)
+class _Together:
+    """Stands for several methods where their common input is prepared."""
+
+    history: int
+    longest_history: int
+    colour: bool
+    name: str = "several"
+
+    def settings(self) -> dict[str, object]:
+        return {}
+
+    def segment(self, frame: MethodInput) -> Segmentation:  # noqa: ARG002
+        raise AssertionError("its methods are asked one by one")
+
+
+class CameraPredictions:
+    """The masks of all predictions on the images of one camera, image by image.
+
+    Args:
+        recording: simulated.
+        camera: name of the camera.
+        predictions: at least one.
+        protocol: of the reference that tells which objects move.
+        clock: adds up the time of each stage.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        camera: str,
+        *,
+        predictions: Sequence[Prediction],
+        protocol: Protocol,
+        clock: StageClock,
+    ) -> None:
+        self._recording, self._predictions, self._clock = recording, predictions, clock
+        needs = [Needs.of(prediction.method) for prediction in predictions]
+        self.history = max(need.history for need in needs)
+        longest = max(need.longest_history for need in needs)
+        self._pipelines = {}
+        for colour in sorted({need.colour for need in needs}):
+            together = _Together(history=self.history, longest_history=longest, colour=colour)
+            self._pipelines[colour] = FramePipeline(recording, camera, method=together, protocol=protocol, clock=clock)
+        self._pipeline = next(iter(self._pipelines.values()))
+        self.images, self.camera = self._pipeline.images, self._pipeline.camera
+
+    @property
+    def references(self) -> ReferenceBuilder:
+        """Builds the reference of the protocol."""
+        return self._pipeline.references
+
+    def masks(self, index: int, reference: ReferenceFrame) -> list[NDArray[np.bool_]]:
+        """What every prediction marks as moving, (H, W) bool each, in their order.
+
+        Args:
+            index: of the image, at least `history`.
+            reference: of the image, by the protocol.
+
+        Raises:
+            BenchError: something of the image cannot be used, or a method failed.
+            UnscorableFrame: images before it are missing, or a method has no answer.
+        """
+        inputs = {colour: pipeline.method_input(index) for colour, pipeline in self._pipelines.items()}
+        steps: dict[str, Arrays] = {}
+        with self._clock.stage("method"):
+            return [self._mask(prediction, index, inputs, reference, steps) for prediction in self._predictions]
+
+    def _mask(
+        self,
+        prediction: Prediction,
+        index: int,
+        inputs: dict[bool, MethodInput],
+        reference: ReferenceFrame,
+        steps: dict[str, Arrays],
+    ) -> NDArray[np.bool_]:
+        method = prediction.method
+        if is_oracle(method):
+            found = method.answer(self._recording, self.images[index], reference)
+        else:
+            needs = Needs.of(method)
+            given = shortened_input(inputs[needs.colour], needs.longest_history)
+            shared = SharedStep(steps, prediction.code, len(given.images), needs.colour)
+            try:
+                found = ask_method(method, replace(given, cached_step=shared))
+            except UnansweredImage as reason:
+                raise UnscorableFrame(f"{prediction.name}: {reason}") from reason
+        height, width = reference.valid.shape
+        return found.mask_at(width, height)
+
+
+def shortened_input(given: MethodInput, history: int) -> MethodInput:
+    """The input of a method that looks back less far.
+
+    Args:
+        given: with as many images as the one that looks back farthest is given.
+        history: most earlier images.
+    """
+    first = max(len(given.images) - history - 1, 0)
+    return replace(
+        given,
+        images=given.images[first:],
+        timestamps_ns=given.timestamps_ns[first:],
+        current_from_previous=given.current_from_previous[first:],
+    )
+
+
+class SharedStep:
+    """Computes each step of an image once for all methods; see `bench.methods.contract.CachedStep`.
+
+    Args:
+        steps: of the image, by digest; filled in.
+        of_input: what the steps depend on beside their settings: code, number of images, colour.
+    """
+
+    def __init__(self, steps: dict[str, Arrays], *of_input: object) -> None:
+        self._steps, self._of_input = steps, of_input
+
+    def __call__(self, step: str, settings: object, compute: Callable[[], Arrays], *, of: StepOf) -> Arrays:
+        """The step's arrays, a copy of their own for every caller."""
+        digest = digest_of(step, settings, of, self._of_input)
+        if digest not in self._steps:
+            self._steps[digest] = compute()
+        return {name: array.copy() for name, array in self._steps[digest].items()}

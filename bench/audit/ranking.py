@@ -1,0 +1,419 @@
+"""Does the lidar reference rank methods as the truth does?
+
+Many predictions, real methods and exact masks that are wrong in known ways, are scored against lidar references and
+against the exact masks, over the same object-frames. A reference is good where both scores agree: the mean absolute
+difference is small, the order of the predictions is the same (Kendall's tau-b), and no prediction that is worse than
+the exact mask by construction beats it.
+
+Intervals are percentiles over draws of whole recordings with replacement, since images of one recording are not
+independent. They are for reading how far a value may be chance, not for a verdict: over few recordings they are too
+narrow (`bench.evaluation.intervals`).
+
+Source:
+    Kendall 1945, The treatment of ties in ranking problems, Biometrika 33.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict
+from scipy.stats import kendalltau
+
+from bench.audit.predictions import Prediction
+from bench.audit.ranking_sums import (
+    CATEGORIES,
+    FALSE_POSITIVES,
+    FRAME_METRICS,
+    METRICS,
+    OBJECT_METRICS,
+    REFERENCES,
+    ROWS,
+    SUMS,
+    rank_recording,
+)
+from bench.audit.sources import audit_each, audit_sources
+from bench.errors import UsageError
+from bench.evaluation.intervals import FEWEST_RECORDINGS
+from bench.evaluation.summary import Ratio
+from bench.execution import SerialExecutor, TaskExecutor
+from bench.harness import provenance as origin
+from bench.harness.oracles import ExactMasks, is_oracle
+from bench.harness.provenance import Provenance
+from bench.harness.stages import Progress, StageClock
+from bench.recordings import DatasetCard
+from bench.recordings.sealed_json import read_sealed, write_sealed
+
+RANKING = "ranking.json"
+SCHEMA_VERSION = 1
+DRAWS, SEED = 1000, 2020
+ROUNDING = 12  # decimals; scores that differ by less are the same
+LEAST_TAU = 0.95
+LARGEST_DIFFERENCE, LARGEST_REAL_DIFFERENCE = 0.03, 0.01  # of IoU, mean over categories
+NEVER_BETTER = (ExactMasks(shape="hull"), ExactMasks(grow_px=4))
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Estimate(_Part):
+    """A value; its 95 % interval is None where fewer than six recordings hold cases."""
+
+    value: Ratio
+    ci95: tuple[float, float] | None
+
+
+class Agreement(_Part):
+    """How well a lidar reference agrees with the exact masks in one row.
+
+    Attributes:
+        tau: Kendall's tau-b of the two orders of the predictions by IoU, in the row of false positives by their share;
+            NaN where all are equal.
+        difference: by metric, mean absolute difference over the predictions that have the metric against both.
+        difference_real: the same over the real methods.
+    """
+
+    tau: Estimate
+    difference: dict[str, Estimate]
+    difference_real: dict[str, Estimate]
+
+
+class Check(_Part):
+    """Whether a mask that is worse than the exact one by construction has at most its IoU.
+
+    Attributes:
+        prediction: name of the worse one.
+        reference: that scores both.
+        iou: of the worse one.
+        exact_iou: of the exact masks.
+    """
+
+    prediction: str
+    reference: str
+    iou: Ratio
+    exact_iou: Ratio
+
+    @property
+    def holds(self) -> bool:
+        """The worse mask does not win."""
+        return not self.iou > self.exact_iou
+
+
+class RankedRow(_Part):
+    """One row of the paper's table.
+
+    Attributes:
+        name: of `ROWS`.
+        recordings: that hold cases.
+        cases: object-frames; image-frames in the row of false positives.
+        unknown_share: mean share of an object-frame's possible pixels that `surface-v1` leaves unknown; NaN without
+            object-frames.
+        scores: metric -> reference -> prediction -> score.
+        agreement: by lidar reference.
+        checks: where the exact masks are among the predictions; none in the row of false positives.
+    """
+
+    name: str
+    recordings: int
+    cases: int
+    unknown_share: Ratio
+    scores: dict[str, dict[str, dict[str, Ratio]]]
+    agreement: dict[str, Agreement]
+    checks: tuple[Check, ...]
+
+
+class RankingSummary(_Part):
+    """`ranking.json`.
+
+    Attributes:
+        schema_version: of this file.
+        dataset: name of the data set.
+        card: its file, as it was named.
+        split: of it; None for all.
+        recordings: that were scored.
+        images: that were scored.
+        predictions: names, in the order asked for.
+        real: those that are methods, not made of the exact masks.
+        ceiling: name of the exact masks as they are; None where they are not among the predictions.
+        rows: by kind of motion, then all, then false positives.
+        failures: one line per recording or image that could not be used.
+        provenance: where the ranking comes from.
+    """
+
+    schema_version: int
+    dataset: str
+    card: str
+    split: str | None
+    recordings: int
+    images: int
+    predictions: tuple[str, ...]
+    real: tuple[str, ...]
+    ceiling: str | None
+    rows: tuple[RankedRow, ...]
+    failures: tuple[str, ...]
+    provenance: Provenance
+
+    def mean_difference(self, reference: str, *, real: bool) -> float:
+        """Mean absolute difference of IoU over the kinds of motion that have object-frames; NaN without any."""
+        found = [
+            (row.agreement[reference].difference_real if real else row.agreement[reference].difference)["iou"].value
+            for row in self.rows
+            if row.name in CATEGORIES and row.cases
+        ]
+        return float(np.mean(found)) if found else float("nan")
+
+    def misses(self, reference: str) -> tuple[str, ...]:
+        """Which aims a reference misses, in words; none where it ranks as the truth does.
+
+        The order counts in rows with at least six recordings.
+        """
+        found = [
+            f"tau {row.agreement[reference].tau.value:.2f} in {row.name.replace('_', ' ')}"
+            for row in self.rows
+            if row.recordings >= FEWEST_RECORDINGS and row.agreement[reference].tau.value < LEAST_TAU
+        ]
+        for real, most in ((False, LARGEST_DIFFERENCE), (True, LARGEST_REAL_DIFFERENCE)):
+            difference = self.mean_difference(reference, real=real)
+            if difference > most:
+                who = "real methods" if real else "all predictions"
+                found.append(f"mean difference {100 * difference:.1f} over {who}")
+        return tuple(found)
+
+
+Values = NDArray[np.float64]
+
+
+def metric_values(sums: Values, metric: str) -> Values:
+    """A metric from sums.
+
+    Args:
+        sums: (..., accumulators) float64.
+        metric: of `METRICS`.
+
+    Returns:
+        (...,) float64; NaN for 0/0.
+    """
+    above, below = (sums[..., SUMS.index(name)] for name in METRICS[metric])
+    values = np.full(above.shape, np.nan)
+    np.divide(above, below, out=values, where=below > 0)
+    return np.round(values, ROUNDING)
+
+
+def rank_correlation(by_lidar: Values, by_masks: Values) -> float:
+    """Kendall's tau-b of two scores of the same predictions, (P,) each; NaN where all of either are equal."""
+    return float(kendalltau(by_lidar, by_masks, variant="b").statistic)
+
+
+def mean_difference(by_lidar: Values, by_masks: Values) -> Values:
+    """Mean absolute difference over predictions.
+
+    Args:
+        by_lidar: (..., P) float64.
+        by_masks: (..., P) float64.
+
+    Returns:
+        (...,) float64; predictions with NaN are left out, and NaN where none is left.
+    """
+    differences = np.abs(by_lidar - by_masks)
+    known = np.isfinite(differences)
+    found = np.full(differences.shape[:-1], np.nan)
+    np.divide(np.where(known, differences, 0.0).sum(axis=-1), known.sum(axis=-1), out=found, where=known.any(axis=-1))
+    return found
+
+
+def draw_recordings(sums: Values) -> Values | None:
+    """Sums over recordings drawn with replacement.
+
+    Args:
+        sums: (S, ...) float64, by recording.
+
+    Returns:
+        (draws, ...) float64, the same for the same S; None for fewer than six recordings.
+    """
+    count = len(sums)
+    if count < FEWEST_RECORDINGS:
+        return None
+    times = np.random.default_rng(SEED).multinomial(count, np.full(count, 1 / count), size=DRAWS)
+    return np.tensordot(times.astype(np.float64), sums, axes=1)
+
+
+def agreement(
+    sums: Values, draws: Values | None, *, reference: int, metrics: Sequence[str], real: NDArray[np.bool_]
+) -> Agreement:
+    """How well a reference agrees with the last one.
+
+    Args:
+        sums: (references, predictions, accumulators) float64.
+        draws: (draws, references, predictions, accumulators) float64; None for no intervals.
+        reference: index of the one to be compared.
+        metrics: of the row; the predictions are ranked by the first.
+        real: (predictions,) bool.
+    """
+
+    def estimate(
+        statistic: Callable[[Values, Values], Values | float], metric: str, who: NDArray[np.bool_]
+    ) -> Estimate:
+        def compared(of: Values) -> Values:
+            values = metric_values(of, metric)[..., who]
+            return np.asarray(statistic(values[..., reference, :], values[..., -1, :]))
+
+        drawn = None if draws is None else compared(draws)
+        return Estimate(value=float(compared(sums)), ci95=_interval(drawn))
+
+    def differences(who: NDArray[np.bool_]) -> dict[str, Estimate]:
+        return {metric: estimate(mean_difference, metric, who) for metric in metrics}
+
+    every = np.ones_like(real)
+    return Agreement(
+        tau=estimate(_rank_correlations, metrics[0], every),
+        difference=differences(every),
+        difference_real=differences(real),
+    )
+
+
+def _rank_correlations(by_lidar: Values, by_masks: Values) -> Values:
+    """`rank_correlation` of every draw, (..., P) each."""
+    pairs = zip(by_lidar.reshape(-1, by_lidar.shape[-1]), by_masks.reshape(-1, by_masks.shape[-1]), strict=True)
+    return np.array([rank_correlation(first, second) for first, second in pairs]).reshape(by_lidar.shape[:-1])
+
+
+def _interval(drawn: Values | None) -> tuple[float, float] | None:
+    known = np.empty(0) if drawn is None else drawn[np.isfinite(drawn)]
+    if not len(known):
+        return None
+    low, high = np.quantile(known, [0.025, 0.975]).tolist()
+    return low, high
+
+
+def rank_row(name: str, sums: Values, unknown: Values, predictions: Sequence[Prediction]) -> RankedRow:
+    """Compare the references in one row.
+
+    Args:
+        name: of `ROWS`.
+        sums: (S, references, predictions, accumulators) float64, by recording.
+        unknown: (S,) float64, as in `RankingSums`, by recording.
+        predictions: in the order of the sums.
+    """
+    held = sums[:, 0, 0, SUMS.index("every")] > 0
+    sums, whole = sums[held], sums[held].sum(axis=0)
+    draws = draw_recordings(sums)
+    metrics = FRAME_METRICS if name == FALSE_POSITIVES else OBJECT_METRICS
+    real = np.array([prediction.real for prediction in predictions])
+    names = [prediction.name for prediction in predictions]
+    cases = int(whole[0, 0, SUMS.index("every")])
+    values = {metric: metric_values(whole, metric) for metric in metrics}
+    return RankedRow(
+        name=name,
+        recordings=len(sums),
+        cases=cases,
+        unknown_share=float(unknown.sum()) / cases if cases and name != FALSE_POSITIVES else float("nan"),
+        scores={
+            metric: {
+                reference: dict(zip(names, scores.tolist(), strict=True))
+                for reference, scores in zip(REFERENCES, of_metric, strict=True)
+            }
+            for metric, of_metric in values.items()
+        },
+        agreement={
+            reference: agreement(whole, draws, reference=number, metrics=metrics, real=real)
+            for number, reference in enumerate(REFERENCES[:-1])
+        },
+        checks=() if name == FALSE_POSITIVES else tuple(_checks(values["iou"], predictions)),
+    )
+
+
+def _checks(iou: Values, predictions: Sequence[Prediction]) -> Iterator[Check]:
+    """The checks of a row; `iou` is (references, predictions) float64."""
+    exact = _number(predictions, ExactMasks())
+    for worse in NEVER_BETTER:
+        number = _number(predictions, worse)
+        if exact is None or number is None:
+            continue
+        for reference, scores in zip(REFERENCES, iou.tolist(), strict=True):
+            yield Check(
+                prediction=predictions[number].name, reference=reference, iou=scores[number], exact_iou=scores[exact]
+            )
+
+
+def _number(predictions: Sequence[Prediction], method: ExactMasks) -> int | None:
+    oracles = ((k, p.method) for k, p in enumerate(predictions) if is_oracle(p.method))
+    return next((number for number, oracle in oracles if oracle == method), None)
+
+
+def run_ranking(
+    card: DatasetCard,
+    *,
+    predictions: Sequence[Prediction],
+    out: Path,
+    split: str | None = None,
+    recordings: int | None = None,
+    executor: TaskExecutor = SerialExecutor(),  # noqa: B008 - it holds nothing
+    progress: Progress | None = None,
+) -> RankingSummary:
+    """Score predictions against all references and store how well these agree with the exact masks.
+
+    Args:
+        card: the data set, rendered.
+        predictions: at least two, of different names.
+        out: folder of `ranking.json`.
+        split: of the data set; None for all of it.
+        recordings: how many of them; None for all.
+        executor: scores the recordings; the result does not depend on it.
+        progress: called with the recordings done and their number.
+
+    Raises:
+        UsageError: fewer than two predictions, or two of one name.
+        DataError: no recording could be scored, above all where none has rendered masks.
+    """
+    names = [prediction.name for prediction in predictions]
+    if len(names) < 2 or len(set(names)) < len(names):
+        raise UsageError(f"--methods: expected at least two different methods to rank, got {', '.join(names)}")
+    start = origin.Start.now()
+    ranked, failures = audit_each(
+        audit_sources(card, split=split, recordings=recordings),
+        partial(rank_recording, predictions=tuple(predictions)),
+        card=card,
+        executor=executor,
+        progress=progress,
+    )
+    sums, unknown = np.stack([found.sums for found in ranked]), np.stack([found.unknown for found in ranked])
+    exact = _number(predictions, ExactMasks())
+    clock, images = StageClock(), sum(found.images for found in ranked)
+    for found in ranked:
+        for stage, seconds in found.seconds.items():
+            clock.seconds[stage] += seconds
+    summary = RankingSummary(
+        schema_version=SCHEMA_VERSION,
+        dataset=card.name,
+        card=str(card.file),
+        split=split,
+        recordings=len(ranked),
+        images=images,
+        predictions=tuple(names),
+        real=tuple(prediction.name for prediction in predictions if prediction.real),
+        ceiling=None if exact is None else names[exact],
+        rows=tuple(rank_row(name, sums[:, k], unknown[:, k], predictions) for k, name in enumerate(ROWS)),
+        failures=(*failures, *(problem for found in ranked for problem in found.problems)),
+        provenance=origin.provenance_since(
+            start,
+            fingerprints=[found.fingerprint for found in ranked],
+            stage_seconds=clock.seconds,
+            images=images,
+        ),
+    )
+    write_sealed(out / RANKING, summary)
+    return summary
+
+
+def read_ranking(folder: Path) -> RankingSummary:
+    """Read `ranking.json`.
+
+    Raises:
+        DataError: missing, or not a ranking of a known version; names the field.
+    """
+    return read_sealed(RankingSummary, folder / RANKING, expected="the comparison of references")

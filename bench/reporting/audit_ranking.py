@@ -1,0 +1,303 @@
+"""Does the lidar reference rank methods as the truth does: tables, and each row's scores by one over the other."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from bench.audit.predictions import ALL_PREDICTIONS
+from bench.audit.ranking import (
+    LARGEST_DIFFERENCE,
+    LARGEST_REAL_DIFFERENCE,
+    LEAST_TAU,
+    RANKING,
+    Agreement,
+    Estimate,
+    RankedRow,
+    RankingSummary,
+    read_ranking,
+)
+from bench.audit.ranking_sums import ALL_MOVING, EXACT, FALSE_POSITIVES, REFERENCES
+from bench.evaluation.intervals import FEWEST_RECORDINGS
+from bench.plain_text import escape_markdown
+from bench.reference import Category
+from bench.reporting import canvas, formats
+from bench.reporting.audit_tables import decimal, markdown_sections
+
+NAMES = dict(
+    zip(
+        REFERENCES,
+        ("convex hull (paper-v1)", "concave hull", "surface patches", "surface-v1", "exact masks"),
+        strict=True,
+    )
+)
+LIDAR = REFERENCES[:-1]
+MARKERS = dict(zip(LIDAR, ("o", "s", "^", "D"), strict=True))
+COLOURS = dict(zip(LIDAR, (canvas.ORANGE, canvas.SKY_BLUE, canvas.GREEN, canvas.VERMILION), strict=True))
+OTHERS = {"tpr": "TPR", "detection_rate_50": "Detection at 50 %"}
+
+
+def row_label(name: str) -> str:
+    """What a row is called in tables and pictures."""
+    others = {ALL_MOVING: "All moving", FALSE_POSITIVES: "False positives"}
+    return others.get(name) or formats.LABELS[Category(name)].partition(" (")[0]
+
+
+def overview_table(ranking: RankingSummary) -> formats.TextTable:
+    """One line per lidar reference."""
+    rows = []
+    for reference in LIDAR:
+        differences = [100 * ranking.mean_difference(reference, real=real) for real in (False, True)]
+        taus = [decimal(row.agreement[reference].tau.value) for row in ranking.rows]
+        checks = [check for row in ranking.rows for check in row.checks if check.reference == reference]
+        wins = f"{sum(not check.holds for check in checks)} of {len(checks)}"
+        aims = "; ".join(ranking.misses(reference)) or "none"
+        rows.append((NAMES[reference], *(f"{value:.1f}" for value in differences), *taus, wins, aims))
+    taus = [f"tau {row_label(row.name).lower()}" for row in ranking.rows]
+    return formats.TextTable(
+        title="Agreement with the exact masks",
+        headings=("Reference", "IoU points, all", "real methods", *taus, "Wrong masks win", "Aims missed"),
+        rows=rows,
+        note="Points: mean absolute difference of IoU from the score against exact masks, over the predictions and the "
+        "kinds of motion. Tau: Kendall's tau-b of the two orders of the predictions, by IoU, of false positives by "
+        f"their area. The aims: tau of at least {LEAST_TAU} in every row with at least {FEWEST_RECORDINGS} recordings, "
+        f"at most {100 * LARGEST_DIFFERENCE:g} points over all predictions and {100 * LARGEST_REAL_DIFFERENCE:g} over "
+        "real methods. Wrong masks: how often a hull-shaped or a fat mask scores more than the exact one.",
+        labels=1,
+    )
+
+
+def agreement_table(ranking: RankingSummary) -> formats.TextTable:
+    """Order and IoU, one line per row and lidar reference, with intervals."""
+    rows = [
+        (
+            *(row_label(row.name), NAMES[reference], _recordings(row), str(row.cases), _tau(found.tau)),
+            *(_points(part[metric]) for part in _both(found)),
+        )
+        for row in ranking.rows
+        for reference, found in row.agreement.items()
+        for metric in list(found.difference)[:1]
+    ]
+    return formats.TextTable(
+        title="Order, and differences of IoU in points",
+        headings=("Type", "Reference", "Recordings", "Frames", "Tau", "All", "Real methods"),
+        rows=rows,
+        note="Mean absolute differences from the scores against exact masks, over all predictions, and over the real "
+        "methods, that is those that are not made of the exact masks; of false positives: of their area. In brackets "
+        f"95 % intervals from draws of whole recordings; rows with fewer than {FEWEST_RECORDINGS} have none.",
+        labels=2,
+    )
+
+
+def difference_table(ranking: RankingSummary) -> formats.TextTable:
+    """The other metrics, one line per row and lidar reference."""
+    rows = [
+        (
+            *(row_label(row.name), NAMES[reference]),
+            *(formats.hundredths(part[metric].value) for metric in OTHERS for part in _both(found)),
+        )
+        for row in ranking.rows
+        if row.name != FALSE_POSITIVES
+        for reference, found in row.agreement.items()
+    ]
+    metrics = [heading for name in OTHERS.values() for heading in (name, f"{name}, real methods")]
+    return formats.TextTable(
+        title="Differences of the other metrics, in points",
+        headings=("Type", "Reference", *metrics),
+        rows=rows,
+        note="As above. TPR: over detected object-frames.",
+        labels=2,
+    )
+
+
+def _both(found: Agreement) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
+    return found.difference, found.difference_real
+
+
+def ceiling_table(ranking: RankingSummary) -> formats.TextTable:
+    """What the exact masks score, and what of the objects is unknown; one line per row."""
+    rows = []
+    for row in ranking.rows:
+        if row.name == FALSE_POSITIVES:
+            continue
+        iou = row.scores["iou"]
+        cells = [formats.hundredths(iou[name][ranking.ceiling]) if ranking.ceiling else "" for name in LIDAR]
+        rows.append(
+            (row_label(row.name), _recordings(row), str(row.cases), *cells, formats.hundredths(row.unknown_share))
+        )
+    return formats.TextTable(
+        title="What a perfect method scores: IoU of the exact masks, in percent",
+        headings=("Type", "Recordings", "Frames", *(NAMES[name] for name in LIDAR), "Unknown share"),
+        rows=rows,
+        note="Unknown share: mean share of an object-frame's possible pixels in which surface-v1 counts nothing.",
+        labels=1,
+    )
+
+
+def check_table(ranking: RankingSummary) -> formats.TextTable:
+    """Where a mask that is wrong by construction beats the exact one."""
+    rows: dict[tuple[str, str], list[str]] = {}
+    for row in ranking.rows:
+        for check in row.checks:
+            cells = rows.setdefault((row_label(row.name), check.prediction), [])
+            iou = f"{formats.hundredths(check.iou)} : {formats.hundredths(check.exact_iou)}"
+            cells.append(iou if check.holds else f"WINS {iou}")
+    return formats.TextTable(
+        title="A hull-shaped or fat mask never beats the exact one",
+        headings=("Type", "Mask", *NAMES.values()),
+        rows=[(*key, *cells) for key, cells in rows.items()],
+        note="IoU of the mask : IoU of the exact mask, in percent.",
+        labels=2,
+    )
+
+
+def score_table(row: RankedRow) -> formats.TextTable:
+    """Every prediction's score in one row, the best by the exact masks first."""
+    metric = "false_positive_share" if row.name == FALSE_POSITIVES else "iou"
+    scores = row.scores[metric]
+    order = sorted(scores[EXACT], key=lambda name: _last_if_nan(scores[EXACT][name]))
+    lines = [(name, *(formats.hundredths(scores[reference][name]) for reference in REFERENCES)) for name in order]
+    what = "area of false positives" if row.name == FALSE_POSITIVES else "IoU"
+    return formats.TextTable(
+        title=f"{row_label(row.name)}: {what}, in percent",
+        headings=("Prediction", *NAMES.values()),
+        rows=lines,
+        note=f"{row.cases} frames of {row.recordings} recordings.",
+        labels=1,
+    )
+
+
+def _last_if_nan(score: float) -> float:
+    return math.inf if math.isnan(score) else -score
+
+
+def _recordings(row: RankedRow) -> str:
+    return str(row.recordings) if row.recordings >= FEWEST_RECORDINGS else f"{row.recordings} (too few)"
+
+
+def _tau(found: Estimate) -> str:
+    ends = "" if found.ci95 is None else " [{:.2f}, {:.2f}]".format(*found.ci95)
+    return decimal(found.value) + ends
+
+
+def _points(found: Estimate) -> str:
+    ends = "" if found.ci95 is None else " [{:.1f}, {:.1f}]".format(*(100 * end for end in found.ci95))
+    return formats.hundredths(found.value) + ends
+
+
+def ranking_tables(ranking: RankingSummary) -> tuple[formats.TextTable, ...]:
+    """The tables that are printed."""
+    tables = [overview_table(ranking), agreement_table(ranking), ceiling_table(ranking)]
+    return (*tables, check_table(ranking)) if any(row.checks for row in ranking.rows) else tuple(tables)
+
+
+def to_markdown(ranking: RankingSummary) -> str:
+    """All tables with their notes, GitHub's Markdown."""
+    head = (
+        f"# Does the lidar reference of {escape_markdown(ranking.dataset)} rank methods as the truth does?",
+        f"{len(ranking.predictions)} predictions, {len(ranking.real)} of them real methods, against four lidar "
+        f"references and the exact masks, over the same object-frames of {ranking.images} images of "
+        f"{ranking.recordings} recordings. Made by `{_command(ranking)}`.",
+        "![Scores against lidar references over scores against exact masks](ranking.png)",
+    )
+    tables = (
+        *ranking_tables(ranking),
+        difference_table(ranking),
+        *(score_table(row) for row in ranking.rows if row.cases),
+    )
+    return "\n\n".join([*head, *markdown_sections(tables)]) + "\n"
+
+
+def _command(ranking: RankingSummary) -> str:
+    methods = "all" if ranking.predictions == ALL_PREDICTIONS else ",".join(ranking.predictions)
+    split = "" if ranking.split is None else f" --split {ranking.split}"
+    return f"fisheye-bench audit {ranking.card} --recordings {ranking.recordings}{split} --methods {methods}"
+
+
+def to_csv(ranking: RankingSummary) -> str:
+    """One line per number, at full precision; empty where there is none."""
+    columns = ["table", "row", "reference", "prediction", "metric", "recordings", "cases", "value", "low", "high"]
+    return formats.csv_text(list(_csv_rows(ranking)), columns)
+
+
+def _csv_rows(ranking: RankingSummary) -> Iterator[dict[str, object]]:
+    for row in ranking.rows:
+        of_row: dict[str, object] = {"row": row.name, "recordings": row.recordings, "cases": row.cases}
+        yield of_row | {"table": "unknown_share", "value": row.unknown_share}
+        for metric, by_reference in row.scores.items():
+            for reference, scores in by_reference.items():
+                for name, score in scores.items():
+                    yield of_row | {"table": "scores", "reference": reference, "prediction": name, "metric": metric,
+                                    "value": score}  # fmt: skip
+        for reference, found in row.agreement.items():
+            numbers = {("tau", ""): found.tau}
+            numbers |= {("difference", metric): number for metric, number in found.difference.items()}
+            numbers |= {("difference_real", metric): number for metric, number in found.difference_real.items()}
+            for (table, metric), number in numbers.items():
+                low, high = number.ci95 or (None, None)
+                yield of_row | {"table": table, "reference": reference, "metric": metric, "value": number.value,
+                                "low": low, "high": high}  # fmt: skip
+
+
+_PANEL_IN, _LEFT_IN, _GAP_IN, _BELOW_IN, _TOP_IN, _COLUMNS = 2.1, 0.5, 0.55, 0.72, 0.6, 4
+
+
+@canvas.styled
+def draw_ranking(ranking: RankingSummary) -> Figure:
+    """Draw every prediction's score against lidar references over its score against the exact masks, a panel a row."""
+    rows = [row for row in ranking.rows if row.cases]
+    lines = -(-(len(rows) + 1) // _COLUMNS)  # one place for the legend
+    width_in = _LEFT_IN + _COLUMNS * (_PANEL_IN + _GAP_IN)
+    height_in = _TOP_IN + lines * (_PANEL_IN + _BELOW_IN) - 0.3  # the last line has no title below it
+    figure = canvas.new_figure(width_in, height_in)
+    for number, row in enumerate(rows):
+        down, right = divmod(number, _COLUMNS)
+        left_in = _LEFT_IN + right * (_PANEL_IN + _GAP_IN)
+        bottom_in = height_in - _TOP_IN - down * (_PANEL_IN + _BELOW_IN) - _PANEL_IN
+        _draw_row(canvas.axes_at(figure, left_in, bottom_in, _PANEL_IN, _PANEL_IN), row, ranking)
+    down, right = divmod(len(rows), _COLUMNS)
+    place = _LEFT_IN + right * (_PANEL_IN + _GAP_IN), height_in - _TOP_IN - down * (_PANEL_IN + _BELOW_IN)
+    handles = [*figure.axes[0].get_legend_handles_labels()[0]] if figure.axes else []
+    figure.legend(
+        handles=handles, loc="upper left", bbox_to_anchor=(place[0] / width_in, place[1] / height_in), frameon=False,
+        title="filled: real methods\nhollow: made of exact masks", alignment="left", fontsize=8, title_fontsize=8,
+    )  # fmt: skip
+    left, top = 0.08 / width_in, 1 - 0.08 / height_in
+    title = f"{ranking.dataset}: scores against the lidar reference over scores against exact masks"
+    figure.text(left, top, title, va="top", fontsize=10)
+    return figure
+
+
+def _draw_row(axes: Axes, row: RankedRow, ranking: RankingSummary) -> None:
+    areas = row.name == FALSE_POSITIVES
+    scores = row.scores["false_positive_share" if areas else "iou"]
+    limits = (-3.0, 103.0)
+    axes.plot(limits, limits, color=canvas.GREY, linewidth=0.8, zorder=1)
+    for reference in LIDAR:
+        for real in (True, False):
+            names = [name for name in ranking.predictions if (name in ranking.real) == real]
+            x, y = ([100 * scores[of][name] for name in names] for of in (EXACT, reference))
+            axes.plot(
+                x, y, MARKERS[reference], color=COLOURS[reference], markersize=3.6, markeredgewidth=0.9, zorder=3,
+                markerfacecolor=COLOURS[reference] if real else "none", label=NAMES[reference] if real else "_",
+            )  # fmt: skip
+    unit = "image area (%)" if areas else "IoU (%)"
+    axes.set(xlim=limits, ylim=limits, xlabel=f"{unit}, exact masks", ylabel=f"{unit}, lidar reference")
+    axes.xaxis.labelpad = axes.yaxis.labelpad = 1.5
+    axes.set_title(f"{row_label(row.name)}\n{row.recordings} recordings, {row.cases} frames", pad=3)
+    axes.grid(color=canvas.LIGHT_GREY, linewidth=0.4)
+
+
+def write_ranking_files(folder: Path) -> tuple[Path, ...]:
+    """Write `ranking.md`, `ranking.csv`, `ranking.png` and `ranking.svg` beside `ranking.json`; all of their paths.
+
+    Raises:
+        DataError: the stored ranking is missing or damaged.
+    """
+    ranking = read_ranking(folder)
+    texts = formats.write_texts(folder, {"ranking.md": to_markdown(ranking), "ranking.csv": to_csv(ranking)})
+    return (folder / RANKING, *texts, *canvas.write_picture(folder / "ranking", draw_ranking(ranking)))

@@ -1,0 +1,317 @@
+"""Whether references rank as the truth does: numbers that can be checked by hand, then a whole ranking."""
+
+from __future__ import annotations
+
+import csv
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.lines import Line2D
+
+from bench.audit.predictions import ALL_PREDICTIONS, Prediction, SharedStep, shortened_input
+from bench.audit.ranking import (
+    NEVER_BETTER,
+    RankedRow,
+    RankingSummary,
+    mean_difference,
+    rank_correlation,
+    rank_row,
+    read_ranking,
+    run_ranking,
+)
+from bench.audit.ranking_sums import EXACT, PAPER, REFERENCES, ROWS, SUMS, SURFACE, RankingSums, lidar_references
+from bench.audit.sources import same_objects
+from bench.cli.auditing import parse_methods
+from bench.errors import DataError, UnknownNameError, UsageError
+from bench.evaluation import load_protocol
+from bench.execution import ProcessExecutor
+from bench.geometry import RigidTransform
+from bench.harness import RunRequest, run_benchmark
+from bench.harness.oracles import ExactMasks
+from bench.methods import MethodInput, build_method
+from bench.methods.spherical.method import SphericalMethod
+from bench.recordings import load_card
+from bench.reference import IgnoreReason, Status
+from bench.reporting.audit_ranking import draw_ranking, ranking_tables
+from tests.cli.test_commands import call
+from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object
+
+ANY = [Prediction(name=name, method=build_method(name)) for name in ("everything", "nothing", "frame-difference")]
+
+
+def row(*, by_lidar: list[float], by_masks: list[float], recordings: int = 1, predictions=ANY) -> RankedRow:
+    """A row of predictions with these IoU: one object-frame a recording, all lidar references alike."""
+    sums = np.zeros((recordings, len(REFERENCES), len(predictions), len(SUMS)))
+    sums[..., SUMS.index("every")] = 1
+    sums[..., SUMS.index("iou")] = by_lidar
+    sums[:, -1, :, SUMS.index("iou")] = by_masks
+    return rank_row("crossing", sums, np.zeros(recordings), predictions)
+
+
+def test_a_reference_with_the_scores_of_the_truth_agrees_with_it():
+    found = row(by_lidar=[0.1, 0.5, 0.9], by_masks=[0.1, 0.5, 0.9]).agreement[PAPER]
+    assert found.tau.value == pytest.approx(1)
+    assert found.difference["iou"].value == found.difference_real["iou"].value == 0
+
+
+def test_a_reversed_order_gives_minus_one():
+    found = row(by_lidar=[0.9, 0.5, 0.1], by_masks=[0.1, 0.5, 0.9]).agreement[SURFACE]
+    assert found.tau.value == pytest.approx(-1)
+    assert found.difference["iou"].value == pytest.approx((0.8 + 0 + 0.8) / 3)
+
+
+def test_the_same_order_may_have_other_scores():
+    found = row(by_lidar=[0.0, 0.4, 0.6], by_masks=[0.1, 0.5, 0.9]).agreement[PAPER]
+    assert found.tau.value == pytest.approx(1)
+    assert found.difference["iou"].value == pytest.approx((0.1 + 0.1 + 0.3) / 3)
+
+
+def test_ties_count_as_kendall_says():
+    # Of three pairs two agree and one is tied in x: 2 / sqrt(2 * 3).
+    assert rank_correlation(np.array([1.0, 2, 2]), np.array([1.0, 2, 3])) == pytest.approx(2 / 6**0.5)
+    assert np.isnan(rank_correlation(np.zeros(3), np.array([1.0, 2, 3])))
+
+
+def test_a_prediction_without_the_metric_is_left_out():
+    assert mean_difference(np.array([0.5, np.nan]), np.array([0.25, 0.5])) == 0.25
+    assert np.isnan(mean_difference(np.array([np.nan]), np.array([0.5])))
+
+
+def test_what_is_made_of_exact_masks_is_no_real_method():
+    predictions = [*ANY[:2], Prediction(name="truth", method=ExactMasks())]
+    found = row(by_lidar=[0.2, 0.5, 0.6], by_masks=[0.1, 0.5, 1.0], predictions=predictions).agreement[PAPER]
+    assert found.difference["iou"].value == pytest.approx((0.1 + 0 + 0.4) / 3)
+    assert found.difference_real["iou"].value == pytest.approx((0.1 + 0) / 2)
+
+
+def test_intervals_need_six_recordings_and_are_the_same_again():
+    assert row(by_lidar=[0.1, 0.5, 0.9], by_masks=[0.1, 0.5, 0.9], recordings=5).agreement[PAPER].tau.ci95 is None
+    found = row(by_lidar=[0.2, 0.5, 0.9], by_masks=[0.1, 0.5, 0.9], recordings=6).agreement[PAPER]
+    assert found.tau.ci95 == pytest.approx((1, 1))
+    assert found.difference["iou"].ci95 == pytest.approx((0.1 / 3, 0.1 / 3))  # all recordings are alike
+    rng = np.random.default_rng(1)
+    sums = rng.random((8, len(REFERENCES), 3, len(SUMS))) + 0.1
+    first, second = (rank_row("crossing", sums, np.zeros(8), ANY) for _ in range(2))
+    assert first == second
+    low, high = first.agreement[PAPER].difference["iou"].ci95
+    assert low < first.agreement[PAPER].difference["iou"].value < high
+
+
+def test_a_wrong_mask_that_beats_the_exact_one_is_found():
+    predictions = [Prediction(name=str(k), method=m) for k, m in enumerate((ExactMasks(), *NEVER_BETTER))]
+    checks = row(by_lidar=[0.6, 0.7, 0.5], by_masks=[1.0, 0.8, 0.5], predictions=predictions).checks
+    found = {(check.prediction, check.reference): check.holds for check in checks}
+    assert found["1", PAPER] is False
+    assert found["2", PAPER] is found["1", EXACT] is True
+
+
+def test_the_lidar_references_are_those_of_the_protocols():
+    found = lidar_references()
+    assert list(found) == list(REFERENCES[:-1])
+    assert [settings.polygon_kind for settings in found.values()] == ["convex", "concave", *["surface-patches"] * 2]
+    assert [settings.outline is None for settings in found.values()] == [True, True, True, False]
+
+
+def test_sums_of_an_image():
+    frame = reference_frame(picture("11.\n11.\n..."))
+    half = mask("#..\n#..\n..#")  # 2 of the object's 4 px, and 1 of 9 elsewhere
+    sums = RankingSums.empty(2)
+    unknown = replace(frame, objects=(replace(frame.objects[0], unknown_px=1),))
+    references = [frame, frame, frame, unknown, frame]
+    sums.add(references, [half, np.ones((3, 3), dtype=bool)], component_size_px=0)
+    for name in ("crossing", "all_moving"):
+        first, whole = sums.sums[ROWS.index(name), 0]
+        assert dict(zip(SUMS, first, strict=True)) == {
+            "every": 1, "iou": 0.5, "detected": 1, "coverage_detected": 0.5, "detected_50": 1, "share": 0,
+        }  # fmt: skip
+        assert whole[SUMS.index("iou")] == pytest.approx(4 / 9)
+        assert sums.unknown[ROWS.index(name)] == 1 / 5
+    first, whole = sums.sums[ROWS.index("false_positives"), 0, :, SUMS.index("share")]
+    assert (first, whole) == (pytest.approx(1 / 9), pytest.approx(5 / 9))
+    assert not sums.sums[ROWS.index("overtaking")].any()
+    assert sums.images == 1
+
+
+def test_an_object_that_one_reference_ignores_is_ignored_in_all():
+    ids = picture("11.22").astype(np.uint16)
+    both = reference_frame(picture("11.22"))
+    only_b = reference_frame(
+        picture("...22"), objects=[ignored_object("a", IgnoreReason.SMALL_POLYGON), reference_object("b")]
+    )
+    turned = reference_frame(picture("22.11"), objects=[reference_object("b"), reference_object("a")])
+    for frame in same_objects([both, only_b, turned], ids, {"a": 1, "b": 2}):
+        status = {item.track_id: item.status for item in frame.objects}
+        assert status == {"a": Status.IGNORED, "b": Status.EVALUATED}
+        number = [item.track_id for item in frame.objects].index("b") + 1
+        assert np.array_equal(frame.labels > 0, mask("...##"))
+        assert set(np.unique(frame.labels)) == {0, number}
+
+
+def test_a_step_is_computed_once_for_the_same_input():
+    calls: list[int] = []
+
+    def compute() -> dict[str, np.ndarray]:
+        calls.append(1)
+        return {"flow": np.zeros(2)}
+
+    steps: dict = {}
+    first = SharedStep(steps, "code", 2)("flow", ("dis", 5), compute, of="images")
+    first["flow"][:] = 7  # its own copy
+    second = SharedStep(steps, "code", 2)("flow", ("dis", 5), compute, of="images")
+    assert second["flow"].tolist() == [0, 0]
+    assert len(calls) == 1
+    SharedStep(steps, "code", 3)("flow", ("dis", 5), compute, of="images")  # of one more image
+    SharedStep(steps, "code", 2)("flow", ("farneback", 5), compute, of="images")
+    assert len(calls) == 3
+
+
+def test_a_method_that_looks_back_less_far_is_given_the_last_images():
+    images = tuple(np.full((2, 2), k, dtype=np.uint8) for k in range(4))
+    still = RigidTransform.identity()
+    given = MethodInput(
+        images=images,
+        timestamps_ns=(0, 1, 2, 3),
+        camera=None,  # type: ignore[arg-type]
+        road=None,  # type: ignore[arg-type]
+        current_from_previous=(still, still, still),
+        valid=np.ones((2, 2), dtype=bool),
+    )
+    found = shortened_input(given, 1)
+    assert [int(image[0, 0]) for image in found.images] == [2, 3]
+    assert found.timestamps_ns == (2, 3)
+    assert len(found.current_from_previous) == 1
+    assert shortened_input(given, 9).timestamps_ns == given.timestamps_ns  # at the start of a drive
+
+
+def test_methods_are_named_with_their_settings_behind_colons():
+    dis, masks, by_place = parse_methods(
+        "spherical:flow=dis:cell_size_px=4, truth:grow_px=-3,bench.methods.baselines:Nothing"
+    )
+    assert isinstance(dis.method, SphericalMethod)
+    assert (dis.method.flow, dis.method.cell_size_px) == ("dis", 4)
+    assert (masks.method, masks.real) == (ExactMasks(grow_px=-3), False)
+    assert (by_place.method.name, by_place.real) == ("nothing", True)
+
+
+def test_all_holds_real_methods_and_masks_that_are_wrong_in_known_ways():
+    found = parse_methods("all")
+    assert tuple(prediction.name for prediction in found) == ALL_PREDICTIONS
+    assert len(set(ALL_PREDICTIONS)) >= 16
+    assert sum(prediction.real for prediction in found) >= 12
+    methods = [prediction.method for prediction in found]
+    assert all(oracle in methods for oracle in (ExactMasks(), *NEVER_BETTER))
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "told"),
+    [
+        ("spherical:flow=dis:more", UsageError, "expected METHOD:NAME=VALUE"),
+        ("sperical", UnknownNameError, "spherical"),
+        ("spherical,", UnknownNameError, "method"),
+        ("reference", UsageError, "cannot be ranked"),
+    ],
+)
+def test_a_wrong_list_is_refused(text: str, error: type[Exception], told: str):
+    with pytest.raises(error, match=told):
+        parse_methods(text)
+
+
+METHODS = "spherical,epipolar-only,background-subtraction,everything,nothing,truth,truth:grow_px=4,truth:shape=hull"
+
+
+def ranked(card: Path, out: Path, methods: str = METHODS, **options: object) -> RankingSummary:
+    return run_ranking(load_card(card), predictions=parse_methods(methods), out=out, **options)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def ranking(tiny_card: Path, tmp_path_factory: pytest.TempPathFactory) -> RankingSummary:
+    return ranked(tiny_card, tmp_path_factory.mktemp("ranking"))
+
+
+@pytest.mark.slow
+def test_the_exact_masks_are_perfect_by_themselves(ranking: RankingSummary):
+    assert ranking.failures == ()
+    for found in ranking.rows[:-1]:
+        if found.cases:
+            assert found.scores["iou"][EXACT]["truth"] == found.scores["tpr"][EXACT]["truth"] == 1
+    assert ranking.rows[-1].scores["false_positive_share"][EXACT]["truth"] == 0
+    assert {found.name: found.recordings for found in ranking.rows} == {
+        "crossing": 1, "overtaking": 1, "preceding": 0, "approaching": 0, "static_ego": 1, "all_moving": 3,
+        "false_positives": 3,
+    }  # fmt: skip
+
+
+@pytest.mark.slow
+def test_a_method_scores_as_in_a_run(ranking: RankingSummary, tiny_card: Path, tmp_path: Path):
+    for name in ("spherical", "background-subtraction"):
+        run = run_benchmark(
+            RunRequest(
+                card=load_card(tiny_card), method=build_method(name), protocol=load_protocol(PAPER), out=tmp_path / name
+            )
+        )
+        every, false = ranking.rows[-2:]
+        assert every.cases == run.all_moving.object_frames
+        for metric in ("iou", "tpr", "detection_rate_50"):
+            assert every.scores[metric][PAPER][name] == pytest.approx(run.all_moving.metric(metric).value)
+        assert false.scores["false_positive_share"][PAPER][name] == pytest.approx(run.false_positives.coverage.value)
+
+
+@pytest.mark.slow
+def test_processes_change_nothing(ranking: RankingSummary, tiny_card: Path, tmp_path: Path):
+    ranked(tiny_card, tmp_path, executor=ProcessExecutor(workers=2))
+    again = read_ranking(tmp_path)
+    assert again.model_dump_json(exclude={"provenance"}) == ranking.model_dump_json(exclude={"provenance"})
+
+
+@pytest.mark.slow
+def test_a_single_method_or_one_twice_is_refused(tiny_card: Path, tmp_path: Path):
+    for methods in ("nothing", "nothing,nothing"):
+        with pytest.raises(UsageError, match="at least two different methods"):
+            ranked(tiny_card, tmp_path, methods)
+
+
+@pytest.mark.slow
+def test_without_masks_there_is_nothing_to_rank_by(tiny_card: Path, tmp_path: Path):
+    card = shutil.copytree(tiny_card.parent, tmp_path / "datasets") / tiny_card.name
+    card.write_text(card.read_text().replace("scenario:", "source:"))
+    for folder in (card.parent / "data" / "tiny").glob("*/truth/front"):
+        shutil.rmtree(folder)
+    with pytest.raises(DataError, match=r"expected rendered masks .* audit a rendered data set"):
+        ranked(card, tmp_path / "out")
+
+
+@pytest.mark.slow
+def test_an_image_that_cannot_be_used_is_left_out_for_all(tiny_card: Path, tmp_path: Path):
+    card = shutil.copytree(tiny_card.parent, tmp_path / "datasets") / tiny_card.name
+    card.write_text(card.read_text().replace("scenario:", "source:"))
+    image = sorted((card.parent / "data" / "tiny" / "crossing" / "truth" / "front").iterdir())[2]
+    image.write_bytes(image.read_bytes()[:100])
+    found = ranked(card, tmp_path / "out", "nothing,everything", split="moving")
+    assert len(found.failures) == 1
+    assert image.name in found.failures[0]
+    assert found.images == found.rows[-1].cases == 7
+
+
+@pytest.mark.slow
+def test_the_command_prints_the_tables_and_leaves_the_files(monkeypatch, capsys, tiny_card, tmp_path):
+    words = ("audit", tiny_card, "--methods", METHODS, "--recordings", 2, "--workers", 1, "--out", tmp_path)
+    assert call(monkeypatch, *words) == 0
+    shown = capsys.readouterr().out
+    for text in ("Agreement with the exact masks", "What a perfect method scores", "never beats", "too few"):
+        assert text in shown
+    assert "\u2026" not in shown  # no cell is cut
+    for name in ("ranking.json", "ranking.md", "ranking.csv", "ranking.png", "ranking.svg"):
+        assert (tmp_path / name).stat().st_size > 100
+        assert str(tmp_path / name) in shown
+    found, text = read_ranking(tmp_path), (tmp_path / "ranking.md").read_text()
+    for table in ranking_tables(found):
+        assert table.title in text
+        assert all(len(cells) == len(table.headings) for cells in table.rows)
+    assert draw_ranking(found).findobj(Line2D)
+    rows = list(csv.DictReader((tmp_path / "ranking.csv").read_text().splitlines()))
+    assert {row["prediction"] for row in rows if row["table"] == "scores"} == set(METHODS.split(","))
+    assert call(monkeypatch, *words, "--protocol", "surface-v1") == 2
+    assert "expected none of --method, --set and --protocol" in capsys.readouterr().err
