@@ -26,7 +26,7 @@ LABELS = {
     Category.PRECEDING: "Preceding (positive height)",
     Category.APPROACHING: "Approaching (anti-parallel)",
     Category.STATIC_EGO: "Static ego-vehicle (degenerate)",
-    Category.MOVING: "Moving (kind not told)",
+    Category.MOVING: "Moving (kind unknown)",
 }
 INTERVALS = (
     "Intervals: 95 %, by recording, since images of one recording are not independent (jackknife, Student's t on the "

@@ -39,11 +39,13 @@ NOTE = (
     f"of another frame. {INTERVALS} Differences in percentage points. In the last row, "
     "the area of the image. The paper's recordings are private: same form, not the same data."
 )
-UNKNOWN = {"unknown_share": "Unknown"}  # of protocols with unknown bands
-UNKNOWN_NOTE = (
-    "Unknown: share of the pixels of an object and its unknown band that lie in the band, where nothing counts; "
-    "averages over all object-frames. All else is of cores, against which the paper's outlines are another measure."
-)
+FURTHER = {"ceiling_iou": "IoU, ceiling", "unknown_share": "Unknown"}  # of some data, and of some protocols
+FURTHER_NOTES = {
+    "ceiling_iou": "Ceiling: IoU over all object-frames of the exact masks, which no method can be expected to exceed.",
+    "unknown_share": "Unknown: share of the pixels of an object and its unknown band that lie in the band, where "
+    "nothing counts; averages over all object-frames. All else is of cores, against which the paper's outlines are "
+    "another measure.",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -142,14 +144,14 @@ def detection_columns(rows: Sequence[TableRow]) -> dict[str, str]:
     return {"detection_rate": "Detection rate"} | levels
 
 
-def unknown_columns(rows: Sequence[TableRow]) -> dict[str, str]:
-    """Name and heading of the unknown share; none for a protocol without unknown bands."""
-    return UNKNOWN if any("unknown_share" in row.metrics for row in rows) else {}
+def further_columns(rows: Sequence[TableRow]) -> dict[str, str]:
+    """Names and headings of what only some runs have: the ceiling of exact masks, the share of unknown bands."""
+    return {name: heading for name, heading in FURTHER.items() if any(name in row.metrics for row in rows)}
 
 
 def table_note(rows: Sequence[TableRow]) -> str:
     """How to read the tables of these rows."""
-    return f"{NOTE} {UNKNOWN_NOTE}" if unknown_columns(rows) else NOTE
+    return " ".join([NOTE, *(FURTHER_NOTES[name] for name in further_columns(rows))])
 
 
 def text_tables(rows: Sequence[TableRow]) -> tuple[TextTable, ...]:
@@ -160,7 +162,7 @@ def text_tables(rows: Sequence[TableRow]) -> tuple[TextTable, ...]:
     return (
         _beside_the_paper(rows),
         _with_intervals(rows, title="Detection with 95 % intervals", shown=rates),
-        _with_intervals(rows, title="Coverage with 95 % intervals", shown=COVERAGES | unknown_columns(rows)),
+        _with_intervals(rows, title="Coverage with 95 % intervals", shown=COVERAGES | further_columns(rows)),
         _false_positives(rows),
     )
 
@@ -204,7 +206,7 @@ def _false_positives(rows: Sequence[TableRow]) -> TextTable:
 
 MIN_COLUMNS = 100  # a console narrower than this cuts the table
 _SHORT = {"detection_rate": "Detec-\ntion", "tpr": "TPR\ndet.", "tpr_all": "TPR\nall", "iou": "IoU\nall",
-          "iou_detected": "IoU\ndet.", "unknown_share": "Un-\nknown"}  # fmt: skip
+          "iou_detected": "IoU\ndet.", "ceiling_iou": "IoU\nceil.", "unknown_share": "Un-\nknown"}  # fmt: skip
 
 
 def to_rich(rows: Sequence[TableRow]) -> Table:
@@ -213,13 +215,13 @@ def to_rich(rows: Sequence[TableRow]) -> Table:
     Returns:
         A table to print on a `rich.console.Console` of at least `MIN_COLUMNS`; nothing is printed here.
     """
-    shown, unknown = detection_columns(rows) | COVERAGES, unknown_columns(rows)
+    shown, further = detection_columns(rows) | COVERAGES, further_columns(rows)
     table = terminal_table("Ours beside the paper's, in percent", caption=_caption(rows), below=1, right=0)
     table.add_column("Type", no_wrap=True)
     table.add_column("", style="dim", no_wrap=True)
     number_columns(table, ("Recs", "Frames", "Objects"))
     number_columns(table, (_SHORT.get(n, heading.replace(" ", "\n", 1)) for n, heading in shown.items()), min_width=6)
-    number_columns(table, (_SHORT[name] for name in unknown))
+    number_columns(table, (_SHORT[name] for name in further))
     for row in rows:
         of_images = row.name == FALSE_POSITIVES
         lines = ["ours", "95 %", *([] if of_images else ["chance"]), "paper", "diff."]
@@ -230,7 +232,7 @@ def to_rich(rows: Sequence[TableRow]) -> Table:
             count(row.recordings),
             Text("\n".join(frames.get(line, "") for line in lines)),
             count(row.tracks),
-            *(_cell(row, name, lines) for name in (["coverage"] if of_images else shown | unknown)),
+            *(_cell(row, name, lines) for name in (["coverage"] if of_images else shown | further)),
         )
     return table
 
@@ -257,7 +259,10 @@ def _caption(rows: Sequence[TableRow]) -> Text:
         "Chance: the same on the mask of another frame. n/a (0): no cases.",
         "TPR and IoU: det. over detected object-frames, the paper's reading; all over all of them.",
     ]
-    if unknown_columns(rows):
+    further = further_columns(rows)
+    if "ceiling_iou" in further:
+        notes.append("Ceiling (ceil.): what the exact masks score; no method can be expected to exceed it.")
+    if "unknown_share" in further:
         notes.append("Unknown: share of an object and its unknown band that lies in the band; all else is of cores.")
     for row in rows:
         rate = row.metrics.get("frame_rate")

@@ -21,7 +21,7 @@ from bench.reporting.page.object_table import table_data
 from bench.reporting.page.summary import breakdowns, remarks
 from bench.reporting.page.worst import Progress, WorstCases, worst_cases
 from bench.reporting.stored_run import StoredRun, read_stored_run
-from bench.reporting.tables import detection_columns, table_note, table_rows, text_tables, unknown_columns
+from bench.reporting.tables import detection_columns, further_columns, table_note, table_rows, text_tables
 
 WORST, WORST_OF_CATEGORY = 3, 12
 
@@ -83,10 +83,10 @@ def _render(run: StoredRun, worst: WorstCases, *, pictures: bool) -> str:
         "category": None if run.category is None else LABELS[run.category],
         "remarks": remarks(found, category=run.category),
         "rows": rows,
-        "columns": columns | {"tpr": "TPR of the found", "iou_detected": "IoU of the found"} | unknown_columns(rows),
+        "columns": columns | {"tpr": "TPR, detected", "iou_detected": "IoU, detected"} | further_columns(rows),
         "tables": text_tables(rows)[1 : 4 if whole else 3],
         "note": table_note(rows),
-        "unknown": bool(unknown_columns(rows)),
+        "unknown": "unknown_share" in further_columns(rows),
         "breakdowns": breakdowns(found),
         "sections": draw_charts(run),
         "causes": sorted(causes, key=lambda item: -item[1].value),

@@ -28,6 +28,7 @@ BREAKDOWN_METRICS = {
     "detection_rate_50": "half of it found",
     "tpr_all": "share found (TPR, all)",
     "iou": "IoU, all",
+    "ceiling_iou": "IoU, ceiling",
     "unknown_share": "unknown",
 }
 
