@@ -108,7 +108,7 @@ class ExactMasks:
         ids = read_truth(image, camera)
         moving = moving_instances(recording, reference)
         if (self.grow_px, self.shift_px, self.shape) == (0, 0, "exact"):
-            mask = np.isin(ids, moving, kind="table")
+            mask = np.isin(ids, np.array(moving, dtype=np.int64))
         else:
             mask = np.zeros(ids.shape, dtype=bool)
             for number in moving:

@@ -1,6 +1,7 @@
 """The reference scored against itself is perfect, or the evaluation is wrong; exact masks are the ceiling."""
 
 import shutil
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -11,7 +12,7 @@ from bench.errors import UsageError
 from bench.evaluation import load_protocol
 from bench.execution import ProcessExecutor, SerialExecutor
 from bench.harness import FramePipeline, RunRequest, build_scorable, read_run, run_benchmark, scorable_methods
-from bench.harness.oracles import ReferenceItself, moving_instances
+from bench.harness.oracles import ExactMasks, ReferenceItself, moving_instances
 from bench.methods import MethodError, build_method, known_methods
 from bench.recordings import load_card, open_dataset, read_truth
 
@@ -105,6 +106,13 @@ def test_the_exact_masks_are_the_pixels_of_what_moves(tiny_card):
     frame, ids, moving = truth_frame(tiny_card)
     assert moving
     assert np.array_equal(frame.segmentation.mask, np.isin(ids, moving))
+
+
+def test_where_nothing_moves_the_exact_masks_are_empty(tiny_card):
+    frame, _, _ = truth_frame(tiny_card)
+    handle = next(h for h in open_dataset(load_card(str(tiny_card))) if h.name == "crossing")
+    answer = ExactMasks().answer(handle.open(), frame.image, replace(frame.reference, objects=()))
+    assert not answer.mask.any()
 
 
 def test_cells_of_the_exact_masks_are_what_their_centres_show(tiny_card):
