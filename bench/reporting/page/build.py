@@ -72,6 +72,8 @@ def _render(run: StoredRun, worst: WorstCases, *, pictures: bool) -> str:
     whole, found, made = run.category is None, run.metrics, run.summary.provenance
     (_, any_pixel), *levels = detection_columns(rows).items()
     columns = {"detection_rate": f"{any_pixel} (any pixel)"} | {name: f"found {heading}" for name, heading in levels}
+    further = further_columns(rows)
+    ceiling = {name: heading for name, heading in further.items() if name == "ceiling_iou"}
     recordings = found.false_positives.recordings
     causes = [(name, cause) for name, cause in found.false_positive_causes.items() if not math.isnan(cause.value)]
     context: dict[str, Any] = {
@@ -83,10 +85,10 @@ def _render(run: StoredRun, worst: WorstCases, *, pictures: bool) -> str:
         "category": None if run.category is None else LABELS[run.category],
         "remarks": remarks(found, category=run.category),
         "rows": rows,
-        "columns": columns | {"tpr": "TPR, detected", "iou_detected": "IoU, detected"} | further_columns(rows),
+        "columns": columns | {"tpr": "TPR, detected", "iou_detected": "IoU, detected"} | ceiling,
         "tables": text_tables(rows)[1 : 4 if whole else 3],
         "note": table_note(rows),
-        "unknown": "unknown_share" in further_columns(rows),
+        "unknown": "unknown_share" in further,
         "breakdowns": breakdowns(found),
         "sections": draw_charts(run),
         "causes": sorted(causes, key=lambda item: -item[1].value),
