@@ -88,7 +88,7 @@ def agreement_table(ranking: RankingSummary) -> formats.TextTable:
         rows=rows,
         note="Mean absolute differences from the scores against exact masks, over all predictions, and over the real "
         "methods, that is those that are not made of the exact masks; of false positives: of their area. In brackets "
-        f"95 % intervals from draws of whole recordings; rows with fewer than {FEWEST_RECORDINGS} have none.",
+        f"95 % intervals from draws of whole recordings; rows of fewer than {FEWEST_RECORDINGS} recordings have none.",
         labels=2,
     )
 
