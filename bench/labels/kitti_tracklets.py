@@ -26,11 +26,9 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from xml.etree.ElementTree import Element, ParseError, SubElement, indent, tostring
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
-from defusedxml.common import DefusedXmlException
-from defusedxml.ElementTree import iterparse
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -40,7 +38,7 @@ from bench.labels.formats import LabelOptions, LabelSet, left_out, map_classes, 
 from bench.labels.frames import frame_numbers, pair_with_sweeps
 from bench.labels.motion import box_state, lidar_from_object, motion_lost, states_at_sweeps, with_motion
 from bench.recordings import Cuboid, ObjectState, Recording, SweepRef, Track, write_text
-from bench.recordings.files import READ_BYTES, MeteredFile, numbers
+from bench.recordings.files import READ_BYTES, MeteredFile, numbers, xml_parts
 
 LARGEST_ITEM_BYTES = 8_000_000  # ten thousand poses, a quarter of an hour
 DEEPEST = 12  # levels of nested elements; the format has six, attributes that tools add two more
@@ -105,29 +103,21 @@ def read_tracklets(file: Path) -> tuple[Tracklet, ...]:
     """
     tracklets: list[Tracklet] = []
     told: list[int] = []
-    try:
-        with file.open("rb") as raw:
-            metered = MeteredFile(raw, file, part="tracklets", largest_bytes=LARGEST_ITEM_BYTES)
-            open_elements: list[Element] = []
-            for event, element in iterparse(_Declared(metered), events=("start", "end")):
-                if event == "start":
-                    open_elements.append(element)
-                    _refuse_place(open_elements, file)
-                    continue
-                open_elements.pop()
-                if len(open_elements) == 2:
-                    if element.tag == "count":
-                        told.append(_whole(element, "count", file, "tracklets.count"))
-                    elif element.tag == "item":
-                        tracklets.append(_tracklet(element, file, f"tracklets.item {len(tracklets)}"))
-                    open_elements[-1].clear()
-                    metered.restart()
-    except OSError as error:
-        raise DataError(file, expected="a file of tracklets", got=error.strerror or str(error)) from error
-    except DefusedXmlException as error:
-        raise DataError(file, expected="XML without entities", got=str(error)) from None
-    except (ParseError, ValueError) as error:
-        raise DataError(file, expected="well-formed XML", got=f"{error}; the file may be cut short") from None
+    elements = xml_parts(
+        file,
+        level=2,
+        parts="tracklets",
+        largest_bytes=LARGEST_ITEM_BYTES,
+        deepest=DEEPEST,
+        outer=OUTER,
+        forbid_dtd=False,
+        mended=_Declared,
+    )
+    for element in elements:
+        if element.tag == "count":
+            told.append(_whole(element, "count", file, "tracklets.count"))
+        elif element.tag == "item":
+            tracklets.append(_tracklet(element, file, f"tracklets.item {len(tracklets)}"))
     if told != [len(tracklets)]:
         got = f"{told[0]} for {len(tracklets)} items" if len(told) == 1 else f"{len(told)} counts"
         raise DataError(file, field="tracklets.count", expected="the number of tracklets", got=got)
@@ -170,14 +160,6 @@ class _Declared:
             head = re.sub(rb"""^(\s*<\?xml[^>]*standalone\s*=\s*)(["'])true\2""", rb"\1\2yes\2", head)
             content = head + rest
         return content
-
-
-def _refuse_place(opened: list[Element], file: Path) -> None:
-    if len(opened) <= len(OUTER) and opened[-1].tag != OUTER[len(opened) - 1]:
-        got = " with ".join(element.tag for element in opened)[:80]
-        raise DataError(file, expected=" with ".join(OUTER), got=got)
-    if len(opened) > DEEPEST:
-        raise DataError(file, expected=f"at most {DEEPEST} levels of elements", got="more")
 
 
 def _tracklet(item: Element, file: Path, field: str) -> Tracklet:

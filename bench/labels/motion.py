@@ -154,7 +154,7 @@ def motion_lost(tracks: Sequence[Track]) -> list[str]:
 
 
 NEIGHBOUR_M = 0.5  # points nearer than this belong together; people who walk abreast stay apart
-FARTHEST_STEP_M = 3.0  # between sweeps, beyond what the motion so far foretells: 30 m/s at ten sweeps a second
+FARTHEST_STEP_M = 3.0  # between sweeps, beyond what the motion so far predicts: 30 m/s at ten sweeps a second
 LONGEST_UNSEEN_NS = 600_000_000  # some annotate twice a second
 SECOND_NS = 1_000_000_000
 
@@ -200,45 +200,45 @@ def linked_groups(sweeps: Sequence[GroupedSweep]) -> tuple[tuple[int, ...], ...]
     Returns:
         For each sweep the object of each of its groups, from 0 on.
     """
-    followed: dict[int, _Followed] = {}
+    followed: dict[int, _LastSeen] = {}
     count = 0
     numbers = []
     for sweep in sweeps:
         followed = {i: o for i, o in followed.items() if sweep.timestamp_ns - o.seen_ns <= LONGEST_UNSEEN_NS}
-        foretold = np.array([one.foretold(sweep.timestamp_ns) for one in followed.values()]).reshape(-1, 3)
-        due, found = list(followed), dict(_pairs(sweep.middles_m, foretold))
+        predicted = np.array([one.predicted(sweep.timestamp_ns) for one in followed.values()]).reshape(-1, 3)
+        numbers_followed, found = list(followed), dict(_pairs(sweep.middles_m, predicted))
         row = []
         for group, middle in enumerate(sweep.middles_m):
             if group in found:
-                number = due[found[group]]
+                number = numbers_followed[found[group]]
                 followed[number] = followed[number].moved(middle, sweep.timestamp_ns)
             else:
                 number, count = count, count + 1
-                followed[number] = _Followed(seen_ns=sweep.timestamp_ns, place_m=middle, velocity_mps=np.zeros(3))
+                followed[number] = _LastSeen(seen_ns=sweep.timestamp_ns, place_m=middle, velocity_mps=np.zeros(3))
             row.append(number)
         numbers.append(tuple(row))
     return tuple(numbers)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Followed:
+class _LastSeen:
     """An object where it was last seen."""
 
     seen_ns: int
     place_m: NDArray[np.float64]
     velocity_mps: NDArray[np.float64]
 
-    def foretold(self, timestamp_ns: int) -> NDArray[np.float64]:
+    def predicted(self, timestamp_ns: int) -> NDArray[np.float64]:
         return np.asarray(self.place_m + self.velocity_mps * (timestamp_ns - self.seen_ns) / SECOND_NS)
 
-    def moved(self, place_m: NDArray[np.float64], timestamp_ns: int) -> _Followed:
+    def moved(self, place_m: NDArray[np.float64], timestamp_ns: int) -> _LastSeen:
         velocity = (place_m - self.place_m) * SECOND_NS / (timestamp_ns - self.seen_ns)
-        return _Followed(seen_ns=timestamp_ns, place_m=place_m, velocity_mps=velocity)
+        return _LastSeen(seen_ns=timestamp_ns, place_m=place_m, velocity_mps=velocity)
 
 
-def _pairs(middles_m: NDArray[np.float64], foretold_m: NDArray[np.float64]) -> list[tuple[int, int]]:
+def _pairs(middles_m: NDArray[np.float64], predicted_m: NDArray[np.float64]) -> list[tuple[int, int]]:
     """(group, object) of all pairs within a step, with the smallest sum of distances."""
-    away_m = np.nan_to_num(cdist(middles_m, foretold_m), nan=np.inf)
+    away_m = np.nan_to_num(cdist(middles_m, predicted_m), nan=np.inf)
     # Pairs that are too far cost the same, so that they do not push near ones apart.
     rows, columns = linear_sum_assignment(np.minimum(away_m, FARTHEST_STEP_M))
     return [(int(r), int(c)) for r, c in zip(rows, columns, strict=True) if away_m[r, c] < FARTHEST_STEP_M]

@@ -59,7 +59,7 @@ class Systems:
     def __init__(self, content: Root, recording: Recording, file: Path) -> None:
         self._content, self._file = content, file
         self._chained: dict[tuple[str | None, str | None], RigidTransform] = {}
-        self._standing = standing_poses(content, file)
+        self._constant = constant_poses(content, file)
         self.anchor, self._vehicle_from_anchor = self._anchored(recording)
 
     def vehicle_from(self, name: str | None, frame: str | None) -> RigidTransform:
@@ -89,7 +89,7 @@ class Systems:
         if start != self.anchor and start not in self._content.coordinate_systems:
             known = ", ".join(self._content.coordinate_systems) or "none"
             raise DataError(self._file, field=field, expected=f"one of {known}", got=repr(start))
-        edges = dict(self._standing)
+        edges = dict(self._constant)
         if frame is not None:
             for key, moved in self._content.frames[frame].frame_properties.transforms.items():
                 place = f"openlabel.frames.{frame}.frame_properties.transforms.{key}"
@@ -126,7 +126,7 @@ class Systems:
         )
 
 
-def standing_poses(content: Root, file: Path) -> dict[tuple[str, str], RigidTransform]:
+def constant_poses(content: Root, file: Path) -> dict[tuple[str, str], RigidTransform]:
     """(parent, child) -> parent_from_child of all systems whose pose holds in every frame.
 
     Raises:
@@ -214,7 +214,6 @@ COEFFICIENTS = ("lens_coeffs", "lens_coeffs_1x4", "lens_coeffs_1xN")
 CENTRES = (("center_x_px", "center_x"), ("center_y_px", "center_y"))
 MODELS = ("model", "fisheye_model")
 MATRICES, DISTORTIONS = ("camera_matrix", "camera_matrix_3x4"), ("distortion_coeffs", "distortion_coeffs_1xN")
-SCHEMA_COEFFICIENTS = 4
 NO_DISTORTION = [0.0] * 5
 
 
@@ -247,23 +246,15 @@ def lens_properties(camera: CameraModel) -> dict[str, Any]:
         fx, fy = camera.focal
         matrix = [fx, 0.0, u, 0.0, 0.0, fy, v, 0.0, 0.0, 0.0, 1.0, 0.0]
         properties["intrinsics_pinhole"] = {**size, "camera_matrix": matrix, "distortion_coeffs": NO_DISTORTION}
-    elif isinstance(camera, RadialPolynomialCamera) and len(camera.coefficients) <= SCHEMA_COEFFICIENTS:
-        properties["intrinsics_fisheye"] = {
-            **size,
-            **centre,
-            "model": "radial_poly",
-            "aspect_ratio": camera.aspect_ratio,
-            "lens_coeffs": _padded(camera.coefficients),
-        }
-    elif isinstance(camera, KannalaBrandtCamera) and len(camera.coefficients) <= SCHEMA_COEFFICIENTS:
-        properties["intrinsics_fisheye"] = {
-            **size,
-            **centre,
-            "model": "opencv_fisheye",
-            "focal_length_x": camera.focal[0],
-            "focal_length_y": camera.focal[1],
-            "lens_coeffs": _padded(camera.coefficients),
-        }
+    elif isinstance(camera, RadialPolynomialCamera | KannalaBrandtCamera) and len(camera.coefficients) <= 4:
+        lens: dict[str, Any]
+        if isinstance(camera, RadialPolynomialCamera):
+            lens = {"model": "radial_poly", "aspect_ratio": camera.aspect_ratio}
+        else:
+            focal_x, focal_y = camera.focal
+            lens = {"model": "opencv_fisheye", "focal_length_x": focal_x, "focal_length_y": focal_y}
+        padded = [*camera.coefficients, *[0.0] * (4 - len(camera.coefficients))]  # the schema has four
+        properties["intrinsics_fisheye"] = {**size, **centre, **lens, "lens_coeffs": padded}
     return {**properties, "intrinsics_custom": parameters}
 
 
@@ -362,10 +353,6 @@ def _number(
     return number
 
 
-def _padded(coefficients: tuple[float, ...]) -> list[float]:
-    return [*coefficients, *[0.0] * (SCHEMA_COEFFICIENTS - len(coefficients))]
-
-
 def calibration_head(file: Path) -> dict[str, Any]:
     """`cameras` and, where the file has one lidar, `lidar` of `recording.json`, as JSON values.
 
@@ -417,7 +404,7 @@ def _vehicle(content: Root, file: Path) -> str:
 
 
 def _mounting(name: str, vehicle: str, content: Root, file: Path) -> dict[str, Any]:
-    vehicle_from_sensor = chain(name, vehicle, standing_poses(content, file))
+    vehicle_from_sensor = chain(name, vehicle, constant_poses(content, file))
     if vehicle_from_sensor is None:
         field = f"openlabel.coordinate_systems.{name}"
         raise DataError(file, field=field, expected=f"poses that lead to {vehicle!r}", got="none")

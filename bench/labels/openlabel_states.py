@@ -238,16 +238,16 @@ class StateReader:
         return tuple(sorted(states, key=lambda state: state.timestamp_ns))
 
     def _frames(self, uid: str, item: LabelledObject, times_ns: dict[str, int]) -> Iterator[tuple[str, ObjectData]]:
-        standing = item.object_data if item.object_data.cuboid else None
+        constant = item.object_data if item.object_data.cuboid else None
         for number in times_ns:
             entry = self._content.frames[number].objects.get(uid)
             if entry is not None:
                 self._count(entry.object_data, known_numbers=OWN_NUMBERS)
-            if entry is not None and (entry.object_data.cuboid or standing is None):
+            if entry is not None and (entry.object_data.cuboid or constant is None):
                 yield number, entry.object_data
-            elif standing is not None and (entry is not None or _holds(item, int(number))):
+            elif constant is not None and (entry is not None or _holds(item, int(number))):
                 own = ObjectData() if entry is None else entry.object_data
-                yield number, own.model_copy(update={"cuboid": standing.cuboid})
+                yield number, own.model_copy(update={"cuboid": constant.cuboid})
 
     def _state(
         self, data: ObjectData, item: LabelledObject, number: str, time_ns: int, field: str

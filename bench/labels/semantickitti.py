@@ -407,7 +407,7 @@ def _name(label: int) -> str:
     return NAMES.get(label, str(label))
 
 
-def _stands(label: int) -> bool:
+def _is_stationary(label: int) -> bool:
     """Whether a label says that its points did not move; of numbers that only the user knows it says nothing."""
     return label in NAMES and not is_moving(label)
 
@@ -437,7 +437,7 @@ def _gather(gathered: _Gathered, file: Path, sweep: SweepRef, recording: Recordi
                 gathered.instances[int(label), instance].append(seen(of_instance))
                 continue
             gathered.nameless[int(label)] += len(of_instance)
-            if not _stands(int(label)):
+            if not _is_stationary(int(label)):
                 groups = near_groups(points.points_lidar[of_instance])
                 found = [seen(of_instance[groups == group]) for group in range(int(groups.max()) + 1)]
                 gathered.loose[int(label)].append(found)
@@ -447,11 +447,15 @@ def _tracks(gathered: _Gathered, classes: Mapping[str, str | None], recording: R
     tracks = []
     for (label, instance), observations in sorted(gathered.instances.items()):
         if ours := classes[_name(label)]:
-            tracks.append(_track(f"{_name(label)}-{instance}", ours, observations, recording, stands=_stands(label)))
+            tracks.append(
+                _track(f"{_name(label)}-{instance}", ours, observations, recording, stationary=_is_stationary(label))
+            )
     for label, sweeps in sorted(gathered.loose.items()):
         if ours := classes[_name(label)]:
             for number, observations in sorted(_followed(sweeps).items()):
-                tracks.append(_track(f"{_name(label)}-group-{number + 1}", ours, observations, recording, stands=False))
+                tracks.append(
+                    _track(f"{_name(label)}-group-{number + 1}", ours, observations, recording, stationary=False)
+                )
     return tracks
 
 
@@ -468,9 +472,9 @@ def _followed(sweeps: Sequence[Sequence[_Seen]]) -> dict[int, list[_Seen]]:
     return objects
 
 
-def _track(name: str, ours: str, observations: Sequence[_Seen], recording: Recording, *, stands: bool) -> Track:
+def _track(name: str, ours: str, observations: Sequence[_Seen], recording: Recording, *, stationary: bool) -> Track:
     times_ns = np.array([one.timestamp_ns for one in observations], dtype=np.int64)
-    if stands:
+    if stationary:
         velocities = np.zeros((len(observations), 3))
     else:
         seen_ns = np.array([one.seen_ns for one in observations], dtype=np.int64)
@@ -502,7 +506,9 @@ def _loss_of_groups(
     for label, count in sorted(gathered.nameless.items()):
         start = f"{count} points of {_name(label)} without an instance"
         groups = sum(track.track_id.startswith(f"{_name(label)}-group-") for track in tracks)
-        standing = "left out, they stand" if _stands(label) else f"grouped by proximity and followed, {groups} objects"
+        standing = (
+            "left out, they stand" if _is_stationary(label) else f"grouped by proximity and followed, {groups} objects"
+        )
         lost.append(f"{start}: {standing}")
     moving = [track for track in tracks if not all(np.array_equal(s.velocity_mps, np.zeros(3)) for s in track.states)]
     if moving:

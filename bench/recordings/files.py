@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from os import scandir
 from pathlib import Path
 from typing import IO, Any
+from xml.etree.ElementTree import Element, ParseError
 
 import numpy as np
+from defusedxml.common import DefusedXmlException
+from defusedxml.ElementTree import iterparse
 
 from bench.errors import DataError
 from bench.recordings.atomic import refuse_escape
@@ -170,3 +173,57 @@ class MeteredFile:
     def restart(self) -> None:
         """A new part begins."""
         self._since = 0
+
+
+def xml_parts(
+    file: Path,
+    *,
+    level: int,
+    parts: str,
+    largest_bytes: int,
+    deepest: int,
+    outer: tuple[str, ...] = (),
+    forbid_dtd: bool = True,
+    mended: Callable[[MeteredFile], Any] = lambda source: source,
+) -> Iterator[Element]:
+    """The elements of a level of an XML file, one by one; each is gone when the next one is read.
+
+    Args:
+        file: XML.
+        level: how many elements are around each; 1 for the children of the root.
+        parts: what they are, for messages.
+        largest_bytes: of XML without the end of such an element.
+        deepest: levels of elements that the file may have.
+        outer: names that the outermost elements must have.
+        forbid_dtd: refuse a document type; entities are always refused.
+        mended: changes what is read before it is parsed.
+
+    Raises:
+        DataError: missing, cut short, not XML, with a document type or entities, nested too deeply, with other outer
+            elements, or with an element that is too long.
+    """
+    try:
+        with file.open("rb") as raw:
+            source = MeteredFile(raw, file, part=parts, largest_bytes=largest_bytes)
+            opened: list[Element] = []
+            for event, element in iterparse(mended(source), events=("start", "end"), forbid_dtd=forbid_dtd):
+                if event == "start":
+                    opened.append(element)
+                    if len(opened) <= len(outer) and element.tag != outer[len(opened) - 1]:
+                        got = " with ".join(around.tag for around in opened)[:80]
+                        raise DataError(file, expected=" with ".join(outer), got=got)
+                    if len(opened) > deepest:
+                        raise DataError(file, expected=f"at most {deepest} levels of elements", got="more")
+                    continue
+                opened.pop()
+                if len(opened) == level:
+                    yield element
+                    opened[-1].clear()
+                    source.restart()
+    except OSError as error:
+        raise DataError(file, expected=f"a file of {parts}", got=error.strerror or str(error)) from error
+    except DefusedXmlException as error:
+        expected = "XML without a document type or entities" if forbid_dtd else "XML without entities"
+        raise DataError(file, expected=expected, got=str(error)) from None
+    except (ParseError, ValueError) as error:
+        raise DataError(file, expected="well-formed XML", got=f"{error}; the file may be cut short") from None

@@ -156,8 +156,7 @@ def test_without_annotations_a_recording_opens_and_nothing_is_scored(tmp_path):
 
 
 def test_the_clock_and_offsets(tmp_path):
-    root = bags.write_rig(tmp_path / "data")
-    bags.write_bag(root / "drive", bags.drive())
+    root = bags.data_set(tmp_path, bags.drive())
     assert opened(root, clock="bag").images["front"][0].timestamp_ns == tiny.TIMES_NS[0] + bags.LATE_NS
     rig = rig_with()
     rig["cameras"]["front"]["time_offset_ns"] = -7_000_000
@@ -231,8 +230,7 @@ SIGNALS = {
 
 
 def test_speed_and_yaw_rate_at_their_own_times(tmp_path):
-    root = bags.write_rig(tmp_path / "data", rig_with(ego_motion=SIGNALS))
-    bags.write_bag(root / "drive", [*bags.drive(), *bags.signals()])
+    root = bags.data_set(tmp_path, [*bags.drive(), *bags.signals()], rig_with(ego_motion=SIGNALS))
     trajectory = opened(root).trajectory
     turned = trajectory.world_from_vehicle(tiny.TIMES_NS[0]).inverse() @ trajectory.world_from_vehicle(tiny.TIMES_NS[2])
     seconds = (tiny.TIMES_NS[2] - tiny.TIMES_NS[0]) / 1e9
@@ -289,8 +287,7 @@ def test_a_gap_in_one_signal_is_a_gap_in_the_path(tmp_path):
 
 
 def test_one_rig_for_each_recording(tmp_path):
-    root = bags.write_rig(tmp_path / "data")
-    bags.write_bag(root / "drive", bags.drive())
+    root = bags.data_set(tmp_path, bags.drive())
     rig = rig_with(frame_interval_ns=50_000_000)
     (root / "drive" / "rig.yaml").write_text(json.dumps(rig))
     assert opened(root, rig="{recording}/rig.yaml").frame_interval_ns == 50_000_000
@@ -317,8 +314,7 @@ RIGS = [
 
 @pytest.mark.parametrize(("change", "told"), RIGS, ids=[told for _, told in RIGS])
 def test_rigs_that_cannot_be(tmp_path, change, told):
-    root = bags.write_rig(tmp_path / "data", rig_change(change))
-    bags.write_bag(root / "drive", bags.drive())
+    root = bags.data_set(tmp_path, bags.drive(), rig_change(change))
     with pytest.raises(DataError) as caught:
         opened(root)
     assert "rig.yaml: " in str(caught.value)
@@ -326,8 +322,7 @@ def test_rigs_that_cannot_be(tmp_path, change, told):
 
 
 def test_a_rig_elsewhere_or_with_tags_is_refused(tmp_path):
-    root = bags.write_rig(tmp_path / "data")
-    bags.write_bag(root / "drive", bags.drive())
+    root = bags.data_set(tmp_path, bags.drive())
     with pytest.raises(DataError, match=r"options\.rig: expected a relative path without '\.\.', got '\.\./rig\.yaml'"):
         opened(root, rig="../rig.yaml")
     (root / "rig.yaml").write_text("vehicle: !!python/object/apply:os.getcwd []\n")
@@ -338,8 +333,7 @@ def test_a_rig_elsewhere_or_with_tags_is_refused(tmp_path):
 def test_topics_that_are_missing_or_of_another_type(tmp_path):
     rig = rig_with()
     rig["cameras"]["front"]["topic"] = "/camera/rear"
-    root = bags.write_rig(tmp_path / "data", rig)
-    bags.write_bag(root / "drive", bags.drive())
+    root = bags.data_set(tmp_path, bags.drive(), rig)
     with pytest.raises(DataError, match=r"cameras\.front\.topic: expected messages on /camera/rear, .* /camera/front"):
         opened(root)
     rig["cameras"]["front"]["topic"], rig["lidar"]["topic"] = bags.LIDAR, "/nothing"
@@ -376,8 +370,7 @@ def test_the_example_card_shows_a_rig_that_is_one():
 def test_the_hosts_body_is_a_mask_and_polygons(tmp_path):
     rig = rig_with()
     rig["cameras"]["front"]["ego_body_mask"] = "body.png"
-    root = bags.write_rig(tmp_path / "data", rig)
-    bags.write_bag(root / "drive", bags.drive())
+    root = bags.data_set(tmp_path, bags.drive(), rig)
     mask = np.zeros((tiny.HEIGHT, tiny.WIDTH), dtype=np.uint8)
     mask[:3] = 255
     cv2.imwrite(str(root / "body.png"), mask)
@@ -393,8 +386,7 @@ def test_the_hosts_body_is_a_mask_and_polygons(tmp_path):
 
 def test_what_a_reference_stands_for_changes_with_content_and_with_its_decoding(tmp_path):
     """Results that are kept by content must not be found for another image of the same file."""
-    root = bags.write_rig(tmp_path / "data")
-    bags.write_bag(root / "drive", bags.drive())
+    root = bags.data_set(tmp_path, bags.drive())
     contents = {ref.stored.content() for ref in opened(root).images["front"]}
     assert len(contents) == 3
     assert {ref.stored.content() for ref in opened(root).images["front"]} == contents

@@ -78,13 +78,6 @@ def copied(file, tmp_path, content=None, *, metadata=True):
     return root
 
 
-def bag_of(tmp_path, rows):
-    """A data set with one bag of these messages."""
-    root = bags.write_rig(tmp_path / "data")
-    bags.write_bag(root / "drive", rows)
-    return root
-
-
 @contextmanager
 def memory_below(most_bytes):
     """Python's memory stays below so much in the block."""
@@ -462,7 +455,7 @@ def metadata(root, change):
 
 @pytest.mark.parametrize("path", ["../drive.mcap", "/etc/drive.mcap", "..", "C:\\x.mcap", "secret.txt"])
 def test_metadata_that_names_files_elsewhere(tmp_path, path):
-    root = bag_of(tmp_path, bags.drive())
+    root = bags.data_set(tmp_path, bags.drive())
     metadata(root, lambda content: content.update(relative_file_paths=[path]))
     with pytest.raises(
         DataError, match=r"metadata\.yaml: rosbag2_bagfile_information\.relative_file_paths\.0: expected"
@@ -497,14 +490,14 @@ def test_links_that_lead_outside(tmp_path):
     ids=["tag", "list", "no keys", "nested", "aliases"],
 )
 def test_metadata_that_is_none(tmp_path, content):
-    root = bag_of(tmp_path, bags.drive())
+    root = bags.data_set(tmp_path, bags.drive())
     (root / "drive" / "metadata.yaml").write_text(content)
     with pytest.raises(DataError, match=r"metadata\.yaml"):
         handle_of(root, accept_losses=True).open()
 
 
 def test_a_missing_part_of_several(tmp_path):
-    root = bag_of(tmp_path, bags.drive())
+    root = bags.data_set(tmp_path, bags.drive())
     metadata(root, lambda content: content["relative_file_paths"].append("drive_1.mcap"))
     with pytest.raises(DataError, match=r"drive_1\.mcap: expected a file of messages, as metadata\.yaml says, got no"):
         handle_of(root).open()
@@ -562,7 +555,7 @@ STAMPS = [
 
 @pytest.mark.parametrize(("stamps_ns", "told", "kept"), STAMPS)
 def test_stamps_that_no_clock_gives(tmp_path, stamps_ns, told, kept):
-    root = bag_of(tmp_path, with_stamps(*stamps_ns))
+    root = bags.data_set(tmp_path, with_stamps(*stamps_ns))
     with pytest.raises(DataError) as caught:
         handle_of(root).open()
     assert f"/camera/front: expected {told} ns" in str(caught.value)
@@ -586,7 +579,7 @@ def test_numbers_that_are_none_in_poses(tmp_path):
 
 
 def test_a_lost_trajectory_leaves_the_rest(tmp_path):
-    root = bag_of(tmp_path, [row for row in bags.drive() if row[0] != bags.ODOM])
+    root = bags.data_set(tmp_path, [row for row in bags.drive() if row[0] != bags.ODOM])
     with pytest.raises(DataError, match=r"/odom: expected messages of the ego-motion, got none"):
         handle_of(root, accept_losses=True).open()
     reading = handle_of(root).read_leniently()

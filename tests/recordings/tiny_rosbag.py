@@ -249,3 +249,10 @@ def write_data_set(root: Path, *, storage: str = "mcap") -> Path:
     folder.mkdir(exist_ok=True)
     write_annotations(folder / "drive.json", tiny.tracks())
     return folder
+
+
+def data_set(tmp_path, rows, rig=RIG):
+    """A data set with one bag of these messages."""
+    root = write_rig(tmp_path / "data", rig)
+    write_bag(root / "drive", rows)
+    return root

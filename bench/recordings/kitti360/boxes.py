@@ -12,17 +12,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from xml.etree.ElementTree import Element, ParseError
+from xml.etree.ElementTree import Element
 
 import numpy as np
-from defusedxml.common import DefusedXmlException
-from defusedxml.ElementTree import iterparse
 from numpy.typing import NDArray
 from scipy.linalg import polar
 
 from bench.errors import DataError
 from bench.recordings.error_handlers import STRICT, OnError
-from bench.recordings.files import MeteredFile, numbers
+from bench.recordings.files import numbers, xml_parts
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,37 +107,14 @@ def read_boxes(file: Path, on_error: OnError = STRICT) -> Iterator[WorldBox | tu
     Raises:
         DataError: missing, cut short, not XML, with a document type or entities, or an object that is not whole.
     """
-    try:
-        with file.open("rb") as raw:
-            source = MeteredFile(raw, file, part="objects", largest_bytes=LARGEST_OBJECT_BYTES)
-            root: Element | None = None
-            depth = 0
-            for event, element in iterparse(source, events=("start", "end"), forbid_dtd=True):
-                depth += 1 if event == "start" else -1
-                if depth > DEEPEST:
-                    raise DataError(file, expected=f"at most {DEEPEST} levels of elements", got="more")
-                if event == "start":
-                    root = element if root is None else root
-                elif depth == 1 and root is not None:
-                    found = _told(element, file, on_error)
-                    root.clear()
-                    source.restart()
-                    if found is not None:
-                        yield found
-    except OSError as error:
-        raise DataError(file, expected="a file of boxes", got=error.strerror or str(error)) from error
-    except DefusedXmlException as error:
-        raise DataError(file, expected="XML without a document type or entities", got=str(error)) from None
-    except (ParseError, ValueError) as error:
-        raise DataError(file, expected="well-formed XML", got=f"{error}; the file may be cut short") from None
-
-
-def _told(element: Element, file: Path, on_error: OnError) -> WorldBox | tuple[int, int] | None:
-    try:
-        return _object(element, file)
-    except DataError as error:
-        on_error(error)
-    return None
+    for element in xml_parts(file, level=1, parts="objects", largest_bytes=LARGEST_OBJECT_BYTES, deepest=DEEPEST):
+        try:
+            found = _object(element, file)
+        except DataError as error:
+            on_error(error)
+        else:
+            if found is not None:
+                yield found
 
 
 def _object(element: Element, file: Path) -> WorldBox | tuple[int, int] | None:

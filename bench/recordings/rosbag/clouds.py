@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import override
 
 from bench.errors import DataError
 from bench.lidar import LidarSweep
 from bench.lidar.files import FARTHEST_TIME_NS
-from bench.recordings.rosbag.messages import SECOND_NS, Topic, decode, header_stamp_ns
+from bench.recordings.rosbag.messages import SECOND_NS, decode, header_stamp_ns
 from bench.recordings.rosbag.rig import LidarRig
-from bench.recordings.rosbag.storage import Position, read_message
+from bench.recordings.rosbag.storage import StoredMessage
 
 TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}  # as PointField numbers them
 TIME_FIELDS = ("t", "time", "timestamp", "offset_time", "time_offset")
@@ -26,29 +27,18 @@ NANOSECONDS_SINCE_1970 = 1e17
 
 
 @dataclass(frozen=True, slots=True)
-class BagSweep:
-    """A point cloud in a bag; a `bench.recordings.records.StoredPart`, and the reader of its `SweepRef`.
+class BagSweep(StoredMessage):
+    """A point cloud in a bag, and the reader of its `SweepRef`.
 
     Attributes:
-        container: the file that holds it.
-        position: where in the file.
-        topic: that it was sent on.
-        compressed: the message is compressed by itself.
         rig: of the lidar.
     """
 
-    container: Path
-    position: Position
-    topic: Topic
-    compressed: bool
     rig: LidarRig
 
-    def content(self) -> bytes:
-        """The message's bytes, after what decides how they are decoded."""
-        return repr((self.topic, self.compressed, self.rig)).encode() + self._payload()
-
-    def _payload(self) -> bytes:
-        return read_message(self.container, self.position, compressed=self.compressed)
+    @override
+    def decoding(self) -> tuple[Any, ...]:
+        return (self.rig,)
 
     def __call__(self, name: Path, timestamp_ns: int) -> LidarSweep:
         """Decode it.
@@ -60,7 +50,7 @@ class BagSweep:
         Raises:
             DataError: it cannot be read or decoded, or its points are in another frame than the rig file says.
         """
-        payload = self._payload()
+        payload = self.payload()
         message = decode(self.topic, payload, file=self.container)
         frame = str(message.header.frame_id).lstrip("/")
         if self.rig.frame is not None and frame != self.rig.frame:

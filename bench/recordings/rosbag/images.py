@@ -10,11 +10,12 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import override
 
 from bench.errors import DataError
 from bench.recordings.images import PNG_START, decode_image, stated_size_px
-from bench.recordings.rosbag.messages import COMPRESSED_IMAGE, Topic, decode
-from bench.recordings.rosbag.storage import Position, read_message
+from bench.recordings.rosbag.messages import COMPRESSED_IMAGE, decode
+from bench.recordings.rosbag.storage import StoredMessage
 
 GREY_OF_16_BITS = b"\x10\x00"  # depth and kind in the head of a PNG
 
@@ -51,33 +52,22 @@ ENCODINGS: Mapping[str, _Encoding] = {
 
 
 @dataclass(frozen=True, slots=True)
-class BagImage:
+class BagImage(StoredMessage):
     """An image in a bag; a `bench.recordings.records.StoredImage`.
 
     Attributes:
-        container: the file that holds it.
-        position: where in the file.
-        topic: that it was sent on.
-        compressed: the message is compressed by itself.
         size_px: (width, height) that it must have.
         white_level: value of 16-bit images that becomes 255; what is brighter becomes 255 too.
         name: for errors.
     """
 
-    container: Path
-    position: Position
-    topic: Topic
-    compressed: bool
     size_px: tuple[int, int]
     white_level: int
     name: Path
 
-    def content(self) -> bytes:
-        """The message's bytes, after what decides how they are decoded."""
-        return repr((self.topic, self.compressed, self.size_px, self.white_level)).encode() + self._payload()
-
-    def _payload(self) -> bytes:
-        return read_message(self.container, self.position, compressed=self.compressed)
+    @override
+    def decoding(self) -> tuple[Any, ...]:
+        return self.size_px, self.white_level
 
     def pixels(self, *, colour: bool) -> NDArray[np.uint8]:
         """Decode it: (height, width) uint8 grey or (height, width, 3) uint8 BGR.
@@ -85,7 +75,7 @@ class BagImage:
         Raises:
             DataError: it cannot be read or decoded, or has another size than the rig file says.
         """
-        return self.decoded(decode(self.topic, self._payload(), file=self.container), colour=colour)
+        return self.decoded(decode(self.topic, self.payload(), file=self.container), colour=colour)
 
     def decoded(self, message: Any, *, colour: bool) -> NDArray[np.uint8]:
         """The pixels of a `sensor_msgs/Image` or, by the topic's type, of a `sensor_msgs/CompressedImage`.

@@ -99,6 +99,35 @@ def read_message(file: Path, position: Position, *, compressed: bool) -> bytes:
     return decompressed_message(data, LARGEST_MESSAGE_BYTES, file=file) if compressed else data
 
 
+@dataclass(frozen=True, slots=True)
+class StoredMessage:
+    """A message in a bag; a `bench.recordings.records.StoredPart`.
+
+    Attributes:
+        container: the file that holds it.
+        position: where in the file.
+        topic: that it was sent on.
+        compressed: the message is compressed by itself.
+    """
+
+    container: Path
+    position: Position
+    topic: Topic
+    compressed: bool
+
+    def payload(self) -> bytes:
+        """Its bytes in CDR."""
+        return read_message(self.container, self.position, compressed=self.compressed)
+
+    def content(self) -> bytes:
+        """The message's bytes, after what decides how they are decoded."""
+        return repr((self.topic, self.compressed, *self.decoding())).encode() + self.payload()
+
+    def decoding(self) -> tuple[Any, ...]:
+        """What else decides it."""
+        return ()
+
+
 def decompressed_message(data: bytes, most_bytes: int, *, file: Path) -> bytes:
     """Decompress a message that was compressed by itself, with zstd.
 
