@@ -1,4 +1,4 @@
-"""What a name stands for: a part of this package, or one that an installed package adds by an entry point."""
+"""Plug-ins by name: a part of this package, or one that an installed package adds by an entry point."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bench.errors import UsageError
 SHOWN_CALLS = 5  # of the traceback of foreign code, innermost last
 
 
-def known_places(group: str, own: Mapping[str, str]) -> dict[str, str]:
+def known_targets(group: str, own: Mapping[str, str]) -> dict[str, str]:
     """Name -> "module:attribute" of what there is; a name of the package's own cannot be taken by another.
 
     Args:
@@ -26,24 +26,24 @@ def known_places(group: str, own: Mapping[str, str]) -> dict[str, str]:
     return added | dict(own)
 
 
-def imported(place: str, *, expected: str) -> Any:
+def imported(target: str, *, expected: str) -> Any:
     """What lies at "module:attribute".
 
     Args:
-        place: where.
+        target: where.
         expected: for whom and what, for the message.
 
     Raises:
         UsageError: nothing to import there, or its import raised.
     """
-    module, _, attribute = place.partition(":")
+    module, _, attribute = target.partition(":")
     before = set(sys.modules)
     try:
         found = getattr(import_module(module), attribute)
     except (ImportError, AttributeError) as error:
         raise UsageError(f"{expected} that can be imported; {error}") from error
     except (Exception, SystemExit) as error:
-        raise UsageError(f"{expected} that can be imported; {told_of(error)}") from error
+        raise UsageError(f"{expected} that can be imported; {describe_error(error)}") from error
     _loaded.setdefault(module, frozenset(sys.modules.keys() - before))
     return found
 
@@ -53,7 +53,7 @@ def loaded_with(module: str) -> frozenset[str]:
     return _loaded.get(module, frozenset())
 
 
-def told_of(error: BaseException) -> str:
+def describe_error(error: BaseException) -> str:
     """Kind and message of what foreign code raised, and the lines of that code that led there, in one line."""
     calls = [
         f"{Path(call.filename).name}:{call.lineno} in {call.name}: {call.line}"

@@ -40,6 +40,14 @@ Settings = Annotated[
 ProtocolName = Annotated[
     str, typer.Option("--protocol", help="paper-v1, surface-v1, extended-v1, masks-v1, or a file.")
 ]
+Protocols = Annotated[
+    str,
+    typer.Option(
+        "--protocol",
+        help="paper-v1, extended-v1, surface-v1, masks-v1, or a YAML file; several with commas in between, in one "
+        "pass, each with a run of its own.",
+    ),
+]
 Missing = Literal["error", "skip", "empty"]
 Names = Literal["auto", "timestamp", "frame", "image"]
 Workers = Annotated[int | None, typer.Option(min=1, help="Worker processes; default: one per core.")]
@@ -100,16 +108,6 @@ def _print_error(line: str) -> None:
     from bench.cli.console import say
 
     say(line, to_errors=True)
-
-
-Protocols = Annotated[
-    str,
-    typer.Option(
-        "--protocol",
-        help="paper-v1, extended-v1, surface-v1, masks-v1, or a YAML file; several with commas in between, in one "
-        "pass, each with a run of its own.",
-    ),
-]
 
 
 @app.command()

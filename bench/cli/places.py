@@ -8,7 +8,7 @@ from pathlib import Path
 
 from bench.errors import UsageError
 from bench.harness.remote_runs import NOWHERE, RemoteRun, RunMirror, downloaded_run
-from bench.recordings.remote import RemoteUrl, parse_place
+from bench.recordings.remote import RemoteUrl, parse_location
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,8 +28,8 @@ class Destination:
     def __str__(self) -> str:
         return str(self.url or self.folder)
 
-    def told(self, file: Path) -> str:
-        """How a file in it is told to the user."""
+    def display_path(self, file: Path) -> str:
+        """A file in it as the user is shown it: its path, or its address."""
         if self.url is None or not file.is_relative_to(self.folder):
             return str(file)
         return f"{self.url}/{file.relative_to(self.folder).as_posix()}"
@@ -45,7 +45,7 @@ def destination(place: str | None, otherwise: Path) -> Destination:
     Raises:
         UsageError: an address that cannot be used.
     """
-    parsed = otherwise if place is None else parsed_place(place)
+    parsed = otherwise if place is None else parsed_location(place)
     if isinstance(parsed, Path):
         return Destination(folder=parsed)
     remote = RemoteRun(url=parsed)
@@ -59,7 +59,7 @@ def finished_run(place: str) -> Path:
         UsageError: an address that cannot be used.
         DataError: nothing is there, or it cannot be read.
     """
-    parsed = parsed_place(place)
+    parsed = parsed_location(place)
     return parsed if isinstance(parsed, Path) else downloaded_run(parsed)
 
 
@@ -78,7 +78,7 @@ def parts_of_run(run: Destination, parts: Sequence[str]) -> list[Path]:
         run.mirror.download_parts(write=True)
     folders = []
     for place in parts:
-        parsed = parsed_place(place)
+        parsed = parsed_location(place)
         if isinstance(parsed, Path):
             folders.append(parsed)
             continue
@@ -89,7 +89,7 @@ def parts_of_run(run: Destination, parts: Sequence[str]) -> list[Path]:
     return folders or [run.folder]
 
 
-def parsed_place(place: str) -> Path | RemoteUrl:
+def parsed_location(place: str) -> Path | RemoteUrl:
     """A folder by path or address.
 
     Raises:
@@ -97,4 +97,4 @@ def parsed_place(place: str) -> Path | RemoteUrl:
     """
     if not place:
         raise UsageError("expected a folder, got an empty name")
-    return parse_place(place)
+    return parse_location(place)

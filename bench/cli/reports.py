@@ -34,7 +34,7 @@ def report(run: str, *, category: str | None, out: Path | None, pictures: bool) 
     files = (page.file, *write_figures(where.folder, category=kind))
     where.mirror.upload_results()
     for file in files:
-        say(where.told(file))
+        say(where.display_path(file))
 
 
 def compare(runs: Sequence[Path], *, out: Path | None, pictures: bool) -> None:

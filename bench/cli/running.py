@@ -235,7 +235,7 @@ class RunReport:
     def print(self, summary: RunSummary, where: Destination) -> None:
         """Print the table, what became of the images, the cost, and where everything is."""
         show(to_rich(self._rows))
-        _print_totals(summary, [where.told(where.folder / file) for file in self._files])
+        _print_totals(summary, [where.display_path(where.folder / file) for file in self._files])
         for remark in self._remarks:
             say(f"no picture: {remark}", style="yellow")
 

@@ -45,6 +45,63 @@ class Regions:
     components: int
 
 
+Counts = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ObjectCounts:
+    """Pixels of one object in one image; all 0 unless it is evaluated.
+
+    Attributes:
+        tp: |D n G_i|.
+        fn: |G_i minus D|.
+        fp: its share of the false positives in the components of D that touch G_i.
+    """
+
+    tp: int
+    fn: int
+    fp: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameCounts:
+    """Pixels of one image.
+
+    A false-positive component is what of one 8-connected component of D lies outside all G and I.
+
+    Attributes:
+        width: of the image, px.
+        height: of the image, px.
+        valid_px: |V|.
+        reference_px: |all G|.
+        ignored_px: |I| within V.
+        detected_px: |D|.
+        tp_px: |D n all G|.
+        fn_px: |all G minus D|.
+        fp_px: |D minus (all G u I)|.
+        fp_unattached_px: those of `fp_px` in components that touch no object; the rest is shared among the objects.
+        fp_components: false-positive components.
+        fp_large_components: those larger than the protocol's size.
+        fp_largest_px: size of the largest, 0 without any.
+        fp_by_cause: `fp_px` by the cause that the method names; empty for a method that names none.
+    """
+
+    width: int
+    height: int
+    valid_px: int
+    reference_px: int
+    ignored_px: int
+    detected_px: int
+    tp_px: int
+    fn_px: int
+    fp_px: int
+    fp_unattached_px: int
+    fp_components: int
+    fp_large_components: int
+    fp_largest_px: int
+    fp_by_cause: Mapping[str, int]
+
+
 def find_regions(reference: ReferenceFrame, detected: Mask) -> Regions:
     """The region masks of an image.
 
@@ -199,63 +256,6 @@ def share_in_proportion(amounts: NDArray[np.int64], *, weights: NDArray[np.int64
     rank = np.argsort(np.argsort(-remainder, axis=1, kind="stable"), axis=1, kind="stable")
     shares: NDArray[np.int64] = (whole + (rank < left)).sum(axis=0, dtype=np.int64)
     return shares
-
-
-Counts = NDArray[np.int64]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ObjectCounts:
-    """Pixels of one object in one image; all 0 unless it is evaluated.
-
-    Attributes:
-        tp: |D n G_i|.
-        fn: |G_i minus D|.
-        fp: its share of the false positives in the components of D that touch G_i.
-    """
-
-    tp: int
-    fn: int
-    fp: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrameCounts:
-    """Pixels of one image.
-
-    A false-positive component is what of one 8-connected component of D lies outside all G and I.
-
-    Attributes:
-        width: of the image, px.
-        height: of the image, px.
-        valid_px: |V|.
-        reference_px: |all G|.
-        ignored_px: |I| within V.
-        detected_px: |D|.
-        tp_px: |D n all G|.
-        fn_px: |all G minus D|.
-        fp_px: |D minus (all G u I)|.
-        fp_unattached_px: those of `fp_px` in components that touch no object; the rest is shared among the objects.
-        fp_components: false-positive components.
-        fp_large_components: those larger than the protocol's size.
-        fp_largest_px: size of the largest, 0 without any.
-        fp_by_cause: `fp_px` by the cause that the method names; empty for a method that names none.
-    """
-
-    width: int
-    height: int
-    valid_px: int
-    reference_px: int
-    ignored_px: int
-    detected_px: int
-    tp_px: int
-    fn_px: int
-    fp_px: int
-    fp_unattached_px: int
-    fp_components: int
-    fp_large_components: int
-    fp_largest_px: int
-    fp_by_cause: Mapping[str, int]
 
 
 def count_frame(

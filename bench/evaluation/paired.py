@@ -72,6 +72,23 @@ class MetricSums(BaseModel):
         return int(math.fsum(self.denominators.values()))
 
 
+class RecordingSums(BaseModel):
+    """All metrics of a run with their sums.
+
+    Attributes:
+        slices: slice -> metric -> sums. Slices are the categories, "all_moving", "frames" (the image-frames), and
+            "<breakdown>=<bin or name>" for the breakdowns of the summary, for example "range_m=[0, 2)".
+        counts: slice -> name -> how many. "object_frames", "tracks" and "recordings" for slices of objects;
+            "all_moving" also has "annotated", "static", "ignored"; "frames" has "images", "evaluated", "failed",
+            "skipped".
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    slices: dict[str, dict[str, MetricSums]]
+    counts: dict[str, dict[str, int]]
+
+
 def object_ratios(levels: tuple[float, ...]) -> dict[str, SumRatio]:
     """Name -> ratio of the metrics of object-frames: those of `object_metrics` but for chance."""
     ratios = level_ratios(levels)
@@ -332,26 +349,6 @@ def _metrics(side: Columns, rows: NDArray[np.int64]) -> dict[str, pa.Array]:
     metrics = {"detected": tp > 0, "coverage": coverage(tp, fn), "iou": intersection_over_union(tp, fp, fn)}
     taken = pa.array(rows, mask=rows < 0)
     return {name: pa.array(values).take(taken) for name, values in metrics.items()}
-
-
-__all__ = ["MetricSums", "PairedChange", "RecordingSums", "holm", "object_changes", "paired_change", "recording_sums"]
-
-
-class RecordingSums(BaseModel):
-    """All metrics of a run with their sums.
-
-    Attributes:
-        slices: slice -> metric -> sums. Slices are the categories, "all_moving", "frames" (the image-frames), and
-            "<breakdown>=<bin or name>" for the breakdowns of the summary, for example "range_m=[0, 2)".
-        counts: slice -> name -> how many. "object_frames", "tracks" and "recordings" for slices of objects;
-            "all_moving" also has "annotated", "static", "ignored"; "frames" has "images", "evaluated", "failed",
-            "skipped".
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    slices: dict[str, dict[str, MetricSums]]
-    counts: dict[str, dict[str, int]]
 
 
 def recording_sums(

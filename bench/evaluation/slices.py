@@ -52,7 +52,7 @@ def name_bins(values: NDArray[np.float64], *, edges: tuple[float, ...]) -> NDArr
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Split:
+class Breakdown:
     """Rows cut into slices.
 
     Attributes:
@@ -64,7 +64,7 @@ class Split:
     of_row: NDArray[np.int64]
 
 
-def object_splits(evaluated: Columns, *, protocol: Protocol, cameras: Sequence[str]) -> dict[str, Split]:
+def object_breakdowns(evaluated: Columns, *, protocol: Protocol, cameras: Sequence[str]) -> dict[str, Breakdown]:
     """The splits of evaluated object-frames by name: "category", "all_moving", then the breakdowns."""
     return {
         CATEGORY: _worded(evaluated, "category", [str(name) for name in protocol.reference.categories]),
@@ -77,7 +77,7 @@ def object_splits(evaluated: Columns, *, protocol: Protocol, cameras: Sequence[s
     }
 
 
-def frame_splits(scored: Columns, *, protocol: Protocol, cameras: Sequence[str]) -> dict[str, Split]:
+def frame_breakdowns(scored: Columns, *, protocol: Protocol, cameras: Sequence[str]) -> dict[str, Breakdown]:
     """The splits of scored image-frames by name: "frames", then the breakdowns."""
     return {
         FRAMES: _undivided(scored, FRAMES),
@@ -86,22 +86,22 @@ def frame_splits(scored: Columns, *, protocol: Protocol, cameras: Sequence[str])
     }
 
 
-def slice_name(split: str, name: str) -> str:
+def slice_name(breakdown: str, name: str) -> str:
     """What a slice is called among all: "crossing", "all_moving", "range_m=[0, 2)"."""
-    return name if split in {CATEGORY, ALL_MOVING, FRAMES} else f"{split}={name}"
+    return name if breakdown in {CATEGORY, ALL_MOVING, FRAMES} else f"{breakdown}={name}"
 
 
-def _undivided(rows: Columns, name: str) -> Split:
-    return Split(names=(name,), of_row=np.zeros(len(rows), dtype=np.int64))
+def _undivided(rows: Columns, name: str) -> Breakdown:
+    return Breakdown(names=(name,), of_row=np.zeros(len(rows), dtype=np.int64))
 
 
-def _worded(rows: Columns, column: str, names: Sequence[str]) -> Split:
+def _worded(rows: Columns, column: str, names: Sequence[str]) -> Breakdown:
     codes, words = rows.words(column)
     numbers = np.array([*(names.index(word) if word in names else -1 for word in words), -1], dtype=np.int64)
     of_row = numbers[codes]
     assert (of_row >= 0).all(), f"every row has one {column} of {list(names)}"
-    return Split(names=tuple(names), of_row=of_row)
+    return Breakdown(names=tuple(names), of_row=of_row)
 
 
-def _binned(rows: Columns, column: str, edges: tuple[float, ...]) -> Split:
-    return Split(names=bin_names(edges), of_row=number_bins(rows.numbers(column), edges=edges))
+def _binned(rows: Columns, column: str, edges: tuple[float, ...]) -> Breakdown:
+    return Breakdown(names=bin_names(edges), of_row=number_bins(rows.numbers(column), edges=edges))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bench.evaluation.protocol import Protocol
 from bench.evaluation.row_source import IMAGE, Columns, Rows, RowSource, as_source, read_parts
-from bench.evaluation.slices import Split, frame_splits, object_splits
+from bench.evaluation.slices import Breakdown, frame_breakdowns, object_breakdowns
 
 Column = NDArray[np.float64]
 SumRatio = tuple[str, str]  # names of the accumulators above and below
@@ -170,7 +170,7 @@ class SliceSums:
 
 
 def sum_slices(
-    split: Split,
+    split: Breakdown,
     accumulators: Accumulators,
     *,
     recording: NDArray[np.int64],
@@ -322,12 +322,14 @@ def sum_run(objects: Rows, frames: Rows, *, protocol: Protocol, rows_at_once: in
     frame_parts = _Parts()
     for part in _canonical_parts(of_frames, FRAME_COLUMNS, key=IMAGE, rows_at_once=rows_at_once):
         scored = frame_parts.account(part, reasons="problem")
-        frame_parts.add(scored, frame_accumulators(scored), frame_splits(scored, protocol=protocol, cameras=cameras))
+        frame_parts.add(
+            scored, frame_accumulators(scored), frame_breakdowns(scored, protocol=protocol, cameras=cameras)
+        )
 
     object_parts = _Parts()
     for part in _canonical_parts(of_objects, OBJECT_COLUMNS, key=[*IMAGE, "track_id"], rows_at_once=rows_at_once):
         evaluated = object_parts.account(part, reasons="reason")
-        splits = object_splits(evaluated, protocol=protocol, cameras=cameras)
+        splits = object_breakdowns(evaluated, protocol=protocol, cameras=cameras)
         object_parts.add(evaluated, object_accumulators(evaluated, levels=levels), splits, tracks=True)
 
     recordings = tuple(sorted(frame_parts.recordings))
@@ -368,7 +370,7 @@ class _Parts:
         self,
         rows: Columns,
         accumulators: dict[str, NDArray[np.float64]],
-        splits: dict[str, Split],
+        splits: dict[str, Breakdown],
         *,
         tracks: bool = False,
     ) -> None:

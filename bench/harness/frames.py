@@ -19,7 +19,7 @@ from bench.harness.oracles import ExactMasks, is_oracle
 from bench.harness.stages import StageClock
 from bench.methods import Method, MethodInput, Needs, Segmentation, UnansweredImage, ask_method
 from bench.recordings import ImageRef, Recording, frame_gaps, read_image
-from bench.recordings.input_errors import told_camera, told_motion, told_pixels, told_time_ns
+from bench.recordings.input_errors import perturbed_camera, perturbed_motion, perturbed_pixels, perturbed_time_ns
 from bench.reference import ReferenceBuilder, ReferenceFrame
 
 Scalar = TypeVar("Scalar", bound=np.generic)
@@ -90,11 +90,11 @@ class FramePipeline:
         self._steps = steps
         self._gaps = {gap.index: gap for gap in frame_gaps(recording, camera)}
         self._held: dict[int, NDArray[np.uint8] | DataError] = {}
-        self._pose_times_ns = [told_time_ns(image.timestamp_ns, recording.input_errors) for image in self.images]
+        self._pose_times_ns = [perturbed_time_ns(image.timestamp_ns, recording.input_errors) for image in self.images]
         with self._clock.stage("ego-motion"):
             self._poses = recording.trajectory.at(np.array(self._pose_times_ns, dtype=np.int64))
-        told = told_camera(self.camera, recording.input_errors)
-        self._mounting_told = told.vehicle_from_camera
+        told = perturbed_camera(self.camera, recording.input_errors)
+        self._perturbed_mounting = told.vehicle_from_camera
         self._camera_given, self._road_given = deepcopy((told.model, told.road))
 
     def process(self, index: int) -> ProcessedFrame:
@@ -181,9 +181,9 @@ class FramePipeline:
         """Motion of the camera between consecutive images of a range, as the method is told of it."""
         poses = [self._world_from_vehicle(i) for i in range(first, last + 1)]
         seconds = (np.diff([image.timestamp_ns for image in self.images[first : last + 1]]) / 1e9).tolist()
-        mounting, errors = self._mounting_told, self.recording.input_errors
+        mounting, errors = self._perturbed_mounting, self.recording.input_errors
         return tuple(
-            told_motion(previous, current, seconds=step, vehicle_from_camera=mounting, errors=errors)
+            perturbed_motion(previous, current, seconds=step, vehicle_from_camera=mounting, errors=errors)
             for (previous, current), step in zip(pairwise(poses), seconds, strict=True)
         )
 
@@ -214,7 +214,7 @@ class FramePipeline:
             with self._clock.stage("decode"):
                 try:
                     pixels = read_image(image, self.camera, colour=self._needs.colour)
-                    self._held[index] = told_pixels(pixels, image, recording=self.recording.name, errors=errors)
+                    self._held[index] = perturbed_pixels(pixels, image, recording=self.recording.name, errors=errors)
                 except DataError as error:
                     self._held[index] = error
         held = self._held[index]

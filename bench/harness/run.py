@@ -51,7 +51,7 @@ class RunRequest:
         protocol: the rules.
         out: folder of the run.
         split: of the data set; None for all of it.
-        input_errors: of what the method is told; the reference keeps the true calibration and ego-motion.
+        input_errors: injected into the method's input; the reference keeps the true calibration and ego-motion.
         overwrite: replace the run of another experiment in `out`.
         executor: computes the units; the result does not depend on it.
         cache: where flow, likelihood and reference are stored for other runs; None to store nothing.

@@ -47,6 +47,18 @@ from bench.harness.unit_files import load_image_maps
 from bench.recordings import write_text
 from bench.recordings.sealed_json import read_sealed, write_sealed
 
+SCHEMA_VERSION = 1
+BATCH_IMAGES = 512
+SUMMARY, IMAGE_MAPS = "summary.json", "image_maps.npz"
+Table = Literal["objects.parquet", "frames.parquet", "image_maps.npz", "masks.parquet"]
+PREDICTIONS = "predictions.json"  # of runs of predictions from disk
+
+# What the reference alone decides, in whole numbers and words: no floats, whose text could differ between versions.
+REFERENCE_OF_OBJECTS = (
+    *("recording", "camera", "timestamp_ns", "track_id", "object_class", "status", "reason", "category", "direction"),
+    *("points", "polygon_px", "region_px"),
+)
+REFERENCE_OF_FRAMES = ("recording", "camera", "timestamp_ns", "status", "valid_px", "reference_px", "ignored_px")
 HISTOGRAMS = frozenset({"likelihood_reference_px", "likelihood_outside_px"})
 LATER_COLUMNS = HISTOGRAMS | {"unknown_px", "ceiling_tp", "ceiling_fp"}  # not in the first runs of version 1
 RECORDING = "recording"
@@ -188,20 +200,6 @@ def _decoded(column: pa.Array) -> pa.Array:
 
 def _chunked(column: pa.Array) -> pa.ChunkedArray:
     return pa.chunked_array([column])
-
-
-SCHEMA_VERSION = 1
-BATCH_IMAGES = 512
-SUMMARY, IMAGE_MAPS = "summary.json", "image_maps.npz"
-Table = Literal["objects.parquet", "frames.parquet", "image_maps.npz", "masks.parquet"]
-PREDICTIONS = "predictions.json"  # of runs of predictions from disk
-
-# What the reference alone decides, in whole numbers and words: no floats, whose text could differ between versions.
-REFERENCE_OF_OBJECTS = (
-    *("recording", "camera", "timestamp_ns", "track_id", "object_class", "status", "reason", "category", "direction"),
-    *("points", "polygon_px", "region_px"),
-)
-REFERENCE_OF_FRAMES = ("recording", "camera", "timestamp_ns", "status", "valid_px", "reference_px", "ignored_px")
 
 
 class RunSummary(Summary):

@@ -12,7 +12,7 @@ from typing import Annotated, Protocol
 from pydantic import ConfigDict, Field
 
 from bench.errors import DataError, UnknownNameError, UsageError
-from bench.plug_ins import imported, known_places
+from bench.plug_ins import imported, known_targets
 from bench.recordings import OBJECT_CLASSES, DatasetCard, Recording, Track, open_dataset, write_annotations
 from bench.recordings.validation import FileModel
 
@@ -209,7 +209,7 @@ def finite_number(value: object) -> float | None:
 
 def known_formats() -> dict[str, str]:
     """Name -> "module:Class" of the package's formats and of those that installed packages add."""
-    return known_places(ENTRY_POINTS, LABEL_FORMATS)
+    return known_targets(ENTRY_POINTS, LABEL_FORMATS)
 
 
 def label_format(name: str) -> LabelFormat:

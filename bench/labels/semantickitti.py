@@ -46,7 +46,7 @@ from bench.recordings import (
     write_bytes,
 )
 from bench.reference.clusters import object_cluster
-from bench.reference.sweeps import PlacedSweep, place_sweep
+from bench.reference.sweeps import PosedSweep, pose_sweep
 
 # Numbers and names of the data set's configuration; 9 and 251 are those of its moving-object task.
 NAMES = {
@@ -275,7 +275,7 @@ def _sweep_labels(
     numbers = np.full(count, STATIC, dtype=np.int64)
     instances = np.zeros(count, dtype=np.int64)
     pointless = 0
-    placed = place_sweep(sweep, recording.trajectory, recording.vehicle_from_lidar)
+    placed = pose_sweep(sweep, recording.trajectory, recording.vehicle_from_lidar)
     if placed is None and count and any(not isinstance(state.shape, PointIndices) for _, state in objects):
         do = "give ego-motion that covers every sweep"
         raise DataError(ref.path, expected="ego-motion during the whole sweep", got="none for part of it", do=do)
@@ -287,7 +287,7 @@ def _sweep_labels(
 
 
 def _rows(
-    track: Track, state: ObjectState, ref: SweepRef, count: int, placed: PlacedSweep | None, recording: Recording
+    track: Track, state: ObjectState, ref: SweepRef, count: int, placed: PosedSweep | None, recording: Recording
 ) -> NDArray[np.int64]:
     if isinstance(state.shape, PointIndices):
         rows = state.shape.indices
@@ -415,7 +415,7 @@ def _is_stationary(label: int) -> bool:
 def _gather(gathered: _Gathered, file: Path, sweep: SweepRef, recording: Recording, expected: set[int]) -> None:
     points = sweep.read()
     labels, instances = read_labels(file, points=len(points.points_lidar))
-    placed = place_sweep(points, recording.trajectory, recording.vehicle_from_lidar)
+    placed = pose_sweep(points, recording.trajectory, recording.vehicle_from_lidar)
 
     def seen(rows: NDArray[np.int64]) -> _Seen:
         offset_ns = round(float((points.times_ns[rows] - sweep.timestamp_ns).mean()))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from bench.cameras import CameraModel
 from bench.errors import BenchError, DataError
 from bench.geometry import RigidTransform, RoadPlane
-from bench.plug_ins import told_of
+from bench.plug_ins import describe_error
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 StepOf = Literal["images", "input"]
@@ -197,7 +197,7 @@ def ask_method(method: Method, frame: MethodInput) -> Segmentation:
     except BenchError as error:
         raise MethodError(f"{_image_of(method, frame)}: {error}") from error
     except BaseException as error:  # also SystemExit, which must not end a run as a success
-        raise MethodError(f"{_image_of(method, frame)}: {told_of(error)}") from error
+        raise MethodError(f"{_image_of(method, frame)}: {describe_error(error)}") from error
     height, width = frame.valid.shape
     fault = segmentation_fault(answer, width=width, height=height)
     if fault is not None:

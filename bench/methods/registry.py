@@ -8,7 +8,7 @@ from typing import Any
 
 from bench.errors import BenchError, UnknownNameError, UsageError
 from bench.methods.contract import Method
-from bench.plug_ins import imported, known_places, told_of
+from bench.plug_ins import describe_error, imported, known_targets
 
 ENTRY_POINTS = "fisheye_bench.methods"
 
@@ -32,7 +32,7 @@ METHODS = {
 
 def known_methods() -> dict[str, str]:
     """Name -> "module:Class" of the package's methods and of those that installed packages add."""
-    return known_places(ENTRY_POINTS, METHODS)
+    return known_targets(ENTRY_POINTS, METHODS)
 
 
 def describe_method(target: str) -> str:
@@ -70,7 +70,9 @@ def build_method(name: str, parameters: Mapping[str, object] | None = None) -> M
     except BenchError:
         raise
     except (Exception, SystemExit) as error:
-        raise UsageError(f"method {name!r} cannot be built with {dict(parameters or {})}; {told_of(error)}") from error
+        raise UsageError(
+            f"method {name!r} cannot be built with {dict(parameters or {})}; {describe_error(error)}"
+        ) from error
     return method
 
 

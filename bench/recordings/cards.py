@@ -18,7 +18,7 @@ from bench.errors import DataError, UnknownNameError, UsageError
 from bench.plain_yaml import parse_yaml
 from bench.recordings.files import read_text
 from bench.recordings.handles import Exclusion
-from bench.recordings.remote.urls import RemoteUrl, parse_place
+from bench.recordings.remote.urls import RemoteUrl, parse_location
 from bench.recordings.validation import FileModel, validated
 
 DEFAULT_FOLDER = Path("datasets")
@@ -134,7 +134,7 @@ class DatasetCard:
             return value
 
         try:
-            place = parse_place(re.sub(r"\$\{(\w+)\}", expanded, path))
+            place = parse_location(re.sub(r"\$\{(\w+)\}", expanded, path))
         except UsageError as error:
             raise DataError(self.file, field=field, expected="a folder or an address", got=str(error)) from error
         return place if isinstance(place, RemoteUrl) else self.file.parent / place.expanduser()

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from bench.errors import DataError, UnknownNameError
-from bench.plug_ins import imported, known_places
+from bench.plug_ins import imported, known_targets
 from bench.recordings.cards import DatasetCard
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.remote import remote_recordings
@@ -101,7 +101,7 @@ def _root(card: DatasetCard) -> str:
 
 
 def _adapter(name: str) -> Adapter:
-    known = known_places(ENTRY_POINTS, ADAPTERS)
+    known = known_targets(ENTRY_POINTS, ADAPTERS)
     if name not in known:
         raise UnknownNameError("adapter", name, known)
     adapter: Adapter = imported(known[name], expected=f"adapter {name!r}: expected a function")

@@ -65,7 +65,7 @@ class RecordingHandle:
         opener: opens it; a function of a module, or a `functools.partial` of one.
         exclusions: images that are left out on opening.
         lenient: the opener takes an error handler, `on_error`; False where the first error is the only one known.
-        input_errors: of what a method is told of the recording.
+        input_errors: injected into the method's input.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""What a method is told of a recording, errors included; the reference keeps the true calibration and ego-motion."""
+"""The input of a method with injected errors; the reference keeps the true calibration and ego-motion."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from bench.recordings.records import NO_INPUT_ERRORS, ImageRef, InputErrors, Mou
 SIZE_FACTOR = 1000  # a focal scale is applied as a change of image size, which must be whole: this is its fineness
 
 
-def told_camera(camera: MountedCamera, errors: InputErrors) -> MountedCamera:
+def perturbed_camera(camera: MountedCamera, errors: InputErrors) -> MountedCamera:
     """The camera as a method is told of it: lens, mounting, and the road below.
 
     Its field and the body of the ego vehicle stay: they say where is scored.
@@ -29,18 +29,18 @@ def told_camera(camera: MountedCamera, errors: InputErrors) -> MountedCamera:
     told_from_true = vehicle_from_camera.inverse() @ camera.vehicle_from_camera
     return replace(
         camera,
-        model=_told_lens(camera.model, errors),
+        model=_perturbed_lens(camera.model, errors),
         vehicle_from_camera=vehicle_from_camera,
         road=RoadPlane(told_from_true.rotate(camera.road.down), camera.road.height_m),
     )
 
 
-def told_time_ns(timestamp_ns: int, errors: InputErrors) -> int:
+def perturbed_time_ns(timestamp_ns: int, errors: InputErrors) -> int:
     """The time of the pose that a method is told for an image of a time."""
     return timestamp_ns + round(errors.time_offset_ms * 1e6)
 
 
-def told_motion(
+def perturbed_motion(
     world_from_vehicle_previous: RigidTransform,
     world_from_vehicle_current: RigidTransform,
     *,
@@ -51,10 +51,10 @@ def told_motion(
     """`current_from_previous` of the camera as a method is told of it.
 
     Args:
-        world_from_vehicle_previous: pose at `told_time_ns` of the previous image.
-        world_from_vehicle_current: pose at `told_time_ns` of the current image.
+        world_from_vehicle_previous: pose at `perturbed_time_ns` of the previous image.
+        world_from_vehicle_current: pose at `perturbed_time_ns` of the current image.
         seconds: between the images.
-        vehicle_from_camera: mounting as it is told, see `told_camera`.
+        vehicle_from_camera: mounting as it is told, see `perturbed_camera`.
         errors: of what is told.
     """
     if not _reach_calibration_or_motion(errors):
@@ -71,7 +71,7 @@ def told_motion(
     )
 
 
-def told_pixels(
+def perturbed_pixels(
     pixels: NDArray[np.uint8], image: ImageRef, *, recording: str, errors: InputErrors
 ) -> NDArray[np.uint8]:
     """An image as a method is told of it: with normal noise, rounded and cut to 0 ... 255.
@@ -113,7 +113,7 @@ def _row(world_from_vehicle: RigidTransform) -> tuple[Rotation, NDArray[np.float
     return Rotation.from_matrix(world_from_vehicle.rotation[None]), world_from_vehicle.translation_m[None]
 
 
-def _told_lens(lens: CameraModel, errors: InputErrors) -> CameraModel:
+def _perturbed_lens(lens: CameraModel, errors: InputErrors) -> CameraModel:
     """The lens with a shifted principal point and a scaled focal length, at the same image size."""
     u, v = lens.principal_point
     centre = u + errors.principal_point_u_px, v + errors.principal_point_v_px

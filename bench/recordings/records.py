@@ -218,7 +218,7 @@ class Track:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InputErrors:
-    """Errors of what a method is told of a recording, all 0 by default; told minus true.
+    """Errors injected into the input of a method, all 0 by default; perturbed minus true.
 
     They reach the method only: the reference keeps the true calibration and ego-motion.
 
@@ -274,7 +274,7 @@ class Recording:
         vehicle_outline_m: (K, 2) float64, the ego vehicle seen from above, vehicle frame, m.
         lidar_from_beams: where the beams start and the axes about which they turn, in the frame of the points; not the
             identity where a data set gives its points in other axes than the sensor's own, such as the vehicle's.
-        input_errors: of what a method is told; calibration and ego-motion above are the true ones.
+        input_errors: injected into the method's input; calibration and ego-motion above are the true ones.
     """
 
     name: str
@@ -355,17 +355,17 @@ def world_yaw_rates(timestamps_ns: NDArray[np.int64], world_from_object: NDArray
     return np.asarray(np.where(span_s > 0, turn_rad / np.where(span_s > 0, span_s, 1.0), 0.0))
 
 
-def world_velocities(timestamps_ns: NDArray[np.int64], places_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Velocity at each time, from the places before and after.
+def world_velocities(timestamps_ns: NDArray[np.int64], positions_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Velocity at each time, from the positions before and after.
 
     Args:
         timestamps_ns: (N,) int64, increasing.
-        places_m: (N, 3) float64, world frame, m.
+        positions_m: (N, 3) float64, world frame, m.
 
     Returns:
         (N, 3) float64, m/s; NaN for an object seen once.
     """
     if len(timestamps_ns) < 2:
-        return np.full_like(places_m, np.nan)
+        return np.full_like(positions_m, np.nan)
     seconds = (timestamps_ns - timestamps_ns[0]) / SECOND_NS
-    return np.asarray(np.gradient(places_m, seconds, axis=0))
+    return np.asarray(np.gradient(positions_m, seconds, axis=0))

@@ -16,7 +16,7 @@ from bench.geometry import RigidTransform
 from bench.recordings.records import ImageRef, MountedCamera, Recording
 from bench.reference.clusters import SECOND_NS, Cluster, object_cluster, parts_at_exposure
 from bench.reference.masks import mask_reference
-from bench.reference.motion import AnnotatedObject, AnnotationIndex, categorise, relative_direction
+from bench.reference.motion import AnnotationIndex, ObjectAtExposure, categorise, relative_direction
 from bench.reference.patches import patch_polygon, patch_raster
 from bench.reference.polygons import Raster, bounding_polygon, rasterise, trace_polygon
 from bench.reference.records import (
@@ -33,7 +33,7 @@ from bench.reference.records import (
 from bench.reference.regions import Region, compose, limb_motion_m, outline_error_px, uncertain_region, without_band
 from bench.reference.scanned import ScannedObject
 from bench.reference.silhouette import silhouette
-from bench.reference.sweeps import PlacedSweep, SweepCache
+from bench.reference.sweeps import PosedSweep, SweepCache
 
 SOLID_CLASSES = ("vehicle",)  # seen through their windows at most, which belong to them
 
@@ -160,7 +160,7 @@ class ReferenceBuilder:
             ego_velocity_mps=self.recording.trajectory.velocity_vehicle_mps(timestamp_ns),
         )
 
-    def _measure(self, annotated: AnnotatedObject, exposure: _Exposure) -> _Measured:
+    def _measure(self, annotated: ObjectAtExposure, exposure: _Exposure) -> _Measured:
         cluster, placed = self._cluster(annotated, exposure)
         points_world = cluster.points_world
         pixels, points = self._projected(points_world, exposure)
@@ -198,7 +198,7 @@ class ReferenceBuilder:
             distance_m=np.inf if np.isnan(distance_m) else distance_m,
         )
 
-    def _cluster(self, annotated: AnnotatedObject, exposure: _Exposure) -> tuple[Cluster, PlacedSweep | None]:
+    def _cluster(self, annotated: ObjectAtExposure, exposure: _Exposure) -> tuple[Cluster, PosedSweep | None]:
         """Lidar points on the object at exposure, and the sweep they come from."""
         placed = self._sweeps.nearest(annotated.state.shape, exposure.timestamp_ns)
         if placed is None:
@@ -214,7 +214,7 @@ class ReferenceBuilder:
         )
         return cluster, placed
 
-    def _parts(self, annotated: AnnotatedObject, exposure: _Exposure) -> NDArray[np.float64]:
+    def _parts(self, annotated: ObjectAtExposure, exposure: _Exposure) -> NDArray[np.float64]:
         """The annotated shape at exposure, (P, K, 3) float64, m, corners of convex bodies, world frame."""
         return parts_at_exposure(
             annotated.state,
@@ -260,7 +260,7 @@ class ReferenceBuilder:
         return corners.reshape(-1, 4, 2)[seen]
 
     def _region(
-        self, raster: Raster, scanned: ScannedObject, annotated: AnnotatedObject, exposure: _Exposure
+        self, raster: Raster, scanned: ScannedObject, annotated: ObjectAtExposure, exposure: _Exposure
     ) -> Region:
         """The pixels of a scanned object, for certain and possibly; the same for a protocol without unknown bands."""
         errors, camera, camera_from_world = self.settings.outline, self.camera.model, exposure.camera_from_world
@@ -290,7 +290,7 @@ class ReferenceBuilder:
         return patch_raster(pixels, width=self.camera.model.width, height=self.camera.model.height)
 
     def _unknown_motion_m(
-        self, scanned: ScannedObject, annotated: AnnotatedObject, exposure: _Exposure, errors: OutlineErrors
+        self, scanned: ScannedObject, annotated: ObjectAtExposure, exposure: _Exposure, errors: OutlineErrors
     ) -> NDArray[np.float64]:
         """(N,) float64, m: standard deviation of how far each return moved in ways that nothing tells."""
         cluster, placed = scanned.cluster, scanned.placed
@@ -325,7 +325,7 @@ class ReferenceBuilder:
         return Raster(window, covered & self.valid[window])
 
     def _category(
-        self, annotated: AnnotatedObject, motion_vehicle: NDArray[np.float64], exposure: _Exposure
+        self, annotated: ObjectAtExposure, motion_vehicle: NDArray[np.float64], exposure: _Exposure
     ) -> Category | None:
         """As annotated, else from velocities; None where neither tells."""
         if annotated.state.category is not None:
@@ -335,7 +335,7 @@ class ReferenceBuilder:
         return categorise(motion_vehicle, exposure.ego_velocity_mps, self.settings.motion)
 
     def _with_status(
-        self, found: ReferenceObject, region: Region | None, annotated: AnnotatedObject, *, swept: bool
+        self, found: ReferenceObject, region: Region | None, annotated: ObjectAtExposure, *, swept: bool
     ) -> ReferenceObject:
         """Evaluated, static, or ignored for the first reason that applies; occlusion comes later."""
         settings, state = self.settings, annotated.state

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bench.geometry import RigidTransform
 from bench.recordings.records import Cuboid, GroundPolygon, ObjectShape, ObjectState, PointIndices
 from bench.reference.silhouette import convex_parts
-from bench.reference.sweeps import PlacedSweep
+from bench.reference.sweeps import PosedSweep
 
 SECOND_NS = 1_000_000_000
 
@@ -30,7 +30,7 @@ class Cluster:
 
 
 def object_cluster(
-    placed: PlacedSweep,
+    placed: PosedSweep,
     state: ObjectState,
     *,
     velocity_world_mps: NDArray[np.float64],
@@ -109,7 +109,7 @@ def parts_at_exposure(
 
 
 def _candidates(
-    placed: PlacedSweep, state: ObjectState, world_from_vehicle: RigidTransform, speed_mps: float
+    placed: PosedSweep, state: ObjectState, world_from_vehicle: RigidTransform, speed_mps: float
 ) -> NDArray[np.intp]:
     """Rows that could lie on the object, by a generous rectangle around it in the raw sweep."""
     if isinstance(state.shape, PointIndices):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bench.egomotion import Trajectory
 from bench.geometry import RigidTransform
-from bench.recordings.records import Cuboid, GroundPolygon, ObjectState, Recording, Track
+from bench.recordings.records import Cuboid, GroundPolygon, ObjectState, Recording, Track, world_velocities
 from bench.reference.records import Category, Direction, MotionSettings, ReferenceSettings
 
 SECOND_NS = 1_000_000_000
@@ -45,7 +45,7 @@ def track_motion(track: Track, trajectory: Trajectory, settings: MotionSettings)
     velocity = np.einsum("nij,nj->ni", rotations, annotated)
     centres = np.array([_centre(state) for state in track.states]).reshape(-1, 3)
     centres_world = np.einsum("nij,nj->ni", rotations, centres) + positions_m
-    velocity = np.where(np.isfinite(velocity), velocity, _differences(times_ns, centres_world))
+    velocity = np.where(np.isfinite(velocity), velocity, world_velocities(times_ns, centres_world))
     smooth = _smoothed(times_ns, velocity, settings.smoothing_ns)
     speed = np.hypot(smooth[:, 0], smooth[:, 1])
     return TrackMotion(
@@ -79,19 +79,19 @@ def moving_states(
 
 
 def categorise(
-    velocity_world_mps: NDArray[np.float64], ego_velocity_world_mps: NDArray[np.float64], settings: MotionSettings
+    velocity_mps: NDArray[np.float64], ego_velocity_mps: NDArray[np.float64], settings: MotionSettings
 ) -> Category:
     """Kind of motion of a moving object.
 
     Args:
-        velocity_world_mps: (3,) float64, of the object over the ground.
-        ego_velocity_world_mps: (3,) float64, of the ego vehicle; it points backwards along the vehicle in reverse gear.
+        velocity_mps: (3,) float64, of the object over the ground, in axes with z up that both share.
+        ego_velocity_mps: (3,) float64, of the ego vehicle; it points backwards along the vehicle in reverse gear.
         settings: thresholds.
 
     Source:
         docs/metrics.md, category of a moving object, rules 2 and 3.
     """
-    (x, y), (ego_x, ego_y) = velocity_world_mps[:2].tolist(), ego_velocity_world_mps[:2].tolist()
+    (x, y), (ego_x, ego_y) = velocity_mps[:2].tolist(), ego_velocity_mps[:2].tolist()
     ego_speed = hypot(ego_x, ego_y)
     if ego_speed < settings.ego_static_below_mps:
         return Category.STATIC_EGO
@@ -120,13 +120,6 @@ def _centre(state: ObjectState) -> NDArray[np.float64]:
     return np.full(3, np.nan)
 
 
-def _differences(times_ns: NDArray[np.int64], positions_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    if len(times_ns) < 2:
-        return np.full_like(positions_m, np.nan)
-    seconds = (times_ns - times_ns[0]) / SECOND_NS
-    return np.asarray(np.gradient(positions_m, seconds, axis=0))
-
-
 def _smoothed(times_ns: NDArray[np.int64], values: NDArray[np.float64], window_ns: int) -> NDArray[np.float64]:
     """Mean over a window around each time, NaN rows left out."""
     known: NDArray[np.bool_] = np.asarray(np.isfinite(values).all(axis=1))
@@ -153,7 +146,7 @@ def _without_short_runs(times_ns: NDArray[np.int64], moving: NDArray[np.bool_], 
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class AnnotatedObject:
+class ObjectAtExposure:
     """An annotated object at an exposure.
 
     Attributes:
@@ -187,7 +180,7 @@ class AnnotationIndex:
         self._rows = np.array(sorted(rows), dtype=np.int64).reshape(-1, 3)
         self._motions: dict[int, TrackMotion] = {}
 
-    def at(self, exposure_ns: int) -> list[AnnotatedObject]:
+    def at(self, exposure_ns: int) -> list[ObjectAtExposure]:
         """Every track's state nearest to the exposure, where one is within the protocol's gap."""
         gap_ns = self._settings.max_annotation_gap_ns
         first = np.searchsorted(self._rows[:, 0], exposure_ns - gap_ns, side="left")
@@ -202,11 +195,13 @@ class AnnotationIndex:
         poses = {time_ns: self._recording.trajectory.world_from_vehicle(time_ns) for time_ns in times_ns}
         return [self._annotated(track, number, index, poses) for track, number, index in chosen]
 
-    def _annotated(self, track: Track, number: int, index: int, poses: Mapping[int, RigidTransform]) -> AnnotatedObject:
+    def _annotated(
+        self, track: Track, number: int, index: int, poses: Mapping[int, RigidTransform]
+    ) -> ObjectAtExposure:
         if number not in self._motions:
             self._motions[number] = track_motion(track, self._recording.trajectory, self._settings.motion)
         motion = self._motions[number]
-        return AnnotatedObject(
+        return ObjectAtExposure(
             track=track,
             state=track.states[index],
             world_from_vehicle=poses[track.states[index].timestamp_ns],

@@ -19,7 +19,7 @@ from bench.reference.patches import (
     reach_bounds,
     surface_patches,
 )
-from bench.reference.sweeps import PlacedSweep, slopes_of
+from bench.reference.sweeps import PosedSweep, slopes_of
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -34,7 +34,7 @@ class ScannedObject:
     """
 
     cluster: Cluster
-    placed: PlacedSweep
+    placed: PosedSweep
     parts_world: NDArray[np.float64]
 
     @cached_property

@@ -16,7 +16,7 @@ from bench.recordings.records import ObjectShape, PointIndices, Recording
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PlacedSweep:
+class PosedSweep:
     """A sweep with the lidar's pose over its time, computed once for all objects.
 
     Attributes:
@@ -91,12 +91,12 @@ class PlacedSweep:
         return self.lidar_from_sensor.inverse().apply(self.sweep.points_lidar[rows].astype(np.float64))
 
 
-def place_sweep(
+def pose_sweep(
     sweep: LidarSweep,
     trajectory: Trajectory,
     vehicle_from_lidar: RigidTransform,
     lidar_from_sensor: RigidTransform | None = None,
-) -> PlacedSweep | None:
+) -> PosedSweep | None:
     """Find the lidar's poses during a sweep.
 
     Args:
@@ -113,7 +113,7 @@ def place_sweep(
     rotations, positions_m, valid = trajectory.at(interpolation_ns)
     if not (len(interpolation_ns) and valid.all()):
         return None
-    return PlacedSweep(
+    return PosedSweep(
         sweep=sweep,
         times_ns=times_ns,
         interpolation_ns=interpolation_ns,
@@ -140,9 +140,9 @@ class SweepCache:
     def __init__(self, recording: Recording, max_gap_ns: int) -> None:
         self._recording, self._max_gap_ns = recording, max_gap_ns
         self._times_ns = np.array([ref.timestamp_ns for ref in recording.sweeps], dtype=np.int64)
-        self._held: tuple[int, PlacedSweep | None] | None = None
+        self._held: tuple[int, PosedSweep | None] | None = None
 
-    def nearest(self, shape: ObjectShape, exposure_ns: int) -> PlacedSweep | None:
+    def nearest(self, shape: ObjectShape, exposure_ns: int) -> PosedSweep | None:
         """The sweep nearest to the exposure; for point indices the one that they count in.
 
         Returns:
@@ -168,6 +168,6 @@ class SweepCache:
             self._held = nearest, self._placed(sweep)
         return self._held[1]
 
-    def _placed(self, sweep: LidarSweep) -> PlacedSweep | None:
+    def _placed(self, sweep: LidarSweep) -> PosedSweep | None:
         drive = self._recording
-        return place_sweep(sweep, drive.trajectory, drive.vehicle_from_lidar, drive.lidar_from_beams)
+        return pose_sweep(sweep, drive.trajectory, drive.vehicle_from_lidar, drive.lidar_from_beams)

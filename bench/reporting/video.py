@@ -17,7 +17,7 @@ from bench.evaluation.counts import count_frame
 from bench.harness import ProcessedFrame
 from bench.recordings import ImageRef, MountedCamera, Recording
 from bench.recordings.atomic import replacing
-from bench.reference.sweeps import PlacedSweep, place_sweep
+from bench.reference.sweeps import PosedSweep, pose_sweep
 from bench.reporting.canvas import category_colour
 from bench.reporting.count_view import detected_pixels, overlay_counts
 from bench.reporting.overlay import bgr_image, outlined, overlay_polygons
@@ -53,7 +53,7 @@ class SweepViewer:
     def __init__(self, recording: Recording, camera: MountedCamera) -> None:
         self._recording, self._camera = recording, camera
         self._times_ns = np.array([sweep.timestamp_ns for sweep in recording.sweeps], dtype=np.int64)
-        self._held: tuple[int, PlacedSweep | None] | None = None
+        self._held: tuple[int, PosedSweep | None] | None = None
 
     def see(self, image: ImageRef) -> SeenSweep | None:
         """The sweep at an exposure; None where there is none within 100 ms, or no ego-motion.
@@ -67,7 +67,7 @@ class SweepViewer:
         nearest = int(np.argmin(away_ns))
         if self._held is None or self._held[0] != nearest:
             sweep = self._recording.sweeps[nearest].read()
-            self._held = nearest, place_sweep(sweep, self._recording.trajectory, self._recording.vehicle_from_lidar)
+            self._held = nearest, pose_sweep(sweep, self._recording.trajectory, self._recording.vehicle_from_lidar)
         placed = self._held[1]
         if placed is None:
             return None

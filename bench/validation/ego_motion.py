@@ -20,7 +20,7 @@ from bench.errors import DataError
 from bench.geometry import advance_twist, twist_between
 from bench.lidar import LidarSweep
 from bench.recordings import Recording
-from bench.reference.sweeps import place_sweep
+from bench.reference.sweeps import pose_sweep
 from bench.validation.findings import (
     EGO_SIDEWAYS_MPS2,
     EGO_TOP_SPEED_MPS,
@@ -152,7 +152,7 @@ def check_path(recording: Recording) -> Iterator[Finding]:
         distances = {}
         for reading in totals:
             path = _read_as(window, reading)
-            one, other = (place_sweep(sweep, path, recording.vehicle_from_lidar) for sweep in sweeps)
+            one, other = (pose_sweep(sweep, path, recording.vehicle_from_lidar) for sweep in sweeps)
             if one is None or other is None:
                 break
             distances[reading] = _distance(one.points_world(source), other.points_world(target))

@@ -16,7 +16,7 @@ from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.recordings import Cuboid, ObjectState, PointIndices, Recording, Track
 from bench.reference.clusters import object_cluster
-from bench.reference.sweeps import PlacedSweep, place_sweep
+from bench.reference.sweeps import PosedSweep, pose_sweep
 from bench.validation.findings import Finding, Severity, annotation_file, object_field
 from bench.validation.motion import box_of
 
@@ -62,7 +62,7 @@ class Occupancy:
 
     def add(self, sweep: LidarSweep) -> None:
         """Look at the states near a sweep."""
-        placed = place_sweep(sweep, self._recording.trajectory, self._recording.vehicle_from_lidar)
+        placed = pose_sweep(sweep, self._recording.trajectory, self._recording.vehicle_from_lidar)
         if placed is None:
             return
         boxes = []
@@ -115,7 +115,7 @@ class Occupancy:
                     timestamp_ns=tally.first_ns,
                 )
 
-    def _look_at(self, tally: _Tally, state: ObjectState, placed: PlacedSweep) -> None:
+    def _look_at(self, tally: _Tally, state: ObjectState, placed: PosedSweep) -> None:
         box = box_of(state.shape)
         if box is None or float(np.hypot(*box.vehicle_from_object.translation_m[:2])) > FAR_M:
             return
@@ -170,7 +170,7 @@ def _unknown_sweeps(track: Track, sweeps_ns: set[int], file: str) -> Iterator[Fi
 def _beams_through(
     box: Cuboid,
     state: ObjectState,
-    placed: PlacedSweep,
+    placed: PosedSweep,
     world_from_vehicle: RigidTransform,
     velocity_world_mps: NDArray[np.float64],
 ) -> int:

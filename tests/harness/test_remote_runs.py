@@ -13,7 +13,7 @@ from bench.harness.remote_runs import MARK, RemoteRun, downloaded_run
 from bench.harness.shards import Shard
 from bench.methods import build_method
 from bench.recordings import load_card
-from bench.recordings.remote import Storage, parse_place
+from bench.recordings.remote import Storage, parse_location
 from tests.harness.test_resume import ALL, NONE, ONE, bytes_of, change_image, damage_image
 from tests.object_storage import bucket, object_server
 
@@ -35,7 +35,7 @@ def score_there(card, *, machine=None, monkeypatch=None, **options):
     """Score into the address, on a machine that has seen nothing yet where one is named."""
     if machine is not None:
         monkeypatch.setenv("FISHEYE_BENCH_REMOTE", str(machine))
-    remote = RemoteRun(url=parse_place(URL))
+    remote = RemoteRun(url=parse_location(URL))
     return score(card, remote.folder, mirror=remote, **options)
 
 
@@ -103,7 +103,7 @@ def test_a_run_at_an_address_has_the_files_of_a_local_one(own_card, bucket, tmp_
         assert bucket.get(f"runs/one/{name}") == (tmp_path / "run" / name).read_bytes()
     told = bucket.get("runs/one/summary.json").decode()
     assert not any(secret in told for secret in ("secret-of-tests", "key-of-tests", bucket.endpoint))
-    assert bytes_of(downloaded_run(parse_place(URL))) == bytes_of(tmp_path / "run")
+    assert bytes_of(downloaded_run(parse_location(URL))) == bytes_of(tmp_path / "run")
 
 
 def test_another_machine_computes_nothing_again(own_card, bucket, tmp_path, monkeypatch, work):
@@ -149,7 +149,7 @@ def test_an_interrupted_run_goes_on_on_another_machine(own_card, bucket, tmp_pat
     assert units_at(bucket) == ONE
     assert work(score_there(own_card, machine=tmp_path / "other", monkeypatch=monkeypatch)) == (ALL - ONE, ONE)
     score(own_card, tmp_path / "run")
-    assert bytes_of(downloaded_run(parse_place(URL))) == bytes_of(tmp_path / "run")
+    assert bytes_of(downloaded_run(parse_location(URL))) == bytes_of(tmp_path / "run")
 
 
 def test_units_that_were_not_uploaded_are_by_the_next_run(own_card, bucket, monkeypatch, work):
@@ -198,7 +198,7 @@ def test_a_unit_that_was_removed_at_the_address_is_stored_again_from_this_machin
 def test_a_part_leaves_the_results_of_an_older_run(own_card, bucket):
     score_there(own_card)
     before = results_at(bucket)
-    remote = RemoteRun(url=parse_place(URL))
+    remote = RemoteRun(url=parse_location(URL))
     options = {"method": build_method("nothing"), "protocol": PAPER, "out": remote.folder, "mirror": remote}
     run_shard([RunRequest(card=load_card(str(own_card)), **options)], Shard(number=1, count=2))
     assert results_at(bucket) == before
@@ -206,7 +206,7 @@ def test_a_part_leaves_the_results_of_an_older_run(own_card, bucket):
 
 def test_a_local_unit_of_the_same_size_is_not_taken_for_the_one_at_the_address(own_card, bucket, work):
     score_there(own_card)
-    remote = RemoteRun(url=parse_place(URL))
+    remote = RemoteRun(url=parse_location(URL))
     (file,) = (remote.folder / "units").glob("crossing*.unit")
     file.write_bytes(file.read_bytes()[:-100] + b"x" * 100)
     assert work(score_there(own_card)) == (NONE, ALL)
@@ -248,7 +248,7 @@ def test_other_objects_at_the_address_are_left_alone(own_card, bucket):
 
 def test_a_bucket_that_is_not_there_is_told_before_anything_is_computed(own_card, bucket, monkeypatch):
     monkeypatch.setattr("bench.harness.run.plan_recording", None)
-    remote = RemoteRun(url=parse_place("s3://nobody/run"))
+    remote = RemoteRun(url=parse_location("s3://nobody/run"))
     with pytest.raises(DataError, match=r"s3://nobody/run: expected a folder that can be written.*check bucket"):
         score(own_card, remote.folder, mirror=remote)
 
@@ -272,33 +272,33 @@ def test_parts_of_two_machines_merge_at_the_address(own_card, bucket, tmp_path, 
     score(own_card, tmp_path / "run")
     for number in (1, 2):
         monkeypatch.setenv("FISHEYE_BENCH_REMOTE", str(tmp_path / f"machine-{number}"))
-        remote = RemoteRun(url=parse_place(URL))
+        remote = RemoteRun(url=parse_location(URL))
         options = {"method": build_method("nothing"), "protocol": PAPER}
         run_shard(
             [RunRequest(card=load_card(str(own_card)), out=remote.folder, mirror=remote, **options)],
             Shard(number=number, count=2),
         )
     monkeypatch.setenv("FISHEYE_BENCH_REMOTE", str(tmp_path / "third"))
-    remote = RemoteRun(url=parse_place(URL))
+    remote = RemoteRun(url=parse_location(URL))
     remote.download_parts(write=True)
     merge_shards(remote.folder, [remote.folder])
     for unit in merged_units([remote.folder]):
         remote.upload_unit(unit)
     remote.upload_results()
-    assert bytes_of(downloaded_run(parse_place(URL))) == bytes_of(tmp_path / "run")
+    assert bytes_of(downloaded_run(parse_location(URL))) == bytes_of(tmp_path / "run")
 
 
 def test_a_former_report_of_a_part_on_this_machine_does_not_replace_the_one_at_the_address(bucket):
     bucket.put(f"runs/one/{MARK}", b"")
     bucket.put("runs/one/shards/0001-of-0002.json", b"of another machine")
-    remote = RemoteRun(url=parse_place(URL))
+    remote = RemoteRun(url=parse_location(URL))
     report = remote.folder / "shards" / "0001-of-0002.json"
     report.parent.mkdir(parents=True)
     report.write_bytes(b"former")
     remote.begin(parts=2)
     remote.upload_results()
     assert bucket.get("runs/one/shards/0001-of-0002.json") == b"of another machine"
-    RemoteRun(url=parse_place(URL)).download_parts(write=False)
+    RemoteRun(url=parse_location(URL)).download_parts(write=False)
     assert report.read_bytes() == b"of another machine"
 
 
@@ -306,5 +306,5 @@ def test_hostile_names_at_the_address_write_nothing_outside(own_card, bucket, tm
     bucket.put(f"runs/one/{MARK}", b"")
     bucket.put("runs/one/shards/../../../evil.json", b"{}")
     with pytest.raises(DataError, match="names of objects that can be files"):
-        RemoteRun(url=parse_place(URL)).download_parts(write=True)
+        RemoteRun(url=parse_location(URL)).download_parts(write=True)
     assert not list(tmp_path.rglob("evil*"))

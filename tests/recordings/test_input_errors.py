@@ -11,7 +11,7 @@ from bench.cameras import KannalaBrandtCamera, PinholeCamera, RadialPolynomialCa
 from bench.egomotion import Trajectory, camera_motion
 from bench.geometry import RigidTransform, RoadPlane
 from bench.recordings import ImageRef, InputErrors, MountedCamera
-from bench.recordings.input_errors import told_camera, told_motion, told_pixels, told_time_ns
+from bench.recordings.input_errors import perturbed_camera, perturbed_motion, perturbed_pixels, perturbed_time_ns
 
 AHEAD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # vehicle from a camera that looks ahead
 MOUNTING = RigidTransform(AHEAD, np.array([2.0, 0.0, 1.0]))
@@ -46,10 +46,10 @@ def told(trajectory, **errors):
         vehicle_from_camera=MOUNTING,
     )
     wrong = InputErrors(**errors)
-    camera = told_camera(MOUNTED, wrong)
-    previous, current = (trajectory.world_from_vehicle(told_time_ns(time_ns, wrong)) for time_ns in TIMES_NS)
+    camera = perturbed_camera(MOUNTED, wrong)
+    previous, current = (trajectory.world_from_vehicle(perturbed_time_ns(time_ns, wrong)) for time_ns in TIMES_NS)
     seconds = (TIMES_NS[1] - TIMES_NS[0]) / 1e9
-    motion = told_motion(
+    motion = perturbed_motion(
         previous, current, seconds=seconds, vehicle_from_camera=camera.vehicle_from_camera, errors=wrong
     )
     return true, camera, motion
@@ -129,7 +129,7 @@ def test_time_offset_reads_the_motion_elsewhere():
     ids=lambda lens: type(lens).__name__,
 )
 def test_calibration_shifts_and_scales_every_lens(lens):
-    camera = told_camera(
+    camera = perturbed_camera(
         replace(MOUNTED, model=lens),
         InputErrors(principal_point_u_px=5.0, principal_point_v_px=-3.0, focal_scale_percent=2.0),
     )
@@ -146,7 +146,7 @@ def test_noise_is_seeded_by_image_and_scales():
 
     def noisy(strength_grey, *, name="a", time_ns=TIMES_NS[0]):
         image = ImageRef(camera="front", timestamp_ns=time_ns, path=Path("image.png"))
-        return told_pixels(grey, image, recording=name, errors=InputErrors(image_noise_grey=strength_grey))
+        return perturbed_pixels(grey, image, recording=name, errors=InputErrors(image_noise_grey=strength_grey))
 
     weak, again, strong = (noisy(strength) for strength in (4.0, 4.0, 8.0))
     assert np.array_equal(weak, again)

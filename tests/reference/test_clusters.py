@@ -9,7 +9,7 @@ import bench.reference.clusters
 from bench.lidar import LidarSweep
 from bench.recordings import Cuboid, GroundPolygon, ObjectState, PointIndices
 from bench.reference.clusters import object_cluster
-from bench.reference.sweeps import place_sweep
+from bench.reference.sweeps import pose_sweep
 from tests.reference.drives import LIDAR, MS, Box, circle, sweep_of
 
 CAR = {"size_m": (4.0, 1.8, 1.5), "place_m": (9.0, 2.0, 0.75)}
@@ -19,7 +19,7 @@ EXPOSURE_NS = 40 * MS
 def cluster(box, trajectory, state, *, velocity=None, sweep=None):
     sweep = sweep or sweep_of([box], trajectory, 0)
     return object_cluster(
-        place_sweep(sweep, trajectory, LIDAR),
+        pose_sweep(sweep, trajectory, LIDAR),
         state,
         velocity_world_mps=box.velocity_mps if velocity is None else velocity,
         world_from_vehicle=trajectory.world_from_vehicle(state.timestamp_ns),
@@ -154,7 +154,7 @@ def test_points_within_the_clearance_above_the_bottom_of_a_shape_are_the_grounds
         top_m = 0.75 + 0.7 if isinstance(shape, GroundPolygon) else 1.5
         for clearance_m in (0.0, 0.3):
             found = object_cluster(
-                place_sweep(sweep_of([box], trajectory, 0), trajectory, LIDAR),
+                pose_sweep(sweep_of([box], trajectory, 0), trajectory, LIDAR),
                 replace(state, shape=shape),
                 velocity_world_mps=box.velocity_mps,
                 world_from_vehicle=trajectory.world_from_vehicle(0),

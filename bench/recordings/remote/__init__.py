@@ -7,6 +7,6 @@ credentials are fsspec's own configuration (its files and the environment); addr
 
 from bench.recordings.remote.datasets import remote_recordings
 from bench.recordings.remote.storage import LocalCopy, Storage, StoredObject
-from bench.recordings.remote.urls import RemoteUrl, local_folder, parse_place
+from bench.recordings.remote.urls import RemoteUrl, local_folder, parse_location
 
-__all__ = ["LocalCopy", "RemoteUrl", "Storage", "StoredObject", "local_folder", "parse_place", "remote_recordings"]
+__all__ = ["LocalCopy", "RemoteUrl", "Storage", "StoredObject", "local_folder", "parse_location", "remote_recordings"]

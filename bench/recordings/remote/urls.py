@@ -43,7 +43,7 @@ class RemoteUrl:
         return self.text
 
 
-def parse_place(text: str) -> Path | RemoteUrl:
+def parse_location(text: str) -> Path | RemoteUrl:
     """A folder by path or address; `file://` addresses are paths.
 
     Raises:

@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 
 from bench.errors import DataError
-from bench.recordings.remote import Storage, StoredObject, parse_place, storage
+from bench.recordings.remote import Storage, StoredObject, parse_location, storage
 from bench.recordings.remote.datasets import download_folder
 
 pytestmark = pytest.mark.slow
 
 FILES = {"a/1.png": b"one", "a/deep/2.png": b"second", "b/1.png": b"other", "top.yaml": b"rig"}
-URL = parse_place("s3://bench/drives")
+URL = parse_location("s3://bench/drives")
 
 
 @pytest.fixture
@@ -191,7 +191,7 @@ def test_folders_without_content_are_no_files(drives, bucket):
 
 def test_an_empty_place_is_told(drives):
     with pytest.raises(DataError, match="s3://bench/nowhere: expected a folder with data, got nothing there"):
-        download_folder(parse_place("s3://bench/nowhere"))
+        download_folder(parse_location("s3://bench/nowhere"))
 
 
 def test_a_full_disk_and_a_folder_that_cannot_be_made_are_told(tmp_path, drives, monkeypatch):
@@ -230,7 +230,7 @@ def test_other_protocols_of_fsspec_serve(tmp_path, monkeypatch):
     memory = fsspec.filesystem("memory")
     for name, told in FILES.items():
         memory.pipe(f"/shelf/drives/{name}", told)
-    url = parse_place("memory://shelf/drives")
+    url = parse_location("memory://shelf/drives")
     assert content(download_folder(url)) == FILES
     memory.pipe("/shelf/drives/a/1.png", b"ONE")
     assert content(download_folder(url)) == FILES | {"a/1.png": b"ONE"}

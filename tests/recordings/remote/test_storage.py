@@ -8,7 +8,7 @@ import pytest
 import requests
 
 from bench.errors import DataError
-from bench.recordings.remote import Storage, parse_place, storage
+from bench.recordings.remote import Storage, parse_location, storage
 
 pytestmark = pytest.mark.slow
 
@@ -22,7 +22,7 @@ def refused(action, expected: str) -> None:
 
 
 def actions(place: str, tmp_path):
-    there, file = Storage(parse_place(place)), tmp_path / "x"
+    there, file = Storage(parse_location(place)), tmp_path / "x"
     file.write_bytes(b"x")
     return {
         "entries": there.entries,
@@ -37,7 +37,7 @@ def test_a_missing_bucket_is_told(bucket, tmp_path, action):
 
 
 def test_what_was_uploaded_is_listed_and_comes_back(bucket, tmp_path):
-    there = Storage(parse_place("s3://bench/here/x"))
+    there = Storage(parse_location("s3://bench/here/x"))
     files = {f"deep/{number}": tmp_path / str(number) for number in range(40)}
     for name, file in files.items():
         file.write_text(name)
@@ -88,17 +88,17 @@ def test_credentials_that_may_not_are_told(guarded, tmp_path, action):
 
 
 def test_an_unknown_protocol_and_a_missing_library_are_told(tmp_path, monkeypatch):
-    refused(Storage(parse_place("s4://bench/x")).entries, "Protocol not known: s4")
+    refused(Storage(parse_location("s4://bench/x")).entries, "Protocol not known: s4")
     monkeypatch.setitem(sys.modules, "s3fs", None)
     monkeypatch.setitem(sys.modules, "fsspec", None)
-    refused(Storage(parse_place("s3://bench/y")).entries, r"pip install 'fisheye-bench\[remote\]'")
+    refused(Storage(parse_location("s3://bench/y")).entries, r"pip install 'fisheye-bench\[remote\]'")
 
 
 def test_own_configuration_of_fsspec_goes_before(bucket, tmp_path, monkeypatch):
     import fsspec
 
     monkeypatch.setitem(fsspec.config.conf, "s3", {"config_kwargs": {"connect_timeout": 2, "read_timeout": 3}})
-    there = Storage(parse_place("s3://bench/own"))
+    there = Storage(parse_location("s3://bench/own"))
     assert there.objects(missing_ok=True) == {}
     settings = there._connected[0].config_kwargs
     assert (settings["connect_timeout"], settings["read_timeout"], settings["retries"]["mode"]) == (2, 3, "standard")

@@ -9,26 +9,26 @@ from hypothesis import strategies as st
 
 from bench.errors import DataError, UsageError
 from bench.recordings import load_card, open_dataset
-from bench.recordings.remote import RemoteUrl, parse_place
+from bench.recordings.remote import RemoteUrl, parse_location
 from bench.recordings.remote.urls import refuse_unsafe, without_secrets
 
 
 @pytest.mark.parametrize("text", ["data", "/data/x", "../x", "C:\\data", "runs/s3"])
 def test_a_path_is_a_path(text):
-    assert parse_place(text) == Path(text)
+    assert parse_location(text) == Path(text)
 
 
 @pytest.mark.parametrize("text", ["file:///data/x", "file:///data/x/", "local:///data/x"])
 def test_a_file_address_is_a_path(text):
-    assert parse_place(text) == Path("/data/x")
+    assert parse_location(text) == Path("/data/x")
 
 
 @pytest.mark.parametrize("text", ["s3://bucket/a/b", "s3://bucket/a/b/", "S3://bucket/a/b"])
 def test_an_address_has_a_bucket_and_a_name(text):
-    place = parse_place(text)
+    place = parse_location(text)
     assert (place, place.protocol, place.name) == (RemoteUrl("s3://bucket/a/b"), "s3", "b")
-    assert parse_place("s3://bucket").name == "bucket"
-    assert parse_place("sftp://user@host/x").protocol == "sftp"
+    assert parse_location("s3://bucket").name == "bucket"
+    assert parse_location("sftp://user@host/x").protocol == "sftp"
 
 
 @pytest.mark.parametrize(
@@ -43,7 +43,7 @@ def test_an_address_has_a_bucket_and_a_name(text):
 )
 def test_an_address_with_a_secret_is_refused_without_telling_it(text):
     with pytest.raises(UsageError, match="expected") as refused:
-        parse_place(text)
+        parse_location(text)
     assert "hidden" not in str(refused.value)
 
 
@@ -54,7 +54,7 @@ def test_an_address_with_a_secret_is_refused_without_telling_it(text):
 )  # fmt: skip
 def test_other_addresses_are_refused(text):
     with pytest.raises(UsageError, match="expected"):
-        parse_place(text)
+        parse_location(text)
 
 
 def test_texts_lose_their_secrets():
@@ -84,7 +84,7 @@ def test_a_card_with_a_secret_or_remote_annotations_is_refused(tmp_path):
         open_dataset(load_card(card(tmp_path, annotations="s3://bench/labels")))
 
 
-URL = parse_place("s3://bench/x")
+URL = parse_location("s3://bench/x")
 
 
 @pytest.mark.parametrize(
