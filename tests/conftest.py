@@ -1,6 +1,7 @@
-"""A small rendered data set that the tests of the upper rooms share."""
+"""A small rendered data set that the tests of the upper packages share."""
 
 import os
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -58,6 +59,9 @@ splits:
   all: "*"
   moving: [crossing, overtaking]
 """
+
+# A shell starts background jobs with SIGINT ignored, and so would be all processes that tests interrupt.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session", autouse=True)
