@@ -236,11 +236,13 @@ class _CameraAudit:
                 Scoring.EXACT_FLOW: runs.exact_flow,
                 Scoring.CELLS: Segmentation(cell_size_px=runs.recorded.cell_size_px, mask=runs.evidence.moving),
             }
+        moving = np.array([self._instance_of[o.track_id] for o in reference.objects if o.status is not Status.STATIC])
         with self._clock.stage("counts"):
             for scoring, segmentation in detected.items():
                 # Without the likelihood, whose histograms nothing here reads and which are most of a row.
                 against = by_lidar if scoring is Scoring.LIDAR else by_masks
-                self._scorers[scoring].add(against, replace(segmentation, likelihood=None))
+                exact = np.isin(ids, moving) if scoring is Scoring.LIDAR else None  # the ceiling of the polygons
+                self._scorers[scoring].add(against, replace(segmentation, likelihood=None), exact=exact)
 
     def _explain(
         self, simulated: SimulatedTruth, given: MethodInput, ids: NDArray[np.uint16], reference: ReferenceFrame

@@ -122,9 +122,17 @@ def test_run_gives_the_scores_of_the_drive_itself(command, cards, tmp_path, caps
         assert command("run", card, *words) == 0
         summaries.append(json.loads((tmp_path / str(number) / "summary.json").read_text()))
     drive, bag = summaries
+    drive = _without_ceilings(drive)  # a bag holds no exact masks
     assert drive["images"]["evaluated"] > 0
     for part in ("categories", "false_positives", "images", "breakdowns"):
         assert bag[part] == drive[part], part
+
+
+def _without_ceilings(content):
+    if not isinstance(content, dict):
+        return content
+    assert "ceiling_iou" in content or "iou_detected" not in content
+    return {key: _without_ceilings(value) for key, value in content.items() if not key.startswith("ceiling_")}
 
 
 def test_validate_and_view(command, cards, tmp_path, capsys):
