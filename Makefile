@@ -56,7 +56,7 @@ test: $(INSTALLED_DEV) ## run the tests
 	$(BIN)/pytest --numprocesses auto --dist loadfile
 
 test-all: $(INSTALLED_DEV) ## run the tests, the slow rounds among them (damaged files, kills, simulations)
-	$(BIN)/pytest --numprocesses auto --dist loadfile -m "slow or not slow"
+	$(BIN)/pytest --numprocesses $(shell expr $$(nproc 2>/dev/null || echo 2) + 1) --dist loadfile -m "slow or not slow"
 
 check: $(INSTALLED_DEV) ## format, lint, types, layers, documentation
 	$(BIN)/ruff format --check

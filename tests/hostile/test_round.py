@@ -36,7 +36,7 @@ from tests.recordings import tiny, tiny_aimotive, tiny_kitti360, tiny_rosbag, ti
 
 BENCH = Path(bench.__file__).parent
 SEED = 12
-CLOUD_CASES, IMAGE_CASES = 40, 60  # of each kind
+CLOUD_CASES, IMAGE_CASES = 60, 80  # of each kind
 LONGEST_S = 30  # of a case; the slowest whole one takes two
 CLEAR = {0, 1, 2, 3}  # 70 is a fault of ours
 Observed = Mapping[str, bytes] | None
@@ -168,9 +168,9 @@ RUN = ("run", "{}/tiny.yaml", "--method", "everything", "--workers", "1", "--no-
 GATE = ("gate", "{}/run", "--baseline", "{}/baseline.json", "--json", "{}/verdict.json")
 STORED = ("run/*.json", "run/*.parquet", "run/*.npz")
 TARGETS = {
-    **{f"run {name}": Target(("data/**/*",), DATA, 25) for name in ("aimotive", "kitti360", "mcap", "sqlite")},
-    "run native": Target(("data/**/*",), DATA, 40),
-    "run woodscape": Target(("data/**/*",), (*DATA, "--protocol", "masks-v1"), 25),
+    **{f"run {name}": Target(("data/**/*",), DATA, 15) for name in ("aimotive", "kitti360", "mcap", "sqlite")},
+    "run native": Target(("data/**/*",), DATA, 20),
+    "run woodscape": Target(("data/**/*",), (*DATA, "--protocol", "masks-v1"), 15),
     **{f"validate {name}": Target(("data/**/*",), VALIDATE, 25) for name in ("aimotive", "kitti360", "native", "mcap")},
     "card": Target(("card.yaml",), DATA),
     "scenario": Target(
@@ -188,15 +188,15 @@ TARGETS = {
     "tolerances": Target(("t.yaml",), (*GATE, "--tolerances", "{}/t.yaml"), 15),
     "gate": Target(STORED, GATE, 50, verdict),
     "baseline": Target(("baseline.json",), GATE, 50, verdict),
-    "report": Target(STORED, ("report", "{}/run", "--no-pictures"), 20, content_of("run/index.html")),
+    "report": Target(STORED, ("report", "{}/run", "--no-pictures"), 12, content_of("run/index.html")),
     "page with pictures": Target(("run/masks.parquet", "run/frames.parquet"), ("report", "{}/run"), 10,
                                  content_of("run/index.html")),
     "compare": Target(STORED, ("compare", "{}/run", "{}/other", "--no-pictures", "--out", "{}/compared"), 25,
                       content_of("compared/compare.json")),
     "leaderboard": Target(STORED, ("leaderboard", "{}", "--out", "{}/board"), 20, content_of("board/leaderboard.json")),
-    "units": Target(("run/units/*",), (*RUN, "--out", "{}/run"), 25, tables),
+    "units": Target(("run/units/*",), (*RUN, "--out", "{}/run"), 15, tables),
     "parts": Target(("run/shards/*", "run/units/*"), ("merge", "{}/run", "--no-pictures"), 30, tables),
-    "cache": Target(("cache/**/*",), (*RUN, "--cache", "{}/cache", "--out", "{}/run"), 20, tables),
+    "cache": Target(("cache/**/*",), (*RUN, "--cache", "{}/cache", "--out", "{}/run"), 12, tables),
 }  # fmt: skip
 
 
