@@ -25,6 +25,7 @@ from bench.cameras import ray_grid
 from bench.errors import UsageError
 from bench.evaluation import Protocol
 from bench.harness.frames import FramePipeline
+from bench.harness.oracles import moving_instances
 from bench.methods import Method, MethodInput, Segmentation
 from bench.methods.spherical.likelihood import CONSTRAINTS
 from bench.methods.spherical.method import SphericalMethod
@@ -312,10 +313,10 @@ def explain_image(
     given = pipeline.method_input(index)
     exact = simulated.look(given, read_truth(pipeline.images[index], pipeline.camera))
     instance_of = instance_ids({track.track_id: track.instance_id for track in recording.tracks})
-    objects = pipeline.references.build(pipeline.images[index]).objects
-    moving = np.array([instance_of[o.track_id] for o in objects if o.status is not Status.STATIC], dtype=np.int64)
-    evaluated = [instance_of[o.track_id] for o in objects if o.status is Status.EVALUATED]
-    runs = run_three_times(method, given, exact, moving_ids=moving)
+    reference = pipeline.references.build(pipeline.images[index])
+    moving = moving_instances(recording, reference)
+    evaluated = [instance_of[o.track_id] for o in reference.objects if o.status is Status.EVALUATED]
+    runs = run_three_times(method, given, exact, moving_ids=np.array(moving, dtype=np.int64))
     shown = simulated.cells.at_centres(valid)
     own = shown & np.isin(exact.flow.instance_ids, evaluated)
     missed, false = own & ~runs.recorded.mask, shown & ~runs.evidence.moving & runs.recorded.mask

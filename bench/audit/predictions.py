@@ -13,7 +13,7 @@ from bench.errors import UsageError
 from bench.evaluation import Protocol
 from bench.harness.frames import FramePipeline, UnscorableFrame
 from bench.harness.keys import MethodIdentity, digest_of
-from bench.harness.oracles import ReferenceItself, is_oracle
+from bench.harness.oracles import ExactMasks, ReferenceItself, is_oracle
 from bench.harness.stages import StageClock
 from bench.methods import Method, MethodInput, Needs, Segmentation, UnansweredImage, ask_method
 from bench.methods.contract import Arrays, StepOf
@@ -130,12 +130,13 @@ class CameraPredictions:
         """Builds the reference of the protocol."""
         return self._pipeline.references
 
-    def masks(self, index: int, reference: ReferenceFrame) -> list[NDArray[np.bool_]]:
+    def masks(self, index: int, reference: ReferenceFrame, ids: NDArray[np.uint16]) -> list[NDArray[np.bool_]]:
         """What every prediction marks as moving, (H, W) bool each, in their order.
 
         Args:
             index: of the image, at least `history`.
             reference: of the image, by the protocol.
+            ids: (H, W) uint16, the image's true instance ids.
 
         Raises:
             BenchError: something of the image cannot be used, or a method failed.
@@ -144,19 +145,20 @@ class CameraPredictions:
         inputs = {colour: pipeline.method_input(index) for colour, pipeline in self._pipelines.items()}
         steps: dict[str, Arrays] = {}
         with self._clock.stage("method"):
-            return [self._mask(prediction, index, inputs, reference, steps) for prediction in self._predictions]
+            return [self._mask(prediction, inputs, reference, ids, steps) for prediction in self._predictions]
 
     def _mask(
         self,
         prediction: Prediction,
-        index: int,
         inputs: dict[bool, MethodInput],
         reference: ReferenceFrame,
+        ids: NDArray[np.uint16],
         steps: dict[str, Arrays],
     ) -> NDArray[np.bool_]:
         method = prediction.method
         if is_oracle(method):
-            found = method.answer(self._recording, self.images[index], reference)
+            assert isinstance(method, ExactMasks), "the reference itself is refused"
+            found = method.of_truth(ids, self._recording, reference)
         else:
             needs = Needs.of(method)
             given = shortened_input(inputs[needs.colour], needs.longest_history)

@@ -152,8 +152,9 @@ def _rank_camera(
         try:
             with clock.stage("reference"):
                 by_lidar = [builder.build(image) for builder in (predicted.references, *others)]
-                references = same_objects(by_lidar, read_truth(image, predicted.camera), instance_of)
-            masks = predicted.masks(index, by_lidar[0])
+                ids = read_truth(image, predicted.camera)
+                references = same_objects(by_lidar, ids, instance_of)
+            masks = predicted.masks(index, by_lidar[0], ids)
         except UnscorableFrame:
             continue
         except BenchError as error:

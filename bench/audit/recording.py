@@ -25,6 +25,7 @@ from bench.audit.sources import AuditSource, SimulatedTruth, instance_ids, refus
 from bench.errors import BenchError, DataError
 from bench.evaluation import Protocol, SequenceScorer
 from bench.harness.frames import FramePipeline, UnscorableFrame
+from bench.harness.oracles import exact_mask, moving_instances
 from bench.harness.provenance import recording_fingerprint
 from bench.harness.stages import StageClock
 from bench.methods import Method, MethodInput, Segmentation, ask_method
@@ -236,12 +237,13 @@ class _CameraAudit:
                 Scoring.EXACT_FLOW: runs.exact_flow,
                 Scoring.CELLS: Segmentation(cell_size_px=runs.recorded.cell_size_px, mask=runs.evidence.moving),
             }
-        moving = np.array([self._instance_of[o.track_id] for o in reference.objects if o.status is not Status.STATIC])
         with self._clock.stage("counts"):
             for scoring, segmentation in detected.items():
                 # Without the likelihood, whose histograms nothing here reads and which are most of a row.
                 against = by_lidar if scoring is Scoring.LIDAR else by_masks
-                exact = np.isin(ids, moving) if scoring is Scoring.LIDAR else None  # the ceiling of the polygons
+                exact = None  # of the masks themselves, whose ceiling is 1
+                if scoring is Scoring.LIDAR:
+                    exact = exact_mask(ids, self._pipeline.recording, reference)
                 self._scorers[scoring].add(against, replace(segmentation, likelihood=None), exact=exact)
 
     def _explain(
@@ -250,7 +252,7 @@ class _CameraAudit:
         assert isinstance(self._method, SphericalMethod), "only its constraints can be asked with exact flow"
         with self._clock.stage("exact flow"):
             exact = simulated.look(given, ids)
-        moving = [self._instance_of[o.track_id] for o in reference.objects if o.status is not Status.STATIC]
+        moving = moving_instances(self._pipeline.recording, reference)
         with self._clock.stage("method"):
             runs = run_three_times(self._method, given, exact, moving_ids=np.array(moving, dtype=np.int64))
         with self._clock.stage("causes"):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from bench.audit import audit_sources, read_misses, read_polygons, run_audit
@@ -16,7 +17,7 @@ from bench.evaluation import load_protocol
 from bench.harness import Provenance, build_scorable
 from bench.methods import build_method
 from bench.methods.spherical.method import SphericalMethod
-from bench.recordings import load_card
+from bench.recordings import DatasetCard, load_card
 from bench.recordings.atomic import output_folder
 from bench.reporting.audit_pictures import write_audit_files, write_cause_pictures, write_examples
 from bench.reporting.audit_ranking import ranking_tables, write_ranking_files
@@ -43,19 +44,17 @@ def audit(
     card, rules = load_card(dataset), load_protocol(protocol)
     chosen = build_method(method, parse_settings(settings))
     folder = out or AUDITS / card.name
-    with output_folder(folder):
-        render_if_synthetic(card)
-        with interruptible(LEFT), progress_bar(f"auditing {card.name}", "recordings") as report:
-            found = run_audit(
-                card,
-                method=chosen,
-                protocol=rules,
-                out=folder,
-                split=split,
-                recordings=recordings,
-                executor=local_executor(workers),
-                progress=report,
-            )
+    with _auditing(card, folder, title=f"auditing {card.name}") as report:
+        found = run_audit(
+            card,
+            method=chosen,
+            protocol=rules,
+            out=folder,
+            split=split,
+            recordings=recordings,
+            executor=local_executor(workers),
+            progress=report,
+        )
     files = list(write_audit_files(folder))
     if pictures:
         sources = {source.recorded.name: source for source in audit_sources(card, split=split, recordings=recordings)}
@@ -88,23 +87,30 @@ def rank(
     predictions = parse_methods(methods)
     card = load_card(dataset)
     folder = out or AUDITS / card.name
-    with output_folder(folder):
-        render_if_synthetic(card)
-        with interruptible(LEFT), progress_bar(f"ranking {len(predictions)} on {card.name}", "recordings") as report:
-            found = run_ranking(
-                card,
-                predictions=predictions,
-                out=folder,
-                split=split,
-                recordings=recordings,
-                executor=local_executor(workers),
-                progress=report,
-            )
+    with _auditing(card, folder, title=f"ranking {len(predictions)} on {card.name}") as report:
+        found = run_ranking(
+            card,
+            predictions=predictions,
+            out=folder,
+            split=split,
+            recordings=recordings,
+            executor=local_executor(workers),
+            progress=report,
+        )
     files = write_ranking_files(folder)
     _print_tables(ranking_tables(found))
     _print_cost(found.provenance, recordings=found.recordings)
     _print_ends(found.failures, files, all_in="ranking.json")
     return len(found.failures)
+
+
+@contextmanager
+def _auditing(card: DatasetCard, folder: Path, *, title: str) -> Iterator[Callable[[float, int], None]]:
+    """Audit recordings, which are rendered where they are not there, into a folder; takes what is done of how many."""
+    with output_folder(folder):
+        render_if_synthetic(card)
+        with interruptible(LEFT), progress_bar(title, "recordings") as report:
+            yield report
 
 
 def parse_methods(text: str) -> tuple[Prediction, ...]:

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from bench.evaluation.counts import Regions, count_by_cell
 from bench.evaluation.protocol import Protocol
 from bench.evaluation.row_source import Columns, Rows, RowSource, as_source
-from bench.evaluation.sums import coverage
+from bench.evaluation.sums import coverage, detected
 from bench.reference.records import Direction
 
-COLUMNS = ("status", "object_class", "direction", "x_m", "y_m", "tp")
+COLUMNS = ("status", "object_class", "direction", "x_m", "y_m", "tp", "fn")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -29,7 +29,7 @@ class RangeMap:
         edges_m: (K + 1,) float64, edges of the cells, the same along x and y, vehicle frame, m.
         object_frames: (K, K) int64, evaluated object-frames by their cluster's centroid; first index along x (forward),
             second along y (left).
-        detected: (K, K) int64, those of them with any pixel detected.
+        detected: (K, K) int64, those of them that are detected, by any pixel or by the coverage asked for.
         min_object_frames: cells with fewer say nothing.
     """
 
@@ -65,12 +65,13 @@ class RangeMaps:
     unplaced: int
 
 
-def range_maps(objects: Rows, *, protocol: Protocol) -> RangeMaps:
+def range_maps(objects: Rows, *, protocol: Protocol, level: float = 0.0) -> RangeMaps:
     """Count the evaluated object-frames by class, direction and place, a batch of rows in memory at a time.
 
     Args:
         objects: of `OBJECTS_SCHEMA`, rows in any order, in memory or stored.
         protocol: that the run was made with. The grid reaches as far as its range limit or the furthest centroid.
+        level: coverage from which on an object counts as detected; 0 for any pixel.
     """
     source = as_source(objects)
     edges_m = _edges_m(_furthest_m(source), protocol)
@@ -84,7 +85,8 @@ def range_maps(objects: Rows, *, protocol: Protocol) -> RangeMaps:
     for rows in _evaluated(source):
         evaluated_rows += len(rows)
         undirected += int(np.count_nonzero(rows.words("direction")[0] < 0))
-        found = rows.numbers("tp") > 0
+        tp = rows.numbers("tp")
+        found = detected(tp) & (coverage(tp, rows.numbers("fn")) >= level)
         for (name, direction), counts in counted.items():
             of_kind = rows.is_word("object_class", name) & rows.is_word("direction", direction.value)
             for number, where in enumerate((of_kind, of_kind & found)):

@@ -15,10 +15,10 @@ from bench.errors import DataError
 from bench.evaluation import Protocol
 from bench.geometry import RigidTransform
 from bench.harness.cache import StepCache
-from bench.harness.oracles import ExactMasks, is_oracle
+from bench.harness.oracles import exact_mask, is_oracle
 from bench.harness.stages import StageClock
 from bench.methods import Method, MethodInput, Needs, Segmentation, UnansweredImage, ask_method
-from bench.recordings import ImageRef, Recording, frame_gaps, read_image
+from bench.recordings import ImageRef, Recording, frame_gaps, read_image, read_truth
 from bench.recordings.input_errors import perturbed_camera, perturbed_motion, perturbed_pixels, perturbed_time_ns
 from bench.reference import ReferenceBuilder, ReferenceFrame
 
@@ -38,14 +38,12 @@ class ProcessedFrame:
         given: what the method saw.
         segmentation: the method's answer.
         reference: what it is scored against.
-        exact: (H, W) bool, the exact masks of all that moves; None where the data have none.
     """
 
     image: ImageRef
     given: MethodInput
     segmentation: Segmentation
     reference: ReferenceFrame
-    exact: NDArray[np.bool_] | None = None
 
     @property
     def pixels(self) -> NDArray[np.uint8]:
@@ -114,22 +112,25 @@ class FramePipeline:
         for builder in (self.references, *self._further):
             reference = self._reference(builder, image)
             segmentation = answer or self._oracle(image, reference)
-            exact = self._exact(image, reference)
-            frames.append(
-                ProcessedFrame(image=image, given=given, segmentation=segmentation, reference=reference, exact=exact)
-            )
+            frames.append(ProcessedFrame(image=image, given=given, segmentation=segmentation, reference=reference))
         return tuple(frames)
+
+    def exact_masks(self, index: int, references: Sequence[ReferenceFrame]) -> list[NDArray[np.bool_] | None]:
+        """The exact mask of what moves by each reference of an image, (H, W); None where the data have none.
+
+        Raises:
+            DataError: the image's file of instance ids cannot be used.
+        """
+        image = self.images[index]
+        if image.truth_path is None:
+            return [None] * len(references)
+        with self._clock.stage("ceiling"):
+            ids = read_truth(image, self.camera)
+            return [exact_mask(ids, self.recording, reference) for reference in references]
 
     def _reference(self, builder: ReferenceBuilder, image: ImageRef) -> ReferenceFrame:
         with self._clock.stage("reference"):
             return builder.build(image) if self._steps is None else self._steps.reference(builder, image)
-
-    def _exact(self, image: ImageRef, reference: ReferenceFrame) -> NDArray[np.bool_] | None:
-        """The exact masks, by which the ceiling of the protocol is counted."""
-        if image.truth_path is None:
-            return None
-        with self._clock.stage("ceiling"):
-            return ExactMasks().answer(self.recording, image, reference).mask
 
     def _oracle(self, image: ImageRef, reference: ReferenceFrame) -> Segmentation:
         assert is_oracle(self._method)

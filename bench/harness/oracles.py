@@ -104,16 +104,18 @@ class ExactMasks:
                 got="a recording without",
                 do="only simulated data have them: score a method, or --method reference",
             )
-        camera = recording.cameras[image.camera]
-        ids = read_truth(image, camera)
-        moving = moving_instances(recording, reference)
+        return self.of_truth(read_truth(image, recording.cameras[image.camera]), recording, reference)
+
+    def of_truth(self, ids: NDArray[np.uint16], recording: Recording, reference: ReferenceFrame) -> Segmentation:
+        """The same, from the image's true instance ids, (H, W)."""
         if (self.grow_px, self.shift_px, self.shape) == (0, 0, "exact"):
-            mask = np.isin(ids, np.array(moving, dtype=np.int64))
+            mask = exact_mask(ids, recording, reference)
         else:
             mask = np.zeros(ids.shape, dtype=bool)
-            for number in moving:
+            for number in moving_instances(recording, reference):
                 mask |= self._varied(ids == number)
         if self.cell_size_px > 1:
+            camera = recording.cameras[reference.camera]
             mask = ray_grid(camera.model, self.cell_size_px).at_centres(mask)
         return Segmentation(cell_size_px=self.cell_size_px, mask=mask)
 
@@ -159,6 +161,17 @@ def moving_instances(recording: Recording, reference: ReferenceFrame) -> list[in
     number_of = {track.track_id: track.instance_id for track in recording.tracks}
     numbers = (number_of[item.track_id] for item in reference.objects if item.status is not Status.STATIC)
     return [number for number in numbers if number is not None]
+
+
+def exact_mask(ids: NDArray[np.uint16], recording: Recording, reference: ReferenceFrame) -> NDArray[np.bool_]:
+    """Pixels of all annotated objects that move: (H, W) bool.
+
+    Args:
+        ids: (H, W) uint16, the image's true instance ids.
+        recording: simulated.
+        reference: of the image.
+    """
+    return np.isin(ids, np.array(moving_instances(recording, reference), dtype=np.int64))
 
 
 def refusal(name: str, _: MethodInput) -> UsageError:

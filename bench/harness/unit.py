@@ -116,6 +116,7 @@ def run_unit(
     for index in range(unit.start, unit.stop):
         try:
             frames = pipeline.process_by_all(index)
+            exact = pipeline.exact_masks(index, [frame.reference for frame in frames])
         except UnscorableFrame as reason:
             leave_out(index, "skipped", str(reason))
         except BenchError as error:
@@ -123,9 +124,9 @@ def run_unit(
             problems.append(problem)
             leave_out(index, "failed", problem)
         else:
-            for scorer, rows, frame in zip(scorers, masks, frames, strict=True):
+            for scorer, rows, frame, truth in zip(scorers, masks, frames, exact, strict=True):
                 with clock.stage("counts"):
-                    scorer.add(frame.reference, frame.segmentation, exact=frame.exact)
+                    scorer.add(frame.reference, frame.segmentation, exact=truth)
                 with clock.stage("store"):
                     rows.append(
                         mask_row(

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.compute as pc
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import Collection
@@ -16,9 +14,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
-from bench.evaluation.row_source import BATCH_ROWS, ChosenRows, Columns, RowSource
-from bench.evaluation.sums import coverage
-from bench.reference.records import Direction, Status
+from bench.reference.records import Direction
 from bench.reporting.canvas import axes_at, draw_rings, draw_vehicle, new_figure, plan_axes, styled
 from bench.reporting.stored_run import StoredRun
 
@@ -41,27 +37,8 @@ def draw_run_maps(run: StoredRun) -> Figure:
     outline_m = np.array(run.summary.vehicle_outline_m, dtype=np.float64)
     if run.protocol.reference.unknown_band is None:
         return draw_range_maps(range_maps(run.objects, protocol=run.protocol), vehicle_outline_m=outline_m)
-    maps = range_maps(HalfCovered(run.objects), protocol=run.protocol)
+    maps = range_maps(run.objects, protocol=run.protocol, level=HALF)
     return draw_range_maps(maps, vehicle_outline_m=outline_m, title=HALF_TITLE)
-
-
-class HalfCovered(ChosenRows):
-    """The evaluated object-frames, with `tp` 0 where less than half of the object is covered.
-
-    Args:
-        source: of `OBJECTS_SCHEMA`.
-    """
-
-    def __init__(self, source: RowSource) -> None:
-        super().__init__(source, column="status", word=Status.EVALUATED.value)
-
-    def batches(self, columns: Sequence[str], *, rows: int = BATCH_ROWS) -> Iterator[pa.RecordBatch]:
-        """As `ChosenRows.batches`; the columns must hold `tp`."""
-        for batch in super().batches([*columns, *({"fn"} - set(columns))], rows=rows):
-            found = Columns(pa.table(batch))
-            half = coverage(found.numbers("tp"), found.numbers("fn")) >= HALF
-            tp = pc.if_else(pa.array(half), batch["tp"], 0)
-            yield batch.set_column(batch.schema.get_field_index("tp"), "tp", tp).select(list(columns))
 
 
 @styled

@@ -10,7 +10,7 @@ from bench.evaluation.row_source import TableRows
 from bench.evaluation.rows import objects_table
 from bench.reference.records import Direction
 from bench.reporting.canvas import figure_bytes, new_figure
-from bench.reporting.range_maps import HALF_TITLE, HATCH, HalfCovered, draw_cells, draw_range_maps, draw_run_maps
+from bench.reporting.range_maps import HALF, HALF_TITLE, HATCH, draw_cells, draw_range_maps, draw_run_maps
 from tests.reporting.test_report_files import object_row
 
 OUTLINE_M = np.array([[-1.0, -0.9], [3.8, -0.9], [3.8, 0.9], [-1.0, 0.9]])
@@ -99,8 +99,9 @@ ROWS = objects_table([object_row(n) | {"tp": tp, "fn": 20 - tp} for n, tp in enu
 
 def test_half_of_the_core_is_half_or_more():
     source = TableRows(ROWS)
-    for rows, detected in ((source, 3), (HalfCovered(source), 2)):
-        (found,) = [m for m in range_maps(rows, protocol=load_protocol("surface-v1")).maps if m.object_frames.any()]
+    for level, detected in ((0.0, 3), (HALF, 2)):
+        maps = range_maps(source, protocol=load_protocol("surface-v1"), level=level).maps
+        (found,) = [m for m in maps if m.object_frames.any()]
         assert (found.object_frames.sum(), found.detected.sum()) == (4, detected)
 
 
