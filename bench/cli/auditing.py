@@ -10,7 +10,7 @@ from bench.audit import audit_sources, read_misses, read_polygons, run_audit
 from bench.audit.predictions import ALL_PREDICTIONS, Prediction
 from bench.audit.ranking import run_ranking
 from bench.cli.computing import local_executor, parse_settings, render_if_synthetic
-from bench.cli.console import print_failures, progress_bar, say, show
+from bench.cli.console import print_failures, progress_bar, say, show, stage_times
 from bench.cli.interrupts import interruptible
 from bench.errors import UsageError
 from bench.evaluation import load_protocol
@@ -143,7 +143,7 @@ def _print_tables(tables: Iterable[TextTable]) -> None:
 
 
 def _print_cost(made: Provenance, *, recordings: int) -> None:
-    stages = ", ".join(f"{name} {seconds:.1f}" for name, seconds in made.stage_seconds.items())
+    stages = stage_times(made.stage_seconds)
     say(f"{made.images} images of {recordings} recordings in {made.seconds:.1f} s ({stages})")
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import copy
 from io import TextIOWrapper
@@ -88,6 +88,11 @@ def print_failures(failures: Sequence[str], *, all_in: str) -> None:
         shown.append(f"... and {len(failures) - SHOWN_FAILURES} more failures, all in {all_in}")
     for line in shown:
         say(line, style="red")
+
+
+def stage_times(seconds: Mapping[str, float]) -> str:
+    """Seconds by stage, as "decode 1.4, method 30.9"."""
+    return ", ".join(f"{name} {spent:.1f}" for name, spent in seconds.items())
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from bench.cli.computing import Computing, parse_settings, render_if_synthetic
-from bench.cli.console import print_failures, progress_bar, say, show
+from bench.cli.console import print_failures, progress_bar, say, show, stage_times
 from bench.cli.interrupts import interruptible, resumable
 from bench.cli.places import Destination, destination, parts_of_run
 from bench.cli.viewing import draw_example_frames
@@ -258,7 +258,7 @@ def _print_totals(summary: RunSummary, files: Sequence[str]) -> None:
 
 def _print_cost(made: Provenance) -> None:
     """What a run had to compute, and what that took."""
-    stages = ", ".join(f"{name} {seconds:.1f}" for name, seconds in made.stage_seconds.items())
+    stages = stage_times(made.stage_seconds)
     work = made.work
     images = made.images if work is None else work.images_computed
     rate = images / made.seconds if made.seconds else 0.0

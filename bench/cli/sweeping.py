@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.table import Table
 
 from bench.cli.computing import Computing, parse_settings, render_if_synthetic
-from bench.cli.console import print_failures, progress_bar, say, show
+from bench.cli.console import print_failures, progress_bar, say, show, stage_times
 from bench.cli.interrupts import resumable
 from bench.errors import UsageError
 from bench.evaluation import load_protocol
@@ -81,7 +81,7 @@ def _split(values: str | None) -> list[str]:
 
 def _print_totals(result: SweepResult, files: Sequence[Path]) -> None:
     made = result.provenance
-    stages = ", ".join(f"{name} {seconds:.1f}" for name, seconds in made.stage_seconds.items())
+    stages = stage_times(made.stage_seconds)
     say(
         f"{len(result.rows)} values on {made.images} images in {made.seconds:.1f} s ({stages}); flow computed "
         f"{result.flow.computed} times, read {result.flow.read} times; peak memory {made.peak_memory_mb:.0f} MB"
