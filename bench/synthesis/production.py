@@ -118,7 +118,8 @@ def _produce(spec: RecordingSpec, *, scenario: Scenario, out: Path) -> None:
 def _mark(scenario: Scenario, spec: RecordingSpec) -> dict[str, str]:
     """What a recording was made from: the generator, the sensors and the recording's own lines."""
     shared = scenario.model_dump(mode="json", exclude={"recordings"})
-    content = json.dumps([GENERATOR_VERSION, shared, spec.model_dump(mode="json")], sort_keys=True)
+    dry = {} if spec.street.wet else {"street": {"wet"}}  # what was rendered before there was rain stays
+    content = json.dumps([GENERATOR_VERSION, shared, spec.model_dump(mode="json", exclude=dry)], sort_keys=True)
     return {"scenario": scenario.name, "fingerprint": hashlib.sha256(content.encode()).hexdigest()}
 
 

@@ -370,6 +370,7 @@ class StreetSpec(FileModel):
         trees: share of the positions for trees, 9 m apart on each pavement, that have one.
         hedges: share of the fronts that are a garden behind a hedge, fence or wall instead of a house.
         wear: of the road, from 0, just laid, to 1, cracked and patched all over; null draws one.
+        wet: whether rain has darkened road, kerbs and pavement; no water stands on them that would mirror anything.
         zebra_at_m: zebra crossings with lowered kerbs.
         side_streets: with rounded corners and a line to stop or give way at.
     """
@@ -387,6 +388,7 @@ class StreetSpec(FileModel):
     trees: Density = 0.4
     hedges: Density = 0.25
     wear: Density | None = None
+    wet: bool = False
     zebra_at_m: tuple[Along, ...] = ()
     side_streets: tuple[SideStreetSpec, ...] = ()
 

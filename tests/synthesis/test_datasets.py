@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +30,12 @@ def range_maps() -> Scenario:
     return read_scenario(DATASETS / "range-maps.scenario.yaml")
 
 
-@pytest.mark.parametrize("name", ["demo", "paper", "paper-exact", "range-maps"])
+@pytest.fixture(scope="module")
+def development() -> Scenario:
+    return read_scenario(DATASETS / "development.scenario.yaml")
+
+
+@pytest.mark.parametrize("name", ["demo", "development", "paper", "paper-exact", "range-maps"])
 def test_card_names_its_scenario(name: str) -> None:
     card = load_card(DATASETS / f"{name}.yaml")
     assert card.name == name
@@ -90,6 +96,35 @@ def test_paper_has_every_light_place_and_special_case(paper: Scenario) -> None:
     assert kinds["dog"] >= 4
     standing = [a for spec in paper.recordings for a in spec.actors if a.speed_mps == 0.0]
     assert sum(BODIES[actor.kind][0] == "pedestrian" for actor in standing) >= 8
+
+
+def test_development_shares_no_seed_lens_or_drive_with_what_is_scored(
+    development: Scenario, paper: Scenario, range_maps: Scenario
+) -> None:
+    """Every body, street and light follows from the seed and the recording's name; both are others."""
+    own = development.cameras[0]
+    names = {spec.name for spec in development.recordings}
+    drives = [spec.model_dump(exclude={"name", "about", "frames"}) for spec in development.recordings]
+    for scored in (read_scenario(DATASETS / "demo.scenario.yaml"), paper, range_maps):
+        assert development.seed != scored.seed
+        assert not names & {spec.name for spec in scored.recordings}
+        assert not any(s.model_dump(exclude={"name", "about", "frames"}) in drives for s in scored.recordings)
+        for camera in scored.cameras:
+            assert own.model != camera.model
+            assert own.position_m != camera.position_m
+            assert own.pitch_down_deg != camera.pitch_down_deg
+
+
+def test_development_covers_every_row_and_every_light_on_dry_and_wet_roads(development: Scenario) -> None:
+    assert len(development.recordings) >= 60
+    found = object_frames(development, every=24)  # the middle of each
+    for category in PUBLISHED:
+        assert sum(1 for counts in found.values() if counts[category]) >= 6, category
+    assert sum(1 for counts in found.values() if not counts) >= 4
+    seen = {(spec.light.kind, spec.street.wet) for spec in development.recordings}
+    assert seen == set(product(("sunny", "overcast", "low_sun", "night"), (False, True)))
+    assert any(spec.host.gear == "reverse" for spec in development.recordings)
+    assert any(any(spec.host.yaw_rate_degps) for spec in development.recordings)
 
 
 def test_range_maps_have_four_cameras_and_few_enough_images(range_maps: Scenario) -> None:

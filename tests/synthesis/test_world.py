@@ -179,6 +179,18 @@ def test_there_are_mirrors_and_lamps() -> None:
     assert lamps[:, 2].min() > 3.0
 
 
+def test_rain_darkens_the_ground_and_nothing_else() -> None:
+    dry, wet = (build_world(StreetSpec(wet=wet), named_rng(3, "street")).mesh for wet in (False, True))
+    np.testing.assert_array_equal(dry.corners_m, wet.corners_m)
+    np.testing.assert_array_equal(dry.surfaces[:, 1:], wet.surfaces[:, 1:])
+    darker = wet.surfaces[:, 0] / dry.surfaces[:, 0]
+    assert set(np.round(np.unique(darker), 9)) == {round(1 / 1.33**2, 9), 1.0}
+    heights_m = dry.corners_m[..., 2].max(axis=1)
+    assert heights_m[darker < 1].max() <= StreetSpec().kerb_m + 0.01
+    seen, _ = seen_from_above(dry, grid((2.0, 20.0), (-1.4, 1.4)))
+    assert (darker[seen.triangles] < 1).mean() > 0.9  # of the ego vehicle's lane; the rest is paint
+
+
 @pytest.mark.parametrize(
     ("fields", "expected"),
     [

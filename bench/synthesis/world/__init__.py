@@ -7,12 +7,12 @@ puts parked cars, lamps, trees, furniture and fronts where nothing else stands a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
 
-from bench.synthesis.mesh import Mesh, Surface, box, joined, quads
+from bench.synthesis.mesh import COLUMN_OF, Mesh, Surface, box, joined, quads
 from bench.synthesis.scenario import StreetSpec
 from bench.synthesis.world.furniture import drawn_trees
 from bench.synthesis.world.ground import ground, kerbs, laid_stones, paving
@@ -81,6 +81,9 @@ def _skyline(plan: Plan, rng: np.random.Generator) -> list[Mesh]:
 
 UNSEEN_M, LEVEL_M = (-1.0, 0.26), 1e-6  # heights of undersides that no camera on a car sees
 JOINTS = 0.85  # of the slabs' albedo: what shows between them
+# Of a dry dark surface's albedo, under a film of water of refractive index 1.33, which sends all but this share of what
+# is scattered below it back down by total reflection (Angstrom 1925, after Lekner and Dorf 1988).
+WET_ALBEDO = 1 / 1.33**2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -114,9 +117,11 @@ def build_world(spec: StreetSpec, rng: np.random.Generator, keep_clear: Sequence
     plan, site = drawn_plan(spec, plans), Site(keep_clear)
     asphalt, paved = drawn_asphalt(surfaces), drawn_slabs(surfaces)
     meshes = surroundings(plan, far)
-    meshes += ground(plan, asphalt=asphalt, slabs=tinted(paved, JOINTS), rng=surfaces)
-    meshes += kerbs(plan, laid_stones(plan), stones) + paving(plan, site, paved, slabs)
-    meshes += wear(plan, asphalt, wears) + markings(plan, paints)
+    porous = ground(plan, asphalt=asphalt, slabs=tinted(paved, JOINTS), rng=surfaces)
+    porous += kerbs(plan, laid_stones(plan), stones) + paving(plan, site, paved, slabs)
+    porous += wear(plan, asphalt, wears)
+    meshes += [_darkened(mesh) for mesh in porous] if spec.wet else porous
+    meshes += markings(plan, paints)
     meshes += guard_rails(plan, site)
     meshes += parked_cars(plan, site, cars)
     sides, forms = roadsides(plan), drawn_trees(grown)
@@ -127,6 +132,13 @@ def build_world(spec: StreetSpec, rng: np.random.Generator, keep_clear: Sequence
         meshes += street_furniture(plan, side, site, put)
         meshes += fronts(plan, side, site, built)
     return World(mesh=_without_undersides(joined(meshes)), obstacles=tuple(site.obstacles))
+
+
+def _darkened(mesh: Mesh) -> Mesh:
+    """The mesh as rain has darkened it."""
+    factors = np.ones(mesh.surfaces.shape[1])
+    factors[COLUMN_OF["albedo"]] = WET_ALBEDO
+    return replace(mesh, surfaces=mesh.surfaces * factors)
 
 
 def _without_undersides(mesh: Mesh) -> Mesh:
