@@ -18,10 +18,12 @@ from bench.evaluation.counts import ObjectCounts, count_frame
 from bench.harness import ProcessedFrame
 from bench.reference.records import ReferenceFrame
 from bench.reporting import canvas
+from bench.reporting.formats import frame_name
 from bench.reporting.overlay import draw_outline, outlined, overlay_mask, place_labels, unknown_bands
 
 WIDTH_IN = 3.5
-_LEGEND_IN, _BAND_LEGEND_IN, _TITLE_IN, _MARGIN_IN = 0.36, 0.15, 0.2, 0.04
+MARGIN_IN = 0.04
+_LEGEND_IN, _BAND_LEGEND_IN, _TITLE_IN = 0.36, 0.15, 0.32
 _BACKGROUND_STRENGTH, _OUTSIDE_STRENGTH, _TINT = 0.8, 0.3, 0.62
 
 
@@ -101,25 +103,50 @@ def draw_counts(
         detected: (H, W) bool; the method's mask at every pixel.
 
     Returns:
-        One picture at the width of a paper's column, with its legend and the frame's coverage.
+        One picture at the width of a paper's column, with its legend, which image it is, and the frame's coverage.
 
     Source:
         Mariotti and Eising 2020, the figure that explains the detection rates.
     """
-    height, width = detected.shape
+    has_bands = bool(unknown_bands(reference).any())
+    legend_in = legend_height_in(has_bands)
+    height_in = picture_height_in(reference)
+    figure = canvas.new_figure(WIDTH_IN, _TITLE_IN + height_in + legend_in)
+    axes = canvas.axes_at(figure, MARGIN_IN, legend_in, WIDTH_IN - 2 * MARGIN_IN, height_in)
+    draw_areas(axes, image, reference=reference, detected=detected)
+    axes.set_title(f"{frame_name(reference)}\n{false_positive_text(reference, detected=detected)}", pad=3, fontsize=7)
+    draw_legend(figure, has_bands=has_bands)
+    return figure
+
+
+def picture_height_in(reference: ReferenceFrame) -> float:
+    """Height of an image that fills the width of a paper's column."""
+    height, width = reference.valid.shape
+    return float((WIDTH_IN - 2 * MARGIN_IN) * height / width)
+
+
+def legend_height_in(has_bands: bool) -> float:
+    """Height of the legend of areas."""
+    return _LEGEND_IN + has_bands * _BAND_LEGEND_IN
+
+
+def draw_areas(axes: Axes, image: NDArray[np.uint8], *, reference: ReferenceFrame, detected: NDArray[np.bool_]) -> None:
+    """The areas of a frame and the name, TPR and IoU of each object, on axes of their own."""
     classes = pixel_classes(reference, detected=detected)
-    picture_in = WIDTH_IN - 2 * _MARGIN_IN
-    has_bands = bool((classes == PixelClass.UNKNOWN).any())
-    legend_in = _LEGEND_IN + has_bands * _BAND_LEGEND_IN
-    full_in = _TITLE_IN + picture_in * height / width + legend_in
-    figure = canvas.new_figure(WIDTH_IN, full_in)
-    axes = canvas.axes_at(figure, _MARGIN_IN, legend_in, picture_in, full_in - _TITLE_IN - legend_in)
     canvas.show_image(axes, _tinted(canvas.rgb_image(image), classes))
     _hatch_ignored(axes, classes)
-    frame, objects = count_frame(reference, detected, component_size_px=0)
-    _name_objects(axes, reference, objects, outline=not has_bands)
-    coverage = frame.fp_px / (frame.width * frame.height)
-    axes.set_title(f"false-positive coverage {100 * coverage:.1f} % of the image", pad=3, fontsize=7)
+    _, objects = count_frame(reference, detected, component_size_px=0)
+    _name_objects(axes, reference, objects, outline=not (classes == PixelClass.UNKNOWN).any())
+
+
+def false_positive_text(reference: ReferenceFrame, *, detected: NDArray[np.bool_]) -> str:
+    """For example "false positives 12.3 % of the image"."""
+    frame, _ = count_frame(reference, detected, component_size_px=0)
+    return f"false positives {100 * frame.fp_px / (frame.width * frame.height):.1f} % of the image"
+
+
+def draw_legend(figure: Figure, *, has_bands: bool) -> None:
+    """What the colours of the areas mean, at the foot of a figure."""
     style: dict[str, Any] = {
         "loc": "lower center",
         "frameon": False,
@@ -128,11 +155,10 @@ def draw_counts(
         "labelspacing": 0.3,
     }
     figure.legend(handles=_legend(has_bands), ncols=3, columnspacing=1.2, borderaxespad=0.1, **style,
-                  bbox_to_anchor=(0.0, (legend_in - _LEGEND_IN) / full_in, 1.0, 1.0))  # fmt: skip
+                  bbox_to_anchor=(0.0, has_bands * _BAND_LEGEND_IN / figure.get_figheight(), 1.0, 1.0))  # fmt: skip
     if has_bands:
         band = Patch(color=canvas.YELLOW, label="unknown band around the core of each object: counts neither way")
         figure.legend(handles=[band], borderaxespad=0.1, **style)
-    return figure
 
 
 def _tinted(image_rgb: NDArray[np.uint8], classes: NDArray[np.uint8]) -> NDArray[np.uint8]:

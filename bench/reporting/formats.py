@@ -18,7 +18,7 @@ from bench.evaluation import Metric
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.plain_text import escape_markdown
 from bench.recordings import write_text
-from bench.reference.records import Category
+from bench.reference.records import Category, ReferenceFrame
 
 LABELS = {
     Category.CROSSING: "Crossing (epipolar)",
@@ -32,6 +32,8 @@ INTERVALS = (
     "Intervals: 95 %, by recording, since images of one recording are not independent (jackknife, Student's t on the "
     f"logit scale); metrics with cases in fewer than {FEWEST_RECORDINGS} recordings have none."
 )
+
+LONGEST_RECORDING = 40  # characters of a name above a picture
 
 
 def percent(ratio: float, *, cases: int = 0, digits: int = 1) -> str:
@@ -177,6 +179,16 @@ def write_texts(folder: Path, texts: Mapping[str, str]) -> tuple[Path, ...]:
     for name, text in texts.items():
         write_text(folder / name, text)
     return tuple(folder / name for name in texts)
+
+
+def image_name(recording: str, camera: str, timestamp_ns: int) -> str:
+    """Which image it is, as every picture says: "drive-1, camera front, 1.20 s"."""
+    return f"{shortened(recording, LONGEST_RECORDING)}, camera {camera}, {timestamp_ns / 1e9:.2f} s"
+
+
+def frame_name(reference: ReferenceFrame) -> str:
+    """The same for the image of a reference."""
+    return image_name(reference.recording, reference.camera, reference.timestamp_ns)
 
 
 def shortened(text: str, longest: int) -> str:

@@ -53,7 +53,7 @@ def test_the_picture_names_the_figures_of_the_frame():
     figure = draw_counts(fisheye_image(), reference=reference_frame(objects), detected=detected)
     texts = [text.get_text() for text in figure.axes[0].texts]
     assert texts == ["a: TPR 50 %, IoU 33 %"]
-    assert figure.axes[0].get_title() == "false-positive coverage 0.0 % of the image"
+    assert figure.axes[0].get_title() == "demo, camera front, 1.20 s\nfalse positives 0.0 % of the image"
 
 
 def test_a_band_counts_neither_way_and_the_legend_says_so():

@@ -1,0 +1,163 @@
+"""Several methods on one image: the areas that each is scored by, beside each other under one legend."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+from matplotlib.figure import Figure
+
+from bench.errors import BenchError, UsageError
+from bench.harness import ProcessedFrame
+from bench.harness.frames import UnscorableFrame
+from bench.harness.replay import StoredFrames
+from bench.recordings.atomic import write_bytes
+from bench.reporting import canvas
+from bench.reporting.count_view import (
+    MARGIN_IN,
+    WIDTH_IN,
+    detected_pixels,
+    draw_areas,
+    draw_legend,
+    false_positive_text,
+    legend_height_in,
+    picture_height_in,
+)
+from bench.reporting.formats import frame_name, shortened
+from bench.reporting.overlay import unknown_bands
+from bench.reporting.stored_run import StoredRun
+
+ImageKey = tuple[str, str, int]  # recording, camera, timestamp_ns
+COLUMNS = 2
+QUALITY = 90  # of JPEG; as PNG a picture takes 2 MB
+_TITLE_IN, _LINE_IN = 0.18, 0.13
+_LONGEST_LABEL, _LONGEST_TITLE = 62, 120
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Side:
+    """What one method made of the image.
+
+    Attributes:
+        label: names the run or the method.
+        processed: the image with the method's mask and the reference.
+        note: a line of values; empty for the false positives of the image.
+    """
+
+    label: str
+    processed: ProcessedFrame
+    note: str = ""
+
+
+@canvas.styled
+def draw_side_by_side(sides: Sequence[Side], *, title: str = "") -> Figure:
+    """Draw an image as several methods were scored on it, two in a row, with recording, camera and time above.
+
+    Args:
+        sides: at least one, of the same image.
+        title: a line above all; empty for none.
+
+    Raises:
+        UsageError: sides of different images.
+    """
+    references = [side.processed.reference for side in sides]
+    names = {(one.recording, one.camera, one.timestamp_ns) for one in references}
+    if len(names) != 1:
+        raise UsageError(f"side by side: expected one image, got {len(names)}: {sorted(names)}")
+    has_bands = any(unknown_bands(one).any() for one in references)
+    columns = min(COLUMNS, len(sides))
+    lines = -(-len(sides) // columns)
+    picture_in, legend_in = picture_height_in(references[0]), legend_height_in(bool(has_bands))
+    head_in = 2 * _LINE_IN + MARGIN_IN
+    full_in = (_TITLE_IN if title else _LINE_IN) + _LINE_IN + lines * (head_in + picture_in) + legend_in
+    figure = canvas.new_figure(columns * WIDTH_IN, full_in)
+    told = ([shortened(title, _LONGEST_TITLE)] if title else []) + [frame_name(references[0])]
+    figure.text(0.5, 1 - 0.03 / full_in, "\n".join(told), ha="center", va="top", fontsize=8)
+    for number, (side, reference) in enumerate(zip(sides, references, strict=True)):
+        row, column = divmod(number, columns)
+        bottom_in = legend_in + (lines - 1 - row) * (head_in + picture_in)
+        axes = canvas.axes_at(figure, column * WIDTH_IN + MARGIN_IN, bottom_in, WIDTH_IN - 2 * MARGIN_IN, picture_in)
+        detected = detected_pixels(side.processed)
+        draw_areas(axes, side.processed.pixels, reference=reference, detected=detected)
+        note = side.note or false_positive_text(reference, detected=detected)
+        axes.set_title(f"{shortened(side.label, _LONGEST_LABEL)}\n{note}", pad=2, fontsize=7)
+    draw_legend(figure, has_bands=bool(has_bands))
+    return figure
+
+
+def jpeg_bytes(figure: Figure) -> bytes:
+    """A figure with photographs in it, as JPEG."""
+    return cv2.imencode(".jpg", canvas.figure_pixels(figure), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes()
+
+
+def draw_runs(runs: Sequence[StoredRun], images: Iterable[ImageKey]) -> Iterator[tuple[ImageKey, Figure | str]]:
+    """Draw images as several runs were scored on them, from their data set.
+
+    Args:
+        runs: of the same data set, each called by its label.
+        images: recording, camera and timestamp_ns of each; each is drawn once.
+
+    Yields:
+        Each image in order with its figure, or with the reason why there is none: a run did not score it, or code or
+        data have changed since.
+    """
+    expected = sorted(set(images))
+    try:
+        stored = [StoredFrames(run.folder, run.summary, run.protocol) for run in runs]
+    except BenchError as error:
+        yield from ((key, str(error)) for key in expected)
+        return
+    for key in expected:
+        try:
+            frames = [one.process(*key) for one in stored]
+        except (BenchError, UnscorableFrame) as error:
+            yield key, str(error)
+            continue
+        yield (
+            key,
+            draw_side_by_side(
+                [Side(label=run.label, processed=frame) for run, frame in zip(runs, frames, strict=True)]
+            ),
+        )
+
+
+def write_side_by_side(
+    runs: Sequence[StoredRun],
+    images: Iterable[ImageKey],
+    folder: Path,
+    *,
+    progress: Callable[[float, int], None] | None = None,
+) -> tuple[dict[ImageKey, Path], list[str]]:
+    """Write images as several runs were scored on them, `<recording>-<camera>-<time in ms>.jpg` each.
+
+    Args:
+        runs: as `draw_runs`.
+        images: as `draw_runs`.
+        folder: is made.
+        progress: called with the images done and their number.
+
+    Returns:
+        files: by image, of those that could be drawn.
+        problems: why the others could not, one line each, none twice.
+    """
+    wanted = set(images)
+    files: dict[ImageKey, Path] = {}
+    problems: dict[str, None] = {}
+    for number, (key, drawn) in enumerate(draw_runs(runs, wanted), start=1):
+        if isinstance(drawn, str):
+            problems[drawn] = None
+        else:
+            files[key] = folder / f"{_file_name(key)}.jpg"
+            write_bytes(files[key], jpeg_bytes(drawn))
+        if progress is not None:
+            progress(number, len(wanted))
+    return files, list(problems)
+
+
+def _file_name(key: ImageKey) -> str:
+    """Names come from data files and may hold anything."""
+    recording, camera, timestamp_ns = key
+    return re.sub(r"[^A-Za-z0-9_.-]+", "_", f"{recording[:80]}-{camera[:40]}-{timestamp_ns // 1_000_000}")
