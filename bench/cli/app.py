@@ -386,7 +386,12 @@ def gate(
     junit: Annotated[Path | None, typer.Option(help="Write JUnit XML to this file.")] = None,
     json: Annotated[Path | None, typer.Option(help="Write the verdict as JSON to this file.")] = None,
     github: Annotated[bool, typer.Option("--github", help="Print GitHub annotations.")] = False,
-    update: Annotated[bool, typer.Option("--update", help="Judge nothing; store the run as the baseline.")] = False,
+    whole: Annotated[
+        bool, typer.Option("--all", help="List all rows, those of breakdowns too, which cut the same objects again.")
+    ] = False,
+    update: Annotated[
+        bool, typer.Option("--update", help="Judge nothing; store the run as the baseline, and print what changes.")
+    ] = False,
     allow_dirty: Annotated[
         bool, typer.Option("--allow-dirty", help="With --update: also from changed, uncommitted code.")
     ] = False,
@@ -398,9 +403,11 @@ def gate(
     folder = finished_run(run)
     if update:
         gating.refuse_with_update(tolerances=tolerances, junit=junit, json=json, github=github)
-        gating.update(folder, baseline=baseline, allow_dirty=allow_dirty)
+        gating.update(folder, baseline=baseline, allow_dirty=allow_dirty, whole=whole)
         return
-    status = gating.gate(folder, baseline=baseline, tolerances=tolerances, junit=junit, json=json, github=github)
+    status = gating.gate(
+        folder, baseline=baseline, tolerances=tolerances, junit=junit, json=json, github=github, whole=whole
+    )
     raise typer.Exit(status)
 
 
