@@ -365,6 +365,10 @@ def methods() -> None:
 def report(
     run: Annotated[str, typer.Argument(help="Folder of a stored run, or its address.")],
     category: Annotated[str | None, typer.Option(help="Only this kind of motion, for example preceding.")] = None,
+    beside: Annotated[
+        str | None,
+        typer.Option(metavar="RUN", help="Another run of the same data and protocol: both on the same images."),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(help="The file; default: index.html or index-CATEGORY.html in the run.")
     ] = None,
@@ -373,7 +377,7 @@ def report(
     """Write one page to read, from disk and without a network: metrics, charts, the worst cases."""
     from bench.cli import reports
 
-    reports.report(run, category=category, out=out, pictures=pictures)
+    reports.report(run, category=category, beside=beside, out=out, pictures=pictures)
 
 
 @app.command()

@@ -54,11 +54,15 @@ class MethodStamp(BaseModel):
         imported; all of its settings are said.
         """
         words = ["--method", self.called]
-        defaults = flat_settings(build_method(self.called).settings()) if self.called in METHODS else {}
-        for name, value in flat_settings(self.settings).items():
-            if defaults.get(name) != value:
-                words += ["--set", f"{name}={json.dumps(value)}"]
+        for name, value in self.changed_settings().items():
+            words += ["--set", f"{name}={json.dumps(value)}"]
         return words
+
+    def changed_settings(self) -> dict[str, object]:
+        """The settings that are not the method's defaults, by dotted name; all of them where these are unknown."""
+        defaults = flat_settings(build_method(self.called).settings()) if self.called in METHODS else {}
+        flat = flat_settings(self.settings)
+        return {name: value for name, value in flat.items() if name not in defaults or defaults[name] != value}
 
 
 def flat_settings(settings: Mapping[str, object], parent: str = "") -> dict[str, object]:
