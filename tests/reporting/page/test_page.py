@@ -20,8 +20,8 @@ from tests.reporting.page.hostile import TRACK
 from tests.stored_files import change_summary
 
 SECTIONS = [
-    "glance", "results", "splits", "recordings", "around", "plane", "coverage", "threshold", "causes", "worst", "frames",
-    "time", "origin", "ledger",
+    "glance", "results", "splits", "recordings", "around", "plane", "coverage", "threshold", "causes", "worst",
+    "frames", "time", "origin", "ledger",
 ]  # fmt: skip
 OF_FRAMES = {"plane", "threshold", "causes"}
 
