@@ -381,6 +381,15 @@ def report(
 
 
 @app.command()
+def cite() -> None:
+    """Print BibTeX for the paper and for this software."""
+    from bench.cli.console import write_out
+    from bench.reporting.citation import bibtex
+
+    write_out(bibtex())
+
+
+@app.command()
 def gate(
     run: Annotated[str, typer.Argument(help="Folder of a stored run, or its address.")],
     baseline: Annotated[Path, typer.Option(help="The baseline, for example reports/baselines/demo.json.")],
