@@ -365,6 +365,10 @@ def methods() -> None:
 def report(
     run: Annotated[str, typer.Argument(help="Folder of a stored run, or its address.")],
     category: Annotated[str | None, typer.Option(help="Only this kind of motion, for example preceding.")] = None,
+    beside: Annotated[
+        str | None,
+        typer.Option(metavar="RUN", help="Another run of the same data and protocol: both on the same images."),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(help="The file; default: index.html or index-CATEGORY.html in the run.")
     ] = None,
@@ -373,7 +377,16 @@ def report(
     """Write one page to read, from disk and without a network: metrics, charts, the worst cases."""
     from bench.cli import reports
 
-    reports.report(run, category=category, out=out, pictures=pictures)
+    reports.report(run, category=category, beside=beside, out=out, pictures=pictures)
+
+
+@app.command()
+def cite() -> None:
+    """Print BibTeX for the paper and for this software."""
+    from bench.cli.console import write_out
+    from bench.reporting.citation import bibtex
+
+    write_out(bibtex())
 
 
 @app.command()
@@ -386,7 +399,12 @@ def gate(
     junit: Annotated[Path | None, typer.Option(help="Write JUnit XML to this file.")] = None,
     json: Annotated[Path | None, typer.Option(help="Write the verdict as JSON to this file.")] = None,
     github: Annotated[bool, typer.Option("--github", help="Print GitHub annotations.")] = False,
-    update: Annotated[bool, typer.Option("--update", help="Judge nothing; store the run as the baseline.")] = False,
+    whole: Annotated[
+        bool, typer.Option("--all", help="List all rows, those of breakdowns too, which cut the same objects again.")
+    ] = False,
+    update: Annotated[
+        bool, typer.Option("--update", help="Judge nothing; store the run as the baseline, and print what changes.")
+    ] = False,
     allow_dirty: Annotated[
         bool, typer.Option("--allow-dirty", help="With --update: also from changed, uncommitted code.")
     ] = False,
@@ -398,9 +416,11 @@ def gate(
     folder = finished_run(run)
     if update:
         gating.refuse_with_update(tolerances=tolerances, junit=junit, json=json, github=github)
-        gating.update(folder, baseline=baseline, allow_dirty=allow_dirty)
+        gating.update(folder, baseline=baseline, allow_dirty=allow_dirty, whole=whole)
         return
-    status = gating.gate(folder, baseline=baseline, tolerances=tolerances, junit=junit, json=json, github=github)
+    status = gating.gate(
+        folder, baseline=baseline, tolerances=tolerances, junit=junit, json=json, github=github, whole=whole
+    )
     raise typer.Exit(status)
 
 

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from bench.cli.console import annotate, say, show
-from bench.errors import UsageError
+from bench.errors import BenchError, UsageError
 from bench.gate import (
     MissingBaselineError,
     ScoredRun,
@@ -17,8 +17,13 @@ from bench.gate import (
     scored_run,
     write_baseline,
 )
-from bench.gate.reports import LARGEST_BYTES, remark_lines, to_annotations, to_json, to_junit, to_markdown, to_rich
+from bench.gate.brief import folded_lines, main_rows, overall_rows, worst_line
+from bench.gate.changes import compare_commands
+from bench.gate.reports import LARGEST_BYTES, to_annotations, to_json, to_junit, to_markdown
+from bench.gate.terminal import full_lines, full_table, head_lines, main_table, overall_table
 from bench.gate.tolerances import DEFAULT
+from bench.gate.verdict import Outcome
+from bench.harness import read_run
 from bench.recordings.atomic import write_bytes, write_text
 
 PASSED, FAILED, NO_VERDICT = 0, 1, 3
@@ -32,15 +37,23 @@ def gate(
     junit: Path | None,
     json: Path | None,
     github: bool,
+    whole: bool = False,
 ) -> int:
     """Judge a run, print and write the verdict; return the exit status."""
     rules, scored = load_tolerances(tolerances or DEFAULT), scored_run(run)
     try:
-        verdict = judge(read_baseline(baseline), scored, tolerances=rules)
+        before = read_baseline(baseline)
     except MissingBaselineError as error:
         say(f"error: {error}", to_errors=True)
         return NO_VERDICT
-    _print_verdict(verdict)
+    verdict = judge(before, scored, tolerances=rules)
+    say(verdict.headline, style="green" if verdict.passed else "bold red")
+    _print_brief(verdict)
+    if not verdict.passed or verdict.rows_with(Outcome.SUSPECT):
+        again, compare = compare_commands(before, scored, folder=run, card=read_run(run).card)
+        say(f"compare image by image: {again}")
+        say(f"                        {compare}")
+    _print_rest(verdict, whole=whole)
     if junit is not None:
         write_bytes(junit, to_junit(verdict))
     if json is not None:
@@ -56,10 +69,22 @@ def gate(
     return PASSED if verdict.passed else FAILED
 
 
-def update(run: Path, *, baseline: Path, allow_dirty: bool) -> None:
-    """Store a run as the baseline."""
+def update(run: Path, *, baseline: Path, allow_dirty: bool, whole: bool) -> None:
+    """Store a run as the baseline, and print what differs from the one that it replaces."""
     scored = scored_run(run)
+    replaced: Verdict | str
+    try:
+        replaced = judge(read_baseline(baseline), scored, tolerances=load_tolerances(DEFAULT))
+    except MissingBaselineError:
+        replaced = "the first baseline of this name"
+    except BenchError as error:
+        replaced = f"replaces what does not compare: {error}"
     write_baseline(scored, baseline, allow_dirty=allow_dirty)
+    if isinstance(replaced, str):
+        say(replaced)
+    else:
+        _print_brief(replaced)
+        _print_rest(replaced, whole=whole)
     say(f"{baseline}: {_origin(scored)}")
 
 
@@ -70,11 +95,30 @@ def refuse_with_update(**options: object) -> None:
             raise UsageError(f"--{name}: expected only with a verdict, got with --update, which makes none")
 
 
-def _print_verdict(verdict: Verdict) -> None:
-    show(to_rich(verdict))
-    for line, style in remark_lines(verdict):
+def _print_brief(verdict: Verdict) -> None:
+    """What changed, the overall rows, and where most was lost."""
+    for line, style in head_lines(verdict):
         say(line, style=style)
-    say(verdict.headline, style="green" if verdict.passed else "bold red")
+    if overall_rows(verdict):
+        show(overall_table(verdict))
+    if worst := worst_line(verdict):
+        say(worst)
+
+
+def _print_rest(verdict: Verdict, *, whole: bool) -> None:
+    """The other rows: those that do not overlap, or all."""
+    if whole:
+        show(full_table(verdict))
+        for line, style in full_lines(verdict):
+            say(line, style=style)
+        return
+    if main_rows(verdict):
+        show(main_table(verdict))
+    folded = folded_lines(verdict)
+    for line in folded:
+        say(line, style="dim")
+    if folded:
+        say("--all lists these rows too", style="dim")
 
 
 def _append_summary(file: Path, verdict: Verdict) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bench.cli.console import progress_bar, say, show
-from bench.cli.places import destination
+from bench.cli.places import destination, finished_run
 from bench.errors import UnknownNameError
 from bench.harness.remote_runs import RemoteRun
 from bench.reference import Category
@@ -21,7 +21,7 @@ from bench.reporting.page.charts import write_figures
 RUNS = Path("reports/runs")
 
 
-def report(run: str, *, category: str | None, out: Path | None, pictures: bool) -> None:
+def report(run: str, *, category: str | None, beside: str | None, out: Path | None, pictures: bool) -> None:
     """Write the page of a run and its charts for papers, and print the files."""
     if category is not None and category not in set(Category):
         raise UnknownNameError("category", category, (known.value for known in Category))
@@ -29,8 +29,9 @@ def report(run: str, *, category: str | None, out: Path | None, pictures: bool) 
     where = destination(run, Path(run))
     if isinstance(where.mirror, RemoteRun):
         where.mirror.download_results()
-    with progress_bar("drawing the worst frames", "pictures") as progress:
-        page = write_page(where.folder, category=kind, out=out, pictures=pictures, progress=progress)
+    other = None if beside is None else finished_run(beside)
+    with progress_bar("drawing frames", "pictures") as progress:
+        page = write_page(where.folder, category=kind, out=out, other=other, pictures=pictures, progress=progress)
     for problem in page.problems:
         say(f"pictures missing: {problem}", style="yellow")
     files = (page.file, *write_figures(where.folder, category=kind))

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 from bench.reference.records import Category
 
-SOURCE = (
-    "Mariotti and Eising 2020, Spherical formulation of geometric motion segmentation constraints in fisheye cameras"
-)
+AUTHORS = (("Mariotti", "Letizia"), ("Eising", "Ciarán"))  # family name, given name
+YEAR = 2020
+TITLE = "Spherical formulation of geometric motion segmentation constraints in fisheye cameras"
+SOURCE = f"{' and '.join(family for family, _ in AUTHORS)} {YEAR}, {TITLE}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,9 +10,10 @@ A change that touches few of a slice's recordings cannot exclude no change: wher
 same, the difference is sqrt(k (n - 1) / (n - k)) standard errors, beyond Student's limit only from k = 4 on. So a data
 set needs at least six recordings of whatever the gate shall guard, and four that show a fault.
 
-Modules: `tolerances` (the rules, versioned files), `baseline` (a run reduced to sums, stored), `judge` (the checks, and
-the verdict on each metric), `verdict` (the result, and how its numbers are written), `reports` (terminal, Markdown,
-JUnit XML, GitHub annotations, JSON). Only the command line calls this package.
+Modules: `tolerances` (the rules, versioned files), `baseline` (a run reduced to sums, stored), `changes` (what differs
+beside the scores), `judge` (the checks, and the verdict on each metric), `verdict` (the result, and how its numbers are
+written), `brief` (what of it is read first), `terminal`, `reports` (JUnit XML, GitHub annotations and Markdown, JSON).
+Only the command line calls this package.
 """
 
 from bench.gate.baseline import MissingBaselineError, ScoredRun, read_baseline, scored_run, write_baseline

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 from bench.errors import UsageError
 from bench.evaluation.intervals import FEWEST_RECORDINGS, MEAN_CHANGE, RATIO_CHANGE
 from bench.evaluation.paired import NOT_RATIOS, MetricSums, PairedChange, paired_change
 from bench.evaluation.slices import FRAMES
 from bench.gate.baseline import ScoredRun
+from bench.gate.changes import changes, protocol_text, setting_changes
 from bench.gate.tolerances import Tolerance, Tolerances
-from bench.gate.verdict import Check, Outcome, Row, Verdict
+from bench.gate.verdict import Check, Outcome, RecordingChange, Row, Verdict
 
 # What these are taken over depends on what the method detects; of all others, on the reference alone.
 OVER_DETECTIONS = ("tpr", "iou_detected", "precision", "segmentation_iou")
@@ -30,7 +31,7 @@ def refuse_another_kind(baseline: ScoredRun, run: ScoredRun) -> None:
     for name, before, after in (
         ("data set", baseline.dataset, run.dataset),
         ("split", baseline.split, run.split),
-        ("protocol", _stamp(baseline), _stamp(run)),
+        ("protocol", protocol_text(baseline), protocol_text(run)),
     ):
         if before != after:
             raise UsageError(f"the baseline is of {name} {before!r}, the run of {after!r}: they do not compare")
@@ -126,21 +127,9 @@ def _method_differences(baseline: ScoredRun, run: ScoredRun) -> Iterator[str]:
     if before.name != after.name:
         yield f"{after.name!r}, was {before.name!r}"
         return
-    was, now = dict(_flat(before.settings)), dict(_flat(after.settings))
-    for name in sorted(was.keys() | now.keys()):
-        if was.get(name) != now.get(name):
-            yield f"{name} = {now.get(name)}, was {was.get(name)}"
+    yield from setting_changes(baseline, run)
     if None not in (before.identity, after.identity) and before.identity != after.identity:
         yield f"its code, libraries or files, {str(after.identity)[:12]}, were {str(before.identity)[:12]}"
-
-
-def _flat(settings: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
-    """Nested settings by their dotted names, as `--set` takes them."""
-    for name, value in settings.items():
-        if isinstance(value, Mapping) and value:
-            yield from _flat(value, f"{prefix}{name}.")
-        else:
-            yield f"{prefix}{name}", value
 
 
 def _metrics(scored: ScoredRun) -> Iterator[tuple[str, str, MetricSums]]:
@@ -157,12 +146,8 @@ def _changed(before: str, after: str) -> list[str]:
     return [] if before == after else [f"{after[:12]}, was {before[:12]}"]
 
 
-def _stamp(scored: ScoredRun) -> str:
-    stamp = scored.protocol
-    return f"{stamp.name} version {stamp.version} ({stamp.digest[:12]})"
-
-
 OVER_PIXELS = ("precision", "recall", "segmentation_iou")  # their cases are pixels, so their images are counted
+WORST = 3  # recordings that are named
 ROUNDING = 1e-12  # a change by exactly what is tolerated is tolerated
 
 
@@ -184,6 +169,8 @@ def judge(baseline: ScoredRun, run: ScoredRun, *, tolerances: Tolerances) -> Ver
         tolerances=f"{tolerances.name} version {tolerances.version}",
         baseline_origin=baseline.origin,
         run_origin=run.origin,
+        protocol=run.protocol.name,
+        changes=changes(baseline, run),
         checks=data_checks(baseline, run, tolerances=tolerances),
         rows=tuple(
             _judge_metric(baseline, run, slice_name, metric, tolerances)
@@ -215,7 +202,7 @@ def _judge_metric(baseline: ScoredRun, run: ScoredRun, slice_name: str, metric: 
         change=change,
         worsening=worsening,
         allowed=allowed,
-        worst_recording=_worst_recording(before, after, tolerance) if tolerance else None,
+        worst_recordings=_worst_recordings(before, after, tolerance) if tolerance else (),
     )
 
 
@@ -252,12 +239,14 @@ def _cases(scored: ScoredRun, slice_name: str, metric: str) -> int:
     return scored.sheet.slices[slice_name][metric].cases
 
 
-def _worst_recording(before: MetricSums, after: MetricSums, tolerance: Tolerance) -> str | None:
-    """The recording whose own worsening weighs most."""
+def _worst_recordings(before: MetricSums, after: MetricSums, tolerance: Tolerance) -> tuple[RecordingChange, ...]:
+    """The recordings whose own worsening weighs most, the worst first."""
     weights: dict[str, float] = {}
-    for name, cases in before.denominators.items():
+    found: dict[str, RecordingChange] = {}
+    for name, cases in sorted(before.denominators.items()):
         if name in after.denominators:
-            difference = after.numerators[name] / after.denominators[name] - before.numerators[name] / cases
-            weights[name] = tolerance.worsening(difference) * cases
-    worst = max(sorted(weights), key=weights.__getitem__, default=None)
-    return worst if worst is not None and weights[worst] > 0 else None
+            was, now = before.numerators[name] / cases, after.numerators[name] / after.denominators[name]
+            weights[name] = tolerance.worsening(now - was) * cases
+            found[name] = RecordingChange(name=name, before=was, after=now)
+    worst = sorted((name for name in found if weights[name] > 0), key=lambda name: -weights[name])
+    return tuple(found[name] for name in worst[:WORST])

@@ -1,4 +1,4 @@
-"""The verdict for people and programs: terminal, Markdown, JUnit XML, GitHub annotations, JSON.
+"""The verdict for CI servers: GitHub annotations and step summary (Markdown), JUnit XML, JSON.
 
 Source of the annotations:
     GitHub documentation, "Workflow commands for GitHub Actions"; the escapes are those of `actions/toolkit`
@@ -12,18 +12,13 @@ import json
 import math
 import re
 from bisect import bisect_right
-from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from itertools import accumulate
 
 from junitparser import Failure, JUnitXml, Skipped, TestCase, TestSuite
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
-from rich.text import Text
 
-from bench.evaluation.paired import NOT_RATIOS
-from bench.evaluation.slices import ALL_MOVING, FRAMES
+from bench.gate.brief import change_lines, is_overlapping, main_rows, overall_rows, worst_line
 from bench.gate.verdict import (
     Outcome,
     Row,
@@ -41,14 +36,33 @@ MOST = 10
 
 
 def to_annotations(verdict: Verdict) -> list[str]:
-    """Lines for the standard output: at most ten errors, checks first, then the worst metric first, and how many more.
+    """Lines for the standard output: at most ten errors, and how many more.
 
-    The last line is no command, since an eleventh would not be shown.
+    Checks first; then one line for each slice with what failed in it, the slice of the worst metric first; then one
+    for all breakdowns, which cut the same object-frames once more. The last line is no command, since an eleventh
+    would not be shown.
     """
-    failed = [("gate: data", check.message) for check in verdict.failed_checks]
-    failed += [(f"gate: {row.slice_name} {row.metric}", row_text(row)) for row in verdict.rows_with(Outcome.FAILED)]
-    lines = [_error(title, message) for title, message in failed[:MOST]]
-    return [*lines, f"and {len(failed) - MOST} more"] if len(failed) > MOST else lines
+    failed = verdict.rows_with(Outcome.FAILED)
+    slices: dict[str, list[Row]] = {}
+    for row in failed:
+        if not is_overlapping(row):
+            slices.setdefault(row.slice_name, []).append(row)
+    told = [("gate: data", check.message) for check in verdict.failed_checks]
+    told += [(f"gate: {name}", _slice_text(rows)) for name, rows in slices.items()]
+    if breakdowns := [row for row in failed if is_overlapping(row)]:
+        count = len({row.slice_name for row in breakdowns})
+        text = f"{len(breakdowns)} metrics failed in {count} of their slices, the worst: {row_text(breakdowns[0])}"
+        told.append(("gate: breakdowns", text))
+    lines = [_error(title, message) for title, message in told[:MOST]]
+    return [*lines, f"and {len(told) - MOST} more"] if len(told) > MOST else lines
+
+
+def _slice_text(rows: Sequence[Row]) -> str:
+    """The worst metric of a slice in full, the others by their change."""
+    worst, *others = rows
+    text = row_text(worst)
+    named = [f"{row.metric} {change_text(row.metric, row.change.difference)}" for row in others]
+    return f"{text}; also failed: {', '.join(named)}" if named else text
 
 
 def _error(title: str, message: str) -> str:
@@ -78,7 +92,7 @@ def to_junit(verdict: Verdict) -> bytes:
     document.add_testsuite(suite)
     document.update_statistics()  # type: ignore[no-untyped-call]
     text = io.BytesIO()
-    document.write(text)
+    document.write(text, pretty=True)
     return text.getvalue()
 
 
@@ -100,7 +114,8 @@ def _clean(text: str) -> str:
 
 
 LARGEST_BYTES = 1024 * 1024 - 1  # of the file, whoever wrote into it
-_SPARE_BYTES = 200  # for the line that says how many rows were left out
+_SPARE_BYTES = 200  # for the line that says how many rows were left out, and the end of the folded part
+_END = "</details>"
 _HEADING = (
     "| | Slice | Metric | Recordings | Baseline | Run | Change | 95 % | Tolerated | Note |",
     "|---|---|---|---:|---:|---:|---:|---:|---:|---|",
@@ -133,23 +148,27 @@ def to_markdown(verdict: Verdict, *, largest_bytes: int = LARGEST_BYTES) -> str:
         return ""
     cut = sum(line.startswith("| ") and line != _HEADING[0] for line in lines[fitting:])
     left_out = f"{cut} more rows are left out, all are in the JSON and JUnit files."
-    return "\n".join([*lines[:fitting], "", left_out]) + "\n"
+    end = [_END] if lines[-1] == _END and any(line.startswith("<details>") for line in lines[:fitting]) else []
+    return "\n".join([*lines[:fitting], "", left_out, *end]) + "\n"
 
 
 def _lines(verdict: Verdict) -> Iterable[str]:
     yield f"## {escape_markdown(verdict.headline)}"
     yield ""
-    yield escape_markdown(f"{verdict.method} on {verdict.dataset}, tolerances {verdict.tolerances}")
+    yield escape_markdown(verdict.subject)
     yield ""
-    notable = [check for check in verdict.checks if check.outcome is not Outcome.PASSED]
-    for check in notable:
+    for check in verdict.failed_checks:
         yield f"- {_MARKS[check.outcome]}: {escape_markdown(check.message)}"
-    if notable:
-        yield ""
-    yield from _HEADING
-    for outcome in (Outcome.FAILED, Outcome.SUSPECT, Outcome.IMPROVED, Outcome.PASSED, Outcome.NOT_JUDGED):
-        for row in verdict.rows_with(outcome):
-            yield _row(row)
+    for line in change_lines(verdict):
+        yield f"- {escape_markdown(line)}"
+    if worst := worst_line(verdict):
+        yield f"- {escape_markdown(worst)}"
+    shown = [*overall_rows(verdict), *main_rows(verdict)]
+    yield from ("", *_HEADING, *map(_row, shown))
+    others = [row for outcome in _MARKS for row in verdict.rows_with(outcome) if row not in shown]
+    if others:
+        yield from ("", f"<details><summary>{len(others)} other rows, those of breakdowns among them</summary>", "")
+        yield from (*_HEADING, *map(_row, others), "", _END)
 
 
 def _row(row: Row) -> str:
@@ -160,72 +179,6 @@ def _row(row: Row) -> str:
     cells += [change_text(metric, change.difference), interval_text(metric, change.ci95)]
     cells += [allowed_text(metric, row.allowed), note]
     return f"| {' | '.join(map(escape_markdown, cells))} |"
-
-
-STYLES = {
-    Outcome.FAILED: "bold red",
-    Outcome.SUSPECT: "yellow",
-    Outcome.IMPROVED: "green",
-    Outcome.PASSED: "",
-    Outcome.NOT_JUDGED: "dim",
-}
-
-
-def to_rich(verdict: Verdict) -> Table:
-    """Every row that failed, is suspect or improved, worst first; of those within tolerance, the ones over everything.
-
-    Returns:
-        A table to print on a `rich.console.Console`; nothing is printed here.
-    """
-    table = Table(
-        box=SIMPLE_HEAD,
-        show_edge=False,
-        title=f"{verdict.method} on {verdict.dataset} against the baseline, tolerances {verdict.tolerances}",
-        title_justify="left",
-        caption="Recs: recordings with cases of both. Percent and percentage points; components per image.",
-        caption_justify="left",
-    )
-    table.add_column("", no_wrap=True)
-    for heading in ("Slice", "Metric"):
-        table.add_column(heading, overflow="fold")
-    for heading in ("Recs", "Base-\nline", "Run", "Change", "95 % of\nthe change", "Toler-\nated"):
-        table.add_column(Text(heading), justify="right", no_wrap=True)
-    shown = [
-        row for outcome in (Outcome.FAILED, Outcome.SUSPECT, Outcome.IMPROVED) for row in verdict.rows_with(outcome)
-    ]
-    overall = [row for row in verdict.rows if row.slice_name in {ALL_MOVING, FRAMES}]
-    for row in [*shown, *(row for row in overall if row.outcome is Outcome.PASSED)]:
-        table.add_row(*_cells(row))
-    return table
-
-
-def remark_lines(verdict: Verdict) -> list[tuple[str, str]]:
-    """A line and its style for each check that did not pass, then for each reason not to judge."""
-    notable = [check for check in verdict.checks if check.outcome is not Outcome.PASSED]
-    lines = [(f"{check.outcome}: {check.message}", STYLES[check.outcome]) for check in notable]
-    rows = verdict.rows_with(Outcome.NOT_JUDGED)
-    for reason, count in sorted(Counter(row.reason for row in rows).items()):
-        slices = dict.fromkeys(row.slice_name for row in rows if row.reason == reason)
-        line = f"not judged: {count} metrics, {reason}: {', '.join(slices)}"
-        lines.append((line, STYLES[Outcome.NOT_JUDGED]))
-    return lines
-
-
-def _cells(row: Row) -> list[str | Text]:
-    change, style = row.change, STYLES[row.outcome]
-    unit = 1.0 if row.metric in NOT_RATIOS else 100.0
-    interval = "" if change.ci95 is None else "{:+.1f} {:+.1f}".format(*(unit * end for end in change.ci95))
-    return [
-        Text(row.outcome, style=style),
-        row.slice_name,
-        row.metric.replace("false_positive", "fp"),
-        str(change.recordings),
-        f"{unit * change.before:.1f}",
-        f"{unit * change.after:.1f}",
-        Text(f"{unit * change.difference:+.1f}", style=style),
-        interval,
-        f"{unit * row.allowed:.1f}",
-    ]
 
 
 SCHEMA_VERSION = 1
@@ -239,7 +192,9 @@ def to_json(verdict: Verdict) -> str:
         "headline": verdict.headline,
         "dataset": verdict.dataset,
         "method": verdict.method,
+        "protocol": verdict.protocol,
         "tolerances": verdict.tolerances,
+        "changes": [asdict(change) for change in verdict.changes],
         "baseline": verdict.baseline_origin.model_dump(mode="json"),
         "run": verdict.run_origin.model_dump(mode="json"),
         "checks": [asdict(check) for check in verdict.checks],
@@ -266,6 +221,7 @@ def _json_row(row: Row) -> dict[str, object]:
         "cases_after": change.cases_after,
         "recordings": change.recordings,
         "worst_recording": row.worst_recording,
+        "worst_recordings": [asdict(one) for one in row.worst_recordings],
     }
 
 

@@ -8,6 +8,7 @@ from enum import StrEnum
 
 from bench.evaluation.paired import NOT_RATIOS, PairedChange
 from bench.gate.baseline import Origin
+from bench.gate.changes import OF_ITSELF, Change
 
 
 class Outcome(StrEnum):
@@ -43,6 +44,21 @@ class Check:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class RecordingChange:
+    """A metric of one slice in one recording.
+
+    Attributes:
+        name: of the recording.
+        before: in the baseline.
+        after: in the run.
+    """
+
+    name: str
+    before: float
+    after: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
     """One metric of one slice.
 
@@ -54,7 +70,7 @@ class Row:
         change: before, after, interval.
         worsening: how much worse, negative for better; NaN without a value or a direction.
         allowed: the largest worsening that is tolerated; NaN without a tolerance or a baseline.
-        worst_recording: the recording that contributes most to the worsening; None where none got worse.
+        worst_recordings: those that contribute most to the worsening, the worst first; none where none got worse.
     """
 
     slice_name: str
@@ -64,7 +80,12 @@ class Row:
     change: PairedChange
     worsening: float
     allowed: float
-    worst_recording: str | None
+    worst_recordings: tuple[RecordingChange, ...]
+
+    @property
+    def worst_recording(self) -> str | None:
+        """The recording that contributes most to the worsening."""
+        return self.worst_recordings[0].name if self.worst_recordings else None
 
     @property
     def severity(self) -> float:
@@ -84,6 +105,8 @@ class Verdict:
         tolerances: name of the rules.
         baseline_origin: of the baseline.
         run_origin: of the run.
+        protocol: name of the rules of both.
+        changes: what is not as in the baseline beside the scores.
         checks: that both measured the same things, in a fixed order.
         rows: metrics by slice, in the order of the sums per recording.
     """
@@ -93,6 +116,8 @@ class Verdict:
     tolerances: str
     baseline_origin: Origin
     run_origin: Origin
+    protocol: str
+    changes: tuple[Change, ...]
     checks: tuple[Check, ...]
     rows: tuple[Row, ...]
 
@@ -105,6 +130,18 @@ class Verdict:
     def judged(self) -> bool:
         """A metric was judged, or a check failed: where neither is so, nothing is known of the run."""
         return bool(self.failed_checks) or any(row.outcome is not Outcome.NOT_JUDGED for row in self.rows)
+
+    @property
+    def subject(self) -> str:
+        """One line: what was judged, and by which rules."""
+        return f"{self.method} on {self.dataset} by {self.protocol}, tolerances {self.tolerances}"
+
+    @property
+    def unchanged(self) -> tuple[str, ...]:
+        """What is as in the baseline; settings of another method are no settings of this one."""
+        changed = {change.what for change in self.changes}
+        changed |= {"settings"} if "method" in changed else set()
+        return tuple(what for what in OF_ITSELF if what not in changed)
 
     @property
     def failed_checks(self) -> tuple[Check, ...]:

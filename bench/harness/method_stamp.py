@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
+
 from pydantic import BaseModel, ConfigDict
 
 from bench.harness.keys import MethodIdentity
-from bench.methods import Method, known_methods
+from bench.methods import METHODS, Method, build_method, known_methods
 
 
 class MethodStamp(BaseModel):
@@ -43,3 +46,31 @@ class MethodStamp(BaseModel):
     def called(self) -> str:
         """What `--method` takes for it."""
         return self.name if self.place in {None, known_methods().get(self.name)} else str(self.place)
+
+    def options(self) -> list[str]:
+        """The options of a command that ask for it: `--method`, and `--set` for each setting that is not its default.
+
+        Of a method that is not of this package the defaults are unknown, since nothing that a stored file names is
+        imported; all of its settings are said.
+        """
+        words = ["--method", self.called]
+        for name, value in self.changed_settings().items():
+            words += ["--set", f"{name}={json.dumps(value)}"]
+        return words
+
+    def changed_settings(self) -> dict[str, object]:
+        """The settings that are not the method's defaults, by dotted name; all of them where these are unknown."""
+        defaults = flat_settings(build_method(self.called).settings()) if self.called in METHODS else {}
+        flat = flat_settings(self.settings)
+        return {name: value for name, value in flat.items() if name not in defaults or defaults[name] != value}
+
+
+def flat_settings(settings: Mapping[str, object], parent: str = "") -> dict[str, object]:
+    """A method's settings with dots for what lies deeper, for example "weights.epipolar", as `--set` takes them."""
+    flat: dict[str, object] = {}
+    for name, value in settings.items():
+        if isinstance(value, Mapping) and value:
+            flat |= flat_settings(value, f"{parent}{name}.")
+        else:
+            flat[f"{parent}{name}"] = value
+    return flat

@@ -6,10 +6,10 @@ functions `write_*` store it; equal input gives equal bytes.
 
 - `formats` (how values, intervals and tables are written everywhere), `canvas` (colours, figures), `overlay` (masks and
   polygons over images), `stored_run` (a run as it is read);
-- `tables`, `table_files` (ours beside the paper's: terminal, Markdown, LaTeX, CSV, JSON), `prediction_table`;
+- `tables`, `table_files` (ours beside the paper's: terminal, Markdown, LaTeX, CSV, JSON), `prediction_table`,
+  `citation` (BibTeX);
 - `range_maps`, `panels`, `count_view` (the paper's figures), `side_by_side` (several methods on one image),
-  `frame_pictures` (all pictures of one frame), `video`,
-  `rerun_log`;
+  `frame_pictures` (all pictures of one frame), `video`, `rerun_log`;
 - `sweep` (one parameter through many values), `audit_tables`, `audit_pictures`;
 - `page` (the page of a run), `compare` (runs against each other), `leaderboard` (all runs of a folder).
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -57,14 +56,3 @@ def read_stored_run(folder: Path, *, label: str | None = None, category: Categor
         objects=chosen,
         frames=frames,
     )
-
-
-def flat_settings(settings: Mapping[str, object], parent: str = "") -> dict[str, object]:
-    """A method's settings with dots for what lies deeper, for example "weights.epipolar"."""
-    flat: dict[str, object] = {}
-    for name, value in settings.items():
-        if isinstance(value, Mapping) and value:
-            flat |= flat_settings(value, f"{parent}{name}.")
-        else:
-            flat[f"{parent}{name}"] = value
-    return flat

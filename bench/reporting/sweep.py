@@ -158,6 +158,7 @@ _LEGEND_AT = COLUMNS - 1  # the upper right corner, so that every column has its
 _WIDTH_IN, _PANEL_IN, _GAP_X_IN, _GAP_Y_IN = 11.0, 2.1, 0.22, 0.42
 _LEFT_IN, _RIGHT_IN, _TOP_IN = 0.55, 0.12, 0.78
 _BOTTOM_IN, _LETTER_IN = 0.55, 0.055  # names of values are upright below their ticks
+_MARGIN = 0.05  # of an axis beyond its values
 _PANEL_WIDTH_IN = (_WIDTH_IN - _LEFT_IN - _RIGHT_IN - (COLUMNS - 1) * _GAP_X_IN) / COLUMNS
 
 
@@ -224,6 +225,34 @@ def _positions(result: SweepResult) -> NDArray[np.float64]:
     return np.array(values, dtype=np.float64)
 
 
+def shown_labels(result: SweepResult) -> list[str]:
+    """The values of a numeric sweep as labels of their ticks, "" where they would touch those that are shown.
+
+    The operating value and both ends come first.
+    """
+    x = _positions(result)
+    at = np.log10(x) if result.scale == "log" else x
+    at_in = (at - at.min()) / (np.ptp(at) or 1.0) * _PANEL_WIDTH_IN / (1 + 2 * _MARGIN)
+    labels = [_value(row) for row in result.rows]
+    half_in = [_LETTER_IN * (len(label) + 1) / 2 for label in labels]
+    last = len(labels) - 1
+    first = sorted(range(len(labels)), key=lambda k: (not result.rows[k].operating, k not in {0, last}, k))
+    shown: list[int] = []
+    for k in first:
+        if all(abs(at_in[k] - at_in[other]) >= half_in[k] + half_in[other] for other in shown):
+            shown.append(k)
+    return [label if k in shown else "" for k, label in enumerate(labels)]
+
+
+def _limits(result: SweepResult) -> tuple[float, float]:
+    """Ends of the axis of a numeric sweep."""
+    x = _positions(result)
+    at = np.log10(x) if result.scale == "log" else x
+    margin = _MARGIN * (np.ptp(at) or 1.0)
+    low, high = float(at.min() - margin), float(at.max() + margin)
+    return (10.0**low, 10.0**high) if result.scale == "log" else (low, high)
+
+
 def _finish_axes(axes: Axes, result: SweepResult, *, first: bool, last: bool) -> None:
     positions = _positions(result)
     for x, row in zip(positions, result.rows, strict=True):
@@ -232,8 +261,11 @@ def _finish_axes(axes: Axes, result: SweepResult, *, first: bool, last: bool) ->
     if result.scale == "names":
         axes.set_xlim(-0.6, len(positions) - 0.4)
         axes.set_xticks(positions, [_value(row) for row in result.rows], rotation=90)
-    elif result.scale == "log":
-        axes.set_xscale("log")
+    else:
+        axes.set_xscale(result.scale)
+        axes.set_xticks(positions, shown_labels(result), minor=False)
+        axes.set_xticks([], minor=True)
+        axes.set_xlim(*_limits(result))  # of a panel without cases too
     axes.set(ylim=(-2, 102), yticks=range(0, 101, 20))
     axes.grid(color=canvas.LIGHT_GREY, linewidth=0.4)
     axes.set_axisbelow(True)

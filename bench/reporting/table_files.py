@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from bench.plain_text import escape_markdown, plain
 from bench.reporting.canvas import write_picture
-from bench.reporting.formats import TextTable, csv_text, json_text, write_texts
+from bench.reporting.formats import TextTable, csv_text, json_text, shortened, write_texts
 from bench.reporting.range_maps import draw_run_maps
-from bench.reporting.stored_run import read_stored_run
+from bench.reporting.stored_run import StoredRun, read_stored_run
 from bench.reporting.tables import TableRow, table_note, table_rows, text_tables, threshold_free_line
 
 SCHEMA_VERSION = 1
-_SCRIPT_SIZE_HOLDS = 150  # letters across both columns of IEEEtran
+LATEX_FLOATS = ("paper", "detection", "coverage", "false-positives")  # as `text_tables` gives them
+_SHORT_HEADING = 8  # letters, in one line
+_LONGEST_SETTINGS = 80  # characters in a caption
+_SCRIPT_SIZE_HOLDS = 100  # letters across both columns of `article`, which are narrower than IEEEtran's
 _LATEX_SPECIAL = str.maketrans(
     {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
     | {character: f"\\{character}" for character in "%&#_${}"}
@@ -36,9 +41,36 @@ def _markdown(table: TextTable) -> str:
     return "\n".join([f"**{table.title}**", "", head, f"| {' | '.join(rule)} |", *body])
 
 
-def to_latex(rows: Sequence[TableRow]) -> str:
-    """The table in the paper's LaTeX, for plain `article` or `IEEEtran` without further packages."""
-    return "\n".join([*map(_latex, text_tables(rows)), f"% {table_note(rows)}"]) + "\n"
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LatexNames:
+    """What floats of LaTeX are called.
+
+    Attributes:
+        label: before the name of each float, of letters, digits and dashes.
+        about: method, data set and protocol, behind the title of each caption.
+    """
+
+    label: str
+    about: str
+
+    @classmethod
+    def of(cls, run: StoredRun) -> LatexNames:
+        """Of a run: its folder's name; the settings that are not the method's defaults are said."""
+        summary = run.summary
+        settings = [f"{name} = {value}" for name, value in summary.method.changed_settings().items()]
+        told = f" ({shortened(', '.join(settings), _LONGEST_SETTINGS)})" if settings else ""
+        split = f", split {summary.split}" if summary.split else ""
+        about = f"method {summary.method.name}{told}, data set {summary.dataset}{split}, {run.protocol.name}"
+        return cls(label=re.sub(r"[^A-Za-z0-9-]+", "-", run.label), about=about)
+
+
+def to_latex(rows: Sequence[TableRow], names: LatexNames) -> str:
+    r"""The table in the paper's LaTeX, for plain `article` or `IEEEtran` in two columns, without further packages.
+
+    Each float has a `\label`, "tab:<run>-paper" for the first, and a caption with method and data set.
+    """
+    floats = zip(text_tables(rows), LATEX_FLOATS, strict=True)
+    return "\n".join([*(_latex(table, name, names) for table, name in floats), f"% {table_note(rows)}"]) + "\n"
 
 
 def escape_latex(text: str) -> str:
@@ -46,29 +78,58 @@ def escape_latex(text: str) -> str:
     return plain(text).translate(_LATEX_SPECIAL)
 
 
-def _latex(table: TextTable) -> str:
+def _latex(table: TextTable, name: str, names: LatexNames) -> str:
     """A floating table of the paper's form; `*` spans both columns, since ours is wider."""
-    letters = sum(max(map(len, column)) for column in zip(table.headings, *table.rows, strict=True))
+    head = _two_lines(table.headings, _middle_space)
+    body = [_two_lines(line, _interval_or_kind) for line in table.rows]
+    every = [line for lines in (head, *body) for line in lines]
+    letters = sum(max(map(len, column)) for column in zip(*every, strict=True))
     size = r"\fontsize{6}{7}\selectfont" if letters > _SCRIPT_SIZE_HOLDS else r"\scriptsize"
-    head = " & ".join(rf"\textbf{{{escape_latex(heading)}}}" for heading in table.headings)
-    body = [" & ".join(map(escape_latex, line)) + r" \\ \hline" for line in table.rows]
+    bold = [[rf"\textbf{{{escape_latex(cell)}}}" if cell else "" for cell in line] for line in head]
     return "\n".join(
         [
             r"\begin{table*}",
-            rf"\caption{{{escape_latex(table.title)}}}",
+            rf"\caption{{{escape_latex(table.title)}: {escape_latex(names.about)}.}}",
+            rf"\label{{tab:{names.label}-{name}}}",
             r"\begin{center}",
             size,
             r"\setlength{\tabcolsep}{3pt}",
-            r"\renewcommand{\arraystretch}{1.5}",
+            r"\renewcommand{\arraystretch}{1.2}",
             rf"\begin{{tabular}}{{l | {' '.join('r' * (len(table.headings) - 1))}}}",
             r"\hline",
-            rf"{head} \\ \hline",
-            *body,
+            _latex_row(bold),
+            *(_latex_row([[escape_latex(cell) for cell in line] for line in lines]) for lines in body),
             r"\end{tabular}",
             r"\end{center}",
             r"\end{table*}",
         ]
     )
+
+
+def _two_lines(cells: Sequence[str], split: Callable[[str, int], int]) -> list[list[str]]:
+    """A row as one or two lines, so that columns are as narrow as their numbers; `split` says where a cell breaks."""
+    places = [split(cell, column) for column, cell in enumerate(cells)]
+    lines = [
+        [cell[:place] if place > 0 else cell for cell, place in zip(cells, places, strict=True)],
+        [cell[place + 1 :] if place > 0 else "" for cell, place in zip(cells, places, strict=True)],
+    ]
+    return lines if any(lines[1]) else lines[:1]
+
+
+def _interval_or_kind(cell: str, column: int) -> int:
+    """Before the interval of a number, or what stands in parentheses behind a kind of motion."""
+    return cell.find(" [") if column else cell.find(" (")
+
+
+def _middle_space(heading: str, _: int) -> int:
+    """The space nearest to the middle; -1 for none."""
+    spaces = [place for place, letter in enumerate(heading) if letter == " " and len(heading) > _SHORT_HEADING]
+    return min(spaces, key=lambda place: abs(2 * place - len(heading)), default=-1)
+
+
+def _latex_row(lines: Sequence[Sequence[str]]) -> str:
+    r"""Lines of a tabular with `\\hline` below the last one."""
+    return " \\\\\n".join(map(" & ".join, lines)) + r" \\ \hline"
 
 
 def to_csv(rows: Sequence[TableRow]) -> str:
@@ -123,7 +184,7 @@ def write_report_files(run: Path) -> tuple[list[TableRow], tuple[Path, ...]]:
     texts = {
         "table.md": to_markdown(rows, threshold_free=over_all, caveats=summary.caveats),
         "table.csv": to_csv(rows),
-        "table.tex": to_latex(rows),
+        "table.tex": to_latex(rows, LatexNames.of(stored)),
         "table.json": to_json(rows),
     }
     return rows, (*write_texts(run, texts), *write_picture(run / "range_map", draw_run_maps(stored)))

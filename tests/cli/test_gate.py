@@ -82,6 +82,12 @@ def test_a_worse_run_fails_in_every_form(monkeypatch, capsys, runs, tmp_path):
     assert "gate FAILED: " in shown
     lines = [line for line in shown.splitlines() if line.startswith("::error ")]
     assert 0 < len(lines) <= 10
+    first = shown.splitlines()[:15]
+    assert first[0].startswith("gate FAILED: ")
+    assert "changed: method: 'nothing', was 'spherical'" in first
+    assert any(line.split()[:3] == ["failed", "all_moving", "iou"] for line in first)
+    assert any(line.startswith("most of ") for line in first)
+    assert any(f"fisheye-bench compare reports/runs/baseline {runs['nothing']}" in line for line in first)
     assert JUnitXml.fromfile(str(tmp_path / "ci" / "gate.xml")).failures > 0
     assert json.loads((tmp_path / "gate.json").read_text())["passed"] is False
     told = summary.read_text()
@@ -103,6 +109,18 @@ def test_update_writes_a_baseline_that_the_run_passes(monkeypatch, capsys, runs,
     assert call(monkeypatch, "gate", runs["spherical"], "--baseline", file, "--update", "--allow-dirty") == 0
     assert f"{file}: spherical on tiny by paper-v1" in capsys.readouterr().out
     assert call(monkeypatch, "gate", runs["spherical"], "--baseline", file) == 0
+
+
+def test_update_shows_what_it_replaces(monkeypatch, capsys, runs, tmp_path):
+    file, update = tmp_path / "b.json", ("--update", "--allow-dirty")
+    told = {}
+    for name in ("spherical", "nothing", "extended"):
+        assert call(monkeypatch, "gate", runs[name], "--baseline", file, *update) == 0
+        told[name] = capsys.readouterr().out
+    assert told["spherical"].startswith("the first baseline of this name\n")
+    assert "changed: method: 'nothing', was 'spherical'" in told["nothing"]
+    assert any(line.split()[:3] == ["failed", "all_moving", "iou"] for line in told["nothing"].splitlines())
+    assert "replaces what does not compare: the baseline is of protocol" in told["extended"]
 
 
 PLUG_IN = """

@@ -9,7 +9,9 @@ from junitparser import JUnitXml
 from rich.console import Console
 
 from bench.gate import Check, Outcome
-from bench.gate.reports import remark_lines, to_annotations, to_json, to_junit, to_markdown, to_rich
+from bench.gate.brief import change_lines, folded_lines, main_rows, overall_rows, worst_line
+from bench.gate.reports import to_annotations, to_json, to_junit, to_markdown
+from bench.gate.terminal import full_lines, full_table, main_table
 from tests.gate.factories import one, scored, sums, verdict_of
 
 
@@ -59,6 +61,7 @@ def test_junit_has_a_case_for_every_check_and_row(mixed):
     assert root.attrib["failures"] == "2"
     assert root.attrib["skipped"] == "1"
     assert root.attrib["tests"] == "12"
+    assert max(map(len, to_junit(mixed).splitlines())) < 400  # a viewer of logs shows it
 
 
 def test_junit_survives_what_xml_cannot_hold(mixed):
@@ -78,15 +81,69 @@ def test_annotations_are_ten_at_most_the_worst_first(many):
 def test_checks_come_before_metrics_in_annotations(mixed):
     lines = to_annotations(mixed)
     assert lines[0].startswith("::error title=gate%3A data::data changed: ")
-    assert lines[1].startswith("::error title=gate%3A crossing tpr_all::tpr_all of crossing: 90.0 %25 -> 50.0 %25")
+    assert lines[1].startswith("::error title=gate%3A crossing::tpr_all of crossing: 90.0 %25 -> 50.0 %25")
     assert len(lines) == 2
+
+
+@pytest.fixture(scope="module")
+def one_fault():
+    """All that one fault fails: three metrics over everything, one by kind, and breakdowns of the same objects."""
+    failing = {"iou": 0.4, "iou_detected": 0.45, "tpr_all": 0.3}
+    slices = {
+        "all_moving": failing,
+        "crossing": {"iou": 0.3},
+        "frames": {"false_positive_coverage": 0.2},
+        **{f"range_m=[{k}, {k + 2})": failing for k in range(0, 8, 2)},
+    }
+    before = {name: {metric: sums([0.9] * 5 + [0.8]) for metric in found} for name, found in slices.items()}
+    before["frames"]["false_positive_coverage"] = sums([0.2] * 6)
+    after = {
+        name: {m: sums([v + 0.01 * k for k in range(6)]) for m, v in found.items()} for name, found in slices.items()
+    }
+    settings = {"weights": {"epipolar": 0.5}, "threshold": 6e-4}
+    base = scored(before)
+    method = base.method.model_copy(update={"settings": settings})
+    return verdict_of(base, scored(after, method=method, commit="decade"))
+
+
+def test_a_fault_that_fails_many_rows_is_one_annotation_a_slice(one_fault):
+    lines = to_annotations(one_fault)
+    titles = [line.split("::")[1].removeprefix("error title=gate%3A ") for line in lines]
+    assert titles == ["all_moving", "crossing", "frames", "breakdowns"]
+    assert "also failed: iou -46.0 pt, iou_detected -41.0 pt" in lines[0] or "also failed: " in lines[0]
+    assert "12 metrics failed in 4 of their slices, the worst: " in lines[3]
+
+
+def test_the_first_lines_say_what_changed_what_was_lost_and_where(one_fault):
+    assert change_lines(one_fault) == [
+        "changed: settings: weights.epipolar = 0.5, was 1.0",
+        "changed: code: commit decade, was commit c0ffee",
+        "as in the baseline: method, protocol, data, reference",
+    ]
+    rows = [(row.slice_name, row.metric) for row in overall_rows(one_fault)]
+    assert rows == [("all_moving", "iou"), ("all_moving", "tpr_all"), ("frames", "false_positive_coverage")]
+    assert [(r.slice_name, r.metric) for r in main_rows(one_fault)] == [
+        ("crossing", "iou"),
+        ("all_moving", "iou_detected"),
+    ]
+    assert worst_line(one_fault).startswith(
+        "most of tpr_all of all_moving is lost in: drive-0 90.0 % -> 30.0 %; drive-1 "
+    )
+    assert worst_line(one_fault).count("->") == 3
+    (folded,) = folded_lines(one_fault)
+    assert folded.startswith("failed in breakdowns: 12 (range_m 12); the worst: ")
 
 
 def test_annotations_escape_what_would_start_another_command(mixed):
     (line, *_) = to_annotations(with_message(mixed, "100 %0A\r\n::error::injected"))
     assert line == r"::error title=gate%3A data::100 %250A\r\n::error::injected"
     before, after = (scored({"points=[1, 2)": {"tpr_all": sums([v] * 6)}}) for v in (0.9, 0.1))
-    assert "title=gate%3A points=[1%2C 2) tpr_all::" in to_annotations(verdict_of(before, after))[0]
+    assert (
+        "1 metrics failed in 1 of their slices, the worst: tpr_all of points=[1, 2): 90.0 %25"
+        in to_annotations(verdict_of(before, after))[0]
+    )
+    (named,) = to_annotations(verdict_of(*(scored({"a:b,c": {"tpr_all": sums([v] * 6)}}) for v in (0.9, 0.1))))
+    assert named.startswith("::error title=gate%3A a%3Ab%2Cc::")
 
 
 def test_a_pass_has_no_annotations():
@@ -95,11 +152,15 @@ def test_a_pass_has_no_annotations():
 
 def test_the_summary_tells_failures_first(mixed):
     text = to_markdown(mixed)
-    rows = [line for line in text.splitlines() if line.startswith("| ")][1:]
+    rows = [line for line in text.splitlines() if line.startswith("| ") and not line.startswith("| | Slice")]
     assert [row.split("|")[1].split()[-1] for row in rows] == ["failed", "suspect", "improved", "tolerance", "judged"]
     assert text.startswith("## gate FAILED: 1 of 7 checks of the data failed, 1 failed, 1 suspect, 1 improved, ")
     assert "- ❌ failed: data changed" in text
     assert "most in drive-5" in rows[1]
+    folded = text[text.index("<details>") : text.index("</details>")]
+    assert folded.startswith("<details><summary>2 other rows, ")
+    assert rows[2] not in folded
+    assert rows[3] in folded
 
 
 def test_the_summary_is_cut_at_a_row_with_the_count(many):
@@ -107,6 +168,7 @@ def test_the_summary_is_cut_at_a_row_with_the_count(many):
     cut = to_markdown(many, largest_bytes=2000)
     assert len(cut.encode()) <= 2000
     kept = [line for line in cut.splitlines() if line.startswith("| ")][1:]
+    assert kept
     assert all(line in whole.splitlines() for line in kept)
     assert f"{30 - len(kept)} more rows are left out" in cut
     assert to_markdown(many, largest_bytes=100) == ""
@@ -119,6 +181,7 @@ def test_a_summary_of_many_slices_stays_below_github_s_limit():
     text = to_markdown(rows)
     assert 1_000_000 < len(text.encode()) < 1024 * 1024
     assert "more rows are left out" in text
+    assert text.endswith("</details>\n")
 
 
 def test_the_summary_escapes_what_markdown_would_read(mixed):
@@ -140,9 +203,13 @@ def test_json_holds_everything_and_no_nan(mixed):
 def test_the_terminal_shows_failures_first_and_why_not_judged(mixed):
     stream = StringIO()
     screen = Console(file=stream, width=110)
-    screen.print(to_rich(mixed))
-    shown = stream.getvalue() + "\n".join(line for line, _ in remark_lines(mixed))
-    order = [shown.index(word) for word in (" failed ", " suspect ", " improved ")]
+    screen.print(main_table(mixed))
+    shown = stream.getvalue()
+    order = [shown.index(word) for word in ("failed ", "suspect ", "improved ")]
     assert order == sorted(order)
-    assert "failed: data changed" in shown
-    assert "not judged: 1 metrics, cases of both in 1 recording, 6 are needed: points=[30, 100)" in shown
+    assert "within" not in shown
+    assert folded_lines(mixed) == ["not judged: 1 metrics, for too few cases or recordings, or by the tolerances"]
+    screen.print(full_table(mixed))
+    assert "within" in stream.getvalue()
+    told = [line for line, _ in full_lines(mixed)]
+    assert "not judged: 1 metrics, cases of both in 1 recording, 6 are needed: points=[30, 100)" in told

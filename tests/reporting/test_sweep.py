@@ -3,6 +3,7 @@
 import csv
 import io
 import math
+from itertools import pairwise
 
 import pytest
 from matplotlib.colors import to_hex
@@ -15,7 +16,7 @@ from bench.harness.sweep import SweepResult, SweepRow
 from bench.harness.sweep.results import FlowCalls, write_sweep
 from bench.reference.records import Category
 from bench.reporting.canvas import BLUE, GREY, VERMILION
-from bench.reporting.sweep import draw_sweep, to_csv, to_markdown, to_rich, write_sweep_files
+from bench.reporting.sweep import draw_sweep, shown_labels, to_csv, to_markdown, to_rich, write_sweep_files
 
 
 def figure(value, *, spread=0.1, cases=40):
@@ -193,3 +194,18 @@ def test_files_are_written_beside_the_stored_sweep_and_do_not_change(tmp_path):
     assert before[tmp_path / "sweep.png"].startswith(b"\x89PNG")
     write_sweep_files(tmp_path)
     assert {file: file.read_bytes() for file in files} == before
+
+
+@pytest.mark.parametrize(
+    ("values", "scale"),
+    [((3e-4, 4.5e-4, 6e-4, 7e-4, 8e-4, 9e-4), "log"), ((-0.0025, -0.00125, 0.0, 0.00125, 0.0025, 0.01), "linear")],
+)
+def test_labels_of_values_do_not_overlap(values, scale):
+    result = sweep(*(row(value, 0.5, operating=value in (6e-4, 0.0)) for value in values), scale=scale)
+    figure = draw_sweep(result)
+    for axes in figure.axes:
+        labels = [label for label in axes.get_xticklabels() if label.get_text() and axes.xaxis.get_visible()]
+        ends = [label.get_window_extent() for label in labels]
+        assert all(left.x1 < right.x0 for left, right in pairwise(ends))
+    assert {"0.0006", "0"} & set(shown_labels(result))
+    assert {f"{values[0]:g}", f"{values[-1]:g}"} <= set(shown_labels(result))

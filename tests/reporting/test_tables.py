@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from bench.reporting.formats import percent, with_interval
-from bench.reporting.table_files import escape_latex, to_csv, to_json, to_latex, to_markdown
+from bench.reporting.table_files import LatexNames, escape_latex, to_csv, to_json, to_latex, to_markdown
 from bench.reporting.tables import (
     COMPARED,
     COVERAGES,
@@ -21,6 +21,23 @@ from bench.reporting.tables import (
 from tests.reporting.summaries import banded_summary, object_figures, summary
 
 ROWS = table_rows(summary())
+NAMES = LatexNames(label="demo-spherical", about="method spherical_2, data set demo, paper-v1")
+
+
+def latex(rows):
+    return to_latex(rows, NAMES)
+
+
+def one_line(text):
+    """LaTeX with its rows of two lines joined again, and no signs that only LaTeX needs."""
+    rows = []
+    for line in text.replace(r"\%", "%").splitlines():
+        cells = line.removesuffix(r" \hline").removesuffix(r" \\").split(" & ")
+        if rows and rows[-1][1].endswith(r"\\"):
+            rows[-1] = ([" ".join(filter(None, two)).strip() for two in zip(rows[-1][0], cells, strict=True)], line)
+        else:
+            rows.append((cells, line))
+    return "\n".join(" & ".join(cells) for cells, _ in rows)
 
 
 def number(text):
@@ -74,7 +91,7 @@ def test_csv_and_json_carry_the_rows_without_loss():
             assert low_high == metric.ci95
 
 
-@pytest.mark.parametrize("write", [to_markdown, lambda rows: to_latex(rows).replace(r"\%", "%")])
+@pytest.mark.parametrize("write", [to_markdown, lambda rows: one_line(latex(rows))])
 def test_markdown_and_latex_show_the_same_values(write):
     text = write(ROWS)
     for row in ROWS[:-1]:
@@ -127,7 +144,7 @@ def test_a_row_that_the_paper_does_not_have_leaves_its_line_empty():
 
 def test_nothing_to_average_is_said_and_not_made_up():
     assert percent(math.nan) == "n/a (0 cases)"
-    for write in (to_markdown, to_latex):
+    for write in (to_markdown, latex):
         text = write(ROWS)
         assert "n/a (0 cases)" in text
         assert "nan" not in text.lower()
@@ -159,14 +176,23 @@ def test_latex_escapes_what_latex_reads():
 
 
 def test_latex_is_balanced_and_every_line_has_its_columns():
-    text = to_latex(ROWS)
+    text = latex(ROWS)
     assert text.count(r"\begin{") == text.count(r"\end{")
     body = [line for line in text.splitlines() if not line.startswith("%")]
     assert not any(re.search(r"(?<!\\)%", line) for line in body)
     for table in text.split(r"\begin{tabular}")[1:]:
         columns = len(re.findall("[lr]", table[1 : table.index("}")]))
-        rows = [line for line in table.splitlines() if line.endswith(r"\\ \hline")]
+        rows = [line for line in table.splitlines() if line.endswith((r"\\ \hline", r"\\"))]
         assert {len(re.findall(r"(?<!\\)&", line)) + 1 for line in rows} == {columns}
+
+
+def test_every_float_of_latex_has_a_label_and_says_method_and_data_set():
+    text = latex(ROWS)
+    labels = re.findall(r"\\label\{(.*?)\}", text)
+    assert labels == [f"tab:demo-spherical-{name}" for name in ("paper", "detection", "coverage", "false-positives")]
+    captions = re.findall(r"\\caption\{(.*)\}", text)
+    assert len(captions) == 4
+    assert all(caption.endswith(r": method spherical\_2, data set demo, paper-v1.") for caption in captions)
 
 
 def test_markdown_tables_have_as_many_cells_in_every_line():
@@ -179,7 +205,7 @@ def test_the_unknown_share_stands_beside_each_row_of_a_protocol_with_bands_and_o
     *rows, false_positives = banded
     assert {row.metrics["unknown_share"].value for row in rows} == {0.25}
     assert "unknown_share" not in false_positives.metrics
-    for write in (to_markdown, to_latex, to_csv, to_json, lambda rows: printed(rows=rows)):
+    for write in (to_markdown, latex, to_csv, to_json, lambda rows: printed(rows=rows)):
         assert "nknown" in write(banded)
         assert "nknown" not in write(ROWS)
     (line,) = [line for line in to_markdown(banded).splitlines() if line.startswith("| Crossing") and "25.0 %" in line]

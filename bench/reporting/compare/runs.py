@@ -12,8 +12,9 @@ import pandas as pd
 from bench.errors import UsageError
 from bench.evaluation.row_source import IMAGE, CommonImages, RowsOnImages, RowSource, group_recordings
 from bench.harness import RunSummary
+from bench.harness.method_stamp import flat_settings
 from bench.harness.stored import REFERENCE_OF_FRAMES, REFERENCE_OF_OBJECTS, reference_fingerprint
-from bench.reporting.stored_run import StoredRun, flat_settings, read_stored_run
+from bench.reporting.stored_run import StoredRun, read_stored_run
 
 SHOWN_DIGEST = 12  # characters of a digest that are shown
 

@@ -13,12 +13,15 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
+from bench.evaluation import published
 from bench.recordings.atomic import write_text
 from bench.reference import Category
 from bench.reporting.formats import LABELS, chance_of, count, mean, percent, with_interval
+from bench.reporting.page.beside import Beside, beside
 from bench.reporting.page.charts import draw_charts, inline_svg
 from bench.reporting.page.object_table import table_data
-from bench.reporting.page.summary import breakdowns, remarks
+from bench.reporting.page.recordings import recording_rows
+from bench.reporting.page.summary import breakdowns, remarks, tiles
 from bench.reporting.page.worst import Progress, WorstCases, worst_cases
 from bench.reporting.stored_run import StoredRun, read_stored_run
 from bench.reporting.tables import detection_columns, further_columns, table_note, table_rows, text_tables
@@ -44,6 +47,7 @@ def write_page(
     *,
     category: Category | None = None,
     out: Path | None = None,
+    other: Path | None = None,
     pictures: bool = True,
     progress: Progress | None = None,
 ) -> Page:
@@ -53,27 +57,33 @@ def write_page(
         folder: of the run.
         category: only this kind of motion, with a larger gallery; None for all.
         out: the file; `index.html`, or `index-<category>.html`, in the run without it.
+        other: folder of a run to stand beside on the same images; None for none.
         pictures: process the worst images once more and show them.
         progress: called with the images done and their number.
 
     Raises:
         DataError: a stored result is missing or damaged. Missing data for pictures is no error; it is said.
+        UsageError: `other` does not compare.
     """
     run = read_stored_run(folder, category=category)
+    pair = None if other is None else beside(run, other, pictures=pictures, progress=progress)
     most = WORST if category is None else WORST_OF_CATEGORY
     worst = worst_cases(run, most=most, pictures=pictures, progress=progress)
     file = out or folder / ("index.html" if category is None else f"index-{category.value}.html")
-    write_text(file, _render(run, worst, pictures=pictures))
-    return Page(file=file, problems=tuple(worst.problems))
+    write_text(file, _render(run, worst, pair, pictures=pictures))
+    problems = dict.fromkeys([*worst.problems, *(pair.problems if pair else ())])
+    return Page(file=file, problems=tuple(problems))
 
 
-def _render(run: StoredRun, worst: WorstCases, *, pictures: bool) -> str:
+def _render(run: StoredRun, worst: WorstCases, pair: Beside | None, *, pictures: bool) -> str:
     rows = [row for row in table_rows(run.metrics) if run.category in (None, row.name)]
     whole, found, made = run.category is None, run.metrics, run.summary.provenance
     (_, any_pixel), *levels = detection_columns(rows).items()
-    columns = {"detection_rate": f"{any_pixel} (any pixel)"} | {name: f"found {heading}" for name, heading in levels}
+    rates = {name: f"found {heading}" for name, heading in reversed(levels)} | {
+        "detection_rate": f"{any_pixel} (any pixel)"
+    }
     further = further_columns(rows)
-    ceiling = {name: heading for name, heading in further.items() if name == "ceiling_iou"}
+    listed, all_recordings = recording_rows(run, worst)
     recordings = found.false_positives.recordings
     causes = [(name, cause) for name, cause in found.false_positive_causes.items() if not math.isnan(cause.value)]
     context: dict[str, Any] = {
@@ -85,7 +95,12 @@ def _render(run: StoredRun, worst: WorstCases, *, pictures: bool) -> str:
         "category": None if run.category is None else LABELS[run.category],
         "remarks": remarks(found, category=run.category),
         "rows": rows,
-        "columns": columns | {"tpr": "TPR, detected", "iou_detected": "IoU, detected"} | ceiling,
+        "columns": {"iou": "IoU, all", "tpr": "TPR, detected", "iou_detected": "IoU, detected"} | rates,
+        "tiles": tiles(found, category=run.category),
+        "paper": published.SOURCE,
+        "changed_settings": run.summary.method.changed_settings(),
+        "recordings": listed,
+        "all_recordings": all_recordings,
         "tables": text_tables(rows)[1 : 4 if whole else 3],
         "note": table_note(rows),
         "unknown": "unknown_share" in further,
@@ -94,6 +109,7 @@ def _render(run: StoredRun, worst: WorstCases, *, pictures: bool) -> str:
         "causes": sorted(causes, key=lambda item: -item[1].value),
         "of_recordings": "" if recordings is None else f" of {recordings} recordings",
         "worst": worst,
+        "beside": pair,
         "labels": {category.value: label for category, label in LABELS.items()},
         "pictures": pictures,
         "objects": table_data(run, pictured=_pictured(worst)),

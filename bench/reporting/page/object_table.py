@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import shlex
 from collections.abc import Collection, Mapping, Sequence
@@ -16,8 +15,7 @@ from numpy.typing import NDArray
 from bench.evaluation.protocol import known_protocols
 from bench.evaluation.row_source import IMAGE, Columns, RowSource, group_recordings, read_parts
 from bench.evaluation.sums import coverage, intersection_over_union
-from bench.methods import METHODS, build_method
-from bench.reporting.stored_run import StoredRun, flat_settings
+from bench.reporting.stored_run import StoredRun
 
 LISTED = 20_000  # 2 MB of the page
 EVALUATED = "evaluated"
@@ -145,14 +143,7 @@ def _image_indices(run: StoredRun, keys: Sequence[ObjectKey]) -> list[int]:
 
 def view_command(run: StoredRun) -> str:
     """The call of `view` that draws an image of the run, with its method, settings and protocol."""
-    method = run.summary.method
-    words = ["fisheye-bench", "view", run.summary.card, "--method", method.called]
-    # Nothing need be said for the defaults; those of a method that is not of this package are unknown, since nothing
-    # that a stored file names is imported.
-    defaults = flat_settings(build_method(method.called).settings()) if method.called in METHODS else {}
-    for name, value in flat_settings(method.settings).items():
-        if defaults.get(name) != value:
-            words += ["--set", f"{name}={json.dumps(value)}"]
+    words = ["fisheye-bench", "view", run.summary.card, *run.summary.method.options()]
     known = run.protocol.name in known_protocols()
     words += ["--protocol", run.protocol.name if known else str(run.folder / "protocol.json")]
     return " ".join(map(shlex.quote, words)) + " --recording {recording} --camera {camera} --frame {index}"

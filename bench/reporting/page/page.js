@@ -5,9 +5,9 @@
   const { columns, words } = data;
   // Name, heading, digits after the point; null for a column of words.
   const SHOWN = [
-    ["recording", "recording", null], ["camera", "camera", null], ["time_s", "time (s)", 2], ["track_id", "object", null],
-    ["object_class", "class", null], ["category", "kind", null], ["outcome", "outcome", null], ["coverage", "coverage %", 1],
-    ["iou", "IoU %", 1], ["false_px", "false px", 0], ["region_px", "object px", 0], ["range_m", "range (m)", 1],
+    ["iou", "IoU %", 1], ["coverage", "TPR %", 1], ["recording", "recording", null], ["camera", "camera", null],
+    ["time_s", "time (s)", 2], ["track_id", "object", null], ["object_class", "class", null], ["category", "kind", null],
+    ["outcome", "outcome", null], ["false_px", "false px", 0], ["region_px", "object px", 0], ["range_m", "range (m)", 1],
     ["ego_kmh", "ego (km/h)", 1], ["points", "points", 0],
   ];
   const by = (id) => document.getElementById(id);
@@ -132,9 +132,16 @@
   by("filters").addEventListener("reset", () => setTimeout(refresh));
   by("back").addEventListener("click", () => { page -= 1; draw(); });
   by("next").addEventListener("click", () => { page += 1; draw(); });
-  for (const image of document.querySelectorAll(".card .pictures img")) {
+  for (const link of document.querySelectorAll("[data-recording]")) {
+    link.addEventListener("click", () => {
+      const select = document.querySelector("[data-filter=recording]");
+      select.value = String(words.recording.indexOf(link.dataset.recording));
+      refresh();
+    });
+  }
+  for (const image of document.querySelectorAll(".card .pictures img, .pairs img")) {
     image.addEventListener("click", () => {
-      by("viewer-title").textContent = image.closest(".card").querySelector("h4").textContent;
+      by("viewer-title").textContent = image.alt;
       by("viewer-body").replaceChildren(image.cloneNode());
       by("viewer").showModal();
     });

@@ -24,13 +24,13 @@ BREAKDOWNS = {
     "points": ("By lidar points on the object", "points", "{} lidar points"),
 }
 BREAKDOWN_METRICS = {
-    "detection_rate": "found at all",
-    "detection_rate_50": "half of it found",
-    "tpr_all": "share found (TPR, all)",
     "iou": "IoU, all",
-    "ceiling_iou": "IoU, ceiling",
+    "tpr_all": "share found (TPR, all)",
+    "detection_rate_50": "half of it found",
+    "detection_rate": "found at all",
     "unknown_share": "unknown",
 }
+LEAST_OBJECT_FRAMES = 10  # of fewer nothing is said
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,7 +63,7 @@ def breakdowns(found: Summary) -> list[Breakdown]:
 def breakdown(caption: str, heading: str, rows: Mapping[str, ObjectMetrics]) -> Breakdown:
     """One way to sort the object-frames."""
     metrics = {n: h for n, h in BREAKDOWN_METRICS.items() if all(n in row.metric_names() for row in rows.values())}
-    lowest = lowest_of({name: row.tpr_all for name, row in rows.items()})
+    lowest = lowest_of({name: row.tpr_all for name, row in rows.items() if row.object_frames >= LEAST_OBJECT_FRAMES})
     return Breakdown(caption=caption, heading=heading, rows=rows, metrics=metrics, lowest=lowest)
 
 
@@ -89,12 +89,49 @@ class Remark:
     text: str
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tile:
+    """One number that the page begins with.
+
+    Attributes:
+        name: of the metric.
+        metric: its value and interval; None where there are too few object-frames for it.
+        beside: what it is compared with.
+    """
+
+    name: str
+    metric: Metric | None
+    beside: str
+
+
+def tiles(found: Summary, *, category: Category | None) -> list[Tile]:
+    """IoU beside its ceiling, what is wrongly marked, and TPR."""
+    row = found.all_moving
+    few = row.object_frames < LEAST_OBJECT_FRAMES
+    over = f"over {row.object_frames} object-frames"
+    iou, ceiling = over, row.metric("ceiling_iou") if "ceiling_iou" in row.metric_names() else None
+    if few:
+        over = iou = f"{row.object_frames} object-frames, fewer than {LEAST_OBJECT_FRAMES}"
+    elif ceiling is not None and not math.isnan(ceiling.value):
+        iou = f"ceiling {percent(ceiling.value)}: what exact masks get; {over}"
+    shown = [Tile(name="IoU", metric=None if few else row.iou, beside=iou)]
+    if category is None:
+        area = found.false_positives
+        text = f"of the image wrongly marked; over {area.frames} images"
+        shown.append(Tile(name="False positives", metric=area.coverage if area.frames else None, beside=text))
+    return [*shown, Tile(name="TPR", metric=None if few else row.tpr_all, beside=f"of an object is marked; {over}")]
+
+
 def remarks(found: Summary, *, category: Category | None) -> list[Remark]:
-    """What a reader should know first."""
-    rows = {name: row for name, row in found.categories.items() if row.object_frames}
-    if not rows:
+    """What a reader should know first, of nothing that has fewer than ten object-frames."""
+    with_cases = {name: row for name, row in found.categories.items() if row.object_frames}
+    rows = {name: row for name, row in with_cases.items() if row.object_frames >= LEAST_OBJECT_FRAMES}
+    if not with_cases:
         return [Remark(kind="note", text="No object-frame was evaluated: there is nothing to say of moving objects.")]
-    said = [*_best_and_worst(rows), *_by_chance(rows), *_weak_slices(found)]
+    said = [*(_best_and_worst(rows) if rows else ()), *_by_chance(rows), *_weak_slices(found)]
+    if few := [f"{_name(name).lower()} ({row.object_frames})" for name, row in with_cases.items() if name not in rows]:
+        text = f"Nothing is said of fewer than {LEAST_OBJECT_FRAMES} object-frames: {', '.join(few)}."
+        said.append(Remark(kind="note", text=text))
     return said if category is not None else [*said, *_of_images(found)]
 
 
@@ -144,7 +181,8 @@ def _weak_slices(found: Summary) -> list[Remark]:
     """The weakest slice of each breakdown, where its interval lies wholly below that of everything."""
     whole, sentences = found.all_moving.tpr_all, []
     for name, (_, _, words) in BREAKDOWNS.items():
-        shares = {key: row.tpr_all for key, row in found.breakdowns.get(name, {}).items()}
+        cut = found.breakdowns.get(name, {})
+        shares = {key: row.tpr_all for key, row in cut.items() if row.object_frames >= LEAST_OBJECT_FRAMES}
         weak = {key: share.value for key, share in shares.items() if clearly_below(share, whole)}
         if weak:
             worst = min(weak, key=weak.__getitem__)

@@ -62,6 +62,21 @@ def test_it_renders_without_errors_and_every_picture_loads(browser, tiny_page, w
     assert page.execute_script("return document.documentElement.scrollWidth <= innerWidth"), "no scrolling sideways"
 
 
+def test_on_a_phone_tables_show_tpr_and_iou_without_scrolling_sideways(browser, tiny_page):
+    page = opened(browser, tiny_page, width=390)
+    ends = page.execute_script(
+        "return [...document.querySelectorAll('table.metrics, #objects')].map(t => [...t.querySelectorAll('thead th')]"
+        ".filter(h => /TPR|IoU/.test(h.textContent)).slice(0, 2).map(h => h.getBoundingClientRect().right))"
+    )
+    assert len(ends) >= 8
+    assert all(len(two) == 2 and max(two) <= 390 for two in ends), ends
+
+
+def test_a_recording_filters_the_frames(page):
+    press(page, page.find_element(By.CSS_SELECTOR, "[data-recording=standing]"))
+    assert set(column(page, "recording")) == {"standing"}
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_words_and_charts_read_in_both_schemes(browser, tiny_page, scheme):
     page = opened(browser, tiny_page, scheme=scheme)

@@ -6,7 +6,7 @@ import re
 from bench.evaluation.summary import FrameLedger, Metric, ObjectMetrics
 from bench.reference import Category
 from bench.reporting.page.build import environment
-from bench.reporting.page.summary import breakdown, remarks
+from bench.reporting.page.summary import breakdown, remarks, tiles
 from tests.reporting.summaries import object_figures, summary
 
 
@@ -64,6 +64,34 @@ def test_a_kind_that_chance_reaches_is_named():
     )
     assert ("bad", sentence) not in told(figures)
     assert ("bad", sentence) in told(figures.model_copy(update={"categories": {"crossing": lucky}}))
+
+
+def test_nothing_is_said_of_fewer_than_ten_object_frames():
+    rows = {"crossing": object_figures(0.9), "overtaking": object_figures(0.5), "preceding": object_figures(0.1)}
+    rows["preceding"] = object_figures(0.1, object_frames=9)
+    ranges = {"[0, 2)": object_figures(0.1, object_frames=9), "[2, 4)": object_figures(0.6)}
+    found = summary().model_copy(update={"categories": rows, "breakdowns": {"range_m": ranges}})
+    texts = [text for _, text in told(found)]
+    assert [text for text in texts if "preceding" in text] == [
+        "Nothing is said of fewer than 10 object-frames: preceding (9)."
+    ]
+    assert not any("Where least" in text for text in texts)
+    assert breakdown("By letter", "letter", ranges).lowest is None
+    few = found.model_copy(update={"all_moving": object_figures(0.4, object_frames=9)})
+    assert [tile.metric is None for tile in tiles(few, category=None)] == [True, False, True]
+
+
+def test_the_page_begins_with_iou_beside_its_ceiling_and_false_positives():
+    figures = summary()
+    ceiling = Metric(value=0.92, ci95=None, cases=100, recordings=8)
+    with_truth = figures.all_moving.model_copy(update={"ceiling_iou": ceiling})
+    shown = tiles(figures.model_copy(update={"all_moving": with_truth}), category=None)
+    assert [(tile.name, round(tile.metric.value, 3)) for tile in shown] == [
+        ("IoU", 0.27), ("False positives", 0.105), ("TPR", 0.42)
+    ]  # fmt: skip
+    assert shown[0].beside == "ceiling 92.0 %: what exact masks get; over 100 object-frames"
+    assert tiles(figures, category=None)[0].beside == "over 100 object-frames"
+    assert [tile.name for tile in tiles(figures, category=Category.CROSSING)] == ["IoU", "TPR"]
 
 
 def test_the_weakest_place_is_named_where_it_stands_out():

@@ -20,8 +20,8 @@ from tests.reporting.page.hostile import TRACK
 from tests.stored_files import change_summary
 
 SECTIONS = [
-    "glance", "results", "splits", "around", "plane", "coverage", "threshold", "causes", "worst", "frames", "time",
-    "origin", "ledger",
+    "glance", "results", "splits", "recordings", "around", "plane", "coverage", "threshold", "causes", "worst",
+    "frames", "time", "origin", "ledger",
 ]  # fmt: skip
 OF_FRAMES = {"plane", "threshold", "causes"}
 
@@ -45,6 +45,45 @@ def test_it_holds_everything_itself(tiny_page):
     assert all(address.startswith(("data:", "#")) for address in addresses)
     assert text.count("<script") == 2
     assert "@import" not in text
+
+
+def test_it_names_paper_data_and_method_with_its_settings(tiny_page):
+    about = re.search(r'<dl class="about">.*?</dl>', tiny_page.read_text(), flags=re.DOTALL)[0]
+    assert "Spherical formulation of geometric motion segmentation constraints in fisheye cameras" in about
+    assert "settings: threshold = 0.0005." in about
+    assert "12 images of 3 recordings" in about
+
+
+def test_every_recording_has_a_row_that_leads_to_its_frames_and_its_worst_case(tiny_run, tiny_page):
+    text = tiny_page.read_text()
+    section = text[text.index('<section id="recordings">') : text.index('<section id="around">')]
+    assert set(re.findall(r'href="#frames" data-recording="([^"]+)"', section)) == {
+        "crossing",
+        "standing",
+        "overtaking",
+    }
+    worst = re.findall(r'href="#([^"]+)">worst case', section)
+    assert len(worst) == 3
+    assert all(f'id="{element}"' in text for element in worst)
+    objects, _ = read_tables(tiny_run)
+    scored = [row for row in objects.to_pylist() if row["status"] == "evaluated" and row["recording"] == "standing"]
+    tpr = sum(row["tp"] / (row["tp"] + row["fn"]) for row in scored) / len(scored)
+    line = section[section.index('data-recording="standing"') :]
+    assert re.findall(r'<td class="count">(.*?)</td>', line)[1] == f"{100 * tpr:.1f} %"
+    assert re.findall(r'<td class="count">(.*?)</td>', line)[3] == str(len(scored))
+
+
+def test_two_runs_stand_side_by_side_on_the_same_images(tiny_run, tmp_path):
+    other = shutil.copytree(tiny_run, tmp_path / "other")
+    page = write_page(tiny_run, category=Category.CROSSING, other=other, out=tmp_path / "pair.html")
+    assert page.problems == ()
+    section = re.search(r'<section id="beside">.*?</section>', page.file.read_text(), flags=re.DOTALL)[0]
+    assert "on the 12 images that both scored" in section
+    assert "other" in section
+    titles = re.findall(r"<figcaption>(.*?)</figcaption>", section)
+    assert 1 <= len(titles) <= 3
+    assert all(title.startswith("Crossing, ") and ", camera front, " in title for title in titles)
+    assert section.count("data:image/jpeg") == len(titles)
 
 
 def test_identifiers_are_used_once(tiny_page):

@@ -1,0 +1,73 @@
+"""The verdict within a minute: what changed, the overall rows, where most was lost; the rest is folded.
+
+Breakdowns, as "range_m=[0, 2)", cut the same object-frames once more, so that one fault fails many of their rows. They
+are judged like all others, and named here by their number and the worst of them.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+from bench.evaluation.slices import ALL_MOVING, FRAMES
+from bench.gate.verdict import Outcome, Row, Verdict, row_text, value_text
+
+# Of the rows over everything, those that say whether a run is better, in the order that they are shown.
+HEADLINES = ("iou", "tpr_all", "detection_rate_50", "false_positive_coverage")
+NOTABLE = (Outcome.FAILED, Outcome.SUSPECT, Outcome.IMPROVED)
+
+
+def is_overlapping(row: Row) -> bool:
+    """Of a breakdown, whose object-frames are in other rows too."""
+    return "=" in row.slice_name
+
+
+def overall_rows(verdict: Verdict) -> list[Row]:
+    """The headline metrics over everything."""
+    rows = {row.metric: row for row in verdict.rows if row.slice_name in {ALL_MOVING, FRAMES}}
+    return [rows[name] for name in HEADLINES if name in rows]
+
+
+def main_rows(verdict: Verdict) -> list[Row]:
+    """What failed, is suspect or improved of the other metrics over everything and by kind of motion, worst first."""
+    shown = {(row.slice_name, row.metric) for row in overall_rows(verdict)}
+    rows = [row for outcome in NOTABLE for row in verdict.rows_with(outcome) if not is_overlapping(row)]
+    return [row for row in rows if (row.slice_name, row.metric) not in shown]
+
+
+def folded_lines(verdict: Verdict) -> list[str]:
+    """What the breakdowns say, and how many metrics were not judged, a line each."""
+    lines = []
+    for outcome in NOTABLE:
+        rows = [row for row in verdict.rows_with(outcome) if is_overlapping(row)]
+        if rows:
+            kinds = Counter(row.slice_name.partition("=")[0] for row in rows)
+            counted = ", ".join(f"{name} {count}" for name, count in kinds.items())
+            first = f"; the worst: {row_text(rows[0])}" if outcome is Outcome.FAILED else ""
+            lines.append(f"{outcome} in breakdowns: {len(rows)} ({counted}){first}")
+    if skipped := verdict.rows_with(Outcome.NOT_JUDGED):
+        lines.append(f"not judged: {len(skipped)} metrics, for too few cases or recordings, or by the tolerances")
+    return lines
+
+
+def change_lines(verdict: Verdict) -> list[str]:
+    """ "changed: settings: flow = dis, was farneback" for everything that changed, then what did not."""
+    lines = [f"changed: {change.what}: {change.text}" for change in verdict.changes]
+    return [*lines, f"as in the baseline: {', '.join(verdict.unchanged) or 'nothing'}"]
+
+
+def worst_line(verdict: Verdict) -> str:
+    """Where most of the worst loss comes from; "" where nothing is worse than tolerated."""
+    worse = (Outcome.FAILED, Outcome.SUSPECT)
+    groups: Sequence[Sequence[Row]] = (overall_rows(verdict), main_rows(verdict), verdict.rows)
+    for rows in groups:
+        for outcome in worse:
+            found = [row for row in rows if row.outcome is outcome and row.worst_recordings]
+            if found:
+                row = max(found, key=lambda one: one.severity)
+                parts = [
+                    f"{one.name} {value_text(row.metric, one.before)} -> {value_text(row.metric, one.after)}"
+                    for one in row.worst_recordings
+                ]
+                return f"most of {row.metric} of {row.slice_name} is lost in: {'; '.join(parts)}"
+    return ""

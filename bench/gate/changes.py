@@ -1,0 +1,108 @@
+"""What differs between a run and its baseline beside the scores, and the commands that compare them image by image."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from bench.evaluation.protocol import known_protocols
+from bench.gate.baseline import Origin, ScoredRun
+from bench.harness.method_stamp import flat_settings
+
+SHOWN_DIGEST = 12  # characters of a digest that are shown
+BASELINE_RUN = "reports/runs/baseline"
+OF_ITSELF = ("method", "settings", "protocol", "code", "data", "reference")  # in the order that they are told
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Change:
+    """Something that is not as in the baseline.
+
+    Attributes:
+        what: one of `OF_ITSELF`.
+        text: what it is and what it was, one line.
+    """
+
+    what: str
+    text: str
+
+
+def changes(baseline: ScoredRun, run: ScoredRun) -> tuple[Change, ...]:
+    """What changed, in the order of `OF_ITSELF`; what is not named is as it was."""
+    found = [Change(what="protocol", text=f"{protocol_text(run)}, was {protocol_text(baseline)}")]
+    found = [] if baseline.protocol == run.protocol else found
+    if baseline.method.name != run.method.name:
+        found.append(Change(what="method", text=f"{run.method.name!r}, was {baseline.method.name!r}"))
+    elif settings := list(setting_changes(baseline, run)):
+        found.append(Change(what="settings", text="; ".join(settings)))
+    if code := list(_code_changes(baseline, run)):
+        found.append(Change(what="code", text="; ".join(code)))
+    if baseline.data_fingerprint != run.data_fingerprint:
+        text = f"other files, fingerprint {_changed(baseline.data_fingerprint, run.data_fingerprint)}"
+        found.append(Change(what="data", text=text))
+    if baseline.reference_fingerprint != run.reference_fingerprint:
+        text = f"fingerprint {_changed(baseline.reference_fingerprint, run.reference_fingerprint)}"
+        found.append(Change(what="reference", text=text))
+    return tuple(sorted(found, key=lambda change: OF_ITSELF.index(change.what)))
+
+
+def setting_changes(baseline: ScoredRun, run: ScoredRun) -> Iterator[str]:
+    """For example "flow = dis, was farneback"."""
+    was, now = flat_settings(baseline.method.settings), flat_settings(run.method.settings)
+    for name in sorted(was.keys() | now.keys()):
+        if was.get(name) != now.get(name):
+            yield f"{name} = {now.get(name)}, was {was.get(name)}"
+
+
+def _code_changes(baseline: ScoredRun, run: ScoredRun) -> Iterator[str]:
+    before, after = baseline.origin, run.origin
+    if (before.version, before.commit) != (after.version, after.commit):
+        yield f"{_code(after)}, was {_code(before)}"
+    if before.python != after.python:
+        yield f"Python {after.python}, was {before.python}"
+    for name in sorted(before.libraries.keys() | after.libraries.keys()):
+        was, now = before.libraries.get(name), after.libraries.get(name)
+        if was != now:
+            yield f"{name} {now or 'not loaded'}, was {was or 'not loaded'}"
+    one, two = baseline.method, run.method
+    if one.name == two.name and None not in (one.identity, two.identity) and one.identity != two.identity:
+        yield "the method's own code, libraries or files"
+
+
+def _code(origin: Origin) -> str:
+    if origin.commit is None:
+        return f"version {origin.version} of no checkout"
+    dirty = " with changed files" if origin.commit.endswith("+") else ""
+    return f"commit {origin.commit[:SHOWN_DIGEST].rstrip('+')}{dirty}"
+
+
+def protocol_text(scored: ScoredRun) -> str:
+    """For example "paper-v1 version 1 (dde8f4b79b8f)"."""
+    stamp = scored.protocol
+    return f"{stamp.name} version {stamp.version} ({stamp.digest[:SHOWN_DIGEST]})"
+
+
+def _changed(before: str, after: str) -> str:
+    return f"{after[:SHOWN_DIGEST]}, was {before[:SHOWN_DIGEST]}"
+
+
+def compare_commands(baseline: ScoredRun, run: ScoredRun, *, folder: Path, card: str) -> tuple[str, ...]:
+    """The commands that make the baseline's run again and compare it with a run, with pictures of what changed.
+
+    Args:
+        baseline: which is sums only, without images.
+        run: that was judged.
+        folder: of that run.
+        card: of its data set.
+    """
+    known = baseline.protocol.name in known_protocols()
+    protocol = baseline.protocol.name if known else str(folder / "protocol.json")
+    words = ["fisheye-bench", "run", card, *baseline.method.options(), "--protocol", protocol]
+    words += ["--split", baseline.split] if baseline.split is not None else []
+    again = shlex.join([*words, "--out", BASELINE_RUN, "--no-pictures"])
+    commit = (baseline.origin.commit or "").rstrip("+")
+    if commit and commit != (run.origin.commit or "").rstrip("+"):
+        again = f"git checkout {commit[:SHOWN_DIGEST]} && {again} && git checkout -"
+    return again, shlex.join(["fisheye-bench", "compare", BASELINE_RUN, str(folder)])

@@ -1,0 +1,113 @@
+"""A run beside another one on the same images: a few values, and pictures of both methods."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from bench.evaluation import Metric, summarise
+from bench.reference import Category
+from bench.reporting.compare.runs import on_common_images, read_comparable
+from bench.reporting.formats import LABELS, image_name
+from bench.reporting.frame_pictures import example_frames
+from bench.reporting.page.charts import figure_uri
+from bench.reporting.page.worst import Progress, frame_key, worst_objects
+from bench.reporting.side_by_side import ImageKey, draw_runs
+from bench.reporting.stored_run import StoredRun, read_stored_run
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PairPicture:
+    """An image as both runs were scored on it.
+
+    Attributes:
+        title: why it is shown, and which image it is.
+        uri: the picture as a `data:` address.
+    """
+
+    title: str
+    uri: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Beside:
+    """What the page says of both runs.
+
+    Attributes:
+        labels: of the runs.
+        common: images that both scored, which everything here is of.
+        values: name of a metric, and both values.
+        pictures: in the order of the kinds of motion.
+        problems: why pictures are missing, one line each.
+    """
+
+    labels: tuple[str, str]
+    common: int
+    values: list[tuple[str, Metric, Metric]]
+    pictures: list[PairPicture]
+    problems: list[str]
+
+
+def beside(run: StoredRun, other: Path, *, pictures: bool, progress: Progress | None = None) -> Beside:
+    """Put a run beside another one.
+
+    Args:
+        run: of the page.
+        other: folder of the other run.
+        pictures: draw images from the data set.
+        progress: called with the images done and their number.
+
+    Raises:
+        DataError: the other run is damaged.
+        UsageError: they are of different data or protocols, or scored no image in common.
+    """
+    both = [
+        read_stored_run(one.folder, label=one.label, category=run.category)
+        for one in read_comparable([run.folder, other])
+    ]
+    one, two, common = on_common_images(*both)
+    chosen = _chosen(one, two) if pictures else {}
+    found: list[PairPicture] = []
+    problems: dict[str, None] = {}
+    drawn = dict.fromkeys(chosen, "")
+    for number, (key, picture) in enumerate(draw_runs((one, two), chosen), start=1):
+        if isinstance(picture, str):
+            problems[picture] = None
+        else:
+            drawn[key] = figure_uri(picture)
+        if progress is not None:
+            progress(number, len(chosen))
+    found = [PairPicture(title=title, uri=drawn[key]) for key, title in chosen.items() if drawn[key]]
+    return Beside(
+        labels=(one.label, two.label), common=common, values=_values(one, two), pictures=found, problems=list(problems)
+    )
+
+
+def _values(one: StoredRun, two: StoredRun) -> list[tuple[str, Metric, Metric]]:
+    summaries = [summarise(run.objects, run.frames, protocol=run.protocol) for run in (one, two)]
+    rows, areas = [found.all_moving for found in summaries], [found.false_positives.coverage for found in summaries]
+    values = [("IoU, all", rows[0].iou, rows[1].iou), ("TPR, all", rows[0].tpr_all, rows[1].tpr_all)]
+    return values if one.category else [*values, ("False positives, share of the image", areas[0], areas[1])]
+
+
+def _chosen(one: StoredRun, two: StoredRun) -> dict[ImageKey, str]:
+    """Images with the reason why they are shown, by kind of motion; both runs choose the same way."""
+    names = one.protocol.reference.categories if one.category is None else (one.category,)
+    kinds = [Category(name) for name in names]
+    largest = example_frames(one.objects)
+    least = [(run.label, worst_objects(run.objects, kinds, most=1)) for run in (one, two)]
+    reasons: dict[ImageKey, list[str]] = {}
+    for kind in kinds:
+        of_kind: list[tuple[ImageKey, str]] = []
+        if kind in largest:
+            of_kind.append((largest[kind], "the largest object"))
+        of_kind += [(frame_key(row), f"least found by {label}") for label, rows in least for row in rows[kind.value]]
+        for key, reason in of_kind:
+            reasons.setdefault(key, []).append(f"{LABELS[kind].split(' (')[0].lower()}, {reason}")
+    return {key: _title(key, told) for key, told in reasons.items()}
+
+
+def _title(key: ImageKey, reasons: Iterable[str]) -> str:
+    told = "; ".join(reasons)
+    return f"{told[0].upper()}{told[1:]}: {image_name(*key)}"

@@ -1,0 +1,43 @@
+"""The CI examples of docs/gate.md: they parse, and every command and option in them exists."""
+
+import shlex
+from pathlib import Path
+
+import pytest
+import typer.main
+import yaml
+
+from bench.cli.app import app
+
+EXAMPLES = sorted((Path(__file__).parents[2] / "docs/examples").glob("gate-*.yml"))
+COMMANDS = typer.main.get_command(app).commands
+
+
+def scripts(content):
+    """Every line that a shell is given, of a workflow of GitHub or a pipeline of GitLab."""
+    if "jobs" in content:
+        steps = [step for job in content["jobs"].values() for step in job["steps"]]
+        assert all(("uses" in step) != ("run" in step) for step in steps)
+        return [step["run"] for step in steps if "run" in step]
+    jobs = [job for name, job in content.items() if name != "variables"]
+    return [line for job in jobs for part in ("before_script", "script") for line in job.get(part, [])]
+
+
+@pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.stem)
+def test_an_example_is_complete_and_its_commands_exist(file):
+    called = {}
+    lines = scripts(yaml.safe_load(file.read_text("utf-8")))
+    for words in (shlex.split(line, comments=True) for line in lines):
+        if words[0] == "fisheye-bench":
+            command = COMMANDS[words[1]]
+            known = {option for one in command.params for option in (*one.opts, *one.secondary_opts)}
+            assert {word for word in words if word.startswith("--")} <= known, words
+            called.setdefault(words[1], []).append(words)
+    assert list(called) == ["validate", "run", "gate"]
+    assert ["--update" in words for words in called["gate"]] == [False, True]
+    assert any(line.startswith("pip install") for line in lines)
+    assert any("fetch_recordings.sh datasets/data" in line for line in lines)
+
+
+def test_there_is_one_for_each_server():
+    assert [file.stem for file in EXAMPLES] == ["gate-github", "gate-gitlab"]
