@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from bench.cli.computing import Computing, render_if_synthetic
-from bench.cli.console import progress_bar, say, show
+from bench.cli.console import note, progress_bar, show
 from bench.cli.interrupts import resumable
 from bench.cli.places import destination
 from bench.cli.running import RunReport, default_folder
@@ -92,4 +92,4 @@ def _print_check(report: PredictionReport) -> None:
     table = prediction_table(report)
     if table is not None:
         show(table)
-    say(prediction_line(report))
+    note(prediction_line(report))

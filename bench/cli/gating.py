@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from bench.cli.console import annotate, say, show
+from bench.cli.console import annotate, note, say, show
 from bench.errors import UsageError
 from bench.gate import (
     MissingBaselineError,
@@ -13,8 +13,10 @@ from bench.gate import (
     Verdict,
     judge,
     load_tolerances,
+    own_baseline,
     read_baseline,
     scored_run,
+    usual_baseline,
     write_baseline,
 )
 from bench.gate.reports import LARGEST_BYTES, remark_lines, to_annotations, to_json, to_junit, to_markdown, to_rich
@@ -27,7 +29,7 @@ PASSED, FAILED, NO_VERDICT = 0, 1, 3
 def gate(
     run: Path,
     *,
-    baseline: Path,
+    baseline: Path | None,
     tolerances: str | None,
     junit: Path | None,
     json: Path | None,
@@ -36,7 +38,10 @@ def gate(
     """Judge a run, print and write the verdict; return the exit status."""
     rules, scored = load_tolerances(tolerances or DEFAULT), scored_run(run)
     try:
-        verdict = judge(read_baseline(baseline), scored, tolerances=rules)
+        file = baseline or usual_baseline(scored)
+        if baseline is None:
+            note(f"baseline {file}")
+        verdict = judge(read_baseline(file), scored, tolerances=rules)
     except MissingBaselineError as error:
         say(f"error: {error}", to_errors=True)
         return NO_VERDICT
@@ -56,11 +61,12 @@ def gate(
     return PASSED if verdict.passed else FAILED
 
 
-def update(run: Path, *, baseline: Path, allow_dirty: bool) -> None:
+def update(run: Path, *, baseline: Path | None, allow_dirty: bool) -> None:
     """Store a run as the baseline."""
     scored = scored_run(run)
-    write_baseline(scored, baseline, allow_dirty=allow_dirty)
-    say(f"{baseline}: {_origin(scored)}")
+    file = baseline or own_baseline(scored)
+    write_baseline(scored, file, allow_dirty=allow_dirty)
+    say(f"{file}: {_origin(scored)}")
 
 
 def refuse_with_update(**options: object) -> None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from bench.cli.computing import Computing, parse_settings, render_if_synthetic
-from bench.cli.console import print_failures, progress_bar, say, show, stage_times
+from bench.cli.console import note, print_failures, progress_bar, say, show, stage_times
 from bench.cli.interrupts import interruptible, resumable
 from bench.cli.places import Destination, destination, parts_of_run
 from bench.cli.viewing import draw_example_frames
@@ -243,17 +243,17 @@ class RunReport:
 def _print_totals(summary: RunSummary, files: Sequence[str]) -> None:
     ledger, images = summary.objects, summary.images
     ignored = ", ".join(f"{count} {reason}" for reason, count in ledger.ignored.items() if count) or "none"
-    say(
+    note(
         f"{ledger.annotated} annotated object-frames: {ledger.evaluated} evaluated, {ledger.static} static, "
         f"ignored: {ignored}"
     )
     if summary.threshold_free is not None:
-        say(threshold_free_line(summary.threshold_free))
-    say(f"{images.images} images: {images.evaluated} scored, {images.skipped} skipped, {images.failed} failed")
+        note(threshold_free_line(summary.threshold_free))
+    note(f"{images.images} images: {images.evaluated} scored, {images.skipped} skipped, {images.failed} failed")
     _print_cost(summary.provenance)
     print_failures(summary.failures, all_in="summary.json")
     for file in files:
-        say(file)
+        note(file)
 
 
 def _print_cost(made: Provenance) -> None:
@@ -262,7 +262,7 @@ def _print_cost(made: Provenance) -> None:
     work = made.work
     images = made.images if work is None else work.images_computed
     rate = images / made.seconds if made.seconds else 0.0
-    say(
+    note(
         f"{made.seconds:.1f} s, {rate:.1f} images per second, peak memory of a process {made.peak_memory_mb:.0f} MB; "
         f"seconds by stage, over all processes: {stages}"
     )
@@ -272,7 +272,7 @@ def _print_cost(made: Provenance) -> None:
             f"{step} found {work.steps_found.get(step, 0)}, computed {work.steps_computed.get(step, 0)}"
             for step in steps
         )
-        say(
+        note(
             f"{work.workers} processes; units computed {work.units_computed}, found done {work.units_reused}"
             + (f"; cache: {cached}" if cached else "")
         )
