@@ -143,13 +143,13 @@ def _print_version(asked: bool) -> None:
 @app.callback()
 def everywhere(
     *,
-    version: Annotated[  # noqa: ARG001
+    version: Annotated[
         bool, typer.Option("--version", is_eager=True, callback=_print_version, help="Print the version and exit.")
     ] = False,
-    verbose: Annotated[  # noqa: ARG001 - taken by `take_verbosity`, here for the help
+    verbose: Annotated[
         bool, typer.Option(*VERBOSE, help="Say which files are used, and the traceback of errors; of every command.")
     ] = False,
-    quiet: Annotated[  # noqa: ARG001
+    quiet: Annotated[
         bool, typer.Option(*QUIET, help="Print tables, verdicts and errors alone; of every command.")
     ] = False,
 ) -> None:
@@ -379,7 +379,9 @@ def synthesize(
 
 @app.command()
 def perf(
-    dataset: Annotated[str, typer.Argument(help="A data-set card: its path, or a name that `datasets` lists.")] = "demo",
+    dataset: Annotated[
+        str, typer.Argument(help="A data-set card: its path, or a name that `datasets` lists.")
+    ] = "demo",
     method: MethodName = "spherical",
     set_: Settings = None,
     protocol: ProtocolName = "paper-v1",
@@ -432,8 +434,8 @@ def gate(
     baseline: Annotated[
         Path | None,
         typer.Option(
-            help="The baseline; default: reports/baselines/<data set>.json, with -<protocol> for another than paper-v1, "
-            "or the one that ships with the package."
+            help="The baseline; default: reports/baselines/<data set>.json, with -<protocol> behind the name unless "
+            "that is paper-v1, or the one that ships with the package."
         ),
     ] = None,
     tolerances: Annotated[
@@ -654,3 +656,30 @@ def annotation_calibration(
     from bench.cli import annotating
 
     annotating.calibration(file, out)
+
+
+NewName = Annotated[str, typer.Argument(metavar="NAME", help="Letters, digits, - and _, for example my-method.")]
+
+
+@new_app.command("method")
+def new_method(name: NewName) -> None:
+    """Write NAME.py with a method that scores at once, and a test of it."""
+    from bench.cli import creating
+
+    creating.new_method(name)
+
+
+@new_app.command("dataset")
+def new_dataset(name: NewName) -> None:
+    """Write datasets/NAME.yaml, a program that writes an example recording, and a test of it."""
+    from bench.cli import creating
+
+    creating.new_dataset(name)
+
+
+@new_app.command("adapter")
+def new_adapter(name: NewName) -> None:
+    """Write NAME/ with an adapter as a package, an example of its layout, a card, and a test of it."""
+    from bench.cli import creating
+
+    creating.new_adapter(name)

@@ -131,7 +131,10 @@ def progress_bar(title: str, unit: str) -> Iterator[Callable[[float, int], None]
         TimeRemainingColumn(),
     )
     with Progress(
-        *columns, console=terminal, disable=not terminal.is_terminal or verbosity() is Verbosity.QUIET, speed_estimate_period=RATE_OVER_S
+        *columns,
+        console=terminal,
+        disable=not terminal.is_terminal or verbosity() is Verbosity.QUIET,
+        speed_estimate_period=RATE_OVER_S,
     ) as bar:
         task = bar.add_task(_harmless(title), total=None, whole="")
 
