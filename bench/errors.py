@@ -90,16 +90,22 @@ class UnknownNameError(UsageError):
         kind: what was looked up, for example "method".
         name: the name that came.
         known: the names that exist.
+        do: where they were looked up, or what else the user can do.
     """
 
-    def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
-        self.kind, self.name, self.known = kind, name, sorted(known)
+    def __init__(self, kind: str, name: str, known: Iterable[str], *, do: str = "") -> None:
+        self.kind, self.name, self.known, self.do = kind, name, sorted(known), do
         nearest = get_close_matches(name, self.known, n=1, cutoff=0.5)
+        told = f"; {do}" if do else ""
         hint = f"; did you mean {nearest[0]!r}?" if nearest else ""
-        super().__init__(f"unknown {kind} {name!r}: known are {', '.join(self.known) or 'none'}{hint}")
+        super().__init__(f"unknown {kind} {name!r}: known are {', '.join(self.known) or 'none'}{told}{hint}")
 
     def __reduce__(self) -> tuple[object, ...]:
-        return UnknownNameError, (self.kind, self.name, self.known)
+        return _unknown_name, (self.kind, self.name, self.known, self.do)
+
+
+def _unknown_name(kind: str, name: str, known: Iterable[str], do: str) -> UnknownNameError:
+    return UnknownNameError(kind, name, known, do=do)
 
 
 def _output_error(file: str, got: str, do: str) -> OutputError:

@@ -7,31 +7,52 @@ import gc
 import sys
 import warnings
 from pathlib import Path
-from typing import Annotated, Literal, TextIO
+from typing import Annotated, Any, Literal, TextIO
 
 import typer
+from typer.core import TyperGroup
 
-from bench.cli.start import refuse_unfit, report_lack_of_memory
+import bench
+from bench.cli.start import QUIET, VERBOSE, Verbosity, refuse_unfit, report_lack_of_memory, take_verbosity, verbosity
 from bench.errors import DISK_FULL, BenchError, UsageError
 
 DATA_ERROR = 2
 OWN_FAULT = 70  # EX_SOFTWARE of sysexits.h; 1, Python's own, would be a verdict of the gate
 
+
+class Commands(TyperGroup):
+    """A group whose help says in whole sentences what each command does."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """List the commands, each with the first paragraph of its help."""
+        named = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
+        rows = [(name, " ".join((one.help or "").split("\n\n")[0].split())) for name, one in named if one is not None]
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
+
+
 app = typer.Typer(
     name="fisheye-bench",
+    cls=Commands,
     help="Score moving-object segmentation in automotive fisheye images against lidar reference polygons.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
 
 annotation_app = typer.Typer(
-    help="Bring annotations of other tools into annotations/, and back.", no_args_is_help=True, rich_markup_mode=None
+    cls=Commands,
+    help="Bring annotations of other tools into annotations/, and back.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
 )
 app.add_typer(annotation_app, name="annotations")
+new_app = typer.Typer(
+    cls=Commands, help="Begin a method, a data set or an adapter.", no_args_is_help=True, rich_markup_mode=None
+)
+app.add_typer(new_app, name="new")
 
-Dataset = Annotated[str, typer.Argument(help="A data-set card: its path, or the name of one under datasets/.")]
+Dataset = Annotated[str, typer.Argument(help="A data-set card: its path, or a name that `datasets` lists.")]
 MethodName = Annotated[str, typer.Option("--method", help="The method; see `methods`.")]
 Settings = Annotated[
     list[str] | None,
@@ -67,15 +88,18 @@ Split = Annotated[str | None, typer.Option("--split", help="A split of the data 
 def main() -> None:
     """Run the command line and exit."""
     atexit.register(gc.freeze)  # or the end takes half a second of looking through all libraries for garbage
+    if not sys.flags.safe_path and str(Path.cwd()) not in sys.path:
+        sys.path.append(str(Path.cwd()))  # a method or adapter beside the user, named as MODULE:CLASS
     warnings.showwarning = _warn
     try:
         refuse_unfit(sys.argv[1:])
         with report_lack_of_memory():
-            app()
+            app(args=take_verbosity(sys.argv[1:]))
     except Exception as error:  # noqa: BLE001 - the last of all handlers
         told = _told(error)
-        if told is None:
+        if told is None or verbosity() is Verbosity.VERBOSE:
             sys.excepthook(*sys.exc_info())
+        if told is None:
             sys.exit(OWN_FAULT)
         _print_error(f"error: {told}")
         sys.exit(DATA_ERROR)
@@ -108,6 +132,28 @@ def _print_error(line: str) -> None:
     from bench.cli.console import say
 
     say(line, to_errors=True)
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"fisheye-bench {bench.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def everywhere(
+    *,
+    version: Annotated[
+        bool, typer.Option("--version", is_eager=True, callback=_print_version, help="Print the version and exit.")
+    ] = False,
+    verbose: Annotated[
+        bool, typer.Option(*VERBOSE, help="Say which files are used, and the traceback of errors; of every command.")
+    ] = False,
+    quiet: Annotated[
+        bool, typer.Option(*QUIET, help="Print tables, verdicts and errors alone; of every command.")
+    ] = False,
+) -> None:
+    """Hold the options of the program itself; its help is that of `app`."""
 
 
 @app.command()
@@ -333,7 +379,9 @@ def synthesize(
 
 @app.command()
 def perf(
-    dataset: Annotated[str, typer.Argument(help="A data-set card.")] = "datasets/demo.yaml",
+    dataset: Annotated[
+        str, typer.Argument(help="A data-set card: its path, or a name that `datasets` lists.")
+    ] = "demo",
     method: MethodName = "spherical",
     set_: Settings = None,
     protocol: ProtocolName = "paper-v1",
@@ -346,8 +394,12 @@ def perf(
 
 
 @app.command()
-def datasets(folder: Annotated[Path, typer.Argument(help="Folder of cards.")] = Path("datasets")) -> None:
-    """List the data-set cards of a folder."""
+def datasets(
+    folder: Annotated[
+        Path | None, typer.Argument(help="Folder of cards; default: all folders where names are looked up.")
+    ] = None,
+) -> None:
+    """List the data sets that a command finds by name, or the cards of a folder."""
     from bench.cli import listing
 
     listing.datasets(folder)
@@ -392,7 +444,13 @@ def cite() -> None:
 @app.command()
 def gate(
     run: Annotated[str, typer.Argument(help="Folder of a stored run, or its address.")],
-    baseline: Annotated[Path, typer.Option(help="The baseline, for example reports/baselines/demo.json.")],
+    baseline: Annotated[
+        Path | None,
+        typer.Option(
+            help="The baseline; default: reports/baselines/<data set>.json, with -<protocol> behind the name unless "
+            "that is paper-v1, or the one that ships with the package."
+        ),
+    ] = None,
     tolerances: Annotated[
         str | None, typer.Option(help="default-v1, rendered-v1, or a YAML file; default: default-v1.")
     ] = None,
@@ -575,7 +633,7 @@ def leaderboard(
 
 
 FormatName = Annotated[str, typer.Argument(metavar="FORMAT", help="A format; see `annotations formats`.")]
-Card = Annotated[str, typer.Option("--dataset", help="A data-set card: its path, or the name of one under datasets/.")]
+Card = Annotated[str, typer.Option("--dataset", help="A data-set card: its path, or a name that `datasets` lists.")]
 ClassPairs = Annotated[
     list[str] | None,
     typer.Option(
@@ -650,3 +708,30 @@ def annotation_calibration(
     from bench.cli import annotating
 
     annotating.calibration(file, out)
+
+
+NewName = Annotated[str, typer.Argument(metavar="NAME", help="Letters, digits, - and _, for example my-method.")]
+
+
+@new_app.command("method")
+def new_method(name: NewName) -> None:
+    """Write NAME.py with a method that scores at once, and a test of it."""
+    from bench.cli import creating
+
+    creating.new_method(name)
+
+
+@new_app.command("dataset")
+def new_dataset(name: NewName) -> None:
+    """Write datasets/NAME.yaml, a program that writes an example recording, and a test of it."""
+    from bench.cli import creating
+
+    creating.new_dataset(name)
+
+
+@new_app.command("adapter")
+def new_adapter(name: NewName) -> None:
+    """Write NAME/ with an adapter as a package, an example of its layout, a card, and a test of it."""
+    from bench.cli import creating
+
+    creating.new_adapter(name)

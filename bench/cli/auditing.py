@@ -10,7 +10,7 @@ from bench.audit import audit_sources, read_misses, read_polygons, run_audit
 from bench.audit.predictions import ALL_PREDICTIONS, Prediction
 from bench.audit.ranking import run_ranking
 from bench.cli.computing import local_executor, parse_settings, render_if_synthetic, split_method
-from bench.cli.console import print_failures, progress_bar, say, show, stage_times
+from bench.cli.console import note, print_failures, progress_bar, say, show, stage_times
 from bench.cli.interrupts import interruptible
 from bench.evaluation import load_protocol
 from bench.harness import Provenance, build_scorable
@@ -131,9 +131,9 @@ def _prediction(name: str) -> Prediction:
 
 
 def _print_tables(tables: Iterable[TextTable]) -> None:
-    for table, note in to_rich(tables):
+    for table, about in to_rich(tables):
         show(table)
-        say(note, style="dim")
+        say(about, style="dim")
         say("")
 
 
@@ -145,4 +145,4 @@ def _print_cost(made: Provenance, *, recordings: int) -> None:
 def _print_ends(failures: Sequence[str], files: Iterable[Path], *, all_in: str) -> None:
     print_failures(failures, all_in=all_in)
     for file in files:
-        say(str(file))
+        note(str(file))

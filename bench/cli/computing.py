@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bench.cli.console import progress_bar, say
+from bench.cli.console import detail, note, progress_bar
 from bench.cli.interrupts import interruptible
 from bench.errors import DataError, UsageError
 from bench.execution import ProcessExecutor, SerialExecutor, TaskExecutor, usable_cores
@@ -131,10 +131,11 @@ def render(scenario: Path, out: Path, *, workers: int | None = None) -> None:
     left = f"the recordings that are done are in {out}, and the same command goes on from there"
     with interruptible(left), progress_bar(f"rendering {scenario.stem}", "recordings") as report:
         folders = synthesize(scenario, out, workers=workers, progress=report)
-    say(f"{len(folders)} recordings in {out}")
+    note(f"{len(folders)} recordings in {out}")
 
 
 def render_if_synthetic(card: DatasetCard) -> None:
     """Render what a card's scenario asks for and is not there yet."""
+    detail(f"card {card.file}, root {card.content.root}")
     if card.scenario is not None and card.remote_root is None:
         render(card.scenario, card.root)

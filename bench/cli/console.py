@@ -29,6 +29,7 @@ from rich.progress import (
 from rich.table import Table
 from rich.text import Text
 
+from bench.cli.start import Verbosity, verbosity
 from bench.errors import OutputError
 from bench.plain_text import plain
 
@@ -49,6 +50,18 @@ def say(line: str, *, style: str = "", to_errors: bool = False) -> None:
         to_errors: to the error stream.
     """
     _print(Text(_harmless(line), style=style), to_errors=to_errors)
+
+
+def note(line: str) -> None:
+    """Print what is no result: cost, files, where something lies; nothing for those who want to read little."""
+    if verbosity() is not Verbosity.QUIET:
+        say(line)
+
+
+def detail(line: str) -> None:
+    """Print what only those want to read who look for a fault, to the error stream."""
+    if verbosity() is Verbosity.VERBOSE:
+        say(line, to_errors=True)
 
 
 def show(table: Table) -> None:
@@ -118,7 +131,10 @@ def progress_bar(title: str, unit: str) -> Iterator[Callable[[float, int], None]
         TimeRemainingColumn(),
     )
     with Progress(
-        *columns, console=terminal, disable=not terminal.is_terminal, speed_estimate_period=RATE_OVER_S
+        *columns,
+        console=terminal,
+        disable=not terminal.is_terminal or verbosity() is Verbosity.QUIET,
+        speed_estimate_period=RATE_OVER_S,
     ) as bar:
         task = bar.add_task(_harmless(title), total=None, whole="")
 

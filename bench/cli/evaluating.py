@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from bench.api.runs import default_folder
 from bench.cli.computing import Computing, render_if_synthetic
-from bench.cli.console import progress_bar, say, show
+from bench.cli.console import note, progress_bar, show
 from bench.cli.interrupts import resumable
 from bench.cli.places import destination
-from bench.cli.running import RunReport, default_folder
+from bench.cli.running import RunReport
 from bench.errors import UsageError
 from bench.evaluation import load_protocol
 from bench.harness import PredictionReport, RunRequest, check_predictions, evaluate_predictions
@@ -92,4 +93,4 @@ def _print_check(report: PredictionReport) -> None:
     table = prediction_table(report)
     if table is not None:
         show(table)
-    say(prediction_line(report))
+    note(prediction_line(report))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from bench.cli.console import annotate, say, show
+from bench.cli.console import annotate, note, say, show
 from bench.errors import BenchError, UsageError
 from bench.gate import (
     MissingBaselineError,
@@ -13,8 +13,10 @@ from bench.gate import (
     Verdict,
     judge,
     load_tolerances,
+    own_baseline,
     read_baseline,
     scored_run,
+    usual_baseline,
     write_baseline,
 )
 from bench.gate.brief import folded_lines, main_rows, overall_rows, worst_line
@@ -32,7 +34,7 @@ PASSED, FAILED, NO_VERDICT = 0, 1, 3
 def gate(
     run: Path,
     *,
-    baseline: Path,
+    baseline: Path | None,
     tolerances: str | None,
     junit: Path | None,
     json: Path | None,
@@ -42,7 +44,10 @@ def gate(
     """Judge a run, print and write the verdict; return the exit status."""
     rules, scored = load_tolerances(tolerances or DEFAULT), scored_run(run)
     try:
-        before = read_baseline(baseline)
+        file = baseline or usual_baseline(scored)
+        if baseline is None:
+            note(f"baseline {file}")
+        before = read_baseline(file)
     except MissingBaselineError as error:
         say(f"error: {error}", to_errors=True)
         return NO_VERDICT
@@ -69,23 +74,24 @@ def gate(
     return PASSED if verdict.passed else FAILED
 
 
-def update(run: Path, *, baseline: Path, allow_dirty: bool, whole: bool) -> None:
+def update(run: Path, *, baseline: Path | None, allow_dirty: bool, whole: bool) -> None:
     """Store a run as the baseline, and print what differs from the one that it replaces."""
     scored = scored_run(run)
+    file = baseline or own_baseline(scored)
     replaced: Verdict | str
     try:
-        replaced = judge(read_baseline(baseline), scored, tolerances=load_tolerances(DEFAULT))
+        replaced = judge(read_baseline(file), scored, tolerances=load_tolerances(DEFAULT))
     except MissingBaselineError:
         replaced = "the first baseline of this name"
     except BenchError as error:
         replaced = f"replaces what does not compare: {error}"
-    write_baseline(scored, baseline, allow_dirty=allow_dirty)
+    write_baseline(scored, file, allow_dirty=allow_dirty)
     if isinstance(replaced, str):
         say(replaced)
     else:
         _print_brief(replaced)
         _print_rest(replaced, whole=whole)
-    say(f"{baseline}: {_origin(scored)}")
+    say(f"{file}: {_origin(scored)}")
 
 
 def refuse_with_update(**options: object) -> None:

@@ -6,20 +6,28 @@ from pathlib import Path
 
 from rich.table import Table
 
-from bench.cli.console import say, show
+from bench.cli.console import note, say, show
 from bench.errors import DataError, UsageError
 from bench.harness import scorable_methods
 from bench.harness.cache import CacheFolder, default_folder
 from bench.methods import describe_method
 from bench.recordings import list_cards
+from bench.recordings.cards import OWN_DATA, card_folders, data_folder
 
 
-def datasets(folder: Path) -> None:
-    """Print the cards of a folder."""
+def datasets(folder: Path | None) -> None:
+    """Print the cards of a folder, or of all folders where names are looked up; a name hides the same one behind it."""
     table = Table("name", "adapter", "licence", "what it is", box=None, title_justify="left")
-    for card in list_cards(folder):
-        table.add_row(card.name, card.content.adapter, card.content.licence, card.content.title)
+    named: set[str] = set()
+    folders = {place: list_cards(place) for place in (card_folders() if folder is None else (folder,))}
+    for card in (card for cards in folders.values() for card in cards if card.file.stem not in named):
+        named.add(card.file.stem)
+        table.add_row(card.file.stem, card.content.adapter, card.content.licence, card.content.title)
     show(table)
+    for place, cards in folders.items():
+        note(f"{place}: {len(cards)} cards")
+    if folder is None and (data := data_folder()) is not None:
+        note(f"{data}: what the cards of the package render ({OWN_DATA} names another folder)")
 
 
 def methods() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from bench.cli.console import progress_bar, say, show
+from bench.cli.console import note, progress_bar, say, show
 from bench.cli.places import destination, finished_run
 from bench.errors import UnknownNameError
 from bench.harness.remote_runs import RemoteRun
@@ -37,7 +37,7 @@ def report(run: str, *, category: str | None, beside: str | None, out: Path | No
     files = (page.file, *write_figures(where.folder, category=kind))
     where.mirror.upload_results()
     for file in files:
-        say(where.display_path(file))
+        note(where.display_path(file))
 
 
 def compare(runs: Sequence[Path], *, out: Path | None, pictures: bool) -> None:
@@ -50,15 +50,15 @@ def compare(runs: Sequence[Path], *, out: Path | None, pictures: bool) -> None:
         counts = comparison.detections[-1]
         say(f"{counts.object_frames} object-frames, detected: {counts.before} before, {counts.after} after; "
              f"{counts.gained} newly detected, {counts.lost} newly missed")  # fmt: skip
-        for note in comparison.notes:
-            say(note)
+        for told in comparison.notes:
+            say(told)
         say(verdict_line(comparison), style="bold")
         say(category_line(comparison))
     for comparison in comparisons:
         for remark in comparison.remarks:
             say(remark, style="red")
     for file in files:
-        say(str(file))
+        note(str(file))
 
 
 def leaderboard(folder: Path, *, out: Path | None, pictures: bool) -> int:
@@ -74,5 +74,5 @@ def leaderboard(folder: Path, *, out: Path | None, pictures: bool) -> int:
         for problem in problems:
             say(f"no picture: {problem}", style="yellow")
         for file in files:
-            say(str(file))
+            note(str(file))
     return len(found.damaged)

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import hashlib
-import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from bench.api.runs import default_folder, non_default_settings
 from bench.cli.computing import Computing, parse_settings, render_if_synthetic
-from bench.cli.console import print_failures, progress_bar, say, show, stage_times
+from bench.cli.console import note, print_failures, progress_bar, say, show, stage_times
 from bench.cli.interrupts import interruptible, resumable
 from bench.cli.places import Destination, destination, parts_of_run
 from bench.cli.viewing import draw_example_frames
-from bench.errors import BenchError, UsageError
+from bench.errors import UsageError
 from bench.evaluation import Protocol, load_protocol
 from bench.harness import (
     Provenance,
@@ -27,16 +26,12 @@ from bench.harness import (
     run_shard,
 )
 from bench.harness.shards import Shard
-from bench.methods import Method
 from bench.recordings import DatasetCard, load_card
 from bench.reporting.leaderboard.texts import best_line
 from bench.reporting.table_files import write_report_files
 from bench.reporting.tables import TableRow, threshold_free_line, to_rich
 
-RUNS = Path("reports/runs")
 LEADERBOARD = Path("reports/leaderboard/leaderboard.json")  # of this checkout, as `make leaderboard` wrote it
-DEFAULT_PROTOCOL = "paper-v1"
-LONGEST_NAME = 120  # characters of a folder's name
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -174,41 +169,6 @@ def merge(run: str, parts: Sequence[str], *, overwrite: bool, pictures: bool) ->
     return len(summary.failures)
 
 
-def default_folder(
-    card: DatasetCard, method: str, settings: Iterable[tuple[str, object]], protocol: Protocol, split: str | None
-) -> Path:
-    """Where a run goes that no folder is named for: whatever is not the default is part of the name.
-
-    Args:
-        card: the data set.
-        method: name of the method.
-        settings: those that are not the default.
-        protocol: the rules.
-        split: of the data set; None for all.
-    """
-    words = [card.name, method, *(f"{name}-{value}" for name, value in settings)]
-    words += [protocol.name] if protocol.name != DEFAULT_PROTOCOL else []
-    words += [split] if split is not None else []
-    name = re.sub(r"[^A-Za-z0-9_.-]+", "_", "-".join(words))
-    if len(name) > LONGEST_NAME:
-        name = f"{name[:LONGEST_NAME]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
-    return RUNS / name
-
-
-def non_default_settings(method: Method, named: str) -> list[tuple[str, object]]:
-    """Settings that are not the default; all of a method that cannot be built without any.
-
-    Args:
-        method: as it is scored.
-        named: what the command line calls it.
-    """
-    try:
-        usual = build_scorable(named).settings()
-    except BenchError:
-        usual = {}
-    return [(name, value) for name, value in method.settings().items() if name not in usual or usual[name] != value]
-
-
 @dataclass(kw_only=True)
 class RunReport:
     """What belongs to the results of a run beside its tables of counts, and what is printed of it.
@@ -254,17 +214,17 @@ class RunReport:
 def _print_totals(summary: RunSummary, files: Sequence[str]) -> None:
     ledger, images = summary.objects, summary.images
     ignored = ", ".join(f"{count} {reason}" for reason, count in ledger.ignored.items() if count) or "none"
-    say(
+    note(
         f"{ledger.annotated} annotated object-frames: {ledger.evaluated} evaluated, {ledger.static} static, "
         f"ignored: {ignored}"
     )
     if summary.threshold_free is not None:
-        say(threshold_free_line(summary.threshold_free))
-    say(f"{images.images} images: {images.evaluated} scored, {images.skipped} skipped, {images.failed} failed")
+        note(threshold_free_line(summary.threshold_free))
+    note(f"{images.images} images: {images.evaluated} scored, {images.skipped} skipped, {images.failed} failed")
     _print_cost(summary.provenance)
     print_failures(summary.failures, all_in="summary.json")
     for file in files:
-        say(file)
+        note(file)
 
 
 def _print_cost(made: Provenance) -> None:
@@ -273,7 +233,7 @@ def _print_cost(made: Provenance) -> None:
     work = made.work
     images = made.images if work is None else work.images_computed
     rate = images / made.seconds if made.seconds else 0.0
-    say(
+    note(
         f"{made.seconds:.1f} s, {rate:.1f} images per second, peak memory of a process {made.peak_memory_mb:.0f} MB; "
         f"seconds by stage, over all processes: {stages}"
     )
@@ -283,7 +243,7 @@ def _print_cost(made: Provenance) -> None:
             f"{step} found {work.steps_found.get(step, 0)}, computed {work.steps_computed.get(step, 0)}"
             for step in steps
         )
-        say(
+        note(
             f"{work.workers} processes; units computed {work.units_computed}, found done {work.units_reused}"
             + (f"; cache: {cached}" if cached else "")
         )

@@ -5,12 +5,40 @@ from __future__ import annotations
 import errno
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from enum import Enum
 
 from bench.errors import BenchError, UsageError
 
 LEAST_ADDRESSES_BYTES = 3_000_000_000  # a run takes 1.5 GB; with 2 GB a library now and then aborts the process
 HELP = "--help"
 NO_MEMORY = ("failed to map segment", "cannot allocate memory", "can't start new thread", "bad_alloc")
+
+VERBOSE, QUIET = ("-v", "--verbose"), ("-q", "--quiet")
+
+
+class Verbosity(Enum):
+    """How much the user wants to read."""
+
+    QUIET = "quiet"
+    USUAL = "usual"
+    VERBOSE = "verbose"
+
+
+_verbosity = Verbosity.USUAL
+
+
+def verbosity() -> Verbosity:
+    """How much the user wants to read."""
+    return _verbosity
+
+
+def take_verbosity(arguments: Sequence[str]) -> list[str]:
+    """Take `-v` and `-q` out of a command line, before or behind the command, and hold to them from now on."""
+    global _verbosity
+    end = arguments.index("--") if "--" in arguments else len(arguments)
+    asked = [word for word in arguments[:end] if word in {*VERBOSE, *QUIET}]
+    _verbosity = Verbosity.USUAL if not asked else Verbosity.VERBOSE if asked[-1] in VERBOSE else Verbosity.QUIET
+    return [word for word in arguments[:end] if word not in {*VERBOSE, *QUIET}] + list(arguments[end:])
 
 
 def refuse_unfit(arguments: Sequence[str]) -> None:

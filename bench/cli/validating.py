@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -101,7 +100,5 @@ def _imported(name: str) -> Adapter:
     module, _, function = name.partition(":")
     if not module or not function:
         raise UsageError(f"--adapter: expected module:function, got {name!r}")
-    if str(Path.cwd()) not in sys.path:
-        sys.path.insert(0, str(Path.cwd()))  # a module beside the user, not installed
     adapter: Adapter = imported(name, expected=f"--adapter {name}: expected a function")
     return adapter

@@ -16,7 +16,15 @@ written), `brief` (what of it is read first), `terminal`, `reports` (JUnit XML, 
 Only the command line calls this package.
 """
 
-from bench.gate.baseline import MissingBaselineError, ScoredRun, read_baseline, scored_run, write_baseline
+from bench.gate.baseline import (
+    MissingBaselineError,
+    ScoredRun,
+    own_baseline,
+    read_baseline,
+    scored_run,
+    usual_baseline,
+    write_baseline,
+)
 from bench.gate.judge import judge
 from bench.gate.tolerances import Tolerances, known_tolerances, load_tolerances
 from bench.gate.verdict import Check, Outcome, Row, Verdict
@@ -32,7 +40,9 @@ __all__ = [
     "judge",
     "known_tolerances",
     "load_tolerances",
+    "own_baseline",
     "read_baseline",
     "scored_run",
+    "usual_baseline",
     "write_baseline",
 ]

@@ -11,9 +11,12 @@ from bench.evaluation.paired import RecordingSums, recording_sums
 from bench.evaluation.summary import ProtocolStamp
 from bench.harness import open_tables, read_protocol, read_run
 from bench.harness.method_stamp import MethodStamp
+from bench.recordings.cards import shipped_folder
 from bench.recordings.sealed_json import read_sealed, write_sealed
 from bench.recordings.validation import FileModel
 
+BASELINES = Path("reports/baselines")
+USUAL_PROTOCOL = "paper-v1"
 SCHEMA_VERSION: Literal[1] = 1
 ONE_LINE_DEPTH = 4  # of the stored JSON: the sums of one metric of one slice, so that a diff shows what changed
 
@@ -98,6 +101,19 @@ def scored_run(run: Path) -> ScoredRun:
         failures=summary.failures,
         sheet=recording_sums(objects, frames, protocol=protocol),
     )
+
+
+def own_baseline(run: ScoredRun) -> Path:
+    """Where the baseline of a run lies unless another file is named, below the working folder."""
+    words = [run.dataset, *([] if run.protocol.name == USUAL_PROTOCOL else [run.protocol.name])]
+    return BASELINES / f"{'-'.join(words)}.json"
+
+
+def usual_baseline(run: ScoredRun) -> Path:
+    """What a run is judged by unless another file is named: the own baseline, else one that ships with the package."""
+    own = own_baseline(run)
+    shipped = shipped_folder("baselines") / own.name
+    return shipped if shipped.is_file() and not own.is_file() else own
 
 
 def read_baseline(file: Path) -> ScoredRun:

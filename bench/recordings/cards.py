@@ -2,16 +2,21 @@
 
 A card never holds data. Its `root` may name environment variables (`${FISHEYE_BENCH_REAL}/aimotive`), so that a card
 can be committed while the data stays where each user keeps it.
+
+A name is looked up in `datasets/` of the working folder, in the user's own folder of cards, and among the cards that
+ship with the package. An installed package writes nothing beside itself: what its cards render goes to a cache folder.
 """
 
 from __future__ import annotations
 
 import os
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any, Literal
 
+from platformdirs import user_cache_path, user_config_path
 from pydantic import Field, model_validator
 
 from bench.errors import DataError, UnknownNameError, UsageError
@@ -21,7 +26,9 @@ from bench.recordings.handles import Exclusion
 from bench.recordings.remote.urls import RemoteUrl, parse_location
 from bench.recordings.validation import FileModel, validated
 
-DEFAULT_FOLDER = Path("datasets")
+WORKING_FOLDER = Path("datasets")
+OWN_CARDS, OWN_DATA = "FISHEYE_BENCH_DATASETS", "FISHEYE_BENCH_DATA"
+RENDERED = PurePath("data")  # below it lie the roots of the cards that ship
 LARGEST_CARD_BYTES = 1_000_000
 
 
@@ -32,7 +39,8 @@ class CardFile(FileModel):
         name: short name, as results carry it.
         title: one line for lists.
         adapter: a name of `ADAPTERS` or of an entry point.
-        root: folder of the data; relative to the card, `${VARIABLE}` expanded; or an address as `s3://bucket/folder`.
+        root: folder of the data; relative to the card (of cards that ship with the package, see `data_folder`),
+            `${VARIABLE}` expanded; or an address as `s3://bucket/folder`.
         scenario: scenario file, relative to the card, that is rendered into `root` when that is missing and
             no address.
         annotations: folder of annotation files apart from the data, relative to the card.
@@ -137,35 +145,85 @@ class DatasetCard:
             place = parse_location(re.sub(r"\$\{(\w+)\}", expanded, path))
         except UsageError as error:
             raise DataError(self.file, field=field, expected="a folder or an address", got=str(error)) from error
-        return place if isinstance(place, RemoteUrl) else self.file.parent / place.expanduser()
+        if isinstance(place, RemoteUrl):
+            return place
+        place = place.expanduser()
+        data = data_folder()
+        ships = data is not None and field == "root" and _same(self.file.parent, shipped_folder())
+        if data is not None and ships and place.is_relative_to(RENDERED):
+            return data / place.relative_to(RENDERED)
+        return self.file.parent / place
 
 
-def load_card(path_or_name: Path | str, *, folder: Path = DEFAULT_FOLDER) -> DatasetCard:
+def shipped_folder(kind: Literal["datasets", "baselines"] = "datasets") -> Path:
+    """Where the cards, or the baselines, lie that ship with the package: inside of it, or in the checkout."""
+    package = Path(__file__).parents[1]
+    installed = package / "shipped" / kind
+    return installed if installed.is_dir() else package.parent / {"baselines": "reports/baselines"}.get(kind, kind)
+
+
+def data_folder() -> Path | None:
+    """Where the data lie that the shipped cards render; None for beside the cards, as in a checkout.
+
+    The folder that `FISHEYE_BENCH_DATA` names; without it, for an installed package, the user's cache folder.
+    """
+    named = os.environ.get(OWN_DATA)
+    if named:
+        return Path(named).expanduser()
+    installed = shipped_folder().parent.name == "shipped"
+    return user_cache_path("fisheye-bench", appauthor=False) / "data" if installed else None
+
+
+def card_folders() -> tuple[Path, ...]:
+    """Where names are looked up, in this order: `datasets/`, the user's own folder, what ships with the package."""
+    named = os.environ.get(OWN_CARDS)
+    own = Path(named).expanduser() if named else user_config_path("fisheye-bench", appauthor=False) / "datasets"
+    shipped = shipped_folder()
+    first = () if _same(WORKING_FOLDER, shipped) else (shipped,)
+    return (WORKING_FOLDER, own, *first)
+
+
+def load_card(path_or_name: Path | str, *, folder: Path | None = None) -> DatasetCard:
     """Read a card.
 
     Args:
-        path_or_name: path of a YAML file, or the name of one in `folder` without its suffix.
-        folder: where names are looked up.
+        path_or_name: path of a YAML file, or the name of one without its suffix.
+        folder: the only one where names are looked up; None for `card_folders`.
 
     Raises:
-        UnknownNameError: a name without a card.
+        UnknownNameError: a name without a card; says where it was looked up.
         DataError: a card that is missing or says what a card cannot say.
     """
     path = Path(path_or_name)
     if path.suffix not in {".yaml", ".yml"}:
-        path = folder / f"{path_or_name}.yaml"
-        if not path.is_file():
-            raise UnknownNameError("data set", str(path_or_name), (p.stem for p in folder.glob("*.yaml")))
+        path = _find_card(str(path_or_name), card_folders() if folder is None else (folder,))
+    elif not path.exists() and (shipped_folder() / path.name).is_file():
+        do = f"the card {path.stem!r} ships with the package and is found by this name, without folder and suffix"
+        raise DataError(path, expected="a readable card", got="no such file", do=do)
     return DatasetCard(file=path, content=validated(CardFile, _read_yaml(path), file=path))
 
 
-def list_cards(folder: Path = DEFAULT_FOLDER) -> tuple[DatasetCard, ...]:
+def list_cards(folder: Path) -> tuple[DatasetCard, ...]:
     """Every card of a folder, by file name; other YAML files, which have no `adapter`, are passed over.
 
     Raises:
         DataError: a card that cannot be read.
     """
     return tuple(load_card(path) for path in sorted(folder.glob("*.yaml")) if "adapter" in _read_yaml(path))
+
+
+def _find_card(name: str, folders: Sequence[Path]) -> Path:
+    for folder in folders:
+        path = folder / f"{name}.yaml"
+        if path.is_file():
+            return path
+    known = {path.stem for folder in folders for path in folder.glob("*.yaml") if not path.stem.endswith(".scenario")}
+    places = ", ".join(str(folder) for folder in folders)
+    raise UnknownNameError("data set", name, known, do=f"looked in {places}; a card elsewhere is named by its path")
+
+
+def _same(one: Path, other: Path) -> bool:
+    return one.resolve() == other.resolve()
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:

@@ -117,7 +117,7 @@ def test_perf_prints_the_ratio(monkeypatch, capsys, tiny_card):
 
 def test_lists(monkeypatch, capsys, tiny_card):
     assert call(monkeypatch, "datasets", tiny_card.parent) == 0
-    assert "three short drives" in capsys.readouterr().out
+    assert "Three rendered drives" in capsys.readouterr().out
     assert call(monkeypatch, "methods") == 0
     assert "spherical" in capsys.readouterr().out
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.cli.running import RUNS, default_folder, non_default_settings
+from bench.api.runs import RUNS, default_folder, non_default_settings
 from bench.errors import DataError
 from bench.evaluation import load_protocol
 from bench.harness import RunRequest, run_benchmark

@@ -53,7 +53,7 @@ def wild(tiny_card, tmp_path_factory):
     """A data set whose objects, title, licence and caveats are wild words, and a wild method."""
     folder = shutil.copytree(tiny_card.parent, tmp_path_factory.mktemp("wild") / "datasets")
     card = (folder / "tiny.yaml").read_text().replace("scenario: tiny.scenario.yaml\n", "")
-    card = card.replace("title: three short drives for the tests", f"title: {json.dumps(WILD)}")
+    card = re.sub("title: .*", lambda _: f"title: {json.dumps(WILD)}", card)
     card = card.replace("licence: CC0-1.0", f"licence: {json.dumps(WILD)}\ncaveats: {json.dumps(WILD)}")
     (folder / "tiny.yaml").write_text(card)
     for file in (folder / "data" / "tiny").glob("*/annotations.json"):

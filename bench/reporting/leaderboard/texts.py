@@ -31,8 +31,8 @@ NOTE = (
     "Of the images that all runs of a table scored, in percent. Runs stand in one table if they have at least "
     f"{100 * LEAST_COMMON:.0f} % of their images in common and the same reference on these. {formats.INTERVALS} "
     "Ordered by IoU over all moving object-frames, an undetected one having 0. Methods whose intervals overlap may "
-    "still differ: compare judges runs in pairs. Chance: detection at the same level on the mask of another frame. False positives: "
-    "share of the image."
+    "still differ: compare judges runs in pairs. Chance: detection at the same level on the mask of another frame. "
+    "False positives: share of the image."
 )
 ORACLE_NOTE = (
     "No methods: the exact masks of rendered data are the ceiling, what a perfect method scores; oracles are told what "

@@ -1,0 +1,5 @@
+"""The Python interface, the same that the commands use; `import bench` offers it, and loads each part on first use.
+
+`arrays`: `score` compares arrays and needs no recording. `datasets`: `open_dataset` gives recordings, and their images
+with the reference. `runs`: `run` scores a method on a data set and stores the run; `load_run` reads a stored one.
+"""

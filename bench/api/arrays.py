@@ -1,0 +1,291 @@
+"""Score a mask against a reference, both arrays: no recording, no lidar, no files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import cv2
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import shapely
+from numpy.typing import ArrayLike, NDArray
+from shapely import Polygon
+
+from bench.errors import ShapeError, UsageError
+from bench.evaluation import Protocol, SequenceScorer, load_protocol
+from bench.evaluation.row_source import Columns
+from bench.evaluation.sums import (
+    FALSE_POSITIVE_RATIOS,
+    OBJECT_RATIOS,
+    SEGMENTATION_RATIOS,
+    Column,
+    SumRatio,
+    coverage,
+    frame_accumulators,
+    intersection_over_union,
+    object_accumulators,
+)
+from bench.methods import Segmentation
+from bench.reference import Category, IgnoreReason, ReferenceFrame, ReferenceObject, Status
+from bench.reference.polygons import rasterise
+
+Mask = NDArray[np.bool_]
+Polygons = Sequence[ArrayLike | Polygon]
+LEVELS = (0.1, 0.5)  # of coverage, at which an object counts as detected as well
+CHANCE = "chance"  # needs a mask of another time
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Score:
+    """What masks score against references: counts first, ratios last, as docs/metrics.md defines them.
+
+    Ratios are shares in [0, 1], NaN without cases.
+    """
+
+    _objects: pa.Table
+    _frames: pa.Table
+
+    @classmethod
+    def of(cls, scores: Iterable[Score]) -> Score:
+        """The score of all images of several scores.
+
+        Raises:
+            UsageError: no score.
+        """
+        held = list(scores)
+        if not held:
+            raise UsageError("expected at least one score, got none")
+        tables = [pa.concat_tables(parts) for parts in zip(*((s._objects, s._frames) for s in held), strict=True)]
+        return cls(_objects=tables[0], _frames=tables[1])
+
+    @property
+    def objects(self) -> pd.DataFrame:
+        """One row per evaluated object and image: its counts tp, fn, fp in pixels, coverage and IoU."""
+        rows = self._evaluated
+        names = ("tp", "fn", "fp")
+        tp, fn, fp = (rows.numbers(name) for name in names)
+        table: pd.DataFrame = rows.table.select(["recording", "camera", "timestamp_ns", "track_id", *names]).to_pandas()
+        return table.assign(coverage=coverage(tp, fn), iou=intersection_over_union(tp, fp, fn))
+
+    @property
+    def images(self) -> pd.DataFrame:
+        """One row per image: pixels of image, V, reference, I and D, and those that are true and false."""
+        images: pd.DataFrame = self._frames.to_pandas()
+        return images.dropna(axis="columns", how="all")
+
+    @property
+    def metrics(self) -> dict[str, float]:
+        """All ratios by name: those of objects, of false positives (`fp_...`), of all pixels (`pixel_...`)."""
+        of_objects = object_accumulators(self._evaluated, levels=LEVELS)
+        of_frames = frame_accumulators(Columns(self._frames))
+        levels = {f"detection_rate_{100 * level:g}": (f"detected_{100 * level:g}", "all") for level in LEVELS}
+        ratios = {name: ratio for name, ratio in OBJECT_RATIOS.items() if name != CHANCE} | levels
+        return {
+            **_ratios(of_objects, ratios),
+            **_ratios(of_frames, {f"fp_{name}": ratio for name, ratio in FALSE_POSITIVE_RATIOS.items()}),
+            **_ratios(of_frames, {f"pixel_{name}": ratio for name, ratio in SEGMENTATION_RATIOS.items()}),
+        }
+
+    @property
+    def detection_rate(self) -> float:
+        """Share of the objects of which any pixel is detected."""
+        return self.metrics["detection_rate"]
+
+    @property
+    def tpr(self) -> float:
+        """Mean coverage of the detected objects, the paper's wording."""
+        return self.metrics["tpr"]
+
+    @property
+    def iou(self) -> float:
+        """Mean IoU of all objects, an undetected one having 0."""
+        return self.metrics["iou"]
+
+    @property
+    def iou_detected(self) -> float:
+        """Mean IoU of the detected objects, which compares with the paper."""
+        return self.metrics["iou_detected"]
+
+    @property
+    def false_positives(self) -> float:
+        """False-positive coverage: what is marked outside of every object and of I, as a share of the image."""
+        return self.metrics["fp_coverage"]
+
+    @property
+    def _evaluated(self) -> Columns:
+        rows = Columns(self._objects)
+        return rows.take(rows.is_word("status", Status.EVALUATED.value))
+
+    def __repr__(self) -> str:
+        told = {name: getattr(self, name) for name in ("iou", "tpr", "detection_rate", "false_positives")}
+        shown = ", ".join(f"{name}={value:.3f}" for name, value in told.items())
+        return f"Score({shown}; {len(self._evaluated)} objects in {len(self._frames)} images)"
+
+
+def score(
+    reference: NDArray[np.generic] | Polygons | ReferenceFrame,
+    mask: NDArray[np.generic],
+    *,
+    ignored: NDArray[np.bool_] | Polygons | None = None,
+    valid: NDArray[np.bool_] | None = None,
+) -> Score:
+    """Score the mask of one image.
+
+    Args:
+        reference: what moves, as one of
+
+            - a label image, (H, W) integers: 0 for the background, any other number for one object;
+            - a mask, (H, W) bool: each connected component (8 neighbours) is an object, as in the protocol masks-v1;
+            - polygons, each (K, 2) numbers (u, v) in pixels, or of shapely, the nearest first, as it hides
+              the others;
+            - the reference of a `Frame`.
+        mask: (H, W) bool, or integers that are not 0 where something moves.
+        ignored: (H, W) bool or polygons, where a detection is neither right nor wrong.
+        valid: (H, W) bool, pixels that count; None for all.
+
+    Raises:
+        ShapeError: arrays of another size or type than these.
+        UsageError: `ignored` or `valid` beside a `Frame`'s reference, which holds its own.
+
+    Example:
+        An object of 4 x 4 pixels, of which the mask finds the upper half, and 2 pixels beside it:
+
+        >>> labels = np.zeros((10, 10), dtype=int)
+        >>> labels[2:6, 2:6] = 1
+        >>> mask = np.zeros((10, 10), dtype=bool)
+        >>> mask[2:4, 2:7] = True
+        >>> round(score(labels, mask).iou, 3)  # 8 / (16 + 2)
+        0.444
+    """
+    moving = _mask(mask)
+    if isinstance(reference, ReferenceFrame):
+        if ignored is not None or valid is not None:
+            raise UsageError("ignored, valid: expected none beside the reference of a frame, which holds its own")
+        frame = reference
+    else:
+        frame = _reference_frame(reference, moving.shape, ignored=ignored, valid=valid)
+    scorer = SequenceScorer(_protocol())
+    scorer.add(frame, Segmentation(cell_size_px=1, mask=moving))
+    objects, frames = scorer.finish()
+    return Score(_objects=objects, _frames=frames)
+
+
+@cache
+def _protocol() -> Protocol:
+    """Of which only the size of a large false positive matters here."""
+    return load_protocol("paper-v1")
+
+
+def _reference_frame(
+    reference: NDArray[np.generic] | Polygons,
+    shape: tuple[int, ...],
+    *,
+    ignored: NDArray[np.bool_] | Polygons | None,
+    valid: NDArray[np.bool_] | None,
+) -> ReferenceFrame:
+    counted = np.ones(shape, dtype=bool) if valid is None else _flags(valid, shape, "valid")
+    labels, names = _labels(reference, shape)
+    labels = np.where(counted, labels, np.int32(0))
+    left_out = np.zeros(shape, dtype=bool)
+    if ignored is not None:
+        whole = isinstance(ignored, np.ndarray)
+        left_out = _flags(ignored, shape, "ignored") if whole else _drawn(ignored, shape, "ignored")[0] > 0
+    region_px = np.bincount(labels.ravel(), minlength=len(names) + 1)[1:].tolist()
+    return ReferenceFrame(
+        recording="",
+        camera="",
+        timestamp_ns=0,
+        ego_speed_mps=float("nan"),
+        objects=tuple(_object(name, px) for name, px in zip(names, region_px, strict=True)),
+        labels=labels,
+        ignored=left_out & (labels == 0),
+        valid=counted,
+    )
+
+
+def _labels(
+    reference: NDArray[np.generic] | Polygons, shape: tuple[int, ...]
+) -> tuple[NDArray[np.int32], tuple[str, ...]]:
+    """(H, W), k + 1 where the k-th object is seen, and the objects' names."""
+    if not (isinstance(reference, np.ndarray) and reference.ndim == 2):
+        return _drawn(reference, shape, "reference")
+    if reference.dtype == bool:
+        flags = _flags(reference, shape, "reference")
+        count, components = cv2.connectedComponents(flags.view(np.uint8), connectivity=8)
+        return components.astype(np.int32), tuple(f"component-{number}" for number in range(1, count))
+    if not np.issubdtype(reference.dtype, np.integer) or reference.shape != shape:
+        raise _unfit("reference", "label image of integers", shape, reference)
+    marked = reference != 0
+    numbers, order = np.unique(reference[marked], return_inverse=True)
+    labels = np.zeros(shape, dtype=np.int32)
+    labels[marked] = order + 1
+    return labels, tuple(str(number) for number in numbers.tolist())
+
+
+def _drawn(polygons: object, shape: tuple[int, ...], name: str) -> tuple[NDArray[np.int32], tuple[str, ...]]:
+    """Polygons, the first in front."""
+    if not isinstance(polygons, Sequence | np.ndarray):
+        raise UsageError(f"{name}: expected an array or a list of polygons, got {type(polygons).__name__}")
+    labels = np.zeros(shape, dtype=np.int32)
+    for number, outline in enumerate(polygons, start=1):
+        window, covered = rasterise(_polygon(outline, f"{name}[{number - 1}]"), width=shape[1], height=shape[0])
+        free = labels[window] == 0
+        labels[window][covered & free] = number
+    return labels, tuple(f"polygon-{number}" for number in range(1, len(polygons) + 1))
+
+
+def _polygon(outline: object, name: str) -> Polygon:
+    if isinstance(outline, Polygon):
+        return outline
+    corners = np.asarray(outline, dtype=np.float64)
+    if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3 or not np.isfinite(corners).all():
+        raise ShapeError(f"{name}: expected a polygon of at least three corners (u, v), got {corners.shape}")
+    return shapely.Polygon(corners)
+
+
+def _object(name: str, region_px: int) -> ReferenceObject:
+    return ReferenceObject(
+        track_id=name,
+        object_class="unknown",
+        status=Status.EVALUATED if region_px else Status.IGNORED,
+        reason=None if region_px else IgnoreReason.OCCLUDED,
+        category=Category.MOVING,
+        direction=None,
+        speed_mps=float("nan"),
+        range_m=float("nan"),
+        centroid_m=np.full(2, np.nan),
+        points=0,
+        polygon=None,
+        polygon_px=region_px,
+        region_px=region_px,
+    )
+
+
+def _mask(mask: NDArray[np.generic]) -> Mask:
+    """A mask as flags; a likelihood is refused, since nobody said from which value on something moves."""
+    values = np.asarray(mask)
+    if values.ndim != 2 or not (values.dtype == bool or np.issubdtype(values.dtype, np.integer)):
+        got = f"{values.shape} of {values.dtype}"
+        raise ShapeError(
+            f"mask: expected (height, width) of bool or integers, got {got}; for scores, pass scores > 0.5"
+        )
+    return np.ascontiguousarray(values != 0)
+
+
+def _flags(values: object, shape: tuple[int, ...], name: str) -> Mask:
+    flags = np.asarray(values)
+    if flags.shape != shape or flags.dtype != bool:
+        raise _unfit(name, "mask of bool", shape, flags)
+    return np.ascontiguousarray(flags)
+
+
+def _unfit(name: str, kind: str, shape: tuple[int, ...], got: NDArray[np.generic]) -> ShapeError:
+    return ShapeError(f"{name}: expected a {kind} of the mask's size {shape}, got {got.shape} of {got.dtype}")
+
+
+def _ratios(accumulators: dict[str, Column], ratios: dict[str, SumRatio]) -> dict[str, float]:
+    sums = {name: float(values.sum()) for name, values in accumulators.items()}
+    return {name: sums[a] / sums[b] if sums[b] else float("nan") for name, (a, b) in ratios.items()}

@@ -1,0 +1,183 @@
+"""Score a method on a data set and read what was stored."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import pandas as pd
+import pyarrow as pa
+
+from bench.api.datasets import render_if_missing
+from bench.errors import BenchError, UsageError
+from bench.evaluation import ObjectMetrics, Protocol, load_protocol
+from bench.execution import ProcessExecutor, SerialExecutor, TaskExecutor
+from bench.harness import RunRequest, RunSummary, build_scorable, read_run, read_tables, run_benchmark
+from bench.harness.cache import CacheFolder
+from bench.harness.stages import Progress
+from bench.methods import Method
+from bench.recordings import DatasetCard, load_card
+from bench.reporting.table_files import write_report_files
+
+RUNS = Path("reports/runs")
+DEFAULT_PROTOCOL = "paper-v1"
+LONGEST_NAME = 120  # characters of a folder's name
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Run:
+    """A stored run.
+
+    Attributes:
+        folder: where it lies, tables and maps beside it.
+        summary: all metrics with intervals, failures, provenance.
+    """
+
+    folder: Path
+    summary: RunSummary
+
+    @cached_property
+    def metrics(self) -> pd.DataFrame:
+        """The table of the run: one row per kind of motion and "all_moving", shares in [0, 1], NaN without cases."""
+        rows = {**self.summary.categories, "all_moving": self.summary.all_moving}
+        return pd.DataFrame.from_dict({name: _row(row) for name, row in rows.items()}, orient="index")
+
+    @cached_property
+    def objects(self) -> pd.DataFrame:
+        """One row per annotated object and image, whatever its status; columns as in `objects.parquet`."""
+        objects: pd.DataFrame = self._tables[0].to_pandas()
+        return objects
+
+    @cached_property
+    def frames(self) -> pd.DataFrame:
+        """One row per image; columns as in `frames.parquet`, without histograms."""
+        frames: pd.DataFrame = self._tables[1].to_pandas()
+        return frames.dropna(axis="columns", how="all")
+
+    @cached_property
+    def _tables(self) -> tuple[pa.Table, pa.Table]:
+        return read_tables(self.folder, histograms=False)
+
+    @property
+    def false_positives(self) -> float:
+        """Mean share of the image that is marked wrongly."""
+        return self.summary.false_positives.coverage.value
+
+
+def run(
+    dataset: str | Path | DatasetCard,
+    method: str | Method = "spherical",
+    *,
+    settings: Mapping[str, object] | None = None,
+    protocol: str | Path = DEFAULT_PROTOCOL,
+    split: str | None = None,
+    out: str | Path | None = None,
+    overwrite: bool = False,
+    workers: int = 1,
+    cache: str | Path | None = None,
+    progress: Progress | None = None,
+) -> Run:
+    """Score a method on a data set and store the run with its tables and range maps, as `fisheye-bench run` does.
+
+    A run that was interrupted continues where it stopped, by the same call.
+
+    Args:
+        dataset: card, by path or by a name that `fisheye-bench datasets` lists.
+        method: by name, as "module:Class", or an object with `name`, `history`, `settings()` and `segment()`.
+        settings: parameters of a method that is given by name.
+        protocol: by name or file.
+        split: of the data set; None for all of it.
+        out: folder of the run; None for `reports/runs/<data set>-<method>`.
+        overwrite: replace the run of another experiment in the folder.
+        workers: processes. More than one need a method that can be imported, not one of a notebook's cell, and in a
+            program `if __name__ == "__main__":` around the call.
+        cache: folder where flow, likelihood and reference are stored for other runs; None for nowhere.
+        progress: called with the images done and their number.
+
+    Raises:
+        UnknownNameError: no data set, method, protocol or split of this name.
+        UsageError: settings that the method does not take, or beside an object.
+        DataError: nothing of the data set could be used, or `out` holds another experiment.
+    """
+    card = dataset if isinstance(dataset, DatasetCard) else load_card(dataset)
+    rules = load_protocol(protocol)
+    if isinstance(method, str):
+        chosen, named = build_scorable(method, settings), method
+    elif settings:
+        raise UsageError("settings: expected none beside a method that is built already")
+    else:
+        chosen, named = method, method.name
+    usual = default_folder(card, chosen.name, non_default_settings(chosen, named), rules, split)
+    folder = usual if out is None else Path(out)
+    render_if_missing(card, workers=workers)
+    executor: TaskExecutor = SerialExecutor() if workers == 1 else ProcessExecutor(workers=workers)
+    request = RunRequest(
+        card=card,
+        method=chosen,
+        protocol=rules,
+        out=folder,
+        split=split,
+        overwrite=overwrite,
+        executor=executor,
+        cache=None if cache is None else CacheFolder(folder=Path(cache)),
+        progress=progress,
+    )
+    summary = run_benchmark(request, finish=_write_report)
+    return Run(folder=folder, summary=summary)
+
+
+def load_run(folder: str | Path) -> Run:
+    """Read a stored run.
+
+    Raises:
+        DataError: missing, damaged, or of an unknown version.
+    """
+    return Run(folder=Path(folder), summary=read_run(Path(folder)))
+
+
+def default_folder(
+    card: DatasetCard, method: str, settings: Iterable[tuple[str, object]], protocol: Protocol, split: str | None
+) -> Path:
+    """Where a run goes that no folder is named for: whatever is not the default is part of the name.
+
+    Args:
+        card: the data set.
+        method: name of the method.
+        settings: those that are not the default.
+        protocol: the rules.
+        split: of the data set; None for all.
+    """
+    words = [card.name, method, *(f"{name}-{value}" for name, value in settings)]
+    words += [protocol.name] if protocol.name != DEFAULT_PROTOCOL else []
+    words += [split] if split is not None else []
+    name = re.sub(r"[^A-Za-z0-9_.-]+", "_", "-".join(words))
+    if len(name) > LONGEST_NAME:
+        name = f"{name[:LONGEST_NAME]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
+    return RUNS / name
+
+
+def non_default_settings(method: Method, named: str) -> list[tuple[str, object]]:
+    """Settings that are not the default; all of a method that cannot be built without any.
+
+    Args:
+        method: as it is scored.
+        named: what the command line calls it.
+    """
+    try:
+        usual = build_scorable(named).settings()
+    except BenchError:
+        usual = {}
+    return [(name, value) for name, value in method.settings().items() if name not in usual or usual[name] != value]
+
+
+def _write_report(results: Path, _: RunSummary) -> None:
+    write_report_files(results)
+
+
+def _row(row: ObjectMetrics) -> dict[str, float]:
+    counts = {"object_frames": row.object_frames, "tracks": row.tracks, "recordings": row.recordings}
+    return {**counts, **{name: row.metric(name).value for name in row.metric_names()}}

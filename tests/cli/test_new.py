@@ -1,0 +1,80 @@
+"""`fisheye-bench new`: what it writes runs as it is, and it writes over nothing."""
+
+import importlib
+import sys
+
+import pytest
+
+from tests.cli.test_commands import call
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch, tiny_card):
+    """An empty working folder, where the data set `tiny` is found and rendered."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("FISHEYE_BENCH_DATASETS", str(tiny_card.parent))
+    yield tmp_path
+    for name, module in list(sys.modules.items()):
+        if str(getattr(module, "__file__", "")).startswith(str(tmp_path)):
+            sys.modules.pop(name)
+
+
+def test_a_new_method_scores_as_it_is(place, monkeypatch, capsys):
+    assert call(monkeypatch, "new", "method", "grey-change") == 0
+    told = capsys.readouterr().out
+    assert "grey_change.py\n" in told
+    assert "fisheye-bench run tiny --method grey_change:GreyChange" in told
+    words = (
+        "run",
+        "tiny",
+        "--method",
+        "grey_change:GreyChange",
+        "--set",
+        "threshold=20",
+        "--no-pictures",
+        "--no-cache",
+    )
+    assert call(monkeypatch, *words) == 0
+    assert (place / "reports/runs/tiny-grey-change-threshold-20/summary.json").is_file()
+    tests = importlib.import_module("test_grey_change")
+    tests.test_every_answer_is_a_segmentation_of_its_image()
+    tests.test_nothing_moves_between_equal_images()
+    tests.test_it_scores(place / "of its tests")
+
+
+def test_a_new_data_set_validates_and_scores_as_it_is(place, monkeypatch, capsys):
+    assert call(monkeypatch, "new", "dataset", "car-park") == 0
+    assert call(monkeypatch, "validate", "car-park") == 2
+    assert "python write_car_park.py" in capsys.readouterr().err
+    program = importlib.import_module("write_car_park")
+    program.write(program.FOLDER / "drive-01")
+    assert call(monkeypatch, "validate", "car-park") == 0
+    assert "0 errors and 0 warnings in 1 recordings" in capsys.readouterr().out
+    assert call(monkeypatch, "run", "car-park", "--method", "everything", "--no-pictures") == 0
+    assert "11 annotated object-frames: 11 evaluated" in capsys.readouterr().out
+    tests = importlib.import_module("test_car_park")
+    (place / "of its tests").mkdir()
+    data = tests.written(place / "of its tests")
+    tests.test_nothing_looks_wrong(data)
+    tests.test_every_image_shows_its_object(data)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [("numpy", "the name of an installed package"), ("../up", "letters, digits"), ("class", "letters, digits")],
+)
+def test_names_that_cannot_be_a_module_are_refused(place, monkeypatch, capsys, name, message):
+    assert call(monkeypatch, "new", "method", name) == 2
+    assert message in capsys.readouterr().err
+    assert not list(place.iterdir())
+
+
+def test_nothing_is_written_over(place, monkeypatch, capsys):
+    (place / "test_mine.py").write_text("precious")
+    assert call(monkeypatch, "new", "method", "mine") == 2
+    assert "test_mine.py: expected a place that can be written, got a file that is there already" in (
+        capsys.readouterr().err
+    )
+    assert [path.name for path in place.iterdir()] == ["test_mine.py"]
+    assert (place / "test_mine.py").read_text() == "precious"
