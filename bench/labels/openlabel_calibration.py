@@ -3,8 +3,9 @@
 Coordinate systems of an OpenLABEL file, chained to our vehicle frame.
 
 The chain ends at the lidar where the file knows one, since what was labelled are the points of the lidar, and our
-recording says where that sits: a file's own vehicle frame may have its origin elsewhere. Without a lidar it ends at the
-file's one local system, which is taken for our vehicle frame.
+recording says where that sits: a file's own vehicle frame may have its origin elsewhere. Without a lidar, or where the
+file says nowhere how it lies to the other systems, what does not lead to it ends at the file's one local system, which
+is taken for our vehicle frame.
 
 Lenses in the streams of an OpenLABEL file <-> camera models.
 
@@ -60,7 +61,8 @@ class Systems:
         self._content, self._file = content, file
         self._chained: dict[tuple[str | None, str | None], RigidTransform] = {}
         self._constant = constant_poses(content, file)
-        self.anchor, self._vehicle_from_anchor = self._anchored(recording)
+        self._anchors = self._anchored(recording)
+        self._taken: str | None = None
 
     def vehicle_from(self, name: str | None, frame: str | None) -> RigidTransform:
         """Our vehicle frame from a system of the file.
@@ -79,14 +81,22 @@ class Systems:
         return self._chained[(name, frame)]
 
     @property
-    def guessed(self) -> bool:
-        """Whether the file names no system at all, so that its data is taken for lidar coordinates."""
-        return not self._content.coordinate_systems
+    def guesses(self) -> list[str]:
+        """One line for each thing that the file does not say and that was taken for granted."""
+        if not self._content.coordinate_systems:
+            return ["the file names no coordinate system: read in the frame of the lidar"]
+        if self._taken is None:
+            return []
+        lidar = next(iter(self._anchors))
+        told = (
+            f"the file does not say where {lidar!r} lies: {self._taken!r} is taken for the vehicle frame, origin on the"
+        )
+        return [f"{told} ground below the rear axle; where that is wrong, add pose_wrt_parent to {lidar!r}"]
 
     def _chain(self, name: str | None, frame: str | None) -> RigidTransform:
-        start = self.anchor if name is None else name
+        start = next(iter(self._anchors)) if name is None else name
         field = "openlabel.coordinate_systems" + ("" if frame is None else f", frame {frame}")
-        if start != self.anchor and start not in self._content.coordinate_systems:
+        if start not in self._anchors and start not in self._content.coordinate_systems:
             known = ", ".join(self._content.coordinate_systems) or "none"
             raise DataError(self._file, field=field, expected=f"one of {known}", got=repr(start))
         edges = dict(self._constant)
@@ -95,35 +105,43 @@ class Systems:
                 place = f"openlabel.frames.{frame}.frame_properties.transforms.{key}"
                 edges.pop((moved.src, moved.dst), None)
                 edges[(moved.dst, moved.src)] = read_transform(moved.transform_src_to_dst, self._file, place)
-        chained = chain(start, self.anchor, edges)
-        if chained is None:
-            do = "give pose_wrt_parent, or frame_properties.transforms in every frame"
-            raise DataError(
-                self._file, field=field, expected=f"poses from {start!r} to {self.anchor!r}", got="none", do=do
-            )
-        return self._vehicle_from_anchor @ chained
+        for number, (anchor, vehicle_from_anchor) in enumerate(self._anchors.items()):
+            chained = chain(start, anchor, edges)
+            if chained is not None:
+                self._taken = anchor if number else self._taken
+                return vehicle_from_anchor @ chained
+        do = "give pose_wrt_parent, or frame_properties.transforms in every frame"
+        expected = f"poses from {start!r} to {' or '.join(map(repr, self._anchors))}"
+        raise DataError(self._file, field=field, expected=expected, got="none", do=do)
 
-    def _anchored(self, recording: Recording) -> tuple[str, RigidTransform]:
+    def _anchored(self, recording: Recording) -> dict[str, RigidTransform]:
+        """Systems at which a chain may end, the first that it reaches, and our vehicle frame from each."""
         systems, streams = self._content.coordinate_systems, self._content.streams
         if not systems:
-            return "lidar", recording.vehicle_from_lidar
+            return {"lidar": recording.vehicle_from_lidar}
         lidars = [name for name in systems if name in streams and streams[name].type == "lidar"]
         lidars = lidars or [
             name
             for name, system in systems.items()
             if system.type in {"sensor_cs", "sensor"} and any(word in name.casefold() for word in LIDAR_WORDS)
         ]
-        if len(lidars) == 1:
-            return lidars[0], recording.vehicle_from_lidar
         local = [name for name, system in systems.items() if system.type in {"local_cs", "local"}]
-        if len(local) == 1:
-            return local[0], RigidTransform.identity()
-        raise DataError(
-            self._file,
-            field="openlabel.coordinate_systems",
-            expected="one system of a lidar (a sensor_cs with a stream of type lidar of its name), or one local_cs",
-            got=f"{len(lidars)} and {len(local)} in {', '.join(systems)}"[:200],
-        )
+        anchors = {lidars[0]: recording.vehicle_from_lidar} if len(lidars) == 1 else {}
+        if len(local) == 1 and not (anchors and self._is_placed(lidars[0])):
+            anchors[local[0]] = RigidTransform.identity()
+        if not anchors:
+            raise DataError(
+                self._file,
+                field="openlabel.coordinate_systems",
+                expected="one system of a lidar (a sensor_cs with a stream of type lidar of its name), or one local_cs",
+                got=f"{len(lidars)} and {len(local)} in {', '.join(systems)}"[:200],
+            )
+        return anchors
+
+    def _is_placed(self, name: str) -> bool:
+        """Whether a pose leads to or from a system, always or in any frame."""
+        moved = (m for frame in self._content.frames.values() for m in frame.frame_properties.transforms.values())
+        return any(name in edge for edge in self._constant) or any(name in (m.src, m.dst) for m in moved)
 
 
 def constant_poses(content: Root, file: Path) -> dict[tuple[str, str], RigidTransform]:
