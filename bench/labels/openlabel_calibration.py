@@ -17,8 +17,8 @@ center_x, center_y). What its coefficients mean depends on the rest:
 - four with a focal length, or the model "opencv_fisheye": r = f (t + k1 t^3 + k2 t^5 + k3 t^7 + k4 t^9);
 - five, or the model "kannala": r = f (k1 t + k2 t^3 + k3 t^5 + k4 t^7 + k5 t^9), f = 1 without a focal length.
 
-`intrinsics_pinhole` is read without distortion. Files do not say where a pixel has its centre: (0, 0) is taken for the
-centre of the first one, as everywhere here.
+The distortion of `intrinsics_pinhole` is OpenCV's: k1, k2, p1, p2 and, where there is a fifth, k3. Files do not say
+where a pixel has its centre: (0, 0) is taken for the centre of the first one, as everywhere here.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from scipy.spatial.transform import Rotation
 
 from bench.cameras import CameraModel, camera_from_parameters, camera_parameters
 from bench.cameras.angular import KannalaBrandtCamera, RadialPolynomialCamera
+from bench.cameras.brown import BrownConradyCamera
 from bench.cameras.pinhole import PinholeCamera
 from bench.errors import DataError, ShapeError, UnknownNameError
 from bench.geometry import RigidTransform
@@ -260,10 +261,14 @@ def lens_properties(camera: CameraModel) -> dict[str, Any]:
     u, v = camera.principal_point
     centre = {"center_x_px": u, "center_y_px": v}
     properties: dict[str, Any] = {}
-    if isinstance(camera, PinholeCamera):
+    if isinstance(camera, PinholeCamera | BrownConradyCamera):
         fx, fy = camera.focal
         matrix = [fx, 0.0, u, 0.0, 0.0, fy, v, 0.0, 0.0, 0.0, 1.0, 0.0]
-        properties["intrinsics_pinhole"] = {**size, "camera_matrix": matrix, "distortion_coeffs": NO_DISTORTION}
+        distortion = NO_DISTORTION
+        if isinstance(camera, BrownConradyCamera):
+            k1, k2, k3 = (*camera.radial, 0.0, 0.0, 0.0)[:3]
+            distortion = [k1, k2, *camera.tangential, k3]
+        properties["intrinsics_pinhole"] = {**size, "camera_matrix": matrix, "distortion_coeffs": distortion}
     elif isinstance(camera, RadialPolynomialCamera | KannalaBrandtCamera) and len(camera.coefficients) <= 4:
         lens: dict[str, Any]
         if isinstance(camera, RadialPolynomialCamera):
@@ -328,18 +333,23 @@ def _pinhole(values: Mapping[str, Any], file: Path, field: str) -> CameraModel:
     columns = len(matrix) // 3
     told = any(values.get(name) not in (None, []) for name in DISTORTIONS)
     distortion = _list(values, DISTORTIONS, file, field) if told else []
-    if any(distortion) or matrix[1]:
-        expected = "a pinhole without distortion or skew"
-        do = "give images without distortion, or another camera model in intrinsics_custom"
-        raise DataError(file, field=field, expected=expected, got=f"{distortion}, skew {matrix[1]}", do=do)
+    if matrix[1]:
+        raise DataError(file, field=field, expected="a pinhole without skew", got=f"skew {matrix[1]}")
     width, height = _size(values, file, field)
-    return camera_from_parameters(
-        "pinhole",
-        width=width,
-        height=height,
-        focal=(matrix[0], matrix[columns + 1]),
-        principal_point=(matrix[2], matrix[columns + 2]),
-    )
+    shape: dict[str, Any] = {
+        "width": width,
+        "height": height,
+        "focal": (matrix[0], matrix[columns + 1]),
+        "principal_point": (matrix[2], matrix[columns + 2]),
+    }
+    if not any(distortion):
+        return camera_from_parameters("pinhole", **shape)
+    if len(distortion) < 4 or any(distortion[5:]):
+        do = "give images without distortion, or another camera model in intrinsics_custom"
+        expected, place = "k1, k2, p1, p2 and k3", f"{field}.distortion_coeffs"
+        raise DataError(file, field=place, expected=expected, got=f"{len(distortion)} coefficients", do=do)
+    k1, k2, p1, p2, k3 = (*distortion, 0.0)[:5]
+    return camera_from_parameters("brown_conrady", **shape, radial=(k1, k2, k3), tangential=(p1, p2))
 
 
 def _size(values: Mapping[str, Any], file: Path, field: str) -> tuple[int, int]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bench.cameras import KannalaBrandtCamera, PinholeCamera, RadialPolynomialCamera, UnifiedCamera
+from bench.cameras import BrownConradyCamera, KannalaBrandtCamera, PinholeCamera, RadialPolynomialCamera, UnifiedCamera
 from bench.errors import DataError
 from bench.geometry import RigidTransform, RoadPlane
 from bench.labels import LabelOptions, LabelSet, calibration_text, label_format
@@ -48,6 +48,14 @@ LENSES = [
         width=140, height=140, xi=2.2, focal=(133.0, 132.0), principal_point=(70.5, 69.0), radial=(0.01, 1.6)
     ),
     PinholeCamera(width=640, height=480, focal=(500.0, 505.0), principal_point=(319.5, 239.5)),
+    BrownConradyCamera(
+        width=640,
+        height=480,
+        focal=(400.0, 405.0),
+        principal_point=(319.5, 239.5),
+        radial=(-0.2, 0.05, -0.001),
+        tangential=(1e-3, -2e-3),
+    ),
 ]
 
 
@@ -344,7 +352,7 @@ def with_cameras(drive):
             road=RoadPlane.below(mounted),
             stored_size_px=(lens.width, lens.height),
         )
-        for name, lens in zip(("front", "lidar", "rear", "left", "right"), LENSES, strict=True)
+        for name, lens in zip(("front", "lidar", "rear", "left", "right", "narrow"), LENSES, strict=True)
     }
     return replace(drive, cameras=cameras)
 
@@ -473,16 +481,26 @@ def test_lenses_that_are_none(tmp_path, values, told):
         read_lens(fisheye(**values), tmp_path, "x")
 
 
-def test_a_distorted_pinhole_is_refused(tmp_path):
+def test_a_distorted_pinhole_is_read_and_what_goes_beyond_five_coefficients_refused(tmp_path):
     matrix = [500.0, 0.0, 320.0, 0.0, 0.0, 500.0, 240.0, 0.0, 0.0, 0.0, 1.0, 0.0]
     values = {
         "width_px": 640,
         "height_px": 480,
         "camera_matrix_3x4": matrix,
-        "distortion_coeffs_1xN": [-0.4, 0, 0, 0, 0],
     }
-    with pytest.raises(DataError, match="expected a pinhole without distortion or skew"):
-        read_lens(StreamProperties(intrinsics_pinhole=values), tmp_path, "x")
+
+    def lens_of(coefficients, **more):
+        pinhole = values | more | {"distortion_coeffs_1xN": coefficients}
+        return read_lens(StreamProperties(intrinsics_pinhole=pinhole), tmp_path, "x")
+
+    lens = lens_of([-0.3, 0.08, 1e-3, 2e-3, -0.01])
+    assert (lens.radial, lens.tangential, lens.focal) == ((-0.3, 0.08, -0.01), (1e-3, 2e-3), (500.0, 500.0))
+    assert lens_of([-0.3, 0.08, 1e-3, 2e-3]) == lens_of([-0.3, 0.08, 1e-3, 2e-3, 0.0, 0.0, 0.0, 0.0])
+    assert isinstance(lens_of([0.0] * 5), PinholeCamera)
+    with pytest.raises(DataError, match=r"distortion_coeffs: expected k1, k2, p1, p2 and k3, got 8 coefficients"):
+        lens_of([-0.3, 0, 0, 0, 0, 0.1, 0, 0])
+    with pytest.raises(DataError, match="expected a pinhole without skew, got skew"):
+        lens_of([], camera_matrix_3x4=[500.0, 2.0, *matrix[2:]])
 
 
 @pytest.mark.parametrize("coefficients", [3, "abc", [0, None], [10**400]])
