@@ -12,6 +12,7 @@ from pydantic import ConfigDict, Field
 from bench.cameras import camera_from_parameters
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
+from bench.recordings.atomic import MOST_LINK_LEVELS
 from bench.recordings.error_handlers import STRICT, OnError, reporting
 from bench.recordings.files import read_object
 from bench.recordings.mounting import Polygon, body_mask, mounted_camera
@@ -48,6 +49,7 @@ class AimotiveOptions(FileModel):
         body_polygons: per camera, outlines of the ego vehicle's body, (u, v) in stored pixels.
         ground_height_m: height of the road in the body frame.
         vehicle_outline_m: the ego vehicle seen from above, body frame, where the size of the ego vehicle is known.
+        follow_links: how many levels below `root` links to folders are followed; 1 for those in `root` itself.
         licence: of the data.
     """
 
@@ -58,6 +60,7 @@ class AimotiveOptions(FileModel):
     body_polygons: dict[str, tuple[Polygon, ...]] = Field(default_factory=dict)
     ground_height_m: float = 0.0
     vehicle_outline_m: Polygon = Field(default=((-1.1, -0.95), (3.9, -0.95), (3.9, 0.95), (-1.1, 0.95)), min_length=3)
+    follow_links: int = Field(default=1, ge=0, le=MOST_LINK_LEVELS)
     licence: str = LICENCE
 
 
