@@ -8,6 +8,7 @@ Pixels are (u, v) with the centre of the first pixel at (0, 0); camera frame x r
 """
 
 from bench.cameras.angular import KannalaBrandtCamera, RadialPolynomialCamera
+from bench.cameras.brown import BrownConradyCamera
 from bench.cameras.model import CameraModel, RayGrid, ray_grid
 from bench.cameras.pinhole import PinholeCamera
 from bench.cameras.registry import CAMERA_MODELS, camera_from_parameters, camera_parameters
@@ -15,6 +16,7 @@ from bench.cameras.unified import UnifiedCamera
 
 __all__ = [
     "CAMERA_MODELS",
+    "BrownConradyCamera",
     "CameraModel",
     "KannalaBrandtCamera",
     "PinholeCamera",

@@ -13,6 +13,7 @@ CAMERA_MODELS = {
     "radial_polynomial": "bench.cameras.angular:RadialPolynomialCamera",
     "kannala_brandt": "bench.cameras.angular:KannalaBrandtCamera",
     "unified": "bench.cameras.unified:UnifiedCamera",
+    "brown_conrady": "bench.cameras.brown:BrownConradyCamera",
     "pinhole": "bench.cameras.pinhole:PinholeCamera",
 }
 

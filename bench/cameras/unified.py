@@ -9,11 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
-from bench.cameras.angular import MonotonePolynomial
+from bench.cameras.brown import BrownDistortion
 from bench.cameras.model import CameraModel, checked_max_angle, finite_pair
 from bench.errors import ShapeError
-
-NEWTON_STEPS = 2  # from the purely radial solution; the tangential terms are small
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,8 +20,8 @@ class UnifiedCamera(CameraModel):
 
     The unit vector (x, y, z) goes to m = (x, y)/(z + xi), is distorted as in OpenCV's Brown model, scaled by the
     focal length and shifted to the principal point. The mapping holds while the radius of m rises with the
-    angle (cos theta > -1/xi for xi > 1, > -xi otherwise) and while the radial distortion rises with that radius;
-    never a test of z > 0.
+    angle (cos theta > -1/xi for xi > 1, > -xi otherwise) and while the distortion is one-to-one in the disc of that
+    radius; never a test of z > 0.
 
     Attributes:
         xi: mirror parameter, >= 0; 0 is the pinhole.
@@ -41,9 +39,8 @@ class UnifiedCamera(CameraModel):
     radial: tuple[float, float] = (0.0, 0.0)
     tangential: tuple[float, float] = (0.0, 0.0)
     max_angle_rad: float | None = None
-    _distortion: MonotonePolynomial = field(init=False, repr=False, compare=False)
+    _distortion: BrownDistortion = field(init=False, repr=False, compare=False)
     _limit_rad: float = field(init=False, repr=False, compare=False)
-    _limit_radius: float = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -54,9 +51,8 @@ class UnifiedCamera(CameraModel):
         object.__setattr__(self, "tangential", finite_pair(self.tangential, "tangential"))
         sphere_rad = np.arccos(-1.0 / self.xi) if self.xi > 1 else np.arccos(-self.xi)
         wanted_rad = min(checked_max_angle(self.max_angle_rad), float(sphere_rad))
-        distortion = MonotonePolynomial((1.0, *self.radial), 2, self._radius_at(wanted_rad))
+        distortion = BrownDistortion((*self.radial, 0.0), self.tangential, self._radius_at(wanted_rad))
         object.__setattr__(self, "_distortion", distortion)
-        object.__setattr__(self, "_limit_radius", distortion.limit)
         object.__setattr__(self, "_limit_rad", min(wanted_rad, self._angle_at(distortion.limit)))
 
     @property
@@ -76,12 +72,9 @@ class UnifiedCamera(CameraModel):
         length = np.sqrt(x * x + y * y + z * z)
         depth = z + self.xi * length
         m_x, m_y = x / depth, y / depth
-        (k1, k2), (p1, p2) = self.radial, self.tangential
-        xx, yy, xy = m_x * m_x, m_y * m_y, m_x * m_y
-        squared = xx + yy
-        stretch = 1.0 + squared * (k1 + squared * k2)
-        u = self.focal[0] * (m_x * stretch + 2 * p1 * xy + p2 * (squared + 2 * xx)) + self.principal_point[0]
-        v = self.focal[1] * (m_y * stretch + p1 * (squared + 2 * yy) + 2 * p2 * xy) + self.principal_point[1]
+        x_distorted, y_distorted = self._distortion(m_x, m_y)
+        u = self.focal[0] * x_distorted + self.principal_point[0]
+        v = self.focal[1] * y_distorted + self.principal_point[1]
         valid = (z >= np.cos(self._limit_rad) * length) & (length > 0) & (depth > 0) & np.isfinite(u) & np.isfinite(v)
         return u, v, valid
 
@@ -89,40 +82,13 @@ class UnifiedCamera(CameraModel):
     def _unproject(
         self, u: NDArray[np.float64], v: NDArray[np.float64], rays: NDArray[np.float64]
     ) -> NDArray[np.bool_]:
-        m_x, m_y, valid = self._undistorted(
+        m_x, m_y, valid = self._distortion.inverse(
             (u - self.principal_point[0]) / self.focal[0], (v - self.principal_point[1]) / self.focal[1]
         )
         squared = m_x * m_x + m_y * m_y
         lift = (self.xi + np.sqrt(1.0 + (1.0 - self.xi**2) * squared)) / (1.0 + squared)
         rays[:, 0], rays[:, 1], rays[:, 2] = lift * m_x, lift * m_y, lift - self.xi
         return np.asarray(valid & np.isfinite(lift) & (rays[:, 2] >= np.cos(self._limit_rad) - 1e-12))
-
-    def _undistorted(
-        self, x: NDArray[np.float64], y: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Remove the distortion: exactly for the radial part, then Newton's method in the plane."""
-        radius = np.hypot(x, y)
-        shrink = self._distortion.inverse(radius) / radius
-        shrink[radius == 0] = 1.0
-        m_x, m_y = x * shrink, y * shrink
-        (k1, k2), (p1, p2) = self.radial, self.tangential
-        if p1 == 0 and p2 == 0:
-            return m_x, m_y, radius <= self._distortion.top
-        for _ in range(NEWTON_STEPS):
-            xx, yy, xy = m_x * m_x, m_y * m_y, m_x * m_y
-            squared = xx + yy
-            stretch = 1.0 + squared * (k1 + squared * k2)
-            slope = 2.0 * k1 + 4.0 * k2 * squared
-            miss_x = m_x * stretch + 2 * p1 * xy + p2 * (squared + 2 * xx) - x
-            miss_y = m_y * stretch + p1 * (squared + 2 * yy) + 2 * p2 * xy - y
-            j_xx = stretch + slope * xx + 2 * p1 * m_y + 6 * p2 * m_x
-            j_xy = slope * xy + 2 * p1 * m_x + 2 * p2 * m_y
-            j_yy = stretch + slope * yy + 6 * p1 * m_y + 2 * p2 * m_x
-            scale = 1.0 / (j_xx * j_yy - j_xy * j_xy)
-            m_x = m_x - scale * (j_yy * miss_x - j_xy * miss_y)
-            m_y = m_y - scale * (j_xx * miss_y - j_xy * miss_x)
-        # The tangential terms shift the border of validity by their own size: the border of the radius is used.
-        return m_x, m_y, np.hypot(m_x, m_y) <= self._limit_radius * (1.0 + 1e-12)
 
     def _radius_at(self, angle_rad: float) -> float:
         depth = np.cos(angle_rad) + self.xi

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+import shlex
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -22,6 +23,13 @@ WELL_KNOWN = {  # names that need no explanation, in lower case; upper and lower
     **dict.fromkeys(("bicycle", "bicyclist", "bike", "motorbike", "motorcycle", "motorcyclist", "rider"), "cyclist"),
     **dict.fromkeys(("car", "van", "truck", "bus", "tram", "train", "trailer", "caravan"), "vehicle"),
 }
+TELLING_PARTS = {  # of names, for proposals
+    "cyclist": ("cycl", "bike", "rider", "scooter"),
+    "pedestrian": ("pedestrian", "person", "people", "human", "walker"),
+    "vehicle": ("vehicle", "car", "truck", "lorry", "bus", "van", "tram", "trailer"),
+    "animal": ("animal", "dog", "deer", "horse"),
+}
+SHOWN_HINTS = 6
 LARGEST_M = 1e8  # coordinates of any map are below
 Length = Annotated[float, Field(ge=-LARGEST_M, le=LARGEST_M)]
 ENTRY_POINTS = "fisheye_bench.labels"
@@ -147,9 +155,24 @@ def map_classes(
             field="classes",
             expected=f"classes that can be told as {', '.join(OBJECT_CLASSES)}",
             got=", ".join(repr(name) for name in unknown),
-            do=f"give each, for example --class '{unknown[0]}=vehicle', or '{unknown[0]}=none' to leave it out",
+            do=_class_hint(unknown),
         )
     return {name: table[name.casefold()] for name in classes}
+
+
+def _class_hint(unknown: Sequence[str]) -> str:
+    """The options that say what classes are, with a proposal for those whose name tells."""
+    proposed = {name: _proposed_class(name.casefold()) for name in unknown[:SHOWN_HINTS]}
+    options = " ".join(f"--class {shlex.quote(f'{name}={ours}')}" for name, ours in proposed.items())
+    more = " and so on" if len(unknown) > SHOWN_HINTS else ""
+    asked = f"; CLASS is one of {', '.join(OBJECT_CLASSES)}, or none to leave the objects out"
+    return f"say what each is: {options}{more}{asked if 'CLASS' in proposed.values() or more else ''}"
+
+
+def _proposed_class(name: str) -> str:
+    if name.startswith("ego"):  # the vehicle that carries the sensors is no object of its own scene
+        return "none"
+    return next((ours for ours, parts in TELLING_PARTS.items() if any(part in name for part in parts)), "CLASS")
 
 
 def tool_class(object_class: str, options: LabelOptions, defaults: Mapping[str, str] | None = None) -> str:

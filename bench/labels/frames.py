@@ -103,7 +103,7 @@ LONGEST_NUMBER = 19  # digits of a time in nanoseconds
 
 
 def pair_with_sweeps(
-    names: Collection[str], recording: Recording, options: LabelOptions, *, source: Path
+    names: Collection[str], recording: Recording, options: LabelOptions, *, source: Path, by_place: bool = True
 ) -> dict[str, SweepRef]:
     """The sweep of each frame.
 
@@ -112,6 +112,7 @@ def pair_with_sweeps(
         recording: what was annotated.
         options: for `first_frame`.
         source: the tool's file or folder, for messages.
+        by_place: whether a number may be a place; False for names that a tool took from files.
 
     Returns:
         Name -> sweep, in the order of the sweeps.
@@ -121,7 +122,7 @@ def pair_with_sweeps(
     """
     if not recording.sweeps:
         raise DataError(source, expected=f"a recording with lidar sweeps, as {recording.name!r}", got="none")
-    paired = _paired(tuple(dict.fromkeys(names)), recording, options, source)
+    paired = _paired(tuple(dict.fromkeys(names)), recording, options, source, by_place)
     frames: dict[int, str] = {}
     for name, sweep in paired.items():
         other = frames.setdefault(sweep.timestamp_ns, name)
@@ -145,7 +146,9 @@ def frame_numbers(recording: Recording, options: LabelOptions) -> dict[int, int]
     return {sweep.timestamp_ns: options.first_frame + i for i, sweep in enumerate(recording.sweeps)}
 
 
-def _paired(names: Collection[str], recording: Recording, options: LabelOptions, source: Path) -> dict[str, SweepRef]:
+def _paired(
+    names: Collection[str], recording: Recording, options: LabelOptions, source: Path, places: bool
+) -> dict[str, SweepRef]:
     """Name -> sweep in the first way that fits; see the ways at the top."""
     sweeps = recording.sweeps
     numbers = {name: int(name) for name in names if _is_number(name)}
@@ -155,25 +158,23 @@ def _paired(names: Collection[str], recording: Recording, options: LabelOptions,
     ways = [{name: by_stem[name] for name in names if name in by_stem}]
     ways += [{name: keyed[i] for name, i in numbers.items() if i in keyed} for keyed in (by_number, by_time)]
     by_place = dict(enumerate(sweeps, start=options.first_frame))
-    placed = [name for name in names if _is_number(name.removeprefix("-"))]
+    placed = [name for name in names if places and _is_number(name.removeprefix("-"))]
     chosen = {name: by_place[int(name)] for name in placed if int(name) in by_place}
     if not options.first_frame:
         # What fits in part is meant, but for the number 0 alone: both ways of counting may begin with it.
-        partly = [way for way in ways if any(numbers.get(name) != 0 for name in way)]
+        partly = [way for way in ways if way and (not places or any(numbers.get(name) != 0 for name in way))]
         chosen = next((way for way in (*(way for way in ways if len(way) == len(names)), *partly)), chosen)
     odd = [name for name in names if name not in chosen]
     if not odd:
         return chosen
     listed = ", ".join(odd[:SHOWN]) + (f" and {len(odd) - SHOWN} more" if len(odd) > SHOWN else "")
     called = f"{sweeps[0].path.stem} to {sweeps[-1].path.stem}"
-    counted = f"{options.first_frame} to {options.first_frame + len(sweeps) - 1}"
-    raise DataError(
-        source,
-        field="frames",
-        expected=f"frames called as the {len(sweeps)} sweeps, {called}, or {counted}",
-        got=listed,
-        do="name frames after the sweeps, or give the number of the first sweep with --first-frame",
-    )
+    expected = f"frames called as the {len(sweeps)} sweeps, {called}"
+    do = "name frames after the sweeps"
+    if places:
+        expected += f", or {options.first_frame} to {options.first_frame + len(sweeps) - 1}"
+        do += ", or give the number of the first sweep with --first-frame"
+    raise DataError(source, field="frames", expected=expected, got=listed, do=do)
 
 
 def _is_number(text: str) -> bool:

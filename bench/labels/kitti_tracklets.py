@@ -8,11 +8,15 @@ h along y and l along z, and the three angles turn about the box's own x, y and 
 with copies that are outside of the image with unset occlusion. Newer versions of the library behind it may have
 mended the order of the sizes: look at the sizes that an import prints.
 
+CVAT also writes `frame_list.txt`: number and name of each frame of the task. Where it lies beside the tracklets, frames
+pair with sweeps by these names and never by their number, and the sweeps that it does not name were not looked at.
+
 The XML of KITTI's raw tracklets, item by item.
 
 An item is one object: type, height, width and length, the number of its first frame, and a pose for each frame from
 there on. `state` is 0 unset, 1 interpolated, 2 labelled; `occlusion` -1 unset, 0 visible, 1 partly, 2 fully;
-`truncation` -1 unset, 0 in the image, 1 cut off, 2 outside, 99 behind.
+`truncation` -1 unset, 0 in the image, 1 cut off, 2 outside, 99 behind; some tools write the share that is cut off.
+Counts that are missing or wrong are told and not believed.
 
 Source:
     The raw data's development kit (`tracklets.h`, `readTracklets.m`); its files carry a document type without any
@@ -23,9 +27,9 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
@@ -35,10 +39,10 @@ from scipy.spatial.transform import Rotation
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.labels.formats import LabelOptions, LabelSet, left_out, map_classes, tool_class
-from bench.labels.frames import frame_numbers, pair_with_sweeps
-from bench.labels.motion import box_state, lidar_from_object, motion_lost, states_at_sweeps, with_motion
+from bench.labels.frames import SHOWN, frame_names, frame_numbers, pair_with_sweeps
+from bench.labels.motion import box_state, floating, lidar_from_object, motion_lost, states_at_sweeps, with_motion
 from bench.recordings import Cuboid, ObjectState, Recording, SweepRef, Track, write_text
-from bench.recordings.files import READ_BYTES, MeteredFile, numbers, xml_parts
+from bench.recordings.files import READ_BYTES, MeteredFile, numbers, read_text, xml_parts
 
 LARGEST_ITEM_BYTES = 8_000_000  # ten thousand poses, a quarter of an hour
 DEEPEST = 12  # levels of nested elements; the format has six, attributes that tools add two more
@@ -46,6 +50,7 @@ LARGEST_NUMBER = 10**9
 DECLARATION_BYTES = 200
 OUTER = ("boost_serialization", "tracklets")
 UNSET, INTERPOLATED, LABELLED = 0, 1, 2
+CUT_OFF, OUTSIDE = 1, (2, 99)  # truncation
 HEADER = '<?xml version="1.0" encoding="UTF-8" standalone="yes" ?>\n<!DOCTYPE boost_serialization>\n'
 PLACES, TURNS = ("tx", "ty", "tz"), ("rx", "ry", "rz")
 
@@ -94,15 +99,20 @@ class Tracklet:
     attributes: int = 0
 
 
-def read_tracklets(file: Path) -> tuple[Tracklet, ...]:
+def read_tracklets(file: Path) -> tuple[tuple[Tracklet, ...], tuple[str, ...]]:
     """Read a file of tracklets.
 
+    Returns:
+        tracklets: in the order of the file.
+        wrong_counts: one line for each count that is missing or not kept.
+
     Raises:
-        DataError: missing, cut short, not XML, with entities, nested too deeply, a count that is not kept, a number
-            that is missing or none.
+        DataError: missing, cut short, not XML, with entities, nested too deeply, a number that is missing or none,
+            nothing in it but a count of 0.
     """
     tracklets: list[Tracklet] = []
     told: list[int] = []
+    wrong: list[str] = []
     elements = xml_parts(
         file,
         level=2,
@@ -117,11 +127,20 @@ def read_tracklets(file: Path) -> tuple[Tracklet, ...]:
         if element.tag == "count":
             told.append(_whole(element, "count", file, "tracklets.count"))
         elif element.tag == "item":
-            tracklets.append(_tracklet(element, file, f"tracklets.item {len(tracklets)}"))
-    if told != [len(tracklets)]:
-        got = f"{told[0]} for {len(tracklets)} items" if len(told) == 1 else f"{len(told)} counts"
-        raise DataError(file, field="tracklets.count", expected="the number of tracklets", got=got)
-    return tuple(tracklets)
+            field = f"tracklets.item {len(tracklets)}"
+            tracklets.append(_tracklet(element, file, field))
+            held, count = len(tracklets[-1].poses), element.find("poses/count")
+            stated = [] if count is None else [_whole(count, "count", file, f"{field}.poses.count")]
+            wrong += _wrong_count(f"{field}.poses", stated, held)
+    if not tracklets and told != [0]:
+        raise DataError(file, field="tracklets", expected="tracklets, or a count of 0", got="neither")
+    return tuple(tracklets), (*_wrong_count("tracklets", told, len(tracklets)), *wrong)
+
+
+def _wrong_count(field: str, stated: Sequence[int], held: int) -> list[str]:
+    if list(stated) == [held] or (not stated and not held):
+        return []
+    return [f"{field}: the file states {' and '.join(map(str, stated)) or 'no count'} and holds {held}, which are read"]
 
 
 def write_tracklets(file: Path, tracklets: Sequence[Tracklet]) -> None:
@@ -163,15 +182,7 @@ class _Declared:
 
 
 def _tracklet(item: Element, file: Path, field: str) -> Tracklet:
-    poses = item.find("poses")
-    if poses is None:
-        raise DataError(file, field=f"{field}.poses", expected="poses", got="nothing")
-    entries = poses.findall("item")
-    count = _whole(poses.find("count"), "count", file, f"{field}.poses.count")
-    if count != len(entries):
-        raise DataError(
-            file, field=f"{field}.poses.count", expected=f"{len(entries)}, as there are poses", got=str(count)
-        )
+    entries = item.findall("poses/item")
     object_type = (item.findtext("objectType") or "").strip()
     if not object_type:
         raise DataError(file, field=f"{field}.objectType", expected="a class", got="nothing")
@@ -190,9 +201,13 @@ def _tracklet(item: Element, file: Path, field: str) -> Tracklet:
 
 def _pose(entry: Element, file: Path, field: str) -> TrackletPose:
     tx, ty, tz, rx, ry, rz = (_number(entry, name, file, field) for name in PLACES + TURNS)
-    state, occlusion, truncation = (
+    state, occlusion = (
         _whole(entry.find(name), name, file, f"{field}.{name}", default=default)
-        for name, default in (("state", LABELLED), ("occlusion", -1), ("truncation", -1))
+        for name, default in (("state", LABELLED), ("occlusion", -1))
+    )
+    share = re.fullmatch(r"0?\.[0-9]{1,20}", (entry.findtext("truncation") or "").strip())
+    truncation = (
+        CUT_OFF if share else _whole(entry.find("truncation"), "truncation", file, f"{field}.truncation", default=-1)
     )
     return TrackletPose(
         place_m=(tx, ty, tz), angles_rad=(rx, ry, rz), state=state, occlusion=occlusion, truncation=truncation
@@ -230,12 +245,12 @@ def _put(parent: Element, **values: float | str) -> None:
         SubElement(parent, name).text = value if isinstance(value, str) else repr(value)
 
 
-FILE = "tracklet_labels.xml"
+FILE, FRAME_LIST = "tracklet_labels.xml", "frame_list.txt"
 WRITTEN = {"pedestrian": "Pedestrian", "cyclist": "Cyclist", "vehicle": "Car", "animal": "Misc"}
-OUTSIDE = (2, 99)
 UPRIGHT_RAD = 1e-6
 SAME_SIZE_M = 1e-6
-FLOATING_M = 0.5  # from the road to the bottom of the middle box; more is another convention or another calibration
+FLOATING_REASON = "the file may be of the other kind (kitti-tracklets, cvat-tracklets)"
+CLOUD_SUFFIXES = (".bin", ".pcd", ".ply", ".npz", ".laz")
 
 
 class KittiTracklets:
@@ -249,11 +264,16 @@ class KittiTracklets:
     def read(self, source: Path, recording: Recording, options: LabelOptions) -> LabelSet:
         """Read a label set; arguments and errors as in `LabelFormat`."""
         file = source / FILE if source.is_dir() else source
-        tracklets = read_tracklets(file)
+        tracklets, wrong_counts = read_tracklets(file)
+        listed = _listed_frames(file.with_name(FRAME_LIST), options)
         classes = map_classes((tracklet.object_type for tracklet in tracklets), options, source=file)
         kept = [(i, tracklet) for i, tracklet in enumerate(tracklets) if classes[tracklet.object_type] is not None]
-        numbers = {str(number) for _, tracklet in kept for number, _ in self._posed(tracklet)}
-        sweeps = pair_with_sweeps(numbers, recording, options, source=file) if numbers else {}
+        numbers = {number for _, tracklet in kept for number, _ in self._posed(tracklet)}
+        if listed is None:
+            found = pair_with_sweeps({str(n) for n in numbers}, recording, options, source=file) if numbers else {}
+            sweeps = {number: found[str(number)] for number in numbers}
+        else:
+            sweeps = _named_sweeps(listed, numbers, recording, file.with_name(FRAME_LIST))
         tracks = tuple(
             with_motion(
                 Track(
@@ -264,15 +284,20 @@ class KittiTracklets:
                 recording.trajectory,
             )
             for i, tracklet in kept
+            if tracklet.poses
         )
         counts = Counter(tracklet.object_type for tracklet in tracklets)
-        lost = [*left_out(classes, counts), *self._unread([tracklet for _, tracklet in kept])]
-        lost += _floating(tracks)
-        lost.append(
-            f"frames without objects: the format does not tell whether they were looked at, so that all "
-            f"{len(recording.sweeps)} sweeps count as annotated"
-        )
-        times_ns = tuple(sweep.timestamp_ns for sweep in recording.sweeps)
+        lost = [*wrong_counts[:SHOWN], *left_out(classes, counts)]
+        if len(wrong_counts) > SHOWN:
+            lost.insert(SHOWN, f"{len(wrong_counts) - SHOWN} more counts that are missing or wrong")
+        lost += [*self._unread([tracklet for _, tracklet in kept]), *floating(tracks, FLOATING_REASON)]
+        if listed is None:
+            lost.append(
+                f"frames without objects: the format does not tell whether they were looked at, so that all "
+                f"{len(recording.sweeps)} sweeps count as annotated"
+            )
+        looked_at = recording.sweeps if listed is None else sweeps.values()
+        times_ns = tuple(sorted(sweep.timestamp_ns for sweep in looked_at))
         return LabelSet(tracks=tracks, timestamps_ns=times_ns, lost=tuple(lost))
 
     def write(self, label_set: LabelSet, recording: Recording, out: Path, options: LabelOptions) -> tuple[str, ...]:
@@ -306,6 +331,9 @@ class KittiTracklets:
                     )
                 )
         write_tracklets(out / FILE, tracklets)
+        if self.centred:
+            names = frame_names(recording, options)
+            write_text(out / FRAME_LIST, "".join(f"{number} {names[t]}\n" for t, number in numbers.items()))
         if tracklets:
             lost.append(f"{len(by_track)} names of objects: the format has none")
         if split:
@@ -325,14 +353,14 @@ class KittiTracklets:
         ]
 
     def _states(
-        self, tracklet: Tracklet, sweeps: dict[str, SweepRef], recording: Recording, file: Path, field: str
+        self, tracklet: Tracklet, sweeps: dict[int, SweepRef], recording: Recording, file: Path, field: str
     ) -> tuple[ObjectState, ...]:
         states = []
         for number, pose in self._posed(tracklet):
             if not self.centred:
                 _refuse_lean(pose, file, f"{field}, frame {number}")
             lidar_from_box, size_m = self._placed(tracklet, pose)
-            states.append(box_state(recording, sweeps[str(number)].timestamp_ns, lidar_from_box, size_m))
+            states.append(box_state(recording, sweeps[number].timestamp_ns, lidar_from_box, size_m))
         return tuple(sorted(states, key=lambda state: state.timestamp_ns))
 
     def _placed(self, tracklet: Tracklet, pose: TrackletPose) -> tuple[RigidTransform, NDArray[np.float64]]:
@@ -358,10 +386,11 @@ class KittiTracklets:
         poses = [pose for tracklet in tracklets for pose in tracklet.poses]
         posed = sum(len(self._posed(tracklet)) for tracklet in tracklets)
         counts = {
+            "tracklets without poses, left out": sum(not tracklet.poses for tracklet in tracklets),
             "poses that are unset or outside, left out": len(poses) - posed,
             "poses that are interpolated, read as the others": sum(pose.state == INTERPOLATED for pose in poses),
             "marks of occlusion: no place for them": sum(pose.occlusion in (1, 2) for pose in poses),
-            "marks of truncation: no place for them": sum(pose.truncation in (1, *OUTSIDE) for pose in poses),
+            "marks of truncation: no place for them": sum(pose.truncation in (CUT_OFF, *OUTSIDE) for pose in poses),
             "tracklets that are not finished, read as the others": sum(not item.finished for item in tracklets),
             "further attributes: no place for them": sum(item.attributes for item in tracklets),
         }
@@ -375,6 +404,53 @@ class CvatTracklets(KittiTracklets):
     description = "tracklet_labels.xml as CVAT writes it (KITTI Raw Format): other places, sizes and angles"
     centred = True
     sizes = ("width_m", "height_m", "length_m")
+
+
+def _listed_frames(file: Path, options: LabelOptions) -> dict[int, str] | None:
+    """Number -> name of each frame of a `frame_list.txt`, without folder and suffix; None where there is no such file.
+
+    Raises:
+        DataError: a line that is no number and name, a number twice, or another count of frames asked for as well.
+    """
+    if not file.is_file():
+        return None
+    if options.first_frame:
+        got, do = f"--first-frame {options.first_frame} as well", "leave that out, or take the file away"
+        raise DataError(file, expected="frames by name or by number", got=got, do=do)
+    listed: dict[int, str] = {}
+    for row, line in enumerate(read_text(file).splitlines(), start=1):
+        if not line.strip():
+            continue
+        found = re.fullmatch(r"\s*([0-9]{1,10})\s+(\S.*?)\s*", line)
+        if found is None:
+            got = repr(line.strip()[:40])
+            raise DataError(file, field=f"line {row}", expected="number and name of a frame", got=got)
+        if int(found[1]) in listed:
+            raise DataError(file, field=f"line {row}", expected="each number once", got=f"{found[1]} twice")
+        name = PurePosixPath(found[2].replace("\\", "/")).name
+        listed[int(found[1])] = name.removesuffix(next((s for s in CLOUD_SUFFIXES if name.lower().endswith(s)), ""))
+    return listed
+
+
+def _named_sweeps(
+    listed: Mapping[int, str], numbers: Collection[int], recording: Recording, file: Path
+) -> dict[int, SweepRef]:
+    """The sweep of each frame of a list.
+
+    Raises:
+        DataError: a tracklet in a frame that is not listed, or a listed frame that no sweep is called as.
+    """
+    missing = sorted(set(numbers) - set(listed))
+    if missing:
+        got = f"none for {', '.join(map(str, missing[:SHOWN]))}"
+        raise DataError(file, expected="a line for each frame that tracklets have", got=got)
+    sweeps = pair_with_sweeps(listed.values(), recording, LabelOptions(), source=file, by_place=False) if listed else {}
+    found: dict[int, SweepRef] = {}
+    for number, name in listed.items():
+        if sweeps[name] in found.values():
+            raise DataError(file, field=f"frame {number}", expected="each name once", got=f"{name!r} twice")
+        found[number] = sweeps[name]
+    return found
 
 
 def _runs(posed: Sequence[tuple[int, Cuboid]]) -> list[list[tuple[int, Cuboid]]]:
@@ -396,24 +472,6 @@ def _refuse_lean(pose: TrackletPose, file: Path, field: str) -> None:
 
 def _lean_rad(pose: RigidTransform) -> float:
     return float(np.hypot(pose.rotation[0, 2], pose.rotation[1, 2]))
-
-
-def _floating(tracks: Sequence[Track]) -> list[str]:
-    """A line where boxes do not stand on the road, as they do when the file has another convention."""
-    bottoms_m = [
-        state.shape.vehicle_from_object.translation_m[2] - state.shape.size_m[2] / 2.0
-        for track in tracks
-        for state in track.states
-        if isinstance(state.shape, Cuboid)
-    ]
-    height_m = float(np.median(bottoms_m)) if bottoms_m else 0.0
-    if abs(height_m) <= FLOATING_M:
-        return []
-    side = "above" if height_m > 0 else "below"
-    return [
-        f"doubtful: the middle box stands {abs(height_m):.2f} m {side} the road; the file may be of the other kind "
-        f"(kitti-tracklets, cvat-tracklets), or the lidar's mounting is wrong"
-    ]
 
 
 def _triple(values: NDArray[np.float64]) -> tuple[float, float, float]:

@@ -268,3 +268,29 @@ def middle_velocities(times_ns: NDArray[np.int64], middles_m: NDArray[np.float64
         away = seconds - seconds.mean()
         velocities[row] = away @ middles_m[used] / (away @ away)
     return velocities
+
+
+FLOATING_M = 0.5  # from the road to the bottom of the middle box; more is another convention or another calibration
+
+
+def floating(tracks: Sequence[Track], reason: str) -> list[str]:
+    """A line where boxes do not stand on the road, as they do when the file has another convention.
+
+    Args:
+        tracks: objects, vehicle frame.
+        reason: what it may be, beside another mounting of the lidar.
+    """
+    bottoms_m = [
+        state.shape.vehicle_from_object.translation_m[2] - state.shape.size_m[2] / 2.0
+        for track in tracks
+        for state in track.states
+        if isinstance(state.shape, Cuboid)
+    ]
+    height_m = float(np.median(bottoms_m)) if bottoms_m else 0.0
+    if abs(height_m) <= FLOATING_M:
+        return []
+    side = "above" if height_m > 0 else "below"
+    return [
+        f"doubtful: the middle box stands {abs(height_m):.2f} m {side} the road; {reason}, "
+        f"or the lidar's mounting is wrong"
+    ]

@@ -3,8 +3,9 @@
 Coordinate systems of an OpenLABEL file, chained to our vehicle frame.
 
 The chain ends at the lidar where the file knows one, since what was labelled are the points of the lidar, and our
-recording says where that sits: a file's own vehicle frame may have its origin elsewhere. Without a lidar it ends at the
-file's one local system, which is taken for our vehicle frame.
+recording says where that sits: a file's own vehicle frame may have its origin elsewhere. Without a lidar, or where the
+file says nowhere how it lies to the other systems, what does not lead to it ends at the file's one local system, which
+is taken for our vehicle frame.
 
 Lenses in the streams of an OpenLABEL file <-> camera models.
 
@@ -16,8 +17,8 @@ center_x, center_y). What its coefficients mean depends on the rest:
 - four with a focal length, or the model "opencv_fisheye": r = f (t + k1 t^3 + k2 t^5 + k3 t^7 + k4 t^9);
 - five, or the model "kannala": r = f (k1 t + k2 t^3 + k3 t^5 + k4 t^7 + k5 t^9), f = 1 without a focal length.
 
-`intrinsics_pinhole` is read without distortion. Files do not say where a pixel has its centre: (0, 0) is taken for the
-centre of the first one, as everywhere here.
+The distortion of `intrinsics_pinhole` is OpenCV's: k1, k2, p1, p2 and, where there is a fifth, k3. Files do not say
+where a pixel has its centre: (0, 0) is taken for the centre of the first one, as everywhere here.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from scipy.spatial.transform import Rotation
 
 from bench.cameras import CameraModel, camera_from_parameters, camera_parameters
 from bench.cameras.angular import KannalaBrandtCamera, RadialPolynomialCamera
+from bench.cameras.brown import BrownConradyCamera
 from bench.cameras.pinhole import PinholeCamera
 from bench.errors import DataError, ShapeError, UnknownNameError
 from bench.geometry import RigidTransform
@@ -60,7 +62,8 @@ class Systems:
         self._content, self._file = content, file
         self._chained: dict[tuple[str | None, str | None], RigidTransform] = {}
         self._constant = constant_poses(content, file)
-        self.anchor, self._vehicle_from_anchor = self._anchored(recording)
+        self._anchors = self._anchored(recording)
+        self._taken: str | None = None
 
     def vehicle_from(self, name: str | None, frame: str | None) -> RigidTransform:
         """Our vehicle frame from a system of the file.
@@ -79,14 +82,22 @@ class Systems:
         return self._chained[(name, frame)]
 
     @property
-    def guessed(self) -> bool:
-        """Whether the file names no system at all, so that its data is taken for lidar coordinates."""
-        return not self._content.coordinate_systems
+    def guesses(self) -> list[str]:
+        """One line for each thing that the file does not say and that was taken for granted."""
+        if not self._content.coordinate_systems:
+            return ["the file names no coordinate system: read in the frame of the lidar"]
+        if self._taken is None:
+            return []
+        lidar = next(iter(self._anchors))
+        told = (
+            f"the file does not say where {lidar!r} lies: {self._taken!r} is taken for the vehicle frame, origin on the"
+        )
+        return [f"{told} ground below the rear axle; where that is wrong, add pose_wrt_parent to {lidar!r}"]
 
     def _chain(self, name: str | None, frame: str | None) -> RigidTransform:
-        start = self.anchor if name is None else name
+        start = next(iter(self._anchors)) if name is None else name
         field = "openlabel.coordinate_systems" + ("" if frame is None else f", frame {frame}")
-        if start != self.anchor and start not in self._content.coordinate_systems:
+        if start not in self._anchors and start not in self._content.coordinate_systems:
             known = ", ".join(self._content.coordinate_systems) or "none"
             raise DataError(self._file, field=field, expected=f"one of {known}", got=repr(start))
         edges = dict(self._constant)
@@ -95,35 +106,43 @@ class Systems:
                 place = f"openlabel.frames.{frame}.frame_properties.transforms.{key}"
                 edges.pop((moved.src, moved.dst), None)
                 edges[(moved.dst, moved.src)] = read_transform(moved.transform_src_to_dst, self._file, place)
-        chained = chain(start, self.anchor, edges)
-        if chained is None:
-            do = "give pose_wrt_parent, or frame_properties.transforms in every frame"
-            raise DataError(
-                self._file, field=field, expected=f"poses from {start!r} to {self.anchor!r}", got="none", do=do
-            )
-        return self._vehicle_from_anchor @ chained
+        for number, (anchor, vehicle_from_anchor) in enumerate(self._anchors.items()):
+            chained = chain(start, anchor, edges)
+            if chained is not None:
+                self._taken = anchor if number else self._taken
+                return vehicle_from_anchor @ chained
+        do = "give pose_wrt_parent, or frame_properties.transforms in every frame"
+        expected = f"poses from {start!r} to {' or '.join(map(repr, self._anchors))}"
+        raise DataError(self._file, field=field, expected=expected, got="none", do=do)
 
-    def _anchored(self, recording: Recording) -> tuple[str, RigidTransform]:
+    def _anchored(self, recording: Recording) -> dict[str, RigidTransform]:
+        """Systems at which a chain may end, the first that it reaches, and our vehicle frame from each."""
         systems, streams = self._content.coordinate_systems, self._content.streams
         if not systems:
-            return "lidar", recording.vehicle_from_lidar
+            return {"lidar": recording.vehicle_from_lidar}
         lidars = [name for name in systems if name in streams and streams[name].type == "lidar"]
         lidars = lidars or [
             name
             for name, system in systems.items()
             if system.type in {"sensor_cs", "sensor"} and any(word in name.casefold() for word in LIDAR_WORDS)
         ]
-        if len(lidars) == 1:
-            return lidars[0], recording.vehicle_from_lidar
         local = [name for name, system in systems.items() if system.type in {"local_cs", "local"}]
-        if len(local) == 1:
-            return local[0], RigidTransform.identity()
-        raise DataError(
-            self._file,
-            field="openlabel.coordinate_systems",
-            expected="one system of a lidar (a sensor_cs with a stream of type lidar of its name), or one local_cs",
-            got=f"{len(lidars)} and {len(local)} in {', '.join(systems)}"[:200],
-        )
+        anchors = {lidars[0]: recording.vehicle_from_lidar} if len(lidars) == 1 else {}
+        if len(local) == 1 and not (anchors and self._is_placed(lidars[0])):
+            anchors[local[0]] = RigidTransform.identity()
+        if not anchors:
+            raise DataError(
+                self._file,
+                field="openlabel.coordinate_systems",
+                expected="one system of a lidar (a sensor_cs with a stream of type lidar of its name), or one local_cs",
+                got=f"{len(lidars)} and {len(local)} in {', '.join(systems)}"[:200],
+            )
+        return anchors
+
+    def _is_placed(self, name: str) -> bool:
+        """Whether a pose leads to or from a system, always or in any frame."""
+        moved = (m for frame in self._content.frames.values() for m in frame.frame_properties.transforms.values())
+        return any(name in edge for edge in self._constant) or any(name in (m.src, m.dst) for m in moved)
 
 
 def constant_poses(content: Root, file: Path) -> dict[tuple[str, str], RigidTransform]:
@@ -242,10 +261,14 @@ def lens_properties(camera: CameraModel) -> dict[str, Any]:
     u, v = camera.principal_point
     centre = {"center_x_px": u, "center_y_px": v}
     properties: dict[str, Any] = {}
-    if isinstance(camera, PinholeCamera):
+    if isinstance(camera, PinholeCamera | BrownConradyCamera):
         fx, fy = camera.focal
         matrix = [fx, 0.0, u, 0.0, 0.0, fy, v, 0.0, 0.0, 0.0, 1.0, 0.0]
-        properties["intrinsics_pinhole"] = {**size, "camera_matrix": matrix, "distortion_coeffs": NO_DISTORTION}
+        distortion = NO_DISTORTION
+        if isinstance(camera, BrownConradyCamera):
+            k1, k2, k3 = (*camera.radial, 0.0, 0.0, 0.0)[:3]
+            distortion = [k1, k2, *camera.tangential, k3]
+        properties["intrinsics_pinhole"] = {**size, "camera_matrix": matrix, "distortion_coeffs": distortion}
     elif isinstance(camera, RadialPolynomialCamera | KannalaBrandtCamera) and len(camera.coefficients) <= 4:
         lens: dict[str, Any]
         if isinstance(camera, RadialPolynomialCamera):
@@ -310,18 +333,23 @@ def _pinhole(values: Mapping[str, Any], file: Path, field: str) -> CameraModel:
     columns = len(matrix) // 3
     told = any(values.get(name) not in (None, []) for name in DISTORTIONS)
     distortion = _list(values, DISTORTIONS, file, field) if told else []
-    if any(distortion) or matrix[1]:
-        expected = "a pinhole without distortion or skew"
-        do = "give images without distortion, or another camera model in intrinsics_custom"
-        raise DataError(file, field=field, expected=expected, got=f"{distortion}, skew {matrix[1]}", do=do)
+    if matrix[1]:
+        raise DataError(file, field=field, expected="a pinhole without skew", got=f"skew {matrix[1]}")
     width, height = _size(values, file, field)
-    return camera_from_parameters(
-        "pinhole",
-        width=width,
-        height=height,
-        focal=(matrix[0], matrix[columns + 1]),
-        principal_point=(matrix[2], matrix[columns + 2]),
-    )
+    shape: dict[str, Any] = {
+        "width": width,
+        "height": height,
+        "focal": (matrix[0], matrix[columns + 1]),
+        "principal_point": (matrix[2], matrix[columns + 2]),
+    }
+    if not any(distortion):
+        return camera_from_parameters("pinhole", **shape)
+    if len(distortion) < 4 or any(distortion[5:]):
+        do = "give images without distortion, or another camera model in intrinsics_custom"
+        expected, place = "k1, k2, p1, p2 and k3", f"{field}.distortion_coeffs"
+        raise DataError(file, field=place, expected=expected, got=f"{len(distortion)} coefficients", do=do)
+    k1, k2, p1, p2, k3 = (*distortion, 0.0)[:5]
+    return camera_from_parameters("brown_conrady", **shape, radial=(k1, k2, k3), tangential=(p1, p2))
 
 
 def _size(values: Mapping[str, Any], file: Path, field: str) -> tuple[int, int]:

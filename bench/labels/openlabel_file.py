@@ -69,6 +69,11 @@ class Entry(ToolModel):
     closed: bool = False
     attributes: dict[str, Any] = Field(default_factory=dict)
 
+    def stated(self, name: str) -> Any:
+        """The value of an attribute of any kind; None where there is none of the name."""
+        listed = (entry for kind in self.attributes.values() if isinstance(kind, list) for entry in kind)
+        return next((e.get("val") for e in listed if isinstance(e, dict) and e.get("name") == name), None)
+
 
 class ObjectData(ToolModel):
     """All data of an object, by kind."""

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.labels.formats import LabelOptions, LabelSet, left_out, map_classes, tool_class
-from bench.labels.motion import with_motion
+from bench.labels.motion import floating, with_motion
 from bench.labels.openlabel_calibration import Systems, lens_properties
 from bench.labels.openlabel_file import ELEMENTS, Root, read_label_file
 from bench.labels.openlabel_states import StateReader, frame_times
@@ -127,9 +127,9 @@ class OpenLabelFormat:
         content = read_label_file(file)
         counts = Counter(item.type for item in content.objects.values())
         classes = map_classes(counts, options, source=file)
-        times_ns = frame_times(content, recording, options, file)
         systems = Systems(content, recording, file)
         reader = StateReader(content, systems, file)
+        times_ns = frame_times(content, recording, options, file, reader.lost)
         ids = _track_ids(content)
         tracks = []
         for uid, item in content.objects.items():
@@ -148,8 +148,8 @@ class OpenLabelFormat:
         lost += [
             f"{len(getattr(content, kind))} {kind}: no place for them" for kind in ELEMENTS if getattr(content, kind)
         ]
-        if systems.guessed and tracks:
-            lost.append("the file names no coordinate system: read in the frame of the lidar")
+        if tracks and systems.guesses:
+            lost += [*systems.guesses, *floating(tracks, "the file's frame may have its origin elsewhere")]
         return LabelSet(tracks=tuple(tracks), timestamps_ns=tuple(sorted(times_ns.values())), lost=tuple(lost))
 
     def write(self, label_set: LabelSet, recording: Recording, out: Path, options: LabelOptions) -> tuple[str, ...]:

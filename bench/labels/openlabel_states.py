@@ -2,10 +2,11 @@
 
 Times of the frames of an OpenLABEL file.
 
-The standard leaves open what a timestamp is: a number or text, in any unit, since any epoch. It is read in the unit in
-which most frames fall on a sweep or an image of the recording, within a millisecond, and then takes the time of that.
-Files without timestamps pair their frames with sweeps: by what the lidar's stream says of the frame (time, file), else
-by the frame's number.
+The standard leaves open what a timestamp is: a number or text, in any unit, since any epoch. A frame may state one of
+its own, one of the lidar's stream, and one with each of its boxes (`timestamp` among their attributes). Taken are those
+of the three, in the unit, by which most sweeps and images of the recording are met within a millisecond; a frame takes
+the time of what it meets. Of a few frames that still share a time the last is read. Files without timestamps pair their
+frames with sweeps: by what the lidar's stream says of the frame (time, file), else by the frame's number.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from decimal import Decimal, InvalidOperation
+from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -27,49 +30,97 @@ from bench.geometry import RigidTransform
 from bench.labels.formats import LabelOptions, finite_number
 from bench.labels.frames import pair_with_sweeps
 from bench.labels.openlabel_calibration import Systems
-from bench.labels.openlabel_file import IMAGE_KINDS, OTHER_KINDS, Entry, LabelledObject, ObjectData, Root, Stream
+from bench.labels.openlabel_file import (
+    IMAGE_KINDS,
+    OTHER_KINDS,
+    Entry,
+    LabelledFrame,
+    LabelledObject,
+    ObjectData,
+    Root,
+    Stamp,
+    Stream,
+)
 from bench.recordings import MOTION_KINDS, Cuboid, ObjectState, Recording, openlabel
 from bench.recordings.annotations import read_state
 from bench.recordings.validation import LATEST_NS, validated
 
 UNITS_NS = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
 NEAR_NS = 1_000_000
+STAMPS = ("frame", "lidar", "boxes")
+BOX_TIME = "timestamp"
 LONGEST_TEXT = 64
 
 
-def frame_times(content: Root, recording: Recording, options: LabelOptions, file: Path) -> dict[str, int]:
-    """The time of each frame, int64 ns.
+def frame_times(
+    content: Root, recording: Recording, options: LabelOptions, file: Path, lost: Counter[str]
+) -> dict[str, int]:
+    """The time of each frame that is read, int64 ns.
+
+    Args:
+        content: of the file.
+        recording: what was annotated.
+        options: for `first_frame`.
+        file: for messages.
+        lost: takes the frames that share their time with a later one.
 
     Raises:
-        DataError: some frames have timestamps and others not, no unit fits, two frames of one time, or frames that
-            fit no sweep.
+        DataError: no frames, some have timestamps and others not, no unit fits, half of them share their time, or
+            frames that fit no sweep.
     """
     frames = content.frames
     if not frames:
-        return {}
-    stamps = {number: frame.frame_properties.timestamp for number, frame in frames.items()}
-    if all(stamp is None for stamp in stamps.values()):
-        stamps = {number: _lidar_stream(content, number).stream_properties.sync.timestamp for number in frames}
-    given = {number: stamp for number, stamp in stamps.items() if stamp is not None}
-    if given:
-        missing = next((number for number in frames if number not in given), None)
-        if missing is not None:
-            field = f"openlabel.frames.{missing}.frame_properties.timestamp"
-            raise DataError(file, field=field, expected="a time, as the other frames have", got="nothing")
-        times_ns = _in_best_unit(
-            {number: _parsed(stamp, number, file) for number, stamp in given.items()}, recording, file
-        )
-    else:
-        names = _names(content)
-        sweeps = pair_with_sweeps(tuple(names.values()), recording, options, source=file)
-        times_ns = {number: sweeps[name].timestamp_ns for number, name in names.items()}
-    seen: dict[int, str] = {}
-    for number, time_ns in times_ns.items():
-        other = seen.setdefault(time_ns, number)
-        if other != number:
-            field = f"openlabel.frames.{number}"
-            raise DataError(file, field=field, expected="one frame for each time", got=f"{time_ns}, as frame {other}")
-    return times_ns
+        got = f"none, and {len(content.objects)} objects" if content.objects else "none"
+        do = "an annotation needs times; export the labels with frames"
+        raise DataError(file, field="openlabel.frames", expected="frames, to pair with sweeps", got=got, do=do)
+    ways = [way for way in map(partial(_stamps, content), STAMPS) if any(stamp is not None for stamp in way.values())]
+    whole = [way for way in ways if all(stamp is not None for stamp in way.values())]
+    if whole:
+        parsed = [
+            {number: _parsed(stamp, number, file) for number, stamp in way.items() if stamp is not None}
+            for way in whole
+        ]
+        return _one_each(_in_best_unit(parsed, recording, file), lost, file)
+    if ways:
+        missing = next(number for number, stamp in ways[0].items() if stamp is None)
+        field = f"openlabel.frames.{missing}.frame_properties.timestamp"
+        raise DataError(file, field=field, expected="a time, as the other frames have", got="nothing")
+    names = _names(content)
+    sweeps = pair_with_sweeps(tuple(names.values()), recording, options, source=file)
+    return _one_each({number: sweeps[name].timestamp_ns for number, name in names.items()}, lost, file)
+
+
+def _stamps(content: Root, way: str) -> dict[str, Stamp | None]:
+    """What the frames state in one of the three ways."""
+    if way == "frame":
+        return {number: frame.frame_properties.timestamp for number, frame in content.frames.items()}
+    if way == "lidar":
+        return {n: _lidar_stream(content, n).stream_properties.sync.timestamp for n in content.frames}
+    return {number: _box_stamp(frame) for number, frame in content.frames.items()}
+
+
+def _box_stamp(frame: LabelledFrame) -> Stamp | None:
+    """The one number that all boxes of a frame state as their time; None where they state none or several."""
+    boxes = [box for item in frame.objects.values() for box in item.object_data.cuboid]
+    stamps = {finite_number(box.stated(BOX_TIME)) for box in boxes}
+    return boxes[0].stated(BOX_TIME) if len(stamps) == 1 and None not in stamps else None
+
+
+def _one_each(times_ns: dict[str, int], lost: Counter[str], file: Path) -> dict[str, int]:
+    """Of frames that share a time the last.
+
+    Raises:
+        DataError: half of the frames or more share theirs, so that the times are not what tells frames apart.
+    """
+    last = {time_ns: number for number, time_ns in times_ns.items()}
+    kept = {number: time_ns for number, time_ns in times_ns.items() if last[time_ns] == number}
+    if 2 * len(kept) <= len(times_ns) and len(kept) < len(times_ns):
+        first = next(number for number in times_ns if number not in kept)
+        got = f"{times_ns[first]} in frames {first} and {last[times_ns[first]]}"
+        raise DataError(file, field=f"openlabel.frames.{first}", expected="one frame for each time", got=got)
+    if len(kept) < len(times_ns):
+        lost["frames of the same time as a later one, left out"] += len(times_ns) - len(kept)
+    return kept
 
 
 def _names(content: Root) -> dict[str, str]:
@@ -117,23 +168,23 @@ def _parsed(stamp: float | str | None, number: str, file: Path) -> Decimal | int
     return whole + moment.microsecond * UNITS_NS["us"]
 
 
-def _in_best_unit(values: Mapping[str, Decimal | int], recording: Recording, file: Path) -> dict[str, int]:
+def _in_best_unit(ways: Sequence[Mapping[str, Decimal | int]], recording: Recording, file: Path) -> dict[str, int]:
     known = sorted(
         {sweep.timestamp_ns for sweep in recording.sweeps}
         | {image.timestamp_ns for images in recording.images.values() for image in images}
     )
-    best: dict[str, int] = {}
+    best, values = dict[str, int](), ways[0]
     most = 0
-    for unit_ns in UNITS_NS.values():
+    for way, unit_ns in product(ways, UNITS_NS.values()):
         times_ns: dict[str, int] = {}
-        hits = 0
-        for number, value in values.items():
+        met: set[int] = set()
+        for number, value in way.items():
             exact = value if isinstance(value, int) else int((value * unit_ns).to_integral_value())
             nearest = _nearest(exact, known)
-            hits += nearest is not None
+            met |= set() if nearest is None else {nearest}
             times_ns[number] = exact if nearest is None else nearest
-        if hits > most:
-            best, most = times_ns, hits
+        if len(met) > most:
+            best, most, values = times_ns, len(met), way
     if not most:
         first = next(iter(values))
         raise DataError(

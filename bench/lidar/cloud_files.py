@@ -1,8 +1,13 @@
-"""Reading .pcd and .ply, by open3d.
+"""Reading .pcd and .ply: the header says where in a point each number lies, which is all that NumPy needs.
 
-The only module that imports open3d. The import takes 0.6 s, so it is done when it is needed. The wheel links against
-`libusb-1.0.so.0`, which servers and containers often lack; the `libusb-package` wheel carries that library, and once it
-is loaded for the whole process the import finds it, with no system package and no root.
+A field of COUNT 0, which some tools write for padding of another length, says that the header does not know where the
+fields behind it lie: files in which one of them is wanted are refused.
+
+open3d unpacks compressed .pcd files, and no others: it drops times of points that are whole numbers, and fields that
+pad a point (`_`) end its process. This is the only module that imports it. The import takes 0.6 s, so it is done when
+it is needed. The wheel links against `libusb-1.0.so.0`, which servers and containers often lack; the `libusb-package`
+wheel carries that library, and once it is loaded for the whole process the import finds it, with no system package and
+no root.
 """
 
 from __future__ import annotations
@@ -10,13 +15,14 @@ from __future__ import annotations
 import ctypes
 import re
 import struct
-from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.errors import DataError
 from bench.lidar.sweep import LARGEST_BYTES, Arrays
@@ -49,63 +55,146 @@ PLY_TYPES = {
     "float": np.dtype("f4"),
     "double": np.dtype("f8"),
 }
-NUMBER_BYTES = b"0123456789+-.eEnaifINFty"
+PLY_ORDERS: dict[str, Literal["=", "<", ">"]] = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
+PCD_TYPES = {"I": "i", "U": "u", "F": "f"}
+PCD_SIZES = {"I": (1, 2, 4, 8), "U": (1, 2, 4, 8), "F": (4, 8)}
+PADDING = "_"
 PLY_WORDS = frozenset({"comment", "obj_info", "element", "property", "end_header"})  # behind the first two lines
+TIME_FIELDS = ("t", "time", "timestamp", "offset_time", "time_offset", "time_offset_ns", "gps_time")
+WANTED = frozenset({"x", "y", "z", "intensity", "ring", *TIME_FIELDS})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Layout:
+    """What the header of a .pcd or .ply file says.
+
+    Attributes:
+        kind: of the data, as the format calls it.
+        rows: number of points.
+        columns: name, type and count of numbers of each field of a point, in order.
+    """
+
+    kind: str
+    rows: int
+    columns: tuple[tuple[str, np.dtype[Any], int], ...]
+
+    @property
+    def row_bytes(self) -> int:
+        """Of a point."""
+        return sum(dtype.itemsize * count for _, dtype, count in self.columns)
+
+    @property
+    def lost(self) -> list[str]:
+        """Fields that are wanted and lie behind one of no numbers."""
+        counts = [count for _, _, count in self.columns]
+        behind = self.columns[counts.index(0) :] if 0 in counts else ()
+        return [name for name, _, _ in behind if name in WANTED]
+
+    @property
+    def padded(self) -> bool:
+        """Whether points have fields that are no single number with a name."""
+        return any(name == PADDING or count != 1 for name, _, count in self.columns)
 
 
 def read_cloud(path: Path) -> Arrays:
-    """Read points, and intensities and rings where they are.
+    """Read points, and intensities, rings and times where they are.
 
     Raises:
         DataError: cut short, empty, or not of the suffix's format.
     """
-    _refuse_cut_short(path)
-    library = open3d()
-    quiet = library.utility.VerbosityContextManager(library.utility.VerbosityLevel.Error)
-    try:
-        with quiet:
-            cloud = library.t.io.read_point_cloud(str(path))
-    except RuntimeError as error:
-        raise DataError(path, expected=f"a whole {path.suffix} file", got=" ".join(str(error).split())) from error
-    names = {str(name) for name in cloud.point}
-    if "positions" not in names or not len(cloud.point.positions):
-        raise DataError(path, expected=f"a whole {path.suffix} file with points", got="none that could be read")
-    arrays: Arrays = {"points_lidar": cloud.point.positions.numpy().copy()}
-    for name, dtype in (("intensity", np.float32), ("ring", np.uint8)):
-        if name in names:
-            arrays[name] = cloud.point[name].numpy().reshape(-1).astype(dtype)
-    return arrays
-
-
-def _refuse_cut_short(path: Path) -> None:
-    """Compare the length of a .ply or .pcd file with its header: open3d fills up what is missing with zeros."""
     content = path.read_bytes()
     end = re.search(rb"^(end_header|DATA \w+)\r?\n", content, re.MULTILINE)
     head = content[: end.end()].decode("ascii", "replace").split("\n") if end else []
-    words = [line.split() for line in head if line.strip()]
-    is_ply = path.suffix.lower() == ".ply"
-    kind = next((w[1] for w in words if w[0] in {"format", "DATA"}), "")
+    words = [line.split() for line in head if line.strip() and not line.startswith("#")]
     try:
-        rows, row_bytes = _ply_rows(words) if is_ply else _pcd_rows(words)
+        layout = _ply_layout(words) if path.suffix.lower() == ".ply" else _pcd_layout(words)
     except (ValueError, IndexError, KeyError, StopIteration):
         raise DataError(path, expected=f"the header of a {path.suffix} file", got="another or none") from None
-    body = content[end.end() :] if end else b""
-    if not 0 < rows * row_bytes <= LARGEST_BYTES:
-        got = f"a header of {rows} points of {row_bytes} bytes"
+    if layout.lost:
+        got, do = (
+            "0, so that nobody knows where they lie",
+            "write the cloud again without padding, or without these fields",
+        )
+        expected = f"a COUNT of 1 or more for each field before {', '.join(layout.lost)}"
+        raise DataError(path, field="COUNT", expected=expected, got=got, do=do)
+    if not 0 < layout.rows * layout.row_bytes <= LARGEST_BYTES:
+        got = f"a header of {layout.rows} points of {layout.row_bytes} bytes"
         raise DataError(path, expected=f"points of at most {LARGEST_BYTES} bytes", got=got)
-    if kind == "binary_compressed":
-        _refuse_lying(path, body, rows * row_bytes)
-    if kind == "ascii" and len(body.split(b"\n")) - body.endswith(b"\n") < rows:
-        raise DataError(path, expected=f"{rows} lines of points", got="fewer; the file is cut short")
-    if kind == "ascii" and is_ply:
-        _refuse_other_words(path, body.split(), rows, [kind for _, kind in _ply_columns(words)])
-    if kind.startswith("binary") and kind != "binary_compressed" and len(body) < rows * row_bytes:
+    body = content[end.end() :] if end else b""
+    match layout.kind:
+        case "ascii":
+            fields = _written(path, body, layout)
+        case "binary_compressed":
+            fields = _compressed(path, body, layout)
+        case _:
+            fields = _packed(path, body, layout)
+    return _arrays(fields)
+
+
+def _arrays(fields: dict[str, NDArray[Any]]) -> Arrays:
+    points = np.stack([fields[axis] for axis in "xyz"], axis=-1)
+    arrays: Arrays = {"points_lidar": points if points.dtype.kind == "f" else points.astype(np.float64)}
+    if "intensity" in fields:
+        arrays["intensity"] = fields["intensity"].astype(np.float32)
+    ring = fields.get("ring")
+    if ring is not None and 0 <= ring.min() <= ring.max() < 256:  # a byte counts no more lasers
+        arrays["ring"] = ring.astype(np.uint8)
+    time = next((fields[name] for name in TIME_FIELDS if name in fields), None)
+    if time is not None:
+        arrays["time"] = time
+    return arrays
+
+
+def _packed(path: Path, body: bytes, layout: Layout) -> dict[str, NDArray[Any]]:
+    due = layout.rows * layout.row_bytes
+    if len(body) < due:
         got = f"{len(body)}; the file is cut short"
-        raise DataError(path, expected=f"{rows} points of {row_bytes} bytes, {rows * row_bytes} bytes in all", got=got)
+        expected = f"{layout.rows} points of {layout.row_bytes} bytes, {due} bytes in all"
+        raise DataError(path, expected=expected, got=got)
+    offsets = np.cumsum([0, *(dtype.itemsize * count for _, dtype, count in layout.columns)])
+    single = {
+        name: (dtype, int(offset))
+        for (name, dtype, count), offset in zip(layout.columns, offsets[:-1], strict=True)
+        if count == 1 and name != PADDING
+    }
+    formats, places = [dtype for dtype, _ in single.values()], [offset for _, offset in single.values()]
+    row = np.dtype({"names": list(single), "formats": formats, "offsets": places, "itemsize": layout.row_bytes})
+    rows = np.frombuffer(body, dtype=row, count=layout.rows)
+    return {name: rows[name].astype(rows.dtype[name].newbyteorder("=")) for name in single}
 
 
-def _refuse_lying(path: Path, body: bytes, unpacked: int) -> None:
-    """Compare the two lengths before compressed points with the file: open3d allocates what they state."""
+def _written(path: Path, body: bytes, layout: Layout) -> dict[str, NDArray[Any]]:
+    """Points as text."""
+    width = sum(count for _, _, count in layout.columns)
+    words = body.split()
+    if len(body.split(b"\n")) - body.endswith(b"\n") < layout.rows or len(words) < layout.rows * width:
+        raise DataError(path, expected=f"{layout.rows} lines of {width} numbers", got="fewer; the file is cut short")
+    table = np.array(words[: layout.rows * width], dtype=np.bytes_).reshape(layout.rows, width)
+    fields, first = dict[str, NDArray[Any]](), 0
+    for name, dtype, count in layout.columns:
+        if count == 1 and name != PADDING:
+            fields[name] = _typed(path, name, table[:, first], dtype)
+        first += count
+    return fields
+
+
+def _typed(path: Path, name: str, words: NDArray[np.bytes_], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Words as numbers of a type that holds them."""
+    try:
+        with np.errstate(over="raise"):
+            return words.astype(dtype) if dtype.kind != "f" else words.astype(np.float64).astype(dtype)
+    except (ValueError, OverflowError, FloatingPointError) as error:
+        got = " ".join(str(error).split())[:80]
+        raise DataError(path, field=name, expected=f"numbers of type {dtype}", got=got) from None
+
+
+def _compressed(path: Path, body: bytes, layout: Layout) -> dict[str, NDArray[Any]]:
+    """By open3d, which allocates what the two lengths before the points state, and prints what it cannot read."""
+    if layout.padded:
+        do = "store the points as binary: pcl_convert_pcd_ascii_binary IN OUT 1"
+        expected = "fields of one number each in compressed points"
+        raise DataError(path, field="FIELDS", expected=expected, got="padding, or several", do=do)
+    unpacked = layout.rows * layout.row_bytes
     if len(body) < 8:
         raise DataError(path, expected="compressed points", got=f"{len(body)} bytes; the file is cut short")
     packed, stated = struct.unpack_from("<II", body)
@@ -113,51 +202,51 @@ def _refuse_lying(path: Path, body: bytes, unpacked: int) -> None:
         raise DataError(path, expected=f"{unpacked} bytes when unpacked, as the header says", got=str(stated))
     if packed > len(body) - 8:
         raise DataError(path, expected=f"{packed} bytes packed", got=f"{len(body) - 8}; the file is cut short")
-
-
-def _refuse_other_words(path: Path, words: list[bytes], rows: int, types: Sequence[np.dtype[Any]]) -> None:
-    """Compare the words of points with their types: open3d prints the first that is none, past all streams."""
+    library = open3d()
     try:
-        if b"".join(words).translate(None, NUMBER_BYTES):
-            raise ValueError("words that NumPy takes for numbers, but open3d does not")
-        values = np.array(words[: rows * len(types)], dtype=np.bytes_).astype(np.float64).reshape(rows, len(types))
-    except ValueError:
-        expected = f"{rows} points of {len(types)} numbers"
-        raise DataError(path, field="vertex", expected=expected, got="fewer, or words that are none") from None
-    for column, kind in zip(values.T, types, strict=True):
-        span = np.iinfo(kind) if kind.kind in "iu" else np.finfo(kind)
-        fits = (column >= span.min) & (column <= span.max) & ((column % 1 == 0) | (kind.kind == "f"))
-        if not fits.all():
-            row = int(np.argmin(fits))
-            raise DataError(path, field=f"vertex {row}", expected=f"numbers of type {kind}", got=f"{column[row]:g}")
+        with library.utility.VerbosityContextManager(library.utility.VerbosityLevel.Error):
+            cloud = library.t.io.read_point_cloud(str(path))
+    except RuntimeError as error:
+        raise DataError(path, expected=f"a whole {path.suffix} file", got=" ".join(str(error).split())) from error
+    fields = {str(name): cloud.point[name].numpy() for name in cloud.point}
+    if not len(fields.get("positions", ())):
+        raise DataError(path, expected=f"a whole {path.suffix} file with points", got="none that could be read")
+    places = {axis: fields["positions"][:, i].copy() for i, axis in enumerate("xyz")}
+    return {name: values.reshape(-1).copy() for name, values in fields.items() if values.size == layout.rows} | places
 
 
-def _ply_rows(words: list[list[str]]) -> tuple[int, int]:
-    """Number of vertices and bytes of one; the vertices come first in every point cloud."""
+def _ply_layout(words: list[list[str]]) -> Layout:
+    """The vertices come first in every point cloud."""
     if [w[0] for w in words[:2]] != ["ply", "format"] or not {w[0] for w in words[2:]} <= PLY_WORDS:
         raise ValueError("lines that no header has")
     first = next(i for i, w in enumerate(words) if w[0] == "element")
     if words[first][1] != "vertex":
         raise ValueError("vertices do not come first")
-    columns = _ply_columns(words)
-    if not {"x", "y", "z"} <= {name for name, _ in columns}:
-        raise ValueError("vertices without x, y and z")
-    return int(words[first][2]), sum(kind.itemsize for _, kind in columns)
+    after = next(i for i, w in enumerate(words) if i > first and w[0] in {"element", "end_header"})
+    order = PLY_ORDERS[words[1][1]]
+    columns = [(w[2], PLY_TYPES[w[1]].newbyteorder(order), 1) for w in words[first:after] if w[0] == "property"]
+    return _checked(Layout(kind=words[1][1], rows=int(words[first][2]), columns=tuple(columns)))
 
 
-def _ply_columns(words: list[list[str]]) -> list[tuple[str, np.dtype[Any]]]:
-    first = next(i for i, w in enumerate(words) if w[0] == "element")
-    after = next(i for i, w in enumerate([*words, ["end_header"]]) if i > first and w[0] in {"element", "end_header"})
-    return [(w[2], PLY_TYPES[w[1]]) for w in words[first:after] if w[0] == "property"]
-
-
-def _pcd_rows(words: list[list[str]]) -> tuple[int, int]:
+def _pcd_layout(words: list[list[str]]) -> Layout:
     entries = {w[0]: w[1:] for w in words}
-    counts = entries.get("COUNT", ["1"] * len(entries["SIZE"]))
-    columns = {len(entries[name]) for name in ("FIELDS", "SIZE", "TYPE")} | {len(counts)}
-    sound = set(entries["SIZE"]) <= {"1", "2", "4", "8"} and set(entries["TYPE"]) <= {"I", "U", "F"}
-    if len(columns) != 1 or not {"x", "y", "z"} <= set(entries["FIELDS"]) or not sound or min(map(int, counts)) < 1:
-        raise ValueError("columns that do not fit together")
+    names, kinds, sizes = entries["FIELDS"], entries["TYPE"], list(map(int, entries["SIZE"]))
+    counts = list(map(int, entries.get("COUNT", ["1"] * len(names))))
+    if any(size not in PCD_SIZES[kind] for kind, size in zip(kinds, sizes, strict=True)) or min(counts) < 0:
+        raise ValueError("columns of no type")
     if int(entries["WIDTH"][0]) * int(entries["HEIGHT"][0]) != int(entries["POINTS"][0]):
         raise ValueError("WIDTH and HEIGHT that do not make POINTS")
-    return int(entries["POINTS"][0]), sum(int(s) * int(c) for s, c in zip(entries["SIZE"], counts, strict=True))
+    kind = entries["DATA"][0]
+    if kind not in {"ascii", "binary", "binary_compressed"}:
+        raise ValueError("data of another kind")
+    types = [np.dtype(f"<{PCD_TYPES[kind]}{size}") for kind, size in zip(kinds, sizes, strict=True)]
+    columns = tuple(zip(names, types, counts, strict=True))
+    return _checked(Layout(kind=kind, rows=int(entries["POINTS"][0]), columns=columns))
+
+
+def _checked(layout: Layout) -> Layout:
+    """Refuse points without x, y and z, and fields that share a name."""
+    named = [name for name, _, count in layout.columns if count == 1 and name != PADDING]
+    if not {"x", "y", "z"} <= set(named) or len(set(named)) < len(named):
+        raise ValueError("points without x, y and z")
+    return layout

@@ -1,8 +1,8 @@
 """Point-cloud files: .npz (ours) and .bin (KITTI) here, .pcd, .ply and .laz by their own modules.
 
 Every reader gives the same named arrays: `points_lidar` (N, 3) and, where the file has them, `intensity`,
-`time_offset_ns`, `ring` and `gps_time`. Points that are not finite are refused: a file that holds them was written by
-a tool that writes rows for lost returns, and row numbers would depend on whether they count.
+`time_offset_ns`, `ring`, `gps_time` and `time`. Points that are not finite are refused: a file that holds them was
+written by a tool that writes rows for lost returns, and row numbers would depend on whether they count.
 """
 
 from __future__ import annotations
@@ -39,6 +39,8 @@ NPZ_TYPES: Mapping[str, tuple[str, str, type[Any] | None]] = {  # kinds of type,
     "ring": ("ui", "uint8 or integers", np.uint8),
 }
 FARTHEST_M = 1e8  # coordinates of any map are below
+SHORTEST_SWEEP_NS = 10_000_000
+UNITS_NS = (1_000_000_000, 1_000_000, 1_000, 1)
 FARTHEST_TIME_NS = 1_000_000_000  # a point's time further from its sweep's means another clock or unit
 
 
@@ -132,8 +134,9 @@ def read_points(path: Path) -> Arrays:
         points_lidar: (N, 3) float32 or float64, m, finite.
         intensity: (N,) float32 as the file has it, if it has.
         time_offset_ns: (N,) int64, from .npz, if it has.
-        ring: (N,) uint8, from .npz, if it has.
+        ring: (N,) uint8, from .npz, .pcd and .ply, if it has.
         gps_time: (N,) float64 as the file has it, from .laz, if it has.
+        time: (N,) as the file has it, from a field of .pcd and .ply that is called as one of `TIME_FIELDS`.
 
     Raises:
         UnknownNameError: a suffix that is not read here.
@@ -171,7 +174,9 @@ def read_sweep(path: Path, timestamp_ns: int) -> LidarSweep:
     """Read one revolution.
 
     In .laz files `gps_time` is taken as absolute nanoseconds in the clock of `timestamp_ns`, and intensities as
-    0 to 255.
+    0 to 255. Times in .pcd and .ply have no stated unit or origin. They are seconds, milliseconds, microseconds or
+    nanoseconds, whichever makes the sweep last 10 ms to a second, which only one of them can; and they count from
+    `timestamp_ns`, or in its clock where that puts them nearer to it.
 
     Args:
         path: the file.
@@ -189,6 +194,8 @@ def read_sweep(path: Path, timestamp_ns: int) -> LidarSweep:
         field = "gps_time"
         if field in arrays:
             offsets_ns = _whole_ns(path, arrays[field], timestamp_ns)
+    if "time" in arrays:
+        field, offsets_ns = "time", _offsets_ns(path, arrays["time"], timestamp_ns)
     if offsets_ns is not None and offsets_ns.size and not _is_near(offsets_ns):
         expected = f"times within a second of {timestamp_ns}, ns"
         got = f"{int(offsets_ns.min())} to {int(offsets_ns.max())} ns away"
@@ -208,6 +215,29 @@ def _whole_ns(path: Path, gps_time: NDArray[np.float64], timestamp_ns: int) -> N
         got = f"{gps_time.min():g} to {gps_time.max():g}"
         raise DataError(path, field="gps_time", expected=f"times within a second of {timestamp_ns}, ns", got=got)
     return np.asarray(gps_time.round().astype(np.int64) - timestamp_ns)
+
+
+def _offsets_ns(path: Path, times: NDArray[Any], timestamp_ns: int) -> NDArray[np.int64] | None:
+    """Times of points from the sweep's; None where all are 0, as where a tool had none."""
+    if not times.any():
+        return None
+    first, last = times.min(), times.max()
+    span = float(last - first)
+    unit_ns = next((unit for unit in UNITS_NS if SHORTEST_SWEEP_NS <= span * unit < FARTHEST_TIME_NS), None)
+    if unit_ns is None:
+        expected = "times of points that are 10 ms to a second apart, in s, ms, us or ns"
+        raise DataError(path, field="time", expected=expected, got=f"{first} to {last}")
+    whole = times.dtype.kind != "f"  # nanoseconds since 1970 have more digits than a float
+    first_ns = int(first) * unit_ns if whole else round(float(first) * unit_ns)
+    since_first_ns = np.rint((times - first).astype(np.float64) * unit_ns).astype(np.int64)
+    middle_ns = first_ns + int(since_first_ns.max()) // 2
+    origin_ns = 0 if abs(middle_ns) <= abs(middle_ns - timestamp_ns) else timestamp_ns
+    if abs(first_ns - origin_ns) >= FARTHEST_TIME_NS:
+        expected = f"times within a second of {timestamp_ns} or of 0, ns"
+        raise DataError(
+            path, field="time", expected=expected, got=f"{first_ns} to {first_ns + int(since_first_ns.max())}"
+        )
+    return np.asarray(since_first_ns + (first_ns - origin_ns))
 
 
 def _is_near(offsets_ns: NDArray[np.int64]) -> bool:

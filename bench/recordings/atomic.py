@@ -9,10 +9,13 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import accumulate
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from uuid import uuid4
 
 from bench.errors import DataError, OutputError
+
+MOST_LINK_LEVELS = 4  # below the root of a data set
 
 
 @contextmanager
@@ -158,6 +161,25 @@ def path_inside(root: Path, relative: str, *, file: Path, field: str | None = No
     path = root.joinpath(*parts)
     refuse_escape(root, path, file=file, field=field)
     return path
+
+
+def linked_folder(root: Path, path: Path, *, levels: int) -> Path:
+    """The folder that a path must not leave, where links at the top of a data set are followed.
+
+    Parts of a data set often lie on other disks, so that a user has links to them in its root. What stands below such a
+    folder may come from elsewhere, and links in it are not followed.
+
+    Args:
+        root: folder of the data set.
+        path: below it, or one that is to be refused.
+        levels: how many levels below the root links to folders are followed: 1 for those in the root itself.
+
+    Returns:
+        The deepest link to a folder among these levels of `path`; `root` where there is none.
+    """
+    below = path.relative_to(root).parts[:levels] if path.is_relative_to(root) else ()
+    tops = list(accumulate(below, Path.joinpath, initial=root))[1:]
+    return next((top for top in reversed(tops) if top.is_symlink() and top.is_dir()), root)
 
 
 def refuse_escape(root: Path, path: Path, *, file: Path, field: str | None = None) -> None:

@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from bench.errors import BenchError, DataError
+from bench.recordings.atomic import linked_folder
 from bench.recordings.catalogue import Adapter
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.images import read_image
@@ -237,7 +238,9 @@ def _time_faults(times_ns: Sequence[object], place: str) -> Iterator[str]:
 
 
 def _places(paths: Sequence[Path], root: Path, place: str) -> Iterator[str]:
-    outside = [path for path in paths if not path.resolve().is_relative_to(root.resolve())]
+    outside = [
+        path for path in paths if not path.resolve().is_relative_to(linked_folder(root, path, levels=1).resolve())
+    ]
     if outside:
         yield f"{place}: expected files below {root}, got {outside[0]}"
 

@@ -7,6 +7,7 @@ import numpy as np
 import yaml
 
 from bench.cameras import (
+    BrownConradyCamera,
     CameraModel,
     KannalaBrandtCamera,
     PinholeCamera,
@@ -38,6 +39,14 @@ LENSES: dict[str, CameraModel] = {
         principal_point=(716.9, 705.8),
         radial=(0.0168, 1.6549),
         tangential=(4.2e-4, 4.2e-4),
+    ),
+    "brown_conrady": BrownConradyCamera(
+        width=640,
+        height=480,
+        focal=(330.0, 332.0),
+        principal_point=(325.5, 236.0),
+        radial=(-0.28, 0.09, -0.013),
+        tangential=(1.1e-3, -6e-4),
     ),
     "pinhole": PinholeCamera(width=640, height=480, focal=(400.0, 410.0), principal_point=(319.5, 239.5)),
 }

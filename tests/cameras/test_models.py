@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from bench.cameras import KannalaBrandtCamera, RadialPolynomialCamera, UnifiedCamera
+from bench.cameras import BrownConradyCamera, KannalaBrandtCamera, RadialPolynomialCamera, UnifiedCamera
+from bench.cameras.brown import BrownDistortion
 from bench.errors import ShapeError
 from tests.cameras.lenses import LENSES, real_kannala_brandt, real_unified, real_woodscape
 from tests.real import needs_real
@@ -33,6 +34,55 @@ def test_real_kannala_brandt_calibrations_are_opencvs_fisheye():
     for camera, matrix, terms in real_kannala_brandt():
         pixels, valid = camera.project(rays)
         np.testing.assert_allclose(pixels[valid], opencv_fisheye(rays, matrix, terms)[valid], atol=1e-9)
+
+
+def test_brown_conrady_is_opencvs_pinhole():
+    camera = LENSES["brown_conrady"]
+    (k1, k2, k3), (p1, p2) = camera.radial, camera.tangential
+    matrix = np.array([[330.0, 0, 325.5], [0, 332.0, 236.0], [0, 0, 1]])
+    rays = forward_rays()
+    expected = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), matrix, np.array([k1, k2, p1, p2, k3]))[0][:, 0]
+    pixels, valid = camera.project(rays * np.linspace(0.01, 100.0, len(rays))[:, None])
+    assert 0.2 < valid.mean() < 1.0
+    np.testing.assert_allclose(pixels[valid], expected[valid], atol=1e-9)
+
+
+def test_brown_conrady_ends_where_the_radius_folds_back():
+    # r (1 - r^2 / 3) rises up to r = 1, the angle of 45 degrees, where it is 2/3.
+    camera = BrownConradyCamera(width=500, height=500, focal=(300, 300), principal_point=(250, 250), radial=(-1 / 3,))
+    assert camera.limit_angle_rad == pytest.approx(np.pi / 4)
+    assert camera.project(np.array([[0.99, 0, 1], [1.01, 0, 1], [0.5, 0, -1]]))[1].tolist() == [True, False, False]
+    assert camera.unproject(np.array([[250 + 199.9, 250.0], [250 + 200.1, 250.0]]))[1].tolist() == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("radial", "tangential"),
+    [((-0.3, 0.1, -0.02), (2e-3, -1e-3)), ((0.0, 0.0, 0.0), (0.03, 0.04)), ((-0.2, 0.0, 0.0), (0.1, -0.2))],
+)
+def test_brown_conrady_ends_where_the_distortion_folds_first_in_any_direction(radial, tangential):
+    """The determinant of the derivatives, by differences, is positive all around within the limit and not beyond it."""
+    distortion = BrownDistortion(radial, tangential, np.inf)
+    around = np.linspace(0, 2 * np.pi, 3601)
+
+    def least_determinant(radius, step=1e-5):
+        x, y = radius * np.cos(around), radius * np.sin(around)
+        left, right, down, up = (
+            np.array(distortion(x + dx, y + dy)) for dx, dy in ((-step, 0), (step, 0), (0, -step), (0, step))
+        )
+        (xx, yx), (xy, yy) = (right - left) / (2 * step), (up - down) / (2 * step)
+        return (xx * yy - xy * yx).min()
+
+    assert min(least_determinant(share * distortion.limit) for share in np.linspace(0, 0.999, 50)) > 0
+    assert least_determinant(1.001 * distortion.limit) < 0
+
+
+def test_brown_conrady_without_a_fold_is_limited_by_90_degrees_or_the_field_of_the_lens():
+    shape = {"width": 500, "height": 500, "focal": (300, 300), "principal_point": (250, 250)}
+    assert BrownConradyCamera(**shape, radial=(0.1, 0.0, 0.01)).limit_angle_rad == pytest.approx(np.pi / 2)
+    camera = BrownConradyCamera(**shape, radial=(-1 / 3,), max_angle_rad=0.5)
+    assert camera.limit_angle_rad == pytest.approx(0.5)
+    with pytest.raises(ShapeError, match="radial: expected at most three numbers k1, k2, k3"):
+        BrownConradyCamera(**shape, radial=(0.1, 0.2, 0.3, 0.4))
 
 
 def test_kannala_brandt_at_90_degrees_by_hand():

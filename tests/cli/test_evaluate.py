@@ -146,6 +146,7 @@ def test_coco_run_lengths_by_camera_and_by_recording(evaluate, images, masks, tm
         (tmp_path / "recordings").mkdir(exist_ok=True)
         halves = [np.arange(320) < 160, np.arange(320) >= 160]  # an object is never one entry only
         entries = [entry(image, image.moving * half, camera=CAMERA) for image in own for half in halves]
+        entries = [one | {"image": f"{one['image']}.png"} for one in entries]
         (tmp_path / "recordings" / f"{recording}.json").write_text(json.dumps(entries))
     assert counts_of(evaluate(tmp_path / "cameras", out="b")) == expected
     assert counts_of(evaluate(tmp_path / "recordings", out="c")) == expected

@@ -121,8 +121,23 @@ def test_classes_are_known_in_any_case_and_the_user_goes_first():
 
 
 def test_all_unknown_classes_are_named_at_once():
-    with pytest.raises(DataError, match=r"got 'Blimp', 'Yeti'; give each, for example --class 'Blimp=vehicle'"):
+    told = r"got 'Blimp', 'Yeti'; say what each is: --class Blimp=CLASS --class Yeti=CLASS; CLASS is one of pedestrian"
+    with pytest.raises(DataError, match=told):
         map_classes(["Yeti", "Car", "Blimp"], PLAIN, source=SOURCE)
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("egocar", "--class egocar=none"),
+        ("Ego vehicle", "--class 'Ego vehicle=none'"),
+        ("police_car", "--class police_car=vehicle"),
+        ("vehicle.bicycle", "--class vehicle.bicycle=cyclist"),
+    ],
+)
+def test_a_name_that_tells_its_class_is_proposed_as_that(name, told):
+    with pytest.raises(DataError, match=rf"say what each is: {told}$"):
+        map_classes([name], PLAIN, source=SOURCE)
 
 
 def test_classes_that_are_none_of_ours_are_refused():

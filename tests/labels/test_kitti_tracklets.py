@@ -111,6 +111,56 @@ def test_what_has_no_place_is_told(tmp_path, drive):
     assert [len(track.states) for track in label_set.tracks] == [2]
 
 
+def test_counts_that_are_missing_or_wrong_are_told_and_not_believed(tmp_path, drive):
+    """As in parsers' own examples, which also have a share of truncation and a tracklet without poses."""
+    bare = document(item(pose(truncation=0.1)), item(pose(), count=3), item()).replace("<count>1</count>", "")
+    label_set = read(put(tmp_path, bare.replace("<count>3</count><item_v", "<item_v", 1)), drive)
+    assert [len(track.states) for track in label_set.tracks] == [1, 1]
+    assert label_set.lost[:3] == (
+        "tracklets: the file states no count and holds 3, which are read",
+        "tracklets.item 0.poses: the file states no count and holds 1, which are read",
+        "tracklets.item 1.poses: the file states 3 and holds 1, which are read",
+    )
+    assert {"1 tracklets without poses, left out", "1 marks of truncation: no place for them"} <= set(label_set.lost)
+    (line, *_) = read(put(tmp_path, document(item(pose()), count=2)), drive).lost
+    assert line == "tracklets: the file states 2 and holds 1, which are read"
+
+
+def listed(tmp_path, *lines):
+    (tmp_path / "frame_list.txt").write_text("\n".join(lines) + "\n")
+
+
+@pytest.mark.parametrize("name", ["kitti-tracklets", "cvat-tracklets"])
+def test_frames_of_a_list_pair_by_name_and_never_by_number(tmp_path, drive, name):
+    """The task began at the fourth sweep: its frame 0 is 000003, not 000000."""
+    file = put(tmp_path, document(item(pose(), pose(), first=0)))
+    listed(tmp_path, "0 lidar/000003", "1 000004.pcd", "2 lidar\\000005.bin")
+    label_set = label_format(name).read(file, drive, PLAIN)
+    assert [state.timestamp_ns for state in label_set.tracks[0].states] == list(street.TIMES_NS[3:5])
+    assert label_set.timestamps_ns == street.TIMES_NS[3:]
+    assert not any("all 6 sweeps" in line for line in label_set.lost)
+
+
+@pytest.mark.parametrize(
+    ("lines", "first_frame", "told"),
+    [
+        (["0 000000"], 0, r"frame_list\.txt: expected a line for each frame that tracklets have, got none for 1"),
+        (["0 cloud_000", "1 cloud_001"], 0, "expected frames called as the 6 sweeps, 000000 to 000005, got cloud_000"),
+        (["0 000000", "1 1000001"], 0, "expected frames called as the 6 sweeps, 000000 to 000005, got 1000001; name"),
+        (["0 000000", "1 000000"], 0, "frame 1: expected each name once, got '000000' twice"),
+        (["0 000000", "1 0"], 0, "expected one frame for each sweep, got '000000' and '0'"),
+        (["0 000000", "000001"], 0, "line 2: expected number and name of a frame, got '000001'"),
+        (["0 000000", "0 000001"], 0, "line 2: expected each number once, got 0 twice"),
+        (["0 000000", "1 000001"], 1, "expected frames by name or by number, got --first-frame 1 as well"),
+    ],
+)
+def test_lists_that_cannot_be_paired_are_refused(tmp_path, drive, lines, first_frame, told):
+    file = put(tmp_path, document(item(pose(), pose())))
+    listed(tmp_path, *lines)
+    with pytest.raises(DataError, match=told):
+        read(file, drive, first_frame=first_frame)
+
+
 def test_boxes_that_float_are_doubted(tmp_path, drive):
     drive = upright(drive)
     file = put(tmp_path, document(item(pose(at=(10.0, 2.0, -0.9)))))
@@ -189,7 +239,7 @@ def test_what_the_format_cannot_hold_is_told(tmp_path, drive):
         "1 numbers in truth images (instance_id)",
     ):
         assert line in told
-    found = read_tracklets(tmp_path / "out" / "tracklet_labels.xml")
+    found, _ = read_tracklets(tmp_path / "out" / "tracklet_labels.xml")
     assert [(tracklet.first_frame, len(tracklet.poses)) for tracklet in found] == [(0, 4), (5, 1)]
 
 
@@ -197,11 +247,13 @@ def test_numbers_of_frames_are_those_of_the_sweeps(tmp_path):
     drive = street.recording(tmp_path / "drive", names=tuple(f"{250 + i:010d}" for i in range(street.SWEEPS)))
     label_set = LabelSet(tracks=(street.box_track("parked"),), timestamps_ns=street.TIMES_NS)
     label_format("cvat-tracklets").write(label_set, drive, tmp_path / "a", PLAIN)
-    assert read_tracklets(tmp_path / "a/tracklet_labels.xml")[0].first_frame == 250
+    assert read_tracklets(tmp_path / "a/tracklet_labels.xml")[0][0].first_frame == 250
     options = LabelOptions(first_frame=10, classes={"Van": "vehicle"})
     label_format("cvat-tracklets").write(label_set, drive, tmp_path / "b", options)
-    (tracklet,) = read_tracklets(tmp_path / "b/tracklet_labels.xml")
+    ((tracklet,), _) = read_tracklets(tmp_path / "b/tracklet_labels.xml")
     assert (tracklet.first_frame, tracklet.object_type) == (10, "Van")
+    assert (tmp_path / "b/frame_list.txt").read_text().startswith("10 000010\n")
+    (tmp_path / "b/frame_list.txt").unlink()  # the user says by --first-frame which frames these are
     found = label_format("cvat-tracklets").read(tmp_path / "b", drive, options)
     assert_same_boxes(found.tracks, label_set.tracks, names=False)
 
@@ -238,15 +290,13 @@ sizes = st.floats(1e-3, 1e3)
 def test_files_come_back_exactly(tmp_path_factory, tracklets):
     file = tmp_path_factory.mktemp("xml") / "tracklet_labels.xml"
     write_tracklets(file, tracklets)
-    assert list(read_tracklets(file)) == tracklets
+    assert read_tracklets(file) == (tuple(tracklets), ())
 
 
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        (document(item(pose()), count=2), "tracklets.count: expected the number of tracklets, got 2 for 1 items"),
         (document(item(pose()), count=10**12), "tracklets.count: expected a whole number count"),
-        (document(item(pose(), count=3)), "item 0.poses.count: expected 1, as there are poses, got 3"),
         (document(item(pose(at=("nan", 0, 0)))), "item 0.poses.item 0.tx: expected finite numbers, got 'nan'"),
         (document(item(pose(at=("1 2", 0, 0)))), "item 0.poses.item 0.tx: expected 1 numbers, got 2"),
         (document(item(pose(), h=0)), "item 0.h: expected a size above 0, got 0.0"),
@@ -256,10 +306,11 @@ def test_files_come_back_exactly(tmp_path_factory, tracklets):
         (document(item(pose(), first=9 * 10**9)), "expected a whole number first_frame"),
         (document(item(pose(), first=9)), "frames: expected frames called as the 6 sweeps"),
         (document(item(pose(), kind="Yeti")), "classes: expected classes that can be told as .*got 'Yeti'"),
-        (document("<item><objectType>Car</objectType></item>"), "item 0.poses: expected poses, got nothing"),
+        (document("<item><objectType>Car</objectType></item>"), "item 0.h: expected 1 numbers, got 0"),
         ("<a/>", "expected boost_serialization with tracklets, got a"),
         ("<boost_serialization><b/></boost_serialization>", "expected boost_serialization with tracklets"),
-        ("<boost_serialization/>", "tracklets.count: expected the number of tracklets, got 0 counts"),
+        ("<boost_serialization/>", "tracklets: expected tracklets, or a count of 0, got neither"),
+        (document(count=3), "tracklets: expected tracklets, or a count of 0, got neither"),
         (document(item(pose()))[:-30], "expected well-formed XML"),
         ("", "expected well-formed XML"),
         ("\0\1\2", "expected well-formed XML"),

@@ -2,22 +2,25 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bench.cameras import KannalaBrandtCamera, PinholeCamera, RadialPolynomialCamera, UnifiedCamera
+from bench.cameras import BrownConradyCamera, KannalaBrandtCamera, PinholeCamera, RadialPolynomialCamera, UnifiedCamera
 from bench.errors import DataError
 from bench.geometry import RigidTransform, RoadPlane
 from bench.labels import LabelOptions, LabelSet, calibration_text, label_format
 from bench.labels.openlabel_calibration import lens_properties, read_lens
 from bench.labels.openlabel_file import StreamProperties
+from bench.lidar import read_sweep
 from bench.recordings import (
     GroundPolygon,
     MountedCamera,
     ObjectState,
     PointIndices,
+    SweepRef,
     Track,
     read_annotations,
     write_annotations,
@@ -25,6 +28,7 @@ from bench.recordings import (
 from bench.recordings.schema import CameraHead, LidarHead
 from tests.labels import street
 from tests.labels.same import assert_same_boxes
+from tests.real import REAL, needs_real
 
 PLAIN = LabelOptions()
 OPENLABEL = label_format("openlabel")
@@ -44,6 +48,14 @@ LENSES = [
         width=140, height=140, xi=2.2, focal=(133.0, 132.0), principal_point=(70.5, 69.0), radial=(0.01, 1.6)
     ),
     PinholeCamera(width=640, height=480, focal=(500.0, 505.0), principal_point=(319.5, 239.5)),
+    BrownConradyCamera(
+        width=640,
+        height=480,
+        focal=(400.0, 405.0),
+        principal_point=(319.5, 239.5),
+        radial=(-0.2, 0.05, -0.001),
+        tangential=(1e-3, -2e-3),
+    ),
 ]
 
 
@@ -225,7 +237,65 @@ def test_frames_without_times_pair_by_what_the_lidar_says(tmp_path, drive):
 def test_a_file_without_systems_speaks_of_the_lidar_and_is_told(tmp_path, drive):
     label_set = read(tmp_path, drive, document({"0": frame(entry(BOX))}, systems={}))
     assert pose(only(label_set)).translation_m == pytest.approx(drive.vehicle_from_lidar.apply(np.array(BOX[:3])))
-    assert label_set.lost == ("the file names no coordinate system: read in the frame of the lidar",)
+    assert label_set.lost[0] == "the file names no coordinate system: read in the frame of the lidar"
+
+
+def timed(box, time_s):
+    return entry(box, "base", attributes={"num": [{"name": "score", "val": 0.9}, {"name": "timestamp", "val": time_s}]})
+
+
+def test_frames_that_share_a_time_take_that_of_their_boxes(tmp_path, drive):
+    """As in the standard's own example: the pose of the vehicle came late, so that three frames have its time."""
+    frames = {
+        str(538 + i): frame(timed([10.0 + i, *BOX[1:]], time_ns / 1e9), time=street.TIMES_NS[max(i, 2)] / 1e9)
+        for i, time_ns in enumerate(street.TIMES_NS)
+    }
+    label_set = read(tmp_path, drive, document(frames))
+    assert label_set.timestamps_ns == street.TIMES_NS
+    places = [pose(state).translation_m[0] for state in label_set.tracks[0].states]
+    assert places == pytest.approx([10.0 + i for i in range(6)])
+
+
+def test_of_few_frames_of_one_time_the_last_is_read_and_that_is_told(tmp_path, drive):
+    times_ns = [street.TIMES_NS[i] for i in (0, 1, 1, 2)]
+    frames = {str(i): frame(entry([10.0 + i, *BOX[1:]], "base"), time=t) for i, t in enumerate(times_ns)}
+    label_set = read(tmp_path, drive, document(frames))
+    assert [pose(state).translation_m[0] for state in label_set.tracks[0].states] == pytest.approx([10.0, 12.0, 13.0])
+    assert "1 frames of the same time as a later one, left out" in label_set.lost
+
+
+def test_boxes_in_the_only_local_system_need_no_pose_of_the_lidar(tmp_path, drive):
+    systems = {
+        "map": {"type": "geo_utm", "parent": "", "children": ["base"]},
+        "base": {"type": "local_cs", "parent": "map", "children": ["LIDAR"]},
+        "LIDAR": {"type": "sensor_cs", "parent": "base", "children": []},
+    }
+    shown = frame(entry(BOX, "base"))
+    shown["objects"]["1"] = {"object_data": {"cuboid": [entry(BOX, "LIDAR")]}}
+    objects = {uid: {"name": uid, "type": "Car"} for uid in "01"}
+    label_set = read(tmp_path, drive, document({"0": shown}, objects=objects, systems=systems))
+    near, far = (pose(track.states[0]).translation_m for track in label_set.tracks)
+    assert near == pytest.approx(BOX[:3])
+    assert far == pytest.approx(drive.vehicle_from_lidar.apply(np.array(BOX[:3])))
+    assert any("does not say where 'LIDAR' lies: 'base' is taken for the vehicle frame" in x for x in label_set.lost)
+    systems["LIDAR"]["pose_wrt_parent"] = poses(Rotation.identity(), [0.0, 0.0, 0.0])[0]
+    again = read(tmp_path, drive, document({"0": shown}, objects=objects, systems=systems))
+    assert pose(again.tracks[0].states[0]).translation_m == pytest.approx(far)
+    assert not any("is taken for" in line for line in again.lost)
+
+
+@needs_real
+def test_the_example_of_the_standard_is_read(drive):
+    """141 frames, of which 5 have the time of another; two of these have boxes of another time."""
+    file = REAL / "labels/openlabel/asam_example_cuboids.json"
+    frames = json.loads(file.read_text())["openlabel"]["frames"].values()
+    boxes = [next(iter(frame["objects"].values()))["object_data"]["cuboid"][0] for frame in frames]
+    times_ns = sorted({round(box["attributes"]["num"][1]["val"] * 1e9) for box in boxes})
+    sweeps = tuple(SweepRef(timestamp_ns=t, path=Path(f"{t}.bin"), reader=read_sweep) for t in times_ns)
+    drive = replace(drive, sweeps=sweeps)
+    label_set = OPENLABEL.read(file, drive, LabelOptions(classes={"egocar": None}))
+    assert len(label_set.timestamps_ns) == 138
+    assert sum(len(track.states) for track in label_set.tracks) == 326
 
 
 def test_what_has_no_place_is_told(tmp_path, drive):
@@ -282,7 +352,7 @@ def with_cameras(drive):
             road=RoadPlane.below(mounted),
             stored_size_px=(lens.width, lens.height),
         )
-        for name, lens in zip(("front", "lidar", "rear", "left", "right"), LENSES, strict=True)
+        for name, lens in zip(("front", "lidar", "rear", "left", "right", "narrow"), LENSES, strict=True)
     }
     return replace(drive, cameras=cameras)
 
@@ -411,16 +481,26 @@ def test_lenses_that_are_none(tmp_path, values, told):
         read_lens(fisheye(**values), tmp_path, "x")
 
 
-def test_a_distorted_pinhole_is_refused(tmp_path):
+def test_a_distorted_pinhole_is_read_and_what_goes_beyond_five_coefficients_refused(tmp_path):
     matrix = [500.0, 0.0, 320.0, 0.0, 0.0, 500.0, 240.0, 0.0, 0.0, 0.0, 1.0, 0.0]
     values = {
         "width_px": 640,
         "height_px": 480,
         "camera_matrix_3x4": matrix,
-        "distortion_coeffs_1xN": [-0.4, 0, 0, 0, 0],
     }
-    with pytest.raises(DataError, match="expected a pinhole without distortion or skew"):
-        read_lens(StreamProperties(intrinsics_pinhole=values), tmp_path, "x")
+
+    def lens_of(coefficients, **more):
+        pinhole = values | more | {"distortion_coeffs_1xN": coefficients}
+        return read_lens(StreamProperties(intrinsics_pinhole=pinhole), tmp_path, "x")
+
+    lens = lens_of([-0.3, 0.08, 1e-3, 2e-3, -0.01])
+    assert (lens.radial, lens.tangential, lens.focal) == ((-0.3, 0.08, -0.01), (1e-3, 2e-3), (500.0, 500.0))
+    assert lens_of([-0.3, 0.08, 1e-3, 2e-3]) == lens_of([-0.3, 0.08, 1e-3, 2e-3, 0.0, 0.0, 0.0, 0.0])
+    assert isinstance(lens_of([0.0] * 5), PinholeCamera)
+    with pytest.raises(DataError, match=r"distortion_coeffs: expected k1, k2, p1, p2 and k3, got 8 coefficients"):
+        lens_of([-0.3, 0, 0, 0, 0, 0.1, 0, 0])
+    with pytest.raises(DataError, match="expected a pinhole without skew, got skew"):
+        lens_of([], camera_matrix_3x4=[500.0, 2.0, *matrix[2:]])
 
 
 @pytest.mark.parametrize("coefficients", [3, "abc", [0, None], [10**400]])
@@ -502,7 +582,8 @@ def systems(posed):
             r"frames.1.frame_properties.timestamp: expected a time of this recording, in the unit of .*, got 4E\+18",
         ),
         (document({"0": frame(entry(BOX)), "1": frame(entry(BOX), time=None)}), "frames.1.frame_properties.timestamp"),
-        (document({"0": frame(entry(BOX)), "1": frame(entry(BOX))}), "frames.1: expected one frame for each time"),
+        (document({"0": frame(entry(BOX)), "1": frame(entry(BOX))}), "frames.0: expected one frame for each time"),
+        (document({}), "openlabel.frames: expected frames, to pair with sweeps, got none, and 1 objects"),
         (document({"99": frame(entry(BOX), time=None)}), "frames: expected frames called as the 6 sweeps"),
         (document({}, objects={"0": {"name": "a", "type": "Yeti"}}), "got 'Yeti'"),
     ],

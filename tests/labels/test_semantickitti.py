@@ -112,7 +112,7 @@ def test_moving_points_without_instance_are_grouped_and_followed(tmp_path, drive
 
 def test_a_moving_mask_does_not_say_of_which_class(tmp_path, drive, semantickitti):
     write_sequence(tmp_path / "predictions", {"car": (MOVING, 0), "walker": (300, 4)})
-    with pytest.raises(DataError, match=r"'300', 'moving'.*--class '300=vehicle'"):
+    with pytest.raises(DataError, match=r"'300', 'moving'.*--class 300=CLASS --class moving=CLASS"):
         semantickitti.read(tmp_path, drive, PLAIN)
     options = LabelOptions(classes={"moving": None, "300": "pedestrian"})
     label_set = semantickitti.read(tmp_path, drive, options)

@@ -120,3 +120,131 @@ def test_laz_times_are_nanoseconds_in_the_clock_of_the_sweep(tmp_path):
     assert sweep.intensity == pytest.approx([0.0, 0.2, 1.0])
     with pytest.raises(DataError, match="gps_time: expected times within a second of 0, ns"):
         read_sweep(path, 0)
+
+
+PADDED = np.dtype(
+    [
+        ("x", "<f4"),
+        ("y", "<f4"),
+        ("z", "<f4"),
+        ("_", "u1", 4),
+        ("intensity", "<f4"),
+        ("t", "<f8"),
+        ("pad", "u1", 6),
+        ("ring", "<u2"),
+    ]
+)
+
+
+def pcd(path, columns, rows, body, kind="binary"):
+    """A file of named columns: (name, size, type, count)."""
+    names, sizes, types, counts = (" ".join(map(str, values)) for values in zip(*columns, strict=True))
+    lines = [f"FIELDS {names}", f"SIZE {sizes}", f"TYPE {types}", f"COUNT {counts}", f"WIDTH {rows}", "HEIGHT 1"]
+    head = "\n".join(
+        ["# .PCD v0.7", "VERSION 0.7", *lines, "VIEWPOINT 0 0 0 1 0 0 0", f"POINTS {rows}", f"DATA {kind}", ""]
+    )
+    path.write_bytes(head.encode() + body)
+    return path
+
+
+XYZ = [("x", 4, "F", 1), ("y", 4, "F", 1), ("z", 4, "F", 1)]
+
+
+def test_fields_that_pad_a_point_are_passed_over(tmp_path):
+    """As drivers of lidars write them, `_` several times: open3d's process ends on such files."""
+    rows = np.zeros(3, dtype=PADDED)
+    for i, axis in enumerate("xyz"):
+        rows[axis] = POINTS[:, i]
+    rows["intensity"], rows["t"], rows["ring"] = [1.0, 2.0, 3.0], [0.0, 0.05, 0.1], [0, 63, 127]
+    padding = [
+        ("_", 1, "U", 4),
+        ("intensity", 4, "F", 1),
+        ("t", 8, "F", 1),
+        ("_", 1, "U", 6),
+        ("ring", 2, "U", 1),
+    ]
+    path = pcd(tmp_path / "1.pcd", [*XYZ, *padding], 3, rows.tobytes() + bytes(1000))
+    sweep = read_sweep(path, SWEEP_NS)
+    np.testing.assert_array_equal(sweep.points_lidar, POINTS)
+    assert sweep.intensity.tolist() == [1.0, 2.0, 3.0]
+    assert sweep.ring.tolist() == [0, 63, 127]
+    assert sweep.time_offset_ns.tolist() == [0, 50_000_000, 100_000_000]
+    text = "\n".join("1 2 3 0 0 0 0 9 0.05 0 0 0 0 0 0 7" for _ in range(2)).encode()
+    arrays = read_points(pcd(tmp_path / "2.pcd", [*XYZ, *padding], 2, text, "ascii"))
+    assert arrays["points_lidar"].tolist() == [[1, 2, 3]] * 2
+    assert arrays["ring"].tolist() == [7, 7]
+    packed = pcd(tmp_path / "3.pcd", [*XYZ, *padding], 3, bytes(100), "binary_compressed")
+    with pytest.raises(
+        DataError, match=r"FIELDS: expected fields of one number each in compressed points, got padding"
+    ):
+        read_points(packed)
+
+
+def test_behind_a_field_of_no_numbers_nothing_is_read(tmp_path):
+    """A real file with COUNT 0 has its times four bytes further on than its header says."""
+    rows = np.zeros(3, dtype=[("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rest", "u1", 12)])
+    rows["x"] = 1.0
+    columns = [*XYZ, ("_", 4, "F", 0), ("label", 4, "U", 1), ("timestamp", 8, "F", 1)]
+    with pytest.raises(DataError, match=r"COUNT: expected a COUNT of 1 or more for each field before timestamp, got 0"):
+        read_points(pcd(tmp_path / "1.pcd", columns, 3, rows.tobytes()))
+    columns[-1] = ("other", 8, "F", 1)
+    assert set(read_points(pcd(tmp_path / "2.pcd", columns, 3, rows.tobytes()))) == {"points_lidar"}
+
+
+SWEEP_NS = 1_700_000_000_000_000_000
+OFFSETS_NS = np.array([-50_000_000, 0, 49_000_000])
+
+
+@pytest.mark.parametrize(
+    ("times", "dtype"),
+    [
+        (OFFSETS_NS / 1e9, "<f4"),
+        (OFFSETS_NS / 1e6, "<f4"),
+        (OFFSETS_NS / 1e3, "<i4"),
+        (OFFSETS_NS, "<i4"),
+        ((SWEEP_NS + OFFSETS_NS) / 1e9, "<f8"),
+        ((SWEEP_NS + OFFSETS_NS) // 1000, "<u8"),
+        (SWEEP_NS + OFFSETS_NS, "<u8"),
+        (SWEEP_NS + OFFSETS_NS, "ascii"),
+    ],
+)
+def test_times_of_points_are_read_in_any_unit_from_the_sweep_or_its_clock(tmp_path, times, dtype):
+    text = dtype == "ascii"
+    kind = np.dtype("<u8" if text else dtype)
+    rows = np.zeros(3, dtype=[("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("timestamp", kind)])
+    rows["x"], rows["timestamp"] = [1, 2, 3], times.astype(kind)
+    letter = {"f": "F", "u": "U", "i": "I"}[kind.kind]
+    body = "\n".join(" ".join(map(str, row)) for row in rows.tolist()).encode() if text else rows.tobytes()
+    path = pcd(
+        tmp_path / "1.pcd", [*XYZ, ("timestamp", kind.itemsize, letter, 1)], 3, body, "ascii" if text else "binary"
+    )
+    assert read_sweep(path, SWEEP_NS).time_offset_ns == pytest.approx(OFFSETS_NS, abs=300)
+    if kind.itemsize == 4:
+        name = {"f": "float", "i": "int"}[kind.kind]
+        columns = "".join(f"property float {axis}\n" for axis in "xyz") + f"property {name} timestamp\n"
+        head = f"ply\nformat binary_little_endian 1.0\nelement vertex 3\n{columns}end_header\n"
+        (tmp_path / "1.ply").write_bytes(head.encode() + rows.tobytes())
+        assert read_sweep(tmp_path / "1.ply", SWEEP_NS).time_offset_ns == pytest.approx(OFFSETS_NS, abs=300)
+
+
+def test_times_of_points_that_make_no_sweep_are_refused(tmp_path):
+    def sweep_of(times, timestamp_ns=SWEEP_NS):
+        rows = np.zeros(3, dtype=[("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("t", "<f8")])
+        rows["t"] = times
+        path = pcd(tmp_path / "1.pcd", [*XYZ, ("t", 8, "F", 1)], 3, rows.tobytes())
+        return read_sweep(path, timestamp_ns)
+
+    assert sweep_of([0.0, 0.0, 0.0]).time_offset_ns is None
+    with pytest.raises(
+        DataError, match=r"time: expected times of points that are 10 ms to a second apart, .* 0.0 to 5.0"
+    ):
+        sweep_of([0.0, 1.0, 5.0])
+    with pytest.raises(
+        DataError, match=rf"time: expected times within a second of {SWEEP_NS} or of 0, ns, got 9\d+ to"
+    ):
+        sweep_of([1000.0, 1000.1, 999.95])
+    assert sweep_of([0.5, 0.55, 0.6], timestamp_ns=520_000_000).time_offset_ns.tolist() == [
+        -20_000_000,
+        30_000_000,
+        80_000_000,
+    ]

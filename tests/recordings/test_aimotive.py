@@ -297,7 +297,7 @@ def test_all_cameras_of_a_sequence(folder, tmp_path):
         (images / name / path.name.replace(tiny.CAMERA, name)).write_bytes(path.read_bytes())
     pinhole = tiny.calibration()[tiny.CAMERA] | {
         "model": "opencv_pinhole",
-        "distortion_coeffs": [-0.3, 0.08, 0.002, 0, 0],
+        "distortion_coeffs": [-0.3, 0.08, 0.002, 0, 0.5],
     }
     del pinhole["xi"]
     edited(folder / "sensor/calibration/calibration.json", lambda content: content.update({name: pinhole}))
@@ -305,7 +305,7 @@ def test_all_cameras_of_a_sequence(folder, tmp_path):
     assert set(recording.cameras) == {name, tiny.CAMERA}
     assert len(recording.images[name]) == 3
     # By hand: OpenCV's formula for x = 0.2, y = 0.1, r^2 = 0.05.
-    stretch = 1 - 0.3 * 0.05 + 0.08 * 0.05**2
+    stretch = 1 - 0.3 * 0.05 + 0.08 * 0.05**2 + 0.5 * 0.05**3
     u = 28.0 * (0.2 * stretch + 2 * 0.002 * 0.2 * 0.1) + 32.0
     v = 25.0 * (0.1 * stretch + 0.002 * (0.05 + 2 * 0.01)) + 17.5
     pixels, valid = recording.cameras[name].model.project(np.array([[2.0, 1.0, 10.0], [0.0, 1.0, -1.0]]))

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from bench.cameras import KannalaBrandtCamera, PinholeCamera, UnifiedCamera
+from bench.cameras import BrownConradyCamera, KannalaBrandtCamera, PinholeCamera, UnifiedCamera
 from bench.cameras.registry import CAMERA_MODELS
 from bench.egomotion import read_tum
 from bench.errors import DataError, ShapeError
@@ -45,6 +45,9 @@ MODELS = {
         radial=(0.01, 0.1),
         tangential=(1e-3, -1e-3),
         max_angle_rad=1.5,
+    ),
+    "brown_conrady": BrownConradyCamera(
+        width=64, height=48, focal=(50.0, 51.0), principal_point=(31.0, 23.0), radial=(-0.2,), tangential=(1e-3, 0.0)
     ),
     "pinhole": PinholeCamera(width=64, height=48, focal=(50.0, 50.0), principal_point=(31.5, 23.5)),
 }
@@ -185,7 +188,11 @@ HEAD_FAULTS = [
     ("colour", "red", "colour: expected no such key, got 'red'"),
     ("cameras.front.modle", {}, "cameras.front.modle: expected no such key, got {}"),
     ("cameras.front.image_size", [64, 0], "cameras.front.image_size.1: expected greater than 0, got 0"),
-    ("cameras.front.model.model", "fisheye", "cameras.front.model.model: expected one of kannala_brandt, pinhole"),
+    (
+        "cameras.front.model.model",
+        "fisheye",
+        "cameras.front.model.model: expected one of brown_conrady, kannala_brandt",
+    ),
     (
         "cameras.front.model.principal_point",
         [1.0],

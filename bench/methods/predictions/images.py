@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import PurePath
 from typing import Literal, NamedTuple, get_args
 
 from bench.errors import UsageError
@@ -29,13 +30,13 @@ class NamedImage:
     Attributes:
         timestamp_ns: its time.
         frame: its number.
-        stem: name of its file without the suffix.
+        file: name of its file.
         scored: whether it will be scored: not excluded, with as many images before it as are asked for, no gap between.
     """
 
     timestamp_ns: int
     frame: int
-    stem: str
+    file: str
     scored: bool
 
 
@@ -88,7 +89,7 @@ def camera_images(handle: RecordingHandle, *, history: int) -> Iterator[CameraIm
             ),
             images=tuple(
                 NamedImage(
-                    timestamp_ns=ref.timestamp_ns, frame=frame, stem=ref.path.stem, scored=ref.timestamp_ns in scored
+                    timestamp_ns=ref.timestamp_ns, frame=frame, file=ref.path.name, scored=ref.timestamp_ns in scored
                 )
                 for ref, frame in zip(refs, _frame_numbers(refs), strict=True)
             ),
@@ -139,8 +140,8 @@ def named_images(names: Sequence[str], images: CameraImages, *, naming: Naming =
 
 def _read_as(naming: Naming, names: Sequence[str], images: CameraImages) -> dict[str, NamedImage]:
     if naming == "image":
-        by_stem = {image.stem: image for image in images.images}
-        return {name: by_stem[name] for name in names if name in by_stem}
+        by_name = {name: image for image in images.images for name in (image.file, PurePath(image.file).stem)}
+        return {name: by_name[name] for name in names if name in by_name}
     by_number: Mapping[int, NamedImage] = {
         (image.timestamp_ns if naming == "timestamp" else image.frame): image for image in images.images
     }

@@ -40,6 +40,7 @@ from bench.recordings.aimotive.boxes import BoxFrame, frames_in_order, read_box_
 from bench.recordings.aimotive.calibration import FRAME_INTERVAL_NS, AimotiveOptions, read_cameras, read_lidar_mounting
 from bench.recordings.aimotive.egomotion import sequence_trajectory
 from bench.recordings.annotations import annotations_or_none
+from bench.recordings.atomic import linked_folder
 from bench.recordings.error_handlers import STRICT, ErrorHandler, OnError, reporting, stationary
 from bench.recordings.files import framed_files
 from bench.recordings.handles import RecordingHandle
@@ -92,8 +93,9 @@ def open_aimotive(
         DataError: a file that is missing or not what the format asks for.
     """
     folder = root / sequence
-    cameras = read_cameras(root, folder, options, on_error)
-    boxes, untold = _boxes(root, folder, on_error)
+    within = linked_folder(root, folder, levels=options.follow_links)
+    cameras = read_cameras(within, folder, options, on_error)
+    boxes, untold = _boxes(within, folder, on_error)
     times_ns = {number: frame.timestamp_ns for number, frame in boxes.items()}
     trajectory = sequence_trajectory(root, folder, options, times_ns, on_error)
     tracks = _tracks(boxes, trajectory, annotations, on_error)
@@ -102,15 +104,15 @@ def open_aimotive(
     for name in cameras:
         with reporting(on_error):
             place = folder / "sensor/camera" / name
-            paths = framed_files(root, place, rf"{re.escape(name)}_(\d+)\.(?:jpg|png)", on_error)
+            paths = framed_files(within, place, rf"{re.escape(name)}_(\d+)\.(?:jpg|png)", on_error)
             if not paths:
                 on_error(DataError(place, expected=f"images {name}_<number>.jpg", got="none"))
             images[name] = tuple(ImageRef(camera=name, timestamp_ns=t, path=path) for t, path in timed(paths))
     sweeps: tuple[SweepRef, ...] = ()
     with reporting(on_error):
-        paths = framed_files(root, folder / SWEEPS, r"frame_(\d+)\.laz", on_error)
+        paths = framed_files(within, folder / SWEEPS, r"frame_(\d+)\.laz", on_error)
         sweeps = tuple(SweepRef(timestamp_ns=t, path=path, reader=read_sweep) for t, path in timed(paths))
-    lidar_from_beams = _lidar_mounting(root, folder, on_error)
+    lidar_from_beams = _lidar_mounting(within, folder, on_error)
     if not cameras or not boxes:
         on_error.stop()
     if trajectory is None:

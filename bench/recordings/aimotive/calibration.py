@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from pydantic import ConfigDict, Field
 
-from bench.cameras import UnifiedCamera
+from bench.cameras import camera_from_parameters
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
+from bench.recordings.atomic import MOST_LINK_LEVELS
 from bench.recordings.error_handlers import STRICT, OnError, reporting
 from bench.recordings.files import read_object
 from bench.recordings.mounting import Polygon, body_mask, mounted_camera
@@ -21,7 +22,7 @@ from bench.recordings.validation import FileModel, SidePx, data_error, validated
 LICENCE = "CC BY-NC-SA 4.0"
 FRAME_INTERVAL_NS = 66_666_667
 CALIBRATION = "sensor/calibration/calibration.json"
-MODELS = ("mei", "opencv_pinhole")  # the second is the first with its centre of projection in the sphere's: xi = 0
+MODELS = ("mei", "opencv_pinhole")
 
 
 class EgoMotionOptions(FileModel):
@@ -48,6 +49,7 @@ class AimotiveOptions(FileModel):
         body_polygons: per camera, outlines of the ego vehicle's body, (u, v) in stored pixels.
         ground_height_m: height of the road in the body frame.
         vehicle_outline_m: the ego vehicle seen from above, body frame, where the size of the ego vehicle is known.
+        follow_links: how many levels below `root` links to folders are followed; 1 for those in `root` itself.
         licence: of the data.
     """
 
@@ -58,6 +60,7 @@ class AimotiveOptions(FileModel):
     body_polygons: dict[str, tuple[Polygon, ...]] = Field(default_factory=dict)
     ground_height_m: float = 0.0
     vehicle_outline_m: Polygon = Field(default=((-1.1, -0.95), (3.9, -0.95), (3.9, 0.95), (-1.1, 0.95)), min_length=3)
+    follow_links: int = Field(default=1, ge=0, le=MOST_LINK_LEVELS)
     licence: str = LICENCE
 
 
@@ -121,26 +124,28 @@ def _camera(name: str, content: Mapping[str, Any], file: Path, options: Aimotive
     entry = validated(CameraCalibration, content, file=file, field=name)
     if entry.model not in MODELS:
         raise DataError(file, field=f"{name}.model", expected=" or ".join(map(repr, MODELS)), got=repr(entry.model))
-    k1, k2, p1, p2 = entry.distortion_coeffs[:4]
-    if any(entry.distortion_coeffs[4:]):
-        raise DataError(
-            file, field=f"{name}.distortion_coeffs", expected="k1, k2, p1, p2, 0", got="a fifth that is not 0"
-        )
+    k1, k2, p1, p2, k3 = (*entry.distortion_coeffs, 0.0)[:5]
+    if any(entry.distortion_coeffs[5:]) or (k3 and entry.model == "mei"):
+        expected = "k1, k2, p1, p2, 0" if entry.model == "mei" else "k1, k2, p1, p2, k3"
+        got = "further ones that are not 0"
+        raise DataError(file, field=f"{name}.distortion_coeffs", expected=expected, got=got)
     if entry.xi is None and entry.model == "mei":
         raise DataError(file, field=f"{name}.xi", expected="a value", got="nothing")
     field_deg = options.field_of_view_deg.get(name)
     try:
         vehicle_from_camera = RigidTransform.from_matrix(entry.RT_body_from_sensor)
-        model = UnifiedCamera(
-            width=entry.image_resolution_px[0],
-            height=entry.image_resolution_px[1],
-            xi=0.0 if entry.xi is None else entry.xi,
-            focal=entry.focal_length_px,
-            principal_point=entry.principal_point_px,
-            radial=(k1, k2),
-            tangential=(p1, p2),
-            max_angle_rad=None if field_deg is None else float(np.deg2rad(field_deg / 2)),
-        )
+        lens: dict[str, Any] = {
+            "width": entry.image_resolution_px[0],
+            "height": entry.image_resolution_px[1],
+            "focal": entry.focal_length_px,
+            "principal_point": entry.principal_point_px,
+            "tangential": (p1, p2),
+            "max_angle_rad": None if field_deg is None else float(np.deg2rad(field_deg / 2)),
+        }
+        if entry.model == "mei":
+            model = camera_from_parameters("unified", **lens, xi=entry.xi, radial=(k1, k2))
+        else:
+            model = camera_from_parameters("brown_conrady", **lens, radial=(k1, k2, k3))
     except ShapeError as error:
         raise data_error(error, file=file, field=name) from error
     return mounted_camera(

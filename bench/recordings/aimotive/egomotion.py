@@ -14,7 +14,7 @@ from bench.egomotion import Trajectory, bus_signal_faults, read_bus_signals
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
 from bench.recordings.aimotive.calibration import AimotiveOptions
-from bench.recordings.atomic import path_inside
+from bench.recordings.atomic import linked_folder, path_inside
 from bench.recordings.error_handlers import ErrorHandler, OnError, at_most, reporting, reporting_all
 from bench.recordings.files import read_object
 from bench.recordings.validation import MOST_FAULTS, data_error
@@ -30,7 +30,8 @@ def sequence_trajectory(
     """The ego-motion that the card names, or the data set's own; arguments and errors as for `read_egomotion`."""
     if options.ego_motion is None:
         with reporting(on_error):
-            return read_egomotion(root, folder, times_ns, on_error)
+            within = linked_folder(root, folder, levels=options.follow_links)
+            return read_egomotion(within, folder, times_ns, on_error)
         return None
     columns = options.ego_motion.columns
     with reporting(on_error):

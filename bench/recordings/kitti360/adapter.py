@@ -30,7 +30,7 @@ import numpy as np
 
 from bench.errors import DataError
 from bench.recordings.annotations import annotations_or_none
-from bench.recordings.atomic import refuse_escape
+from bench.recordings.atomic import linked_folder, refuse_escape
 from bench.recordings.error_handlers import STRICT, ErrorHandler, OnError, at_most, reporting, stationary
 from bench.recordings.files import framed_files
 from bench.recordings.handles import RecordingHandle
@@ -91,12 +91,14 @@ def open_kitti360(
     names = _camera_names(folder, options)
     if not names:
         on_error(DataError(folder, expected=f"images of {' or '.join(options.cameras)}", got="none"))
+    within = partial(linked_folder, root, levels=options.follow_links)
     rig = read_rig(root, names, options, on_error)
     images: dict[CameraName, Mapping[int, Path]] = {}
     for name in names:
         with reporting(on_error):
-            images[name] = framed_files(root, folder / name / "data_rgb", r"(\d{10})\.png", on_error)
-    clock = _clock(root, folder, images, on_error)
+            place = folder / name / "data_rgb"
+            images[name] = framed_files(within(place), place, r"(\d{10})\.png", on_error)
+    clock = _clock(within(folder), folder, images, on_error)
     drive = _drive(root, sequence, clock, rig, options, on_error)
     annotated = _annotated(root, sequence, drive, clock, options, annotations, on_error)
     evaluated = partial(_evaluated, sequence=sequence, options=options, annotated=annotated or EVERYTHING)
@@ -107,7 +109,8 @@ def open_kitti360(
             refs[name] = tuple(ImageRef(camera=name, timestamp_ns=t, path=path) for t, path in timed)
     scans: Mapping[int, Path] = {}
     with reporting(on_error):
-        scans = framed_files(root, root / SWEEPS / sequence / "velodyne_points" / "data", r"(\d{10})\.bin", on_error)
+        place = root / SWEEPS / sequence / "velodyne_points" / "data"
+        scans = framed_files(within(place), place, r"(\d{10})\.bin", on_error)
     if rig is None or clock is None or not rig.cameras:
         on_error.stop()
     if drive is None:
@@ -183,7 +186,7 @@ def _drive(
     """None after an error; also without a clock or a rig are the poses read, so that every error is told."""
     file = root / POSES / sequence / "poses.txt"
     with reporting(on_error):
-        refuse_escape(root, file, file=file)
+        refuse_escape(linked_folder(root, file, levels=options.follow_links), file, file=file)
         poses = read_poses(file, clock, on_error)
         if poses is not None and rig is not None and clock is not None:
             gap_s, standing_m = options.max_pose_gap_s, options.standing_m
@@ -210,7 +213,7 @@ def _annotated(
         if not file.is_file():
             do = "test sequences have none; choose a split that has, or name a folder of annotations in the card"
             raise DataError(file, expected="a file of boxes", got="no such file", do=do)
-        refuse_escape(root, file, file=file)
+        refuse_escape(linked_folder(root, file, levels=options.follow_links), file, file=file)
         boxes = read_boxes(file, at_most(MOST_FAULTS, on_error))
         if drive is None or clock is None:
             deque(boxes, maxlen=0)  # for the errors in it

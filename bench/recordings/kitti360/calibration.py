@@ -23,7 +23,7 @@ from bench.cameras import UnifiedCamera
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
 from bench.plain_yaml import parse_yaml
-from bench.recordings.atomic import refuse_escape
+from bench.recordings.atomic import MOST_LINK_LEVELS, linked_folder, refuse_escape
 from bench.recordings.error_handlers import OnError, reporting
 from bench.recordings.files import numbers, read_text
 from bench.recordings.mounting import Polygon, body_mask, mounted_camera
@@ -72,6 +72,7 @@ class Kitti360Options(FileModel):
         static_people: "unclear" ignores people whose box is not marked dynamic, since some of them do walk; "static"
             takes the label at its word.
         excluded_frames: frames that are left out; sequences that are not there are passed over.
+        follow_links: how many levels below `root` links to folders are followed; 1 for those in `root` itself.
         licence: of the data.
     """
 
@@ -87,6 +88,7 @@ class Kitti360Options(FileModel):
     static_range_m: float = Field(default=25.0, ge=0)
     static_people: Literal["unclear", "static"] = "unclear"
     excluded_frames: tuple[FrameExclusion, ...] = ()
+    follow_links: int = Field(default=1, ge=0, le=MOST_LINK_LEVELS)
     licence: str = LICENCE
 
 
@@ -161,9 +163,14 @@ def read_rig(root: Path, cameras: tuple[CameraName, ...], options: Kitti360Optio
         What can be used, with the cameras that can be; None where sensors cannot be placed.
     """
     folder = root / FOLDER
-    imu_from = _cameras_in_imu(root, folder / "calib_cam_to_pose.txt", ("image_00", *cameras), on_error)
-    lidar_from_camera = _lidar_from_camera(root, folder / "calib_cam_to_velo.txt", on_error)
-    lenses = {name: lens for name in cameras if (lens := _lens(root, name, options, on_error)) is not None}
+    within = linked_folder(root, folder, levels=options.follow_links)
+    imu_from = _cameras_in_imu(within, folder / "calib_cam_to_pose.txt", ("image_00", *cameras), on_error)
+    lidar_from_camera = _lidar_from_camera(within, folder / "calib_cam_to_velo.txt", on_error)
+    lenses = {
+        name: lens
+        for name in cameras
+        if (lens := _lens(within, folder / f"{name}.yaml", name, options, on_error)) is not None
+    }
     if lidar_from_camera is None or "image_00" not in imu_from:
         return None
     imu_from_lidar = imu_from["image_00"] @ lidar_from_camera.inverse()
@@ -196,8 +203,9 @@ def _lidar_from_camera(root: Path, file: Path, on_error: OnError) -> RigidTransf
     return None
 
 
-def _lens(root: Path, name: CameraName, options: Kitti360Options, on_error: OnError) -> UnifiedCamera | None:
-    file = root / FOLDER / f"{name}.yaml"
+def _lens(
+    root: Path, file: Path, name: CameraName, options: Kitti360Options, on_error: OnError
+) -> UnifiedCamera | None:
     field_deg = options.field_of_view_deg.get(name)
     try:
         content = _fisheye(root, file)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from bench.geometry import RigidTransform
 from bench.recordings.kitti360.boxes import STATIONARY, WorldBox
 from bench.recordings.kitti360.files import Drive, FrameClock
+from bench.recordings.kitti360.riders import joined_riders
 from bench.recordings.records import Cuboid, ObjectState, Track, world_velocities, world_yaw_rates
 
 
@@ -61,8 +62,10 @@ def tracks_from_world(
             windows.add(window)
         if not isinstance(found, tuple):
             groups[found.key].append(found)
-    tracks = (_track(key, group, ego, static_range_m, static_people) for key, group in groups.items())
-    return Annotated(tracks=tuple(track for track in tracks if track.states), windows=_merged(windows))
+    tracks = [_track(key, group, ego, static_range_m, static_people) for key, group in groups.items()]
+    kinds = {key: group[0].label.name for key, group in groups.items() if group[0].label is not None}
+    seen = tuple(track for track in tracks if track.states)
+    return Annotated(tracks=joined_riders(seen, kinds), windows=_merged(windows))
 
 
 class _EgoPath:

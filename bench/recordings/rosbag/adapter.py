@@ -35,7 +35,7 @@ from bench.egomotion import Trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings.annotations import annotations_or_none
-from bench.recordings.atomic import path_inside
+from bench.recordings.atomic import linked_folder, path_inside
 from bench.recordings.error_handlers import STRICT, ErrorHandler, OnError, reporting, stationary
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.images import read_mask
@@ -126,7 +126,8 @@ class _Opening:
             DataError: no camera is left, or the bag or the rig file cannot be read.
         """
         source = self.source
-        self.bag = open_bag(source.root, source.path)
+        within = linked_folder(source.root, source.path, levels=source.options.follow_links)
+        self.bag = open_bag(within, source.path)
         for loss in self.bag.losses:
             self.on_loss(loss)
         self.rig, self.rig_file = read_rig(source.root, source.options.rig, recording=source.name, card=source.card)

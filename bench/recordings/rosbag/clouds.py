@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 from typing_extensions import override
 
 from bench.errors import DataError
-from bench.lidar import LidarSweep
+from bench.lidar import TIME_FIELDS, LidarSweep
 from bench.lidar.files import FARTHEST_TIME_NS
 from bench.recordings.rosbag.messages import SECOND_NS, decode, header_stamp_ns
 from bench.recordings.rosbag.rig import LidarRig
 from bench.recordings.rosbag.storage import StoredMessage
 
 TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}  # as PointField numbers them
-TIME_FIELDS = ("t", "time", "timestamp", "offset_time", "time_offset")
 INTENSITY_FIELDS = ("intensity", "reflectivity")
 UNITS_NS = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0}
 MOST_POINTS = 10_000_000

@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
 from bench.plain_yaml import parse_yaml
-from bench.recordings.atomic import path_inside
+from bench.recordings.atomic import MOST_LINK_LEVELS, path_inside
 from bench.recordings.files import read_text
 from bench.recordings.mounting import Polygon
 from bench.recordings.rosbag.bag import BagMessage
@@ -37,6 +37,7 @@ class RosbagOptions(FileModel):
         clock: "header", the time that a message carries, or "bag", the time at which it was recorded.
         accept_losses: open a bag that lacks files or messages, or whose times do not increase, and use the rest.
         evaluated_size_px: (width, height) at which images are evaluated; null for as stored.
+        follow_links: how many levels below `root` links to folders are followed; 1 for bags in `root` itself.
         licence: of the data.
     """
 
@@ -44,6 +45,7 @@ class RosbagOptions(FileModel):
     clock: Literal["header", "bag"] = "header"
     accept_losses: bool = False
     evaluated_size_px: tuple[SidePx, SidePx] | None = None
+    follow_links: int = Field(default=1, ge=0, le=MOST_LINK_LEVELS)
     licence: str = ""
 
 

@@ -58,7 +58,7 @@ def woodscape_recordings(
             opener=partial(open_woodscape, root, pair=name, options=chosen),
             lenient=True,
         )
-        for name in list_pairs(root, chosen.cameras)
+        for name in list_pairs(root, chosen)
     )
 
 
@@ -74,7 +74,7 @@ def open_woodscape(root: Path, *, pair: str, options: WoodscapeOptions, on_error
     Raises:
         DataError: a file that is missing or not what the format asks for.
     """
-    files = find_pair(root, pair, on_error)
+    files = find_pair(root, pair, options, on_error)
     camera: MountedCamera | None = None
     if "calibration" in files:
         with reporting_all(on_error, lambda _: json_faults(CalibrationFile, files["calibration"])):

@@ -14,7 +14,7 @@ from pydantic import ConfigDict, Field, model_validator
 from bench.cameras import RadialPolynomialCamera
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
-from bench.recordings.atomic import path_inside
+from bench.recordings.atomic import MOST_LINK_LEVELS, path_inside
 from bench.recordings.images import read_mask
 from bench.recordings.mounting import Polygon, body_mask, mounted_camera
 from bench.recordings.records import MountedCamera
@@ -67,6 +67,7 @@ class WoodscapeOptions(FileModel):
         cars: what differs from car to car; an index that none of them has is of a car without masks of its own.
         vehicle_outline_m: the ego vehicle seen from above, vehicle frame.
         yaw_rate_positive: to which side the car turns where `ego_yawRate` is positive; the data set does not say.
+        follow_links: how many levels below `root` links to folders are followed; 1 for those in `root` itself.
         licence: of the data.
     """
 
@@ -77,6 +78,7 @@ class WoodscapeOptions(FileModel):
     cars: tuple[CarOptions, ...] = ()
     vehicle_outline_m: Polygon = Field(default=OUTLINE_M, min_length=3)
     yaw_rate_positive: Literal["left", "right"] = "left"
+    follow_links: int = Field(default=1, ge=0, le=MOST_LINK_LEVELS)
     licence: str = LICENCE
 
     @model_validator(mode="after")

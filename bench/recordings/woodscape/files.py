@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, ConfigDict, Field
 
 from bench.egomotion import Trajectory, planar_trajectory
 from bench.errors import DataError
-from bench.recordings.atomic import refuse_escape
+from bench.recordings.atomic import linked_folder, refuse_escape
 from bench.recordings.error_handlers import OnError, reporting
 from bench.recordings.validation import FileModel, read_json
 from bench.recordings.woodscape.camera import WoodscapeOptions
@@ -61,7 +61,7 @@ FASTEST_MPS = 100.0
 LONGEST_NUMBER = 40
 
 
-def list_pairs(root: Path, cameras: tuple[str, ...]) -> list[str]:
+def list_pairs(root: Path, options: WoodscapeOptions) -> list[str]:
     """Names `<index>_<camera>` of the annotated images, in order.
 
     Raises:
@@ -73,19 +73,20 @@ def list_pairs(root: Path, cameras: tuple[str, ...]) -> list[str]:
         raise DataError(folder, expected="images <index>_<camera>.png", got="no such folder")
     names: set[str] = set()
     for folder in present:
-        refuse_escape(root, folder, file=folder)
+        refuse_escape(linked_folder(root, folder, levels=options.follow_links), folder, file=folder)
         with scandir(folder) as entries:
             matches = [IMAGE.fullmatch(entry.name) for entry in entries]
-        names |= {f"{m[1]}_{m[2]}" for m in matches if m is not None and m[2] in cameras}
+        names |= {f"{m[1]}_{m[2]}" for m in matches if m is not None and m[2] in options.cameras}
     return sorted(names)
 
 
-def find_pair(root: Path, name: str, on_error: OnError) -> dict[Kind, Path]:
+def find_pair(root: Path, name: str, options: WoodscapeOptions, on_error: OnError) -> dict[Kind, Path]:
     """The files of a pair, wherever the data set's variants have them.
 
     Args:
         root: of the data set.
         name: `<index>_<camera>`.
+        options: for how far links are followed.
         on_error: takes an error for each that is nowhere; it says where the file was looked for.
     """
     # The suffix is on the image only; the earlier vehicle data has the name of the later.
@@ -101,16 +102,16 @@ def find_pair(root: Path, name: str, on_error: OnError) -> dict[Kind, Path]:
     found: dict[Kind, Path] = {}
     for kind, candidates in names.items():
         with reporting(on_error):
-            found[kind] = _found(root, PLACES[kind], candidates)
+            found[kind] = _found(root, PLACES[kind], candidates, options.follow_links)
     return found
 
 
-def _found(root: Path, folders: tuple[str, ...], names: list[str]) -> Path:
+def _found(root: Path, folders: tuple[str, ...], names: list[str], levels: int) -> Path:
     for folder in folders:
         for name in names:
             path = root / folder / name
             if path.is_file():
-                refuse_escape(root, path, file=path)
+                refuse_escape(linked_folder(root, path, levels=levels), path, file=path)
                 return path
     places = " or ".join(folders)
     raise DataError(root / folders[0] / names[0], expected=f"a file in {places}", got="none of this name")

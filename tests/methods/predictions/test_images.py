@@ -24,7 +24,7 @@ def handle_of(recording, refs, exclusions=()) -> RecordingHandle:
 
 def listed(handle, **options) -> list[tuple[int, str, bool]]:
     (camera,) = camera_images(handle, **options)
-    return [(image.frame, image.stem, image.scored) for image in camera.images]
+    return [(image.frame, image.file.removesuffix(".png"), image.scored) for image in camera.images]
 
 
 def test_numbers_that_name_files_are_frame_numbers_unless_they_are_times(recording):

@@ -10,7 +10,7 @@ SIZES = ImageSizes(evaluated_px=(8, 4), stored_px=(8, 4))
 
 
 def camera(images) -> CameraImages:
-    named = [NamedImage(timestamp_ns=t, frame=f, stem=s, scored=True) for t, f, s in images]
+    named = [NamedImage(timestamp_ns=t, frame=f, file=f"{s}.png", scored=True) for t, f, s in images]
     return CameraImages(recording="drive", camera="front", sizes=SIZES, images=tuple(named))
 
 
@@ -28,6 +28,13 @@ def test_times_frames_and_files_are_told_apart():
     assert times(["3000", "1000"], DRIVE) == {"3000": 3000, "1000": 1000}
     assert times(["0002", "0"], DRIVE) == {"0002": 3000, "0": 1000}
     assert times(["00001_FV"], PAIRS) == {"00001_FV": 2000}
+
+
+def test_files_are_named_with_or_without_their_suffix():
+    assert times(["00001_FV.png", "00000_FV"], PAIRS) == {"00001_FV.png": 2000, "00000_FV": 1000}
+    assert times(["0000000250.png"], SHIFTED) == {"0000000250.png": 0}
+    assert times(["2000.png"], DRIVE) == {"2000.png": 2000}
+    assert times(["00001_FV.jpg"], PAIRS) == {}
 
 
 def test_names_that_mean_no_image_are_left_out():
