@@ -21,7 +21,7 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from threading import Thread
+from threading import Thread, current_thread, main_thread
 from typing import Any, Protocol, Self, TypeVar
 from uuid import uuid4
 
@@ -209,9 +209,17 @@ def _alone(call: bytes, task: object) -> Any:
 
 @contextmanager
 def _processes_may_start() -> Iterator[None]:
-    """Let processes start with interrupts blocked, and without a look for libraries into the working folder."""
+    """Let processes start without a look for libraries into the working folder; an interrupt waits until they have.
+
+    The mask is for them: they inherit it. This process may get the interrupt in a thread of a library, which has not
+    blocked it, and Python would raise it here: half of a process would be left, and say so.
+    """
     before = os.environ.get(SAFE_PATH)
     os.environ[SAFE_PATH] = "1"
+    interrupts: list[int] = []
+    handler = signal.getsignal(signal.SIGINT)
+    if waits := handler is not None and current_thread() is main_thread():
+        signal.signal(signal.SIGINT, lambda number, _: interrupts.append(number))
     masked = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT]) if sys.platform != "win32" else None
     try:
         yield
@@ -219,6 +227,10 @@ def _processes_may_start() -> Iterator[None]:
         _restore_safe_path(before)
         if masked is not None:
             signal.pthread_sigmask(signal.SIG_SETMASK, masked)
+        if waits:
+            signal.signal(signal.SIGINT, handler)
+        if interrupts:
+            signal.raise_signal(signal.SIGINT)
 
 
 def _restore_safe_path(value: str | None) -> None:

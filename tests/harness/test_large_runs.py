@@ -8,9 +8,9 @@ from tests.perf.large_run import STEPS, measure, write_runs
 
 pytestmark = pytest.mark.slow
 
-OBJECT_FRAMES = 1_000_000
-ROWS_AT_ONCE = 40_000  # in proportion to the default at ten million
-GROWTH_MB = 200  # in proportion to 2 GB at ten million
+OBJECT_FRAMES = 500_000
+ROWS_AT_ONCE = 20_000  # in proportion to the default at ten million
+GROWTH_MB = 100  # in proportion to 2 GB at ten million
 
 
 @pytest.fixture(scope="module")
