@@ -103,10 +103,15 @@ Legend = Sequence[tuple[str, str]]  # colours and what they mean
 
 
 def overlay_legend(reference: ReferenceFrame) -> Legend:
-    """What the colours of `overlay_frame` mean, those of the kinds that the image holds."""
+    """What the colours of `overlay_frame` mean."""
+    return [(GREEN, "marked"), *kind_legend(reference)]
+
+
+def kind_legend(reference: ReferenceFrame) -> Legend:
+    """What the colours of outlines mean, of the kinds of motion that the image holds."""
     kinds = dict.fromkeys(target.category for target, _ in outlined(reference.objects))
     named = [(category_colour(kind), "moving" if kind is None else kind.value.replace("_", " ")) for kind in kinds]
-    return [(GREEN, "marked"), *((colour, f"reference, {name}") for colour, name in named)]
+    return [(colour, f"reference, {name}") for colour, name in named]
 
 
 def captioned(picture: NDArray[np.uint8], lines: Sequence[str], *, legend: Legend = ()) -> NDArray[np.uint8]:

@@ -21,7 +21,7 @@ from bench.reference.sweeps import PosedSweep, pose_sweep
 from bench.reporting.canvas import category_colour
 from bench.reporting.count_view import AREA_COLOURS, PixelClass, detected_pixels, overlay_counts
 from bench.reporting.formats import frame_name
-from bench.reporting.overlay import bgr_image, captioned, outlined, overlay_polygons
+from bench.reporting.overlay import bgr_image, captioned, kind_legend, outlined, overlay_polygons
 
 FARTHEST_SWEEP_NS = 100_000_000
 
@@ -95,9 +95,9 @@ LEGEND = (
     (AREA_COLOURS[PixelClass.TRUE_POSITIVE], "found"),
     (AREA_COLOURS[PixelClass.FALSE_NEGATIVE], "missed"),
     (AREA_COLOURS[PixelClass.FALSE_POSITIVE], "wrongly marked"),
-    (AREA_COLOURS[PixelClass.UNKNOWN], "unknown"),
-    (LIDAR_COLOUR, "lidar: yellow near, blue far"),
 )
+UNKNOWN = (AREA_COLOURS[PixelClass.UNKNOWN], "unknown")
+LIDAR = (LIDAR_COLOUR, "lidar, yellow near, blue far")
 
 
 def draw_frame(processed: ProcessedFrame, seen: SeenSweep | None = None) -> NDArray[np.uint8]:
@@ -124,7 +124,10 @@ def draw_frame(processed: ProcessedFrame, seen: SeenSweep | None = None) -> NDAr
     frame, objects = count_frame(processed.reference, detected_pixels(processed), component_size_px=0)
     tp, fn = sum(o.tp for o in objects), sum(o.fn for o in objects)
     counts = f"TP {tp}  FN {fn}  FP {frame.fp_px} px   {len(shown)} objects"
-    return captioned(picture, [frame_name(processed.reference), counts], legend=LEGEND)
+    bands = [UNKNOWN] if any(target.unknown_px for target, _ in shown) else []
+    outlines = kind_legend(processed.reference)
+    legend = [*LEGEND, *bands, *([LIDAR] if seen is not None else []), *outlines]
+    return captioned(picture, [frame_name(processed.reference), counts], legend=legend)
 
 
 def draw_plain(image: NDArray[np.uint8], name: str, text: str) -> NDArray[np.uint8]:
