@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.cli.computing import parse_settings, render_if_synthetic
-from bench.cli.console import progress_bar, say, note_files
+from bench.cli.console import note_files, progress_bar, say
 from bench.errors import BenchError, UnknownNameError, UsageError
 from bench.evaluation import Protocol, load_protocol
 from bench.harness import FramePipeline, RunSummary, build_scorable, open_tables
