@@ -310,7 +310,10 @@ def view(
     set_: Settings = None,
     protocol: ProtocolName = "paper-v1",
     out: Annotated[
-        Path | None, typer.Option(help="Folder of pictures; reports/runs/view, or none beside a video or log.")
+        Path | None,
+        typer.Option(
+            help="Folder of pictures; default: reports/runs/view/<camera>/<image>, none beside a video or log."
+        ),
     ] = None,
     video: Annotated[
         Path | None,

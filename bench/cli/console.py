@@ -13,6 +13,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import copy
 from io import TextIOWrapper
+from itertools import takewhile
+from time import monotonic
 from typing import IO
 
 from rich.console import Console, RenderableType
@@ -35,6 +37,8 @@ from bench.plain_text import plain
 
 TABLE_COLUMNS = 110  # of tables that go into a file or a log
 SHOWN_FAILURES = 10
+SHOWN_FILES, MOST_FILES = 4, 6
+FIRST_LINE_S = 10.0  # without a terminal: a line of progress after so long, then each a tenth of the time so far later
 RATE_OVER_S = 300.0  # a unit of a slow method takes minutes
 
 # GitHub reads "::error::" at the start of a line, and "##[error]" anywhere; Azure reads "##vso[...]".
@@ -103,6 +107,16 @@ def print_failures(failures: Sequence[str], *, all_in: str) -> None:
         say(line, style="red")
 
 
+def note_files(files: Sequence[str]) -> None:
+    """Print what was written: all paths of a few, or the first of them and how many more lie in which folder."""
+    shown = files if len(files) <= MOST_FILES else files[:SHOWN_FILES]
+    for file in shown:
+        note(file)
+    if rest := [file.split("/")[:-1] for file in files[len(shown) :]]:
+        common = takewhile(lambda names: len(set(names)) == 1, zip(*rest, strict=False))
+        note(f"and {len(rest)} more files in {'/'.join(names[0] for names in common) or '.'}")
+
+
 def stage_times(seconds: Mapping[str, float]) -> str:
     """Seconds by stage, as "decode 1.4, method 30.9"."""
     return ", ".join(f"{name} {spent:.1f}" for name, spent in seconds.items())
@@ -110,7 +124,7 @@ def stage_times(seconds: Mapping[str, float]) -> str:
 
 @contextmanager
 def progress_bar(title: str, unit: str) -> Iterator[Callable[[float, int], None]]:
-    """A bar on the error stream; silent when that is not a terminal.
+    """A bar on the error stream; where that is no terminal, a line now and then of what takes long.
 
     Args:
         title: what goes on.
@@ -120,6 +134,9 @@ def progress_bar(title: str, unit: str) -> Iterator[Callable[[float, int], None]
         Takes the amount done, fractions allowed, and the total.
     """
     terminal = Console(stderr=True)
+    if not terminal.is_terminal:
+        yield _progress_lines(title, unit)
+        return
     columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(),
@@ -131,10 +148,7 @@ def progress_bar(title: str, unit: str) -> Iterator[Callable[[float, int], None]
         TimeRemainingColumn(),
     )
     with Progress(
-        *columns,
-        console=terminal,
-        disable=not terminal.is_terminal or verbosity() is Verbosity.QUIET,
-        speed_estimate_period=RATE_OVER_S,
+        *columns, console=terminal, disable=verbosity() is Verbosity.QUIET, speed_estimate_period=RATE_OVER_S
     ) as bar:
         task = bar.add_task(_harmless(title), total=None, whole="")
 
@@ -142,6 +156,22 @@ def progress_bar(title: str, unit: str) -> Iterator[Callable[[float, int], None]
             bar.update(task, completed=done, total=total, whole=f"{int(done)}/{total}")
 
         yield report
+
+
+def _progress_lines(title: str, unit: str) -> Callable[[float, int], None]:
+    """Reports progress as "scoring: 120/580 images after 20 s, about 77 s left"."""
+    started = told = monotonic()
+
+    def report(done: float, total: int) -> None:
+        nonlocal told
+        now = monotonic()
+        if verbosity() is Verbosity.QUIET or now - told < max(FIRST_LINE_S, (now - started) / 10):
+            return
+        told = now
+        left = f", about {(now - started) * (total - done) / done:.0f} s left" if done > 0 else ""
+        say(f"{title}: {int(done)}/{total} {unit} after {now - started:.0f} s{left}", to_errors=True)
+
+    return report
 
 
 class _RateColumn(ProgressColumn):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from bench.cli.console import note, progress_bar, say, show
+from bench.cli.console import note_files, progress_bar, say, show
 from bench.cli.places import destination, finished_run
 from bench.errors import UnknownNameError
 from bench.harness.remote_runs import RemoteRun
@@ -36,8 +36,7 @@ def report(run: str, *, category: str | None, beside: str | None, out: Path | No
         say(f"pictures missing: {problem}", style="yellow")
     files = (page.file, *write_figures(where.folder, category=kind))
     where.mirror.upload_results()
-    for file in files:
-        note(where.display_path(file))
+    note_files([where.display_path(file) for file in files])
 
 
 def compare(runs: Sequence[Path], *, out: Path | None, pictures: bool) -> None:
@@ -57,8 +56,7 @@ def compare(runs: Sequence[Path], *, out: Path | None, pictures: bool) -> None:
     for comparison in comparisons:
         for remark in comparison.remarks:
             say(remark, style="red")
-    for file in files:
-        note(str(file))
+    note_files([str(file) for file in files])
 
 
 def leaderboard(folder: Path, *, out: Path | None, pictures: bool) -> int:
@@ -73,6 +71,5 @@ def leaderboard(folder: Path, *, out: Path | None, pictures: bool) -> int:
             files, problems = write_leaderboard(found, out, pictures=pictures, progress=progress)
         for problem in problems:
             say(f"no picture: {problem}", style="yellow")
-        for file in files:
-            note(str(file))
+        note_files([str(file) for file in files])
     return len(found.damaged)

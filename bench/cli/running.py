@@ -8,7 +8,7 @@ from pathlib import Path
 
 from bench.api.runs import default_folder, non_default_settings
 from bench.cli.computing import Computing, parse_settings, render_if_synthetic
-from bench.cli.console import note, print_failures, progress_bar, say, show, stage_times
+from bench.cli.console import note, note_files, print_failures, progress_bar, say, show, stage_times
 from bench.cli.interrupts import interruptible, resumable
 from bench.cli.places import Destination, destination, parts_of_run
 from bench.cli.viewing import draw_example_frames
@@ -32,6 +32,7 @@ from bench.reporting.table_files import write_report_files
 from bench.reporting.tables import TableRow, threshold_free_line, to_rich
 
 LEADERBOARD = Path("reports/leaderboard/leaderboard.json")  # of this checkout, as `make leaderboard` wrote it
+READ_FIRST = ("summary.json", "table.md", "range_map.png")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -201,7 +202,8 @@ class RunReport:
                 )
         self._rows = tuple(rows)
         every = (results / "summary.json", *files, *drawn)
-        self._files = [file.relative_to(results).as_posix() for file in every]
+        names = [file.relative_to(results).as_posix() for file in every]
+        self._files = sorted(names, key=lambda name: name not in READ_FIRST)  # of these the first few are printed
 
     def print(self, summary: RunSummary, where: Destination) -> None:
         """Print the table, what became of the images, the cost, and where everything is."""
@@ -223,8 +225,7 @@ def _print_totals(summary: RunSummary, files: Sequence[str]) -> None:
     note(f"{images.images} images: {images.evaluated} scored, {images.skipped} skipped, {images.failed} failed")
     _print_cost(summary.provenance)
     print_failures(summary.failures, all_in="summary.json")
-    for file in files:
-        note(file)
+    note_files(files)
 
 
 def _print_cost(made: Provenance) -> None:
@@ -232,9 +233,9 @@ def _print_cost(made: Provenance) -> None:
     stages = stage_times(made.stage_seconds)
     work = made.work
     images = made.images if work is None else work.images_computed
-    rate = images / made.seconds if made.seconds else 0.0
+    rate = f", {images / made.seconds:.1f} images per second" if images and made.seconds else ""
     note(
-        f"{made.seconds:.1f} s, {rate:.1f} images per second, peak memory of a process {made.peak_memory_mb:.0f} MB; "
+        f"{made.seconds:.1f} s{rate}, peak memory of a process {made.peak_memory_mb:.0f} MB; "
         f"seconds by stage, over all processes: {stages}"
     )
     if work is not None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.table import Table
 
 from bench.cli.computing import Computing, parse_settings, render_if_synthetic
-from bench.cli.console import note, print_failures, progress_bar, say, show, stage_times
+from bench.cli.console import note_files, print_failures, progress_bar, say, show, stage_times
 from bench.cli.interrupts import resumable
 from bench.errors import UsageError
 from bench.evaluation import load_protocol
@@ -87,5 +87,4 @@ def _print_totals(result: SweepResult, files: Sequence[Path]) -> None:
         f"{result.flow.computed} times, read {result.flow.read} times; peak memory {made.peak_memory_mb:.0f} MB"
     )
     print_failures(result.failures, all_in="sweep.json")
-    for file in files:
-        note(str(file))
+    note_files([str(file) for file in files])

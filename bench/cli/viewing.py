@@ -11,13 +11,14 @@ from pathlib import Path
 import numpy as np
 
 from bench.cli.computing import parse_settings, render_if_synthetic
-from bench.cli.console import progress_bar, say
+from bench.cli.console import note_files, progress_bar, say
 from bench.errors import BenchError, UnknownNameError, UsageError
 from bench.evaluation import Protocol, load_protocol
 from bench.harness import FramePipeline, RunSummary, build_scorable, open_tables
 from bench.harness.frames import UnscorableFrame
 from bench.harness.replay import StoredFrames
 from bench.recordings import DatasetCard, ImageRef, RecordingHandle, load_card, open_dataset, read_image
+from bench.reporting.formats import file_name, image_name
 from bench.reporting.frame_pictures import example_frames, write_frame_pictures
 from bench.reporting.rerun_log import refuse_other_log, rerun_log, viewer
 from bench.reporting.video import SweepViewer, draw_frame, draw_plain, refuse_other_suffix, video_file
@@ -80,15 +81,19 @@ def view(dataset: str, request: ViewRequest, *, method: str, settings: Sequence[
     if films:
         files += _film(pipeline, indices, request)
     if request.out is not None or not films:
-        files += _pictures(pipeline, indices, request.out or PICTURES)
-    for file in files:
-        say(str(file))
+        files += _pictures(pipeline, indices, request.out)
+    note_files([str(file) for file in files])
 
 
-def _pictures(pipeline: FramePipeline, indices: range, folder: Path) -> Iterator[Path]:
-    """Pictures of every frame; of several each in a folder named by its time."""
+def _pictures(pipeline: FramePipeline, indices: range, out: Path | None) -> Iterator[Path]:
+    """Pictures of every frame, in a folder named by its image: its index for `--frame`, and the name of its file.
+
+    Those of a single frame lie in the folder that was asked for itself.
+    """
+    usual = PICTURES / f"{file_name(pipeline.recording.name)}-{file_name(pipeline.camera.name)}"
     for index in indices:
-        place = folder if len(indices) == 1 else folder / str(pipeline.images[index].timestamp_ns)
+        name = f"{index:06d}-{file_name(pipeline.images[index].path.stem)}"
+        place = (out or usual) / name if out is None or len(indices) > 1 else out
         try:
             yield from write_frame_pictures(pipeline.process(index), pipeline, place)
         except UnscorableFrame as reason:
@@ -115,7 +120,8 @@ def _film(pipeline: FramePipeline, indices: range, request: ViewRequest) -> list
             try:
                 picture = draw_frame(pipeline.process(index), seen if request.lidar else None)
             except UnscorableFrame as reason:
-                picture = draw_plain(read_image(image, camera, colour=True), f"no score: {reason}")
+                name = image_name(recording.name, camera.name, image.timestamp_ns)
+                picture = draw_plain(read_image(image, camera, colour=True), name, f"no score: {reason}")
             if video is not None:
                 video.add(picture)
             if log is not None:

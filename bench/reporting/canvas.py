@@ -126,9 +126,8 @@ def figure_pixels(figure: Figure) -> NDArray[np.uint8]:
     return np.asarray(image, dtype=np.uint8)
 
 
-def write_picture(stem: Path, figure: Figure) -> tuple[Path, ...]:
-    """Write a figure as `<stem>.png` and `<stem>.svg`, each whole or not at all."""
-    formats: tuple[PictureFormat, ...] = ("png", "svg")
+def write_picture(stem: Path, figure: Figure, *, formats: Sequence[PictureFormat] = ("png", "svg")) -> tuple[Path, ...]:
+    """Write a figure as `<stem>.png` and `<stem>.svg`, or other formats, each whole or not at all."""
     for picture_format in formats:
         write_bytes(stem.with_name(f"{stem.name}.{picture_format}"), figure_bytes(figure, picture_format))
     return tuple(stem.with_name(f"{stem.name}.{picture_format}") for picture_format in formats)

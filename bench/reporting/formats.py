@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -190,6 +191,11 @@ def image_name(recording: str, camera: str, timestamp_ns: int) -> str:
 def frame_name(reference: ReferenceFrame) -> str:
     """The same for the image of a reference."""
     return image_name(reference.recording, reference.camera, reference.timestamp_ns)
+
+
+def file_name(name: str) -> str:
+    """A name as part of a file's; names come from data files and may hold anything."""
+    return re.sub(r"[^A-Za-z0-9_.-]+", "_", name)[:80]
 
 
 def shortened(text: str, longest: int) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,7 +23,8 @@ from bench.reference import Category, ReferenceObject, Status
 from bench.reference.records import ObjectGeometry
 from bench.reporting import canvas
 from bench.reporting.count_view import detected_pixels, draw_counts
-from bench.reporting.overlay import draw_outline, outlined, overlay_frame
+from bench.reporting.formats import file_name, frame_name
+from bench.reporting.overlay import captioned, draw_outline, outlined, overlay_frame, overlay_legend
 from bench.reporting.panels import draw_panels
 
 _WIDTH_IN, _LEFT_IN, _BOTTOM_IN, _TOP_IN, _GAP_IN, _RIGHT_IN = 7.0, 0.42, 0.36, 0.22, 0.12, 0.04
@@ -45,6 +45,7 @@ class ClusterView:
         polygon: the reference polygon in pixels.
         vehicle_outline_m: (L, 2) float64, the ego vehicle from above, vehicle frame, m.
         title: names the object.
+        image_name: says which image it is.
     """
 
     geometry: ObjectGeometry
@@ -52,6 +53,7 @@ class ClusterView:
     polygon: Polygon
     vehicle_outline_m: NDArray[np.float64]
     title: str = ""
+    image_name: str = ""
 
 
 @canvas.styled
@@ -72,6 +74,7 @@ def draw_cluster(view: ClusterView) -> Figure:
     _draw_picture(picture, view)
     plan.set_title("(a) point cloud from above", pad=3)
     picture.set_title("(b) " + (view.title or "fisheye image"), pad=3)
+    figure.text(1 - _RIGHT_IN / _WIDTH_IN, 0.03, view.image_name, ha="right", va="bottom")
     return figure
 
 
@@ -147,6 +150,7 @@ def write_frame_pictures(processed: ProcessedFrame, pipeline: FramePipeline, fol
     image, reference, detected = processed.pixels, processed.reference, detected_pixels(processed)
     panels = draw_panels(image, segmentation=processed.segmentation, reference=reference)
     overlay = overlay_frame(image, reference=reference, detected=detected)
+    overlay = captioned(overlay, [frame_name(reference)], legend=overlay_legend(reference))
     pictures = {
         "panels": canvas.figure_bytes(panels, "png"),
         "areas": canvas.figure_bytes(draw_counts(image, reference=reference, detected=detected), "png"),
@@ -155,15 +159,10 @@ def write_frame_pictures(processed: ProcessedFrame, pipeline: FramePipeline, fol
     for found, polygon in outlined(reference.objects):
         if processed.image.moving_path is None:
             view = _cluster_view(found, polygon, processed, pipeline)
-            pictures[f"cluster-{_file_name(found.track_id)}"] = canvas.figure_bytes(draw_cluster(view), "png")
+            pictures[f"cluster-{file_name(found.track_id)}"] = canvas.figure_bytes(draw_cluster(view), "png")
     for name, content in pictures.items():
         write_bytes(folder / f"{name}.png", content)
     return tuple(folder / f"{name}.png" for name in pictures)
-
-
-def _file_name(track_id: str) -> str:
-    """The track id as part of a file name; ids come from data files and may hold anything."""
-    return re.sub(r"[^A-Za-z0-9_.-]+", "_", track_id)[:80]
 
 
 def _cluster_view(
@@ -175,6 +174,7 @@ def _cluster_view(
         polygon=polygon,
         vehicle_outline_m=pipeline.recording.vehicle_outline_m,
         title=f"{found.object_class} {found.track_id}, {found.category}, {found.range_m:.1f} m, {found.points} points",
+        image_name=frame_name(processed.reference),
     )
 
 

@@ -97,6 +97,62 @@ def overlay_frame(
     )
 
 
+LINE_PX = 22
+_TEXT_SCALE, _INDENT_PX = 0.5, 6
+Legend = Sequence[tuple[str, str]]  # colours and what they mean
+
+
+def overlay_legend(reference: ReferenceFrame) -> Legend:
+    """What the colours of `overlay_frame` mean."""
+    return [(GREEN, "marked"), *kind_legend(reference)]
+
+
+def kind_legend(reference: ReferenceFrame) -> Legend:
+    """What the colours of outlines mean, of the kinds of motion that the image holds."""
+    kinds = dict.fromkeys(target.category for target, _ in outlined(reference.objects))
+    named = [(category_colour(kind), "moving" if kind is None else kind.value.replace("_", " ")) for kind in kinds]
+    return [(colour, f"reference, {name}") for colour, name in named]
+
+
+def captioned(picture: NDArray[np.uint8], lines: Sequence[str], *, legend: Legend = ()) -> NDArray[np.uint8]:
+    """A picture with lines of text and a legend below it, as small as they must be to fit.
+
+    Returns:
+        (H, W, 3) BGR uint8 of even sides, as codecs of videos need them.
+    """
+    height, width = picture.shape[:2]
+    below = LINE_PX * (len(lines) + bool(legend))
+    framed = np.zeros((height + below + (height + below) % 2, width + width % 2, 3), dtype=np.uint8)
+    framed[:height, :width] = picture
+    for number, line in enumerate(lines, start=1):
+        shown = "".join(c if c.isascii() and c.isprintable() else "?" for c in line)
+        _put_text(framed, shown, left=_INDENT_PX, base=height + number * LINE_PX - 6, scale=_fitting(shown, width))
+    words = "".join(f"   {word}  " for _, word in legend)
+    scale, left = _fitting(words, width), _INDENT_PX
+    side = round(20 * scale)
+    for colour, word in legend:
+        base = height + below - 6
+        cv2.rectangle(framed, (left, base - side), (left + side, base), rgb(colour)[::-1], cv2.FILLED)
+        left += side + 4
+        left += _put_text(framed, word, left=left, base=base, scale=scale) + round(28 * scale)
+    return framed
+
+
+def _put_text(image: NDArray[np.uint8], text: str, *, left: int, base: int, scale: float) -> int:
+    """Write in white; how wide it is."""
+    cv2.putText(image, text, (left, base), cv2.FONT_HERSHEY_SIMPLEX, scale, (255, 255, 255), 1, cv2.LINE_AA)
+    return _width_px(text, scale)
+
+
+def _width_px(text: str, scale: float) -> int:
+    return int(cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)[0][0])
+
+
+def _fitting(text: str, width_px: int) -> float:
+    wide = _width_px(text, _TEXT_SCALE)
+    return _TEXT_SCALE * min(1.0, (width_px - 2 * _INDENT_PX) / max(wide, 1))
+
+
 def unknown_bands(reference: ReferenceFrame) -> NDArray[np.int32]:
     """Where the unknown bands of the evaluated objects lie.
 

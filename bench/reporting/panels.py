@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from bench.methods.contract import Segmentation
 from bench.reference.records import ReferenceFrame
 from bench.reporting import canvas
+from bench.reporting.formats import frame_name
 from bench.reporting.overlay import draw_references, unknown_bands
 
 LIKELIHOOD_SATURATION = 0.02  # the paper's figure 6
@@ -70,7 +71,7 @@ def draw_panels(image: NDArray[np.uint8], *, segmentation: Segmentation, referen
         axes = canvas.axes_at(figure, _LEFT_IN, bottom_in, _WIDTH_IN, height_in)
         panel.draw(axes)
         if number == 0:
-            axes.set_title(f"{reference.camera}, {reference.timestamp_ns / 1e9:.2f} s", pad=3, fontsize=7)
+            axes.set_title(frame_name(reference), pad=3, fontsize=6)
         left, middle = (_LEFT_IN - 0.13) / figure.get_figwidth(), (bottom_in + height_in / 2) / full_in
         label = f"({_NUMERALS[number]}) {panel.label}"
         figure.text(left, middle, label, rotation=90, ha="center", va="center", fontsize=7)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +25,7 @@ from bench.reporting.count_view import (
     legend_height_in,
     picture_height_in,
 )
-from bench.reporting.formats import frame_name, shortened
+from bench.reporting.formats import file_name, frame_name, shortened
 from bench.reporting.overlay import unknown_bands
 from bench.reporting.stored_run import StoredRun
 
@@ -158,6 +157,5 @@ def write_side_by_side(
 
 
 def _file_name(key: ImageKey) -> str:
-    """Names come from data files and may hold anything."""
     recording, camera, timestamp_ns = key
-    return re.sub(r"[^A-Za-z0-9_.-]+", "_", f"{recording[:80]}-{camera[:40]}-{timestamp_ns // 1_000_000}")
+    return f"{file_name(recording)}-{file_name(camera)}-{timestamp_ns // 1_000_000}"

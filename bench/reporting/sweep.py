@@ -295,11 +295,12 @@ def _counts(numbers: Sequence[int]) -> str:
 
 
 def write_sweep_files(folder: Path) -> tuple[Path, ...]:
-    """Write `sweep.md`, `.csv`, `.png` and `.svg` beside `sweep.json`; all of their paths.
+    """Write `sweep.md`, `.csv`, `.png`, `.svg` and `.pdf` beside `sweep.json`; all of their paths.
 
     Raises:
         DataError: the stored sweep is missing or damaged.
     """
     result = read_sweep(folder)
     tables = formats.write_texts(folder, {"sweep.md": to_markdown(result), "sweep.csv": to_csv(result)})
-    return (folder / FILE, *tables, *canvas.write_picture(folder / "sweep", draw_sweep(result)))
+    pictures = canvas.write_picture(folder / "sweep", draw_sweep(result), formats=("png", "svg", "pdf"))
+    return (folder / FILE, *tables, *pictures)

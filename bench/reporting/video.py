@@ -19,8 +19,9 @@ from bench.recordings import ImageRef, MountedCamera, Recording
 from bench.recordings.atomic import replacing
 from bench.reference.sweeps import PosedSweep, pose_sweep
 from bench.reporting.canvas import category_colour
-from bench.reporting.count_view import detected_pixels, overlay_counts
-from bench.reporting.overlay import bgr_image, outlined, overlay_polygons
+from bench.reporting.count_view import AREA_COLOURS, PixelClass, detected_pixels, overlay_counts
+from bench.reporting.formats import frame_name
+from bench.reporting.overlay import bgr_image, captioned, kind_legend, outlined, overlay_polygons
 
 FARTHEST_SWEEP_NS = 100_000_000
 
@@ -86,8 +87,17 @@ class SweepViewer:
 
 
 NEAREST_M, FARTHEST_M = 2.0, 40.0
-LEAST_WIDTH_PX = 640  # smaller images are enlarged, or nobody can read the line
-LINE_PX = 26
+LEAST_WIDTH_PX = 640  # smaller images are enlarged, or nobody can read the lines
+LIDAR_COLOUR = "#7ad151"  # the middle of the colours of lidar points
+
+
+LEGEND = (
+    (AREA_COLOURS[PixelClass.TRUE_POSITIVE], "found"),
+    (AREA_COLOURS[PixelClass.FALSE_NEGATIVE], "missed"),
+    (AREA_COLOURS[PixelClass.FALSE_POSITIVE], "wrongly marked"),
+)
+UNKNOWN = (AREA_COLOURS[PixelClass.UNKNOWN], "unknown")
+LIDAR = (LIDAR_COLOUR, "lidar, yellow near, blue far")
 
 
 def draw_frame(processed: ProcessedFrame, seen: SeenSweep | None = None) -> NDArray[np.uint8]:
@@ -98,7 +108,7 @@ def draw_frame(processed: ProcessedFrame, seen: SeenSweep | None = None) -> NDAr
         seen: its lidar sweep, if it is to be drawn; near points are yellow, far ones blue.
 
     Returns:
-        (H, W, 3) BGR uint8 of even sides, the image with a line of text below.
+        (H, W, 3) BGR uint8 of even sides; below the image which one it is, its counts and a legend.
     """
     picture, scale = _enlarged(overlay_counts(processed))
     if seen is not None:
@@ -113,13 +123,16 @@ def draw_frame(processed: ProcessedFrame, seen: SeenSweep | None = None) -> NDAr
     )
     frame, objects = count_frame(processed.reference, detected_pixels(processed), component_size_px=0)
     tp, fn = sum(o.tp for o in objects), sum(o.fn for o in objects)
-    text = f"{processed.image.timestamp_ns / 1e9:.3f} s   TP {tp}  FN {fn}  FP {frame.fp_px} px   {len(shown)} objects"
-    return _captioned(picture, text)
+    counts = f"TP {tp}  FN {fn}  FP {frame.fp_px} px   {len(shown)} objects"
+    bands = [UNKNOWN] if any(target.unknown_px for target, _ in shown) else []
+    outlines = kind_legend(processed.reference)
+    legend = [*LEGEND, *bands, *([LIDAR] if seen is not None else []), *outlines]
+    return captioned(picture, [frame_name(processed.reference), counts], legend=legend)
 
 
-def draw_plain(image: NDArray[np.uint8], text: str) -> NDArray[np.uint8]:
-    """An image that could not be scored, of the size that `draw_frame` gives, with the reason."""
-    return _captioned(_enlarged(bgr_image(image))[0], text)
+def draw_plain(image: NDArray[np.uint8], name: str, text: str) -> NDArray[np.uint8]:
+    """An image that could not be scored, of the size that `draw_frame` gives, with its name and the reason."""
+    return captioned(_enlarged(bgr_image(image))[0], [name, text], legend=LEGEND)
 
 
 def _enlarged(picture: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], int]:
@@ -139,15 +152,6 @@ def _with_points(picture: NDArray[np.uint8], seen: SeenSweep, scale: int) -> NDA
     columns = np.clip(positions[order, 0], 0, picture.shape[1] - 1)
     drawn[rows, columns] = colours[order]
     return drawn
-
-
-def _captioned(picture: NDArray[np.uint8], text: str) -> NDArray[np.uint8]:
-    height, width = picture.shape[:2]
-    framed = np.zeros((height + LINE_PX + (height + LINE_PX) % 2, width + width % 2, 3), dtype=np.uint8)
-    framed[:height, :width] = picture
-    shown = "".join(c if c.isascii() and c.isprintable() else "?" for c in text)
-    cv2.putText(framed, shown, (6, height + 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1, cv2.LINE_AA)
-    return framed
 
 
 # The codecs that the OpenCV wheel carries; H.264 is not among them for its licence. Browsers play .webm only.

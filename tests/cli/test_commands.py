@@ -47,7 +47,10 @@ def test_run_writes_the_report_and_ends_with_the_table(monkeypatch, capsys, tiny
     shown = capsys.readouterr().out
     for name in ("summary.json", "table.md", "table.csv", "table.tex", "table.json", "range_map.png", "range_map.svg"):
         assert (out / name).stat().st_size > 100
+    for name in ("summary.json", "table.md", "range_map.png"):
         assert str(out / name) in shown
+    assert shown.count(str(out)) < 8, "few paths"
+    assert f"more files in {out}" in shown
     for name in ("Crossing", "Overtaking", "Preceding", "Approaching", "Static ego-vehicle", "False positives"):
         assert name in shown
     assert "16 annotated object-frames" in shown

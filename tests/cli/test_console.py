@@ -32,8 +32,28 @@ def test_the_rate_and_the_time_left_are_shown(monkeypatch, each_s, rate):
     assert f"left 0:0{left_s // 60}:{left_s % 60:02d}" in last
 
 
-def test_nothing_is_shown_where_nobody_watches(monkeypatch):
+def test_a_log_has_no_bar_but_a_line_now_and_then_of_what_takes_long(monkeypatch, capsys):
     shown = watched(monkeypatch, terminal=False)
+    monkeypatch.undo()
+    now = [0.0]
+    monkeypatch.setattr(console, "monotonic", lambda: now[0])
     with console.progress_bar("scoring", "images") as report:
         report(5, 10)
-    assert shown.getvalue() == ""
+    assert (shown.getvalue(), capsys.readouterr().err) == ("", "")
+    with console.progress_bar("scoring", "images") as report:
+        for second in range(0, 1000, 5):
+            now[0] = float(second)
+            report(second, 1000)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "scoring: 10/1000 images after 10 s, about 990 s left"
+    assert lines[1].startswith("scoring: 20/1000 images after 20 s")
+    assert 20 < len(lines) < 50, "ever fewer"
+
+
+def test_of_many_files_a_few_are_named(capsys):
+    console.note_files([f"runs/a/{k}.png" for k in range(3)])
+    assert capsys.readouterr().out.split() == ["runs/a/0.png", "runs/a/1.png", "runs/a/2.png"]
+    console.note_files(["runs/a/index.html", *(f"runs/a/figures-{k % 2}/{k}.pdf" for k in range(9))])
+    *_, fourth, more = capsys.readouterr().out.splitlines()
+    assert fourth == "runs/a/figures-0/2.pdf"
+    assert more == "and 6 more files in runs/a"

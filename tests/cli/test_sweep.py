@@ -21,7 +21,7 @@ def test_sweep_leaves_table_and_chart_and_ends_with_the_table(monkeypatch, capsy
     )
     assert call(monkeypatch, *words, "--split", "moving") == 0
     shown = capsys.readouterr().out
-    for name in ("sweep.json", "sweep.csv", "sweep.md", "sweep.png", "sweep.svg"):
+    for name in ("sweep.json", "sweep.csv", "sweep.md", "sweep.png", "sweep.svg", "sweep.pdf"):
         assert (tmp_path / "error.yaw_rate" / name).stat().st_size > 100
         assert str(tmp_path / "error.yaw_rate" / name) in shown
     for text in ("bias of the yaw rate (deg/s)", "-2 ", "0 * ", "3 values on 8 images", "flow computed 8 times"):

@@ -52,12 +52,16 @@ def test_a_video_of_all_frames_with_and_without_lidar(monkeypatch, card, tmp_pat
     assert 50 < differs.sum() < differs.size / 4  # points, not areas
 
 
-def test_pictures_of_several_frames_lie_in_folders_named_by_their_time(monkeypatch, card, tmp_path):
+def test_pictures_of_several_frames_lie_in_folders_named_by_their_image(monkeypatch, card, tmp_path):
     assert call(monkeypatch, "view", card, "--frames", "5:6", "--out", tmp_path / "p") == 0
-    times = [str(drive.START_NS + i * drive.IMAGE_NS) for i in (5, 6)]
-    assert sorted(path.name for path in (tmp_path / "p").iterdir()) == times
-    for time in times:
-        assert (tmp_path / "p" / time / "overlay.png").read_bytes().startswith(b"\x89PNG")
+    stems = [file.stem for file in sorted((card.parent / "data/drive").rglob("front/*.png"))]
+    names = [f"{index:06d}-{stems[index]}" for index in (5, 6)]
+    assert sorted(path.name for path in (tmp_path / "p").iterdir()) == names
+    for name in names:
+        assert (tmp_path / "p" / name / "overlay.png").read_bytes().startswith(b"\x89PNG")
+    monkeypatch.chdir(tmp_path)
+    assert call(monkeypatch, "view", card, "--frame", 5) == 0
+    assert (tmp_path / "reports/runs/view/drive-front" / names[0] / "panels.png").is_file()
 
 
 def test_a_frame_by_its_time(monkeypatch, card, tmp_path):

@@ -114,6 +114,7 @@ def _render(run: StoredRun, worst: WorstCases, pair: Beside | None, *, pictures:
         "pictures": pictures,
         "objects": table_data(run, pictured=_pictured(worst)),
         "stages": sorted(made.stage_seconds.items(), key=lambda item: -item[1]),
+        "computed": made.images if made.work is None else made.work.images_computed,
         "settings": json.dumps(run.summary.method.settings),
         "style": _packaged("page.css"),
         "script": _packaged("page.js"),

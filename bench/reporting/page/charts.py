@@ -19,9 +19,8 @@ from bench.errors import DataError
 from bench.evaluation.likelihood import threshold_sweep
 from bench.evaluation.maps import THRESHOLDS, CoverageCurve, ImageMap, coverage_curves
 from bench.harness import read_image_maps
-from bench.recordings.atomic import write_bytes
 from bench.reference import Category
-from bench.reporting.canvas import GREY, VERMILION, figure_bytes, figure_pixels, new_figure, styled
+from bench.reporting.canvas import GREY, VERMILION, figure_bytes, figure_pixels, new_figure, styled, write_picture
 from bench.reporting.formats import LABELS
 from bench.reporting.range_maps import draw_run_maps
 from bench.reporting.stored_run import StoredRun, read_stored_run
@@ -219,7 +218,7 @@ def _plane_charts(run: StoredRun) -> list[Chart]:
 
 
 def write_figures(folder: Path, *, category: Category | None = None) -> tuple[Path, ...]:
-    """Write the charts of a run's page as `<run>/figures/*.pdf`; those of one kind of motion have its name.
+    """Write the charts of a run's page as `<run>/figures/*.pdf` and `.svg`; those of one kind have its name.
 
     Raises:
         DataError: a stored result is missing or damaged.
@@ -227,7 +226,5 @@ def write_figures(folder: Path, *, category: Category | None = None) -> tuple[Pa
     charts = [
         chart for section in draw_charts(read_stored_run(folder, category=category)).values() for chart in section
     ]
-    files = {folder / "figures" / f"{chart.name}.pdf": chart for chart in charts}
-    for file, chart in files.items():
-        write_bytes(file, figure_bytes(chart.figure, "pdf"))
-    return tuple(files)
+    files = [write_picture(folder / "figures" / chart.name, chart.figure, formats=("pdf", "svg")) for chart in charts]
+    return tuple(file for pair in files for file in pair)

@@ -25,7 +25,8 @@ from bench.harness.frames import UnscorableFrame
 from bench.harness.replay import StoredFrames
 from bench.reference import Category, ReferenceObject, Status
 from bench.reporting.count_view import PixelClass, detected_pixels, draw_counts, overlay_counts, pixel_classes
-from bench.reporting.overlay import overlay_polygons
+from bench.reporting.formats import frame_name, image_name
+from bench.reporting.overlay import captioned, overlay_polygons
 from bench.reporting.page.charts import figure_uri, jpeg_uri
 from bench.reporting.panels import draw_panels
 from bench.reporting.stored_run import StoredRun
@@ -309,7 +310,7 @@ def _view(processed: ProcessedFrame, pipeline: FramePipeline) -> FrameView:
     return FrameView(
         areas=figure_uri(areas),
         panels=figure_uri(panels, scale=_PANELS_SCALE),
-        close_ups={one.track_id: _close_up(tinted, one) for _, one in evaluated},
+        close_ups={one.track_id: _close_up(tinted, one, frame_name(reference)) for _, one in evaluated},
         objects={
             one.track_id: _object_evidence(pipeline, processed, missed=(reference.labels == k + 1) & ~detected)
             for k, one in evaluated
@@ -318,8 +319,8 @@ def _view(processed: ProcessedFrame, pipeline: FramePipeline) -> FrameView:
     )
 
 
-def _close_up(tinted: NDArray[np.uint8], target: ReferenceObject) -> str:
-    """The object with as much around it as it is large, enlarged to a fixed size."""
+def _close_up(tinted: NDArray[np.uint8], target: ReferenceObject, name: str) -> str:
+    """The object with as much around it as it is large, enlarged to a fixed size, above the name of the image."""
     assert target.polygon is not None, "an evaluated object has a polygon"
     outlines = [] if target.unknown_px else [target.polygon]  # an outline would hide the unknown band
     drawn = overlay_polygons(tinted, polygons=outlines, colours=["#ffffff"] * len(outlines))
@@ -332,7 +333,7 @@ def _close_up(tinted: NDArray[np.uint8], target: ReferenceObject) -> str:
     v = float(np.clip((v_min + v_max) / 2, half_v, height - half_v))
     crop = drawn[round(v - half_v) : round(v + half_v), round(u - half_u) : round(u + half_u)]
     larger = cv2.resize(crop, _CLOSE_UP_PX, interpolation=cv2.INTER_CUBIC)
-    return jpeg_uri(np.asarray(larger, dtype=np.uint8))
+    return jpeg_uri(captioned(np.asarray(larger, dtype=np.uint8), [name]))
 
 
 def _object_evidence(
@@ -487,4 +488,4 @@ def _frame_card(element: str, row: Row, views: Mapping[FrameKey, FrameView]) -> 
 
 
 def _image(row: Row) -> str:
-    return f"{row['recording']}, camera {row['camera']}, {row['timestamp_ns'] / 1e9:.2f} s"
+    return image_name(row["recording"], row["camera"], row["timestamp_ns"])

@@ -97,15 +97,18 @@ def test_the_same_bytes_twice(tiny_run, tmp_path):
     assert files[0].read_bytes() == files[1].read_bytes()
 
 
-def test_figures_for_papers_are_pdf_and_the_same_twice(tiny_run):
-    made = {file.name: file.read_bytes() for file in write_figures(tiny_run)}
+def test_figures_for_papers_are_vectors_and_the_same_twice(tiny_run):
+    files = {file.name: file.read_bytes() for file in write_figures(tiny_run)}
+    made = {name: content for name, content in files.items() if name.endswith(".pdf")}
+    assert set(files) == {name.removesuffix("pdf") + kind for name in made for kind in ("pdf", "svg")}
     kinds = {f"coverage-{kind}.pdf" for kind in ("crossing", "overtaking", "static_ego")}
     of_frames = {"threshold_sweep.pdf", "precision_recall.pdf", "missed-0.pdf", "false-0.pdf"}
     assert set(made) == {"range_map.pdf"} | kinds | of_frames
     assert all(content.startswith(b"%PDF") for content in made.values())
     again = write_figures(tiny_run, category=Category.CROSSING)
-    assert [file.name for file in again] == ["range_map-crossing.pdf", "coverage-crossing.pdf"]
-    assert again[1].read_bytes() == made["coverage-crossing.pdf"]
+    names = [file.name for file in again if file.suffix == ".pdf"]
+    assert names == ["range_map-crossing.pdf", "coverage-crossing.pdf"]
+    assert again[2].read_bytes() == made["coverage-crossing.pdf"]
 
 
 def test_every_annotated_object_is_a_row(tiny_run, tiny_page):
