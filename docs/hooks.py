@@ -1,4 +1,4 @@
-"""Hooks of mkdocs: the command reference is made from the commands, and files beside `docs/` come along into the site.
+"""Hooks of mkdocs: the command reference is made from the commands, notebooks become pages, files beside `docs/` come.
 
 Pages link to committed files outside of `docs/` by relative paths, which work on a code host. In the site these files
 lie under the same names below the root of the site.
@@ -6,6 +6,7 @@ lie under the same names below the root of the site.
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import sys
@@ -86,11 +87,20 @@ def _cell(text: str | None) -> str:
     return (text or "").replace("<", "&lt;").replace("|", "\\|")
 
 
+def notebook_page(file: Path) -> str:
+    """A notebook's text and code as Markdown."""
+    cells = [(cell["cell_type"], "".join(cell["source"])) for cell in json.loads(file.read_text("utf-8"))["cells"]]
+    shown = [f"```python\n{text}\n```" if kind == "code" else text for kind, text in cells]
+    return "\n\n".join([*shown, f"This page is the notebook [{file.name}]({file.name})."]) + "\n"
+
+
 def on_files(files: Any, config: Any) -> Any:
-    """Add the committed files that pages link to, and those that these link to."""
+    """Add a page for each notebook, the committed files that pages link to, and those that these link to."""
     from mkdocs.structure.files import File
 
-    waiting = [ROOT / "docs" / file.src_uri for file in files.documentation_pages()]
+    for notebook in sorted((ROOT / "docs").glob("*.ipynb")):
+        files.append(File.generated(config, f"{notebook.stem}.md", content=notebook_page(notebook)))
+    waiting = [page for file in files.documentation_pages() if (page := ROOT / "docs" / file.src_uri).is_file()]
     while waiting:
         page = waiting.pop()
         for target in _linked(page):

@@ -1,6 +1,7 @@
 """The documentation: short README, links that lead somewhere, commands that exist, code that compiles."""
 
 import importlib.util
+import json
 import re
 import subprocess
 import sys
@@ -123,7 +124,37 @@ def test_the_architecture_page_shows_the_layers_that_are_checked():
 
 def test_every_page_is_in_the_navigation():
     named = set(re.findall(r"(\S+\.md)$", (ROOT / "mkdocs.yml").read_text("utf-8"), re.MULTILINE))
-    assert named == {page.name for page in (ROOT / "docs").glob("*.md")}
+    notebooks = {notebook.with_suffix(".md").name for notebook in (ROOT / "docs").glob("*.ipynb")}
+    assert named == {page.name for page in (ROOT / "docs").glob("*.md")} | notebooks
+
+
+@pytest.fixture
+def tiny_data(tiny_card, tmp_path, monkeypatch):
+    """An empty working folder, where the data set `tiny` is found and rendered."""
+    monkeypatch.setenv("FISHEYE_BENCH_DATASETS", str(tiny_card.parent))
+    monkeypatch.chdir(tmp_path)
+
+
+def test_the_notebook_runs_and_is_stored_without_outputs(tiny_data, monkeypatch):
+    import matplotlib.pyplot as plt
+
+    plt.switch_backend("agg")
+    shown = []
+    monkeypatch.setattr(plt, "show", lambda: shown.append(plt.gcf()))
+    cells = json.loads((ROOT / "docs/first-score.ipynb").read_text("utf-8"))["cells"]
+    names = {"__name__": "__main__"}
+    for number, cell in enumerate(cell for cell in cells if cell["cell_type"] == "code"):
+        assert not cell["outputs"], "clear the outputs: they hold paths and pictures of one machine"
+        exec(compile("".join(cell["source"]), f"cell {number}", "exec"), names)
+    plt.close("all")
+    assert len(shown) == 3
+    assert names["table"].loc["all_moving", "object_frames"] == 12
+
+
+def test_the_programs_of_the_python_page_run(tiny_data, capsys):
+    for _, block in FENCE.findall((ROOT / "docs/python.md").read_text("utf-8")):
+        exec(compile(block, "python.md", "exec"), {})
+    assert capsys.readouterr().out.startswith("0.428")
 
 
 @pytest.mark.skipif(importlib.util.find_spec("material") is None, reason="the extra `docs` is not installed")

@@ -15,8 +15,10 @@ from __future__ import annotations
 import ctypes
 import re
 import struct
+import sys
 from dataclasses import dataclass
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal
@@ -24,13 +26,17 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.errors import DataError
+from bench.errors import DataError, UsageError
 from bench.lidar.sweep import LARGEST_BYTES, Arrays
 
 
 @cache
 def open3d() -> ModuleType:
-    """The open3d module, imported on the first call."""
+    """The open3d module, imported on the first call.
+
+    Raises:
+        UsageError: libraries of the system that it links against are missing.
+    """
     try:
         import libusb_package
     except ImportError:  # only wanted on Linux
@@ -39,8 +45,19 @@ def open3d() -> ModuleType:
         library = libusb_package.get_library_path()
         if library is not None:
             ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
-    import open3d as module
-
+    # Its viewers import plotly and dash, which nothing here needs; an installation may leave them out.
+    viewers = "open3d.visualization"
+    without_viewers = not all(map(find_spec, ("plotly", "dash")))
+    if without_viewers:
+        sys.modules.setdefault(viewers, ModuleType(viewers))
+    try:
+        import open3d as module
+    except (ImportError, OSError) as error:
+        do = "it links against libraries that slim systems lack, on Debian: apt-get install libegl1 libgl1 libx11-6"
+        raise UsageError(f"open3d: expected a library that loads, got {error}; {do}") from error
+    finally:
+        if without_viewers:
+            del sys.modules[viewers]
     return module
 
 

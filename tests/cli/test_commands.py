@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+import bench
 from bench.cli import main
 from bench.cli.computing import parse_settings
 from bench.errors import UsageError
@@ -123,6 +124,52 @@ def test_lists(monkeypatch, capsys, tiny_card):
     assert "Three rendered drives" in capsys.readouterr().out
     assert call(monkeypatch, "methods") == 0
     assert "spherical" in capsys.readouterr().out
+
+
+def test_names_are_looked_up_in_three_folders(monkeypatch, capsys, tiny_card, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("FISHEYE_BENCH_DATASETS", str(tmp_path / "own"))
+    for folder, title in (("own", "mine"), ("datasets", "nearest")):
+        (tmp_path / folder).mkdir()
+        card = tiny_card.read_text().replace("title: Three rendered drives", f"title: {title},")
+        (tmp_path / folder / "tiny.yaml").write_text(card)
+        assert call(monkeypatch, "datasets") == 0
+        shown = capsys.readouterr().out
+        assert f" {title}," in shown
+        assert all(f" {name} " in shown for name in ("demo", "paper", "woodscape"))
+        assert f"{tmp_path / 'own'}: 1 cards" in shown
+    assert call(monkeypatch, "run", "tini") == 2
+    told = capsys.readouterr().err
+    assert f"looked in datasets, {tmp_path / 'own'}, " in told
+    assert "did you mean 'tiny'" in told
+    assert call(monkeypatch, "run", "datasets/demo.yaml") == 2
+    assert "the card 'demo' ships with the package" in capsys.readouterr().err
+
+
+def test_a_run_tells_less_or_more(monkeypatch, capsys, tiny_card, tmp_path):
+    words = ("run", tiny_card, "--out", tmp_path / "run", "--method", "nothing", "--no-pictures", "--no-cache")
+    assert call(monkeypatch, *words, "--quiet") == 0
+    shown = capsys.readouterr()
+    assert "Crossing" in shown.out
+    assert "summary.json" not in shown.out
+    assert "images per second" not in shown.out
+    assert call(monkeypatch, "-v", *words) == 0
+    shown = capsys.readouterr()
+    assert "summary.json" in shown.out
+    assert f"card {tiny_card}, root data/tiny" in shown.err
+    assert call(monkeypatch, "run", "nowhere.yaml", "-v") == 2
+    assert "Traceback" in capsys.readouterr().err
+    assert call(monkeypatch, "--version") == 0
+    assert capsys.readouterr().out == f"fisheye-bench {bench.__version__}\n"
+
+
+def test_no_help_text_is_cut(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "60")
+    for words in ((), ("annotations",), ("new",)):
+        assert call(monkeypatch, *words, "--help") == 0
+        shown = capsys.readouterr().out
+        assert "..." not in shown.replace("[ARGS]...", "")
+        assert "customize the installation" in " ".join(shown.split()) or words
 
 
 def test_settings_nest_and_numbers_are_numbers():

@@ -10,12 +10,13 @@ import pytest
 from junitparser import JUnitXml
 
 from bench.evaluation import load_protocol
-from bench.gate import scored_run, write_baseline
+from bench.gate import scored_run, usual_baseline, write_baseline
 from bench.harness import RunRequest, code_state, read_run, run_benchmark
 from bench.harness.keys import MethodIdentity
 from bench.harness.stored import write_summary
 from bench.methods import build_method
 from bench.recordings import load_card
+from bench.recordings.cards import shipped_folder
 from tests.cli.test_commands import call
 
 
@@ -60,6 +61,19 @@ def test_the_same_run_passes(monkeypatch, capsys, runs):
     shown = capsys.readouterr().out
     assert "gate passed: " in shown
     assert "::error" not in shown
+
+
+def test_without_a_named_baseline_the_usual_one_is_taken(monkeypatch, capsys, runs, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    assert call(monkeypatch, "gate", runs["spherical"]) == 3
+    assert "reports/baselines/tiny.json: no baseline there" in capsys.readouterr().err
+    assert call(monkeypatch, "gate", runs["spherical"], "--update", "--allow-dirty") == 0
+    assert call(monkeypatch, "gate", runs["spherical"]) == 0
+    assert "baseline reports/baselines/tiny.json\n" in capsys.readouterr().out
+    demo = scored_run(runs["extended"]).model_copy(update={"dataset": "demo"})
+    assert usual_baseline(demo) == Path("reports/baselines/demo-extended-v1.json")
+    paper = scored_run(runs["spherical"]).model_copy(update={"dataset": "demo"})
+    assert usual_baseline(paper) == shipped_folder("baselines") / "demo.json"
 
 
 def test_a_gate_that_judges_nothing_has_the_status_of_one_without_a_baseline(monkeypatch, capsys, runs, tmp_path):

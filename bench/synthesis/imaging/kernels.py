@@ -9,6 +9,7 @@ Loops over pixels hand many arrays around and make none; counting references to 
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -16,6 +17,7 @@ from typing import Any, TypeVar, cast
 import numba
 import numpy as np
 from numpy.typing import NDArray
+from platformdirs import user_cache_path
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -23,7 +25,10 @@ Function = TypeVar("Function", bound=Callable[..., object])
 # only: so there is a cache folder for each state of all of them.
 _FILES = sorted(Path(__file__).parent.glob("*.py"))
 SOURCES = hashlib.sha256(b"".join(path.read_bytes() for path in _FILES)).hexdigest()
-CACHE = Path(__file__).parent / "__pycache__" / f"numba-{SOURCES[:16]}"
+_BESIDE = Path(__file__).parent / "__pycache__"
+_WRITABLE = os.access(_BESIDE if _BESIDE.exists() else _BESIDE.parent, os.W_OK)
+# Beside a package that an administrator installed its user writes nothing.
+CACHE = (_BESIDE if _WRITABLE else user_cache_path("fisheye-bench", appauthor=False)) / f"numba-{SOURCES[:16]}"
 
 
 def compiled(function: Function) -> Function:
@@ -33,7 +38,7 @@ def compiled(function: Function) -> Function:
     before, config.CACHE_DIR = config.CACHE_DIR, str(CACHE)
     try:
         return cast(Function, numba.njit(cache=True, **options)(function))
-    except (RuntimeError, OSError):  # the package's folder may not be written: compile in every process
+    except (RuntimeError, OSError):  # no folder may be written: compile in every process
         return cast(Function, numba.njit(**options)(function))
     finally:
         config.CACHE_DIR = before

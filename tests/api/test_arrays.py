@@ -1,0 +1,92 @@
+"""`bench.score` on arrays small enough to count by hand."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from shapely import Polygon
+
+import bench
+from bench.errors import ShapeError, UsageError
+
+# An object of 4 x 4 pixels; the mask finds its upper half and 2 pixels beside it.
+LABELS = np.zeros((10, 20), dtype=np.int32)
+LABELS[2:6, 2:6] = 7
+MASK = np.zeros((10, 20), dtype=bool)
+MASK[2:4, 2:7] = True
+CORNERS = [(1.5, 1.5), (5.5, 1.5), (5.5, 5.5), (1.5, 5.5)]
+
+
+@pytest.mark.parametrize(
+    "reference",
+    [LABELS, LABELS.astype(np.uint8), LABELS > 0, [CORNERS], [np.array(CORNERS)], [Polygon(CORNERS)]],
+    ids=["labels", "uint8", "mask", "list", "array", "shapely"],
+)
+def test_every_form_of_a_reference_counts_the_same(reference):
+    score = bench.score(reference, MASK)
+    (row,) = score.objects[["tp", "fn", "fp"]].to_dict("records")
+    assert row == {"tp": 8, "fn": 8, "fp": 2}
+    assert score.detection_rate == 1.0
+    assert score.tpr == score.metrics["tpr_all"] == 0.5
+    assert score.iou == score.iou_detected == 8 / 18
+    assert score.false_positives == 2 / 200
+    assert score.metrics["pixel_precision"] == 0.8
+    assert score.metrics["detection_rate_50"] == 1.0
+
+
+def test_the_first_polygon_hides_the_others():
+    behind = np.array(CORNERS) + np.array([2, 0])
+    assert bench.score([CORNERS, behind], MASK).objects["tp"].tolist() == [8, 2]
+    assert bench.score([behind, CORNERS], MASK).objects["tp"].tolist() == [6, 4]
+    assert len(bench.score([CORNERS, CORNERS], MASK).objects) == 1
+
+
+def test_what_is_ignored_is_neither_right_nor_wrong_and_only_valid_pixels_count():
+    beside = np.zeros_like(MASK)
+    beside[:, 6] = True
+    assert bench.score(LABELS, MASK, ignored=beside).false_positives == 0.0
+    assert bench.score(LABELS, MASK, ignored=[np.array(CORNERS) + np.array([4, 0])]).false_positives == 0.0
+    left = np.zeros_like(MASK)
+    left[:, :4] = True
+    score = bench.score(LABELS, MASK, valid=left)
+    assert score.objects[["tp", "fn", "fp"]].values.tolist() == [[4, 4, 0]]
+    assert score.images["valid_px"].tolist() == [40]
+
+
+def test_scores_of_images_add_up_before_ratios_are_taken():
+    nothing = np.zeros_like(MASK)
+    both = bench.Score.of([bench.score(LABELS, MASK), bench.score(LABELS, nothing), bench.score(nothing, nothing)])
+    assert both.iou == 8 / 18 / 2
+    assert both.iou_detected == 8 / 18
+    assert both.false_positives == pytest.approx(2 / 200 / 3)
+    assert "iou=0.222" in repr(both)
+    assert np.isnan(bench.score(nothing, MASK).iou)
+    with pytest.raises(UsageError, match="at least one score"):
+        bench.Score.of([])
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: bench.score(LABELS, MASK.astype(float)), "for scores, pass scores > 0.5"),
+        (lambda: bench.score(LABELS[:5], MASK), r"reference: expected .*size \(10, 20\), got \(5, 20\)"),
+        (lambda: bench.score(LABELS.astype(float), MASK), "label image of integers"),
+        (lambda: bench.score([[(1, 2), (3, 4)]], MASK), r"reference\[0\]: expected a polygon"),
+        (lambda: bench.score(LABELS, MASK, valid=MASK[:5]), "valid: expected a mask of bool"),
+        (lambda: bench.score(LABELS, MASK, ignored=LABELS), "ignored: expected a mask of bool"),
+        (lambda: bench.score(None, MASK), "reference: expected an array or a list of polygons"),
+    ],
+)
+def test_what_does_not_fit_is_refused(call, message):
+    with pytest.raises((ShapeError, UsageError), match=message):
+        call()
+
+
+def test_importing_the_package_imports_no_library():
+    program = "import sys, bench; print(sorted({'numpy', 'pandas', 'cv2', 'bench.api'} & set(sys.modules)), dir(bench))"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("[] ")
+    assert all(f"'{name}'" in done.stdout for name in bench.__all__)
+    with pytest.raises(AttributeError, match="'scores'"):
+        _ = bench.scores

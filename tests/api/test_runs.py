@@ -1,0 +1,83 @@
+"""`bench.open_dataset`, `run` and `load_run`: what the commands do, from Python."""
+
+import numpy as np
+import pytest
+
+import bench
+from bench.errors import UnknownNameError, UsageError
+from bench.methods import Segmentation, build_method
+
+
+@pytest.fixture(scope="module")
+def run(tiny_card, tmp_path_factory):
+    return bench.run(tiny_card, "frame-difference", out=tmp_path_factory.mktemp("api") / "run")
+
+
+def test_a_run_is_stored_and_read_back_as_tables(run):
+    again = bench.load_run(run.folder)
+    assert again.summary == run.summary
+    assert again.metrics.loc["crossing", "object_frames"] == 4
+    assert again.metrics.loc["all_moving", "iou"] == run.summary.all_moving.iou.value
+    assert np.isnan(again.metrics.loc["preceding", "iou"])
+    assert len(again.objects) == 16
+    assert again.frames["fp_px"].sum() > 0
+    assert again.false_positives == run.summary.false_positives.coverage.value
+    assert (run.folder / "table.md").is_file()
+
+
+def test_scores_of_single_frames_add_up_to_the_run(run, tiny_card):
+    method = build_method("frame-difference")
+    frames = bench.open_dataset(tiny_card).frames(history=method.history)
+    scores = [bench.score(frame.reference, method.segment(frame.input).mask) for frame in frames]
+    total = bench.Score.of(scores)
+    assert len(total.images) == 12
+    for name in ("detection_rate", "detection_rate_10", "tpr", "tpr_all", "iou", "iou_detected"):
+        assert total.metrics[name] == pytest.approx(run.metrics.loc["all_moving", name], rel=1e-12)
+    assert total.false_positives == pytest.approx(run.false_positives, rel=1e-12)
+    assert total.metrics["pixel_recall"] == run.summary.segmentation.recall.value
+    assert sorted(total.objects["iou"]) == sorted(
+        (rows := run.objects.query("status == 'evaluated'"))["tp"] / (rows["tp"] + rows["fp"] + rows["fn"])
+    )
+
+
+class Bright:
+    """A method that no module's name leads to."""
+
+    name, history = "bright", 1
+
+    def settings(self):
+        return {}
+
+    def segment(self, frame):
+        return Segmentation(cell_size_px=1, mask=frame.images[-1] > 200)
+
+
+def test_an_object_is_a_method_too(tiny_card, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    found = bench.run(tiny_card, Bright(), split="moving", protocol="extended-v1")
+    assert found.folder.name == "tiny-bright-extended-v1-moving"
+    assert found.summary.images.evaluated == 8
+    with pytest.raises(UsageError, match="settings: expected none"):
+        bench.run(tiny_card, Bright(), settings={"threshold": 1})
+
+
+def test_a_data_set_gives_recordings_and_frames(tiny_card, monkeypatch):
+    monkeypatch.setenv("FISHEYE_BENCH_DATASETS", str(tiny_card.parent))
+    monkeypatch.chdir(tiny_card.parent.parent)
+    data = bench.open_dataset("tiny", "moving")
+    assert data.names == ("crossing", "overtaking")
+    assert [recording.name for recording in data] == list(data.names)
+    assert data["crossing"].images["front"]
+    frames = list(data.frames(recordings=["crossing"], camera="front", history=2, colour=True))
+    assert len(frames) == len(data["crossing"].images["front"]) - 2
+    assert frames[0].image.shape == (240, 320, 3)
+    assert len(frames[0].input.images) == 3
+    assert (frames[0].reference.labels > 0).any()
+    with pytest.raises(UnknownNameError, match="unknown recording 'crosing'"):
+        _ = data["crosing"]
+    with pytest.raises(UnknownNameError, match="unknown camera 'rear'"):
+        next(data.frames(camera="rear"))
+
+
+def test_the_writer_is_offered(tmp_path):
+    assert bench.RecordingWriter(tmp_path).root == tmp_path
