@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Set
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import cache, partial
@@ -87,6 +87,26 @@ def _parts(value: Any) -> Iterator[bytes]:
                 yield from _parts(getattr(value, field.name))
         case _:
             raise TypeError(f"expected a value that a digest can be taken of, got {type(value)!r}")
+
+
+def columns_of(values: Sequence[Any]) -> Any:
+    """Values of one kind with the same content in few pieces, of which a digest is taken in a hundredth of the time.
+
+    Args:
+        values: data classes become a mapping of field to column, arrays of one shape and numbers of one type an array.
+    """
+    kinds = {type(value) for value in values}
+    kind = kinds.pop() if len(kinds) == 1 else None
+    if kind is not None and is_dataclass(kind):
+        named = {field.name: columns_of([getattr(value, field.name) for value in values]) for field in fields(kind)}
+        return kind, named
+    if kind in (bool, float):
+        return np.array(values, dtype=kind)
+    if kind is int and max(map(abs, values)) < 1 << 63:
+        return np.array(values, dtype=np.int64)
+    if kind is np.ndarray and len({(value.dtype, value.shape) for value in values}) == 1:
+        return np.stack(values)
+    return tuple(values)
 
 
 MISSING = "missing"

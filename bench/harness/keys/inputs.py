@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
-from bench.harness.keys.digests import FileDigests, digest_of
+from bench.harness.keys.digests import FileDigests, columns_of, digest_of
 from bench.recordings import Recording
 from bench.recordings.records import ImageRef, PointIndices, SweepRef
 
@@ -29,7 +30,9 @@ class RecordingInputs:
             trajectory.max_gap_ns,
             trajectory.max_extrapolation_ns,
         )
-        self.annotations = digest_of(recording.tracks)
+        self.annotations = digest_of(
+            [(columns_of([replace(track, states=())]), columns_of(track.states)) for track in recording.tracks]
+        )
         self.lidar_mounting = digest_of(recording.vehicle_from_lidar, recording.lidar_from_beams)
         self.input_errors = recording.input_errors
         self._cameras = {name: digest_of(camera) for name, camera in recording.cameras.items()}

@@ -94,7 +94,7 @@ def _track(key: str, boxes: Sequence[WorldBox], ego: _EgoPath, static_range_m: f
     dynamic = any(box.dynamic for box in boxes)
     person = label is not None and label.object_class == "pedestrian"
     unclear = label is None or (person and not dynamic and static_people == "unclear")
-    placed = {id(box): _placed(box, ego, order) for box in by_row.values()}
+    placed = {key: _placed(box, ego, order) for key, box in {id(box): box for box in by_row.values()}.items()}
     states = _states([(row, by_row[row], *placed[id(by_row[row])]) for row in rows], ego, unclear=unclear)
     return Track(track_id=key, object_class="vehicle" if label is None else label.object_class, states=states)
 
@@ -117,22 +117,23 @@ def _states(
     if along < 0:  # the box was drawn facing backwards
         rotations = rotations * np.array([-1.0, -1.0, 1.0])
     turns = np.where(moves, world_yaw_rates(times_ns, rotations), 0.0)
-    states = []
-    for i, row in enumerate(rows):
-        vehicle_from_world = RigidTransform(ego.rotations[row], ego.positions_m[row]).inverse()
-        states.append(
-            ObjectState(
-                timestamp_ns=int(times_ns[i]),
-                shape=Cuboid(
-                    vehicle_from_object=vehicle_from_world @ RigidTransform(rotations[i], centres_m[i]),
-                    size_m=placed[i][-1],
-                ),
-                velocity_mps=vehicle_from_world.rotate(velocities[i]),
-                yaw_rate_radps=float(turns[i]),
-                unclear=unclear or (placed[i][1].dynamic and not moves[i]),
-            )
+    world_from_vehicle = ego.rotations[rows]
+    seen_rotations = np.einsum("nji,njk->nik", world_from_vehicle, rotations)
+    seen_centres_m = np.einsum("nji,nj->ni", world_from_vehicle, centres_m - ego.positions_m[rows])
+    seen_velocities = np.einsum("nji,nj->ni", world_from_vehicle, velocities)
+    return tuple(
+        ObjectState(
+            timestamp_ns=int(times_ns[i]),
+            shape=Cuboid(
+                vehicle_from_object=RigidTransform(seen_rotations[i], seen_centres_m[i]),
+                size_m=placed[i][-1],
+            ),
+            velocity_mps=seen_velocities[i],
+            yaw_rate_radps=float(turns[i]),
+            unclear=unclear or (placed[i][1].dynamic and not moves[i]),
         )
-    return tuple(states)
+        for i in range(len(rows))
+    )
 
 
 def _placed(
