@@ -2,6 +2,7 @@
 PYTHON ?= python3
 DATASET ?= datasets/demo.yaml
 METHOD ?= spherical
+DATASETS ?= demo development paper $(if $(FISHEYE_BENCH_REAL),aimotive-sample)
 PROTOCOL ?= paper-v1,surface-v1
 CATEGORY ?=
 RUN ?= reports/runs/$(basename $(notdir $(DATASET)))-$(METHOD)
@@ -15,10 +16,10 @@ INSTALLED_DEV := $(VENV)/installed-dev
 export NO_MKDOCS_2_WARNING := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help benchmark paper report gate perf docs test test-all check format clean
+.PHONY: help benchmark leaderboard paper report gate perf docs test test-all check format clean
 
 help: ## list the targets
-	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):[^#]*## /\1|/' | awk -F'|' '{ printf "  make %-10s %s\n", $$1, $$2 }'
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):[^#]*## /\1|/' | awk -F'|' '{ printf "  make %-11s %s\n", $$1, $$2 }'
 
 benchmark: $(INSTALLED) ## score METHOD= on DATASET= (the demo) by PROTOCOL= (paper-v1,surface-v1): tables, range maps, pictures
 	$(BIN)/fisheye-bench run $(DATASET) --method $(METHOD) --protocol $(PROTOCOL)
@@ -43,6 +44,9 @@ gate: benchmark ## score, then judge both runs by their baselines (BASELINE= and
 			--junit reports/runs/gate/junit$$end.xml --json reports/runs/gate/verdict$$end.json \
 			$(if $(GITHUB_ACTIONS),--github) || status=$$?; \
 	done; exit $$status
+
+leaderboard: $(INSTALLED) ## score all methods on DATASETS= (hours with paper), write reports/leaderboard; what is up to date stays
+	$(BIN)/fisheye-bench leaderboard reports/runs/leaderboard $(foreach one,$(DATASETS),--score $(one)) --out reports/leaderboard
 
 report: $(INSTALLED) ## write the page of RUN= (the demo's), or of one kind of motion with CATEGORY=
 	$(BIN)/fisheye-bench report $(RUN) $(if $(CATEGORY),--category $(CATEGORY))

@@ -513,12 +513,44 @@ def compare(
 @app.command()
 def leaderboard(
     folder: Annotated[Path, typer.Argument(help="Folder that holds runs at any depth.")] = Path("reports/runs"),
-    out: Annotated[Path | None, typer.Option(help="Also write leaderboard.md, .csv, .json into this folder.")] = None,
+    score: Annotated[
+        list[str] | None,
+        typer.Option(metavar="DATASET", help="First score all methods on this data set, into FOLDER; repeatable."),
+    ] = None,
+    methods: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B,...",
+            help="With --score: these methods; settings behind colons, as in spherical:flow=dis. Default: all that are "
+            "registered, and on rendered data the exact masks and exact flow.",
+        ),
+    ] = None,
+    protocol: Annotated[
+        str, typer.Option(help="With --score: protocols with commas in between, in one pass.")
+    ] = "paper-v1,surface-v1",
+    out: Annotated[
+        Path | None, typer.Option(help="Also write the page, the chart, leaderboard.md, .csv, .json into this folder.")
+    ] = None,
+    pictures: Annotated[bool, typer.Option(help="Show methods on the same images, from rendered data sets.")] = True,
+    workers: Workers = None,
+    cache: Cache = None,
+    no_cache: NoCache = False,
 ) -> None:
-    """List all runs of a folder, those that compare in one table each."""
-    from bench.cli import reports
+    """List all runs of a folder, those that compare in one table each; with --score, make them first.
 
-    if reports.leaderboard(folder, out=out):
+    Runs that are there and up to date are not computed again.
+    """
+    from bench.cli import competing, reports
+    from bench.cli.computing import Computing
+
+    if score is None and (methods is not None or workers is not None):
+        raise UsageError("leaderboard: expected --score beside --methods and --workers, which say how to score")
+    computing = Computing(workers=workers, cache=cache, no_cache=no_cache)
+    failures = sum(
+        competing.score_all(dataset, methods=methods, protocol=protocol, runs=folder, computing=computing)
+        for dataset in score or ()
+    )
+    if reports.leaderboard(folder, out=out, pictures=pictures) or failures:
         raise typer.Exit(DATA_ERROR)
 
 

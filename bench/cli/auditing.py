@@ -9,10 +9,9 @@ from pathlib import Path
 from bench.audit import audit_sources, read_misses, read_polygons, run_audit
 from bench.audit.predictions import ALL_PREDICTIONS, Prediction
 from bench.audit.ranking import run_ranking
-from bench.cli.computing import local_executor, parse_settings, render_if_synthetic
+from bench.cli.computing import local_executor, parse_settings, render_if_synthetic, split_method
 from bench.cli.console import print_failures, progress_bar, say, show, stage_times
 from bench.cli.interrupts import interruptible
-from bench.errors import UsageError
 from bench.evaluation import load_protocol
 from bench.harness import Provenance, build_scorable
 from bench.methods import build_method
@@ -127,12 +126,8 @@ def parse_methods(text: str) -> tuple[Prediction, ...]:
 
 
 def _prediction(name: str) -> Prediction:
-    words = name.split(":")
-    settings = [word for word in words if "=" in word]
-    method = words[: len(words) - len(settings)]  # "module:Class" has a colon of its own
-    if any("=" in word for word in method):
-        raise UsageError(f"--methods: expected METHOD:NAME=VALUE:NAME=VALUE, got {name!r}")
-    return Prediction(name=name, method=build_scorable(":".join(method), parse_settings(settings)))
+    method, settings = split_method(name)
+    return Prediction(name=name, method=build_scorable(method, parse_settings(settings)))
 
 
 def _print_tables(tables: Iterable[TextTable]) -> None:

@@ -100,6 +100,20 @@ def parse_settings(pairs: Sequence[str]) -> dict[str, Any]:
     return parsed
 
 
+def split_method(text: str) -> tuple[str, list[str]]:
+    """Name and settings of a method on one line: `spherical:flow=dis:cell_size_px=4`.
+
+    Raises:
+        UsageError: words behind a setting that are none.
+    """
+    words = text.split(":")
+    settings = [word for word in words if "=" in word]
+    method = words[: len(words) - len(settings)]  # "module:Class" has a colon of its own
+    if any("=" in word for word in method):
+        raise UsageError(f"--methods: expected METHOD:NAME=VALUE:NAME=VALUE, got {text!r}")
+    return ":".join(method), settings
+
+
 def _number(value: object) -> object:
     """YAML 1.1 reads `6e-4` as text; users mean the number."""
     if isinstance(value, str):

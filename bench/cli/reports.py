@@ -11,8 +11,10 @@ from bench.errors import UnknownNameError
 from bench.harness.remote_runs import RemoteRun
 from bench.reference import Category
 from bench.reporting.compare.changes import category_line, verdict_line
-from bench.reporting.compare.leaderboard import leaderboard_tables, read_leaderboard, write_leaderboard
 from bench.reporting.compare.writing import to_rich, write_comparison
+from bench.reporting.leaderboard.page import write_leaderboard
+from bench.reporting.leaderboard.reading import read_leaderboard
+from bench.reporting.leaderboard.texts import leaderboard_tables
 from bench.reporting.page.build import write_page
 from bench.reporting.page.charts import write_figures
 
@@ -58,13 +60,18 @@ def compare(runs: Sequence[Path], *, out: Path | None, pictures: bool) -> None:
         say(str(file))
 
 
-def leaderboard(folder: Path, *, out: Path | None) -> int:
+def leaderboard(folder: Path, *, out: Path | None, pictures: bool) -> int:
     """Print a table per group of comparable runs under a folder; return the number of runs that cannot be read."""
     found = read_leaderboard(folder)
     for table in leaderboard_tables(found):
         show(table)
     for run, fault in found.damaged:
         say(f"damaged: {run}: {fault}", style="red")
-    for file in write_leaderboard(found, out) if out else ():
-        say(str(file))
+    if out is not None:
+        with progress_bar("drawing the same images", "runs") as progress:
+            files, problems = write_leaderboard(found, out, pictures=pictures, progress=progress)
+        for problem in problems:
+            say(f"no picture: {problem}", style="yellow")
+        for file in files:
+            say(str(file))
     return len(found.damaged)

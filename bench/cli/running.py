@@ -29,10 +29,12 @@ from bench.harness import (
 from bench.harness.shards import Shard
 from bench.methods import Method
 from bench.recordings import DatasetCard, load_card
+from bench.reporting.leaderboard.texts import best_line
 from bench.reporting.table_files import write_report_files
 from bench.reporting.tables import TableRow, threshold_free_line, to_rich
 
 RUNS = Path("reports/runs")
+LEADERBOARD = Path("reports/leaderboard/leaderboard.json")  # of this checkout, as `make leaderboard` wrote it
 DEFAULT_PROTOCOL = "paper-v1"
 LONGEST_NAME = 120  # characters of a folder's name
 
@@ -64,7 +66,7 @@ class ScoringOptions:
 
 def run(asked: ScoringOptions, *, pictures: bool) -> int:
     """Score a method, write the reports, print the tables and the paths; return the number of failures."""
-    requests, places = _requests(asked)
+    requests, places = requested_runs(asked)
     card = requests[0].card
     reports = {r.protocol.name: RunReport(card=card, protocol=r.protocol, pictures=pictures) for r in requests}
     with resumable(places[0]):
@@ -75,13 +77,16 @@ def run(asked: ScoringOptions, *, pictures: bool) -> int:
             )
         for summary, where in zip(summaries, places, strict=True):
             reports[summary.protocol.name].print(summary, where)
+        best = best_line(LEADERBOARD, dataset=requests[0].card.name)
+        if best is not None:
+            say(best)
     return max(len(summary.failures) for summary in summaries)
 
 
 def run_part(asked: ScoringOptions, *, part: str) -> int:
     """Score a part I/N of the units and say what comes next; return the number of failures."""
     shard = Shard.parse(part)
-    requests, places = _requests(asked)
+    requests, places = requested_runs(asked)
     with resumable(places[0]), progress_bar(f"scoring part {shard} of {requests[0].card.name}", "images") as progress:
         done = run_shard([replace(request, progress=progress) for request in requests], shard)
     failures = (*done[0].recording_failures, *done[0].unit_failures)
@@ -92,15 +97,21 @@ def run_part(asked: ScoringOptions, *, part: str) -> int:
     return len(failures)
 
 
-def _requests(asked: ScoringOptions) -> tuple[list[RunRequest], list[Destination]]:
-    """What the command line says, as a run for each protocol; the data set is rendered where it is not there."""
+def requested_runs(asked: ScoringOptions, *, render: bool = True) -> tuple[list[RunRequest], list[Destination]]:
+    """What the command line says, as a run for each protocol.
+
+    Args:
+        asked: what the command line says.
+        render: the data set where it is not there.
+    """
     card, protocols = load_card(asked.dataset), load_protocols(asked.protocol)
     method = build_scorable(asked.method, parse_settings(asked.settings))
     settings = non_default_settings(method, asked.method)
     places = destinations(
         asked.out, protocols, lambda protocol: default_folder(card, method.name, settings, protocol, asked.split)
     )
-    render_if_synthetic(card)
+    if render:
+        render_if_synthetic(card)
     common = RunRequest(
         card=card,
         method=method,

@@ -182,11 +182,12 @@ def refusal(name: str, _: MethodInput) -> UsageError:
 ORACLES = {
     "reference": "bench.harness.oracles:ReferenceItself",
     "truth": "bench.harness.oracles:ExactMasks",
+    "exact-flow": "bench.harness.exact_flow:SphericalOnExactFlow",
 }
 
 
 def scorable_methods() -> dict[str, str]:
-    """Name -> "module:Class" of all that can be scored: the methods, and what only the harness answers for."""
+    """Name -> "module:Class" of all that can be scored: the methods, and what knows more than a method may."""
     return known_methods() | ORACLES
 
 

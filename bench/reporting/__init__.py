@@ -11,7 +11,7 @@ functions `write_*` store it; equal input gives equal bytes.
   `frame_pictures` (all pictures of one frame), `video`,
   `rerun_log`;
 - `sweep` (one parameter through many values), `audit_tables`, `audit_pictures`;
-- `page` (the page of a run), `compare` (runs against each other, leaderboard).
+- `page` (the page of a run), `compare` (runs against each other), `leaderboard` (all runs of a folder).
 
 Images are (H, W) grey or (H, W, 3) BGR uint8, pixels (u, v) with the centre of the first pixel at (0, 0). Pictures of
 the ground are in the vehicle frame, x forward up and y left to the left.

@@ -163,15 +163,16 @@ def csv_text(
 
 def json_text(content: Mapping[str, object], *, indent: int = 1) -> str:
     """JSON with null for NaN."""
-    return json.dumps(_without_nan(content), indent=indent, allow_nan=False, ensure_ascii=False) + "\n"
+    return json.dumps(without_nan(content), indent=indent, allow_nan=False, ensure_ascii=False) + "\n"
 
 
-def _without_nan(value: Any) -> Any:
+def without_nan(value: Any) -> Any:
+    """A value of any depth with None for NaN, as JSON has it."""
     if isinstance(value, float):
         return None if math.isnan(value) else value
     if isinstance(value, Mapping):
-        return {key: _without_nan(part) for key, part in value.items()}
-    return [_without_nan(part) for part in value] if isinstance(value, list | tuple) else value
+        return {key: without_nan(part) for key, part in value.items()}
+    return [without_nan(part) for part in value] if isinstance(value, list | tuple) else value
 
 
 def write_texts(folder: Path, texts: Mapping[str, str]) -> tuple[Path, ...]:

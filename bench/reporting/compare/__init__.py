@@ -5,8 +5,7 @@ their references agree on these. The first run is the one compared against.
 
 - `runs` (reading and refusing, common images, differing references), `changes` (paired changes by row and metric, Holm,
   verdicts, object-frames gained and lost), `pictures` (both methods on one frame), `writing` (Markdown, CSV, JSON,
-  terminal, all files);
-- `leaderboard` (the runs of a folder in groups that compare).
+  terminal, all files).
 
 Equal input gives equal bytes.
 """

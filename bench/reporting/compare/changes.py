@@ -18,7 +18,7 @@ from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.paired import PairedChange, holm, paired_change, recording_sums_of
 from bench.evaluation.row_source import IMAGE, group_recordings
 from bench.evaluation.slices import ALL_MOVING, FRAMES
-from bench.evaluation.summary import Metric, Summary, summary_of
+from bench.evaluation.summary import Metric, ObjectMetrics, Summary, summary_of
 from bench.evaluation.sums import RunSums, sum_run
 from bench.reporting.compare.runs import differing_settings, on_common_images, settings_text
 from bench.reporting.formats import chance_of
@@ -91,12 +91,14 @@ class MetricChange:
             is no p-value.
         verdict: None for metrics that are not headlines.
         chance: chance level before and after; None where the metric has none.
+        ceiling: what the exact masks get on the same images; None where not both runs carry it.
     """
 
     change: PairedChange
     p_holm: float | None
     verdict: Verdict | None
     chance: tuple[Metric, Metric] | None
+    ceiling: float | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -146,7 +148,13 @@ def row_changes(sums_before: RunSums, sums_after: RunSums, *, protocol: Protocol
         change, p_holm = changes[row, metric], corrected.get((row, metric))
         lower = metric == FALSE_POSITIVE_COVERAGE
         verdict = judge(change, p_holm=p_holm, lower_is_better=lower) if metric in HEADLINES else None
-        return MetricChange(change=change, p_holm=p_holm, verdict=verdict, chance=_chance(row, metric, summaries))
+        return MetricChange(
+            change=change,
+            p_holm=p_holm,
+            verdict=verdict,
+            chance=_chance(row, metric, summaries),
+            ceiling=_ceiling(row, metric, summaries),
+        )
 
     return [
         RowChange(
@@ -163,8 +171,22 @@ def row_changes(sums_before: RunSums, sums_after: RunSums, *, protocol: Protocol
 def _chance(row: str, metric: str, summaries: tuple[Summary, Summary]) -> tuple[Metric, Metric] | None:
     if not metric.startswith("detection_rate"):
         return None
-    before, after = (s.all_moving if row == ALL_MOVING else s.categories[row] for s in summaries)
+    before, after = _of_row(row, summaries)
     return before.metric(chance_of(metric)), after.metric(chance_of(metric))
+
+
+def _ceiling(row: str, metric: str, summaries: tuple[Summary, Summary]) -> float | None:
+    """Of the exact masks, which both runs were scored beside: the images and their reference are the same."""
+    name = f"ceiling_{metric}"
+    if row == FRAMES or not all(name in found.metric_names() for found in _of_row(row, summaries)):
+        return None
+    value = _of_row(row, summaries)[0].metric(name).value
+    return None if math.isnan(value) else value
+
+
+def _of_row(row: str, summaries: tuple[Summary, Summary]) -> tuple[ObjectMetrics, ObjectMetrics]:
+    before, after = (s.all_moving if row == ALL_MOVING else s.categories[row] for s in summaries)
+    return before, after
 
 
 LISTED = 10  # of each kind, one per track

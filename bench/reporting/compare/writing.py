@@ -56,7 +56,8 @@ NOTE = (
     f"need {FEWEST_RECORDINGS} recordings with cases of both runs: with fewer, the same change in all of them could be "
     "chance. Recordings: with cases of both runs. TPR and IoU over detected object-frames are taken over other "
     "object-frames in each run where detection differs; TPR and IoU over all are not. Chance: the same objects on the "
-    "mask of another frame."
+    "mask of another frame. Ceiling: what the exact masks get on the same images, which no method can be expected to "
+    "exceed."
 )
 _OTHERS = {
     "tpr_all": "TPR, all",
@@ -141,6 +142,8 @@ def _metric_table(rows: Sequence[RowChange], metric: str) -> str:
     with_chance = any(cell.chance for _, cell in cells)
     headings = ["Type", "Frames", "Recordings", "before", "after", "difference", "95 %"]
     headings += ["chance before", "after"] if with_chance else []
+    with_ceiling = any(cell.ceiling is not None for _, cell in cells)
+    headings += ["ceiling"] if with_ceiling else []
     headings += ["p (Holm)", "verdict"] if metric in HEADLINES else []
     lines = []
     for row, cell in cells:
@@ -149,6 +152,8 @@ def _metric_table(rows: Sequence[RowChange], metric: str) -> str:
         line += [points(change.difference), bounds(cell)]
         if cell.chance:
             line += [hundredths(metric.value) for metric in cell.chance]
+        if with_ceiling:
+            line.append("" if cell.ceiling is None else hundredths(cell.ceiling))
         if metric in HEADLINES:
             line += [p_text(cell.p_holm), "" if cell.verdict is None else verdict_text(cell.verdict, change)]
         lines.append(line)
@@ -200,7 +205,7 @@ def _csv_row(comparison: RunComparison, row: RowChange, metric: str, cell: Metri
         "difference": change.difference, "ci95_low": low, "ci95_high": high, "p_value": change.p_value,
         "p_holm": cell.p_holm, "cases_before": change.cases_before, "cases_after": change.cases_after,
         "recordings": change.recordings, "chance_before": chance_before and chance_before.value,
-        "chance_after": chance_after and chance_after.value,
+        "chance_after": chance_after and chance_after.value, "ceiling": cell.ceiling,
         "verdict": cell.verdict, "images_before": images_before, "images_after": images_after,
         "images_compared": images_compared,
     }  # fmt: skip
@@ -272,7 +277,8 @@ def _json_run(run: StoredRun) -> dict[str, Any]:
 
 def _json_change(cell: MetricChange) -> dict[str, Any]:
     chance = None if cell.chance is None else [metric.value for metric in cell.chance]
-    return {**asdict(cell.change), "p_holm": cell.p_holm, "verdict": cell.verdict, "chance": chance}
+    own = {"p_holm": cell.p_holm, "verdict": cell.verdict, "chance": chance, "ceiling": cell.ceiling}
+    return asdict(cell.change) | own
 
 
 MIN_COLUMNS = 100  # a console narrower than this cuts the table
@@ -285,16 +291,16 @@ _SHORT = {
     Verdict.NO_CASES: "",
 }
 _STYLES = {Verdict.BETTER: "green", Verdict.WORSE: "red"}
-_LINES = ("before", "after", "diff.", "95 %", "p Holm", "verdict", "chance")
+_LINES = ("before", "after", "diff.", "95 %", "p Holm", "verdict", "chance", "ceiling")
 _CAPTION = (
     "Diff.: percentage points, 95 % interval in pairs over recordings. p: corrected over a column.\n"
     "Not shown: no difference that the data can show. Few: 4: cases of both in 4 recordings, a verdict needs 6.\n"
-    "Chance: before/after, on the mask of another frame. False positives: share of the image."
+    "Chance: before/after, on the mask of another frame. Ceiling: of the exact masks. False positives: of the image."
 )
 
 
 def to_rich(comparison: RunComparison) -> Table:
-    """Seven lines per row: before, after, difference, its interval, corrected p-value, verdict, chance levels.
+    """Lines per row: before, after, difference, its interval, corrected p-value, verdict, chance levels, ceiling.
 
     Returns:
         A table to print on a `rich.console.Console` of at least `MIN_COLUMNS`; nothing is printed here.
@@ -308,7 +314,8 @@ def to_rich(comparison: RunComparison) -> Table:
     number_columns(table, shown.values(), min_width=9)
     for row in comparison.rows:
         metrics = [FALSE_POSITIVE_COVERAGE] if FALSE_POSITIVE_COVERAGE in row.metrics else list(shown)
-        lines = _LINES[:-1] if FALSE_POSITIVE_COVERAGE in row.metrics else _LINES
+        with_ceiling = any(row.metrics[metric].ceiling is not None for metric in metrics)
+        lines = _LINES[:-2] if FALSE_POSITIVE_COVERAGE in row.metrics else _LINES[: None if with_ceiling else -1]
         label = f"{row.label}\n{row.frames} frames\n{row.recordings} recordings"
         table.add_row(Text(label), Text("\n".join(lines)), *(_cell(row.metrics[metric], lines) for metric in metrics))
     return table
@@ -338,6 +345,7 @@ def _cell(cell: MetricChange, lines: Sequence[str]) -> Text:
         "p Holm": p_text(cell.p_holm),
         "verdict": "" if cell.verdict is None else _SHORT[cell.verdict].format(change.recordings),
         "chance": "" if cell.chance is None else "/".join(hundredths(level.value) for level in cell.chance),
+        "ceiling": "" if cell.ceiling is None else hundredths(cell.ceiling),
     }
     text = Text()
     for number, line in enumerate(lines):

@@ -19,9 +19,9 @@ from bench.harness.stored import open_tables
 from bench.methods import Segmentation
 from bench.recordings import load_card
 from bench.reporting.compare.changes import compare_runs
-from bench.reporting.compare.leaderboard import read_leaderboard
 from bench.reporting.compare.runs import read_comparable
 from bench.reporting.compare.writing import write_comparison
+from bench.reporting.leaderboard.reading import read_leaderboard
 from tests.stored_files import change_summary
 
 PROTOCOL = load_protocol("paper-v1")
@@ -135,7 +135,7 @@ def test_the_leaderboard_ranks_both_on_their_common_images(runs, tiny_card, tmp_
         rows = [rows_on_both(runs, name, f"{t}.parquet") for t in ("objects", "frames")]
         expected = summarise(*rows, protocol=PROTOCOL)
         assert values[name] == pytest.approx(expected.all_moving.tpr_all.value)
-        assert group.object_frames == expected.all_moving.object_frames
+        assert group.rows[0].object_frames == expected.all_moving.object_frames
     assert values["again"] == values["one"]
 
 

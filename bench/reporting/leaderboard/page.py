@@ -1,0 +1,131 @@
+"""All files of a leaderboard: the page, Markdown, CSV, JSON and the chart."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from importlib import resources
+from pathlib import Path
+from urllib.parse import quote
+
+import jinja2
+from markupsafe import Markup
+
+from bench.errors import BenchError
+from bench.recordings import load_card
+from bench.reporting.canvas import write_picture
+from bench.reporting.count_view import AREA_COLOURS, PixelClass
+from bench.reporting.formats import without_nan, write_texts
+from bench.reporting.leaderboard.chart import draw_quality_and_cost
+from bench.reporting.leaderboard.pictures import Example, draw_examples
+from bench.reporting.leaderboard.reading import JUDGED, Entry, Group, Leaderboard
+from bench.reporting.leaderboard.texts import (
+    COST_NOTE,
+    NOTE,
+    ORACLE_NOTE,
+    best_methods,
+    json_group,
+    to_csv,
+    to_json,
+    to_markdown,
+)
+from bench.reporting.page.charts import Chart, inline_svg
+
+CHART = "quality-and-cost"
+CHART_NOTE = (
+    f"![IoU of each method under {JUDGED} against its time for an image]({CHART}.png)\n\n*The time of a method against "
+    f"its IoU under `{JUDGED}`; the diamond is the best method, dashed lines are what bounds all of them. [The page]"
+    "(index.html) sorts, filters, and shows any two methods on the same images.*"
+)
+
+
+def write_leaderboard(
+    found: Leaderboard, out: Path, *, pictures: bool = True, progress: Callable[[float, int], None] | None = None
+) -> tuple[tuple[Path, ...], tuple[str, ...]]:
+    """Write `index.html`, `leaderboard.md`, `.csv`, `.json` and the chart, each file whole or not at all.
+
+    Args:
+        found: the runs.
+        out: folder, is made.
+        pictures: show the same images as every run of rendered data was scored on them; needs the data sets.
+        progress: called with the runs drawn and their number, for each group anew.
+
+    Returns:
+        files: the page first.
+        problems: why pictures are missing, one line each.
+    """
+    examples: dict[str, tuple[Example, ...]] = {}
+    problems: list[str] = []
+    for group in found.groups if pictures else ():
+        if group.judged and group.dataset not in examples and _rendered(group):
+            examples[group.dataset], told = draw_examples(group, progress=progress)
+            problems += told
+    charted = [group for group in found.groups if group.judged and any(entry.cost for entry in group.methods)]
+    figure = draw_quality_and_cost(charted) if charted else None
+    texts = {
+        "index.html": _page(found, out, charted=charted, examples=examples),
+        "leaderboard.md": to_markdown(found, pictures=[CHART_NOTE] if charted else []),
+        "leaderboard.csv": to_csv(found),
+        "leaderboard.json": to_json(found),
+    }
+    files = write_texts(out, texts)
+    if figure is not None:
+        files += write_picture(out / CHART, figure)
+    return files, tuple(problems)
+
+
+def _rendered(group: Group) -> bool:
+    """Whether its images may be shown by anyone: of recorded data sets a page may leave the house."""
+    try:
+        return load_card(group.card).scenario is not None
+    except BenchError:
+        return False
+
+
+def _page(found: Leaderboard, out: Path, *, charted: Sequence[Group], examples: dict[str, tuple[Example, ...]]) -> str:
+    charts = [
+        Chart(
+            name=f"{CHART}-{number}",
+            figure=draw_quality_and_cost([group]),
+            label=f"Time of each method for an image against its IoU on {group.dataset}",
+        )
+        for number, group in enumerate(charted, start=1)
+    ]
+    groups = [json_group(group) | {"pages": _pages(group, out)} for group in found.groups]
+    data = {"groups": groups, "examples": {name: [asdict(one) for one in some] for name, some in examples.items()}}
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("bench.reporting.leaderboard", "."),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "ensure_ascii": False, "allow_nan": False}
+    text: str = environment.get_template("board.html.j2").render(
+        data=without_nan(data),
+        charts=[inline_svg(chart) for chart in charts],
+        best=list(best_methods(found)),
+        damaged=found.damaged,
+        judged=JUDGED,
+        notes=(NOTE, ORACLE_NOTE, COST_NOTE),
+        colours={kind: AREA_COLOURS[kind] for kind in AREA_COLOURS},
+        areas=PixelClass,
+        pictures=any(examples.values()),
+        style=_packaged("bench.reporting.page", "page.css") + _packaged("bench.reporting.leaderboard", "board.css"),
+        script=_packaged("bench.reporting.leaderboard", "board.js"),
+    )
+    return text
+
+
+def _pages(group: Group, out: Path) -> dict[str, str]:
+    """Addresses of the pages of the runs, as seen from the leaderboard's."""
+    return {entry.run: _address(entry, out) for entry in group.entries if (entry.folder / "index.html").is_file()}
+
+
+def _address(entry: Entry, out: Path) -> str:
+    return quote(Path(os.path.relpath(entry.folder / "index.html", out)).as_posix())
+
+
+def _packaged(package: str, name: str) -> Markup:
+    return Markup(resources.files(package).joinpath(name).read_text("utf-8"))  # ours

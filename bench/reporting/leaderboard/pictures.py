@@ -1,0 +1,121 @@
+"""The same images as every run of a group was scored on them, for a page that lays any two beside each other.
+
+An image is stored once. What a run made of it is a layer of flat colours, one pixel in two, which takes a kilobyte.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.errors import BenchError
+from bench.harness import ProcessedFrame
+from bench.harness.frames import UnscorableFrame
+from bench.harness.replay import StoredFrames
+from bench.reference import Category
+from bench.reporting import canvas
+from bench.reporting.count_view import AREA_COLOURS, detected_pixels, false_positive_text, pixel_classes
+from bench.reporting.formats import LABELS, frame_name
+from bench.reporting.frame_pictures import example_frames
+from bench.reporting.leaderboard.reading import Entry, Group
+from bench.reporting.side_by_side import ImageKey
+from bench.reporting.stored_run import read_stored_run
+
+WIDTH_PX, LAYER_PX = 480, 320
+QUALITY, STRENGTH = 72, 170  # of JPEG; of the colours, of 255
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Example:
+    """An image and what each run made of it.
+
+    Attributes:
+        title: kind of motion, and which image it is.
+        image: `data:` address.
+        layers: run -> `data:` address of its areas.
+        notes: run -> its false positives.
+    """
+
+    title: str
+    image: str
+    layers: dict[str, str]
+    notes: dict[str, str]
+
+
+def draw_examples(
+    group: Group, *, progress: Callable[[float, int], None] | None = None
+) -> tuple[tuple[Example, ...], tuple[str, ...]]:
+    """Draw one image of each kind of motion: that in which an object of it fills most pixels, whoever finds it.
+
+    Args:
+        group: of runs whose data set is there.
+        progress: called with the runs done and their number.
+
+    Returns:
+        examples: with the layers of those runs that could be drawn.
+        problems: why others could not, one line each.
+    """
+    images: dict[ImageKey, str] = {}
+    frames: dict[ImageKey, ProcessedFrame] = {}
+    layers: dict[ImageKey, dict[str, str]] = {}
+    notes: dict[ImageKey, dict[str, str]] = {}
+    problems: dict[str, None] = {}
+    for number, entry in enumerate(group.entries, start=1):
+        try:
+            stored, chosen = _open(entry)
+            if not images:
+                images = {key: LABELS[category].partition(" (")[0] for category, key in chosen.items()}
+            for key in images:
+                frame = stored.process(*key)
+                frames.setdefault(key, frame)
+                layers.setdefault(key, {})[entry.run] = _layer(frame)
+                notes.setdefault(key, {})[entry.run] = false_positive_text(
+                    frame.reference, detected=detected_pixels(frame)
+                )
+        except (BenchError, UnscorableFrame) as error:
+            problems[f"{entry.run}: {error}"] = None
+        if progress is not None:
+            progress(number, len(group.entries))
+    found = tuple(
+        Example(
+            title=f"{images[key]}: {frame_name(frame.reference)}",
+            image=_uri(".jpg", _photograph(frame.pixels), [cv2.IMWRITE_JPEG_QUALITY, QUALITY]),
+            layers=layers[key],
+            notes=notes[key],
+        )
+        for key, frame in frames.items()
+    )
+    return found, tuple(problems)
+
+
+def _open(entry: Entry) -> tuple[StoredFrames, dict[Category, ImageKey]]:
+    run = read_stored_run(entry.folder, label=entry.run)
+    return StoredFrames(run.folder, run.summary, run.protocol), example_frames(run.objects)
+
+
+def _photograph(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    grey = pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)
+    height = round(grey.shape[0] * WIDTH_PX / grey.shape[1])
+    return np.asarray(cv2.resize(grey, (WIDTH_PX, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def _layer(frame: ProcessedFrame) -> str:
+    classes = pixel_classes(frame.reference, detected=detected_pixels(frame))
+    step = max(1, round(classes.shape[1] / LAYER_PX))
+    classes = classes[step // 2 :: step, step // 2 :: step]
+    layer = np.zeros((*classes.shape, 4), dtype=np.uint8)
+    for kind, colour in AREA_COLOURS.items():
+        layer[classes == kind] = (*canvas.rgb(colour)[::-1], STRENGTH)
+    return _uri(".png", layer, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+
+
+def _uri(ending: str, image: NDArray[np.uint8], options: list[int]) -> str:
+    written, content = cv2.imencode(ending, image, options)
+    assert written, "OpenCV writes JPEG and PNG"
+    kind = {".jpg": "jpeg", ".png": "png"}[ending]
+    return f"data:image/{kind};base64,{base64.b64encode(content.tobytes()).decode()}"

@@ -1,0 +1,333 @@
+"""The runs of a folder in groups that compare, with what bounds them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cached_property
+from pathlib import Path
+
+from bench.errors import BenchError, DataError
+from bench.evaluation import summarise
+from bench.evaluation.row_source import CommonImages
+from bench.evaluation.slices import ALL_MOVING
+from bench.evaluation.summary import Metric
+from bench.harness import RunSummary
+from bench.harness.perf import MethodCost, read_cost
+from bench.harness.sweep import MARK
+from bench.reference.records import Category
+from bench.reporting import formats
+from bench.reporting.compare.runs import (
+    differing_settings,
+    fingerprint,
+    restricted,
+    settings_text,
+)
+from bench.reporting.stored_run import StoredRun, read_stored_run
+
+UNITS = "units"  # a run that did not end has these and no summary
+ORDERED_BY = "iou"
+JUDGED = "surface-v1"  # orders methods as exact masks do (reports/paper/reference.md)
+FALSE_POSITIVES = "false_positive_coverage"
+# Of the images of each run, so many must be common: one run that scored a few would else shrink the table of all.
+LEAST_COMMON = 0.5
+
+
+class Kind(StrEnum):
+    """What a run is of."""
+
+    METHOD = "method"
+    ORACLE = "oracle"  # is told what no method may know
+    CEILING = "ceiling"  # the exact masks, pixel by pixel
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """A kind of motion, or all moving objects.
+
+    Attributes:
+        name: category, or "all_moving".
+        object_frames: evaluated.
+        recordings: that hold them.
+    """
+
+    name: str
+    object_frames: int
+    recordings: int
+
+    @property
+    def label(self) -> str:
+        """For people."""
+        if self.name == ALL_MOVING:
+            return "All moving"
+        return formats.LABELS[Category(self.name)].partition(" (")[0]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Entry:
+    """A run in a table.
+
+    Attributes:
+        run: folder, relative to the one that was searched.
+        folder: of the run.
+        method: with the settings in which its runs of the group differ.
+        kind: a method, or what bounds methods.
+        values: row -> metric -> value, of all images of the group; false positives stand in every row.
+        images: that the run scored; the group may be taken over fewer.
+        cost: of the method; None where nobody measured it.
+        date: UTC, on which it was started.
+        code: version and commit.
+        failures: images, units and recordings that could not be used.
+    """
+
+    run: str
+    folder: Path
+    method: str
+    kind: Kind
+    values: Mapping[str, Mapping[str, Metric]]
+    images: int
+    cost: MethodCost | None
+    date: str
+    code: str
+    failures: int
+
+    @property
+    def metrics(self) -> Mapping[str, Metric]:
+        """Over all moving objects."""
+        return self.values[ALL_MOVING]
+
+    @property
+    def order(self) -> tuple[float, str]:
+        """Sorts the best first."""
+        value = self.metrics[ORDERED_BY].value
+        return (math.inf if math.isnan(value) else -value), self.run
+
+
+@dataclass(frozen=True, kw_only=True)
+class Group:
+    """Runs of one data set, split and protocol, on the images that all of them scored, where their references agree.
+
+    Best first by IoU over all moving object-frames.
+
+    Attributes:
+        card: file of the data set's card, as the runs name it.
+        rows: all moving objects, then the categories that occur.
+        images: that all runs scored; all values are of these.
+        reference_fingerprint: of the reference on these images.
+    """
+
+    dataset: str
+    card: str
+    split: str | None
+    protocol: str
+    protocol_digest: str
+    reference_fingerprint: str
+    images: int
+    rows: tuple[Row, ...]
+    entries: tuple[Entry, ...]
+
+    @property
+    def judged(self) -> bool:
+        """Whether its protocol is the one that says which method is best."""
+        return self.protocol == JUDGED
+
+    @property
+    def methods(self) -> tuple[Entry, ...]:
+        """Those that anybody could run, best first."""
+        return tuple(entry for entry in self.entries if entry.kind is Kind.METHOD)
+
+    @cached_property
+    def _exact(self) -> Entry | None:
+        return next((entry for entry in self.entries if entry.kind is Kind.CEILING), None)
+
+    def ceiling(self, row: str, metric: str) -> float:
+        """What the exact masks get; NaN where nobody knows.
+
+        The run of the exact masks says it of every metric; without it, the runs of data with truth say it of two.
+        """
+        if self._exact is not None:
+            return self._exact.values[row][metric].value
+        own = self.entries[0].values[row].get(f"ceiling_{metric}")
+        return math.nan if own is None else own.value
+
+
+def shown_metrics(group: Group) -> dict[str, str]:
+    """The metrics of the tables: names and headings.
+
+    IoU, by which runs are ordered, false positives, coverage, detection at the highest level with its chance level.
+    """
+    highest = ["detection_rate", *formats.detection_levels(group.entries[0].metrics)][-1]
+    detection = "Detection" if highest == "detection_rate" else f"Detection at {formats.level_percent(highest):g} %"
+    return {
+        ORDERED_BY: "IoU, all",
+        FALSE_POSITIVES: "False positives",
+        "tpr_all": "TPR, all",
+        highest: detection,
+        formats.chance_of(highest): "Chance",
+        "iou_detected": "IoU, detected",
+    }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Leaderboard:
+    """What a folder holds.
+
+    Attributes:
+        groups: runs that compare; never two in one table that do not.
+        damaged: folder and fault of every run that cannot be read.
+    """
+
+    groups: tuple[Group, ...]  # of a data set first those by the protocol that is judged by
+    damaged: tuple[tuple[str, str], ...]
+
+
+def read_leaderboard(folder: Path) -> Leaderboard:
+    """Find and read all runs under a folder, at any depth; the values of a sweep below it are no entries.
+
+    Raises:
+        DataError: there is no folder, or no run in it.
+    """
+    if not folder.is_dir():
+        raise DataError(folder, expected="a folder of runs", got="no such folder")
+    found = {file.parent for file in folder.rglob("summary.json")}
+    found |= {units.parent for units in folder.rglob(UNITS) if units.is_dir()}
+    found = {run for run in found if run.parent == folder or not (run.parent / MARK).is_file()}
+    if not found:
+        raise DataError(folder, expected="at least one run", got="no summary.json at any depth")
+    sound: list[StoredRun] = []
+    damaged: list[tuple[str, str]] = []
+    for run in sorted(found):
+        name = run.relative_to(folder).as_posix()
+        try:
+            sound.append(read_stored_run(run, label=name))
+        except BenchError as error:
+            damaged.append((name, str(error)))
+    groups: list[Group] = []
+    for key in sorted({_key(run) for run in sound}):
+        runs = [run for run in sound if _key(run) == key]
+        if len({_reference(run) for run in runs}) > 1:
+            runs = _readable(runs, damaged)
+        groups += [_group(alike) for alike in _comparable(runs)]
+    groups.sort(key=lambda group: (group.dataset, group.split or "", not group.judged))  # else as they came
+    return Leaderboard(groups=tuple(groups), damaged=tuple(sorted(damaged)))
+
+
+def _readable(runs: Sequence[StoredRun], damaged: list[tuple[str, str]]) -> list[StoredRun]:
+    """The runs whose tables can be read and are those of their summary; the others are listed as damaged."""
+    readable = []
+    for run in runs:
+        try:
+            if fingerprint(run) != _reference(run):
+                raise DataError(
+                    run.folder, expected="the tables that summary.json is of", got="those of another reference"
+                )
+            readable.append(run)
+        except BenchError as error:
+            damaged.append((run.label, str(error)))
+    return readable
+
+
+def _key(run: StoredRun) -> tuple[str, str, str]:
+    return run.summary.dataset, run.summary.split or "", run.summary.protocol.digest
+
+
+def _comparable(runs: Sequence[StoredRun]) -> list[list[StoredRun]]:
+    """Runs of one data set, split and protocol in groups whose references agree on their common images."""
+    groups: list[list[StoredRun]] = []
+    for run in sorted(runs, key=lambda run: (-run.summary.images.evaluated, run.label)):
+        joined = next((group for group in groups if _agree(group, run)), None)
+        if joined is None:
+            groups.append([run])
+        else:
+            joined.append(run)
+    return groups
+
+
+def _agree(group: Sequence[StoredRun], run: StoredRun) -> bool:
+    """Whether a run has enough images in common with all of a group, and the same reference on them."""
+    if any(_reference(one) == _reference(run) for one in group):
+        return True
+    images = _common_images([*group, run])
+    common, scored = images.count(), max(one.summary.images.evaluated for one in (*group, run))
+    if not common or common < LEAST_COMMON * scored:
+        return False
+    return fingerprint(restricted(group[0], images)) == fingerprint(restricted(run, images))
+
+
+def _reference(run: StoredRun) -> str:
+    return run.summary.reference_fingerprint
+
+
+def _common_images(runs: Sequence[StoredRun]) -> CommonImages:
+    """The images of all runs; those of the same reference scored the same."""
+    return CommonImages(list({_reference(run): run.frames for run in runs}.values()))
+
+
+def _group(runs: Sequence[StoredRun]) -> Group:
+    first = runs[0]
+    reference, summaries = _reference(first), [run.summary for run in runs]
+    if len({_reference(run) for run in runs}) > 1:
+        images = _common_images(runs)
+        reference = fingerprint(restricted(first, images))
+        summaries = [_summary_on(run, images) for run in runs]
+    settings = differing_settings([run.summary for run in runs])
+    entries = [_entry(run, of_run, own) for run, of_run, own in zip(runs, summaries, settings, strict=True)]
+    found = {ALL_MOVING: summaries[0].all_moving} | summaries[0].categories
+    rows = [Row(name=k, object_frames=v.object_frames, recordings=v.recordings) for k, v in found.items()]
+    return Group(
+        dataset=first.summary.dataset,
+        card=first.summary.card,
+        split=first.summary.split,
+        protocol=first.summary.protocol.name,
+        protocol_digest=first.summary.protocol.digest,
+        reference_fingerprint=reference,
+        images=summaries[0].images.evaluated,
+        rows=tuple(row for row in rows if row.object_frames or row.name == ALL_MOVING),
+        entries=tuple(sorted(entries, key=lambda entry: entry.order)),
+    )
+
+
+def _summary_on(run: StoredRun, images: CommonImages) -> RunSummary:
+    """The summary with all metrics of some images only."""
+    rows = restricted(run, images)
+    found = summarise(rows.objects, rows.frames, protocol=run.protocol)
+    return run.summary.model_copy(update={name: getattr(found, name) for name in type(found).model_fields})
+
+
+# Settings by which a table tells from methods what is told more than they are; paths of files distinguish no methods.
+_MARKS = ("sees_the_truth", "sees_the_reference")
+_UNTOLD = (*_MARKS, "scenario")
+
+
+def _entry(run: StoredRun, compared: RunSummary, settings: dict[str, object]) -> Entry:
+    summary, made = run.summary, run.summary.provenance
+    told = {name: value for name, value in settings.items() if name not in _UNTOLD}
+    commit = "" if made.commit is None else f" {made.commit[:8]}{'+' if made.commit.endswith('+') else ''}"
+    false_positives = {FALSE_POSITIVES: compared.false_positives.coverage}
+    of_rows = {ALL_MOVING: compared.all_moving} | compared.categories
+    return Entry(
+        run=run.label,
+        folder=run.folder,
+        method=f"{summary.method.name} ({settings_text(told)})" if told else summary.method.name,
+        kind=_kind(summary),
+        values={
+            row: {name: found.metric(name) for name in found.metric_names()} | false_positives
+            for row, found in of_rows.items()
+        },
+        images=summary.images.evaluated,
+        cost=read_cost(run.folder),
+        date=made.started_utc[:10],
+        code=f"{made.version}{commit}",
+        failures=len(summary.failures),
+    )
+
+
+def _kind(summary: RunSummary) -> Kind:
+    settings = summary.method.settings
+    if not any(settings.get(mark) for mark in _MARKS):
+        return Kind.METHOD
+    as_they_are = {"cell_size_px": 1, "grow_px": 0, "shift_px": 0, "shape": "exact"}
+    exact = summary.method.name == "truth" and all(settings.get(name) == value for name, value in as_they_are.items())
+    return Kind.CEILING if exact else Kind.ORACLE

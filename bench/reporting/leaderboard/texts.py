@@ -1,0 +1,285 @@
+"""The leaderboard for the terminal, and as Markdown, CSV and JSON; and its best method in one line."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from rich.table import Table
+from rich.text import Text
+
+from bench.evaluation.slices import ALL_MOVING
+from bench.evaluation.summary import Metric
+from bench.plain_text import escape_markdown, plain
+from bench.reporting import formats
+from bench.reporting.compare.runs import SHOWN_DIGEST
+from bench.reporting.leaderboard.reading import (
+    FALSE_POSITIVES,
+    LEAST_COMMON,
+    ORDERED_BY,
+    Entry,
+    Group,
+    Kind,
+    Leaderboard,
+    shown_metrics,
+)
+
+SCHEMA_VERSION = 2
+NOTE = (
+    "Of the images that all runs of a table scored, in percent. Runs stand in one table if they have at least "
+    f"{100 * LEAST_COMMON:.0f} % of their images in common and the same reference on these. {formats.INTERVALS} "
+    "Ordered by IoU over all moving object-frames, an undetected one having 0. Methods whose intervals overlap may "
+    "still differ: compare judges runs in pairs. Chance: detection at the same level on the mask of another frame. "
+    "False positives: share of the image."
+)
+ORACLE_NOTE = (
+    "No methods: the exact masks of rendered data are the ceiling, what a perfect method scores; oracles are told what "
+    "no method may know: the exact masks on cells, or the exact flow and ego-motion."
+)
+COST_NOTE = (
+    "Cost: the method alone for one image, in one thread and without a cache, in ms, and its ratio to a call of "
+    "Farnebäck's flow on the same images."
+)
+_MARKS = {Kind.METHOD: "", Kind.ORACLE: " (oracle)", Kind.CEILING: " (ceiling)"}
+
+
+def leaderboard_tables(found: Leaderboard) -> Iterator[Table]:
+    """A table per group over all moving objects, readable at 100 columns."""
+    for group in found.groups:
+        table = formats.terminal_table(group_title(group), caption=f"{NOTE} {ORACLE_NOTE} {COST_NOTE}", below=1)
+        table.add_column("Run, method", overflow="fold", min_width=30)
+        columns = {name: heading for name, heading in shown_metrics(group).items() if name != "iou_detected"}
+        headings = (
+            heading.replace(", ", "\n").replace(" at", "\nat").replace(" pos", "\npos") for heading in columns.values()
+        )
+        formats.number_columns(table, ("Images,\nrecs", *headings, "ms per\nimage,\nratio", "Date, code"))
+        for entry in group.entries:
+            label = Text(plain(entry.run), style="bold")
+            label.append(f"\n{plain(entry.method)}{_MARKS[entry.kind]}{_failed(entry)}", style="not bold")
+            table.add_row(
+                label,
+                Text(f"{entry.images}\n{group.rows[0].recordings}"),
+                *(_cell(group, entry, name) for name in columns),
+                Text("" if entry.cost is None else f"{entry.cost.method_ms:.1f}\n{entry.cost.ratio:.2f}"),
+                Text(f"{plain(entry.date)}\n{plain(entry.code)}"),
+            )
+        yield table
+
+
+def _cell(group: Group, entry: Entry, name: str) -> Text:
+    """Value, interval, ceiling."""
+    metric, ceiling = entry.metrics[name], group.ceiling(ALL_MOVING, name)
+    text = Text(f"{formats.hundredths(metric.value)}\n{formats.short_interval(metric)}")
+    if entry.kind is Kind.METHOD and not math.isnan(ceiling) and not name.startswith("chance"):
+        text.append(f"\nof {formats.hundredths(ceiling)}", style="dim")
+    return text
+
+
+def to_markdown(found: Leaderboard, *, pictures: Sequence[str] = ()) -> str:
+    """Two tables per group as GitHub's Markdown, then the runs that cannot be read.
+
+    Args:
+        found: the leaderboard.
+        pictures: Markdown of what stands above the tables.
+    """
+    parts = ["# Leaderboard", f"{NOTE} {ORACLE_NOTE} {COST_NOTE}", *pictures]
+    for group in found.groups:
+        parts += [f"## {escape_markdown(group_title(group))}", _overall(group), _by_row(group)]
+    if found.damaged:
+        faults = "\n".join(f"- {escape_markdown(run)}: {escape_markdown(fault)}" for run, fault in found.damaged)
+        parts += ["## Runs that cannot be read", faults]
+    return "\n\n".join(parts) + "\n"
+
+
+def _overall(group: Group) -> str:
+    """Every metric over all moving objects."""
+    columns = shown_metrics(group)
+    headings = ["Method", *columns.values(), "ms per image", "Images", "Run", "Date", "Code"]
+    rows = [
+        [
+            f"{entry.method}{_MARKS[entry.kind]}{_failed(entry)}",
+            *(_with_interval(entry.metrics[name]) for name in columns),
+            *(_cost(entry), str(entry.images), entry.run, entry.date, entry.code),
+        ]
+        for entry in group.entries
+    ]
+    ceiling = _ceiling_line(group, [(ALL_MOVING, name) for name in columns], len(headings))
+    return f"**All moving objects**\n\n{formats.markdown_table(headings, ceiling + rows)}"
+
+
+def _by_row(group: Group) -> str:
+    """IoU of each kind of motion."""
+    rows = group.rows[1:]
+    headings = ["IoU over all object-frames", *(row.label for row in rows), "False positives"]
+    frames = [["object-frames, recordings", *(f"{row.object_frames}, {row.recordings}" for row in rows), ""]]
+    ceiling = _ceiling_line(
+        group, [*((row.name, ORDERED_BY) for row in rows), (ALL_MOVING, FALSE_POSITIVES)], len(headings)
+    )
+    lines = [
+        [
+            f"{entry.method}{_MARKS[entry.kind]}",
+            *(_with_interval(entry.values[row.name][ORDERED_BY]) for row in rows),
+            _with_interval(entry.metrics[FALSE_POSITIVES]),
+        ]
+        for entry in group.entries
+    ]
+    return f"**By kind of motion**\n\n{formats.markdown_table(headings, frames + ceiling + lines)}"
+
+
+def _ceiling_line(group: Group, keys: Sequence[tuple[str, str]], columns: int) -> list[list[str]]:
+    """What the exact masks get, where no run of them stands in the table anyway."""
+    values = [group.ceiling(row, name) for row, name in keys]
+    if any(entry.kind is Kind.CEILING for entry in group.entries) or all(map(math.isnan, values)):
+        return []
+    cells = ["" if math.isnan(value) else formats.hundredths(value) for value in values]
+    return [["ceiling: the exact masks", *cells, *[""] * (columns - len(cells) - 1)]]
+
+
+def to_csv(found: Leaderboard) -> str:
+    """One line per run, row and metric, ratios at full precision; empty where there is no number."""
+    columns = ["dataset", "split", "protocol", "protocol_digest", "reference_fingerprint", "run", "method", "kind",
+               "date", "code", "failures", "method_ms", "farneback_ms", "row", "figure", "value", "ci95_low",
+               "ci95_high", "ceiling", "cases", "images", "images_compared", "recordings"]  # fmt: skip
+    lines = [
+        [group.dataset, group.split, group.protocol, group.protocol_digest, group.reference_fingerprint, entry.run,
+         entry.method, entry.kind, entry.date, entry.code, entry.failures,
+         *((None, None) if entry.cost is None else (entry.cost.method_ms, entry.cost.farneback_ms)), row.name, name,
+         metric.value, *(metric.ci95 or (None, None)), _known_ceiling(group, row.name, name), metric.cases,
+         entry.images, group.images, metric.recordings]
+        for group in found.groups
+        for entry in group.entries
+        for row in group.rows
+        for name, metric in entry.values[row.name].items()
+    ]  # fmt: skip
+    return formats.csv_text(lines, columns)
+
+
+def _known_ceiling(group: Group, row: str, name: str) -> float | None:
+    if name.startswith(("chance", "ceiling", "unknown")):
+        return None
+    value = group.ceiling(row, name)
+    return None if math.isnan(value) else value
+
+
+def to_json(found: Leaderboard) -> str:
+    """What the page shows, at full precision; null where there is no number."""
+    content = {
+        "schema_version": SCHEMA_VERSION,
+        "note": f"{NOTE} {ORACLE_NOTE} {COST_NOTE}",
+        "best": list(best_methods(found)),
+        "groups": [json_group(group) for group in found.groups],
+        "damaged": [{"run": run, "fault": fault} for run, fault in found.damaged],
+    }
+    return formats.json_text(content)
+
+
+def json_group(group: Group) -> dict[str, object]:
+    """A group as JSON has it, and the page: values as [value, low, high] of the interval, or [value]."""
+    names = shown_metrics(group)
+    return {
+        "dataset": group.dataset,
+        "split": group.split,
+        "protocol": group.protocol,
+        "protocol_digest": group.protocol_digest,
+        "reference_fingerprint": group.reference_fingerprint,
+        "judged": group.judged,
+        "images": group.images,
+        "metrics": names,
+        "rows": [
+            {
+                "name": row.name,
+                "label": row.label,
+                "object_frames": row.object_frames,
+                "recordings": row.recordings,
+                "ceiling": {
+                    name: ceiling for name in names if (ceiling := _known_ceiling(group, row.name, name)) is not None
+                },
+            }
+            for row in group.rows
+        ],
+        "entries": [
+            {
+                "run": entry.run,
+                "method": entry.method,
+                "kind": entry.kind.value,
+                "images": entry.images,
+                "cost": None if entry.cost is None else [entry.cost.method_ms, entry.cost.ratio],
+                "date": entry.date,
+                "code": entry.code,
+                "failures": entry.failures,
+                "figures": {
+                    row.name: {name: _numbers(entry.values[row.name][name]) for name in names} for row in group.rows
+                },
+            }
+            for entry in group.entries
+        ],
+    }
+
+
+def _numbers(metric: Metric) -> list[float]:
+    return [metric.value, *(metric.ci95 or ())]
+
+
+def best_methods(found: Leaderboard) -> Iterator[dict[str, object]]:
+    """For each data set the method that leads under the protocol that is judged by; the oracles are none."""
+    for dataset in dict.fromkeys(group.dataset for group in found.groups):
+        judged = [g for g in found.groups if (g.dataset, g.split, g.judged) == (dataset, None, True) and g.methods]
+        if judged:
+            group = max(judged, key=lambda group: len(group.methods))
+            best = group.methods[0]
+            yield {
+                "dataset": dataset,
+                "protocol": group.protocol,
+                "method": best.method,
+                "of": len(group.methods),
+                "iou": _numbers(best.metrics[ORDERED_BY]),
+                "ceiling": group.ceiling(ALL_MOVING, ORDERED_BY),
+                "false_positives": _numbers(best.metrics[FALSE_POSITIVES]),
+                "date": best.date,
+                "code": best.code,
+            }
+
+
+def best_line(file: Path, *, dataset: str) -> str | None:
+    """The best method of a stored leaderboard on a data set, in one line; None where it tells none.
+
+    Args:
+        file: `leaderboard.json`.
+        dataset: name of the data set.
+    """
+    try:
+        best = next(best for best in json.loads(file.read_bytes())["best"] if best["dataset"] == dataset)
+        iou, *ends = (f"{100 * value:.1f}" for value in best["iou"])
+        ceiling = "" if best["ceiling"] is None else f", ceiling {100 * best['ceiling']:.1f} %"
+        return (
+            f"best of {best['of']} methods on {dataset} by {best['protocol']}: {best['method']}, IoU {iou} %"
+            f"{f' [{ends[0]}, {ends[1]}]' if ends else ''} over all moving object-frames{ceiling}, false positives "
+            f"{100 * best['false_positives'][0]:.1f} % of the image ({file}, {best['date']}, {best['code']})"
+        )
+    except (OSError, ValueError, LookupError, TypeError, StopIteration, RecursionError):
+        return None
+
+
+def group_title(group: Group) -> str:
+    """What the runs of a group have in common."""
+    protocol = f"{group.protocol} ({group.protocol_digest[:SHOWN_DIGEST]})"
+    every = group.rows[0]
+    return (
+        f"{group.dataset}, {group.split or 'all recordings'}, {protocol}, "
+        f"reference {group.reference_fingerprint[:SHOWN_DIGEST]}: {group.images} images that all scored, "
+        f"{every.object_frames} object-frames, {every.recordings} recordings"
+    )
+
+
+def _with_interval(metric: Metric) -> str:
+    return f"{formats.hundredths(metric.value)} {formats.interval(metric)}".strip()
+
+
+def _cost(entry: Entry) -> str:
+    return "" if entry.cost is None else f"{entry.cost.method_ms:.1f} ({entry.cost.ratio:.2f} Farnebäck)"
+
+
+def _failed(entry: Entry) -> str:
+    return f", {entry.failures} failures" if entry.failures else ""

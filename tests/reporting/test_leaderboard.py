@@ -1,0 +1,145 @@
+import csv
+import io
+import json
+
+import pytest
+from rich.console import Console
+
+from bench.errors import DataError
+from bench.harness.perf import MethodCost, write_cost
+from bench.harness.sweep import MARK
+from bench.reporting.leaderboard.page import write_leaderboard
+from bench.reporting.leaderboard.reading import read_leaderboard
+from bench.reporting.leaderboard.texts import best_line, leaderboard_tables
+from tests.reporting.compare.runs import drawn, write_run
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    runs = tmp_path_factory.mktemp("runs")
+    write_run(runs / "weak", drawn(20), settings={"threshold": 2})
+    write_run(runs / "deep" / "strong", drawn(80), settings={"threshold": 1})
+    write_run(runs / "nothing", drawn(0), method="empty")
+    write_run(runs / "extended", drawn(50), protocol="extended-v1")
+    write_run(runs / "other-reference", drawn(50), region_px=90)
+    write_run(runs / "broken", drawn(50))
+    (runs / "broken" / "objects.parquet").write_bytes(b"PAR1")
+    (runs / "unfinished" / "units").mkdir(parents=True)
+    return runs
+
+
+def test_groups_hold_only_what_compares_best_first(folder):
+    found = read_leaderboard(folder)
+    names = sorted([entry.run for entry in group.entries] for group in found.groups)
+    assert names == [["deep/strong", "weak", "nothing"], ["extended"], ["other-reference"]]
+    (group,) = [group for group in found.groups if len(group.entries) == 3]
+    values = [entry.metrics["iou"].value for entry in group.entries]
+    assert values == sorted(values, reverse=True)
+    assert [entry.method for entry in group.entries] == ["nothing (threshold=1)", "nothing (threshold=2)", "empty"]
+    assert (group.entries[0].cost, group.entries[0].kind) == (None, "method")
+    assert (group.entries[0].date, group.entries[0].code) == ("2026-01-02", "0 01234567+")
+
+
+def test_values_of_a_sweep_are_no_entries_but_of_their_own_folder(tmp_path):
+    write_run(tmp_path / "run", drawn(50))
+    sweep = tmp_path / "sweeps" / "error.speed"
+    write_run(sweep / "10", drawn(20))
+    write_run(sweep / "0", drawn(50))
+    (sweep / MARK).touch()
+    (group,) = read_leaderboard(tmp_path).groups
+    assert [entry.run for entry in group.entries] == ["run"]
+    (group,) = read_leaderboard(sweep).groups
+    assert [entry.run for entry in group.entries] == ["0", "10"]
+
+
+def test_damaged_runs_are_listed_with_their_fault(folder, tmp_path):
+    found = read_leaderboard(folder)
+    faults = dict(found.damaged)
+    assert set(faults) == {"broken", "unfinished"}
+    assert "objects.parquet" in faults["broken"]
+    assert "No such file" in faults["unfinished"]
+    write_leaderboard(found, tmp_path)
+    assert "- broken: " in (tmp_path / "leaderboard.md").read_text()
+    assert [run["run"] for run in json.loads((tmp_path / "leaderboard.json").read_text())["damaged"]] == [
+        "broken",
+        "unfinished",
+    ]
+
+
+def test_the_files_carry_the_same_numbers_and_the_same_bytes(folder, tmp_path):
+    files, problems = write_leaderboard(read_leaderboard(folder), tmp_path / "one")
+    again, _ = write_leaderboard(read_leaderboard(folder), tmp_path / "two")
+    assert [file.read_bytes() for file in files] == [file.read_bytes() for file in again]
+    assert not problems
+    page, markdown, table, content = (file.read_text() for file in files)
+    rows = list(csv.DictReader(io.StringIO(table)))
+    (row,) = [r for r in rows if (r["run"], r["row"], r["figure"]) == ("weak", "all_moving", "tpr_all")]
+    assert float(row["value"]) == 0.2
+    groups = json.loads(content)["groups"]
+    assert 0.8 in [group["entries"][0]["figures"]["crossing"]["tpr_all"][0] for group in groups]
+    assert markdown.count("\n## demo, all recordings, ") == 3
+    assert "| nothing (threshold=2) | 18.2 [" in markdown
+    shown = json.loads(page.partition('id="data">')[2].partition("</script>")[0])
+    assert [group["entries"] for group in shown["groups"]] == [group["entries"] for group in groups]
+    assert "//" not in page.replace("http://www.w3.org", "").partition("<script>")[0], "no network"
+
+
+@pytest.fixture(scope="module")
+def judged(tmp_path_factory):
+    """Two methods with their costs, an oracle and the exact masks, by the protocol that judges."""
+    runs = tmp_path_factory.mktemp("judged")
+    told = {"sees_the_truth": True, "cell_size_px": 1, "grow_px": 0, "shift_px": 0, "shape": "exact"}
+    exact = write_run(runs / "exact", drawn(95), protocol="surface-v1", method="truth", settings=told, fp_px=0)
+    write_run(runs / "cells", drawn(90), protocol="surface-v1", method="truth", settings=told | {"cell_size_px": 5})
+    for name, px, ms in (("cheap", 40, 2.0), ("good", 70, 80.0)):
+        folder = write_run(runs / name, drawn(px), protocol="surface-v1", method=name)
+        write_cost(folder, MethodCost(method_ms=ms, farneback_ms=40.0, images=3, of=""))
+    (exact / "index.html").touch()
+    return runs
+
+
+def test_what_sees_the_truth_is_no_method_and_bounds_them(judged):
+    (group,) = read_leaderboard(judged).groups
+    assert [(entry.run, entry.kind) for entry in group.entries] == [
+        ("exact", "ceiling"),
+        ("cells", "oracle"),
+        ("good", "method"),
+        ("cheap", "method"),
+    ]
+    assert [entry.run for entry in group.methods] == ["good", "cheap"]
+    assert group.ceiling("crossing", "tpr_all") == 0.95
+    assert group.ceiling("all_moving", "false_positive_coverage") == 0
+    assert group.methods[1].cost.ratio == 0.05
+
+
+def test_the_best_method_is_told_in_one_line_and_drawn_beside_its_cost(judged, tmp_path):
+    files, _ = write_leaderboard(read_leaderboard(judged), tmp_path)
+    assert {file.name for file in files} >= {"index.html", "quality-and-cost.png", "quality-and-cost.svg"}
+    line = best_line(tmp_path / "leaderboard.json", dataset="demo")
+    assert line is not None
+    assert line.startswith("best of 2 methods on demo by surface-v1: good, IoU 63.6 % [")
+    assert ", ceiling 86.4 %, false positives 1.0 % of the image (" in line
+    assert line.endswith("2026-01-02, 0 01234567+)")
+    assert best_line(tmp_path / "leaderboard.json", dataset="another") is None
+    assert best_line(tmp_path / "nowhere.json", dataset="demo") is None
+    (tmp_path / "leaderboard.json").write_text('{"best": [{"dataset": "demo"}]}')
+    assert best_line(tmp_path / "leaderboard.json", dataset="demo") is None
+    page = files[0].read_text()
+    assert "<strong>good</strong> of 2 methods" in page
+    assert '"pages":{"exact":"' in page
+
+
+def test_the_terminal_tables_fit(folder):
+    console = Console(width=110, record=True, file=io.StringIO())
+    for table in leaderboard_tables(read_leaderboard(folder)):
+        console.print(table)
+    shown = console.export_text()
+    assert "…" not in shown
+    assert "deep/strong" in shown
+
+
+def test_a_folder_without_runs_is_an_error(tmp_path):
+    with pytest.raises(DataError, match="at least one run"):
+        read_leaderboard(tmp_path)
+    with pytest.raises(DataError, match="no such folder"):
+        read_leaderboard(tmp_path / "nowhere")
