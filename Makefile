@@ -2,6 +2,7 @@
 PYTHON ?= python3
 DATASET ?= datasets/demo.yaml
 METHOD ?= spherical
+METHODS ?=
 DATASETS ?= demo development paper $(if $(FISHEYE_BENCH_REAL),aimotive-sample)
 PROTOCOL ?= paper-v1,surface-v1
 CATEGORY ?=
@@ -45,8 +46,9 @@ gate: benchmark ## score, then judge both runs by their baselines (BASELINE= and
 			$(if $(GITHUB_ACTIONS),--github) || status=$$?; \
 	done; exit $$status
 
-leaderboard: $(INSTALLED) ## score all methods on DATASETS= (hours with paper), write reports/leaderboard; what is up to date stays
-	$(BIN)/fisheye-bench leaderboard reports/runs/leaderboard $(foreach one,$(DATASETS),--score $(one)) --out reports/leaderboard
+leaderboard: $(INSTALLED) ## score all methods (or METHODS=a,b) on DATASETS= (hours with paper), write reports/leaderboard
+	$(BIN)/fisheye-bench leaderboard reports/runs/leaderboard $(foreach one,$(DATASETS),--score $(one)) \
+		$(if $(METHODS),--methods $(METHODS)) --out reports/leaderboard
 
 report: $(INSTALLED) ## write the page of RUN= (the demo's), or of one kind of motion with CATEGORY=
 	$(BIN)/fisheye-bench report $(RUN) $(if $(CATEGORY),--category $(CATEGORY))

@@ -6,9 +6,10 @@ from dataclasses import replace
 import cv2
 import pytest
 
+from bench.cli.competing import competitors
 from bench.evaluation import load_protocol
 from bench.harness import RunRequest, run_benchmark
-from bench.methods import build_method
+from bench.methods import build_method, known_methods
 from bench.recordings import load_card
 from tests.cli.test_commands import call
 
@@ -114,3 +115,42 @@ def test_leaderboard_lists_groups_and_damaged_runs(monkeypatch, capsys, runs, tm
     (runs / "damaged" / "summary.json").write_text("{")
     assert call(monkeypatch, "leaderboard", runs) == 2
     assert "damaged: damaged: " in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_the_leaderboard_scores_what_is_not_there_and_bounds_it(monkeypatch, capsys, tiny_card, tmp_path):
+    methods = f"spherical,truth,exact-flow:scenario={tiny_card.with_name('tiny.scenario.yaml')}"
+    words = ("leaderboard", tmp_path / "runs", "--score", tiny_card, "--methods", methods, "--out", tmp_path / "board")
+    assert call(monkeypatch, *words, "--workers", 1, "--no-cache") == 0
+    assert capsys.readouterr().out.count(": 12 images computed") == 3
+    judged, carried = json.loads((tmp_path / "board" / "leaderboard.json").read_text())["groups"]
+    assert [judged["protocol"], carried["protocol"]] == ["surface-v1", "paper-v1"]
+    found = {entry["run"].partition("/")[2].removesuffix("-surface-v1"): entry for entry in judged["entries"]}
+    assert {name: entry["kind"] for name, entry in found.items()} == {
+        "truth": "ceiling",
+        "exact-flow": "oracle",
+        "spherical": "method",
+    }
+    of_image = {name: entry["figures"]["all_moving"]["false_positive_coverage"][0] for name, entry in found.items()}
+    assert of_image["truth"] < of_image["exact-flow"] < of_image["spherical"]
+    assert found["spherical"]["cost"][0] > 0
+    assert (found["truth"]["cost"], found["exact-flow"]["cost"]) == (None, None)
+    page = (tmp_path / "board" / "index.html").read_text()
+    assert page.count("data:image/png;base64") >= 6, "three layers on an image of each kind of motion"
+    assert '"tiny/spherical-surface-v1":"../runs/tiny/spherical-surface-v1/index.html"' in page
+    cost = (tmp_path / "runs" / "tiny" / "spherical" / "cost.json").read_text()
+    again = [word if word != methods else "spherical" for word in words[:-2]]
+    assert call(monkeypatch, *again, "--workers", 1, "--no-cache") == 0
+    assert "tiny, spherical: 0 images computed" in capsys.readouterr().out
+    assert (tmp_path / "runs" / "tiny" / "spherical" / "cost.json").read_text() == cost
+
+
+def test_every_registered_method_competes_with_what_bounds_it_on_rendered_data(tiny_card, tmp_path):
+    card = load_card(tiny_card)
+    found = competitors(card, None)
+    assert {one.name for one in found if one.timed} == set(known_methods())
+    assert [one.folder for one in found if not one.timed] == ["truth", "truth-cell_size_px-5", "exact-flow"]
+    assert "spherical-flow-dis" in [one.folder for one in found]
+    assert len({one.folder for one in found}) == len(found)
+    recorded = replace(card, content=card.content.model_copy(update={"scenario": None}))
+    assert [one for one in competitors(recorded, None) if not one.timed] == []

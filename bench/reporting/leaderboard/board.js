@@ -74,7 +74,7 @@
         sorted = { name: metric, down: sorted.name === metric ? !sorted.down : !LOWER.has(metric) && metric !== "method" };
         drawTable();
       });
-      if (row.ceiling[metric] !== undefined) make("small", `ceiling ${percent(row.ceiling[metric])}`, cell);
+      if (row.ceiling[metric] !== undefined) make("small", `${LOWER.has(metric) ? "exact masks" : "ceiling"} ${percent(row.ceiling[metric])}`, cell);
       if (metric === "false_positive_coverage") make("small", "of the image, all rows", cell);
       return cell;
     }));
@@ -112,7 +112,7 @@
       if (ceiling !== undefined) make("u", "", meter).style.left = `${100 * ceiling}%`;
     }
     make("strong", percent(found), cell);
-    if (ceiling !== undefined && entry.kind === "method") { cell.append(" "); make("small", `of ${percent(ceiling)}`, cell, "of"); }
+    if (ceiling !== undefined && entry.kind === "method" && !LOWER.has(metric)) { cell.append(" "); make("small", `of ${percent(ceiling)}`, cell, "of"); }
     if (low !== undefined) make("small", `${percent(low)} to ${percent(high)}`, cell);
   }
 

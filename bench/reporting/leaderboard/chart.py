@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter
 
 from bench.evaluation.slices import ALL_MOVING
@@ -90,4 +91,6 @@ def _label(axes: Axes, entries: Sequence[Entry]) -> None:
             fontsize=5.5,
             va="center",
             arrowprops={"arrowstyle": "-", "linewidth": 0.3, "color": canvas.GREY, "shrinkA": 0, "shrinkB": 2},
+            path_effects=[withStroke(linewidth=1.5, foreground="white")],
+            zorder=4,
         )
