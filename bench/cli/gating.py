@@ -45,14 +45,14 @@ def gate(
     rules, scored = load_tolerances(tolerances or DEFAULT), scored_run(run)
     try:
         file = baseline or usual_baseline(scored)
-        if baseline is None:
-            note(f"baseline {file}")
         before = read_baseline(file)
     except MissingBaselineError as error:
         say(f"error: {error}", to_errors=True)
         return NO_VERDICT
     verdict = judge(before, scored, tolerances=rules)
     say(verdict.headline, style="green" if verdict.passed else "bold red")
+    if baseline is None:
+        note(f"baseline {file}")
     _print_brief(verdict)
     if not verdict.passed or verdict.rows_with(Outcome.SUSPECT):
         again, compare = compare_commands(before, scored, folder=run, card=read_run(run).card)
