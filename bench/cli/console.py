@@ -131,7 +131,7 @@ def progress_bar(title: str, unit: str) -> Iterator[Callable[[float, int], None]
         unit: of what is counted.
 
     Yields:
-        Takes the amount done, fractions allowed, and the total.
+        Takes the amount done, fractions allowed, and the total; 0 while that is not known.
     """
     terminal = Console(stderr=True)
     if not terminal.is_terminal:
@@ -153,7 +153,7 @@ def progress_bar(title: str, unit: str) -> Iterator[Callable[[float, int], None]
         task = bar.add_task(_harmless(title), total=None, whole="")
 
         def report(done: float, total: int) -> None:
-            bar.update(task, completed=done, total=total, whole=f"{int(done)}/{total}")
+            bar.update(task, completed=done, total=total or None, whole=f"{int(done)}/{total or '?'}")
 
         yield report
 

@@ -58,6 +58,19 @@ class RigidTransform:
         return cls.__new__(cls)._hold(rotation, translation_m)
 
     @classmethod
+    def each(cls, rotations: NDArray[np.float64], translations_m: NDArray[np.float64]) -> list[RigidTransform]:
+        """Many transforms, (N, 3, 3) and (N, 3) float64, checked all at once; errors as of one."""
+        errors = np.abs(rotations @ rotations.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2))
+        sound = (
+            (errors <= ORTHONORMAL_TOLERANCE) & (np.linalg.det(rotations) > 0) & np.isfinite(translations_m).all(axis=1)
+        )
+        if not sound.all():
+            worst = int(np.argmin(sound))
+            return [cls(rotations[worst], translations_m[worst])]  # raises
+        pairs = zip(rotations, translations_m, strict=True)
+        return [cls._unchecked(rotation.copy(), translation_m.copy()) for rotation, translation_m in pairs]
+
+    @classmethod
     def identity(cls) -> RigidTransform:
         """The transform that changes nothing."""
         return cls(np.eye(3), np.zeros(3))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -39,6 +39,7 @@ from bench.methods import Method
 from bench.recordings import NO_INPUT_ERRORS, DatasetCard, InputErrors, RecordingHandle, open_dataset
 
 SERIAL = SerialExecutor()
+LARGEST_BATCH = 16  # recordings a worker
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -55,7 +56,8 @@ class RunRequest:
         overwrite: replace the run of another experiment in `out`.
         executor: computes the units; the result does not depend on it.
         cache: where flow, likelihood and reference are stored for other runs; None to store nothing.
-        progress: called with the images done and their number.
+        progress: called with the images done and their number, which is 0 while none is known and estimated while
+            recordings are not open yet.
         mirror: where else the run is stored.
     """
 
@@ -288,13 +290,22 @@ def _score_in_one_pass(works: Sequence[_Work]) -> list[ShardReport]:
         (work.request.out / "shards" / shard.file).unlink(missing_ok=True)
     protocols = tuple(work.request.protocol for work in works)
     spec = RunSpec(method=asked.method, identity=first.identity, protocols=protocols, cache=asked.cache)
+    tally = _Tally(asked.progress, recordings=len(first.handles))
+    planned: list[PlannedRecording] = []
+    lazy = shard == WHOLE and all(work.request.mirror is NOWHERE for work in works)
     with asked.executor:
-        planned = _plan(spec, first)
-        units = [unit for recording in planned for unit in recording.units]
-        part = shard.part(units)
-        for work in works:
-            work.begin(units, part)
-        _score(spec, works, part)
+        for handles in _batches(first.handles, asked.executor.workers) if lazy else [first.handles]:
+            planned += _plan(spec, first, handles, tally)
+            opened = planned[-len(handles) :]
+            units = shard.part([unit for recording in opened for unit in recording.units])
+            if not lazy:
+                _begin(works, planned, units)
+            tally.count(len(opened), sum(unit.stop - unit.start for unit in units))
+            _score(spec, works, units, tally)
+    units = [unit for recording in planned for unit in recording.units]
+    part = shard.part(units)
+    if lazy:
+        _begin(works, planned, part)
     if asked.cache is not None:
         asked.cache.evict()
     reports = []
@@ -304,18 +315,61 @@ def _score_in_one_pass(works: Sequence[_Work]) -> list[ShardReport]:
     return reports
 
 
-def _plan(spec: RunSpec, work: _Work) -> list[PlannedRecording]:
+class _Tally:
+    """Tells how many images are done, and of how many.
+
+    Args:
+        progress: takes it.
+        recordings: of the run.
+    """
+
+    def __init__(self, progress: Progress | None, *, recordings: int) -> None:
+        self._progress, self._recordings = progress, recordings
+        self._opened = self._known = self.done = 0
+        self.tell()
+
+    def count(self, recordings: int, images: int) -> None:
+        """Recordings were opened, with images to be scored."""
+        self._opened, self._known = self._opened + recordings, self._known + images
+        self.tell()
+
+    def tell(self) -> None:
+        """Tell it; recordings that are not open yet count as large as those that are."""
+        if self._progress is not None:
+            self._progress(self.done, round(self._known * self._recordings / max(self._opened, 1)))
+
+
+def _begin(works: Sequence[_Work], planned: Sequence[PlannedRecording], part: Sequence[Unit]) -> None:
+    units = [unit for recording in planned for unit in recording.units]
+    for work in works:
+        work.begin(units, part)
+
+
+def _batches(handles: Sequence[RecordingHandle], workers: int) -> Iterator[Sequence[RecordingHandle]]:
+    """Recordings that are opened before the next images are scored.
+
+    One at a time is opened once. Of several workers each opens the recordings of its images, so that larger batches
+    let them wait for each other less; the first ones are small, so that there are results soon.
+    """
+    start, size = 0, workers
+    while start < len(handles):
+        yield handles[start : start + size]
+        start, size = start + size, min(2 * size, LARGEST_BATCH * workers) if workers > 1 else 1
+
+
+def _plan(spec: RunSpec, work: _Work, handles: Sequence[RecordingHandle], tally: _Tally) -> list[PlannedRecording]:
     """The recordings in the order of the data set."""
     found: dict[str, PlannedRecording] = {}
-    with closing(work.request.executor.compute(partial(plan_recording, spec), work.handles)) as results:
+    with closing(work.request.executor.compute(partial(plan_recording, spec), handles)) as results:
         for handle, planned in results:
             recording = _failed_to_open(handle, planned) if isinstance(planned, FailedTask) else planned
             found[handle.name] = recording
             work.clock.seconds["open"] += recording.seconds
-    return [found[handle.name] for handle in work.handles]
+            tally.tell()
+    return [found[handle.name] for handle in handles]
 
 
-def _score(spec: RunSpec, works: Sequence[_Work], units: Sequence[Unit]) -> None:
+def _score(spec: RunSpec, works: Sequence[_Work], units: Sequence[Unit], tally: _Tally) -> None:
     asked = works[0].request
     by_name = {handle.name: handle for handle in works[0].handles}
     tasks = [
@@ -323,14 +377,12 @@ def _score(spec: RunSpec, works: Sequence[_Work], units: Sequence[Unit]) -> None
         for unit in units
     ]
     tasks.sort(key=lambda task: task.unit.start - task.unit.stop)  # the longest first, so that all end together
-    total, done = sum(unit.stop - unit.start for unit in units), 0
     with closing(asked.executor.compute(partial(score_unit, spec), tasks)) as results:
         for task, scored in results:
             for number, work in enumerate(works):
                 work.take(task.unit, scored if isinstance(scored, FailedTask) else scored[number])
-            done += task.unit.stop - task.unit.start
-            if asked.progress is not None:
-                asked.progress(done, total)
+            tally.done += task.unit.stop - task.unit.start
+            tally.tell()
 
 
 def _caveats(card: DatasetCard, handles: Sequence[RecordingHandle]) -> str:

@@ -52,4 +52,4 @@ def part_of(progress: Progress | None, *, number: int, total: int) -> Progress |
     """
     if progress is None:
         return None
-    return lambda done, of: progress(number + done / of, total)
+    return lambda done, of: progress(number + done / max(of, 1), total)

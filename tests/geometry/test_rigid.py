@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.spatial.transform import Rotation
 
 from bench.errors import ShapeError
 from bench.geometry import RigidTransform
@@ -80,3 +81,15 @@ def test_printed_calibration_is_mended_but_a_scaled_one_refused():
     assert RigidTransform.from_matrix(np.round(RigidTransform.from_yaw(0.3).matrix, 4)).rotation[2, 2] == 1.0
     with pytest.raises(ShapeError, match="without scale"):
         RigidTransform.from_matrix(np.diag([1.1, 1.1, 1.1, 1.0]))
+
+
+def test_many_at_once_are_those_made_one_by_one_and_as_strict():
+    rotations = Rotation.from_euler("xyz", [[0.1, 0.2, 0.3], [1.0, -1.0, 2.0]]).as_matrix()
+    places = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
+    for made, rotation, place in zip(RigidTransform.each(rotations, places), rotations, places, strict=True):
+        np.testing.assert_array_equal(made.matrix, RigidTransform(rotation, place).matrix)
+    with pytest.raises(ShapeError, match="proper orthonormal rotation"):
+        RigidTransform.each(rotations * [[[1.0]], [[1.1]]], places)
+    with pytest.raises(ShapeError, match="finite numbers"):
+        RigidTransform.each(rotations, places * np.nan)
+    assert RigidTransform.each(np.empty((0, 3, 3)), np.empty((0, 3))) == []

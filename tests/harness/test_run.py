@@ -10,7 +10,17 @@ import pytest
 
 from bench.errors import DataError
 from bench.evaluation import load_protocol
-from bench.harness import RunRequest, plan_units, read_protocol, read_run, read_tables, run_benchmark, run_protocols
+from bench.harness import (
+    RunRequest,
+    plan_units,
+    read_protocol,
+    read_run,
+    read_tables,
+    run_benchmark,
+    run_protocols,
+    tasks,
+)
+from bench.harness import run as run_module
 from bench.harness.stored import MethodStamp
 from bench.methods import build_method
 from bench.methods.spherical.method import SphericalMethod
@@ -146,8 +156,31 @@ def test_progress_rises_to_the_number_of_images(tiny_card, tmp_path):
     run(tiny_card, tmp_path / "run", method="nothing", progress=lambda done, total: seen.append((done, total)))
     done = [d for d, _ in seen]
     assert done == sorted(done)
+    assert seen[0] == (0, 0), "before the first recording is open"
     assert seen[-1] == (12, 12)
-    assert len(seen) == 3, "once for each unit"
+    assert sorted(set(done)) == [0, 4, 8, 12], "after each unit"
+
+
+def test_recordings_are_opened_one_after_the_other(tiny_card, tmp_path, monkeypatch):
+    """Images of the first are scored before the second is opened, and each is opened once."""
+    events = []
+    opening, scoring = tasks._open, run_module.score_unit
+
+    def opened(spec, handle):
+        if not (tasks._held and tasks._held[0].handle_name == handle.name):
+            events.append(f"open {handle.name}")
+        return opening(spec, handle)
+
+    def scored(spec, task):
+        events.append(f"score {task.unit.recording}")
+        return scoring(spec, task)
+
+    monkeypatch.setattr(tasks, "_held", [])
+    monkeypatch.setattr(tasks, "_open", opened)
+    monkeypatch.setattr(run_module, "score_unit", scored)
+    run(tiny_card, tmp_path / "run", method="nothing")
+    names = [handle.name for handle in open_dataset(load_card(str(tiny_card)))]
+    assert events == [f"{what} {name}" for name in names for what in ("open", "score")]
 
 
 def test_units_cover_every_image_once(tiny_card):

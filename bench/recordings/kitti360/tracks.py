@@ -118,16 +118,15 @@ def _states(
         rotations = rotations * np.array([-1.0, -1.0, 1.0])
     turns = np.where(moves, world_yaw_rates(times_ns, rotations), 0.0)
     world_from_vehicle = ego.rotations[rows]
-    seen_rotations = np.einsum("nji,njk->nik", world_from_vehicle, rotations)
-    seen_centres_m = np.einsum("nji,nj->ni", world_from_vehicle, centres_m - ego.positions_m[rows])
+    vehicle_from_object = RigidTransform.each(
+        np.einsum("nji,njk->nik", world_from_vehicle, rotations),
+        np.einsum("nji,nj->ni", world_from_vehicle, centres_m - ego.positions_m[rows]),
+    )
     seen_velocities = np.einsum("nji,nj->ni", world_from_vehicle, velocities)
     return tuple(
         ObjectState(
             timestamp_ns=int(times_ns[i]),
-            shape=Cuboid(
-                vehicle_from_object=RigidTransform(seen_rotations[i], seen_centres_m[i]),
-                size_m=placed[i][-1],
-            ),
+            shape=Cuboid(vehicle_from_object=vehicle_from_object[i], size_m=placed[i][-1]),
             velocity_mps=seen_velocities[i],
             yaw_rate_radps=float(turns[i]),
             unclear=unclear or (placed[i][1].dynamic and not moves[i]),
