@@ -168,7 +168,7 @@ def _progress_lines(title: str, unit: str) -> Callable[[float, int], None]:
         if verbosity() is Verbosity.QUIET or now - told < max(FIRST_LINE_S, (now - started) / 10):
             return
         told = now
-        left = f", about {(now - started) * (total - done) / done:.0f} s left" if done > 0 else ""
+        left = f", about {(now - started) * (total - done) / done:.0f} s left" if done >= 1 else ""
         say(f"{title}: {int(done)}/{total} {unit} after {now - started:.0f} s{left}", to_errors=True)
 
     return report
