@@ -1,7 +1,8 @@
 # The demo in a container; results appear in ./out, rendered data stay in the volume "fisheye-data".
 #
 #   docker build --tag fisheye-bench .
-#   mkdir -p out && docker run --rm --user "$(id -u)" --volume "$PWD/out:/work" fisheye-bench
+#   mkdir -p out
+#   docker run --rm --user "$(id -u)" --volume "$PWD/out:/work" --volume fisheye-data:/data fisheye-bench
 #
 # Any other command stands behind the name: docker run ... fisheye-bench datasets
 FROM python:3.11-slim-bookworm AS build

@@ -148,7 +148,7 @@ def refuse_without_masks(recording: Recording) -> None:
             recording.root,
             expected="rendered masks (truth/<camera>/<timestamp_ns>.png), against which an audit compares",
             got="a recording without",
-            do="audit a rendered data set, for example datasets/demo.yaml",
+            do="audit a rendered data set, for example demo",
         )
 
 
