@@ -8,7 +8,6 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter
 
 from bench.evaluation.slices import ALL_MOVING
@@ -18,6 +17,7 @@ from bench.reporting.leaderboard.reading import ORDERED_BY, Entry, Group, Kind
 PANEL_IN, HEIGHT_IN = 4.4, 3.5
 _LEAST_MS = 1.0  # what takes less stands here with an arrow, or the axis would be one of trifles
 _APART = 0.035  # of the height, between labels
+_BESIDE = 8.0  # times as long: farther apart, labels do not meet
 
 
 @canvas.styled
@@ -80,17 +80,16 @@ def _trifling(entry: Entry) -> bool:
 def _label(axes: Axes, entries: Sequence[Entry]) -> None:
     """Names to the right of the dots, pushed apart upwards where they would cover each other."""
     low, high = axes.get_ylim()
-    heights: list[float] = []
+    placed: list[tuple[float, float]] = []
     for entry in sorted(entries, key=lambda entry: _at(entry)[1]):
         at_ms, value = _at(entry)
-        heights.append(max([value, *(other + _APART * (high - low) for other in heights[-1:])]))
+        beside = [height for other_ms, height in placed if 1 / _BESIDE < other_ms / at_ms < _BESIDE]
+        placed.append((at_ms, max([value, *(height + _APART * (high - low) for height in beside)])))
         axes.annotate(
             entry.method + (f" (below {_LEAST_MS:g} ms)" if _trifling(entry) else ""),
             xy=(at_ms, value),
-            xytext=(at_ms * 1.35, heights[-1]),
+            xytext=(at_ms * 1.35, placed[-1][1]),
             fontsize=5.5,
             va="center",
             arrowprops={"arrowstyle": "-", "linewidth": 0.3, "color": canvas.GREY, "shrinkA": 0, "shrinkB": 2},
-            path_effects=[withStroke(linewidth=1.5, foreground="white")],
-            zorder=4,
         )
