@@ -17,12 +17,11 @@ from bench.errors import BenchError
 from bench.harness import ProcessedFrame
 from bench.harness.frames import UnscorableFrame
 from bench.harness.replay import StoredFrames
-from bench.reference import Category
 from bench.reporting import canvas
 from bench.reporting.count_view import AREA_COLOURS, detected_pixels, false_positive_text, pixel_classes
 from bench.reporting.formats import LABELS, frame_name
 from bench.reporting.frame_pictures import example_frames
-from bench.reporting.leaderboard.reading import Entry, Group
+from bench.reporting.leaderboard.reading import Group
 from bench.reporting.side_by_side import ImageKey
 from bench.reporting.stored_run import read_stored_run
 
@@ -67,8 +66,10 @@ def draw_examples(
     problems: dict[str, None] = {}
     for number, entry in enumerate(group.entries, start=1):
         try:
-            stored, chosen = _open(entry)
+            run = read_stored_run(entry.folder, label=entry.run)
+            stored = StoredFrames(run.folder, run.summary, run.protocol)
             if not images:
+                chosen = example_frames(run.objects)
                 images = {key: LABELS[category].partition(" (")[0] for category, key in chosen.items()}
             for key in images:
                 frame = stored.process(*key)
@@ -91,11 +92,6 @@ def draw_examples(
         for key, frame in frames.items()
     )
     return found, tuple(problems)
-
-
-def _open(entry: Entry) -> tuple[StoredFrames, dict[Category, ImageKey]]:
-    run = read_stored_run(entry.folder, label=entry.run)
-    return StoredFrames(run.folder, run.summary, run.protocol), example_frames(run.objects)
 
 
 def _photograph(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
