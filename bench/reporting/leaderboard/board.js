@@ -76,6 +76,7 @@
       });
       if (row.ceiling[metric] !== undefined) make("small", `${LOWER.has(metric) ? "exact masks" : "ceiling"} ${percent(row.ceiling[metric])}`, cell);
       if (metric === "false_positive_coverage") make("small", "of the image, all rows", cell);
+      if (metric === "segmentation_iou") make("small", "of all images, all rows", cell);
       return cell;
     }));
     const entries = group.entries.filter((entry) => entry.kind === "method" || by("oracles").checked);

@@ -30,7 +30,7 @@ from bench.reporting.stored_run import StoredRun, read_stored_run
 UNITS = "units"  # a run that did not end has these and no summary
 ORDERED_BY = "iou"
 JUDGED = "surface-v1"  # orders methods as exact masks do (reports/paper/reference.md)
-FALSE_POSITIVES = "false_positive_coverage"
+FALSE_POSITIVES, OF_PIXELS = "false_positive_coverage", "segmentation_iou"  # of whole images, the same in every row
 # Of the images of each run, so many must be common: one run that scored a few would else shrink the table of all.
 LEAST_COMMON = 0.5
 
@@ -74,7 +74,7 @@ class Entry:
         folder: of the run.
         method: with the settings in which its runs of the group differ.
         kind: a method, or what bounds methods.
-        values: row -> metric -> value, of all images of the group; false positives stand in every row.
+        values: row -> metric -> value, of all images of the group; what is of whole images stands in every row.
         images: that the run scored; the group may be taken over fewer.
         cost: of the method; None where nobody measured it.
         date: UTC, on which it was started.
@@ -156,13 +156,15 @@ class Group:
 def shown_metrics(group: Group) -> dict[str, str]:
     """The metrics of the tables: names and headings.
 
-    IoU, by which runs are ordered, false positives, coverage, detection at the highest level with its chance level.
+    IoU, by which runs are ordered, false positives, IoU of the pixels of all images, coverage, detection at the highest
+    level with its chance level.
     """
     highest = ["detection_rate", *formats.detection_levels(group.entries[0].metrics)][-1]
     detection = "Detection" if highest == "detection_rate" else f"Detection at {formats.level_percent(highest):g} %"
     return {
         ORDERED_BY: "IoU, all",
         FALSE_POSITIVES: "False positives",
+        OF_PIXELS: "IoU, pixels",
         "tpr_all": "TPR, all",
         highest: detection,
         formats.chance_of(highest): "Chance",
@@ -305,7 +307,7 @@ def _entry(run: StoredRun, compared: RunSummary, settings: dict[str, object]) ->
     summary, made = run.summary, run.summary.provenance
     told = {name: value for name, value in settings.items() if name not in _UNTOLD}
     commit = "" if made.commit is None else f" {made.commit[:8]}{'+' if made.commit.endswith('+') else ''}"
-    false_positives = {FALSE_POSITIVES: compared.false_positives.coverage}
+    of_images = {FALSE_POSITIVES: compared.false_positives.coverage, OF_PIXELS: compared.segmentation.iou}
     of_rows = {ALL_MOVING: compared.all_moving} | compared.categories
     return Entry(
         run=run.label,
@@ -313,7 +315,7 @@ def _entry(run: StoredRun, compared: RunSummary, settings: dict[str, object]) ->
         method=f"{summary.method.name} ({settings_text(told)})" if told else summary.method.name,
         kind=_kind(summary),
         values={
-            row: {name: found.metric(name) for name in found.metric_names()} | false_positives
+            row: {name: found.metric(name) for name in found.metric_names()} | of_images
             for row, found in of_rows.items()
         },
         images=summary.images.evaluated,

@@ -18,6 +18,7 @@ from bench.reporting.compare.runs import SHOWN_DIGEST
 from bench.reporting.leaderboard.reading import (
     FALSE_POSITIVES,
     LEAST_COMMON,
+    OF_PIXELS,
     ORDERED_BY,
     Entry,
     Group,
@@ -32,7 +33,8 @@ NOTE = (
     f"{100 * LEAST_COMMON:.0f} % of their images in common and the same reference on these. {formats.INTERVALS} "
     "Ordered by IoU over all moving object-frames, an undetected one having 0. Methods whose intervals overlap may "
     "still differ: compare judges runs in pairs. Chance: detection at the same level on the mask of another frame. "
-    "False positives: share of the image."
+    "False positives: share of the image. The IoU of an object counts the false positives that touch it, so specks "
+    "apart from it cost nothing; the IoU of pixels counts all of them, over all images."
 )
 ORACLE_NOTE = (
     "No methods: the exact masks of rendered data are the ceiling, what a perfect method scores; oracles are told what "
@@ -50,7 +52,9 @@ def leaderboard_tables(found: Leaderboard) -> Iterator[Table]:
     for group in found.groups:
         table = formats.terminal_table(group_title(group), caption=f"{NOTE} {ORACLE_NOTE} {COST_NOTE}", below=1)
         table.add_column("Run, method", overflow="fold", min_width=30)
-        columns = {name: heading for name, heading in shown_metrics(group).items() if name != "iou_detected"}
+        columns = {
+            name: heading for name, heading in shown_metrics(group).items() if name not in ("iou_detected", OF_PIXELS)
+        }
         headings = (
             heading.replace(", ", "\n").replace(" at", "\nat").replace(" pos", "\npos") for heading in columns.values()
         )
