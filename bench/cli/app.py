@@ -136,7 +136,9 @@ def _print_error(line: str) -> None:
 
 def _print_version(asked: bool) -> None:
     if asked:
-        typer.echo(f"fisheye-bench {bench.__version__}")
+        from bench.cli.console import say
+
+        say(f"fisheye-bench {bench.__version__}")
         raise typer.Exit
 
 
