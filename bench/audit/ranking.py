@@ -15,7 +15,7 @@ Source:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -26,19 +26,24 @@ from scipy.stats import kendalltau
 
 from bench.audit.predictions import Prediction
 from bench.audit.ranking_sums import (
+    BINS,
     CATEGORIES,
     FALSE_POSITIVES,
+    FITS,
     FRAME_METRICS,
     METRICS,
     OBJECT_METRICS,
     REFERENCES,
     ROWS,
     SUMS,
+    SURFACE,
     rank_recording,
 )
 from bench.audit.sources import audit_each, audit_sources
 from bench.errors import UsageError
+from bench.evaluation import load_protocol
 from bench.evaluation.intervals import FEWEST_RECORDINGS
+from bench.evaluation.slices import bin_names
 from bench.evaluation.summary import Ratio
 from bench.execution import SerialExecutor, TaskExecutor
 from bench.harness import provenance as origin
@@ -49,7 +54,8 @@ from bench.recordings import DatasetCard
 from bench.recordings.sealed_json import read_sealed, write_sealed
 
 RANKING = "ranking.json"
-SCHEMA_VERSION = 1
+ALL = "all"
+SCHEMA_VERSION = 2
 DRAWS, SEED = 1000, 2020
 ROUNDING = 12  # decimals; scores that differ by less are the same
 LEAST_TAU = 0.95
@@ -104,6 +110,28 @@ class Check(_Part):
         return not self.iou > self.exact_iou
 
 
+class SurfaceFit(_Part):
+    """How far the regions of `surface-v1` are right, over the object-frames of a slice.
+
+    Attributes:
+        object_class: or "all".
+        range_m: bin, or "all".
+        ego_speed_mps: bin, or "all".
+        object_frames: how many.
+        core_outside: share of the cores' pixels that lie outside the exact masks.
+        left_out: share of the exact masks' pixels that lie in neither core nor band.
+        unknown_share: mean share of an object-frame's possible pixels that is unknown.
+    """
+
+    object_class: str
+    range_m: str
+    ego_speed_mps: str
+    object_frames: int
+    core_outside: Ratio
+    left_out: Ratio
+    unknown_share: Ratio
+
+
 class RankedRow(_Part):
     """One row of the paper's table.
 
@@ -141,6 +169,7 @@ class RankingSummary(_Part):
         real: those that are methods, not made of the exact masks.
         ceiling: name of the exact masks as they are; None where they are not among the predictions.
         rows: by kind of motion, then all, then false positives.
+        fits: of `surface-v1`: over all, by class, by class and range, by ego speed.
         failures: one line per recording or image that could not be used.
         provenance: where the ranking comes from.
     """
@@ -155,6 +184,7 @@ class RankingSummary(_Part):
     real: tuple[str, ...]
     ceiling: str | None
     rows: tuple[RankedRow, ...]
+    fits: tuple[SurfaceFit, ...]
     failures: tuple[str, ...]
     provenance: Provenance
 
@@ -327,6 +357,36 @@ def rank_row(name: str, sums: Values, unknown: Values, predictions: Sequence[Pre
     )
 
 
+def surface_fits(parts: Sequence[Mapping[tuple[str, str, str], Values]]) -> tuple[SurfaceFit, ...]:
+    """Sum the fits of recordings by slice; slices without object-frames are left out."""
+    classes = load_protocol(SURFACE).reference.classes
+    ranges, speeds = bin_names(BINS.range_m), bin_names(BINS.ego_speed_mps)
+    slices = [(ALL, ALL, ALL)]
+    slices += [(name, away, ALL) for name in classes for away in (ALL, *ranges)]
+    slices += [(ALL, ALL, speed) for speed in speeds]
+    found = []
+    for wanted in slices:
+        sums = np.zeros(len(FITS))
+        for part in parts:
+            for key, values in part.items():
+                if all(one in (ALL, own) for one, own in zip(wanted, key, strict=True)):
+                    sums += values
+        frames, core, outside, mask, left_out, unknown = sums.tolist()
+        if frames:
+            found.append(
+                SurfaceFit(
+                    object_class=wanted[0],
+                    range_m=wanted[1],
+                    ego_speed_mps=wanted[2],
+                    object_frames=int(frames),
+                    core_outside=outside / core,
+                    left_out=left_out / mask,
+                    unknown_share=unknown / frames,
+                )
+            )
+    return tuple(found)
+
+
 def _checks(iou: Values, predictions: Sequence[Prediction]) -> Iterator[Check]:
     """The checks of a row; `iou` is (references, predictions) float64."""
     exact = _number(predictions, ExactMasks())
@@ -398,6 +458,7 @@ def run_ranking(
         real=tuple(prediction.name for prediction in predictions if prediction.real),
         ceiling=None if exact is None else names[exact],
         rows=tuple(rank_row(name, sums[:, k], unknown[:, k], predictions) for k, name in enumerate(ROWS)),
+        fits=surface_fits([found.fits for found in ranked]),
         failures=(*failures, *(problem for found in ranked for problem in found.problems)),
         provenance=origin.provenance_since(
             start,

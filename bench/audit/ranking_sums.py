@@ -12,6 +12,7 @@ from bench.audit.predictions import CameraPredictions, Prediction
 from bench.audit.sources import AuditSource, instance_ids, refuse_without_masks, same_objects
 from bench.errors import BenchError
 from bench.evaluation import count_frame, load_protocol
+from bench.evaluation.slices import name_bins
 from bench.harness.frames import UnscorableFrame
 from bench.harness.provenance import recording_fingerprint
 from bench.harness.stages import StageClock
@@ -23,6 +24,7 @@ CATEGORIES = tuple(category.value for category in Category if category is not Ca
 ROWS = (*CATEGORIES, ALL_MOVING, FALSE_POSITIVES)
 
 PAPER, SURFACE, EXACT = "paper-v1", "surface-v1", "exact"
+BINS = load_protocol(SURFACE).bins
 REFERENCES = (PAPER, "concave", "surface-patches", SURFACE, EXACT)  # the exact masks last
 
 # Accumulators, and metrics as ratios of two of them: those of `bench.evaluation.sums`.
@@ -33,6 +35,8 @@ METRICS = {
     "detection_rate_50": ("detected_50", "every"),
     "false_positive_share": ("share", "every"),
 }
+# How far the regions of `surface-v1` are right, of the object-frames of a class, bin of ranges and bin of ego speeds.
+FITS = ("object_frames", "core_px", "core_outside_px", "mask_px", "left_out_px", "unknown_share")
 OBJECT_METRICS = ("iou", "tpr", "detection_rate_50")
 FRAME_METRICS = ("false_positive_share",)
 
@@ -57,6 +61,7 @@ class RankingSums:
             of object-frames are 0 in the row of false positives, `share` in all others.
         unknown: (rows,) float64, share of the possible pixels that `surface-v1` leaves unknown, summed over
             object-frames.
+        fits: by class, range and ego speed, (len(FITS),) float64 each.
         images: that were scored.
         fingerprint: of the recording.
         problems: one line per image that could not be used.
@@ -65,6 +70,7 @@ class RankingSums:
 
     sums: NDArray[np.float64]
     unknown: NDArray[np.float64]
+    fits: dict[tuple[str, str, str], NDArray[np.float64]] = field(default_factory=dict)
     images: int = 0
     fingerprint: str = ""
     problems: list[str] = field(default_factory=list)
@@ -88,9 +94,15 @@ class RankingSums:
         for number, reference in enumerate(references):
             for which, mask in enumerate(masks):
                 self._add_mask(self.sums[:, number, which], reference, mask, component_size_px)
-        for item in references[REFERENCES.index(SURFACE)].objects:
+        surface, exact = references[REFERENCES.index(SURFACE)], references[REFERENCES.index(EXACT)]
+        (speed,) = name_bins(np.array([surface.ego_speed_mps]), edges=BINS.ego_speed_mps)
+        for number, item in enumerate(surface.objects, start=1):
             if item.status is Status.EVALUATED:
-                self.unknown[_rows_of(item.category)] += item.unknown_px / (item.region_px + item.unknown_px)
+                unknown = item.unknown_px / (item.region_px + item.unknown_px)
+                self.unknown[_rows_of(item.category)] += unknown
+                (away,) = name_bins(np.array([item.range_m]), edges=BINS.range_m)
+                fit = self.fits.setdefault((item.object_class, away, speed), np.zeros(len(FITS)))
+                fit += _fit(surface.labels == number, exact.labels == number, surface.ignored, unknown)
         self.images += 1
 
     def _add_mask(
@@ -106,6 +118,14 @@ class RankingSums:
 def _rows_of(category: Category | None) -> list[int]:
     assert category is not None, "what is evaluated has a category"
     return [ROWS.index(category.value), ROWS.index(ALL_MOVING)]
+
+
+def _fit(
+    core: NDArray[np.bool_], mask: NDArray[np.bool_], ignored: NDArray[np.bool_], unknown_share: float
+) -> NDArray[np.float64]:
+    """`FITS` of one object-frame; in `ignored` lie its band and those of others."""
+    areas = (core, core & ~mask, mask, mask & ~core & ~ignored)
+    return np.array([1, *(np.count_nonzero(area) for area in areas), unknown_share], dtype=np.float64)
 
 
 def _of_object(tp: int, fp: int, fn: int) -> NDArray[np.float64]:

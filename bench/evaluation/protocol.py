@@ -15,7 +15,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from bench.errors import DataError, UnknownNameError
 from bench.plain_yaml import parse_yaml
-from bench.reference.records import SURFACE_PATCHES, Category, MotionSettings, OutlineErrors, ReferenceSettings
+from bench.reference.records import SURFACE_PATCHES, Category, Limb, MotionSettings, OutlineErrors, ReferenceSettings
 
 
 def _edges(values: tuple[float, ...]) -> tuple[float, ...]:
@@ -55,13 +55,27 @@ class MotionRules(_Part):
         return self
 
 
+class LimbRules(_Part):
+    """How a limb moves; see `Limb`."""
+
+    joint: Annotated[float, Field(gt=0, le=1)]
+    end: Annotated[float, Field(ge=0, lt=1)]
+    speed: NotNegative
+
+    @model_validator(mode="after")
+    def _hanging(self) -> LimbRules:
+        if self.end >= self.joint:
+            raise ValueError("expected end < joint, since limbs hang from their joints")
+        return self
+
+
 class UnknownBandRules(_Part):
     """What makes outlines uncertain; see `OutlineErrors`."""
 
     range_noise_m: NotNegative
     angle_deg: NotNegative
     position_m: NotNegative
-    limb_speed: dict[str, NotNegative]
+    limbs: dict[str, tuple[LimbRules, ...]]
 
 
 class ReferenceRules(_Part):
@@ -219,5 +233,8 @@ def _outline_errors(rules: UnknownBandRules) -> OutlineErrors:
         range_noise_m=rules.range_noise_m,
         angle_rad=math.radians(rules.angle_deg),
         position_m=rules.position_m,
-        limb_speed=rules.limb_speed,
+        limbs={
+            name: tuple(Limb(joint=limb.joint, end=limb.end, speed=limb.speed) for limb in limbs)
+            for name, limbs in rules.limbs.items()
+        },
     )

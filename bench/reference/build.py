@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import sqrt
 
 import numpy as np
 import shapely
@@ -12,13 +11,13 @@ from shapely import Polygon
 
 from bench.cameras import ray_grid
 from bench.errors import UsageError
-from bench.geometry import RigidTransform
+from bench.geometry import RigidTransform, cross, dot, normalise
 from bench.recordings.records import ImageRef, MountedCamera, Recording
 from bench.reference.clusters import SECOND_NS, Cluster, object_cluster, parts_at_exposure
 from bench.reference.masks import mask_reference
 from bench.reference.motion import AnnotationIndex, ObjectAtExposure, categorise, relative_direction
-from bench.reference.patches import patch_polygon, patch_raster
-from bench.reference.polygons import Raster, bounding_polygon, rasterise, trace_polygon
+from bench.reference.patches import surface_pixels
+from bench.reference.polygons import Outline, Raster, bounding_polygon, rasterise, trace_polygon
 from bench.reference.records import (
     SURFACE_PATCHES,
     Category,
@@ -139,6 +138,7 @@ class ReferenceBuilder:
         vehicle_from_world = exposure.vehicle_from_world
         cluster, placed = self._cluster(found[0], exposure)
         points_world = cluster.points_world
+        pixels, _ = self._projected(points_world, exposure)
         around_world = np.empty((0, 3)) if placed is None else placed.points_world()
         corners = vehicle_from_world.apply(self._parts(found[0], exposure))[..., :2].reshape(-1, 2)
         hull = shapely.MultiPoint(corners).convex_hull
@@ -146,7 +146,7 @@ class ReferenceBuilder:
             surroundings_vehicle=vehicle_from_world.apply(around_world),
             cluster_vehicle=vehicle_from_world.apply(points_world),
             outline_m=np.asarray(hull.exterior.coords)[:-1] if isinstance(hull, Polygon) else np.empty((0, 2)),
-            pixels=self._projected(points_world, exposure)[0],
+            pixels=pixels[np.isfinite(pixels[:, 0])],
         )
 
     def _exposure(self, timestamp_ns: int) -> _Exposure:
@@ -163,13 +163,18 @@ class ReferenceBuilder:
     def _measure(self, annotated: ObjectAtExposure, exposure: _Exposure) -> _Measured:
         cluster, placed = self._cluster(annotated, exposure)
         points_world = cluster.points_world
-        pixels, points = self._projected(points_world, exposure)
+        pixels, inside = self._projected(points_world, exposure)
+        points = int(np.count_nonzero(inside))
         distance_m = range_m = _nearest_m(points_world, exposure.camera_position_m)
         if points >= self.settings.min_points and placed is not None:
-            scanned = ScannedObject(cluster=cluster, placed=placed, parts_world=self._parts(annotated, exposure))
-            polygon = self._scanned_polygon(scanned, annotated.track.object_class, exposure)
-            raster = self._raster(polygon)
-            region = None if raster is None else self._region(raster, scanned, annotated, exposure)
+            scanned = ScannedObject(
+                cluster=cluster,
+                placed=placed,
+                parts_world=self._parts(annotated, exposure),
+                clearance_m=self.settings.ground_clearance_m,
+            )
+            polygon, raster = self._scanned(scanned, pixels, annotated.track.object_class, exposure)
+            region = None if raster is None else self._region(raster, scanned, pixels, inside, annotated, exposure)
         else:
             parts_world = self._parts(annotated, exposure)
             polygon, raster = self._annotated(parts_world, exposure, pixels)
@@ -225,7 +230,7 @@ class ReferenceBuilder:
 
     def _annotated(
         self, parts_world: NDArray[np.float64], exposure: _Exposure, pixels: NDArray[np.float64]
-    ) -> tuple[Polygon | None, Raster | None]:
+    ) -> tuple[Outline | None, Raster | None]:
         """What the image shows of the annotated shape; of an object whose points are named, the hull of these."""
         if not len(parts_world):
             hull = self._polygon(pixels, kind="convex")
@@ -234,90 +239,133 @@ class ReferenceBuilder:
         polygon = trace_polygon(covered, np.array([window[1].start, window[0].start]))
         return polygon, None if polygon is None else Raster(window, covered & self.valid[window])
 
-    def _projected(self, points_world: NDArray[np.float64], exposure: _Exposure) -> tuple[NDArray[np.float64], int]:
-        """Pixels of the points that the lens can see, and how many of them fall into the image."""
-        pixels, valid = self.camera.model.project(exposure.camera_from_world.apply(points_world))
-        inside = int(np.count_nonzero(self.camera.model.contains(pixels)))
-        return pixels if valid.all() else pixels[valid], inside
+    def _projected(
+        self, points_world: NDArray[np.float64], exposure: _Exposure
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """(N, 2) pixels of the points, NaN where the lens cannot see one, and which of them fall into the image."""
+        pixels, _ = self.camera.model.project(exposure.camera_from_world.apply(points_world))
+        return pixels, self.camera.model.contains(pixels)
 
-    def _scanned_polygon(self, scanned: ScannedObject, object_class: str, exposure: _Exposure) -> Polygon | None:
-        """The polygon of the kind that the protocol asks for, from lidar points."""
-        pixels, _ = self._projected(scanned.cluster.points_world, exposure)
-        if self.settings.polygon_kind != SURFACE_PATCHES:
-            return self._polygon(pixels, kind=self.settings.polygon_kind)
-        found = patch_polygon(
-            self._corner_pixels(scanned.patches_world(clearance_m=self.settings.ground_clearance_m), exposure),
-            width=self.camera.model.width,
-            height=self.camera.model.height,
-            solid=object_class in SOLID_CLASSES,
+    def _scanned(
+        self, scanned: ScannedObject, pixels: NDArray[np.float64], object_class: str, exposure: _Exposure
+    ) -> tuple[Outline | None, Raster | None]:
+        """The polygon of the kind that the protocol asks for, from lidar points, and its pixels in V."""
+        if self.settings.polygon_kind == SURFACE_PATCHES:
+            covered, corner = self._surface_pixels(scanned.patches_world, exposure, solid=object_class in SOLID_CLASSES)
+            if covered.any():
+                return trace_polygon(covered, corner), self._in_image(covered, corner)
+        kind = "concave" if self.settings.polygon_kind == SURFACE_PATCHES else self.settings.polygon_kind
+        polygon = self._polygon(pixels, kind=kind)
+        return polygon, self._raster(polygon)
+
+    def _surface_pixels(
+        self, patches_world: NDArray[np.float64], exposure: _Exposure, *, solid: bool = False, certain: bool = False
+    ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+        """Pixels of the patches, (4, M, 3), that the lens can see whole; as `surface_pixels`."""
+        camera, rays = self.camera.model, exposure.camera_from_world.apply(patches_world)
+        corners, valid = camera.project(rays.reshape(-1, 3))
+        seen = valid.reshape(4, -1).all(axis=0)
+        corners = corners.reshape(4, -1, 2)
+        return surface_pixels(
+            corners if seen.all() else corners[:, seen],
+            width=camera.width,
+            height=camera.height,
+            solid=solid,
+            certain=certain,
         )
-        return self._polygon(pixels, kind="concave") if found is None else found
 
-    def _corner_pixels(self, patches_world: NDArray[np.float64], exposure: _Exposure) -> NDArray[np.float64]:
-        """(N, 4, 2) float64, px, of the patches, (M, 4, 3), that the lens can see whole."""
-        corners, valid = self.camera.model.project(exposure.camera_from_world.apply(patches_world.reshape(-1, 3)))
-        seen = valid[0::4] & valid[1::4] & valid[2::4] & valid[3::4]
-        return corners.reshape(-1, 4, 2)[seen]
+    def _in_image(self, covered: NDArray[np.bool_], corner: NDArray[np.int64]) -> Raster:
+        """What of a window lies in V; `corner` is the (u, v) of its first pixel, which may lie outside the image."""
+        height, width = self.valid.shape
+        (u, v), (rows, columns) = corner.tolist(), covered.shape
+        top, bottom = (min(max(row, 0), height) for row in (v, v + rows))
+        left, right = (min(max(column, 0), width) for column in (u, u + columns))
+        window = slice(top, bottom), slice(left, right)
+        return Raster(window, covered[top - v : bottom - v, left - u : right - u] & self.valid[window])
 
     def _region(
-        self, raster: Raster, scanned: ScannedObject, annotated: ObjectAtExposure, exposure: _Exposure
+        self,
+        raster: Raster,
+        scanned: ScannedObject,
+        pixels: NDArray[np.float64],
+        inside: NDArray[np.bool_],
+        annotated: ObjectAtExposure,
+        exposure: _Exposure,
     ) -> Region:
         """The pixels of a scanned object, for certain and possibly; the same for a protocol without unknown bands."""
         errors, camera, camera_from_world = self.settings.outline, self.camera.model, exposure.camera_from_world
         if errors is None:
             return without_band(raster)
+        points_camera, returns_px = camera_from_world.apply(scanned.cluster.points_world), np.rint(pixels[inside])
+        variance_m2 = self._unknown_motion_m2(scanned, points_camera, annotated, exposure, errors)
+        returns_px = returns_px.astype(np.intp)
         half_width_px = outline_error_px(
-            camera_from_world.apply(scanned.cluster.points_world),
-            camera_from_world.apply(scanned.world_from_sensor.translation_m),
-            unknown_motion_m=self._unknown_motion_m(scanned, annotated, exposure, errors),
+            points_camera[inside],
+            returns_px,
+            sensor_camera=camera_from_world.apply(scanned.world_from_sensor.translation_m),
+            variance_m2=variance_m2[inside],
             region_px=int(np.count_nonzero(raster.covered)),
             camera=camera,
             errors=errors,
         )
-        certain = gaps = unseen = None
+        certain = unseen = shadow = None
         if scanned.grid is not None and annotated.track.object_class not in SOLID_CLASSES:
-            clearance_m = self.settings.ground_clearance_m
-            certain = self._patch_raster(scanned.patches_world(clearance_m=clearance_m, certain=True), exposure)
-            gaps = self._patch_raster(scanned.gaps_world(), exposure)
+            certain = self._in_image(*self._surface_pixels(scanned.certain_world(), exposure, certain=True))
         if len(unseen_world := scanned.unseen_world()):
             unseen = silhouette(camera_from_world.apply(unseen_world), camera)
+        if (shadow_world := scanned.shadow_world()).size:
+            shadow = self._in_image(*self._surface_pixels(shadow_world, exposure))
         return uncertain_region(
-            raster, self.valid, half_width_px=half_width_px, certain=certain, gaps=gaps, unseen=unseen
+            raster,
+            self.valid,
+            returns_px=returns_px,
+            half_width_px=half_width_px,
+            certain=certain,
+            unseen=unseen,
+            shadow=shadow,
         )
 
-    def _patch_raster(self, patches_world: NDArray[np.float64], exposure: _Exposure) -> Raster:
-        pixels = self._corner_pixels(patches_world, exposure)
-        return patch_raster(pixels, width=self.camera.model.width, height=self.camera.model.height)
-
-    def _unknown_motion_m(
-        self, scanned: ScannedObject, annotated: ObjectAtExposure, exposure: _Exposure, errors: OutlineErrors
+    def _unknown_motion_m2(
+        self,
+        scanned: ScannedObject,
+        points_camera: NDArray[np.float64],
+        annotated: ObjectAtExposure,
+        exposure: _Exposure,
+        errors: OutlineErrors,
     ) -> NDArray[np.float64]:
-        """(N,) float64, m: standard deviation of how far each return moved in ways that nothing tells."""
+        """(N,) float64, m^2: variance of how far each return moved, across its ray, in ways that nothing tells."""
         cluster, placed = scanned.cluster, scanned.placed
         velocity_mps = np.nan_to_num(annotated.velocity_world_mps)
-        limb_mps = errors.limb_speed.get(annotated.track.object_class, 0.0) * float(np.hypot(*velocity_mps[:2]))
-        limbs_m = limb_motion_m(limb_mps, placed.times_ns[cluster.rows] - exposure.timestamp_ns)
+        limbs = errors.limbs.get(annotated.track.object_class, ())
+        variance_m2 = np.zeros(len(cluster.rows))
+        if limbs and (speed_mps := float(np.hypot(*velocity_mps[:2]))):
+            heights_m = (scanned.parts_world if len(scanned.parts_world) else cluster.points_world)[..., 2]
+            heights = (cluster.points_world[:, 2] - heights_m.min()) / np.ptp(heights_m)
+            times_ns = placed.times_ns[cluster.rows] - exposure.timestamp_ns
+            swung_m = limb_motion_m(limbs, heights, speed_mps=speed_mps, times_ns=times_ns)
+            across = cross(normalise(points_camera), exposure.camera_from_world.rotate(velocity_mps / speed_mps))
+            variance_m2 = swung_m**2 * dot(across, across)
         if placed.sweep.time_offset_ns is not None:
-            return limbs_m
+            return variance_m2
         # When in the revolution was it met? At either end the object was elsewhere, seen from the vehicle.
         half_ns = self._sweep_interval_ns // 2
         ends_ns = placed.sweep.timestamp_ns + np.array([-half_ns, half_ns])
         rotations, positions_m, _ = self.recording.trajectory.at(ends_ns)
         centres_m = cluster.points_world.mean(axis=0) + velocity_mps * np.array([[-half_ns], [half_ns]]) / SECOND_NS
         first_m, last_m = np.einsum("nji,nj->ni", rotations, centres_m - positions_m)
-        away_m = float(np.nan_to_num(np.linalg.norm(last_m - first_m)))
-        return np.asarray(np.hypot(limbs_m, away_m / sqrt(12)))
+        return np.asarray(variance_m2 + np.nan_to_num(np.square(last_m - first_m).sum()) / 12)
 
     def _polygon(self, pixels: NDArray[np.float64], *, kind: str) -> Polygon | None:
+        seen = np.isfinite(pixels[:, 0])
         return bounding_polygon(
-            pixels,
+            pixels if seen.all() else pixels[seen],
             kind=kind,
             concave_ratio=self.settings.concave_ratio,
             width=self.camera.model.width,
             height=self.camera.model.height,
         )
 
-    def _raster(self, polygon: Polygon | None) -> Raster | None:
+    def _raster(self, polygon: Outline | None) -> Raster | None:
         """The polygon's pixels inside V."""
         if polygon is None:
             return None

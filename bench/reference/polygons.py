@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from math import ceil, floor
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import cv2
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely import Polygon
+from shapely import MultiPolygon, Polygon
 
 from bench.errors import UsageError
 
-LINK_PX = 1e-3  # width of the bridge between parts that the lidar sees apart, so that a reference is one polygon
+Outline: TypeAlias = Polygon | MultiPolygon  # of several parts where the lidar sees an object in several
 FROM, TO = slice(None, -1), slice(1, None)  # the ends of a ring's edges
 
 
@@ -60,7 +60,7 @@ class Raster(NamedTuple):
     covered: NDArray[np.bool_]
 
 
-def rasterise(polygon: Polygon, *, width: int, height: int) -> Raster:
+def rasterise(polygon: Outline, *, width: int, height: int) -> Raster:
     """Pixels whose centre lies in a polygon.
 
     Exact, by the crossings of every row of pixel centres with the polygon's edges. OpenCV's `fillPoly` adds the outline
@@ -75,9 +75,7 @@ def rasterise(polygon: Polygon, *, width: int, height: int) -> Raster:
     u0, u1 = max(ceil(left), 0), min(floor(right) + 1, width)
     v0, v1 = max(ceil(top), 0), min(floor(bottom) + 1, height)
     columns, rows = max(u1 - u0, 0), max(v1 - v0, 0)
-    # Without holes, as most are, a polygon need not be split into its rings.
-    parts = (polygon.exterior, *polygon.interiors) if shapely.get_num_interior_rings(polygon) else (polygon,)
-    rings = [shapely.get_coordinates(part) for part in parts]
+    rings = [shapely.get_coordinates(ring) for ring in shapely.get_rings(shapely.get_parts(polygon))]
     (start_u, start_v), (end_u, end_v) = (np.concatenate([ring[part] for ring in rings]).T for part in (FROM, TO))
     u, v = np.arange(u0, u0 + columns, dtype=np.float64), np.arange(v0, v0 + rows)[:, None]
     row, edge = np.nonzero((v >= start_v) != (v >= end_v))
@@ -97,13 +95,13 @@ def _by_order(values: NDArray[np.float64], row: NDArray[np.intp], rows: int) -> 
     return table
 
 
-def trace_polygon(covered: NDArray[np.bool_], corner: NDArray[np.int64], *, solid: bool = False) -> Polygon | None:
-    """The polygon around covered pixels, a quarter of a pixel outside of their centres; its parts are linked.
+def trace_polygon(covered: NDArray[np.bool_], corner: NDArray[np.int64]) -> Outline | None:
+    """The polygon around covered pixels, a quarter of a pixel outside of their centres; of several parts where they do
+    not touch.
 
     Args:
         covered: (rows, columns) bool, of a window.
         corner: (2,) int64, (u, v) of the window's first pixel.
-        solid: close holes.
 
     Returns:
         None where no pixel is covered.
@@ -115,11 +113,11 @@ def trace_polygon(covered: NDArray[np.bool_], corner: NDArray[np.int64], *, soli
     outlines = [ring[:, 0] / 2 - 0.25 + corner for ring in rings]
     parents = tree[0, :, 3].tolist()
     parts = [
-        Polygon(outline, [outlines[hole] for hole, parent in enumerate(parents) if parent == number and not solid])
+        Polygon(outline, [outlines[hole] for hole, parent in enumerate(parents) if parent == number])
         for number, outline in enumerate(outlines)
         if parents[number] < 0
     ]
-    return _link(sorted(parts, key=lambda part: -part.area))
+    return parts[0] if len(parts) == 1 else MultiPolygon(parts)
 
 
 def _without_touching_corners(covered: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -134,13 +132,3 @@ def _without_touching_corners(covered: NDArray[np.bool_]) -> NDArray[np.bool_]:
             return joined
         upper_right |= falling
         upper_left |= rising
-
-
-def _link(parts: list[Polygon]) -> Polygon:
-    """One polygon of several, each linked to the first."""
-    first, others = parts[0], parts[1:]
-    if not others:
-        return first
-    links = shapely.buffer(shapely.shortest_line(first, others), LINK_PX, quad_segs=1)
-    united = shapely.union_all([*parts, *links])
-    return united if isinstance(united, Polygon) else first

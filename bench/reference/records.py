@@ -8,7 +8,8 @@ from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
-from shapely import Polygon
+
+from bench.reference.polygons import Outline
 
 SURFACE_PATCHES = "surface-patches"
 POLYGON_KINDS = ("convex", "concave", SURFACE_PATCHES)
@@ -89,7 +90,7 @@ class ReferenceObject:
     range_m: float
     centroid_m: NDArray[np.float64]
     points: int
-    polygon: Polygon | None
+    polygon: Outline | None
     polygon_px: int
     region_px: int
     unknown_px: int = 0
@@ -164,6 +165,21 @@ class MotionSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Limb:
+    """A limb swings about its joint along the direction of travel, as a sine: its speed grows from joint to end.
+
+    Attributes:
+        joint: height, over that of the object.
+        end: the same, lower than `joint`.
+        speed: peak speed of the end relative to the body, over the speed of the object.
+    """
+
+    joint: float
+    end: float
+    speed: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class OutlineErrors:
     """What makes outlines uncertain, as standard deviations.
 
@@ -171,13 +187,13 @@ class OutlineErrors:
         range_noise_m: of the lidar.
         angle_rad: between lidar and camera, about each axis.
         position_m: between lidar and camera, along each axis.
-        limb_speed: class -> peak speed of its limbs relative to the body, over the speed of the object; none for 0.
+        limbs: class -> its kinds of limbs; none for a rigid body.
     """
 
     range_noise_m: float
     angle_rad: float
     position_m: float
-    limb_speed: Mapping[str, float]
+    limbs: Mapping[str, tuple[Limb, ...]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

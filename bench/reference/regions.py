@@ -8,16 +8,18 @@ The outline of an object's returns is as uncertain as its causes make it, each a
 - **range noise** moves a return along the lidar's ray, which the camera sees from the side: noise x sin(parallax).
 - **calibration** between lidar and camera: an angle, and a displacement over the distance.
 - **time** between return and exposure: the object's own motion is compensated, that of its limbs is not. A limb swings
-  from its joint: its speed grows along it from 0 to a peak, and over a stride as a sine: rms = peak / sqrt(6).
+  along the direction of travel, as a sine (rms = peak / sqrt(2)), the faster the farther from its joint: feet move, the
+  head does not. The camera sees what of it lies across its ray.
   Without times of points the relative motion during a revolution is not compensated either: uniform over one.
 
-Their root of squares is u, the standard deviation of the outline. The **core** is the region less u, the **band** what
-lies within u of the outline on either side. What else is not certain belongs to the band:
+Their root of squares is u, the standard deviation of the outline near each return. The **core** is the region less u,
+the **band** what lies within u of the outline on either side. What else is not certain belongs to the band:
 
-- between returns so far apart in range that they may be two surfaces (a leg and a wheel), and where a beam went past
-  between returns (spokes): seen from the camera, air may lie there. Vehicles are solid and have none of these.
+- where returns are missing between two, or so far apart in range that they may be two surfaces (a leg and a wheel), and
+  beside what is as thin as a beam (spokes): air may lie there. Vehicles are solid and have none of these.
 - what of the annotated shape lies below the lowest beam or above the highest: a lidar on the roof looks over what is
   beside the vehicle.
+- what of the annotated shape lies behind its own returns: the lidar sees the back of who passes, the camera the front.
 
 In the band a detection is neither right nor wrong.
 """
@@ -33,12 +35,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.cameras import CameraModel, ray_grid
-from bench.geometry import cross, dot, normalise
+from bench.geometry import cross, dot
 from bench.reference.polygons import Raster
-from bench.reference.records import IgnoreReason, OutlineErrors, ReferenceObject, Status
+from bench.reference.records import IgnoreReason, Limb, OutlineErrors, ReferenceObject, Status
 
 SECOND_NS = 1_000_000_000
-LIMB_RMS = 6.0**-0.5  # of the peak speed at a limb's end: 1 / sqrt(3) along it, 1 / sqrt(2) over a stride
+SINE_RMS = 2.0**-0.5  # of a peak speed, over a stride
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -56,52 +58,56 @@ class Region:
     possible: NDArray[np.bool_]
 
 
-def limb_motion_m(peak_speed_mps: float, times_ns: NDArray[np.int64]) -> NDArray[np.float64]:
-    """How far returns moved with limbs: (N,) float64, m, standard deviation.
+def limb_motion_m(
+    limbs: Sequence[Limb], heights: NDArray[np.float64], *, speed_mps: float, times_ns: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """How far returns moved with limbs: (N,) float64, m, standard deviation along the direction of travel.
 
     Args:
-        peak_speed_mps: at a limb's end, relative to the body.
+        limbs: of the object; the fastest at each return's height counts.
+        heights: (N,) float64, of each return above the object's bottom, over the object's height.
+        speed_mps: of the object.
         times_ns: (N,) int64, of each return, since the exposure.
     """
-    return LIMB_RMS * peak_speed_mps * np.abs(times_ns) / SECOND_NS
+    shares = [limb.speed * (limb.joint - heights) / (limb.joint - limb.end) for limb in limbs]
+    reached = [np.where(heights >= limb.end, share, 0.0) for limb, share in zip(limbs, shares, strict=True)]
+    fastest = np.maximum.reduce([np.zeros_like(heights), *reached])
+    return np.asarray(fastest * SINE_RMS * speed_mps * np.abs(times_ns) / SECOND_NS)
 
 
 def outline_error_px(
     points_camera: NDArray[np.float64],
-    sensor_camera: NDArray[np.float64],
+    pixels: NDArray[np.intp],
     *,
-    unknown_motion_m: NDArray[np.float64],
+    sensor_camera: NDArray[np.float64],
+    variance_m2: NDArray[np.float64],
     region_px: int,
     camera: CameraModel,
     errors: OutlineErrors,
-) -> float:
-    """Half the width of an object's band: u.
+) -> NDArray[np.float64]:
+    """Half the width of an object's band at each of its returns in the image: u.
 
     Args:
-        points_camera: (N, 3) float64, m, the object's returns at exposure.
+        points_camera: (N, 3) float64, m, these returns at exposure.
+        pixels: (N, 2) intp, (u, v), where they lie.
         sensor_camera: (3,) float64, m, where the lidar was.
-        unknown_motion_m: (N,) float64, standard deviation of what of each return's motion nothing tells.
+        variance_m2: (N,) float64, square of the standard deviation of what of each return's motion nothing tells, as
+            the camera sees it.
         region_px: area of the region.
         camera: the lens.
         errors: of the protocol.
 
     Returns:
-        u in pixels; 0 where no return falls into the image.
+        (N,) float64, px.
     """
-    pixels, valid = camera.project(points_camera)
-    seen = valid & camera.contains(pixels)
-    if not seen.any():
-        return 0.0
-    u, v = np.rint(pixels[seen]).astype(np.intp).T
-    px_per_rad = pixels_per_radian(camera)[v, u]
-    rays = points_camera[seen]
-    px_per_m = px_per_rad / np.sqrt(dot(rays, rays))
-    aside = np.nan_to_num(cross(normalise(rays), normalise(rays - sensor_camera)))  # its length: sine of the parallax
-    spread_m2 = errors.range_noise_m**2 * dot(aside, aside) + errors.position_m**2
-    spread_m2 = spread_m2 + unknown_motion_m[seen] ** 2
-    variance_px2 = (px_per_rad * errors.angle_rad) ** 2 + px_per_m**2 * spread_m2
-    spacing_px2 = region_px / np.count_nonzero(seen) / 12
-    return float(np.sqrt(variance_px2.mean() + spacing_px2))
+    px_per_rad = pixels_per_radian(camera)[pixels[:, 1], pixels[:, 0]]
+    beams = points_camera - sensor_camera
+    distance2_m2, aside = dot(points_camera, points_camera), cross(points_camera, beams)
+    parallax2 = np.nan_to_num(dot(aside, aside) / (distance2_m2 * dot(beams, beams)))  # squared sine
+    spread2 = (
+        errors.angle_rad**2 + (errors.range_noise_m**2 * parallax2 + errors.position_m**2 + variance_m2) / distance2_m2
+    )
+    return np.asarray(np.sqrt(px_per_rad**2 * spread2 + region_px / max(len(pixels), 1) / 12))
 
 
 def without_band(raster: Raster) -> Region:
@@ -113,41 +119,45 @@ def uncertain_region(
     raster: Raster,
     valid: NDArray[np.bool_],
     *,
-    half_width_px: float,
+    returns_px: NDArray[np.intp],
+    half_width_px: NDArray[np.float64],
     certain: Raster | None,
-    gaps: Raster | None,
     unseen: Raster | None,
+    shadow: Raster | None,
 ) -> Region:
     """The core of a region, and what may be the object's beside it.
 
     Args:
         raster: pixels of the region in V.
         valid: (H, W) bool, the region V. Its border is no outline: the object goes on behind it.
-        half_width_px: u, of the band on either side of the outline.
+        returns_px: (N, 2) intp, (u, v), pixels of the object's returns.
+        half_width_px: (N,) float64, u at each of them; the nearest tells the width of the band on either side of the
+            outline.
         certain: where the surface between the returns is certain; None for everywhere.
-        gaps: where beams went past between the returns; None for nowhere.
-        unseen: what of the annotated shape the lidar cannot reach: possible, not certain; None for nothing.
+        unseen: what of the annotated shape no beam reaches: possible, not certain; None for nothing.
+        shadow: what of it the object's own surface hides from the lidar: possible; None for nothing.
 
     Returns:
         The core is the whole region where nothing of it is certain.
     """
-    margin, shape = int(half_width_px) + 2, np.array(valid.shape)
-    windows = [raster.window] if unseen is None else [raster.window, unseen.window]
+    margin, shape = int(half_width_px.max(initial=0.0)) + 2, np.array(valid.shape)
+    windows = [raster.window, *(one.window for one in (unseen, shadow) if one is not None)]
     first = np.min([[axis.start for axis in window] for window in windows], axis=0) - margin
     last = np.max([[axis.stop for axis in window] for window in windows], axis=0) + margin
     top, left = np.clip(first, 0, shape).tolist()
     bottom, right = np.clip(last, 0, shape).tolist()
     window = slice(top, bottom), slice(left, right)
     region, inside = _in_window(raster, window, valid.shape), valid[window]
-    core = region & (_distance_px(region | ~inside) - 0.5 > half_width_px)  # the outline runs between two pixels
-    possible = inside & (_distance_px(~region) - 0.5 <= half_width_px)
+    width_px = _of_the_nearest(half_width_px, returns_px - (left, top), region.shape)
+    core = region & (_distance_px(region | ~inside) - 0.5 > width_px)  # the outline runs between two pixels
+    possible = inside & (_distance_px(~region) - 0.5 <= width_px)
     if certain is not None:
         core &= _in_window(certain, window, valid.shape)
-    for excluded in (gaps, unseen):
-        if excluded is not None:
-            core &= ~_in_window(excluded, window, valid.shape)
     if unseen is not None:
-        possible |= inside & _in_window(unseen, window, valid.shape)
+        core &= ~(beyond := _in_window(unseen, window, valid.shape))
+        possible |= inside & beyond
+    if shadow is not None:
+        possible |= inside & _in_window(shadow, window, valid.shape)
     return Region(window=window, core=core if core.any() else region, possible=possible)
 
 
@@ -155,6 +165,22 @@ def _in_window(raster: Raster, window: tuple[slice, slice], shape: tuple[int, ..
     whole = np.zeros(shape, dtype=bool)
     whole[raster.window] = raster.covered
     return whole[window]
+
+
+def _of_the_nearest(
+    values: NDArray[np.float64], pixels: NDArray[np.intp], shape: tuple[int, ...]
+) -> NDArray[np.float64]:
+    """(rows, columns), root mean square of the values at the nearest pixel that has any; 0 where none has."""
+    within = ((pixels >= 0) & (pixels < shape[::-1])).all(axis=1)
+    if not within.any():
+        return np.zeros(shape)
+    u, v = pixels[within].T
+    empty = np.ones(shape, dtype=np.uint8)
+    empty[v, u] = 0
+    _, nearest = cv2.distanceTransformWithLabels(empty, cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL)
+    which = nearest[v, u]
+    mean = np.bincount(which, weights=values[within] ** 2) / np.maximum(np.bincount(which), 1)
+    return np.asarray(np.sqrt(mean)[nearest])
 
 
 def _distance_px(mask: NDArray[np.bool_]) -> NDArray[np.float32]:

@@ -41,26 +41,13 @@ class PosedSweep:
 
         They are those of the lowest beam, which meets the road, and of the highest that meets anything.
         """
-        return float(self._slopes.min()), float(self._slopes.max())
-
-    @cached_property
-    def _slopes(self) -> NDArray[np.float64]:
-        return slopes_of(self.points_sensor())
-
-    def rows_towards(self, points_sensor: NDArray[np.float64]) -> NDArray[np.intp]:
-        """Rows of the points in the directions of others: between their outermost azimuths and elevations.
-
-        Args:
-            points_sensor: (K, 3) float64, m, K >= 1, sensor frame, less than half a turn wide.
-        """
-        slopes, (x, y, _) = slopes_of(points_sensor), points_sensor.T
-        ahead = np.arctan2(y.mean(), x.mean())
-        azimuth = np.arctan2(y * np.cos(ahead) - x * np.sin(ahead), x * np.cos(ahead) + y * np.sin(ahead)) + ahead
-        left, right = azimuth.max(), azimuth.min()
-        rows = np.flatnonzero((self._slopes >= slopes.min()) & (self._slopes <= slopes.max()))
-        x, y, _ = self.points_sensor(rows).T
-        within = (y * np.cos(right) >= x * np.sin(right)) & (y * np.cos(left) <= x * np.sin(left))
-        return np.asarray(rows[within])
+        sensor_from_lidar, components = self.lidar_from_sensor.inverse(), self._components
+        rotation = sensor_from_lidar.rotation.astype(
+            components.dtype
+        )  # every point of the sweep, once: in its own type
+        points = rotation @ components + sensor_from_lidar.translation_m.astype(components.dtype)[:, None]
+        slopes = slopes_of(points.T)
+        return float(slopes.min()), float(slopes.max())
 
     def rows_between(self, low_lidar: NDArray[np.float64], high_lidar: NDArray[np.float64]) -> NDArray[np.intp]:
         """Rows of the points, as measured, whose x and y lie between those of two corners, lidar frame, m."""
@@ -123,10 +110,10 @@ def pose_sweep(
     )
 
 
-def slopes_of(points_sensor: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N,) float64, tangent of the elevation of points, (N, 3), sensor frame."""
+def slopes_of(points_sensor: NDArray[np.floating]) -> NDArray[np.floating]:
+    """(N,), tangent of the elevation of points, (N, 3), sensor frame."""
     x, y, z = points_sensor.T
-    return np.asarray(z / np.maximum(np.hypot(x, y), 1e-9))
+    return np.asarray(z / np.maximum(np.sqrt(x * x + y * y), 1e-9))  # many times faster than `hypot`
 
 
 class SweepCache:

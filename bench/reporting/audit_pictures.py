@@ -15,7 +15,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
-from shapely import Polygon
 
 from bench.audit import (
     AUDIT,
@@ -34,6 +33,7 @@ from bench.evaluation import Protocol
 from bench.methods import Method
 from bench.recordings import ImageRef, Recording, RecordingHandle, read_image, read_truth
 from bench.reference import ReferenceBuilder
+from bench.reference.polygons import Outline
 from bench.reporting import canvas
 from bench.reporting.audit_tables import FALSE_ALARMS, MISSES, to_csv, to_markdown
 from bench.reporting.formats import write_texts
@@ -122,7 +122,7 @@ class Example:
     title: str
     image: NDArray[np.uint8]
     mask: NDArray[np.bool_]
-    polygons: Mapping[str, Polygon]
+    polygons: Mapping[str, Outline]
 
 
 def write_examples(
@@ -210,7 +210,7 @@ def _example(row: pd.Series, title: str, recording: Recording, audit: AuditSumma
     )
 
 
-def _polygon(recording: Recording, image: ImageRef, track_id: str, *, protocol: Protocol, kind: str) -> Polygon | None:
+def _polygon(recording: Recording, image: ImageRef, track_id: str, *, protocol: Protocol, kind: str) -> Outline | None:
     builder = ReferenceBuilder(recording, image.camera, lenient(protocol.reference_settings(), kind))
     return next((item.polygon for item in builder.build(image).objects if item.track_id == track_id), None)
 

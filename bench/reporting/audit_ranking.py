@@ -138,6 +138,23 @@ def ceiling_table(ranking: RankingSummary) -> formats.TextTable:
     )
 
 
+def fit_table(ranking: RankingSummary) -> formats.TextTable:
+    """How far the regions of surface-v1 are right, one line per slice."""
+    rows = [
+        (fit.object_class, fit.range_m, fit.ego_speed_mps, str(fit.object_frames),
+         *(formats.hundredths(share) for share in (fit.core_outside, fit.left_out, fit.unknown_share)))
+        for fit in ranking.fits
+    ]  # fmt: skip
+    return formats.TextTable(
+        title="Core, band and exact mask of surface-v1, in percent",
+        headings=("Class", "Range m", "Ego m/s", "Frames", "Core outside mask", "Mask left out", "Unknown share"),
+        rows=rows,
+        note="Core outside mask: of the cores' pixels. Mask left out: of the exact masks, in neither core nor "
+        "band. Unknown share: mean over the object-frames.",
+        labels=3,
+    )
+
+
 def check_table(ranking: RankingSummary) -> formats.TextTable:
     """Where a mask that is wrong by construction beats the exact one."""
     rows: dict[tuple[str, str], list[str]] = {}
@@ -191,7 +208,7 @@ def _points(found: Estimate) -> str:
 
 def ranking_tables(ranking: RankingSummary) -> tuple[formats.TextTable, ...]:
     """The tables that are printed."""
-    tables = [overview_table(ranking), agreement_table(ranking), ceiling_table(ranking)]
+    tables = [overview_table(ranking), agreement_table(ranking), ceiling_table(ranking), fit_table(ranking)]
     return (*tables, check_table(ranking)) if any(row.checks for row in ranking.rows) else tuple(tables)
 
 

@@ -13,13 +13,13 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon as PolygonPatch
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
-from shapely import Polygon
 
 from bench.evaluation import Rows
 from bench.evaluation.row_source import Columns, as_source
 from bench.harness import FramePipeline, ProcessedFrame
 from bench.recordings.atomic import write_bytes
 from bench.reference import Category, ReferenceObject, Status
+from bench.reference.polygons import Outline
 from bench.reference.records import ObjectGeometry
 from bench.reporting import canvas
 from bench.reporting.count_view import detected_pixels, draw_counts
@@ -50,7 +50,7 @@ class ClusterView:
 
     geometry: ObjectGeometry
     image: NDArray[np.uint8]
-    polygon: Polygon
+    polygon: Outline
     vehicle_outline_m: NDArray[np.float64]
     title: str = ""
     image_name: str = ""
@@ -110,7 +110,7 @@ def _draw_cluster_pixels(axes: Axes, view: ClusterView) -> None:
     draw_outline(axes, view.polygon, colour=canvas.VERMILION, width=1.1).set_zorder(3.5)
 
 
-def _dot_size(axes: Axes, polygon: Polygon, dots: int) -> float:
+def _dot_size(axes: Axes, polygon: Outline, dots: int) -> float:
     """Area of a dot, points squared, so that the dots leave most of the object to be seen."""
     origin, corner = axes.transData.transform([(0.0, 0.0), (1.0, 1.0)])
     points_per_px = abs(corner[0] - origin[0]) * 72.0 / canvas.DPI
@@ -166,7 +166,7 @@ def write_frame_pictures(processed: ProcessedFrame, pipeline: FramePipeline, fol
 
 
 def _cluster_view(
-    found: ReferenceObject, polygon: Polygon, processed: ProcessedFrame, pipeline: FramePipeline
+    found: ReferenceObject, polygon: Outline, processed: ProcessedFrame, pipeline: FramePipeline
 ) -> ClusterView:
     return ClusterView(
         geometry=pipeline.references.geometry(found.track_id, processed.image),

@@ -15,11 +15,11 @@ from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
-from shapely import LinearRing, Polygon
+from shapely import LinearRing, get_parts, get_rings
 
 from bench.errors import ShapeError
 from bench.plain_text import plain
-from bench.reference.polygons import rasterise
+from bench.reference.polygons import Outline, rasterise
 from bench.reference.records import ReferenceFrame, ReferenceObject, Status
 from bench.reporting.canvas import GREEN, category_colour, rgb
 
@@ -58,7 +58,7 @@ def overlay_mask(
 
 
 def overlay_polygons(
-    image: NDArray[np.uint8], *, polygons: Sequence[Polygon], colours: Sequence[str], thickness: int = 1
+    image: NDArray[np.uint8], *, polygons: Sequence[Outline], colours: Sequence[str], thickness: int = 1
 ) -> NDArray[np.uint8]:
     """Outline polygons, given in pixels with the first pixel's centre at (0, 0), to a sixteenth of a pixel.
 
@@ -67,7 +67,7 @@ def overlay_polygons(
     """
     drawn = bgr_image(image)
     for polygon, colour in zip(polygons, colours, strict=True):
-        rings = [_fixed_point(ring) for ring in (polygon.exterior, *polygon.interiors) if not ring.is_empty]
+        rings = [_fixed_point(ring) for ring in get_rings(get_parts(polygon)) if not ring.is_empty]
         cv2.polylines(drawn, rings, True, rgb(colour)[::-1], thickness, cv2.LINE_AA, _SHIFT)
     return drawn
 
@@ -178,7 +178,7 @@ def unknown_bands(reference: ReferenceFrame) -> NDArray[np.int32]:
     return bands
 
 
-def outlined(objects: Sequence[ReferenceObject]) -> list[tuple[ReferenceObject, Polygon]]:
+def outlined(objects: Sequence[ReferenceObject]) -> list[tuple[ReferenceObject, Outline]]:
     """The evaluated objects with their polygons."""
     return [(o, o.polygon) for o in objects if o.status is Status.EVALUATED and o.polygon is not None]
 
@@ -189,9 +189,9 @@ def _fixed_point(ring: LinearRing) -> NDArray[np.int32]:
     return fixed
 
 
-def draw_outline(axes: Axes, polygon: Polygon, *, colour: str, style: str = "-", width: float = 1.0) -> PathPatch:
+def draw_outline(axes: Axes, polygon: Outline, *, colour: str, style: str = "-", width: float = 1.0) -> PathPatch:
     """Outline a polygon with its holes; a thin dark rim keeps it visible on any background."""
-    rings = [Path(np.asarray(ring.coords)[:, :2], closed=True) for ring in (polygon.exterior, *polygon.interiors)]
+    rings = [Path(np.asarray(ring.coords)[:, :2], closed=True) for ring in get_rings(get_parts(polygon))]
     path = Path.make_compound_path(*rings)
     patch = PathPatch(path, fill=False, edgecolor=colour, linewidth=width, linestyle=style)
     patch.set_path_effects([withStroke(linewidth=width + 0.8, foreground="black")])
@@ -217,7 +217,7 @@ def draw_references(axes: Axes, reference: ReferenceFrame) -> None:
     place_labels(axes, [polygon for _, polygon in shown], texts)
 
 
-def place_labels(axes: Axes, polygons: Sequence[Polygon], texts: Sequence[str]) -> list[Text]:
+def place_labels(axes: Axes, polygons: Sequence[Outline], texts: Sequence[str]) -> list[Text]:
     """Write each text beside its polygon, inside the axes and off the labels already there.
 
     Above the polygon where there is room, else below it, else further up and down; off the other polygons if it can.
@@ -235,7 +235,7 @@ def place_labels(axes: Axes, polygons: Sequence[Polygon], texts: Sequence[str]) 
     return labels
 
 
-def _place_label(axes: Axes, label: Text, polygon: Polygon, *, taken: Sequence[Bbox], avoided: Sequence[Bbox]) -> Bbox:
+def _place_label(axes: Axes, label: Text, polygon: Outline, *, taken: Sequence[Bbox], avoided: Sequence[Bbox]) -> Bbox:
     """Move the label to the first free position and return the box it covers, in data coordinates."""
     extent = label.get_window_extent().transformed(axes.transData.inverted())
     width, height = abs(extent.width), abs(extent.height)

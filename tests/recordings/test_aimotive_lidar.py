@@ -81,7 +81,7 @@ def test_the_rows_of_beams_on_the_real_van_are_found(real):  # noqa: F811
         (np.abs(points[:, 0] - 2.0) < 2.0) & (points[:, 1] < -2.5) & (points[:, 1] > -5.0) & (points[:, 2] > 0.3)
     ]
     linked = {
-        name: np.mean(find_grid(seen).left >= 0)
+        name: np.mean(find_grid(seen).neighbours[0] >= 0)
         for name, seen in {"beams": real.lidar_from_beams.inverse().apply(van), "body": van}.items()
     }
     assert linked["beams"] > 0.95

@@ -33,7 +33,7 @@ def scan(shape, *, steps_deg, distance_m=6.0, phase=(0.3, 0.6), jitter_rad=0.0, 
 
 
 def patches_of(points):
-    """Corners of the patches, (N, 4, 3) m, lidar frame."""
+    """Corners of the patches, (4, N, 3) m, lidar frame."""
     grid = find_grid(points)
     assert grid is not None
     return surface_patches(points, points, world_from_sensor=np.eye(3), grid=grid)
@@ -41,7 +41,7 @@ def patches_of(points):
 
 def silhouette_of(points):
     """The union of the patches in the shape's own plane, (y, z) m."""
-    return shapely.union_all(shapely.polygons(patches_of(points)[:, :, 1:]))
+    return shapely.union_all(shapely.polygons(np.swapaxes(patches_of(points)[:, :, 1:], 0, 1)))
 
 
 def iou(one, other):

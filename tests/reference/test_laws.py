@@ -12,18 +12,18 @@ import pytest
 
 from bench.evaluation.counts import count_frame
 from bench.reference import OutlineErrors, ReferenceBuilder, ReferenceFrame, Status
+from bench.reference.records import Limb
 from tests.reference.drives import MS, Box, circle, drive, with_settings
 
 SEEDS = range(12)
+LEGS = (Limb(joint=0.53, end=0.0, speed=2.0),)
 SETTINGS = {
     "convex": with_settings(min_points=200),  # of 400 on each object
     "unknown bands": with_settings(
         min_points=200,
         polygon_kind="surface-patches",
         clearance_above_shape=True,
-        outline=OutlineErrors(
-            range_noise_m=0.02, angle_rad=0.002, position_m=0.007, limb_speed={"pedestrian": 2.0, "cyclist": 0.25}
-        ),
+        outline=OutlineErrors(range_noise_m=0.02, angle_rad=0.002, position_m=0.007, limbs={"pedestrian": LEGS}),
     ),
 }
 EXPOSURE_NS = 40 * MS

@@ -18,7 +18,7 @@ def test_steps_between_columns_and_rows_are_found_from_the_points(name):
     grid = find_grid(scan(shapely.box(-1.5, -1.5, 1.5, 1.5), steps_deg=SENSORS[name], jitter_rad=0.02 * column))
     assert grid.column_step_rad == pytest.approx(column, rel=0.06)
     assert np.median(grid.row_step_rad) == pytest.approx(row, rel=0.06)
-    inner = (grid.up >= 0) & (grid.down >= 0) & (grid.left >= 0) & (grid.right >= 0)
+    inner = (grid.neighbours >= 0).all(axis=0)
     assert inner.mean() > 0.5
 
 
@@ -79,7 +79,9 @@ def test_the_order_of_points_and_a_turn_of_the_sensor_do_not_matter():
     turned = surface_patches(
         points @ backwards, points, world_from_sensor=backwards, grid=find_grid(points @ backwards)
     )
-    assert shapely.union_all(shapely.polygons(turned[:, :, 1:])).area == pytest.approx(area, rel=0.01)
+    assert shapely.union_all(shapely.polygons(np.swapaxes(turned[:, :, 1:], 0, 1))).area == pytest.approx(
+        area, rel=0.01
+    )
 
 
 @pytest.mark.parametrize(
@@ -94,11 +96,11 @@ def test_patches_reach_the_ground_and_the_ends_of_the_lidars_field_only_where_it
     low = patch - [0, 0, 0.26]
     no = np.array([False, False])
     bounds = {"bottom_m": 0.0, "top_m": 1.8, "clearance_m": 0.05}
-    found = reach_bounds(np.stack([patch, low]), at_lowest_beam=no, at_highest_beam=no, **bounds)
-    np.testing.assert_array_equal(found[0], patch)  # a bumper: the lidar saw the road below it
-    np.testing.assert_allclose(found[1, :, 2], [0.24, 0.24, 0.0, 0.0])  # a shoe
+    found = reach_bounds(np.stack([patch, low], axis=1), at_lowest_beam=no, at_highest_beam=no, **bounds)
+    np.testing.assert_array_equal(found[:, 0], patch)  # a bumper: the lidar saw the road below it
+    np.testing.assert_allclose(found[:, 1, 2], [0.24, 0.24, 0.0, 0.0])  # a shoe
     found = reach_bounds(
-        np.stack([patch, patch]), at_lowest_beam=~no, at_highest_beam=np.array([False, True]), **bounds
+        np.stack([patch, patch], axis=1), at_lowest_beam=~no, at_highest_beam=np.array([False, True]), **bounds
     )
-    np.testing.assert_allclose(found[:, :, 2], [[0.5, 0.5, 0, 0], [1.8, 1.8, 0, 0]])
-    np.testing.assert_array_equal(found[:, :, :2], np.stack([patch, patch])[:, :, :2])
+    np.testing.assert_allclose(found[:, :, 2].T, [[0.5, 0.5, 0, 0], [1.8, 1.8, 0, 0]])
+    np.testing.assert_array_equal(found[:, :, :2], np.stack([patch, patch], axis=1)[:, :, :2])

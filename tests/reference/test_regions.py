@@ -7,6 +7,7 @@ import pytest
 
 from bench.reference import IgnoreReason, OutlineErrors, Status
 from bench.reference.polygons import Raster
+from bench.reference.records import Limb
 from bench.reference.regions import (
     Region,
     compose,
@@ -18,10 +19,17 @@ from bench.reference.regions import (
 from tests.reference.drives import LENS
 from tests.reference.test_occlusion import an_object
 
-NOTHING = OutlineErrors(range_noise_m=0.0, angle_rad=0.0, position_m=0.0, limb_speed={})
+NOTHING = OutlineErrors(range_noise_m=0.0, angle_rad=0.0, position_m=0.0, limbs={})
 VALID = np.ones((40, 60), dtype=bool)
 SQUARE = Raster((slice(10, 20), slice(20, 30)), np.ones((10, 10), dtype=bool))
-WITHIN = {"certain": None, "gaps": None, "unseen": None}
+WITHIN = {"certain": None, "unseen": None, "shadow": None}
+
+
+def uncertain(raster=SQUARE, valid=VALID, *, half_width_px, **given):
+    """With returns in the middle of the raster alone."""
+    middle = [[(axis.start + axis.stop) // 2 for axis in raster.window[::-1]]]
+    widths_px = np.array([half_width_px])
+    return uncertain_region(raster, valid, returns_px=np.array(middle), half_width_px=widths_px, **(WITHIN | given))
 
 
 def whole(region: Region) -> tuple[np.ndarray, np.ndarray]:
@@ -42,7 +50,7 @@ def a_box(top: int, bottom: int, left: int, right: int) -> np.ndarray:
 )
 def test_the_band_is_as_wide_on_either_side(half_width_px, less, more):
     """The centre of the first pixel lies half a pixel from the outline, that of the second one and a half."""
-    core, possible = whole(uncertain_region(SQUARE, VALID, half_width_px=half_width_px, **WITHIN))
+    core, possible = whole(uncertain(half_width_px=half_width_px))
     np.testing.assert_array_equal(core, a_box(10 + less, 20 - less, 20 + less, 30 - less))
     grown = a_box(10 - more, 20 + more, 20 - more, 30 + more)
     assert not (possible & ~grown).any()  # its corners are round
@@ -51,7 +59,7 @@ def test_the_band_is_as_wide_on_either_side(half_width_px, less, more):
 
 
 def test_a_region_that_would_vanish_keeps_its_pixels():
-    core, possible = whole(uncertain_region(SQUARE, VALID, half_width_px=6.0, **WITHIN))
+    core, possible = whole(uncertain(half_width_px=6.0))
     np.testing.assert_array_equal(core, a_box(10, 20, 20, 30))
     assert possible.sum() > core.sum()
 
@@ -59,24 +67,32 @@ def test_a_region_that_would_vanish_keeps_its_pixels():
 def test_the_border_of_the_lens_is_no_outline():
     valid = VALID.copy()
     valid[:, :20] = False
-    core, possible = whole(uncertain_region(SQUARE, valid, half_width_px=2.0, **WITHIN))
+    core, possible = whole(uncertain(valid=valid, half_width_px=2.0))
     np.testing.assert_array_equal(core, a_box(12, 18, 20, 28))
     assert not (possible & ~valid).any()
 
 
-def test_gaps_and_what_the_lidar_cannot_reach_are_unknown():
-    gap = Raster((slice(12, 14), slice(0, 60)), np.ones((2, 60), dtype=bool))
+def test_what_the_lidar_cannot_reach_or_tell_is_unknown():
     below = Raster((slice(18, 30), slice(20, 30)), np.ones((12, 10), dtype=bool))
+    behind = Raster((slice(8, 14), slice(16, 24)), np.ones((6, 8), dtype=bool))
     certain = Raster((slice(10, 20), slice(20, 28)), np.ones((10, 8), dtype=bool))
-    core, possible = whole(uncertain_region(SQUARE, VALID, half_width_px=0.0, certain=certain, gaps=gap, unseen=below))
-    np.testing.assert_array_equal(core, a_box(10, 12, 20, 28) | a_box(14, 18, 20, 28))
-    np.testing.assert_array_equal(possible, a_box(10, 30, 20, 30))
+    core, possible = whole(uncertain(half_width_px=0.0, certain=certain, unseen=below, shadow=behind))
+    np.testing.assert_array_equal(core, a_box(10, 18, 20, 28))  # a shadow lies behind what is certain
+    np.testing.assert_array_equal(possible, a_box(10, 30, 20, 30) | a_box(8, 14, 16, 24))
+
+
+def test_the_band_is_as_wide_as_the_nearest_return_says():
+    given = {"returns_px": np.array([[25, 11], [25, 18]]), "half_width_px": np.array([0.0, 2.0])}
+    core, possible = whole(uncertain_region(SQUARE, VALID, **given, **WITHIN))
+    assert core[10, 20:30].all()
+    assert not core[18:20].any()
+    assert possible[21, 22:28].all()
+    assert not possible[9].any()
 
 
 def test_a_farther_core_in_a_nearer_band_is_unknown():
-    near = uncertain_region(SQUARE, VALID, half_width_px=1.0, **WITHIN)
-    far = uncertain_region(Raster((slice(5, 25), slice(25, 45)), np.ones((20, 20), dtype=bool)), VALID,
-                           half_width_px=1.0, **WITHIN)  # fmt: skip
+    near = uncertain(half_width_px=1.0)
+    far = uncertain(Raster((slice(5, 25), slice(25, 45)), np.ones((20, 20), dtype=bool)), half_width_px=1.0)
     objects = [(replace(an_object(Status.EVALUATED), track_id=name), region)
                for name, region in (("near", near), ("far", far))]  # fmt: skip
     (first, second), labels, ignored = compose(objects, VALID)
@@ -100,15 +116,18 @@ def test_an_object_within_a_nearer_band_is_ignored():
 
 
 def width_px(errors=NOTHING, *, away_m=5.0, returns=100, region_px=0, unknown_m=0.0, sensor_m=(0.0, 0.0, 0.0)):
-    points = np.tile([0.0, 0.0, away_m], (returns, 1))
-    return outline_error_px(
-        points,
-        np.array(sensor_m),
-        unknown_motion_m=np.full(returns, unknown_m),
-        region_px=region_px,
-        camera=LENS,
-        errors=errors,
+    (width,) = np.unique(
+        outline_error_px(
+            np.tile([0.0, 0.0, away_m], (returns, 1)),
+            np.tile([320, 240], (returns, 1)),
+            sensor_camera=np.array(sensor_m),
+            variance_m2=np.full(returns, unknown_m**2),
+            region_px=region_px,
+            camera=LENS,
+            errors=errors,
+        )
     )
+    return width
 
 
 def test_each_cause_alone():
@@ -130,13 +149,13 @@ def test_causes_add_up_as_variances():
     assert width_px(both) == pytest.approx(1.7 * 2**0.5, rel=0.01)
 
 
-def test_nothing_in_the_image_has_no_width():
-    assert width_px(away_m=-5.0, region_px=50) == 0.0
-
-
-def test_limbs_move_by_their_speed_over_the_time_to_the_exposure():
-    moved_m = limb_motion_m(6**0.5, np.array([-50_000_000, 0, 100_000_000], dtype=np.int64))
-    assert moved_m == pytest.approx([0.05, 0.0, 0.1])
+def test_limbs_move_the_faster_the_farther_from_their_joint():
+    """A leg and an arm; over 0.1 s, at a peak of sqrt(2) m/s, by 0.1 m."""
+    limbs = (Limb(joint=0.5, end=0.0, speed=2.0), Limb(joint=0.8, end=0.4, speed=1.0))
+    heights, times_ns = np.array([0.0, 0.25, 0.4, 0.6, 0.8, 1.0]), np.full(6, -100_000_000, dtype=np.int64)
+    moved_m = limb_motion_m(limbs, heights, speed_mps=2**0.5, times_ns=times_ns)
+    assert moved_m == pytest.approx([0.2, 0.1, 0.1, 0.05, 0.0, 0.0])
+    assert limb_motion_m(limbs, heights, speed_mps=1.0, times_ns=0 * times_ns) == pytest.approx(np.zeros(6))
 
 
 def test_a_radian_is_as_many_pixels_as_the_lens_says():

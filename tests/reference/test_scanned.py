@@ -9,10 +9,13 @@ import shapely
 from bench.recordings import GroundPolygon, PointIndices
 from bench.reference import OutlineErrors, ReferenceBuilder, Status
 from bench.reference.polygons import rasterise
+from bench.reference.records import Limb
+from bench.reference.scanned import way_out_m
 from tests.reference.drives import camera, with_settings
 from tests.reference.test_patch_polygon import wall_recording
 
-ERRORS = OutlineErrors(range_noise_m=0.02, angle_rad=0.002, position_m=0.007, limb_speed={"pedestrian": 2.0})
+LEGS = (Limb(joint=0.53, end=0.0, speed=2.0),)
+ERRORS = OutlineErrors(range_noise_m=0.02, angle_rad=0.002, position_m=0.007, limbs={"pedestrian": LEGS})
 SURFACE = with_settings(polygon_kind="surface-patches", clearance_above_shape=True, outline=ERRORS)
 
 
@@ -78,7 +81,7 @@ def test_limbs_and_times_that_nobody_tells_widen_the_band():
     unknown = {}
     for name, one, settings in (
         ("solid", recording, SURFACE),
-        ("still limbs", walker, replace(SURFACE, outline=replace(ERRORS, limb_speed={}))),
+        ("still limbs", walker, replace(SURFACE, outline=replace(ERRORS, limbs={}))),
         ("limbs", walker, SURFACE),
     ):
         unknown[name] = built(one, settings).objects[0].unknown_px
@@ -103,11 +106,11 @@ def test_what_the_lidar_looks_over_is_unknown():
 
 
 def test_where_beams_went_past_is_not_certain():
-    """A comb with teeth of two columns of beams, four columns apart; what is solid has no such gaps."""
+    """A comb with teeth of two columns of beams, one beam between them; what is solid has no such gaps."""
     recording, truth = wall_recording(width_m=2.0, away_m=6.0)
     sweep = recording.sweeps[0].read()
     points = recording.vehicle_from_lidar.apply(sweep.points_lidar.astype(np.float64))
-    through = (points[:, 2] > 0.3) & (np.mod(points[:, 1], 0.09) > 0.03)
+    through = (points[:, 2] > 0.3) & (np.mod(points[:, 1], 0.045) > 0.03)
     farther = np.where(through[:, None], sweep.points_lidar * 1.8, sweep.points_lidar)
     recording = replace(
         recording,
@@ -139,3 +142,10 @@ def test_points_near_the_ground_on_which_an_object_stands_are_no_part_of_any_kin
             lowest.append(points[:, 2].min())
         assert lowest[1] > 0.22
         assert (lowest[0] < 0.22) == (kind != "surface-patches")
+
+
+def test_how_far_a_beam_runs_through_a_box():
+    box = np.array([[[x, y, z] for x in (0.0, 4.0) for y in (-1.0, 1.0) for z in (0.0, 2.0)]])
+    points = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [1.0, 0.0, 1.0], [5.0, 0.0, 1.0]])
+    beams = np.array([[1.0, 0.0, 0.0], [0.6, 0.8, 0.0], [0.6, 0.0, -0.8], [1.0, 0.0, 0.0]])
+    assert way_out_m(points, beams, box) == pytest.approx([4.0, 1.25, 1.25, 0.0])

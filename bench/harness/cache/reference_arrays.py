@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely import Polygon
 
 from bench.harness.cache.folder import Arrays
 from bench.reference import ReferenceFrame
+from bench.reference.polygons import Outline
 from bench.reference.records import Category, Direction, IgnoreReason, ReferenceObject, Status
 
 WORDS: dict[str, type[Any]] = {
@@ -79,11 +79,11 @@ def reference_from_arrays(
     )
 
 
-def _polygon(outline: bytes) -> Polygon | None:
+def _polygon(outline: bytes) -> Outline | None:
     if not outline:
         return None
     polygon = shapely.from_wkb(outline)
-    assert isinstance(polygon, Polygon), "only polygons are stored"
+    assert isinstance(polygon, Outline), "only polygons are stored"
     return polygon
 
 

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
-from shapely import box
+from shapely import box, get_coordinates, get_parts
 
 from bench.errors import BenchError
 from bench.evaluation import Rows
@@ -358,7 +358,8 @@ def _frame_evidence(pipeline: FramePipeline, processed: ProcessedFrame) -> Frame
     stationary = np.zeros(false.shape, dtype=np.uint8)
     for one in reference.objects:
         if one.status is Status.STATIC and one.polygon is not None and not one.polygon.is_empty:
-            cv2.fillPoly(stationary, [np.round(np.asarray(one.polygon.exterior.coords)[:, :2]).astype(np.int32)], 1)
+            outlines = [np.round(get_coordinates(part.exterior)).astype(np.int32) for part in get_parts(one.polygon)]
+            cv2.fillPoly(stationary, outlines, 1)
     return FrameEvidence(
         below_horizon=_mean(_rays_vehicle(pipeline, false)[:, 2] < 0),
         static_objects=_mean(stationary[false] > 0),
