@@ -118,11 +118,15 @@ def test_a_foot_on_the_road_tells_how_high_an_object_reaches():
     feet = np.zeros((240, 320), dtype=bool)
     feet[140:150, 150:170] = True  # the lowest row, 149, is 29.5 px below the horizon: 150 / 29.5 = 5.08 m away
     fall = at_every_pixel(scene.fall().astype(np.float32), PINHOLE)
-    grown = upright(scene, fall, feet, height_m=1.6)
+    nowhere = np.zeros_like(feet)
+    grown = upright(scene, fall, feet, nowhere, height_m=1.6)
     rows = np.flatnonzero(grown[:, 160])
     assert rows[-1] == 149
     assert rows[0] == pytest.approx(119.5 - 0.6 * 29.5, abs=1.5)  # 1.6 m high, seen from 1 m
     assert not grown[:, 180].any()
+    body = nowhere.copy()
+    body[152:] = True  # which may hide the foot
+    assert not upright(scene, fall, feet, body, height_m=1.6).any()
 
 
 @pytest.fixture(scope="module")

@@ -69,12 +69,12 @@ class RigidSceneMethod:
     flow_parameters: dict[str, object] = field(default_factory=lambda: {"preset": "fast", "finest_scale": 0})
     accuracy: MotionAccuracy = field(default_factory=MotionAccuracy)
     objects: ObjectSettings = field(default_factory=ObjectSettings)
-    nearest_m: float = 0.7
+    nearest_m: float = 1.0
     tilt_rad: float = 0.01
-    floor_px: float = 0.08
+    floor_px: float = 0.1
     constant_px: float = 0.06
     texture: float = 0.5
-    slow_px: float = 3.0
+    slow_px: float = 2.0
 
     def __post_init__(self) -> None:
         if isinstance(self.accuracy, Mapping):

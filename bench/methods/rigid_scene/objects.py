@@ -17,7 +17,7 @@ from bench.methods.rigid_scene.standing import floating, upright
 Mask = NDArray[np.bool_]
 Window = tuple[slice, slice]
 REACH_PX = (5, 11, 21)  # squares over which the motion of seeds is carried to what lies around
-COMMON = 0.5  # a pixel moves with an object if its deviation differs from the object's by less than this share
+COMMON = 0.6  # a pixel moves with an object if its deviation differs from the object's by less than this share
 ROUNDS = 2
 LEAST_SEEDS = 4
 SEED_SHARE = 0.03
@@ -27,6 +27,7 @@ FINE_NOISE = 1.5  # noise of a pixel over that of a mean of four, which JPEG has
 INSIDE_PX = 9  # what is sure all around counts as sure, also without texture
 MARGIN_PX = 5  # around a region, where its outline is looked for
 CUT_SEED = 0  # of OpenCV's generator, which starts the colour clusters of GrabCut
+LARGEST_CUT_PX = 6_000
 MISFIT_SCALE, MISFIT_LIMIT = 10.0, 3.0  # misfit as the second channel in which outlines are looked for
 
 
@@ -113,7 +114,8 @@ def find_candidates(evidence: Evidence, settings: ObjectSettings, *, slow_px: fl
     standing = np.zeros_like(region)
     if settings.grow and evidence.moves:
         standing = _below_road(region, sure, evidence.too_low | hanging, evidence.fall > BELOW_HORIZON)
-        region |= upright(evidence.scene, evidence.fall, standing, height_m=settings.height_m) & ~evidence.edge
+        grown = upright(evidence.scene, evidence.fall, standing, evidence.edge, height_m=settings.height_m)
+        region |= grown & ~evidence.edge
     return Candidates(seeds=(seeds & blobs) | hanging, sure=sure, region=region, standing=standing, floating=hanging)
 
 
@@ -239,10 +241,29 @@ def _cut(image: NDArray[np.uint8], misfit: Image, *, region: Mask, sure: Mask, o
     labels[own & sure] = cv2.GC_FGD
     second = np.clip(misfit, -MISFIT_LIMIT, MISFIT_LIMIT) * MISFIT_SCALE + 128
     channels = np.dstack([image, second.astype(np.uint8), np.zeros_like(image)])
+    if image.size > LARGEST_CUT_PX:  # at half the size; a large object's outline is long enough
+        height, width = image.shape
+        channels = np.ascontiguousarray(channels[::2, ::2])
+        halved = _graph_cut(channels, np.ascontiguousarray(labels[::2, ::2]))
+        labels = np.asarray(cv2.resize(halved, (width, height), interpolation=cv2.INTER_NEAREST), dtype=np.uint8)
+    else:
+        labels = _graph_cut(channels, labels)
+    return np.asarray((labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD)) & own
+
+
+def _graph_cut(channels: NDArray[np.uint8], labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """OpenCV's GrabCut, one iteration; without both kinds of pixels there is nothing to cut.
+
+    Source:
+        Rother, Kolmogorov and Blake, GrabCut, 2004.
+    """
+    inside = (labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD)
+    if inside.all() or not inside.any():
+        return labels
     cv2.setRNGSeed(CUT_SEED)
     models = np.zeros((1, 65)), np.zeros((1, 65))
     cv2.grabCut(channels, labels, [0, 0, 0, 0], *models, iterCount=1, mode=cv2.GC_INIT_WITH_MASK)
-    return np.asarray((labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD)) & own
+    return labels
 
 
 def _without_specks(mask: Mask, seeds: Mask) -> Mask:

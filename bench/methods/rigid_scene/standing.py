@@ -10,6 +10,7 @@ from bench.methods.rigid_scene.evidence import BELOW_HORIZON, CELL, Evidence
 from bench.methods.rigid_scene.scene import RigidScene
 
 Mask = NDArray[np.bool_]
+HIDDEN_PX = 4  # so near to the border of what is seen, a foot is cut off
 NEAR_FEET = 1.35  # feet of one object lie at distances up to this factor apart
 OBSTACLE_RATIO = 0.85  # a surface nearer than this share of the road behind it is an obstacle
 CLEAR_SIGMAS = 4.0  # and its flow is so far from the road's
@@ -17,13 +18,14 @@ CLEAR_PX = 0.5
 LEAST_COLUMNS = 5  # of cells, that an obstacle is wide
 
 
-def upright(scene: RigidScene, fall: NDArray[np.float32], feet: Mask, *, height_m: float) -> Mask:
+def upright(scene: RigidScene, fall: NDArray[np.float32], feet: Mask, hidden: Mask, *, height_m: float) -> Mask:
     """Pixels between the lower outline of regions, taken as standing on the road, and a height above it.
 
     Args:
         scene: with the road, at the mask's size.
         fall: (H, W) float32, cosine of each ray to straight down.
         feet: (H, W) bool, regions that reach down to the road.
+        hidden: (H, W) bool; the image ends there, or the ego vehicle's body begins: no region has its foot there.
         height_m: of the objects.
     """
     filled = np.zeros(feet.shape, np.uint8)
@@ -34,7 +36,8 @@ def upright(scene: RigidScene, fall: NDArray[np.float32], feet: Mask, *, height_
         columns = np.flatnonzero(inside.any(axis=0))
         u, v = left + columns, top + height - 1 - np.argmax(inside[::-1, columns], axis=0)
         reach = scene.road.height_m / np.maximum(fall[v, u], BELOW_HORIZON)
-        stands = (fall[v, u] > 2 * BELOW_HORIZON) & (reach < NEAR_FEET * reach.min())
+        ends = hidden[np.minimum(v + HIDDEN_PX, len(hidden) - 1), u] | (v + HIDDEN_PX >= len(hidden))
+        stands = ~ends & (fall[v, u] > 2 * BELOW_HORIZON) & (reach < NEAR_FEET * reach.min())
         u, v, reach = u[stands], v[stands], reach[stands]
         rays, _ = scene.camera.unproject(np.stack([u, v], axis=1).astype(np.float64))
         heads, seen = scene.camera.project(rays * reach[:, None] - height_m * scene.road.down)
