@@ -51,17 +51,24 @@ def guided_flow(
         scene: whose road and horizon the first guess shows, at the images' size; None for no first guess.
         flow: finds the rest.
     """
+    guess, warped, neutral = warp(current, previous, valid=valid, scene=scene)
+    rest = flow(current, warped)
+    # The rest ends at x + rest in the warped image, which shows the previous one at x + rest + guess(x + rest).
     height, width = current.shape
-    positions = pixel_positions(width, height)
+    start = remapped(guess, pixel_positions(width, height) + rest, outside=None)
+    return GuidedFlow(flow=rest + start, guess=guess, warped=warped, neutral=neutral)
+
+
+def warp(
+    current: NDArray[np.uint8], previous: NDArray[np.uint8], *, valid: NDArray[np.bool_], scene: RigidScene | None
+) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.bool_]]:
+    """`guess`, `warped` and `neutral` of `GuidedFlow`; arguments as of `guided_flow`."""
+    height, width = current.shape
     guess = np.zeros((height, width, 2), np.float32)
     if scene is not None:
         road = scene.flow_at(scene.road_inverse_depth())
         guess = at_every_pixel(np.nan_to_num(road, nan=OUTSIDE_PX), scene.camera)
-    unseen = sampled((~valid).astype(np.float32), guess, outside=1.0) > 0.01
-    neutral = unseen | ~valid
-    warped = np.rint(remapped(previous.astype(np.float32), positions + guess)).astype(np.uint8)
+    neutral = (sampled((~valid).astype(np.float32), guess, outside=1.0) > 0.01) | ~valid
+    warped = np.rint(sampled(previous.astype(np.float32), guess)).astype(np.uint8)
     warped[neutral] = current[neutral]
-    rest = flow(current, warped)
-    # The rest ends at x + rest in the warped image, which shows the previous one at x + rest + guess(x + rest).
-    start = remapped(guess, positions + rest, outside=None)
-    return GuidedFlow(flow=rest + start, guess=guess, warped=warped, neutral=neutral)
+    return guess, warped, neutral

@@ -15,13 +15,12 @@ from bench.errors import UsageError
 from bench.flow import dense_flow
 from bench.methods.contract import MethodInput, Segmentation, UnansweredImage
 from bench.methods.rigid_scene.evidence import Evidence, gather_evidence
-from bench.methods.rigid_scene.first_guess import guided_flow
+from bench.methods.rigid_scene.first_guess import GuidedFlow, guided_flow, warp
 from bench.methods.rigid_scene.motion import MotionAccuracy, correspondences, refine_motion
 from bench.methods.rigid_scene.objects import Candidates, FineImages, ObjectSettings, draw_objects, find_candidates
 from bench.methods.rigid_scene.scene import RigidScene
 
 FINE_PX = 640  # width about which outlines are drawn, and twice that on which all else is computed
-COARSE_FLOW = {"preset": "fast", "finest_scale": 1}  # shows the ego-motion
 KNOWN_SHARE = 0.2  # a region of the long pair that the short one covers by so much is nothing new
 CAUSES = ("epipolar", "positive_depth", "positive_height", "floating")
 STATIC_CAUSE = "static_camera"
@@ -133,14 +132,6 @@ class RigidSceneMethod:
         for step in reversed(earlier):
             motion = motion @ step
         scene = RigidScene(camera=views.camera, current_from_previous=motion, road=road)
-        if self.refine_motion:
-            start = scene if self.first_guess else None
-            coarse = guided_flow(
-                current, previous, valid=views.valid, scene=start, flow=dense_flow("dis", **COARSE_FLOW)
-            )
-            seconds = (frame.timestamps_ns[-1] - frame.timestamps_ns[-1 - back]) / 1e9
-            seen = correspondences(coarse, current, views.camera)
-            scene = refine_motion(scene, seen, seconds=seconds, accuracy=self.accuracy)
         found = guided_flow(
             current,
             previous,
@@ -148,6 +139,12 @@ class RigidSceneMethod:
             scene=scene if self.first_guess else None,
             flow=dense_flow(self.flow, **self.flow_parameters),
         )
+        if self.refine_motion:
+            seconds = (frame.timestamps_ns[-1] - frame.timestamps_ns[-1 - back]) / 1e9
+            seen = correspondences(found, current, views.camera)
+            scene = refine_motion(scene, seen, seconds=seconds, accuracy=self.accuracy)
+        guess, warped, neutral = warp(current, previous, valid=views.valid, scene=scene)
+        found = GuidedFlow(flow=found.flow, guess=guess, warped=warped, neutral=neutral | found.neutral)
         return gather_evidence(
             current,
             previous,
