@@ -166,3 +166,18 @@ def test_without_ego_motion_it_says_so(board):
         build_method("rigid-scene").segment(given)
     with pytest.raises(UsageError, match="floating"):
         build_method("rigid-scene", {"objects": {"floating": 1.5}})
+
+
+def test_the_papers_method_takes_the_first_guess_and_the_refined_motion(board):
+    previous, current, truth = board
+    given = frame(previous, current, STEP)
+    pitch = RigidTransform(Rotation.from_rotvec([np.deg2rad(0.3), 0, 0]).as_matrix(), np.zeros(3))
+    pitched = replace(given, current_from_previous=(pitch @ given.current_from_previous[0],))
+
+    def false_share(settings, frame_given):
+        found = build_method("spherical", settings).segment(frame_given)
+        return (found.mask & ~truth[2::5, 2::5]).mean()
+
+    paper = false_share({}, pitched)
+    assert false_share({"refine_motion": True}, pitched) < 0.5 * paper
+    assert false_share({"first_guess": True, "refine_motion": True}, pitched) < 0.5 * paper
