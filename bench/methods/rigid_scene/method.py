@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bench.cameras import CameraModel
 from bench.errors import UsageError
-from bench.flow import dense_flow
+from bench.flow import DisFlow, FarnebackFlow, dense_flow
 from bench.methods.contract import MethodInput, Segmentation, UnansweredImage
 from bench.methods.rigid_scene.evidence import Evidence, gather_evidence
 from bench.methods.rigid_scene.first_guess import GuidedFlow, guided_flow, warp
@@ -21,6 +21,7 @@ from bench.methods.rigid_scene.objects import Candidates, FineImages, ObjectSett
 from bench.methods.rigid_scene.scene import RigidScene
 
 FINE_PX = 640  # width about which outlines are drawn, and twice that on which all else is computed
+FLOW_PARAMETERS: dict[str, dict[str, object]] = {"dis": {"preset": "fast", "finest_scale": 0}}
 KNOWN_SHARE = 0.2  # a region of the long pair that the short one covers by so much is nothing new
 CAUSES = ("epipolar", "positive_depth", "positive_height", "floating")
 STATIC_CAUSE = "static_camera"
@@ -39,7 +40,7 @@ class RigidSceneMethod:
         light: what shows the road's own texture is static, whatever shadow or headlight moves over it.
         long_baseline: slow objects are also looked for in a pair of images that are further apart, where there is one.
         flow: name of the dense flow, see `bench.flow.DENSE_FLOWS`; it works on half the size.
-        flow_parameters: what the flow takes.
+        flow_parameters: what the flow takes; without any, "dis" is fast and matches up to its image's own size.
         accuracy: of the recorded motion.
         objects: thresholds, growth and outlines.
         nearest_m: nothing static is nearer to the camera.
@@ -65,7 +66,7 @@ class RigidSceneMethod:
     light: bool = True
     long_baseline: bool = True
     flow: str = "dis"
-    flow_parameters: dict[str, object] = field(default_factory=lambda: {"preset": "fast", "finest_scale": 0})
+    flow_parameters: dict[str, object] = field(default_factory=dict)
     accuracy: MotionAccuracy = field(default_factory=MotionAccuracy)
     objects: ObjectSettings = field(default_factory=ObjectSettings)
     nearest_m: float = 1.0
@@ -84,7 +85,10 @@ class RigidSceneMethod:
             raise UsageError(
                 f"{self.name}: expected nearest_m, floor_px, constant_px and slow_px > 0 and tilt_rad >= 0"
             )
-        dense_flow(self.flow, **self.flow_parameters)
+        self._dense_flow()
+
+    def _dense_flow(self) -> FarnebackFlow | DisFlow:
+        return dense_flow(self.flow, **(self.flow_parameters or FLOW_PARAMETERS.get(self.flow, {})))
 
     def settings(self) -> dict[str, object]:
         """Every parameter that decides the result."""
@@ -137,7 +141,7 @@ class RigidSceneMethod:
             previous,
             valid=views.valid,
             scene=scene if self.first_guess else None,
-            flow=dense_flow(self.flow, **self.flow_parameters),
+            flow=self._dense_flow(),
         )
         if self.refine_motion:
             seconds = (frame.timestamps_ns[-1] - frame.timestamps_ns[-1 - back]) / 1e9
