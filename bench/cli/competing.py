@@ -19,7 +19,7 @@ from bench.reporting.leaderboard.reading import JUDGED
 from bench.reporting.page.build import write_page
 
 # Settings that make another method of one; the others come from the registry alone.
-VARIANTS = {"spherical": ("flow=dis",), "rigid-scene": ("flow=dis",)}
+VARIANTS = {"spherical": ("flow=dis", "first_guess=true")}
 # What no method can reach, on data with truth: the exact masks, the same on the paper's cells, and exact flow.
 CEILINGS = ("truth", "truth:cell_size_px=5")
 

@@ -75,19 +75,26 @@ class DisFlow:
 
     Attributes:
         preset: "ultrafast", "fast" or "medium".
+        finest_scale: halvings of the image at the finest level that is matched, 0 for the image itself; None for the
+            preset's own.
     """
 
     preset: str = "medium"
+    finest_scale: int | None = None
 
     def __post_init__(self) -> None:
         if self.preset not in _DIS_PRESETS:
             raise UnknownNameError("DIS preset", self.preset, _DIS_PRESETS)
+        if self.finest_scale is not None and not 0 <= self.finest_scale <= 10:
+            raise UsageError(f"dis: finest_scale: expected 0 to 10 or none, got {self.finest_scale}")
 
     def __call__(self, start: NDArray[np.uint8], end: NDArray[np.uint8]) -> NDArray[np.float32]:
         """See `DenseFlow`."""
         _check(start, end)
         # A flow handed in would be taken as the first guess; zeros are what OpenCV starts from without one.
         search = cv2.DISOpticalFlow.create(_DIS_PRESETS[self.preset])
+        if self.finest_scale is not None:
+            search.setFinestScale(self.finest_scale)
         return np.asarray(search.calc(start, end, np.zeros((*start.shape, 2), np.float32)), dtype=np.float32)
 
 

@@ -21,6 +21,7 @@ METHODS = {
     "positive-height-only": "bench.methods.spherical.method:PositiveHeightOnly",
     "anti-parallel-only": "bench.methods.spherical.method:AntiParallelOnly",
     "three-view-only": "bench.methods.spherical.sparse:ThreeViewOnly",
+    "rigid-scene": "bench.methods.rigid_scene.method:RigidSceneMethod",
     "flow-magnitude": "bench.methods.baselines:FlowMagnitude",
     "rotation-compensated-flow": "bench.methods.baselines:RotationCompensatedFlow",
     "frame-difference": "bench.methods.baselines:FrameDifference",

@@ -11,10 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.cameras import ray_grid
-from bench.flow import dense_flow
+from bench.flow import cell_mean, dense_flow
 from bench.geometry import RigidTransform
 from bench.methods.cells import cell_flow, flow_parts, flow_rays
-from bench.methods.contract import Arrays, MethodInput, Segmentation
+from bench.methods.contract import Arrays, MethodInput, Segmentation, StepOf
+from bench.methods.rigid_scene.first_guess import guided_flow
+from bench.methods.rigid_scene.motion import Correspondences, MotionAccuracy, refine_motion
+from bench.methods.rigid_scene.scene import RigidScene
 from bench.methods.spherical.likelihood import (
     CONSTRAINTS,
     PAPER_WEIGHTS,
@@ -25,6 +28,7 @@ from bench.methods.spherical.likelihood import (
     alone,
 )
 
+FLOW_SIGMA_PX = 0.3  # accuracy of Farnebäck's flow on a cell, for the refined motion
 CACHED = ("likelihood", "cause", "seen", "defined", "stationary")  # of a `LikelihoodMap`
 
 
@@ -35,6 +39,10 @@ class SphericalMethod(SphericalSettings):
     Attributes:
         flow: name of the dense flow, see `bench.flow.DENSE_FLOWS`; it is averaged on the cells.
         flow_parameters: what the flow takes.
+        first_guess: the flow starts from the motion of road and horizon, see `bench.methods.rigid_scene.first_guess`;
+            not in the paper.
+        refine_motion: the recorded motion is corrected by the flow, see `bench.methods.rigid_scene.motion`; not in
+            the paper.
 
     Source:
         Mariotti and Eising, section III; constants of section III-H and IV.
@@ -45,6 +53,8 @@ class SphericalMethod(SphericalSettings):
 
     flow: str = "farneback"
     flow_parameters: dict[str, object] = field(default_factory=dict)
+    first_guess: bool = False
+    refine_motion: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -55,8 +65,9 @@ class SphericalMethod(SphericalSettings):
         parts: dict[str, NDArray[np.float32]] = {}  # stays empty where the likelihood is in the cache
 
         def compute() -> Arrays:
-            settings = self.flow, self.flow_parameters, self.cell_size_px
-            flow = frame.cached_step("flow", settings, lambda: {"flow": self.mean_flow(frame)}, of="images")["flow"]
+            settings = self.flow, self.flow_parameters, self.cell_size_px, self.first_guess
+            of: StepOf = "input" if self.first_guess else "images"
+            flow = frame.cached_step("flow", settings, lambda: {"flow": self.mean_flow(frame)}, of=of)["flow"]
             found = self.likelihood_map(frame, flow)
             parts.update(flow_parts(flow))
             parts.update({name: deviation.astype(np.float32) for name, deviation in found.deviations.items()})
@@ -73,7 +84,29 @@ class SphericalMethod(SphericalSettings):
 
     def mean_flow(self, frame: MethodInput) -> NDArray[np.float32]:
         """Flow from the current to the previous image, (rows, columns, 2) float32, px, mean over each cell."""
-        return cell_flow(frame, dense_flow(self.flow, **self.flow_parameters), self.cell_size_px)
+        flow = dense_flow(self.flow, **self.flow_parameters)
+        if not self.first_guess:
+            return cell_flow(frame, flow, self.cell_size_px)
+        found = guided_flow(
+            frame.images[-1], frame.images[-2], valid=frame.valid, scene=self._recorded(frame), flow=flow
+        )
+        return cell_mean(found.flow, self.cell_size_px)
+
+    def _recorded(self, frame: MethodInput) -> RigidScene:
+        return RigidScene(camera=frame.camera, current_from_previous=frame.current_from_previous[-1], road=frame.road)
+
+    def _refined(self, frame: MethodInput, flow: NDArray[np.float32]) -> RigidScene:
+        """Motion and road, corrected by the flow of every second cell."""
+        cells, every = ray_grid(frame.camera, self.cell_size_px), (slice(None, None, 2),) * 2
+        _, seen = flow_rays(frame, cells, flow)
+        used = seen[every]
+        given = Correspondences(
+            rays=cells.rays_camera[every][used],
+            pixels=(cells.pixels + flow)[every][used],
+            information=np.tile(np.eye(2) / FLOW_SIGMA_PX**2, (int(used.sum()), 1, 1)),
+        )
+        seconds = (frame.timestamps_ns[-1] - frame.timestamps_ns[-2]) / 1e9
+        return refine_motion(self._recorded(frame), given, seconds=seconds, accuracy=MotionAccuracy())
 
     def motion(self, frame: MethodInput) -> RigidTransform | None:
         """Motion of the camera, current_from_previous; None where it is not known and so nothing can be said."""
@@ -94,9 +127,13 @@ class SphericalMethod(SphericalSettings):
             return LikelihoodMap(
                 likelihood=nothing, cause=cause, seen=nowhere, defined=nowhere, stationary=np.asarray(True)
             )
+        road = frame.road
+        if self.refine_motion:
+            refined = self._refined(frame, flow)
+            motion, road = refined.current_from_previous, refined.road
         rays_previous, seen = flow_rays(frame, cells, flow)
         return self.likelihood_of_rays(
-            rays_previous, cells.rays_camera, seen=seen, current_from_previous=motion, road=frame.road
+            rays_previous, cells.rays_camera, seen=seen, current_from_previous=motion, road=road
         )
 
     def segmentation(

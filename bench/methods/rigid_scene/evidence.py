@@ -1,0 +1,214 @@
+"""What two images say against a rigid scene: sigmas of the flow, and a photometric test of every static depth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.methods.rigid_scene.deviation import (
+    LEAST_NOISE,
+    Image,
+    Information,
+    flow_information,
+    gradients,
+    nearest_on_curve,
+    noise_of,
+    structure_tensor,
+)
+from bench.methods.rigid_scene.first_guess import GuidedFlow
+from bench.methods.rigid_scene.scene import RigidScene, at_every_pixel, box_mean, sampled
+
+CELL = (slice(1, None, 2), slice(1, None, 2))  # curves are compared with the flow on every second pixel
+
+WINDOW_PX = 3  # over which grey values are compared
+TENSOR_PX = 5  # of the structure tensor; about the patch of the flow
+TEXTURE_PX = 9  # over which the road's texture is recognised
+SEARCHED = 10  # depths, denser towards the far end
+CURVE_POINTS = 6
+STILL_M = 0.01  # with less translation, all depths look the same
+UNTESTED = 1e3  # misfit that stands for "the flow is believed"
+BELOW_HORIZON = 0.02  # cosine to straight down from which a ray counts as meeting the road
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Evidence:
+    """Everything that objects are made from, at the working size; (H, W) or on every second pixel, (H/2, W/2).
+
+    Attributes:
+        scene: the rigid scene that was tried.
+        moves: the camera moved, so that depth matters.
+        noise: standard deviation of the difference of the two registered images, grey values.
+        flow: (H, W, 2) float32, px, from the current to the previous image.
+        nearest: (H, W, 2) float32, px, what of a rigid scene lies nearest to it.
+        static: (H, W, 2) float32, px, motion at the depth that explains the grey values best.
+        sigmas: (H, W) float32, distance of the flow from all rigid scenes in standard deviations.
+        misfit: (H, W) float32; by how much the best rigid scene explains the grey values worse than the flow does, mean
+            square in units of the noise; negative where it does better.
+        edge: (H, W) bool; at the border of what both images show, where nothing is said.
+        road_seen: (H, W) bool; the road's texture is recognised, whatever the light on it does.
+        fall: (H, W) float32, cosine of each ray to straight down.
+        too_low: (H, W) bool; a flow between the road's and that of infinitely far points: below the road.
+        beyond: (H, W) bool; a flow beyond the far end of the curve.
+        inverse_depth: (H/2, W/2) float32, 1/m, of the nearest point of the curve.
+        from_road_px: (H/2, W/2) float32, px between the flow and the road's.
+        from_road_sigmas: (H/2, W/2) float32, the same in standard deviations.
+    """
+
+    scene: RigidScene
+    moves: bool
+    noise: float
+    flow: Image
+    nearest: Image
+    static: Image
+    sigmas: Image
+    misfit: Image
+    edge: NDArray[np.bool_]
+    road_seen: NDArray[np.bool_]
+    fall: Image
+    too_low: NDArray[np.bool_]
+    beyond: NDArray[np.bool_]
+    inverse_depth: Image
+    from_road_px: Image
+    from_road_sigmas: Image
+
+
+def gather_evidence(
+    current: NDArray[np.uint8],
+    previous: NDArray[np.uint8],
+    found: GuidedFlow,
+    scene: RigidScene,
+    *,
+    tilt_rad: float,
+    nearest_m: float,
+    floor_px: float,
+    texture: float | None,
+    constant_px: float | None,
+    photometric: bool,
+) -> Evidence:
+    """Compare flow and grey values with those of every rigid scene.
+
+    Args:
+        current: (H, W) uint8, grey.
+        previous: (H, W) uint8, grey.
+        found: flow between them.
+        scene: motion and road, at the images' size.
+        tilt_rad: uncertainty of the road's plane.
+        nearest_m: nothing static is nearer.
+        floor_px: see `flow_information`.
+        texture: correlation above which the road is recognised under changing light; None for never.
+        constant_px: deviations are measured in this unit; None for the flow's own standard deviation.
+        photometric: False to believe the flow without a test of grey values.
+    """
+    now, before = current.astype(np.float32), previous.astype(np.float32)
+    warped = found.warped.astype(np.float32)
+    noise = noise_of(now - warped, ~found.neutral, least=LEAST_NOISE)
+    slope_u, slope_v = gradients(now)
+    tensor = structure_tensor(slope_u, slope_v, side_px=TENSOR_PX, noise=noise)
+    information = flow_information((tensor[0][CELL], tensor[1][CELL], tensor[2][CELL]), noise=noise, floor_px=floor_px)
+    if constant_px is not None:
+        information = Information.isotropic(information.uu.shape, constant_px)
+
+    moves = bool(np.linalg.norm(scene.current_from_previous.translation_m) > STILL_M)
+    depths = _searched_depths(scene, tilt_rad=tilt_rad, nearest_m=nearest_m, moves=moves)
+    flows = [np.nan_to_num(scene.flow_at(depth), nan=0.0) for depth in depths]
+    chosen = sorted({round(k * (len(flows) - 1) / (CURVE_POINTS - 1)) for k in range(CURVE_POINTS)})
+    curve = [at_every_pixel(flows[k], scene.camera)[CELL] for k in chosen]
+    flow, road = found.flow[CELL], found.guess[CELL]
+    squared, _, _ = nearest_on_curve(flow, curve, information)
+    _, point, place = nearest_on_curve(flow, curve, None)
+    height, width = now.shape
+    nearest = _enlarged(point, width, height)
+    edge = cv2.dilate(found.neutral.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    off = _enlarged(np.sqrt(np.clip(squared, 0, 1e6)), width, height)
+    off[edge] = 0
+
+    static, cost = _best_static(now, before, flows, scene, (found.guess, nearest))
+    free = box_mean((now - sampled(before, found.flow)) ** 2, WINDOW_PX)
+    variance = box_mean(noise**2 + floor_px**2 * (slope_u**2 + slope_v**2), WINDOW_PX)
+    misfit = (cost - free) / variance if photometric else np.where(off > 0, np.float32(UNTESTED), np.float32(0))
+    misfit[edge] = 0
+
+    fall = at_every_pixel(scene.fall().astype(np.float32), scene.camera)
+    too_low = _too_low(flow, curve[0], scene) if moves else np.zeros(flow.shape[:2], dtype=bool)
+    offset = flow - road
+    return Evidence(
+        scene=scene,
+        moves=moves,
+        noise=noise,
+        flow=found.flow,
+        nearest=nearest,
+        static=static,
+        sigmas=off,
+        misfit=misfit,
+        edge=edge,
+        road_seen=_road_seen(now, warped, noise, fall, at_least=texture),
+        fall=fall,
+        too_low=_spread(too_low, width, height),
+        beyond=_spread(place == 0, width, height),
+        inverse_depth=_at_places(place, [at_every_pixel(depths[k].astype(np.float32), scene.camera) for k in chosen]),
+        from_road_px=np.hypot(offset[..., 0], offset[..., 1]),
+        from_road_sigmas=np.sqrt(np.maximum(information.squared(offset[..., 0], offset[..., 1]), 0)),
+    )
+
+
+def _searched_depths(scene: RigidScene, *, tilt_rad: float, nearest_m: float, moves: bool) -> list[NDArray[np.float64]]:
+    """Inverse depths on the scene's grid, from the farthest that is possible to the nearest."""
+    far = scene.road_inverse_depth(tilt_rad=tilt_rad)
+    if not moves:
+        return [far]
+    near = np.maximum(1 / nearest_m, 1.3 * far)
+    return [far + (near - far) * (k / (SEARCHED - 1)) ** 2 for k in range(SEARCHED)]
+
+
+def _best_static(
+    now: Image, before: Image, flows: list[Image], scene: RigidScene, further: tuple[Image, ...]
+) -> tuple[Image, Image]:
+    """Motion at the depth whose grey values fit best, (H, W, 2), and the mean square of what is left, (H, W)."""
+    best, cost = further[0].copy(), box_mean((now - sampled(before, further[0])) ** 2, WINDOW_PX)
+    for candidate in (*further[1:], *(at_every_pixel(flow, scene.camera) for flow in flows)):
+        left = box_mean((now - sampled(before, candidate)) ** 2, WINDOW_PX)
+        better = left < cost
+        np.copyto(cost, left, where=better)
+        np.copyto(best, candidate, where=better[..., None])
+    return best, cost
+
+
+def _road_seen(now: Image, warped: Image, noise: float, fall: Image, *, at_least: float | None) -> NDArray[np.bool_]:
+    """The road's fine texture agrees, whatever its brightness: a shadow or a headlight moves over what stands still."""
+    if at_least is None:
+        return np.zeros(now.shape, dtype=bool)
+    a, b = now - box_mean(now, WINDOW_PX), warped - box_mean(warped, WINDOW_PX)
+    both, one, other = (box_mean(x * y, TEXTURE_PX) for x, y in ((a, b), (a, a), (b, b)))
+    return np.asarray((fall > BELOW_HORIZON) & (both > at_least * np.sqrt(one * other + (0.5 * noise**2) ** 2)))
+
+
+def _too_low(flow: Image, road: Image, scene: RigidScene) -> NDArray[np.bool_]:
+    """Between the motion of the road and that of infinitely far points, below the horizon; on every second pixel."""
+    infinity = at_every_pixel(np.nan_to_num(scene.flow_at(0.0)), scene.camera)[CELL]
+    segment, offset = road - infinity, flow - infinity
+    length = np.hypot(segment[..., 0], segment[..., 1])
+    along = segment[..., 0] * offset[..., 0] + segment[..., 1] * offset[..., 1]
+    share = along / np.maximum(length**2, 1e-6)
+    across = np.abs(segment[..., 0] * offset[..., 1] - segment[..., 1] * offset[..., 0]) / np.maximum(length, 1e-3)
+    below = at_every_pixel(scene.fall().astype(np.float32), scene.camera)[CELL] > BELOW_HORIZON
+    return np.asarray(below & ((1 - share) * length > 2 * across) & (share > -0.6) & (share < 0.95))
+
+
+def _at_places(place: Image, values: list[Image]) -> Image:
+    """Values of the curve's points, interpolated at places along it."""
+    stack = np.stack([value[CELL] for value in values])
+    first = np.minimum(place.astype(np.intp), len(stack) - 1)
+    second = np.minimum(first + 1, len(stack) - 1)
+    a, b = (np.take_along_axis(stack, index[None], axis=0)[0] for index in (first, second))
+    return np.asarray(a + (place - first) * (b - a), dtype=np.float32)
+
+
+def _spread(cells: NDArray[np.bool_], width: int, height: int) -> NDArray[np.bool_]:
+    return np.asarray(cv2.resize(cells.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0)
+
+
+def _enlarged(cells: Image, width: int, height: int) -> Image:
+    return np.asarray(cv2.resize(cells, (width, height), interpolation=cv2.INTER_LINEAR), dtype=np.float32)

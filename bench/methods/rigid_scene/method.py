@@ -1,0 +1,246 @@
+"""The method, from two or more images to a mask of the current one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import ClassVar, TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.cameras import CameraModel
+from bench.errors import UsageError
+from bench.flow import DisFlow, FarnebackFlow, dense_flow
+from bench.methods.contract import MethodInput, Segmentation, UnansweredImage
+from bench.methods.rigid_scene.evidence import Evidence, gather_evidence
+from bench.methods.rigid_scene.first_guess import GuidedFlow, guided_flow, warp
+from bench.methods.rigid_scene.motion import MotionAccuracy, correspondences, refine_motion
+from bench.methods.rigid_scene.objects import Candidates, FineImages, ObjectSettings, draw_objects, find_candidates
+from bench.methods.rigid_scene.scene import RigidScene
+
+FINE_PX = 640  # width about which outlines are drawn, and twice that on which all else is computed
+FLOW_PARAMETERS: dict[str, dict[str, object]] = {"dis": {"preset": "fast", "finest_scale": 0}}
+KNOWN_SHARE = 0.2  # a region of the long pair that the short one covers by so much is nothing new
+CAUSES = ("epipolar", "positive_depth", "positive_height", "floating")
+STATIC_CAUSE = "static_camera"
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigidSceneMethod:
+    """Objects that no rigid scene explains, by flow, grey values and what stands on the road.
+
+    Attributes:
+        first_guess: flow starts from the motion of road and horizon; else from none.
+        refine_motion: the recorded motion is corrected by the images.
+        sigmas: the flow's own uncertainty is the unit of deviations; else `constant_px`.
+        photometric: a cell is static where some static depth explains the grey values as well as its flow does.
+        light: what shows the road's own texture is static, whatever shadow or headlight moves over it.
+        long_baseline: slow objects are also looked for in a pair of images that are further apart, where there is one.
+        flow: name of the dense flow, see `bench.flow.DENSE_FLOWS`; it works on half the size.
+        flow_parameters: what the flow takes; without any, "dis" is fast and matches up to its image's own size.
+        accuracy: of the recorded motion.
+        objects: thresholds, growth and outlines.
+        nearest_m: nothing static is nearer to the camera.
+        tilt_rad: uncertainty of the road's plane as the lower bound of heights.
+        floor_px: accuracy of the flow where texture is plenty, at half the size.
+        constant_px: unit of deviations without `sigmas`, at half the size; a third of the paper's 0.24 px at 165 px per
+            radian, since the threshold is in standard deviations.
+        texture: correlation from which the road's texture is recognised.
+        slow_px: the long pair adds what deviates by less, at half the size; faster objects have changed too much.
+
+    Source:
+        Mariotti and Eising for the constraints; the modules name what else they build on.
+    """
+
+    name: ClassVar[str] = "rigid-scene"
+    history: ClassVar[int] = 1
+    longest_history: ClassVar[int] = 3
+
+    first_guess: bool = True
+    refine_motion: bool = True
+    sigmas: bool = True
+    photometric: bool = True
+    light: bool = True
+    long_baseline: bool = True
+    flow: str = "dis"
+    flow_parameters: dict[str, object] = field(default_factory=dict)
+    accuracy: MotionAccuracy = field(default_factory=MotionAccuracy)
+    objects: ObjectSettings = field(default_factory=ObjectSettings)
+    nearest_m: float = 1.0
+    tilt_rad: float = 0.01
+    floor_px: float = 0.1
+    constant_px: float = 0.06
+    texture: float = 0.5
+    slow_px: float = 2.0
+
+    def __post_init__(self) -> None:
+        if isinstance(self.accuracy, Mapping):
+            object.__setattr__(self, "accuracy", MotionAccuracy(**self.accuracy))
+        if isinstance(self.objects, Mapping):
+            object.__setattr__(self, "objects", ObjectSettings(**self.objects))
+        if min(self.nearest_m, self.floor_px, self.constant_px, self.slow_px) <= 0 or self.tilt_rad < 0:
+            raise UsageError(
+                f"{self.name}: expected nearest_m, floor_px, constant_px and slow_px > 0 and tilt_rad >= 0"
+            )
+        self._dense_flow()
+
+    def _dense_flow(self) -> FarnebackFlow | DisFlow:
+        return dense_flow(self.flow, **(self.flow_parameters or FLOW_PARAMETERS.get(self.flow, {})))
+
+    def settings(self) -> dict[str, object]:
+        """Every parameter that decides the result."""
+        return asdict(self)
+
+    def segment(self, frame: MethodInput) -> Segmentation:
+        """Segment the last image; see `bench.methods.contract`.
+
+        Raises:
+            UnansweredImage: there is no ego-motion, without which no rigid scene can be told from a moving one.
+        """
+        if not frame.current_from_previous:
+            raise UnansweredImage("rigid-scene: expected the ego-motion between the images, got none")
+        views = _Views.of(frame)
+        short = self._evidence(views, frame, 1, None)
+        found = find_candidates(short, self.objects)
+        mask = self._drawn(views, short, found, 1)
+        back = min(self.longest_history, len(frame.images) - 1)
+        if self.long_baseline and back > 1 and short.moves:
+            long = self._evidence(views, frame, back, short.scene)
+            further = _not_yet_known(find_candidates(long, self.objects, slow_px=self.slow_px), mask)
+            mask |= self._drawn(views, long, further, back)
+        valid = cv2.resize(frame.valid.astype(np.uint8), mask.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
+        return Segmentation(
+            cell_size_px=views.cell_size_px,
+            mask=mask & valid,
+            undefined=_spread(short.edge, mask.shape) | ~valid,
+            causes=CAUSES if short.moves else (STATIC_CAUSE,),
+            cause=_spread(_cause(short, found), mask.shape),
+            parts=_parts(short, mask.shape),
+        )
+
+    def _evidence(self, views: _Views, frame: MethodInput, back: int, known: RigidScene | None) -> Evidence:
+        """What the current image and the one `back` before it say.
+
+        Args:
+            views: the images.
+            frame: for times and motion.
+            back: how many images.
+            known: the scene of the last pair, whose motion is better than the recorded one; None if it is not known.
+        """
+        current, previous = views.small[-1], views.small[-1 - back]
+        *earlier, last = frame.current_from_previous[-back:]
+        motion, road = (last, frame.road) if known is None else (known.current_from_previous, known.road)
+        for step in reversed(earlier):
+            motion = motion @ step
+        scene = RigidScene(camera=views.camera, current_from_previous=motion, road=road)
+        found = guided_flow(
+            current,
+            previous,
+            valid=views.valid,
+            scene=scene if self.first_guess else None,
+            flow=self._dense_flow(),
+        )
+        if self.refine_motion:
+            seconds = (frame.timestamps_ns[-1] - frame.timestamps_ns[-1 - back]) / 1e9
+            seen = correspondences(found, current, views.camera)
+            scene = refine_motion(scene, seen, seconds=seconds, accuracy=self.accuracy)
+        guess, warped, neutral = warp(current, previous, valid=views.valid, scene=scene)
+        found = GuidedFlow(flow=found.flow, guess=guess, warped=warped, neutral=neutral | found.neutral)
+        return gather_evidence(
+            current,
+            previous,
+            found,
+            scene,
+            tilt_rad=self.tilt_rad,
+            nearest_m=self.nearest_m,
+            floor_px=self.floor_px,
+            texture=self.texture if self.light else None,
+            constant_px=None if self.sigmas else self.constant_px,
+            photometric=self.photometric,
+        )
+
+    def _drawn(self, views: _Views, evidence: Evidence, found: Candidates, back: int) -> NDArray[np.bool_]:
+        images = FineImages(current=views.fine[-1], previous=views.fine[-1 - back])
+        return draw_objects(found, evidence, images, self.objects, floor_px=self.floor_px)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Views:
+    """The images at the two sizes that are worked on.
+
+    Attributes:
+        fine: (H, W) uint8 each, of the size of the answer.
+        small: of half that size.
+        camera: the lens at the small size.
+        valid: at the small size.
+        cell_size_px: pixels of the given images for one of the fine ones.
+    """
+
+    fine: tuple[NDArray[np.uint8], ...]
+    small: tuple[NDArray[np.uint8], ...]
+    camera: CameraModel
+    valid: NDArray[np.bool_]
+    cell_size_px: int
+
+    @classmethod
+    def of(cls, frame: MethodInput) -> _Views:
+        height, width = frame.valid.shape
+        cell = max(round(width / FINE_PX), 1)
+        fine_size = -(-width // cell), -(-height // cell)
+        small_size = max(fine_size[0] // 2, 1), max(fine_size[1] // 2, 1)
+        fine = tuple(image if cell == 1 else _resized(image, fine_size) for image in frame.images)
+        return cls(
+            fine=fine,
+            small=tuple(_resized(image, small_size) for image in fine),
+            camera=frame.camera.scaled(*small_size),
+            valid=_resized(frame.valid.astype(np.uint8) * 255, small_size) > 250,
+            cell_size_px=cell,
+        )
+
+
+def _resized(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def _spread(values: NDArray[Scalar], shape: tuple[int, int]) -> NDArray[Scalar]:
+    """Values of the small size at the fine one, nearest."""
+    spread = cv2.resize(values.astype(np.uint8), shape[::-1], interpolation=cv2.INTER_NEAREST)
+    return np.asarray(spread).astype(values.dtype)
+
+
+def _not_yet_known(further: Candidates, mask: NDArray[np.bool_]) -> Candidates:
+    """Regions that a mask does not hold yet, and those that stand on the road, which may grow."""
+    seen = _spread(mask, further.region.shape)
+    count, labels, boxes, _ = cv2.connectedComponentsWithStats(further.region.astype(np.uint8), connectivity=8)
+    known = np.bincount(labels[seen], minlength=count) > KNOWN_SHARE * boxes[:, cv2.CC_STAT_AREA]
+    keep = ~known | (np.bincount(labels[further.standing], minlength=count) > 0)
+    keep[0] = False
+    return further.within(keep[labels])
+
+
+def _cause(evidence: Evidence, found: Candidates) -> NDArray[np.uint8]:
+    """Index into `CAUSES` of every pixel, or 0 for a stationary camera; (H, W) uint8 at the small size."""
+    cause = np.zeros(evidence.sigmas.shape, np.uint8)
+    if evidence.moves:
+        cause[evidence.beyond] = CAUSES.index("positive_depth")
+        cause[evidence.too_low] = CAUSES.index("positive_height")
+        cause[found.floating] = CAUSES.index("floating")
+    return cause
+
+
+def _parts(evidence: Evidence, shape: tuple[int, int]) -> dict[str, NDArray[np.float32]]:
+    """Arrays to look at, at the fine size; flow in its pixels."""
+    scale = shape[1] / evidence.sigmas.shape[1]
+    parts = {
+        "flow_u": evidence.flow[..., 0] * scale,
+        "flow_v": evidence.flow[..., 1] * scale,
+        "sigmas": evidence.sigmas,
+        "misfit": evidence.misfit,
+    }
+    return {
+        name: np.asarray(cv2.resize(part, shape[::-1], interpolation=cv2.INTER_NEAREST), dtype=np.float32)
+        for name, part in parts.items()
+    }

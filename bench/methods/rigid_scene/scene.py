@@ -1,0 +1,115 @@
+"""What a rigid scene looks like in the previous image: where each pixel's content was, if it lies at a given depth.
+
+For a point of the static world at inverse depth `rho` along the unit ray p' of the current camera, the previous camera
+saw it along `R^T (p' - rho t)`: for rho = 0, infinitely far, only the rotation counts; for growing rho the point moves
+along the epipolar curve. On the road rho is `(p' . h) / eta_C`. Nothing here assumes a lens: curves are projected with
+the camera's own model.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.cameras import CameraModel, RayGrid, ray_grid
+from bench.geometry import RigidTransform, RoadPlane, dot
+
+GRID_PX = 4  # the motion of a rigid scene is smooth: computed on every fourth pixel, interpolated between
+OUTSIDE_PX = -1e4  # a displacement that surely ends outside of the image, where a NaN would spread
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RigidScene:
+    """A static world as a moving camera sees it twice.
+
+    Attributes:
+        camera: the lens.
+        current_from_previous: motion of the camera.
+        road: the road below the current camera.
+    """
+
+    camera: CameraModel
+    current_from_previous: RigidTransform
+    road: RoadPlane
+
+    @property
+    def grid(self) -> RayGrid:
+        """The rays on which motion is computed."""
+        return ray_grid(self.camera, GRID_PX)
+
+    def fall(self) -> NDArray[np.float64]:
+        """Cosine of the angle of each ray of the grid to straight down, > 0 below the horizon; 0 without a ray."""
+        return np.nan_to_num(dot(self.grid.rays_camera, self.road.down))
+
+    def road_inverse_depth(self, *, tilt_rad: float = 0.0) -> NDArray[np.float64]:
+        """Inverse distance of the road along each ray of the grid, 1/m, 0 from the horizon on up; (rows, columns).
+
+        Args:
+            tilt_rad: by so much the road may fall away from the plane: a lower bound of the inverse distance.
+
+        Source:
+            Mariotti and Eising, equation 13, with an uncertain plane.
+        """
+        return np.asarray(np.maximum(self.fall() - tilt_rad, 0.0) / self.road.height_m)
+
+    def flow_at(self, inverse_depth: NDArray[np.float64] | float) -> NDArray[np.float32]:
+        """Motion of static points, from the current to the previous image.
+
+        Args:
+            inverse_depth: 1/m along each unit ray of the grid, (rows, columns) or one number.
+
+        Returns:
+            (rows, columns, 2) float32, px; NaN where the lens has no ray, now or then.
+        """
+        rays, motion = self.grid.rays_camera, self.current_from_previous
+        points = rays - np.broadcast_to(inverse_depth, rays.shape[:2])[..., None] * motion.translation_m  # p' - rho t
+        previous = np.moveaxis(motion.rotation.T @ np.moveaxis(points, -1, 0).reshape(3, -1), 0, -1)
+        pixels, _ = self.camera.project(previous)
+        return (pixels.reshape(*rays.shape[:2], 2) - self.grid.pixels).astype(np.float32)
+
+
+def at_every_pixel(values: NDArray[np.float32], camera: CameraModel) -> NDArray[np.float32]:
+    """Values on the grid, bilinearly interpolated at every pixel; (rows, columns[, C]) -> (H, W[, C]) float32."""
+    rows, columns = values.shape[:2]
+    full = cv2.resize(values, (columns * GRID_PX, rows * GRID_PX), interpolation=cv2.INTER_LINEAR)
+    return np.asarray(full[: camera.height, : camera.width], dtype=np.float32)
+
+
+@lru_cache(maxsize=4)
+def pixel_positions(width: int, height: int) -> NDArray[np.float32]:
+    """(H, W, 2) float32: u and v of every pixel."""
+    positions = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(np.float32)
+    positions.flags.writeable = False
+    return positions
+
+
+def remapped(
+    image: NDArray[np.float32], positions: NDArray[np.float32], *, outside: float | None = 0.0
+) -> NDArray[np.float32]:
+    """An image at (H, W, 2) float32 positions, bilinear; (H, W[, C]) float32.
+
+    Args:
+        image: (H, W) or (H, W, C) float32.
+        positions: u and v, px.
+        outside: value beyond the border; None for that of the nearest pixel.
+    """
+    border, value = (cv2.BORDER_REPLICATE, 0.0) if outside is None else (cv2.BORDER_CONSTANT, outside)
+    no_second_map: Any = None
+    found = cv2.remap(image, positions, no_second_map, cv2.INTER_LINEAR, borderMode=border, borderValue=value)
+    return np.asarray(found, dtype=np.float32)
+
+
+def sampled(image: NDArray[np.float32], flow: NDArray[np.float32], *, outside: float = 0.0) -> NDArray[np.float32]:
+    """An image at the ends of a flow, (H, W) float32, bilinear; `outside` where a flow leaves it."""
+    height, width = flow.shape[:2]
+    return remapped(image, pixel_positions(width, height) + flow, outside=outside)
+
+
+def box_mean(values: NDArray[np.float32], side_px: int) -> NDArray[np.float32]:
+    """Mean over a square around every pixel; (H, W[, C]) float32."""
+    return np.asarray(cv2.boxFilter(values, -1, (side_px, side_px)), dtype=np.float32)

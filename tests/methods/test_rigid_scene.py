@@ -1,0 +1,183 @@
+"""The parts of the method against numbers that geometry gives, and the whole on small scenes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from bench.cameras import PinholeCamera
+from bench.errors import UsageError
+from bench.geometry import RigidTransform, RoadPlane
+from bench.methods import UnansweredImage, build_method
+from bench.methods.rigid_scene.deviation import (
+    Information,
+    flow_information,
+    gradients,
+    nearest_on_curve,
+    structure_tensor,
+)
+from bench.methods.rigid_scene.motion import Correspondences, MotionAccuracy, refine_motion
+from bench.methods.rigid_scene.scene import RigidScene, at_every_pixel
+from bench.methods.rigid_scene.standing import upright
+from tests.methods.test_spherical_method import CAMERA, STEP, crossing, frame, render
+from tests.methods.worlds import FORWARD, TwoViews
+
+PINHOLE = PinholeCamera(width=320, height=240, focal=(150.0, 150.0), principal_point=(159.5, 119.5))
+
+
+def scene_of(camera=CAMERA, **moved):
+    views = TwoViews(**moved)
+    return views, RigidScene(camera=camera, current_from_previous=views.motion, road=views.road)
+
+
+@pytest.mark.parametrize("camera", [CAMERA, PINHOLE], ids=["fisheye", "pinhole"])
+def test_static_points_move_as_the_scene_says(camera):
+    views, scene = scene_of(camera)
+    points = np.array([[5.0, 1.0, 0.0], [4.0, -1.5, 0.5], [9.0, 2.0, 2.0]])  # on the road, and above it
+    previous, current = views.rays(points)
+    now, _ = camera.project(current)
+    before, _ = camera.project(previous)
+    depth_m = np.linalg.norm(views.current_from_world.apply(points), axis=1)
+    for k in range(3):
+        flow = at_every_pixel(np.nan_to_num(scene.flow_at(1 / depth_m[k])), camera)
+        u, v = np.rint(now[k]).astype(int)
+        np.testing.assert_allclose(flow[v, u], before[k] - now[k], atol=0.15)
+    u, v = np.rint(now[0]).astype(int)
+    road = at_every_pixel(scene.road_inverse_depth().astype(np.float32), camera)
+    assert road[v, u] == pytest.approx(1 / depth_m[0], rel=0.02)
+
+
+def test_the_nearest_point_of_a_curve():
+    curve = [np.array([[0.0, 0.0]], np.float32), np.array([[4.0, 0.0]], np.float32), np.array([[4.0, 4.0]], np.float32)]
+    for flow, expected, place in (
+        ((1, 2), (1, 0), 0.25),
+        ((6, 1), (4, 1), 1.25),
+        ((-3, 0), (0, 0), 0),
+        ((4, 9), (4, 4), 2),
+    ):
+        squared, point, where = nearest_on_curve(np.array([flow], np.float32), curve, None)
+        np.testing.assert_allclose(point[0], expected, atol=1e-6)
+        assert squared[0] == pytest.approx(np.sum(np.subtract(flow, expected) ** 2))
+        assert where[0] == pytest.approx(place)
+    # Known twice as well along u: distances there count four times.
+    twice = Information(uu=np.array([4.0]), uv=np.array([0.0]), vv=np.array([1.0]))
+    squared, _, _ = nearest_on_curve(np.array([[-3.0, 1.0]], np.float32), curve, twice)
+    assert squared[0] == pytest.approx(4 * 9 + 1)
+
+
+def test_flow_is_certain_across_an_edge_only():
+    stripes = np.tile(128 + 40 * np.sin(np.arange(64) / 2.0), (64, 1)).astype(np.float32)
+    tensor = structure_tensor(*gradients(stripes), side_px=5, noise=1.0)
+    found = flow_information(tensor, noise=1.0, floor_px=0.1)
+    assert found.uu[32, 32] == pytest.approx(1 / 0.1**2, rel=0.05)  # the floor, with so much texture
+    assert found.vv[32, 32] < 0.01
+    noise = np.random.default_rng(0).normal(128, 2.0, (200, 200)).astype(np.float32)
+    sums = structure_tensor(*gradients(noise), side_px=5, noise=2.0 * np.sqrt(2))
+    with_noise = structure_tensor(*gradients(noise), side_px=5, noise=1e-6)
+    assert np.median(sums[0]) < 0.15 * np.median(with_noise[0])  # noise is no texture
+
+
+def test_motion_is_refined_by_points_on_the_road_and_beside_it():
+    views, true = scene_of()
+    generator = np.random.default_rng(1)
+    places = generator.uniform((2, -6, 0), (15, 6, 3), (600, 3))
+    places[:400, 2] = 0
+    previous, current = views.rays(places)
+    pixels, seen = CAMERA.project(previous)
+    pixels[:60] += generator.normal(0, 15, (60, 2))  # what moves
+    pitch = Rotation.from_rotvec([np.deg2rad(0.2), 0, 0]).as_matrix()
+    recorded = RigidScene(
+        camera=CAMERA,
+        current_from_previous=RigidTransform(pitch @ views.motion.rotation, 1.02 * views.motion.translation_m),
+        road=views.road,
+    )
+    given = Correspondences(
+        rays=current[seen], pixels=pixels[seen], information=np.tile(50.0 * np.eye(2), (seen.sum(), 1, 1))
+    )
+    accuracy = MotionAccuracy(speed_share=0.02)
+
+    def error(scene):
+        left = scene.current_from_previous.rotation @ true.current_from_previous.rotation.T
+        return np.linalg.norm(Rotation.from_matrix(left).as_rotvec()), np.linalg.norm(
+            scene.current_from_previous.translation_m - true.current_from_previous.translation_m
+        )
+
+    refined = refine_motion(recorded, given, seconds=1 / 15, accuracy=accuracy)
+    assert error(refined)[0] < 0.1 * error(recorded)[0]
+    assert error(refined)[1] < 0.5 * error(recorded)[1]
+    few = Correspondences(rays=given.rays[:20], pixels=given.pixels[:20], information=given.information[:20])
+    assert refine_motion(recorded, few, seconds=1 / 15, accuracy=accuracy) is recorded
+    with pytest.raises(UsageError, match="positive"):
+        MotionAccuracy(speed_mps=0.0)
+
+
+def test_a_foot_on_the_road_tells_how_high_an_object_reaches():
+    level = RigidTransform(FORWARD, -FORWARD @ np.array([0.0, 0.0, 1.0]))
+    scene = RigidScene(camera=PINHOLE, current_from_previous=level, road=RoadPlane(np.array([0.0, 1.0, 0.0]), 1.0))
+    feet = np.zeros((240, 320), dtype=bool)
+    feet[140:150, 150:170] = True  # the lowest row, 149, is 29.5 px below the horizon: 150 / 29.5 = 5.08 m away
+    fall = at_every_pixel(scene.fall().astype(np.float32), PINHOLE)
+    nowhere = np.zeros_like(feet)
+    grown = upright(scene, fall, feet, nowhere, height_m=1.6)
+    rows = np.flatnonzero(grown[:, 160])
+    assert rows[-1] == 149
+    assert rows[0] == pytest.approx(119.5 - 0.6 * 29.5, abs=1.5)  # 1.6 m high, seen from 1 m
+    assert not grown[:, 180].any()
+    body = nowhere.copy()
+    body[152:] = True  # which may hide the foot
+    assert not upright(scene, fall, feet, body, height_m=1.6).any()
+
+
+@pytest.fixture(scope="module")
+def board():
+    return crossing()
+
+
+def test_what_crosses_is_found_and_what_stands_is_not(board):
+    previous, current, truth = board
+    found = build_method("rigid-scene").segment(frame(previous, current, STEP)).mask
+    assert (found & truth).sum() > 0.8 * truth.sum()
+    assert (found & ~truth).sum() < 0.5 * truth.sum()
+    before, _ = render((0.0, 0.0, 0.0), (5.0, 0.4, 0.0))
+    after, _ = render(STEP, (5.0, 0.4, 0.0))
+    still = build_method("rigid-scene").segment(frame(before, after, STEP)).mask
+    assert still.mean() < 0.002
+
+
+def test_switches_change_the_answer_and_an_older_image_may_be_there(board):
+    previous, current, _ = board
+    given = frame(previous, current, STEP)
+    whole = build_method("rigid-scene").segment(given).mask
+    for setting in (
+        {"first_guess": False},
+        {"photometric": False},
+        {"sigmas": False},
+        {"objects": {"outlines": False}},
+    ):
+        other = build_method("rigid-scene", setting).segment(given).mask
+        assert (other != whole).any(), setting
+
+
+def test_without_ego_motion_it_says_so(board):
+    previous, current, _ = board
+    given = replace(frame(previous, current, STEP), current_from_previous=())
+    with pytest.raises(UnansweredImage, match="ego-motion"):
+        build_method("rigid-scene").segment(given)
+    with pytest.raises(UsageError, match="floating"):
+        build_method("rigid-scene", {"objects": {"floating": 1.5}})
+
+
+def test_the_papers_method_takes_the_first_guess_and_the_refined_motion(board):
+    previous, current, truth = board
+    given = frame(previous, current, STEP)
+    pitch = RigidTransform(Rotation.from_rotvec([np.deg2rad(0.3), 0, 0]).as_matrix(), np.zeros(3))
+    pitched = replace(given, current_from_previous=(pitch @ given.current_from_previous[0],))
+
+    def false_share(settings, frame_given):
+        found = build_method("spherical", settings).segment(frame_given)
+        return (found.mask & ~truth[2::5, 2::5]).mean()
+
+    paper = false_share({}, pitched)
+    assert false_share({"refine_motion": True}, pitched) < 0.5 * paper
+    assert false_share({"first_guess": True, "refine_motion": True}, pitched) < 0.5 * paper
