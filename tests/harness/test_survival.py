@@ -232,7 +232,7 @@ class Disappearing(SerialExecutor):
         object.__setattr__(self, "folder", folder)
 
     def compute(self, function, tasks):
-        if isinstance(tasks[0], UnitTask):
+        if tasks and isinstance(tasks[0], UnitTask) and self.folder.exists():  # before the first units
             shutil.rmtree(self.folder)
         yield from super().compute(function, tasks)
 
