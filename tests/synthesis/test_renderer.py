@@ -22,6 +22,12 @@ PARAMETERS = {
     "radial_polynomial": {"coefficients": [85.0, -7.0, 12.0, -2.0], "principal_point": [159.5, 119.5]},
     "kannala_brandt": {"focal": [90, 92], "principal_point": [158, 121], "coefficients": [0.02, -0.01, 0.002, 0]},
     "unified": {"xi": 1.2, "focal": [190, 190], "principal_point": [160, 120]},
+    "brown_conrady": {
+        "focal": [150, 152],
+        "principal_point": [160, 120],
+        "radial": [-0.2, 0.05, -0.004],
+        "tangential": [1e-3, -5e-4],
+    },
     "pinhole": {"focal": [100, 100], "principal_point": [159.5, 119.5]},
 }
 PITCH = RigidTransform(
