@@ -29,7 +29,8 @@ from bench.evaluation.sums import (
     object_accumulators,
 )
 from bench.methods import Segmentation
-from bench.reference import Category, IgnoreReason, ReferenceFrame, ReferenceObject, Status
+from bench.reference import IgnoreReason, ReferenceFrame, Status
+from bench.reference.masks import pixels_object
 from bench.reference.polygons import rasterise
 
 Mask = NDArray[np.bool_]
@@ -199,7 +200,10 @@ def _reference_frame(
         camera="",
         timestamp_ns=0,
         ego_speed_mps=float("nan"),
-        objects=tuple(_object(name, px) for name, px in zip(names, region_px, strict=True)),
+        objects=tuple(
+            pixels_object(name, px, reason=None if px else IgnoreReason.OCCLUDED)
+            for name, px in zip(names, region_px, strict=True)
+        ),
         labels=labels,
         ignored=left_out & (labels == 0),
         valid=counted,
@@ -244,24 +248,6 @@ def _polygon(outline: object, name: str) -> Polygon:
     if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3 or not np.isfinite(corners).all():
         raise ShapeError(f"{name}: expected a polygon of at least three corners (u, v), got {corners.shape}")
     return shapely.Polygon(corners)
-
-
-def _object(name: str, region_px: int) -> ReferenceObject:
-    return ReferenceObject(
-        track_id=name,
-        object_class="unknown",
-        status=Status.EVALUATED if region_px else Status.IGNORED,
-        reason=None if region_px else IgnoreReason.OCCLUDED,
-        category=Category.MOVING,
-        direction=None,
-        speed_mps=float("nan"),
-        range_m=float("nan"),
-        centroid_m=np.full(2, np.nan),
-        points=0,
-        polygon=None,
-        polygon_px=region_px,
-        region_px=region_px,
-    )
 
 
 def _mask(mask: NDArray[np.generic]) -> Mask:

@@ -6,12 +6,12 @@ import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from bench.cli.computing import Computing, parse_settings, render_if_synthetic, split_method
+from bench.cli.computing import Computing, render_if_synthetic, split_method
 from bench.cli.console import progress_bar, say
 from bench.cli.interrupts import interruptible
 from bench.cli.running import ScoringOptions, requested_runs
 from bench.errors import BenchError
-from bench.harness import RunSummary, build_scorable, run_protocols
+from bench.harness import RunSummary, run_protocols
 from bench.harness.perf import method_cost, read_cost, write_cost
 from bench.methods import known_methods
 from bench.recordings import DatasetCard, load_card
@@ -117,12 +117,10 @@ def score_all(dataset: str, *, methods: str | None, protocol: str, runs: Path, c
 
 def _score(asked: ScoringOptions, *, timed: bool) -> list[RunSummary]:
     """Score one method, time it, and write the page of the run that is judged."""
-    card = load_card(asked.dataset)
     requests, places = requested_runs(asked, render=False)
-    method = build_scorable(asked.method, parse_settings(asked.settings))
-    cost = None
+    first, cost = requests[0], None
     if timed:
-        cost = method_cost(card, method, protocol=requests[0].protocol, known=read_cost(places[0].folder))
+        cost = method_cost(first.card, first.method, protocol=first.protocol, known=read_cost(places[0].folder))
 
     def finish(results: Path, summary: RunSummary) -> None:
         if cost is not None:
@@ -131,5 +129,5 @@ def _score(asked: ScoringOptions, *, timed: bool) -> list[RunSummary]:
             write_page(results, pictures=False)
 
     left = "what is scored stays, and the same command goes on from there"
-    with interruptible(left), progress_bar(f"scoring {asked.method} on {card.name}", "images") as progress:
+    with interruptible(left), progress_bar(f"scoring {asked.method} on {first.card.name}", "images") as progress:
         return run_protocols([replace(request, progress=progress) for request in requests], finish=finish)

@@ -39,12 +39,10 @@ def changes(baseline: ScoredRun, run: ScoredRun) -> tuple[Change, ...]:
         found.append(Change(what="settings", text="; ".join(settings)))
     if code := list(_code_changes(baseline, run)):
         found.append(Change(what="code", text="; ".join(code)))
-    if baseline.data_fingerprint != run.data_fingerprint:
-        text = f"other files, fingerprint {_changed(baseline.data_fingerprint, run.data_fingerprint)}"
-        found.append(Change(what="data", text=text))
-    if baseline.reference_fingerprint != run.reference_fingerprint:
-        text = f"fingerprint {_changed(baseline.reference_fingerprint, run.reference_fingerprint)}"
-        found.append(Change(what="reference", text=text))
+    if digest := digest_change(baseline.data_fingerprint, run.data_fingerprint):
+        found.append(Change(what="data", text=f"other files, fingerprint {digest}"))
+    if digest := digest_change(baseline.reference_fingerprint, run.reference_fingerprint):
+        found.append(Change(what="reference", text=f"fingerprint {digest}"))
     return tuple(sorted(found, key=lambda change: OF_ITSELF.index(change.what)))
 
 
@@ -84,8 +82,9 @@ def protocol_text(scored: ScoredRun) -> str:
     return f"{stamp.name} version {stamp.version} ({stamp.digest[:SHOWN_DIGEST]})"
 
 
-def _changed(before: str, after: str) -> str:
-    return f"{after[:SHOWN_DIGEST]}, was {before[:SHOWN_DIGEST]}"
+def digest_change(before: str, after: str) -> str | None:
+    """For example "4be1a7c09d3e, was dde8f4b79b8f"; None where they are the same."""
+    return None if before == after else f"{after[:SHOWN_DIGEST]}, was {before[:SHOWN_DIGEST]}"
 
 
 def compare_commands(baseline: ScoredRun, run: ScoredRun, *, folder: Path, card: str) -> tuple[str, ...]:

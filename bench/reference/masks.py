@@ -82,8 +82,22 @@ def _object(part: _Component, number: int, settings: ReferenceSettings) -> Refer
         IgnoreReason.SMALL_POLYGON: part.area_px < settings.min_polygon_px,
     }
     reason = next((reason for reason, applies in reasons.items() if applies), None)
+    return pixels_object(f"component-{number}", part.area_px, reason=reason, polygon=_outline(part.covered))
+
+
+def pixels_object(
+    track_id: str, area_px: int, *, reason: IgnoreReason | None, polygon: Polygon | None = None
+) -> ReferenceObject:
+    """An object of which nothing is known but its pixels.
+
+    Args:
+        track_id: of the object.
+        area_px: its pixels in V.
+        reason: why it is ignored; None to evaluate it.
+        polygon: its outline, in pixels (u, v).
+    """
     return ReferenceObject(
-        track_id=f"component-{number}",
+        track_id=track_id,
         object_class=OBJECT_CLASS,
         status=Status.EVALUATED if reason is None else Status.IGNORED,
         reason=reason,
@@ -93,9 +107,9 @@ def _object(part: _Component, number: int, settings: ReferenceSettings) -> Refer
         range_m=float("nan"),
         centroid_m=np.full(2, np.nan),
         points=0,
-        polygon=_outline(part.covered),
-        polygon_px=part.area_px,
-        region_px=part.area_px if reason is None else 0,
+        polygon=polygon,
+        polygon_px=area_px,
+        region_px=area_px if reason is None else 0,
     )
 
 

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
-import cv2
 from matplotlib.figure import Figure
 
 from bench.errors import BenchError, UsageError
 from bench.harness import ProcessedFrame
 from bench.harness.frames import UnscorableFrame
 from bench.harness.replay import StoredFrames
-from bench.recordings.atomic import write_bytes
 from bench.reporting import canvas
 from bench.reporting.count_view import (
     MARGIN_IN,
@@ -25,13 +22,12 @@ from bench.reporting.count_view import (
     legend_height_in,
     picture_height_in,
 )
-from bench.reporting.formats import file_name, frame_name, shortened
+from bench.reporting.formats import frame_name, shortened
 from bench.reporting.overlay import unknown_bands
 from bench.reporting.stored_run import StoredRun
 
 ImageKey = tuple[str, str, int]  # recording, camera, timestamp_ns
 COLUMNS = 2
-QUALITY = 90  # of JPEG; as PNG a picture takes 2 MB
 _TITLE_IN, _LINE_IN = 0.18, 0.13
 _LONGEST_LABEL, _LONGEST_TITLE = 62, 120
 
@@ -87,11 +83,6 @@ def draw_side_by_side(sides: Sequence[Side], *, title: str = "") -> Figure:
     return figure
 
 
-def jpeg_bytes(figure: Figure) -> bytes:
-    """A figure with photographs in it, as JPEG."""
-    return cv2.imencode(".jpg", canvas.figure_pixels(figure), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes()
-
-
 def draw_runs(runs: Sequence[StoredRun], images: Iterable[ImageKey]) -> Iterator[tuple[ImageKey, Figure | str]]:
     """Draw images as several runs were scored on them, from their data set.
 
@@ -121,41 +112,3 @@ def draw_runs(runs: Sequence[StoredRun], images: Iterable[ImageKey]) -> Iterator
                 [Side(label=run.label, processed=frame) for run, frame in zip(runs, frames, strict=True)]
             ),
         )
-
-
-def write_side_by_side(
-    runs: Sequence[StoredRun],
-    images: Iterable[ImageKey],
-    folder: Path,
-    *,
-    progress: Callable[[float, int], None] | None = None,
-) -> tuple[dict[ImageKey, Path], list[str]]:
-    """Write images as several runs were scored on them, `<recording>-<camera>-<time in ms>.jpg` each.
-
-    Args:
-        runs: as `draw_runs`.
-        images: as `draw_runs`.
-        folder: is made.
-        progress: called with the images done and their number.
-
-    Returns:
-        files: by image, of those that could be drawn.
-        problems: why the others could not, one line each, none twice.
-    """
-    wanted = set(images)
-    files: dict[ImageKey, Path] = {}
-    problems: dict[str, None] = {}
-    for number, (key, drawn) in enumerate(draw_runs(runs, wanted), start=1):
-        if isinstance(drawn, str):
-            problems[drawn] = None
-        else:
-            files[key] = folder / f"{_file_name(key)}.jpg"
-            write_bytes(files[key], jpeg_bytes(drawn))
-        if progress is not None:
-            progress(number, len(wanted))
-    return files, list(problems)
-
-
-def _file_name(key: ImageKey) -> str:
-    recording, camera, timestamp_ns = key
-    return f"{file_name(recording)}-{file_name(camera)}-{timestamp_ns // 1_000_000}"

@@ -87,18 +87,15 @@ class SphericalMethod(SphericalSettings):
         flow = dense_flow(self.flow, **self.flow_parameters)
         if not self.first_guess:
             return cell_flow(frame, flow, self.cell_size_px)
-        found = guided_flow(
-            frame.images[-1], frame.images[-2], valid=frame.valid, scene=self._recorded(frame), flow=flow
-        )
+        scene = RigidScene(camera=frame.camera, current_from_previous=frame.current_from_previous[-1], road=frame.road)
+        found = guided_flow(frame.images[-1], frame.images[-2], valid=frame.valid, scene=scene, flow=flow)
         return cell_mean(found.flow, self.cell_size_px)
 
-    def _recorded(self, frame: MethodInput) -> RigidScene:
-        return RigidScene(camera=frame.camera, current_from_previous=frame.current_from_previous[-1], road=frame.road)
-
-    def _refined(self, frame: MethodInput, flow: NDArray[np.float32]) -> RigidScene:
+    def _refined(
+        self, frame: MethodInput, flow: NDArray[np.float32], *, seen: NDArray[np.bool_], motion: RigidTransform
+    ) -> RigidScene:
         """Motion and road, corrected by the flow of every second cell."""
         cells, every = ray_grid(frame.camera, self.cell_size_px), (slice(None, None, 2),) * 2
-        _, seen = flow_rays(frame, cells, flow)
         used = seen[every]
         given = Correspondences(
             rays=cells.rays_camera[every][used],
@@ -106,7 +103,8 @@ class SphericalMethod(SphericalSettings):
             information=np.tile(np.eye(2) / FLOW_SIGMA_PX**2, (int(used.sum()), 1, 1)),
         )
         seconds = (frame.timestamps_ns[-1] - frame.timestamps_ns[-2]) / 1e9
-        return refine_motion(self._recorded(frame), given, seconds=seconds, accuracy=MotionAccuracy())
+        scene = RigidScene(camera=frame.camera, current_from_previous=motion, road=frame.road)
+        return refine_motion(scene, given, seconds=seconds, accuracy=MotionAccuracy())
 
     def motion(self, frame: MethodInput) -> RigidTransform | None:
         """Motion of the camera, current_from_previous; None where it is not known and so nothing can be said."""
@@ -127,11 +125,11 @@ class SphericalMethod(SphericalSettings):
             return LikelihoodMap(
                 likelihood=nothing, cause=cause, seen=nowhere, defined=nowhere, stationary=np.asarray(True)
             )
+        rays_previous, seen = flow_rays(frame, cells, flow)
         road = frame.road
         if self.refine_motion:
-            refined = self._refined(frame, flow)
+            refined = self._refined(frame, flow, seen=seen, motion=motion)
             motion, road = refined.current_from_previous, refined.road
-        rays_previous, seen = flow_rays(frame, cells, flow)
         return self.likelihood_of_rays(
             rays_previous, cells.rays_camera, seen=seen, current_from_previous=motion, road=road
         )
