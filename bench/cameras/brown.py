@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -11,7 +10,8 @@ from numpy.typing import NDArray
 from typing_extensions import override
 
 from bench.cameras.angular import MonotonePolynomial
-from bench.cameras.model import CameraModel, checked_max_angle, finite_numbers, finite_pair
+from bench.cameras.model import checked_max_angle, finite_numbers, finite_pair
+from bench.cameras.pinhole import PlanarCamera
 from bench.errors import ShapeError
 
 NEWTON_STEPS = 20  # two or three suffice but at the very limit, where the slope is 0
@@ -147,19 +147,17 @@ def _positive_roots(polynomial: Polynomial) -> list[float]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class BrownConradyCamera(CameraModel):
+class BrownConradyCamera(PlanarCamera):
     """The pinhole with Brown's distortion: OpenCV's `plumb_bob` of four or five coefficients.
 
     The mapping holds for z > 0 within the cone in which the distortion is one-to-one.
 
     Attributes:
-        focal: (fx, fy), px.
         radial: (k1, k2, k3); fewer count as followed by 0.
         tangential: (p1, p2). OpenCV's order of all five is k1, k2, p1, p2, k3.
         max_angle_rad: field limit of the lens; None for as far as the mapping is one-to-one.
     """
 
-    focal: tuple[float, float]
     radial: tuple[float, ...] = ()
     tangential: tuple[float, float] = (0.0, 0.0)
     max_angle_rad: float | None = None
@@ -168,7 +166,6 @@ class BrownConradyCamera(CameraModel):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "focal", finite_pair(self.focal, "focal", positive=True))
         object.__setattr__(self, "radial", finite_numbers(self.radial, "radial"))
         object.__setattr__(self, "tangential", finite_pair(self.tangential, "tangential"))
         if len(self.radial) > 3:
@@ -186,18 +183,12 @@ class BrownConradyCamera(CameraModel):
         return self._limit_rad
 
     @override
-    def _rescaled(self, scale_u: float, scale_v: float) -> dict[str, Any]:
-        return {"focal": (self.focal[0] * scale_u, self.focal[1] * scale_v)}
-
-    @override
     def _project(
         self, points: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
         z = points[:, 2]
         x, y = points[:, 0] / z, points[:, 1] / z
-        x_distorted, y_distorted = self._distortion(x, y)
-        u = self.focal[0] * x_distorted + self.principal_point[0]
-        v = self.focal[1] * y_distorted + self.principal_point[1]
+        u, v = self._pixels(*self._distortion(x, y))
         within = np.hypot(x, y) <= self._distortion.limit
         return u, v, (z > 0) & within & np.isfinite(u) & np.isfinite(v)
 
@@ -205,9 +196,7 @@ class BrownConradyCamera(CameraModel):
     def _unproject(
         self, u: NDArray[np.float64], v: NDArray[np.float64], rays: NDArray[np.float64]
     ) -> NDArray[np.bool_]:
-        x, y, valid = self._distortion.inverse(
-            (u - self.principal_point[0]) / self.focal[0], (v - self.principal_point[1]) / self.focal[1]
-        )
+        x, y, valid = self._distortion.inverse(*self._plane(u, v))
         z = 1.0 / np.sqrt(x * x + y * y + 1.0)
         rays[:, 0], rays[:, 1], rays[:, 2] = x * z, y * z, z
         return valid & np.isfinite(z)

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
 from bench.cameras.brown import BrownDistortion
-from bench.cameras.model import CameraModel, checked_max_angle, finite_pair
+from bench.cameras.model import checked_max_angle, finite_pair
+from bench.cameras.pinhole import PlanarCamera
 from bench.errors import ShapeError
 
 
 @dataclass(frozen=True, kw_only=True)
-class UnifiedCamera(CameraModel):
+class UnifiedCamera(PlanarCamera):
     """Projection on the unit sphere, then from a centre `xi` behind it, then distortion.
 
     The unit vector (x, y, z) goes to m = (x, y)/(z + xi), is distorted as in OpenCV's Brown model, scaled by the
@@ -24,8 +24,7 @@ class UnifiedCamera(CameraModel):
     radius; never a test of z > 0.
 
     Attributes:
-        xi: mirror parameter, >= 0; 0 is the pinhole.
-        focal: (fx, fy), px, also called gamma.
+        xi: mirror parameter, >= 0; 0 is the pinhole. `focal` is also called gamma.
         radial: (k1, k2).
         tangential: (p1, p2), which the KITTI-360 tools leave out.
         max_angle_rad: field limit of the lens; None for as far as the mapping is one-to-one.
@@ -35,7 +34,6 @@ class UnifiedCamera(CameraModel):
     """
 
     xi: float
-    focal: tuple[float, float]
     radial: tuple[float, float] = (0.0, 0.0)
     tangential: tuple[float, float] = (0.0, 0.0)
     max_angle_rad: float | None = None
@@ -46,7 +44,6 @@ class UnifiedCamera(CameraModel):
         super().__post_init__()
         if not (np.isfinite(self.xi) and self.xi >= 0):
             raise ShapeError(f"xi: expected a number >= 0, got {self.xi}")
-        object.__setattr__(self, "focal", finite_pair(self.focal, "focal", positive=True))
         object.__setattr__(self, "radial", finite_pair(self.radial, "radial"))
         object.__setattr__(self, "tangential", finite_pair(self.tangential, "tangential"))
         sphere_rad = np.arccos(-1.0 / self.xi) if self.xi > 1 else np.arccos(-self.xi)
@@ -61,10 +58,6 @@ class UnifiedCamera(CameraModel):
         return self._limit_rad
 
     @override
-    def _rescaled(self, scale_u: float, scale_v: float) -> dict[str, Any]:
-        return {"focal": (self.focal[0] * scale_u, self.focal[1] * scale_v)}
-
-    @override
     def _project(
         self, points: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
@@ -72,9 +65,7 @@ class UnifiedCamera(CameraModel):
         length = np.sqrt(x * x + y * y + z * z)
         depth = z + self.xi * length
         m_x, m_y = x / depth, y / depth
-        x_distorted, y_distorted = self._distortion(m_x, m_y)
-        u = self.focal[0] * x_distorted + self.principal_point[0]
-        v = self.focal[1] * y_distorted + self.principal_point[1]
+        u, v = self._pixels(*self._distortion(m_x, m_y))
         valid = (z >= np.cos(self._limit_rad) * length) & (length > 0) & (depth > 0) & np.isfinite(u) & np.isfinite(v)
         return u, v, valid
 
@@ -82,9 +73,7 @@ class UnifiedCamera(CameraModel):
     def _unproject(
         self, u: NDArray[np.float64], v: NDArray[np.float64], rays: NDArray[np.float64]
     ) -> NDArray[np.bool_]:
-        m_x, m_y, valid = self._distortion.inverse(
-            (u - self.principal_point[0]) / self.focal[0], (v - self.principal_point[1]) / self.focal[1]
-        )
+        m_x, m_y, valid = self._distortion.inverse(*self._plane(u, v))
         squared = m_x * m_x + m_y * m_y
         lift = (self.xi + np.sqrt(1.0 + (1.0 - self.xi**2) * squared)) / (1.0 + squared)
         rays[:, 0], rays[:, 1], rays[:, 2] = lift * m_x, lift * m_y, lift - self.xi
