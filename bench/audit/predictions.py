@@ -24,6 +24,8 @@ from bench.reference import ReferenceBuilder, ReferenceFrame
 ALL_PREDICTIONS = (
     "spherical",
     "spherical:flow=dis",
+    "spherical:first_guess=true",
+    "rigid-scene",
     "epipolar-only",
     "positive-depth-only",
     "positive-height-only",
