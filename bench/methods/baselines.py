@@ -188,7 +188,7 @@ class FlowMagnitude:
 
     def segment(self, frame: MethodInput) -> Segmentation:
         """Segment the last image of the pair; see `bench.methods.contract`."""
-        flow = cell_flow(frame, dense_flow(self.flow, **self.flow_parameters), self.cell_size_px)
+        flow = cell_flow(frame, self.flow, self.flow_parameters, self.cell_size_px)
         cells = ray_grid(frame.camera, self.cell_size_px)
         rays_previous, seen = flow_rays(frame, cells, flow)
         angles_rad = np.where(seen, angle_between(self.compensated(rays_previous, frame), cells.rays_camera), 0.0)

@@ -2,17 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.cameras import RayGrid
-from bench.flow import DenseFlow, cell_mean
-from bench.methods.contract import MethodInput
+from bench.flow import cell_mean, dense_flow
+from bench.methods.contract import Arrays, MethodInput
 
 
-def cell_flow(frame: MethodInput, flow: DenseFlow, cell_size_px: int) -> NDArray[np.float32]:
-    """Flow from the current to the previous image, (rows, columns, 2) float32, px, mean over each cell."""
-    return cell_mean(flow(frame.images[-1], frame.images[-2]), cell_size_px)
+def cell_flow(
+    frame: MethodInput, flow: str, parameters: Mapping[str, object], cell_size_px: int
+) -> NDArray[np.float32]:
+    """Flow from the current to the previous image, a cached step that methods share.
+
+    Args:
+        frame: of the current image.
+        flow: name of the dense flow, see `bench.flow.DENSE_FLOWS`.
+        parameters: what the flow takes.
+        cell_size_px: side of the cells.
+
+    Returns:
+        (rows, columns, 2) float32, px, mean over each cell.
+    """
+
+    def compute() -> Arrays:
+        found = dense_flow(flow, **parameters)(frame.images[-1], frame.images[-2])
+        return {"flow": cell_mean(found, cell_size_px)}
+
+    return frame.cached_step("flow", (flow, dict(parameters), cell_size_px), compute, of="images")["flow"]
 
 
 def flow_rays(

@@ -14,7 +14,7 @@ from bench.cameras import ray_grid
 from bench.flow import cell_mean, dense_flow
 from bench.geometry import RigidTransform
 from bench.methods.cells import cell_flow, flow_parts, flow_rays
-from bench.methods.contract import Arrays, MethodInput, Segmentation, StepOf
+from bench.methods.contract import Arrays, MethodInput, Segmentation
 from bench.methods.rigid_scene.first_guess import guided_flow
 from bench.methods.rigid_scene.motion import Correspondences, MotionAccuracy, refine_motion
 from bench.methods.rigid_scene.scene import RigidScene
@@ -65,9 +65,7 @@ class SphericalMethod(SphericalSettings):
         parts: dict[str, NDArray[np.float32]] = {}  # stays empty where the likelihood is in the cache
 
         def compute() -> Arrays:
-            settings = self.flow, self.flow_parameters, self.cell_size_px, self.first_guess
-            of: StepOf = "input" if self.first_guess else "images"
-            flow = frame.cached_step("flow", settings, lambda: {"flow": self.mean_flow(frame)}, of=of)["flow"]
+            flow = self.mean_flow(frame)
             found = self.likelihood_map(frame, flow)
             parts.update(flow_parts(flow))
             parts.update({name: deviation.astype(np.float32) for name, deviation in found.deviations.items()})
@@ -84,12 +82,20 @@ class SphericalMethod(SphericalSettings):
 
     def mean_flow(self, frame: MethodInput) -> NDArray[np.float32]:
         """Flow from the current to the previous image, (rows, columns, 2) float32, px, mean over each cell."""
-        flow = dense_flow(self.flow, **self.flow_parameters)
         if not self.first_guess:
-            return cell_flow(frame, flow, self.cell_size_px)
-        scene = RigidScene(camera=frame.camera, current_from_previous=frame.current_from_previous[-1], road=frame.road)
-        found = guided_flow(frame.images[-1], frame.images[-2], valid=frame.valid, scene=scene, flow=flow)
-        return cell_mean(found.flow, self.cell_size_px)
+            return cell_flow(frame, self.flow, self.flow_parameters, self.cell_size_px)
+
+        def compute() -> Arrays:
+            scene = RigidScene(
+                camera=frame.camera, current_from_previous=frame.current_from_previous[-1], road=frame.road
+            )
+            flow = dense_flow(self.flow, **self.flow_parameters)
+            found = guided_flow(frame.images[-1], frame.images[-2], valid=frame.valid, scene=scene, flow=flow)
+            return {"flow": cell_mean(found.flow, self.cell_size_px)}
+
+        return frame.cached_step(
+            "guided-flow", (self.flow, self.flow_parameters, self.cell_size_px), compute, of="input"
+        )["flow"]
 
     def _refined(
         self, frame: MethodInput, flow: NDArray[np.float32], *, seen: NDArray[np.bool_], motion: RigidTransform
