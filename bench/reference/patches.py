@@ -131,12 +131,10 @@ def _usual_by_elevation(
     of_part[: len(order)] = lifts[order]
     of_part = np.sort(of_part.reshape(parts, LOCAL), axis=1)
     known = np.isfinite(of_part).sum(axis=1)
-    whole = lifts[np.isfinite(lifts)]
-    medians = np.where(
-        known > 0,
-        of_part[np.arange(parts), np.maximum(known - 1, 0) // 2],
-        np.median(whole) if whole.size else otherwise,
-    )
+    medians = of_part[np.arange(parts), np.maximum(known - 1, 0) // 2]
+    if not known.all():
+        whole = lifts[np.isfinite(lifts)]
+        medians[known == 0] = np.median(whole) if whole.size else otherwise
     usual = np.empty(len(order))
     usual[order] = np.repeat(medians, LOCAL)[: len(order)]
     return usual
@@ -157,15 +155,17 @@ def _beside(
     back = np.empty_like(order)
     back[order] = np.arange(len(order))
     for number, side in enumerate((1, -1)):
-        for columns in (2, 1):
-            least = most_lift
-            position = np.searchsorted(keys, keys + side * columns * ROW_KEY)
+        asked = np.arange(len(order))
+        for columns in (1, 2):
+            here_u, here_v, least = azimuth[asked], elevation[asked], most_lift[asked]
+            position = np.searchsorted(keys, keys[asked] + side * columns * ROW_KEY)
             for other in (np.maximum(position - 1, 0), np.minimum(position, len(order) - 1)):
-                turn, lift = (azimuth[other] - azimuth) * side, np.abs(elevation[other] - elevation)
+                turn, lift = (azimuth[other] - here_u) * side, np.abs(elevation[other] - here_v)
                 better = (turn > column_step / 4) & (turn <= BRIDGED_STEPS * column_step) & (lift < least)
-                np.copyto(found[number], order[other], where=better)
-                np.copyto(turns[number], turn, where=better)
+                nearer = asked[better]
+                found[number, nearer], turns[number, nearer] = order[other[better]], turn[better]
                 least = np.where(better, lift, least)
+            asked = np.flatnonzero(found[number] < 0)
     return found[:, back], turns[:, back]
 
 
