@@ -141,30 +141,34 @@ def uncertain_region(
         The core is the whole region where nothing of it is certain.
     """
     margin, shape = int(half_width_px.max(initial=0.0)) + 2, np.array(valid.shape)
-    windows = [raster.window, *(one.window for one in (unseen, shadow) if one is not None)]
+    windows = [raster.window, *(one.window for one in (certain, unseen, shadow) if one is not None)]
     first = np.min([[axis.start for axis in window] for window in windows], axis=0) - margin
     last = np.max([[axis.stop for axis in window] for window in windows], axis=0) + margin
     top, left = np.clip(first, 0, shape).tolist()
     bottom, right = np.clip(last, 0, shape).tolist()
     window = slice(top, bottom), slice(left, right)
-    region, inside = _in_window(raster, window, valid.shape), valid[window]
+    region, inside = _in_window(raster, window), valid[window]
     width_px = _of_the_nearest(half_width_px, returns_px - (left, top), region.shape)
     core = region & (_distance_px(region | ~inside) - 0.5 > width_px)  # the outline runs between two pixels
     possible = inside & (_distance_px(~region) - 0.5 <= width_px)
     if certain is not None:
-        core &= _in_window(certain, window, valid.shape)
+        core &= _in_window(certain, window)
     if unseen is not None:
-        core &= ~(beyond := _in_window(unseen, window, valid.shape))
+        core &= ~(beyond := _in_window(unseen, window))
         possible |= inside & beyond
     if shadow is not None:
-        possible |= inside & _in_window(shadow, window, valid.shape)
+        possible |= inside & _in_window(shadow, window)
     return Region(window=window, core=core if core.any() else region, possible=possible)
 
 
-def _in_window(raster: Raster, window: tuple[slice, slice], shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    whole = np.zeros(shape, dtype=bool)
-    whole[raster.window] = raster.covered
-    return whole[window]
+def _in_window(raster: Raster, window: tuple[slice, slice]) -> NDArray[np.bool_]:
+    """The pixels of a raster in a window that holds it."""
+    rows, columns = window
+    part = np.zeros((rows.stop - rows.start, columns.stop - columns.start), dtype=bool)
+    (height, width), (first_row, first_column) = raster.covered.shape, (axis.start for axis in raster.window)
+    top, left = first_row - rows.start, first_column - columns.start
+    part[top : top + height, left : left + width] = raster.covered
+    return part
 
 
 def _of_the_nearest(
