@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bench.geometry import RigidTransform, normalise
 from bench.reference.clusters import Cluster
-from bench.reference.patches import Grid, find_grid, reach_bounds, surface_patches
+from bench.reference.patches import Grid, reach_bounds, surface_patches
 from bench.reference.sweeps import PosedSweep, slopes_of
 
 
@@ -48,7 +48,7 @@ class ScannedObject:
     @cached_property
     def grid(self) -> Grid | None:
         """Which returns are neighbours; None where too few tell."""
-        return find_grid(self.points_sensor)
+        return self.placed.grid(self.cluster.rows)
 
     @cached_property
     def patches_world(self) -> NDArray[np.float64]:

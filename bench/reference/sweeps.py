@@ -13,6 +13,7 @@ from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep, deskew, interpolation_timestamps
 from bench.recordings.records import ObjectShape, PointIndices, Recording
+from bench.reference.patches import Grid, find_grid
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,6 +77,17 @@ class PosedSweep:
     def points_sensor(self, rows: NDArray[np.intp] | slice = slice(None)) -> NDArray[np.float64]:
         """Points in the sensor frame at each point's own time, (K, 3) float64, m."""
         return self.lidar_from_sensor.inverse().apply(self.sweep.points_lidar[rows].astype(np.float64))
+
+    def grid(self, rows: NDArray[np.intp]) -> Grid | None:
+        """Which of these points are neighbours; cached, since images that share a sweep ask for the same points."""
+        key = rows.tobytes()
+        if key not in self._grids:
+            self._grids[key] = find_grid(self.points_sensor(rows))
+        return self._grids[key]
+
+    @cached_property
+    def _grids(self) -> dict[bytes, Grid | None]:
+        return {}
 
 
 def pose_sweep(
