@@ -6,6 +6,7 @@ import pytest
 from rich.console import Console
 
 from bench.errors import DataError
+from bench.evaluation import load_protocol
 from bench.harness.perf import MethodCost, write_cost
 from bench.harness.sweep import MARK
 from bench.reporting.leaderboard.page import write_leaderboard
@@ -122,11 +123,19 @@ def test_the_best_method_is_told_in_one_line_and_drawn_beside_its_cost(judged, t
     assert line.endswith("2026-01-02, 0 01234567+)")
     assert best_line(tmp_path / "leaderboard.json", dataset="another") is None
     assert best_line(tmp_path / "nowhere.json", dataset="demo") is None
-    (tmp_path / "leaderboard.json").write_text('{"best": [{"dataset": "demo"}]}')
-    assert best_line(tmp_path / "leaderboard.json", dataset="demo") is None
     page = files[0].read_text()
     assert "<strong>good</strong> of 2 methods" in page
     assert '"pages":{"exact":"' in page
+
+
+def test_no_best_method_is_told_of_another_state_of_the_protocol(judged, tmp_path):
+    write_leaderboard(read_leaderboard(judged), tmp_path)
+    stored, earlier = tmp_path / "leaderboard.json", tmp_path / "earlier.json"
+    earlier.write_text(stored.read_text().replace(load_protocol("surface-v1").digest, 64 * "0"))
+    assert best_line(stored, dataset="demo") is not None
+    assert best_line(earlier, dataset="demo") is None
+    stored.write_text('{"best": [{"dataset": "demo"}]}')
+    assert best_line(stored, dataset="demo") is None
 
 
 def test_the_terminal_tables_fit(folder):

@@ -10,6 +10,7 @@ from pathlib import Path
 from rich.table import Table
 from rich.text import Text
 
+from bench.evaluation import load_protocol
 from bench.evaluation.slices import ALL_MOVING
 from bench.evaluation.summary import Metric
 from bench.plain_text import escape_markdown, plain
@@ -17,6 +18,7 @@ from bench.reporting import formats
 from bench.reporting.compare.runs import SHOWN_DIGEST
 from bench.reporting.leaderboard.reading import (
     FALSE_POSITIVES,
+    JUDGED,
     LEAST_COMMON,
     OF_PIXELS,
     ORDERED_BY,
@@ -228,14 +230,16 @@ def _numbers(metric: Metric) -> list[float]:
 
 def best_methods(found: Leaderboard) -> Iterator[dict[str, object]]:
     """For each data set the method that leads under the protocol that is judged by; the oracles are none."""
+    today = load_protocol(JUDGED).digest
     for dataset in dict.fromkeys(group.dataset for group in found.groups):
         judged = [g for g in found.groups if (g.dataset, g.split, g.judged) == (dataset, None, True) and g.methods]
         if judged:
-            group = max(judged, key=lambda group: len(group.methods))
+            group = max(judged, key=lambda group: (group.protocol_digest == today, len(group.methods)))
             best = group.methods[0]
             yield {
                 "dataset": dataset,
                 "protocol": group.protocol,
+                "protocol_digest": group.protocol_digest,
                 "method": best.method,
                 "of": len(group.methods),
                 "iou": _numbers(best.metrics[ORDERED_BY]),
@@ -247,7 +251,9 @@ def best_methods(found: Leaderboard) -> Iterator[dict[str, object]]:
 
 
 def best_line(file: Path, *, dataset: str) -> str | None:
-    """The best method of a stored leaderboard on a data set, in one line; None where it tells none.
+    """The best method of a stored leaderboard on a data set, in one line.
+
+    None where it tells none, or one by an earlier state of the protocol, whose scores do not compare with today's.
 
     Args:
         file: `leaderboard.json`.
@@ -255,6 +261,8 @@ def best_line(file: Path, *, dataset: str) -> str | None:
     """
     try:
         best = next(best for best in json.loads(file.read_bytes())["best"] if best["dataset"] == dataset)
+        if best["protocol_digest"] != load_protocol(JUDGED).digest:
+            return None
         iou, *ends = (f"{100 * value:.1f}" for value in best["iou"])
         ceiling = "" if best["ceiling"] is None else f", ceiling {100 * best['ceiling']:.1f} %"
         return (
