@@ -21,6 +21,7 @@ from bench.audit.ranking import (
     rank_row,
     read_ranking,
     run_ranking,
+    surface_fits,
 )
 from bench.audit.ranking_sums import EXACT, PAPER, REFERENCES, ROWS, SUMS, SURFACE, RankingSums, lidar_references
 from bench.audit.sources import same_objects
@@ -35,7 +36,13 @@ from bench.methods import MethodInput, build_method
 from bench.methods.spherical.method import SphericalMethod
 from bench.recordings import load_card
 from bench.reference import IgnoreReason, Status
-from bench.reporting.audit_ranking import draw_ranking, ranking_tables
+from bench.reporting.audit_ranking import (
+    agreement_table,
+    draw_ranking,
+    fit_table,
+    overview_table,
+    ranking_tables,
+)
 from tests.cli.test_commands import call
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object
 
@@ -87,7 +94,8 @@ def test_what_is_made_of_exact_masks_is_no_real_method():
     assert found.difference_real["iou"].value == pytest.approx((0.1 + 0) / 2)
 
 
-def test_intervals_need_six_recordings_and_are_the_same_again():
+def test_intervals_need_six_recordings_and_are_the_same_again(monkeypatch):
+    monkeypatch.setattr("bench.audit.ranking.DRAWS", 100)
     assert row(by_lidar=[0.1, 0.5, 0.9], by_masks=[0.1, 0.5, 0.9], recordings=5).agreement[PAPER].tau.ci95 is None
     found = row(by_lidar=[0.2, 0.5, 0.9], by_masks=[0.1, 0.5, 0.9], recordings=6).agreement[PAPER]
     assert found.tau.ci95 == pytest.approx((1, 1))
@@ -106,6 +114,29 @@ def test_a_wrong_mask_that_beats_the_exact_one_is_found():
     found = {(check.prediction, check.reference): check.holds for check in checks}
     assert found["1", PAPER] is False
     assert found["2", PAPER] is found["1", EXACT] is True
+
+
+def test_the_tables_show_differences_order_and_which_aims_are_missed(monkeypatch):
+    monkeypatch.setattr("bench.audit.ranking.DRAWS", 20)
+    masks = [Prediction(name="truth", method=ExactMasks()), Prediction(name="fat", method=NEVER_BETTER[1])]
+    predictions = [*ANY[:2], *masks]
+    six = row(by_lidar=[0.2, 0, 0.8, 0.9], by_masks=[0.1, 0, 1, 0.7], recordings=6, predictions=predictions)
+    names = [prediction.name for prediction in predictions]
+    # Of ten pixels of cores five lie outside of the masks; of ten of masks one is in neither core nor band.
+    near = {("pedestrian", "[0, 2)", "[0, 0.05)"): np.array([1, 4, 1, 8, 0, 0.5])}
+    far = {("pedestrian", "[2, 4)", "[0, 0.05)"): np.array([1, 6, 4, 2, 1, 0.25])}
+    found = RankingSummary.model_construct(
+        predictions=names, real=names[:2], ceiling="truth", rows=(six,), fits=surface_fits([near, far])
+    )
+    (*_, surface), agreement_of_rows = overview_table(found).rows, agreement_table(found).rows
+    # Differences of 10, 0, 20 and 20 points; of six pairs five are in the same order, so tau is (5 - 1) / 6.
+    aims = "tau 0.67 in crossing; mean difference 12.5 over all predictions; mean difference 5.0 over real methods"
+    assert surface == ("surface-v1", "12.5", "5.0", "0.67", "1 of 1", aims)
+    assert {cells[4].partition(" ")[0] for cells in agreement_of_rows} == {"0.67"}
+    every, of_class, *_ = fit_table(found).rows
+    assert every == ("all", "all", "all", "2", "50.0", "10.0", "37.5")
+    assert of_class == ("pedestrian", *every[1:])
+    assert fit_table(found).rows[3] == ("pedestrian", "[2, 4)", "all", "1", "66.7", "50.0", "25.0")
 
 
 def test_the_lidar_references_are_those_of_the_protocols():
