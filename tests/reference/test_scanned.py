@@ -8,6 +8,7 @@ import shapely
 
 from bench.recordings import GroundPolygon, PointIndices
 from bench.reference import OutlineErrors, ReferenceBuilder, Status
+from bench.reference.patches import find_grid
 from bench.reference.polygons import rasterise
 from bench.reference.records import Limb
 from bench.reference.scanned import way_out_m
@@ -149,3 +150,21 @@ def test_how_far_a_beam_runs_through_a_box():
     points = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [1.0, 0.0, 1.0], [5.0, 0.0, 1.0]])
     beams = np.array([[1.0, 0.0, 0.0], [0.6, 0.8, 0.0], [0.6, 0.0, -0.8], [1.0, 0.0, 0.0]])
     assert way_out_m(points, beams, box) == pytest.approx([4.0, 1.25, 1.25, 0.0])
+
+
+def test_neighbours_are_found_once_for_the_same_points_of_a_sweep(monkeypatch):
+    recording, _ = wall_recording(width_m=2.0, away_m=6.0, steps_deg=(0.2, 2.0))
+    asked: list[int] = []
+
+    def counting(points_sensor):
+        asked.append(len(points_sensor))
+        return find_grid(points_sensor)
+
+    monkeypatch.setattr("bench.reference.sweeps.find_grid", counting)
+    builder, image = ReferenceBuilder(recording, "front", SURFACE), recording.images["front"][0]
+    first, again = builder.build(image), builder.build(image)
+    assert np.array_equal(first.labels, again.labels)
+    assert asked == [first.objects[0].points]
+    placed = builder._sweeps.nearest(recording.tracks[0].states[0].shape, image.timestamp_ns)
+    assert len(placed.grid(np.arange(50)).row_step_rad) == 50
+    assert asked[1:] == [50]
