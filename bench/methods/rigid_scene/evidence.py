@@ -55,6 +55,7 @@ class Evidence:
         inverse_depth: (H/2, W/2) float32, 1/m, of the nearest point of the curve.
         from_road_px: (H/2, W/2) float32, px between the flow and the road's.
         from_road_sigmas: (H/2, W/2) float32, the same in standard deviations.
+        road: (H, W, 2) float32, px, motion of the road below the horizon and of what is infinitely far above it.
     """
 
     scene: RigidScene
@@ -73,6 +74,7 @@ class Evidence:
     inverse_depth: Image
     from_road_px: Image
     from_road_sigmas: Image
+    road: Image
 
 
 def gather_evidence(
@@ -151,6 +153,7 @@ def gather_evidence(
         inverse_depth=_at_places(place, [at_every_pixel(depths[k].astype(np.float32), scene.camera) for k in chosen]),
         from_road_px=np.hypot(offset[..., 0], offset[..., 1]),
         from_road_sigmas=np.sqrt(np.maximum(information.squared(offset[..., 0], offset[..., 1]), 0)),
+        road=found.guess,
     )
 
 
