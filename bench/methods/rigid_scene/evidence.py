@@ -173,9 +173,9 @@ def _best_static(
     best, cost = further[0].copy(), box_mean((now - sampled(before, further[0])) ** 2, WINDOW_PX)
     for candidate in (*further[1:], *(at_every_pixel(flow, scene.camera) for flow in flows)):
         left = box_mean((now - sampled(before, candidate)) ** 2, WINDOW_PX)
-        better = left < cost
-        np.copyto(cost, left, where=better)
-        np.copyto(best, candidate, where=better[..., None])
+        better = cv2.compare(left, cost, cv2.CMP_LT)
+        cost = np.minimum(cost, left)
+        cv2.copyTo(candidate, better, best)
     return best, cost
 
 

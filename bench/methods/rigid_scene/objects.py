@@ -140,12 +140,13 @@ def _moving_together(deviation: Image, start: Mask) -> Mask:
     region = start
     for _ in range(ROUNDS):
         weight = region.astype(np.float32)
+        weighted = cv2.multiply(deviation, cv2.merge([weight, weight]))
         common, known = np.zeros_like(deviation), np.zeros(start.shape, dtype=bool)
         for side_px in REACH_PX:
             share = box_mean(weight, side_px)
-            mean = box_mean(deviation * weight[..., None], side_px) / np.maximum(share, 1e-6)[..., None]
-            new = ~known & (share > 0.05)
-            np.copyto(common, mean, where=new[..., None])
+            sums = box_mean(weighted, side_px)
+            new = ~known & (share > LEAST_KNOWN)
+            cv2.copyTo(cv2.divide(sums, cv2.merge([share, share])), new.view(np.uint8), common)
             known |= new
         off = deviation - common
         size = np.hypot(common[..., 0], common[..., 1])
@@ -293,11 +294,11 @@ def _carried(flow: Image, known: Mask) -> Image:
     """A flow where it is known, and its mean over the nearest known pixels elsewhere; as it is far from any."""
     height, width = known.shape
     found, share = flow[CELL].copy(), known[CELL].astype(np.float32)
-    stack = np.dstack([found * share[..., None], share])
+    weighted = cv2.multiply(found, cv2.merge([share, share]))
     for side_px in reversed(CARRIED_CELLS):
-        mean = box_mean(stack, side_px)
-        near = mean[..., 2] > LEAST_KNOWN
-        found[near] = mean[near][:, :2] / mean[near][:, 2:]
+        near = box_mean(share, side_px)
+        mean = cv2.divide(box_mean(weighted, side_px), cv2.merge([near, near]))
+        cv2.copyTo(mean, (near > LEAST_KNOWN).view(np.uint8), found)
     return np.asarray(cv2.resize(found, (width, height), interpolation=cv2.INTER_LINEAR))
 
 

@@ -119,12 +119,18 @@ def _columns(evidence: Evidence, obstacle: Mask, below: Mask, road: NDArray[np.f
         lower, under = slice(max(foot - LOWER_CELLS, top), foot), slice(min(foot + 2, last), min(foot + 6, last + 1))
         if foot - top < 2 or evidence.edge[CELL][under, column].any():
             continue
-        if np.median(per_px[under, column]) * np.median(evidence.from_road_px[lower, column]) < CLEAR_SIGMAS:
+        seen = _ranked(per_px[under, column], 0.5) * _ranked(evidence.from_road_px[lower, column], 0.5)
+        if seen < CLEAR_SIGMAS:
             continue
-        inverse_depth = float(np.quantile(evidence.inverse_depth[lower, column], 0.8))
+        inverse_depth = _ranked(evidence.inverse_depth[lower, column], 0.8)
         ratio = float(road[min(foot + 1, last), column]) / max(inverse_depth, 1e-6)
         found[column] = _Column(top=top, foot=foot, ratio=ratio, inverse_depth=inverse_depth)
     return found
+
+
+def _ranked(values: NDArray[np.floating], share: float) -> float:
+    """The value that a share of all do not exceed; of a few values much faster than a quantile."""
+    return float(np.sort(values)[int(share * (len(values) - 1))])
 
 
 def _neighbours(columns: dict[int, _Column]) -> list[list[int]]:
