@@ -29,8 +29,10 @@ MARGIN_PX = 5  # around a region, where its outline is looked for
 CUT_SEED = 0  # of OpenCV's generator, which starts the colour clusters of GrabCut
 LARGEST_CUT_PX = 6_000
 SCORE_SCALE = 50.0  # of the score as the second channel in which outlines are looked for
-SURE_SCORE = -0.1
-LIKELY_SCORE = -0.3  # what is likely an object explains the grey values hardly worse than the background
+# Least scores: of what is surely part of an object; of a region's other pixels, the rest of which is background at
+# first; and of pixels beside the region. At 0 both motions explain the grey values alike.
+SURE_SCORE, LIKELY_SCORE, BESIDE_SCORE = 0.05, -0.3, 0.4
+BESIDE_PX = 9  # in which objects may reach beyond their regions
 CARRIED_CELLS = (3, 5, 11, 21)  # squares over which the motion of objects and background is carried to what lies beside
 LEAST_KNOWN = 0.05  # share of such a square
 GUIDED_PX = 7
@@ -122,7 +124,8 @@ def find_candidates(evidence: Evidence, settings: ObjectSettings, *, slow_px: fl
     if settings.grow and evidence.moves:
         standing = _below_road(region, sure, evidence.too_low | hanging, evidence.fall > BELOW_HORIZON)
         grown = upright(evidence.scene, evidence.fall, standing, evidence.edge, height_m=settings.height_m)
-        region |= grown & ~evidence.edge
+        grown &= ~evidence.edge
+        region, sure = region | grown, sure | grown
     return Candidates(seeds=(seeds & blobs) | hanging, sure=sure, region=region, standing=standing, floating=hanging)
 
 
@@ -140,7 +143,7 @@ def _moving_together(deviation: Image, start: Mask) -> Mask:
     region = start
     for _ in range(ROUNDS):
         weight = region.astype(np.float32)
-        weighted = cv2.multiply(deviation, cv2.merge([weight, weight]))
+        weighted = deviation * weight[..., None]
         common, known = np.zeros_like(deviation), np.zeros(start.shape, dtype=bool)
         for side_px in REACH_PX:
             share = box_mean(weight, side_px)
@@ -199,10 +202,14 @@ def draw_objects(
     """
     mask = np.zeros(current.shape, dtype=bool)
     edge = pairs[0].evidence.edge
-    around = cv2.dilate(candidates.region.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5)))
+    around = cv2.dilate(
+        candidates.region.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (BESIDE_PX, BESIDE_PX))
+    )
     count, labels, boxes, _ = cv2.connectedComponentsWithStats(around, connectivity=8)
     seeded = np.bincount(labels[candidates.seeds], minlength=count) >= LEAST_SEEDS // 2
-    motions = _Motions.of(candidates, pairs, calm_sigmas=settings.sigmas) if settings.outlines and seeded.any() else None
+    motions = (
+        _Motions.of(candidates, pairs, calm_sigmas=settings.sigmas) if settings.outlines and seeded.any() else None
+    )
     for index in (np.flatnonzero(seeded[1:]) + 1).tolist():
         coarse, fine = _windows(boxes[index], labels.shape)
         shape = mask[fine].shape
@@ -219,7 +226,8 @@ def draw_objects(
         if motions is not None:
             noise = FINE_NOISE * pairs[0].evidence.noise
             score = motions.score(current, coarse, fine, noise=noise, floor_px=FACTOR * floor_px)
-            region, sure = region & (score > LIKELY_SCORE), sure & (score > SURE_SCORE)
+            region = around_it & (score > np.where(region, LIKELY_SCORE, BESIDE_SCORE))
+            sure &= score > SURE_SCORE
             region = _cut(current[fine], score, region=region, sure=sure, own=around_it)
         mask[fine] |= _without_specks(region, seeds)
     return mask
@@ -294,7 +302,7 @@ def _carried(flow: Image, known: Mask) -> Image:
     """A flow where it is known, and its mean over the nearest known pixels elsewhere; as it is far from any."""
     height, width = known.shape
     found, share = flow[CELL].copy(), known[CELL].astype(np.float32)
-    weighted = cv2.multiply(found, cv2.merge([share, share]))
+    weighted = found * share[..., None]
     for side_px in reversed(CARRIED_CELLS):
         near = box_mean(share, side_px)
         mean = cv2.divide(box_mean(weighted, side_px), cv2.merge([near, near]))
@@ -306,8 +314,10 @@ def _guided(image: Image, values: Image, *, noise: float) -> Image:
     """Values smoothed over a square, but not over edges of an image that are higher than the noise."""
     mean, mean_values = box_mean(image, GUIDED_PX), box_mean(values, GUIDED_PX)
     variance = box_mean(image * image, GUIDED_PX) - mean * mean
-    slope = (box_mean(image * values, GUIDED_PX) - mean * mean_values) / (variance + noise**2)
-    return np.asarray(box_mean(slope, GUIDED_PX) * image + box_mean(mean_values - slope * mean, GUIDED_PX))
+    slope = np.asarray((box_mean(image * values, GUIDED_PX) - mean * mean_values) / (variance + noise**2), np.float32)
+    return np.asarray(
+        box_mean(slope, GUIDED_PX) * image + box_mean(mean_values - slope * mean, GUIDED_PX), dtype=np.float32
+    )
 
 
 def _cut(image: NDArray[np.uint8], score: Image, *, region: Mask, sure: Mask, own: Mask) -> Mask:
