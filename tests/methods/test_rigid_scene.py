@@ -45,7 +45,7 @@ def test_static_points_move_as_the_scene_says(camera):
         u, v = np.rint(now[k]).astype(int)
         np.testing.assert_allclose(flow[v, u], before[k] - now[k], atol=0.15)
     u, v = np.rint(now[0]).astype(int)
-    road = at_every_pixel(scene.road_inverse_depth().astype(np.float32), camera)
+    road = at_every_pixel(scene.road_inverse_depth(scene.fall()).astype(np.float32), camera)
     assert road[v, u] == pytest.approx(1 / depth_m[0], rel=0.02)
 
 

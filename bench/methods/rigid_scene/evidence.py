@@ -157,9 +157,11 @@ def gather_evidence(
     )
 
 
-def _searched_depths(scene: RigidScene, *, tilt_rad: float, nearest_m: float, moves: bool) -> list[NDArray[np.float64]]:
+def _searched_depths(
+    scene: RigidScene, *, tilt_rad: float, nearest_m: float, moves: bool
+) -> list[NDArray[np.floating]]:
     """Inverse depths on the scene's grid, from the farthest that is possible to the nearest."""
-    far = scene.road_inverse_depth(tilt_rad=tilt_rad)
+    far = scene.road_inverse_depth(scene.fall(), tilt_rad=tilt_rad)
     if not moves:
         return [far]
     near = np.maximum(1 / nearest_m, 1.3 * far)

@@ -72,7 +72,7 @@ def floating(evidence: Evidence, *, at_most: float, calm_sigmas: float) -> Mask:
     if not evidence.moves:
         return found
     fall = evidence.fall[CELL]
-    road = np.maximum(fall, 0) / evidence.scene.road.height_m
+    road = evidence.scene.road_inverse_depth(fall)
     obstacle = road < OBSTACLE_RATIO * evidence.inverse_depth
     obstacle &= (evidence.from_road_sigmas > CLEAR_SIGMAS) & (evidence.from_road_px > CLEAR_PX)
     obstacle &= (evidence.sigmas[CELL] < calm_sigmas) & ~evidence.edge[CELL]
