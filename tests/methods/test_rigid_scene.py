@@ -17,9 +17,10 @@ from bench.methods.rigid_scene.deviation import (
     nearest_on_curve,
     structure_tensor,
 )
+from bench.methods.rigid_scene.evidence import CELL, Evidence
 from bench.methods.rigid_scene.motion import Correspondences, MotionAccuracy, refine_motion
 from bench.methods.rigid_scene.scene import RigidScene, at_every_pixel
-from bench.methods.rigid_scene.standing import upright
+from bench.methods.rigid_scene.standing import floating, upright
 from tests.methods.test_spherical_method import CAMERA, STEP, crossing, frame, render
 from tests.methods.worlds import FORWARD, TwoViews
 
@@ -44,7 +45,7 @@ def test_static_points_move_as_the_scene_says(camera):
         u, v = np.rint(now[k]).astype(int)
         np.testing.assert_allclose(flow[v, u], before[k] - now[k], atol=0.15)
     u, v = np.rint(now[0]).astype(int)
-    road = at_every_pixel(scene.road_inverse_depth().astype(np.float32), camera)
+    road = at_every_pixel(scene.road_inverse_depth(scene.fall()).astype(np.float32), camera)
     assert road[v, u] == pytest.approx(1 / depth_m[0], rel=0.02)
 
 
@@ -129,6 +130,43 @@ def test_a_foot_on_the_road_tells_how_high_an_object_reaches():
     assert not upright(scene, fall, feet, body, height_m=1.6).any()
 
 
+def obstacle_before_the_camera(share, *, road_px_sigmas):
+    """Evidence of an obstacle in the columns of cells 60 to 80, at a share of the distance of the road at its foot."""
+    _, scene = scene_of()
+    fall = at_every_pixel(scene.fall().astype(np.float32), scene.camera)
+    cells = fall[CELL]
+    rows, columns = cells.shape
+    foot = int(np.flatnonzero(cells[:, 70] > 0.2)[0])
+    inverse_depth = np.maximum(cells, 0) / scene.road.height_m
+    block = slice(foot - 30, foot), slice(60, 80)
+    inverse_depth[block] = cells[foot, 70] / scene.road.height_m / share
+    from_road_px = np.full((rows, columns), 0.1, np.float32)
+    from_road_px[block] = 2.0
+    from_road_sigmas = road_px_sigmas * from_road_px
+    from_road_sigmas[block] = 20.0
+    small, image = np.zeros((rows, columns)), np.zeros(fall.shape, np.float32)
+    pixels, flow = image > 0, np.zeros((*fall.shape, 2), np.float32)
+    evidence = Evidence(
+        scene=scene, moves=True, noise=1.0, flow=flow, nearest=flow, static=flow, sigmas=image, misfit=image,
+        edge=pixels, road_seen=pixels, fall=fall, too_low=pixels, beyond=pixels, inverse_depth=inverse_depth,
+        from_road_px=from_road_px, from_road_sigmas=from_road_sigmas, road=flow,
+    )  # fmt: skip
+    expected = small > 0
+    expected[block] = True
+    return evidence, expected
+
+
+def test_what_would_have_to_float_above_the_road_comes_towards_the_camera():
+    evidence, expected = obstacle_before_the_camera(0.6, road_px_sigmas=10.0)
+    found = floating(evidence, at_most=0.75, calm_sigmas=6.0)
+    assert (found & expected).sum() > 0.9 * expected.sum()
+    assert (found & ~expected).sum() < 0.1 * expected.sum()
+    parked, _ = obstacle_before_the_camera(0.95, road_px_sigmas=10.0)
+    assert not floating(parked, at_most=0.75, calm_sigmas=6.0).any()
+    dark, _ = obstacle_before_the_camera(0.6, road_px_sigmas=1.0)  # nothing tells the road from the obstacle below it
+    assert not floating(dark, at_most=0.75, calm_sigmas=6.0).any()
+
+
 @pytest.fixture(scope="module")
 def board():
     return crossing()
@@ -146,7 +184,7 @@ def test_what_crosses_is_found_and_what_stands_is_not(board):
 
 
 def test_switches_change_the_answer_and_an_older_image_may_be_there(board):
-    previous, current, _ = board
+    previous, current, truth = board
     given = frame(previous, current, STEP)
     whole = build_method("rigid-scene").segment(given).mask
     for setting in (
@@ -157,6 +195,9 @@ def test_switches_change_the_answer_and_an_older_image_may_be_there(board):
     ):
         other = build_method("rigid-scene", setting).segment(given).mask
         assert (other != whole).any(), setting
+    wide = other  # without outlines it holds what the body has just uncovered, too
+    assert (whole & ~truth).sum() < 0.7 * (wide & ~truth).sum()
+    assert (whole & truth).sum() > 0.9 * (wide & truth).sum()
 
 
 def test_without_ego_motion_it_says_so(board):

@@ -55,6 +55,7 @@ class Evidence:
         inverse_depth: (H/2, W/2) float32, 1/m, of the nearest point of the curve.
         from_road_px: (H/2, W/2) float32, px between the flow and the road's.
         from_road_sigmas: (H/2, W/2) float32, the same in standard deviations.
+        road: (H, W, 2) float32, px, motion of the road below the horizon and of what is infinitely far above it.
     """
 
     scene: RigidScene
@@ -73,6 +74,7 @@ class Evidence:
     inverse_depth: Image
     from_road_px: Image
     from_road_sigmas: Image
+    road: Image
 
 
 def gather_evidence(
@@ -151,12 +153,15 @@ def gather_evidence(
         inverse_depth=_at_places(place, [at_every_pixel(depths[k].astype(np.float32), scene.camera) for k in chosen]),
         from_road_px=np.hypot(offset[..., 0], offset[..., 1]),
         from_road_sigmas=np.sqrt(np.maximum(information.squared(offset[..., 0], offset[..., 1]), 0)),
+        road=found.guess,
     )
 
 
-def _searched_depths(scene: RigidScene, *, tilt_rad: float, nearest_m: float, moves: bool) -> list[NDArray[np.float64]]:
+def _searched_depths(
+    scene: RigidScene, *, tilt_rad: float, nearest_m: float, moves: bool
+) -> list[NDArray[np.floating]]:
     """Inverse depths on the scene's grid, from the farthest that is possible to the nearest."""
-    far = scene.road_inverse_depth(tilt_rad=tilt_rad)
+    far = scene.road_inverse_depth(scene.fall(), tilt_rad=tilt_rad)
     if not moves:
         return [far]
     near = np.maximum(1 / nearest_m, 1.3 * far)
@@ -170,9 +175,9 @@ def _best_static(
     best, cost = further[0].copy(), box_mean((now - sampled(before, further[0])) ** 2, WINDOW_PX)
     for candidate in (*further[1:], *(at_every_pixel(flow, scene.camera) for flow in flows)):
         left = box_mean((now - sampled(before, candidate)) ** 2, WINDOW_PX)
-        better = left < cost
-        np.copyto(cost, left, where=better)
-        np.copyto(best, candidate, where=better[..., None])
+        better = cv2.compare(left, cost, cv2.CMP_LT)
+        cost = np.minimum(cost, left)
+        cv2.copyTo(candidate, better, best)
     return best, cost
 
 

@@ -66,7 +66,7 @@ def warp(
     height, width = current.shape
     guess = np.zeros((height, width, 2), np.float32)
     if scene is not None:
-        road = scene.flow_at(scene.road_inverse_depth())
+        road = scene.flow_at(scene.road_inverse_depth(scene.fall()))
         guess = at_every_pixel(np.nan_to_num(road, nan=OUTSIDE_PX), scene.camera)
     neutral = (sampled((~valid).astype(np.float32), guess, outside=1.0) > 0.01) | ~valid
     warped = np.rint(sampled(previous.astype(np.float32), guess)).astype(np.uint8)

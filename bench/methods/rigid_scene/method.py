@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import ClassVar, TypeVar
 
@@ -17,7 +17,7 @@ from bench.methods.contract import MethodInput, Segmentation, UnansweredImage
 from bench.methods.rigid_scene.evidence import Evidence, gather_evidence
 from bench.methods.rigid_scene.first_guess import GuidedFlow, guided_flow, warp
 from bench.methods.rigid_scene.motion import MotionAccuracy, correspondences, refine_motion
-from bench.methods.rigid_scene.objects import Candidates, FineImages, ObjectSettings, draw_objects, find_candidates
+from bench.methods.rigid_scene.objects import Candidates, ObjectSettings, Pair, draw_objects, find_candidates
 from bench.methods.rigid_scene.scene import RigidScene
 
 FINE_PX = 640  # width about which outlines are drawn, and twice that on which all else is computed
@@ -105,12 +105,15 @@ class RigidSceneMethod:
         views = _Views.of(frame)
         short = self._evidence(views, frame, 1, None)
         found = find_candidates(short, self.objects)
-        mask = self._drawn(views, short, found, 1)
+        pairs = [Pair(previous=views.fine[-2], evidence=short)]
         back = min(self.longest_history, len(frame.images) - 1)
         if self.long_baseline and back > 1 and short.moves:
             long = self._evidence(views, frame, back, short.scene)
-            further = _not_yet_known(find_candidates(long, self.objects, slow_px=self.slow_px), mask)
-            mask |= self._drawn(views, long, further, back)
+            pairs.append(Pair(previous=views.fine[-1 - back], evidence=long))
+        mask = self._drawn(found, views, pairs)
+        for pair in pairs[1:]:
+            slow = find_candidates(pair.evidence, self.objects, slow_px=self.slow_px)
+            mask |= self._drawn(_not_yet_known(slow, mask), views, pairs[::-1])
         valid = cv2.resize(frame.valid.astype(np.uint8), mask.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
         return Segmentation(
             cell_size_px=views.cell_size_px,
@@ -162,9 +165,8 @@ class RigidSceneMethod:
             photometric=self.photometric,
         )
 
-    def _drawn(self, views: _Views, evidence: Evidence, found: Candidates, back: int) -> NDArray[np.bool_]:
-        images = FineImages(current=views.fine[-1], previous=views.fine[-1 - back])
-        return draw_objects(found, evidence, images, self.objects, floor_px=self.floor_px)
+    def _drawn(self, found: Candidates, views: _Views, pairs: Sequence[Pair]) -> NDArray[np.bool_]:
+        return draw_objects(found, views.fine[-1], pairs, self.objects, floor_px=self.floor_px)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

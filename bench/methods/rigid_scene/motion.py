@@ -153,13 +153,13 @@ def _linearised(
     if tangent is None:  # all depths look the same: both directions count everywhere
         tangent = np.broadcast_to([1.0, 0.0], given.pixels.shape)
     normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
-    at_depth, at_road = _pixels(start, given.rays, depth), _pixels(start, given.rays, on_road)
+    at_depth, at_road = start.previous_pixels(given.rays, depth), start.previous_pixels(given.rays, on_road)
     slopes = np.empty((2, len(given.rays), CORRECTIONS))
     for k in range(CORRECTIONS):
         moved = _corrected(scene, axes, correction + STEP * np.eye(CORRECTIONS)[k])
-        slopes[0, :, k] = _along(normal, _pixels(moved, given.rays, depth) - at_depth) / STEP
+        slopes[0, :, k] = _along(normal, moved.previous_pixels(given.rays, depth) - at_depth) / STEP
         road = _road_inverse_depth(moved, given.rays)
-        slopes[1, :, k] = _along(tangent, _pixels(moved, given.rays, road) - at_road) / STEP
+        slopes[1, :, k] = _along(tangent, moved.previous_pixels(given.rays, road) - at_road) / STEP
     offsets = np.stack([_along(normal, given.pixels - at_depth), _along(tangent, given.pixels - at_road)])
     certain = np.stack([np.einsum("nd,nde,ne->n", d, given.information, d) for d in (normal, tangent)])
     used = np.isfinite(offsets) & np.isfinite(slopes).all(axis=-1)
@@ -193,22 +193,15 @@ def _corrected(scene: RigidScene, axes: Floats, correction: Floats) -> RigidScen
 
 
 def _road_inverse_depth(scene: RigidScene, rays: Floats) -> Floats:
-    return np.asarray(np.maximum(dot(rays, scene.road.down), 0.0) / scene.road.height_m)
-
-
-def _pixels(scene: RigidScene, rays: Floats, inverse_depth: Floats) -> Floats:
-    """Where the previous image shows static points, (N, 2); NaN where it cannot."""
-    motion = scene.current_from_previous
-    points = rays - inverse_depth[:, None] * motion.translation_m
-    return scene.camera.project(points @ motion.rotation)[0]
+    return scene.road_inverse_depth(dot(rays, scene.road.down)).astype(np.float64)
 
 
 def _nearest_depth(scene: RigidScene, given: Correspondences, start: Floats) -> tuple[Floats, Floats]:
     """Inverse depth of the point of each epipolar curve nearest to the flow, (N,), and the tangent there, (N, 2)."""
     depth = start
     for _ in range(2):
-        here = _pixels(scene, given.rays, depth)
-        slope = (_pixels(scene, given.rays, depth + 0.01) - here) / 0.01
+        here = scene.previous_pixels(given.rays, depth)
+        slope = (scene.previous_pixels(given.rays, depth + 0.01) - here) / 0.01
         along = _along(slope, slope)
         change = _along(slope, given.pixels - here) / np.maximum(along, 1e-9)
         depth = np.clip(np.nan_to_num(depth + change), FARTHEST, NEAREST)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import cv2
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from bench.errors import UsageError
 from bench.methods.rigid_scene.deviation import Image, gradients
-from bench.methods.rigid_scene.evidence import BELOW_HORIZON, WINDOW_PX, Evidence
+from bench.methods.rigid_scene.evidence import BELOW_HORIZON, CELL, WINDOW_PX, Evidence
 from bench.methods.rigid_scene.scene import box_mean, pixel_positions, remapped
 from bench.methods.rigid_scene.standing import floating, upright
 
@@ -24,11 +25,18 @@ SEED_SHARE = 0.03
 LEAST_PX = 48  # at the size of the answer; smaller regions are specks
 FACTOR = 2  # size of the answer over that of the evidence
 FINE_NOISE = 1.5  # noise of a pixel over that of a mean of four, which JPEG has made alike
-INSIDE_PX = 9  # what is sure all around counts as sure, also without texture
 MARGIN_PX = 5  # around a region, where its outline is looked for
 CUT_SEED = 0  # of OpenCV's generator, which starts the colour clusters of GrabCut
 LARGEST_CUT_PX = 6_000
-MISFIT_SCALE, MISFIT_LIMIT = 10.0, 3.0  # misfit as the second channel in which outlines are looked for
+SCORE_SCALE = 50.0  # of the score as the second channel in which outlines are looked for
+# Least scores: of what is surely part of an object; of a region's other pixels, the rest of which is background at
+# first; and of pixels beside the region. At 0 both motions explain the grey values alike.
+SURE_SCORE, LIKELY_SCORE, BESIDE_SCORE = 0.05, -0.3, 0.4
+BESIDE_PX = 9  # in which objects may reach beyond their regions
+CARRIED_CELLS = (3, 5, 11, 21)  # squares over which the motion of objects and background is carried to what lies beside
+LEAST_KNOWN = 0.05  # share of such a square
+GUIDED_PX = 7
+LEAST_GUIDING = 5.5  # grey values; weaker edges are none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,8 +50,9 @@ class ObjectSettings:
         grow: what seems to lie below the road is grown up from where it stands on it.
         height_m: to which it is grown: people and cars.
         floating: an obstacle moves whose distance is less than this share of that of the road at its foot; 0 for never.
-            Cars with ground clearance reach 0.7 at their sills.
-        outlines: outlines follow the image, by graph cut; else they are those of the flow.
+            What comes at a third of the ego vehicle's speed reaches 0.75.
+        outlines: outlines lie where the object's own motion no longer explains the grey values better than the
+            background's, by graph cut; else they are those of the flow.
 
     Raises:
         UsageError: a number that is out of its domain.
@@ -54,7 +63,7 @@ class ObjectSettings:
     mark: float = 0.5
     grow: bool = True
     height_m: float = 1.6
-    floating: float = 0.6
+    floating: float = 0.75
     outlines: bool = True
 
     def __post_init__(self) -> None:
@@ -115,7 +124,8 @@ def find_candidates(evidence: Evidence, settings: ObjectSettings, *, slow_px: fl
     if settings.grow and evidence.moves:
         standing = _below_road(region, sure, evidence.too_low | hanging, evidence.fall > BELOW_HORIZON)
         grown = upright(evidence.scene, evidence.fall, standing, evidence.edge, height_m=settings.height_m)
-        region |= grown & ~evidence.edge
+        grown &= ~evidence.edge
+        region, sure = region | grown, sure | grown
     return Candidates(seeds=(seeds & blobs) | hanging, sure=sure, region=region, standing=standing, floating=hanging)
 
 
@@ -133,12 +143,13 @@ def _moving_together(deviation: Image, start: Mask) -> Mask:
     region = start
     for _ in range(ROUNDS):
         weight = region.astype(np.float32)
+        weighted = deviation * weight[..., None]
         common, known = np.zeros_like(deviation), np.zeros(start.shape, dtype=bool)
         for side_px in REACH_PX:
             share = box_mean(weight, side_px)
-            mean = box_mean(deviation * weight[..., None], side_px) / np.maximum(share, 1e-6)[..., None]
-            new = ~known & (share > 0.05)
-            np.copyto(common, mean, where=new[..., None])
+            sums = box_mean(weighted, side_px)
+            new = ~known & (share > LEAST_KNOWN)
+            cv2.copyTo(cv2.divide(sums, cv2.merge([share, share])), new.view(np.uint8), common)
             known |= new
         off = deviation - common
         size = np.hypot(common[..., 0], common[..., 1])
@@ -157,32 +168,48 @@ def _below_road(region: Mask, sure: Mask, too_low: Mask, below_horizon: Mask) ->
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FineImages:
-    """The two images at the size of the answer, about twice that of the evidence; (H, W) uint8 each."""
+class Pair:
+    """The current image and an earlier one.
 
-    current: NDArray[np.uint8]
+    Attributes:
+        previous: (H, W) uint8, the earlier image at the size of the answer, about twice that of the evidence.
+        evidence: of the two.
+    """
+
     previous: NDArray[np.uint8]
+    evidence: Evidence
 
 
 def draw_objects(
-    candidates: Candidates, evidence: Evidence, images: FineImages, settings: ObjectSettings, *, floor_px: float
+    candidates: Candidates,
+    current: NDArray[np.uint8],
+    pairs: Sequence[Pair],
+    settings: ObjectSettings,
+    *,
+    floor_px: float,
 ) -> Mask:
     """Masks of the candidates at the size of the answer, without specks.
 
     Args:
         candidates: from `find_candidates`.
-        evidence: that they come from.
-        images: the two images.
+        current: (H, W) uint8, the current image at the size of the answer.
+        pairs: the one that the candidates come from, and others in which the background may show.
         settings: thresholds and switches.
         floor_px: accuracy of the flow, at the size of the evidence.
 
     Returns:
         (H, W) bool, of the size of the images.
     """
-    mask = np.zeros(images.current.shape, dtype=bool)
-    around = cv2.dilate(candidates.region.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5)))
+    mask = np.zeros(current.shape, dtype=bool)
+    edge = pairs[0].evidence.edge
+    around = cv2.dilate(
+        candidates.region.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (BESIDE_PX, BESIDE_PX))
+    )
     count, labels, boxes, _ = cv2.connectedComponentsWithStats(around, connectivity=8)
     seeded = np.bincount(labels[candidates.seeds], minlength=count) >= LEAST_SEEDS // 2
+    motions = (
+        _Motions.of(candidates, pairs, calm_sigmas=settings.sigmas) if settings.outlines and seeded.any() else None
+    )
     for index in (np.flatnonzero(seeded[1:]) + 1).tolist():
         coarse, fine = _windows(boxes[index], labels.shape)
         shape = mask[fine].shape
@@ -193,14 +220,15 @@ def draw_objects(
                 candidates.region[coarse] & own,
                 candidates.sure[coarse] & own,
                 candidates.seeds[coarse] & own,
-                own & ~evidence.edge[coarse],
+                own & ~edge[coarse],
             )
         )
-        if settings.outlines:
-            misfit = _fine_misfit(evidence, images, coarse, fine, floor_px=floor_px)
-            inside = box_mean(sure.astype(np.float32), INSIDE_PX) > 0.98
-            sure &= (misfit > settings.mark) | inside
-            region = _cut(images.current[fine], misfit, region=region, sure=sure, own=around_it)
+        if motions is not None:
+            noise = FINE_NOISE * pairs[0].evidence.noise
+            score = motions.score(current, coarse, fine, noise=noise, floor_px=FACTOR * floor_px)
+            region = around_it & (score > np.where(region, LIKELY_SCORE, BESIDE_SCORE))
+            sure &= score > SURE_SCORE
+            region = _cut(current[fine], score, region=region, sure=sure, own=around_it)
         mask[fine] |= _without_specks(region, seeds)
     return mask
 
@@ -214,32 +242,93 @@ def _windows(box: NDArray[np.int32], shape: tuple[int, int]) -> tuple[Window, Wi
     return (slice(*rows), slice(*columns)), fine
 
 
-def _fine_misfit(evidence: Evidence, images: FineImages, coarse: Window, fine: Window, *, floor_px: float) -> Image:
-    """`Evidence.misfit` in a window at the size of the answer."""
-    now = images.current[fine].astype(np.float32)
-    height, width = now.shape
-    start = pixel_positions(images.current.shape[1], images.current.shape[0])[fine]
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Motions:
+    """What may have moved a pixel beside an object: an earlier image and a flow to it, at the size of the evidence.
 
-    def left_over(flow: Image) -> Image:
-        ends = start + FACTOR * cv2.resize(flow[coarse], (width, height), interpolation=cv2.INTER_LINEAR)
-        return box_mean((now - remapped(images.previous.astype(np.float32), ends)) ** 2, WINDOW_PX)
+    Attributes:
+        own: the motion of the nearest object.
+        static: the road, and the background beside the objects, in each of the earlier images: what a body has just
+            uncovered is hidden in one, but not in all.
+    """
 
-    slope_u, slope_v = gradients(now)
-    noise = FINE_NOISE * evidence.noise
-    variance = box_mean(noise**2 + (FACTOR * floor_px) ** 2 * (slope_u**2 + slope_v**2), WINDOW_PX)
-    static = np.minimum(left_over(evidence.static), left_over(evidence.nearest))
-    return np.asarray((static - left_over(evidence.flow)) / variance, dtype=np.float32)
+    own: tuple[Image, Image]
+    static: tuple[tuple[Image, Image], ...]
+
+    @classmethod
+    def of(cls, candidates: Candidates, pairs: Sequence[Pair], *, calm_sigmas: float) -> _Motions:
+        first = pairs[0].evidence
+        own = _carried(first.flow, candidates.sure & candidates.region)
+        away = cv2.dilate(candidates.region.astype(np.uint8), np.ones((7, 7), np.uint8)) == 0
+        away &= (first.sigmas < calm_sigmas) & ~first.edge
+        static: list[tuple[Image, Image]] = []
+        for pair in pairs:
+            previous, seen = pair.previous.astype(np.float32), pair.evidence
+            static += [(previous, _carried(seen.static, away & ~seen.edge)), (previous, seen.road)]
+        return cls(own=(pairs[0].previous.astype(np.float32), own), static=tuple(static))
+
+    def score(
+        self, current: NDArray[np.uint8], coarse: Window, fine: Window, *, noise: float, floor_px: float
+    ) -> Image:
+        """By how much the object's own motion explains grey values better than the background's, in a window.
+
+        The logarithm of the ratio of what each leaves over, smoothed as the image is (guided filter).
+
+        Args:
+            current: (H, W) uint8.
+            coarse: the window, at the size of the evidence.
+            fine: the window, at that of the image.
+            noise: standard deviation of the difference of two images, grey values.
+            floor_px: accuracy of the flow, px.
+
+        Source:
+            He, Sun and Tang, Guided image filtering, 2013.
+        """
+        now = current[fine].astype(np.float32)
+        height, width = now.shape
+        start = pixel_positions(current.shape[1], current.shape[0])[fine]
+        slope_u, slope_v = gradients(now)
+        variance = box_mean(noise**2 + floor_px**2 * (slope_u**2 + slope_v**2), WINDOW_PX)
+
+        def left_over(previous: Image, flow: Image) -> Image:
+            ends = start + FACTOR * cv2.resize(flow[coarse], (width, height), interpolation=cv2.INTER_LINEAR)
+            return np.asarray(np.log(box_mean((now - remapped(previous, ends)) ** 2, WINDOW_PX) / variance + 0.5))
+
+        static = np.minimum.reduce([left_over(*motion) for motion in self.static])
+        return _guided(now, static - left_over(*self.own), noise=max(noise, LEAST_GUIDING))
 
 
-def _cut(image: NDArray[np.uint8], misfit: Image, *, region: Mask, sure: Mask, own: Mask) -> Mask:
-    """Outline of a region in a window by graph cut over grey values and misfit."""
+def _carried(flow: Image, known: Mask) -> Image:
+    """A flow where it is known, and its mean over the nearest known pixels elsewhere; as it is far from any."""
+    height, width = known.shape
+    found, share = flow[CELL].copy(), known[CELL].astype(np.float32)
+    weighted = found * share[..., None]
+    for side_px in reversed(CARRIED_CELLS):
+        near = box_mean(share, side_px)
+        mean = cv2.divide(box_mean(weighted, side_px), cv2.merge([near, near]))
+        cv2.copyTo(mean, (near > LEAST_KNOWN).view(np.uint8), found)
+    return np.asarray(cv2.resize(found, (width, height), interpolation=cv2.INTER_LINEAR))
+
+
+def _guided(image: Image, values: Image, *, noise: float) -> Image:
+    """Values smoothed over a square, but not over edges of an image that are higher than the noise."""
+    mean, mean_values = box_mean(image, GUIDED_PX), box_mean(values, GUIDED_PX)
+    variance = box_mean(image * image, GUIDED_PX) - mean * mean
+    slope = np.asarray((box_mean(image * values, GUIDED_PX) - mean * mean_values) / (variance + noise**2), np.float32)
+    return np.asarray(
+        box_mean(slope, GUIDED_PX) * image + box_mean(mean_values - slope * mean, GUIDED_PX), dtype=np.float32
+    )
+
+
+def _cut(image: NDArray[np.uint8], score: Image, *, region: Mask, sure: Mask, own: Mask) -> Mask:
+    """Outline of a region in a window by graph cut over grey values and score."""
     if not (sure & own).any() or (own & ~region).sum() < 5:
         return region & own
     labels: NDArray[np.uint8] = np.full(region.shape, cv2.GC_BGD, np.uint8)
     labels[own] = cv2.GC_PR_BGD
     labels[own & region] = cv2.GC_PR_FGD
     labels[own & sure] = cv2.GC_FGD
-    second = np.clip(misfit, -MISFIT_LIMIT, MISFIT_LIMIT) * MISFIT_SCALE + 128
+    second = np.clip(SCORE_SCALE * score + 128, 0, 255)
     channels = np.dstack([image, second.astype(np.uint8), np.zeros_like(image)])
     if image.size > LARGEST_CUT_PX:  # at half the size; a large object's outline is long enough
         height, width = image.shape

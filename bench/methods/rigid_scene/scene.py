@@ -46,18 +46,32 @@ class RigidScene:
         """Cosine of the angle of each ray of the grid to straight down, > 0 below the horizon; 0 without a ray."""
         return np.nan_to_num(dot(self.grid.rays_camera, self.road.down))
 
-    def road_inverse_depth(self, *, tilt_rad: float = 0.0) -> NDArray[np.float64]:
-        """Inverse distance of the road along each ray of the grid, 1/m, 0 from the horizon on up; (rows, columns).
+    def road_inverse_depth(self, fall: NDArray[np.floating], *, tilt_rad: float = 0.0) -> NDArray[np.floating]:
+        """Inverse distance of the road along rays, 1/m, 0 from the horizon on up; shape and type of `fall`.
 
         Args:
+            fall: cosine of the angle of each ray to straight down.
             tilt_rad: by so much the road may fall away from the plane: a lower bound of the inverse distance.
 
         Source:
             Mariotti and Eising, equation 13, with an uncertain plane.
         """
-        return np.asarray(np.maximum(self.fall() - tilt_rad, 0.0) / self.road.height_m)
+        return np.asarray(np.maximum(fall - tilt_rad, 0) / self.road.height_m)
 
-    def flow_at(self, inverse_depth: NDArray[np.float64] | float) -> NDArray[np.float32]:
+    def previous_pixels(
+        self, rays_camera: NDArray[np.float64], inverse_depth: NDArray[np.floating] | float
+    ) -> NDArray[np.float64]:
+        """Where the previous image shows static points, (N, 2) float64, px; NaN where it cannot.
+
+        Args:
+            rays_camera: (N, 3) float64, unit rays of the current camera.
+            inverse_depth: 1/m along each ray, (N,) or one number.
+        """
+        motion = self.current_from_previous
+        points = rays_camera - np.reshape(inverse_depth, (-1, 1)) * motion.translation_m  # p' - rho t
+        return self.camera.project(points @ motion.rotation)[0]
+
+    def flow_at(self, inverse_depth: NDArray[np.floating] | float) -> NDArray[np.float32]:
         """Motion of static points, from the current to the previous image.
 
         Args:
@@ -66,11 +80,9 @@ class RigidScene:
         Returns:
             (rows, columns, 2) float32, px; NaN where the lens has no ray, now or then.
         """
-        rays, motion = self.grid.rays_camera, self.current_from_previous
-        points = rays - np.broadcast_to(inverse_depth, rays.shape[:2])[..., None] * motion.translation_m  # p' - rho t
-        previous = np.moveaxis(motion.rotation.T @ np.moveaxis(points, -1, 0).reshape(3, -1), 0, -1)
-        pixels, _ = self.camera.project(previous)
-        return (pixels.reshape(*rays.shape[:2], 2) - self.grid.pixels).astype(np.float32)
+        grid = self.grid
+        pixels = self.previous_pixels(grid.rays_camera.reshape(-1, 3), inverse_depth)
+        return (pixels.reshape(grid.pixels.shape) - grid.pixels).astype(np.float32)
 
 
 def at_every_pixel(values: NDArray[np.float32], camera: CameraModel) -> NDArray[np.float32]:

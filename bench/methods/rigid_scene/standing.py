@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +18,9 @@ OBSTACLE_RATIO = 0.85  # a surface nearer than this share of the road behind it 
 CLEAR_SIGMAS = 4.0  # and its flow is so far from the road's
 CLEAR_PX = 0.5
 LEAST_COLUMNS = 5  # of cells, that an obstacle is wide
+GROUNDED = 0.9  # of its columns have to float: wheels are at least a tenth of what is seen of a parked car
+LOWER_CELLS = 10  # of an obstacle, from which its distance is taken
+STEP_CELLS, GAP_CELLS = 4, 3  # from a sill to a wheel: rows between feet, columns between neighbours
 
 
 def upright(scene: RigidScene, fall: NDArray[np.float32], feet: Mask, hidden: Mask, *, height_m: float) -> Mask:
@@ -52,7 +57,8 @@ def floating(evidence: Evidence, *, at_most: float, calm_sigmas: float) -> Mask:
 
     A static obstacle stands on the road: at its foot it is as far away as the road. What comes towards the ego vehicle
     looks nearer than it is, by the ratio of the ego vehicle's speed to the sum of both; the road below its wheels
-    does not. Parked cars have ground clearance, but wheels, too: a column of the image counts with its neighbours.
+    does not. Parked cars have ground clearance, but wheels, too: a column of the image counts with its neighbours. A
+    foot counts only where the road below it is seen to be the road: a wall in the dark begins above its foot.
 
     Args:
         evidence: of two images.
@@ -66,47 +72,77 @@ def floating(evidence: Evidence, *, at_most: float, calm_sigmas: float) -> Mask:
     if not evidence.moves:
         return found
     fall = evidence.fall[CELL]
-    road = np.maximum(fall, 0) / evidence.scene.road.height_m
+    road = evidence.scene.road_inverse_depth(fall)
     obstacle = road < OBSTACLE_RATIO * evidence.inverse_depth
     obstacle &= (evidence.from_road_sigmas > CLEAR_SIGMAS) & (evidence.from_road_px > CLEAR_PX)
     obstacle &= (evidence.sigmas[CELL] < calm_sigmas) & ~evidence.edge[CELL]
-    obstacle = cv2.morphologyEx(obstacle.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)) > 0
-    columns = _columns(obstacle, obstacle & (fall > 1.5 * BELOW_HORIZON), evidence.inverse_depth, road)
+    opened = cv2.morphologyEx(obstacle.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
+    obstacle = cv2.morphologyEx(opened, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) > 0
+    columns = _columns(evidence, obstacle, obstacle & (fall > 1.5 * BELOW_HORIZON), road)
     for group in _neighbours(columns):
-        ratios = [columns[column][2] for column in group]
-        if len(group) >= LEAST_COLUMNS and np.quantile(ratios, 0.8) < at_most:
+        ratios = [columns[column].ratio for column in group]
+        if len(group) >= LEAST_COLUMNS and np.quantile(ratios, GROUNDED) < at_most:
             for column in group:
-                top, foot, _, depth = columns[column]
-                rows = slice(top, foot + 1)
-                same = np.abs(evidence.inverse_depth[rows, column] / depth - 1) < 0.5
+                here = columns[column]
+                rows = slice(here.top, here.foot + 1)
+                same = np.abs(evidence.inverse_depth[rows, column] / here.inverse_depth - 1) < 0.5
                 found[rows, column] = obstacle[rows, column] & same
     return found
 
 
-def _columns(
-    obstacle: Mask, below: Mask, inverse_depth: NDArray[np.floating], road: NDArray[np.floating]
-) -> dict[int, tuple[int, int, float, float]]:
-    """By column: first and last row of the lowest obstacle, ratio of its distance to the road's, and inverse depth."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Column:
+    """The lowest obstacle in a column of cells.
+
+    Attributes:
+        top: first row.
+        foot: last row.
+        ratio: its distance over that of the road at its foot.
+        inverse_depth: 1/m; of what of it is nearest, for the flow blurs it with the road at its foot.
+    """
+
+    top: int
+    foot: int
+    ratio: float
+    inverse_depth: float
+
+
+def _columns(evidence: Evidence, obstacle: Mask, below: Mask, road: NDArray[np.floating]) -> dict[int, _Column]:
+    """By column of cells, where what lies below the obstacle is seen to be the road."""
     found = {}
-    last_row = len(obstacle) - 1
+    last = len(obstacle) - 1
+    per_px = evidence.from_road_sigmas / np.maximum(evidence.from_road_px, 1e-3)
     for column in np.flatnonzero(below.any(axis=0)).tolist():
         foot = int(np.flatnonzero(below[:, column])[-1])
         free = np.flatnonzero(~obstacle[:foot, column])
         top = int(free[-1]) + 1 if len(free) else 0
-        if foot - top < 2:
+        lower, under = slice(max(foot - LOWER_CELLS, top), foot), slice(min(foot + 2, last), min(foot + 6, last + 1))
+        if foot - top < 2 or evidence.edge[CELL][under, column].any():
             continue
-        depth = float(np.median(inverse_depth[max(foot - 5, top) : foot, column]))
-        found[column] = top, foot, float(road[min(foot + 1, last_row), column]) / max(depth, 1e-6), depth
+        seen = _ranked(per_px[under, column], 0.5) * _ranked(evidence.from_road_px[lower, column], 0.5)
+        if seen < CLEAR_SIGMAS:
+            continue
+        inverse_depth = _ranked(evidence.inverse_depth[lower, column], 0.8)
+        ratio = float(road[min(foot + 1, last), column]) / max(inverse_depth, 1e-6)
+        found[column] = _Column(top=top, foot=foot, ratio=ratio, inverse_depth=inverse_depth)
     return found
 
 
-def _neighbours(columns: dict[int, tuple[int, int, float, float]]) -> list[list[int]]:
-    """Groups of adjacent columns whose obstacles have feet side by side and about the same distance."""
+def _ranked(values: NDArray[np.floating], share: float) -> float:
+    """The value that a share of all do not exceed; of a few values much faster than a quantile."""
+    return float(np.sort(values)[int(share * (len(values) - 1))])
+
+
+def _neighbours(columns: dict[int, _Column]) -> list[list[int]]:
+    """Groups of columns side by side whose obstacles have feet side by side and about the same distance."""
     groups: list[list[int]] = []
-    for column, (_, foot, _, depth) in columns.items():
-        if groups and groups[-1][-1] == column - 1:
-            _, last_foot, _, last_depth = columns[column - 1]
-            if abs(foot - last_foot) <= 2 and 0.75 < depth / max(last_depth, 1e-6) < 4 / 3:
+    for column, here in columns.items():
+        if groups and column - groups[-1][-1] <= GAP_CELLS:
+            last = columns[groups[-1][-1]]
+            if (
+                abs(here.foot - last.foot) <= STEP_CELLS
+                and 0.75 < here.inverse_depth / max(last.inverse_depth, 1e-6) < 4 / 3
+            ):
                 groups[-1].append(column)
                 continue
         groups.append([column])
