@@ -2,7 +2,7 @@
 
 Points of two sweeps are placed in the world by the stated path and by what it would be if speed were km/h, yaw rate
 degrees, a sign reversed, and so on. Where another reading brings the sweeps clearly closer together, it is the right
-one.
+one; between plain walls, where none does, nothing is said.
 """
 
 from __future__ import annotations
@@ -104,6 +104,7 @@ HEIGHTS_M = (0.3, 4.0)  # above the road: the road itself looks alike everywhere
 SOURCE_POINTS, TARGET_POINTS, LEAST_POINTS = 1500, 20_000, 150
 BOX_SLACK_M = 1.0
 FAR_M = 0.5  # a point further from the other sweep counts as this: it was hidden there, or moves
+SURFACE_POINTS = 6
 CLEARLY = 0.75  # of the stated reading's distance
 CLEARLY_M = 0.02
 
@@ -221,9 +222,20 @@ def _read_as(path: Trajectory, reading: Reading) -> Trajectory:
 
 
 def _distance(source: NDArray[np.float64], target: NDArray[np.float64]) -> float:
-    """Mean distance of points to the nearest of others, m; those that are far count as `FAR_M`."""
-    away_m, _ = cKDTree(target).query(source, distance_upper_bound=FAR_M)
-    return float(np.minimum(away_m, FAR_M).mean())
+    """Mean distance of points to the surfaces on which the nearest of others lie, m; those far away count as `FAR_M`.
+
+    Not to the points themselves: along a plain wall the beams of a vehicle that stands hit the same places again, so
+    that its points meet better than those of the true path. Each surface is the ellipsoid of a few neighbours; what
+    lies within two standard deviations along an axis of it is not away.
+    """
+    away_m, rows = cKDTree(target).query(source, k=SURFACE_POINTS)
+    neighbours = target[rows]
+    middles = neighbours.mean(axis=1)
+    offsets = neighbours - middles[:, None]
+    variances, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", offsets, offsets) / SURFACE_POINTS)
+    along_m = np.abs(np.einsum("nij,ni->nj", axes, source - middles))
+    beyond_m = np.linalg.norm(np.maximum(along_m - 2.0 * np.sqrt(np.maximum(variances, 0.0)), 0.0), axis=1)
+    return float(np.where(away_m[:, 0] < FAR_M, np.minimum(beyond_m, away_m[:, 0]), FAR_M).mean())
 
 
 def _upright(sweep: LidarSweep, recording: Recording, most: int) -> NDArray[np.intp]:

@@ -130,6 +130,17 @@ def test_units_and_signs_of_the_bus_are_tried_against_the_lidar(root, column, fa
     assert told.file.endswith("egomotion.csv")
 
 
+@pytest.mark.parametrize("stated_mps", [4.0, 4.0 * 3.6])
+def test_between_plain_walls_the_lidar_cannot_tell_the_speed(monkeypatch, tmp_path, stated_mps):
+    """Where beams of a vehicle that stands would hit the same places again, though it drives at 4 m/s."""
+    walls = [(RigidTransform.from_yaw(0.0, (0.0, y, 1.5)), np.array([400.0, 0.2, 3.0])) for y in (-9.1, 9.1)]
+    for name, value in {"SPEED_MPS": 4.0, "TURN_RADPS": 0.0, "OBJECTS": {}, "scenery": lambda: walls}.items():
+        monkeypatch.setattr(drive, name, value)
+    corridor = drive.write_drive(tmp_path / "drive")
+    change_bus(corridor, lambda row: row.update(speed_mps=str(stated_mps)))
+    assert "ego-motion-unit" not in {finding.check for finding in found(corridor)}
+
+
 def test_reverse_gear_while_driving_forwards(root):
     change_bus(root, lambda row: row.update(gear="R"))
     (told,) = [finding for finding in found(root) if finding.check == "ego-motion-unit"]
