@@ -22,6 +22,9 @@ LEAST_DRIFT_NS = 4_000_000  # at 10 m/s that moves a point by 4 cm
 CRYSTAL_RATE = 500e-6  # crystals differ by 200 ppm at most, NTP slews by 500; motors and free triggers by more
 LEAST_IMAGES = 10
 MATCHED_NS = 1_000_000
+LEAST_SWEEP_STEPS = 4
+MOST_WITHOUT_SWEEP = 0.25  # of the annotated times; with more of them, annotations follow the images
+OLDER_POINTS = "images there are scored by the points of another sweep, up to 100 ms away; files missing?"
 NEAR_SWEEP_NS = 100_000_000
 SECOND_NS = 1_000_000_000
 
@@ -33,6 +36,7 @@ def check_clocks(recording: Recording) -> Iterator[Finding]:
         yield from _gaps(recording, camera)
         yield from _jitter(times_of(recording, camera), f"images of {camera}")
     if recording.sweeps:
+        yield from _sweep_gaps(recording)
         yield from _jitter(sweep_times(recording), "lidar sweeps")
     yield from _drift(recording)
 
@@ -61,7 +65,7 @@ def check_coverage(recording: Recording) -> Iterator[Finding]:
 
 
 def check_annotation_times(recording: Recording) -> Iterator[Finding]:
-    """Annotations outside of the recording, or at times at which no sensor looked."""
+    """Annotations outside of the recording, at times at which no sensor looked, or where a sweep is missing."""
     annotated_ns = np.array(
         sorted({s.timestamp_ns for track in recording.tracks for s in track.states}), dtype=np.int64
     )
@@ -91,6 +95,21 @@ def check_annotation_times(recording: Recording) -> Iterator[Finding]:
             expected="the time of an image or of a sweep",
             got=f"{int(unseen.sum())} of {len(annotated_ns)} annotated times at neither",
             **occurrences(unseen, annotated_ns),
+        )
+    sweeps_ns = sweep_times(recording)
+    if not len(sweeps_ns):
+        return
+    without_sweep = distance_to(annotated_ns, sweeps_ns) > MATCHED_NS
+    lost = without_sweep & ~outside & ~unseen
+    if lost.any() and without_sweep.mean() < MOST_WITHOUT_SWEEP:
+        yield Finding(
+            check="annotation-sweep",
+            severity=Severity.WARNING,
+            field="timestamp",
+            expected="a lidar sweep at each annotated time, as at most of them",
+            got=f"{int(lost.sum())} of {len(annotated_ns)} annotated times without one",
+            do=OLDER_POINTS,
+            **occurrences(lost, annotated_ns),
         )
 
 
@@ -149,6 +168,26 @@ def _gaps(recording: Recording, camera: str) -> Iterator[Finding]:
         times=len(gaps),
         timestamp_ns=first.current_ns,
     )
+
+
+def _sweep_gaps(recording: Recording) -> Iterator[Finding]:
+    times_ns = sweep_times(recording)
+    steps_ns = np.diff(times_ns)
+    if len(steps_ns) < LEAST_SWEEP_STEPS:
+        return
+    middle_ns = float(np.median(steps_ns))
+    gaps = steps_ns > NEAR_INTERVALS * middle_ns
+    if gaps.any():
+        yield Finding(
+            check="sweep-gaps",
+            severity=Severity.WARNING,
+            file=str(recording.sweeps[int(np.argmax(gaps)) + 1].path),
+            field="lidar sweeps",
+            expected=f"sweeps about {middle_ns / 1e6:.1f} ms apart",
+            got=f"{int(gaps.sum())} gaps, the longest {steps_ns.max() / 1e6:.1f} ms",
+            do=OLDER_POINTS,
+            **occurrences(gaps, times_ns[1:]),
+        )
 
 
 def _jitter(times_ns: NDArray[np.int64], what: str) -> Iterator[Finding]:

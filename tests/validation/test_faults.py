@@ -180,6 +180,17 @@ def test_a_gap_between_images(root):
     assert checks(root) == warning("image-gaps")
 
 
+def test_a_sweep_that_is_missing(root):
+    """At every second sweep there is an image, too, so that its annotations still have a sensor's time."""
+    sweeps = sorted((root / "lidar").iterdir())
+    sweeps[4].unlink()
+    sweeps[6].unlink()
+    gaps, annotations = found(root)
+    assert (gaps.check, gaps.file, gaps.got) == ("sweep-gaps", str(sweeps[5]), "2 gaps, the longest 200.0 ms")
+    assert (annotations.check, annotations.got) == ("annotation-sweep", "2 of 16 annotated times without one")
+    assert {gaps.severity, annotations.severity} == {Severity.WARNING}
+
+
 def test_image_times_of_arrival(root):
     rng = np.random.default_rng(0)
     for path in images(root)[1:]:
