@@ -1,4 +1,4 @@
-"""Boxes and outlines without a point in them, although beams go through.
+"""Boxes and outlines without a point in them, although beams go through, or with their points just outside.
 
 A box that is hidden or far away has no points for a good reason. One that beams pass through, to meet something behind
 it, is empty: its object is elsewhere, or not there.
@@ -25,6 +25,10 @@ FAR_M = 60.0
 SLACK_M = 0.25  # around the box in which points are looked for
 CORE = 0.6  # of the box's sizes that beams have to pass through
 LEAST_BEAMS = 12
+LEAST_POINTS = 10  # just outside of a box that is too tight; as many the protocols ask for inside
+TIGHT = 0.1  # of those, as many as may be inside
+OUTSIDE_M = 0.1  # how far outside of the box points count as the object's
+MOST_TIGHT = 0.1  # of the states of an object that are looked at
 MOST_EMPTY = 0.5  # of the states of an object that are looked at
 LEAST_STATES = 3
 MOST_BOXES = 200  # looked at in a sweep, 2 ms each
@@ -38,6 +42,8 @@ class _Tally:
     empty: int = 0
     points: int = 0
     first_ns: int | None = None
+    tight_ns: list[int] = field(default_factory=list)
+    in_tight: int = 0
     beams: int = 0
     wrong_indices: list[tuple[int, str]] = field(default_factory=list)
 
@@ -114,6 +120,20 @@ class Occupancy:
                     times=tally.empty,
                     timestamp_ns=tally.first_ns,
                 )
+            elif len(tally.tight_ns) > MOST_TIGHT * tally.looked:
+                few = f"at most {tally.in_tight}" if tally.in_tight else "0"
+                yield Finding(
+                    check="tight-box",
+                    severity=Severity.WARNING,
+                    file=file,
+                    field=object_field(track),
+                    expected=f"{LEAST_POINTS} lidar points in the box, below which the protocols ignore an object",
+                    got=f"{few} points in {len(tally.tight_ns)} of {tally.looked} sweeps that see it, and more within "
+                    f"{100 * OUTSIDE_M:.0f} cm outside",
+                    do="the box is too tight (leave some centimetres around the object), or at another time",
+                    times=len(tally.tight_ns),
+                    timestamp_ns=tally.tight_ns[0],
+                )
 
     def _look_at(self, tally: _Tally, state: ObjectState, placed: PosedSweep) -> None:
         box = box_of(state.shape)
@@ -131,14 +151,19 @@ class Occupancy:
             world_from_vehicle=world_from_vehicle,
             exposure_ns=state.timestamp_ns,
         )
-        above = world_from_vehicle.inverse().apply(inside.points_world)[:, 2] if len(inside.rows) else np.empty(0)
-        bottom_m = float(box.vehicle_from_object.translation_m[2] - box.size_m[2] / 2)
-        points = int((above > bottom_m + 0.1).sum())  # what lies lower is the road's
+        placed_points = (world_from_vehicle @ box.vehicle_from_object).inverse().apply(inside.points_world)
+        outside_m = np.max(np.abs(placed_points) - box.size_m / 2, axis=1)
+        outside_m = outside_m[placed_points[:, 2] > 0.1 - box.size_m[2] / 2]  # what lies lower is the road's
+        points = len(outside_m)
         beams = 0 if points else _beams_through(box, state, placed, world_from_vehicle, velocity_world)
         if not points and beams < LEAST_BEAMS:
             return
         tally.looked += 1
         tally.points += points
+        in_box, just_outside = int((outside_m <= 0.0).sum()), int(((outside_m > 0.0) & (outside_m < OUTSIDE_M)).sum())
+        if just_outside >= LEAST_POINTS and in_box <= TIGHT * just_outside:
+            tally.tight_ns.append(state.timestamp_ns)
+            tally.in_tight = max(tally.in_tight, in_box)
         if not points:
             tally.empty += 1
             tally.beams += beams

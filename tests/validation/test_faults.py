@@ -432,6 +432,17 @@ def test_a_box_without_points(root):
     assert (told.check, told.severity, told.field) == ("empty-box", Severity.ERROR, "object 'leader' (vehicle)")
 
 
+def test_a_box_whose_points_lie_on_and_outside_of_its_faces(root):
+    def shrink(name, i, data):
+        val = data["cuboid"][0]["val"]
+        val[7:10] = [size - 0.1 for size in val[7:10]]
+
+    change_boxes(root, shrink, only="leader")
+    (told,) = found(root)
+    assert (told.check, told.severity, told.field) == ("tight-box", Severity.WARNING, "object 'leader' (vehicle)")
+    assert told.got == f"0 points in {told.times} of 16 sweeps that see it, and more within 10 cm outside"
+
+
 def test_an_object_that_jumps(root):
     def jump(name, i, data):
         data["cuboid"][0]["val"][0] += 4.0 if i >= 8 else 0.0
