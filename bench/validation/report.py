@@ -40,7 +40,7 @@ class RecordingReport:
 
     Attributes:
         name: of the recording.
-        findings: errors first, in the order in which they were found.
+        findings: errors first, in the order in which they were found; causes before what may follow from them.
         images: how many images were read, and how many there are.
         sweeps: how many sweeps were read, and how many there are.
     """
@@ -71,6 +71,9 @@ CHECKS: tuple[tuple[Check, frozenset[str], Callable[[Recording], str]], ...] = (
     (check_boxes, frozenset({"annotations"}), annotation_file),
     (check_motion, frozenset({"trajectory", "annotations"}), annotation_file),
 )
+
+EGO_MOTION_CHECKS = frozenset({"ego-speed", "ego-turn", "ego-cornering", "ego-jump", "ego-motion-unit"})
+BY_EGO_MOTION = frozenset({"object-jump", "object-speed", "heading", "velocity", "empty-box", "tight-box"})
 
 
 def validate_recording(
@@ -104,9 +107,21 @@ def validate_recording(
             findings += check_images(recording, camera, rows[camera], step)
         findings += SweepChecks(recording, occupancy).check(sweep_rows, step)
         findings += occupancy.findings() if occupancy is not None else ()
-    named = [replace(finding, recording=handle.name) for finding in findings]
+    named = _causes_first([replace(finding, recording=handle.name) for finding in findings])
     ordered = tuple(sorted(named, key=lambda finding: finding.severity != "error"))
     return RecordingReport(name=handle.name, findings=ordered, images=images, sweeps=sweeps)
+
+
+def _causes_first(findings: list[Finding]) -> list[Finding]:
+    """Where the ego-motion is wrong, what was told by means of it comes last and is no more than odd."""
+    if not any(finding.check in EGO_MOTION_CHECKS and finding.severity is Severity.ERROR for finding in findings):
+        return findings
+    others = [finding for finding in findings if finding.check not in BY_EGO_MOTION]
+    return others + [
+        replace(finding, severity=Severity.WARNING, do="may follow from the ego-motion: correct that, validate again")
+        for finding in findings
+        if finding.check in BY_EGO_MOTION
+    ]
 
 
 def _opened(handle: RecordingHandle) -> LenientReading:

@@ -17,6 +17,7 @@ from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track
 from bench.recordings.native import native_recordings
 from bench.validation import Depth, Severity, boxes, occupancy, validate_recording
 from bench.validation.boxes import check_boxes
+from bench.validation.report import BY_EGO_MOTION
 from bench.validation.sweeps import seen_road
 from tests.recordings import tiny
 from tests.validation import drive
@@ -124,10 +125,10 @@ def test_a_clean_recording_has_no_findings(root):
 )
 def test_units_and_signs_of_the_bus_are_tried_against_the_lidar(root, column, factor, field):
     change_bus(root, lambda row: row.update({column: str(float(row[column]) * factor)}))
-    (told,) = [finding for finding in found(root) if finding.check == "ego-motion-unit"]
-    assert told.field == field
-    assert told.severity is Severity.ERROR
+    told, *others = found(root)
+    assert (told.check, told.field, told.severity) == ("ego-motion-unit", field, Severity.ERROR)
     assert told.file.endswith("egomotion.csv")
+    assert {finding.severity for finding in others if finding.check in BY_EGO_MOTION} <= {Severity.WARNING}
 
 
 @pytest.mark.parametrize("stated_mps", [4.0, 4.0 * 3.6])
@@ -149,7 +150,13 @@ def test_reverse_gear_while_driving_forwards(root):
 
 def test_degrees_per_second(root):
     change_bus(root, lambda row: row.update(yaw_rate_radps=str(np.degrees(drive.TURN_RADPS))))
-    assert ("ego-turn", Severity.ERROR) in checks(root)
+    cause, *others = found(root)
+    assert (cause.check, cause.severity) == ("ego-turn", Severity.ERROR)
+    labels = [finding for finding in others if finding.check in BY_EGO_MOTION]
+    assert labels
+    assert {(finding.severity, finding.do) for finding in labels} == {
+        (Severity.WARNING, "may follow from the ego-motion: correct that, validate again")
+    }
 
 
 def test_speed_no_car_has(root):
