@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from rich.table import Table
-from rich.text import Text
-
 from bench.cli.computing import parse_settings, render_if_synthetic
-from bench.cli.console import progress_bar, say, show
+from bench.cli.console import progress_bar, say
 from bench.errors import UsageError
 from bench.plug_ins import imported
 from bench.recordings import load_card, open_dataset, write_text
 from bench.recordings.catalogue import Adapter
 from bench.recordings.contract import adapter_faults
-from bench.validation import Depth, Finding, Severity, ValidationReport, validate_dataset
+from bench.validation import Depth, Finding, RecordingReport, Severity, ValidationReport, validate_dataset
+from bench.validation.findings import listed
 
-SHOWN = 8  # findings of one check in one recording that the table shows; the file has all
+SHOWN = 5  # findings of one check in one recording that are printed; the file has all
+SHOWN_PLACES = 3  # of findings that read alike
 COLOURS = {Severity.ERROR: "red", Severity.WARNING: "yellow"}
 
 
@@ -32,8 +30,8 @@ def validate(dataset: str, *, split: str | None, deep: bool, errors_only: bool, 
         report = validate_dataset(card.name, handles, depth=Depth.DEEP if deep else Depth.SAMPLED, progress=progress)
     if json is not None:
         write_text(json, report.as_json())
-    if report.findings:
-        show(_table(report))
+    for recording in report.recordings:
+        _print_findings(recording)
     for line in _closing(report, json):
         say(line)
     return not (report.count(Severity.ERROR) if errors_only else report.findings)
@@ -53,34 +51,40 @@ def validate_adapter(name: str, root: Path, *, settings: Sequence[str]) -> bool:
     return not faults
 
 
-def _table(report: ValidationReport) -> Table:
-    table = Table("recording", "check", "where", "expected", "got", "times", box=None, pad_edge=False)
-    for recording in report.recordings:
-        shown: Counter[str] = Counter()
-        for finding in recording.findings:
-            shown[finding.check] += 1
-            if shown[finding.check] <= SHOWN:
-                _row(table, finding, name=recording.name)
-        for check, count in shown.items():
-            if count > SHOWN:
-                table.add_row(recording.name, check, f"... and {count - SHOWN} more", "", "", "")
-    table.columns[0].overflow = "fold"
-    return table
+def _print_findings(recording: RecordingReport) -> None:
+    """A few lines a finding, those that read alike in one, those of one check together as the first of them comes."""
+    checks: dict[str, dict[tuple[str, ...], list[Finding]]] = {}
+    for finding in recording.findings:
+        text = (finding.severity.value, finding.expected, finding.got, finding.do)
+        checks.setdefault(finding.check, {}).setdefault(text, []).append(finding)
+    if checks:
+        say(recording.name, style="bold")
+    for check, groups in checks.items():
+        for (severity, expected, got, do), findings in list(groups.items())[:SHOWN]:
+            places = listed([_where(finding) for finding in findings], SHOWN_PLACES)
+            say(f"  {severity:7}  {check}: {places}{_occurrence(findings)}", style=COLOURS[findings[0].severity])
+            say(f"           expected {expected}; got {got}")
+            if do:
+                say(f"           {do}")
+        if rest := sum(map(len, list(groups.values())[SHOWN:])):
+            say(f"           ... and {rest} more of {check}; --json FILE has all")
 
 
-def _row(table: Table, finding: Finding, *, name: str) -> None:
-    where = Path(finding.file).name + (f": {finding.field}" if finding.field else "")
-    at = "" if finding.timestamp_ns is None else f" (first at {finding.timestamp_ns})"
-    table.add_row(
-        name,
-        Text(finding.severity.value, style=COLOURS[finding.severity]).append(
-            f" {finding.check}", style="not bold default"
-        ),
-        where,
-        finding.expected,
-        finding.got + at + (f"; {finding.do}" if finding.do else ""),
-        str(finding.times),
-    )
+def _where(finding: Finding) -> str:
+    """File below the recording's folder, and the field in it."""
+    parts = Path(finding.file).parts
+    if finding.recording in parts:
+        parts = parts[len(parts) - parts[::-1].index(finding.recording) :] or parts[-1:]
+    return ": ".join(filter(None, ("/".join(parts), finding.field)))
+
+
+def _occurrence(findings: Sequence[Finding]) -> str:
+    """How often and when, where that is more than once or at a time."""
+    count, time_ns = sum(finding.times for finding in findings), findings[0].timestamp_ns
+    times = f"{count} times" if count > 1 else ""
+    at = "" if time_ns is None else f"{'first ' if times else ''}at {time_ns}"
+    told = ", ".join(filter(None, (times, at)))
+    return f" ({told})" if told else ""
 
 
 def _closing(report: ValidationReport, json: Path | None) -> list[str]:

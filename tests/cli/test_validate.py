@@ -1,4 +1,4 @@
-"""`validate`: exit status, table and JSON; `validate --adapter`."""
+"""`validate`: exit status, text and JSON; `validate --adapter`."""
 
 import json
 import shutil
@@ -30,21 +30,28 @@ def test_a_clean_data_set_exits_with_0(monkeypatch, capsys, clean):
     assert "0 errors and 0 warnings in 1 recordings; read 24 of 24 images and 16 of 16 sweeps" in shown
 
 
-def test_faults_exit_with_1_and_stand_in_table_and_json(monkeypatch, capsys, folder):
+def test_faults_exit_with_1_and_stand_in_text_and_json(monkeypatch, capsys, folder):
     images = sorted((folder / "data" / "drive" / "images" / "front").iterdir())
     images[3].write_bytes(images[3].read_bytes()[:100])
     images[7].write_bytes(b"[red]not a picture[/]")
+    for image in images[15:21]:
+        image.write_bytes(images[3].read_bytes())
     out = folder / "found" / "faults.json"
     assert call(monkeypatch, "validate", folder / "street.yaml", "--json", out) == 1
     shown = capsys.readouterr().out
-    assert "2 errors and 0 warnings" in shown
+    lines = shown.splitlines()
+    names = [f"images/front/{image.name}" for image in images]
+    alike = f"{names[3]}, {names[15]}, {names[16]} and 4 more (7 times, first at {images[3].stem})"
+    assert lines[:2] == ["drive", f"  error    image: {alike}"]
+    assert f"  error    image: {names[7]} (at {images[7].stem})" in lines
+    assert "8 errors and 0 warnings" in shown
     assert str(out) in shown
     content = json.loads(out.read_text())
-    assert (content["dataset"], content["errors"], content["warnings"]) == ("street", 2, 0)
+    assert (content["dataset"], content["errors"], content["warnings"]) == ("street", 8, 0)
     assert content["recordings"] == [
         {"name": "drive", "images": {"read": 24, "all": 24}, "sweeps": {"read": 16, "all": 16}}
     ]
-    assert [finding["file"] for finding in content["findings"]] == [str(images[3]), str(images[7])]
+    assert [finding["file"] for finding in content["findings"]] == [str(images[i]) for i in (3, 7, *range(15, 21))]
     assert {finding["check"] for finding in content["findings"]} == {"image"}
     assert content["findings"][0]["timestamp_ns"] == int(images[3].stem)
 
