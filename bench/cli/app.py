@@ -359,7 +359,7 @@ def validate(
         list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="With --adapter: an option of it.")
     ] = None,
 ) -> None:
-    """List everything that looks wrong in a data set: 0 nothing, 1 something, 2 usage or data error."""
+    """List what looks wrong in a data set: 0 nothing, 1 something, 2 usage or data error."""
     from bench.cli import validating
 
     if adapter is not None:

@@ -75,7 +75,7 @@ def _where(finding: Finding) -> str:
     parts = Path(finding.file).parts
     if finding.recording in parts:
         parts = parts[len(parts) - parts[::-1].index(finding.recording) :] or parts[-1:]
-    return ": ".join(filter(None, ("/".join(parts), finding.field)))
+    return ": ".join(filter(None, (str(Path(*parts)), finding.field)))
 
 
 def _occurrence(findings: Sequence[Finding]) -> str:

@@ -228,14 +228,15 @@ def _distance(source: NDArray[np.float64], target: NDArray[np.float64]) -> float
     that its points meet better than those of the true path. Each surface is the ellipsoid of a few neighbours; what
     lies within two standard deviations along an axis of it is not away.
     """
-    away_m, rows = cKDTree(target).query(source, k=SURFACE_POINTS)
+    distances_m, rows = cKDTree(target).query(source, k=SURFACE_POINTS)
+    nearest_m = np.asarray(distances_m)[:, 0]
     neighbours = target[rows]
     middles = neighbours.mean(axis=1)
     offsets = neighbours - middles[:, None]
     variances, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", offsets, offsets) / SURFACE_POINTS)
     along_m = np.abs(np.einsum("nij,ni->nj", axes, source - middles))
     beyond_m = np.linalg.norm(np.maximum(along_m - 2.0 * np.sqrt(np.maximum(variances, 0.0)), 0.0), axis=1)
-    return float(np.where(away_m[:, 0] < FAR_M, np.minimum(beyond_m, away_m[:, 0]), FAR_M).mean())
+    return float(np.where(nearest_m < FAR_M, np.minimum(beyond_m, nearest_m), FAR_M).mean())
 
 
 def _upright(sweep: LidarSweep, recording: Recording, most: int) -> NDArray[np.intp]:
