@@ -27,6 +27,7 @@ from bench.harness import (
 )
 from bench.harness.shards import Shard
 from bench.recordings import DatasetCard, load_card
+from bench.reference import IgnoreReason
 from bench.reporting.leaderboard.texts import best_line
 from bench.reporting.table_files import write_report_files
 from bench.reporting.tables import TableRow, threshold_free_line, to_rich
@@ -73,6 +74,8 @@ def run(asked: ScoringOptions, *, pictures: bool) -> int:
             )
         for summary, where in zip(summaries, places, strict=True):
             reports[summary.protocol.name].print(summary, where)
+        if card.scenario is None:
+            note(f"a run does not validate its data; check them with: fisheye-bench validate {asked.dataset}")
         best = best_line(LEADERBOARD, dataset=requests[0].card.name)
         if best is not None:
             say(best)
@@ -208,14 +211,18 @@ class RunReport:
     def print(self, summary: RunSummary, where: Destination) -> None:
         """Print the table, what became of the images, the cost, and where everything is."""
         show(to_rich(self._rows))
-        _print_totals(summary, [where.display_path(where.folder / file) for file in self._files])
+        _print_totals(summary, [where.display_path(where.folder / file) for file in self._files], self.protocol)
         for remark in self._remarks:
             say(f"no picture: {remark}", style="yellow")
 
 
-def _print_totals(summary: RunSummary, files: Sequence[str]) -> None:
+def _print_totals(summary: RunSummary, files: Sequence[str], protocol: Protocol | None) -> None:
     ledger, images = summary.objects, summary.images
-    ignored = ", ".join(f"{count} {reason}" for reason, count in ledger.ignored.items() if count) or "none"
+    limits: dict[str, str] = (
+        {} if protocol is None else {IgnoreReason.RANGE: f" (beyond {protocol.reference.range_limit_m:g} m)"}
+    )
+    reasons = [f"{count} {reason}{limits.get(reason, '')}" for reason, count in ledger.ignored.items() if count]
+    ignored = ", ".join(reasons) or "none"
     note(
         f"{ledger.annotated} annotated object-frames: {ledger.evaluated} evaluated, {ledger.static} static, "
         f"ignored: {ignored}"
