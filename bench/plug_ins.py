@@ -41,7 +41,8 @@ def imported(target: str, *, expected: str) -> Any:
     try:
         found = getattr(import_module(module), attribute)
     except (ImportError, AttributeError) as error:
-        raise UsageError(f"{expected} that can be imported; {error}") from error
+        do = f"; name the module without .py: {module[:-3]}:{attribute}" if module.endswith(".py") else ""
+        raise UsageError(f"{expected} that can be imported; {error}{do}") from error
     except (Exception, SystemExit) as error:
         raise UsageError(f"{expected} that can be imported; {describe_error(error)}") from error
     _loaded.setdefault(module, frozenset(sys.modules.keys() - before))

@@ -39,6 +39,7 @@ TABLE_COLUMNS = 110  # of tables that go into a file or a log
 SHOWN_FAILURES = 10
 SHOWN_FILES, MOST_FILES = 4, 6
 FIRST_LINE_S = 10.0  # without a terminal: a line of progress after so long, then each a tenth of the time so far later
+LEAST_DONE = 3  # of what is counted, or a quarter of it, before the time left is told
 RATE_OVER_S = 300.0  # a unit of a slow method takes minutes
 
 # GitHub reads "::error::" at the start of a line, and "##[error]" anywhere; Azure reads "##vso[...]".
@@ -145,7 +146,7 @@ def progress_bar(title: str, unit: str) -> Iterator[Callable[[float, int], None]
         _RateColumn(unit),
         TimeElapsedColumn(),
         TextColumn("left"),
-        TimeRemainingColumn(),
+        _TimeLeftColumn(),
     )
     with Progress(
         *columns, console=terminal, disable=verbosity() is Verbosity.QUIET, speed_estimate_period=RATE_OVER_S
@@ -161,17 +162,33 @@ def progress_bar(title: str, unit: str) -> Iterator[Callable[[float, int], None]
 def _progress_lines(title: str, unit: str) -> Callable[[float, int], None]:
     """Reports progress as "scoring: 120/580 images after 20 s, about 77 s left"."""
     started = told = monotonic()
+    before: float | None = None  # done already when it began, as recordings that are found
 
     def report(done: float, total: int) -> None:
-        nonlocal told
+        nonlocal told, before
         now = monotonic()
+        before = done if before is None else before
         if verbosity() is Verbosity.QUIET or now - told < max(FIRST_LINE_S, (now - started) / 10):
             return
         told = now
-        left = f", about {(now - started) * (total - done) / done:.0f} s left" if done >= 1 else ""
+        new = done - before
+        left = f", about {(now - started) * (total - done) / new:.0f} s left" if _enough(new, total) else ""
         say(f"{title}: {int(done)}/{total} {unit} after {now - started:.0f} s{left}", to_errors=True)
 
     return report
+
+
+def _enough(done: float, total: float | None) -> bool:
+    """Whether so much is done that the rest can be estimated: the first of a few takes longest, as workers start."""
+    return total is not None and 0.0 < total and done >= min(LEAST_DONE, total / 4)
+
+
+class _TimeLeftColumn(TimeRemainingColumn):
+    def render(self, task: Task) -> Text:
+        """The time left; dashes before enough is done."""
+        if task.finished or _enough(task.completed, task.total):
+            return super().render(task)
+        return Text("-:--:--", style="progress.remaining")
 
 
 class _RateColumn(ProgressColumn):

@@ -50,6 +50,21 @@ def test_a_log_has_no_bar_but_a_line_now_and_then_of_what_takes_long(monkeypatch
     assert 20 < len(lines) < 50, "ever fewer"
 
 
+def test_the_time_left_is_told_when_three_are_done_that_were_not_there_before(monkeypatch, capsys):
+    now = [0.0]
+    monkeypatch.setattr(console, "monotonic", lambda: now[0])
+    with console.progress_bar("rendering", "recordings") as report:
+        for done in range(4, 8):
+            report(done, 20)
+            now[0] += 30.0
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == [
+        "rendering: 5/20 recordings after 30 s",
+        "rendering: 6/20 recordings after 60 s",
+        "rendering: 7/20 recordings after 90 s, about 390 s left",
+    ]
+
+
 def test_of_many_files_a_few_are_named(capsys):
     console.note_files([f"runs/a/{k}.png" for k in range(3)])
     assert capsys.readouterr().out.split() == ["runs/a/0.png", "runs/a/1.png", "runs/a/2.png"]

@@ -216,6 +216,7 @@ def test_everything_wrong_is_listed_at_once_and_nothing_scored(evaluate, images,
         "extra": ["crosing/front/" + keys[0].split("/")[-1] + ".png", f"{images[0].place}/77.png", "notes.txt"],
     }
     assert "expected 320 x 240 px, or a whole fraction or multiple of it, got 100 x 100" in json.dumps(report)
+    assert f"no image 77 of {images[0].place}; the other names were read as times" in json.dumps(report)
     assert {file.name: file.read_bytes() for file in good.iterdir() if file.is_file()} == before
 
 

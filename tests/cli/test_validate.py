@@ -85,15 +85,17 @@ def test_one_bad_recording_does_not_stop_the_others(monkeypatch, capsys, folder)
     ("words", "message"),
     [
         (("nowhere.yaml",), "nowhere.yaml"),
+        (("OTHER_SUFFIX",), "is street.yaml meant?"),
         (("CARD", "--split", "test"), "unknown split 'test'"),
         (("DATA", "--adapter", "nomodule"), "expected module:function, got 'nomodule'"),
         (("DATA", "--adapter", "no_such_module_here:list"), "that can be imported"),
         (("DATA", "--adapter", "bench.recordings:no_such"), "that can be imported"),
+        (("DATA", "--adapter", "my_adapter.py:list"), "name the module without .py: my_adapter:list"),
         (("nowhere", "--adapter", "bench.recordings.native:native_recordings"), "which is missing"),
     ],
 )
 def test_mistakes_are_one_clear_line_and_status_2(monkeypatch, capsys, clean, words, message):
-    named = {"CARD": clean / "street.yaml", "DATA": clean / "data"}
+    named = {"CARD": clean / "street.yaml", "OTHER_SUFFIX": clean / "street.yml", "DATA": clean / "data"}
     assert call(monkeypatch, "validate", *(named.get(word, word) for word in words)) == 2
     shown = capsys.readouterr().err
     assert message in shown

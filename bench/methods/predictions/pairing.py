@@ -164,7 +164,9 @@ class Pairing:
         sources: defaultdict[NamedImage, dict[Path, tuple[str, ...]]] = defaultdict(dict)
         for name, file, listed in named:
             if name not in images:
-                self._extra(file, f"no image {name} of {camera.recording}/{camera.camera}")
+                self._extra(
+                    file, f"no image {name} of {camera.recording}/{camera.camera}{_how_others_are_read(name, images)}"
+                )
                 continue
             before = sources[images[name]].get(file, ())
             sources[images[name]][file] = (*before, name) if listed else ()
@@ -316,6 +318,16 @@ class Pairing:
                 got=f"{round(self._largest_of_16_bits * 65535)} as the largest of all",
                 do="multiply scores of 0 to 255 by 257, or write masks as 8-bit PNG",
             )
+
+
+def _how_others_are_read(name: str, images: Mapping[str, NamedImage]) -> str:
+    """For a number that may have been meant in another way."""
+    if not (name.isdigit() and images):
+        return ""
+    other, image = next(iter(images.items()))
+    by_time = other.isdigit() and int(other) == image.timestamp_ns
+    kind = "times" if by_time else "file names" if other in (image.file, Path(image.file).stem) else "frame numbers"
+    return f"; the other names were read as {kind}"
 
 
 def index_predictions(
