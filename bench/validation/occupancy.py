@@ -42,6 +42,7 @@ class _Tally:
     empty: int = 0
     points: int = 0
     first_ns: int | None = None
+    mirrored: int = 0
     tight_ns: list[int] = field(default_factory=list)
     in_tight: int = 0
     beams: int = 0
@@ -116,7 +117,9 @@ class Occupancy:
                     field=object_field(track),
                     expected="lidar points in the box where beams pass through it",
                     got=f"none in {tally.empty} of {tally.looked} sweeps, with {tally.beams} beams through it",
-                    do="the box is elsewhere than its object, or at another time",
+                    do="the lidar's y has the wrong sign? Mirrored, points would fill the box (y is left)"
+                    if tally.mirrored > tally.empty / 2
+                    else "the box is elsewhere than its object, or at another time",
                     times=tally.empty,
                     timestamp_ns=tally.first_ns,
                 )
@@ -166,6 +169,7 @@ class Occupancy:
             tally.in_tight = max(tally.in_tight, in_box)
         if not points:
             tally.empty += 1
+            tally.mirrored += _points_if_mirrored(box, placed.sweep, self._recording) >= LEAST_POINTS
             tally.beams += beams
             tally.first_ns = state.timestamp_ns if tally.first_ns is None else tally.first_ns
 
@@ -178,6 +182,14 @@ class Occupancy:
             tally.wrong_indices.append((sweep.timestamp_ns, f"row {largest} of a sweep of {points} points"))
         elif len(np.unique(shape.indices)) < len(shape.indices):
             tally.wrong_indices.append((sweep.timestamp_ns, "rows named twice"))
+
+
+def _points_if_mirrored(box: Cuboid, sweep: LidarSweep, recording: Recording) -> int:
+    """Points in the box, roughly, if the lidar's y pointed to the other side."""
+    points = recording.vehicle_from_lidar.apply(sweep.points_lidar * np.array([1.0, -1.0, 1.0]))
+    away_m = np.abs(box.vehicle_from_object.inverse().apply(points)) - box.size_m / 2
+    away_m[:, 2] += 2 * SLACK_M  # neither the road nor what hangs above
+    return int((away_m < SLACK_M).all(axis=1).sum())
 
 
 def _unknown_sweeps(track: Track, sweeps_ns: set[int], file: str) -> Iterator[Finding]:

@@ -14,7 +14,7 @@ from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep, read_sweep
 from bench.lidar.files import write_sweep
 from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track
-from bench.recordings.native import native_recordings
+from bench.recordings.native import native_recordings, open_native
 from bench.validation import Depth, Severity, boxes, occupancy, validate_recording
 from bench.validation.boxes import check_boxes
 from bench.validation.report import BY_EGO_MOTION
@@ -448,6 +448,16 @@ def test_a_box_whose_points_lie_on_and_outside_of_its_faces(root):
     (told,) = found(root)
     assert (told.check, told.severity, told.field) == ("tight-box", Severity.WARNING, "object 'leader' (vehicle)")
     assert told.got == f"0 points in {told.times} of 16 sweeps that see it, and more within 10 cm outside"
+
+
+def test_a_lidar_that_is_mirrored_left_to_right(root):
+    change_sweeps(root, with_points(lambda points: points * np.float32([1, -1, 1])))
+    recording = open_native(root)
+    looked = occupancy.Occupancy(recording)
+    for sweep in recording.sweeps:
+        looked.add(sweep.read())
+    (rider,) = [finding for finding in looked.findings() if finding.field == "object 'rider' (cyclist)"]
+    assert (rider.check, rider.do.split("?")[0]) == ("empty-box", "the lidar's y has the wrong sign")
 
 
 def test_an_object_that_jumps(root):
