@@ -180,7 +180,7 @@ def _progress_lines(title: str, unit: str) -> Callable[[float, int], None]:
 
 def _enough(done: float, total: float | None) -> bool:
     """Whether so much is done that the rest can be estimated: the first of a few takes longest, as workers start."""
-    return total is not None and 0.0 < total and done >= min(LEAST_DONE, total / 4)
+    return total is not None and total > 0.0 and done >= min(LEAST_DONE, total / 4)
 
 
 class _TimeLeftColumn(TimeRemainingColumn):
