@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 
 from rich.table import Table
@@ -15,7 +15,6 @@ from bench.evaluation.summary import FalsePositiveMetrics, ObjectMetrics, Summar
 from bench.reference.records import Category
 from bench.reporting.formats import (
     INTERVALS,
-    LABELS,
     TextTable,
     chance_of,
     count,
@@ -25,6 +24,7 @@ from bench.reporting.formats import (
     mean,
     number_columns,
     percent,
+    row_label,
     short_interval,
     terminal_table,
     with_interval,
@@ -54,7 +54,7 @@ class TableRow:
 
     Attributes:
         name: category, or "false_positives".
-        label: as in the paper.
+        label: as in the paper; of a method without its constraints only the kind of motion.
         frames: object-frames, in the last row image-frames.
         paper_frames: the paper's.
         tracks: objects; None in the last row.
@@ -93,16 +93,17 @@ def table_rows(summary: Summary) -> list[TableRow]:
     The paper's TPR and IoU stand beside ours over the detected object-frames: as averages over all of them they would
     contradict its detection rate (0.72 x 0.64 is less than 0.55).
     """
-    rows = [_category_row(Category(name), found) for name, found in summary.categories.items()]
+    causes = summary.false_positive_causes
+    rows = [_category_row(Category(name), found, causes) for name, found in summary.categories.items()]
     return [*rows, _false_positive_row(summary.false_positives)]
 
 
-def _category_row(category: Category, found: ObjectMetrics) -> TableRow:
+def _category_row(category: Category, found: ObjectMetrics, causes: Container[str]) -> TableRow:
     theirs = published.CATEGORIES.get(category)
     paper = (theirs.detection_rate, theirs.tpr, theirs.iou) if theirs else ()
     return TableRow(
         name=category.value,
-        label=LABELS[category],
+        label=row_label(category, causes),
         frames=found.object_frames,
         paper_frames=theirs.object_frames if theirs else 0,
         tracks=found.tracks,

@@ -18,9 +18,11 @@ from bench.reporting.tables import (
     table_rows,
     to_rich,
 )
-from tests.reporting.summaries import banded_summary, object_figures, summary
+from tests.reporting.summaries import banded_summary, figure, object_figures, summary
 
-ROWS = table_rows(summary())
+CONSTRAINTS = ("epipolar", "positive_depth", "positive_height", "anti_parallel", "static_camera")
+OF_PAPER = summary().model_copy(update={"false_positive_causes": dict.fromkeys(CONSTRAINTS, figure(0.2))})
+ROWS = table_rows(OF_PAPER)
 NAMES = LatexNames(label="demo-spherical", about="method spherical_2, data set demo, paper-v1")
 
 
@@ -65,6 +67,15 @@ def test_the_rows_are_the_papers_with_the_papers_values():
     ]
     assert ROWS[0].paper == {"detection_rate": 0.72, "tpr": 0.64, "iou_detected": 0.55}
     assert ROWS[-1].paper == {"coverage": 0.13}
+
+
+def test_rows_of_a_method_without_constraints_do_not_name_them():
+    own = {"false_positive_causes": {"epipolar": figure(1.0)}}
+    labels = [row.label for row in table_rows(summary().model_copy(update=own))]
+    assert labels[:2] == ["Crossing (epipolar)", "Overtaking"]
+    assert [row.label for row in table_rows(summary())] == [
+        "Crossing", "Overtaking", "Preceding", "Approaching", "Static ego-vehicle", "False positives"
+    ]  # fmt: skip
 
 
 def test_differences_are_percentage_points():

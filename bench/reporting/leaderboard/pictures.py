@@ -70,7 +70,7 @@ def draw_examples(
             stored = StoredFrames(run.folder, run.summary, run.protocol)
             if not images:
                 chosen = example_frames(run.objects)
-                images = {key: LABELS[category].partition(" (")[0] for category, key in chosen.items()}
+                images = {key: LABELS[category] for category, key in chosen.items()}
             for key in images:
                 frame = stored.process(*key)
                 frames.setdefault(key, frame)

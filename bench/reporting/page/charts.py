@@ -167,7 +167,7 @@ def _coverage_charts(run: StoredRun) -> list[Chart]:
     return [
         Chart(
             name=f"coverage-{name}",
-            figure=draw_coverage_curve(found, chance, title=LABELS[Category(name)].split(" (")[0]),
+            figure=draw_coverage_curve(found, chance, title=LABELS[Category(name)]),
             label=f"Found against coverage threshold, {name}",
         )
         for name, (found, chance) in coverage_curves(run.objects, protocol=run.protocol).items()

@@ -211,7 +211,7 @@ def _of_images(found: Summary) -> list[Remark]:
 
 
 def _name(category: str) -> str:
-    return LABELS[Category(category)].split(" (")[0]
+    return LABELS[Category(category)]
 
 
 def _found(row: ObjectMetrics) -> str:
