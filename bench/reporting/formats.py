@@ -214,6 +214,11 @@ def frame_name(reference: ReferenceFrame) -> str:
     return image_name(reference.recording, reference.camera, reference.timestamp_ns)
 
 
+def made_by(method: str, protocol: str) -> str:
+    """What a picture shows beside which image it is, "method spherical, protocol paper-v1"."""
+    return f"method {shortened(method, LONGEST_RECORDING)}, protocol {shortened(protocol, LONGEST_RECORDING)}"
+
+
 def file_name(name: str) -> str:
     """A name as part of a file's; names come from data files and may hold anything."""
     return re.sub(r"[^A-Za-z0-9_.-]+", "_", name)[:80]
