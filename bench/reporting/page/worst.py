@@ -24,10 +24,11 @@ from bench.harness import FramePipeline, ProcessedFrame
 from bench.harness.frames import UnscorableFrame
 from bench.harness.replay import StoredFrames
 from bench.reference import Category, ReferenceObject, Status
+from bench.reporting.canvas import jpeg_uri
 from bench.reporting.count_view import PixelClass, detected_pixels, draw_counts, overlay_counts, pixel_classes
 from bench.reporting.formats import CONSTRAINTS, frame_name, image_name
 from bench.reporting.overlay import captioned, overlay_polygons
-from bench.reporting.page.charts import figure_uri, jpeg_uri
+from bench.reporting.page.charts import figure_uri
 from bench.reporting.panels import draw_panels
 from bench.reporting.stored_run import StoredRun
 
