@@ -18,7 +18,9 @@ from bench.harness import FramePipeline, RunSummary, build_scorable, open_tables
 from bench.harness.frames import UnscorableFrame
 from bench.harness.replay import StoredFrames
 from bench.recordings import DatasetCard, ImageRef, RecordingHandle, load_card, open_dataset, read_image
-from bench.reporting.formats import file_name, image_name
+from bench.reference import ReferenceObject, Status
+from bench.reference.records import IgnoreReason
+from bench.reporting.formats import file_name, image_name, made_by
 from bench.reporting.frame_pictures import example_frames, write_frame_pictures
 from bench.reporting.rerun_log import refuse_other_log, rerun_log, viewer
 from bench.reporting.video import SweepViewer, draw_frame, draw_plain, refuse_other_suffix, video_file
@@ -67,7 +69,9 @@ def view(dataset: str, request: ViewRequest, *, method: str, settings: Sequence[
     name = request.camera or sorted(opened.cameras)[0]
     if name not in opened.cameras:
         raise UnknownNameError("camera", name, opened.cameras)
-    pipeline = FramePipeline(opened, name, method=chosen, protocol=load_protocol(protocol))
+    rules = load_protocol(protocol)
+    pipeline = FramePipeline(opened, name, method=chosen, protocol=rules)
+    made = made_by(chosen.name, rules.name)
     films = request.video is not None or request.rrd is not None
     indices = chosen_frames(
         pipeline.images,
@@ -79,30 +83,45 @@ def view(dataset: str, request: ViewRequest, *, method: str, settings: Sequence[
     )
     files: list[Path] = []
     if films:
-        files += _film(pipeline, indices, request)
+        files += _film(pipeline, indices, request, made)
     if request.out is not None or not films:
-        files += _pictures(pipeline, indices, request.out)
+        files += _pictures(pipeline, indices, request.out, made)
     note_files([str(file) for file in files])
 
 
-def _pictures(pipeline: FramePipeline, indices: range, out: Path | None) -> Iterator[Path]:
+def _pictures(pipeline: FramePipeline, indices: range, out: Path | None, made: str) -> Iterator[Path]:
     """Pictures of every frame, in a folder named by its image: its index for `--frame`, and the name of its file.
 
-    Those of a single frame lie in the folder that was asked for itself.
+    Those of a single frame lie in the folder that was asked for itself. Annotated objects that are not scored, and so
+    have no outline in the pictures, are said.
     """
     usual = PICTURES / f"{file_name(pipeline.recording.name)}-{file_name(pipeline.camera.name)}"
     for index in indices:
         name = f"{index:06d}-{file_name(pipeline.images[index].path.stem)}"
         place = (out or usual) / name if out is None or len(indices) > 1 else out
         try:
-            yield from write_frame_pictures(pipeline.process(index), pipeline, place)
+            processed = pipeline.process(index)
         except UnscorableFrame as reason:
             if len(indices) == 1:
                 raise UsageError(f"this frame has no score: {reason}") from reason
             say(f"left out: {reason}", style="yellow")
+            continue
+        yield from write_frame_pictures(processed, pipeline, place, made_by=made)
+        for found in processed.reference.objects:
+            if found.status is not Status.EVALUATED:
+                say(f"{name}: {_not_scored(found)}" if len(indices) > 1 else _not_scored(found))
 
 
-def _film(pipeline: FramePipeline, indices: range, request: ViewRequest) -> list[Path]:
+def _not_scored(found: ReferenceObject) -> str:
+    """For example "van 'v1': ignored, too few points (0)"."""
+    what = f"{found.object_class} {found.track_id!r}"
+    if found.reason is None:
+        return f"{what}: does not move"
+    number = f" ({found.points})" if found.reason is IgnoreReason.FEW_POINTS else ""
+    return f"{what}: ignored, {found.reason.value.replace('_', ' ')}{number}"
+
+
+def _film(pipeline: FramePipeline, indices: range, request: ViewRequest, made: str) -> list[Path]:
     """A video, a log for the viewer, or both in one pass."""
     recording, camera = pipeline.recording, pipeline.camera
     sweeps = SweepViewer(recording, camera)
@@ -117,10 +136,10 @@ def _film(pipeline: FramePipeline, indices: range, request: ViewRequest) -> list
         for number, index in enumerate(indices, start=1):
             image = pipeline.images[index]
             seen = sweeps.see(image) if request.lidar or log is not None else None
+            name = f"{image_name(recording.name, camera.name, image.timestamp_ns)}; {made}"
             try:
-                picture = draw_frame(pipeline.process(index), seen if request.lidar else None)
+                picture = draw_frame(pipeline.process(index), name, seen if request.lidar else None)
             except UnscorableFrame as reason:
-                name = image_name(recording.name, camera.name, image.timestamp_ns)
                 picture = draw_plain(read_image(image, camera, colour=True), name, f"no score: {reason}")
             if video is not None:
                 video.add(picture)
@@ -148,11 +167,12 @@ def draw_example_frames(
         stored = StoredFrames(results, summary, protocol, card=card)
     except BenchError as error:
         return [], [str(error)]
-    frames = example_frames(open_tables(results)[0])
+    frames, made = example_frames(open_tables(results)[0]), made_by(summary.method.name, protocol.name)
     for number, (category, key) in enumerate(frames.items(), start=1):
         try:
             folder = results / "pictures" / category.value
-            files += write_frame_pictures(stored.process(*key), stored.pipeline(*key[:2]), folder)
+            pipeline = stored.pipeline(*key[:2])
+            files += write_frame_pictures(stored.process(*key), pipeline, folder, made_by=made)
         except (BenchError, UnscorableFrame) as error:
             remarks.append(str(error))
         progress(number, len(frames))

@@ -1,8 +1,8 @@
 """What a method answered, as a run stores it: enough to draw what was scored without the method.
 
-A row of `masks.parquet` holds an image's mask on the method's cells, one bit each, and for pictures alone where the
-method could not say and its likelihood, rounded: the upper eight bits of a half-precision number (relative error at
-most 1/16), on at most `LIKELIHOOD_CELLS` cells.
+A row of `masks.parquet` holds an image's mask on the method's cells, one bit each, and for pictures and reasons alone
+where the method could not say, what can mark a cell, the threshold, and the likelihood, rounded: the upper eight bits
+of a half-precision number (relative error at most 1/16), on at most `LIKELIHOOD_CELLS` cells.
 """
 
 from __future__ import annotations
@@ -38,6 +38,8 @@ MASKS_SCHEMA = pa.schema(
         ("likelihood", pa.binary()),
         ("likelihood_step", pa.int32()),
         ("likelihood_is_score", pa.bool_()),
+        ("threshold", pa.float64()),
+        ("causes", pa.list_(pa.string())),
     ]
 )
 
@@ -59,6 +61,8 @@ def mask_row(segmentation: Segmentation, *, recording: str, camera: str, timesta
         "likelihood": None if likelihood is None else _rounded(likelihood[::step, ::step]).tobytes(),
         "likelihood_step": step,
         "likelihood_is_score": segmentation.likelihood_is_score,
+        "threshold": None if segmentation.threshold is None else float(segmentation.threshold),
+        "causes": list(segmentation.causes),
     }
 
 
@@ -116,6 +120,8 @@ def _segmentation(row: Mapping[str, Any]) -> Segmentation:
         undefined=None if undefined is None else _from_bits(undefined, shape),
         likelihood=None if likelihood is None else _spread(likelihood, shape, step),
         likelihood_is_score=bool(row["likelihood_is_score"]),
+        threshold=row["threshold"],
+        causes=tuple(row["causes"] or ()),  # neither is in runs of older versions
     )
 
 

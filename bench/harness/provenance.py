@@ -66,7 +66,7 @@ class Provenance(BaseModel):
         data_fingerprint: SHA-256 over names and sizes of the files read and the content of the small ones.
         started_utc: ISO 8601.
         seconds: wall time of the run.
-        stage_seconds: time of each stage, summed over images.
+        stage_seconds: time of each stage, summed over images; of runs by several protocols, that of their common pass.
         images: scored images.
         peak_memory_mb: largest resident size of a process.
         work: what had to be computed; None in runs of older versions, and where nothing is told.

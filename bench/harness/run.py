@@ -295,7 +295,7 @@ def _score_in_one_pass(works: Sequence[_Work]) -> list[ShardReport]:
     lazy = shard == WHOLE and all(work.request.mirror is NOWHERE for work in works)
     with asked.executor:
         for handles in _batches(first.handles, asked.executor.workers) if lazy else [first.handles]:
-            planned += _plan(spec, first, handles, tally)
+            planned += _plan(spec, works, handles, tally)
             opened = planned[-len(handles) :]
             units = shard.part([unit for recording in opened for unit in recording.units])
             if not lazy:
@@ -357,14 +357,17 @@ def _batches(handles: Sequence[RecordingHandle], workers: int) -> Iterator[Seque
         start, size = start + size, min(2 * size, LARGEST_BATCH * workers) if workers > 1 else 1
 
 
-def _plan(spec: RunSpec, work: _Work, handles: Sequence[RecordingHandle], tally: _Tally) -> list[PlannedRecording]:
+def _plan(
+    spec: RunSpec, works: Sequence[_Work], handles: Sequence[RecordingHandle], tally: _Tally
+) -> list[PlannedRecording]:
     """The recordings in the order of the data set."""
     found: dict[str, PlannedRecording] = {}
-    with closing(work.request.executor.compute(partial(plan_recording, spec), handles)) as results:
+    with closing(works[0].request.executor.compute(partial(plan_recording, spec), handles)) as results:
         for handle, planned in results:
             recording = _failed_to_open(handle, planned) if isinstance(planned, FailedTask) else planned
             found[handle.name] = recording
-            work.clock.seconds["open"] += recording.seconds
+            for work in works:
+                work.clock.seconds["open"] += recording.seconds
             tally.tell()
     return [found[handle.name] for handle in handles]
 

@@ -101,7 +101,7 @@ class ScoredUnit:
         key: digest of all that the result depends on.
         content: of the file to store; None where the stored ones have this key, or the unit failed.
         failure: why there is no result; None where there is one.
-        seconds: by stage.
+        seconds: by stage, of the pass that the protocols share.
         found: steps found in the cache, by name.
         computed: steps computed and stored, by name.
         peak_memory_mb: of the process so far.
@@ -177,12 +177,11 @@ def score_unit(spec: RunSpec, task: UnitTask) -> tuple[ScoredUnit, ...]:
         where = f"recording {unit.recording!r}, camera {unit.camera!r}, images {unit.start} to {unit.stop - 1}"
         failure = f"{where}: the memory that the process may use was not enough"
     scored = [
-        ScoredUnit(key=key, content=contents.get(i), failure=failure if i in due else None)
+        ScoredUnit(key=key, content=contents.get(i), failure=failure if i in due else None, seconds=dict(clock.seconds))
         for i, key in enumerate(keys)
     ]
     scored[0] = replace(
         scored[0],
-        seconds=dict(clock.seconds),
         found=dict(spec.cache.found - found) if spec.cache else {},
         computed=dict(spec.cache.missed - missed) if spec.cache else {},
         peak_memory_mb=largest_resident_mb(),

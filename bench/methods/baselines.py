@@ -91,6 +91,7 @@ class FrameDifference:
             mask=difference > self.threshold_grey,
             likelihood=difference.astype(np.float32) / np.float32(GREY_LEVELS),
             likelihood_is_score=True,
+            threshold=self.threshold_grey / GREY_LEVELS,
         )
 
 
@@ -198,6 +199,7 @@ class FlowMagnitude:
             likelihood=angles_rad.astype(np.float32),
             undefined=~seen,
             parts=flow_parts(flow),
+            threshold=self.threshold,
         )
 
 

@@ -88,6 +88,8 @@ class Segmentation:
         cause: (rows, columns) uint8, index into `causes` of the largest contribution; None without causes.
         likelihood_is_score: the likelihood is a score in [0, 1], for example a network's, not the paper's mean of
             angles; it decides the bins of histograms and the scale of pictures.
+        threshold: of the likelihood, above which cells are in the mask; None where the mask comes about in another way.
+            Reports say of what was missed how far below it lies.
         parts: named (rows, columns) float arrays to look at, for example the single deviations and the flow; they may
             be missing where a step was found in the cache.
     """
@@ -100,6 +102,7 @@ class Segmentation:
     cause: NDArray[np.uint8] | None = None
     parts: dict[str, NDArray[np.float32]] | None = None
     likelihood_is_score: bool = False
+    threshold: float | None = None
 
     def mask_at(self, width: int, height: int) -> NDArray[np.bool_]:
         """The mask at every pixel of the image: (height, width) bool."""
@@ -225,6 +228,7 @@ def _faults(answer: object, width: int, height: int) -> Iterator[str]:
     if answer.likelihood is not None:
         yield from _array_faults("likelihood", answer.likelihood, shape, np.floating)
         yield from _likelihood_faults(answer.likelihood, score=answer.likelihood_is_score)
+    yield from _threshold_faults(answer)
     if not (isinstance(answer.causes, tuple) and all(isinstance(name, str) for name in answer.causes)):
         yield f"causes: expected a tuple of names, got {answer.causes!r}"
         return
@@ -252,6 +256,22 @@ def _likelihood_faults(likelihood: NDArray[np.floating], *, score: bool) -> Iter
     elif lowest < 0 or (score and highest > 1):
         expected = "a score in [0, 1]" if score else "at least 0"
         yield f"likelihood: expected {expected}, got {lowest:g} to {highest + 0.0:g}"
+
+
+def _threshold_faults(answer: Segmentation) -> Iterator[str]:
+    if answer.threshold is None:
+        return
+    if isinstance(answer.threshold, bool) or not isinstance(answer.threshold, int | float | np.number):
+        yield f"threshold: expected a number, got {answer.threshold!r}"
+        return
+    if answer.likelihood is None:
+        yield f"threshold: expected a likelihood that it is of, or no threshold, got {answer.threshold:g} alone"
+        return
+    if answer.likelihood_is_score and not 0 <= answer.threshold <= 1:
+        yield (
+            f"threshold: expected one of the likelihood, a score in [0, 1], got {answer.threshold:g}; leave it out "
+            "where the mask comes about in another way"
+        )
 
 
 def _image_of(method: Method, frame: MethodInput) -> str:

@@ -44,7 +44,7 @@ OTHERS = {"tpr": "TPR", "detection_rate_50": "Detection at 50 %"}
 def row_label(name: str) -> str:
     """What a row is called in tables and pictures."""
     others = {ALL_MOVING: "All moving", FALSE_POSITIVES: "False positives"}
-    return others.get(name) or formats.LABELS[Category(name)].partition(" (")[0]
+    return others.get(name) or formats.LABELS[Category(name)]
 
 
 def overview_table(ranking: RankingSummary) -> formats.TextTable:

@@ -8,6 +8,7 @@ Source:
 
 from __future__ import annotations
 
+import base64
 import io
 from collections.abc import Sequence
 from pathlib import Path
@@ -131,6 +132,27 @@ def write_picture(stem: Path, figure: Figure, *, formats: Sequence[PictureFormat
     for picture_format in formats:
         write_bytes(stem.with_name(f"{stem.name}.{picture_format}"), figure_bytes(figure, picture_format))
     return tuple(stem.with_name(f"{stem.name}.{picture_format}") for picture_format in formats)
+
+
+def jpeg_bytes(image: NDArray[np.uint8], *, quality: int) -> bytes:
+    """A BGR image as JPEG."""
+    return _encoded(".jpg", image, cv2.IMWRITE_JPEG_QUALITY, quality)
+
+
+def jpeg_uri(image: NDArray[np.uint8], *, quality: int = 82) -> str:
+    """A BGR image as a `data:` address."""
+    return "data:image/jpeg;base64," + base64.b64encode(jpeg_bytes(image, quality=quality)).decode()
+
+
+def png_uri(image: NDArray[np.uint8]) -> str:
+    """A BGRA image as a `data:` address."""
+    return "data:image/png;base64," + base64.b64encode(_encoded(".png", image, cv2.IMWRITE_PNG_COMPRESSION, 9)).decode()
+
+
+def _encoded(ending: str, image: NDArray[np.uint8], option: int, value: int) -> bytes:
+    written, content = cv2.imencode(ending, image, [option, value])
+    assert written, "OpenCV writes JPEG and PNG"
+    return content.tobytes()
 
 
 def rgb_image(image: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -23,7 +23,7 @@ from bench.reporting.overlay import draw_outline, outlined, overlay_mask, place_
 
 WIDTH_IN = 3.5
 MARGIN_IN = 0.04
-_LEGEND_IN, _BAND_LEGEND_IN, _TITLE_IN = 0.36, 0.15, 0.32
+_LEGEND_IN, _BAND_LEGEND_IN, _TITLE_LINE_IN = 0.36, 0.15, 0.16
 _BACKGROUND_STRENGTH, _OUTSIDE_STRENGTH, _TINT = 0.8, 0.3, 0.62
 
 
@@ -94,6 +94,7 @@ def draw_counts(
     *,
     reference: ReferenceFrame,
     detected: NDArray[np.bool_],
+    made_by: str = "",
 ) -> Figure:
     """Draw the areas that a frame is scored by.
 
@@ -101,6 +102,7 @@ def draw_counts(
         image: (H, W) grey or (H, W, 3) BGR uint8.
         reference: the frame's reference.
         detected: (H, W) bool; the method's mask at every pixel.
+        made_by: method and protocol, below the name of the image; empty where they are said beside the picture.
 
     Returns:
         One picture at the width of a paper's column, with its legend, which image it is, and the frame's coverage.
@@ -111,10 +113,11 @@ def draw_counts(
     has_bands = bool(unknown_bands(reference).any())
     legend_in = legend_height_in(has_bands)
     height_in = picture_height_in(reference)
-    figure = canvas.new_figure(WIDTH_IN, _TITLE_IN + height_in + legend_in)
+    title = [frame_name(reference), *([made_by] if made_by else []), false_positive_text(reference, detected=detected)]
+    figure = canvas.new_figure(WIDTH_IN, len(title) * _TITLE_LINE_IN + height_in + legend_in)
     axes = canvas.axes_at(figure, MARGIN_IN, legend_in, WIDTH_IN - 2 * MARGIN_IN, height_in)
     draw_areas(axes, image, reference=reference, detected=detected)
-    axes.set_title(f"{frame_name(reference)}\n{false_positive_text(reference, detected=detected)}", pad=3, fontsize=7)
+    axes.set_title("\n".join(title), pad=3, fontsize=7)
     draw_legend(figure, has_bands=has_bands)
     return figure
 

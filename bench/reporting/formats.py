@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,12 +22,20 @@ from bench.recordings import write_text
 from bench.reference.records import Category, ReferenceFrame
 
 LABELS = {
-    Category.CROSSING: "Crossing (epipolar)",
-    Category.OVERTAKING: "Overtaking (positive depth)",
-    Category.PRECEDING: "Preceding (positive height)",
-    Category.APPROACHING: "Approaching (anti-parallel)",
-    Category.STATIC_EGO: "Static ego-vehicle (degenerate)",
-    Category.MOVING: "Moving (kind unknown)",
+    Category.CROSSING: "Crossing",
+    Category.OVERTAKING: "Overtaking",
+    Category.PRECEDING: "Preceding",
+    Category.APPROACHING: "Approaching",
+    Category.STATIC_EGO: "Static ego-vehicle",
+    Category.MOVING: "Moving",
+}
+# The constraint of the paper for a kind of motion: the cause that methods name, and what the paper calls it.
+CONSTRAINTS = {
+    Category.CROSSING: ("epipolar", "epipolar"),
+    Category.OVERTAKING: ("positive_depth", "positive depth"),
+    Category.PRECEDING: ("positive_height", "positive height"),
+    Category.APPROACHING: ("anti_parallel", "anti-parallel"),
+    Category.STATIC_EGO: ("static_camera", "degenerate"),
 }
 INTERVALS = (
     "Intervals: 95 %, by recording, since images of one recording are not independent (jackknife, Student's t on the "
@@ -35,6 +43,19 @@ INTERVALS = (
 )
 
 LONGEST_RECORDING = 40  # characters of a name above a picture
+
+
+def row_label(category: Category, causes: Container[str]) -> str:
+    """For example "Crossing (epipolar)", as the paper's rows are called; "Crossing" for a method without constraints.
+
+    Args:
+        category: kind of motion.
+        causes: that the method names.
+    """
+    if category is Category.MOVING:
+        return f"{LABELS[category]} (kind unknown)"
+    cause, words = CONSTRAINTS[category]
+    return f"{LABELS[category]} ({words})" if cause in causes else LABELS[category]
 
 
 def percent(ratio: float, *, cases: int = 0, digits: int = 1) -> str:
@@ -191,6 +212,11 @@ def image_name(recording: str, camera: str, timestamp_ns: int) -> str:
 def frame_name(reference: ReferenceFrame) -> str:
     """The same for the image of a reference."""
     return image_name(reference.recording, reference.camera, reference.timestamp_ns)
+
+
+def made_by(method: str, protocol: str) -> str:
+    """What a picture shows beside which image it is, "method spherical, protocol paper-v1"."""
+    return f"method {shortened(method, LONGEST_RECORDING)}, protocol {shortened(protocol, LONGEST_RECORDING)}"
 
 
 def file_name(name: str) -> str:

@@ -136,24 +136,28 @@ def _draw_inset(axes: Axes, view: ClusterView, image: NDArray[np.uint8]) -> None
         spine.set(edgecolor="white", linewidth=0.8)
 
 
-def write_frame_pictures(processed: ProcessedFrame, pipeline: FramePipeline, folder: Path) -> tuple[Path, ...]:
+def write_frame_pictures(
+    processed: ProcessedFrame, pipeline: FramePipeline, folder: Path, *, made_by: str
+) -> tuple[Path, ...]:
     """Write `panels.png`, `areas.png`, `overlay.png` and `cluster-<track>.png` of the evaluated objects.
 
     Args:
         processed: the frame.
         pipeline: that processed it.
         folder: is made.
+        made_by: method and protocol, as `made_by` says them.
 
     Returns:
         The files.
     """
     image, reference, detected = processed.pixels, processed.reference, detected_pixels(processed)
-    panels = draw_panels(image, segmentation=processed.segmentation, reference=reference)
+    panels = draw_panels(image, segmentation=processed.segmentation, reference=reference, made_by=made_by)
+    areas = draw_counts(image, reference=reference, detected=detected, made_by=made_by)
     overlay = overlay_frame(image, reference=reference, detected=detected)
-    overlay = captioned(overlay, [frame_name(reference)], legend=overlay_legend(reference))
+    overlay = captioned(overlay, [frame_name(reference), made_by], legend=overlay_legend(reference))
     pictures = {
         "panels": canvas.figure_bytes(panels, "png"),
-        "areas": canvas.figure_bytes(draw_counts(image, reference=reference, detected=detected), "png"),
+        "areas": canvas.figure_bytes(areas, "png"),
         "overlay": cv2.imencode(".png", overlay)[1].tobytes(),
     }
     for found, polygon in outlined(reference.objects):

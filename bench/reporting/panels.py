@@ -50,13 +50,16 @@ class _Panel:
 
 
 @canvas.styled
-def draw_panels(image: NDArray[np.uint8], *, segmentation: Segmentation, reference: ReferenceFrame) -> Figure:
+def draw_panels(
+    image: NDArray[np.uint8], *, segmentation: Segmentation, reference: ReferenceFrame, made_by: str = ""
+) -> Figure:
     """Draw a frame as a column of panels, one for everything that the method shows of its work.
 
     Args:
         image: the current image, (H, W) grey or (H, W, 3) BGR uint8.
         segmentation: the method's answer; panels appear for the `parts` it has.
         reference: the frame's reference.
+        made_by: method and protocol, below the name of the image; empty where they are said beside the picture.
 
     Source:
         Mariotti and Eising 2020, figure 6.
@@ -64,14 +67,15 @@ def draw_panels(image: NDArray[np.uint8], *, segmentation: Segmentation, referen
     panels = list(_panels(image, segmentation, reference))
     height_in = _WIDTH_IN * image.shape[0] / image.shape[1]
     note_in = _NOTE_IN if unknown_bands(reference).any() else 0.0
-    full_in = _TOP_IN + len(panels) * height_in + (len(panels) - 1) * _GAP_IN + note_in + _BOTTOM_IN
+    top_in = _TOP_IN + bool(made_by) * _NOTE_IN
+    full_in = top_in + len(panels) * height_in + (len(panels) - 1) * _GAP_IN + note_in + _BOTTOM_IN
     figure = canvas.new_figure(_LEFT_IN + _WIDTH_IN + _RIGHT_IN, full_in)
     for number, panel in enumerate(panels):
-        bottom_in = full_in - _TOP_IN - number * (height_in + _GAP_IN) - height_in
+        bottom_in = full_in - top_in - number * (height_in + _GAP_IN) - height_in
         axes = canvas.axes_at(figure, _LEFT_IN, bottom_in, _WIDTH_IN, height_in)
         panel.draw(axes)
         if number == 0:
-            axes.set_title(frame_name(reference), pad=3, fontsize=6)
+            axes.set_title(f"{frame_name(reference)}\n{made_by}".rstrip(), pad=3, fontsize=6)
         left, middle = (_LEFT_IN - 0.13) / figure.get_figwidth(), (bottom_in + height_in / 2) / full_in
         label = f"({_NUMERALS[number]}) {panel.label}"
         figure.text(left, middle, label, rotation=90, ha="center", va="center", fontsize=7)

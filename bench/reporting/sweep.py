@@ -81,7 +81,7 @@ def to_markdown(result: SweepResult) -> str:
 
 def _markdown(result: SweepResult, groups: Sequence[tuple[str, str, ObjectMetrics]]) -> str:
     shown, with_coverage = _shown(result), groups[0][0] == ALL_MOVING
-    headings = [result.title, "Recordings", "# Frames", *shown.values()]
+    headings = [result.title, "Recordings", "Object-frames", *shown.values()]
     lines = []
     for row, (_, _, found) in zip(result.rows, groups, strict=True):
         value = f"**{_value(row)}** (operating)" if row.operating else _value(row)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 
 from rich.table import Table
@@ -15,7 +15,6 @@ from bench.evaluation.summary import FalsePositiveMetrics, ObjectMetrics, Summar
 from bench.reference.records import Category
 from bench.reporting.formats import (
     INTERVALS,
-    LABELS,
     TextTable,
     chance_of,
     count,
@@ -25,6 +24,7 @@ from bench.reporting.formats import (
     mean,
     number_columns,
     percent,
+    row_label,
     short_interval,
     terminal_table,
     with_interval,
@@ -33,11 +33,11 @@ from bench.reporting.formats import (
 FALSE_POSITIVES = "false_positives"
 FALSE_POSITIVE_METRICS = ("coverage", "coverage_valid", "frame_rate", "components_per_frame")
 COMPARED = {"detection_rate": "Detection rate", "tpr": "TPR", "iou_detected": "IoU"}
-COVERAGES = {"tpr": "TPR, detected", "tpr_all": "TPR, all", "iou": "IoU, all", "iou_detected": "IoU, detected"}
+COVERAGES = {"iou": "IoU, all", "tpr_all": "TPR, all", "iou_detected": "IoU, detected", "tpr": "TPR, detected"}
 NOTE = (
     "TPR and IoU beside the paper's are averages over the detected object-frames. Chance: the same objects on the mask "
-    f"of another frame. {INTERVALS} Differences in percentage points. In the last row, "
-    "the area of the image. The paper's recordings are private: same form, not the same data."
+    f"of another frame. {INTERVALS} Differences in percentage points. Cases: object-frames; in the last row images, "
+    "and the area of the image. The paper's recordings are private: same form, not the same data."
 )
 FURTHER = {"ceiling_iou": "IoU, ceiling", "unknown_share": "Unknown"}  # of some data, and of some protocols
 FURTHER_NOTES = {
@@ -54,7 +54,7 @@ class TableRow:
 
     Attributes:
         name: category, or "false_positives".
-        label: as in the paper.
+        label: as in the paper; of a method without its constraints only the kind of motion.
         frames: object-frames, in the last row image-frames.
         paper_frames: the paper's.
         tracks: objects; None in the last row.
@@ -93,16 +93,17 @@ def table_rows(summary: Summary) -> list[TableRow]:
     The paper's TPR and IoU stand beside ours over the detected object-frames: as averages over all of them they would
     contradict its detection rate (0.72 x 0.64 is less than 0.55).
     """
-    rows = [_category_row(Category(name), found) for name, found in summary.categories.items()]
+    causes = summary.false_positive_causes
+    rows = [_category_row(Category(name), found, causes) for name, found in summary.categories.items()]
     return [*rows, _false_positive_row(summary.false_positives)]
 
 
-def _category_row(category: Category, found: ObjectMetrics) -> TableRow:
+def _category_row(category: Category, found: ObjectMetrics, causes: Container[str]) -> TableRow:
     theirs = published.CATEGORIES.get(category)
     paper = (theirs.detection_rate, theirs.tpr, theirs.iou) if theirs else ()
     return TableRow(
         name=category.value,
-        label=LABELS[category],
+        label=row_label(category, causes),
         frames=found.object_frames,
         paper_frames=theirs.object_frames if theirs else 0,
         tracks=found.tracks,
@@ -168,7 +169,7 @@ def text_tables(rows: Sequence[TableRow]) -> tuple[TextTable, ...]:
 
 
 def _beside_the_paper(rows: Sequence[TableRow]) -> TextTable:
-    headings = ["Type", "Recordings", "# Frames", "paper"]
+    headings = ["Type", "Recordings", "Cases", "paper"]
     for heading in COMPARED.values():
         headings += [heading, "paper", "diff."]
     lines = []
@@ -189,7 +190,7 @@ def _with_intervals(rows: Sequence[TableRow], *, title: str, shown: Mapping[str,
         for row in rows
         if row.name != FALSE_POSITIVES
     ]
-    return TextTable(title=title, headings=["Type", "Recordings", "# Frames", "Objects", *shown.values()], rows=lines)
+    return TextTable(title=title, headings=["Type", "Recordings", "Cases", "Objects", *shown.values()], rows=lines)
 
 
 def _false_positives(rows: Sequence[TableRow]) -> TextTable:
@@ -199,7 +200,7 @@ def _false_positives(rows: Sequence[TableRow]) -> TextTable:
         if row.name == FALSE_POSITIVES:
             cells = [*(with_interval(row.metrics[name]) for name in shares), mean(row.metrics[components])]
             lines.append([count(row.recordings), count(row.frames), *cells])
-    headings = ["Recordings", "Image-frames", "False-positive coverage", "of the valid pixels"]
+    headings = ["Recordings", "Images", "False-positive coverage", "of the valid pixels"]
     headings += ["Frames with a large false positive", "Components per frame"]
     return TextTable(title="False positives", headings=headings, rows=lines, labels=0)
 
@@ -210,20 +211,22 @@ _SHORT = {"detection_rate": "Detec-\ntion", "tpr": "TPR\ndet.", "tpr_all": "TPR\
 
 
 def to_rich(rows: Sequence[TableRow]) -> Table:
-    """Five lines per category: ours, its 95 % interval, its chance level, the paper's, the difference; in percent.
+    """Five lines per category with cases: ours, its 95 % interval, its chance level, the paper's, the difference.
 
     Returns:
         A table to print on a `rich.console.Console` of at least `MIN_COLUMNS`; nothing is printed here.
     """
-    shown, further = detection_columns(rows) | COVERAGES, further_columns(rows)
+    shown, further = COVERAGES | detection_columns(rows), further_columns(rows)
     table = terminal_table("Ours beside the paper's, in percent", caption=_caption(rows), below=1, right=0)
     table.add_column("Type", no_wrap=True)
     table.add_column("", style="dim", no_wrap=True)
-    number_columns(table, ("Recs", "Frames", "Objects"))
+    number_columns(table, ("Recs", "Cases", "Objects"))
     number_columns(table, (_SHORT.get(n, heading.replace(" ", "\n", 1)) for n, heading in shown.items()), min_width=6)
     number_columns(table, (_SHORT[name] for name in further))
     for row in rows:
         of_images = row.name == FALSE_POSITIVES
+        if not (row.frames or of_images):
+            continue
         lines = ["ours", "95 %", *([] if of_images else ["chance"]), "paper", "diff."]
         frames = {"ours": count(row.frames), "paper": count(row.paper_frames)}
         table.add_row(
@@ -255,10 +258,13 @@ def _cell(row: TableRow, name: str, lines: Sequence[str]) -> Text:
 def _caption(rows: Sequence[TableRow]) -> Text:
     notes = [
         f"95 %: interval by recording; none where fewer than {FEWEST_RECORDINGS} recordings (recs) hold cases.",
+        "Cases: object-frames; of the false positives images.",
         "Detection: object-frames with any pixel found, or at least the stated share of them.",
         "Chance: the same on the mask of another frame. n/a (0): no cases.",
         "TPR and IoU: det. over detected object-frames, the paper's reading; all over all of them.",
     ]
+    if without := [row.name.replace("_", " ") for row in rows if not row.frames and row.name != FALSE_POSITIVES]:
+        notes.append(f"Left out, without cases: {', '.join(without)}.")
     further = further_columns(rows)
     if "ceiling_iou" in further:
         notes.append("Ceiling (ceil.): what the exact masks score; no method can be expected to exceed it.")

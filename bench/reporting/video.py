@@ -20,7 +20,6 @@ from bench.recordings.atomic import replacing
 from bench.reference.sweeps import PosedSweep, pose_sweep
 from bench.reporting.canvas import category_colour
 from bench.reporting.count_view import AREA_COLOURS, PixelClass, detected_pixels, overlay_counts
-from bench.reporting.formats import frame_name
 from bench.reporting.overlay import bgr_image, captioned, kind_legend, outlined, overlay_polygons
 
 FARTHEST_SWEEP_NS = 100_000_000
@@ -100,11 +99,12 @@ UNKNOWN = (AREA_COLOURS[PixelClass.UNKNOWN], "unknown")
 LIDAR = (LIDAR_COLOUR, "lidar, yellow near, blue far")
 
 
-def draw_frame(processed: ProcessedFrame, seen: SeenSweep | None = None) -> NDArray[np.uint8]:
+def draw_frame(processed: ProcessedFrame, name: str, seen: SeenSweep | None = None) -> NDArray[np.uint8]:
     """Draw a processed frame.
 
     Args:
         processed: the frame.
+        name: which image it is, of which method and protocol.
         seen: its lidar sweep, if it is to be drawn; near points are yellow, far ones blue.
 
     Returns:
@@ -127,7 +127,7 @@ def draw_frame(processed: ProcessedFrame, seen: SeenSweep | None = None) -> NDAr
     bands = [UNKNOWN] if any(target.unknown_px for target, _ in shown) else []
     outlines = kind_legend(processed.reference)
     legend = [*LEGEND, *bands, *([LIDAR] if seen is not None else []), *outlines]
-    return captioned(picture, [frame_name(processed.reference), counts], legend=legend)
+    return captioned(picture, [name, counts], legend=legend)
 
 
 def draw_plain(image: NDArray[np.uint8], name: str, text: str) -> NDArray[np.uint8]:

@@ -64,9 +64,11 @@ def test_pictures_of_several_frames_lie_in_folders_named_by_their_image(monkeypa
     assert (tmp_path / "reports/runs/view/drive-front" / names[0] / "panels.png").is_file()
 
 
-def test_a_frame_by_its_time(monkeypatch, card, tmp_path):
+def test_a_frame_by_its_time(monkeypatch, capsys, card, tmp_path):
     time_ns = drive.START_NS + 7 * drive.IMAGE_NS + 1_000_000
     assert call(monkeypatch, "view", card, "--time-ns", time_ns, "--out", tmp_path / "a") == 0
+    told = capsys.readouterr().out.splitlines()
+    assert told[:2] == ["vehicle 'parked': does not move", "pedestrian 'walker': ignored, polygon too small"]
     assert call(monkeypatch, "view", card, "--frame", 7, "--out", tmp_path / "b") == 0
     assert (tmp_path / "a" / "overlay.png").read_bytes() == (tmp_path / "b" / "overlay.png").read_bytes()
 

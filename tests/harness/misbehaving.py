@@ -90,6 +90,9 @@ FAULTS = {
     "score_above_one": lambda frame: replace(
         calm(frame), likelihood=2 * calm(frame).mask.astype(np.float32), likelihood_is_score=True
     ),
+    "threshold_of_something_else": lambda frame: replace(
+        calm(frame), likelihood=calm(frame).mask.astype(np.float32), likelihood_is_score=True, threshold=1.5
+    ),
     "cause_out_of_range": cause_out_of_range,
     "raises": helper,
     "exits": lambda _: sys.exit(0),

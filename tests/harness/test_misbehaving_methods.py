@@ -23,6 +23,7 @@ FAULTY = {
     "not_finite": "likelihood: expected finite numbers, 0 where undefined, got 1 that are NaN or infinite",
     "negative": "likelihood: expected at least 0, got -1 to 0",
     "score_above_one": "likelihood: expected a score in [0, 1], got 0 to 2",
+    "threshold_of_something_else": "threshold: expected one of the likelihood, a score in [0, 1], got 1.5",
     "cause_out_of_range": "cause: expected indices into 2 causes, got 2",
     "raises": "ValueError: boom at ",
     "exits": "SystemExit: 0",

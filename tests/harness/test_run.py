@@ -236,6 +236,7 @@ def test_several_protocols_in_one_pass_give_the_runs_that_each_gives_alone(tiny_
     summaries = run_protocols(together)
     assert [summary.protocol.name for summary in summaries] == list(names)
     assert len(asked) == summaries[0].images.evaluated, "the method is asked once for all of them"
+    assert all(summary.provenance.stage_seconds["method"] > 0 for summary in summaries), "the stages are of the pass"
     for name in names:
         for file in ("objects.parquet", "frames.parquet", "masks.parquet", "image_maps.npz"):
             alone = (tmp_path / "alone" / name / file).read_bytes()

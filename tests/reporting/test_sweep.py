@@ -166,15 +166,15 @@ def test_chart_marks_the_operating_value_and_names_its_axes():
         if title:
             marks = [line.get_xdata()[0] for line in axes.lines if line.get_linestyle() == ":"]
             assert marks == [6e-4], title
-    assert drawn["Static ego-vehicle (degenerate)"].get_xlabel() == "threshold of the likelihood"
+    assert drawn["Static ego-vehicle"].get_xlabel() == "threshold of the likelihood"
     assert drawn["All moving"].get_ylabel() == "percent"
-    assert "40 object-frames, 7 recordings" in drawn["Crossing (epipolar)"].get_title()
+    assert "40 object-frames, 7 recordings" in drawn["Crossing"].get_title()
 
 
 def test_names_are_points_side_by_side_with_their_names_below():
     rows = [row("all", 0.9, operating=True), row("only epipolar", 0.7), row("without anti_parallel", 0.8)]
     drawn = panels(sweep(*rows, scale="names"))
-    axes = drawn["Overtaking (positive depth)"]
+    axes = drawn["Overtaking"]
     assert [label.get_text() for label in axes.get_xticklabels()] == ["all", "only epipolar", "without anti parallel"]
     starts = sorted(round(float(line.get_xdata()[0]), 2) for line in axes.lines if line.get_linestyle() == "None")
     assert starts == [-0.26, -0.13, 0.0, 0.13, 0.26]

@@ -18,9 +18,11 @@ from bench.reporting.tables import (
     table_rows,
     to_rich,
 )
-from tests.reporting.summaries import banded_summary, object_figures, summary
+from tests.reporting.summaries import banded_summary, figure, object_figures, summary
 
-ROWS = table_rows(summary())
+CONSTRAINTS = ("epipolar", "positive_depth", "positive_height", "anti_parallel", "static_camera")
+OF_PAPER = summary().model_copy(update={"false_positive_causes": dict.fromkeys(CONSTRAINTS, figure(0.2))})
+ROWS = table_rows(OF_PAPER)
 NAMES = LatexNames(label="demo-spherical", about="method spherical_2, data set demo, paper-v1")
 
 
@@ -67,6 +69,15 @@ def test_the_rows_are_the_papers_with_the_papers_values():
     assert ROWS[-1].paper == {"coverage": 0.13}
 
 
+def test_rows_of_a_method_without_constraints_do_not_name_them():
+    own = {"false_positive_causes": {"epipolar": figure(1.0)}}
+    labels = [row.label for row in table_rows(summary().model_copy(update=own))]
+    assert labels[:2] == ["Crossing (epipolar)", "Overtaking"]
+    assert [row.label for row in table_rows(summary())] == [
+        "Crossing", "Overtaking", "Preceding", "Approaching", "Static ego-vehicle", "False positives"
+    ]  # fmt: skip
+
+
 def test_differences_are_percentage_points():
     assert ROWS[0].difference_points("detection_rate") == pytest.approx(0.14)
     assert ROWS[0].difference("detection_rate") == "+0.1"
@@ -110,10 +121,11 @@ def test_the_terminal_shows_the_same_values_at_100_columns():
     text = printed()
     assert max(map(len, text.splitlines())) <= 100
     assert "…" not in text
-    for row in ROWS[:-1]:
+    for row in ROWS[:-2]:
         for name in [*detection_columns(ROWS), *COVERAGES]:
-            value = row.metrics[name].value
-            assert ("n/a" if math.isnan(value) else f"{100 * value:.1f}") in text
+            assert f"{100 * row.metrics[name].value:.1f}" in text
+    assert "Static" not in text, "it has no cases"
+    assert "Left out, without cases: static ego." in text
     crossing = text[text.index("Crossing") : text.index("Overtaking")].splitlines()
     assert crossing[0].split() == [
         "Crossing",
@@ -121,17 +133,17 @@ def test_the_terminal_shows_the_same_values_at_100_columns():
         "8",
         "100",
         "7",
+        "32.5",
+        "50.5",
+        "43.3",
+        "57.7",
         "72.1",
         "64.9",
         "36.1",
-        "57.7",
-        "50.5",
-        "32.5",
-        "43.3",
     ]
     assert crossing[2].split() == ["chance", "28.9", "14.4", "7.2"]
-    assert crossing[3].split() == ["paper", "3848", "72", "64", "55"]
-    assert crossing[4].split() == ["diff.", "+0.1", "-6.3", "-11.7"]
+    assert crossing[3].split() == ["paper", "3848", "55", "64", "72"]
+    assert crossing[4].split() == ["diff.", "-11.7", "-6.3", "+0.1"]
 
 
 def test_a_row_that_the_paper_does_not_have_leaves_its_line_empty():

@@ -116,7 +116,9 @@ class PredictedMotion:
         if self.threshold is None:
             return Segmentation(cell_size_px=size_px, mask=cells >= HALF)
         mask = cells > np.float32(self.threshold)
-        return Segmentation(cell_size_px=size_px, mask=mask, likelihood=cells, likelihood_is_score=True)
+        return Segmentation(
+            cell_size_px=size_px, mask=mask, likelihood=cells, likelihood_is_score=True, threshold=self.threshold
+        )
 
     def _indexed(self) -> PredictionIndex:
         if self._index is None:

@@ -157,6 +157,7 @@ class SphericalMethod(SphericalSettings):
             causes=(STATIC_CAUSE,) if found.stationary else CONSTRAINTS,
             cause=found.cause,
             parts=dict(parts or {}),
+            threshold=self.threshold_of(found),
         )
 
 

@@ -97,6 +97,7 @@ class SparseSphericalMethod(SphericalSettings):
             causes=(STATIC_CAUSE,) if found.stationary else (*CONSTRAINTS, THREE_VIEW),
             cause=on_cells(found.cause),
             parts=flow_parts(on_cells(flow)) | deviations,
+            threshold=self.threshold_of(found),
         )
 
     def _three_view(self, frame: MethodInput, rays: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ from bench.errors import BenchError
 from bench.harness import ProcessedFrame
 from bench.harness.frames import UnscorableFrame
 from bench.harness.replay import StoredFrames
-from bench.reporting.canvas import figure_pixels, new_figure, styled
+from bench.reporting.canvas import figure_pixels, jpeg_bytes, new_figure, styled
 from bench.reporting.compare.changes import ChangedFrame, DrawnFrame, Kind, RunComparison
 from bench.reporting.count_view import detected_pixels, draw_counts
 from bench.reporting.formats import shortened
@@ -90,7 +90,7 @@ def _compose(title: str, frame: ChangedFrame, sides: Sequence[ProcessedFrame], c
     body = np.hstack([columns[0], gap, columns[1]])
     strip = _text([shortened(title, 120)], width_in=2 * _SIDE_IN, height_in=_TITLE_IN, size=8.0, bold=True)
     strip = np.pad(strip, ((0, 0), (0, body.shape[1] - strip.shape[1]), (0, 0)), constant_values=255)
-    return cv2.imencode(".jpg", np.vstack([strip, body]), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes()
+    return jpeg_bytes(np.vstack([strip, body]), quality=QUALITY)
 
 
 def _text(lines: Sequence[str], *, width_in: float, height_in: float, size: float, bold: bool = False) -> Picture:

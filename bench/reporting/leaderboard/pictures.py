@@ -5,7 +5,6 @@ An image is stored once. What a run made of it is a layer of flat colours, one p
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -70,7 +69,7 @@ def draw_examples(
             stored = StoredFrames(run.folder, run.summary, run.protocol)
             if not images:
                 chosen = example_frames(run.objects)
-                images = {key: LABELS[category].partition(" (")[0] for category, key in chosen.items()}
+                images = {key: LABELS[category] for category, key in chosen.items()}
             for key in images:
                 frame = stored.process(*key)
                 frames.setdefault(key, frame)
@@ -85,7 +84,7 @@ def draw_examples(
     found = tuple(
         Example(
             title=f"{images[key]}: {frame_name(frame.reference)}",
-            image=_uri(".jpg", _photograph(frame.pixels), [cv2.IMWRITE_JPEG_QUALITY, QUALITY]),
+            image=canvas.jpeg_uri(_photograph(frame.pixels), quality=QUALITY),
             layers=layers[key],
             notes=notes[key],
         )
@@ -107,11 +106,4 @@ def _layer(frame: ProcessedFrame) -> str:
     layer = np.zeros((*classes.shape, 4), dtype=np.uint8)
     for kind, colour in AREA_COLOURS.items():
         layer[classes == kind] = (*canvas.rgb(colour)[::-1], STRENGTH)
-    return _uri(".png", layer, [cv2.IMWRITE_PNG_COMPRESSION, 9])
-
-
-def _uri(ending: str, image: NDArray[np.uint8], options: list[int]) -> str:
-    written, content = cv2.imencode(ending, image, options)
-    assert written, "OpenCV writes JPEG and PNG"
-    kind = {".jpg": "jpeg", ".png": "png"}[ending]
-    return f"data:image/{kind};base64,{base64.b64encode(content.tobytes()).decode()}"
+    return canvas.png_uri(layer)

@@ -62,7 +62,7 @@ class Row:
         """For people."""
         if self.name == ALL_MOVING:
             return "All moving"
-        return formats.LABELS[Category(self.name)].partition(" (")[0]
+        return formats.LABELS[Category(self.name)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -104,7 +104,7 @@ def _chosen(one: StoredRun, two: StoredRun) -> dict[ImageKey, str]:
             of_kind.append((largest[kind], "the largest object"))
         of_kind += [(frame_key(row), f"least found by {label}") for label, rows in least for row in rows[kind.value]]
         for key, reason in of_kind:
-            reasons.setdefault(key, []).append(f"{LABELS[kind].split(' (')[0].lower()}, {reason}")
+            reasons.setdefault(key, []).append(f"{LABELS[kind].lower()}, {reason}")
     return {key: _title(key, told) for key, told in reasons.items()}
 
 

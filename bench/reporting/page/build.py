@@ -24,7 +24,7 @@ from bench.reporting.page.recordings import recording_rows
 from bench.reporting.page.summary import breakdowns, remarks, tiles
 from bench.reporting.page.worst import Progress, WorstCases, worst_cases
 from bench.reporting.stored_run import StoredRun, read_stored_run
-from bench.reporting.tables import detection_columns, further_columns, table_note, table_rows, text_tables
+from bench.reporting.tables import COVERAGES, detection_columns, further_columns, table_note, table_rows, text_tables
 
 WORST, WORST_OF_CATEGORY = 3, 12
 
@@ -95,7 +95,7 @@ def _render(run: StoredRun, worst: WorstCases, pair: Beside | None, *, pictures:
         "category": None if run.category is None else LABELS[run.category],
         "remarks": remarks(found, category=run.category),
         "rows": rows,
-        "columns": {"iou": "IoU, all", "tpr": "TPR, detected", "iou_detected": "IoU, detected"} | rates,
+        "columns": COVERAGES | rates,
         "tiles": tiles(found, category=run.category),
         "paper": published.SOURCE,
         "changed_settings": run.summary.method.changed_settings(),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import math
 import re
 from dataclasses import dataclass
@@ -20,12 +19,20 @@ from bench.evaluation.likelihood import threshold_sweep
 from bench.evaluation.maps import THRESHOLDS, CoverageCurve, ImageMap, coverage_curves
 from bench.harness import read_image_maps
 from bench.reference import Category
-from bench.reporting.canvas import GREY, VERMILION, figure_bytes, figure_pixels, new_figure, styled, write_picture
+from bench.reporting.canvas import (
+    GREY,
+    VERMILION,
+    figure_bytes,
+    figure_pixels,
+    jpeg_uri,
+    new_figure,
+    styled,
+    write_picture,
+)
 from bench.reporting.formats import LABELS
 from bench.reporting.range_maps import draw_run_maps
 from bench.reporting.stored_run import StoredRun, read_stored_run
 
-_JPEG_QUALITY = 82
 _INK = re.compile("#000000|#303030")
 
 
@@ -59,13 +66,6 @@ def inline_svg(chart: Chart) -> Markup:
     head = re.sub(r'\s(width|height|version|xmlns(:xlink)?)="[^"]*"', "", text[: text.index(">")])
     label = f'aria-label="{escape(chart.label)}" xmlns:xlink="http://www.w3.org/1999/xlink"'
     return Markup(f'{head} class="chart" role="img" {label}{text[text.index(">") :]}')  # matplotlib escapes its texts
-
-
-def jpeg_uri(image: NDArray[np.uint8]) -> str:
-    """A BGR image as a `data:` address."""
-    found, content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-    assert found, "OpenCV writes JPEG"
-    return "data:image/jpeg;base64," + base64.b64encode(content.tobytes()).decode()
 
 
 def figure_uri(figure: Figure, *, scale: float = 1.0) -> str:
@@ -167,7 +167,7 @@ def _coverage_charts(run: StoredRun) -> list[Chart]:
     return [
         Chart(
             name=f"coverage-{name}",
-            figure=draw_coverage_curve(found, chance, title=LABELS[Category(name)].split(" (")[0]),
+            figure=draw_coverage_curve(found, chance, title=LABELS[Category(name)]),
             label=f"Found against coverage threshold, {name}",
         )
         for name, (found, chance) in coverage_curves(run.objects, protocol=run.protocol).items()

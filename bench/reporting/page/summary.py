@@ -11,7 +11,7 @@ from bench.evaluation import Metric
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.summary import ObjectMetrics, Summary
 from bench.reference import Category
-from bench.reporting.formats import LABELS, chance_of, percent
+from bench.reporting.formats import LABELS, chance_of, interval, percent
 
 NEAR_CHANCE = 0.05
 _HALF = "detection_rate_50"
@@ -114,12 +114,15 @@ def tiles(found: Summary, *, category: Category | None) -> list[Tile]:
         over = iou = f"{row.object_frames} object-frames, fewer than {LEAST_OBJECT_FRAMES}"
     elif ceiling is not None and not math.isnan(ceiling.value):
         iou = f"ceiling {percent(ceiling.value)}: what exact masks get; {over}"
-    shown = [Tile(name="IoU", metric=None if few else row.iou, beside=iou)]
+    shown = [Tile(name="IoU, all", metric=None if few else row.iou, beside=iou)]
     if category is None:
         area = found.false_positives
         text = f"of the image wrongly marked; over {area.frames} images"
         shown.append(Tile(name="False positives", metric=area.coverage if area.frames else None, beside=text))
-    return [*shown, Tile(name="TPR", metric=None if few else row.tpr_all, beside=f"of an object is marked; {over}")]
+    return [
+        *shown,
+        Tile(name="TPR, all", metric=None if few else row.tpr_all, beside=f"of an object is marked; {over}"),
+    ]
 
 
 def remarks(found: Summary, *, category: Category | None) -> list[Remark]:
@@ -136,29 +139,46 @@ def remarks(found: Summary, *, category: Category | None) -> list[Remark]:
 
 
 def _best_and_worst(rows: dict[str, ObjectMetrics]) -> list[Remark]:
-    """The best and the weakest kind of motion where their intervals lie apart; all of them as they are otherwise."""
+    """The weakest and the best kind of motion where their intervals lie apart; else the lowest, and all as they are."""
     known = {name: row.tpr_all for name, row in rows.items() if row.tpr_all.ci95 is not None}
     order = sorted(known, key=lambda name: known[name].value)
     if len(order) > 1 and clearly_below(known[order[0]], known[order[-1]]):
         left = [f"{_name(n).lower()} ({row.recordings})" for n, row in rows.items() if n not in known]
         few = f" Left out, with fewer than {FEWEST_RECORDINGS} recordings: {', '.join(left)}." if left else ""
         return [
-            Remark(kind="good", text=f"Best: {_name(order[-1]).lower()}, {_found(rows[order[-1]])}.{few}"),
             Remark(kind="bad", text=f"Weakest: {_name(order[0]).lower()}, {_found(rows[order[0]])}."),
+            Remark(kind="good", text=f"Best: {_name(order[-1]).lower()}, {_found(rows[order[-1]])}.{few}"),
         ]
     if len(rows) == 1:
         return [Remark(kind="note", text=f"{_name(name)}: {_found(row)}.") for name, row in rows.items()]
     shares = ", ".join(f"{_name(name).lower()} {percent(row.tpr_all.value)}" for name, row in rows.items())
     text = f"Share of an object that is found, on average: {shares}; the recordings are too few to call one the best."
-    return [Remark(kind="note", text=text)]
+    return [_lowest(rows), Remark(kind="note", text=text)]
+
+
+def _lowest(rows: Mapping[str, ObjectMetrics]) -> Remark:
+    """The lowest kind of motion of several as it is, whether or not another run would find the same."""
+    name = min(rows, key=lambda name: rows[name].iou.value)
+    row, (rate, chance) = rows[name], _of_half(rows[name])
+    luck = ", not above chance" if rate.value <= chance else ""
+    told = "no interval" if row.iou.ci95 is None else f"95 % interval {interval(row.iou)}"
+    text = (
+        f"Lowest here: {_name(name).lower()}, IoU {percent(row.iou.value)}{luck} ({row.recordings} recordings, {told})."
+    )
+    return Remark(kind="bad", text=text)
+
+
+def _of_half(row: ObjectMetrics) -> tuple[Metric, float]:
+    """Rate of object-frames of which half is found, or any pixel by a protocol without that level, and its chance."""
+    name = _HALF if _HALF in row.metric_names() else "detection_rate"
+    return row.metric(name), row.metric(chance_of(name)).value
 
 
 def _by_chance(rows: dict[str, ObjectMetrics]) -> list[Remark]:
     """A rate that the mask of another image reaches too says nothing."""
     near, unknown = [], []
     for name, row in rows.items():
-        metric_name = _HALF if _HALF in row.metric_names() else "detection_rate"
-        rate, chance = row.metric(metric_name), row.metric(chance_of(metric_name)).value
+        rate, chance = _of_half(row)
         if rate.ci95 is None:
             unknown.append(f"{_name(name).lower()} ({row.recordings})")
         elif rate.ci95[0] < chance:
@@ -211,7 +231,7 @@ def _of_images(found: Summary) -> list[Remark]:
 
 
 def _name(category: str) -> str:
-    return LABELS[Category(category)].split(" (")[0]
+    return LABELS[Category(category)]
 
 
 def _found(row: ObjectMetrics) -> str:

@@ -24,10 +24,11 @@ from bench.harness import FramePipeline, ProcessedFrame
 from bench.harness.frames import UnscorableFrame
 from bench.harness.replay import StoredFrames
 from bench.reference import Category, ReferenceObject, Status
+from bench.reporting.canvas import jpeg_uri
 from bench.reporting.count_view import PixelClass, detected_pixels, draw_counts, overlay_counts, pixel_classes
-from bench.reporting.formats import frame_name, image_name
+from bench.reporting.formats import CONSTRAINTS, frame_name, image_name
 from bench.reporting.overlay import captioned, overlay_polygons
-from bench.reporting.page.charts import figure_uri, jpeg_uri
+from bench.reporting.page.charts import figure_uri
 from bench.reporting.panels import draw_panels
 from bench.reporting.stored_run import StoredRun
 
@@ -128,7 +129,7 @@ FEW_POINTS = 20
 SMALL_PX = 400
 SAME_SPEED_MPS = 0.5
 BLIND_BAND_DEG = 10.0
-BELOW_HORIZON = {"preceding": "positive height", "approaching": "anti-parallel"}  # they need the road behind the object
+NEED_ROAD = (Category.PRECEDING, Category.APPROACHING)  # their constraints compare with the road behind the object
 SHOWN = 2
 
 
@@ -141,12 +142,16 @@ class ObjectEvidence:
         blind_band: share within `BLIND_BAND_DEG` of the direction of travel, forward or backward.
         above_horizon: share that looks upwards.
         likelihood: median motion likelihood; NaN for a method without.
+        threshold: of the likelihood in this image; None where the method's mask does not follow from one.
+        causes: what can make the method mark a cell of this image.
     """
 
     undefined: float
     blind_band: float
     above_horizon: float
     likelihood: float
+    threshold: float | None
+    causes: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -162,25 +167,24 @@ class FrameEvidence:
     static_objects: float
 
 
-def object_reason(row: Row, evidence: ObjectEvidence | None, *, threshold: float | None) -> str:
+def object_reason(row: Row, evidence: ObjectEvidence | None) -> str:
     """Say why an object-frame was covered so little.
 
     Args:
         row: of `OBJECTS_SCHEMA`, evaluated, with `coverage`.
         evidence: from the image; None without the data.
-        threshold: of the method's likelihood; None where it has none.
     """
     if row["coverage"] >= WELL_FOUND:
         return f"Nothing to explain: {_percent(row['coverage'])} of it is found."
     found = [*(_seen_reasons(row, evidence) if evidence else []), *_stored_reasons(row)]
     reason = " Also: ".join(found[:SHOWN]) or "No single reason found in the numbers."
-    if evidence is None or math.isnan(evidence.likelihood) or threshold is None or evidence.undefined >= MOST:
+    if evidence is None or evidence.threshold is None or evidence.undefined >= MOST or math.isnan(evidence.likelihood):
         return reason
-    side = "below" if evidence.likelihood <= threshold else "above"
-    reason += (
-        f" On its missed pixels the median motion likelihood is {evidence.likelihood:.1e}, {side} the threshold of "
+    side = "below" if evidence.likelihood <= evidence.threshold else "above"
+    return (
+        f"{reason} On its missed pixels the median motion likelihood is {evidence.likelihood:.2g}, {side} the "
+        f"threshold of {evidence.threshold:.2g}."
     )
-    return reason + f"{threshold:.1e}."
 
 
 def frame_reason(row: Row, evidence: FrameEvidence | None) -> str:
@@ -215,12 +219,13 @@ def _seen_reasons(row: Row, evidence: ObjectEvidence) -> list[str]:
     found = []
     if evidence.undefined >= MOST:
         found.append(f"The method could not say: {_percent(evidence.undefined)} of the missed pixels are undefined.")
-    constraint = BELOW_HORIZON.get(str(row["category"]))
-    if constraint is not None and evidence.above_horizon >= MOST:
-        found.append(
-            f"{_percent(evidence.above_horizon)} of the missed pixels lie above the horizon, where {constraint}, the "
-            f"constraint for {row['category']} objects, cannot work."
-        )
+    if row["category"] in NEED_ROAD and evidence.above_horizon >= MOST:
+        cause, constraint = CONSTRAINTS[Category(row["category"])]
+        if cause in evidence.causes:
+            found.append(
+                f"{_percent(evidence.above_horizon)} of the missed pixels lie above the horizon, where {constraint}, "
+                f"the constraint for {row['category']} objects, cannot work."
+            )
     if evidence.blind_band >= MOST:
         found.append(
             f"Blind band: {_percent(evidence.blind_band)} of the missed pixels lie within {BLIND_BAND_DEG:.0f}° of the "
@@ -349,6 +354,8 @@ def _object_evidence(
         blind_band=_mean(_along_travel(pipeline, processed, rays_vehicle)),
         above_horizon=_mean(rays_vehicle[:, 2] > 0),
         likelihood=float(np.median(of_missed)) if of_missed.size else math.nan,
+        threshold=processed.segmentation.threshold,
+        causes=processed.segmentation.causes,
     )
 
 
@@ -448,11 +455,9 @@ def worst_cases(run: StoredRun, *, most: int, pictures: bool, progress: Progress
     if pictures:
         keys = {frame_key(row) for rows in (*objects.values(), images) for row in rows}
         views, problems = view_frames(run, keys, progress=progress)
-    setting = run.summary.method.settings.get("threshold")
-    threshold = float(setting) if isinstance(setting, int | float) else None
     return WorstCases(
         objects={
-            name: [_object_card(f"worst-{name}-{n}", row, views, threshold) for n, row in enumerate(rows)]
+            name: [_object_card(f"worst-{name}-{n}", row, views) for n, row in enumerate(rows)]
             for name, rows in objects.items()
         },
         images=[_frame_card(f"false-{n}", row, views) for n, row in enumerate(images)],
@@ -460,7 +465,7 @@ def worst_cases(run: StoredRun, *, most: int, pictures: bool, progress: Progress
     )
 
 
-def _object_card(element: str, row: Row, views: Mapping[FrameKey, FrameView], threshold: float | None) -> Card:
+def _object_card(element: str, row: Row, views: Mapping[FrameKey, FrameView]) -> Card:
     track, view = row["track_id"], views.get(frame_key(row))
     return Card(
         element=element,
@@ -468,7 +473,7 @@ def _object_card(element: str, row: Row, views: Mapping[FrameKey, FrameView], th
         title=f"{_percent(row['coverage'])} found: {row['object_class']} “{track}”, {_image(row)}",
         facts=f"{row['range_m']:.1f} m away, {row['points']} lidar points, {row['region_px']} px, object "
         f"{row['speed_mps']:.1f} m/s, ego vehicle {row['ego_speed_mps']:.1f} m/s",
-        reason=object_reason(row, view.objects.get(track) if view else None, threshold=threshold),
+        reason=object_reason(row, view.objects.get(track) if view else None),
         view=view,
         track=track,
         close_up=view.close_ups.get(track, "") if view else "",

@@ -7,7 +7,7 @@ from bench.evaluation.summary import FrameLedger, Metric, ObjectMetrics
 from bench.reference import Category
 from bench.reporting.page.build import environment
 from bench.reporting.page.summary import breakdown, remarks, tiles
-from tests.reporting.summaries import object_figures, summary
+from tests.reporting.summaries import figure, object_figures, summary
 
 
 def told(figures, category=None):
@@ -15,7 +15,7 @@ def told(figures, category=None):
 
 
 def test_best_and_weakest_are_named_with_their_figures():
-    (good, best), (bad, weakest), *others = told(summary())
+    (bad, weakest), (good, best), *others = told(summary())
     assert (good, bad) == ("good", "bad")
     found = "on average 70.0 % of an object is found, over 100 object-frames of 7 objects in 8 recordings"
     assert best == f"Best: overtaking, {found}."
@@ -31,8 +31,9 @@ def without_intervals(row, recordings=5):
 
 def test_no_kind_is_called_the_best_where_intervals_overlap():
     rows = {"crossing": object_figures(0.60), "overtaking": object_figures(0.62), "preceding": object_figures(0.64)}
-    (kind, text), *others = told(summary().model_copy(update={"categories": rows}))
-    assert kind == "note"
+    (bad, lowest), (kind, text), *others = told(summary().model_copy(update={"categories": rows}))
+    assert (bad, kind) == ("bad", "note")
+    assert lowest == "Lowest here: crossing, IoU 27.0 % (8 recordings, 95 % interval [22.0, 32.0])."
     assert text == (
         "Share of an object that is found, on average: crossing 42.0 %, overtaking 43.4 %, preceding 44.8 %; the "
         "recordings are too few to call one the best."
@@ -43,13 +44,15 @@ def test_no_kind_is_called_the_best_where_intervals_overlap():
 def test_nothing_is_claimed_of_fewer_than_six_recordings():
     rows = {"crossing": object_figures(0.9), "overtaking": object_figures(0.5)}
     few = rows | {"preceding": without_intervals(object_figures(0.1))}
-    (_, best), (_, weakest), *others = told(summary().model_copy(update={"categories": few}))
+    (_, weakest), (_, best), *others = told(summary().model_copy(update={"categories": few}))
     assert best.startswith("Best: crossing, ")
     assert best.endswith("Left out, with fewer than 6 recordings: preceding (5).")
     assert weakest.startswith("Weakest: overtaking, ")
     assert ("note", "Recordings too few to tell from chance, 6 are needed: preceding (5).") in others
     none = {name: without_intervals(row) for name, row in rows.items()}
+    none["overtaking"].__pydantic_extra__["detection_rate_50"] = figure(0.0).model_copy(update={"ci95": None})
     texts = [text for _, text in told(summary().model_copy(update={"categories": none}))]
+    assert texts[0] == "Lowest here: overtaking, IoU 22.5 %, not above chance (5 recordings, no interval)."
     assert not any(word in text for text in texts for word in ("Best", "Weakest", "Not clearly"))
 
 
@@ -87,11 +90,11 @@ def test_the_page_begins_with_iou_beside_its_ceiling_and_false_positives():
     with_truth = figures.all_moving.model_copy(update={"ceiling_iou": ceiling})
     shown = tiles(figures.model_copy(update={"all_moving": with_truth}), category=None)
     assert [(tile.name, round(tile.metric.value, 3)) for tile in shown] == [
-        ("IoU", 0.27), ("False positives", 0.105), ("TPR", 0.42)
+        ("IoU, all", 0.27), ("False positives", 0.105), ("TPR, all", 0.42)
     ]  # fmt: skip
     assert shown[0].beside == "ceiling 92.0 %: what exact masks get; over 100 object-frames"
     assert tiles(figures, category=None)[0].beside == "over 100 object-frames"
-    assert [tile.name for tile in tiles(figures, category=Category.CROSSING)] == ["IoU", "TPR"]
+    assert [tile.name for tile in tiles(figures, category=Category.CROSSING)] == ["IoU, all", "TPR, all"]
 
 
 def test_the_weakest_place_is_named_where_it_stands_out():

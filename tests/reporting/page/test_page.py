@@ -224,6 +224,7 @@ def test_a_page_of_one_kind_has_only_its_rows(tiny_run):
     assert page.file.name == "index-overtaking.html"
     assert [name for name, _ in sections(text)] == [name for name in SECTIONS if name not in OF_FRAMES]
     assert rows_of(text)["words"]["category"] == ["overtaking"]
+    assert "Overtaking (positive depth)" in text
     assert "Crossing (epipolar)" not in text
     assert 'id="worst-overtaking-0"' in text
 

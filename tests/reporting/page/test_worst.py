@@ -67,7 +67,8 @@ def row(**changes):
 
 def seen(**changes):
     shares = {"undefined": 0.0, "blind_band": 0.0, "above_horizon": 0.0, "likelihood": 2e-4}
-    return ObjectEvidence(**(shares | changes))
+    of_method = {"threshold": 6e-4, "causes": ("positive_height", "anti_parallel")}
+    return ObjectEvidence(**(shares | of_method | changes))
 
 
 @pytest.mark.parametrize(
@@ -86,22 +87,31 @@ def seen(**changes):
         ({"category": "preceding", "speed_mps": 4.8}, {}, "almost as fast as the ego vehicle (4.8 and 5.0 m/s)"),
         ({"points": 12}, {}, "Only 12 lidar points"),
         ({"region_px": 90, "polygon_px": 90}, {}, "Small: 90 pixels"),
-        ({}, {}, "No single reason found in the numbers. On its missed pixels the median motion likelihood is 2.0e-04"),
+        (
+            {},
+            {},
+            "No single reason found in the numbers. On its missed pixels the median motion likelihood is 0.0002",
+        ),
     ],
 )
 def test_the_reason_is_what_the_numbers_say(of_row, of_image, words):
-    told = object_reason(row(**of_row), seen(**of_image), threshold=6e-4)
+    told = object_reason(row(**of_row), seen(**of_image))
     assert words in told
     others = ("Nothing", "undefined", "Blind", "horizon", "Occluded", "almost", "Only", "Small", "No single")
     assert sum(other in told for other in others) == 1
 
 
 def test_what_needs_the_image_is_not_said_without_it():
-    assert object_reason(row(), None, threshold=6e-4) == "No single reason found in the numbers."
-    assert "likelihood" not in object_reason(row(), seen(likelihood=math.nan), threshold=6e-4)
-    assert "likelihood" not in object_reason(row(), seen(), threshold=None)
-    assert "below the threshold" in object_reason(row(), seen(), threshold=6e-4)
-    assert "above the threshold" in object_reason(row(), seen(likelihood=1e-3), threshold=6e-4)
+    assert object_reason(row(), None) == "No single reason found in the numbers."
+    assert "likelihood" not in object_reason(row(), seen(likelihood=math.nan))
+    assert object_reason(row(), seen()).endswith("is 0.0002, below the threshold of 0.0006.")
+    assert "above the threshold" in object_reason(row(), seen(likelihood=1e-3))
+
+
+def test_what_the_method_does_not_have_is_no_reason():
+    assert object_reason(row(), seen(threshold=None)) == "No single reason found in the numbers."
+    high = row(category="preceding"), seen(above_horizon=0.8, causes=("epipolar", "anti_parallel"))
+    assert "horizon" not in object_reason(*high)
 
 
 def test_the_reason_of_an_image_is_what_the_numbers_say():
