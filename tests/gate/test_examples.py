@@ -47,7 +47,7 @@ def test_a_run_with_failures_is_judged_all_the_same(tmp_path):
     assert {"!cancelled()", "hashFiles('run/summary.json') != ''"} < set(judged["if"].split(" && "))
     assert not any("fisheye-bench run" in line for line in gitlab[".score"]["before_script"])
     program = tmp_path / "fisheye-bench"
-    program.write_text('#!/bin/sh\necho $1 >>called\n[ $1 = gate ] || exit 2\n')
+    program.write_text("#!/bin/sh\necho $1 >>called\n[ $1 = gate ] || exit 2\n")
     program.chmod(0o755)
     script = "\n".join(gitlab["gate"]["script"])
     for summary, status, called in ((False, 1, ["run"]), (True, 0, ["run", "run", "gate"])):
