@@ -19,9 +19,9 @@ def scripts(content):
     if "jobs" in content:
         steps = [step for job in content["jobs"].values() for step in job["steps"]]
         assert all(("uses" in step) != ("run" in step) for step in steps)
-        return [step["run"] for step in steps if "run" in step]
+        return [line for step in steps if "run" in step for line in step["run"].splitlines()]
     jobs = [job for name, job in content.items() if name != "variables"]
-    return [line for job in jobs for part in ("before_script", "script") for line in job.get(part, [])]
+    return [line for job in jobs for part in ("before_script", "script", "after_script") for line in job.get(part, [])]
 
 
 @pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.stem)
@@ -35,7 +35,8 @@ def test_an_example_is_complete_and_its_commands_exist(file):
             assert {word for word in words if word.startswith("--")} <= known, words
             called.setdefault(words[1], []).append(words)
     assert set(called) == {"validate", "run", "gate"}
-    assert ["--update" in words for words in called["gate"]] == [False, True]
+    assert ["--update" in words for words in called["gate"]] == [False, False, True]
+    assert called["gate"][1][-1] == "target.json"  # of a change that brings its own baseline
     assert any(line.startswith("pip install") for line in lines)
     assert any("fetch_recordings.sh datasets/data" in line for line in lines)
 
