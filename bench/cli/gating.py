@@ -12,7 +12,9 @@ from bench.gate import (
     ScoredRun,
     Verdict,
     judge,
+    judgeable,
     load_tolerances,
+    other_kind,
     own_baseline,
     read_baseline,
     refuse,
@@ -76,20 +78,27 @@ def update(run: Path, *, baseline: Path | None, allow_dirty: bool, whole: bool) 
     """Store a run as the baseline, and print what differs from the one that it replaces."""
     scored = scored_run(run)
     file = baseline or own_baseline(scored)
-    replaced: Verdict | str
+    rules, replaced, style = load_tolerances(DEFAULT), "", ""
+    difference: Verdict | None = None
     try:
-        replaced = judge(read_baseline(file), scored, tolerances=load_tolerances(DEFAULT))
+        before = read_baseline(file)
+        if differing := other_kind(before, scored):
+            replaced, style = f"REPLACES WHAT DOES NOT COMPARE: {differing[0]}", "bold red"
+        else:
+            difference = judge(before, scored, tolerances=rules)
     except MissingBaselineError:
         replaced = "the first baseline of this name"
     except BenchError as error:
-        replaced = f"replaces what does not compare: {error}"
+        replaced, style = f"REPLACES WHAT CANNOT BE READ: {error}", "bold red"
     write_baseline(scored, file, allow_dirty=allow_dirty)
-    if isinstance(replaced, str):
-        say(replaced)
-    else:
-        _print_brief(replaced)
-        _print_rest(replaced, whole=whole)
+    if replaced:
+        say(replaced, style=style)
+    if difference is not None:
+        _print_brief(difference)
+        _print_rest(difference, whole=whole)
     say(f"{file}: {_origin(scored)}")
+    judged, why_few = judgeable(scored, tolerances=rules)
+    say(f"{judged}{why_few}", style="bold red" if why_few else "")
 
 
 def refuse_with_update(**options: object) -> None:

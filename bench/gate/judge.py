@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 
 from bench.errors import UsageError
@@ -175,6 +176,21 @@ def judge(baseline: ScoredRun, run: ScoredRun, *, tolerances: Tolerances) -> Ver
             for metric in metrics
         ),
     )
+
+
+def judgeable(run: ScoredRun, *, tolerances: Tolerances) -> tuple[str, str]:
+    """What a run can judge as a baseline: "67 of 238 metrics can be judged", and why it is none; "" where some are."""
+    rows = judge(run, run, tolerances=tolerances).rows
+    judged = sum(row.outcome is not Outcome.NOT_JUDGED for row in rows)
+    counted = f"{judged} of {len(rows)} metrics can be judged"
+    if judged:
+        return counted, ""
+    recordings = max((row.change.recordings for row in rows), default=0)
+    needed = max(tolerances.min_recordings, FEWEST_RECORDINGS)
+    if recordings < needed:
+        return counted, f": {recordings} recordings, {needed} needed"
+    reasons = Counter(row.reason for row in rows)
+    return counted, f": {reasons.most_common(1)[0][0]}"
 
 
 def refuse(run: ScoredRun | None, *, tolerances: Tolerances, reason: str) -> Verdict:

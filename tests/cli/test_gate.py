@@ -1,6 +1,7 @@
 """`fisheye-bench gate`: exit statuses, what it prints, which files it leaves."""
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -160,7 +161,14 @@ def test_update_shows_what_it_replaces(monkeypatch, capsys, runs, tmp_path):
     assert told["spherical"].startswith("the first baseline of this name\n")
     assert "changed: method: 'nothing', was 'spherical'" in told["nothing"]
     assert any(line.split()[:3] == ["failed", "all_moving", "iou"] for line in told["nothing"].splitlines())
-    assert "replaces what does not compare: the baseline is of protocol" in told["extended"]
+    assert "REPLACES WHAT DOES NOT COMPARE: the baseline is of protocol" in told["extended"]
+    assert re.search(r"^[1-9]\d* of \d+ metrics can be judged$", told["nothing"], re.MULTILINE)
+
+
+def test_update_says_at_once_that_a_baseline_can_judge_nothing(monkeypatch, capsys, runs, tmp_path):
+    assert call(monkeypatch, "gate", runs["few"], "--baseline", tmp_path / "b.json", "--update", "--allow-dirty") == 0
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert re.fullmatch(r"0 of \d+ metrics can be judged: 3 recordings, 6 needed", last)
 
 
 PLUG_IN = """
