@@ -12,9 +12,12 @@ from bench.gate import (
     ScoredRun,
     Verdict,
     judge,
+    judgeable,
     load_tolerances,
+    other_kind,
     own_baseline,
     read_baseline,
+    refuse,
     scored_run,
     usual_baseline,
     write_baseline,
@@ -41,15 +44,20 @@ def gate(
     github: bool,
     whole: bool = False,
 ) -> int:
-    """Judge a run, print and write the verdict; return the exit status."""
-    rules, scored = load_tolerances(tolerances or DEFAULT), scored_run(run)
+    """Judge a run, print and write the verdict, or that there is none; return the exit status."""
+    rules = load_tolerances(tolerances or DEFAULT)
+    scored: ScoredRun | None = None
     try:
+        scored = scored_run(run)
         file = baseline or usual_baseline(scored)
         before = read_baseline(file)
-    except MissingBaselineError as error:
+        verdict = judge(before, scored, tolerances=rules)
+    except BenchError as error:
+        _hand_over(refuse(scored, tolerances=rules, reason=str(error)), junit=junit, json=json, github=github)
+        if not isinstance(error, MissingBaselineError):
+            raise
         say(f"error: {error}", to_errors=True)
         return NO_VERDICT
-    verdict = judge(before, scored, tolerances=rules)
     say(verdict.headline, style="green" if verdict.passed else "bold red")
     if baseline is None:
         note(f"baseline {file}")
@@ -59,17 +67,9 @@ def gate(
         say(f"compare image by image: {again}")
         say(f"                        {compare}")
     _print_rest(verdict, whole=whole)
-    if junit is not None:
-        write_bytes(junit, to_junit(verdict))
-    if json is not None:
-        write_text(json, to_json(verdict))
-    if github:
-        annotate(to_annotations(verdict))
-    if summary := os.environ.get("GITHUB_STEP_SUMMARY"):
-        _append_summary(Path(summary), verdict)
-    if not verdict.judged:
-        do = "a verdict needs metrics with a tolerance and cases in enough recordings, in baseline and run"
-        say(f"error: nothing was judged; {do}", to_errors=True)
+    _hand_over(verdict, junit=junit, json=json, github=github)
+    if verdict.why_none:
+        say(f"error: {verdict.why_none}", to_errors=True)
         return NO_VERDICT
     return PASSED if verdict.passed else FAILED
 
@@ -78,20 +78,27 @@ def update(run: Path, *, baseline: Path | None, allow_dirty: bool, whole: bool) 
     """Store a run as the baseline, and print what differs from the one that it replaces."""
     scored = scored_run(run)
     file = baseline or own_baseline(scored)
-    replaced: Verdict | str
+    rules, replaced, style = load_tolerances(DEFAULT), "", ""
+    difference: Verdict | None = None
     try:
-        replaced = judge(read_baseline(file), scored, tolerances=load_tolerances(DEFAULT))
+        before = read_baseline(file)
+        if differing := other_kind(before, scored):
+            replaced, style = f"REPLACES WHAT DOES NOT COMPARE: {differing[0]}", "bold red"
+        else:
+            difference = judge(before, scored, tolerances=rules)
     except MissingBaselineError:
         replaced = "the first baseline of this name"
     except BenchError as error:
-        replaced = f"replaces what does not compare: {error}"
+        replaced, style = f"REPLACES WHAT CANNOT BE READ: {error}", "bold red"
     write_baseline(scored, file, allow_dirty=allow_dirty)
-    if isinstance(replaced, str):
-        say(replaced)
-    else:
-        _print_brief(replaced)
-        _print_rest(replaced, whole=whole)
+    if replaced:
+        say(replaced, style=style)
+    if difference is not None:
+        _print_brief(difference)
+        _print_rest(difference, whole=whole)
     say(f"{file}: {_origin(scored)}")
+    judged, why_few = judgeable(scored, tolerances=rules)
+    say(f"{judged}{why_few}", style="bold red" if why_few else "")
 
 
 def refuse_with_update(**options: object) -> None:
@@ -125,6 +132,18 @@ def _print_rest(verdict: Verdict, *, whole: bool) -> None:
         say(line, style="dim")
     if folded:
         say("--all lists these rows too", style="dim")
+
+
+def _hand_over(verdict: Verdict, *, junit: Path | None, json: Path | None, github: bool) -> None:
+    """To the CI server, whatever the exit status: files, annotations, the step's summary."""
+    if junit is not None:
+        write_bytes(junit, to_junit(verdict))
+    if json is not None:
+        write_text(json, to_json(verdict))
+    if github:
+        annotate(to_annotations(verdict))
+    if summary := os.environ.get("GITHUB_STEP_SUMMARY"):
+        _append_summary(Path(summary), verdict)
 
 
 def _append_summary(file: Path, verdict: Verdict) -> None:

@@ -25,7 +25,7 @@ from bench.gate.baseline import (
     usual_baseline,
     write_baseline,
 )
-from bench.gate.judge import judge
+from bench.gate.judge import judge, judgeable, other_kind, refuse
 from bench.gate.tolerances import Tolerances, known_tolerances, load_tolerances
 from bench.gate.verdict import Check, Outcome, Row, Verdict
 
@@ -38,10 +38,13 @@ __all__ = [
     "Tolerances",
     "Verdict",
     "judge",
+    "judgeable",
     "known_tolerances",
     "load_tolerances",
+    "other_kind",
     "own_baseline",
     "read_baseline",
+    "refuse",
     "scored_run",
     "usual_baseline",
     "write_baseline",

@@ -51,7 +51,10 @@ def folded_lines(verdict: Verdict) -> list[str]:
 
 
 def change_lines(verdict: Verdict) -> list[str]:
-    """ "changed: settings: flow = dis, was farneback" for everything that changed, then what did not."""
+    """ "changed: settings: flow = dis, was farneback" for everything that changed, then what did not; none where the
+    two were not compared."""
+    if verdict.refusal:
+        return []
     lines = [f"changed: {change.what}: {change.text}" for change in verdict.changes]
     return [*lines, f"as in the baseline: {', '.join(verdict.unchanged) or 'nothing'}"]
 

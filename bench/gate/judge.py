@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 
 from bench.errors import UsageError
@@ -22,19 +23,19 @@ LISTED = 4  # differences that a message lists
 UNITS = {"object_frames": "object-frames", "annotated": "annotated objects", "evaluated": "scored images"}
 
 
-def refuse_another_kind(baseline: ScoredRun, run: ScoredRun) -> None:
-    """Refuse what cannot be compared at all.
-
-    Raises:
-        UsageError: another data set, split or protocol.
-    """
-    for name, before, after in (
-        ("data set", baseline.dataset, run.dataset),
-        ("split", baseline.split, run.split),
-        ("protocol", protocol_text(baseline), protocol_text(run)),
+def other_kind(baseline: ScoredRun, run: ScoredRun) -> tuple[str, str] | None:
+    """Why the two cannot be compared at all, and what to do instead; None where they can."""
+    split = f"--split {baseline.split}" if baseline.split is not None else "no --split"
+    protocol = baseline.protocol.name
+    rules = f"--protocol {protocol}" if protocol != run.protocol.name else f"{protocol} as it was for the baseline"
+    for name, before, after, do in (
+        ("data set", baseline.dataset, run.dataset, f"name a baseline of {run.dataset!r} with --baseline"),
+        ("split", baseline.split, run.split, f"score with {split}"),
+        ("protocol", protocol_text(baseline), protocol_text(run), f"score with {rules}"),
     ):
         if before != after:
-            raise UsageError(f"the baseline is of {name} {before!r}, the run of {after!r}: they do not compare")
+            return f"the baseline is of {name} {before!r}, the run of {after!r}", do
+    return None
 
 
 def data_checks(baseline: ScoredRun, run: ScoredRun, *, tolerances: Tolerances) -> tuple[Check, ...]:
@@ -157,7 +158,9 @@ def judge(baseline: ScoredRun, run: ScoredRun, *, tolerances: Tolerances) -> Ver
     Raises:
         UsageError: another data set, split or protocol.
     """
-    refuse_another_kind(baseline, run)
+    if differing := other_kind(baseline, run):
+        why, do = differing
+        raise UsageError(f"{why}: they do not compare; {do}, or replace the baseline with --update")
     return Verdict(
         dataset=run.dataset,
         method=run.method.name,
@@ -172,6 +175,43 @@ def judge(baseline: ScoredRun, run: ScoredRun, *, tolerances: Tolerances) -> Ver
             for slice_name, metrics in run.sheet.slices.items()
             for metric in metrics
         ),
+    )
+
+
+def judgeable(run: ScoredRun, *, tolerances: Tolerances) -> tuple[str, str]:
+    """What a run can judge as a baseline: "67 of 238 metrics can be judged", and why it is none; "" where some are."""
+    rows = judge(run, run, tolerances=tolerances).rows
+    judged = sum(row.outcome is not Outcome.NOT_JUDGED for row in rows)
+    counted = f"{judged} of {len(rows)} metrics can be judged"
+    if judged:
+        return counted, ""
+    recordings = max((row.change.recordings for row in rows), default=0)
+    needed = max(tolerances.min_recordings, FEWEST_RECORDINGS)
+    if recordings < needed:
+        return counted, f": {recordings} recordings, {needed} needed"
+    reasons = Counter(row.reason for row in rows)
+    return counted, f": {reasons.most_common(1)[0][0]}"
+
+
+def refuse(run: ScoredRun | None, *, tolerances: Tolerances, reason: str) -> Verdict:
+    """No verdict, for all that is told of one.
+
+    Args:
+        run: None where it cannot be read.
+        tolerances: the rules.
+        reason: one line.
+    """
+    return Verdict(
+        dataset=run.dataset if run else "",
+        method=run.method.name if run else "",
+        tolerances=f"{tolerances.name} version {tolerances.version}",
+        baseline_origin=None,
+        run_origin=run.origin if run else None,
+        protocol=run.protocol.name if run else "",
+        changes=(),
+        checks=(),
+        rows=(),
+        refusal=reason,
     )
 
 

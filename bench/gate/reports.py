@@ -16,7 +16,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from itertools import accumulate
 
-from junitparser import Failure, JUnitXml, Skipped, TestCase, TestSuite
+from junitparser import Error, Failure, JUnitXml, Skipped, TestCase, TestSuite
 
 from bench.gate.brief import change_lines, is_overlapping, main_rows, overall_rows, worst_line
 from bench.gate.verdict import (
@@ -38,16 +38,17 @@ MOST = 10
 def to_annotations(verdict: Verdict) -> list[str]:
     """Lines for the standard output: at most ten errors, and how many more.
 
-    Checks first; then one line for each slice with what failed in it, the slice of the worst metric first; then one
-    for all breakdowns, which cut the same object-frames once more. The last line is no command, since an eleventh
-    would not be shown.
+    Why there is no verdict, or the checks first; then one line for each slice with what failed in it, the slice of the
+    worst metric first; then one for all breakdowns, which cut the same object-frames once more. The last line is no
+    command, since an eleventh would not be shown.
     """
     failed = verdict.rows_with(Outcome.FAILED)
     slices: dict[str, list[Row]] = {}
     for row in failed:
         if not is_overlapping(row):
             slices.setdefault(row.slice_name, []).append(row)
-    told = [("gate: data", check.message) for check in verdict.failed_checks]
+    told = [("gate: no verdict", verdict.why_none)] if verdict.why_none else []
+    told += [("gate: data", check.message) for check in verdict.failed_checks]
     told += [(f"gate: {name}", _slice_text(rows)) for name, rows in slices.items()]
     if breakdowns := [row for row in failed if is_overlapping(row)]:
         count = len({row.slice_name for row in breakdowns})
@@ -82,8 +83,15 @@ _FORBIDDEN = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]
 
 
 def to_junit(verdict: Verdict) -> bytes:
-    """JUnit XML, UTF-8: failed is a failure, not judged is skipped with the reason, the rest passes with its line."""
-    suite = TestSuite(_clean(f"fisheye-bench gate {verdict.dataset} {verdict.method}"))
+    """JUnit XML, UTF-8: failed is a failure, not judged is skipped with the reason, the rest passes with its line.
+
+    Where there is no verdict, that is an error, so that no reader takes it for a pass.
+    """
+    suite = TestSuite(_clean(f"fisheye-bench gate {verdict.dataset} {verdict.method}".rstrip()))
+    if verdict.why_none:
+        none = TestCase("verdict", classname="gate.data", time=0.0)
+        none.result = [Error(_clean(verdict.why_none), "no verdict")]
+        suite.add_testcase(none)
     for check in verdict.checks:
         suite.add_testcase(_case(check.name, "data", check.outcome, message=check.message, reason=""))
     for row in verdict.rows:
@@ -157,6 +165,8 @@ def _lines(verdict: Verdict) -> Iterable[str]:
     yield ""
     yield escape_markdown(verdict.subject)
     yield ""
+    if verdict.why_none:
+        yield f"- ❌ no verdict: {escape_markdown(verdict.why_none)}"
     for check in verdict.failed_checks:
         yield f"- {_MARKS[check.outcome]}: {escape_markdown(check.message)}"
     for line in change_lines(verdict):
@@ -164,7 +174,8 @@ def _lines(verdict: Verdict) -> Iterable[str]:
     if worst := worst_line(verdict):
         yield f"- {escape_markdown(worst)}"
     shown = [*overall_rows(verdict), *main_rows(verdict)]
-    yield from ("", *_HEADING, *map(_row, shown))
+    if shown:
+        yield from ("", *_HEADING, *map(_row, shown))
     others = [row for outcome in _MARKS for row in verdict.rows_with(outcome) if row not in shown]
     if others:
         yield from ("", f"<details><summary>{len(others)} other rows, those of breakdowns among them</summary>", "")
@@ -190,13 +201,14 @@ def to_json(verdict: Verdict) -> str:
         "schema_version": SCHEMA_VERSION,
         "passed": verdict.passed,
         "headline": verdict.headline,
+        "no_verdict": verdict.why_none,
         "dataset": verdict.dataset,
         "method": verdict.method,
         "protocol": verdict.protocol,
         "tolerances": verdict.tolerances,
         "changes": [asdict(change) for change in verdict.changes],
-        "baseline": verdict.baseline_origin.model_dump(mode="json"),
-        "run": verdict.run_origin.model_dump(mode="json"),
+        "baseline": verdict.baseline_origin and verdict.baseline_origin.model_dump(mode="json"),
+        "run": verdict.run_origin and verdict.run_origin.model_dump(mode="json"),
         "checks": [asdict(check) for check in verdict.checks],
         "rows": [_json_row(row) for row in verdict.rows],
     }

@@ -10,6 +10,10 @@ from bench.evaluation.paired import NOT_RATIOS, PairedChange
 from bench.gate.baseline import Origin
 from bench.gate.changes import OF_ITSELF, Change
 
+NOTHING_JUDGED = (
+    "nothing was judged; a verdict needs metrics with a tolerance and cases in enough recordings, in baseline and run"
+)
+
 
 class Outcome(StrEnum):
     """How a metric of a slice, or a check of the data, came out.
@@ -100,26 +104,28 @@ class Verdict:
     """All of it.
 
     Attributes:
-        dataset: name of the data set.
-        method: name of the run's method.
+        dataset: name of the data set; "" for a run that cannot be read.
+        method: name of the run's method; "" for a run that cannot be read.
         tolerances: name of the rules.
-        baseline_origin: of the baseline.
-        run_origin: of the run.
-        protocol: name of the rules of both.
+        baseline_origin: of the baseline; None where the two were not compared.
+        run_origin: of the run; None where it cannot be read.
+        protocol: name of the rules of both; "" for a run that cannot be read.
         changes: what is not as in the baseline beside the scores.
         checks: that both measured the same things, in a fixed order.
         rows: metrics by slice, in the order of the sums per recording.
+        refusal: why run and baseline were not compared; "" where they were.
     """
 
     dataset: str
     method: str
     tolerances: str
-    baseline_origin: Origin
-    run_origin: Origin
+    baseline_origin: Origin | None
+    run_origin: Origin | None
     protocol: str
     changes: tuple[Change, ...]
     checks: tuple[Check, ...]
     rows: tuple[Row, ...]
+    refusal: str = ""
 
     @property
     def passed(self) -> bool:
@@ -132,9 +138,15 @@ class Verdict:
         return bool(self.failed_checks) or any(row.outcome is not Outcome.NOT_JUDGED for row in self.rows)
 
     @property
+    def why_none(self) -> str:
+        """Why there is no verdict; "" where there is one."""
+        return "" if self.judged else self.refusal or NOTHING_JUDGED
+
+    @property
     def subject(self) -> str:
         """One line: what was judged, and by which rules."""
-        return f"{self.method} on {self.dataset} by {self.protocol}, tolerances {self.tolerances}"
+        run = f"{self.method} on {self.dataset} by {self.protocol}, " if self.run_origin else ""
+        return f"{run}tolerances {self.tolerances}"
 
     @property
     def unchanged(self) -> tuple[str, ...]:

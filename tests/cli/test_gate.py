@@ -1,6 +1,7 @@
 """`fisheye-bench gate`: exit statuses, what it prints, which files it leaves."""
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -79,9 +80,12 @@ def test_without_a_named_baseline_the_usual_one_is_taken(monkeypatch, capsys, ru
 def test_a_gate_that_judges_nothing_has_the_status_of_one_without_a_baseline(monkeypatch, capsys, runs, tmp_path):
     write_baseline(scored_run(runs["few"]), tmp_path / "few.json", allow_dirty=True)
     junit = tmp_path / "gate.xml"
-    assert call(monkeypatch, "gate", runs["few"], "--baseline", tmp_path / "few.json", "--junit", junit) == 3
+    words = ("--baseline", tmp_path / "few.json", "--junit", junit, "--github")
+    assert call(monkeypatch, "gate", runs["few"], *words) == 3
     shown = capsys.readouterr()
     assert "error: nothing was judged" in shown.err
+    assert "::error title=gate%3A no verdict::nothing was judged" in shown.out
+    assert JUnitXml.fromfile(str(junit)).errors == 1
     assert "gate WITHOUT A VERDICT: " in shown.out
     assert "passed" not in shown.out
 
@@ -109,6 +113,29 @@ def test_a_worse_run_fails_in_every_form(monkeypatch, capsys, runs, tmp_path):
     assert "all_moving" in told
 
 
+@pytest.mark.parametrize(
+    ("run", "baseline", "status", "why"),
+    [
+        ("spherical", "none.json", 3, "no baseline there"),
+        ("extended", "BASELINE", 2, "score with --protocol paper-v1, or replace the baseline with --update"),
+        ("nowhere", "BASELINE", 2, "nowhere/summary.json: expected the summary of a run"),
+    ],
+)
+def test_no_verdict_is_handed_over_in_every_form(monkeypatch, capsys, runs, tmp_path, run, baseline, status, why):
+    monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(tmp_path / "summary.md"))
+    files = ("--junit", tmp_path / "gate.xml", "--json", tmp_path / "gate.json", "--github")
+    against = runs["baseline"] if baseline == "BASELINE" else tmp_path / baseline
+    assert call(monkeypatch, "gate", runs.get(run, tmp_path / run), "--baseline", against, *files) == status
+    (annotation,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("::error ")]
+    content = json.loads((tmp_path / "gate.json").read_text())
+    told = JUnitXml.fromfile(str(tmp_path / "gate.xml"))
+    (case,) = [case for suite in told for case in suite]
+    assert (content["passed"], told.errors) == (False, 1)
+    for text in (annotation, content["no_verdict"], case.result[0].message, (tmp_path / "summary.md").read_text()):
+        assert why in text
+    assert "as in the baseline" not in (tmp_path / "summary.md").read_text()
+
+
 def test_a_missing_baseline_has_a_status_of_its_own(monkeypatch, capsys, runs, tmp_path):
     assert call(monkeypatch, "gate", runs["spherical"], "--baseline", tmp_path / "none.json") == 3
     shown = capsys.readouterr()
@@ -134,7 +161,14 @@ def test_update_shows_what_it_replaces(monkeypatch, capsys, runs, tmp_path):
     assert told["spherical"].startswith("the first baseline of this name\n")
     assert "changed: method: 'nothing', was 'spherical'" in told["nothing"]
     assert any(line.split()[:3] == ["failed", "all_moving", "iou"] for line in told["nothing"].splitlines())
-    assert "replaces what does not compare: the baseline is of protocol" in told["extended"]
+    assert "REPLACES WHAT DOES NOT COMPARE: the baseline is of protocol" in told["extended"]
+    assert re.search(r"^[1-9]\d* of \d+ metrics can be judged$", told["nothing"], re.MULTILINE)
+
+
+def test_update_says_at_once_that_a_baseline_can_judge_nothing(monkeypatch, capsys, runs, tmp_path):
+    assert call(monkeypatch, "gate", runs["few"], "--baseline", tmp_path / "b.json", "--update", "--allow-dirty") == 0
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert re.fullmatch(r"0 of \d+ metrics can be judged: 3 recordings, 6 needed", last)
 
 
 PLUG_IN = """

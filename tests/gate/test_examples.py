@@ -1,6 +1,7 @@
 """The CI examples of docs/gate.md: they parse, and every command and option in them exists."""
 
 import shlex
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -18,9 +19,9 @@ def scripts(content):
     if "jobs" in content:
         steps = [step for job in content["jobs"].values() for step in job["steps"]]
         assert all(("uses" in step) != ("run" in step) for step in steps)
-        return [step["run"] for step in steps if "run" in step]
+        return [line for step in steps if "run" in step for line in step["run"].splitlines()]
     jobs = [job for name, job in content.items() if name != "variables"]
-    return [line for job in jobs for part in ("before_script", "script") for line in job.get(part, [])]
+    return [line for job in jobs for part in ("before_script", "script", "after_script") for line in job.get(part, [])]
 
 
 @pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.stem)
@@ -33,10 +34,30 @@ def test_an_example_is_complete_and_its_commands_exist(file):
             known = {option for one in command.params for option in (*one.opts, *one.secondary_opts)}
             assert {word for word in words if word.startswith("--")} <= known, words
             called.setdefault(words[1], []).append(words)
-    assert list(called) == ["validate", "run", "gate"]
-    assert ["--update" in words for words in called["gate"]] == [False, True]
+    assert set(called) == {"validate", "run", "gate"}
+    assert ["--update" in words for words in called["gate"]] == [False, False, True]
+    assert called["gate"][1][-1] == "target.json"  # of a change that brings its own baseline
     assert any(line.startswith("pip install") for line in lines)
     assert any("fetch_recordings.sh datasets/data" in line for line in lines)
+
+
+def test_a_run_with_failures_is_judged_all_the_same(tmp_path):
+    """`run` ends with status 2 there, and leaves a summary; without one there is nothing to judge."""
+    github, gitlab = (yaml.safe_load(file.read_text("utf-8")) for file in EXAMPLES)
+    (judged,) = [step for step in github["jobs"]["gate"]["steps"] if "--junit" in step.get("run", "")]
+    assert {"!cancelled()", "hashFiles('run/summary.json') != ''"} < set(judged["if"].split(" && "))
+    assert not any("fisheye-bench run" in line for line in gitlab[".score"]["before_script"])
+    program = tmp_path / "fisheye-bench"
+    program.write_text("#!/bin/sh\necho $1 >>called\n[ $1 = gate ] || exit 2\n")
+    program.chmod(0o755)
+    script = "\n".join(gitlab["gate"]["script"])
+    for summary, status, called in ((False, 1, ["run"]), (True, 0, ["run", "run", "gate"])):
+        if summary:
+            (tmp_path / "run").mkdir()
+            (tmp_path / "run" / "summary.json").touch()
+        done = subprocess.run(["sh", "-ec", script], cwd=tmp_path, env={"PATH": f"{tmp_path}:/usr/bin:/bin"})
+        assert done.returncode == status
+        assert (tmp_path / "called").read_text().split() == called
 
 
 def test_there_is_one_for_each_server():
