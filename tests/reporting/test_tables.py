@@ -126,6 +126,8 @@ def test_the_terminal_shows_the_same_values_at_100_columns():
             assert f"{100 * row.metrics[name].value:.1f}" in text
     assert "Static" not in text, "it has no cases"
     assert "Left out, without cases: static ego." in text
+    crossing, false = (next(x for x in text.splitlines() if x.startswith(n)) for n in ("Crossing", "False positives"))
+    assert false.index("10.5") == crossing.index("72.1"), "below the detection rate"
     crossing = text[text.index("Crossing") : text.index("Overtaking")].splitlines()
     assert crossing[0].split() == [
         "Crossing",
