@@ -37,7 +37,7 @@ class Origin(FileModel):
 
     Attributes:
         version: of the package.
-        commit: of the checkout, "+" behind it where files were changed; None outside of a checkout.
+        commit: of the checkout, "+" behind it where files were changed, or that pip installed; None where unknown.
         python: version of the interpreter.
         libraries: their versions.
         started_utc: of the run, ISO 8601.

@@ -2,6 +2,7 @@
 
 import json
 from io import BytesIO, StringIO
+from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
@@ -10,8 +11,10 @@ from rich.console import Console
 
 from bench.gate import Check, Outcome
 from bench.gate.brief import change_lines, folded_lines, main_rows, overall_rows, worst_line
+from bench.gate.changes import how_to_compare
 from bench.gate.reports import to_annotations, to_json, to_junit, to_markdown
 from bench.gate.terminal import full_lines, full_table, main_table
+from bench.harness.method_stamp import MethodStamp
 from tests.gate.factories import one, scored, sums, verdict_of
 
 
@@ -132,6 +135,29 @@ def test_the_first_lines_say_what_changed_what_was_lost_and_where(one_fault):
     assert worst_line(one_fault).count("->") == 3
     (folded,) = folded_lines(one_fault)
     assert folded.startswith("failed in breakdowns: 12 (range_m 12); the worst: ")
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "first"),
+    [
+        ({}, {}, "compare image by image:"),
+        ({}, {"commit": "decade"}, "compare image by image, the first in a checkout of c0ffee:"),
+        ({"commit": None}, {"commit": None}, "compare image by image:"),
+        ({"commit": None}, {}, "no command makes the baseline's run again: it is of version 1, of an unknown commit"),
+        ({}, {"data_fingerprint": "x" * 64}, "no command makes the baseline's run again: it is of other data"),
+        (
+            {"method": MethodStamp(name="own", settings={}, place="own:Own", identity="1")},
+            {"method": MethodStamp(name="own", settings={}, place="own:Own", identity="2")},
+            "no command makes the baseline's run again: the code of 'own' is another now; "
+            "run in the baseline's own commit",
+        ),
+    ],
+)
+def test_only_commands_that_work_are_told(before, after, first):
+    told = how_to_compare(scored({}, **before), scored({}, **after), folder=Path("run"), card="ours.yaml")
+    assert told[0] == first
+    commands = [line.split()[1] for line in told[1:]]
+    assert commands == (["run", "compare"] if first.startswith("compare") else [])
 
 
 def test_annotations_escape_what_would_start_another_command(mixed):
