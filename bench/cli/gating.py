@@ -23,7 +23,7 @@ from bench.gate import (
     write_baseline,
 )
 from bench.gate.brief import folded_lines, main_rows, overall_rows, worst_line
-from bench.gate.changes import compare_commands
+from bench.gate.changes import how_to_compare
 from bench.gate.reports import LARGEST_BYTES, to_annotations, to_json, to_junit, to_markdown
 from bench.gate.terminal import full_lines, full_table, head_lines, main_table, overall_table
 from bench.gate.tolerances import DEFAULT
@@ -63,9 +63,10 @@ def gate(
         note(f"baseline {file}")
     _print_brief(verdict)
     if not verdict.passed or verdict.rows_with(Outcome.SUSPECT):
-        again, compare = compare_commands(before, scored, folder=run, card=read_run(run).card)
-        say(f"compare image by image: {again}")
-        say(f"                        {compare}")
+        first, *commands = how_to_compare(before, scored, folder=run, card=read_run(run).card)
+        say(first)
+        for command in commands:
+            say(f"  {command}")
     _print_rest(verdict, whole=whole)
     _hand_over(verdict, junit=junit, json=json, github=github)
     if verdict.why_none:
@@ -159,7 +160,7 @@ def _append_summary(file: Path, verdict: Verdict) -> None:
 
 def _origin(scored: ScoredRun) -> str:
     commit = scored.origin.commit
-    made = f"commit {commit[:12]}{'+' if commit.endswith('+') else ''}" if commit else "no checkout"
+    made = f"commit {commit[:12]}{'+' if commit.endswith('+') else ''}" if commit else "an unknown commit"
     return (
         f"{scored.method.name} on {scored.dataset} by {scored.protocol.name}, version {scored.origin.version}, {made}"
     )

@@ -37,7 +37,7 @@ class Origin(FileModel):
 
     Attributes:
         version: of the package.
-        commit: of the checkout, "+" behind it where files were changed; None outside of a checkout.
+        commit: of the checkout, "+" behind it where files were changed, or that pip installed; None where unknown.
         python: version of the interpreter.
         libraries: their versions.
         started_utc: of the run, ISO 8601.
@@ -141,14 +141,14 @@ def write_baseline(run: ScoredRun, file: Path, *, allow_dirty: bool = False) -> 
     commit = run.origin.commit
     if commit is not None and commit.endswith("+") and not allow_dirty:
         raise UsageError(
-            f"the run was made by changed files on top of commit {commit[:12]}, which nobody can repeat; "
+            f"when it ran, there were changed files on top of commit {commit[:12]}, which nobody can repeat; "
             "commit them and run again, or say --allow-dirty"
         )
     unrepeatable = run.origin.unrepeatable
     if unrepeatable and not allow_dirty:
         more = f" and {len(unrepeatable) - 1} more" if len(unrepeatable) > 1 else ""
         raise UsageError(
-            f"the run was made by code that nobody else can have: {unrepeatable[0]}{more}; "
+            f"when it ran, the run was of code that nobody else can have: {unrepeatable[0]}{more}; "
             "commit or install it and run again, or say --allow-dirty"
         )
     write_sealed(file, run, exclude_defaults=True, layout=_text)

@@ -45,17 +45,30 @@ def folded_lines(verdict: Verdict) -> list[str]:
             counted = ", ".join(f"{name} {count}" for name, count in kinds.items())
             first = f"; the worst: {row_text(rows[0])}" if outcome is Outcome.FAILED else ""
             lines.append(f"{outcome} in breakdowns: {len(rows)} ({counted}){first}")
-    if skipped := verdict.rows_with(Outcome.NOT_JUDGED):
-        lines.append(f"not judged: {len(skipped)} metrics, for too few cases or recordings, or by the tolerances")
+    if skipped := not_judged_line(verdict):
+        lines.append(skipped)
     return lines
 
 
+def not_judged_line(verdict: Verdict) -> str:
+    """How many metrics were not judged; "" where all were. The JSON has the reason for each."""
+    count = len(verdict.rows_with(Outcome.NOT_JUDGED))
+    return f"not judged: {count} metrics, for too few cases or recordings, or by the tolerances" if count else ""
+
+
+def check_lines(verdict: Verdict) -> list[str]:
+    """The checks that failed, a line each: the cause, then what probably follows from it."""
+    told = [check.message for check in verdict.failed_checks]
+    return [f"failed: {told[0]}", *(f"probably as a consequence: {message}" for message in told[1:])] if told else []
+
+
 def change_lines(verdict: Verdict) -> list[str]:
-    """ "changed: settings: flow = dis, was farneback" for everything that changed, then what did not; none where the
-    two were not compared."""
+    """ "changed: settings: flow = dis, was farneback" for everything that changed and that no failed check tells
+    already, then what did not; none where the two were not compared."""
     if verdict.refusal:
         return []
-    lines = [f"changed: {change.what}: {change.text}" for change in verdict.changes]
+    told = {check.name.removesuffix("_fingerprint") for check in verdict.failed_checks}
+    lines = [f"changed: {change.what}: {change.text}" for change in verdict.changes if change.what not in told]
     return [*lines, f"as in the baseline: {', '.join(verdict.unchanged) or 'nothing'}"]
 
 

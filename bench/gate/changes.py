@@ -1,4 +1,4 @@
-"""What differs between a run and its baseline beside the scores, and the commands that compare them image by image."""
+"""What differs between a run and its baseline beside the scores, and how to compare them image by image."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def _code_changes(baseline: ScoredRun, run: ScoredRun) -> Iterator[str]:
 
 def _code(origin: Origin) -> str:
     if origin.commit is None:
-        return f"version {origin.version} of no checkout"
+        return f"version {origin.version} of an unknown commit"
     dirty = " with changed files" if origin.commit.endswith("+") else ""
     return f"commit {origin.commit[:SHOWN_DIGEST].rstrip('+')}{dirty}"
 
@@ -87,8 +87,8 @@ def digest_change(before: str, after: str) -> str | None:
     return None if before == after else f"{after[:SHOWN_DIGEST]}, was {before[:SHOWN_DIGEST]}"
 
 
-def compare_commands(baseline: ScoredRun, run: ScoredRun, *, folder: Path, card: str) -> tuple[str, ...]:
-    """The commands that make the baseline's run again and compare it with a run, with pictures of what changed.
+def how_to_compare(baseline: ScoredRun, run: ScoredRun, *, folder: Path, card: str) -> tuple[str, ...]:
+    """Lines that tell how to make the baseline's run again and compare it with a run, with pictures of what changed.
 
     Args:
         baseline: which is sums only, without images.
@@ -96,12 +96,31 @@ def compare_commands(baseline: ScoredRun, run: ScoredRun, *, folder: Path, card:
         folder: of that run.
         card: of its data set.
     """
+    if hindrance := _why_not_again(baseline, run):
+        return (f"no command makes the baseline's run again: {hindrance}",)
     known = baseline.protocol.name in known_protocols()
     protocol = baseline.protocol.name if known else str(folder / "protocol.json")
     words = ["fisheye-bench", "run", card, *baseline.method.options(), "--protocol", protocol]
     words += ["--split", baseline.split] if baseline.split is not None else []
     again = shlex.join([*words, "--out", BASELINE_RUN, "--no-pictures"])
-    commit = (baseline.origin.commit or "").rstrip("+")
-    if commit and commit != (run.origin.commit or "").rstrip("+"):
-        again = f"git checkout {commit[:SHOWN_DIGEST]} && {again} && git checkout -"
-    return again, shlex.join(["fisheye-bench", "compare", BASELINE_RUN, str(folder)])
+    commit = _clean_commit(baseline.origin)
+    place = f", the first in a checkout of {commit[:SHOWN_DIGEST]}" if commit != _clean_commit(run.origin) else ""
+    return f"compare image by image{place}:", again, shlex.join(["fisheye-bench", "compare", BASELINE_RUN, str(folder)])
+
+
+def _clean_commit(origin: Origin) -> str:
+    return (origin.commit or "").rstrip("+")
+
+
+def _why_not_again(baseline: ScoredRun, run: ScoredRun) -> str:
+    """Why no command makes the baseline's run again; "" where one does."""
+    if baseline.data_fingerprint != run.data_fingerprint:
+        return "it is of other data"
+    was, now = baseline.origin, run.origin
+    if (was.commit is None and now.commit is not None) or (was.commit is None and was.version != now.version):
+        return f"it is of version {was.version}, of an unknown commit"
+    one, two = baseline.method, run.method
+    own_code = one.place is not None and not one.place.startswith("bench.")
+    if own_code and one.name == two.name and one.identity != two.identity:
+        return f"the code of {one.name!r} is another now; run in the baseline's own commit"
+    return ""

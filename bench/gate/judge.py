@@ -39,26 +39,26 @@ def other_kind(baseline: ScoredRun, run: ScoredRun) -> tuple[str, str] | None:
 
 
 def data_checks(baseline: ScoredRun, run: ScoredRun, *, tolerances: Tolerances) -> tuple[Check, ...]:
-    """Check run against baseline, always the same checks in the same order."""
+    """Check run against baseline, always the same checks, in the order of cause and effect."""
     changed_data = Outcome.FAILED if tolerances.changed_data == "fail" else Outcome.SUSPECT
     reference = digest_change(baseline.reference_fingerprint, run.reference_fingerprint)
     data = digest_change(baseline.data_fingerprint, run.data_fingerprint)
     return (
         _check("failures", list(run.failures), "the run has {count} failures: {listed}"),
-        _check("counts", list(_count_differences(baseline, run)), "reference changed: {listed}"),
-        _check("cases", list(_case_differences(baseline, run)), "metrics are over other cases: {listed}"),
-        _check("metrics", list(_missing(baseline, run)), "in the baseline, but not in the run: {listed}"),
-        _check(
-            "reference_fingerprint",
-            [f"{_other_reference(baseline, run)}; fingerprint {reference}"] if reference else [],
-            "reference changed: {listed}",
-        ),
         _check(
             "data_fingerprint",
             [data] if data else [],
             "data changed: other images, sweeps, labels, calibration or ego-motion; fingerprint {listed}",
             outcome=changed_data,
         ),
+        _check(
+            "reference_fingerprint",
+            [f"{_other_reference(baseline, run)}; fingerprint {reference}"] if reference else [],
+            "reference changed: {listed}",
+        ),
+        _check("counts", list(_count_differences(baseline, run)), "reference changed: {listed}"),
+        _check("cases", list(_case_differences(baseline, run)), "metrics are over other cases: {listed}"),
+        _check("metrics", list(_missing(baseline, run)), "in the baseline, but not in the run: {listed}"),
         _check(
             "method",
             list(_method_differences(baseline, run)),

@@ -18,7 +18,15 @@ from itertools import accumulate
 
 from junitparser import Error, Failure, JUnitXml, Skipped, TestCase, TestSuite
 
-from bench.gate.brief import change_lines, is_overlapping, main_rows, overall_rows, worst_line
+from bench.gate.brief import (
+    change_lines,
+    check_lines,
+    is_overlapping,
+    main_rows,
+    not_judged_line,
+    overall_rows,
+    worst_line,
+)
 from bench.gate.verdict import (
     Outcome,
     Row,
@@ -38,9 +46,9 @@ MOST = 10
 def to_annotations(verdict: Verdict) -> list[str]:
     """Lines for the standard output: at most ten errors, and how many more.
 
-    Why there is no verdict, or the checks first; then one line for each slice with what failed in it, the slice of the
-    worst metric first; then one for all breakdowns, which cut the same object-frames once more. The last line is no
-    command, since an eleventh would not be shown.
+    Why there is no verdict, or the check that failed and what probably follows from it; then one line for each slice
+    with what failed in it, the slice of the worst metric first; then one for all breakdowns, which cut the same
+    object-frames once more. The last line is no command, since an eleventh would not be shown.
     """
     failed = verdict.rows_with(Outcome.FAILED)
     slices: dict[str, list[Row]] = {}
@@ -48,7 +56,9 @@ def to_annotations(verdict: Verdict) -> list[str]:
         if not is_overlapping(row):
             slices.setdefault(row.slice_name, []).append(row)
     told = [("gate: no verdict", verdict.why_none)] if verdict.why_none else []
-    told += [("gate: data", check.message) for check in verdict.failed_checks]
+    cause, *consequences = check_lines(verdict) or [""]
+    told += [("gate: data", cause.removeprefix("failed: "))] if cause else []
+    told += [("gate: data", "; ".join(consequences))] if consequences else []
     told += [(f"gate: {name}", _slice_text(rows)) for name, rows in slices.items()]
     if breakdowns := [row for row in failed if is_overlapping(row)]:
         count = len({row.slice_name for row in breakdowns})
@@ -83,7 +93,7 @@ _FORBIDDEN = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]
 
 
 def to_junit(verdict: Verdict) -> bytes:
-    """JUnit XML, UTF-8: failed is a failure, not judged is skipped with the reason, the rest passes with its line.
+    """JUnit XML, UTF-8: failed is a failure, all that is not judged is one skipped case, the rest passes with its line.
 
     Where there is no verdict, that is an error, so that no reader takes it for a pass.
     """
@@ -93,9 +103,12 @@ def to_junit(verdict: Verdict) -> bytes:
         none.result = [Error(_clean(verdict.why_none), "no verdict")]
         suite.add_testcase(none)
     for check in verdict.checks:
-        suite.add_testcase(_case(check.name, "data", check.outcome, message=check.message, reason=""))
+        suite.add_testcase(_case(check.name, "data", check.outcome, message=check.message))
     for row in verdict.rows:
-        suite.add_testcase(_case(row.metric, row.slice_name, row.outcome, message=row_text(row), reason=row.reason))
+        if row.outcome is not Outcome.NOT_JUDGED:
+            suite.add_testcase(_case(row.metric, row.slice_name, row.outcome, message=row_text(row)))
+    if skipped := not_judged_line(verdict):
+        suite.add_testcase(_case("not judged", "metrics", Outcome.NOT_JUDGED, message=skipped))
     document = JUnitXml()
     document.add_testsuite(suite)
     document.update_statistics()  # type: ignore[no-untyped-call]
@@ -104,7 +117,7 @@ def to_junit(verdict: Verdict) -> bytes:
     return text.getvalue()
 
 
-def _case(name: str, group: str, outcome: Outcome, *, message: str, reason: str) -> TestCase:
+def _case(name: str, group: str, outcome: Outcome, *, message: str) -> TestCase:
     case = TestCase(_clean(name), classname=_clean(f"gate.{group}"), time=0.0)
     if outcome is Outcome.FAILED:
         failure = Failure(_clean(message), "data" if group == "data" else "regression")
@@ -112,7 +125,8 @@ def _case(name: str, group: str, outcome: Outcome, *, message: str, reason: str)
         case.result = [failure]
         return case
     if outcome is Outcome.NOT_JUDGED:
-        case.result = [Skipped(_clean(reason), "not judged")]
+        case.result = [Skipped(_clean(message), "not judged")]
+        return case
     case.system_out = _clean(f"{outcome}: {message}")
     return case
 
@@ -133,7 +147,6 @@ _MARKS = {
     Outcome.SUSPECT: "⚠️ suspect",
     Outcome.IMPROVED: "✅ improved",
     Outcome.PASSED: "within tolerance",
-    Outcome.NOT_JUDGED: "not judged",
 }
 
 
@@ -167,8 +180,8 @@ def _lines(verdict: Verdict) -> Iterable[str]:
     yield ""
     if verdict.why_none:
         yield f"- ❌ no verdict: {escape_markdown(verdict.why_none)}"
-    for check in verdict.failed_checks:
-        yield f"- {_MARKS[check.outcome]}: {escape_markdown(check.message)}"
+    for line in check_lines(verdict):
+        yield f"- ❌ {escape_markdown(line)}"
     for line in change_lines(verdict):
         yield f"- {escape_markdown(line)}"
     if worst := worst_line(verdict):
@@ -176,6 +189,8 @@ def _lines(verdict: Verdict) -> Iterable[str]:
     shown = [*overall_rows(verdict), *main_rows(verdict)]
     if shown:
         yield from ("", *_HEADING, *map(_row, shown))
+    if skipped := not_judged_line(verdict):
+        yield from ("", escape_markdown(skipped))
     others = [row for outcome in _MARKS for row in verdict.rows_with(outcome) if row not in shown]
     if others:
         yield from ("", f"<details><summary>{len(others)} other rows, those of breakdowns among them</summary>", "")
@@ -186,7 +201,7 @@ def _row(row: Row) -> str:
     metric, change = row.metric, row.change
     note = "; ".join(part for part in (worst_text(row), row.reason) if part)
     values = (value_text(metric, value) for value in (change.before, change.after))
-    cells = [_MARKS[row.outcome], row.slice_name, metric, str(change.recordings), *values]
+    cells = [_MARKS.get(row.outcome, row.outcome), row.slice_name, metric, str(change.recordings), *values]
     cells += [change_text(metric, change.difference), interval_text(metric, change.ci95)]
     cells += [allowed_text(metric, row.allowed), note]
     return f"| {' | '.join(map(escape_markdown, cells))} |"

@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bench.evaluation.paired import NOT_RATIOS
-from bench.gate.brief import NOTABLE, change_lines, main_rows, overall_rows
+from bench.gate.brief import NOTABLE, change_lines, check_lines, main_rows, overall_rows
 from bench.gate.verdict import Outcome, Row, Verdict
 
 STYLES = {
@@ -28,7 +28,7 @@ Line = tuple[str, str]  # and its style
 
 def head_lines(verdict: Verdict) -> list[Line]:
     """The subject, the checks that failed, and what changed."""
-    failed = [(f"failed: {check.message}", STYLES[check.outcome]) for check in verdict.failed_checks]
+    failed = [(line, STYLES[Outcome.FAILED]) for line in check_lines(verdict)]
     return [(verdict.subject, ""), *failed, *((line, "") for line in change_lines(verdict))]
 
 

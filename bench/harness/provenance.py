@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import platform
 import subprocess
 from collections.abc import Mapping, Sequence
@@ -10,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import PackageNotFoundError, distribution, version
 from pathlib import Path
 from time import perf_counter
 
@@ -60,7 +61,8 @@ class Provenance(BaseModel):
 
     Attributes:
         version: of the package.
-        commit: of the checkout that ran, "+" behind it where files were changed; None outside of a checkout.
+        commit: of the checkout that ran, "+" behind it where files were changed, or that pip installed from; None where
+            neither is known.
         python: version of the interpreter.
         libraries: their versions.
         data_fingerprint: SHA-256 over names and sizes of the files read and the content of the small ones.
@@ -164,7 +166,7 @@ def _library_versions() -> tuple[tuple[str, str], ...]:
 
 
 def package_commit() -> str | None:
-    """Commit of the checkout that the package runs from; None where there is none."""
+    """Commit of the checkout that the package runs from, or of the repository that pip installed it from; else None."""
     folder = Path(bench.__file__).parent
 
     def git(*words: str) -> str:
@@ -176,10 +178,23 @@ def package_commit() -> str | None:
     try:
         top = Path(git("rev-parse", "--show-toplevel"))
         if folder.parent.resolve() != top.resolve():
-            return None
+            return _installed_commit()
         return git("rev-parse", "HEAD") + ("+" if git("status", "--porcelain", "--untracked-files=no") else "")
     except (OSError, subprocess.SubprocessError):
+        return _installed_commit()
+
+
+def _installed_commit() -> str | None:
+    """As `direct_url.json` of the installed distribution tells (PEP 610)."""
+    try:
+        installed = distribution("fisheye-bench")
+    except PackageNotFoundError:
         return None
+    if Path(str(installed.locate_file("bench"))).resolve() != Path(bench.__file__).parent.resolve():
+        return None  # what runs is another copy
+    told = installed.read_text("direct_url.json")
+    commit = json.loads(told).get("vcs_info", {}).get("commit_id") if told else None
+    return str(commit) if commit else None
 
 
 def largest_resident_mb() -> float:

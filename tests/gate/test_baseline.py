@@ -8,6 +8,7 @@ import pytest
 
 from bench.errors import DataError, UsageError
 from bench.gate import MissingBaselineError, read_baseline, write_baseline
+from bench.harness import provenance
 from tests.gate.factories import one, scored, sums, verdict_of
 
 STORED = Path(__file__).parent / "stored" / "baseline-v1.json"
@@ -38,6 +39,17 @@ def test_a_dirty_tree_is_refused_unless_told(tmp_path):
 def test_a_run_outside_of_a_checkout_is_not_dirty(tmp_path):
     write_baseline(scored({}, commit=None), tmp_path / "b.json")
     assert read_baseline(tmp_path / "b.json").origin.commit is None
+
+
+def test_the_commit_of_an_installed_package_is_the_one_that_pip_noted(tmp_path, monkeypatch):
+    info = tmp_path / "fisheye_bench-9.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: fisheye-bench\nVersion: 9\n")
+    (info / "direct_url.json").write_text('{"url": "file:///x", "vcs_info": {"vcs": "git", "commit_id": "c0ffee"}}')
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert provenance.package_commit() != "c0ffee"  # another copy runs
+    monkeypatch.setattr(provenance.bench, "__file__", str(tmp_path / "bench" / "__init__.py"))
+    assert provenance.package_commit() == "c0ffee"
 
 
 def test_a_run_with_failures_makes_no_baseline(tmp_path):

@@ -2,6 +2,7 @@
 
 import json
 from io import BytesIO, StringIO
+from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
@@ -10,8 +11,10 @@ from rich.console import Console
 
 from bench.gate import Check, Outcome
 from bench.gate.brief import change_lines, folded_lines, main_rows, overall_rows, worst_line
+from bench.gate.changes import how_to_compare
 from bench.gate.reports import to_annotations, to_json, to_junit, to_markdown
-from bench.gate.terminal import full_lines, full_table, main_table
+from bench.gate.terminal import full_lines, full_table, head_lines, main_table
+from bench.harness.method_stamp import MethodStamp
 from tests.gate.factories import one, scored, sums, verdict_of
 
 
@@ -45,18 +48,18 @@ def with_message(verdict, message):
     return replace(verdict, checks=(Check(name="failures", outcome=Outcome.FAILED, message=message),))
 
 
-def test_junit_has_a_case_for_every_check_and_row(mixed):
+def test_junit_has_a_case_for_every_check_and_judged_row(mixed):
     document = JUnitXml.fromstring(to_junit(mixed))
     cases = {(case.classname, case.name): case for suite in document for case in suite}
-    assert len(cases) == len(mixed.checks) + len(mixed.rows) == 7 + 5
+    assert len(cases) == len(mixed.checks) + len(mixed.rows) == 7 + 4 + 1  # one for all that are not judged
     assert cases["gate.crossing", "tpr_all"].is_failure
     assert "90.0 % -> 50.0 %, -40.0 pt" in cases["gate.crossing", "tpr_all"].result[0].message
     assert cases["gate.data", "data_fingerprint"].is_failure
     assert cases["gate.overtaking", "tpr_all"].is_passed
     assert cases["gate.overtaking", "tpr_all"].system_out.startswith("suspect: ")
-    skipped = cases["gate.points=[30, 100)", "tpr_all"]
+    skipped = cases["gate.metrics", "not judged"]
     assert skipped.is_skipped
-    assert skipped.result[0].message == "cases of both in 1 recording, 6 are needed"
+    assert skipped.result[0].message == folded_lines(mixed)[-1]
     root = ElementTree.parse(BytesIO(to_junit(mixed))).getroot()
     assert root.attrib["failures"] == "2"
     assert root.attrib["skipped"] == "1"
@@ -134,6 +137,46 @@ def test_the_first_lines_say_what_changed_what_was_lost_and_where(one_fault):
     assert folded.startswith("failed in breakdowns: 12 (range_m 12); the worst: ")
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "first"),
+    [
+        ({}, {}, "compare image by image:"),
+        ({}, {"commit": "decade"}, "compare image by image, the first in a checkout of c0ffee:"),
+        ({"commit": None}, {"commit": None}, "compare image by image:"),
+        ({"commit": None}, {}, "no command makes the baseline's run again: it is of version 1, of an unknown commit"),
+        ({}, {"data_fingerprint": "x" * 64}, "no command makes the baseline's run again: it is of other data"),
+        (
+            {"method": MethodStamp(name="own", settings={}, place="own:Own", identity="1")},
+            {"method": MethodStamp(name="own", settings={}, place="own:Own", identity="2")},
+            "no command makes the baseline's run again: the code of 'own' is another now; "
+            "run in the baseline's own commit",
+        ),
+    ],
+)
+def test_only_commands_that_work_are_told(before, after, first):
+    told = how_to_compare(scored({}, **before), scored({}, **after), folder=Path("run"), card="ours.yaml")
+    assert told[0] == first
+    commands = [line.split()[1] for line in told[1:]]
+    assert commands == (["run", "compare"] if first.startswith("compare") else [])
+
+
+def test_the_cause_is_told_first_and_each_fact_once():
+    slices = [{"frames": {"false_positive_coverage": sums([0.2] * 6, cases=n)}} for n in (10, 9)]
+    fault = {"failures": ("image 3 of 'a': no file",), "reference_fingerprint": "x" * 64, "data_fingerprint": "y" * 64}
+    verdict = verdict_of(scored(slices[0]), scored(slices[1], **fault))
+    lines = [line for line, _ in head_lines(verdict)][1:]
+    assert [line.split(": ")[:2] for line in lines[:4]] == [
+        ["failed", "the run has 1 failures"],
+        ["probably as a consequence", "data changed"],
+        ["probably as a consequence", "reference changed"],
+        ["probably as a consequence", "metrics are over other cases"],
+    ]
+    assert lines[4:] == ["as in the baseline: method, settings, protocol, code"]
+    cause, consequences = to_annotations(verdict)
+    assert cause == "::error title=gate%3A data::the run has 1 failures: image 3 of 'a': no file"
+    assert consequences.count("probably as a consequence: ") == 3
+
+
 def test_annotations_escape_what_would_start_another_command(mixed):
     (line, *_) = to_annotations(with_message(mixed, "100 %0A\r\n::error::injected"))
     assert line == r"::error title=gate%3A data::100 %250A\r\n::error::injected"
@@ -153,12 +196,13 @@ def test_a_pass_has_no_annotations():
 def test_the_summary_tells_failures_first(mixed):
     text = to_markdown(mixed)
     rows = [line for line in text.splitlines() if line.startswith("| ") and not line.startswith("| | Slice")]
-    assert [row.split("|")[1].split()[-1] for row in rows] == ["failed", "suspect", "improved", "tolerance", "judged"]
+    assert [row.split("|")[1].split()[-1] for row in rows] == ["failed", "suspect", "improved", "tolerance"]
     assert text.startswith("## gate FAILED: 1 of 7 checks of the data failed, 1 failed, 1 suspect, 1 improved, ")
     assert "- ❌ failed: data changed" in text
     assert "most in drive-5" in rows[1]
     folded = text[text.index("<details>") : text.index("</details>")]
-    assert folded.startswith("<details><summary>2 other rows, ")
+    assert folded.startswith("<details><summary>1 other rows, ")
+    assert f"\n{folded_lines(mixed)[-1]}\n" in text
     assert rows[2] not in folded
     assert rows[3] in folded
 
@@ -175,9 +219,9 @@ def test_the_summary_is_cut_at_a_row_with_the_count(many):
 
 
 def test_a_summary_of_many_slices_stays_below_github_s_limit():
-    slices = {f"recording-{'x' * 200}-{k}": {"tpr_all": sums([0.9] * 6)} for k in range(5000)}
+    slices = {f"recording-{'x' * 2000}-{k}": {"tpr_all": sums([0.9] * 6)} for k in range(600)}
     rules_free = scored(slices)
-    rows = verdict_of(scored({}), rules_free)
+    rows = verdict_of(rules_free, rules_free)
     text = to_markdown(rows)
     assert 1_000_000 < len(text.encode()) < 1024 * 1024
     assert "more rows are left out" in text
