@@ -157,6 +157,33 @@ def test_the_programs_of_the_python_page_run(tiny_data, capsys):
     assert capsys.readouterr().out.startswith("0.428")
 
 
+# The largest less the smallest of two images: ReduceMax, ReduceMin, Sub; made with onnx.helper.
+DIFFERENCE_NETWORK = bytes.fromhex(
+    "08083ae1010a370a06696d6167657312046d6f737422095265647563654d61782a0b0a04617865734001a001072a0f0a086b65657064696d73"
+    "1800a001020a380a06696d6167657312056c6561737422095265647563654d696e2a0b0a04617865734001a001072a0f0a086b65657064696d"
+    "731800a001020a1a0a046d6f73740a056c65617374120673636f7265732203537562120a646966666572656e63655a230a06696d6167657312"
+    "190a17080112130a0312016e0a0208020a031201680a03120177621f0a0673636f72657312150a130801120f0a0312016e0a031201680a0312"
+    "017742040a00100d"
+)
+
+
+def test_the_network_of_the_page_is_scored(tiny_data):
+    import bench
+
+    blocks = [block for _, block in FENCE.findall((ROOT / "docs/your-network.md").read_text("utf-8"))]
+    (program,) = [block for block in blocks if "class MyNetwork" in block]
+    Path("my_network.onnx").write_bytes(DIFFERENCE_NETWORK)
+    names = {}
+    exec(compile(program, "your-network.md", "exec"), names)
+    method = names["MyNetwork"](threshold=0.1)
+    frame = next(bench.open_dataset("tiny").frames(recordings=["standing"]))
+    found = method.segment(frame.input)
+    previous, current = (image.astype(int) for image in frame.input.images)
+    expected = (abs(current - previous) / 255 > 0.1) & frame.input.valid
+    assert expected.any()
+    assert (found.mask == expected).all()
+
+
 @pytest.mark.skipif(importlib.util.find_spec("material") is None, reason="the extra `docs` is not installed")
 def test_the_site_builds_and_needs_no_network(tmp_path):
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]

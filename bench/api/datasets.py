@@ -29,6 +29,8 @@ class Frame:
         timestamp_ns: time of exposure.
         input: what a method may see: this image and those before it, lens, road, motion of the camera, valid pixels.
         reference: what a mask of this image is scored against: labels, ignored and valid pixels, objects.
+        exact: (H, W) bool, the exact pixels of all objects that move, evaluated or not; None where it was not asked for
+            and where the data have none.
     """
 
     recording: str
@@ -36,6 +38,7 @@ class Frame:
     timestamp_ns: int
     input: MethodInput
     reference: ReferenceFrame
+    exact: NDArray[np.bool_] | None = None
 
     @property
     def image(self) -> NDArray[np.uint8]:
@@ -86,6 +89,7 @@ class Dataset:
         camera: str | None = None,
         history: int = 1,
         colour: bool = False,
+        exact: bool = False,
     ) -> Iterator[Frame]:
         """The images that a run would score, in order of recording, camera and time.
 
@@ -97,6 +101,7 @@ class Dataset:
             camera: name; None for all.
             history: earlier images that `Frame.input` holds beside the current one.
             colour: read images in colour, BGR.
+            exact: read the exact masks of rendered data.
 
         Raises:
             UnknownNameError: no recording, camera or protocol of this name.
@@ -109,7 +114,7 @@ class Dataset:
                 raise UnknownNameError("camera", camera, recording.cameras)
             for chosen in recording.cameras if camera is None else (camera,):
                 pipeline = FramePipeline(recording, chosen, method=looks, protocol=rules)
-                yield from _frames(pipeline, history)
+                yield from _frames(pipeline, history, exact=exact)
 
 
 def open_dataset(
@@ -144,7 +149,7 @@ def render_if_missing(card: DatasetCard, *, workers: int, progress: Callable[[fl
         synthesize(card.scenario, card.root, workers=workers, progress=progress)
 
 
-def _frames(pipeline: FramePipeline, history: int) -> Iterator[Frame]:
+def _frames(pipeline: FramePipeline, history: int, *, exact: bool) -> Iterator[Frame]:
     for index in range(history, len(pipeline.images)):
         if not pipeline.images[index].scored:
             continue
@@ -158,6 +163,7 @@ def _frames(pipeline: FramePipeline, history: int) -> Iterator[Frame]:
             timestamp_ns=seen.image.timestamp_ns,
             input=seen.given,
             reference=seen.reference,
+            exact=pipeline.exact_masks(index, [seen.reference])[0] if exact else None,
         )
 
 

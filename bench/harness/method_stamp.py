@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 from pydantic import BaseModel, ConfigDict
 
+from bench.errors import UsageError
 from bench.harness.keys import MethodIdentity
 from bench.methods import METHODS, Method, build_method, known_methods
 
@@ -60,7 +61,10 @@ class MethodStamp(BaseModel):
 
     def changed_settings(self) -> dict[str, object]:
         """The settings that are not the method's defaults, by dotted name; all of them where these are unknown."""
-        defaults = flat_settings(build_method(self.called).settings()) if self.called in METHODS else {}
+        try:
+            defaults = flat_settings(build_method(self.called).settings()) if self.called in METHODS else {}
+        except UsageError:  # its extra is not installed
+            defaults = {}
         flat = flat_settings(self.settings)
         return {name: value for name, value in flat.items() if name not in defaults or defaults[name] != value}
 

@@ -22,6 +22,7 @@ METHODS = {
     "anti-parallel-only": "bench.methods.spherical.method:AntiParallelOnly",
     "three-view-only": "bench.methods.spherical.sparse:ThreeViewOnly",
     "rigid-scene": "bench.methods.rigid_scene.method:RigidSceneMethod",
+    "learned": "bench.methods.learned.method:LearnedMethod",
     "flow-magnitude": "bench.methods.baselines:FlowMagnitude",
     "rotation-compensated-flow": "bench.methods.baselines:RotationCompensatedFlow",
     "frame-difference": "bench.methods.baselines:FrameDifference",

@@ -11,8 +11,10 @@ import pytest
 
 from bench.recordings import load_card
 from bench.synthesis import Scenario, read_scenario
-from bench.synthesis.bodies import BODIES
+from bench.synthesis.bodies import BODIES, make_body
+from bench.synthesis.draws import named_rng
 from bench.synthesis.placement import plan_trajectories
+from bench.synthesis.world.plan import drawn_plan
 from tests.synthesis.composition import object_frames
 
 DATASETS = Path(__file__).parents[2] / "datasets"
@@ -35,7 +37,12 @@ def development() -> Scenario:
     return read_scenario(DATASETS / "development.scenario.yaml")
 
 
-@pytest.mark.parametrize("name", ["demo", "development", "paper", "paper-exact", "range-maps"])
+@pytest.fixture(scope="module")
+def training() -> Scenario:
+    return read_scenario(DATASETS / "training.scenario.yaml")
+
+
+@pytest.mark.parametrize("name", ["demo", "development", "paper", "paper-exact", "range-maps", "training"])
 def test_card_names_its_scenario(name: str) -> None:
     card = load_card(DATASETS / f"{name}.yaml")
     assert card.name == name
@@ -157,3 +164,52 @@ def _seen_from_the_ego_vehicle(scenario: Scenario, specs: list) -> tuple[np.ndar
             places.append(np.einsum("nji,nj->ni", ego.rotations, away)[:, :2])
             velocities.append(np.gradient(places[-1], trajectories.image_times_ns / 1e9, axis=0))
     return np.concatenate(places), np.concatenate(velocities)
+
+
+def test_training_has_enough_short_drives_and_holds_some_out(training: Scenario) -> None:
+    assert len(training.recordings) >= 300
+    assert {spec.frames for spec in training.recordings} == {5}
+    assert len({(camera.model, camera.width, camera.height, camera.position_m) for camera in training.cameras}) == 3
+    assert {spec.light.kind for spec in training.recordings} == {"sunny", "overcast", "low_sun", "night"}
+    held_out = load_card(DATASETS / "training.yaml").content.splits["validation"]
+    names = {spec.name for spec in training.recordings}
+    assert len(held_out) >= 40
+    assert set(held_out) < names
+    assert {name.rpartition("-")[0] for name in held_out} == {name.rpartition("-")[0] for name in names}
+
+
+def test_training_shares_nothing_drawn_with_what_is_scored(
+    training: Scenario, paper: Scenario, range_maps: Scenario, development: Scenario
+) -> None:
+    demo, tiny = (read_scenario(DATASETS / f"{name}.scenario.yaml") for name in ("demo", "tiny"))
+    for drawn in (_names, _lenses, _mountings, _body_colours, _street_plans):
+        learned = drawn(training)
+        for other in (paper, range_maps, development, demo, tiny):
+            assert other.seed != training.seed
+            assert not learned & drawn(other), f"{drawn.__name__} of {other.name}"
+
+
+def _names(scenario: Scenario) -> set[str]:
+    return {spec.name for spec in scenario.recordings}
+
+
+def _lenses(scenario: Scenario) -> set[str]:
+    return {f"{camera.model} {sorted(camera.parameters.items())}" for camera in scenario.cameras}
+
+
+def _mountings(scenario: Scenario) -> set[tuple[object, ...]]:
+    return {(camera.position_m, camera.yaw_deg, camera.pitch_down_deg) for camera in scenario.cameras}
+
+
+def _body_colours(scenario: Scenario) -> set[bytes]:
+    """Of the first body of some drives: all surfaces that it is made of."""
+    chosen = [(spec, spec.actors[0]) for spec in scenario.recordings[::16] if spec.actors]
+    bodies = [make_body(one.kind, named_rng(scenario.seed, spec.name, "actor", one.name)) for spec, one in chosen]
+    return {np.unique(body.mesh.surfaces, axis=0).tobytes() for body in bodies}
+
+
+def _street_plans(scenario: Scenario) -> set[str]:
+    """Of some drives, as they are drawn for the renderer."""
+    chosen = scenario.recordings[::16]
+    worlds = [named_rng(scenario.seed, spec.name, "world").spawn(1)[0] for spec in chosen]
+    return {repr(drawn_plan(spec.street, rng)) for spec, rng in zip(chosen, worlds, strict=True)}
