@@ -14,6 +14,7 @@ from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.summary import FalsePositiveMetrics, ObjectMetrics, Summary
 from bench.reference.records import Category
 from bench.reporting.formats import (
+    CEILING,
     INTERVALS,
     TextTable,
     chance_of,
@@ -41,7 +42,7 @@ NOTE = (
 )
 FURTHER = {"ceiling_iou": "IoU, ceiling", "unknown_share": "Unknown"}  # of some data, and of some protocols
 FURTHER_NOTES = {
-    "ceiling_iou": "Ceiling: IoU over all object-frames of the exact masks, which no method can be expected to exceed.",
+    "ceiling_iou": f"Ceiling: {CEILING}; IoU over all object-frames.",
     "unknown_share": "Unknown: share of the pixels of an object and its unknown band that lie in the band, where "
     "nothing counts; averages over all object-frames. All else is of cores, against which the paper's outlines are "
     "another measure.",
@@ -267,7 +268,7 @@ def _caption(rows: Sequence[TableRow]) -> Text:
         notes.append(f"Left out, without cases: {', '.join(without)}.")
     further = further_columns(rows)
     if "ceiling_iou" in further:
-        notes.append("Ceiling (ceil.): what the exact masks score; no method can be expected to exceed it.")
+        notes.append(f"Ceiling (ceil.): {CEILING}.")
     if "unknown_share" in further:
         notes.append("Unknown: share of an object and its unknown band that lies in the band; all else is of cores.")
     for row in rows:

@@ -34,6 +34,7 @@ from bench.reporting.compare.changes import (
 from bench.reporting.compare.pictures import draw_changed_frames, frame_title
 from bench.reporting.compare.runs import read_comparable
 from bench.reporting.formats import (
+    CEILING,
     csv_text,
     detection_levels,
     hundredths,
@@ -56,8 +57,7 @@ NOTE = (
     f"need {FEWEST_RECORDINGS} recordings with cases of both runs: with fewer, the same change in all of them could be "
     "chance. Recordings: with cases of both runs. TPR and IoU over detected object-frames are taken over other "
     "object-frames in each run where detection differs; TPR and IoU over all are not. Chance: the same objects on the "
-    "mask of another frame. Ceiling: what the exact masks get on the same images, which no method can be expected to "
-    "exceed."
+    f"mask of another frame. Ceiling: on the same images, {CEILING}."
 )
 _OTHERS = {
     "tpr_all": "TPR, all",
