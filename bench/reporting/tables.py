@@ -41,6 +41,7 @@ BESIDE_NOTE = (
     "form, not the same data."
 )
 CHANCE_NOTE = "Chance: the same objects on the mask of another frame."
+NO_CHANCE_NOTE = "No chance level where the recordings are shorter than the protocol's chance_lag_s."
 COVERAGE_NOTE = (
     "TPR is the mean coverage, IoU the mean intersection over union: over the detected object-frames, or over all, an "
     "undetected one having 0."
@@ -162,7 +163,13 @@ def further_columns(rows: Sequence[TableRow]) -> dict[str, str]:
 
 def table_note(rows: Sequence[TableRow]) -> str:
     """How to read the tables of these rows."""
-    return " ".join([BESIDE_NOTE, CHANCE_NOTE, INTERVALS, *_further_notes(rows)])
+    return " ".join([BESIDE_NOTE, *_chance_notes(rows), INTERVALS, *_further_notes(rows)])
+
+
+def _chance_notes(rows: Sequence[TableRow]) -> list[str]:
+    """What chance is, and why a row that has cases has none."""
+    chances = [row.metrics["chance"].value for row in rows if row.frames and "chance" in row.metrics]
+    return [CHANCE_NOTE, NO_CHANCE_NOTE] if any(map(math.isnan, chances)) else [CHANCE_NOTE]
 
 
 def _further_notes(rows: Sequence[TableRow]) -> list[str]:
@@ -176,7 +183,7 @@ def text_tables(rows: Sequence[TableRow]) -> tuple[TextTable, ...]:
         rates |= {name: heading, chance_of(name): "chance"}
     return (
         _beside_the_paper(rows),
-        _with_intervals(rows, title="Detection", shown=rates, notes=[CHANCE_NOTE]),
+        _with_intervals(rows, title="Detection", shown=rates, notes=_chance_notes(rows)),
         _with_intervals(
             rows,
             title="Coverage",
@@ -293,6 +300,7 @@ def _caption(rows: Sequence[TableRow]) -> Text:
         "Chance: the same on the mask of another frame. n/a (0): no cases.",
         "TPR and IoU: det. over detected object-frames, the paper's reading; all over all of them.",
     ]
+    notes += _chance_notes(rows)[1:]
     if without := [row.name.replace("_", " ") for row in rows if not row.frames and row.name != FALSE_POSITIVES]:
         notes.append(f"Left out, without cases: {', '.join(without)}.")
     further = further_columns(rows)

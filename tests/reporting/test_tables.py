@@ -193,6 +193,14 @@ def test_latex_prints_its_notes_and_names_intervals_where_there_are_some():
     assert "with 95" not in latex(bare)
 
 
+def test_why_there_is_no_chance_level_is_said():
+    none = object_figures(0.6).model_copy(update={"chance": figure(math.nan)})
+    rows = table_rows(summary().model_copy(update={"categories": {"crossing": none}}))
+    for write in (to_markdown, latex, lambda rows: printed(rows=rows)):
+        assert "chance_lag_s" in write(rows).replace("\\_", "_")
+        assert "chance_lag_s" not in write(ROWS).replace("\\_", "_")
+
+
 def test_latex_escapes_what_latex_reads():
     assert escape_latex("50 % of a_b & #1 {x} $ ~ ^ \\") == (
         r"50 \% of a\_b \& \#1 \{x\} \$ \textasciitilde{} \textasciicircum{} \textbackslash{}"

@@ -342,7 +342,9 @@ _STYLES = {Verdict.BETTER: "green", Verdict.WORSE: "red"}
 _LINES = ("before", "after", "diff.", "95 %", "p Holm", "verdict", "chance", "ceiling")
 _CAPTION = (
     "Diff.: percentage points, 95 % interval in pairs over recordings. p: corrected over a column.\n"
-    "Not shown: no difference that the data can show. Few: 4: cases of both in 4 recordings, a verdict needs 6.\n"
+    "Verdict: of any-pixel detection, TPR and IoU detected, false positives only; from "
+    f"{FEWEST_RECORDINGS} recordings on.\n"
+    "Not shown: no difference that the data can show. Few: 4: cases of both in 4 recordings.\n"
     "Chance: before/after, on the mask of another frame. Ceiling: of the exact masks. False positives: of the image."
 )
 
