@@ -4,8 +4,8 @@ Moving objects are annotated in the lidar point cloud, projected into the fishey
 polygon is the reference that a segmentation method is scored against (Mariotti and Eising 2020).
 
 From Python: `bench.score`, `bench.interval`, `bench.open_dataset`, `bench.run`, `bench.load_run`,
-`bench.RecordingWriter`, see docs/python.md; each is imported when it is used first. Start reading in `bench.evaluation`. Which package may import
-which: docs/architecture.md.
+`bench.RecordingWriter`, see docs/python.md; each is imported when it is used first. Start reading in
+`bench.evaluation`. Which package may import which: docs/architecture.md.
 """
 
 from importlib import import_module

@@ -197,7 +197,8 @@ def interval(values: ArrayLike, recordings: Sequence[str] | pd.Series) -> tuple[
     if not ((shares[held] >= 0) & (shares[held] <= 1)).all():
         raise UsageError("interval: expected values in [0, 1], got others; divide counts by what they are of")
     _, number = np.unique(names[held], return_inverse=True)
-    return ratio_interval(np.bincount(number, shares[held]), np.bincount(number).astype(np.float64))
+    sums = (np.bincount(number, weights=of_each).astype(np.float64) for of_each in (shares[held], np.ones(len(number))))
+    return ratio_interval(*sums)
 
 
 @cache
