@@ -3,25 +3,36 @@
 Moving objects are annotated in the lidar point cloud, projected into the fisheye image, and the bounding
 polygon is the reference that a segmentation method is scored against (Mariotti and Eising 2020).
 
-From Python: `bench.score`, `bench.open_dataset`, `bench.run`, `bench.load_run`, `bench.RecordingWriter`, see
-docs/python.md; each is imported when it is used first. Start reading in `bench.evaluation`. Which package may import
-which: docs/architecture.md.
+From Python: `bench.score`, `bench.interval`, `bench.open_dataset`, `bench.run`, `bench.load_run`,
+`bench.RecordingWriter`, see docs/python.md; each is imported when it is used first. Start reading in
+`bench.evaluation`. Which package may import which: docs/architecture.md.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from bench.api.arrays import Score, score
+    from bench.api.arrays import Score, interval, score
     from bench.api.datasets import Dataset, Frame, open_dataset
     from bench.api.runs import Run, load_run, run
     from bench.recordings import RecordingWriter
 
 __version__ = "0.1.0"
-__all__ = ["Dataset", "Frame", "RecordingWriter", "Run", "Score", "load_run", "open_dataset", "run", "score"]
+__all__ = [
+    "Dataset",
+    "Frame",
+    "RecordingWriter",
+    "Run",
+    "Score",
+    "interval",
+    "load_run",
+    "open_dataset",
+    "run",
+    "score",
+]
 
 _PLACES = {
-    **dict.fromkeys(("Score", "score"), "bench.api.arrays"),
+    **dict.fromkeys(("Score", "interval", "score"), "bench.api.arrays"),
     **dict.fromkeys(("Dataset", "Frame", "open_dataset"), "bench.api.datasets"),
     **dict.fromkeys(("Run", "load_run", "run"), "bench.api.runs"),
     "RecordingWriter": "bench.recordings",

@@ -1,4 +1,4 @@
-"""Score a mask against a reference, both arrays: no recording, no lidar, no files."""
+"""Score a mask against a reference, both arrays: no recording, no lidar, no files; intervals of own breakdowns."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from shapely import Polygon
 
 from bench.errors import ShapeError, UsageError
 from bench.evaluation import Protocol, SequenceScorer, load_protocol
+from bench.evaluation.intervals import ratio_interval
 from bench.evaluation.row_source import Columns
 from bench.evaluation.sums import (
     FALSE_POSITIVE_RATIOS,
@@ -138,7 +139,8 @@ def score(
     Args:
         reference: what moves, as one of
 
-            - a label image, (H, W) integers: 0 for the background, any other number for one object;
+            - a label image, (H, W) integers: 0 for the background, any other number for one object, also where it is
+              in several pieces: a mask of 0 and 255 is one object, pass `mask > 0` for its components;
             - a mask, (H, W) bool: each connected component (8 neighbours) is an object, as in the protocol masks-v1;
             - polygons, each (K, 2) numbers (u, v) in pixels, or of shapely, the nearest first, as it hides
               the others;
@@ -172,6 +174,31 @@ def score(
     scorer.add(frame, Segmentation(cell_size_px=1, mask=moving))
     objects, frames = scorer.finish()
     return Score(_objects=objects, _frames=frames)
+
+
+def interval(values: ArrayLike, recordings: Sequence[str] | pd.Series) -> tuple[float, float] | None:
+    """95 % interval of the mean of values, by recording as in docs/metrics.md: for a breakdown of one's own.
+
+    Args:
+        values: (N,) shares in [0, 1], such as the coverage or IoU of object-frames; NaN is left out.
+        recordings: N names of the recordings that they are of.
+
+    Returns:
+        Lower and upper end; None where fewer than six recordings have values.
+
+    Raises:
+        ShapeError: not one name for each value.
+        UsageError: values outside of [0, 1].
+    """
+    shares, names = np.asarray(values, dtype=np.float64), np.asarray(recordings)
+    if shares.ndim != 1 or names.shape != shares.shape:
+        raise ShapeError(f"interval: expected a recording for each value, got {shares.shape} and {names.shape}")
+    held = ~np.isnan(shares)
+    if not ((shares[held] >= 0) & (shares[held] <= 1)).all():
+        raise UsageError("interval: expected values in [0, 1], got others; divide counts by what they are of")
+    _, number = np.unique(names[held], return_inverse=True)
+    sums = (np.bincount(number, weights=of_each).astype(np.float64) for of_each in (shares[held], np.ones(len(number))))
+    return ratio_interval(*sums)
 
 
 @cache
@@ -246,7 +273,10 @@ def _polygon(outline: object, name: str) -> Polygon:
         return outline
     corners = np.asarray(outline, dtype=np.float64)
     if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3 or not np.isfinite(corners).all():
-        raise ShapeError(f"{name}: expected a polygon of at least three corners (u, v), got {corners.shape}")
+        hint = "; an image is passed as an array: numpy.asarray(image)" if corners.ndim == 1 else ""
+        raise ShapeError(
+            f"{name}: expected a polygon of at least three corners (u, v), got shape {corners.shape}{hint}"
+        )
     return shapely.Polygon(corners)
 
 

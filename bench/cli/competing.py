@@ -20,7 +20,7 @@ from bench.reporting.page.build import write_page
 
 # Settings that make another method of one; the others come from the registry alone.
 VARIANTS = {"spherical": ("flow=dis", "first_guess=true")}
-# What no method can reach, on data with truth: the exact masks, the same on the paper's cells, and exact flow.
+# Beside the methods, on data with truth: the exact masks, the same on the paper's cells, and exact flow.
 CEILINGS = ("truth", "truth:cell_size_px=5")
 
 

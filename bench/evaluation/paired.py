@@ -26,6 +26,7 @@ from bench.evaluation.intervals import (
     Column,
     Jackknife,
     jackknife,
+    ratio_interval,
     ratio_without_each,
 )
 from bench.evaluation.protocol import Protocol
@@ -65,6 +66,12 @@ class MetricSums(BaseModel):
         """The metric, NaN for 0/0."""
         cases = math.fsum(self.denominators.values())
         return math.fsum(self.numerators.values()) / cases if cases else math.nan
+
+    def interval(self) -> tuple[float, float] | None:
+        """95 % interval of a ratio; None where fewer than `FEWEST_RECORDINGS` recordings hold cases."""
+        names = list(self.denominators)
+        above, below = (np.array([part[name] for name in names]) for part in (self.numerators, self.denominators))
+        return ratio_interval(above, below)
 
     @property
     def cases(self) -> int:

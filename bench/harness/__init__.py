@@ -11,6 +11,7 @@ from bench.harness.oracles import build_scorable, scorable_methods
 from bench.harness.predicted import PredictionReport, check_predictions, evaluate_predictions
 from bench.harness.provenance import Provenance
 from bench.harness.run import RunRequest, run_benchmark, run_protocols, run_shard
+from bench.harness.run_folder import run_name
 from bench.harness.stored import (
     RunSummary,
     StoredRows,
@@ -43,6 +44,7 @@ __all__ = [
     "read_run",
     "read_tables",
     "run_benchmark",
+    "run_name",
     "run_protocols",
     "run_shard",
     "scorable_methods",

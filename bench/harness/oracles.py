@@ -2,7 +2,7 @@
 
 Neither is a method, for methods never see annotations. The harness answers in their place, and a run's settings say so:
 `sees_the_reference`, `sees_the_truth`. The reference scored against itself checks the evaluation: every metric must be
-perfect. The exact masks are the ceiling: what a perfect method scores under a protocol. Their variants (grown, shifted,
+perfect. The exact masks are the ceiling: what the truth scores under a protocol. Their variants (grown, shifted,
 filled to the convex hull, upper half) show what a protocol thinks of masks that are wrong in a known way.
 """
 

@@ -215,6 +215,12 @@ def new_results(run: Path) -> Iterator[Path]:
     shutil.rmtree(old, ignore_errors=True)
 
 
+def run_name(folder: Path) -> str:
+    """Name of the run in a folder; of new results that are not at their place yet, of the run that they will be."""
+    name = folder.resolve().name
+    return name[1 : -len(".new")] if name.startswith(".") and name.endswith(".new") else name
+
+
 def _recover(run: Path) -> None:
     """Finish, or undo, what a killed process left between the steps of `new_results`."""
     place, new, old = _place(run), _beside(run, "new"), _beside(run, "old")

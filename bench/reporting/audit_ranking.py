@@ -130,7 +130,7 @@ def ceiling_table(ranking: RankingSummary) -> formats.TextTable:
             (row_label(row.name), _recordings(row), str(row.cases), *cells, formats.hundredths(row.unknown_share))
         )
     return formats.TextTable(
-        title="What a perfect method scores: IoU of the exact masks, in percent",
+        title="Ceiling: IoU of the exact masks, in percent",
         headings=("Type", "Recordings", "Frames", *(NAMES[name] for name in LIDAR), "Unknown share"),
         rows=rows,
         note="Unknown share: mean share of an object-frame's possible pixels in which surface-v1 counts nothing.",

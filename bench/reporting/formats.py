@@ -42,6 +42,7 @@ INTERVALS = (
     f"logit scale); metrics with cases in fewer than {FEWEST_RECORDINGS} recordings have none."
 )
 
+CEILING = "what the exact masks score under the same protocol; under paper-v1 other masks can score more"
 LONGEST_RECORDING = 40  # characters of a name above a picture
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from bench.evaluation import Protocol, Summary, summarise
 from bench.evaluation.row_source import ChosenRows, RowSource
-from bench.harness import RunSummary, open_tables, read_protocol, read_run
+from bench.harness import RunSummary, open_tables, read_protocol, read_run, run_name
 from bench.reference import Category
 
 
@@ -48,7 +48,7 @@ def read_stored_run(folder: Path, *, label: str | None = None, category: Categor
     chosen: RowSource = objects if category is None else ChosenRows(objects, column="category", word=category.value)
     return StoredRun(
         folder=folder,
-        label=label or folder.resolve().name,
+        label=label or run_name(folder),
         summary=summary,
         protocol=protocol,
         category=category,

@@ -58,19 +58,27 @@ class LatexNames:
         """Of a run: its folder's name; the settings that are not the method's defaults are said."""
         summary = run.summary
         settings = [f"{name} = {value}" for name, value in summary.method.changed_settings().items()]
-        told = f" ({shortened(', '.join(settings), _LONGEST_SETTINGS)})" if settings else ""
+        told = shortened(", ".join(settings), _LONGEST_SETTINGS) or "default settings"
         split = f", split {summary.split}" if summary.split else ""
-        about = f"method {summary.method.name}{told}, data set {summary.dataset}{split}, {run.protocol.name}"
-        return cls(label=re.sub(r"[^A-Za-z0-9-]+", "-", run.label), about=about)
+        about = f"method {summary.method.name} ({told}), data set {summary.dataset}{split}, {run.protocol.name}"
+        return cls(label=latex_label(run.label), about=about)
 
 
 def to_latex(rows: Sequence[TableRow], names: LatexNames) -> str:
     r"""The table in the paper's LaTeX, for plain `article` or `IEEEtran` in two columns, without further packages.
 
-    Each float has a `\label`, "tab:<run>-paper" for the first, and a caption with method and data set.
+    Each float has a `\label`, "tab:<run>-paper" for the first, a caption with method and data set, and a note that says
+    how to read it. Kinds of motion without cases are left out.
     """
-    floats = zip(text_tables(rows), LATEX_FLOATS, strict=True)
-    return "\n".join([*(_latex(table, name, names) for table, name in floats), f"% {table_note(rows)}"]) + "\n"
+    floats = zip(text_tables([row for row in rows if row.frames]), LATEX_FLOATS, strict=True)
+    return "\n".join(
+        latex_table(table, LatexNames(label=f"{names.label}-{name}", about=names.about)) for table, name in floats
+    )
+
+
+def latex_label(name: str) -> str:
+    """A name of letters, digits and dashes, as part of a label."""
+    return re.sub(r"[^A-Za-z0-9-]+", "-", name).strip("-")
 
 
 def escape_latex(text: str) -> str:
@@ -78,8 +86,8 @@ def escape_latex(text: str) -> str:
     return plain(text).translate(_LATEX_SPECIAL)
 
 
-def _latex(table: TextTable, name: str, names: LatexNames) -> str:
-    """A floating table of the paper's form; `*` spans both columns, since ours is wider."""
+def latex_table(table: TextTable, names: LatexNames) -> str:
+    """A floating table of the paper's form with its note; `*` spans both columns, since ours is wider."""
     head = _two_lines(table.headings, _middle_space)
     body = [_two_lines(line, _interval_or_kind) for line in table.rows]
     every = [line for lines in (head, *body) for line in lines]
@@ -90,20 +98,26 @@ def _latex(table: TextTable, name: str, names: LatexNames) -> str:
         [
             r"\begin{table*}",
             rf"\caption{{{escape_latex(table.title)}: {escape_latex(names.about)}.}}",
-            rf"\label{{tab:{names.label}-{name}}}",
+            rf"\label{{tab:{names.label}}}",
             r"\begin{center}",
             size,
-            r"\setlength{\tabcolsep}{3pt}",
+            r"\setlength{\tabcolsep}{2.5pt}",
             r"\renewcommand{\arraystretch}{1.2}",
-            rf"\begin{{tabular}}{{l | {' '.join('r' * (len(table.headings) - 1))}}}",
+            rf"\begin{{tabular}}{{{'l ' * table.labels}| {' '.join('r' * (len(table.headings) - table.labels))}}}",
             r"\hline",
             _latex_row(bold),
-            *(_latex_row([[escape_latex(cell) for cell in line] for line in lines]) for lines in body),
+            *(_latex_row([list(map(_latex_cell, line)) for line in lines]) for lines in body),
             r"\end{tabular}",
+            rf"\par\smallskip\parbox{{\linewidth}}{{\scriptsize {escape_latex(table.note)}}}",
             r"\end{center}",
             r"\end{table*}",
         ]
     )
+
+
+def _latex_cell(cell: str) -> str:
+    """A cell in which the sign of a number is that of mathematics."""
+    return re.sub(r"^[-+](?=\d)", lambda sign: f"${sign[0]}$", escape_latex(cell))
 
 
 def _two_lines(cells: Sequence[str], split: Callable[[str, int], int]) -> list[list[str]]:
@@ -116,9 +130,9 @@ def _two_lines(cells: Sequence[str], split: Callable[[str, int], int]) -> list[l
     return lines if any(lines[1]) else lines[:1]
 
 
-def _interval_or_kind(cell: str, column: int) -> int:
-    """Before the interval of a number, or what stands in parentheses behind a kind of motion."""
-    return cell.find(" [") if column else cell.find(" (")
+def _interval_or_kind(cell: str, _: int) -> int:
+    """Before the interval of a number, or what stands in parentheses."""
+    return max(cell.find(" ["), cell.find(" ("))
 
 
 def _middle_space(heading: str, _: int) -> int:

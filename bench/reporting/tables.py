@@ -14,6 +14,7 @@ from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.summary import FalsePositiveMetrics, ObjectMetrics, Summary
 from bench.reference.records import Category
 from bench.reporting.formats import (
+    CEILING,
     INTERVALS,
     TextTable,
     chance_of,
@@ -34,14 +35,24 @@ FALSE_POSITIVES = "false_positives"
 FALSE_POSITIVE_METRICS = ("coverage", "coverage_valid", "frame_rate", "components_per_frame")
 COMPARED = {"detection_rate": "Detection rate", "tpr": "TPR", "iou_detected": "IoU"}
 COVERAGES = {"iou": "IoU, all", "tpr_all": "TPR, all", "iou_detected": "IoU, detected", "tpr": "TPR, detected"}
-NOTE = (
-    "TPR and IoU beside the paper's are averages over the detected object-frames. Chance: the same objects on the mask "
-    f"of another frame. {INTERVALS} Differences in percentage points. Cases: object-frames; in the last row images, "
-    "and the area of the image. The paper's recordings are private: same form, not the same data."
+BESIDE_NOTE = (
+    "TPR and IoU beside the paper's are averages over the detected object-frames. Differences in percentage points. "
+    "Cases: object-frames; in the last row images, and the area of the image. The paper's recordings are private: same "
+    "form, not the same data."
+)
+CHANCE_NOTE = "Chance: the same objects on the mask of another frame."
+NO_CHANCE_NOTE = "No chance level where the recordings are shorter than the protocol's chance_lag_s."
+COVERAGE_NOTE = (
+    "TPR is the mean coverage, IoU the mean intersection over union: over the detected object-frames, or over all, an "
+    "undetected one having 0."
+)
+FALSE_POSITIVE_NOTE = (
+    "False-positive coverage: what is marked outside of all moving objects, as a share of the image and of its valid "
+    "pixels. A large false positive has more pixels than the protocol states."
 )
 FURTHER = {"ceiling_iou": "IoU, ceiling", "unknown_share": "Unknown"}  # of some data, and of some protocols
 FURTHER_NOTES = {
-    "ceiling_iou": "Ceiling: IoU over all object-frames of the exact masks, which no method can be expected to exceed.",
+    "ceiling_iou": f"Ceiling: {CEILING}; IoU over all object-frames.",
     "unknown_share": "Unknown: share of the pixels of an object and its unknown band that lie in the band, where "
     "nothing counts; averages over all object-frames. All else is of cores, against which the paper's outlines are "
     "another measure.",
@@ -152,7 +163,17 @@ def further_columns(rows: Sequence[TableRow]) -> dict[str, str]:
 
 def table_note(rows: Sequence[TableRow]) -> str:
     """How to read the tables of these rows."""
-    return " ".join([NOTE, *(FURTHER_NOTES[name] for name in further_columns(rows))])
+    return " ".join([BESIDE_NOTE, *_chance_notes(rows), INTERVALS, *_further_notes(rows)])
+
+
+def _chance_notes(rows: Sequence[TableRow]) -> list[str]:
+    """What chance is, and why a row that has cases has none."""
+    chances = [row.metrics["chance"].value for row in rows if row.frames and "chance" in row.metrics]
+    return [CHANCE_NOTE, NO_CHANCE_NOTE] if any(map(math.isnan, chances)) else [CHANCE_NOTE]
+
+
+def _further_notes(rows: Sequence[TableRow]) -> list[str]:
+    return [FURTHER_NOTES[name] for name in further_columns(rows)]
 
 
 def text_tables(rows: Sequence[TableRow]) -> tuple[TextTable, ...]:
@@ -162,8 +183,13 @@ def text_tables(rows: Sequence[TableRow]) -> tuple[TextTable, ...]:
         rates |= {name: heading, chance_of(name): "chance"}
     return (
         _beside_the_paper(rows),
-        _with_intervals(rows, title="Detection with 95 % intervals", shown=rates),
-        _with_intervals(rows, title="Coverage with 95 % intervals", shown=COVERAGES | further_columns(rows)),
+        _with_intervals(rows, title="Detection", shown=rates, notes=_chance_notes(rows)),
+        _with_intervals(
+            rows,
+            title="Coverage",
+            shown=COVERAGES | further_columns(rows),
+            notes=[COVERAGE_NOTE, *_further_notes(rows)],
+        ),
         _false_positives(rows),
     )
 
@@ -180,17 +206,27 @@ def _beside_the_paper(rows: Sequence[TableRow]) -> TextTable:
             metric = row.metrics[name]
             line += [percent(metric.value, cases=metric.cases), row.paper_percent(name), row.difference(name)]
         lines.append(line + [""] * (len(headings) - len(line)))
-    return TextTable(title="Results by category of objects, beside the paper's", headings=headings, rows=lines)
+    title = "Results by category of objects, beside the paper's"
+    return TextTable(title=title, headings=headings, rows=lines, note=BESIDE_NOTE)
 
 
-def _with_intervals(rows: Sequence[TableRow], *, title: str, shown: Mapping[str, str]) -> TextTable:
+def _with_intervals(
+    rows: Sequence[TableRow], *, title: str, shown: Mapping[str, str], notes: Sequence[str]
+) -> TextTable:
+    """One line per kind of motion; intervals are named where one has them."""
+    of_objects = [row for row in rows if row.name != FALSE_POSITIVES]
+    bounded = any(row.metrics[name].ci95 for row in of_objects for name in shown)
     lines = [
         [row.label, *map(count, (row.recordings, row.frames, row.tracks))]
         + [with_interval(row.metrics[name]) for name in shown]
-        for row in rows
-        if row.name != FALSE_POSITIVES
+        for row in of_objects
     ]
-    return TextTable(title=title, headings=["Type", "Recordings", "Cases", "Objects", *shown.values()], rows=lines)
+    return TextTable(
+        title=f"{title} with 95 % intervals" if bounded else title,
+        headings=["Type", "Recordings", "Cases", "Objects", *shown.values()],
+        rows=lines,
+        note=" ".join([*notes, INTERVALS]),
+    )
 
 
 def _false_positives(rows: Sequence[TableRow]) -> TextTable:
@@ -202,7 +238,8 @@ def _false_positives(rows: Sequence[TableRow]) -> TextTable:
             lines.append([count(row.recordings), count(row.frames), *cells])
     headings = ["Recordings", "Images", "False-positive coverage", "of the valid pixels"]
     headings += ["Frames with a large false positive", "Components per frame"]
-    return TextTable(title="False positives", headings=headings, rows=lines, labels=0)
+    note = f"{FALSE_POSITIVE_NOTE} {INTERVALS}"
+    return TextTable(title="False positives", headings=headings, rows=lines, labels=0, note=note)
 
 
 MIN_COLUMNS = 100  # a console narrower than this cuts the table
@@ -265,11 +302,12 @@ def _caption(rows: Sequence[TableRow]) -> Text:
         "Chance: the same on the mask of another frame. n/a (0): no cases.",
         "TPR and IoU: det. over detected object-frames, the paper's reading; all over all of them.",
     ]
+    notes += _chance_notes(rows)[1:]
     if without := [row.name.replace("_", " ") for row in rows if not row.frames and row.name != FALSE_POSITIVES]:
         notes.append(f"Left out, without cases: {', '.join(without)}.")
     further = further_columns(rows)
     if "ceiling_iou" in further:
-        notes.append("Ceiling (ceil.): what the exact masks score; no method can be expected to exceed it.")
+        notes.append(f"Ceiling (ceil.): {CEILING}.")
     if "unknown_share" in further:
         notes.append("Unknown: share of an object and its unknown band that lies in the band; all else is of cores.")
     for row in rows:

@@ -9,6 +9,7 @@ from shapely import Polygon
 
 import bench
 from bench.errors import ShapeError, UsageError
+from bench.evaluation.intervals import ratio_interval
 
 # An object of 4 x 4 pixels; the mask finds its upper half and 2 pixels beside it.
 LABELS = np.zeros((10, 20), dtype=np.int32)
@@ -73,6 +74,9 @@ def test_scores_of_images_add_up_before_ratios_are_taken():
         (lambda: bench.score(LABELS[:5], MASK), r"reference: expected .*size \(10, 20\), got \(5, 20\)"),
         (lambda: bench.score(LABELS.astype(float), MASK), "label image of integers"),
         (lambda: bench.score([[(1, 2), (3, 4)]], MASK), r"reference\[0\]: expected a polygon"),
+        (lambda: bench.score(MASK.tolist(), MASK), r"passed as an array: numpy\.asarray"),
+        (lambda: bench.interval([0.5, 50.0], ["a", "b"]), r"expected values in \[0, 1\]"),
+        (lambda: bench.interval([0.5], ["a", "b"]), "a recording for each value"),
         (lambda: bench.score(LABELS, MASK, valid=MASK[:5]), "valid: expected a mask of bool"),
         (lambda: bench.score(LABELS, MASK, ignored=LABELS), "ignored: expected a mask of bool"),
         (lambda: bench.score(None, MASK), "reference: expected an array or a list of polygons"),
@@ -81,6 +85,15 @@ def test_scores_of_images_add_up_before_ratios_are_taken():
 def test_what_does_not_fit_is_refused(call, message):
     with pytest.raises((ShapeError, UsageError), match=message):
         call()
+
+
+def test_an_interval_of_own_values_is_that_of_a_run_and_needs_six_recordings():
+    values, names = [0.1, 0.9, 0.5, 0.4, 0.3, 0.8, 0.6, float("nan")], [*"aabcdefg"]
+    of_run = ratio_interval(np.array([1.0, 0.5, 0.4, 0.3, 0.8, 0.6]), np.array([2.0, 1, 1, 1, 1, 1]))
+    assert bench.interval(values, names) == pytest.approx(of_run)
+    assert bench.interval(values[:5], names[:5]) is None
+    low, high = bench.interval([1.0] * 6, [*"abcdef"])
+    assert (low, high) == (pytest.approx(0.05 ** (1 / 6)), 1.0), "the floor of six alike"
 
 
 def test_importing_the_package_imports_no_library():

@@ -55,6 +55,7 @@ def test_run_writes_the_report_and_ends_with_the_table(monkeypatch, capsys, tiny
     for name in ("Crossing", "Overtaking", "Preceding", "Approaching", "Static ego-vehicle", "False positives"):
         assert name in shown
     assert "16 annotated object-frames" in shown
+    assert r"\label{tab:run-paper}" in (out / "table.tex").read_text(), "named after the folder"
     for picture in ("panels", "areas", "overlay", "cluster-walker"):
         assert (out / "pictures" / "crossing" / f"{picture}.png").read_bytes().startswith(b"\x89PNG")
 

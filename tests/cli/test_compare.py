@@ -103,7 +103,7 @@ def test_compare_writes_beside_the_runs_of_the_house_without_out(monkeypatch, ru
     monkeypatch.chdir(tmp_path)
     assert call(monkeypatch, "compare", runs / "spherical", runs / "nothing", "--no-pictures") == 0
     made = sorted(file.name for file in (tmp_path / "reports" / "runs" / "compare-spherical-nothing").iterdir())
-    assert made == ["compare.csv", "compare.json", "compare.md", "object_changes.csv"]
+    assert made == ["compare.csv", "compare.json", "compare.md", "compare.tex", "object_changes.csv"]
 
 
 def test_leaderboard_lists_groups_and_damaged_runs(monkeypatch, capsys, runs, tmp_path):

@@ -331,7 +331,7 @@ def test_the_command_prints_the_tables_and_leaves_the_files(monkeypatch, capsys,
     words = ("audit", tiny_card, "--methods", METHODS, "--recordings", 2, "--workers", 1, "--out", tmp_path)
     assert call(monkeypatch, *words) == 0
     shown = capsys.readouterr().out
-    for text in ("Agreement with the exact masks", "What a perfect method scores", "never beats", "too few"):
+    for text in ("Agreement with the exact masks", "Ceiling: IoU of the exact masks", "never beats", "too few"):
         assert text in shown
     assert "\u2026" not in shown  # no cell is cut
     for name in ("ranking.json", "ranking.md", "ranking.csv", "ranking.png", "ranking.svg"):

@@ -3,6 +3,7 @@ import io
 import json
 import math
 import re
+from dataclasses import replace
 
 import pytest
 from rich.console import Console
@@ -33,7 +34,7 @@ def latex(rows):
 def one_line(text):
     """LaTeX with its rows of two lines joined again, and no signs that only LaTeX needs."""
     rows = []
-    for line in text.replace(r"\%", "%").splitlines():
+    for line in re.sub(r"\$([-+])\$", r"\1", text.replace(r"\%", "%")).splitlines():
         cells = line.removesuffix(r" \hline").removesuffix(r" \\").split(" & ")
         if rows and rows[-1][1].endswith(r"\\"):
             rows[-1] = ([" ".join(filter(None, two)).strip() for two in zip(rows[-1][0], cells, strict=True)], line)
@@ -105,7 +106,7 @@ def test_csv_and_json_carry_the_rows_without_loss():
 @pytest.mark.parametrize("write", [to_markdown, lambda rows: one_line(latex(rows))])
 def test_markdown_and_latex_show_the_same_values(write):
     text = write(ROWS)
-    for row in ROWS[:-1]:
+    for row in (row for row in ROWS[:-1] if row.frames):
         for name in [*detection_columns(ROWS), *COVERAGES, "chance", "chance_10", "chance_50"]:
             assert with_interval(row.metrics[name]) in text
         for name in COMPARED:
@@ -158,10 +159,9 @@ def test_a_row_that_the_paper_does_not_have_leaves_its_line_empty():
 
 def test_nothing_to_average_is_said_and_not_made_up():
     assert percent(math.nan) == "n/a (0 cases)"
-    for write in (to_markdown, latex):
-        text = write(ROWS)
-        assert "n/a (0 cases)" in text
-        assert "nan" not in text.lower()
+    assert "n/a (0 cases)" in to_markdown(ROWS)
+    assert "Static" not in latex(ROWS), "without cases"
+    assert all("nan" not in write(ROWS).lower() for write in (to_markdown, latex))
     static = next(row for row in json.loads(to_json(ROWS))["rows"] if row["name"] == "static_ego")
     assert static["figures"]["tpr"] == {
         "value": None,
@@ -181,6 +181,26 @@ def test_a_value_without_an_interval_stands_alone():
     rows = table_rows(only.model_copy(update={"categories": {"crossing": crossing}}))
     assert with_interval(rows[0].metrics["detection_rate"]) == "72.1 %"
     assert [row.name for row in rows] == ["crossing", FALSE_POSITIVES]
+
+
+def test_latex_prints_its_notes_and_names_intervals_where_there_are_some():
+    text = latex(ROWS)
+    assert not any(line.startswith("%") for line in text.splitlines())
+    assert text.count(r"Intervals: 95 \%") == 3
+    assert "$-$6.3" in text
+    assert text.count(r" with 95 \% intervals: method") == 2
+    bare = [
+        replace(row, metrics={n: m.model_copy(update={"ci95": None}) for n, m in row.metrics.items()}) for row in ROWS
+    ]
+    assert "with 95" not in latex(bare)
+
+
+def test_why_there_is_no_chance_level_is_said():
+    none = object_figures(0.6).model_copy(update={"chance": figure(math.nan)})
+    rows = table_rows(summary().model_copy(update={"categories": {"crossing": none}}))
+    for write in (to_markdown, latex, lambda rows: printed(rows=rows)):
+        assert "chance_lag_s" in write(rows).replace("\\_", "_")
+        assert "chance_lag_s" not in write(ROWS).replace("\\_", "_")
 
 
 def test_latex_escapes_what_latex_reads():

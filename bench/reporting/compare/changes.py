@@ -87,6 +87,7 @@ class MetricChange:
 
     Attributes:
         change: before, after, and the paired interval.
+        intervals: of the values before and after, each by itself; None for too few recordings.
         p_holm: p-value corrected over the rows of the metric; None for metrics that are not headlines, and where there
             is no p-value.
         verdict: None for metrics that are not headlines.
@@ -95,6 +96,7 @@ class MetricChange:
     """
 
     change: PairedChange
+    intervals: tuple[tuple[float, float] | None, tuple[float, float] | None]
     p_holm: float | None
     verdict: Verdict | None
     chance: tuple[Metric, Metric] | None
@@ -150,6 +152,7 @@ def row_changes(sums_before: RunSums, sums_after: RunSums, *, protocol: Protocol
         verdict = judge(change, p_holm=p_holm, lower_is_better=lower) if metric in HEADLINES else None
         return MetricChange(
             change=change,
+            intervals=(sums[row, metric][0].interval(), sums[row, metric][1].interval()),
             p_holm=p_holm,
             verdict=verdict,
             chance=_chance(row, metric, summaries),

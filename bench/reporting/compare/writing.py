@@ -1,4 +1,4 @@
-"""A comparison for people and programs: Markdown, CSV, JSON, terminal."""
+"""A comparison for people and programs: Markdown, CSV, JSON, LaTeX, terminal."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
+from bench.evaluation import Metric
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.plain_text import escape_markdown
 from bench.recordings import replacing, write_bytes
@@ -34,6 +35,9 @@ from bench.reporting.compare.changes import (
 from bench.reporting.compare.pictures import draw_changed_frames, frame_title
 from bench.reporting.compare.runs import read_comparable
 from bench.reporting.formats import (
+    CEILING,
+    INTERVALS,
+    TextTable,
     csv_text,
     detection_levels,
     hundredths,
@@ -42,9 +46,11 @@ from bench.reporting.formats import (
     markdown_table,
     number_columns,
     terminal_table,
+    with_interval,
     write_texts,
 )
 from bench.reporting.stored_run import StoredRun
+from bench.reporting.table_files import LatexNames, latex_label, latex_table
 
 NOTE = (
     "Differences are after minus before, in percentage points, with 95 % intervals by recording, in pairs: the "
@@ -56,8 +62,7 @@ NOTE = (
     f"need {FEWEST_RECORDINGS} recordings with cases of both runs: with fewer, the same change in all of them could be "
     "chance. Recordings: with cases of both runs. TPR and IoU over detected object-frames are taken over other "
     "object-frames in each run where detection differs; TPR and IoU over all are not. Chance: the same objects on the "
-    "mask of another frame. Ceiling: what the exact masks get on the same images, which no method can be expected to "
-    "exceed."
+    f"mask of another frame. Ceiling: on the same images, {CEILING}."
 )
 _OTHERS = {
     "tpr_all": "TPR, all",
@@ -178,6 +183,49 @@ def _frames_table(kind: Kind, frames: Sequence[ChangedFrame]) -> str:
     return f"**{kind.value.capitalize()}: {which}**\n\n{table}"
 
 
+_OF_LATEX = {"iou": "IoU", "tpr_all": "TPR", FALSE_POSITIVE_COVERAGE: "False positives"}
+_LATEX_NOTE = (
+    "IoU and TPR over all object-frames, an undetected one having 0; false positives as a share of the image, over all "
+    f"images. On the images that both runs scored. {INTERVALS}"
+)
+
+
+def to_latex(comparisons: Sequence[RunComparison]) -> str:
+    r"""A float for each pair of runs, both runs in the lines of each row; `\label` "tab:compare-<run>-<run>"."""
+    return "\n".join(map(_latex, comparisons))
+
+
+def _latex(comparison: RunComparison) -> str:
+    runs = comparison.before, comparison.after
+    lines = [
+        [row.label, run.label, str(row.recordings), str(row.frames)]
+        + [_value(row.metrics.get(metric), side) for metric in _OF_LATEX]
+        for row in comparison.rows
+        if row.frames
+        for side, run in enumerate(runs)
+    ]
+    first = comparison.before.summary
+    compared = f"data set {first.dataset}{f', split {first.split}' if first.split else ''}, {first.protocol.name}"
+    table = TextTable(
+        title=" and ".join(run.label for run in runs),
+        headings=["Type", "Run", "Recordings", "Cases", *_OF_LATEX.values()],
+        rows=lines,
+        labels=2,
+        note=_LATEX_NOTE,
+    )
+    label = "-".join(["compare", *(latex_label(run.label) for run in runs)])
+    methods = f"{comparison.methods[0]} and {comparison.methods[1]}"
+    return latex_table(table, LatexNames(label=label, about=f"{methods}, {compared}"))
+
+
+def _value(cell: MetricChange | None, side: int) -> str:
+    """Of the run before (0) or after (1), with its interval."""
+    if cell is None:
+        return ""
+    value, cases = ((cell.change.before, cell.change.cases_before), (cell.change.after, cell.change.cases_after))[side]
+    return with_interval(Metric(value=value, ci95=cell.intervals[side], cases=cases, recordings=cell.change.recordings))
+
+
 SCHEMA_VERSION = 1
 _CHANGED = ("gained", "lost", "both")
 
@@ -294,7 +342,9 @@ _STYLES = {Verdict.BETTER: "green", Verdict.WORSE: "red"}
 _LINES = ("before", "after", "diff.", "95 %", "p Holm", "verdict", "chance", "ceiling")
 _CAPTION = (
     "Diff.: percentage points, 95 % interval in pairs over recordings. p: corrected over a column.\n"
-    "Not shown: no difference that the data can show. Few: 4: cases of both in 4 recordings, a verdict needs 6.\n"
+    "Verdict: of any-pixel detection, TPR and IoU detected, false positives only; from "
+    f"{FEWEST_RECORDINGS} recordings on.\n"
+    "Not shown: no difference that the data can show. Few: 4: cases of both in 4 recordings.\n"
     "Chance: before/after, on the mask of another frame. Ceiling: of the exact masks. False positives: of the image."
 )
 
@@ -357,7 +407,7 @@ def _cell(cell: MetricChange, lines: Sequence[str]) -> Text:
 
 
 CHANGES = "object_changes.csv"
-NAMES = ("compare.md", "compare.csv", CHANGES, "compare.json")
+NAMES = ("compare.md", "compare.csv", CHANGES, "compare.json", "compare.tex")
 _PICTURE_NAME = re.compile(r"\d\d-\d\d-[a-z-]+\.jpg")
 
 
@@ -368,7 +418,7 @@ def write_comparison(
     pictures: bool = True,
     progress: Callable[[float, int], None] | None = None,
 ) -> tuple[list[RunComparison], tuple[Path, ...]]:
-    """Compare runs and write `compare.md`, `.csv`, `.json`, `object_changes.csv` and `pictures/`.
+    """Compare runs and write `compare.md`, `.csv`, `.json`, `.tex`, `object_changes.csv` and `pictures/`.
 
     Each file appears whole or not at all. Pictures of an earlier comparison in `out` are removed, other files are left.
 
@@ -394,6 +444,7 @@ def write_comparison(
         "compare.md": to_markdown(comparisons),
         "compare.csv": to_csv(comparisons),
         "compare.json": to_json(comparisons),
+        "compare.tex": to_latex(comparisons),
     }
     shown = {picture.name: picture.jpeg for comparison in comparisons for picture in comparison.drawn}
     for name, jpeg in shown.items():

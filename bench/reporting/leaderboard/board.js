@@ -113,7 +113,7 @@
       if (ceiling !== undefined) make("u", "", meter).style.left = `${100 * ceiling}%`;
     }
     make("strong", percent(found), cell);
-    if (ceiling !== undefined && entry.kind === "method" && !LOWER.has(metric)) { cell.append(" "); make("small", `of ${percent(ceiling)}`, cell, "of"); }
+    if (ceiling !== undefined && entry.kind === "method" && metric.includes("iou")) { cell.append(" "); make("small", `of ${percent(ceiling)}`, cell, "of"); }
     if (low !== undefined) make("small", `${percent(low)} to ${percent(high)}`, cell);
   }
 

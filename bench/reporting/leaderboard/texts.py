@@ -39,8 +39,8 @@ NOTE = (
     "apart from it cost nothing; the IoU of pixels counts all of them, over all images."
 )
 ORACLE_NOTE = (
-    "No methods: the exact masks of rendered data are the ceiling, what a perfect method scores; oracles are told what "
-    "no method may know: the exact masks on cells, or the exact flow and ego-motion."
+    f"No methods: the exact masks of rendered data are the ceiling, {formats.CEILING}; oracles are told what no method "
+    "may know: the exact masks on cells, or the exact flow and ego-motion."
 )
 COST_NOTE = (
     "Cost: the method alone for one image, in one thread and without a cache, in ms, and its ratio to a call of "
@@ -75,10 +75,10 @@ def leaderboard_tables(found: Leaderboard) -> Iterator[Table]:
 
 
 def _cell(group: Group, entry: Entry, name: str) -> Text:
-    """Value, interval, ceiling."""
+    """Value, interval, and of an IoU the ceiling; a mask that covers everything exceeds that of a coverage."""
     metric, ceiling = entry.metrics[name], group.ceiling(ALL_MOVING, name)
     text = Text(f"{formats.hundredths(metric.value)}\n{formats.short_interval(metric)}")
-    if entry.kind is Kind.METHOD and not math.isnan(ceiling) and not name.startswith("chance"):
+    if entry.kind is Kind.METHOD and not math.isnan(ceiling) and "iou" in name:
         text.append(f"\nof {formats.hundredths(ceiling)}", style="dim")
     return text
 

@@ -184,7 +184,7 @@ def _threshold_charts(run: StoredRun) -> list[Chart]:
     recall, precision = pixels.recall.value, pixels.precision.value
     found = _draw_threshold_curve(
         sweep.false_positive_coverage, sweep.tpr, marked=(area, recall), legend=True, xlim=(0, None),
-        xlabel="false-positive coverage (% of the image)", ylabel="TPR (% of pixels)",
+        xlabel="false-positive coverage (% of the image)", ylabel="pixel recall (%)",
         title="Found against wrongly marked",
     )  # fmt: skip
     auprc = "n/a" if math.isnan(sweep.auprc) else f"{sweep.auprc:.3f}"

@@ -1,18 +1,20 @@
 import csv
 import io
 import json
+import re
 
 import pyarrow.parquet as pq
 import pytest
 from rich.console import Console
 
+from bench.harness import read_run
 from bench.harness.masks import MASKS, MASKS_SCHEMA
 from bench.reporting.compare.changes import compare_runs
 from bench.reporting.compare.runs import read_comparable
 from bench.reporting.compare.writing import MIN_COLUMNS, points, to_rich, write_comparison
 from tests.reporting.compare.runs import drawn, write_run
 
-NAMES = ["compare.md", "compare.csv", "object_changes.csv", "compare.json"]
+NAMES = ["compare.md", "compare.csv", "object_changes.csv", "compare.json", "compare.tex"]
 
 
 @pytest.fixture(scope="module")
@@ -48,6 +50,17 @@ def test_all_forms_carry_the_same_numbers(folders, tmp_path):
     lost = [r for r in changed if r["after_run"] == "new" and r["change"] == "lost"]
     assert len(lost) == stored["detections"][-1]["lost"] == 7 + 3
     assert {r["coverage_after"] for r in lost} == {"0.0"}
+
+
+def test_latex_sets_both_runs_beside_each_other_with_their_intervals(folders, tmp_path):
+    comparisons, _ = write_comparison(folders[:2], tmp_path)
+    text = (tmp_path / "compare.tex").read_text()
+    assert r"\label{tab:compare-old-new}" in text
+    (crossing,) = [row.metrics["tpr_all"] for row in comparisons[0].rows if row.name == "crossing"]
+    stored = [read_run(folder).categories["crossing"].tpr_all for folder in folders[:2]]
+    assert list(crossing.intervals) == [pytest.approx(metric.ci95) for metric in stored], "as in each run"
+    ours = f"Crossing & new & 8 & 32 & .* & {100 * stored[1].value:.1f} "
+    assert re.search(ours, text)
 
 
 def test_markdown_says_what_is_better_and_what_is_worse(folders, tmp_path):
