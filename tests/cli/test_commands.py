@@ -52,8 +52,9 @@ def test_run_writes_the_report_and_ends_with_the_table(monkeypatch, capsys, tiny
         assert str(out / name) in shown
     assert shown.count(str(out)) < 8, "few paths"
     assert f"more files in {out}" in shown
-    for name in ("Crossing", "Overtaking", "Preceding", "Approaching", "Static ego-vehicle", "False positives"):
+    for name in ("Crossing", "Overtaking", "Static ego-vehicle", "False positives"):
         assert name in shown
+    assert "Left out, without cases: preceding, approaching." in shown
     assert "16 annotated object-frames" in shown
     assert r"\label{tab:run-paper}" in (out / "table.tex").read_text(), "named after the folder"
     for picture in ("panels", "areas", "overlay", "cluster-walker"):
