@@ -29,7 +29,7 @@ from bench.recordings.atomic import alone_in
 EXPERIMENT, PROTOCOL = f"{FOLDER}/experiment.json", "protocol.json"
 WORK = (FOLDER, "shards")
 RESULTS = (
-    *("summary.json", PROTOCOL, "predictions.json", "*.parquet", "*.npz", "table.*", "range_map.*", "pictures"),
+    *("summary.json", PROTOCOL, "predictions.json", "cost.json", "*.parquet", "*.npz", "table.*", "range_map.*", "pictures"),
     *("index.html", "index-*.html", "figures", "figures-*"),
 )
 
@@ -204,7 +204,7 @@ def new_results(run: Path) -> Iterator[Path]:
         raise
     try:
         for entry in sorted(place.iterdir()):
-            if not _is_result(entry):
+            if not _is_result(entry) and not (new / entry.name).exists():
                 entry.rename(new / entry.name)
         place.rename(old)
         new.rename(place)

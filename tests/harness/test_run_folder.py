@@ -154,6 +154,16 @@ def test_a_process_that_is_killed_between_the_steps_of_the_renaming_leaves_one_w
     assert not list(finished.parent.glob(".*"))
 
 
+def test_what_a_run_wrote_is_never_covered_by_what_was_there(finished):
+    """Neither by an old cost, nor by a file of the same name that nobody knows."""
+    for name in ("cost.json", "extra.json"):
+        (finished / name).write_text("old")
+    with held_run_folder(finished), new_results(finished) as results:
+        (results / "extra.json").write_text("new")
+    assert (finished / "extra.json").read_text() == "new"
+    assert not (finished / "cost.json").exists(), "the cost of other results"
+
+
 def test_a_folder_that_was_removed_by_hand_stays_removed(finished):
     """What a killed process had begun beside it does not take its place."""
     finished.rename(finished.with_name(".run.new"))
