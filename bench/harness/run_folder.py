@@ -29,8 +29,8 @@ from bench.recordings.atomic import alone_in
 EXPERIMENT, PROTOCOL = f"{FOLDER}/experiment.json", "protocol.json"
 WORK = (FOLDER, "shards")
 RESULTS = (
-    *("summary.json", PROTOCOL, "predictions.json", "cost.json", "*.parquet", "*.npz", "table.*", "range_map.*", "pictures"),
-    *("index.html", "index-*.html", "figures", "figures-*"),
+    *("summary.json", PROTOCOL, "predictions.json", "cost.json", "*.parquet", "*.npz"),
+    *("table.*", "range_map.*", "pictures", "index.html", "index-*.html", "figures", "figures-*"),
 )
 
 
