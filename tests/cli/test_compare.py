@@ -55,7 +55,7 @@ def test_compare_ends_with_verdicts_files_and_titled_pictures(monkeypatch, capsy
         title = image[:60]
         assert (title < 100).any(), "letters"
         assert picture["title"].split(" (")[1] in (tmp_path / "compare.md").read_text()
-    assert f"and 3 more files in {tmp_path / 'pictures'}" in shown
+    assert f"and 4 more files in {tmp_path}" in shown, "compare.tex and the pictures"
 
 
 def test_pictures_show_what_was_scored_and_call_no_method(monkeypatch, capsys, runs, tmp_path):
