@@ -19,7 +19,7 @@ from bench.errors import DataError
 from bench.execution import FailedTask, ProcessExecutor, SerialExecutor, TaskExecutor
 from bench.methods.learned import inputs
 from bench.recordings import load_card
-from bench.recordings.atomic import replacing, write_text
+from bench.recordings.atomic import make_folder, replacing, write_text
 from bench.training.pairs import Part, drives_of, pairs_of
 
 TARGET = "moving"  # the last channel: share of moving pixels of each cell, 0 to 255
@@ -68,7 +68,7 @@ def prepare(
     """
     names = drives_of(dataset, part, workers=workers)
     place = folder / _version(dataset)
-    place.mkdir(parents=True, exist_ok=True)
+    make_folder(place)
     missing = [name for name in names if not _index(place, name).is_file()]
     progress(len(names) - len(missing), len(names))
     executor: TaskExecutor = SerialExecutor() if workers == 1 else ProcessExecutor(workers=workers)

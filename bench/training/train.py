@@ -12,6 +12,7 @@ import csv
 import hashlib
 import io
 import json
+import logging
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -33,11 +34,12 @@ from bench.execution import usable_cores
 from bench.methods.learned.inputs import ALL_CHANNELS, CHANNELS, INPUT_SETS, MIRRORED, ZERO, InputSet
 from bench.methods.learned.method import MULTIPLE_PX
 from bench.recordings import load_card
-from bench.recordings.atomic import replacing, write_bytes, write_text
+from bench.recordings.atomic import make_folder, replacing, write_bytes, write_text
 from bench.training.network import MotionNetwork, ScoredNetwork
 from bench.training.pairs import DATASET
 from bench.training.prepared import PreparedDrive, prepare
 
+LOG = logging.getLogger(__name__)
 CROP_PX = (192, 256)  # rows, columns; the smallest image of the training data
 CROPS_ON_MOTION = 0.5  # share of the crops that are put around something that moves, where anything does
 AVERAGED = 0.998  # of the running mean of the weights, which is what is validated and exported
@@ -273,7 +275,7 @@ def train(
             **{name: found_now[name] for name in ("iou", "precision", "recall", "false_positives")},
         }
         state["log"].append(line)
-        typer.echo(" ".join(f"{name}={value:.4g}" for name, value in line.items()))
+        LOG.info(" ".join(f"{name}={value:.4g}" for name, value in line.items()))
         if found_now["iou"] > state["best"]:
             best_weights = {name: value.clone() for name, value in averaged.state_dict().items()}
             state |= {"best": found_now["iou"], "best_epoch": epoch + 1, "weights": best_weights}
@@ -373,11 +375,12 @@ def main(
         raise UsageError(f"--inputs: expected one of {', '.join(INPUT_SETS)}, got {inputs!r}")
     plan = Plan(inputs=inputs, epochs=epochs, seed=seed)
     workers = workers or usable_cores()
-    out.mkdir(parents=True, exist_ok=True)
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    make_folder(out)
 
     def progress(done: int, total: int) -> None:
         if done == total or done % 50 == 0:
-            typer.echo(f"inputs of {done} of {total} drives")
+            LOG.info("inputs of %d of %d drives", done, total)
 
     held = cache or out / "inputs"
     training = prepare(dataset, "training", held, workers=workers, progress=progress)
@@ -394,7 +397,7 @@ def main(
         "fisheye_bench": __version__,
     }
     export(network, plan, found, log, provenance=provenance, out=out)
-    typer.echo(json.dumps(found.summary()))
+    LOG.info(json.dumps(found.summary()))
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ from tests.processes import PATIENCE_S
 pytestmark = pytest.mark.slow
 
 PAPER = load_protocol("paper-v1")
-KILLS = 8
+KILLS = 4
 
 
 def everything_in(folder: Path) -> dict[str, bytes]:
