@@ -35,6 +35,8 @@ def test_it_finds_a_board_that_crosses_and_answers_the_same_in_another_process()
     np.testing.assert_array_equal(travelled.likelihood, scores)
     strict = build_method("learned", {"threshold": 0.999}).segment(given)
     assert strict.mask.sum() < found.mask.sum()
+    assert strict.threshold == 0.999
+    np.testing.assert_array_equal(found.mask, scores > found.threshold)
 
 
 def test_images_at_the_working_size_are_answered_for_every_pixel():

@@ -128,6 +128,7 @@ class LearnedMethod:
             likelihood=scores,
             undefined=~pair.valid,
             likelihood_is_score=True,
+            threshold=threshold,
         )
 
     def scores(self, channels: Bytes) -> NDArray[np.float32]:
