@@ -109,6 +109,18 @@ def table_rows(summary: Summary) -> list[TableRow]:
     return [*rows, _false_positive_row(summary.false_positives)]
 
 
+def rows_with_cases(rows: Sequence[TableRow]) -> list[TableRow]:
+    """Those that hold object-frames, and the false positives."""
+    return [row for row in rows if row.frames or row.name == FALSE_POSITIVES]
+
+
+def left_out_note(rows: Sequence[TableRow]) -> str:
+    """Names the rows without cases; "" where there are none."""
+    with_cases = rows_with_cases(rows)
+    without = [row.name.replace("_", " ") for row in rows if row not in with_cases]
+    return f"Left out, without cases: {', '.join(without)}." if without else ""
+
+
 def _category_row(category: Category, found: ObjectMetrics, causes: Container[str]) -> TableRow:
     theirs = published.CATEGORIES.get(category)
     paper = (theirs.detection_rate, theirs.tpr, theirs.iou) if theirs else ()
@@ -260,10 +272,8 @@ def to_rich(rows: Sequence[TableRow]) -> Table:
     number_columns(table, ("Recs", "Cases", "Objects"))
     number_columns(table, (_SHORT.get(n, heading.replace(" ", "\n", 1)) for n, heading in shown.items()), min_width=6)
     number_columns(table, (_SHORT[name] for name in further))
-    for row in rows:
+    for row in rows_with_cases(rows):
         of_images = row.name == FALSE_POSITIVES
-        if not (row.frames or of_images):
-            continue
         lines = ["ours", "95 %", *([] if of_images else ["chance"]), "paper", "diff."]
         frames = {"ours": count(row.frames), "paper": count(row.paper_frames)}
         table.add_row(
@@ -303,8 +313,8 @@ def _caption(rows: Sequence[TableRow]) -> Text:
         "TPR and IoU: det. over detected object-frames, the paper's reading; all over all of them.",
     ]
     notes += _chance_notes(rows)[1:]
-    if without := [row.name.replace("_", " ") for row in rows if not row.frames and row.name != FALSE_POSITIVES]:
-        notes.append(f"Left out, without cases: {', '.join(without)}.")
+    if left_out := left_out_note(rows):
+        notes.append(left_out)
     further = further_columns(rows)
     if "ceiling_iou" in further:
         notes.append(f"Ceiling (ceil.): {CEILING}.")

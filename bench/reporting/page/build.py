@@ -24,9 +24,20 @@ from bench.reporting.page.recordings import recording_rows
 from bench.reporting.page.summary import breakdowns, remarks, tiles
 from bench.reporting.page.worst import Progress, WorstCases, worst_cases
 from bench.reporting.stored_run import StoredRun, read_stored_run
-from bench.reporting.tables import COVERAGES, detection_columns, further_columns, table_note, table_rows, text_tables
+from bench.reporting.tables import (
+    COVERAGES,
+    detection_columns,
+    further_columns,
+    left_out_note,
+    rows_with_cases,
+    table_note,
+    table_rows,
+    text_tables,
+)
 
 WORST, WORST_OF_CATEGORY = 3, 12
+# TPR over all stands at a glance and in every breakdown; with it here, the table would be wider than most screens.
+_HEADLINE = {name: heading for name, heading in COVERAGES.items() if name != "tpr_all"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,6 +88,7 @@ def write_page(
 
 def _render(run: StoredRun, worst: WorstCases, pair: Beside | None, *, pictures: bool) -> str:
     rows = [row for row in table_rows(run.metrics) if run.category in (None, row.name)]
+    shown = rows_with_cases(rows)
     whole, found, made = run.category is None, run.metrics, run.summary.provenance
     (_, any_pixel), *levels = detection_columns(rows).items()
     rates = {name: f"found {heading}" for name, heading in reversed(levels)} | {
@@ -94,14 +106,15 @@ def _render(run: StoredRun, worst: WorstCases, pair: Beside | None, *, pictures:
         "whole": whole,
         "category": None if run.category is None else LABELS[run.category],
         "remarks": remarks(found, category=run.category),
-        "rows": rows,
-        "columns": COVERAGES | rates,
+        "rows": shown,
+        "left_out": left_out_note(rows),
+        "columns": _HEADLINE | rates,
         "tiles": tiles(found, category=run.category),
         "paper": published.SOURCE,
         "changed_settings": run.summary.method.changed_settings(),
         "recordings": listed,
         "all_recordings": all_recordings,
-        "tables": text_tables(rows)[1 : 4 if whole else 3],
+        "tables": text_tables(shown)[1 : 4 if whole else 3] if shown else (),
         "note": table_note(rows),
         "unknown": "unknown_share" in further,
         "breakdowns": breakdowns(found),

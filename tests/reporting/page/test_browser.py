@@ -76,6 +76,12 @@ def test_on_a_phone_tables_show_tpr_and_iou_without_scrolling_sideways(browser, 
     assert all(len(two) == 2 and max(two) <= 390 for two in ends), ends
 
 
+def test_on_a_laptop_the_main_table_fits(page):
+    assert page.execute_script(
+        "return (s => s.scrollWidth <= s.clientWidth)(document.querySelector('#results .scroll'))"
+    )
+
+
 def test_a_recording_filters_the_frames(page):
     press(page, page.find_element(By.CSS_SELECTOR, "[data-recording=standing]"))
     assert set(column(page, "recording")) == {"standing"}

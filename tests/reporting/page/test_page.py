@@ -233,6 +233,15 @@ def test_a_kind_without_cases_is_no_error(tiny_run, tmp_path):
     text = write_page(tiny_run, category=Category.PRECEDING, out=tmp_path / "page.html").file.read_text()
     assert "No object-frame of this kind was evaluated." in text
     assert "n/a (0 cases)" in text
+    assert "Left out, without cases: preceding." in text
+
+
+def test_the_main_table_has_rows_with_cases_alone_and_names_the_others(tiny_page):
+    text = tiny_page.read_text()
+    section = text[text.index('<section id="results">') : text.index('<section id="splits">')]
+    labels = re.findall(r'<th scope="row">([^<]*)</th>', section[: section.index("</table>")])
+    assert [label.split(" (")[0] for label in labels] == ["Crossing", "Overtaking", "Static ego-vehicle"]
+    assert section.count("Left out, without cases: preceding, approaching.") == 1
 
 
 def test_a_folder_without_a_run_is_named(tmp_path):
