@@ -144,14 +144,15 @@ def jpeg_uri(image: NDArray[np.uint8], *, quality: int = 82) -> str:
     return "data:image/jpeg;base64," + base64.b64encode(jpeg_bytes(image, quality=quality)).decode()
 
 
-def png_uri(image: NDArray[np.uint8]) -> str:
-    """A BGRA image as a `data:` address."""
-    return "data:image/png;base64," + base64.b64encode(_encoded(".png", image, cv2.IMWRITE_PNG_COMPRESSION, 9)).decode()
+def layer_uri(image: NDArray[np.uint8]) -> str:
+    """A BGRA image of few colours as a `data:` address; WebP without losses takes half of what PNG takes."""
+    content = _encoded(".webp", image, cv2.IMWRITE_WEBP_QUALITY, 101)  # above 100 nothing is lost
+    return "data:image/webp;base64," + base64.b64encode(content).decode()
 
 
 def _encoded(ending: str, image: NDArray[np.uint8], option: int, value: int) -> bytes:
     written, content = cv2.imencode(ending, image, [option, value])
-    assert written, "OpenCV writes JPEG and PNG"
+    assert written, "OpenCV writes JPEG and WebP"
     return content.tobytes()
 
 

@@ -136,7 +136,7 @@ def test_the_leaderboard_scores_what_is_not_there_and_bounds_it(monkeypatch, cap
     assert found["spherical"]["cost"][0] > 0
     assert (found["truth"]["cost"], found["exact-flow"]["cost"]) == (None, None)
     page = (tmp_path / "board" / "index.html").read_text()
-    assert page.count("data:image/png;base64") >= 6, "three layers on an image of each kind of motion"
+    assert page.count("data:image/webp;base64") >= 6, "three layers on an image of each kind of motion"
     assert '"tiny/spherical-surface-v1":"../runs/tiny/spherical-surface-v1/index.html"' in page
     cost = (tmp_path / "runs" / "tiny" / "spherical" / "cost.json").read_text()
     again = [word if word != methods else "spherical" for word in words[:-2]]

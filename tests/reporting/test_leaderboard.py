@@ -1,14 +1,17 @@
 import csv
 import io
 import json
+from dataclasses import replace
 
 import pytest
+from matplotlib.text import Annotation
 from rich.console import Console
 
 from bench.errors import DataError
 from bench.evaluation import load_protocol
 from bench.harness.perf import MethodCost, write_cost
 from bench.harness.sweep import MARK
+from bench.reporting.leaderboard.chart import draw_quality_and_cost
 from bench.reporting.leaderboard.page import write_leaderboard
 from bench.reporting.leaderboard.reading import read_leaderboard
 from bench.reporting.leaderboard.texts import best_line, leaderboard_tables
@@ -81,7 +84,8 @@ def test_the_files_carry_the_same_numbers_and_the_same_bytes(folder, tmp_path):
     assert markdown.count("\n## demo, all recordings, ") == 3
     assert "| nothing (threshold=2) | 18.2 [" in markdown
     shown = json.loads(page.partition('id="data">')[2].partition("</script>")[0])
-    assert [group["entries"] for group in shown["groups"]] == [group["entries"] for group in groups]
+    rounded = json.loads(content, parse_float=lambda number: round(float(number), 5))["groups"]
+    assert [group["entries"] for group in shown["groups"]] == [group["entries"] for group in rounded]
     assert "//" not in page.replace("http://www.w3.org", "").partition("<script>")[0], "no network"
 
 
@@ -126,6 +130,23 @@ def test_the_best_method_is_told_in_one_line_and_drawn_beside_its_cost(judged, t
     page = files[0].read_text()
     assert "<strong>good</strong> of 2 methods" in page
     assert '"pages":{"exact":"' in page
+
+
+@pytest.mark.parametrize("ms", [2, 80, 3000])
+def test_labels_of_the_chart_are_never_cut(judged, ms):
+    (group,) = read_leaderboard(judged).groups
+    cost, names = (
+        MethodCost(method_ms=ms, farneback_ms=40, images=3, of=""),
+        ("wide (first=1, second=22222, third=3)", "o"),
+    )
+    entries = [replace(entry, method=name, cost=cost) for entry, name in zip(group.methods, names, strict=True)]
+    figure = draw_quality_and_cost([replace(group, entries=tuple(entries))])
+    figure.canvas.draw()
+    labels = [text for text in figure.axes[0].texts if isinstance(text, Annotation)]
+    first, second = sorted((text.get_window_extent() for text in labels), key=lambda box: box.y0)
+    assert first.y1 <= second.y0
+    frame = figure.axes[0].bbox
+    assert all(frame.x0 <= box.x0 and box.x1 <= frame.x1 for box in (first, second))
 
 
 def test_no_best_method_is_told_of_another_state_of_the_protocol(judged, tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
@@ -16,7 +17,7 @@ from bench.errors import BenchError
 from bench.recordings import load_card
 from bench.reporting.canvas import write_picture
 from bench.reporting.count_view import AREA_COLOURS, PixelClass
-from bench.reporting.formats import without_nan, write_texts
+from bench.reporting.formats import json_text, write_texts
 from bench.reporting.leaderboard.chart import draw_quality_and_cost
 from bench.reporting.leaderboard.pictures import Example, draw_examples
 from bench.reporting.leaderboard.reading import JUDGED, Entry, Group, Leaderboard
@@ -33,6 +34,7 @@ from bench.reporting.leaderboard.texts import (
 from bench.reporting.page.charts import Chart, inline_svg
 
 CHART = "quality-and-cost"
+DIGITS = 5  # of the page's numbers, which it shows with fewer; leaderboard.json has all
 CHART_NOTE = (
     f"![IoU of each method under {JUDGED} against its time for an image]({CHART}.png)\n\n*The time of a method against "
     f"its IoU under `{JUDGED}`; the diamond is the best method, dashed lines are what bounds all of them. [The page]"
@@ -94,6 +96,7 @@ def _page(found: Leaderboard, out: Path, *, charted: Sequence[Group], examples: 
     ]
     groups = [json_group(group) | {"pages": _pages(group, out)} for group in found.groups]
     data = {"groups": groups, "examples": {name: [asdict(one) for one in some] for name, some in examples.items()}}
+    shown = json.loads(json_text(data), parse_float=lambda number: round(float(number), DIGITS))
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("bench.reporting.leaderboard", "."),
         autoescape=True,
@@ -103,7 +106,7 @@ def _page(found: Leaderboard, out: Path, *, charted: Sequence[Group], examples: 
     )
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "ensure_ascii": False, "allow_nan": False}
     text: str = environment.get_template("board.html.j2").render(
-        data=without_nan(data),
+        data=shown,
         charts=[inline_svg(chart) for chart in charts],
         best=list(best_methods(found)),
         damaged=found.damaged,

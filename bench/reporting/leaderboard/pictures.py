@@ -106,4 +106,4 @@ def _layer(frame: ProcessedFrame) -> str:
     layer = np.zeros((*classes.shape, 4), dtype=np.uint8)
     for kind, colour in AREA_COLOURS.items():
         layer[classes == kind] = (*canvas.rgb(colour)[::-1], STRENGTH)
-    return canvas.png_uri(layer)
+    return canvas.layer_uri(layer)
