@@ -6,6 +6,8 @@ import json
 from pathlib import Path
 from typing import Literal
 
+from pydantic import Field
+
 from bench.errors import UsageError
 from bench.evaluation.paired import RecordingSums, recording_sums
 from bench.evaluation.summary import ProtocolStamp
@@ -63,6 +65,7 @@ class ScoredRun(FileModel):
         method: that was scored.
         reference_fingerprint: of the run.
         data_fingerprint: of the run.
+        recordings: the first characters of the fingerprint of each recording's data; empty in older baselines.
         origin: where it comes from.
         failures: of the run; none in a baseline.
         sheet: sums of every metric by slice and recording, and the counts.
@@ -76,6 +79,7 @@ class ScoredRun(FileModel):
     reference_fingerprint: str
     data_fingerprint: str
     origin: Origin
+    recordings: dict[str, str] = Field(default_factory=dict)
     failures: tuple[str, ...] = ()
     sheet: RecordingSums
 
@@ -97,6 +101,7 @@ def scored_run(run: Path) -> ScoredRun:
         method=summary.method,
         reference_fingerprint=summary.reference_fingerprint,
         data_fingerprint=summary.provenance.data_fingerprint,
+        recordings=summary.provenance.recordings,
         origin=Origin(**{name: getattr(summary.provenance, name) for name in Origin.model_fields}),
         failures=summary.failures,
         sheet=recording_sums(objects, frames, protocol=protocol),

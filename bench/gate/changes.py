@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from bench.gate.baseline import Origin, ScoredRun
 from bench.harness.method_stamp import flat_settings
 
 SHOWN_DIGEST = 12  # characters of a digest that are shown
+LISTED = 4  # recordings, or other differences, that a message lists
 BASELINE_RUN = "reports/runs/baseline"
 OF_ITSELF = ("method", "settings", "protocol", "code", "data", "reference")  # in the order that they are told
 
@@ -39,8 +40,8 @@ def changes(baseline: ScoredRun, run: ScoredRun) -> tuple[Change, ...]:
         found.append(Change(what="settings", text="; ".join(settings)))
     if code := list(_code_changes(baseline, run)):
         found.append(Change(what="code", text="; ".join(code)))
-    if digest := digest_change(baseline.data_fingerprint, run.data_fingerprint):
-        found.append(Change(what="data", text=f"other files, fingerprint {digest}"))
+    if data := data_change(baseline, run):
+        found.append(Change(what="data", text=f"other files, {data}"))
     if digest := digest_change(baseline.reference_fingerprint, run.reference_fingerprint):
         found.append(Change(what="reference", text=f"fingerprint {digest}"))
     return tuple(sorted(found, key=lambda change: OF_ITSELF.index(change.what)))
@@ -85,6 +86,29 @@ def protocol_text(scored: ScoredRun) -> str:
 def digest_change(before: str, after: str) -> str | None:
     """For example "4be1a7c09d3e, was dde8f4b79b8f"; None where they are the same."""
     return None if before == after else f"{after[:SHOWN_DIGEST]}, was {before[:SHOWN_DIGEST]}"
+
+
+def data_change(baseline: ScoredRun, run: ScoredRun) -> str | None:
+    """For example "recordings changed: 'a' (1 of 20); fingerprint 4be1a7c09d3e, was dde8f4b79b8f"; None where equal."""
+    digest = digest_change(baseline.data_fingerprint, run.data_fingerprint)
+    if digest is None:
+        return None
+    return "; ".join([*_changed_recordings(baseline.recordings, run.recordings), f"fingerprint {digest}"])
+
+
+def _changed_recordings(was: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
+    """Which have other data; nothing where a side is of a version that does not say."""
+    if not (was and now):
+        return
+    for kind, names, count in (
+        ("changed", {name for name in was.keys() & now.keys() if was[name] != now[name]}, len(was.keys() & now.keys())),
+        ("new", now.keys() - was.keys(), len(now)),
+        ("missing", was.keys() - now.keys(), len(was)),
+    ):
+        if names:
+            more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
+            listed = ", ".join(map(repr, sorted(names)[:LISTED]))
+            yield f"recordings {kind}: {listed}{more} ({len(names)} of {count})"
 
 
 def how_to_compare(baseline: ScoredRun, run: ScoredRun, *, folder: Path, card: str) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from bench.evaluation.intervals import FEWEST_RECORDINGS, MEAN_CHANGE, RATIO_CHA
 from bench.evaluation.paired import NOT_RATIOS, MetricSums, PairedChange, paired_change
 from bench.evaluation.slices import FRAMES
 from bench.gate.baseline import ScoredRun
-from bench.gate.changes import changes, digest_change, protocol_text, setting_changes
+from bench.gate.changes import LISTED, changes, data_change, digest_change, protocol_text, setting_changes
 from bench.gate.tolerances import Tolerance, Tolerances
 from bench.gate.verdict import Check, Outcome, RecordingChange, Row, Verdict
 
@@ -19,7 +19,6 @@ from bench.gate.verdict import Check, Outcome, RecordingChange, Row, Verdict
 OVER_DETECTIONS = ("tpr", "iou_detected", "precision", "segmentation_iou")
 COVERAGE = "false_positive_coverage"  # over all scored images
 NO_SUMS = MetricSums(numerators={}, denominators={})
-LISTED = 4  # differences that a message lists
 UNITS = {"object_frames": "object-frames", "annotated": "annotated objects", "evaluated": "scored images"}
 
 
@@ -42,13 +41,13 @@ def data_checks(baseline: ScoredRun, run: ScoredRun, *, tolerances: Tolerances) 
     """Check run against baseline, always the same checks, in the order of cause and effect."""
     changed_data = Outcome.FAILED if tolerances.changed_data == "fail" else Outcome.SUSPECT
     reference = digest_change(baseline.reference_fingerprint, run.reference_fingerprint)
-    data = digest_change(baseline.data_fingerprint, run.data_fingerprint)
+    data = data_change(baseline, run)
     return (
         _check("failures", list(run.failures), "the run has {count} failures: {listed}"),
         _check(
             "data_fingerprint",
             [data] if data else [],
-            "data changed: other images, sweeps, labels, calibration or ego-motion; fingerprint {listed}",
+            "data changed: other images, sweeps, labels, calibration or ego-motion; {listed}",
             outcome=changed_data,
         ),
         _check(

@@ -14,6 +14,7 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, distribution, version
 from pathlib import Path
 from time import perf_counter
+from types import MappingProxyType
 
 from pydantic import BaseModel, ConfigDict
 
@@ -21,6 +22,7 @@ import bench
 from bench.recordings import Recording
 
 FIGURE_LIBRARIES = ("numpy", "scipy", "numba", "opencv-python-headless", "shapely", "pandas", "pyarrow")
+OF_RECORDING = 16  # characters of a recording's fingerprint that say whether its data changed
 READER_LIBRARIES = (
     "kornia-rs",
     "laspy",
@@ -73,6 +75,8 @@ class Provenance(BaseModel):
         peak_memory_mb: largest resident size of a process.
         work: what had to be computed; None in runs of older versions, and where nothing is told.
         unrepeatable: code that nobody else can have again, one line a file; see `code_state`.
+        recordings: the first characters of each recording's own fingerprint; empty in runs of older versions and for
+            audits.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -89,6 +93,7 @@ class Provenance(BaseModel):
     peak_memory_mb: float
     work: Work | None = None
     unrepeatable: tuple[str, ...] = ()
+    recordings: dict[str, str] = {}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,6 +128,7 @@ def provenance_since(
     work: Work | None = None,
     peak_memory_mb: float | None = None,
     unrepeatable: tuple[str, ...] = (),
+    recordings: Mapping[str, str] = MappingProxyType({}),
 ) -> Provenance:
     """The provenance of work that ends now.
 
@@ -134,6 +140,7 @@ def provenance_since(
         work: what had to be computed.
         peak_memory_mb: of the largest process; None for this one.
         unrepeatable: code that nobody else can have again.
+        recordings: fingerprint of each by name.
     """
     return Provenance(
         version=bench.__version__,
@@ -148,6 +155,7 @@ def provenance_since(
         peak_memory_mb=round(largest_resident_mb() if peak_memory_mb is None else peak_memory_mb, 1),
         work=work,
         unrepeatable=unrepeatable,
+        recordings={name: fingerprint[:OF_RECORDING] for name, fingerprint in sorted(recordings.items())},
     )
 
 

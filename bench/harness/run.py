@@ -233,6 +233,11 @@ class _Work:
     ) -> ShardReport:
         """What this part has computed."""
         asked = self.request
+        fingerprints = {
+            handle.name: recording.fingerprint
+            for handle, recording in zip(self.handles, planned, strict=True)
+            if recording.fingerprint is not None
+        }
         outlines = [recording.vehicle_outline_m for recording in planned if recording.vehicle_outline_m]
         work = provenance.Work(
             workers=asked.executor.workers,
@@ -270,12 +275,13 @@ class _Work:
             unit_failures=tuple(self.failures[unit] for unit in part if unit in self.failures),
             provenance=provenance.provenance_since(
                 self.start,
-                fingerprints=[recording.fingerprint for recording in planned if recording.fingerprint is not None],
+                fingerprints=list(fingerprints.values()),
                 stage_seconds=self.clock.seconds,
                 images=0,
                 work=work,
                 peak_memory_mb=max(self.peak_memory_mb, provenance.largest_resident_mb()),
                 unrepeatable=unrepeatable_code(self.identity),
+                recordings=fingerprints,
             ),
         )
 

@@ -2,6 +2,7 @@
 
 import json
 import pickle
+import re
 from pathlib import Path
 
 import pytest
@@ -11,11 +12,16 @@ from bench.gate import MissingBaselineError, read_baseline, write_baseline
 from bench.harness import provenance
 from tests.gate.factories import one, scored, sums, verdict_of
 
+BASELINES = Path(__file__).parents[2] / "reports" / "baselines"
 STORED = Path(__file__).parent / "stored" / "baseline-v1.json"
 
 
 def test_a_baseline_is_read_as_it_was_written(tmp_path):
-    run = scored({"crossing": {"tpr_all": sums([1 / 3, 0.1])}}, counts={"crossing": {"object_frames": 20}})
+    run = scored(
+        {"crossing": {"tpr_all": sums([1 / 3, 0.1])}},
+        counts={"crossing": {"object_frames": 20}},
+        recordings={"drive-0": "0" * 16, "drive-1": "1" * 16},
+    )
     write_baseline(run, tmp_path / "baselines" / "demo.json")
     assert read_baseline(tmp_path / "baselines" / "demo.json") == run
     assert [path.name for path in (tmp_path / "baselines").iterdir()] == ["demo.json"]
@@ -25,6 +31,13 @@ def test_a_metric_of_a_slice_is_one_line_of_the_file(tmp_path):
     write_baseline(one([0.5] * 3), tmp_path / "b.json")
     (line,) = [line for line in (tmp_path / "b.json").read_text().splitlines() if "tpr_all" in line]
     assert json.loads(f"{{{line}}}")["tpr_all"]["denominators"] == {"drive-0": 10.0, "drive-1": 10.0, "drive-2": 10.0}
+
+
+@pytest.mark.parametrize("file", sorted(BASELINES.glob("*.json")), ids=lambda file: file.stem)
+def test_the_form_of_a_baseline_is_stable(file, tmp_path):
+    write_baseline(read_baseline(file), tmp_path / "again.json")
+    again, stored = (re.sub(r',\n "sha256": "\w+"', "", path.read_text()) for path in (tmp_path / "again.json", file))
+    assert again == stored
 
 
 def test_a_dirty_tree_is_refused_unless_told(tmp_path):

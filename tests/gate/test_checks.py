@@ -94,6 +94,25 @@ def test_other_data_fail_unless_the_rules_say_report():
     assert (found.outcome, verdict.passed) == (Outcome.SUSPECT, True)
 
 
+def test_recordings_with_other_data_are_named():
+    drives = {f"drive-{k}": "0" * 16 for k in range(6)}
+    before = one([0.5] * 6).model_copy(update={"recordings": drives | {"gone": "1" * 16}})
+    now = drives | {"drive-4": "2" * 16, "later": "3" * 16}
+    after = one([0.5] * 6).model_copy(update={"data_fingerprint": "x" * 64, "recordings": now})
+    found, verdict = check(before, after, "data_fingerprint")
+    told = (
+        "recordings changed: 'drive-4' (1 of 6); recordings new: 'later' (1 of 7); "
+        "recordings missing: 'gone' (1 of 7); fingerprint xxxxxxxxxxxx, was ffffffffffff"
+    )
+    assert found.message == f"data changed: other images, sweeps, labels, calibration or ego-motion; {told}"
+    assert [change.text for change in verdict.changes] == [f"other files, {told}"]
+    rendered = before.model_copy(update={"data_fingerprint": "x" * 64, "recordings": dict.fromkeys(drives, "4" * 16)})
+    found, _ = check(before.model_copy(update={"recordings": drives}), rendered, "data_fingerprint")
+    assert "changed: 'drive-0', 'drive-1', 'drive-2', 'drive-3' and 2 more (6 of 6); fingerprint" in found.message
+    found, _ = check(one([0.5] * 6), after, "data_fingerprint")  # a baseline of an older version
+    assert "recordings" not in found.message
+
+
 def test_a_run_with_failures_fails():
     after = one([0.5] * 6).model_copy(update={"failures": ("recording 'a': no calibration", "recording 'b': no lidar")})
     found, verdict = check(one([0.5] * 6), after, "failures")

@@ -80,6 +80,8 @@ def test_the_reference_fingerprint_is_of_the_reference_alone(tiny_card, own_card
     labels.write_text(labels.read_text().replace('"pedestrian"', '"cyclist"'))
     other = run(own_card, tmp_path / "other", method="nothing")
     assert other.reference_fingerprint != ours.reference_fingerprint
+    before, after = ours.provenance.recordings, other.provenance.recordings
+    assert [name for name in before if after[name] != before[name]] == ["crossing"]
     assert (
         read_protocol(tmp_path / "other", read_run(tmp_path / "other")).digest
         == PROTOCOL.digest
