@@ -29,7 +29,15 @@ from bench.reference.records import (
     ReferenceSettings,
     Status,
 )
-from bench.reference.regions import Region, compose, limb_motion_m, outline_error_px, uncertain_region, without_band
+from bench.reference.regions import (
+    Region,
+    compose,
+    limb_motion_m,
+    outline_error_m,
+    pixels_per_radian,
+    uncertain_region,
+    without_band,
+)
 from bench.reference.scanned import ScannedObject
 from bench.reference.silhouette import silhouette
 from bench.reference.sweeps import PosedSweep, SweepCache
@@ -297,19 +305,27 @@ class ReferenceBuilder:
         if errors is None:
             return without_band(raster)
         points_camera, returns_px = camera_from_world.apply(scanned.cluster.points_world), np.rint(pixels[inside])
-        variance_m2 = self._unknown_motion_m2(scanned, points_camera, annotated, exposure, errors)
         returns_px = returns_px.astype(np.intp)
-        half_width_px = outline_error_px(
-            points_camera[inside],
-            returns_px,
+        error_m = outline_error_m(
+            points_camera,
             sensor_camera=camera_from_world.apply(scanned.world_from_sensor.translation_m),
-            variance_m2=variance_m2[inside],
-            region_px=int(np.count_nonzero(raster.covered)),
-            camera=camera,
+            variance_m2=self._unknown_motion_m2(scanned, points_camera, annotated, exposure, errors),
             errors=errors,
         )
+        px_per_m = pixels_per_radian(camera)[returns_px[:, 1], returns_px[:, 0]] / _length(points_camera[inside])
+        half_width_px = error_m[inside] * px_per_m
+        solid = annotated.track.object_class in SOLID_CLASSES
+        least = most = raster
+        if scanned.grid is None:
+            spacing2_px = np.count_nonzero(raster.covered) / max(len(returns_px), 1)
+            half_width_px = np.sqrt(half_width_px**2 + spacing2_px / 12)
+        else:
+            least, most = (
+                self._in_image(*self._surface_pixels(patches_world, exposure, solid=solid))
+                for patches_world in scanned.certain_and_possible_world(error_m)
+            )
         certain = unseen = shadow = None
-        if scanned.grid is not None and annotated.track.object_class not in SOLID_CLASSES:
+        if scanned.grid is not None and not solid:
             certain = self._in_image(*self._surface_pixels(scanned.certain_world(), exposure, certain=True))
         if len(unseen_world := scanned.unseen_world()):
             unseen = silhouette(camera_from_world.apply(unseen_world), camera)
@@ -318,6 +334,8 @@ class ReferenceBuilder:
         return uncertain_region(
             raster,
             self.valid,
+            least=least,
+            most=most,
             returns_px=returns_px,
             half_width_px=half_width_px,
             certain=certain,
@@ -418,6 +436,10 @@ def _away_m(parts_world: NDArray[np.float64], position_m: NDArray[np.float64]) -
         return float("nan")
     grounds = shapely.convex_hull(shapely.linestrings(parts_world[..., :2]))
     return float(shapely.distance(grounds, shapely.points(position_m[:2])).min())
+
+
+def _length(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(np.sqrt(dot(vectors, vectors)))
 
 
 def _mean(points: NDArray[np.float64]) -> NDArray[np.float64]:

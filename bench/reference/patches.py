@@ -51,6 +51,12 @@ class Grid:
     column_step_rad: float
     row_step_rad: NDArray[np.float64]
 
+    def step_m(self, points_sensor: NDArray[np.floating]) -> NDArray[np.float64]:
+        """How far the next column and the next row are away at each return, (2, N) float64, m, square to the beam."""
+        x, y, z = points_sensor.astype(np.float64).T
+        flat_m = np.hypot(x, y)
+        return np.array([flat_m * self.column_step_rad, np.hypot(flat_m, z) * self.row_step_rad])
+
 
 def find_grid(points_sensor: NDArray[np.floating]) -> Grid | None:
     """Find the neighbours of each return.
@@ -175,18 +181,20 @@ def surface_patches(
     *,
     world_from_sensor: NDArray[np.float64],
     grid: Grid,
+    ends: NDArray[np.float64] | float = 0.5,
     certain: bool = False,
 ) -> NDArray[np.float64]:
     """Corners of the patch of each return.
 
     Towards a neighbour the patch reaches along the surface to the neighbour itself, so that patches overlap and leave
-    no slits when seen from the camera. Where there is none it ends half-way to where the next beam would be.
+    no slits when seen from the camera. Where there is none it ends on the way to where the next beam would be.
 
     Args:
         points_sensor: (N, 3), m, sensor frame at each point's own time.
         points_world: (N, 3) float64, m, the same points at exposure.
         world_from_sensor: (3, 3) float64, from sensor axes to those of `points_world`.
         grid: neighbours of the same points.
+        ends: how far that is, in steps between columns and between rows, (2, N) or one number; half-way is most likely.
         certain: only between neighbours of which no return is missing and which are as near as over one missing return,
             else they may be two surfaces; and not beyond a return without such a neighbour on its other side, since of
             a thing as thin as a beam nobody knows how thin it is.
@@ -198,15 +206,15 @@ def surface_patches(
     flat_m = np.hypot(x, y)
     ranges_m = np.hypot(flat_m, z)
     most_steps, deepest = (ADJACENT_STEPS, CERTAIN_STEPS) if certain else (BRIDGED_STEPS, DEEPEST_STEPS)
-    step_m = np.array([flat_m * grid.column_step_rad] * 2 + [ranges_m * grid.row_step_rad] * 2)
     linked = (grid.neighbours >= 0) & (grid.steps <= most_steps)
-    linked &= np.abs(ranges_m[grid.neighbours] - ranges_m) <= deepest * step_m
+    linked &= np.abs(ranges_m[grid.neighbours] - ranges_m) <= deepest * grid.step_m(points_sensor).repeat(2, axis=0)
     world = np.ascontiguousarray(points_world.T)
     with np.errstate(invalid="ignore", divide="ignore"):  # NaN on the lidar's axis
         slope = z / flat_m
-    # Half a step square to the beam.
-    aside = world_from_sensor @ np.array([-y, x, np.zeros_like(x)]) * (grid.column_step_rad / 2)
-    upright = world_from_sensor @ np.array([-x * slope, -y * slope, flat_m]) * (grid.row_step_rad / 2)
+    # Square to the beam.
+    across, up = np.broadcast_to(ends, (2, len(x)))
+    aside = world_from_sensor @ np.array([-y, x, np.zeros_like(x)]) * (grid.column_step_rad * across)
+    upright = world_from_sensor @ np.array([-x * slope, -y * slope, flat_m]) * (grid.row_step_rad * up)
     reach = np.stack([aside, -aside, upright, -upright], axis=1)
     if certain:
         reach *= linked[[RIGHT, LEFT, DOWN, UP]]
@@ -214,6 +222,26 @@ def surface_patches(
     corners = np.stack([reach[:, tall] + reach[:, wide] for tall, wide in CORNERS], axis=1)
     corners += world[:, None]
     return np.moveaxis(corners, 0, -1)
+
+
+def certain_and_possible_ends(
+    step_m: NDArray[np.float64], error_m: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Where a patch without a neighbour ends at least and at most, by one standard deviation.
+
+    The outline lies anywhere between the outermost return and the next beam, which missed: uniform over a step, half a
+    step on average, with a standard deviation of step / sqrt(12). Together with an error that has other causes it is
+    sqrt(error^2 + step^2 / 12); what of this exceeds the error moves the end, along the beams' own rows and columns.
+
+    Args:
+        step_m: (2, N) float64, m, to the next column and row.
+        error_m: (N,) float64, m, standard deviation of the outline for all other causes, in every direction.
+
+    Returns:
+        (2, N) float64 each, in steps, for `surface_patches`: within 0.5 - 0.29 and 0.5 + 0.29.
+    """
+    spread = (np.sqrt(error_m**2 + step_m**2 / 12) - error_m) / step_m
+    return 0.5 - spread, 0.5 + spread
 
 
 def reach_bounds(

@@ -2,9 +2,9 @@
 
 The outline of an object's returns is as uncertain as its causes make it, each a standard deviation in pixels:
 
-- **beam spacing**: the outline lies anywhere between the outermost return and the next beam, which missed. Each of N
-  returns stands for an N-th of the region, so their spacing in the image is s = sqrt(area / N) on any surface, with or
-  without rows; uniform over one spacing: s / sqrt(12).
+- **beam spacing**: the outline lies anywhere between the outermost return and the next beam, which missed, uniform over
+  one step between columns or rows: step / sqrt(12), along that step. Lidars have rows close together near the horizon
+  and far apart below. Where the returns form no rows, each of N stands for an N-th of the region: s = sqrt(area / N).
 - **range noise** moves a return along the lidar's ray, which the camera sees from the side: noise x sin(parallax).
 - **calibration** between lidar and camera: an angle, and a displacement over the distance.
 - **time** between return and exposure: the object's own motion is compensated, that of its limbs is not. A limb swings
@@ -13,7 +13,9 @@ The outline of an object's returns is as uncertain as its causes make it, each a
   Without times of points the relative motion during a revolution is not compensated either: uniform over one.
 
 Their root of squares is u, the standard deviation of the outline near each return. The **core** is the region less u,
-the **band** what lies within u of the outline on either side. What else is not certain belongs to the band:
+the **band** what lies within u of the outline on either side. Beam spacing differs by direction, so its part of u moves
+the ends of the patches (`certain_and_possible_ends`), and the rest the outline of their union. What else is not certain
+belongs to the band:
 
 - where returns are missing between two, or so far apart in range that they may be two surfaces (a leg and a wheel), and
   beside what is as thin as a beam (spokes): air may lie there. Vehicles are solid and have none of these.
@@ -75,39 +77,30 @@ def limb_motion_m(
     return np.asarray(fastest * SINE_RMS * speed_mps * np.abs(times_ns) / SECOND_NS)
 
 
-def outline_error_px(
+def outline_error_m(
     points_camera: NDArray[np.float64],
-    pixels: NDArray[np.intp],
     *,
     sensor_camera: NDArray[np.float64],
     variance_m2: NDArray[np.float64],
-    region_px: int,
-    camera: CameraModel,
     errors: OutlineErrors,
 ) -> NDArray[np.float64]:
-    """Half the width of an object's band at each of its returns in the image: u.
+    """How uncertain an object's outline is near each of its returns, for all causes but the spacing of the beams.
 
     Args:
         points_camera: (N, 3) float64, m, these returns at exposure.
-        pixels: (N, 2) intp, (u, v), where they lie.
         sensor_camera: (3,) float64, m, where the lidar was.
         variance_m2: (N,) float64, square of the standard deviation of what of each return's motion nothing tells, as
             the camera sees it.
-        region_px: area of the region.
-        camera: the lens.
         errors: of the protocol.
 
     Returns:
-        (N,) float64, px.
+        (N,) float64, m, standard deviation across the camera's ray.
     """
-    px_per_rad = pixels_per_radian(camera)[pixels[:, 1], pixels[:, 0]]
     beams = points_camera - sensor_camera
     distance2_m2, aside = dot(points_camera, points_camera), cross(points_camera, beams)
     parallax2 = np.nan_to_num(dot(aside, aside) / (distance2_m2 * dot(beams, beams)))  # squared sine
-    spread2 = (
-        errors.angle_rad**2 + (errors.range_noise_m**2 * parallax2 + errors.position_m**2 + variance_m2) / distance2_m2
-    )
-    return np.asarray(np.sqrt(px_per_rad**2 * spread2 + region_px / max(len(pixels), 1) / 12))
+    variance_m2 = variance_m2 + errors.range_noise_m**2 * parallax2 + errors.position_m**2
+    return np.asarray(np.sqrt(errors.angle_rad**2 * distance2_m2 + variance_m2))
 
 
 def without_band(raster: Raster) -> Region:
@@ -119,6 +112,8 @@ def uncertain_region(
     raster: Raster,
     valid: NDArray[np.bool_],
     *,
+    least: Raster,
+    most: Raster,
     returns_px: NDArray[np.intp],
     half_width_px: NDArray[np.float64],
     certain: Raster | None,
@@ -130,9 +125,11 @@ def uncertain_region(
     Args:
         raster: pixels of the region in V.
         valid: (H, W) bool, the region V. Its border is no outline: the object goes on behind it.
+        least: the region with the ends of its patches drawn in as far as the spacing of the beams allows.
+        most: what it gains with its ends drawn out.
         returns_px: (N, 2) intp, (u, v), pixels of the object's returns.
-        half_width_px: (N,) float64, u at each of them; the nearest tells the width of the band on either side of the
-            outline.
+        half_width_px: (N,) float64, what else is uncertain at each of them; the nearest tells by how much `least`
+            shrinks and `most` grows.
         certain: where the surface between the returns is certain; None for everywhere.
         unseen: what of the annotated shape no beam reaches: possible, not certain; None for nothing.
         shadow: what of it the object's own surface hides from the lidar: possible; None for nothing.
@@ -141,7 +138,7 @@ def uncertain_region(
         The core is the whole region where nothing of it is certain.
     """
     margin, shape = int(half_width_px.max(initial=0.0)) + 2, np.array(valid.shape)
-    windows = [raster.window, *(one.window for one in (certain, unseen, shadow) if one is not None)]
+    windows = [raster.window, *(one.window for one in (least, most, certain, unseen, shadow) if one is not None)]
     first = np.min([[axis.start for axis in window] for window in windows], axis=0) - margin
     last = np.max([[axis.stop for axis in window] for window in windows], axis=0) + margin
     top, left = np.clip(first, 0, shape).tolist()
@@ -149,8 +146,9 @@ def uncertain_region(
     window = slice(top, bottom), slice(left, right)
     region, inside = _in_window(raster, window), valid[window]
     width_px = _of_the_nearest(half_width_px, returns_px - (left, top), region.shape)
-    core = region & (_distance_px(region | ~inside) - 0.5 > width_px)  # the outline runs between two pixels
-    possible = inside & (_distance_px(~region) - 0.5 <= width_px)
+    drawn_in, drawn_out = _in_window(least, window), _in_window(most, window) | region
+    core = drawn_in & (_distance_px(drawn_in | ~inside) - 0.5 > width_px)  # the outline runs between two pixels
+    possible = inside & (_distance_px(~drawn_out) - 0.5 <= width_px)
     if certain is not None:
         core &= _in_window(certain, window)
     if unseen is not None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bench.geometry import RigidTransform, normalise
 from bench.reference.clusters import Cluster
-from bench.reference.patches import Grid, reach_bounds, surface_patches
+from bench.reference.patches import Grid, certain_and_possible_ends, reach_bounds, surface_patches
 from bench.reference.sweeps import PosedSweep, slopes_of
 
 
@@ -53,7 +53,23 @@ class ScannedObject:
     @cached_property
     def patches_world(self) -> NDArray[np.float64]:
         """The surface that the returns stand for, (4, N, 3) float64, m, world frame; empty where too few tell."""
-        patches = self._patches_world()
+        return self._bounded(0.5)
+
+    def certain_and_possible_world(
+        self, error_m: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The same with the ends of the patches drawn in, and those patches alone whose ends can be drawn out.
+
+        Args:
+            error_m: (N,) float64, m, as for `certain_and_possible_ends`.
+        """
+        assert self.grid is not None
+        least, most = certain_and_possible_ends(self.grid.step_m(self.points_sensor), error_m)
+        drawn_out = self._bounded(most)
+        return self._bounded(least), drawn_out[:, (drawn_out != self.patches_world).any(axis=(0, 2))]
+
+    def _bounded(self, ends: NDArray[np.float64] | float) -> NDArray[np.float64]:
+        patches = self._patches_world(ends=ends)
         if not len(self.parts_world) or self.grid is None:
             return patches
         slopes, (lowest, highest) = slopes_of(self.points_sensor), self.placed.slope_range
@@ -67,10 +83,10 @@ class ScannedObject:
         )
 
     def certain_world(self) -> NDArray[np.float64]:
-        """The same, only where the returns leave no doubt; see `surface_patches`."""
+        """The surface only where the returns leave no doubt; see `surface_patches`."""
         return self._patches_world(certain=True)
 
-    def _patches_world(self, *, certain: bool = False) -> NDArray[np.float64]:
+    def _patches_world(self, *, ends: NDArray[np.float64] | float = 0.5, certain: bool = False) -> NDArray[np.float64]:
         if self.grid is None:
             return np.empty((4, 0, 3))
         return surface_patches(
@@ -78,6 +94,7 @@ class ScannedObject:
             self.cluster.points_world,
             world_from_sensor=self.world_from_sensor.rotation,
             grid=self.grid,
+            ends=ends,
             certain=certain,
         )
 

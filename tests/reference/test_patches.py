@@ -5,7 +5,7 @@ import pytest
 import shapely
 from shapely.affinity import scale
 
-from bench.reference.patches import find_grid, reach_bounds, surface_patches
+from bench.reference.patches import certain_and_possible_ends, find_grid, reach_bounds, surface_patches
 from tests.reference.scans import SENSORS, iou, patches_of, scan, silhouette_of
 
 ELLIPSE = scale(shapely.Point(0.2, -0.4).buffer(1.0, quad_segs=32), 0.45, 0.9)
@@ -89,6 +89,28 @@ def test_the_order_of_points_and_a_turn_of_the_sensor_do_not_matter():
 )
 def test_returns_that_do_not_lie_beside_each_other_have_no_grid(points):
     assert find_grid(np.array(points, dtype=np.float64).reshape(-1, 3)) is None
+
+
+def test_ends_move_by_the_spacing_of_the_beams_along_rows_and_columns():
+    """A wall under a lidar with wide rows: its ends differ by direction, and neighbours hold what lies between."""
+    points = scan(shapely.box(-0.5, -0.5, 0.5, 0.5), steps_deg=SENSORS["32 rows"])
+    grid = find_grid(points)
+    lowest = []
+    for ends in (0.5, *certain_and_possible_ends(grid.step_m(points), np.zeros(len(points)))):
+        corners = surface_patches(points, points, world_from_sensor=np.eye(3), grid=grid, ends=ends)
+        lowest.append(corners[:, :, 1:].min(axis=(0, 1)))
+    half, least, most = np.array(lowest)
+    moved_m = 6.0 * np.radians([0.2, 1.33]) / 12**0.5
+    assert least - half == pytest.approx(moved_m, rel=0.02)
+    assert half - most == pytest.approx(moved_m, rel=0.02)
+
+
+def test_ends_move_the_less_the_larger_the_other_errors():
+    """Variances add up: an error of 3 and a spacing of 4 make 5, of which 3 are the outline's."""
+    step_m = np.array([[4.0 * 12**0.5], [4e-9]])
+    least, most = certain_and_possible_ends(step_m, np.array([3.0]))
+    assert ((0.5 - least) * step_m).ravel() == pytest.approx([2.0, 0.0], abs=1e-9)
+    assert most + least == pytest.approx(np.ones((2, 1)))
 
 
 def test_patches_reach_the_ground_and_the_ends_of_the_lidars_field_only_where_it_is_due():

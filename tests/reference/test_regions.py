@@ -12,7 +12,7 @@ from bench.reference.regions import (
     Region,
     compose,
     limb_motion_m,
-    outline_error_px,
+    outline_error_m,
     pixels_per_radian,
     uncertain_region,
 )
@@ -29,7 +29,8 @@ def uncertain(raster=SQUARE, valid=VALID, *, half_width_px, **given):
     """With returns in the middle of the raster alone."""
     middle = [[(axis.start + axis.stop) // 2 for axis in raster.window[::-1]]]
     widths_px = np.array([half_width_px])
-    return uncertain_region(raster, valid, returns_px=np.array(middle), half_width_px=widths_px, **(WITHIN | given))
+    rasters = {"least": raster, "most": raster} | WITHIN | given
+    return uncertain_region(raster, valid, returns_px=np.array(middle), half_width_px=widths_px, **rasters)
 
 
 def whole(region: Region) -> tuple[np.ndarray, np.ndarray]:
@@ -81,8 +82,24 @@ def test_what_the_lidar_cannot_reach_or_tell_is_unknown():
     np.testing.assert_array_equal(possible, a_box(10, 30, 20, 30) | a_box(8, 14, 16, 24))
 
 
+def test_the_band_lies_between_what_the_beams_leave_at_least_and_at_most():
+    """Drawn in by 3 px and out by 4 below, where rows are far apart; the rest is as wide on either side."""
+    least = Raster((slice(10, 17), slice(20, 30)), np.ones((7, 10), dtype=bool))
+    most = Raster((slice(19, 24), slice(20, 30)), np.ones((5, 10), dtype=bool))
+    core, possible = whole(uncertain(half_width_px=1.0, least=least, most=most))
+    np.testing.assert_array_equal(core, a_box(11, 16, 21, 29))
+    assert possible[9:25, 22:28].all()
+    assert not possible[25:].any()
+    assert not possible[:, 31:].any()
+
+
 def test_the_band_is_as_wide_as_the_nearest_return_says():
-    given = {"returns_px": np.array([[25, 11], [25, 18]]), "half_width_px": np.array([0.0, 2.0])}
+    given = {
+        "least": SQUARE,
+        "most": SQUARE,
+        "returns_px": np.array([[25, 11], [25, 18]]),
+        "half_width_px": np.array([0.0, 2.0]),
+    }
     core, possible = whole(uncertain_region(SQUARE, VALID, **given, **WITHIN))
     assert core[10, 20:30].all()
     assert not core[18:20].any()
@@ -115,38 +132,32 @@ def test_an_object_within_a_nearer_band_is_ignored():
     np.testing.assert_array_equal(ignored, a_box(12, 14, 22, 24))
 
 
-def width_px(errors=NOTHING, *, away_m=5.0, returns=100, region_px=0, unknown_m=0.0, sensor_m=(0.0, 0.0, 0.0)):
-    (width,) = np.unique(
-        outline_error_px(
-            np.tile([0.0, 0.0, away_m], (returns, 1)),
-            np.tile([320, 240], (returns, 1)),
-            sensor_camera=np.array(sensor_m),
-            variance_m2=np.full(returns, unknown_m**2),
-            region_px=region_px,
-            camera=LENS,
-            errors=errors,
-        )
+def error_m(errors=NOTHING, *, unknown_m=0.0, sensor_m=(0.0, 0.0, 0.0)):
+    """Of a return 5 m away."""
+    (error,) = outline_error_m(
+        np.array([[0.0, 0.0, 5.0]]),
+        sensor_camera=np.array(sensor_m),
+        variance_m2=np.array([unknown_m**2]),
+        errors=errors,
     )
-    return width
+    return error
 
 
 def test_each_cause_alone():
-    """On the axis of the lens a radian is 170 px."""
-    assert width_px() == 0
-    assert width_px(region_px=1200) == pytest.approx(1.0)  # 12 px each, uniform over their side
-    assert width_px(replace(NOTHING, angle_rad=0.01)) == pytest.approx(1.7, rel=0.01)
-    assert width_px(replace(NOTHING, position_m=0.05)) == pytest.approx(1.7, rel=0.01)
-    assert width_px(unknown_m=0.05) == pytest.approx(1.7, rel=0.01)
-    assert width_px(replace(NOTHING, range_noise_m=0.1), sensor_m=(0, 0, -3.0)) == pytest.approx(0.0)
+    assert error_m() == 0
+    assert error_m(replace(NOTHING, angle_rad=0.01)) == pytest.approx(0.05)
+    assert error_m(replace(NOTHING, position_m=0.05)) == pytest.approx(0.05)
+    assert error_m(unknown_m=0.05) == pytest.approx(0.05)
+    assert error_m(replace(NOTHING, range_noise_m=0.1), sensor_m=(0, 0, -3.0)) == pytest.approx(0.0)
     # Seen from the side at a right angle, all of the noise; at 30 degrees, half of it.
-    assert width_px(replace(NOTHING, range_noise_m=0.05), sensor_m=(9.0, 0, 5.0)) == pytest.approx(1.7, rel=0.01)
+    assert error_m(replace(NOTHING, range_noise_m=0.05), sensor_m=(9.0, 0, 5.0)) == pytest.approx(0.05)
     aside = 5.0 * np.tan(np.radians(30))
-    assert width_px(replace(NOTHING, range_noise_m=0.05), sensor_m=(aside, 0, 0)) == pytest.approx(0.85, rel=0.01)
+    assert error_m(replace(NOTHING, range_noise_m=0.05), sensor_m=(aside, 0, 0)) == pytest.approx(0.025)
 
 
 def test_causes_add_up_as_variances():
     both = replace(NOTHING, angle_rad=0.01, position_m=0.05)
-    assert width_px(both) == pytest.approx(1.7 * 2**0.5, rel=0.01)
+    assert error_m(both) == pytest.approx(0.05 * 2**0.5)
 
 
 def test_limbs_move_the_faster_the_farther_from_their_joint():
