@@ -83,32 +83,26 @@ def draw_side_by_side(sides: Sequence[Side], *, title: str = "") -> Figure:
     return figure
 
 
-def draw_runs(runs: Sequence[StoredRun], images: Iterable[ImageKey]) -> Iterator[tuple[ImageKey, Figure | str]]:
-    """Draw images as several runs were scored on them, from their data set.
+def frames_of_runs(runs: Sequence[StoredRun], images: Iterable[ImageKey]) -> Iterator[tuple[ProcessedFrame, ...] | str]:
+    """Images as several runs were scored on them, from their data set.
 
     Args:
-        runs: of the same data set, each called by its label.
-        images: recording, camera and timestamp_ns of each; each is drawn once.
+        runs: of the same data set.
+        images: recording, camera and timestamp_ns of each; those of a recording are best together.
 
-    Yields:
-        Each image in order with its figure, or with the reason why there is none: a run did not score it, or code or
-        data have changed since.
+    Returns:
+        For each image that of every run, or the reason why there is none: a run did not score it, or code or data have
+        changed since.
+
+    Raises:
+        DataError: a run holds no masks, or its data set is not there.
     """
-    expected = sorted(set(images))
+    stored = [StoredFrames(run.folder, run.summary, run.protocol) for run in runs]
+    return (_processed(stored, key) for key in images)
+
+
+def _processed(stored: Sequence[StoredFrames], key: ImageKey) -> tuple[ProcessedFrame, ...] | str:
     try:
-        stored = [StoredFrames(run.folder, run.summary, run.protocol) for run in runs]
-    except BenchError as error:
-        yield from ((key, str(error)) for key in expected)
-        return
-    for key in expected:
-        try:
-            frames = [one.process(*key) for one in stored]
-        except (BenchError, UnscorableFrame) as error:
-            yield key, str(error)
-            continue
-        yield (
-            key,
-            draw_side_by_side(
-                [Side(label=run.label, processed=frame) for run, frame in zip(runs, frames, strict=True)]
-            ),
-        )
+        return tuple(one.process(*key) for one in stored)
+    except (BenchError, UnscorableFrame) as error:
+        return str(error)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from bench.errors import BenchError
 from bench.evaluation import Metric, summarise
 from bench.reference import Category
 from bench.reporting.compare.runs import on_common_images, read_comparable
@@ -13,7 +14,7 @@ from bench.reporting.formats import LABELS, image_name
 from bench.reporting.frame_pictures import example_frames
 from bench.reporting.page.charts import figure_uri
 from bench.reporting.page.worst import Progress, frame_key, worst_objects
-from bench.reporting.side_by_side import ImageKey, draw_runs
+from bench.reporting.side_by_side import ImageKey, Side, draw_side_by_side, frames_of_runs
 from bench.reporting.stored_run import StoredRun, read_stored_run
 
 
@@ -68,20 +69,32 @@ def beside(run: StoredRun, other: Path, *, pictures: bool, progress: Progress | 
     ]
     one, two, common = on_common_images(*both)
     chosen = _chosen(one, two) if pictures else {}
-    found: list[PairPicture] = []
+    found, problems = _drawn((one, two), chosen, progress)
+    return Beside(
+        labels=(one.label, two.label), common=common, values=_values(one, two), pictures=found, problems=problems
+    )
+
+
+def _drawn(
+    runs: tuple[StoredRun, StoredRun], chosen: Mapping[ImageKey, str], progress: Progress | None
+) -> tuple[list[PairPicture], list[str]]:
+    """Pictures of images that have a title each, in their order, and why others are missing."""
+    uris: dict[ImageKey, str] = {}
     problems: dict[str, None] = {}
-    drawn = dict.fromkeys(chosen, "")
-    for number, (key, picture) in enumerate(draw_runs((one, two), chosen), start=1):
-        if isinstance(picture, str):
-            problems[picture] = None
+    try:
+        images = sorted(chosen)  # so that each recording is opened once
+        frames = frames_of_runs(runs if images else (), images)
+    except BenchError as error:
+        return [], [str(error)]
+    for number, (key, both) in enumerate(zip(images, frames, strict=True), start=1):
+        if isinstance(both, str):
+            problems[both] = None
         else:
-            drawn[key] = figure_uri(picture)
+            sides = [Side(label=run.label, processed=frame) for run, frame in zip(runs, both, strict=True)]
+            uris[key] = figure_uri(draw_side_by_side(sides))
         if progress is not None:
             progress(number, len(chosen))
-    found = [PairPicture(title=title, uri=drawn[key]) for key, title in chosen.items() if drawn[key]]
-    return Beside(
-        labels=(one.label, two.label), common=common, values=_values(one, two), pictures=found, problems=list(problems)
-    )
+    return [PairPicture(title=title, uri=uris[key]) for key, title in chosen.items() if key in uris], list(problems)
 
 
 def _values(one: StoredRun, two: StoredRun) -> list[tuple[str, Metric, Metric]]:
