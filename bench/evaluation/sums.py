@@ -7,7 +7,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from bench.evaluation.protocol import Protocol
@@ -199,7 +200,7 @@ def sum_slices(
     tracks = np.zeros(shape, dtype=np.int64)
     if track is not None and len(track):
         # The number of a pair of cell and object; each once.
-        pairs = pd.unique(cell * (int(track.max()) + 1) + (track if whole else track[known]))
+        pairs = pc.unique(pa.array(cell * (int(track.max()) + 1) + (track if whole else track[known]))).to_numpy()
         tracks = np.bincount(pairs // (int(track.max()) + 1), minlength=recordings * kinds).reshape(shape)
     return SliceSums(
         names=split.names,

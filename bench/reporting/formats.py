@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import math
 import re
@@ -10,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
@@ -180,8 +181,14 @@ def csv_text(
         rows: by name of the column, or in the order of the columns.
         columns: their names; None for those of the rows.
     """
-    text: str = pd.DataFrame(list(rows), columns=columns, dtype=object).to_csv(index=False, lineterminator="\n")
-    return text
+    names = list(dict.fromkeys(name for row in rows for name in row)) if columns is None else columns
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(names)
+    for row in rows:
+        cells = [row.get(str(name)) for name in names] if isinstance(row, Mapping) else row
+        writer.writerow(without_nan(list(cells)))
+    return text.getvalue()
 
 
 def json_text(content: Mapping[str, object], *, indent: int = 1) -> str:

@@ -269,9 +269,14 @@ def _lies_in(source: Path, folders: Iterable[Path]) -> bool:
     return any(resolved.is_relative_to(folder) for folder in folders)
 
 
+@cache
+def _distributions() -> Mapping[str, list[str]]:
+    """Names of the distributions that hold a package; reads lists of all installed files, half a second."""
+    return packages_distributions()
+
+
 def _versions(libraries: set[str]) -> tuple[tuple[str, str], ...]:
     if not libraries:
         return ()
-    distributions: Mapping[str, list[str]] = packages_distributions()
-    names = {name for top in libraries for name in distributions.get(top, [])}
+    names = {name for top in libraries for name in _distributions().get(top, [])}
     return tuple((name, version(name)) for name in sorted(names))

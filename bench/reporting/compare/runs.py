@@ -6,8 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-
-import pandas as pd
+from typing import TYPE_CHECKING
 
 from bench.errors import UsageError
 from bench.evaluation.row_source import IMAGE, CommonImages, RowsOnImages, RowSource, group_recordings
@@ -15,6 +14,9 @@ from bench.harness import RunSummary
 from bench.harness.method_stamp import flat_settings
 from bench.harness.stored import REFERENCE_OF_FRAMES, REFERENCE_OF_OBJECTS, reference_fingerprint
 from bench.reporting.stored_run import StoredRun, read_stored_run
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 SHOWN_DIGEST = 12  # characters of a digest that are shown
 

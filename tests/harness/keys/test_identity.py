@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -53,10 +54,20 @@ class Bright(Base):
 }
 PART = [name for name in FILES if name != "unrelated.py"]
 PLACE = "plug.method:Bright"
-TELL = (
-    "from bench.harness.keys import MethodIdentity; from bench.methods import build_method; "
-    f"print(MethodIdentity.of(build_method({PLACE!r})).digest)"
-)
+TELL = f"""
+import os, sys
+
+from bench.harness.keys import MethodIdentity
+from bench.methods import build_method
+
+for folder in sys.stdin:
+    if os.fork() == 0:
+        sys.path.insert(0, folder.rstrip())
+        print(MethodIdentity.of(build_method({PLACE!r})).digest, flush=True)
+        os._exit(0)
+    if os.wait()[1]:
+        sys.exit("no digest")
+"""
 
 
 @pytest.fixture
@@ -73,16 +84,25 @@ def with_path(folder: Path) -> dict[str, str]:
     return inherited | {"PYTHONPATH": f"{folder}{os.pathsep}{inherited['PYTHONPATH']}"}
 
 
-def digest(folder: Path) -> str:
-    """The identity as a new process takes it."""
-    done = subprocess.run(
-        [sys.executable, "-c", TELL], capture_output=True, text=True, env=with_path(folder), timeout=PATIENCE_S
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+@pytest.fixture(scope="module")
+def digest() -> Iterator[Callable[[Path], str]]:
+    """The identity as a new process takes it: one that has loaded this package, and nothing of the plug-in."""
+    with subprocess.Popen(
+        [sys.executable, "-c", TELL], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment()
+    ) as process:
+
+        def told(folder: Path) -> str:
+            process.stdin.write(f"{folder}\n")
+            process.stdin.flush()
+            found = process.stdout.readline()
+            assert found, "its traceback is on stderr"
+            return found
+
+        yield told
+        process.stdin.close()
 
 
-def test_every_part_counts_and_nothing_else(folder):
+def test_every_part_counts_and_nothing_else(folder, digest):
     before = digest(folder)
     assert digest(folder) == before
     for name in PART:
@@ -95,7 +115,7 @@ def test_every_part_counts_and_nothing_else(folder):
     assert digest(folder) != before
 
 
-def test_the_place_on_disk_does_not_count(folder, tmp_path):
+def test_the_place_on_disk_does_not_count(folder, tmp_path, digest):
     before = digest(folder)
     assert digest(folder.rename(tmp_path / "moved")) == before
 
