@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import traceback
 from collections.abc import Mapping
+from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -14,6 +15,8 @@ from bench.errors import UsageError
 
 SHOWN_CALLS = 5  # of the traceback of foreign code, innermost last
 
+installed_points = cache(entry_points)  # reads the metadata of every installed package
+
 
 def known_targets(group: str, own: Mapping[str, str]) -> dict[str, str]:
     """Name -> "module:attribute" of what there is; a name of the package's own cannot be taken by another.
@@ -22,7 +25,7 @@ def known_targets(group: str, own: Mapping[str, str]) -> dict[str, str]:
         group: of entry points, where installed packages add theirs.
         own: the package's.
     """
-    added = {point.name: point.value for point in entry_points(group=group)}
+    added = {point.name: point.value for point in installed_points(group=group)}
     return added | dict(own)
 
 

@@ -25,7 +25,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_finish() -> None:
-    """Keep libraries and tests out of every later look for garbage: a tenth of the time of what runs in this process."""
+    """Keep libraries and tests out of every later look for garbage, a tenth of the time of what runs here."""
     gc.freeze()
 
 

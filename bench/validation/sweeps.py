@@ -94,11 +94,12 @@ def _lane_height_m(points_vehicle: NDArray[np.float64], plane: NDArray[np.float6
         plane: (3,) float64, slopes along x and y and height at the origin, to begin with.
     """
     x, y, z = points_vehicle[(np.abs(points_vehicle[:, :2]) < (LANE_END_M, LANE_M)).all(axis=1)].T
-    points = pd.DataFrame({"x": x, "y": y, "z": z})
-    cells = [np.floor(x / LANE_CELL_M), np.floor(y / LANE_CELL_M)]
+    # As columns: of keys that are arrays pandas writes out every number, to look for columns of that name.
+    cells = {"row": np.floor(x / LANE_CELL_M), "column": np.floor(y / LANE_CELL_M)}
+    points = pd.DataFrame({"x": x, "y": y, "z": z, **cells})
     for slab_m in LANE_SLABS_M:
         on_road = np.abs(z - plane[0] * x - plane[1] * y - plane[2]) < slab_m
-        middle = points[on_road].groupby([cell[on_road] for cell in cells]).median().to_numpy()
+        middle = points[on_road].groupby(list(cells)).median().to_numpy()
         if len(middle) < LEAST_CELLS:
             return float("nan")
         plane = np.linalg.lstsq(np.column_stack([middle[:, :2], np.ones(len(middle))]), middle[:, 2], rcond=None)[0]

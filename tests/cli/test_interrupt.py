@@ -12,6 +12,7 @@ from bench.evaluation import load_protocol
 from bench.harness import RunRequest, run_benchmark
 from bench.harness.sweep import read_sweep
 from bench.recordings import load_card
+from tests.cli.test_commands import called_here
 from tests.harness.conftest import trouble
 from tests.harness.test_resume import bytes_of
 from tests.harness.troubled import Troubled
@@ -87,8 +88,7 @@ def test_a_sweep_that_is_interrupted_goes_on(tiny_card, tmp_path, trouble, worke
     until(lambda: not any(alive(pid) for pid in pids(here)), "no worker")
     assert not (out / ".cache").exists()
     (trouble / "standing.wait").unlink()
-    again = start("sweep", tiny_card, *TROUBLED, *words)
-    assert again.wait(timeout=PATIENCE_S) == 0
+    assert called_here("sweep", tiny_card, *TROUBLED, *words).returncode == 0
     work = read_sweep(out).provenance.work
     assert (work.units_computed, work.units_reused) == (4, 2)
 

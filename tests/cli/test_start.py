@@ -11,6 +11,7 @@ import pytest
 
 from bench.cli.start import LEAST_ADDRESSES_BYTES, report_lack_of_memory
 from bench.errors import UsageError
+from tests.cli.test_commands import called_here
 from tests.recordings import tiny
 
 pytestmark = pytest.mark.slow
@@ -54,7 +55,7 @@ def test_help_needs_less(folder):
 
 
 def test_the_least_memory_that_is_taken_is_enough(folder):
-    words = ("run", "x.yaml", "--method", "nothing", "--no-pictures", "--workers", "2", "--out", "out")
+    words = ("run", "x.yaml", "--method", "nothing", "--no-pictures", "--workers", "2", "--out", "out", "--quiet")
     status, _, told = called(folder, *words, addresses_bytes=LEAST_ADDRESSES_BYTES)
     assert (status, told) == (0, "")
 
@@ -118,25 +119,25 @@ def test_a_working_folder_that_is_not_utf_8(folder):
         ("validate", "x.yaml", "--json", "told.json"),
         ("view", "x.yaml", "--method", "nothing", "--out", "seen"),
     ):
-        status, _, told = called(place, *words)
-        assert "Traceback" not in told, words
+        done = called_here(*words, folder=place)
+        assert "Traceback" not in done.stderr, words
         expected = {"validate": {0, 1}, "gate": {0, 3}}.get(words[0], {0})  # 3: too few recordings for a verdict
-        assert status in expected, (words, told)
+        assert done.returncode in expected, (words, done.stderr)
 
 
 def test_a_recording_whose_name_is_not_utf_8(folder):
     (folder / "data" / "drive").rename(folder / "data" / os.fsdecode(NOT_TEXT))
     for words in (("run", "x.yaml"), ("validate", "x.yaml")):
-        status, _, told = called(folder, *words)
-        assert status == 2
-        assert told == "error: data: expected recordings with names in UTF-8, got 'caf\\udce9'; rename it\n"
+        done = called_here(*words, folder=folder)
+        assert done.returncode == 2
+        assert done.stderr == "error: data: expected recordings with names in UTF-8, got 'caf\\udce9'; rename it\n"
 
 
 def test_a_file_whose_name_is_not_utf_8_is_told(folder):
     images = folder / "data" / "drive" / "images" / "front"
     (images / f"{tiny.TIMES_NS[1]}.png").rename(images / os.fsdecode(NOT_TEXT + b".png"))
-    assert called(folder, "run", "x.yaml", "--out", "out")[0] == 2
-    status, _, told = called(folder, "validate", "x.yaml", "--json", "told.json")
-    assert (status, told) == (1, "")
+    assert called_here("run", "x.yaml", "--out", "out", folder=folder).returncode == 2
+    done = called_here("validate", "x.yaml", "--json", "told.json", folder=folder)
+    assert (done.returncode, done.stderr) == (1, "")
     files = [finding["file"] for finding in json.loads((folder / "told.json").read_text())["findings"]]
     assert f"data/drive/images/front/{os.fsdecode(NOT_TEXT)}.png" in files

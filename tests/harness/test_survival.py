@@ -1,7 +1,6 @@
 """What goes wrong while a run goes on costs at most the part that it happened to, and says so."""
 
 import os
-import resource
 import shutil
 import signal
 import subprocess
@@ -21,6 +20,8 @@ from bench.harness.cache import CacheFolder
 from bench.harness.tasks import UnitTask
 from bench.methods import build_method
 from bench.recordings import load_card
+from tests.cli.test_commands import called_here
+from tests.cli.test_outputs import files_of
 from tests.harness.test_resume import bytes_of
 from tests.harness.troubled import Troubled
 from tests.processes import PATIENCE_S, pids, until
@@ -45,11 +46,10 @@ def command(card: Path, out: Path, *options: object) -> list[str]:
     return [sys.executable, "-m", "bench", *map(str, [*words, *options])]
 
 
-def call(card: Path, out: Path, *options: object, **how) -> subprocess.CompletedProcess:
-    """The command line in a process of its own."""
-    return subprocess.run(
-        command(card, out, *options), capture_output=True, text=True, timeout=PATIENCE_S, env=environment(), **how
-    )
+def call(card: Path, out: Path, *options: object) -> subprocess.CompletedProcess[str]:
+    """The same command in this process; its workers are processes of their own."""
+    _, _, _, *words = command(card, out, *options)
+    return called_here(*words)
 
 
 def environment() -> dict[str, str]:
@@ -125,21 +125,13 @@ def sizes(run: Path) -> list[int]:
     return sorted(file.stat().st_size for file in (run / "units").glob("*.unit"))
 
 
-def allow_files_of(size_bytes: int):
-    """For a process that starts: writing beyond fails, as on a disk that is full."""
-
-    def limit() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (size_bytes, size_bytes))
-
-    return limit
-
-
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_full_disk_ends_a_run_clearly_and_what_is_stored_stays(tiny_card, tmp_path, trouble, workers):
     expected = calm_result(tiny_card, tmp_path / "calm")
     *_, most = sizes(tmp_path / "calm")
     out = tmp_path / "run"
-    ended = call(tiny_card, out, "--workers", workers, preexec_fn=allow_files_of(most - 1))
+    with files_of(most - 1):
+        ended = call(tiny_card, out, "--workers", workers)
     assert ended.returncode == 2
     assert "expected a place that can be written, got File too large" in ended.stderr
     assert "free some disk space" in ended.stderr
@@ -158,7 +150,8 @@ def test_a_disk_that_is_full_at_the_end_is_no_bug_either(tiny_card, tmp_path, tr
     joined = max((tmp_path / "calm" / f"{name}.parquet").stat().st_size for name in ("objects", "frames", "masks"))
     assert joined > most
     out = tmp_path / "run"
-    ended = call(tiny_card, out, "--workers", 1, preexec_fn=allow_files_of(max(most, joined - 1)))
+    with files_of(max(most, joined - 1)):
+        ended = call(tiny_card, out, "--workers", 1)
     assert ended.returncode == 2
     assert "free some disk space" in ended.stderr
     assert "Traceback" not in ended.stderr
@@ -167,38 +160,20 @@ def test_a_disk_that_is_full_at_the_end_is_no_bug_either(tiny_card, tmp_path, tr
     assert bytes_of(out) == expected
 
 
-CACHED = """
-import resource, sys
-from pathlib import Path
-
-from bench.evaluation import load_protocol
-from bench.harness import RunRequest, run_benchmark
-from bench.harness.cache import CacheFolder
-from bench.methods import build_method
-from bench.recordings import load_card
-
-card, out, cache, limit = sys.argv[1:]
-kept = CacheFolder(folder=Path(cache))
-put = CacheFolder.put
-
-def put_on_a_full_disk(self, step, digest, arrays):
-    resource.setrlimit(resource.RLIMIT_FSIZE, (int(limit), -1))
-    put(self, step, digest, arrays)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (-1, -1))
-
-CacheFolder.put = put_on_a_full_disk
-method, protocol = build_method("spherical", {}), load_protocol("paper-v1")
-run_benchmark(RunRequest(card=load_card(card), method=method, protocol=protocol, out=Path(out), cache=kept))
-"""
-
-
 @pytest.mark.parametrize("limit", [0, 3000])
-def test_a_disk_that_is_full_for_the_cache_costs_nothing_but_time(tiny_card, tmp_path, limit):
+def test_a_disk_that_is_full_for_the_cache_costs_nothing_but_time(tiny_card, tmp_path, monkeypatch, capfd, limit):
     method = build_method("spherical", {})
     score(tiny_card, tmp_path / "calm", method=method)
-    words = [sys.executable, "-c", CACHED, tiny_card, tmp_path / "run", tmp_path / "cache", limit]
-    ended = subprocess.run(list(map(str, words)), capture_output=True, text=True, timeout=PATIENCE_S, env=environment())
-    assert (ended.returncode, ended.stderr) == (0, "")
+    put = CacheFolder.put
+
+    def put_on_a_full_disk(self, step, digest, arrays):
+        with files_of(limit):
+            put(self, step, digest, arrays)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(CacheFolder, "put", put_on_a_full_disk)
+        score(tiny_card, tmp_path / "run", method=method, cache=tmp_path / "cache")
+    assert capfd.readouterr().err == ""
     assert bytes_of(tmp_path / "run") == bytes_of(tmp_path / "calm")
     assert not [file for file in (tmp_path / "cache").rglob(".*") if file.is_file()]
     again = score(tiny_card, tmp_path / "again", method=method, cache=tmp_path / "cache")
@@ -270,13 +245,6 @@ def test_a_second_run_in_a_folder_is_refused_and_does_not_harm_the_first(tiny_ca
     assert bytes_of(out) == expected
 
 
-def join(*folders: Path) -> subprocess.CompletedProcess:
-    return subprocess.run(
-        [sys.executable, "-m", "bench", "merge", *map(str, folders), "--no-pictures"],
-        capture_output=True, text=True, timeout=PATIENCE_S, env=environment(),
-    )  # fmt: skip
-
-
 def test_parts_share_a_folder(tiny_card, tmp_path, trouble):
     expected = calm_result(tiny_card, tmp_path / "calm")
     out, waits = tmp_path / "run", trouble / "standing.wait"  # the third unit, so of the first part
@@ -290,12 +258,12 @@ def test_parts_share_a_folder(tiny_card, tmp_path, trouble):
         whole = call(tiny_card, out, "--workers", 1)
         assert (whole.returncode, "another run works" in whole.stderr) == (2, True)
         for into, parts in ((out, ()), (tmp_path / "merged", (out,))):
-            early = join(into, *parts)
+            early = called_here("merge", into, *parts, "--no-pictures")
             assert (early.returncode, "another run works" in early.stderr) == (2, True)
     finally:
         waits.unlink()
         assert first.wait(PATIENCE_S) == 0
-    merged = join(out)
+    merged = called_here("merge", out, "--no-pictures")
     assert (merged.returncode, merged.stderr) == (0, "")
     assert bytes_of(out) == expected
 

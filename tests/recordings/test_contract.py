@@ -134,7 +134,7 @@ def test_adapters_of_data_sets_keep_it(tmp_path, adapter, miniature):
 def test_an_adapter_of_another_package_keeps_it(root, monkeypatch):
     """One that is found by its entry point, as an installed package gives it."""
     point = EntryPoint(name="mine", value="bench.recordings.native:native_recordings", group="fisheye_bench.adapters")
-    monkeypatch.setattr(plug_ins, "entry_points", lambda group: [point] if group == point.group else [])
+    monkeypatch.setattr(plug_ins, "installed_points", lambda group: [point] if group == point.group else [])
     check_adapter(catalogue._adapter("mine"), root)
 
 

@@ -43,7 +43,7 @@ def test_its_own_tests_pass(folder, tmp_path):
 def test_a_card_finds_it_by_its_entry_point(folder, monkeypatch, capsys):
     point = EntryPoint(name="lab-format", value="lab_format:recordings", group=catalogue.ENTRY_POINTS)
     assert f'{point.name} = "{point.value}"' in (folder / "pyproject.toml").read_text()
-    monkeypatch.setattr(plug_ins, "entry_points", lambda group: [point] if group == point.group else [])
+    monkeypatch.setattr(plug_ins, "installed_points", lambda group: [point] if group == point.group else [])
     (handle,) = open_dataset(load_card("lab-format.yaml"))
     recording = handle.open()
     assert read_image(recording.images["front"][2], recording.cameras["front"])[0, 1] == 22

@@ -15,6 +15,7 @@ import bench
 from bench.errors import DataError, UsageError
 from bench.harness.cluster import ClusterExecutor, WorkerRequirements
 from bench.methods.baselines import Nothing
+from tests.cli.test_commands import called_here
 from tests.harness.cluster.conftest import METHODS, stop
 from tests.harness.cluster.dask_processes import PATIENCE_S, wait_until
 from tests.harness.test_resume import bytes_of
@@ -142,7 +143,7 @@ def test_the_command_takes_relative_paths_and_the_file_of_a_scheduler(cluster, t
     assert (done.returncode, done.stderr) == (0, "")
     assert "units computed 3, found done 0" in done.stdout
     assert list(cache.glob("reference/*/*.npz")), "workers of this machine share its cache"
-    here = command(*words, "--workers", 1, "--no-cache", "--out", tmp_path / "serial", folder=folder)
+    here = called_here(*words, "--workers", 1, "--no-cache", "--out", tmp_path / "serial", folder=folder)
     assert here.returncode == 0
     assert bytes_of(tmp_path / "run") == bytes_of(tmp_path / "serial")
 
@@ -157,7 +158,7 @@ def test_the_command_ends_with_2_and_one_line_without_a_scheduler(own_cluster, t
 
 def test_workers_beside_a_scheduler_are_refused(tiny_card, tmp_path):
     words = ("--scheduler", "tcp://localhost:1", "--workers", 2, "--out", tmp_path / "run")
-    done = command("run", tiny_card, *words, folder=tmp_path)
+    done = called_here("run", tiny_card, *words)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "--workers: expected none beside --scheduler" in done.stderr
 
@@ -188,5 +189,5 @@ def test_predictions_are_scored_on_a_cluster(cluster, tiny_card, tmp_path):
     words = ("evaluate", tiny_card, "--predictions", "masks", "--no-pictures")
     done = command(*words, "--scheduler", cluster.address, "--out", tmp_path / "run", folder=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
-    assert command(*words, "--workers", 1, "--out", tmp_path / "serial", folder=tmp_path).returncode == 0
+    assert called_here(*words, "--workers", 1, "--out", tmp_path / "serial", folder=tmp_path).returncode == 0
     assert bytes_of(tmp_path / "run") == bytes_of(tmp_path / "serial")

@@ -13,7 +13,7 @@ from typer.main import get_command
 from bench.cli.app import app
 from bench.errors import UnknownNameError
 from bench.harness.cluster.examples import EXAMPLES, cluster_example
-from tests.cli.test_commands import call
+from tests.cli.test_commands import call, called_here
 from tests.harness.cluster.dask_processes import PATIENCE_S, SETTINGS
 from tests.harness.test_resume import bytes_of
 
@@ -55,17 +55,13 @@ def script(name: str, folder: Path, **variables: object) -> subprocess.Completed
     )
 
 
-def command(*words: object, folder: Path) -> subprocess.CompletedProcess[str]:
-    program = [PROGRAMS / "fisheye-bench", *map(str, words)]
-    return subprocess.run(program, cwd=folder, capture_output=True, text=True, timeout=PATIENCE_S)
-
-
-@pytest.fixture
-def serial(tiny_card, tmp_path) -> dict[str, bytes]:
+@pytest.fixture(scope="module")
+def serial(tiny_card, tmp_path_factory) -> dict[str, bytes]:
     """What the run comes to in one piece."""
+    out = tmp_path_factory.mktemp("serial") / "run"
     words = ("--method", "frame-difference", "--workers", 1, "--no-cache", "--no-pictures")
-    assert command("run", tiny_card, *words, "--out", tmp_path / "serial", folder=tmp_path).returncode == 0
-    return bytes_of(tmp_path / "serial")
+    assert called_here("run", tiny_card, *words, "--out", out).returncode == 0
+    return bytes_of(out)
 
 
 def test_an_array_of_jobs_makes_a_whole_run(serial, tiny_card, tmp_path):
@@ -82,7 +78,7 @@ def test_an_array_of_jobs_makes_a_whole_run(serial, tiny_card, tmp_path):
             TMPDIR=tmp_path,
         )
         assert (done.returncode, done.stderr) == (0, "")
-    assert command("merge", out, "--no-pictures", folder=tmp_path).returncode == 0
+    assert called_here("merge", out, "--no-pictures").returncode == 0
     assert bytes_of(out) == serial
 
 
