@@ -15,12 +15,13 @@ from bench.recordings import load_card
 from tests.cli.test_commands import called_here
 from tests.harness.conftest import trouble
 from tests.harness.test_resume import bytes_of
+from tests.harness.test_survival import calm
 from tests.harness.troubled import Troubled
 from tests.processes import PATIENCE_S, alive, group_lives, pids, until
 
 pytestmark = pytest.mark.slow
 
-__all__ = ["trouble"]
+__all__ = ["calm", "trouble"]
 
 ROOT = Path(__file__).parents[2]
 TROUBLED = ("--method", "tests.harness.troubled:Troubled")
@@ -42,11 +43,10 @@ def start(command: str, source: Path, *options: object) -> subprocess.Popen:
 
 @pytest.mark.parametrize("workers", [1, 2])
 @pytest.mark.parametrize("how", ENDINGS)
-def test_a_run_that_is_stopped_leaves_no_process_and_goes_on(tiny_card, tmp_path, trouble, how, workers):
+def test_a_run_that_is_stopped_leaves_no_process_and_goes_on(tiny_card, calm, tmp_path, trouble, how, workers):
     number, status, told = ENDINGS[how]
     options = {"method": Troubled(), "protocol": load_protocol("paper-v1")}
     card = load_card(str(tiny_card))
-    run_benchmark(RunRequest(card=card, out=tmp_path / "calm", **options))
     out, here = tmp_path / "run", trouble / "standing.wait-noted"
     (trouble / "standing.wait").touch()
     run = start("run", tiny_card, *TROUBLED, "--out", out, "--no-pictures", "--no-cache", "--workers", workers)
@@ -67,7 +67,7 @@ def test_a_run_that_is_stopped_leaves_no_process_and_goes_on(tiny_card, tmp_path
     (trouble / "standing.wait").unlink()
     again = run_benchmark(RunRequest(card=card, out=out, **options))
     assert (again.provenance.work.units_computed, again.provenance.work.units_reused) == (1, 2)
-    assert bytes_of(out) == bytes_of(tmp_path / "calm")
+    assert bytes_of(out) == bytes_of(calm)
 
 
 @pytest.mark.parametrize("workers", [1, 2])

@@ -23,7 +23,7 @@ from bench.recordings import load_card
 from tests.cli.test_commands import called_here
 from tests.cli.test_outputs import files_of
 from tests.harness.test_resume import bytes_of
-from tests.harness.troubled import Troubled
+from tests.harness.troubled import FOLDER, Troubled
 from tests.processes import PATIENCE_S, pids, until
 
 pytestmark = pytest.mark.slow
@@ -61,6 +61,16 @@ def calm_result(card: Path, out: Path) -> dict[str, bytes]:
     return bytes_of(out)
 
 
+@pytest.fixture(scope="module")
+def calm(tiny_card, tmp_path_factory) -> Path:
+    """A run of the small data set on which nothing happens."""
+    folder = tmp_path_factory.mktemp("calm")
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setenv(FOLDER, str(folder))
+        score(tiny_card, folder / "run")
+    return folder / "run"
+
+
 def test_processes_give_the_bytes_of_one_after_the_other(tiny_card, tmp_path):
     method = build_method("spherical", {})
     score(tiny_card, tmp_path / "one", method=method)
@@ -68,8 +78,8 @@ def test_processes_give_the_bytes_of_one_after_the_other(tiny_card, tmp_path):
     assert bytes_of(tmp_path / "two") == bytes_of(tmp_path / "one")
 
 
-def test_a_worker_that_is_killed_in_the_middle_of_a_unit_costs_nothing_but_time(tiny_card, tmp_path, trouble):
-    expected = calm_result(tiny_card, tmp_path / "calm")
+def test_a_worker_that_is_killed_in_the_middle_of_a_unit_costs_nothing_but_time(tiny_card, calm, tmp_path, trouble):
+    expected = bytes_of(calm)
     waits = trouble / "crossing.wait"
     waits.touch()
     here = trouble / "crossing.wait-noted"
@@ -91,9 +101,9 @@ def test_a_worker_that_is_killed_in_the_middle_of_a_unit_costs_nothing_but_time(
     assert bytes_of(tmp_path / "run") == expected
 
 
-def test_a_unit_that_crashes_the_interpreter_is_named_and_the_rest_is_done(tiny_card, tmp_path, trouble):
+def test_a_unit_that_crashes_the_interpreter_is_named_and_the_rest_is_done(tiny_card, calm, tmp_path, trouble):
     out = tmp_path / "run"
-    expected = calm_result(tiny_card, tmp_path / "calm")
+    expected = bytes_of(calm)
     (trouble / "standing.abort").touch()
     ended = call(tiny_card, out, "--workers", 2)
     assert ended.returncode == 2
@@ -126,9 +136,9 @@ def sizes(run: Path) -> list[int]:
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_a_full_disk_ends_a_run_clearly_and_what_is_stored_stays(tiny_card, tmp_path, trouble, workers):
-    expected = calm_result(tiny_card, tmp_path / "calm")
-    *_, most = sizes(tmp_path / "calm")
+def test_a_full_disk_ends_a_run_clearly_and_what_is_stored_stays(tiny_card, calm, tmp_path, trouble, workers):
+    expected = bytes_of(calm)
+    *_, most = sizes(calm)
     out = tmp_path / "run"
     with files_of(most - 1):
         ended = call(tiny_card, out, "--workers", workers)
@@ -144,10 +154,10 @@ def test_a_full_disk_ends_a_run_clearly_and_what_is_stored_stays(tiny_card, tmp_
     assert bytes_of(out) == expected
 
 
-def test_a_disk_that_is_full_at_the_end_is_no_bug_either(tiny_card, tmp_path, trouble):
-    expected = calm_result(tiny_card, tmp_path / "calm")
-    *_, most = sizes(tmp_path / "calm")
-    joined = max((tmp_path / "calm" / f"{name}.parquet").stat().st_size for name in ("objects", "frames", "masks"))
+def test_a_disk_that_is_full_at_the_end_is_no_bug_either(tiny_card, calm, tmp_path, trouble):
+    expected = bytes_of(calm)
+    *_, most = sizes(calm)
+    joined = max((calm / f"{name}.parquet").stat().st_size for name in ("objects", "frames", "masks"))
     assert joined > most
     out = tmp_path / "run"
     with files_of(max(most, joined - 1)):
@@ -183,9 +193,11 @@ def test_a_disk_that_is_full_for_the_cache_costs_nothing_but_time(tiny_card, tmp
 
 @pytest.mark.parametrize("name", ["objects", "frames"])
 @pytest.mark.parametrize("damage", ["cut", "empty", "garbage", "gone"])
-def test_a_damaged_table_of_a_run_is_one_clear_line_and_can_be_made_again(tiny_card, tmp_path, trouble, name, damage):
+def test_a_damaged_table_of_a_run_is_one_clear_line_and_can_be_made_again(
+    tiny_card, calm, tmp_path, trouble, name, damage
+):
     out = tmp_path / "run"
-    expected = calm_result(tiny_card, out)
+    expected = bytes_of(shutil.copytree(calm, out))
     file = out / f"{name}.parquet"
     content = file.read_bytes()
     if damage == "gone":
@@ -228,8 +240,8 @@ def test_a_recording_that_disappears_is_named_and_the_rest_is_done(own_card, tmp
     assert bytes_of(out) == expected
 
 
-def test_a_second_run_in_a_folder_is_refused_and_does_not_harm_the_first(tiny_card, tmp_path, trouble):
-    expected = calm_result(tiny_card, tmp_path / "calm")
+def test_a_second_run_in_a_folder_is_refused_and_does_not_harm_the_first(tiny_card, calm, tmp_path, trouble):
+    expected = bytes_of(calm)
     out, waits = tmp_path / "run", trouble / "standing.wait"
     waits.touch()
     first = subprocess.Popen(command(tiny_card, out, "--workers", 2), env=environment(), stdout=subprocess.DEVNULL)
@@ -245,8 +257,8 @@ def test_a_second_run_in_a_folder_is_refused_and_does_not_harm_the_first(tiny_ca
     assert bytes_of(out) == expected
 
 
-def test_parts_share_a_folder(tiny_card, tmp_path, trouble):
-    expected = calm_result(tiny_card, tmp_path / "calm")
+def test_parts_share_a_folder(tiny_card, calm, tmp_path, trouble):
+    expected = bytes_of(calm)
     out, waits = tmp_path / "run", trouble / "standing.wait"  # the third unit, so of the first part
     waits.touch()
     first = subprocess.Popen(
