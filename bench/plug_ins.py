@@ -7,7 +7,7 @@ import traceback
 from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoints, entry_points
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,11 @@ from bench.errors import UsageError
 
 SHOWN_CALLS = 5  # of the traceback of foreign code, innermost last
 
-installed_points = cache(entry_points)  # reads the metadata of every installed package
+
+@cache
+def installed_points(group: str) -> EntryPoints:
+    """Entry points of installed packages, whose metadata are read once a process."""
+    return entry_points(group=group)
 
 
 def known_targets(group: str, own: Mapping[str, str]) -> dict[str, str]:
@@ -25,7 +29,7 @@ def known_targets(group: str, own: Mapping[str, str]) -> dict[str, str]:
         group: of entry points, where installed packages add theirs.
         own: the package's.
     """
-    added = {point.name: point.value for point in installed_points(group=group)}
+    added = {point.name: point.value for point in installed_points(group)}
     return added | dict(own)
 
 
