@@ -1,20 +1,23 @@
 """A whole scenario, rendered in parallel, resumed where it was interrupted.
 
-Two kinds of files say what is there. `synthesis.json` in the folder of each recording says what it was made from; a
-recording is rendered again when that changes. `.synthesis.json` beside all recordings (the stamp) holds the content of
-these files, and a digest of the scenario file and of this package: while it fits, a second call knows within
-milliseconds that there is nothing to do, without drawing the series of the scenario.
+Two kinds of files say what is there. `synthesis.json` in the folder of each recording says what it was made from and
+how many files it has; a recording is rendered again when the former changes or files are missing. `.synthesis.json`
+beside all recordings (the stamp) holds the content of these files, and a digest of the scenario file and of this
+package: while it fits, a second call counts the files and knows that there is nothing to do, without drawing the series
+of the scenario.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import os
 import shutil
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing, suppress
 from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 from bench.errors import DataError, UsageError
 from bench.execution import FailedTask, ProcessExecutor, SerialExecutor, TaskExecutor, usable_cores
@@ -59,7 +62,9 @@ def stamped(out: Path, scenario: bytes) -> list[Path] | None:
             return None
         marks: dict[str, str] = content["marks"]
         folders = {path.name for path in out.iterdir() if path.is_dir()}
-        whole = folders == marks.keys() and all(mark == _mark_text(out / name) for name, mark in marks.items())
+        whole = folders == marks.keys() and all(
+            mark == _mark_text(out / name) and _no_file_is_missing(out / name) for name, mark in marks.items()
+        )
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
     return [out / name for name in marks] if whole else None
@@ -108,7 +113,8 @@ def _produce(spec: RecordingSpec, *, scenario: Scenario, out: Path) -> None:
     unfinished, final = out / UNFINISHED / spec.name, out / spec.name
     shutil.rmtree(unfinished, ignore_errors=True)
     render_recording(scenario, spec, unfinished)
-    write_text(unfinished / MARK, json.dumps(_mark(scenario, spec), indent=1) + "\n")
+    mark = {**_mark(scenario, spec), "files": _files(unfinished)}
+    write_text(unfinished / MARK, json.dumps(mark, indent=1) + "\n")
     if final.exists():
         _refuse_foreign(final)
         shutil.rmtree(final)
@@ -123,7 +129,24 @@ def _mark(scenario: Scenario, spec: RecordingSpec) -> dict[str, str]:
     return {"scenario": scenario.name, "fingerprint": hashlib.sha256(content.encode()).hexdigest()}
 
 
-def _mark_of(folder: Path) -> dict[str, str] | None:
+def _files(folder: Path) -> int:
+    """How many files a recording has beside its mark."""
+    return sum(name != MARK for _, _, names in os.walk(folder) for name in names)
+
+
+def _no_file_is_missing(folder: Path) -> bool:
+    """Whether as many are there as were rendered; marks of older versions do not say how many."""
+    stated = (_mark_of(folder) or {}).get("files", 0)
+    return not isinstance(stated, int) or _files(folder) >= stated
+
+
+def _is_there(folder: Path, mark: Mapping[str, str]) -> bool:
+    """Whether a recording made from the same lines is there, with all of its files."""
+    found = _mark_of(folder)
+    return found is not None and mark.items() <= found.items() and _no_file_is_missing(folder)
+
+
+def _mark_of(folder: Path) -> dict[str, Any] | None:
     try:
         mark = json.loads((folder / MARK).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
@@ -156,10 +179,10 @@ def synthesize(
     """Render every recording of a scenario that is not there yet.
 
     A recording is rendered in a temporary folder and then moved. What is there is kept if it was made by the same
-    generator from the same lines of the scenario, and replaced otherwise; recordings that the scenario
-    no longer has are removed. Recordings do not depend on each other, on the order or on the number of workers.
-    A second call for the same folder waits until the first is done, and then finds everything there. A stamp in the
-    folder says that everything is there; while it fits, a call costs a few milliseconds.
+    generator from the same lines of the scenario and no file is missing, and replaced otherwise; recordings that the
+    scenario no longer has are removed. Recordings do not depend on each other, on the order or on the number of
+    workers. A second call for the same folder waits until the first is done, and then finds everything there. A stamp
+    in the folder says that everything is there; while it fits, a call only counts the files.
 
     Args:
         scenario_path: the scenario file.
@@ -185,7 +208,7 @@ def synthesize(
     make_folder(out)
     with alone_in(out):
         _remove_former(scenario, out)
-        missing = [spec for spec in scenario.recordings if _mark_of(out / spec.name) != _mark(scenario, spec)]
+        missing = [spec for spec in scenario.recordings if not _is_there(out / spec.name, _mark(scenario, spec))]
         done, total = len(scenario.recordings) - len(missing), len(scenario.recordings)
         if progress is not None:
             progress(done, total)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import shutil
 import threading
 from collections.abc import Callable
@@ -165,6 +166,7 @@ CHANGES: dict[str, Callable[[Path, Path, pytest.MonkeyPatch], object]] = {
     "speed": lambda text, _, __: text.write_text(text.read_text().replace("speed_kmh: [5]", "speed_kmh: [6]")),
     "generator": lambda _, __, patch: patch.setattr(production, "GENERATOR_VERSION", -1),
     "a recording removed": lambda _, out, __: shutil.rmtree(out / "reversing"),
+    "an image removed": lambda _, out, __: (out / "reversing" / "images" / "0.png").unlink(),
     "another's mark": lambda _, out, __: shutil.copy(out / "crossing" / MARK, out / "reversing" / MARK),
     "a broken mark": lambda _, out, __: (out / "reversing" / MARK).write_text("{}"),
 }
@@ -184,6 +186,17 @@ def test_stale_recordings_are_never_taken_for_fresh_ones(
     fresh = tmp_path / "fresh"
     synthesize(scenario_file, fresh, workers=1)
     assert contents(out) == contents(fresh)
+
+
+def test_recording_of_a_version_that_did_not_count_its_files_stays(
+    scenario_file: Path, tmp_path: Path, quick: list[str]
+) -> None:
+    (folder, _) = synthesize(scenario_file, tmp_path, workers=1)
+    mark = json.loads((folder / MARK).read_text())
+    assert mark.pop("files") == 2
+    (folder / MARK).write_text(json.dumps(mark))
+    synthesize(scenario_file, tmp_path, workers=1)
+    assert len(quick) == 2
 
 
 def test_change_of_how_a_series_is_drawn_is_noticed_without_a_new_version(
