@@ -149,12 +149,17 @@ def test_labels_of_the_chart_are_never_cut(judged, ms):
     assert all(frame.x0 <= box.x0 and box.x1 <= frame.x1 for box in (first, second))
 
 
-def test_no_best_method_is_told_of_another_state_of_the_protocol(judged, tmp_path):
+def test_no_best_method_is_told_of_another_state_of_the_protocol_or_too_few_recordings(judged, tmp_path):
     write_leaderboard(read_leaderboard(judged), tmp_path)
     stored, earlier = tmp_path / "leaderboard.json", tmp_path / "earlier.json"
     earlier.write_text(stored.read_text().replace(load_protocol("surface-v1").digest, 64 * "0"))
     assert best_line(stored, dataset="demo") is not None
     assert best_line(earlier, dataset="demo") is None
+    few = json.loads(stored.read_text())
+    few["best"][0]["iou"] = few["best"][0]["iou"][:1]
+    stored.write_text(json.dumps(few))
+    assert best_line(stored, dataset="demo").startswith("first of 2 methods")
+    assert "too few recordings for an interval" in best_line(stored, dataset="demo")
     stored.write_text('{"best": [{"dataset": "demo"}]}')
     assert best_line(stored, dataset="demo") is None
 

@@ -264,10 +264,11 @@ def best_line(file: Path, *, dataset: str) -> str | None:
         if best["protocol_digest"] != load_protocol(JUDGED).digest:
             return None
         iou, *ends = (f"{100 * value:.1f}" for value in best["iou"])
+        interval = f"[{ends[0]}, {ends[1]}]" if ends else "(too few recordings for an interval)"
         ceiling = "" if best["ceiling"] is None else f", ceiling {100 * best['ceiling']:.1f} %"
         return (
-            f"best of {best['of']} methods on {dataset} by {best['protocol']}: {best['method']}, IoU {iou} %"
-            f"{f' [{ends[0]}, {ends[1]}]' if ends else ''} over all moving object-frames{ceiling}, false positives "
+            f"{'best' if ends else 'first'} of {best['of']} methods on {dataset} by {best['protocol']}: "
+            f"{best['method']}, IoU {iou} % {interval} over all moving object-frames{ceiling}, false positives "
             f"{100 * best['false_positives'][0]:.1f} % of the image ({file}, {best['date']}, {best['code']})"
         )
     except (OSError, ValueError, LookupError, TypeError, StopIteration, RecursionError):
