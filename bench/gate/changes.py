@@ -100,8 +100,9 @@ def _changed_recordings(was: Mapping[str, str], now: Mapping[str, str]) -> Itera
     """Which have other data; nothing where a side is of a version that does not say."""
     if not (was and now):
         return
+    common = was.keys() & now.keys()
     for kind, names, count in (
-        ("changed", {name for name in was.keys() & now.keys() if was[name] != now[name]}, len(was.keys() & now.keys())),
+        ("changed", {name for name in common if was[name] != now[name]}, len(common)),
         ("new", now.keys() - was.keys(), len(now)),
         ("missing", was.keys() - now.keys(), len(was)),
     ):

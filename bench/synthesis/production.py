@@ -63,7 +63,8 @@ def stamped(out: Path, scenario: bytes) -> list[Path] | None:
         marks: dict[str, str] = content["marks"]
         folders = {path.name for path in out.iterdir() if path.is_dir()}
         whole = folders == marks.keys() and all(
-            mark == _mark_text(out / name) and _no_file_is_missing(out / name) for name, mark in marks.items()
+            mark == _mark_text(out / name) and _no_file_is_missing(out / name, json.loads(mark))
+            for name, mark in marks.items()
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
@@ -134,16 +135,16 @@ def _files(folder: Path) -> int:
     return sum(name != MARK for _, _, names in os.walk(folder) for name in names)
 
 
-def _no_file_is_missing(folder: Path) -> bool:
-    """Whether as many are there as were rendered; marks of older versions do not say how many."""
-    stated = (_mark_of(folder) or {}).get("files", 0)
+def _no_file_is_missing(folder: Path, mark: Mapping[str, Any]) -> bool:
+    """Whether as many are there as its mark says; those of older versions do not say how many."""
+    stated = mark.get("files", 0)
     return not isinstance(stated, int) or _files(folder) >= stated
 
 
 def _is_there(folder: Path, mark: Mapping[str, str]) -> bool:
     """Whether a recording made from the same lines is there, with all of its files."""
     found = _mark_of(folder)
-    return found is not None and mark.items() <= found.items() and _no_file_is_missing(folder)
+    return found is not None and mark.items() <= found.items() and _no_file_is_missing(folder, found)
 
 
 def _mark_of(folder: Path) -> dict[str, Any] | None:
