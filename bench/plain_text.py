@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Sequence
 
 _SHORT = {"\n": r"\n", "\r": r"\r", "\t": r"\t"}
 _UNDERSCORE_AT_EDGE = re.compile(r"(?<![^\W_])_|_(?![^\W_])")  # inside of a word it emphasises nothing
@@ -25,6 +26,12 @@ def escape_markdown(text: str) -> str:
     escaped = re.sub(r"([\\`*|~$])", r"\\\1", plain(text)).replace("](", r"]\(")
     escaped = _UNDERSCORE_AT_EDGE.sub(r"\\_", escaped)
     return _TAG.sub("&lt;", _ENTITY.sub("&amp;", escaped))
+
+
+def listed(names: Sequence[str], most: int = 5) -> str:
+    """The first few of many names."""
+    rest = len(names) - most
+    return ", ".join(names[:most]) + (f" and {rest} more" if rest > 0 else "")
 
 
 def _is_visible(character: str) -> bool:

@@ -8,12 +8,12 @@ from pathlib import Path
 from bench.cli.computing import parse_settings, render_if_synthetic
 from bench.cli.console import progress_bar, say
 from bench.errors import UsageError
+from bench.plain_text import listed
 from bench.plug_ins import imported
 from bench.recordings import load_card, open_dataset, write_text
 from bench.recordings.catalogue import Adapter
 from bench.recordings.contract import adapter_faults
 from bench.validation import Depth, Finding, RecordingReport, Severity, ValidationReport, validate_dataset
-from bench.validation.findings import listed
 
 SHOWN = 5  # findings of one check in one recording that are printed; the file has all
 SHOWN_PLACES = 3  # of findings that read alike

@@ -10,6 +10,7 @@ from pathlib import Path
 from bench.evaluation.protocol import known_protocols
 from bench.gate.baseline import Origin, ScoredRun
 from bench.harness.method_stamp import flat_settings
+from bench.plain_text import listed
 
 SHOWN_DIGEST = 12  # characters of a digest that are shown
 LISTED = 4  # recordings, or other differences, that a message lists
@@ -107,9 +108,7 @@ def _changed_recordings(was: Mapping[str, str], now: Mapping[str, str]) -> Itera
         ("missing", was.keys() - now.keys(), len(was)),
     ):
         if names:
-            more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
-            listed = ", ".join(map(repr, sorted(names)[:LISTED]))
-            yield f"recordings {kind}: {listed}{more} ({len(names)} of {count})"
+            yield f"recordings {kind}: {listed([*map(repr, sorted(names))], LISTED)} ({len(names)} of {count})"
 
 
 def how_to_compare(baseline: ScoredRun, run: ScoredRun, *, folder: Path, card: str) -> tuple[str, ...]:

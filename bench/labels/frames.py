@@ -18,6 +18,7 @@ from pathlib import Path
 
 from bench.errors import DataError
 from bench.labels.formats import LabelOptions
+from bench.plain_text import listed
 from bench.recordings import Recording, SweepRef
 from bench.recordings.atomic import refuse_escape
 
@@ -167,14 +168,13 @@ def _paired(
     odd = [name for name in names if name not in chosen]
     if not odd:
         return chosen
-    listed = ", ".join(odd[:SHOWN]) + (f" and {len(odd) - SHOWN} more" if len(odd) > SHOWN else "")
     called = f"{sweeps[0].path.stem} to {sweeps[-1].path.stem}"
     expected = f"frames called as the {len(sweeps)} sweeps, {called}"
     do = "name frames after the sweeps"
     if places:
         expected += f", or {options.first_frame} to {options.first_frame + len(sweeps) - 1}"
         do += ", or give the number of the first sweep with --first-frame"
-    raise DataError(source, field="frames", expected=expected, got=listed, do=do)
+    raise DataError(source, field="frames", expected=expected, got=listed(odd, SHOWN), do=do)
 
 
 def _is_number(text: str) -> bool:

@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from bench.plain_text import listed
 from bench.recordings import Cuboid, Recording, Track
 from bench.recordings.validation import keys_twice
 from bench.reference.records import Category
@@ -19,7 +20,6 @@ from bench.validation.findings import (
     Severity,
     Span,
     annotation_file,
-    listed,
     object_field,
     occurrences,
     road_height_m,

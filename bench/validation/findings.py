@@ -13,7 +13,6 @@ Sources:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TypedDict
@@ -105,12 +104,6 @@ def road_height_m(recording: Recording) -> float:
 def sweep_times(recording: Recording) -> NDArray[np.int64]:
     """(N,) int64, reference times of the sweeps."""
     return np.array([sweep.timestamp_ns for sweep in recording.sweeps], dtype=np.int64)
-
-
-def listed(names: Sequence[str], most: int = 5) -> str:
-    """The first few of many names."""
-    rest = len(names) - most
-    return ", ".join(names[:most]) + (f" and {rest} more" if rest > 0 else "")
 
 
 Span = tuple[float, float]

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from bench.egomotion import Trajectory
 from bench.geometry import RigidTransform
+from bench.plain_text import listed
 from bench.recordings import Cuboid, GroundPolygon, ObjectShape, Recording, Track
-from bench.validation.findings import BODIES, BodyLimits, Finding, Severity, listed, object_field, occurrences
+from bench.validation.findings import BODIES, BodyLimits, Finding, Severity, object_field, occurrences
 
 SECOND_NS = 1_000_000_000
 LONGEST_STEP_S = 1.0
