@@ -153,14 +153,11 @@ def _linearised(
     if tangent is None:  # all depths look the same: both directions count everywhere
         tangent = np.broadcast_to([1.0, 0.0], given.pixels.shape)
     normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
-    at_depth, at_road = start.previous_pixels(given.rays, depth), start.previous_pixels(given.rays, on_road)
-    slopes = np.empty((2, len(given.rays), CORRECTIONS))
-    for k in range(CORRECTIONS):
-        moved = _corrected(scene, axes, correction + STEP * np.eye(CORRECTIONS)[k])
-        slopes[0, :, k] = _along(normal, moved.previous_pixels(given.rays, depth) - at_depth) / STEP
-        road = _road_inverse_depth(moved, given.rays)
-        slopes[1, :, k] = _along(tangent, moved.previous_pixels(given.rays, road) - at_road) / STEP
-    offsets = np.stack([_along(normal, given.pixels - at_depth), _along(tangent, given.pixels - at_road)])
+    steps = np.vstack([np.zeros(CORRECTIONS), STEP * np.eye(CORRECTIONS)])
+    at_depth, at_road = _seen_before(scene, axes, correction + steps, given.rays, depth)
+    offsets = np.stack([_along(normal, given.pixels - at_depth[0]), _along(tangent, given.pixels - at_road[0])])
+    slopes = np.stack([_along(normal, at_depth[1:] - at_depth[0]), _along(tangent, at_road[1:] - at_road[0])]) / STEP
+    slopes = np.moveaxis(slopes, 1, 2)
     certain = np.stack([np.einsum("nd,nde,ne->n", d, given.information, d) for d in (normal, tangent)])
     used = np.isfinite(offsets) & np.isfinite(slopes).all(axis=-1)
     used[1] &= still | (dot(given.rays, scene.road.down) > ROAD_COSINE)
@@ -168,6 +165,34 @@ def _linearised(
         weights = np.where(used, certain * np.maximum(1 - offsets**2 * certain / cut**2, 0) ** 2, 0.0)
     slopes[~used], offsets[~used] = 0.0, 0.0
     return slopes.reshape(-1, CORRECTIONS), offsets.reshape(-1), weights.reshape(-1)
+
+
+def _seen_before(
+    scene: RigidScene, axes: Floats, corrections: Floats, rays: Floats, depth: Floats
+) -> tuple[Floats, Floats]:
+    """Where the previous image shows rays at a depth, and on the road, by each of K corrections.
+
+    The same as `RigidScene.previous_pixels` of each corrected scene, but the lens is asked once for all.
+
+    Args:
+        scene: to be corrected.
+        axes: of the corrections.
+        corrections: (K, 8).
+        rays: (N, 3), unit rays of the current camera.
+        depth: (N,), 1/m.
+
+    Returns:
+        at_depth, at_road: (K, N, 2) each, px; NaN where the lens does not see them.
+    """
+    motion = scene.current_from_previous
+    rotations = Rotation.from_rotvec(corrections[:, :3] @ axes).as_matrix() @ motion.rotation
+    translations = motion.translation_m + corrections[:, 3:6] @ axes
+    down = Rotation.from_rotvec(corrections[:, 6:] @ axes[1:]).as_matrix() @ scene.road.down
+    on_road = scene.road_inverse_depth(down @ rays.T)
+    depths = np.stack([np.broadcast_to(depth, on_road.shape), on_road])  # (2, K, N)
+    points = (rays - depths[..., None] * translations[:, None]) @ rotations
+    pixels = scene.camera.project(points.reshape(-1, 3))[0].reshape(*depths.shape, 2)
+    return pixels[0], pixels[1]
 
 
 def _axes(scene: RigidScene) -> Floats:
@@ -209,4 +234,4 @@ def _nearest_depth(scene: RigidScene, given: Correspondences, start: Floats) -> 
 
 
 def _along(direction: Floats, offset: Floats) -> Floats:
-    return np.asarray(direction[:, 0] * offset[:, 0] + direction[:, 1] * offset[:, 1])
+    return np.asarray(direction[..., 0] * offset[..., 0] + direction[..., 1] * offset[..., 1])
