@@ -1,17 +1,15 @@
 """Why cells are missed and why cells are flagged, by the method with exact flow and exact motion.
 
-Why a cell is missed, and why a cell is a false alarm.
-
-The method is run three times on a pair of images: as in the benchmark (R), with the exact ego-motion and calibration in
-place of the recorded ones (M), and with the exact flow as well (E). What E does not find, the constraints cannot see;
-what E finds and M does not, the flow has lost; what M finds and R does not, the ego-motion has. Each cell has one
-cause, the first that applies, so that the shares add up to one.
+Any `FlowMethod` can be asked. It is run three times on a pair of images: as in the benchmark (R), with the exact
+ego-motion and calibration in place of the recorded ones (M), and with the exact flow as well (E). What E does not find,
+the constraints cannot see; what E finds and M does not, the flow has lost; what M finds and R does not, the ego-motion
+has. Each cell has one cause, the first that applies, so that the shares add up to one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any, TypeVar
 
@@ -21,19 +19,20 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
 from bench.audit.sources import AuditSource, ExactPair, SimulatedTruth, instance_ids
-from bench.cameras import ray_grid
 from bench.errors import UsageError
 from bench.evaluation import Protocol
 from bench.harness.frames import FramePipeline
 from bench.harness.oracles import moving_instances
-from bench.methods import Method, MethodInput, Segmentation
-from bench.methods.spherical.likelihood import CONSTRAINTS
-from bench.methods.spherical.method import SphericalMethod
+from bench.methods import FlowMethod, Method, MethodInput, Segmentation, ask_method
+from bench.methods.cells import flow_rays
+from bench.methods.contract import Arrays, CachedStep, StepOf
 from bench.recordings import read_truth
 from bench.reference import ReferenceFrame, Status
 
 Cells = NDArray[np.bool_]
 Cause = TypeVar("Cause", bound=StrEnum)
+ANTI_PARALLEL = "anti_parallel"
+EXPLAINED = "as 'spherical' and 'rigid-scene' do"
 BESIDE_PX = 15  # a flow window's width: as far as an object's motion bleeds into its surroundings
 
 
@@ -65,19 +64,21 @@ BLIND = (MissCause.NEAR_EPIPOLE, MissCause.ENTERED, MissCause.ABOVE_HORIZON, Mis
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Evidence:
-    """What the three runs say of each cell, all (rows, columns) bool.
+    """What the three runs say of each cell of the flow, at its centre, all (rows, columns) bool.
 
     Attributes:
+        by_recorded: R fires.
         by_exact_flow: E fires.
         by_exact_motion: M fires.
         seen: both images could see the cell's content, by the exact flow.
-        defined: E's deviations are defined.
+        defined: the constraints are defined.
         below_horizon: both rays of the exact flow point below the horizon.
         anti_parallel: E's largest contribution is the anti-parallel one.
         visible: the previous image shows the same point.
         moving: the cell shows a moving object.
     """
 
+    by_recorded: Cells
     by_exact_flow: Cells
     by_exact_motion: Cells
     seen: Cells
@@ -168,9 +169,9 @@ class ThreeRuns:
 
 
 def run_three_times(
-    method: SphericalMethod, given: MethodInput, exact: ExactPair, *, moving_ids: NDArray[np.int64]
+    method: FlowMethod, given: MethodInput, exact: ExactPair, *, moving_ids: NDArray[np.int64]
 ) -> ThreeRuns:
-    """Run the method on recorded and exact input; the flow is estimated once.
+    """Run the method on recorded and exact input; what depends on the images alone is computed once.
 
     Args:
         method: to be explained.
@@ -178,26 +179,31 @@ def run_three_times(
         exact: what is exactly known.
         moving_ids: instance ids of the objects that move.
     """
-    estimated, true = method.mean_flow(given), exact.flow.flow.astype(np.float32)
-    recorded = method.segmentation(method.likelihood_map(given, estimated))
-    exact_motion = method.segmentation(method.likelihood_map(exact.given, estimated))
-    likelihood = method.likelihood_map(exact.given, true)
-    exact_flow = method.segmentation(likelihood)
-    cause = exact_flow.cause
-    assert cause is not None, "the method names its causes"
-    anti_parallel = exact_flow.causes == CONSTRAINTS
-    error_px = np.linalg.norm(estimated - exact.flow.flow, axis=-1)
+    step, cells, true = _computed_once(), exact.cells, exact.flow.flow.astype(np.float32)
+    given, exact_given = replace(given, cached_step=step), replace(exact.given, cached_step=step)
+    recorded, exact_motion = ask_method(method, given), ask_method(method, exact_given)
+    exact_flow = method.segment_flow(exact_given, true)
+    error_px = np.linalg.norm(method.mean_flow(given) - exact.flow.flow, axis=-1)
+
+    height, width = given.valid.shape
+    _, seen = flow_rays(exact_given, cells, true)
+    defined = ~cells.at_centres(exact_flow.undefined_at(width, height))
+    anti_parallel = np.zeros(seen.shape, dtype=bool)
+    if exact_flow.cause is not None and ANTI_PARALLEL in exact_flow.causes:
+        cause = replace(exact_flow, mask=exact_flow.cause == exact_flow.causes.index(ANTI_PARALLEL))
+        anti_parallel = cells.at_centres(cause.mask_at(width, height))
     return ThreeRuns(
         recorded=recorded,
         exact_motion=exact_motion,
         exact_flow=exact_flow,
         evidence=Evidence(
-            by_exact_flow=exact_flow.mask,
-            by_exact_motion=exact_motion.mask,
-            seen=likelihood.seen,
-            defined=likelihood.defined,
+            by_recorded=cells.at_centres(recorded.mask_at(width, height)),
+            by_exact_flow=cells.at_centres(exact_flow.mask_at(width, height)),
+            by_exact_motion=cells.at_centres(exact_motion.mask_at(width, height)),
+            seen=seen if method.blind_at_epipole else seen & defined,
+            defined=defined,
             below_horizon=exact.below_horizon,
-            anti_parallel=(cause == CONSTRAINTS.index("anti_parallel")) & anti_parallel,
+            anti_parallel=anti_parallel,
             visible=exact.flow.visible,
             moving=np.isin(exact.flow.instance_ids, moving_ids),
         ),
@@ -205,11 +211,26 @@ def run_three_times(
     )
 
 
+def _computed_once() -> CachedStep:
+    """Holds what a method computes on the images alone, while it is run on one image after another time."""
+    held: dict[str, Arrays] = {}
+
+    def once(step: str, settings: object, compute: Callable[[], Arrays], *, of: StepOf) -> Arrays:
+        if of == "input":
+            return compute()
+        key = repr((step, settings))
+        if key not in held:
+            held[key] = compute()
+        return held[key]
+
+    return once
+
+
 def miss_rows(
     runs: ThreeRuns, exact: ExactPair, reference: ReferenceFrame, instance_of: Mapping[str, int]
 ) -> list[Row]:
     """Rows of `MISSES_SCHEMA` of an image; objects that fill no cell's centre have none."""
-    causes, shown = miss_causes(runs.evidence), _shown(reference, exact, runs)
+    causes, shown, found = miss_causes(runs.evidence), _shown(reference, exact), runs.evidence.by_recorded
     rows = []
     for item in reference.objects:
         cells = shown & (exact.flow.instance_ids == instance_of[item.track_id])
@@ -220,18 +241,18 @@ def miss_rows(
             _image(reference)
             | {"track_id": item.track_id, "object_class": item.object_class, "category": item.category.value}
             | {"range_m": item.range_m, "flow_error_px": _median(runs.flow_error_px[cells])}
-            | {"cells": _count(cells), "hit": _count(cells & runs.recorded.mask)}
-            | {"hit_by_error": _count(cells & runs.recorded.mask & ~runs.exact_flow.mask)}
-            | _counted(causes[cells & ~runs.recorded.mask], [cause.value for cause in MissCause])
+            | {"cells": _count(cells), "hit": _count(cells & found)}
+            | {"hit_by_error": _count(cells & found & ~runs.evidence.by_exact_flow)}
+            | _counted(causes[cells & ~found], [cause.value for cause in MissCause])
         )
     return rows
 
 
 def false_row(runs: ThreeRuns, exact: ExactPair, reference: ReferenceFrame) -> Row:
     """The row of `FALSE_ALARMS_SCHEMA` of an image."""
-    causes = false_causes(runs.evidence, cell_size_px=runs.recorded.cell_size_px)
-    static = _shown(reference, exact, runs) & ~runs.evidence.moving
-    flagged = static & runs.recorded.mask
+    causes = false_causes(runs.evidence, cell_size_px=exact.cells.cell_size_px)
+    static = _shown(reference, exact) & ~runs.evidence.moving
+    flagged = static & runs.evidence.by_recorded
     return (
         _image(reference)
         | {"flow_error_px": _median(runs.flow_error_px[static])}
@@ -240,9 +261,8 @@ def false_row(runs: ThreeRuns, exact: ExactPair, reference: ReferenceFrame) -> R
     )
 
 
-def _shown(reference: ReferenceFrame, exact: ExactPair, runs: ThreeRuns) -> NDArray[np.bool_]:
-    cells = ray_grid(exact.given.camera, runs.recorded.cell_size_px)
-    return cells.at_centres(reference.valid)
+def _shown(reference: ReferenceFrame, exact: ExactPair) -> NDArray[np.bool_]:
+    return exact.cells.at_centres(reference.valid)
 
 
 def _image(reference: ReferenceFrame) -> Row:
@@ -294,21 +314,21 @@ def explain_image(
         DataError: something of the recording cannot be read.
         UsageError: the recording has no scene to stage, or the method takes no flow from outside.
     """
-    if not isinstance(method, SphericalMethod):
-        raise UsageError(f"explain: expected the method 'spherical', got {method.name!r}")
+    if not isinstance(method, FlowMethod):
+        raise UsageError(f"explain: expected a method that takes flow from outside, {EXPLAINED}, got {method.name!r}")
     if source.exact is None or source.scenario is None or source.spec is None:
         raise UsageError(f"recording {source.recorded.name!r}: expected a scene that can be simulated, got none")
     recording, exact_recording = source.recorded.open(), source.exact.open()
-    by_contract: Method = method
-    pipeline = FramePipeline(recording, camera, method=by_contract, protocol=protocol)
+    pipeline = FramePipeline(recording, camera, method=method, protocol=protocol)
     index = [image.timestamp_ns for image in pipeline.images].index(timestamp_ns)
     valid = pipeline.references.valid
+    cell_size_px = method.flow_cell_px(valid.shape[1])
     simulated = SimulatedTruth(
         source.scenario,
         source.spec,
         camera=exact_recording.cameras[camera],
         valid=valid,
-        cell_size_px=method.cell_size_px,
+        cell_size_px=cell_size_px,
     )
     given = pipeline.method_input(index)
     exact = simulated.look(given, read_truth(pipeline.images[index], pipeline.camera))
@@ -319,12 +339,13 @@ def explain_image(
     runs = run_three_times(method, given, exact, moving_ids=np.array(moving, dtype=np.int64))
     shown = simulated.cells.at_centres(valid)
     own = shown & np.isin(exact.flow.instance_ids, evaluated)
-    missed, false = own & ~runs.recorded.mask, shown & ~runs.evidence.moving & runs.recorded.mask
-    why_missed, why_false = miss_causes(runs.evidence), false_causes(runs.evidence, cell_size_px=method.cell_size_px)
+    found = runs.evidence.by_recorded
+    missed, false = own & ~found, shown & ~runs.evidence.moving & found
+    why_missed, why_false = miss_causes(runs.evidence), false_causes(runs.evidence, cell_size_px=cell_size_px)
     return ExplainedImage(
         pixels=given.images[-1],
-        cell_size_px=method.cell_size_px,
-        hit=own & runs.recorded.mask,
+        cell_size_px=cell_size_px,
+        hit=own & found,
         missed={cause: missed & (why_missed == number) for number, cause in enumerate(MissCause)},
         flagged={cause: false & (why_false == number) for number, cause in enumerate(FalseCause)},
     )

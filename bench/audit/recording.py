@@ -28,8 +28,7 @@ from bench.harness.frames import FramePipeline, UnscorableFrame
 from bench.harness.oracles import exact_mask, moving_instances
 from bench.harness.provenance import recording_fingerprint
 from bench.harness.stages import StageClock
-from bench.methods import Method, MethodInput, Segmentation, ask_method
-from bench.methods.spherical.method import SphericalMethod
+from bench.methods import FlowMethod, Method, MethodInput, Segmentation, ask_method
 from bench.recordings import Recording, read_truth
 from bench.reference import ReferenceFrame, Status
 
@@ -132,7 +131,7 @@ def _nothing(fingerprint: str, problems: list[str]) -> RecordingAudit:
 
 def _exact_recording(source: AuditSource, method: Method) -> tuple[Recording | None, list[str]]:
     """The recording with its true calibration, and why there is none although there could be."""
-    if source.exact is None or not isinstance(method, SphericalMethod):
+    if source.exact is None or not isinstance(method, FlowMethod):
         return None, []
     if source.spec is None:
         return None, [f"recording {source.recorded.name!r}: not in the scenario, so without exact flow"]
@@ -161,7 +160,7 @@ class _CameraAudit:
         self._polygons = PolygonAuditor(recording, camera, protocol.reference_settings())
         self._instance_of = instance_ids({track.track_id: track.instance_id for track in recording.tracks})
         self._simulated: SimulatedTruth | None = None
-        if exact is not None and isinstance(method, SphericalMethod):
+        if exact is not None and isinstance(method, FlowMethod):
             assert source.scenario is not None
             assert source.spec is not None
             self._simulated = SimulatedTruth(
@@ -169,7 +168,7 @@ class _CameraAudit:
                 source.spec,
                 camera=exact.cameras[camera],
                 valid=self._pipeline.references.valid,
-                cell_size_px=method.cell_size_px,
+                cell_size_px=method.flow_cell_px(exact.cameras[camera].model.width),
             )
         self._scorers = {scoring: SequenceScorer(protocol) for scoring in self._scorings()}
         self._polygon_rows: list[Row] = []
@@ -235,7 +234,7 @@ class _CameraAudit:
                 Scoring.MASKS: runs.recorded,
                 Scoring.EXACT_MOTION: runs.exact_motion,
                 Scoring.EXACT_FLOW: runs.exact_flow,
-                Scoring.CELLS: Segmentation(cell_size_px=runs.recorded.cell_size_px, mask=runs.evidence.moving),
+                Scoring.CELLS: Segmentation(cell_size_px=self._simulated.cells.cell_size_px, mask=runs.evidence.moving),
             }
         with self._clock.stage("counts"):
             for scoring, segmentation in detected.items():
@@ -249,7 +248,7 @@ class _CameraAudit:
     def _explain(
         self, simulated: SimulatedTruth, given: MethodInput, ids: NDArray[np.uint16], reference: ReferenceFrame
     ) -> ThreeRuns:
-        assert isinstance(self._method, SphericalMethod), "only its constraints can be asked with exact flow"
+        assert isinstance(self._method, FlowMethod), "no other can be asked with exact flow"
         with self._clock.stage("exact flow"):
             exact = simulated.look(given, ids)
         moving = moving_instances(self._pipeline.recording, reference)

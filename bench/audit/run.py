@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
+from bench.audit.causes import EXPLAINED
 from bench.audit.recording import RecordingAudit, Scoring, audit_recording, joined
 from bench.audit.reduce import aims, false_alarm_figures, miss_figures, polygon_figures, scores
 from bench.audit.results import SCHEMA_VERSION, AuditSummary, write_audit
@@ -16,8 +17,7 @@ from bench.harness import provenance as origin
 from bench.harness.keys import MethodIdentity
 from bench.harness.method_stamp import MethodStamp
 from bench.harness.stages import Progress
-from bench.methods import Method
-from bench.methods.spherical.method import SphericalMethod
+from bench.methods import FlowMethod, Method
 from bench.recordings import DatasetCard
 from bench.reference import POLYGON_KINDS
 
@@ -121,8 +121,8 @@ def _left_out(sources: tuple[AuditSource, ...], method: Method, audit: Recording
     """Why nothing is explained by exact flow; empty where something is."""
     if len(audit.false_alarms):
         return ""
-    if not isinstance(method, SphericalMethod):
-        return f"the method {method.name!r} does not take flow from outside; only 'spherical' does"
+    if not isinstance(method, FlowMethod):
+        return f"the method {method.name!r} does not take flow from outside, {EXPLAINED}"
     if sources[0].scenario is None:
         return NO_SCENARIO
     return "the scene of no recording could be simulated again; see the failures"

@@ -6,12 +6,13 @@ from collections.abc import Callable, Mapping, Sequence, Set
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.cameras import ray_grid
+from bench.cameras import RayGrid, ray_grid
 from bench.errors import DataError, UsageError
 from bench.execution import FailedTask, TaskExecutor
 from bench.harness.stages import Progress
@@ -161,11 +162,13 @@ class ExactPair:
 
     Attributes:
         given: the method's input with the true lens, ego-motion and road.
-        flow: on the method's cells.
+        cells: on which the method takes flow.
+        flow: on these cells.
         below_horizon: (rows, columns) bool; the rays to both places of the point go below the horizon.
     """
 
     given: MethodInput
+    cells: RayGrid
     flow: ExactFlow
     below_horizon: NDArray[np.bool_]
 
@@ -178,7 +181,7 @@ class SimulatedTruth:
         spec: the recording.
         camera: with its true calibration.
         valid: (H, W) bool, the region V.
-        cell_size_px: side of the method's cells, whose grid is `cells`.
+        cell_size_px: side of the cells on which the method takes flow, whose grid is `cells`.
     """
 
     def __init__(
@@ -197,7 +200,7 @@ class SimulatedTruth:
         self._object_cells, self._differing_cells = 0, 0
 
     def look(self, given: MethodInput, ids: NDArray[np.uint16]) -> ExactPair:
-        """What is exactly known of the last pair of images.
+        """What is exactly known of the last pair of images, and the motion between all of them.
 
         Args:
             given: the method's input as recorded.
@@ -210,12 +213,12 @@ class SimulatedTruth:
             given,
             camera=self._camera.model,
             road=self._caster.road(current_ns),
-            current_from_previous=(
-                *given.current_from_previous[:-1],
-                self._caster.motion(current_ns=current_ns, previous_ns=previous_ns),
+            current_from_previous=tuple(
+                self._caster.motion(current_ns=later_ns, previous_ns=earlier_ns)
+                for earlier_ns, later_ns in pairwise(given.timestamps_ns)
             ),
         )
-        return ExactPair(given=exact, flow=flow, below_horizon=self._below_horizon(exact, flow))
+        return ExactPair(given=exact, cells=self.cells, flow=flow, below_horizon=self._below_horizon(exact, flow))
 
     def check(self) -> None:
         """Refuse a scene that is not the one that was rendered.
@@ -233,10 +236,13 @@ class SimulatedTruth:
             )
 
     def _compare(self, flow: ExactFlow, ids: NDArray[np.uint16]) -> None:
-        rendered = self.cells.at_centres(ids)
-        objects = self._shown & ((rendered > 0) | (flow.instance_ids > 0))
+        steps = (0,) if self.cells.cell_size_px % 2 else (0, 1)  # an even cell's centre lies between four pixels
+        padded, (height, width) = np.pad(ids, ((0, 1), (0, 1)), mode="edge"), ids.shape
+        about = [self.cells.at_centres(padded[v : v + height, u : u + width]) for v in steps for u in steps]
+        objects = self._shown & ((about[0] > 0) | (flow.instance_ids > 0))
+        differing = objects & np.all([rendered != flow.instance_ids for rendered in about], axis=0)
         self._object_cells += int(np.count_nonzero(objects))
-        self._differing_cells += int(np.count_nonzero(objects & (rendered != flow.instance_ids)))
+        self._differing_cells += int(np.count_nonzero(differing))
 
     def _below_horizon(self, exact: MethodInput, flow: ExactFlow) -> NDArray[np.bool_]:
         rays, _ = exact.camera.unproject((self.cells.pixels + flow.flow).reshape(-1, 2))

@@ -14,8 +14,7 @@ from bench.cli.console import note, print_failures, progress_bar, say, show, sta
 from bench.cli.interrupts import interruptible
 from bench.evaluation import load_protocol
 from bench.harness import Provenance, build_scorable
-from bench.methods import build_method
-from bench.methods.spherical.method import SphericalMethod
+from bench.methods import FlowMethod, build_method
 from bench.recordings import DatasetCard, load_card
 from bench.recordings.atomic import output_folder
 from bench.reporting.audit_pictures import write_audit_files, write_cause_pictures, write_examples
@@ -59,7 +58,7 @@ def audit(
         sources = {source.recorded.name: source for source in audit_sources(card, split=split, recordings=recordings)}
         handles = {name: source.recorded for name, source in sources.items()}
         files += write_examples(folder, found, read_polygons(folder), handles=handles, protocol=rules)
-        if isinstance(chosen, SphericalMethod):
+        if isinstance(chosen, FlowMethod):
             files += write_cause_pictures(folder, read_misses(folder), sources=sources, method=chosen, protocol=rules)
     _print_tables(audit_tables(found))
     _print_cost(found.provenance, recordings=found.recordings)

@@ -65,7 +65,7 @@ class SphericalOnExactFlow(SphericalMethod):
             road=caster.road(current_ns),
             current_from_previous=(*frame.current_from_previous[:-1], motion),
         )
-        return self.segmentation(self.likelihood_map(exact, flow))
+        return self.segment_flow(exact, flow)
 
 
 @lru_cache(maxsize=1)

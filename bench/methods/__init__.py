@@ -6,6 +6,7 @@ A method is given consecutive images, calibration and ego-motion, never annotati
 """
 
 from bench.methods.contract import (
+    FlowMethod,
     Method,
     MethodError,
     MethodInput,
@@ -18,6 +19,7 @@ from bench.methods.registry import METHODS, build_method, describe_method, known
 
 __all__ = [
     "METHODS",
+    "FlowMethod",
     "Method",
     "MethodError",
     "MethodInput",

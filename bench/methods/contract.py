@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol, TypeVar
+from typing import Any, Literal, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -140,6 +140,35 @@ class Method(Protocol):
 
     def segment(self, frame: MethodInput) -> Segmentation:
         """Segment the current image into moving and static cells."""
+        ...
+
+
+@runtime_checkable
+class FlowMethod(Method, Protocol):
+    """A method that also says what it would answer with another flow, by which `audit` explains its misses.
+
+    Attributes:
+        blind_at_epipole: what it leaves undefined although both images see it lies near an epipole; without, at the
+            border of what both images see.
+    """
+
+    blind_at_epipole: bool
+
+    def flow_cell_px(self, width: int) -> int:
+        """Side of the cells on which it takes flow, px, for images of this width."""
+        ...
+
+    def mean_flow(self, frame: MethodInput) -> NDArray[np.float32]:
+        """Its own flow from the current to the previous image, (rows, columns, 2), px of the given images."""
+        ...
+
+    def segment_flow(self, frame: MethodInput, flow: NDArray[np.float32]) -> Segmentation:
+        """Segment the current image with the flow of others in place of its own.
+
+        Args:
+            frame: as of `segment`.
+            flow: as from `mean_flow`; NaN where it is not known.
+        """
         ...
 
 

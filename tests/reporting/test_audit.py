@@ -135,7 +135,10 @@ def test_causes_are_drawn_where_most_is_missed(folder: Path, tiny_card: Path):
         }
     files = write_cause_pictures(folder, misses, sources=sources, method=METHOD, protocol=rules)
     assert len(files) == 2 * len(found) > 0
-    with pytest.raises(UsageError, match="expected the method 'spherical'"):
+    with pytest.raises(
+        UsageError,
+        match="expected a method that takes flow from outside, as 'spherical' and 'rigid-scene' do, got 'nothing'",
+    ):
         explain_image(
             sources["crossing"], camera="front", timestamp_ns=0, method=build_method("nothing"), protocol=rules
         )

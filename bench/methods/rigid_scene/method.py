@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.cameras import CameraModel
+from bench.cameras import CameraModel, ray_grid
 from bench.errors import UsageError
 from bench.flow import DisFlow, FarnebackFlow, dense_flow
 from bench.methods.contract import MethodInput, Segmentation, UnansweredImage
@@ -57,6 +57,7 @@ class RigidSceneMethod:
 
     name: ClassVar[str] = "rigid-scene"
     history: ClassVar[int] = 1
+    blind_at_epipole: ClassVar[bool] = False
     longest_history: ClassVar[int] = 3
 
     first_guess: bool = True
@@ -102,8 +103,14 @@ class RigidSceneMethod:
         """
         if not frame.current_from_previous:
             raise UnansweredImage("rigid-scene: expected the ego-motion between the images, got none")
+        return self.segment_flow(frame, None)
+
+    def segment_flow(self, frame: MethodInput, flow: NDArray[np.float32] | None) -> Segmentation:
+        """See `bench.methods.contract.FlowMethod`; of the last pair, the flow of images further apart is its own."""
         views = _Views.of(frame)
-        short = self._evidence(views, frame, 1, None)
+        if flow is not None:
+            flow = _flow_at(flow, views.valid.shape, size=views.valid.shape, was=frame.valid.shape)
+        short = self._evidence(views, frame, 1, None, flow)
         found = find_candidates(short, self.objects)
         pairs = [Pair(previous=views.fine[-2], evidence=short)]
         back = min(self.longest_history, len(frame.images) - 1)
@@ -124,7 +131,32 @@ class RigidSceneMethod:
             parts=_parts(short, mask.shape),
         )
 
-    def _evidence(self, views: _Views, frame: MethodInput, back: int, known: RigidScene | None) -> Evidence:
+    def flow_cell_px(self, width: int) -> int:
+        """See `bench.methods.contract.FlowMethod`."""
+        return 2 * _fine_cell_px(width)
+
+    def mean_flow(self, frame: MethodInput) -> NDArray[np.float32]:
+        """See `bench.methods.contract.FlowMethod`."""
+        views = _Views.of(frame)
+        scene = RigidScene(camera=views.camera, current_from_previous=frame.current_from_previous[-1], road=frame.road)
+        found = guided_flow(
+            views.small[-1],
+            views.small[-2],
+            valid=views.valid,
+            scene=scene if self.first_guess else None,
+            flow=self._dense_flow(),
+        )
+        grid = ray_grid(frame.camera, self.flow_cell_px(frame.camera.width)).valid.shape
+        return _flow_at(found.flow, grid, size=frame.valid.shape, was=views.valid.shape)
+
+    def _evidence(
+        self,
+        views: _Views,
+        frame: MethodInput,
+        back: int,
+        known: RigidScene | None,
+        given: NDArray[np.float32] | None = None,
+    ) -> Evidence:
         """What the current image and the one `back` before it say.
 
         Args:
@@ -132,6 +164,7 @@ class RigidSceneMethod:
             frame: for times and motion.
             back: how many images.
             known: the scene of the last pair, whose motion is better than the recorded one; None if it is not known.
+            given: (H, W, 2) float32, px, flow in place of the estimated one where it is finite; None for none.
         """
         current, previous = views.small[-1], views.small[-1 - back]
         *earlier, last = frame.current_from_previous[-back:]
@@ -146,6 +179,9 @@ class RigidSceneMethod:
             scene=scene if self.first_guess else None,
             flow=self._dense_flow(),
         )
+        if given is not None:
+            flow = np.where(np.isfinite(given), given, found.flow)
+            found = GuidedFlow(flow=flow, guess=found.guess, warped=found.warped, neutral=found.neutral)
         if self.refine_motion:
             seconds = (frame.timestamps_ns[-1] - frame.timestamps_ns[-1 - back]) / 1e9
             seen = correspondences(found, current, views.camera)
@@ -190,7 +226,7 @@ class _Views:
     @classmethod
     def of(cls, frame: MethodInput) -> _Views:
         height, width = frame.valid.shape
-        cell = max(round(width / FINE_PX), 1)
+        cell = _fine_cell_px(width)
         fine_size = -(-width // cell), -(-height // cell)
         small_size = max(fine_size[0] // 2, 1), max(fine_size[1] // 2, 1)
         fine = tuple(image if cell == 1 else _resized(image, fine_size) for image in frame.images)
@@ -203,8 +239,20 @@ class _Views:
         )
 
 
+def _fine_cell_px(width: int) -> int:
+    return max(round(width / FINE_PX), 1)
+
+
 def _resized(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def _flow_at(
+    flow: NDArray[np.float32], grid: tuple[int, ...], *, size: tuple[int, ...], was: tuple[int, ...]
+) -> NDArray[np.float32]:
+    """Flow on another grid of the image, nearest, in pixels of images of a `size` that it `was` not; all (H, W)."""
+    flow = np.asarray(cv2.resize(flow, grid[::-1], interpolation=cv2.INTER_NEAREST), dtype=np.float32)
+    return flow * np.array((size[1] / was[1], size[0] / was[0]), np.float32)
 
 
 def _spread(values: NDArray[Scalar], shape: tuple[int, int]) -> NDArray[Scalar]:

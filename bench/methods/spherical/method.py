@@ -50,6 +50,7 @@ class SphericalMethod(SphericalSettings):
 
     name: ClassVar[str] = "spherical"
     history: ClassVar[int] = 1
+    blind_at_epipole: ClassVar[bool] = True
 
     flow: str = "farneback"
     flow_parameters: dict[str, object] = field(default_factory=dict)
@@ -73,6 +74,14 @@ class SphericalMethod(SphericalSettings):
 
         found = frame.cached_step("likelihood", (self.name, self._all_but_thresholds), compute, of="input")
         return self.segmentation(LikelihoodMap(**found), parts)  # type: ignore[arg-type]  # `found` has no `deviations`
+
+    def segment_flow(self, frame: MethodInput, flow: NDArray[np.float32]) -> Segmentation:
+        """See `bench.methods.contract.FlowMethod`."""
+        return self.segmentation(self.likelihood_map(frame, flow))
+
+    def flow_cell_px(self, width: int) -> int:  # noqa: ARG002 - the same for every image
+        """See `bench.methods.contract.FlowMethod`."""
+        return self.cell_size_px
 
     @cached_property
     def _all_but_thresholds(self) -> dict[str, object]:
