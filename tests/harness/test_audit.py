@@ -126,6 +126,21 @@ def test_some_recordings_are_spread_over_the_data_set(tiny_card: Path, tmp_path:
         audited(tiny_card, tmp_path / "none", recordings=0)
 
 
+def test_a_method_with_cells_and_masks_of_its_own_is_explained_too(tiny_card: Path, tmp_path: Path):
+    found = audited(tiny_card, tmp_path / "rigid-scene", method="rigid-scene", recordings=1)
+    assert (found.failures, found.left_out) == ((), "")
+    masks, exact = found.scores[Scoring.MASKS].all_moving, found.scores[Scoring.EXACT_FLOW].all_moving
+    assert exact.iou.value > masks.iou.value + 0.1
+    assert exact.iou.value < found.scores[Scoring.CELLS].all_moving.iou.value
+    every = found.misses[-1]
+    assert every.cells == every.hit + sum(every.causes.values()) > 100
+    assert every.causes["near_epipole"] == 0  # it leaves nothing out there
+    assert every.flow_error_px.median < 3
+    assert found.false_alarms is not None
+    assert found.false_alarms.flagged == sum(found.false_alarms.causes.values()) > 0
+    assert found.false_alarms.causes["anti_parallel"] == 0
+
+
 def test_another_method_is_scored_but_not_explained(tiny_card: Path, tmp_path: Path):
     found = audited(tiny_card, tmp_path / "everything", method="everything", recordings=1)
     assert set(found.scores) == {Scoring.LIDAR, Scoring.MASKS}

@@ -1,12 +1,16 @@
 """What holds for every registered method."""
 
 import json
+from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
+from bench.cameras import ray_grid
 from bench.errors import UnknownNameError, UsageError
-from bench.methods import METHODS, Needs, build_method, describe_method, known_methods
+from bench.methods import METHODS, FlowMethod, Needs, build_method, describe_method, known_methods
+from bench.methods.contract import segmentation_fault
 from tests.methods.test_spherical_method import HEIGHT, STEP, WIDTH, crossing, frame
 
 every_method = pytest.mark.parametrize("name", sorted(known_methods()))
@@ -38,6 +42,26 @@ def test_contract(name):
     again = method.segment(given)
     np.testing.assert_array_equal(found.mask, again.mask)
     np.testing.assert_array_equal(given.images[0], previous)
+
+
+def test_methods_that_take_flow_agree_on_its_grid_and_its_unit():
+    given, (width, height) = frame(*crossing()[:2], STEP), (643, 481)  # no multiple of any cell
+    images = tuple(cv2.resize(image, (width, height)) for image in given.images)
+    given = replace(
+        given, images=images, camera=given.camera.scaled(width, height), valid=np.ones((height, width), dtype=bool)
+    )
+    flows = []
+    for name in ("spherical", "rigid-scene"):
+        method = build_method(name)
+        assert isinstance(method, FlowMethod)
+        cells = ray_grid(given.camera, method.flow_cell_px(width))
+        flow = method.mean_flow(given)
+        assert flow.shape == cells.pixels.shape
+        assert segmentation_fault(method.segment_flow(given, flow), width=width, height=height) is None
+        flows.append(cv2.resize(flow, (width, height), interpolation=cv2.INTER_NEAREST))
+    difference_px = np.linalg.norm(flows[0] - flows[1], axis=-1)
+    assert np.median(difference_px) < 0.2 * np.median(np.linalg.norm(flows[0], axis=-1))
+    assert not isinstance(build_method("nothing"), FlowMethod)
 
 
 def test_mask_of_cells_at_a_size_that_is_no_multiple():
