@@ -20,8 +20,9 @@ from bench.reporting.page.build import write_page
 
 # Settings that make another method of one; the others come from the registry alone.
 VARIANTS = {"spherical": ("flow=dis", "first_guess=true")}
+EXACT_FLOW = "exact-flow"
 # Beside the methods, on data with truth: the exact masks, the same on the paper's cells, and exact flow.
-CEILINGS = ("truth", "truth:cell_size_px=5")
+CEILINGS = ("truth", "truth:cell_size_px=5", EXACT_FLOW)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,21 +58,22 @@ def competitors(card: DatasetCard, methods: str | None) -> list[Competitor]:
         UsageError: a setting that is none.
     """
     if methods is not None:
-        return [_competitor(text.strip()) for text in methods.split(",")]
-    names = [name for known in known_methods() for name in (known, *_variants(known))]
-    found = [_competitor(name) for name in names]
-    if card.scenario is not None:
-        exact_flow = Competitor(name="exact-flow", settings=(f"scenario={card.scenario}",), timed=False)
-        found += [*(_competitor(name) for name in CEILINGS), exact_flow]
-    return found
+        names = [text.strip() for text in methods.split(",")]
+    else:
+        names = [name for known in known_methods() for name in (known, *_variants(known))]
+        names += CEILINGS if card.scenario is not None else ()
+    return [_competitor(name, card) for name in names]
 
 
 def _variants(name: str) -> list[str]:
     return [f"{name}:{setting}" for setting in VARIANTS.get(name, ())]
 
 
-def _competitor(text: str) -> Competitor:
+def _competitor(text: str, card: DatasetCard) -> Competitor:
     name, settings = split_method(text)
+    told = any(setting.startswith("scenario=") for setting in settings)
+    if name == EXACT_FLOW and card.scenario is not None and not told:
+        settings = [*settings, f"scenario={card.scenario}"]
     return Competitor(name=name, settings=tuple(settings), timed=name in known_methods() or ":" in name)
 
 

@@ -152,5 +152,6 @@ def test_every_registered_method_competes_with_what_bounds_it_on_rendered_data(t
     assert [one.folder for one in found if not one.timed] == ["truth", "truth-cell_size_px-5", "exact-flow"]
     assert "spherical-flow-dis" in [one.folder for one in found]
     assert len({one.folder for one in found}) == len(found)
+    assert competitors(card, "exact-flow") == [one for one in found if one.name == "exact-flow"]
     recorded = replace(card, content=card.content.model_copy(update={"scenario": None}))
     assert [one for one in competitors(recorded, None) if not one.timed] == []
