@@ -133,7 +133,7 @@ def test_the_best_method_is_told_in_one_line_and_drawn_beside_its_cost(judged, t
 
 
 @pytest.mark.parametrize("ms", [2, 80, 3000])
-def test_labels_of_the_chart_are_never_cut(judged, ms):
+def test_every_dot_has_a_number_and_its_name_beside_the_chart_is_never_cut(judged, ms):
     (group,) = read_leaderboard(judged).groups
     cost, names = (
         MethodCost(method_ms=ms, farneback_ms=40, images=3, of=""),
@@ -142,11 +142,17 @@ def test_labels_of_the_chart_are_never_cut(judged, ms):
     entries = [replace(entry, method=name, cost=cost) for entry, name in zip(group.methods, names, strict=True)]
     figure = draw_quality_and_cost([replace(group, entries=tuple(entries))])
     figure.canvas.draw()
-    labels = [text for text in figure.axes[0].texts if isinstance(text, Annotation)]
-    first, second = sorted((text.get_window_extent() for text in labels), key=lambda box: box.y0)
-    assert first.y1 <= second.y0
-    frame = figure.axes[0].bbox
-    assert all(frame.x0 <= box.x0 and box.x1 <= frame.x1 for box in (first, second))
+    (axes,) = figure.axes
+    numbers = [text.get_text() for text in axes.texts if isinstance(text, Annotation)]
+    assert numbers == ["1", "2"]
+    labels = axes.get_legend().get_texts()
+    assert [text.get_text().replace("\n", " ") for text in labels] == [
+        f"{k} {name}" for k, name in zip(numbers, names, strict=True)
+    ]
+    second, first = sorted((text.get_window_extent() for text in labels), key=lambda box: box.y0)
+    assert second.y1 <= first.y0
+    frame = figure.bbox
+    assert all(axes.bbox.x1 <= box.x0 and box.x1 <= frame.x1 for box in (first, second))
 
 
 def test_no_best_method_is_told_of_another_state_of_the_protocol_or_too_few_recordings(judged, tmp_path):

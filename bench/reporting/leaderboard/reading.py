@@ -181,7 +181,7 @@ class Leaderboard:
         damaged: folder and fault of every run that cannot be read.
     """
 
-    groups: tuple[Group, ...]  # of a data set first those by the protocol that is judged by
+    groups: tuple[Group, ...]  # data sets of most recordings first; of one, first those by the judging protocol
     damaged: tuple[tuple[str, str], ...]
 
 
@@ -212,7 +212,10 @@ def read_leaderboard(folder: Path) -> Leaderboard:
         if len({_reference(run) for run in runs}) > 1:
             runs = _readable(runs, damaged)
         groups += [_group(alike) for alike in _comparable(runs)]
-    groups.sort(key=lambda group: (group.dataset, group.split or "", not group.judged))  # else as they came
+    most: dict[str, int] = {}
+    for group in groups:
+        most[group.dataset] = max(group.rows[0].recordings, most.get(group.dataset, 0))
+    groups.sort(key=lambda g: (-most[g.dataset], g.dataset, g.split or "", not g.judged))  # else as they came
     return Leaderboard(groups=tuple(groups), damaged=tuple(sorted(damaged)))
 
 
