@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import ClassVar, TypeVar
 
 import cv2
@@ -139,13 +139,7 @@ class RigidSceneMethod:
         """See `bench.methods.contract.FlowMethod`."""
         views = _Views.of(frame)
         scene = RigidScene(camera=views.camera, current_from_previous=frame.current_from_previous[-1], road=frame.road)
-        found = guided_flow(
-            views.small[-1],
-            views.small[-2],
-            valid=views.valid,
-            scene=scene if self.first_guess else None,
-            flow=self._dense_flow(),
-        )
+        found = self._guided_flow(views, 1, scene)
         grid = ray_grid(frame.camera, self.flow_cell_px(frame.camera.width)).valid.shape
         return _flow_at(found.flow, grid, size=frame.valid.shape, was=views.valid.shape)
 
@@ -172,22 +166,15 @@ class RigidSceneMethod:
         for step in reversed(earlier):
             motion = motion @ step
         scene = RigidScene(camera=views.camera, current_from_previous=motion, road=road)
-        found = guided_flow(
-            current,
-            previous,
-            valid=views.valid,
-            scene=scene if self.first_guess else None,
-            flow=self._dense_flow(),
-        )
+        found = self._guided_flow(views, back, scene)
         if given is not None:
-            flow = np.where(np.isfinite(given), given, found.flow)
-            found = GuidedFlow(flow=flow, guess=found.guess, warped=found.warped, neutral=found.neutral)
+            found = replace(found, flow=np.where(np.isfinite(given), given, found.flow))
         if self.refine_motion:
             seconds = (frame.timestamps_ns[-1] - frame.timestamps_ns[-1 - back]) / 1e9
             seen = correspondences(found, current, views.camera)
             scene = refine_motion(scene, seen, seconds=seconds, accuracy=self.accuracy)
         guess, warped, neutral = warp(current, previous, valid=views.valid, scene=scene)
-        found = GuidedFlow(flow=found.flow, guess=guess, warped=warped, neutral=neutral | found.neutral)
+        found = replace(found, guess=guess, warped=warped, neutral=neutral | found.neutral)
         return gather_evidence(
             current,
             previous,
@@ -199,6 +186,15 @@ class RigidSceneMethod:
             texture=self.texture if self.light else None,
             constant_px=None if self.sigmas else self.constant_px,
             photometric=self.photometric,
+        )
+
+    def _guided_flow(self, views: _Views, back: int, scene: RigidScene) -> GuidedFlow:
+        return guided_flow(
+            views.small[-1],
+            views.small[-1 - back],
+            valid=views.valid,
+            scene=scene if self.first_guess else None,
+            flow=self._dense_flow(),
         )
 
     def _drawn(self, found: Candidates, views: _Views, pairs: Sequence[Pair]) -> NDArray[np.bool_]:
