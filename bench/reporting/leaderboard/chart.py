@@ -94,6 +94,6 @@ def _trifling(entry: Entry) -> bool:
 
 
 def _label(entry: Entry) -> str:
-    """The method's name in lines of bounded length; a word is never cut."""
+    """The method's name in lines of bounded length; only a word that is longer is broken."""
     name = entry.method + (f" (below {_LEAST_MS:g} ms)" if _trifling(entry) else "")
-    return textwrap.fill(name, _LINE_LETTERS, break_long_words=False, break_on_hyphens=False)
+    return textwrap.fill(name, _LINE_LETTERS, break_on_hyphens=False)
