@@ -184,10 +184,7 @@ def _seen_before(
     Returns:
         at_depth, at_road: (K, N, 2) each, px; NaN where the lens does not see them.
     """
-    motion = scene.current_from_previous
-    rotations = Rotation.from_rotvec(corrections[:, :3] @ axes).as_matrix() @ motion.rotation
-    translations = motion.translation_m + corrections[:, 3:6] @ axes
-    down = Rotation.from_rotvec(corrections[:, 6:] @ axes[1:]).as_matrix() @ scene.road.down
+    rotations, translations, down = _correct(scene, axes, corrections)
     on_road = scene.road_inverse_depth(down @ rays.T)
     depths = np.stack([np.broadcast_to(depth, on_road.shape), on_road])  # (2, K, N)
     points = (rays - depths[..., None] * translations[:, None]) @ rotations
@@ -206,14 +203,21 @@ def _axes(scene: RigidScene) -> Floats:
     return np.stack([down, level, cross(down, level)])
 
 
-def _corrected(scene: RigidScene, axes: Floats, correction: Floats) -> RigidScene:
+def _correct(scene: RigidScene, axes: Floats, corrections: Floats) -> tuple[Floats, Floats, Floats]:
+    """Rotation (..., 3, 3), translation (..., 3), m, and the road's down (..., 3) by corrections (..., 8)."""
     motion = scene.current_from_previous
-    rotation = Rotation.from_rotvec(correction[:3] @ axes).as_matrix()
-    tilt = Rotation.from_rotvec(correction[6:] @ axes[1:]).as_matrix()
+    rotation = Rotation.from_rotvec(corrections[..., :3] @ axes).as_matrix()
+    tilt = Rotation.from_rotvec(corrections[..., 6:] @ axes[1:]).as_matrix()
+    translation_m = motion.translation_m + corrections[..., 3:6] @ axes
+    return rotation @ motion.rotation, translation_m, tilt @ scene.road.down
+
+
+def _corrected(scene: RigidScene, axes: Floats, correction: Floats) -> RigidScene:
+    rotation, translation_m, down = _correct(scene, axes, correction)
     return RigidScene(
         camera=scene.camera,
-        current_from_previous=RigidTransform(rotation @ motion.rotation, motion.translation_m + correction[3:6] @ axes),
-        road=RoadPlane(tilt @ scene.road.down, scene.road.height_m),
+        current_from_previous=RigidTransform(rotation, translation_m),
+        road=RoadPlane(down, scene.road.height_m),
     )
 
 
