@@ -18,12 +18,8 @@ RUN python -m venv /opt/fisheye-bench \
         widgetsnbextension jupyterlab_widgets ipython jedi prompt_toolkit pip
 
 FROM python:3.11-slim-bookworm
-# Libraries that open3d links against; Debian removes old versions of them, so none is pinned.
-# hadolint ignore=DL3008
-RUN apt-get update \
-    && apt-get install --yes --no-install-recommends libegl1 libgl1 libx11-6 \
-    && rm -rf /var/lib/apt/lists/* \
-    && useradd --create-home --uid 1000 bench \
+# Compressed .pcd files, and rendering on arm64, want libegl1, libgl1 and libx11-6 beside this.
+RUN useradd --create-home --uid 1000 bench \
     && install --directory --mode 1777 /work /data
 COPY --from=build /opt/fisheye-bench /opt/fisheye-bench
 # Whatever user it runs as: data, and caches of libraries, go where everybody may write.

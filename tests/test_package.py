@@ -3,10 +3,14 @@
 import os
 import subprocess
 import sys
+import tomllib
 import zipfile
+from importlib import metadata
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
 
 ROOT = Path(__file__).parents[1]
 PROGRAM = """
@@ -56,3 +60,30 @@ def test_data_of_shipped_cards_go_to_a_cache_folder(installed, tmp_path):
     assert cached.name == "demo"
     assert named == Path("mine/demo")
     assert not list(installed.rglob("data"))
+
+
+@pytest.mark.parametrize("python", ["3.11.0", "3.12.0", "3.13.0", "3.14.0"])
+def test_pinned_versions_can_be_installed_by_every_python_that_is_promised(python):
+    """By what the pinned versions themselves ask for; 3.11.0, since Debian 12 has 3.11.2."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert python in SpecifierSet(project["requires-python"])
+    asked = [*project["dependencies"], *(line for extra in project["optional-dependencies"].values() for line in extra)]
+    unwanted = {
+        one.name
+        for one in map(Requirement, asked)
+        if one.marker and not one.marker.evaluate({"python_version": python.rpartition(".")[0]})
+    }
+    pins = dict(
+        line.split("==") for line in (ROOT / "constraints.txt").read_text().splitlines() if not line.startswith("#")
+    )
+    refused, checked = [], 0
+    for name in pins.keys() - unwanted:
+        try:
+            installed = metadata.metadata(name)
+        except metadata.PackageNotFoundError:  # of an extra or another system
+            continue
+        checked += 1
+        if installed["Version"] == pins[name] and python not in SpecifierSet(installed["Requires-Python"] or ""):
+            refused.append(f"{name}=={pins[name]} needs Python {installed['Requires-Python']}")
+    assert not refused
+    assert checked > 100

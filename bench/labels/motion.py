@@ -8,12 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 
 from bench.egomotion import Trajectory
 from bench.geometry import RigidTransform
 from bench.labels.formats import LabelSet
-from bench.lidar import open3d
 from bench.recordings import Cuboid, GroundPolygon, ObjectShape, ObjectState, Recording, Track
 from bench.recordings.records import world_velocities, world_yaw_rates
 
@@ -170,9 +172,9 @@ def near_groups(points: NDArray[np.floating]) -> NDArray[np.int64]:
     """
     if not len(points):
         return np.empty(0, dtype=np.int64)
-    library = open3d()
-    cloud = library.geometry.PointCloud(library.utility.Vector3dVector(np.asarray(points, dtype=np.float64)))
-    return np.asarray(cloud.cluster_dbscan(eps=NEIGHBOUR_M, min_points=1), dtype=np.int64)
+    first, second = KDTree(points).query_pairs(NEIGHBOUR_M, output_type="ndarray").T
+    near = coo_array((np.ones(len(first), dtype=bool), (first, second)), shape=(len(points), len(points)))
+    return connected_components(near, directed=False)[1].astype(np.int64)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -3,8 +3,6 @@
 import laspy
 import numpy as np
 
-from bench.lidar import open3d
-
 
 def write_points(path, arrays):
     """Write `points_lidar`, and what else the format of the suffix holds."""
@@ -24,12 +22,18 @@ def write_bin(path, arrays):
 
 
 def write_cloud(path, arrays):
-    library = open3d()
-    cloud = library.t.geometry.PointCloud()
-    cloud.point.positions = library.core.Tensor(np.ascontiguousarray(arrays["points_lidar"], dtype=np.float32))
-    if "intensity" in arrays:
-        cloud.point["intensity"] = library.core.Tensor(arrays["intensity"].astype(np.float32)[:, None])
-    assert library.t.io.write_point_cloud(str(path), cloud)
+    """Binary .pcd or .ply, by its suffix."""
+    columns = dict(zip("xyz", np.asarray(arrays["points_lidar"]).T, strict=True))
+    columns |= {name: arrays[name] for name in ("intensity",) if name in arrays}
+    count, names = len(arrays["points_lidar"]), " ".join(columns)
+    if path.suffix == ".ply":
+        properties = "".join(f"property float {name}\n" for name in columns)
+        head = f"ply\nformat binary_little_endian 1.0\nelement vertex {count}\n{properties}end_header\n"
+    else:
+        sizes, types, ones = (" ".join([value] * len(columns)) for value in ("4", "F", "1"))
+        head = f"VERSION 0.7\nFIELDS {names}\nSIZE {sizes}\nTYPE {types}\nCOUNT {ones}\n"
+        head += f"WIDTH {count}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {count}\nDATA binary\n"
+    path.write_bytes(head.encode() + np.column_stack([*columns.values()]).astype("<f4").tobytes())
 
 
 def write_laz(path, arrays):

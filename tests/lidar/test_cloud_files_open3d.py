@@ -5,17 +5,61 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from bench.errors import UsageError
-from bench.lidar import cloud_files, open3d
+from bench.lidar import cloud_files, open3d, read_points
+from bench.synthesis import mesh
 
 PACKAGE = Path(__file__).parents[2] / "bench"
 
 
+def _reason():
+    """Why open3d does not load; None where it does."""
+    try:
+        open3d()
+    except UsageError as error:
+        return str(error)
+    return None
+
+
+loads = pytest.mark.skipif(_reason() is not None, reason=str(_reason()))
+
+
+@loads
 def test_open3d_loads_without_a_system_libusb():
     assert hasattr(open3d(), "t")
     assert open3d() is open3d()
+
+
+@loads
+def test_compressed_points_are_read(tmp_path):
+    points = np.random.default_rng(5).normal(size=(200, 3)).astype(np.float32).round(1)
+    library = open3d()
+    cloud = library.t.geometry.PointCloud(library.core.Tensor(points))
+    cloud.point["intensity"] = library.core.Tensor(points[:, :1])
+    assert library.t.io.write_point_cloud(str(tmp_path / "1.pcd"), cloud, compressed=True)
+    assert b"DATA binary_compressed" in (tmp_path / "1.pcd").read_bytes()
+    arrays = read_points(tmp_path / "1.pcd")
+    np.testing.assert_array_equal(arrays["points_lidar"], points)
+    np.testing.assert_array_equal(arrays["intensity"], points[:, 0])
+
+
+@loads
+def test_rays_meet_the_same_by_embreex_and_open3d():
+    rng = np.random.default_rng(7)
+    corners = rng.normal(size=(60, 3, 3)).astype(np.float32)
+    origins, directions = rng.normal(size=(2, 500, 3)).astype(np.float32)
+    if not mesh.EMBREEX:
+        pytest.skip("embreex has no wheel here")
+    ours, other = (make(corners)(origins, directions) for make in (mesh._embreex_scene, mesh._open3d_scene))
+    hit = np.isfinite(ours.distances_m)
+    assert 100 < hit.sum() < 450
+    np.testing.assert_array_equal(hit, np.isfinite(other.distances_m))
+    np.testing.assert_allclose(ours.distances_m, other.distances_m, rtol=1e-4)
+    np.testing.assert_array_equal(ours.triangles[hit], other.triangles[hit])
+    np.testing.assert_allclose(ours.normals[hit], other.normals[hit], atol=1e-5)
 
 
 def test_no_other_file_imports_it():
@@ -26,6 +70,7 @@ def test_no_other_file_imports_it():
     assert found == ["lidar/cloud_files.py"]
 
 
+@loads
 def test_open3d_loads_without_the_viewers_that_it_brings():
     program = (
         "import sys; sys.modules['plotly'] = sys.modules['dash'] = None\n"
