@@ -55,8 +55,8 @@ report: $(INSTALLED) ## write the page of RUN= (the demo's), or of one kind of m
 
 perf: $(INSTALLED_DEV) ## measure speed and memory into reports/perf.md, then the hot functions (10 minutes)
 	$(BIN)/fisheye-bench synthesize datasets/demo.scenario.yaml --out datasets/data/demo
-	$(BIN)/python -m tests.perf.measure_all --card datasets/demo.yaml --out reports/perf.md
-	$(BIN)/pytest tests/perf --benchmark-enable --benchmark-only --benchmark-columns=min,median,ops -p no:cacheprovider
+	$(BIN)/python -m benchmarks.measure_all --card datasets/demo.yaml --out reports/perf.md
+	$(BIN)/pytest benchmarks --benchmark-enable --benchmark-only --benchmark-columns=min,median,ops -p no:cacheprovider
 
 test: $(INSTALLED_DEV) ## run the tests
 	$(BIN)/pytest --numprocesses auto --dist loadfile

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bench.synthesis.mesh import EMBREEX
-from tests.lidar.clouds import write_points
+from tests.support.clouds import write_points
 
 pytestmark = [
     pytest.mark.slow,

@@ -18,8 +18,8 @@ from bench.harness import FramePipeline, RunSummary, build_scorable, open_tables
 from bench.harness.frames import UnscorableFrame
 from bench.harness.replay import StoredFrames
 from bench.recordings import DatasetCard, ImageRef, RecordingHandle, load_card, open_dataset, read_image
+from bench.records.reference import IgnoreReason
 from bench.reference import ReferenceObject, Status
-from bench.reference.records import IgnoreReason
 from bench.reporting.formats import file_name, image_name, made_by
 from bench.reporting.frame_pictures import example_frames, write_frame_pictures
 from bench.reporting.rerun_log import refuse_other_log, rerun_log, viewer

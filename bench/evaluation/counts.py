@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import ShapeError
-from bench.reference.records import ReferenceFrame, Status
+from bench.records.reference import ReferenceFrame, Status
 
 Mask = NDArray[np.bool_]
 Window = tuple[slice, slice]

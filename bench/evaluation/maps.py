@@ -14,7 +14,7 @@ from bench.evaluation.counts import Regions, count_by_cell
 from bench.evaluation.protocol import Protocol
 from bench.evaluation.row_source import Columns, Rows, RowSource, as_source
 from bench.evaluation.sums import coverage, detected
-from bench.reference.records import Direction
+from bench.records.reference import Direction
 
 COLUMNS = ("status", "object_class", "direction", "x_m", "y_m", "tp", "fn")
 

@@ -15,7 +15,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from bench.errors import DataError, UnknownNameError
 from bench.plain_yaml import parse_yaml
-from bench.reference.records import SURFACE_PATCHES, Category, Limb, MotionSettings, OutlineErrors, ReferenceSettings
+from bench.records.reference import SURFACE_PATCHES, Category, Limb, MotionSettings, OutlineErrors, ReferenceSettings
 
 
 def _edges(values: tuple[float, ...]) -> tuple[float, ...]:

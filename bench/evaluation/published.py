@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from bench.reference.records import Category
+from bench.records.reference import Category
 
 AUTHORS = (("Mariotti", "Letizia"), ("Eising", "Ciarán"))  # family name, given name
 YEAR = 2020

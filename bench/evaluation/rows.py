@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from bench.evaluation.counts import FrameCounts, ObjectCounts
 from bench.evaluation.likelihood import OUTSIDE_COLUMN, REFERENCE_COLUMN, LikelihoodCounts
-from bench.reference.records import ReferenceFrame, ReferenceObject, Status
+from bench.records.reference import ReferenceFrame, ReferenceObject, Status
 
 Row = dict[str, Any]
 

@@ -14,7 +14,7 @@ from bench.evaluation.maps import ImageMap, ImageMapSums
 from bench.evaluation.protocol import Protocol
 from bench.evaluation.rows import Row, frame_row, frames_table, object_rows, objects_table, unscored_frame_row
 from bench.methods.contract import Segmentation
-from bench.reference.records import ReferenceFrame
+from bench.records.reference import ReferenceFrame
 
 
 class SequenceScorer:

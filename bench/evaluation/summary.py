@@ -28,7 +28,7 @@ from bench.evaluation.sums import (
     level_ratios,
     sum_run,
 )
-from bench.reference.records import IgnoreReason, Status
+from bench.records.reference import IgnoreReason, Status
 
 # 0/0 is NaN in memory and null in JSON.
 Ratio = Annotated[

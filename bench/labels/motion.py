@@ -17,7 +17,7 @@ from bench.egomotion import Trajectory
 from bench.geometry import RigidTransform
 from bench.labels.formats import LabelSet
 from bench.recordings import Cuboid, GroundPolygon, ObjectShape, ObjectState, Recording, Track
-from bench.recordings.records import world_velocities, world_yaw_rates
+from bench.records.recording import world_velocities, world_yaw_rates
 
 LONGEST_GAP_NS = 1_000_000_000  # an object that was out of sight for longer says nothing of its speed
 

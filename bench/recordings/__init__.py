@@ -12,7 +12,8 @@ from bench.recordings.catalogue import ADAPTERS, open_dataset
 from bench.recordings.handles import Exclusion, RecordingHandle
 from bench.recordings.images import read_image, read_truth
 from bench.recordings.native import open_native
-from bench.recordings.records import (
+from bench.recordings.writing import RecordingWriter, write_annotations
+from bench.records.recording import (
     MOTION_KINDS,
     NO_INPUT_ERRORS,
     OBJECT_CLASSES,
@@ -30,7 +31,6 @@ from bench.recordings.records import (
     Track,
     frame_gaps,
 )
-from bench.recordings.writing import RecordingWriter, write_annotations
 
 __all__ = [
     "ADAPTERS",

@@ -12,8 +12,8 @@ from bench.errors import DataError
 from bench.geometry import RigidTransform, quaternions_wxyz
 from bench.recordings import openlabel
 from bench.recordings.error_handlers import STRICT, ErrorHandler, OnError, reporting_all
-from bench.recordings.records import Cuboid, GroundPolygon, ObjectShape, ObjectState, PointIndices, Track
 from bench.recordings.validation import MOST_FAULTS, lenient_json, read_json
+from bench.records.recording import Cuboid, GroundPolygon, ObjectShape, ObjectState, PointIndices, Track
 
 
 def read_annotations(file: Path) -> tuple[Track, ...]:

@@ -16,10 +16,10 @@ from bench.recordings.remote import remote_recordings
 
 ADAPTERS = {
     "native": "bench.recordings.native:native_recordings",
-    "aimotive": "bench.recordings.aimotive:aimotive_recordings",
-    "kitti360": "bench.recordings.kitti360:kitti360_recordings",
-    "woodscape": "bench.recordings.woodscape:woodscape_recordings",
-    "rosbag": "bench.recordings.rosbag:rosbag_recordings",
+    "aimotive": "bench.adapters.aimotive:aimotive_recordings",
+    "kitti360": "bench.adapters.kitti360:kitti360_recordings",
+    "woodscape": "bench.adapters.woodscape:woodscape_recordings",
+    "rosbag": "bench.adapters.rosbag:rosbag_recordings",
 }
 ENTRY_POINTS = "fisheye_bench.adapters"
 SHOWN = 10  # names that a message lists

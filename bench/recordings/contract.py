@@ -29,7 +29,7 @@ from bench.recordings.atomic import linked_folder
 from bench.recordings.catalogue import Adapter
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.images import read_image
-from bench.recordings.records import OBJECT_CLASSES, Recording, SweepRef, Track
+from bench.records.recording import OBJECT_CLASSES, Recording, SweepRef, Track
 
 LARGEST_HANDLE_BYTES = 100_000
 READ_IMAGES, READ_SWEEPS = 12, 4

@@ -9,8 +9,8 @@ from pydantic import Field
 
 from bench.errors import DataError
 from bench.recordings.error_handlers import ErrorCollector, NothingUsableError, Part
-from bench.recordings.records import NO_INPUT_ERRORS, ImageRef, InputErrors, Recording
 from bench.recordings.validation import FileModel
+from bench.records.recording import NO_INPUT_ERRORS, ImageRef, InputErrors, Recording
 
 Span = tuple[int | None, int | None]  # first and last, both included; None for open
 

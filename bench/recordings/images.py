@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import DataError
-from bench.recordings.records import ImageRef, MountedCamera
+from bench.records.recording import ImageRef, MountedCamera
 
 PNG_START, JPEG_START, JPEG_END = b"\x89PNG\r\n\x1a\n", b"\xff\xd8", b"\xff\xd9"
 JPEG_TAIL_BYTES = 64  # some cameras pad the end

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from bench.cameras import CameraModel
 from bench.egomotion import camera_motion
 from bench.geometry import RigidTransform, RoadPlane, advance_twist, twist_between
-from bench.recordings.records import NO_INPUT_ERRORS, ImageRef, InputErrors, MountedCamera
+from bench.records.recording import NO_INPUT_ERRORS, ImageRef, InputErrors, MountedCamera
 
 SIZE_FACTOR = 1000  # a focal scale is applied as a change of image size, which must be whole: this is its fineness
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from bench.cameras import CameraModel, camera_from_parameters
 from bench.errors import DataError, ShapeError, UnknownNameError
 from bench.geometry import RigidTransform, RoadPlane
-from bench.recordings.records import MountedCamera
 from bench.recordings.validation import data_error
+from bench.records.recording import MountedCamera
 
 Polygon = tuple[tuple[float, float], ...]
 

@@ -21,9 +21,9 @@ from bench.recordings.files import numbered_files
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.images import read_mask
 from bench.recordings.mounting import camera_model, mounted_camera
-from bench.recordings.records import ImageRef, MountedCamera, Recording, SweepRef, Track
 from bench.recordings.schema import CameraHead, RecordingHead, TrueCalibration
 from bench.recordings.validation import LATEST_NS, FileModel, SidePx, json_faults, read_json, validated
+from bench.records.recording import ImageRef, MountedCamera, Recording, SweepRef, Track
 
 HEAD = "recording.json"
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")

@@ -16,8 +16,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from bench.recordings.records import MotionKind, ObjectClass
 from bench.recordings.validation import FileModel, TimeNs
+from bench.records.recording import MotionKind, ObjectClass
 
 VERSION = "1.0.0"
 COORDINATE_SYSTEM: Literal["vehicle"] = "vehicle"

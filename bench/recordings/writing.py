@@ -21,9 +21,9 @@ from bench.lidar.files import write_sweep
 from bench.recordings.annotations import annotation_document
 from bench.recordings.atomic import replacing, write_bytes, write_text
 from bench.recordings.openlabel import AnnotationFile
-from bench.recordings.records import MountedCamera, Track
 from bench.recordings.schema import CONVENTIONS, SCHEMA_VERSION, Mounting, RecordingHead
 from bench.recordings.validation import validated
+from bench.records.recording import MountedCamera, Track
 
 
 class RecordingWriter:

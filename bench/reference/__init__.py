@@ -8,8 +8,7 @@ Source:
     image, where a bounding reference polygon is generated.
 """
 
-from bench.reference.build import ReferenceBuilder, visible_region
-from bench.reference.records import (
+from bench.records.reference import (
     POLYGON_KINDS,
     Category,
     Direction,
@@ -22,6 +21,7 @@ from bench.reference.records import (
     ReferenceSettings,
     Status,
 )
+from bench.reference.build import ReferenceBuilder, visible_region
 
 __all__ = [
     "POLYGON_KINDS",

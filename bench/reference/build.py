@@ -12,23 +12,24 @@ from shapely import Polygon
 from bench.cameras import ray_grid
 from bench.errors import UsageError
 from bench.geometry import RigidTransform, cross, dot, normalise
-from bench.recordings.records import ImageRef, MountedCamera, Recording
-from bench.reference.clusters import SECOND_NS, Cluster, object_cluster, parts_at_exposure
-from bench.reference.masks import mask_reference
-from bench.reference.motion import AnnotationIndex, ObjectAtExposure, categorise, relative_direction
-from bench.reference.patches import surface_pixels
-from bench.reference.polygons import Outline, Raster, bounding_polygon, rasterise, trace_polygon
-from bench.reference.records import (
+from bench.records.recording import ImageRef, MountedCamera, Recording
+from bench.records.reference import (
     SURFACE_PATCHES,
     Category,
     IgnoreReason,
     ObjectGeometry,
+    Outline,
     OutlineErrors,
     ReferenceFrame,
     ReferenceObject,
     ReferenceSettings,
     Status,
 )
+from bench.reference.clusters import SECOND_NS, Cluster, object_cluster, parts_at_exposure
+from bench.reference.masks import mask_reference
+from bench.reference.motion import AnnotationIndex, ObjectAtExposure, categorise, relative_direction
+from bench.reference.patches import surface_pixels
+from bench.reference.polygons import Raster, bounding_polygon, rasterise, trace_polygon
 from bench.reference.regions import (
     Region,
     compose,

@@ -9,7 +9,7 @@ import shapely
 from numpy.typing import NDArray
 
 from bench.geometry import RigidTransform
-from bench.recordings.records import Cuboid, GroundPolygon, ObjectShape, ObjectState, PointIndices
+from bench.records.recording import Cuboid, GroundPolygon, ObjectShape, ObjectState, PointIndices
 from bench.reference.silhouette import convex_parts
 from bench.reference.sweeps import PosedSweep
 

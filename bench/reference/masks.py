@@ -11,8 +11,8 @@ from shapely import Polygon
 
 from bench.errors import DataError
 from bench.recordings.images import read_moving_mask
-from bench.recordings.records import ImageRef, MountedCamera
-from bench.reference.records import Category, IgnoreReason, ReferenceFrame, ReferenceObject, ReferenceSettings, Status
+from bench.records.recording import ImageRef, MountedCamera
+from bench.records.reference import Category, IgnoreReason, ReferenceFrame, ReferenceObject, ReferenceSettings, Status
 
 OBJECT_CLASS = "unknown"
 MOST_OBJECTS = 10_000

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from bench.egomotion import Trajectory
 from bench.geometry import RigidTransform
-from bench.recordings.records import Cuboid, GroundPolygon, ObjectState, Recording, Track, world_velocities
-from bench.reference.records import Category, Direction, MotionSettings, ReferenceSettings
+from bench.records.recording import Cuboid, GroundPolygon, ObjectState, Recording, Track, world_velocities
+from bench.records.reference import Category, Direction, MotionSettings, ReferenceSettings
 
 SECOND_NS = 1_000_000_000
 

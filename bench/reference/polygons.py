@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import ceil, floor
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
 from bench.errors import UsageError
+from bench.records.reference import Outline
 
-Outline: TypeAlias = Polygon | MultiPolygon  # of several parts where the lidar sees an object in several
 FROM, TO = slice(None, -1), slice(1, None)  # the ends of a ring's edges
 
 

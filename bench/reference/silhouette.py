@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from bench.cameras import CameraModel, ray_grid
 from bench.geometry import cross, dot, normalise
-from bench.recordings.records import Cuboid, GroundPolygon, ObjectShape
+from bench.records.recording import Cuboid, GroundPolygon, ObjectShape
 from bench.reference.polygons import Raster
 
 BLOCK_PX = 16  # side of the blocks of pixels that are decided together where they can be

@@ -12,7 +12,7 @@ from bench.egomotion import Trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep, deskew, interpolation_timestamps
-from bench.recordings.records import ObjectShape, PointIndices, Recording
+from bench.records.recording import ObjectShape, PointIndices, Recording
 from bench.reference.patches import Grid, find_grid
 
 

@@ -32,8 +32,8 @@ from bench.audit import (
 from bench.evaluation import Protocol
 from bench.methods import Method
 from bench.recordings import ImageRef, Recording, RecordingHandle, read_image, read_truth
+from bench.records.reference import Outline
 from bench.reference import ReferenceBuilder
-from bench.reference.polygons import Outline
 from bench.reporting import canvas
 from bench.reporting.audit_tables import FALSE_ALARMS, MISSES, to_csv, to_markdown
 from bench.reporting.formats import write_texts

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from bench.errors import ShapeError
 from bench.plain_text import plain
 from bench.recordings import write_bytes
-from bench.reference.records import Category
+from bench.records.reference import Category
 
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from bench.errors import ShapeError
 from bench.evaluation.counts import ObjectCounts, count_frame
 from bench.harness import ProcessedFrame
-from bench.reference.records import ReferenceFrame
+from bench.records.reference import ReferenceFrame
 from bench.reporting import canvas
 from bench.reporting.formats import frame_name
 from bench.reporting.overlay import draw_outline, outlined, overlay_mask, place_labels, unknown_bands

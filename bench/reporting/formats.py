@@ -20,7 +20,7 @@ from bench.evaluation import Metric
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.plain_text import escape_markdown
 from bench.recordings import write_text
-from bench.reference.records import Category, ReferenceFrame
+from bench.records.reference import Category, ReferenceFrame
 
 LABELS = {
     Category.CROSSING: "Crossing",

@@ -18,9 +18,8 @@ from bench.evaluation import Rows
 from bench.evaluation.row_source import Columns, as_source
 from bench.harness import FramePipeline, ProcessedFrame
 from bench.recordings.atomic import write_bytes
+from bench.records.reference import ObjectGeometry, Outline
 from bench.reference import Category, ReferenceObject, Status
-from bench.reference.polygons import Outline
-from bench.reference.records import ObjectGeometry
 from bench.reporting import canvas
 from bench.reporting.count_view import detected_pixels, draw_counts
 from bench.reporting.formats import file_name, frame_name

@@ -19,8 +19,8 @@ from shapely import LinearRing, get_parts, get_rings
 
 from bench.errors import ShapeError
 from bench.plain_text import plain
-from bench.reference.polygons import Outline, rasterise
-from bench.reference.records import ReferenceFrame, ReferenceObject, Status
+from bench.records.reference import Outline, ReferenceFrame, ReferenceObject, Status
+from bench.reference.polygons import rasterise
 from bench.reporting.canvas import GREEN, category_colour, rgb
 
 _SHIFT = 4  # fractional bits of OpenCV's drawing coordinates

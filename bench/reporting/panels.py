@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from bench.methods.contract import Segmentation
-from bench.reference.records import ReferenceFrame
+from bench.records.reference import ReferenceFrame
 from bench.reporting import canvas
 from bench.reporting.formats import frame_name
 from bench.reporting.overlay import draw_references, unknown_bands

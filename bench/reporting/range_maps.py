@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
-from bench.reference.records import Direction
+from bench.records.reference import Direction
 from bench.reporting.canvas import axes_at, draw_rings, draw_vehicle, new_figure, plan_axes, styled
 from bench.reporting.stored_run import StoredRun
 

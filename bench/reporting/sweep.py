@@ -20,7 +20,7 @@ from bench.evaluation import Metric, ObjectMetrics
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.harness.sweep import FILE, SweepResult, SweepRow, read_sweep
 from bench.plain_text import escape_markdown
-from bench.reference.records import Category
+from bench.records.reference import Category
 from bench.reporting import canvas, formats
 
 METRICS = {

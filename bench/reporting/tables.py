@@ -12,7 +12,7 @@ from rich.text import Text
 from bench.evaluation import Metric, ThresholdFreeMetrics, published
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.summary import FalsePositiveMetrics, ObjectMetrics, Summary
-from bench.reference.records import Category
+from bench.records.reference import Category
 from bench.reporting.formats import (
     CEILING,
     INTERVALS,

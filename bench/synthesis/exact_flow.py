@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from bench.cameras import ray_grid
 from bench.egomotion import camera_motion
 from bench.geometry import RigidTransform, RoadPlane, cross, dot
-from bench.recordings.records import MountedCamera
+from bench.records.recording import MountedCamera
 from bench.synthesis.mesh import RayScene
 from bench.synthesis.placement import FIRST_IMAGE_NS
 from bench.synthesis.scene import Scene

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from bench.plain_text import listed
 from bench.recordings import Cuboid, Recording, Track
 from bench.recordings.validation import keys_twice
-from bench.reference.records import Category
+from bench.records.reference import Category
 from bench.validation.findings import (
     BODIES,
     Finding,

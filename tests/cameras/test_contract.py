@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from bench.cameras import CAMERA_MODELS, camera_from_parameters, camera_parameters, ray_grid
 from bench.errors import ShapeError, UnknownNameError
-from tests.cameras.lenses import LENSES, real_kannala_brandt, real_unified, real_woodscape
-from tests.real import needs_real
+from tests.support.lenses import LENSES, real_kannala_brandt, real_unified, real_woodscape
+from tests.support.real import needs_real
 
 every_lens = pytest.mark.parametrize("camera", LENSES.values(), ids=LENSES)
 

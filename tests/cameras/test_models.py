@@ -7,8 +7,8 @@ import pytest
 from bench.cameras import BrownConradyCamera, KannalaBrandtCamera, RadialPolynomialCamera, UnifiedCamera
 from bench.cameras.brown import BrownDistortion
 from bench.errors import ShapeError
-from tests.cameras.lenses import LENSES, real_kannala_brandt, real_unified, real_woodscape
-from tests.real import needs_real
+from tests.support.lenses import LENSES, real_kannala_brandt, real_unified, real_woodscape
+from tests.support.real import needs_real
 
 
 def forward_rays(count=2000):

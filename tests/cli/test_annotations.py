@@ -9,7 +9,7 @@ import pytest
 from bench.labels import known_formats, label_format
 from bench.recordings import read_annotations
 from tests.cli.test_commands import call
-from tests.recordings import tiny
+from tests.support import tiny
 
 CARD = """
 name: mine

@@ -17,7 +17,7 @@ from tests.harness.conftest import trouble
 from tests.harness.test_resume import bytes_of
 from tests.harness.test_survival import calm
 from tests.harness.troubled import Troubled
-from tests.processes import PATIENCE_S, alive, group_lives, pids, until
+from tests.support.processes import PATIENCE_S, alive, group_lives, pids, until
 
 pytestmark = pytest.mark.slow
 

@@ -10,7 +10,7 @@ from bench.harness import RunRequest, run_benchmark
 from bench.methods import build_method
 from bench.recordings import load_card
 from tests.cli.test_commands import call
-from tests.object_storage import bucket, object_server
+from tests.support.object_storage import bucket, object_server
 
 pytestmark = pytest.mark.slow
 

@@ -9,7 +9,7 @@ from tests.cli.test_remote import remote_card
 from tests.harness.cluster.conftest import METHODS
 from tests.harness.cluster.dask_processes import dask_processes
 from tests.harness.cluster.test_cluster import command
-from tests.object_storage import bucket, object_server
+from tests.support.object_storage import bucket, object_server
 
 pytestmark = pytest.mark.slow
 

@@ -12,7 +12,7 @@ import pytest
 from bench.cli.start import LEAST_ADDRESSES_BYTES, report_lack_of_memory
 from bench.errors import UsageError
 from tests.cli.test_commands import called_here
-from tests.recordings import tiny
+from tests.support import tiny
 
 pytestmark = pytest.mark.slow
 

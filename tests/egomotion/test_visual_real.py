@@ -5,7 +5,7 @@ import numpy as np
 from bench.egomotion import VisualOdometry, camera_motion
 from bench.flow import LucasKanadeTracker
 from bench.recordings import load_card, open_dataset, read_image
-from tests.real import needs_real
+from tests.support.real import needs_real
 
 
 @needs_real

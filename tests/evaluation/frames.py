@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 from numpy.typing import NDArray
 
-from bench.reference.records import Category, Direction, IgnoreReason, ReferenceFrame, ReferenceObject, Status
+from bench.records.reference import Category, Direction, IgnoreReason, ReferenceFrame, ReferenceObject, Status
 
 SIZE = (9, 12)
 

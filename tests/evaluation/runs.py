@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, Protocol, SequenceScorer, load_protocol
 from bench.methods.contract import Segmentation
-from bench.reference.records import Direction, IgnoreReason, ReferenceFrame, Status
+from bench.records.reference import Direction, IgnoreReason, ReferenceFrame, Status
 
 PAPER = load_protocol("paper-v1")
 

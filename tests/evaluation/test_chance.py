@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.evaluation.counts import ChanceScorer
-from bench.reference.records import ReferenceFrame
+from bench.records.reference import ReferenceFrame
 from tests.evaluation.frames import ignored_object, picture, reference_frame, reference_object
 
 PIXELS = 12

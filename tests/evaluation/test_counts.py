@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bench.errors import ShapeError
 from bench.evaluation.counts import FrameCounts, ObjectCounts, count_frame
-from bench.reference.records import ReferenceFrame, Status
+from bench.records.reference import ReferenceFrame, Status
 from tests.evaluation.frames import frames, mask, masks, picture, reference_frame, reordered
 
 

@@ -7,7 +7,7 @@ import pyarrow as pa
 import pytest
 
 from bench.evaluation import RangeMap, RangeMaps, range_maps
-from bench.reference.records import Direction
+from bench.records.reference import Direction
 from tests.evaluation.frames import mask, picture, reference_frame, reference_object
 from tests.evaluation.runs import PAPER, random_run, scored
 

@@ -23,7 +23,7 @@ from bench.evaluation.maps import THRESHOLDS
 from bench.evaluation.row_source import ChosenRows, Columns, TableRows, group_recordings
 from bench.harness import StoredRows, open_tables
 from tests.evaluation.runs import PAPER, random_run, shuffled
-from tests.large_runs import write_tables
+from tests.support.large_runs import write_tables
 
 Tables = tuple[Rows, Rows]
 

@@ -10,7 +10,7 @@ import yaml
 
 from bench.errors import DataError, UnknownNameError
 from bench.evaluation import known_protocols, load_protocol
-from bench.reference.records import Category, Limb
+from bench.records.reference import Category, Limb
 
 # A released protocol is never edited, only superseded by a new file with a line of its own here.
 RELEASED = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bench.evaluation import load_protocol, published
-from bench.reference.records import Category
+from bench.records.reference import Category
 
 
 def test_every_category_in_order() -> None:

@@ -10,7 +10,7 @@ from hypothesis.extra import numpy as npst
 from numpy.typing import NDArray
 
 from bench.evaluation.counts import count_by_cell, find_regions
-from bench.reference.records import ReferenceFrame
+from bench.records.reference import ReferenceFrame
 from tests.evaluation.frames import frames, mask, masks
 
 

@@ -7,7 +7,7 @@ import pyarrow as pa
 
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, SequenceScorer
 from bench.methods.contract import Segmentation
-from bench.reference.records import IgnoreReason
+from bench.records.reference import IgnoreReason
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object, static_object
 from tests.evaluation.runs import PAPER, scored
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from bench.evaluation import Metric, Summary, load_protocol, summarise
-from bench.reference.records import Category, ReferenceFrame, Status
+from bench.records.reference import Category, ReferenceFrame, Status
 from tests.evaluation.frames import frames, mask, picture, reference_frame, reference_object
 from tests.evaluation.runs import PAPER, joined, random_run, scored, shuffled
 

@@ -12,7 +12,7 @@ import pytest
 
 from bench.execution import FailedTask, ProcessExecutor, SerialExecutor
 from tests.execution import jobs
-from tests.processes import PATIENCE_S, alive, group_lives, pids, until
+from tests.support.processes import PATIENCE_S, alive, group_lives, pids, until
 
 pytestmark = pytest.mark.slow
 

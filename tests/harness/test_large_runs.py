@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.perf.large_run import STEPS, measure, write_runs
+from benchmarks.large_run import STEPS, measure, write_runs
 
 pytestmark = pytest.mark.slow
 

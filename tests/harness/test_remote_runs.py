@@ -15,7 +15,7 @@ from bench.methods import build_method
 from bench.recordings import load_card
 from bench.recordings.remote import Storage, parse_location
 from tests.harness.test_resume import ALL, NONE, ONE, bytes_of, change_image, damage_image
-from tests.object_storage import bucket, object_server
+from tests.support.object_storage import bucket, object_server
 
 pytestmark = pytest.mark.slow
 

@@ -21,7 +21,7 @@ from bench.recordings import load_card
 from tests.cli.test_commands import call
 from tests.harness.test_resume import bytes_of, score
 from tests.harness.test_survival import environment
-from tests.processes import PATIENCE_S
+from tests.support.processes import PATIENCE_S
 
 pytestmark = pytest.mark.slow
 

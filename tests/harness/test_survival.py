@@ -24,7 +24,7 @@ from tests.cli.test_commands import called_here
 from tests.cli.test_outputs import files_of
 from tests.harness.test_resume import bytes_of
 from tests.harness.troubled import FOLDER, Troubled
-from tests.processes import PATIENCE_S, pids, until
+from tests.support.processes import PATIENCE_S, pids, until
 
 pytestmark = pytest.mark.slow
 

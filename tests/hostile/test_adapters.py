@@ -8,7 +8,7 @@ import yaml
 
 from tests.cli.test_commands import call
 from tests.hostile import files
-from tests.recordings import tiny, tiny_aimotive, tiny_kitti360, tiny_woodscape
+from tests.support import tiny, tiny_aimotive, tiny_kitti360, tiny_woodscape
 
 pytestmark = pytest.mark.slow
 

@@ -7,7 +7,7 @@ import pytest
 
 from tests.cli.test_commands import call
 from tests.hostile import files
-from tests.recordings import tiny
+from tests.support import tiny
 
 pytestmark = pytest.mark.slow
 

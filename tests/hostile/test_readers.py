@@ -16,7 +16,7 @@ from bench.plain_yaml import parse_yaml
 from bench.recordings import ImageRef, load_card, read_image
 from bench.recordings.images import read_mask
 from tests.hostile import files
-from tests.recordings import tiny
+from tests.support import tiny
 
 pytestmark = pytest.mark.slow
 

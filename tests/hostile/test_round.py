@@ -32,7 +32,7 @@ from tests.harness.test_resume import bytes_of
 from tests.hostile import files
 from tests.hostile.damage import damaged
 from tests.labels.test_tool_commands import FORMATS
-from tests.recordings import tiny, tiny_aimotive, tiny_kitti360, tiny_rosbag, tiny_woodscape
+from tests.support import tiny, tiny_aimotive, tiny_kitti360, tiny_rosbag, tiny_woodscape
 
 BENCH = Path(bench.__file__).parent
 SEED = 12

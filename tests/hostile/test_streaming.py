@@ -11,13 +11,13 @@ import cv2
 import numpy as np
 import pytest
 
+from bench.adapters.aimotive.adapter import aimotive_recordings
+from bench.adapters.kitti360.adapter import kitti360_recordings
+from bench.adapters.woodscape.adapter import woodscape_recordings
 from bench.recordings import RecordingWriter, read_image
-from bench.recordings.aimotive.adapter import aimotive_recordings
 from bench.recordings.images import read_moving_mask
-from bench.recordings.kitti360.adapter import kitti360_recordings
 from bench.recordings.native import native_recordings
-from bench.recordings.woodscape.adapter import woodscape_recordings
-from tests.recordings import tiny, tiny_aimotive, tiny_kitti360, tiny_woodscape
+from tests.support import tiny, tiny_aimotive, tiny_kitti360, tiny_woodscape
 
 pytestmark = pytest.mark.slow
 

@@ -15,7 +15,7 @@ from bench.labels.kitti_tracklets import DEEPEST, Tracklet, TrackletPose, read_t
 from bench.recordings import GroundPolygon, ObjectState, Track
 from tests.labels import street
 from tests.labels.same import assert_same_boxes
-from tests.real import REAL, needs_real
+from tests.support.real import REAL, needs_real
 
 PLAIN = LabelOptions()
 HEAD = '<?xml version="1.0" encoding="UTF-8" standalone="true" ?>\n<!DOCTYPE boost_serialization>\n'

@@ -28,7 +28,7 @@ from bench.recordings import (
 from bench.recordings.schema import CameraHead, LidarHead
 from tests.labels import street
 from tests.labels.same import assert_same_boxes
-from tests.real import REAL, needs_real
+from tests.support.real import REAL, needs_real
 
 PLAIN = LabelOptions()
 OPENLABEL = label_format("openlabel")

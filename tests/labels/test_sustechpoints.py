@@ -16,7 +16,7 @@ from bench.labels import LabelOptions, LabelSet, label_format
 from bench.recordings import Cuboid, GroundPolygon, ObjectState, Track, load_card, open_dataset
 from tests.labels import street
 from tests.labels.same import assert_same_boxes
-from tests.real import needs_real
+from tests.support.real import needs_real
 
 PLAIN = LabelOptions()
 

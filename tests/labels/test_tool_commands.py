@@ -8,7 +8,7 @@ import pytest
 from bench.cli import main
 from bench.recordings import ObjectState, PointIndices, Track, read_annotations, write_annotations
 from tests.labels.same import assert_same_boxes
-from tests.recordings import tiny
+from tests.support import tiny
 
 FORMATS = (
     "sustechpoints",

@@ -9,7 +9,7 @@ from hypothesis.extra import numpy as hnp
 from bench.errors import DataError, UnknownNameError
 from bench.lidar import LidarSweep, read_points, read_sweep, write_sweep
 from bench.lidar.files import FORMATS
-from tests.lidar.clouds import write_points
+from tests.support.clouds import write_points
 
 POINTS = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [-7.5, 8.25, 0.125]], dtype=np.float32)
 INTENSITY = np.array([0.0, 0.5, 1.0], dtype=np.float32)

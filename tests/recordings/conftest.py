@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.recordings.tiny import write_recording
+from tests.support.tiny import write_recording
 
 
 @pytest.fixture

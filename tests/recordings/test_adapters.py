@@ -12,7 +12,7 @@ import yaml
 from bench import plug_ins
 from bench.errors import DataError, UsageError
 from bench.recordings import ADAPTERS, load_card, open_dataset, read_image
-from tests.recordings import tiny, tiny_aimotive, tiny_kitti360, tiny_rosbag, tiny_woodscape
+from tests.support import tiny, tiny_aimotive, tiny_kitti360, tiny_rosbag, tiny_woodscape
 
 
 def native(root):

@@ -23,8 +23,8 @@ from bench.recordings import (
     write_annotations,
 )
 from bench.recordings.openlabel import schema_text
-from bench.reference.records import Category
-from tests.recordings import tiny
+from bench.records.reference import Category
+from tests.support import tiny
 
 FOLDER = Path(__file__).parents[2] / "annotations"
 

@@ -16,7 +16,7 @@ from bench.recordings import (
     write_annotations,
 )
 from bench.synthesis import read_scenario
-from tests.recordings import tiny
+from tests.support import tiny
 
 REPOSITORY = Path(__file__).parents[2]
 CONTENT = {"name": "drives", "title": "Two drives", "adapter": "native", "root": "data", "licence": "Apache-2.0"}

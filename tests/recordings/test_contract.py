@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from bench import plug_ins
+from bench.adapters.aimotive.adapter import aimotive_recordings
+from bench.adapters.kitti360.adapter import kitti360_recordings
+from bench.adapters.woodscape.adapter import woodscape_recordings
 from bench.errors import DataError
 from bench.lidar import LidarSweep
 from bench.recordings import RecordingHandle, catalogue
-from bench.recordings.aimotive.adapter import aimotive_recordings
 from bench.recordings.contract import adapter_faults, check_adapter
-from bench.recordings.kitti360.adapter import kitti360_recordings
 from bench.recordings.native import native_recordings, open_native
 from bench.recordings.validation import FileModel, validated
-from bench.recordings.woodscape.adapter import woodscape_recordings
-from tests.recordings import tiny, tiny_aimotive, tiny_kitti360, tiny_woodscape
+from tests.support import tiny, tiny_aimotive, tiny_kitti360, tiny_woodscape
 
 
 class Options(FileModel):

@@ -8,7 +8,7 @@ import pytest
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings import RecordingWriter, load_card, open_dataset, open_native
-from tests.recordings import tiny
+from tests.support import tiny
 
 OFF = RigidTransform.from_yaw(0.01, (0.003, -0.002, 0.001))
 

@@ -13,7 +13,7 @@ from bench.errors import DataError
 from bench.recordings import ImageRef, open_native, read_image, read_truth
 from bench.recordings.images import JPEG_SCAN, PNG_START, decode_image
 from tests.hostile.files import png, png_chunk
-from tests.recordings import tiny
+from tests.support import tiny
 
 
 def stored(tmp_path, suffix, shape=(tiny.HEIGHT, tiny.WIDTH)):

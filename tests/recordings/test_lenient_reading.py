@@ -4,11 +4,11 @@ import json
 
 import pytest
 
+from bench.adapters.aimotive.adapter import aimotive_recordings
+from bench.adapters.kitti360.adapter import kitti360_recordings
+from bench.adapters.woodscape.adapter import woodscape_recordings
 from bench.errors import DataError
-from bench.recordings.aimotive.adapter import aimotive_recordings
-from bench.recordings.kitti360.adapter import kitti360_recordings
-from bench.recordings.woodscape.adapter import woodscape_recordings
-from tests.recordings import tiny_aimotive, tiny_kitti360, tiny_woodscape
+from tests.support import tiny_aimotive, tiny_kitti360, tiny_woodscape
 
 
 def read_leniently(adapter, root, options, number=0):

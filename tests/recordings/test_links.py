@@ -5,7 +5,7 @@ import yaml
 
 from bench.errors import DataError
 from bench.recordings import load_card, open_dataset
-from tests.recordings import tiny, tiny_aimotive, tiny_kitti360, tiny_rosbag, tiny_woodscape
+from tests.support import tiny, tiny_aimotive, tiny_kitti360, tiny_rosbag, tiny_woodscape
 
 KITTI, AIMOTIVE = tiny_kitti360.SEQUENCE, tiny_aimotive.SEQUENCE
 DATA_SETS = {  # what writes it, its options, folders on other disks, the level of these, a folder further in

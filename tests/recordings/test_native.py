@@ -14,7 +14,7 @@ from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
 from bench.recordings import RecordingWriter, frame_gaps, open_native, read_image, read_truth
 from bench.recordings.error_handlers import ErrorCollector
-from tests.recordings import tiny
+from tests.support import tiny
 
 
 def test_the_head_comes_back(root):

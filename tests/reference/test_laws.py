@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from bench.evaluation.counts import count_frame
+from bench.records.reference import Limb
 from bench.reference import OutlineErrors, ReferenceBuilder, ReferenceFrame, Status
-from bench.reference.records import Limb
 from tests.reference.drives import MS, Box, circle, drive, with_settings
 
 SEEDS = range(12)

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from bench.records.reference import Category, Direction
 from bench.reference.motion import categorise, moving_states, relative_direction, track_motion
-from bench.reference.records import Category, Direction
 from tests.reference.drives import MS, SETTINGS, Box, circle, drive
 
 MOTION = SETTINGS.motion

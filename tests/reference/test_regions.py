@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bench.records.reference import Limb
 from bench.reference import IgnoreReason, OutlineErrors, Status
 from bench.reference.polygons import Raster
-from bench.reference.records import Limb
 from bench.reference.regions import (
     Region,
     compose,

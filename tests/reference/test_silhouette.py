@@ -11,8 +11,8 @@ from bench.geometry import RigidTransform
 from bench.recordings import Cuboid, GroundPolygon, ObjectState, PointIndices, Track
 from bench.reference import IgnoreReason, ReferenceBuilder, Status
 from bench.reference.silhouette import convex_parts, silhouette
-from tests.cameras.lenses import LENSES
 from tests.reference.drives import LENS, MOUNT, MS, Box, circle, drive, with_settings
+from tests.support.lenses import LENSES
 
 SMALL = {name: lens.scaled(160, round(lens.height * 160 / lens.width)) for name, lens in LENSES.items()}
 SMALL["cut"] = replace(SMALL["radial_polynomial"], max_angle_rad=1.2)  # a field that ends inside of the image

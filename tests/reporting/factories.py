@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from shapely import Polygon, box
 
 from bench.methods.contract import Segmentation
-from bench.reference.records import (
+from bench.records.reference import (
     Category,
     Direction,
     IgnoreReason,

@@ -14,7 +14,7 @@ from bench.evaluation.summary import (
     SegmentationMetrics,
     Summary,
 )
-from bench.reference.records import Category
+from bench.records.reference import Category
 
 RATES = {
     Category.CROSSING: 0.7214,

@@ -6,7 +6,7 @@ import pytest
 from shapely import box
 
 from bench.errors import ShapeError
-from bench.reference.records import Status
+from bench.records.reference import Status
 from bench.reporting.canvas import figure_bytes, rgb
 from bench.reporting.count_view import AREA_COLOURS, PixelClass, draw_counts, pixel_classes
 from tests.reporting.factories import (

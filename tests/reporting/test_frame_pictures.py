@@ -3,7 +3,7 @@ from types import SimpleNamespace
 from unittest.mock import Mock
 
 from bench.evaluation.rows import objects_table
-from bench.reference.records import Category
+from bench.records.reference import Category
 from bench.reporting.frame_pictures import draw_cluster, example_frames, write_frame_pictures
 from tests.reporting.factories import busy_frame, cluster_view, fisheye_image, reference_frame, segmentation
 from tests.reporting.test_report_files import object_row

@@ -14,7 +14,7 @@ from bench.harness.provenance import Provenance
 from bench.harness.stored import MethodStamp
 from bench.harness.sweep import SweepResult, SweepRow
 from bench.harness.sweep.results import FlowCalls, write_sweep
-from bench.reference.records import Category
+from bench.records.reference import Category
 from bench.reporting.canvas import BLUE, GREY, VERMILION
 from bench.reporting.sweep import draw_sweep, shown_labels, to_csv, to_markdown, to_rich, write_sweep_files
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from bench.cameras import ray_grid
 from bench.evaluation.protocol import load_protocol
 from bench.recordings import MountedCamera
+from bench.records.reference import ReferenceSettings
 from bench.reference.motion import categorise
-from bench.reference.records import ReferenceSettings
 from bench.synthesis.bodies import BODIES
 from bench.synthesis.driving.ego import mounted_camera
 from bench.synthesis.placement import Trajectories, box_outline, box_size, footprints, plan_trajectories

@@ -9,7 +9,7 @@ from bench.egomotion import planar_trajectory
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track
-from tests.recordings.tiny import HEIGHT, OUTLINE_M, VEHICLE_FROM_LIDAR, WIDTH, front_camera
+from tests.support.tiny import HEIGHT, OUTLINE_M, VEHICLE_FROM_LIDAR, WIDTH, front_camera
 
 START_NS = 1_700_000_000_000_000_000
 IMAGE_NS, SWEEP_NS, BUS_NS = 66_666_667, 100_000_000, 10_000_000

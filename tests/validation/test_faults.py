@@ -19,7 +19,7 @@ from bench.validation import Depth, Severity, boxes, occupancy, validate_recordi
 from bench.validation.boxes import check_boxes
 from bench.validation.report import BY_EGO_MOTION
 from bench.validation.sweeps import seen_road
-from tests.recordings import tiny
+from tests.support import tiny
 from tests.validation import drive
 
 

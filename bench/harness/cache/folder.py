@@ -113,11 +113,12 @@ class CacheFolder:
         """
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            if not (self.folder / MARK).exists():
-                if any(self.folder.iterdir()):
-                    do = "name another folder with --cache or FISHEYE_BENCH_CACHE"
-                    raise DataError(self.folder, expected="an empty folder or a cache", got="other files", do=do)
-                (self.folder / MARK).touch()
+            mark = self.folder / MARK
+            # Looked for twice: another process may mark the folder, and fill it, in between.
+            if not mark.exists() and any(self.folder.iterdir()) and not mark.exists():
+                do = "name another folder with --cache or FISHEYE_BENCH_CACHE"
+                raise DataError(self.folder, expected="an empty folder or a cache", got="other files", do=do)
+            mark.touch()
         except OSError as error:
             got, do = error.strerror or str(error), "name another folder with --cache, or cache nothing with --no-cache"
             raise DataError(self.folder, expected="a folder for the cache", got=got, do=do) from error

@@ -12,9 +12,8 @@ import shapely
 from numpy.typing import NDArray
 
 from bench.harness.cache.folder import Arrays
+from bench.records.reference import Category, Direction, IgnoreReason, Outline, ReferenceObject, Status
 from bench.reference import ReferenceFrame
-from bench.reference.polygons import Outline
-from bench.reference.records import Category, Direction, IgnoreReason, ReferenceObject, Status
 
 WORDS: dict[str, type[Any]] = {
     "status": Status,

@@ -22,7 +22,7 @@ from shapely.geometry.base import BaseGeometry
 import bench
 from bench.errors import DataError
 from bench.harness.provenance import library_versions
-from bench.recordings.records import StoredPart
+from bench.records.recording import StoredPart
 
 
 def digest_of(*values: object) -> str:
@@ -150,9 +150,11 @@ def _digest(path: Path) -> str:
         return f"unreadable: {error.strerror}"
 
 
-REFERENCE_PACKAGES = ("errors.py", "geometry", "cameras", "lidar", "egomotion", "recordings", "reference")
+_READING = ("records", "recordings", "adapters")
+REFERENCE_PACKAGES = ("errors.py", "geometry", "cameras", "lidar", "egomotion", *_READING, "reference")
 REFERENCE_CODE = (*REFERENCE_PACKAGES, "harness/cache/reference_arrays.py")  # and how a cached one is stored
-METHOD_PACKAGES = ("errors.py", "geometry", "flow", "cameras", "egomotion", "recordings/input_errors.py", "methods")
+_TOLD = ("records", "recordings/input_errors.py")  # what a method is given, and the errors injected into it
+METHOD_PACKAGES = ("errors.py", "geometry", "flow", "cameras", "egomotion", *_TOLD, "methods")
 SCORING_PACKAGES = (*sorted({*REFERENCE_PACKAGES, *METHOD_PACKAGES}), "evaluation")
 UNIT_FILES = ("frames", "unit", "oracles", "unit_files")
 UNIT_CODE = (*SCORING_PACKAGES, *(f"harness/{name}.py" for name in UNIT_FILES))

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from bench.harness.keys.digests import FileDigests, columns_of, digest_of
 from bench.recordings import Recording
-from bench.recordings.records import ImageRef, PointIndices, SweepRef
+from bench.records.recording import ImageRef, PointIndices, SweepRef
 
 NEARBY_NS = 2_000_000_000  # annotations further from an image than this have no part in its reference
 

@@ -13,9 +13,9 @@ from tempfile import TemporaryDirectory
 from bench.errors import DataError
 from bench.recordings.error_handlers import STRICT, ErrorHandler
 from bench.recordings.handles import RecordingHandle
-from bench.recordings.records import Recording
 from bench.recordings.remote.storage import LocalCopy, Storage
 from bench.recordings.remote.urls import RemoteUrl, local_folder
+from bench.records.recording import Recording
 
 # Adapters whose recordings are entries of the top folder, and whether they also read other entries of it. Of all other
 # adapters' data sets the whole is downloaded at once.

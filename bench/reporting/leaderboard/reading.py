@@ -17,7 +17,7 @@ from bench.evaluation.summary import Metric
 from bench.harness import RunSummary
 from bench.harness.perf import MethodCost, read_cost
 from bench.harness.sweep import MARK
-from bench.reference.records import Category
+from bench.records.reference import Category
 from bench.reporting import formats
 from bench.reporting.compare.runs import (
     differing_settings,

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from bench.cameras import camera_from_parameters, ray_grid
 from bench.geometry import RigidTransform, RoadPlane
-from bench.recordings.records import MountedCamera
+from bench.records.recording import MountedCamera
 from bench.synthesis.draws import named_rng
 from bench.synthesis.mesh import Mesh, RayScene, Surface, box, convex, joined, slab, tube
 from bench.synthesis.scenario import CalibrationSpec, CameraSpec, RecordingSpec, Scenario

@@ -13,7 +13,7 @@ from bench.errors import DataError, UsageError
 from bench.harness.keys import MethodIdentity
 from bench.methods import build_method
 from tests.harness.test_survival import command, environment
-from tests.processes import PATIENCE_S, until
+from tests.support.processes import PATIENCE_S, until
 
 pytestmark = pytest.mark.slow
 

@@ -3,7 +3,7 @@
 import pytest
 
 from bench.recordings.remote import Storage
-from tests.object_storage import bucket, object_server
+from tests.support.object_storage import bucket, object_server
 
 __all__ = ["bucket", "object_server"]
 

@@ -22,7 +22,7 @@ from bench.reporting.compare.changes import compare_runs
 from bench.reporting.compare.runs import read_comparable
 from bench.reporting.compare.writing import write_comparison
 from bench.reporting.leaderboard.reading import read_leaderboard
-from tests.stored_files import change_summary
+from tests.support.stored_files import change_summary
 
 PROTOCOL = load_protocol("paper-v1")
 SCORED = {"one": 12, "two": 9}  # of three drives of five images

@@ -17,7 +17,7 @@ from bench.reporting.page.charts import write_figures
 from bench.reporting.page.object_table import table_data
 from bench.reporting.stored_run import read_stored_run
 from tests.reporting.page.hostile import TRACK
-from tests.stored_files import change_summary
+from tests.support.stored_files import change_summary
 
 SECTIONS = [
     "glance", "results", "splits", "recordings", "around", "plane", "coverage", "threshold", "causes", "worst",

@@ -1,0 +1,176 @@
+"""From boxes in KITTI-360's world to tracks in the vehicle frame, frame by frame."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.adapters.kitti360.boxes import STATIONARY, WorldBox
+from bench.adapters.kitti360.files import Drive, FrameClock
+from bench.adapters.kitti360.riders import joined_riders
+from bench.geometry import RigidTransform
+from bench.records.recording import Cuboid, ObjectState, Track, world_velocities, world_yaw_rates
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Annotated:
+    """What a file of boxes says.
+
+    Attributes:
+        tracks: of everything that can move, whether it does or not.
+        windows: stretches of frames that somebody annotated, merged and in order; empty where the file does not tell.
+    """
+
+    tracks: tuple[Track, ...]
+    windows: tuple[tuple[int, int], ...]
+
+    def covers(self, frame: int) -> bool:
+        """Whether a frame was annotated."""
+        return not self.windows or any(first <= frame <= last for first, last in self.windows)
+
+
+def tracks_from_world(
+    boxes: Iterable[WorldBox | tuple[int, int]],
+    drive: Drive,
+    clock: FrameClock,
+    *,
+    static_range_m: float,
+    static_people: str,
+) -> Annotated:
+    """Put boxes where the vehicle sees them.
+
+    Boxes that stand get a state at each frame of their window at which they are near. Frames without ego-motion have no
+    states, since nothing can be said of the vehicle frame there.
+
+    Args:
+        boxes: as `read_boxes` yields them.
+        drive: where the vehicle was.
+        clock: times of frames.
+        static_range_m: how near boxes that stand have to be.
+        static_people: "unclear" or "static", for people who are not marked dynamic.
+    """
+    ego = _EgoPath(drive, clock)
+    groups: dict[str, list[WorldBox]] = defaultdict(list)
+    windows: set[tuple[int, int]] = set()
+    for found in boxes:
+        window = found if isinstance(found, tuple) else found.window
+        if window is not None:
+            windows.add(window)
+        if not isinstance(found, tuple):
+            groups[found.key].append(found)
+    tracks = [_track(key, group, ego, static_range_m, static_people) for key, group in groups.items()]
+    kinds = {key: group[0].label.name for key, group in groups.items() if group[0].label is not None}
+    seen = tuple(track for track in tracks if track.states)
+    return Annotated(tracks=joined_riders(seen, kinds), windows=_merged(windows))
+
+
+class _EgoPath:
+    """The vehicle at every frame that has ego-motion."""
+
+    def __init__(self, drive: Drive, clock: FrameClock) -> None:
+        self.world_from_global = drive.world_from_global
+        frames = np.fromiter(clock.times_ns, dtype=np.int64)
+        times_ns = np.fromiter(clock.times_ns.values(), dtype=np.int64)
+        rotations, positions_m, valid = drive.trajectory.at(times_ns)
+        self.frames, self.times_ns = frames[valid], times_ns[valid]
+        self.rotations, self.positions_m = rotations[valid], positions_m[valid]
+        self.row: Mapping[int, int] = {int(frame): row for row, frame in enumerate(self.frames)}
+
+
+def _track(key: str, boxes: Sequence[WorldBox], ego: _EgoPath, static_range_m: float, static_people: str) -> Track:
+    label = boxes[0].label
+    order = _axes(ego.world_from_global.rotation @ boxes[0].rotation, boxes[0].size_m)
+    by_row: dict[int, WorldBox] = {}
+    for box in boxes:
+        rows = _near(box, ego, static_range_m) if box.frame == STATIONARY else _row(box.frame, ego)
+        for row in rows:
+            if box.frame != STATIONARY or row not in by_row:
+                by_row[row] = box
+    rows = sorted(by_row)
+    dynamic = any(box.dynamic for box in boxes)
+    person = label is not None and label.object_class == "pedestrian"
+    unclear = label is None or (person and not dynamic and static_people == "unclear")
+    placed = {key: _placed(box, ego, order) for key, box in {id(box): box for box in by_row.values()}.items()}
+    states = _states([(row, by_row[row], *placed[id(by_row[row])]) for row in rows], ego, unclear=unclear)
+    return Track(track_id=key, object_class="vehicle" if label is None else label.object_class, states=states)
+
+
+def _states(
+    placed: Sequence[tuple[int, WorldBox, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]],
+    ego: _EgoPath,
+    *,
+    unclear: bool,
+) -> tuple[ObjectState, ...]:
+    if not placed:
+        return ()
+    rows = np.array([row for row, *_ in placed])
+    rotations = np.stack([rotation for *_, rotation, _, _ in placed])
+    centres_m = np.stack([centre for *_, centre, _ in placed])
+    moves = np.array([box.frame != STATIONARY for _, box, *_ in placed])
+    times_ns = ego.times_ns[rows]
+    velocities = np.where(moves[:, None], world_velocities(times_ns, centres_m), 0.0)
+    along = np.nan_to_num(np.einsum("ni,ni->n", velocities, rotations[:, :, 0])).sum()
+    if along < 0:  # the box was drawn facing backwards
+        rotations = rotations * np.array([-1.0, -1.0, 1.0])
+    turns = np.where(moves, world_yaw_rates(times_ns, rotations), 0.0)
+    world_from_vehicle = ego.rotations[rows]
+    vehicle_from_object = RigidTransform.each(
+        np.einsum("nji,njk->nik", world_from_vehicle, rotations),
+        np.einsum("nji,nj->ni", world_from_vehicle, centres_m - ego.positions_m[rows]),
+    )
+    seen_velocities = np.einsum("nji,nj->ni", world_from_vehicle, velocities)
+    return tuple(
+        ObjectState(
+            timestamp_ns=int(times_ns[i]),
+            shape=Cuboid(vehicle_from_object=vehicle_from_object[i], size_m=placed[i][-1]),
+            velocity_mps=seen_velocities[i],
+            yaw_rate_radps=float(turns[i]),
+            unclear=unclear or (placed[i][1].dynamic and not moves[i]),
+        )
+        for i in range(len(rows))
+    )
+
+
+def _placed(
+    box: WorldBox, ego: _EgoPath, order: tuple[int, int]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Rotation with x along and z up, centre and size (length, width, height), in our world."""
+    axes = ego.world_from_global.rotation @ box.rotation
+    along, up = order
+    z = axes[:, up] * (1.0 if axes[2, up] > 0 else -1.0)
+    x = axes[:, along]
+    rotation = np.column_stack([x, np.cross(z, x), z])
+    size_m = box.size_m[[along, 3 - along - up, up]]
+    return rotation, ego.world_from_global.apply(box.centre_m), size_m
+
+
+def _axes(rotation: NDArray[np.float64], size_m: NDArray[np.float64]) -> tuple[int, int]:
+    """Which axes of the box are its length and its height; one choice for all boxes of an object."""
+    up = int(np.argmax(np.abs(rotation[2])))
+    along = max((axis for axis in range(3) if axis != up), key=lambda axis: float(size_m[axis]))
+    return along, up
+
+
+def _row(frame: int, ego: _EgoPath) -> list[int]:
+    return [ego.row[frame]] if frame in ego.row else []
+
+
+def _near(box: WorldBox, ego: _EgoPath, range_m: float) -> list[int]:
+    centre = ego.world_from_global.apply(box.centre_m)
+    away_m = np.hypot(*(ego.positions_m[:, :2] - centre[:2]).T) - np.linalg.norm(box.size_m) / 2
+    first, last = box.window or (0, np.iinfo(np.int64).max)
+    return np.flatnonzero((away_m <= range_m) & (ego.frames >= first) & (ego.frames <= last)).tolist()
+
+
+def _merged(windows: Iterable[tuple[int, int]]) -> tuple[tuple[int, int], ...]:
+    merged: list[tuple[int, int]] = []
+    for first, last in sorted(windows):
+        if merged and first <= merged[-1][1] + 1:
+            merged[-1] = merged[-1][0], max(merged[-1][1], last)
+        else:
+            merged.append((first, last))
+    return tuple(merged)

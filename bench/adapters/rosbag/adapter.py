@@ -1,0 +1,263 @@
+"""The adapter `rosbag`: bags of ROS 2, folders with `metadata.yaml` or single files, MCAP (`.mcap`) or SQLite (`.db3`).
+
+```
+<root>/
+  rig.yaml                     which topic is which sensor; models and mountings of cameras; see `rig`
+  <recording>/metadata.yaml    and the files of messages that it names
+  <recording>.mcap             or one file alone
+```
+
+What is translated here, once:
+
+- A message's time is the stamp in its header, plus the sensor's `time_offset_ns`; or the time of recording, where the
+  card says so. Images count as exposed at that time.
+- Sensors are mounted as the rig file says, or as /tf_static says of the frames that it names. ROS's vehicle and optical
+  frames have the axes of ours; the height of the road in the vehicle frame comes from the rig file.
+- Poses of an odometry topic are those of its child frame.
+- A bag holds no annotations: they are files in the card's `annotations` folder. Without them a recording can be looked
+  at, but no image of it is scored.
+
+Where each message is, and its time, is found in one walk when the recording is opened; images and point clouds are read
+one by one after that.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.adapters.rosbag.bag import TimedRows, bag_messages, bags_below, open_bag
+from bench.adapters.rosbag.clouds import BagSweep
+from bench.adapters.rosbag.images import BagImage
+from bench.adapters.rosbag.messages import COMPRESSED_IMAGE, IMAGE, POINT_CLOUD, Topic
+from bench.adapters.rosbag.motion import EgoMotionMessages
+from bench.adapters.rosbag.rig import STATIC_FRAMES, CameraRig, LidarRig, RosbagOptions, StaticFrames, read_rig
+from bench.adapters.rosbag.storage import Position
+from bench.egomotion import Trajectory
+from bench.errors import DataError
+from bench.geometry import RigidTransform
+from bench.recordings.annotations import annotations_or_none
+from bench.recordings.atomic import linked_folder, path_inside
+from bench.recordings.error_handlers import STRICT, ErrorHandler, OnError, reporting, stationary
+from bench.recordings.handles import RecordingHandle
+from bench.recordings.images import read_mask
+from bench.recordings.mounting import body_mask, camera_model, mounted_camera
+from bench.recordings.schema import Mounting
+from bench.recordings.validation import validated
+from bench.records.recording import ImageRef, MountedCamera, Recording, SweepRef, Track
+
+
+def rosbag_recordings(
+    root: Path, *, options: Mapping[str, Any], card: Path, annotations: Path | None
+) -> tuple[RecordingHandle, ...]:
+    """The adapter `rosbag`: each bag in `root`, or `root` itself, is a recording.
+
+    Raises:
+        DataError: options that are wrong.
+    """
+    chosen = validated(RosbagOptions, options, file=card, field="options")
+    sources = []
+    for path in bags_below(root):
+        name = root.resolve().name if path == root else path.stem if path.is_file() else path.name
+        file = None if annotations is None else annotations / f"{name}.json"
+        sources.append(_Source(root=root, path=path, name=name, card=card, options=chosen, annotations=file))
+    return tuple(RecordingHandle(name=each.name, opener=each.open, lenient=True) for each in sources)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Source:
+    """Where a recording comes from.
+
+    Attributes:
+        root: folder of the data set, which no file may leave.
+        path: the bag, a file or folder in it or the root itself.
+        name: of the recording.
+        card: for errors.
+        options: as in the card.
+        annotations: the file that may have its annotations.
+    """
+
+    root: Path
+    path: Path
+    name: str
+    card: Path
+    options: RosbagOptions
+    annotations: Path | None
+
+    def open(self, *, on_error: ErrorHandler = STRICT) -> Recording:
+        """Open the bag.
+
+        Raises:
+            DataError: a file that is missing or not what the format asks for; files or messages that the bag lacks or
+                that cannot be used, unless the card accepts that. In lenient reading, no camera is left.
+        """
+        losses: list[DataError] = []
+        recording = _Opening(self, on_error, losses.append if on_error is STRICT else on_error).recording()
+        if losses and not self.options.accept_losses:
+            first, more = losses[0], len(losses) - 1
+            hints = [first.do, "set the card's option accept_losses: true to use the rest"]
+            hints += [f"{more} more faults, which fisheye-bench validate lists"] if more else []
+            do = "; ".join(filter(None, hints))
+            raise DataError(first.file, field=first.field, expected=first.expected, got=first.got, do=do)
+        return recording
+
+
+class _Opening:
+    """A bag that is being opened.
+
+    Args:
+        source: where it comes from.
+        on_error: takes errors of parts that cannot be used.
+        on_loss: takes errors for what the bag lacks, which the card may accept.
+    """
+
+    def __init__(self, source: _Source, on_error: ErrorHandler, on_loss: OnError) -> None:
+        self.source, self.on_error, self.on_loss = source, on_error, on_loss
+
+    def recording(self) -> Recording:
+        """The recording.
+
+        Raises:
+            DataError: no camera is left, or the bag or the rig file cannot be read.
+        """
+        source = self.source
+        within = linked_folder(source.root, source.path, levels=source.options.follow_links)
+        self.bag = open_bag(within, source.path)
+        for loss in self.bag.losses:
+            self.on_loss(loss)
+        self.rig, self.rig_file = read_rig(source.root, source.options.rig, recording=source.name, card=source.card)
+        self.frames, motion = StaticFrames(), EgoMotionMessages(self.rig.ego_motion)
+        self._walk(motion)
+        tracks = self._tracks()
+        cameras: dict[str, MountedCamera] = {}
+        images: dict[str, tuple[ImageRef, ...]] = {}
+        for name, camera in self.rig.cameras.items():
+            with reporting(self.on_error):
+                refs = tuple(self._images(name, camera, scored=tracks is not None))
+                cameras[name], images[name] = self._camera(name, camera), refs
+        if not cameras:
+            raise DataError(self.bag.path, expected="a camera that can be used", got="none")
+        vehicle_from_lidar, lidar = RigidTransform.identity(), self.rig.lidar
+        sweeps: tuple[SweepRef, ...] = ()
+        if lidar is not None:
+            with reporting(self.on_error):
+                vehicle_from_lidar = self._vehicle_from(lidar.vehicle_from_sensor, lidar.frame, "lidar.frame")
+                sweeps = tuple(self._sweeps(lidar))
+        return Recording(
+            name=source.name,
+            root=source.root,
+            licence=source.options.licence,
+            frame_interval_ns=self.rig.frame_interval_ns or self._median_interval_ns(images),
+            cameras=cameras,
+            images=images,
+            trajectory=self._trajectory(motion),
+            vehicle_from_lidar=vehicle_from_lidar,
+            sweeps=sweeps,
+            tracks=tracks or (),
+            vehicle_outline_m=np.array(self.rig.vehicle.outline_m, dtype=np.float64),
+        )
+
+    def _walk(self, motion: EgoMotionMessages) -> None:
+        """Find the messages of the sensors, and read those of the ego-motion and the frames."""
+        self.counts: Counter[str] = Counter()
+        self.rows = {topic: TimedRows(4, "q") for topic in self.rig.sensor_topics}
+        read = motion.topics | {STATIC_FRAMES}
+        for message in bag_messages(self.bag, listed=self.rows, read=read, counts=self.counts):
+            name, position = message.topic.name, message.position
+            if name == STATIC_FRAMES:
+                self.frames.take(message)
+            if name in motion.topics:
+                motion.take(message)
+            if name in self.rows:
+                numbers = (message.file_number, position.chunk, position.offset, position.size)
+                self.rows[name].add(message, numbers)
+        for name, stated in self.bag.counts.items():
+            if self.counts[name] < stated:
+                expected, got = f"{stated} messages, as metadata.yaml says", str(self.counts[name])
+                self.on_loss(DataError(self.bag.path, field=name[:80], expected=expected, got=got))
+
+    def _camera(self, name: str, camera: CameraRig) -> MountedCamera:
+        """A camera, at the size at which it is evaluated."""
+        field, file = f"cameras.{name}", self.rig_file
+        vehicle_from_camera = self._vehicle_from(camera.vehicle_from_sensor, camera.frame, f"{field}.frame")
+        ego_body = body_mask(camera.image_size, camera.body_polygons)
+        if camera.ego_body_mask is not None:
+            path = path_inside(self.source.root, camera.ego_body_mask, file=file, field=f"{field}.ego_body_mask")
+            mask = read_mask(path, camera.image_size)
+            ego_body = mask if ego_body is None else mask | ego_body
+        return mounted_camera(
+            name,
+            camera_model(camera.model, camera.image_size, file=file, field=f"{field}.model"),
+            vehicle_from_camera,
+            ground_height_m=self.rig.vehicle.ground_height_m,
+            ego_body=ego_body,
+            evaluated_size_px=self.source.options.evaluated_size_px,
+            file=file,
+            field=field,
+        )
+
+    def _images(self, name: str, camera: CameraRig, *, scored: bool) -> Iterator[ImageRef]:
+        """The images of a camera, by time."""
+        for time_ns, file, position, topic in self._messages(camera, f"cameras.{name}", IMAGE, COMPRESSED_IMAGE):
+            path = file / name / str(time_ns)
+            compressed, size_px, white_level = self.bag.compressed, camera.image_size, camera.white_level
+            stored = BagImage(file, position, topic, compressed, size_px, white_level, path)
+            yield ImageRef(camera=name, timestamp_ns=time_ns, path=path, scored=scored, stored=stored)
+
+    def _sweeps(self, lidar: LidarRig) -> Iterator[SweepRef]:
+        """The sweeps of the lidar, by time."""
+        for time_ns, file, position, topic in self._messages(lidar, "lidar", POINT_CLOUD):
+            stored = BagSweep(file, position, topic, self.bag.compressed, lidar)
+            yield SweepRef(timestamp_ns=time_ns, path=file / "lidar" / str(time_ns), reader=stored, stored=stored)
+
+    def _messages(
+        self, sensor: CameraRig | LidarRig, field: str, *types: str
+    ) -> Iterator[tuple[int, Path, Position, Topic]]:
+        """Time, file, position and topic of a sensor's messages whose times can be used."""
+        rows, path = self.rows[sensor.topic], self.bag.path
+        if rows.topic is None:
+            got = f"none in {path.name}, which has {', '.join(sorted(self.counts)[:20]) or 'none'}"
+            raise DataError(self.rig_file, field=f"{field}.topic", expected=f"messages on {sensor.topic}", got=got)
+        rows.topic.refuse_others(*types, file=path)
+        topic = replace(rows.topic, definition="")  # ROS's own types need none, and references stay small
+        times_ns, positions = rows.usable(self.source.options.clock, file=path, on_loss=self.on_loss)
+        if not len(times_ns):
+            raise DataError(path, field=sensor.topic, expected="messages whose times can be used", got="none")
+        for time_ns, (number, *position) in zip(times_ns.tolist(), positions.tolist(), strict=True):
+            yield time_ns + sensor.time_offset_ns, self.bag.files[number], Position(*position), topic
+
+    def _vehicle_from(self, mounting: Mounting | None, frame: str | None, field: str) -> RigidTransform:
+        """A mounting: the rig file's own, or that of a frame, or at the vehicle frame itself."""
+        if mounting is not None:
+            return mounting.transform
+        if frame is None:
+            return RigidTransform.identity()
+        return self.frames.vehicle_from(frame, vehicle=self.rig.vehicle.frame, file=self.rig_file, field=field)
+
+    def _trajectory(self, motion: EgoMotionMessages) -> Trajectory:
+        odometry, clock, file = self.rig.ego_motion.odometry, self.source.options.clock, self.bag.path
+        with reporting(self.on_error):
+            mounting, frame = (odometry.vehicle_from_child, odometry.frame) if odometry else (None, None)
+            child_from_vehicle = self._vehicle_from(mounting, frame, "ego_motion.odometry.frame").inverse()
+            return motion.trajectory(clock, child_from_vehicle=child_from_vehicle, file=file, on_loss=self.on_loss)
+        self.on_error.leave_out("trajectory")
+        return stationary(file)
+
+    def _tracks(self) -> tuple[Track, ...] | None:
+        """The annotated objects; None where the bag is not annotated."""
+        file = self.source.annotations
+        tracks = annotations_or_none(file, self.on_error) if file is not None and file.is_file() else None
+        if tracks is None:
+            self.on_error.leave_out("annotations")
+        return tracks
+
+    def _median_interval_ns(self, images: Mapping[str, tuple[ImageRef, ...]]) -> int:
+        steps_ns = [np.diff([ref.timestamp_ns for ref in refs]) for refs in images.values() if len(refs) > 1]
+        if not steps_ns:
+            raise DataError(self.bag.path, expected="two images of a camera at least", got="one")
+        return int(np.median(np.concatenate(steps_ns)))

@@ -1,0 +1,291 @@
+"""A bag: the files that make it up, what its `metadata.yaml` says, and where its messages are.
+
+A bag of ROS 2 is a folder with `metadata.yaml` and one or more files of messages. One file alone is read too, and a
+folder whose recorder died before it wrote the metadata.
+"""
+
+from __future__ import annotations
+
+import re
+from array import array
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from bench.adapters.rosbag.messages import HEADER_BYTES, SECOND_NS, Topic, has_header, header_stamp_ns
+from bench.adapters.rosbag.storage import (
+    SUFFIXES,
+    ZSTD_BLOCK_BYTES,
+    Position,
+    decompressed_message,
+    decompressed_start,
+    stored_messages,
+)
+from bench.errors import DataError
+from bench.plain_yaml import parse_yaml
+from bench.recordings.atomic import path_inside, refuse_escape
+from bench.recordings.error_handlers import OnError
+from bench.recordings.files import read_text
+from bench.recordings.validation import LATEST_NS, validated
+
+METADATA = "metadata.yaml"
+ROS1_SUFFIX = ".bag"
+LARGEST_METADATA_BYTES = 4_000_000  # qualities of service of a thousand topics
+LARGEST_READ_BYTES = 1 << 22  # of a message that is read while the bag is walked through: speeds, poses, frames
+LARGEST_JUMP_NS = 10 * SECOND_NS  # a delay from stamp to recording that differs by more is of another clock
+
+Clock = Literal["header", "bag"]
+
+
+class _Part(BaseModel):
+    """A part of `metadata.yaml`; other keys are ignored."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+
+class _TopicName(_Part):
+    name: str
+
+
+class _TopicCount(_Part):
+    topic_metadata: _TopicName
+    message_count: Annotated[int, Field(ge=0)]
+
+
+class _Information(_Part):
+    relative_file_paths: tuple[str, ...]
+    topics_with_message_count: tuple[_TopicCount, ...] = ()
+    compression_format: str | None = None
+    compression_mode: str | None = None
+
+
+class _Metadata(_Part):
+    rosbag2_bagfile_information: _Information
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bag:
+    """The files of a bag.
+
+    Attributes:
+        path: the folder, or the one file.
+        files: of messages, in the order in which they were recorded.
+        counts: messages of each topic, as the metadata says.
+        compressed: each message is compressed by itself, with zstd.
+        losses: files that are missing.
+    """
+
+    path: Path
+    files: tuple[Path, ...]
+    counts: Mapping[str, int] = field(default_factory=dict)
+    compressed: bool = False
+    losses: tuple[DataError, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class BagMessage:
+    """A message that a walk through a bag finds.
+
+    Attributes:
+        topic: that it was sent on.
+        log_ns: when it was recorded.
+        stamp_ns: the time in its header; `NO_STAMP` where that has none, `log_ns` where its type has no header.
+        file_number: of the file that holds it.
+        file: the same.
+        position: where in the file.
+        start: its first bytes in CDR.
+    """
+
+    topic: Topic
+    log_ns: int
+    stamp_ns: int
+    file_number: int
+    file: Path
+    position: Position
+    start: bytes
+
+
+class TimedRows:
+    """Numbers of a topic's messages and the messages' times, in the order of the file.
+
+    Args:
+        columns: how many numbers a message has.
+        code: their type as the module `array` names it, "q" for int64 and "d" for float64.
+    """
+
+    def __init__(self, columns: int, code: str) -> None:
+        self.topic: Topic | None = None  # of the messages; None without any
+        self._times_ns, self._columns = array("q"), columns
+        self._numbers: array[Any] = array(code)
+
+    def add(self, message: BagMessage, numbers: Iterable[float]) -> None:
+        """Add the numbers of a message."""
+        self.topic = message.topic
+        self._times_ns.extend((message.log_ns, message.stamp_ns))
+        self._numbers.extend(numbers)
+
+    def usable(self, clock: Clock, *, file: Path, on_loss: OnError) -> tuple[NDArray[np.int64], NDArray[Any]]:
+        """The rows whose times can be used and increase, and whose numbers are finite.
+
+        Args:
+            clock: whether the time of the recording or that of the header counts.
+            file: for errors.
+            on_loss: takes an error for each kind of row that is left out.
+
+        Returns:
+            times_ns: (N,) int64.
+            numbers: (N, columns).
+        """
+        table = np.array(self._times_ns, dtype=np.int64).reshape(-1, 2)
+        order = np.argsort(table[:, 0], kind="stable")
+        log_ns, stamp_ns = table[order].T
+        numbers = np.array(self._numbers).reshape(-1, self._columns)[order]
+        times_ns = log_ns if clock == "bag" else stamp_ns
+        valid = np.ones(len(table), dtype=bool)
+
+        def keep(good: NDArray[np.bool_], expected: str, got: str, do: str = "") -> None:
+            bad = valid & ~good
+            if bad.any():
+                got = f"{got} in {bad.sum()} of {len(bad)} messages, the first recorded at {log_ns[np.argmax(bad)]} ns"
+                field = self.topic.name if self.topic else None
+                on_loss(DataError(file, field=field, expected=expected, got=got, do=do))
+            valid[bad] = False
+
+        do = "set the card's option clock: bag where the driver sets no stamps"
+        keep((times_ns > 0) & (times_ns < LATEST_NS), "a time in the header", "none", do)
+        delay_ns = times_ns - log_ns
+        usual_ns = int(np.median(delay_ns[valid])) if valid.any() else 0
+        keep(np.abs(delay_ns - usual_ns) <= LARGEST_JUMP_NS, "stamps of one clock", "jumps")
+        latest_ns = np.maximum.accumulate(np.where(valid, times_ns, 0))
+        keep(times_ns > np.concatenate([[0], latest_ns[:-1]]), "times that increase", "others")
+        keep(np.isfinite(numbers).all(axis=1), "finite numbers", "NaN or infinity")
+        return times_ns[valid], numbers[valid]
+
+
+def bags_below(root: Path) -> tuple[Path, ...]:
+    """Files and folders of `root` that are bags; `root` alone where it is one itself."""
+    if (root / METADATA).is_file():
+        return (root,)
+    return tuple(path for path in sorted(root.glob("[!.]*")) if _is_bag(path))
+
+
+def open_bag(root: Path, path: Path) -> Bag:
+    """The files of a bag.
+
+    Args:
+        root: folder of the data set, which no file may leave.
+        path: a file or folder in it, or the root itself.
+
+    Raises:
+        DataError: metadata that cannot be used or that names files elsewhere, or no file that can be read.
+    """
+    refuse_escape(root, path, file=path)
+    if path.suffix == ROS1_SUFFIX:
+        do = f"convert it: rosbags-convert --src {path.name} --dst {path.stem}"
+        raise DataError(path, expected="a bag of ROS 2", got="one of ROS 1", do=do)
+    if path.is_file():
+        return Bag(path=path, files=(path,))
+    file = path / METADATA
+    refuse_escape(root, file, file=file)
+    if file.is_file():
+        content = parse_yaml(read_text(file, largest_bytes=LARGEST_METADATA_BYTES), file=file)
+        bag = _described_bag(path, validated(_Metadata, content, file=file).rosbag2_bagfile_information)
+    else:
+        got = "no such file; its counts cannot be compared"
+        missing = DataError(file, expected="the metadata that a recorder writes last", got=got)
+        found = sorted((entry for entry in path.iterdir() if entry.suffix in SUFFIXES), key=_recording_order)
+        bag = Bag(path=path, files=tuple(found), losses=(missing,))
+    if not bag.files:
+        do = "unpack them: unzstd *.zstd, then ros2 bag reindex" if any(path.glob("*.zstd")) else ""
+        raise DataError(path, expected=f"files of messages, {' or '.join(SUFFIXES)}", got="none", do=do)
+    for entry in bag.files:
+        refuse_escape(root, entry, file=entry)
+    return bag
+
+
+def bag_messages(
+    bag: Bag, *, listed: Collection[str], read: Collection[str], counts: Counter[str]
+) -> Iterator[BagMessage]:
+    """Walk through a bag once, without decoding an image or a point cloud.
+
+    Args:
+        bag: its files.
+        listed: topics of which the start of each message is read.
+        read: topics whose messages are read whole.
+        counts: takes the number of messages of every topic, these and others.
+
+    Yields:
+        The messages of these topics, in the order of the files.
+
+    Raises:
+        DataError: a file that cannot be read, a topic with messages of two types, or one to be read that is too large.
+    """
+    start_bytes = dict.fromkeys(listed, ZSTD_BLOCK_BYTES if bag.compressed else HEADER_BYTES)
+    start_bytes |= dict.fromkeys(read, LARGEST_READ_BYTES)
+    known: dict[str, tuple[str, bool]] = {}
+    for number, file in enumerate(bag.files):
+        for topic, log_ns, position, start in stored_messages(file, start_bytes):
+            counts[topic.name] += 1
+            if topic.name not in start_bytes:
+                continue
+            if topic.name not in known:
+                known[topic.name] = topic.stored_type, has_header(topic, file=file)
+            stored_type, has_stamp = known[topic.name]
+            if topic.stored_type != stored_type:
+                got = f"{stored_type} and {topic.stored_type}"
+                raise DataError(bag.path, field=topic.name, expected="messages of one type", got=got)
+            if topic.name in read and position.size > LARGEST_READ_BYTES:
+                expected, got = f"messages up to {LARGEST_READ_BYTES} bytes", f"{position.size} of {topic.stored_type}"
+                raise DataError(file, field=topic.name, expected=expected, got=got)
+            if bag.compressed and topic.name in read:
+                start = decompressed_message(start, LARGEST_READ_BYTES, file=file)
+            elif bag.compressed:
+                start = decompressed_start(start, HEADER_BYTES, file=file)
+            stamp_ns = header_stamp_ns(start) if has_stamp else log_ns
+            yield BagMessage(topic, log_ns, stamp_ns, number, file, position, start)
+
+
+def _described_bag(path: Path, information: _Information) -> Bag:
+    """A bag as its metadata describes it."""
+    file, key = path / METADATA, "rosbag2_bagfile_information"
+    mode, form = (information.compression_mode or "").lower(), (information.compression_format or "").lower()
+    if mode not in ("", "none", "message", "file", "storage") or (mode == "message" and form != "zstd"):
+        expected, got = "none, or message with zstd", f"{mode[:20]!r} with {form[:20]!r}"
+        raise DataError(file, field=f"{key}.compression_mode", expected=expected, got=got)
+    files: list[Path] = []
+    losses: list[DataError] = []
+    for number, relative in enumerate(information.relative_file_paths):
+        where = f"{key}.relative_file_paths.{number}"
+        entry = path_inside(path, relative, file=file, field=where)
+        if not entry.is_file():  # early recorders wrote the folder's name in front
+            entry = path / PurePosixPath(relative).name
+        if entry.suffix not in SUFFIXES or entry in files:
+            expected, got = f"another file {' or '.join(SUFFIXES)}", repr(relative[:80])
+            do = f"unpack it: unzstd {path.name}/*.zstd, then ros2 bag reindex" if entry.suffix == ".zstd" else ""
+            raise DataError(file, field=where, expected=expected, got=got, do=do)
+        if entry.is_file():
+            files.append(entry)
+        else:
+            losses.append(DataError(entry, expected=f"a file of messages, as {METADATA} says", got="no such file"))
+    counts: Counter[str] = Counter()
+    for topic in information.topics_with_message_count:
+        counts[topic.topic_metadata.name] += topic.message_count
+    return Bag(path=path, files=tuple(files), counts=counts, compressed=mode == "message", losses=tuple(losses))
+
+
+def _is_bag(path: Path) -> bool:
+    if path.is_file():
+        return path.suffix in (*SUFFIXES, ROS1_SUFFIX)
+    names = [entry.name for entry in path.iterdir()] if path.is_dir() else []
+    return METADATA in names or any(name.removesuffix(".zstd").endswith(SUFFIXES) for name in names)
+
+
+def _recording_order(path: Path) -> list[tuple[int, str]]:
+    """Sorts drive_2 before drive_10."""
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"([0-9]+)", path.name)]

@@ -1,0 +1,1 @@
+"""Records that the packages above hand each other: `recording`, `reference`."""

@@ -1,0 +1,234 @@
+"""What the reference says of one image."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely import MultiPolygon, Polygon
+
+Outline: TypeAlias = Polygon | MultiPolygon  # of several parts where the lidar sees an object in several
+SURFACE_PATCHES = "surface-patches"
+POLYGON_KINDS = ("convex", "concave", SURFACE_PATCHES)
+
+
+class Status(StrEnum):
+    """Where an annotated object ends; exactly one of the three."""
+
+    EVALUATED = "evaluated"
+    IGNORED = "ignored"
+    STATIC = "static"
+
+
+class Category(StrEnum):
+    """Kind of motion, in the order of the paper's table; then motion of which the data set does not tell the kind."""
+
+    CROSSING = "crossing"
+    OVERTAKING = "overtaking"
+    PRECEDING = "preceding"
+    APPROACHING = "approaching"
+    STATIC_EGO = "static_ego"
+    MOVING = "moving"
+
+
+class Direction(StrEnum):
+    """Direction of the motion relative to the ego vehicle, for the range maps."""
+
+    LATERAL = "lateral"
+    LONGITUDINAL = "longitudinal"
+
+
+class IgnoreReason(StrEnum):
+    """Why a moving object is not evaluated; the first that applies, in this order."""
+
+    UNCLEAR = "unclear"
+    CLASS = "class_not_in_protocol"
+    MOTION_UNKNOWN = "motion_unknown"
+    CATEGORY = "category_not_in_protocol"
+    OUT_OF_VIEW = "out_of_view"
+    NO_SWEEP = "no_sweep"
+    RANGE = "beyond_range"
+    FEW_POINTS = "too_few_points"
+    SMALL_POLYGON = "polygon_too_small"
+    OCCLUDED = "occluded"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ReferenceObject:
+    """One annotated object in one image.
+
+    Attributes:
+        track_id: of the object.
+        object_class: of the object.
+        status: evaluated, ignored or static.
+        reason: why it is ignored; None unless ignored.
+        category: kind of motion; None where static or unknown.
+        direction: of the relative motion; None where unknown.
+        speed_mps: over the ground; NaN where unknown.
+        range_m: horizontal distance of the nearest lidar point from the camera; NaN without points.
+        centroid_m: (2,) float64, x and y of the cluster's centroid, vehicle frame at exposure, m; NaN without points.
+        points: lidar points on the object that fall into the image.
+        polygon: in pixels (u, v) of the evaluated image, may reach beyond its border. From lidar points where they
+            suffice, else the outline of the annotated shape, which is only ever ignored; None where the object is
+            out of view.
+        polygon_px: pixels of the polygon inside V before occlusion.
+        region_px: |G_i|, after occlusion; 0 unless evaluated.
+        unknown_px: pixels beside G_i that may be the object's, after occlusion; 0 unless evaluated by a protocol with
+            an unknown band.
+    """
+
+    track_id: str
+    object_class: str
+    status: Status
+    reason: IgnoreReason | None
+    category: Category | None
+    direction: Direction | None
+    speed_mps: float
+    range_m: float
+    centroid_m: NDArray[np.float64]
+    points: int
+    polygon: Outline | None
+    polygon_px: int
+    region_px: int
+    unknown_px: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ReferenceFrame:
+    """The reference of one image, ready to be scored against.
+
+    Attributes:
+        recording: name.
+        camera: name.
+        timestamp_ns: exposure.
+        ego_speed_mps: over the ground, >= 0.
+        objects: nearest first, ties by track id; every annotated object of the frame once.
+        labels: (H, W) int32; k + 1 where the pixel belongs to G of `objects[k]`, 0 elsewhere.
+        ignored: (H, W) bool; the region I, unknown bands among it.
+        valid: (H, W) bool; the region V.
+    """
+
+    recording: str
+    camera: str
+    timestamp_ns: int
+    ego_speed_mps: float
+    objects: tuple[ReferenceObject, ...]
+    labels: NDArray[np.int32]
+    ignored: NDArray[np.bool_]
+    valid: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ObjectGeometry:
+    """An object and its surroundings at exposure, to look at.
+
+    Attributes:
+        surroundings_vehicle: (N, 3) float64, m, the whole sweep motion-compensated, vehicle frame.
+        cluster_vehicle: (K, 3) float64, m, the points on the object, vehicle frame.
+        outline_m: (M, 2) float64, m, the annotated shape from above, vehicle frame, not closed; empty for point
+            indices.
+        pixels: (K', 2) float64, px, the cluster as far as the lens can see it.
+    """
+
+    surroundings_vehicle: NDArray[np.float64]
+    cluster_vehicle: NDArray[np.float64]
+    outline_m: NDArray[np.float64]
+    pixels: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotionSettings:
+    """When an object counts as moving, and in which way.
+
+    Attributes:
+        static_below_mps: objects slower than this over the ground are static.
+        hysteresis_low_mps: a moving object becomes static below this.
+        hysteresis_high_mps: a static object becomes moving at or above this.
+        min_run_ns: shorter runs of either state are taken as noise.
+        smoothing_ns: width of the window over which velocities of a track are averaged.
+        ego_static_below_mps: the ego vehicle counts as stationary below this.
+        crossing_from_rad: angle between object velocity and ego direction of travel from which it is crossing.
+        crossing_to_rad: angle above which it is approaching.
+    """
+
+    static_below_mps: float
+    hysteresis_low_mps: float
+    hysteresis_high_mps: float
+    min_run_ns: int
+    smoothing_ns: int
+    ego_static_below_mps: float
+    crossing_from_rad: float
+    crossing_to_rad: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limb:
+    """A limb swings about its joint along the direction of travel, as a sine: its speed grows from joint to end.
+
+    Attributes:
+        joint: height, over that of the object.
+        end: the same, lower than `joint`.
+        speed: peak speed of the end relative to the body, over the speed of the object.
+    """
+
+    joint: float
+    end: float
+    speed: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OutlineErrors:
+    """What makes outlines uncertain, as standard deviations.
+
+    Attributes:
+        range_noise_m: of the lidar.
+        angle_rad: between lidar and camera, about each axis.
+        position_m: between lidar and camera, along each axis.
+        limbs: class -> its kinds of limbs; none for a rigid body.
+    """
+
+    range_noise_m: float
+    angle_rad: float
+    position_m: float
+    limbs: Mapping[str, tuple[Limb, ...]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReferenceSettings:
+    """How reference polygons are built and which objects are evaluated.
+
+    Attributes:
+        range_limit_m: objects whose nearest point is further from the camera are ignored.
+        ground_clearance_m: points lower than this above the road are the road's, not an object's.
+        min_points: objects with fewer visible lidar points are ignored.
+        min_polygon_px: objects of which fewer pixels in V are certain, before occlusion, are ignored.
+        polygon_kind: "convex" (the paper's bounding polygon), "concave" (a tighter hull of the points) or
+            "surface-patches" (the union of the surface that each point stands for; see `bench.reference.patches`).
+        concave_ratio: tightness of the concave hull, 0 the tightest, 1 the convex hull.
+        classes: object classes that are evaluated.
+        categories: kinds of motion that are evaluated.
+        max_sweep_gap_ns: a sweep further from the exposure than this is not used.
+        max_annotation_gap_ns: an annotation further from the exposure than this is not used.
+        motion: thresholds on velocities.
+        clearance_above_shape: points lower than `ground_clearance_m` above the bottom of the annotated shape are the
+            ground's as well, be it road or pavement; for surface patches always.
+        outline: what makes outlines uncertain; None for regions without an unknown band.
+    """
+
+    range_limit_m: float
+    ground_clearance_m: float
+    min_points: int
+    min_polygon_px: int
+    polygon_kind: str
+    concave_ratio: float
+    classes: tuple[str, ...]
+    categories: tuple[Category, ...]
+    max_sweep_gap_ns: int
+    max_annotation_gap_ns: int
+    motion: MotionSettings
+    clearance_above_shape: bool = False
+    outline: OutlineErrors | None = None

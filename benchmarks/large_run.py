@@ -1,0 +1,140 @@
+"""Time and memory of everything that reads a whole run, on drawn rows: `python -m benchmarks.large_run`.
+
+Each step runs in a process of its own, so that its peak of resident memory is its own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from bench.evaluation import load_protocol, row_source, summarise
+from bench.gate import judge, load_tolerances, scored_run
+from bench.harness import Provenance, RunSummary, open_tables
+from bench.harness.stored import (
+    MethodStamp,
+    read_threshold_free,
+    reference_fingerprint,
+    write_protocol,
+    write_summary,
+)
+from bench.reporting.compare.writing import write_comparison
+from bench.reporting.page.build import write_page
+from bench.reporting.table_files import write_report_files
+from tests.support.large_runs import write_run_tables
+
+OUTLINE_M = ((-1.0, -0.9), (3.8, -0.9), (3.8, 0.9), (-1.0, 0.9))
+SPREAD = "  {:<8} {:>8} {:>8} {:>8}"
+MB = 1024 if sys.platform == "linux" else 1024 * 1024  # `ru_maxrss` counts kilobytes there, bytes on macOS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spent:
+    """What a step took.
+
+    Attributes:
+        seconds: on the clock.
+        cpu_seconds: of the processor, over all cores.
+        peak_mb: of resident memory.
+        start_mb: the same before the step, with everything imported.
+    """
+
+    seconds: float
+    cpu_seconds: float
+    peak_mb: float
+    start_mb: float
+
+
+def summarise_run(one: Path, _: Path) -> None:
+    """What ends a run: summary, fingerprint of the reference, threshold-free figures."""
+    rules = load_protocol("paper-v1")
+    objects, frames = open_tables(one)
+    figures = summarise(objects, frames, protocol=rules)
+    provenance = Provenance(
+        version="0", commit=None, python="3", libraries={}, data_fingerprint="", started_utc="2026-01-02T03:04",
+        seconds=1.0, stage_seconds={}, images=figures.images.evaluated, peak_memory_mb=1.0,
+    )  # fmt: skip
+    summary = RunSummary(
+        **{name: getattr(figures, name) for name in type(figures).model_fields},
+        schema_version=1, dataset="drawn", card="drawn.yaml", split=None, provenance=provenance, failures=(),
+        reference_fingerprint=reference_fingerprint(objects, frames), vehicle_outline_m=OUTLINE_M,
+        method=MethodStamp(name="nothing", settings={}), threshold_free=read_threshold_free(one),
+    )  # fmt: skip
+    write_protocol(one, rules)
+    write_summary(one, summary)
+
+
+STEPS: dict[str, Callable[[Path, Path], object]] = {
+    "summary": summarise_run,
+    "tables": lambda one, _: write_report_files(one),
+    "page": lambda one, _: write_page(one, pictures=False),
+    "gate": lambda one, other: judge(scored_run(one), scored_run(other), tolerances=load_tolerances()),
+    "compare": lambda one, other: write_comparison([one, other], one / "comparison", pictures=False),
+}
+
+
+def write_runs(folder: Path, *, object_frames: int) -> tuple[Path, Path]:
+    """Two runs over the same reference, with their summaries."""
+    runs = folder / "one", folder / "other"
+    for method, run in enumerate(runs):
+        write_run_tables(run, object_frames=object_frames, method_seed=method)
+        summarise_run(run, run)
+    return runs
+
+
+def measure(step: str, runs: tuple[Path, Path], *, rows_at_once: int = row_source.ROWS_AT_ONCE) -> Spent:
+    """Run a step in a process of its own."""
+    command = [sys.executable, "-m", "benchmarks.large_run", "--step", step, "--rows-at-once", str(rows_at_once)]
+    done = subprocess.run([*command, *map(str, runs)], check=True, capture_output=True, text=True, timeout=3600)
+    return Spent(**json.loads(done.stdout.splitlines()[-1]))
+
+
+def _run_step(step: str, runs: tuple[Path, Path]) -> Spent:
+    before, start = resource.getrusage(resource.RUSAGE_SELF), time.perf_counter()
+    STEPS[step](*runs)
+    seconds, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_SELF)
+    cpu = [usage.ru_utime + usage.ru_stime for usage in (before, after)]
+    return Spent(
+        seconds=seconds, cpu_seconds=cpu[1] - cpu[0], peak_mb=after.ru_maxrss / MB, start_mb=before.ru_maxrss / MB
+    )
+
+
+def _say(line: str) -> None:
+    sys.stdout.write(f"{line}\n")
+    sys.stdout.flush()
+
+
+def main() -> None:
+    """Measure all steps and print them, or run one."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("runs", nargs="*", type=Path, help="two runs that are there; drawn without them")
+    parser.add_argument("--object-frames", type=int, default=10_000_000)
+    parser.add_argument("--rows-at-once", type=int, default=row_source.ROWS_AT_ONCE)
+    parser.add_argument("--step", choices=sorted(STEPS))
+    asked = parser.parse_args()
+    row_source.ROWS_AT_ONCE = asked.rows_at_once
+    if asked.step:
+        spent = _run_step(asked.step, tuple(asked.runs))
+        _say(json.dumps({name: getattr(spent, name) for name in Spent.__slots__}))
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        runs = tuple(asked.runs) or write_runs(Path(folder), object_frames=asked.object_frames)
+        objects, frames = open_tables(runs[0])
+        _say(f"{len(objects):,} object-frames, {len(frames):,} images, {len(frames.recordings()):,} recordings")
+        _say(SPREAD.format("", "s", "cpu s", "peak MB"))
+        for step in STEPS:
+            spent = measure(step, runs, rows_at_once=asked.rows_at_once)
+            numbers = (f"{n:.0f}" for n in (spent.seconds, spent.cpu_seconds, spent.peak_mb))
+            _say(SPREAD.format(step, *numbers))
+
+
+if __name__ == "__main__":
+    main()

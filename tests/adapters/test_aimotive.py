@@ -1,0 +1,328 @@
+"""The aiMotive adapter: a made-up sequence by hand, and the real sample."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.adapters.aimotive.adapter import aimotive_recordings
+from bench.adapters.aimotive.calibration import AimotiveOptions, read_cameras
+from bench.cameras import UnifiedCamera
+from bench.errors import DataError
+from bench.lidar import deskew, interpolation_timestamps
+from bench.recordings import load_card, open_dataset, read_image
+from tests.support import tiny_aimotive as tiny
+from tests.support.real import needs_real
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return tiny.write_data_set(tmp_path)
+
+
+def opened(root, **options):
+    card = root / "card.yaml"
+    (handle,) = aimotive_recordings(root, options=tiny.OPTIONS | options, card=card, annotations=None)
+    return handle.open()
+
+
+def test_camera_and_road(folder, tmp_path):
+    camera = opened(tmp_path).cameras[tiny.CAMERA]
+    assert camera.model == UnifiedCamera(
+        width=64, height=36, xi=1.02, focal=(28.0, 25.0), principal_point=(32.0, 17.5), radial=(0.027, -0.08)
+    )
+    assert camera.vehicle_from_camera.matrix == pytest.approx(np.array(tiny.BODY_FROM_CAMERA))
+    assert camera.road.height_m == pytest.approx(1.5)
+    assert camera.ego_body[30:].all()
+    assert not camera.ego_body[:30].any()
+
+
+def test_images_have_the_times_of_the_boxes(folder, tmp_path):
+    recording = opened(tmp_path)
+    images = recording.images[tiny.CAMERA]
+    assert [image.timestamp_ns for image in images] == [tiny.START_NS + i * tiny.STEP_NS for i in range(3)]
+    assert read_image(images[1], recording.cameras[tiny.CAMERA]) == pytest.approx(50, abs=1)
+
+
+def test_only_the_first_frame_has_a_sweep(folder, tmp_path):
+    (reference,) = opened(tmp_path).sweeps
+    sweep = reference.read()
+    assert sweep.timestamp_ns == tiny.START_NS
+    assert sweep.time_offset_ns.tolist() == [-67_894_000, 32_355_000]
+    assert sweep.points_lidar == pytest.approx(np.array([[2.0, -3.0, 1.0], [2.5, -3.0, 1.0]]))
+    assert sweep.intensity.tolist() == [0.0, 1.0]
+
+
+def test_velocity_over_the_ground_is_the_egos_plus_the_relative_one(folder, tmp_path):
+    (track,) = opened(tmp_path).tracks
+    assert (track.track_id, track.object_class, len(track.states)) == ("1", "vehicle", 3)
+    for state in track.states:
+        assert state.velocity_mps == pytest.approx([24.0, 0.25, 0.0])
+        assert state.yaw_rate_radps == pytest.approx(tiny.TURN_RADPS)
+    assert track.states[0].shape.size_m.tolist() == [5.0, 2.0, 2.2]
+    assert track.states[0].shape.vehicle_from_object.translation_m.tolist() == [2.0, -4.0, 1.0]
+
+
+def test_field_of_view_and_size_come_from_the_card(folder, tmp_path):
+    recording = opened(tmp_path, evaluated_size_px=[32, 18], field_of_view_deg={tiny.CAMERA: 180})
+    camera = recording.cameras[tiny.CAMERA]
+    assert (camera.model.width, camera.model.height) == (32, 18)
+    assert camera.stored_size_px == (64, 36)
+    assert camera.model.limit_angle_rad == pytest.approx(np.pi / 2)
+    assert camera.ego_body[15:].all()
+    assert read_image(recording.images[tiny.CAMERA][2], camera).shape == (18, 32)
+
+
+def edited(path, edit):
+    content = json.loads(path.read_text())
+    edit(content)
+    path.write_text(json.dumps(content))
+
+
+def first_box(**values):
+    return lambda content: content["CapturedObjects"][0].update(values)
+
+
+FAULTS = [
+    (first_box(ObjectType="SPACESHIP"), "CapturedObjects.0.ObjectType: expected one of CAR"),
+    (first_box(**{"BoundingBox3D Extent X": 0}), "BoundingBox3D Extent X: expected greater than 0, got 0"),
+    (first_box(**{"Relative Velocity X": None}), "Relative Velocity X: expected a valid number, got None"),
+    (lambda content: content["CapturedObjects"][0].pop("ObjectId"), "ObjectId: expected a value, got nothing"),
+    (
+        lambda content: content["CapturedObjects"].append(tiny.box(0)),
+        "ObjectId: expected each object once, got 1 twice",
+    ),
+    (lambda content: content.pop("Timestamp"), "Timestamp: expected a value, got nothing"),
+    (lambda content: content.update(Timestamp="soon"), "Timestamp: expected a valid integer, got 'soon'"),
+    (lambda content: content.update(Timestamp="1"), "expected times that increase"),
+]
+
+
+@pytest.mark.parametrize(("edit", "message"), FAULTS, ids=[message for _, message in FAULTS])
+def test_faults_of_boxes_name_file_and_field(folder, tmp_path, edit, message):
+    edited(tiny.box_file(folder, 1), edit)
+    with pytest.raises(DataError) as caught:
+        opened(tmp_path)
+    assert "3d_body/frame_0000101.json: " in str(caught.value)
+    assert message in str(caught.value)
+
+
+def test_calibration_must_be_there_and_complete(folder, tmp_path):
+    file = folder / "sensor/calibration/calibration.json"
+    with pytest.raises(DataError, match=r"calibration\.json: B_CAM: expected a calibration of this camera, got none"):
+        opened(tmp_path, cameras=["B_CAM"])
+    edited(file, lambda content: content[tiny.CAMERA].update(model="pinhole"))
+    with pytest.raises(
+        DataError, match=r"calibration\.json: M_FISHEYE_R\.model: expected 'mei' or 'opencv_pinhole', got 'pinhole'"
+    ):
+        opened(tmp_path)
+    edited(file, lambda content: content[tiny.CAMERA].update(model="mei"))
+    edited(file, lambda content: content[tiny.CAMERA].pop("xi"))
+    with pytest.raises(DataError, match=r"calibration\.json: M_FISHEYE_R\.xi: expected a value, got nothing"):
+        opened(tmp_path)
+    file.unlink()
+    with pytest.raises(DataError, match=r"calibration\.json: expected a readable text file, got No such file"):
+        opened(tmp_path)
+
+
+def test_an_image_without_boxes_has_no_time(folder, tmp_path):
+    tiny.box_file(folder, 2).unlink()
+    with pytest.raises(DataError, match=r"M_FISHEYE_R_0000102\.jpg: expected dynamic/box/3d_body/frame_0000102\.json"):
+        opened(tmp_path)
+
+
+def test_links_that_lead_outside_are_refused(folder, tmp_path, tmp_path_factory):
+    outside = tmp_path_factory.mktemp("outside") / "boxes.json"
+    tiny.box_file(folder, 2).rename(outside)
+    tiny.box_file(folder, 2).symlink_to(outside)
+    with pytest.raises(DataError, match=r"frame_0000102\.json: .*a link that leads outside"):
+        opened(tmp_path)
+
+
+def test_two_sequences_of_one_name_are_refused(folder, tmp_path):
+    (tmp_path / "data/val/daytime" / folder.name).mkdir(parents=True)
+    content = {"name": "x", "title": "x", "adapter": "aimotive", "root": ".", "licence": "x", "options": tiny.OPTIONS}
+    (tmp_path / "x.yaml").write_text(json.dumps(content))
+    with pytest.raises(
+        DataError, match=r"expected recordings of different names, got '20260101-000000-tiny@Car' twice"
+    ):
+        open_dataset(load_card(tmp_path / "x.yaml"))
+
+
+def test_ego_motion_stays_inside_the_data_set(folder, tmp_path):
+    with pytest.raises(DataError, match=r"options\.ego_motion\.file: expected a relative path without '\.\.'"):
+        opened(tmp_path, ego_motion={"file": "../speed.csv"})
+    with pytest.raises(DataError, match=r"none\.csv: expected a readable file"):
+        opened(tmp_path, ego_motion={"file": "none.csv"})
+
+
+@pytest.fixture
+def real():
+    (handle,) = open_dataset(load_card(Path(__file__).parents[2] / "datasets/aimotive-sample.yaml"))
+    return handle.open()
+
+
+@needs_real
+def test_the_real_sample_opens(real):
+    camera = real.cameras["M_FISHEYE_R"]
+    images = real.images["M_FISHEYE_R"]
+    assert (len(images), len(real.sweeps), len(real.tracks)) == (50, 16, 8)
+    assert np.diff([image.timestamp_ns for image in images]) == pytest.approx(66.67e6, abs=0.05e6)
+    assert read_image(images[0], camera).shape == (352, 640)
+    assert camera.road.height_m == pytest.approx(1.414 + 0.04, abs=0.001)
+    assert {track.object_class for track in real.tracks} == {"vehicle"}
+    # The van is passed at 6 m/s.
+    van = next(track for track in real.tracks if track.track_id == "1")
+    assert np.array([state.velocity_mps for state in van.states]) == pytest.approx(
+        np.tile([23.8, 0, 0], (50, 1)), abs=0.5
+    )
+
+
+@needs_real
+def test_the_clocks_of_lidar_and_boxes_are_one(real):
+    for reference in real.sweeps[::5]:
+        offsets_ns = reference.read().time_offset_ns
+        assert -70e6 < offsets_ns.min() < -66e6
+        assert 31e6 < offsets_ns.max() < 34e6
+
+
+@needs_real
+@pytest.mark.parametrize("index", range(0, 8, 3))
+def test_points_moved_to_the_exposure_fill_the_vans_box(real, index):
+    """The van is 5.3 m long; uncorrected, its points would lie up to 1.6 m ahead of or behind the box."""
+    sweep = real.sweeps[index].read()
+    van = next(track for track in real.tracks if track.track_id == "1")
+    state = next(state for state in van.states if state.timestamp_ns == sweep.timestamp_ns)
+    interpolation_ns = interpolation_timestamps(sweep.times_ns)
+    rotations, positions_m, _ = real.trajectory.at(interpolation_ns)
+    now = real.trajectory.world_from_vehicle(sweep.timestamp_ns)
+    points_world = deskew(
+        sweep.points_lidar,
+        sweep.times_ns,
+        interpolation_ns=interpolation_ns,
+        rotations=rotations,
+        positions_m=positions_m,
+    )
+    age_s = sweep.time_offset_ns / 1e9
+    moved = now.inverse().apply(points_world - age_s[:, None] * now.rotate(state.velocity_mps))
+    points_object = state.shape.vehicle_from_object.inverse().apply(moved)
+    half_m = state.shape.size_m / 2
+    # The flank, above the sill and well inside the neighbouring lane.
+    flank = (
+        (np.abs(points_object[:, 1]) < half_m[1])
+        & (points_object[:, 2] > 0.4 - half_m[2])
+        & (points_object[:, 2] < half_m[2])
+    )
+    near = flank & (np.abs(points_object[:, 0]) < 8.0)
+    inside = np.abs(points_object[near][:, 0]) < half_m[0] + 0.1
+    assert near.sum() > 5000
+    assert inside.mean() > 0.99
+
+
+# A place in the Black Forest, and the axes east, north and up there.
+LATITUDE, LONGITUDE = np.radians(48.0), np.radians(8.0)
+NORMAL_RADIUS_M = 6_378_137.0 / np.sqrt(1.0 - 0.00669437999014 * np.sin(LATITUDE) ** 2)
+EARTH_FROM_LOCAL = np.array(
+    [
+        [-np.sin(LONGITUDE), -np.sin(LATITUDE) * np.cos(LONGITUDE), np.cos(LATITUDE) * np.cos(LONGITUDE)],
+        [np.cos(LONGITUDE), -np.sin(LATITUDE) * np.sin(LONGITUDE), np.cos(LATITUDE) * np.sin(LONGITUDE)],
+        [0.0, np.cos(LATITUDE), np.sin(LATITUDE)],
+    ]
+)
+PLACE_M = (
+    np.array([NORMAL_RADIUS_M, NORMAL_RADIUS_M, NORMAL_RADIUS_M * (1 - 0.00669437999014)]) * EARTH_FROM_LOCAL[:, 2]
+)
+
+
+def egomotion(frame):
+    """Northwards at 30 m/s on level ground."""
+    pose = np.eye(4)
+    pose[:3, :3] = EARTH_FROM_LOCAL @ [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
+    pose[:3, 3] = PLACE_M + EARTH_FROM_LOCAL[:, 1] * tiny.EGO_MPS * frame * tiny.STEP_NS / 1e9
+    return {"RT_ECEF_body": pose.tolist(), "time_host": "unused"}
+
+
+@pytest.fixture
+def own_odometry(folder):
+    file = folder / "sensor/gnssins/egomotion.json"
+    file.parent.mkdir(parents=True)
+    file.write_text(json.dumps({str(tiny.FIRST_FRAME + n): egomotion(n) for n in range(-1, 3)}))
+    return file
+
+
+def test_the_data_sets_own_odometry(own_odometry, tmp_path):
+    recording = opened(tmp_path, ego_motion=None)
+    trajectory = recording.trajectory
+    assert trajectory.timestamps_ns.tolist() == [tiny.START_NS + n * tiny.STEP_NS for n in range(3)]
+    for n in range(3):
+        time_ns = tiny.START_NS + n * tiny.STEP_NS
+        pose = trajectory.world_from_vehicle(time_ns)
+        assert pose.rotation[:, 2] == pytest.approx([0, 0, 1], abs=1e-6)  # upright, though the earth is round
+        assert pose.translation_m[2] == pytest.approx(0, abs=1e-4)
+        assert trajectory.velocity_vehicle_mps(time_ns) == pytest.approx([tiny.EGO_MPS, 0, 0], abs=1e-4)
+    (track,) = recording.tracks
+    assert track.states[0].velocity_mps == pytest.approx([24.0, 0.25, 0.0], abs=1e-4)
+
+
+ODOMETRY_FAULTS = [
+    ("", "expected text, got an empty file"),
+    ("[1, 2", "expected JSON"),
+    ("[1, 2]", "expected poses by frame number, got list"),
+    ("[" * 100_000, "expected JSON"),
+    ('{"1": {}, "../x": {}}', "expected poses of two frames at least, of those from 100 to 102, got 0"),
+    ('{"100": {}}', "100.RT_ECEF_body: expected a 4 x 4 matrix, got none (KeyError)"),
+    ('{"100": {"RT_ECEF_body": [[1, 2], [3]]}}', "100.RT_ECEF_body: expected a 4 x 4 matrix"),
+    (
+        '{"100": {"RT_ECEF_body": [[NaN, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]}}',
+        "expected a finite (4, 4) or (3, 4) matrix",
+    ),
+]
+
+
+@pytest.mark.parametrize(("text", "message"), ODOMETRY_FAULTS, ids=range(len(ODOMETRY_FAULTS)))
+def test_faults_of_the_odometry(own_odometry, tmp_path, text, message):
+    own_odometry.write_text(text)
+    with pytest.raises(DataError) as caught:
+        opened(tmp_path, ego_motion=None)
+    assert "egomotion.json: " in str(caught.value)
+    assert message in str(caught.value)
+
+
+def test_all_cameras_of_a_sequence(folder, tmp_path):
+    name = "F_MIDLONGRANGECAM_CL"
+    images = folder / "sensor/camera"
+    (images / name).mkdir()
+    for path in sorted((images / tiny.CAMERA).iterdir()):
+        (images / name / path.name.replace(tiny.CAMERA, name)).write_bytes(path.read_bytes())
+    pinhole = tiny.calibration()[tiny.CAMERA] | {
+        "model": "opencv_pinhole",
+        "distortion_coeffs": [-0.3, 0.08, 0.002, 0, 0.5],
+    }
+    del pinhole["xi"]
+    edited(folder / "sensor/calibration/calibration.json", lambda content: content.update({name: pinhole}))
+    recording = opened(tmp_path, cameras=None)
+    assert set(recording.cameras) == {name, tiny.CAMERA}
+    assert len(recording.images[name]) == 3
+    # By hand: OpenCV's formula for x = 0.2, y = 0.1, r^2 = 0.05.
+    stretch = 1 - 0.3 * 0.05 + 0.08 * 0.05**2 + 0.5 * 0.05**3
+    u = 28.0 * (0.2 * stretch + 2 * 0.002 * 0.2 * 0.1) + 32.0
+    v = 25.0 * (0.1 * stretch + 0.002 * (0.05 + 2 * 0.01)) + 17.5
+    pixels, valid = recording.cameras[name].model.project(np.array([[2.0, 1.0, 10.0], [0.0, 1.0, -1.0]]))
+    assert valid.tolist() == [True, False]
+    assert pixels[0] == pytest.approx([u, v])
+
+
+@needs_real
+def test_the_real_pinhole_cameras():
+    card = load_card(Path(__file__).parents[2] / "datasets/aimotive-sample.yaml")
+    folder = next(card.root.glob("data/*/*/*"))
+    options = AimotiveOptions(cameras=("B_MIDRANGECAM_C", "F_MIDLONGRANGECAM_CL", "M_FISHEYE_L"))
+    cameras = read_cameras(card.root, folder, options)
+    ahead = {name: camera.vehicle_from_camera.rotation[:, 2] for name, camera in cameras.items()}
+    assert ahead["F_MIDLONGRANGECAM_CL"] == pytest.approx([1, 0, 0], abs=0.1)
+    assert ahead["B_MIDRANGECAM_C"] == pytest.approx([-1, 0, 0], abs=0.1)
+    corners = np.array([[0.0, 0.0], [1279.0, 703.0]])
+    rays, valid = cameras["F_MIDLONGRANGECAM_CL"].model.unproject(corners)
+    assert valid.all()
+    assert cameras["F_MIDLONGRANGECAM_CL"].model.project(rays)[0] == pytest.approx(corners, abs=1e-4)

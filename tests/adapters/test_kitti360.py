@@ -1,0 +1,442 @@
+"""The KITTI-360 adapter: a miniature with known truth, and the real calibration and scans."""
+
+import shutil
+
+import numpy as np
+import pytest
+import yaml
+
+from bench.adapters.kitti360.adapter import kitti360_recordings
+from bench.adapters.kitti360.boxes import read_boxes
+from bench.adapters.kitti360.files import read_clock, read_turn
+from bench.errors import DataError
+from bench.evaluation import load_protocol
+from bench.recordings import load_card, open_dataset
+from bench.reference import IgnoreReason, ReferenceBuilder, Status
+from tests.support import tiny_kitti360 as tiny
+from tests.support.real import REAL, needs_real
+
+
+@pytest.fixture
+def root(tmp_path):
+    return tiny.write_data_set(tmp_path / "KITTI-360")
+
+
+def opened(root, **options):
+    (handle,) = kitti360_recordings(root, options=tiny.OPTIONS | options, card=root / "card.yaml", annotations=None)
+    return handle.open()
+
+
+def in_vehicle(frame, points_global):
+    pose = tiny.global_from_vehicle(frame)
+    return (points_global - pose[:3, 3]) @ pose[:3, :3]
+
+
+def test_sensors_stand_where_the_calibration_and_the_sensor_plan_put_them(root):
+    recording = opened(root)
+    assert recording.vehicle_from_lidar.matrix == pytest.approx(tiny.VEHICLE_FROM_LIDAR)
+    left, right = (recording.cameras[name].vehicle_from_camera for name in ("image_02", "image_03"))
+    assert left.translation_m == pytest.approx([0.69, 0.45, 1.97])
+    assert right.translation_m == pytest.approx([0.66, -0.45, 1.98])
+    assert left.rotation[:, 2] == pytest.approx([0, 1, 0])  # looks to the left
+    assert right.rotation[:, 2] == pytest.approx([0, -1, 0])
+    assert right.rotation[:, 1] == pytest.approx([0, 0, -1])  # y down
+    assert recording.cameras["image_03"].road.height_m == pytest.approx(1.98)
+
+
+def test_the_lens_has_its_tangential_terms(root):
+    model = opened(root).cameras["image_03"].model
+    assert (model.xi, model.radial, model.tangential) == (2.2, (0.016, 1.65), (0.0042, -0.003))
+    assert (model.focal, model.principal_point) == ((133.0, 132.0), (70.5, 69.0))
+
+
+def test_a_frame_is_one_instant(root):
+    recording = opened(root)
+    assert recording.frame_interval_ns == pytest.approx(103_600_000, abs=1)
+    for name in ("image_02", "image_03"):
+        times_ns = [image.timestamp_ns for image in recording.images[name]]
+        assert times_ns == [tiny.time_ns(n) for n in range(1, 11)]  # the annotated ones
+    assert [sweep.timestamp_ns for sweep in recording.sweeps] == [tiny.time_ns(n) for n in range(1, 11)]
+
+
+def test_the_host_drives_and_a_missing_pose_is_filled(root):
+    trajectory = opened(root).trajectory
+    for n in range(1, 12):
+        pose = trajectory.world_from_vehicle(tiny.time_ns(n))
+        assert pose.translation_m[2] == pytest.approx(0, abs=1e-6)
+        assert trajectory.velocity_vehicle_mps(tiny.time_ns(n)) == pytest.approx([tiny.EGO_MPS, 0, 0], abs=1e-4)
+    with pytest.raises(DataError, match=r"poses\.txt: timestamp_ns: expected ego-motion at"):
+        trajectory.world_from_vehicle(tiny.time_ns(0))
+
+
+def test_the_moving_car_is_one_track_that_is_where_it_was(root):
+    track = next(t for t in opened(root).tracks if t.track_id == "26003")
+    assert (track.object_class, len(track.states)) == ("vehicle", 10)
+    for n, state in enumerate(track.states, start=1):
+        assert state.timestamp_ns == tiny.time_ns(n)
+        box = state.shape
+        assert box.size_m == pytest.approx(tiny.CAR_SIZE)
+        assert box.vehicle_from_object.translation_m == pytest.approx(in_vehicle(n, tiny.car_centre(n)), abs=1e-4)
+        assert box.vehicle_from_object.rotation == pytest.approx(np.eye(3), abs=1e-6)  # forward, though drawn backwards
+        assert state.velocity_mps == pytest.approx([tiny.CAR_MPS, 0, 0], abs=1e-3)
+        assert not state.unclear
+
+
+def test_what_stands_stands_at_every_frame_near_it(root):
+    tracks = {track.track_id: track for track in opened(root).tracks}
+    assert set(tracks) == {"26003", "26004", "24001"}  # neither the building nor the car 600 m away
+    parked = tracks["26004"].states
+    assert len(parked) == 10
+    for n, state in enumerate(parked, start=1):
+        expected = in_vehicle(n, (tiny.global_from_vehicle(6) @ [8, 4, 0.8, 1])[:3])
+        assert state.shape.vehicle_from_object.translation_m == pytest.approx(expected, abs=1e-4)
+        assert state.velocity_mps.tolist() == [0, 0, 0]
+        assert not state.unclear
+    assert all(state.unclear for state in tracks["24001"].states)  # people without "dynamic" may walk all the same
+    told = {track.track_id: track for track in opened(root, static_people="static").tracks}
+    assert not any(state.unclear for state in told["24001"].states)
+
+
+def test_a_rider_and_their_bicycle_are_one_cyclist(root):
+    """Both boxes move together, the bicycle's is missing once; the rider passes another bicycle, which is parked."""
+    forward = tiny.rotation_z(tiny.HEADING_RAD) @ [6.0 * tiny.PERIOD_S, 0.0, 0.0]
+    start = (tiny.global_from_vehicle(1) @ [10.0, 4.0, 0.0, 1.0])[:3]
+    rows = []
+    for n in range(1, 11):
+        wheels = start + forward * (n - 1)
+        boxes = {"rider": (20, [-0.2, 0.0, 1.3], (0.7, 0.6, 1.0)), "bicycle": (18, [0.0, 0.0, 0.5], (1.8, 0.5, 1.0))}
+        for label, (semantic, offset, size) in boxes.items():
+            if (label, n) != ("bicycle", 4):
+                centre = wheels + tiny.rotation_z(tiny.HEADING_RAD) @ offset
+                kind = {"label": label, "semantic": semantic, "instance": 7}
+                rows.append(tiny.object_xml(100 * n + semantic, **kind, centre=centre, size=size, frame=n))
+    parked = start + forward * 5 + [0.0, 0.0, 0.5]
+    rows.append(
+        tiny.object_xml(90, label="bicycle", semantic=18, instance=8, centre=parked, size=(1.8, 0.5, 1.0), frame=-1)
+    )
+    replaced(boxes_file(root), "</opencv_storage>", "".join(rows) + "</opencv_storage>")
+    cyclists = {t.track_id: t for t in opened(root).tracks if t.object_class == "cyclist"}
+    assert set(cyclists) == {"25007+33007", "33008"}
+    states = cyclists["25007+33007"].states
+    assert len(states) == 10
+    assert states[0].shape.size_m == pytest.approx([1.8, 0.6, 1.8])
+    assert states[3].shape.size_m == pytest.approx([0.7, 0.6, 1.0])  # the rider alone
+    bottom = states[0].shape.vehicle_from_object.translation_m[2] - 0.9
+    assert bottom == pytest.approx(0.0, abs=1e-6)
+    assert states[6].velocity_mps == pytest.approx([6.0, 0.0, 0.0], abs=1e-3)
+
+
+@pytest.mark.parametrize("frame", [3, 5, 8])
+def test_the_reference_lies_on_the_car_in_the_image(root, frame):
+    """The returns come from a clockwise scan by a moving vehicle of a moving car; the truth is the car at exposure."""
+    recording = opened(root)
+    camera = recording.cameras["image_03"]
+    image = next(i for i in recording.images["image_03"] if i.timestamp_ns == tiny.time_ns(frame))
+    builder = ReferenceBuilder(recording, "image_03", load_protocol("paper-v1").reference_settings())
+    seen = builder.geometry("26003", image)
+    assert len(seen.cluster_vehicle) == len(tiny.surface())
+    assert seen.cluster_vehicle == pytest.approx(tiny.car_at(frame), abs=0.02)  # uncorrected: up to 0.5 m off
+    pixels, valid = camera.model.project(camera.vehicle_from_camera.inverse().apply(tiny.car_at(frame)))
+    assert valid.all()
+    assert seen.pixels == pytest.approx(pixels, abs=0.5)
+    reference = builder.build(image)
+    found = {item.track_id: item for item in reference.objects}
+    assert found["26003"].status is Status.EVALUATED
+    assert found["26003"].category == "overtaking"
+    assert found["26004"].status is Status.STATIC
+    assert found["24001"].reason is IgnoreReason.UNCLEAR
+
+
+def test_excluded_frames_are_named_by_their_number(root):
+    excluded = [
+        {"sequence": "0003", "frames": [0, 4], "reason": "not labelled"},
+        {"sequence": "0000", "frames": [0, 249], "reason": "of a sequence that is not there"},
+    ]
+    recording = opened(root, excluded_frames=excluded)
+    assert recording.images["image_02"][0].timestamp_ns == tiny.time_ns(5)
+    with pytest.raises(DataError, match=r"excluded_frames\.0\.frames|excluded_frames\.0: expected the first frame not"):
+        opened(root, excluded_frames=[{"sequence": "0003", "frames": [4, 0], "reason": "x"}])
+
+
+def poses_file(root):
+    return root / "data_poses" / tiny.SEQUENCE / "poses.txt"
+
+
+def keep_poses(root, frames, *, standing=False):
+    lines = [line for line in poses_file(root).read_text().splitlines() if int(line.split()[0]) in frames]
+    if standing:  # as if the car had not moved between the two
+        lines[1:] = [f"{lines[1].split()[0]} {lines[0].split(' ', 1)[1]}"]
+    poses_file(root).write_text("\n".join(lines) + "\n")
+
+
+def test_a_long_gap_stays_open_unless_the_car_stood(root):
+    keep_poses(root, {1, 11})
+    trajectory = opened(root, max_pose_gap_s=0.5).trajectory
+    times_ns = np.array([tiny.time_ns(n) for n in range(12)])
+    assert trajectory.at(times_ns)[2].tolist() == [False, True, *[False] * 9, True]
+    keep_poses(root, {1, 11}, standing=True)
+    trajectory = opened(root, max_pose_gap_s=0.5).trajectory
+    assert trajectory.at(times_ns)[2].tolist() == [False, *[True] * 11]
+    assert trajectory.velocity_vehicle_mps(tiny.time_ns(6)) == pytest.approx([0, 0, 0], abs=1e-9)
+
+
+def test_a_drive_whose_first_frames_were_cut_off(tmp_path):
+    file = tmp_path / "timestamps.txt"
+    file.write_text("".join(f"{tiny.stamp(n)}\n" for n in range(3)))
+    clock = read_clock(file, [4391, 4392, 4394])
+    assert clock.times_ns == {4391: tiny.time_ns(0), 4392: tiny.time_ns(1), 4394: tiny.time_ns(2)}
+    with pytest.raises(DataError, match=r"expected a line for each frame up to 9, got 3 lines"):
+        read_clock(file, [8, 9])
+
+
+def replaced(path, old, new, count=1):
+    content = path.read_text()
+    assert old in content
+    path.write_text(content.replace(old, new, count))
+
+
+def boxes_file(root):
+    return root / "data_3d_bboxes" / "train" / f"{tiny.SEQUENCE}.xml"
+
+
+BOMB = '<?xml version="1.0"?><!DOCTYPE b [<!ENTITY a "aaaaaaaaaa">' + "".join(
+    f'<!ENTITY {chr(98 + i)} "{f"&{chr(97 + i)};" * 10}">' for i in range(9)
+)
+XML_FAULTS = {
+    "bomb": (lambda _: f"{BOMB}]><opencv_storage>&j;</opencv_storage>", "expected XML without a document type"),
+    "outside": (
+        lambda _: '<!DOCTYPE b [<!ENTITY a SYSTEM "file:///etc/passwd">]><b>&a;</b>',
+        "expected XML without a document type",
+    ),
+    "cut short": (lambda text: text[: len(text) // 2], "expected well-formed XML"),
+    "empty": (lambda _: "", "expected well-formed XML"),
+    "no number": (
+        lambda text: text.replace("<instanceId>3<", "<instanceId>x<", 1),
+        "object1.instanceId: expected a whole",
+    ),
+    "count": (
+        lambda text: text.replace("<rows>4</rows>", "<rows>5</rows>", 1),
+        "transform.data: expected 20 numbers, got 16",
+    ),
+    "huge": (
+        lambda text: text.replace("<rows>8</rows>", "<rows>99999999</rows>", 1),
+        "vertices: expected rows and cols",
+    ),
+    "nan": (lambda text: text.replace("-0.5 -0.5 -0.5", "nan -0.5 -0.5", 1), "vertices.data: expected finite numbers"),
+    "flat": (lambda text: text.replace("-0.5", "0.5"), "transform: expected a box with length, width and height"),
+    "window": (lambda text: text.replace("<end_frame>10", "<end_frame>0", 1), "end_frame: expected 1 or later, got 0"),
+    "timestamp": (
+        lambda text: text.replace("<timestamp>1<", "<timestamp>-7<", 1),
+        "timestamp: expected a frame number",
+    ),
+    "no vertices": (lambda text: text.replace("vertices", "points"), "object1.vertices: expected a matrix, got none"),
+}
+
+
+@pytest.mark.parametrize("name", XML_FAULTS)
+def test_faults_of_boxes_are_one_line(root, name):
+    edit, message = XML_FAULTS[name]
+    boxes_file(root).write_text(edit(boxes_file(root).read_text()))
+    with pytest.raises(DataError) as caught:
+        opened(root)
+    assert f"{tiny.SEQUENCE}.xml" in str(caught.value)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_object_without_end_is_not_held_in_memory(tmp_path):
+    file = tmp_path / "endless.xml"
+    with file.open("w") as out:
+        out.write("<opencv_storage><object1><data>")
+        for _ in range(40):
+            out.write("1.0 " * 250_000)
+    with pytest.raises(DataError, match=r"expected objects of at most 32000000 bytes, got a longer one"):
+        list(read_boxes(file))
+
+
+def test_boxes_that_were_not_named_but_move_are_unclear(root):
+    """In some files semanticId is missing, and the label or dynamicSeq has to do."""
+    text = boxes_file(root).read_text()
+    without = text.replace("<semanticId>13</semanticId>", "")
+    boxes_file(root).write_text(without)
+    tracks = {track.track_id: track for track in opened(root).tracks}
+    assert len(tracks["dynamic-0"].states) == 10
+    assert not any(state.unclear for state in tracks["dynamic-0"].states)
+    boxes_file(root).write_text(without.replace("<label>car</label>", "<label>cart</label>"))
+    tracks = {track.track_id: track for track in opened(root).tracks}
+    assert all(state.unclear for state in tracks["dynamic-0"].states)
+
+
+TEXT_FAULTS = {
+    "pose numbers": ("poses", lambda t: t.replace(" ", " 1 ", 1), "line 1: expected 13 numbers, got 14"),
+    "pose nan": ("poses", lambda t: t.replace("0.866025404", "nan", 1), "line 1: expected finite numbers, got 'nan'"),
+    "pose scaled": ("poses", lambda t: t.replace("0.866025404", "1.866025404", 1), "expected a rotation without scale"),
+    "pose order": ("poses", lambda t: t + t.splitlines()[0] + "\n", "expected frames that increase, got 1 after 11"),
+    "pose frame": ("poses", lambda t: t.replace("11 ", "999 ", 1), "expected a line for frame 999 in"),
+    "pose half": ("poses", lambda t: t.replace("11 ", "10.5 ", 1), "line 10: expected a whole frame number, got 10.5"),
+    "one pose": ("poses", lambda t: t.splitlines()[0], "expected at least two poses, got 1"),
+    "empty": ("poses", lambda _: "", "expected text, got an empty file"),
+    "time": (
+        "times",
+        lambda t: t.replace("2013-05-28 08:46:03", "2013-13-28 08:46:03", 1),
+        "expected a time YYYY-MM-DD",
+    ),
+    "time order": ("times", lambda t: t.splitlines()[3] + "\n" + t, "line 2: expected times that increase"),
+    "times": ("times", lambda t: "\n".join(t.splitlines()[:5]), "expected a line for each frame up to 11, got 5 lines"),
+    "mei": ("lens", lambda t: t.replace("MEI", "PINHOLE"), "image_02.yaml: model_type: expected 'MEI', got 'PINHOLE'"),
+    "xi": ("lens", lambda t: t.replace("xi: 2.2", "xi: .nan"), "xi"),
+    "tag": (
+        "lens",
+        lambda t: t.replace("xi: 2.2", "xi: !!python/object/apply:os.getcwd []"),
+        "image_02.yaml: expected YAML",
+    ),
+    "name": ("lens", lambda t: t.replace("image_02", "image_03"), "camera_name: expected 'image_02', got 'image_03'"),
+    "matrix": (
+        "mount",
+        lambda t: t.replace("image_02: 1 0", "image_02: 1", 1),
+        "image_02: expected 12 numbers, got 11",
+    ),
+    "line": (
+        "mount",
+        lambda t: t.replace("image_02", "image_09"),
+        "image_02: expected a line with 12 numbers, got none",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", TEXT_FAULTS)
+def test_faults_of_text_files_name_file_and_field(root, name):
+    kind, edit, message = TEXT_FAULTS[name]
+    places = {
+        "poses": poses_file(root),
+        "times": root / "data_2d_raw" / tiny.SEQUENCE / "image_02" / "timestamps.txt",
+        "lens": root / "calibration" / "image_02.yaml",
+        "mount": root / "calibration" / "calib_cam_to_pose.txt",
+    }
+    places[kind].write_text(edit(places[kind].read_text()))
+    with pytest.raises(DataError) as caught:
+        opened(root)
+    assert str(places[kind]) in str(caught.value)
+    assert message in str(caught.value)
+
+
+def test_bytes_that_are_no_text(root):
+    poses_file(root).write_bytes(b"1 \xff\xfe")
+    with pytest.raises(DataError, match=r"poses\.txt: expected UTF-8 text, got byte 0xff at 2"):
+        opened(root)
+
+
+def scan_file(root, frame=6):
+    return root / "data_3d_raw" / tiny.SEQUENCE / "velodyne_points" / "data" / f"{frame:010d}.bin"
+
+
+def test_damaged_scans(root):
+    whole = scan_file(root).read_bytes()
+    reference = opened(root).sweeps[5]
+    scan_file(root).write_bytes(whole[:-5])
+    with pytest.raises(DataError, match=r"0000000006\.bin: expected rows of four float32 .* may be cut short"):
+        reference.read()
+    scan_file(root).write_bytes(b"")
+    with pytest.raises(DataError, match=r"got 0 bytes"):
+        reference.read()
+    scan_file(root).write_bytes(np.array([[np.nan, 1, 1, 0]], dtype="<f4").tobytes() + whole)
+    with pytest.raises(DataError, match=r"points_lidar: expected finite numbers, got NaN or infinity in 1 rows"):
+        reference.read()
+    with scan_file(root).open("wb") as sparse:
+        sparse.truncate(10_000_000_000)
+    with pytest.raises(DataError, match=r"expected at most 64000000 bytes, got 10000000000"):
+        reference.read()
+
+
+def test_links_that_lead_outside_are_refused(root, tmp_path):
+    for path in (scan_file(root), poses_file(root), boxes_file(root)):
+        outside = tmp_path / path.name
+        path.rename(outside)
+        path.symlink_to(outside)
+        with pytest.raises(DataError, match="a link that leads outside"):
+            opened(root)
+        path.unlink()
+        outside.rename(path)
+
+
+def test_a_sequence_without_boxes_is_not_scored_as_empty(root):
+    boxes_file(root).unlink()
+    with pytest.raises(DataError, match=r"expected a file of boxes, got no such file; test sequences have none"):
+        opened(root)
+
+
+def test_a_folder_that_is_not_the_data_set(tmp_path):
+    with pytest.raises(DataError, match=r"data_2d_raw: expected folders of sequences with fisheye images"):
+        kitti360_recordings(tmp_path, options={}, card=tmp_path / "x.yaml", annotations=None)
+
+
+def test_the_card_of_the_data_set_opens_a_part_of_it(root, monkeypatch):
+    monkeypatch.setenv("KITTI360_DATASET", str(root))
+    card = load_card("kitti-360")
+    (handle,) = open_dataset(card)
+    assert handle.open().name == tiny.SEQUENCE
+    ranges = {(e["sequence"], *e["frames"]) for e in card.content.options["excluded_frames"]}
+    assert ranges == {("0000", 0, 249), ("0004", 0, 2896)}
+    assert yaml.safe_load(card.file.read_text())["splits"]["test"] == [
+        "2013_05_28_drive_0008_sync",
+        "2013_05_28_drive_0018_sync",
+    ]
+
+
+@pytest.fixture
+def real_root(root):
+    """The miniature with the real calibration and two real scans in its place."""
+    for path in (REAL / "kitti360/calibration").iterdir():
+        target = root / "calibration" / path.name
+        target.unlink(missing_ok=True)
+        shutil.copyfile(path, target)
+    for frame, path in ((6, "0000003000.bin"), (7, "0000003001.bin")):
+        shutil.copyfile(REAL / "kitti360/data_3d_raw/velodyne_points" / path, scan_file(root, frame))
+    return root
+
+
+@needs_real
+def test_the_real_calibration(real_root):
+    recording = opened(real_root)
+    left, right = recording.cameras["image_02"], recording.cameras["image_03"]
+    assert left.model.tangential == (4.2223943394772046e-04, 4.2462134260997584e-04)
+    assert (left.model.width, left.model.height) == (1400, 1400)
+    assert np.degrees(left.model.limit_angle_rad) == pytest.approx(116.9, abs=0.1)
+    # On either side of the roof, level, looking away from each other.
+    assert left.vehicle_from_camera.translation_m == pytest.approx([0.72, 0.45, 1.96], abs=0.02)
+    assert right.vehicle_from_camera.translation_m == pytest.approx([0.69, -0.45, 1.97], abs=0.02)
+    assert left.vehicle_from_camera.rotation[:, 2] == pytest.approx([-0.03, 1.0, 0], abs=0.015)
+    assert right.vehicle_from_camera.rotation[:, 2] == pytest.approx([-0.025, -1.0, 0], abs=0.01)
+    assert recording.vehicle_from_lidar.translation_m == pytest.approx([0.76, 0, 1.73])
+    rays, valid = right.model.unproject(np.array([[700.0, 700.0], [100.0, 700.0], [700.0, 1300.0], [1250.0, 250.0]]))
+    assert valid.all()
+    assert right.model.project(rays)[0] == pytest.approx(
+        np.array([[700.0, 700.0], [100.0, 700.0], [700.0, 1300.0], [1250.0, 250.0]]), abs=1e-6
+    )
+
+
+@needs_real
+def test_the_real_scans(real_root):
+    recording = opened(real_root)
+    for frame, points in ((6, 111_883), (7, 113_489)):
+        sweep = recording.sweeps[frame - 1].read()
+        assert sweep.points_lidar.shape == (points, 3)
+        # A whole turn around the time of the frame; ahead at 0, the left before the right.
+        assert sweep.time_offset_ns.min() == pytest.approx(-51.8e6, abs=0.2e6)
+        assert sweep.time_offset_ns.max() == pytest.approx(51.8e6, abs=0.2e6)
+        x, y, _ = sweep.points_lidar.T
+        assert np.abs(sweep.time_offset_ns[(x > 5) & (np.abs(y) < 0.05)]).max() < 0.3e6
+        assert (sweep.time_offset_ns[(y > 0.1) & (x > 0)] < 0).all()
+        road = recording.vehicle_from_lidar.apply(sweep.points_lidar.astype(np.float64))
+        near = road[(np.abs(road[:, 0]) < 8) & (np.abs(road[:, 1]) < 3) & (np.abs(road[:, 2]) < 0.5)]
+        # The road is where the vehicle frame has it, as far as it is flat.
+        assert len(near) > 5000
+        assert np.median(near[:, 2]) == pytest.approx(0, abs=0.08)
+
+
+@needs_real
+def test_real_scans_by_themselves():
+    path = REAL / "kitti360/data_3d_raw/velodyne_points/0000003000.bin"
+    sweep = read_turn(path, tiny.START_NS, period_ns=103_600_000)
+    behind = sweep.points_lidar[:, 0] < -1
+    assert np.abs(sweep.time_offset_ns[behind]).min() > 0.25 * 103_600_000

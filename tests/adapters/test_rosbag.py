@@ -1,0 +1,411 @@
+"""The rosbag adapter: known scenes written as bags, read back."""
+
+import copy
+import json
+import pickle
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from mcap.writer import CompressionType, Writer
+
+from bench.adapters.rosbag.adapter import rosbag_recordings
+from bench.adapters.rosbag.rig import Rig, RosbagOptions
+from bench.cameras import camera_from_parameters
+from bench.errors import DataError
+from bench.geometry import RigidTransform
+from bench.harness.keys import RecordingInputs
+from bench.recordings import load_card, read_image
+from bench.recordings.contract import check_adapter
+from bench.recordings.validation import validated
+from tests.support import tiny
+from tests.support import tiny_rosbag as bags
+
+REPOSITORY = Path(__file__).parents[2]
+
+
+def listed(root, *, annotations=None, **options):
+    return rosbag_recordings(root, options=bags.OPTIONS | options, card=root / "card.yaml", annotations=annotations)
+
+
+def opened(root, *, annotations=None, **options):
+    (handle,) = listed(root, annotations=annotations, **options)
+    return handle.open()
+
+
+def rig_with(**changes):
+    rig = copy.deepcopy(bags.RIG)
+    rig.update(changes)
+    return rig
+
+
+@pytest.mark.parametrize("storage", ["mcap", "db3"])
+def test_images_sweeps_and_poses_come_back_as_they_were_written(tmp_path, storage):
+    annotations = bags.write_data_set(tmp_path / "data", storage=storage)
+    recording = opened(tmp_path / "data", annotations=annotations)
+    camera = recording.cameras["front"]
+    assert camera.model == tiny.lens()
+    assert camera.vehicle_from_camera.matrix == pytest.approx(tiny.FRONT.matrix)
+    assert camera.ego_body[40:, 10:50].all()
+    assert [ref.timestamp_ns for ref in recording.images["front"]] == list(tiny.TIMES_NS)
+    for i, ref in enumerate(recording.images["front"]):
+        assert np.array_equal(read_image(ref, camera), tiny.pixels(i))
+        assert read_image(ref, camera, colour=True).shape == (tiny.HEIGHT, tiny.WIDTH, 3)
+    assert len(recording.sweeps) == 2
+    for i, ref in enumerate(recording.sweeps):
+        sweep, true = ref.read(), tiny.sweep(i)
+        assert np.array_equal(sweep.points_lidar, true.points_lidar)
+        assert np.array_equal(sweep.time_offset_ns, true.time_offset_ns)
+        assert np.array_equal(sweep.ring, true.ring)
+        assert np.array_equal(sweep.intensity, true.intensity)
+        assert sweep.timestamp_ns == true.timestamp_ns
+    assert recording.vehicle_from_lidar.matrix == pytest.approx(tiny.VEHICLE_FROM_LIDAR.matrix)
+    assert recording.trajectory.positions_m == pytest.approx(np.array([[0, 0, 0], [0.2, 0, 0], [0.4, 0, 0]]))
+    assert recording.frame_interval_ns == tiny.STEP_NS
+    assert {track.track_id for track in recording.tracks} == {"van", "walker"}
+    assert all(ref.scored for ref in recording.images["front"])
+
+
+@pytest.mark.parametrize("storage", ["mcap", "db3"])
+def test_the_contract_of_adapters_is_kept(tmp_path, storage):
+    bags.write_data_set(tmp_path / "data", storage=storage)
+    check_adapter(rosbag_recordings, tmp_path / "data", options=bags.OPTIONS)
+
+
+def test_references_travel_and_stay_small(tmp_path):
+    bags.write_data_set(tmp_path / "data")
+    recording = opened(tmp_path / "data")
+    ref = recording.images["front"][1]
+    assert len(pickle.dumps(ref)) < 2000
+    travelled = pickle.loads(pickle.dumps(ref))
+    assert np.array_equal(read_image(travelled, recording.cameras["front"]), tiny.pixels(1))
+    assert travelled.file == tmp_path / "data" / "drive" / "drive.mcap"
+    assert travelled.path.stem == str(tiny.TIMES_NS[1])
+
+
+@pytest.mark.parametrize(("storage", "compression"), [("mcap", "STORAGE"), ("mcap", "MESSAGE"), ("db3", "MESSAGE")])
+def test_packed_chunks_and_messages(tmp_path, storage, compression):
+    root = bags.write_rig(tmp_path / "data")
+    bags.write_bag(root / "drive", bags.drive(), storage=storage, compression=compression)
+    recording = opened(root)
+    assert np.array_equal(read_image(recording.images["front"][2], recording.cameras["front"]), tiny.pixels(2))
+    assert len(recording.sweeps[1].read().points_lidar) == 30
+
+
+@pytest.mark.parametrize("compression", ["NONE", "LZ4", "ZSTD"])
+@pytest.mark.parametrize("chunked", [True, False], ids=["chunked", "without chunks"])
+def test_files_of_the_other_writer_of_mcap(tmp_path, compression, chunked):
+    """With what ROS's recorder may add: an attachment, metadata, and a topic in another language."""
+    root = bags.write_rig(tmp_path / "data")
+    with (root / "drive.mcap").open("wb") as stream:
+        writer = Writer(stream, 8000, compression=CompressionType[compression], use_chunking=chunked)
+        writer.start(profile="ros2")
+        protobuf = writer.register_schema("example.Log", "protobuf", b"\x0a\xff\xfe\x80")
+        log = writer.register_channel("/log", "protobuf", protobuf)
+        channels = {}
+        for topic, kind, time_ns, content in bags.drive():
+            if topic not in channels:
+                schema = writer.register_schema(kind, "ros2msg", b"")
+                channels[topic] = writer.register_channel(topic, "cdr", schema)
+            data = bytes(bags.STORE.serialize_cdr(content, kind))
+            writer.add_message(channels[topic], time_ns + bags.LATE_NS, data, time_ns)
+            writer.add_message(log, time_ns, b"\xff\xff", time_ns)
+        writer.add_attachment(0, 0, "calibration", "application/octet-stream", bytes(5000))
+        writer.add_metadata("rosbag2", {"ROS_DISTRO": "jazzy"})
+        writer.finish()
+    recording = opened(root)
+    for i, ref in enumerate(recording.images["front"]):
+        assert np.array_equal(read_image(ref, recording.cameras["front"]), tiny.pixels(i))
+    assert [ref.read().points_lidar.tolist() for ref in recording.sweeps] == [
+        tiny.sweep(i).points_lidar.tolist() for i in range(2)
+    ]
+
+
+def test_a_file_that_is_packed_as_a_whole_is_refused_with_what_to_do(tmp_path):
+    root = bags.write_rig(tmp_path / "data")
+    bags.write_bag(root / "drive", bags.drive(), storage="db3", compression="FILE")
+    with pytest.raises(DataError, match=r"drive\.db3\.zstd'; unpack it: unzstd drive/\*\.zstd, then ros2 bag"):
+        opened(root)
+
+
+def test_a_single_file_and_a_root_that_is_a_bag(tmp_path):
+    root = bags.write_rig(tmp_path / "data")
+    file = bags.write_bag(tmp_path / "made", bags.drive())
+    file.rename(root / "evening.mcap")
+    assert opened(root).name == "evening"
+    inside = tmp_path / "inside"
+    bags.write_bag(inside, bags.drive())
+    bags.write_rig(inside)
+    assert opened(inside).name == "inside"
+
+
+def test_a_bag_of_ros_1_says_how_to_convert_it(tmp_path):
+    root = bags.write_rig(tmp_path / "data")
+    (root / "old.bag").write_bytes(b"#ROSBAG V2.0\n")
+    with pytest.raises(DataError, match=r"expected a bag of ROS 2, got one of ROS 1; convert it: rosbags-convert"):
+        opened(root)
+
+
+def test_without_annotations_a_recording_opens_and_nothing_is_scored(tmp_path):
+    bags.write_data_set(tmp_path / "data")
+    recording = opened(tmp_path / "data")
+    assert recording.tracks == ()
+    assert not any(ref.scored for ref in recording.images["front"])
+
+
+def test_the_clock_and_offsets(tmp_path):
+    root = bags.data_set(tmp_path, bags.drive())
+    assert opened(root, clock="bag").images["front"][0].timestamp_ns == tiny.TIMES_NS[0] + bags.LATE_NS
+    rig = rig_with()
+    rig["cameras"]["front"]["time_offset_ns"] = -7_000_000
+    rig["lidar"]["time_offset_ns"] = 2_000_000
+    bags.write_rig(root, rig)
+    recording = opened(root)
+    assert recording.images["front"][0].timestamp_ns == tiny.TIMES_NS[0] - 7_000_000
+    sweep = recording.sweeps[0].read()
+    assert sweep.times_ns.tolist() == (tiny.sweep(0).times_ns + 2_000_000).tolist()
+
+
+def test_mountings_from_frames(tmp_path):
+    body_from_mast = RigidTransform.from_yaw(0.5, (1.0, 0.0, 2.0))
+    rig = rig_with()
+    for sensor, frame in ((rig["cameras"]["front"], "front_optical"), (rig["lidar"], "velodyne")):
+        del sensor["vehicle_from_sensor"]
+        sensor["frame"] = frame
+    rig["vehicle"]["frame"] = "body"
+    root = bags.write_rig(tmp_path / "data", rig)
+    rows = [row for row in bags.drive() if row[1] != bags.CLOUD]
+    points = bags.cloud(tiny.TIMES_NS[0], bags.sweep_points(0), frame="velodyne")
+    rows.append((bags.LIDAR, bags.CLOUD, tiny.TIMES_NS[0], points))
+    tree = bags.frames(
+        ("body", "mast", body_from_mast),
+        ("mast", "velodyne", body_from_mast.inverse() @ tiny.VEHICLE_FROM_LIDAR),
+        # Told from the sensor's side: its parent is below it in the tree of this vehicle.
+        ("front_optical", "bumper", tiny.FRONT.inverse()),
+        ("bumper", "other", RigidTransform.identity()),
+    )
+    joined = bags.frames(("other", "body", RigidTransform.identity()))
+    rows = [("/tf_static", bags.FRAMES, tiny.TIMES_NS[0], m) for m in (tree, joined)] + rows
+    bags.write_bag(root / "drive", rows)
+    recording = opened(root)
+    assert recording.cameras["front"].vehicle_from_camera.matrix == pytest.approx(tiny.FRONT.matrix)
+    assert recording.vehicle_from_lidar.matrix == pytest.approx(tiny.VEHICLE_FROM_LIDAR.matrix)
+    recording.sweeps[0].read()
+    rig["lidar"]["frame"] = "mast"
+    bags.write_rig(root, rig)
+    with pytest.raises(DataError, match=r"header\.frame_id: expected 'mast', as the rig file says, got 'velodyne'"):
+        opened(root).sweeps[0].read()
+    rig["lidar"]["frame"] = "roof"
+    bags.write_rig(root, rig)
+    with pytest.raises(DataError, match=r"rig\.yaml: lidar\.frame: expected the frame 'roof' in /tf_static, got body"):
+        opened(root)
+
+
+def test_poses_of_a_frame_beside_the_vehicles(tmp_path):
+    """A child frame 1 m ahead of the vehicle that turns left by 90 degrees: the vehicle swings around it."""
+    rig = rig_with(
+        ego_motion={
+            "odometry": {
+                "topic": bags.ODOM,
+                "vehicle_from_child": {"quaternion_wxyz": [1, 0, 0, 0], "translation_m": [1, 0, 0]},
+            }
+        }
+    )
+    root = bags.write_rig(tmp_path / "data", rig)
+    half = np.sqrt(0.5)
+    rows = [row for row in bags.drive() if row[0] != bags.ODOM]
+    for time_ns, wxyz in ((tiny.TIMES_NS[0], (1, 0, 0, 0)), (tiny.TIMES_NS[2], (half, 0, 0, half))):
+        rows.append((bags.ODOM, bags.ODOMETRY, time_ns, bags.odometry(time_ns, (1.0, 0.0, 0.0), wxyz)))
+    bags.write_bag(root / "drive", rows)
+    positions_m = opened(root).trajectory.positions_m
+    assert positions_m == pytest.approx(np.array([[0.0, 0.0, 0.0], [1.0, -1.0, 0.0]]), abs=1e-12)
+
+
+SIGNALS = {
+    "speed": {"topic": bags.SPEED, "field": "twist.linear.x"},
+    "yaw_rate": {"topic": bags.YAW, "field": "angular_velocity.z"},
+}
+
+
+def test_speed_and_yaw_rate_at_their_own_times(tmp_path):
+    root = bags.data_set(tmp_path, [*bags.drive(), *bags.signals()], rig_with(ego_motion=SIGNALS))
+    trajectory = opened(root).trajectory
+    turned = trajectory.world_from_vehicle(tiny.TIMES_NS[0]).inverse() @ trajectory.world_from_vehicle(tiny.TIMES_NS[2])
+    seconds = (tiny.TIMES_NS[2] - tiny.TIMES_NS[0]) / 1e9
+    assert np.arctan2(turned.rotation[1, 0], turned.rotation[0, 0]) == pytest.approx(bags.TURN_RADPS * seconds)
+    radius_m = bags.SPEED_MPS / bags.TURN_RADPS
+    assert turned.translation_m[0] == pytest.approx(radius_m * np.sin(bags.TURN_RADPS * seconds))
+    assert trajectory.timestamps_ns[0] == tiny.TIMES_NS[0] - 95_000_000  # the first yaw rate between two speeds
+
+
+def test_factor_mean_of_fields_and_reverse(tmp_path):
+    rig = rig_with(
+        ego_motion={
+            "speed": {"topic": bags.SPEED, "field": ["twist.linear.x", "twist.linear.x"], "factor": 0.5},
+            "yaw_rate": SIGNALS["yaw_rate"],
+            "reverse": {"topic": "/gear", "field": "data", "values": [-1, 7]},
+        }
+    )
+    root = bags.write_rig(tmp_path / "data", rig)
+    kind = "std_msgs/msg/Int8"
+    gears = [("/gear", kind, tiny.TIMES_NS[i], bags.message(kind, data=data)) for i, data in ((0, 7), (1, 3))]
+    bags.write_bag(root / "drive", [*bags.drive(), *bags.signals(), *gears], late_ns=0)
+    trajectory = opened(root).trajectory
+    before, after = (trajectory.velocity_vehicle_mps(time_ns) for time_ns in tiny.TIMES_NS[0:3:2])
+    assert before[0] == pytest.approx(-bags.SPEED_MPS / 2, rel=1e-3)
+    assert after[0] == pytest.approx(bags.SPEED_MPS / 2, rel=1e-3)
+
+
+def test_a_message_type_of_ones_own(tmp_path):
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    kind = "my_car/msg/Wheels"
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg("std_msgs/Header header\nfloat32[4] kmh\n", kind))
+    rows = [
+        (row[0], kind, row[2], store.types[kind](header=row[3].header, kmh=np.full(4, 36.0, dtype=np.float32)))
+        if row[0] == bags.SPEED
+        else row
+        for row in bags.signals()
+    ]
+    speed = {"topic": bags.SPEED, "field": ["kmh.2", "kmh.3"], "factor": 1 / 3.6}
+    root = bags.write_rig(tmp_path / "data", rig_with(ego_motion=SIGNALS | {"speed": speed}))
+    bags.write_bag(root / "drive", [*bags.drive(), *rows], store=store)
+    assert opened(root).trajectory.velocity_vehicle_mps(tiny.TIMES_NS[1])[0] == pytest.approx(10.0, rel=1e-3)
+
+
+def test_a_gap_in_one_signal_is_a_gap_in_the_path(tmp_path):
+    rig = rig_with(ego_motion=SIGNALS | {"max_gap_ns": 50_000_000})
+    root = bags.write_rig(tmp_path / "data", rig)
+    middle = tiny.TIMES_NS[1]
+    rows = [row for row in bags.signals() if row[0] != bags.SPEED or abs(row[2] - middle) > 40_000_000]
+    bags.write_bag(root / "drive", [*bags.drive(), *rows])
+    _, _, valid = opened(root).trajectory.at(np.array(tiny.TIMES_NS))
+    assert valid.tolist() == [True, False, True]
+
+
+def test_one_rig_for_each_recording(tmp_path):
+    root = bags.data_set(tmp_path, bags.drive())
+    rig = rig_with(frame_interval_ns=50_000_000)
+    (root / "drive" / "rig.yaml").write_text(json.dumps(rig))
+    assert opened(root, rig="{recording}/rig.yaml").frame_interval_ns == 50_000_000
+
+
+def rig_change(change):
+    rig = rig_with()
+    change(rig)
+    return rig
+
+
+RIGS = [
+    (lambda rig: rig.update(colour=1), "colour: expected no such key, got 1"),
+    (lambda rig: rig["cameras"]["front"].update(topic="front"), "cameras.front.topic: expected String should match"),
+    (lambda rig: rig["cameras"]["front"].update(frame="x"), "one of vehicle_from_sensor, the mounting, and frame"),
+    (lambda rig: rig["cameras"]["front"]["model"].update(model="egg"), "cameras.front.model.model: expected one of"),
+    (lambda rig: rig["cameras"]["front"].update(image_size=[10**9, 2]), "image_size.0: expected less than or equal"),
+    (lambda rig: rig["lidar"].update(topic=bags.FRONT), "each topic for one sensor, /camera/front stands twice"),
+    (lambda rig: rig["ego_motion"].update(SIGNALS), "either odometry, or speed and yaw_rate"),
+    (lambda rig: rig["ego_motion"].clear(), "either odometry, or speed and yaw_rate"),
+    (lambda rig: rig["cameras"].clear(), "cameras: expected Dictionary should have at least 1 item"),
+]
+
+
+@pytest.mark.parametrize(("change", "told"), RIGS, ids=[told for _, told in RIGS])
+def test_rigs_that_cannot_be(tmp_path, change, told):
+    root = bags.data_set(tmp_path, bags.drive(), rig_change(change))
+    with pytest.raises(DataError) as caught:
+        opened(root)
+    assert "rig.yaml: " in str(caught.value)
+    assert told in str(caught.value)
+
+
+def test_a_rig_elsewhere_or_with_tags_is_refused(tmp_path):
+    root = bags.data_set(tmp_path, bags.drive())
+    with pytest.raises(DataError, match=r"options\.rig: expected a relative path without '\.\.', got '\.\./rig\.yaml'"):
+        opened(root, rig="../rig.yaml")
+    (root / "rig.yaml").write_text("vehicle: !!python/object/apply:os.getcwd []\n")
+    with pytest.raises(DataError, match=r"rig\.yaml: expected YAML, got could not determine a constructor"):
+        opened(root)
+
+
+def test_topics_that_are_missing_or_of_another_type(tmp_path):
+    rig = rig_with()
+    rig["cameras"]["front"]["topic"] = "/camera/rear"
+    root = bags.data_set(tmp_path, bags.drive(), rig)
+    with pytest.raises(DataError, match=r"cameras\.front\.topic: expected messages on /camera/rear, .* /camera/front"):
+        opened(root)
+    rig["cameras"]["front"]["topic"], rig["lidar"]["topic"] = bags.LIDAR, "/nothing"
+    bags.write_rig(root, rig)
+    with pytest.raises(DataError, match=r"/lidar: expected messages .*Image.*, got sensor_msgs/msg/PointCloud2"):
+        opened(root)
+    bags.write_rig(root, rig_with(ego_motion={"odometry": {"topic": "/imu"}}))
+    bags.write_bag(root.parent / "other", [*bags.drive(), *bags.signals()]).rename(root / "drive" / "drive.mcap")
+    with pytest.raises(DataError, match=r"/imu: expected messages nav_msgs/msg/Odometry"):
+        opened(root)
+    bags.write_rig(root, rig_with(ego_motion=SIGNALS | {"speed": {"topic": bags.SPEED, "field": "twist.linear.w"}}))
+    with pytest.raises(DataError, match=r"expected the field twist\.linear\.w, got none called 'w'; there are x, y, z"):
+        opened(root)
+    bags.write_rig(root, rig_with(ego_motion=SIGNALS | {"speed": {"topic": bags.SPEED, "field": "header.frame_id"}}))
+    with pytest.raises(DataError, match=r"header\.frame_id: expected a number, got str"):
+        opened(root)
+    reverse = {"topic": "/imu", "field": "orientation_covariance", "values": [1]}
+    bags.write_rig(root, rig_with(ego_motion=SIGNALS | {"reverse": reverse}))
+    with pytest.raises(DataError, match=r"/imu, orientation_covariance: expected a number, got ndarray"):
+        opened(root)
+
+
+def test_the_example_card_shows_a_rig_that_is_one():
+    text = (REPOSITORY / "datasets" / "rosbag-example.yaml").read_text()
+    shown = text.split("# rig.yaml:\n#\n")[1].split("\nname:")[0]
+    rig = validated(Rig, yaml.safe_load("\n".join(line[4:] for line in shown.splitlines())), file=REPOSITORY)
+    camera = rig.cameras["front"]
+    parameters = dict(camera.model)
+    assert camera_from_parameters(parameters.pop("model"), width=1280, height=960, **parameters).width == 1280
+    card = load_card(REPOSITORY / "datasets" / "rosbag-example.yaml")
+    validated(RosbagOptions, card.content.options, file=card.file)
+
+
+def test_the_hosts_body_is_a_mask_and_polygons(tmp_path):
+    rig = rig_with()
+    rig["cameras"]["front"]["ego_body_mask"] = "body.png"
+    root = bags.data_set(tmp_path, bags.drive(), rig)
+    mask = np.zeros((tiny.HEIGHT, tiny.WIDTH), dtype=np.uint8)
+    mask[:3] = 255
+    cv2.imwrite(str(root / "body.png"), mask)
+    seen = opened(root).cameras["front"].ego_body
+    assert seen[:3].all()
+    assert seen[40:, 10:50].all()
+    assert seen.sum() == 3 * tiny.WIDTH + 8 * 40
+    rig["cameras"]["front"]["ego_body_mask"] = "../body.png"
+    bags.write_rig(root, rig)
+    with pytest.raises(DataError, match=r"cameras\.front\.ego_body_mask: expected a relative path"):
+        opened(root)
+
+
+def test_what_a_reference_stands_for_changes_with_content_and_with_its_decoding(tmp_path):
+    """Results that are kept by content must not be found for another image of the same file."""
+    root = bags.data_set(tmp_path, bags.drive())
+    contents = {ref.stored.content() for ref in opened(root).images["front"]}
+    assert len(contents) == 3
+    assert {ref.stored.content() for ref in opened(root).images["front"]} == contents
+    rig = rig_with()
+    rig["cameras"]["front"]["white_level"] = 4095
+    bags.write_rig(root, rig)
+    assert contents.isdisjoint(ref.stored.content() for ref in opened(root).images["front"])
+    inputs = RecordingInputs(opened(root))
+    assert len({inputs.image(ref) for ref in opened(root).images["front"]}) == 3
+
+
+def test_cutting_a_sweep_out_of_a_file_that_is_gone(tmp_path):
+    root = bags.write_rig(tmp_path / "data")
+    file = bags.write_bag(root / "drive", bags.drive())
+    recording = opened(root)
+    content = file.read_bytes()
+    file.write_bytes(content[: len(content) // 4])
+    with pytest.raises(DataError, match=r"drive\.mcap"):
+        recording.sweeps[1].read()
+    file.unlink()
+    with pytest.raises(DataError, match=r"drive\.mcap"):
+        recording.sweeps[1].read()

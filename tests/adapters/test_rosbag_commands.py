@@ -1,0 +1,183 @@
+"""A rendered drive told as a bag: the commands give what they give for the drive itself."""
+
+import json
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+
+from bench.cameras import camera_parameters
+from bench.cli import main
+from bench.egomotion import read_bus_signals
+from bench.recordings import load_card, open_dataset
+from bench.recordings.images import read_unchanged
+from tests.support import tiny_rosbag as bags
+
+FLOAT = "std_msgs/msg/Float64"
+CARD = """
+name: bags
+title: a rendered drive in messages
+adapter: rosbag
+root: data
+licence: CC0-1.0
+annotations: annotations
+"""
+
+
+def mounting(vehicle_from_sensor):
+    return {
+        "quaternion_wxyz": vehicle_from_sensor.quaternion_wxyz.tolist(),
+        "translation_m": vehicle_from_sensor.translation_m.tolist(),
+    }
+
+
+def rig_of(recording):
+    cameras = {}
+    for name, camera in recording.cameras.items():
+        model = {
+            key: list(value) if isinstance(value, tuple) else value
+            for key, value in camera_parameters(camera.model).items()
+            if key not in {"width", "height"}
+        }
+        cameras[name] = {
+            "topic": f"/{name}",
+            "model": model,
+            "image_size": list(camera.stored_size_px),
+            "vehicle_from_sensor": mounting(camera.vehicle_from_camera),
+            "ego_body_mask": f"{name}.png",
+        }
+    return {
+        "frame_interval_ns": recording.frame_interval_ns,
+        "vehicle": {"outline_m": recording.vehicle_outline_m.tolist()},
+        "cameras": cameras,
+        "lidar": {
+            "topic": "/lidar",
+            "full_intensity": 1.0,
+            "vehicle_from_sensor": mounting(recording.vehicle_from_lidar),
+        },
+        "ego_motion": {
+            "speed": {"topic": "/speed", "field": "data"},
+            "yaw_rate": {"topic": "/imu", "field": "angular_velocity.z"},
+        },
+    }
+
+
+def rows_of(recording):
+    rows = []
+    for name, images in recording.images.items():
+        for ref in images:
+            pixels = read_unchanged(ref.path)
+            message = bags.image(ref.timestamp_ns, pixels, "bgr8" if pixels.ndim == 3 else "mono8")
+            rows.append((f"/{name}", bags.IMAGE, ref.timestamp_ns, message))
+    layout = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("t", "<i4")])
+    for ref in recording.sweeps:
+        sweep = ref.read()
+        points = np.zeros(len(sweep.points_lidar), dtype=layout)
+        for i, axis in enumerate("xyz"):
+            points[axis] = sweep.points_lidar[:, i]
+        points["t"] = sweep.time_offset_ns
+        rows.append(("/lidar", bags.CLOUD, ref.timestamp_ns, bags.cloud(ref.timestamp_ns, points)))
+    bus = read_bus_signals(recording.root / "egomotion.csv")
+    for time_ns, speed_mps, turn_radps in zip(
+        bus.timestamps_ns.tolist(), bus.speed_mps, bus.yaw_rate_radps, strict=True
+    ):
+        rows.append(("/speed", FLOAT, time_ns, bags.message(FLOAT, data=speed_mps)))
+        rows.append(("/imu", bags.IMU, time_ns, bags.imu(time_ns, turn_radps)))
+    return sorted(rows, key=lambda row: row[2])
+
+
+@pytest.fixture(scope="module")
+def cards(tiny_card, tmp_path_factory):
+    """The card of a drive, and that of the same drive as a bag."""
+    folder = tmp_path_factory.mktemp("bags")
+    recording = next(h for h in open_dataset(load_card(tiny_card)) if h.name == "crossing").open()
+    bags.write_rig(folder / "data", rig_of(recording))
+    for name in recording.cameras:
+        mask = (recording.root / "ego_body" / f"{name}.png").read_bytes()
+        (folder / "data" / f"{name}.png").write_bytes(mask)
+    bags.write_bag(folder / "data" / "crossing", rows_of(recording), compression="STORAGE", late_ns=0)
+    (folder / "annotations").mkdir()
+    (folder / "annotations" / "crossing.json").write_bytes((recording.root / "annotations.json").read_bytes())
+    (folder / "bags.yaml").write_text(CARD)
+    (folder / "drive.yaml").write_text(f"name: bags\ntitle: x\nadapter: native\nroot: {recording.root}\nlicence: x\n")
+    return folder / "drive.yaml", folder / "bags.yaml"
+
+
+@pytest.fixture
+def command(monkeypatch):
+    def run(*words):
+        monkeypatch.setattr("sys.argv", ["fisheye-bench", *map(str, words)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return ended.value.code or 0
+
+    return run
+
+
+def test_run_gives_the_scores_of_the_drive_itself(command, cards, tmp_path, capsys):
+    summaries = []
+    for number, card in enumerate(cards):
+        words = ("--out", tmp_path / str(number), "--cache", tmp_path / "cache", "--no-pictures")
+        assert command("run", card, *words) == 0
+        summaries.append(json.loads((tmp_path / str(number) / "summary.json").read_text()))
+    drive, bag = summaries
+    drive = _without_ceilings(drive)  # a bag holds no exact masks
+    assert drive["images"]["evaluated"] > 0
+    for part in ("categories", "false_positives", "images", "breakdowns"):
+        assert bag[part] == drive[part], part
+
+
+def _without_ceilings(content):
+    if not isinstance(content, dict):
+        return content
+    assert "ceiling_iou" in content or "iou_detected" not in content
+    return {key: _without_ceilings(value) for key, value in content.items() if not key.startswith("ceiling_")}
+
+
+def test_validate_and_view(command, cards, tmp_path, capsys):
+    _, card = cards
+    assert command("validate", card, "--deep") == 0
+    assert "0 errors and 0 warnings" in capsys.readouterr().out
+    assert command("view", card, "--out", tmp_path / "pictures", "--frame", 2) == 0
+    for picture in ("panels", "overlay"):
+        assert cv2.imread(str(tmp_path / "pictures" / f"{picture}.png")) is not None
+
+
+def test_validate_and_run_say_how_to_repair_a_cut_bag(command, cards, tmp_path, capsys):
+    _, card = cards
+    content = (card.parent / "data" / "crossing" / "crossing.mcap").read_bytes()
+    root = shutil.copytree(card.parent / "data", tmp_path / "data")
+    (root / "crossing" / "crossing.mcap").write_bytes(content[: len(content) * 2 // 3])
+    text = card.read_text().replace("annotations: annotations", f"annotations: {card.parent / 'annotations'}")
+    (tmp_path / "bags.yaml").write_text(text)
+    assert command("validate", tmp_path / "bags.yaml", "--json", tmp_path / "report.json") == 1
+    assert "crossing" in " ".join(capsys.readouterr().out.split())
+    assert "mcap recover crossing.mcap -o crossing-repaired.mcap" in (tmp_path / "report.json").read_text()
+    assert command("run", tmp_path / "bags.yaml", "--out", tmp_path / "run", "--no-cache", "--no-pictures") == 2
+    assert "mcap recover crossing.mcap" in " ".join(capsys.readouterr().err.split())
+
+
+def test_validate_lists_what_a_bag_lacks(command, cards, tmp_path, capsys):
+    _, card = cards
+    root = shutil.copytree(card.parent / "data", tmp_path / "data")
+    (root / "crossing" / "metadata.yaml").unlink()
+    text = card.read_text().replace("annotations: annotations", f"annotations: {card.parent / 'annotations'}")
+    (tmp_path / "bags.yaml").write_text(text)
+    assert command("validate", tmp_path / "bags.yaml", "--json", tmp_path / "report.json") == 1
+    assert "the metadata that a recorder writes last" in (tmp_path / "report.json").read_text()
+    assert command("run", tmp_path / "bags.yaml", "--out", tmp_path / "run", "--no-cache", "--no-pictures") == 2
+    assert "accept_losses" in " ".join(capsys.readouterr().err.split())
+
+
+def test_without_annotations_it_can_be_looked_at_but_not_scored(command, cards, tmp_path, capsys):
+    _, card = cards
+    (tmp_path / "bags.yaml").write_text(
+        card.read_text()
+        .replace("annotations: annotations\n", "")
+        .replace("root: data", f"root: {card.parent / 'data'}")
+    )
+    assert command("view", tmp_path / "bags.yaml", "--out", tmp_path / "pictures", "--frame", 2) == 0
+    assert command("run", tmp_path / "bags.yaml", "--out", tmp_path / "run", "--no-cache", "--no-pictures") == 2
+    told = " ".join(capsys.readouterr().err.split())
+    assert "expected annotations, got none; write crossing.json into the folder that the card's" in told

@@ -1,0 +1,619 @@
+"""Bags that were cut short, damaged or made to hurt: one line says what is wrong and how to repair it."""
+
+import sqlite3
+import struct
+import tracemalloc
+from contextlib import closing, contextmanager
+from functools import cache
+from zlib import crc32
+
+import lz4.frame
+import numpy as np
+import pytest
+import yaml
+from backports import zstd
+
+from bench.adapters.rosbag.adapter import rosbag_recordings
+from bench.adapters.rosbag.messages import Topic, decode
+from bench.adapters.rosbag.storage import read_message, stored_messages
+from bench.errors import BenchError, DataError
+from bench.recordings import read_image
+from tests.support import tiny
+from tests.support import tiny_rosbag as bags
+
+STEP_NS = 50_000_000
+IMAGES = 60
+BLOB = "std_msgs/msg/UInt8MultiArray"
+CHUNK = 6
+
+
+def pixels(index):
+    return np.random.default_rng(index).integers(0, 256, (tiny.HEIGHT, tiny.WIDTH), dtype=np.uint8)
+
+
+def long_drive():
+    """Sixty images and poses over three seconds, with messages of 100 kB between, so that there are several chunks."""
+    layout = bags.message("std_msgs/msg/MultiArrayLayout", dim=[], data_offset=0)
+    rows = []
+    for i in range(IMAGES):
+        time_ns = tiny.TIMES_NS[0] + i * STEP_NS
+        filler = np.random.default_rng(i).integers(0, 256, 100_000, dtype=np.uint8)
+        rows.append((bags.ODOM, bags.ODOMETRY, time_ns, bags.odometry(time_ns, (0.1 * i, 0.0, 0.0))))
+        rows.append((bags.FRONT, bags.IMAGE, time_ns, bags.image(time_ns, pixels(i))))
+        rows.append(("/blob", BLOB, time_ns, bags.message(BLOB, layout=layout, data=filler)))
+        rows.append((bags.LIDAR, bags.CLOUD, time_ns, bags.cloud(time_ns, bags.sweep_points(0))))
+    return rows
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """Writes a bag that nothing is wrong with, once, and gives its file."""
+
+    @cache
+    def write(kind):
+        storage, _, packed = kind.partition("-")
+        root = bags.write_rig(tmp_path_factory.mktemp("whole") / "data")
+        return bags.write_bag(root / "drive", long_drive(), storage=storage, compression="STORAGE" if packed else None)
+
+    return write
+
+
+@pytest.fixture(params=["mcap", "mcap-zstd", "db3"])
+def whole(request, written):
+    return written(request.param)
+
+
+@pytest.fixture(params=["mcap", "mcap-zstd"])
+def whole_mcap(request, written):
+    return written(request.param)
+
+
+def copied(file, tmp_path, content=None, *, metadata=True):
+    """The bag again, with other content of its file."""
+    root = bags.write_rig(tmp_path / "data")
+    (root / "drive").mkdir(exist_ok=True)
+    (root / "drive" / file.name).write_bytes(file.read_bytes() if content is None else content)
+    if metadata:
+        (root / "drive" / "metadata.yaml").write_bytes((file.parent / "metadata.yaml").read_bytes())
+    return root
+
+
+@contextmanager
+def memory_below(most_bytes):
+    """Python's memory stays below so much in the block."""
+    tracemalloc.start()
+    try:
+        yield
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < most_bytes
+
+
+def handle_of(root, **options):
+    (handle,) = rosbag_recordings(root, options=bags.OPTIONS | options, card=root / "card.yaml", annotations=None)
+    return handle
+
+
+def indices(recording):
+    """Which images are there, each of them compared with what was written."""
+    found = [(ref.timestamp_ns - tiny.TIMES_NS[0]) // STEP_NS for ref in recording.images["front"]]
+    for i, ref in zip(found, recording.images["front"], strict=True):
+        assert np.array_equal(read_image(ref, recording.cameras["front"]), pixels(i))
+    return found
+
+
+def test_nothing_is_wrong_with_a_whole_bag(whole, tmp_path):
+    root = copied(whole, tmp_path)
+    assert indices(handle_of(root).open()) == list(range(IMAGES))
+    assert handle_of(root).read_leniently().errors == ()
+
+
+REPAIR = {
+    ".mcap": "repair it, then replace it by the result: mcap recover drive.mcap -o drive-repaired.mcap",
+    ".db3": "repair it, then replace it by the result: sqlite3 drive.db3 .recover | sqlite3 drive-repaired.db3",
+}
+
+
+def refused(root, file, told=""):
+    """A file that cannot be read to its end: one error, whatever the card accepts, and how to repair the file."""
+    for options in ({}, {"accept_losses": True}):
+        with pytest.raises(DataError) as caught:
+            handle_of(root, **options).open()
+        assert str(caught.value).startswith(str(root / "drive" / file.name))
+        assert told in str(caught.value)
+        assert str(caught.value).endswith(REPAIR[file.suffix])
+    reading = handle_of(root).read_leniently()
+    assert reading.recording is None
+    assert str(reading.errors[-1]) == str(caught.value)
+
+
+@pytest.mark.parametrize("share", [0.3, 0.7, 0.999])
+def test_a_bag_that_was_cut_short_says_how_to_repair_it(whole, tmp_path, share):
+    content = whole.read_bytes()
+    refused(copied(whole, tmp_path, content[: int(len(content) * share)]), whole)
+
+
+def test_a_file_without_the_end_that_a_recorder_writes(whole_mcap, tmp_path):
+    content = whole_mcap.read_bytes()
+    content = content[: content.rindex(b"\x0f\x04\x00\x00\x00\x00\x00\x00\x00")]
+    root = copied(whole_mcap, tmp_path, content)
+    refused(root, whole_mcap)
+    (root / "drive" / whole_mcap.name).write_bytes(content + b"\x89MCAP0\r\n")
+    refused(root, whole_mcap)
+
+
+def test_a_recorder_that_died_left_no_metadata(whole, tmp_path):
+    root = copied(whole, tmp_path, metadata=False)
+    told = "metadata.yaml: expected the metadata that a recorder writes last, got no such file"
+    with pytest.raises(DataError, match=r"accept_losses: true to use the rest") as caught:
+        handle_of(root).open()
+    assert told in str(caught.value)
+    (fault,) = handle_of(root).read_leniently().errors
+    assert told in str(fault)
+    assert indices(handle_of(root, accept_losses=True).open()) == list(range(IMAGES))
+
+
+def test_fewer_messages_than_the_metadata_says(whole, tmp_path):
+    root = copied(whole, tmp_path)
+    metadata(root, lambda content: content["topics_with_message_count"][1].update(message_count=IMAGES + 5))
+    with pytest.raises(DataError, match=rf"expected {IMAGES + 5} messages, as metadata\.yaml says, got {IMAGES}"):
+        handle_of(root).open()
+    assert indices(handle_of(root, accept_losses=True).open()) == list(range(IMAGES))
+
+
+def test_messages_that_a_database_has_not_merged(written, tmp_path):
+    root = copied(written("db3"), tmp_path)
+    (root / "drive" / "drive.db3-wal").write_bytes(b"log")
+    with pytest.raises(
+        DataError, match=r"last ones still in drive\.db3-wal; merge it: sqlite3 drive\.db3 'PRAGMA wal_"
+    ):
+        handle_of(root).open()
+
+
+def chunks_of(content):
+    """Where chunks begin and end."""
+    place, found = 8, []
+    while content[place] not in (0x0F, 0x02):
+        (length,) = struct.unpack_from("<Q", content, place + 1)
+        if content[place] == CHUNK:
+            found.append((place, place + 9 + length))
+        place += 9 + length
+    return found
+
+
+def test_a_damaged_chunk_in_the_middle(whole_mcap, tmp_path):
+    """Flipped bytes: seen by the chunk's checksum, or by the decompression."""
+    content = bytearray(whole_mcap.read_bytes())
+    begin, end = chunks_of(content)[2]
+    compression_length = struct.unpack_from("<I", content, begin + 9 + 28)[0]
+    data = begin + 9 + 28 + 4 + compression_length + 8
+    unpacked = zstd.decompress(content[data:end]) if compression_length else content[data:end]
+    struct.pack_into("<I", content, begin + 9 + 24, crc32(unpacked))
+    content[(data + end) // 2] ^= 0xFF
+    content[(data + end) // 2 + 1] ^= 0xFF
+    refused(copied(whole_mcap, tmp_path, bytes(content)), whole_mcap)
+
+
+def test_a_chunk_that_is_gone_is_missed(whole_mcap, tmp_path):
+    """A record of an unknown kind is skipped, as the format asks for; the statistics still count its messages."""
+    content = bytearray(whole_mcap.read_bytes())
+    content[chunks_of(content)[2][0]] = 0x7F
+    refused(copied(whole_mcap, tmp_path, bytes(content)), whole_mcap, "messages, where its statistics say 240")
+
+
+def test_a_wrong_length(whole_mcap, tmp_path):
+    content = bytearray(whole_mcap.read_bytes())
+    begin, _ = chunks_of(content)[1]
+    struct.pack_into("<Q", content, begin + 1, 2**61)
+    refused(
+        copied(whole_mcap, tmp_path, bytes(content)), whole_mcap, "a record of kind 6 with 2305843009213693952 bytes"
+    )
+
+
+def test_overwritten_pages_of_a_database(written, tmp_path):
+    whole = written("db3")
+    content = bytearray(whole.read_bytes())
+    middle = len(content) // 2 // 4096 * 4096
+    content[middle : middle + 40 * 4096] = bytes(40 * 4096)
+    refused(copied(whole, tmp_path, bytes(content)), whole, "malformed")
+
+
+def test_a_chunk_that_is_damaged_after_opening(written, tmp_path):
+    whole = written("mcap-zstd")
+    root = copied(whole, tmp_path)
+    recording = handle_of(root).open()
+    content = bytearray(whole.read_bytes())
+    begin, end = chunks_of(content)[2]
+    content[begin + 100 : end] = bytes(end - begin - 100)
+    (root / "drive" / "drive.mcap").write_bytes(content)
+    camera, images = recording.cameras["front"], recording.images["front"]
+    assert np.array_equal(read_image(images[3], camera), pixels(3))
+    with pytest.raises(
+        DataError,
+        match=r"drive\.mcap: expected a message of 3120 bytes, got .*replace it by the result: mcap recover",
+    ):
+        read_image(images[25], camera)
+
+
+@pytest.mark.parametrize("storage", ["mcap", "db3"])
+def test_random_damage_is_told_and_never_a_bug(tmp_path, storage):
+    small = bags.write_bag(tmp_path / "small", bags.drive(), storage=storage)
+    content = small.read_bytes()
+    random = np.random.default_rng(5)
+    told = 0
+    for _ in range(40):
+        damaged = bytearray(content)
+        for place in random.integers(0, len(content), random.integers(1, 30)):
+            damaged[place] = random.integers(0, 256)
+        if random.random() < 0.3:
+            damaged = damaged[: random.integers(1, len(content))]
+        root = copied(small, tmp_path, bytes(damaged))
+        for lenient in (False, True):
+            handle = handle_of(root, accept_losses=True)
+            try:
+                recording = handle.read_leniently().recording if lenient else handle.open()
+                for ref in recording.images["front"] if recording else ():
+                    read_image(ref, recording.cameras["front"])
+                for ref in recording.sweeps if recording else ():
+                    ref.read()
+            except BenchError:
+                told += 1
+    assert told > 10
+
+
+def record(kind, content):
+    return bytes([kind]) + struct.pack("<Q", len(content)) + content
+
+
+def text(value):
+    return text_bytes(value.encode())
+
+
+def text_bytes(value):
+    return struct.pack("<I", len(value)) + value
+
+
+def chunk(data, *, packed=None, size=None, compression="zstd"):
+    packed = zstd.compress(data) if packed is None else packed
+    head = struct.pack("<QQQI", 0, 1, len(data) if size is None else size, 0) + text(compression)
+    return record(CHUNK, head + struct.pack("<Q", len(packed)) + packed)
+
+
+HEADER_RECORD = record(1, text("ros2") + text("test"))
+BOMB = zstd.compress(bytes(1 << 30), level=1)
+LZ4_BOMB = lz4.frame.compress(bytes(1 << 28))
+
+
+HOSTILE_RECORDS = [
+    (chunk(b"", packed=BOMB, size=1 << 20), "zstd data of more than 1048576 bytes"),
+    (chunk(b"", packed=BOMB, size=1 << 30), "a chunk of 1073741824 bytes, where 268435456 are the most"),
+    (chunk(b"abc", size=10), "a chunk of 3 bytes with the checksum 352441c2, where it states 10 with"),
+    (
+        chunk(b"abc", packed=b"abc", size=10, compression=""),
+        "a chunk of 3 bytes with the checksum 352441c2, where it states 10",
+    ),
+    (chunk(b"abc", compression="rar"), "the unknown compression 'rar'"),
+    (chunk(b"abc", packed=b"abc", compression="lz4"), "lz4 data of more than 3 bytes or cut short"),
+    (chunk(b"", packed=LZ4_BOMB, size=1 << 20, compression="lz4"), "lz4 data of more than 1048576 bytes"),
+    (chunk(b"abc", packed=b"abcdefgh" * 9, compression="lz4"), "ERROR_frameType_unknown"),
+    (chunk(chunk(b"abc")), "a chunk inside a chunk"),
+    (chunk(record(5, struct.pack("<HIQQ", 7, 0, 1, 1))), "22 bytes on channel 7 at 1 ns"),
+    (record(5, b""), "unpack requires a buffer of 8 bytes"),
+    (record(5, bytes(21)) + record(7, bytes(30)), "21 bytes on channel 0 at 0 ns"),
+    (b"\x05" + struct.pack("<Q", 2**63), "a record of kind 5 with 9223372036854775808 bytes"),
+    (b"\x03" + struct.pack("<Q", 1 << 40), "a record of kind 3 with 1099511627776 bytes"),
+    (record(3, struct.pack("<HI", 1, 2**32 - 1)), "the end in the middle of it"),
+    (record(6, struct.pack("<QQQI", 0, 1, 5, 0) + struct.pack("<I", 2**32 - 1)), "the end in the middle of it"),
+    (
+        b"".join(record(4, struct.pack("<HH", 1, 0) + text(name) + text("cdr") + text("")) for name in ("/a", "/b")),
+        "two topics on channel 1",
+    ),
+    (bytes(100), "a record of kind 0"),
+    (record(6, struct.pack("<QQQIIQ", 0, 1, 5, 0, 0, 2**64 - 1)), "cannot fit 'int' into an index-sized integer"),
+    (chunk(bytes(range(1, 100))), "a record of kind 1 with"),
+]
+
+
+CHUNKS = {
+    "zstd": chunk,
+    "lz4": lambda data: chunk(data, packed=lz4.frame.compress(data), compression="lz4"),
+    "uncompressed": lambda data: chunk(data, packed=data, compression=""),
+    "without chunks": lambda data: data,
+}
+
+
+@pytest.mark.parametrize("kind", CHUNKS)
+def test_definitions_in_other_languages_than_ros_damage_nothing(tmp_path, kind):
+    """Loggers put channels of other kinds beside those of ROS; their definitions are no text."""
+    schemas = record(3, struct.pack("<H", 1) + text("example.Log") + text("protobuf") + text_bytes(b"\x0a\xff\xfe\x80"))
+    schemas += record(3, struct.pack("<H", 2) + text(bags.IMU) + text("ros2msg") + text(""))
+    channels = record(4, struct.pack("<HH", 1, 1) + text("/log") + text("protobuf") + text(""))
+    channels += record(4, struct.pack("<HH", 2, 2) + text("/imu") + text("cdr") + text(""))
+    channels += record(4, struct.pack("<HH", 3, 0) + text("/json") + text("json") + text(""))
+    messages = b"".join(record(5, struct.pack("<HIQQ", channel, 0, 7, 7) + b"payload") for channel in (1, 2, 3))
+    data = b"\x89MCAP0\r\n" + HEADER_RECORD + schemas + channels + CHUNKS[kind](messages) + record(15, bytes(4))
+    summary = schemas + channels
+    footer = record(2, struct.pack("<QQI", len(data), 0, 0)) + b"\x89MCAP0\r\n"
+    file = tmp_path / "mixed.mcap"
+    file.write_bytes(data + summary + footer)
+    found = {topic.name: (topic, *rest) for topic, *rest in stored_messages(file, {"/imu": 4})}
+    assert set(found) == {"/log", "/imu", "/json"}
+    topic, log_ns, position, start = found["/imu"]
+    assert (topic, log_ns, start) == (Topic("/imu", bags.IMU), 7, b"payl")
+    assert read_message(file, position, compressed=False) == b"payload"
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    HOSTILE_RECORDS,
+)
+def test_hostile_records_are_told_and_take_little_memory(tmp_path, content, told):
+    file = tmp_path / "hostile.mcap"
+    file.write_bytes(b"\x89MCAP0\r\n" + HEADER_RECORD + content + b"\x89MCAP0\r\n")
+    with memory_below(10_000_000), pytest.raises(DataError) as caught:
+        list(stored_messages(file, {}))
+    assert told in str(caught.value)
+
+
+def test_definitions_that_fill_the_memory(tmp_path):
+    """A few kB, which become chunks with a thousand message types of 1 MB."""
+    blank = b" " * (1 << 20)
+    content = b"\x89MCAP0\r\n" + HEADER_RECORD
+    for first in range(0, 1000, 4):
+        schemas = (
+            struct.pack("<H", first + i) + text("a/msg/B") + text("ros2msg") + text_bytes(blank) for i in range(4)
+        )
+        content += chunk(b"".join(record(3, schema) for schema in schemas))
+    file = tmp_path / "hostile.mcap"
+    file.write_bytes(content)
+    with (
+        memory_below(60_000_000),
+        pytest.raises(DataError, match=r"topics and definitions of more than 33554432 bytes"),
+    ):
+        list(stored_messages(file, {}))
+
+
+def database(file, *statements):
+    """A database with the tables of a bag, a topic and a message, changed by statements."""
+    with closing(sqlite3.connect(file)) as connection:
+        connection.execute("CREATE TABLE topics (id INTEGER PRIMARY KEY, name, type, serialization_format)")
+        connection.execute("CREATE TABLE messages (id INTEGER PRIMARY KEY, topic_id, timestamp, data)")
+        connection.execute(f"INSERT INTO topics VALUES (1, '/imu', '{bags.IMU}', 'cdr')")
+        connection.execute("INSERT INTO messages VALUES (5, 1, 7, x'6162')")
+        for statement in statements:
+            connection.execute(statement)
+        connection.commit()
+
+
+MANY = "WITH RECURSIVE n(i) AS (SELECT 2 UNION ALL SELECT i + 1 FROM n WHERE i < 100000) INSERT INTO topics"
+HOSTILE_DATABASES = [
+    (["INSERT INTO messages VALUES (6, 2, 8, x'61')"], r"the row \(6, 2, 8, 1\) of the table messages"),
+    (["INSERT INTO messages VALUES (6, 1, 'soon', x'61')"], r"the row \(6, 1, 'soon', 1\) of the table messages"),
+    (["INSERT INTO messages VALUES (6, 1, 8, NULL)"], r"the row \(6, 1, 8, None\) of the table messages"),
+    (
+        [
+            "DROP TABLE topics",
+            "CREATE VIEW topics AS SELECT 1 AS id, 'a' AS name, 'b' AS type, 'cdr' AS serialization_format",
+        ],
+        "expected the tables topics and messages, as in a bag of ROS 2, got messages",
+    ),
+    (
+        [
+            "DROP TABLE topics",
+            "CREATE TABLE topics (id INTEGER PRIMARY KEY, name, type, serialization_format AS (hex(zeroblob(500000))))",
+            f"{MANY} SELECT i, 'a', 'b' FROM n",
+        ],
+        "topics and definitions of more than 33554432 bytes",
+    ),
+    (
+        [
+            "DROP TABLE messages",
+            "CREATE TABLE messages (id INTEGER PRIMARY KEY, topic_id, timestamp, data AS (zeroblob(900000000)))",
+            "INSERT INTO messages VALUES (5, 1, 7)",
+        ],
+        "too big",
+    ),
+]
+
+
+@pytest.mark.parametrize(("statements", "told"), HOSTILE_DATABASES)
+def test_hostile_databases_are_told_and_take_little_memory(tmp_path, statements, told):
+    file = tmp_path / "hostile.db3"
+    database(file)
+    ((_, _, position, start),) = stored_messages(file, {"/imu": 1})
+    assert start == b"a"
+    assert read_message(file, position, compressed=False) == b"ab"
+    file.unlink()
+    database(file, *statements)
+    with memory_below(60_000_000), pytest.raises(DataError, match=told) as caught:
+        list(stored_messages(file, {}))
+    assert str(file) in str(caught.value)
+
+
+def test_a_definition_that_takes_forever_to_parse(tmp_path):
+    topic = Topic("/wheels", "my_car/msg/Wheels", definition="\n" * 100_001 + "float64 x")
+    with pytest.raises(DataError, match=r"in at most 100000 characters of \.msg text, got 100010 characters"):
+        decode(topic, b"", file=tmp_path)
+
+
+@pytest.mark.parametrize("content", [b"", b"\x89MCAP", b"SQLite format 3\0" + bytes(84), b"PK\x03\x04" + bytes(96)])
+@pytest.mark.parametrize("suffix", [".mcap", ".db3"])
+def test_files_that_are_no_bags(tmp_path, content, suffix):
+    root = bags.write_rig(tmp_path / "data")
+    (root / f"drive{suffix}").write_bytes(content)
+    with pytest.raises(DataError, match=rf"drive{suffix}"):
+        handle_of(root, accept_losses=True).open()
+
+
+def metadata(root, change):
+    file = root / "drive" / "metadata.yaml"
+    content = yaml.safe_load(file.read_text())
+    change(content["rosbag2_bagfile_information"])
+    file.write_text(yaml.safe_dump(content))
+
+
+@pytest.mark.parametrize("path", ["../drive.mcap", "/etc/drive.mcap", "..", "C:\\x.mcap", "secret.txt"])
+def test_metadata_that_names_files_elsewhere(tmp_path, path):
+    root = bags.data_set(tmp_path, bags.drive())
+    metadata(root, lambda content: content.update(relative_file_paths=[path]))
+    with pytest.raises(
+        DataError, match=r"metadata\.yaml: rosbag2_bagfile_information\.relative_file_paths\.0: expected"
+    ):
+        handle_of(root, accept_losses=True).open()
+
+
+def test_links_that_lead_outside(tmp_path):
+    root = bags.write_rig(tmp_path / "data")
+    file = bags.write_bag(root / "drive", bags.drive())
+    file.rename(tmp_path / "elsewhere.mcap")
+    file.symlink_to(tmp_path / "elsewhere.mcap")
+    with pytest.raises(DataError, match=r"a link that leads outside"):
+        handle_of(root, accept_losses=True).open()
+    file.unlink()
+    (root / "drive" / "metadata.yaml").unlink()
+    (root / "drive").rmdir()
+    (root / "drive.mcap").symlink_to(tmp_path / "elsewhere.mcap")
+    with pytest.raises(DataError, match=r"a link that leads outside"):
+        handle_of(root, accept_losses=True).open()
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "rosbag2_bagfile_information: !!python/object/apply:os.system [true]\n",
+        "rosbag2_bagfile_information: [1, 2]\n",
+        "- 1\n",
+        "{" * 2000,
+        "a: &a [x, x]\nb: &b [*a, *a]\nrosbag2_bagfile_information: {relative_file_paths: *b}\n",
+    ],
+    ids=["tag", "list", "no keys", "nested", "aliases"],
+)
+def test_metadata_that_is_none(tmp_path, content):
+    root = bags.data_set(tmp_path, bags.drive())
+    (root / "drive" / "metadata.yaml").write_text(content)
+    with pytest.raises(DataError, match=r"metadata\.yaml"):
+        handle_of(root, accept_losses=True).open()
+
+
+def test_a_missing_part_of_several(tmp_path):
+    root = bags.data_set(tmp_path, bags.drive())
+    metadata(root, lambda content: content["relative_file_paths"].append("drive_1.mcap"))
+    with pytest.raises(DataError, match=r"drive_1\.mcap: expected a file of messages, as metadata\.yaml says, got no"):
+        handle_of(root).open()
+    assert indices_of_tiny(handle_of(root, accept_losses=True).open()) == [0, 1, 2]
+
+
+def indices_of_tiny(recording):
+    return [tiny.TIMES_NS.index(ref.timestamp_ns) for ref in recording.images["front"]]
+
+
+def test_parts_are_read_in_the_order_of_recording(tmp_path):
+    """Without metadata drive_2 still comes before drive_10."""
+    root = bags.write_rig(tmp_path / "data")
+    rows = bags.drive()
+    (root / "drive").mkdir()
+    for number, part in ((2, rows[:4]), (10, rows[4:])):
+        bags.write_bag(tmp_path / f"part{number}", part).rename(root / "drive" / f"drive_{number}.mcap")
+    recording = handle_of(root, accept_losses=True).open()
+    assert [ref.file.name for ref in recording.images["front"]] == ["drive_2.mcap", "drive_2.mcap", "drive_10.mcap"]
+
+
+def with_stamps(*stamps_ns):
+    """The drive with other stamps of its images."""
+    rows = [row for row in bags.drive() if row[0] != bags.FRONT]
+    for i, stamp_ns in enumerate(stamps_ns):
+        rows.append((bags.FRONT, bags.IMAGE, tiny.TIMES_NS[i], bags.image(stamp_ns, tiny.pixels(i))))
+    return rows
+
+
+FIRST, SECOND, THIRD = tiny.TIMES_NS
+SECOND_LOG_NS, THIRD_LOG_NS = SECOND + bags.LATE_NS, THIRD + bags.LATE_NS
+STAMPS = [
+    (
+        (FIRST, FIRST - 10, THIRD),
+        f"times that increase, got others in 1 of 3 messages, the first recorded at {SECOND_LOG_NS}",
+        [0, 2],
+    ),
+    (
+        (FIRST, FIRST, THIRD),
+        f"times that increase, got others in 1 of 3 messages, the first recorded at {SECOND_LOG_NS}",
+        [0, 2],
+    ),
+    (
+        (FIRST, FIRST + 10**12, THIRD),
+        f"stamps of one clock, got jumps in 1 of 3 messages, the first recorded at {SECOND_LOG_NS}",
+        [0, 2],
+    ),
+    (
+        (FIRST, SECOND, 0),
+        f"a time in the header, got none in 1 of 3 messages, the first recorded at {THIRD_LOG_NS}",
+        [0, 1],
+    ),
+]
+
+
+@pytest.mark.parametrize(("stamps_ns", "told", "kept"), STAMPS)
+def test_stamps_that_no_clock_gives(tmp_path, stamps_ns, told, kept):
+    root = bags.data_set(tmp_path, with_stamps(*stamps_ns))
+    with pytest.raises(DataError) as caught:
+        handle_of(root).open()
+    assert f"/camera/front: expected {told} ns" in str(caught.value)
+    assert ("clock: bag" in str(caught.value)) == (0 in stamps_ns)
+    assert indices_of_tiny(handle_of(root, accept_losses=True).open()) == kept
+    assert len(handle_of(root, clock="bag").open().images["front"]) == 3
+
+
+def test_numbers_that_are_none_in_poses(tmp_path):
+    root = bags.write_rig(tmp_path / "data")
+    rows = [*bags.drive()]
+    time_ns = tiny.TIMES_NS[1] + 1_000_000
+    rows.append((bags.ODOM, bags.ODOMETRY, time_ns, bags.odometry(time_ns, (np.nan, 0.0, 0.0))))
+    rows.append((bags.ODOM, bags.ODOMETRY, time_ns + 1, bags.odometry(time_ns + 1, (0.0, 0.0, 0.0), (0, 0, 0, 0))))
+    bags.write_bag(root / "drive", rows)
+    with pytest.raises(
+        DataError, match=r"/odom: expected finite numbers, got NaN or infinity in 1 of 5.*1 more faults"
+    ):
+        handle_of(root).open()
+    assert len(handle_of(root, accept_losses=True).open().trajectory.timestamps_ns) == 3
+
+
+def test_a_lost_trajectory_leaves_the_rest(tmp_path):
+    root = bags.data_set(tmp_path, [row for row in bags.drive() if row[0] != bags.ODOM])
+    with pytest.raises(DataError, match=r"/odom: expected messages of the ego-motion, got none"):
+        handle_of(root, accept_losses=True).open()
+    reading = handle_of(root).read_leniently()
+    assert "trajectory" in reading.missing
+    assert indices_of_tiny(reading.recording) == [0, 1, 2]
+
+
+def test_memory_does_not_grow_with_the_length(tmp_path):
+    """Four times the messages, 12 MB more: the index grows by some bytes for each, and nothing else."""
+
+    def peak(name, rounds):
+        root = bags.write_rig(tmp_path / name)
+        noise = np.random.default_rng(1).integers(0, 256, (240, 320), dtype=np.uint8)
+        rows = []
+        for i in range(rounds):
+            time_ns = tiny.TIMES_NS[0] + i * STEP_NS
+            rows.append((bags.FRONT, bags.IMAGE, time_ns, bags.image(time_ns, noise)))
+            rows.append((bags.ODOM, bags.ODOMETRY, time_ns, bags.odometry(time_ns, (0.1 * i, 0.0, 0.0))))
+        for_lidar = (bags.LIDAR, bags.CLOUD, tiny.TIMES_NS[0], bags.cloud(tiny.TIMES_NS[0], bags.sweep_points(0)))
+        bags.write_bag(root / "drive", [for_lidar, *rows])
+        rig = yaml.safe_load((root / "rig.yaml").read_text())
+        rig["cameras"]["front"]["image_size"] = [320, 240]
+        rig["cameras"]["front"]["model"]["principal_point"] = [160, 120]
+        bags.write_rig(root, rig)
+        handle_of(root).open()  # what is loaded once
+        tracemalloc.start()
+        try:
+            recording = handle_of(root).open()
+            for ref in recording.images["front"]:
+                read_image(ref, recording.cameras["front"])
+            return tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+
+    short, long = peak("short", 50), peak("long", 200)
+    assert long - short < 150 * 4000
+    assert long < 8_000_000

@@ -1,0 +1,336 @@
+"""The WoodScape adapter: a miniature with known truth, and the real calibrations."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from bench.adapters.woodscape.adapter import woodscape_recordings
+from bench.adapters.woodscape.camera import WoodscapeOptions, read_camera
+from bench.errors import DataError
+from bench.evaluation import load_protocol
+from bench.harness.unit import plan_units
+from bench.methods import build_method
+from bench.recordings import load_card, open_dataset, read_image
+from bench.reference import IgnoreReason, ReferenceBuilder, Status
+from tests.support import tiny_woodscape as tiny
+from tests.support.real import REAL, needs_real
+
+
+@pytest.fixture
+def root(tmp_path):
+    return tiny.write_data_set(tmp_path / "WoodScape")
+
+
+def handles(root, **options):
+    return woodscape_recordings(root, options=tiny.OPTIONS | options, card=root / "card.yaml", annotations=None)
+
+
+def opened(root, number=0, **options):
+    return handles(root, **options)[number].open()
+
+
+def reference_of(recording, protocol="masks-v1"):
+    (camera,) = recording.cameras
+    builder = ReferenceBuilder(recording, camera, load_protocol(protocol).reference_settings())
+    return builder.build(recording.images[camera][1])
+
+
+@pytest.mark.parametrize("flat", [False, True])
+def test_a_pair_is_a_recording_wherever_its_files_lie(tmp_path, flat):
+    root = tiny.write_data_set(tmp_path / "WoodScape", flat=flat)
+    assert [handle.name for handle in handles(root)] == list(tiny.NAMES)
+    recording = opened(root)
+    before, now = recording.images["FV"]
+    assert (before.scored, now.scored) == (False, True)
+    assert now.timestamp_ns == tiny.TIME_US * 1000
+    assert now.timestamp_ns - before.timestamp_ns == recording.frame_interval_ns == tiny.WAIT_US * 1000
+    pixels = read_image(now, recording.cameras["FV"])
+    assert np.roll(pixels, 1, axis=1) == pytest.approx(read_image(before, recording.cameras["FV"]))
+
+
+def test_only_the_later_image_is_scored(root):
+    for name in ("nothing", "frame-difference"):
+        (unit,) = plan_units(opened(root), build_method(name))
+        assert (unit.start, unit.stop) == (1, 2)
+
+
+def test_camera(root):
+    camera = opened(root).cameras["FV"]
+    assert camera.model.coefficients == (17.0, -1.6, 2.4, -0.36)
+    assert camera.model.principal_point == pytest.approx((31.7, 23.4))  # offset + middle - half a pixel
+    assert camera.vehicle_from_camera.rotation[:, 2] == pytest.approx([1, 0, 0])
+    assert camera.vehicle_from_camera.rotation[:, 0] == pytest.approx([0, -1, 0])
+    mirror = opened(root, 1).cameras["MVR"].vehicle_from_camera
+    assert mirror.rotation[:, 2] == pytest.approx([0, 1, 0])
+    assert camera.road.height_m == pytest.approx(0.66)
+
+
+@pytest.mark.parametrize(("side", "sign"), [("left", 1), ("right", -1)])
+def test_speed_is_in_kmh_and_yaw_rate_in_degrees(root, side, sign):
+    recording = opened(root, yaw_rate_positive=side)
+    before, now = recording.images["FV"]
+    assert recording.trajectory.velocity_vehicle_mps(before.timestamp_ns)[0] == pytest.approx(10.0, rel=1e-4)
+    pose = recording.trajectory.world_from_vehicle(now.timestamp_ns)
+    # 0.3332 m, as the data set's own ego_distance has it, and 9 degrees a second for 33 ms.
+    assert np.linalg.norm(pose.translation_m) == pytest.approx(0.3332, abs=1e-5)
+    assert np.arctan2(pose.rotation[1, 0], pose.rotation[0, 0]) == pytest.approx(sign * np.radians(9.0) * 0.03332)
+
+
+def edited(path, **values):
+    path.write_text(json.dumps(json.loads(path.read_text()) | values))
+
+
+def test_reverse_gear_goes_backwards(root):
+    for folder in ("rgb_images", "previous_images"):
+        edited(root / "vehicle_data" / folder / "00000_FV.json", ego_gear="R")
+    recording = opened(root)
+    before = recording.images["FV"][0]
+    assert recording.trajectory.velocity_vehicle_mps(before.timestamp_ns)[0] == pytest.approx(-10.0, rel=1e-4)
+
+
+def test_objects_are_the_connected_components_of_the_mask(root):
+    reference = reference_of(opened(root))
+    # 80 + 16 px joined by a corner, 60 px, a speck of one; the part on the ego vehicle's body is not in V.
+    assert [(o.polygon_px, o.status) for o in reference.objects] == [
+        (96, Status.EVALUATED),
+        (60, Status.EVALUATED),
+        (1, Status.IGNORED),
+    ]
+    assert reference.objects[2].reason is IgnoreReason.SMALL_POLYGON
+    assert {o.category.value for o in reference.objects} == {"moving"}
+    assert np.isnan([o.range_m for o in reference.objects]).all()
+    expected = tiny.motion("FV") > 0
+    expected[44:] = False
+    assert ((reference.labels > 0) | reference.ignored).tolist() == expected.tolist()
+    assert (reference.labels == 1).sum() == 96
+    assert reference.ego_speed_mps == pytest.approx(10.0, rel=1e-4)
+
+
+def test_protocols_of_polygons_ignore_masks(root):
+    reference = reference_of(opened(root), "paper-v1")
+    assert {o.reason for o in reference.objects} == {IgnoreReason.CLASS}
+    assert not reference.labels.any()
+
+
+def test_an_image_in_which_nothing_moves(root):
+    assert reference_of(opened(root, 1)).objects == ()
+
+
+def test_half_the_size(root):
+    reference = reference_of(opened(root, evaluated_size_px=[32, 24]))
+    assert reference.labels.shape == (24, 32)
+    assert [o.polygon_px for o in reference.objects][:1] == [24]
+
+
+CALIBRATION, VEHICLE = "calibration_data/calibration/00000_FV.json", "vehicle_data/rgb_images/00000_FV.json"
+FAULTS = [
+    (VEHICLE, {"ego_speed": "fast"}, "ego_speed: expected a valid number, got 'fast'"),
+    (VEHICLE, {"ego_speed": "nan"}, "ego_speed: expected a finite number, got nan"),
+    (VEHICLE, {"ego_speed": "3600"}, "ego_speed: expected at most 360 km/h"),
+    (VEHICLE, {"timestamp": "1" * 30}, "timestamp: expected a valid integer"),
+    (
+        VEHICLE,
+        {"timestamp": str(tiny.TIME_US + 10_000_000)},
+        "timestamp: expected a time up to 500000 microseconds after",
+    ),
+    (VEHICLE, {"timestamp": str(tiny.TIME_US - tiny.WAIT_US)}, "got one 0 after it"),
+    (CALIBRATION, {"name": "RV"}, "name: expected 'FV', got 'RV'"),
+    (CALIBRATION, {"name": "../x"}, "name: expected 'FV', 'RV', 'MVL' or 'MVR', got '../x'"),
+    (
+        CALIBRATION,
+        {"extrinsic": {"quaternion": [0, 0, 0, 0], "translation": [0, 0, 1]}},
+        "quaternion_wxyz: expected four",
+    ),
+    (CALIBRATION, {"intrinsic": {}}, "intrinsic.model: expected a value, got nothing"),
+]
+
+
+@pytest.mark.parametrize(("file", "values", "message"), FAULTS, ids=[message for *_, message in FAULTS])
+def test_faults_name_file_and_field(root, file, values, message):
+    edited(root / file, **values)
+    with pytest.raises(DataError) as caught:
+        opened(root)
+    assert file in str(caught.value)
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize("content", [b"", b"\xff\xfe{", b'{"name": ', b"[" * 100_000])
+def test_files_that_are_no_json(root, content):
+    (root / CALIBRATION).write_bytes(content)
+    with pytest.raises(DataError, match=r"00000_FV\.json: expected JSON"):
+        opened(root)
+
+
+@pytest.mark.parametrize(
+    "file", ["previous_images/00000_FV_prev.png", "motion_annotations/gtLabels/00000_FV.png", VEHICLE, CALIBRATION]
+)
+def test_a_missing_file_says_where_it_was_looked_for(root, file):
+    (root / file).unlink()
+    with pytest.raises(DataError, match=r"expected a file in .*, got none of this name"):
+        opened(root)
+    assert opened(root, 1).name == tiny.NAMES[1]
+
+
+def test_masks_that_cannot_be_used(root):
+    file = root / "motion_annotations/gtLabels/00000_FV.png"
+    recording = opened(root)
+    whole = file.read_bytes()
+    file.write_bytes(whole[:-9])
+    with pytest.raises(DataError, match=r"gtLabels/00000_FV\.png: expected a whole PNG"):
+        reference_of(recording)
+    cv2.imwrite(str(file), np.zeros((10, 10), dtype=np.uint8))
+    with pytest.raises(DataError, match=r"image size: expected 64 x 48 px"):
+        reference_of(recording)
+    cv2.imwrite(str(file), np.zeros((48, 64, 3), dtype=np.uint8))
+    with pytest.raises(DataError, match="expected an 8-bit grey PNG"):
+        reference_of(recording)
+
+
+def test_links_that_lead_outside_are_refused(root, tmp_path):
+    (root / CALIBRATION).rename(tmp_path / "outside.json")
+    (root / CALIBRATION).symlink_to(tmp_path / "outside.json")
+    with pytest.raises(DataError, match="a link that leads outside"):
+        opened(root)
+
+
+def test_a_folder_that_is_not_the_data_set_and_annotations_apart(tmp_path, root):
+    with pytest.raises(DataError, match=r"rgb_images: expected images <index>_<camera>\.png"):
+        handles(tmp_path)
+    with pytest.raises(DataError, match=r"annotations: expected none: this data set has masks"):
+        woodscape_recordings(root, options={}, card=tmp_path / "x.yaml", annotations=tmp_path)
+
+
+def test_the_card(root, monkeypatch):
+    monkeypatch.setenv("WOODSCAPE_DATASET", str(root))
+    assert [handle.name for handle in open_dataset(load_card("woodscape"))] == list(tiny.NAMES)
+
+
+@needs_real
+@pytest.mark.parametrize(
+    ("name", "height_m", "looks"),
+    [
+        ("00000_FV", 0.66, [1, 0]),
+        ("00086_RV", None, [-1, 0]),
+        ("00096_MVR", None, [-0.37, -0.93]),
+        ("00141_MVL", None, [-0.31, 0.95]),
+    ],
+)
+def test_the_real_calibrations(name, height_m, looks):
+    folder = REAL / "woodscape/calibration"
+    camera = read_camera(folder, folder / f"{name}.json", name, WoodscapeOptions())
+    assert (camera.name, camera.stored_size_px) == (name.split("_")[1], (1280, 966))
+    along = camera.vehicle_from_camera.rotation[:2, 2]
+    assert along / np.linalg.norm(along) == pytest.approx(looks, abs=0.05)
+    assert camera.road.height_m == pytest.approx(0.9 if height_m is None else height_m, abs=0.01 if height_m else 0.3)
+    pixels = np.array([[640.0, 480.0], [100.0, 200.0], [1200.0, 900.0]])
+    rays, valid = camera.model.unproject(pixels)
+    assert valid.all()
+    assert camera.model.project(rays)[0] == pytest.approx(pixels, abs=1e-6)
+
+
+CARS = [
+    {"indices": [None, 95], "body_polygons": {"FV": [[[0, 40], [20, 40], [20, 47], [0, 47]]]}},
+    {
+        "indices": [96, None],
+        "body_masks": {"MVR": "masks/car2_MVR.png"},
+        "vehicle_outline_m": [[-1.2, -1.0], [4.1, -1.0], [4.1, 1.0], [-1.2, 1.0]],
+    },
+]
+
+
+def write_mask(root, pixels=None):
+    (root / "masks").mkdir(exist_ok=True)
+    mask = np.zeros((tiny.HEIGHT, tiny.WIDTH), dtype=np.uint8)
+    mask[:, 60:] = 255
+    assert cv2.imwrite(str(root / "masks/car2_MVR.png"), mask if pixels is None else pixels)
+
+
+def test_each_car_has_its_own_masks_and_outline(root):
+    write_mask(root)
+    front, mirror = opened(root, 0, cars=CARS), opened(root, 1, cars=CARS)
+    body = front.cameras["FV"].ego_body
+    assert body[40:44, :21].all()  # this car's
+    assert body[44:, :].all()  # of every car
+    assert not body[40:44, 22:].any()
+    assert front.vehicle_outline_m[:, 0].max() == pytest.approx(3.9)
+    body = mirror.cameras["MVR"].ego_body
+    assert body[:, 60:].all()
+    assert body[41, 20]  # of every car
+    assert not body[:40, :60].any()
+    assert mirror.vehicle_outline_m[:, 0].max() == pytest.approx(4.1)
+
+
+def test_an_index_of_no_car_has_the_masks_of_every_car(root):
+    alone = opened(root, 1, cars=CARS[:1]).cameras["MVR"].ego_body
+    assert alone.tolist() == opened(root, 1).cameras["MVR"].ego_body.tolist()
+
+
+@pytest.mark.parametrize(
+    ("cars", "message"),
+    [
+        ([{"indices": [0, 10]}, {"indices": [10, 20]}], "options: expected cars whose indices do not overlap"),
+        ([{"indices": [0, 10]}, {}], "options: expected cars whose indices do not overlap"),
+        ([{"indices": [5, 4]}], r"options.cars.0: expected the first index not after the last"),
+        ([{"indices": [-1, 4]}], r"options.cars.0.indices.0: expected greater than or equal to 0, got -1"),
+        ([{"colour": "red"}], r"options.cars.0.colour: expected no such key, got 'red'"),
+        ([{"body_masks": {"LV": "x.png"}}], r"options.cars.0.body_masks.LV"),
+    ],
+)
+def test_cars_that_cannot_be(root, cars, message):
+    with pytest.raises(DataError, match=message):
+        handles(root, cars=cars)
+
+
+def test_masks_of_a_car_that_cannot_be_used(root, tmp_path):
+    with pytest.raises(DataError, match=r"car2_MVR\.png: expected an image file, got No such file"):
+        opened(root, 1, cars=CARS)
+    write_mask(root, np.zeros((10, 10), dtype=np.uint8))
+    with pytest.raises(DataError, match="expected 64 x 48 px, got 10 x 10"):
+        opened(root, 1, cars=CARS)
+    for path in ("../mask.png", "/etc/passwd"):
+        with pytest.raises(DataError, match=r"body_masks\.MVR: expected a relative path without '\.\.'"):
+            opened(root, 1, cars=[{"body_masks": {"MVR": path}}])
+
+
+@pytest.mark.parametrize(
+    ("file", "elsewhere"),
+    [
+        ("previous_images/00000_FV_prev.png", "previous_images/00000_FV_PREV.png"),
+        ("previous_images/00000_FV_prev.png", "previous_images/previous_images/00000_FV_prev.png"),
+        ("rgb_images/00000_FV.png", "rgb_images/rgb_images/00000_FV.png"),
+        ("motion_annotations/gtLabels/00000_FV.png", "motion_annotations/motion_annotations/gtLabels/00000_FV.png"),
+        (CALIBRATION, "calibration/00000_FV.json"),
+        (CALIBRATION, "calibration/calibration/00000_FV.json"),
+        (VEHICLE, "vehicle_info/rgb_images/00000_FV.json"),
+        (VEHICLE, "vehicle_data/vehicle_data/rgb_images/00000_FV.json"),
+        ("vehicle_data/previous_images/00000_FV.json", "vehicle_info/previous_images/00000_FV.json"),
+    ],
+)
+def test_every_variant_of_the_folders(root, file, elsewhere):
+    (root / elsewhere).parent.mkdir(parents=True, exist_ok=True)
+    (root / file).rename(root / elsewhere)
+    recording = opened(root)
+    assert recording.name == "00000_FV"
+    before, now = recording.images["FV"]
+    assert all(path.is_file() for path in (before.path, now.path, now.moving_path))
+
+
+@needs_real
+def test_a_car_of_the_real_size_with_masks_at_half_of_it(tmp_path):
+    """Real calibrations in the miniature's place: 1280 x 966, evaluated at half."""
+    root = tiny.write_data_set(tmp_path / "WoodScape")
+    for name in tiny.NAMES:
+        place = root / f"calibration_data/calibration/{name}.json"
+        place.write_bytes((REAL / f"woodscape/calibration/{name}.json").read_bytes())
+    (root / "masks").mkdir()
+    mask = np.zeros((966, 1280), dtype=np.uint8)
+    mask[900:] = 1
+    assert cv2.imwrite(str(root / "masks/MVR.png"), mask)
+    cars = [{"indices": [0, 6053], "body_masks": {"MVR": "masks/MVR.png"}}]
+    camera = opened(root, 1, cars=cars, body_polygons={}, evaluated_size_px=[640, 483]).cameras["MVR"]
+    assert camera.stored_size_px == (1280, 966)
+    assert camera.ego_body.shape == (483, 640)
+    assert camera.ego_body[450:].all()
+    assert not camera.ego_body[:450].any()

@@ -1,0 +1,165 @@
+"""Stored tables of any size, drawn at random and written recording by recording; no image stands behind them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, load_protocol
+from bench.evaluation.likelihood import BINS
+from bench.records.reference import Direction, IgnoreReason, Status
+
+CAMERAS = ("front", "left", "rear", "right")
+WIDTH, HEIGHT = 640, 480
+PERIOD_NS = 66_000_000
+PLACES_AN_IMAGE = 5  # annotated objects in every image
+TRACK_IMAGES = 100  # images that an object is seen in
+RECORDINGS_AT_ONCE = 10  # of a row group
+TEMPLATES = 64  # histograms to draw from: drawing two million of them would take the time of the whole test
+IMAGES_A_RECORDING = 1011  # of which one in a hundred fails
+PAPER = load_protocol("paper-v1")
+
+
+def write_run_tables(folder: Path, *, object_frames: int, method_seed: int) -> None:
+    """Write a run of about so many object-frames; runs that differ in the seed alone compare."""
+    recordings = round(object_frames / (0.99 * IMAGES_A_RECORDING * PLACES_AN_IMAGE)) or 1
+    write_tables(folder, recordings=recordings, images=IMAGES_A_RECORDING, seed=1, method_seed=method_seed)
+
+
+def write_tables(
+    folder: Path, *, recordings: int, images: int, seed: int, method_seed: int = 0, histograms: bool = True
+) -> None:
+    """Write `objects.parquet` and `frames.parquet` of a run.
+
+    Args:
+        folder: is made.
+        recordings: how many.
+        images: of each recording, over all cameras; each has `PLACES_AN_IMAGE` annotated objects.
+        seed: of the reference.
+        method_seed: of what the method found; runs that differ in it alone compare.
+        histograms: whether the method has a likelihood.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with (
+        pq.ParquetWriter(folder / "objects.parquet", OBJECTS_SCHEMA, compression="zstd") as objects,
+        pq.ParquetWriter(folder / "frames.parquet", FRAMES_SCHEMA, compression="zstd") as frames,
+    ):
+        for start in range(0, recordings, RECORDINGS_AT_ONCE):
+            numbers = range(start, min(start + RECORDINGS_AT_ONCE, recordings))
+            drawn = [_recording(k, images=images, seeds=(seed, method_seed), histograms=histograms) for k in numbers]
+            objects.write_table(pa.concat_tables([one for one, _ in drawn]))
+            frames.write_table(pa.concat_tables([other for _, other in drawn]))
+
+
+def _recording(number: int, *, images: int, seeds: tuple[int, int], histograms: bool) -> tuple[pa.Table, pa.Table]:
+    """The tables of one recording."""
+    reference, method = (np.random.default_rng([seed, number, k]) for k, seed in enumerate(seeds))
+    name = f"drive-{number:05d}"
+    frames = _frames(name, images, reference, method, histograms=histograms)
+    objects = _objects(name, frames, reference, method)
+    return objects, pa.table(frames, schema=FRAMES_SCHEMA)
+
+
+def _frames(
+    name: str, images: int, reference: np.random.Generator, method: np.random.Generator, *, histograms: bool
+) -> dict[str, object]:
+    scored = reference.random(images) > 0.01
+    reference_px = _part(reference, np.where(scored, 40_000, 0))
+    tp_px = _part(method, reference_px)
+    fp_px = _part(method, np.where(scored, 150_000, 0))
+    epipolar = _part(method, fp_px)
+    causes = [
+        [("epipolar", e), ("positive_depth", fp - e)] for e, fp in zip(epipolar.tolist(), fp_px.tolist(), strict=True)
+    ]
+    found: dict[str, object] = {
+        "recording": [name] * images,
+        "camera": [CAMERAS[k % len(CAMERAS)] for k in range(images)],
+        "timestamp_ns": np.arange(images) // len(CAMERAS) * PERIOD_NS,
+        "ego_speed_mps": np.abs(np.cumsum(reference.normal(0, 0.1, images))),
+        "status": np.where(scored, "evaluated", "failed").tolist(),
+        "problem": [None if k else "truncated image" for k in scored.tolist()],
+        "width": np.where(scored, WIDTH, 0),
+        "height": np.where(scored, HEIGHT, 0),
+        "valid_px": np.where(scored, 250_746, 0),
+        "reference_px": reference_px,
+        "ignored_px": _part(reference, np.where(scored, 3_000, 0)),
+        "detected_px": tp_px + fp_px,
+        "tp_px": tp_px,
+        "fn_px": reference_px - tp_px,
+        "fp_px": fp_px,
+        "fp_unattached_px": _part(method, fp_px),
+        "fp_components": method.integers(0, 60, images) * scored,
+        "fp_large_components": method.integers(0, 6, images) * scored,
+        "fp_largest_px": _part(method, fp_px),
+        "undefined_px": method.integers(0, 2_000, images) * scored,
+        "fp_by_cause": pa.array(causes, type=FRAMES_SCHEMA.field("fp_by_cause").type),
+    }
+    for column in ("likelihood_reference_px", "likelihood_outside_px"):
+        kind = FRAMES_SCHEMA.field(column).type
+        templates = method.integers(0, 400, (TEMPLATES, BINS)) * (method.random((TEMPLATES, BINS)) < 0.4)
+        values = pa.array(templates[method.integers(0, TEMPLATES, images)].ravel())
+        lists = pa.FixedSizeListArray.from_arrays(values, BINS).cast(kind)
+        found[column] = pc.if_else(pa.array(scored & histograms), lists, pa.scalar(None, kind))
+    return found
+
+
+def _objects(
+    name: str, frames: dict[str, object], reference: np.random.Generator, method: np.random.Generator
+) -> pa.Table:
+    scored = np.array(frames["status"]) == "evaluated"
+    of_frame = np.repeat(np.flatnonzero(scored), PLACES_AN_IMAGE)
+    count = len(of_frame)
+    place = np.tile(np.arange(PLACES_AN_IMAGE), count // PLACES_AN_IMAGE)
+    track = of_frame // TRACK_IMAGES * PLACES_AN_IMAGE + place
+    tracks = int(track.max(initial=0)) + 1
+    classes = _choice(reference, PAPER.reference.classes, tracks)
+    categories = _choice(reference, [str(c) for c in PAPER.reference.categories], tracks)
+    status = np.array([str(s) for s in (Status.EVALUATED, Status.IGNORED, Status.STATIC)])[
+        reference.choice(3, count, p=[0.58, 0.35, 0.07])
+    ]
+    evaluated, ignored = status == str(Status.EVALUATED), status == str(Status.IGNORED)
+    known = evaluated | (reference.random(count) < 0.5)
+    region = np.where(evaluated, np.exp(reference.normal(7, 1.5, count)).astype(np.int64) + 20, 0)
+    tp = _part(method, region) * (method.random(count) < 0.85)
+    columns = {
+        "recording": [name] * count,
+        "camera": np.array(CAMERAS)[of_frame % len(CAMERAS)],
+        "timestamp_ns": np.asarray(frames["timestamp_ns"])[of_frame],
+        "track_id": [f"object-{k}" for k in track.tolist()],
+        "object_class": classes[track],
+        "status": status,
+        "reason": pa.array(_choice(reference, [str(r) for r in IgnoreReason], count), mask=~ignored),
+        "category": pa.array(categories[track], mask=status == str(Status.STATIC)),
+        "direction": pa.array(_choice(reference, [str(d) for d in Direction], count), mask=~known),
+        "range_m": np.where(known, reference.uniform(0.5, 12, count), np.nan),
+        "x_m": np.where(known, reference.normal(4, 3, count), np.nan),
+        "y_m": np.where(known, reference.normal(0, 3, count), np.nan),
+        "speed_mps": np.abs(reference.normal(5, 3, count)),
+        "ego_speed_mps": np.asarray(frames["ego_speed_mps"])[of_frame],
+        "points": np.where(known, reference.integers(10, 4_000, count), 0),
+        "polygon_px": region,
+        "region_px": region,
+        "tp": tp,
+        "fn": region - tp,
+        "fp": _part(method, np.where(evaluated, 100_000, 0)),
+        "unknown_px": np.zeros(count, dtype=np.int64),
+        "ceiling_tp": pa.nulls(count, pa.int64()),
+        "ceiling_fp": pa.nulls(count, pa.int64()),
+        "chance_tp": pa.array(_part(method, region), mask=~evaluated | (method.random(count) < 0.05)),
+    }
+    return pa.table(columns, schema=OBJECTS_SCHEMA)
+
+
+def _part(draw: np.random.Generator, whole: NDArray[np.int64]) -> NDArray[np.int64]:
+    """A random share of each count."""
+    return np.floor(draw.random(len(whole)) * (whole + 1)).astype(np.int64)
+
+
+def _choice(draw: np.random.Generator, words: Sequence[str], count: int) -> NDArray[np.str_]:
+    return np.array([str(word) for word in words])[draw.integers(0, len(words), count)]

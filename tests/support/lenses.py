@@ -1,0 +1,94 @@
+"""One lens per model, and the real ones where they are at hand."""
+
+import json
+
+import cv2
+import numpy as np
+import yaml
+
+from bench.cameras import (
+    BrownConradyCamera,
+    CameraModel,
+    KannalaBrandtCamera,
+    PinholeCamera,
+    RadialPolynomialCamera,
+    UnifiedCamera,
+)
+from tests.support.real import REAL
+
+LENSES: dict[str, CameraModel] = {
+    "radial_polynomial": RadialPolynomialCamera(
+        width=640,
+        height=480,
+        coefficients=(170.0, -16.0, 24.0, -3.6),
+        principal_point=(321.5, 237.9),
+        aspect_ratio=1.02,
+    ),
+    "kannala_brandt": KannalaBrandtCamera(
+        width=960,
+        height=640,
+        focal=(302.0, 320.0),
+        principal_point=(496.6, 331.2),
+        coefficients=(-0.0437, 0.0217, -0.0264, 0.0084),
+    ),
+    "unified": UnifiedCamera(
+        width=1400,
+        height=1400,
+        xi=2.2134,
+        focal=(1336.3, 1335.8),
+        principal_point=(716.9, 705.8),
+        radial=(0.0168, 1.6549),
+        tangential=(4.2e-4, 4.2e-4),
+    ),
+    "brown_conrady": BrownConradyCamera(
+        width=640,
+        height=480,
+        focal=(330.0, 332.0),
+        principal_point=(325.5, 236.0),
+        radial=(-0.28, 0.09, -0.013),
+        tangential=(1.1e-3, -6e-4),
+    ),
+    "pinhole": PinholeCamera(width=640, height=480, focal=(400.0, 410.0), principal_point=(319.5, 239.5)),
+}
+
+
+def real_woodscape() -> list[RadialPolynomialCamera]:
+    files = sorted((REAL / "woodscape" / "calibration").glob("*.json"))
+    return [RadialPolynomialCamera.from_woodscape(json.loads(f.read_text())["intrinsic"]) for f in files]
+
+
+def real_kannala_brandt() -> list[tuple[KannalaBrandtCamera, np.ndarray, np.ndarray]]:
+    found = []
+    for file in sorted((REAL / "surround_view_kb" / "yaml").glob("*.yaml")):
+        storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_READ)
+        matrix, terms = storage.getNode("camera_matrix").mat(), storage.getNode("dist_coeffs").mat().ravel()
+        width, height = storage.getNode("resolution").mat().ravel()
+        camera = KannalaBrandtCamera(
+            width=int(width),
+            height=int(height),
+            focal=(matrix[0, 0], matrix[1, 1]),
+            principal_point=(matrix[0, 2], matrix[1, 2]),
+            coefficients=terms,
+        )
+        found.append((camera, matrix, terms))
+    return found
+
+
+def real_unified() -> list[UnifiedCamera]:
+    found = []
+    for file in sorted((REAL / "kitti360" / "calibration").glob("image_0[23].yaml")):
+        text = file.read_text().split("\n", 1)[1].replace(":", ": ")
+        data = yaml.safe_load(text)
+        mirror, bend, scale = (data[k] for k in ("mirror_parameters", "distortion_parameters", "projection_parameters"))
+        found.append(
+            UnifiedCamera(
+                width=data["image_width"],
+                height=data["image_height"],
+                xi=mirror["xi"],
+                focal=(scale["gamma1"], scale["gamma2"]),
+                principal_point=(scale["u0"], scale["v0"]),
+                radial=(bend["k1"], bend["k2"]),
+                tangential=(bend["p1"], bend["p2"]),
+            )
+        )
+    return found
