@@ -5,11 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.test_remote import remote_card
-from tests.harness.cluster.conftest import METHODS
-from tests.harness.cluster.dask_processes import dask_processes
-from tests.harness.cluster.test_cluster import command
-from tests.support.object_storage import bucket, object_server
+from tests.harness.cluster.dask_processes import METHODS, command, dask_processes
+from tests.support.object_storage import bucket, object_server, remote_card
 
 pytestmark = pytest.mark.slow
 

@@ -14,8 +14,9 @@ from bench.harness.shards import Shard
 from bench.methods import build_method
 from bench.recordings import load_card
 from bench.recordings.remote import Storage, parse_location
-from tests.harness.test_resume import ALL, NONE, ONE, bytes_of, change_image, damage_image
+from tests.support.changed_data import change_image, damage_image
 from tests.support.object_storage import bucket, object_server
+from tests.support.runs import ALL, NONE, ONE, bytes_of
 
 pytestmark = pytest.mark.slow
 
