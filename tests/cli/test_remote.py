@@ -3,33 +3,22 @@
 from pathlib import Path
 
 import pytest
-import yaml
 
 from bench.evaluation import load_protocol
 from bench.harness import RunRequest, run_benchmark
 from bench.methods import build_method
 from bench.recordings import load_card
-from tests.cli.test_commands import call
-from tests.harness.cluster.conftest import METHODS
-from tests.harness.cluster.dask_processes import dask_processes
-from tests.harness.cluster.test_cluster import command
-from tests.support.object_storage import bucket, object_server
+from tests.harness.cluster.dask_processes import METHODS, command, dask_processes
+from tests.support.commands import call
+from tests.support.object_storage import bucket, object_server, remote_card
 
 pytestmark = pytest.mark.slow
 
-__all__ = ["bucket", "object_server"]
+__all__ = ["bucket", "object_server", "remote_card"]
 
 CARD = Path(__file__).parents[2] / "datasets" / "tiny.yaml"
 METHOD = ("--method", "nothing", "--workers", 1, "--no-cache", "--no-pictures")
 TABLES = ("objects.parquet", "frames.parquet", "image_maps.npz")
-
-
-@pytest.fixture
-def remote_card(tiny_card, bucket, tmp_path):
-    content = yaml.safe_load(tiny_card.read_text())
-    url = bucket.put_folder(tiny_card.parent / content["root"], "sets/tiny")
-    (tmp_path / "remote.yaml").write_text(yaml.safe_dump(content | {"root": url}))
-    return tmp_path / "remote.yaml"
 
 
 @pytest.fixture(autouse=True)

@@ -3,7 +3,7 @@
 import pytest
 
 from bench.harness.sweep import SWEEPS
-from tests.cli.test_commands import call
+from tests.support.commands import call
 
 
 def test_sweep_leaves_table_and_chart_and_ends_with_the_table(monkeypatch, capsys, tiny_card, tmp_path):
