@@ -11,11 +11,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from bench.geometry import RigidTransform
+from bench.geometry.raster import rasterise
 from bench.lidar import LidarSweep
 from bench.recordings import SweepRef
 from bench.reference import ReferenceBuilder, Status
 from bench.reference.patches import find_grid, patch_pixels, surface_pixels
-from bench.reference.polygons import rasterise, trace_polygon
+from bench.reference.polygons import trace_polygon
 from tests.reference.drives import LIDAR, wall_recording, with_settings
 
 SIZE = {"width": 64, "height": 48}

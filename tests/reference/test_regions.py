@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bench.geometry.raster import Raster
 from bench.records.reference import Limb
 from bench.reference import IgnoreReason, OutlineErrors, Status
-from bench.reference.polygons import Raster
 from bench.reference.regions import (
     Region,
     compose,

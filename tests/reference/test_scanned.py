@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import shapely
 
+from bench.geometry.raster import rasterise
 from bench.recordings import GroundPolygon, PointIndices
 from bench.records.reference import Limb
 from bench.reference import OutlineErrors, ReferenceBuilder, Status
 from bench.reference.patches import find_grid
-from bench.reference.polygons import rasterise
 from bench.reference.scanned import way_out_m
 from tests.reference.drives import camera, wall_recording, with_settings
 
