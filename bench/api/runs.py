@@ -21,6 +21,7 @@ from bench.harness.cache import CacheFolder
 from bench.harness.stages import Progress
 from bench.methods import Method
 from bench.recordings import DatasetCard, load_card
+from bench.recordings.input_errors import named_input_errors
 from bench.reporting.table_files import write_report_files
 
 if TYPE_CHECKING:
@@ -80,6 +81,7 @@ def run(
     settings: Mapping[str, object] | None = None,
     protocol: str | Path = DEFAULT_PROTOCOL,
     split: str | None = None,
+    input_errors: Mapping[str, object] | None = None,
     out: str | Path | None = None,
     overwrite: bool = False,
     workers: int = 1,
@@ -96,6 +98,8 @@ def run(
         settings: parameters of a method that is given by name.
         protocol: by name or file.
         split: of the data set; None for all of it.
+        input_errors: injected into what the method is given, by the names of `bench.recordings.InputErrors`, for
+            example `{"pitch_deg": 0.5}`; the reference keeps the truth.
         out: folder of the run; None for `reports/runs/<data set>-<method>`.
         overwrite: replace the run of another experiment in the folder.
         workers: processes. More than one need a method that can be imported, not one of a notebook's cell, and in a
@@ -104,8 +108,8 @@ def run(
         progress: called with the images done and their number.
 
     Raises:
-        UnknownNameError: no data set, method, protocol or split of this name.
-        UsageError: settings that the method does not take, or beside an object.
+        UnknownNameError: no data set, method, protocol, split or input error of this name.
+        UsageError: settings that the method does not take, or beside an object; an input error that is no number.
         DataError: nothing of the data set could be used, or `out` holds another experiment.
     """
     card = dataset if isinstance(dataset, DatasetCard) else load_card(dataset)
@@ -116,7 +120,9 @@ def run(
         raise UsageError("settings: expected none beside a method that is built already")
     else:
         chosen, named = method, method.name
-    usual = default_folder(card, chosen.name, non_default_settings(chosen, named), rules, split)
+    errors = named_input_errors(input_errors or {})
+    changed = [*non_default_settings(chosen, named), *errors.named.items()]
+    usual = default_folder(card, chosen.name, changed, rules, split)
     folder = usual if out is None else run_folder(out)
     render_if_missing(card, workers=workers)
     executor: TaskExecutor = SerialExecutor() if workers == 1 else ProcessExecutor(workers=workers)
@@ -126,6 +132,7 @@ def run(
         protocol=rules,
         out=folder,
         split=split,
+        input_errors=errors,
         overwrite=overwrite,
         executor=executor,
         cache=None if cache is None else CacheFolder(folder=Path(cache)),
@@ -166,7 +173,7 @@ def default_folder(
     Args:
         card: the data set.
         method: name of the method.
-        settings: those that are not the default.
+        settings: those that are not the default, input errors included.
         protocol: the rules.
         split: of the data set; None for all.
     """

@@ -58,6 +58,14 @@ Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the method, as YAML; repeatable."),
 ]
+InputErrors = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--input-error",
+        metavar="NAME=VALUE",
+        help="An error of what the method is given, as pitch_deg=0.5; the reference keeps the truth; repeatable.",
+    ),
+]
 ProtocolName = Annotated[
     str, typer.Option("--protocol", help="paper-v1, surface-v1, extended-v1, masks-v1, or a file.")
 ]
@@ -163,6 +171,7 @@ def run(
     dataset: Dataset,
     method: MethodName = "spherical",
     set_: Settings = None,
+    input_error: InputErrors = None,
     protocol: Protocols = "paper-v1",
     split: Split = None,
     out: Annotated[
@@ -193,6 +202,7 @@ def run(
         dataset=dataset,
         method=method,
         settings=set_ or [],
+        input_errors=input_error or [],
         protocol=protocol,
         split=split,
         out=out,
@@ -490,37 +500,53 @@ def gate(
 @app.command()
 def sweep(
     dataset: Dataset,
-    what: Annotated[str, typer.Option(help="What to change, for example threshold; `list` lists all.")],
-    values: Annotated[str | None, typer.Option(help="Values with commas in between; default: usual ones.")] = None,
     method: MethodName = "spherical",
-    set_: Settings = None,
+    set_: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUE,...",
+            help="A parameter of the method, as YAML; one of them with several values, commas in between; repeatable.",
+        ),
+    ] = None,
+    input_error: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=VALUE,...", help="As of `run`; one may have several values in place of a parameter."
+        ),
+    ] = None,
     protocol: ProtocolName = "paper-v1",
     split: Split = None,
-    out: Annotated[Path | None, typer.Option(help="Folder of sweeps; default: reports/runs/sweeps-<data set>.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder of the sweep; default: reports/sweeps/<data set>-<method>-<setting>."),
+    ] = None,
+    overwrite: Overwrite = False,
     workers: Workers = None,
     cache: Cache = None,
     no_cache: NoCache = False,
 ) -> None:
-    """Score one parameter through many values: a table and a chart.
+    """Score a method once for each of several values of one setting: a table and a chart.
 
     Each value is a run in a folder of the sweep. A sweep that was interrupted continues where it stopped, by the same
     command.
     """
-    from bench.cli import sweeping
+    from bench.cli import sweep as sweeps
     from bench.cli.computing import Computing
+    from bench.cli.running import ScoringOptions
 
-    failures = sweeping.sweep(
-        dataset,
-        what=what,
-        values=values,
+    asked = ScoringOptions(
+        dataset=dataset,
         method=method,
         settings=set_ or [],
+        input_errors=input_error or [],
         protocol=protocol,
         split=split,
-        out=out,
+        out=None if out is None else str(out),
+        overwrite=overwrite,
         computing=Computing(workers=workers, cache=cache, no_cache=no_cache),
     )
-    if failures:
+    if sweeps.sweep(asked):
         raise typer.Exit(DATA_ERROR)
 
 

@@ -25,6 +25,7 @@ from bench.harness import (
 )
 from bench.harness.shards import Shard
 from bench.recordings import DatasetCard, load_card
+from bench.recordings.input_errors import named_input_errors
 from bench.reference import IgnoreReason
 from bench.reporting.leaderboard.texts import best_line
 from bench.reporting.table_files import write_report_files
@@ -47,6 +48,7 @@ class ScoringOptions:
         out: folder of the run; None for the usual one.
         overwrite: replace the run of another experiment.
         computing: where and how.
+        input_errors: injected into what the method is given, "name=value".
     """
 
     dataset: str
@@ -57,6 +59,7 @@ class ScoringOptions:
     out: str | None
     overwrite: bool
     computing: Computing
+    input_errors: Sequence[str] = ()
 
 
 def run(asked: ScoringOptions, *, pictures: bool) -> int:
@@ -106,7 +109,8 @@ def requested_runs(asked: ScoringOptions, *, render: bool = True) -> list[RunReq
     """
     card, protocols = load_card(asked.dataset), load_protocols(asked.protocol)
     method = build_scorable(asked.method, parse_settings(asked.settings))
-    settings = non_default_settings(method, asked.method)
+    errors = named_input_errors(parse_settings(asked.input_errors, option="--input-error"))
+    settings = [*non_default_settings(method, asked.method), *errors.named.items()]
     if asked.out is None:
         folders = [default_folder(card, method.name, settings, protocol, asked.split) for protocol in protocols]
     else:
@@ -120,6 +124,7 @@ def requested_runs(asked: ScoringOptions, *, render: bool = True) -> list[RunReq
         protocol=protocols[0],
         out=folders[0],
         split=asked.split,
+        input_errors=errors,
         overwrite=asked.overwrite,
         executor=asked.computing.executor(card, method),
         cache=asked.computing.cache_folder,

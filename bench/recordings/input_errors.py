@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import zlib
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import asdict, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +13,33 @@ from scipy.spatial.transform import Rotation
 
 from bench.cameras import CameraModel
 from bench.egomotion import camera_motion
+from bench.errors import UnknownNameError, UsageError
 from bench.geometry import RigidTransform, RoadPlane, advance_twist, twist_between
 from bench.records.recording import NO_INPUT_ERRORS, ImageRef, InputErrors, MountedCamera
 
 SIZE_FACTOR = 1000  # a focal scale is applied as a change of image size, which must be whole: this is its fineness
+
+
+def named_input_errors(errors: Mapping[str, object]) -> InputErrors:
+    """Errors of a method's input by the names of their fields.
+
+    Raises:
+        UnknownNameError: no such error.
+        UsageError: not a finite number, or noise below 0.
+    """
+    known = asdict(NO_INPUT_ERRORS)
+    for name, error in errors.items():
+        if name not in known:
+            raise UnknownNameError("input error", name, known)
+        least = 0.0 if name == "image_noise_grey" else -math.inf
+        if (
+            isinstance(error, bool)
+            or not isinstance(error, int | float)
+            or not (math.isfinite(error) and error >= least)
+        ):
+            expected = "a number" if least else "a number of at least 0"
+            raise UsageError(f"input error {name}: expected {expected}, got {error!r}")
+    return replace(NO_INPUT_ERRORS, **{name: float(error) for name, error in errors.items()})  # type: ignore[arg-type]
 
 
 def perturbed_camera(camera: MountedCamera, errors: InputErrors) -> MountedCamera:

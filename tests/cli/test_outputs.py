@@ -32,7 +32,7 @@ COMMANDS = {
     "report": ("report", "RUN", "--no-pictures", "--out", "OUT"),
     "compare": ("compare", "RUN", "OTHER", "--no-pictures", "--out", "OUT"),
     "leaderboard": ("leaderboard", "RUNS", "--out", "OUT"),
-    "sweep": ("sweep", "CARD", "--what", "threshold", "--values", "0.001", "--no-cache", "--out", "OUT"),
+    "sweep": ("sweep", "CARD", "--set", "threshold=0.001,0.002", "--no-cache", "--out", "OUT"),
     "audit": ("audit", "CARD", "--method", "nothing", "--recordings", 1, "--workers", 1, "--no-pictures",
               "--out", "OUT"),
     "audit, ranking": ("audit", "CARD", "--methods", "nothing,truth", "--recordings", 1, "--workers", 1,

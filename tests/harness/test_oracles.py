@@ -85,7 +85,7 @@ def test_it_compares_with_methods_on_the_same_images(tiny_card, tmp_path):
 def test_it_is_no_method(monkeypatch, tiny_card, capsys):
     assert "reference" not in known_methods()
     assert set(scorable_methods()) == {"reference", "truth", "exact-flow", *known_methods()}
-    assert call(monkeypatch, "sweep", tiny_card, "--what", "min_points", "--method", "reference") == 2
+    assert call(monkeypatch, "audit", tiny_card, "--method", "reference") == 2
     assert "unknown method 'reference'" in capsys.readouterr().err
     with pytest.raises(Exception, match="sees the reference and nothing else"):
         build_scorable("reference", {"sees_the_reference": False})

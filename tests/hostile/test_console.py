@@ -102,7 +102,7 @@ COMMANDS = {
     "compare": (0, ("compare", "EVERYTHING", "WILD", "--out", f"compare{IN_A_PATH}", "--no-pictures")),
     "leaderboard": (0, ("leaderboard", ".", "--out", "leaderboard")),
     "report": (0, ("report", "WILD", "--no-pictures")),
-    "sweep": (2, ("sweep", "datasets/tiny.yaml", "--what", WILD)),
+    "sweep": (2, ("sweep", "datasets/tiny.yaml", "--set", f"{WILD}=1,2")),
     "gate": (1, ("gate", "WILD", "--baseline", "b.json")),
     "missing baseline": (3, ("gate", "WILD", "--baseline", WILD)),
     "no such run": (2, ("report", WILD)),

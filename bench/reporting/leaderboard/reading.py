@@ -16,7 +16,6 @@ from bench.evaluation.slices import ALL_MOVING
 from bench.evaluation.summary import Metric
 from bench.harness import RunSummary
 from bench.harness.perf import MethodCost, read_cost
-from bench.harness.sweep import MARK
 from bench.records.reference import Category
 from bench.reporting import formats
 from bench.reporting.compare.runs import (
@@ -26,6 +25,7 @@ from bench.reporting.compare.runs import (
     settings_text,
 )
 from bench.reporting.stored_run import StoredRun, read_stored_run
+from bench.reporting.sweep import TABLE as TABLE_OF_SWEEP
 
 UNITS = "units"  # a run that did not end has these and no summary
 ORDERED_BY = "iou"
@@ -195,7 +195,7 @@ def read_leaderboard(folder: Path) -> Leaderboard:
         raise DataError(folder, expected="a folder of runs", got="no such folder")
     found = {file.parent for file in folder.rglob("summary.json")}
     found |= {units.parent for units in folder.rglob(UNITS) if units.is_dir()}
-    found = {run for run in found if run.parent == folder or not (run.parent / MARK).is_file()}
+    found = {run for run in found if run.parent == folder or not (run.parent / TABLE_OF_SWEEP).is_file()}
     if not found:
         raise DataError(folder, expected="at least one run", got="no summary.json at any depth")
     sound: list[StoredRun] = []
