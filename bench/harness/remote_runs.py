@@ -16,7 +16,7 @@ from bench.harness import shards
 from bench.harness.run_folder import EXPERIMENT
 from bench.harness.unit import Unit
 from bench.harness.unit_files import FOLDER, SUFFIX, unit_name
-from bench.recordings.atomic import alone_in, make_folder, write_text
+from bench.recordings.atomic import folder_lock, make_folder, write_text
 from bench.recordings.remote import LocalCopy, RemoteUrl, Storage, StoredObject, local_folder
 
 MARK = "fisheye-bench.run"  # written first: shows within seconds whether the address can be written
@@ -108,7 +108,7 @@ class RemoteRun(RunMirror):
             DataError: the storage cannot be reached or written, or holds something that is no run.
         """
         self._list(write=write)
-        with alone_in(self.folder, wait=False):
+        with folder_lock(self.folder, wait=False):
             self._download((n for n in self._listed if n == SUMMARY or n.startswith((UNITS, SHARDS))), others=(UNITS,))
 
     def download_results(self) -> None:
@@ -118,7 +118,7 @@ class RemoteRun(RunMirror):
             DataError: nothing is there, or it cannot be read.
         """
         self._list(write=False)
-        with alone_in(self.folder, wait=False):
+        with folder_lock(self.folder, wait=False):
             self._download(_without_units(self._listed), others=(UNITS,))
 
     def keep_only(self, units: Iterable[Unit]) -> None:

@@ -22,7 +22,7 @@ from typing import Any
 from bench.errors import DataError, UsageError
 from bench.execution import FailedTask, ProcessExecutor, SerialExecutor, TaskExecutor, usable_cores
 from bench.recordings import write_text
-from bench.recordings.atomic import alone_in, make_folder
+from bench.recordings.atomic import folder_lock, make_folder
 from bench.synthesis.reading import LARGEST_BYTES, read_scenario
 from bench.synthesis.recorder import render_recording
 from bench.synthesis.scenario import RecordingSpec, Scenario
@@ -207,7 +207,7 @@ def synthesize(
         return folders
     scenario = read_scenario(scenario_path)
     make_folder(out)
-    with alone_in(out):
+    with folder_lock(out):
         _remove_former(scenario, out)
         missing = [spec for spec in scenario.recordings if not _is_there(out / spec.name, _mark(scenario, spec))]
         done, total = len(scenario.recordings) - len(missing), len(scenario.recordings)
