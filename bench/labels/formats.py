@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -331,13 +332,11 @@ def export_labels(
 
 
 def _refuse_twice(label_set: LabelSet, source: Path) -> None:
-    seen: set[str] = set()
+    for track_id, count in Counter(track.track_id for track in label_set.tracks).items():
+        if count > 1:
+            raise DataError(source, field=f"object {track_id!r}", expected="each object once", got="it twice")
     for track in label_set.tracks:
-        if track.track_id in seen:
-            raise DataError(source, field=f"object {track.track_id!r}", expected="each object once", got="it twice")
-        seen.add(track.track_id)
-        times_ns = [state.timestamp_ns for state in track.states]
-        if len(set(times_ns)) < len(times_ns):
-            twice = next(time_ns for i, time_ns in enumerate(times_ns) if time_ns in times_ns[:i])
-            field = f"object {track.track_id!r}"
-            raise DataError(source, field=field, expected="one state at each time", got=f"two at {twice}")
+        for time_ns, count in Counter(state.timestamp_ns for state in track.states).items():
+            if count > 1:
+                field = f"object {track.track_id!r}"
+                raise DataError(source, field=field, expected="one state at each time", got=f"two at {time_ns}")

@@ -50,60 +50,29 @@ from bench.reference.sweeps import PosedSweep, pose_sweep
 
 # Numbers and names of the data set's configuration; 9 and 251 are those of its moving-object task.
 NAMES = {
-    0: "unlabeled",
-    1: "outlier",
-    9: "static",
-    10: "car",
-    11: "bicycle",
-    13: "bus",
-    15: "motorcycle",
-    16: "on-rails",
-    18: "truck",
-    20: "other-vehicle",
-    30: "person",
-    31: "bicyclist",
-    32: "motorcyclist",
-    40: "road",
-    44: "parking",
-    48: "sidewalk",
-    49: "other-ground",
-    50: "building",
-    51: "fence",
-    52: "other-structure",
-    60: "lane-marking",
-    70: "vegetation",
-    71: "trunk",
-    72: "terrain",
-    80: "pole",
-    81: "traffic-sign",
-    99: "other-object",
-    251: "moving",
-    252: "moving-car",
-    253: "moving-bicyclist",
-    254: "moving-person",
-    255: "moving-motorcyclist",
-    256: "moving-on-rails",
-    257: "moving-bus",
-    258: "moving-truck",
-    259: "moving-other-vehicle",
-}
+    0: "unlabeled", 1: "outlier", 9: "static",
+    10: "car", 11: "bicycle", 13: "bus", 15: "motorcycle", 16: "on-rails", 18: "truck", 20: "other-vehicle",
+    30: "person", 31: "bicyclist", 32: "motorcyclist",
+    40: "road", 44: "parking", 48: "sidewalk", 49: "other-ground",
+    50: "building", 51: "fence", 52: "other-structure", 60: "lane-marking",
+    70: "vegetation", 71: "trunk", 72: "terrain", 80: "pole", 81: "traffic-sign", 99: "other-object",
+    251: "moving", 252: "moving-car", 253: "moving-bicyclist", 254: "moving-person", 255: "moving-motorcyclist",
+    256: "moving-on-rails", 257: "moving-bus", 258: "moving-truck", 259: "moving-other-vehicle",
+}  # fmt: skip
 NUMBERS = {name: number for number, name in NAMES.items()}
 MOVING_FROM, MOVING_TO = 251, 259
 UNLABELED, STATIC = 0, 9
 WITHOUT_CLASS = (0, 1)  # unlabeled and outlier: points of unknown kind
 
-_VEHICLES = ("car", "bus", "truck", "on-rails", "other-vehicle")
-_CYCLISTS = ("bicyclist", "motorcyclist")
-CLASSES: dict[str, str | None] = {
-    **dict.fromkeys(NAMES.values()),
-    **dict.fromkeys(_VEHICLES, "vehicle"),
-    **dict.fromkeys((f"moving-{name}" for name in _VEHICLES), "vehicle"),
-    **dict.fromkeys(_CYCLISTS, "cyclist"),
-    **dict.fromkeys((f"moving-{name}" for name in _CYCLISTS), "cyclist"),
-    **dict.fromkeys(("bicycle", "motorcycle"), "cyclist"),
-    **dict.fromkeys(("person", "moving-person"), "pedestrian"),
+_CLASSES = {
+    **dict.fromkeys(("car", "bus", "truck", "on-rails", "other-vehicle"), "vehicle"),
+    **dict.fromkeys(("bicyclist", "motorcyclist"), "cyclist"),
+    "person": "pedestrian",
 }
-del CLASSES["moving"]  # of which class is for the user to say
+CLASSES: dict[str, str | None] = {
+    **{name: _CLASSES.get(name.removeprefix("moving-")) for name in NAMES.values() if name != "moving"},
+    **dict.fromkeys(("bicycle", "motorcycle"), "cyclist"),
+}  # without "moving", whose class is for the user to say
 
 INSTANCE_BITS = 16
 LARGEST_INSTANCE = (1 << INSTANCE_BITS) - 1
@@ -128,15 +97,12 @@ def read_labels(file: Path, *, points: int) -> tuple[NDArray[np.int64], NDArray[
     Raises:
         DataError: missing, or not one number for each point.
     """
-    try:
-        size = file.stat().st_size
-    except OSError as error:
-        raise DataError(file, expected="a readable .label file", got=error.strerror or str(error)) from error
-    if size != 4 * points:
-        got = f"{size} bytes, {size // 4} labels" + (" and a rest" if size % 4 else "")
+    values = _stored_labels(file)
+    if len(values) != points or file.stat().st_size % 4:
+        got = f"{file.stat().st_size} bytes, {len(values)} labels" + (" and a rest" if file.stat().st_size % 4 else "")
         do = "labels count in the sweep as the recording has it: give those of the same, uncut sweeps"
         raise DataError(file, expected=f"{points} labels of 4 bytes, one for each point of its sweep", got=got, do=do)
-    values = np.fromfile(file, dtype="<u4").astype(np.int64)
+    values = values.astype(np.int64)
     return values & LARGEST_INSTANCE, values >> INSTANCE_BITS
 
 
@@ -146,11 +112,14 @@ def labels_in(file: Path) -> set[int]:
     Raises:
         DataError: missing.
     """
+    return set(np.unique(_stored_labels(file) & LARGEST_INSTANCE).tolist())
+
+
+def _stored_labels(file: Path) -> NDArray[np.integer]:
     try:
-        values = np.fromfile(file, dtype="<u4")
+        return np.fromfile(file, dtype="<u4")
     except OSError as error:
         raise DataError(file, expected="a readable .label file", got=error.strerror or str(error)) from error
-    return set(np.unique(values & LARGEST_INSTANCE).tolist())
 
 
 def write_labels(file: Path, labels: NDArray[np.int64], instances: NDArray[np.int64]) -> None:

@@ -1,5 +1,6 @@
 """Images and point clouds of ROS 2, in every layout that is read and in those that lie."""
 
+import zlib
 from pathlib import Path
 
 import cv2
@@ -145,6 +146,7 @@ def test_compressed_images():
 def png_of_size(width, height):
     content = bytearray(cv2.imencode(".png", np.zeros((2, 2), dtype=np.uint8))[1].tobytes())
     content[16:24] = width.to_bytes(4, "big") + height.to_bytes(4, "big")
+    content[29:33] = zlib.crc32(content[12:29]).to_bytes(4, "big")
     return content
 
 
