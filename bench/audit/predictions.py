@@ -71,7 +71,7 @@ class Prediction:
 
     @property
     def real(self) -> bool:
-        """A method that anybody could run; False for what is made of the exact masks."""
+        """True for a method that can be run on real data; False for what is made of the exact masks."""
         return not is_oracle(self.method)
 
     @cached_property
@@ -103,7 +103,7 @@ class CameraPredictions:
         recording: simulated.
         camera: name of the camera.
         predictions: at least one.
-        protocol: of the reference that tells which objects move.
+        protocol: of the reference that decides which objects move.
         clock: adds up the time of each stage.
     """
 

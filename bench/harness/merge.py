@@ -26,7 +26,7 @@ from bench.harness.stored import (
 from bench.harness.unit import Unit
 from bench.harness.unit_files import FOLDER as UNITS
 from bench.harness.unit_files import UnitFolder
-from bench.recordings.atomic import alone_in
+from bench.recordings.atomic import folder_lock
 
 Finish = Callable[[Path, RunSummary], None]
 
@@ -50,7 +50,7 @@ def merge_shards(
     with ExitStack() as held:
         held.enter_context(held_run_folder(out))
         for folder in others.values():
-            held.enter_context(alone_in(folder, wait=False))
+            held.enter_context(folder_lock(folder, wait=False))
         folder, report = read_shards(parts)[0]
         protocol = load_protocol(folder / UNITS / PROTOCOL)
         experiment = Experiment.of_parts(report.stamp, protocol)

@@ -24,7 +24,7 @@ from bench.harness.shards import RunStamp
 from bench.harness.unit_files import FOLDER
 from bench.methods import Method
 from bench.recordings import write_text
-from bench.recordings.atomic import alone_in
+from bench.recordings.atomic import folder_lock
 
 EXPERIMENT, PROTOCOL = f"{FOLDER}/experiment.json", "protocol.json"
 WORK = (FOLDER, "shards")
@@ -155,7 +155,7 @@ def held_run_folder(run: Path, *, shared: bool = False) -> Iterator[None]:
     except OSError as error:
         got, do = error.strerror or str(error), "give another folder with --out"
         raise DataError(run, expected="a folder for the run", got=got, do=do) from error
-    with alone_in(run, shared=shared, wait=False):
+    with folder_lock(run, shared=shared, wait=False):
         if not shared:
             _recover(run)
         yield

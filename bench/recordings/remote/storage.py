@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from bench.errors import BenchError, DataError, OutputError
-from bench.recordings.atomic import alone_in, make_folder, write_text
+from bench.recordings.atomic import folder_lock, make_folder, write_text
 from bench.recordings.remote.urls import RemoteUrl, refuse_unsafe, without_secrets
 
 # What storages list of an object that changes with its content: checksums and times.
@@ -202,7 +202,7 @@ class LocalCopy:
         """
         with self._local_faults():
             make_folder(self.folder)
-            with alone_in(self.folder.parent):
+            with folder_lock(self.folder.parent):
                 self._index = self._stored_index() | self._index
                 self._remove_others(listed, others)
                 missing = [name for name, stored in listed.items() if self._lacks(name, stored.version)]
