@@ -8,7 +8,7 @@ from pathlib import Path
 
 from bench.errors import UsageError
 from bench.harness.remote_runs import NOWHERE, RemoteRun, RunMirror, downloaded_run
-from bench.recordings.remote import RemoteUrl, parse_location
+from bench.recordings.object_storage import RemoteUrl, parse_location
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

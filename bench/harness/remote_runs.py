@@ -17,7 +17,8 @@ from bench.harness.run_folder import EXPERIMENT
 from bench.harness.unit import Unit
 from bench.harness.unit_files import FOLDER, SUFFIX, unit_name
 from bench.recordings.atomic import alone_in, make_folder, write_text
-from bench.recordings.remote import LocalCopy, RemoteUrl, Storage, StoredObject, local_folder
+from bench.recordings.object_storage import RemoteUrl
+from bench.recordings.remote import LocalCopy, Storage, StoredObject, local_folder
 
 MARK = "fisheye-bench.run"  # written first: shows within seconds whether the address can be written
 SUMMARY = "summary.json"

@@ -13,7 +13,8 @@ from bench.harness.remote_runs import MARK, RemoteRun, downloaded_run
 from bench.harness.shards import Shard
 from bench.methods import build_method
 from bench.recordings import load_card
-from bench.recordings.remote import Storage, parse_location
+from bench.recordings.object_storage import parse_location
+from bench.recordings.remote import Storage
 from tests.harness.test_resume import ALL, NONE, ONE, bytes_of, change_image, damage_image
 from tests.support.object_storage import bucket, object_server
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import json
+import os
 import shutil
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,7 +17,7 @@ from typing import Any
 
 from bench.errors import BenchError, DataError, OutputError
 from bench.recordings.atomic import alone_in, make_folder, write_text
-from bench.recordings.remote.urls import RemoteUrl, refuse_unsafe, without_secrets
+from bench.recordings.object_storage import RemoteUrl, refuse_unsafe, without_secrets
 
 # What storages list of an object that changes with its content: checksums and times.
 VERSION_KEYS = ("ETag", "etag", "checksum", "LastModified", "last_modified", "mtime", "modified", "updated", "created")
@@ -294,6 +296,22 @@ class LocalCopy:
             got = error.got if isinstance(error, OutputError) else error.strerror or str(error)
             expected = f"a local folder with space for {self.storage.url}"
             raise DataError(self.folder, expected=expected, got=got, do=do) from error
+
+
+def local_folder(url: RemoteUrl, purpose: str, names: Sequence[str] = ()) -> Path:
+    """Where the local copy of a remote folder lies: below `FISHEYE_BENCH_REMOTE`, else below `reports/remote`.
+
+    Args:
+        url: of the remote folder.
+        purpose: copies for different purposes do not share files.
+        names: what of the folder is copied.
+
+    Returns:
+        A folder with the name of the remote one, in a parent of its own.
+    """
+    tag = hashlib.sha256(json.dumps([url.text, *names]).encode()).hexdigest()[:16]
+    remote = Path(os.environ.get("FISHEYE_BENCH_REMOTE") or "reports/remote").expanduser()
+    return remote / purpose / tag / url.name
 
 
 def _remedy(error: Exception) -> str:
