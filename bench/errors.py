@@ -1,4 +1,4 @@
-"""What goes wrong through the user's input, each with one clear line.
+"""Errors through the user's input, each with one clear line.
 
 A `BenchError` is a mistake in the data, the configuration or the call. The command line prints it without a
 traceback and exits with status 2. Anything else is a bug of ours and keeps its traceback.

@@ -123,7 +123,7 @@ def run(
     errors = named_input_errors(input_errors or {})
     changed = [*non_default_settings(chosen, named), *errors.named.items()]
     usual = default_folder(card, chosen.name, changed, rules, split)
-    folder = usual if out is None else Path(out)
+    folder = usual if out is None else run_folder(out)
     render_if_missing(card, workers=workers)
     executor: TaskExecutor = SerialExecutor() if workers == 1 else ProcessExecutor(workers=workers)
     request = RunRequest(
@@ -149,6 +149,20 @@ def load_run(folder: str | Path) -> Run:
         DataError: missing, damaged, or of an unknown version.
     """
     return Run(folder=Path(folder), summary=read_run(Path(folder)))
+
+
+def run_folder(place: str | Path) -> Path:
+    """The folder of a run that a user names.
+
+    Raises:
+        UsageError: an empty name, or an address.
+    """
+    if not str(place):
+        raise UsageError("expected a folder, got an empty name")
+    if "://" in str(place):
+        do = "copy the run's folder with the storage's own tool (docs/large-runs.md)"
+        raise UsageError(f"expected a folder of this machine, got an address; {do}")
+    return Path(place)
 
 
 def default_folder(

@@ -133,7 +133,7 @@ class CameraPredictions:
         return self._pipeline.references
 
     def masks(self, index: int, reference: ReferenceFrame, ids: NDArray[np.uint16]) -> list[NDArray[np.bool_]]:
-        """What every prediction marks as moving, (H, W) bool each, in their order.
+        """Return the mask of every prediction, (H, W) bool each, in their order.
 
         Args:
             index: of the image, at least `history`.

@@ -75,7 +75,7 @@ class Estimate(_Part):
 
 
 class Agreement(_Part):
-    """How well a lidar reference agrees with the exact masks in one row.
+    """Agreement of a lidar reference with the exact masks in one row.
 
     Attributes:
         tau: Kendall's tau-b of the two orders of the predictions by IoU, in the row of false positives by their share;
@@ -90,7 +90,7 @@ class Agreement(_Part):
 
 
 class Check(_Part):
-    """Whether a mask that is worse than the exact one by construction has at most its IoU.
+    """Check that a mask that is worse than the exact one by construction has at most its IoU.
 
     Attributes:
         prediction: name of the worse one.
@@ -111,7 +111,7 @@ class Check(_Part):
 
 
 class SurfaceFit(_Part):
-    """How far the regions of `surface-v1` are right, over the object-frames of a slice.
+    """Correctness of the regions of `surface-v1`, over the object-frames of a slice.
 
     Attributes:
         object_class: or "all".
@@ -198,7 +198,7 @@ class RankingSummary(_Part):
         return float(np.mean(found)) if found else float("nan")
 
     def misses(self, reference: str) -> tuple[str, ...]:
-        """Which aims a reference misses, in words; none where it ranks as the truth does.
+        """List the aims that a reference misses, in words; none where it ranks as the truth does.
 
         The order counts in rows with at least six recordings.
         """
@@ -275,7 +275,7 @@ def draw_recordings(sums: Values) -> Values | None:
 def agreement(
     sums: Values, draws: Values | None, *, reference: int, metrics: Sequence[str], real: NDArray[np.bool_]
 ) -> Agreement:
-    """How well a reference agrees with the last one.
+    """Agreement of a reference with the last one.
 
     Args:
         sums: (references, predictions, accumulators) float64.

@@ -1,4 +1,4 @@
-"""What many predictions score against every reference: sums over the object-frames of a recording, in one pass."""
+"""Scores of many predictions against every reference: sums over a recording's object-frames, in one pass."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ from bench.reference import ReferenceFrame, Status
 
 
 class Scoring(StrEnum):
-    """What is scored against what; the same image- and object-frames in all of them."""
+    """Detections and reference that are scored; the same image- and object-frames in all of them."""
 
     LIDAR = "lidar"  # the method as it is, against the protocol's lidar polygons: the benchmark
     MASKS = "masks"  # the same detections, against the exact masks
@@ -45,7 +45,7 @@ class Scoring(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RecordingAudit:
-    """What an audit of a recording, or of several, has found.
+    """Findings of the audit of a recording, or of several.
 
     Attributes:
         polygons: of `POLYGONS_SCHEMA`.

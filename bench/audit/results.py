@@ -1,4 +1,4 @@
-"""What an audit comes to, and its files.
+"""Results of an audit, and its files.
 
 ```
 <audit>/audit.json                 the metrics
@@ -44,7 +44,7 @@ class Quartiles(_Part):
 
 
 class PolygonFigures(_Part):
-    """How well the polygons of one slice fit; the measures are those of `RegionFit`.
+    """Fit of the polygons of one slice; the measures are those of `RegionFit`.
 
     Attributes:
         kind: of polygon.
@@ -70,7 +70,7 @@ class PolygonFigures(_Part):
 
 
 class Aim(_Part):
-    """Whether a kind of polygon is good enough for a class.
+    """Target that a kind of polygon has to meet for a class.
 
     Attributes:
         kind: of polygon, with full compensation.

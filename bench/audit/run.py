@@ -118,7 +118,7 @@ def _summary(
 
 
 def _left_out(sources: tuple[AuditSource, ...], method: Method, audit: RecordingAudit) -> str:
-    """Why nothing is explained by exact flow; empty where something is."""
+    """Reason that nothing is explained by exact flow; empty where something is."""
     if len(audit.false_alarms):
         return ""
     if not isinstance(method, FlowMethod):

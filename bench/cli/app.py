@@ -178,7 +178,7 @@ def run(
         str | None,
         typer.Option(
             metavar="FOLDER",
-            help="Folder of the run, or an address as s3://bucket/run; default: reports/runs/<data set>-<method>.",
+            help="Folder of the run; default: reports/runs/<data set>-<method>.",
         ),
     ] = None,
     overwrite: Overwrite = False,
@@ -216,7 +216,7 @@ def run(
 
 @app.command()
 def merge(
-    run: Annotated[str, typer.Argument(help="Folder of the run that is made, or its address.")],
+    run: Annotated[str, typer.Argument(help="Folder of the run that is made.")],
     parts: Annotated[
         list[str] | None, typer.Argument(help="Folders that hold the parts, where they are not in RUN itself.")
     ] = None,
@@ -275,7 +275,7 @@ def evaluate(
         str | None,
         typer.Option(
             metavar="FOLDER",
-            help="Folder of the run, or an address as s3://bucket/run; default: reports/runs/<data set>-NAME.",
+            help="Folder of the run; default: reports/runs/<data set>-NAME.",
         ),
     ] = None,
     overwrite: Overwrite = False,
@@ -430,7 +430,7 @@ def methods() -> None:
 
 @app.command()
 def report(
-    run: Annotated[str, typer.Argument(help="Folder of a stored run, or its address.")],
+    run: Annotated[str, typer.Argument(help="Folder of a stored run.")],
     category: Annotated[str | None, typer.Option(help="Only this kind of motion, for example preceding.")] = None,
     beside: Annotated[
         str | None,
@@ -458,7 +458,7 @@ def cite() -> None:
 
 @app.command()
 def gate(
-    run: Annotated[str, typer.Argument(help="Folder of a stored run, or its address.")],
+    run: Annotated[str, typer.Argument(help="Folder of a stored run.")],
     baseline: Annotated[
         Path | None,
         typer.Option(
@@ -483,10 +483,10 @@ def gate(
     ] = False,
 ) -> None:
     """Judge a run by a baseline: 0 no regression, 1 a regression, 2 usage or data error, 3 no verdict."""
+    from bench.api.runs import run_folder
     from bench.cli import gating
-    from bench.cli.places import finished_run
 
-    folder = finished_run(run)
+    folder = run_folder(run)
     if update:
         gating.refuse_with_update(tolerances=tolerances, junit=junit, json=json, github=github)
         gating.update(folder, baseline=baseline, allow_dirty=allow_dirty, whole=whole)
@@ -604,19 +604,17 @@ def audit(
 
 @app.command()
 def compare(
-    runs: Annotated[
-        list[str], typer.Argument(help="Folders of stored runs, or addresses; the first is compared against.")
-    ],
+    runs: Annotated[list[str], typer.Argument(help="Folders of stored runs; the first is compared against.")],
     out: Annotated[
         Path | None, typer.Option(help="Folder of the comparison; default: reports/runs/compare-<run>-<run>.")
     ] = None,
     pictures: Annotated[bool, typer.Option(help="Draw the frames that changed most, from the data set.")] = True,
 ) -> None:
     """Compare runs in pairs: differences with intervals, object-frames gained and lost, pictures of the biggest."""
+    from bench.api.runs import run_folder
     from bench.cli import reports
-    from bench.cli.places import finished_run
 
-    reports.compare([finished_run(run) for run in runs], out=out, pictures=pictures)
+    reports.compare([run_folder(run) for run in runs], out=out, pictures=pictures)
 
 
 @app.command()

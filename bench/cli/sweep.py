@@ -29,7 +29,7 @@ def sweep(asked: ScoringOptions) -> int:
     if "," in asked.protocol:
         raise UsageError(f"sweep: expected one protocol, got {asked.protocol!r}")
     setting, choices = one_for_each_value(asked)
-    requests = {value: requested_runs(one, render=False)[0][0] for value, one in choices.items()}
+    requests = {value: requested_runs(one, render=False)[0] for value, one in choices.items()}
     first = next(iter(requests.values()))
     folder = SWEEPS / _usual_name(asked, first, setting) if asked.out is None else Path(asked.out)
     title = f"{setting} of {first.method.name} on {first.card.name} by {first.protocol.name}"

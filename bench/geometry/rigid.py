@@ -54,7 +54,7 @@ class RigidTransform:
 
     @classmethod
     def _unchecked(cls, rotation: NDArray[np.float64], translation_m: NDArray[np.float64]) -> RigidTransform:
-        """What is made of valid transforms is valid: no second check on the hot path."""
+        """Build from valid transforms without a second check, on the hot path."""
         return cls.__new__(cls)._hold(rotation, translation_m)
 
     @classmethod

@@ -110,11 +110,6 @@ def combine_parts(results: Path, parts: Sequence[Path], *, run: Path, protocol: 
     return summary
 
 
-def merged_units(parts: Sequence[Path]) -> list[Unit]:
-    """The units of a run in parts that have a result; see `merge_shards`."""
-    return [entry.unit for _, report in read_shards(parts) for entry in report.units if entry.key is not None]
-
-
 def _collected(found: Sequence[tuple[Path, ShardReport]], out: Path) -> list[Unit]:
     """The units that have a result, in the run's folder, each with the key that its part tells."""
     units: list[Unit] = []

@@ -18,7 +18,6 @@ from bench.harness.keys import MethodIdentity, code_digest, digest_of
 from bench.harness.keys.digests import UNIT_CODE
 from bench.harness.merge import Finish, combine_parts
 from bench.harness.method_stamp import MethodStamp
-from bench.harness.remote_runs import NOWHERE, RunMirror
 from bench.harness.run_folder import Experiment, claim, held_run_folder, new_results
 from bench.harness.shards import (
     SCHEMA_VERSION,
@@ -58,7 +57,6 @@ class RunRequest:
         cache: where flow, likelihood and reference are stored for other runs; None to store nothing.
         progress: called with the images done and their number, which is 0 while none is known and estimated while
             recordings are not open yet.
-        mirror: where else the run is stored.
     """
 
     card: DatasetCard
@@ -71,16 +69,14 @@ class RunRequest:
     executor: TaskExecutor = SERIAL
     cache: CacheFolder | None = None
     progress: Progress | None = None
-    mirror: RunMirror = NOWHERE
 
     def recordings(self) -> list[RecordingHandle]:
         """The recordings to be scored, with the input errors."""
         return [replace(handle, input_errors=self.input_errors) for handle in open_dataset(self.card, self.split)]
 
     def begin(self, held: ExitStack, *, shard: Shard) -> None:
-        """Hold the folder of the run, bring what is at its address, and note what is going on there."""
+        """Hold the folder of the run, and note what is going on there."""
         held.enter_context(held_run_folder(self.out, shared=shard != WHOLE))
-        self.mirror.begin(parts=shard.count)
         experiment = Experiment.of(dataset=self.card.name, split=self.split, method=self.method, protocol=self.protocol)
         claim(self.out, experiment, self.protocol, overwrite=self.overwrite)
 
@@ -112,7 +108,7 @@ def run_protocols(requests: Sequence[RunRequest], *, finish: Finish | None = Non
     """Score a method by several protocols in one pass over the images; each is a run of its own.
 
     Args:
-        requests: at least one; they differ in protocol, folder and mirror alone.
+        requests: at least one; they differ in protocol and folder alone.
         finish: see `run_benchmark`; called for each run.
 
     Raises:
@@ -134,8 +130,6 @@ def run_protocols(requests: Sequence[RunRequest], *, finish: Finish | None = Non
                 if finish is not None:
                     finish(results, summary)
                 summaries.append(summary)
-        for request in requests:
-            request.mirror.upload_results()
         return summaries
 
 
@@ -145,7 +139,7 @@ def run_shard(requests: Sequence[RunRequest], shard: Shard) -> list[ShardReport]
     Parts may work at the same time, in one folder or in many.
 
     Args:
-        requests: at least one; they differ in protocol, folder and mirror alone.
+        requests: at least one; they differ in protocol and folder alone.
         shard: which part.
 
     Raises:
@@ -157,10 +151,7 @@ def run_shard(requests: Sequence[RunRequest], shard: Shard) -> list[ShardReport]
         for request in requests:
             request.begin(held, shard=shard)
             remove_shards(request.out, but_of=shard.count)
-        reports = _score_in_one_pass(works)
-        for request in requests:
-            request.mirror.upload_results()
-        return reports
+        return _score_in_one_pass(works)
 
 
 @dataclass(kw_only=True)
@@ -189,12 +180,10 @@ class _Work:
         """The units that are there."""
         return UnitFolder(self.request.out)
 
-    def begin(self, units: Sequence[Unit], part: Sequence[Unit]) -> None:
-        """Leave no unit that is none of the run's, and bring those of the part that are at its address."""
+    def begin(self, units: Sequence[Unit]) -> None:
+        """Leave no unit that is none of the run's."""
         if self.shard.count == 1:
             self.stored.keep_only(units)
-            self.request.mirror.keep_only(units)
-        self.request.mirror.download_units(part)
 
     def stored_key(self, unit: Unit) -> str | None:
         """Key of the stored result of a unit."""
@@ -218,12 +207,10 @@ class _Work:
         self.keys[unit] = scored.key
         if scored.content is None:
             self.reused += 1
-            self.request.mirror.upload_unit(unit)
             return
         self.images_computed += unit.stop - unit.start
         with self.clock.stage("store"):
             self.stored.store(unit, scored.content)
-            self.request.mirror.upload_unit(unit)
 
     def report(
         self,
@@ -298,20 +285,20 @@ def _score_in_one_pass(works: Sequence[_Work]) -> list[ShardReport]:
     spec = RunSpec(method=asked.method, identity=first.identity, protocols=protocols, cache=asked.cache)
     tally = _Tally(asked.progress, recordings=len(first.handles))
     planned: list[PlannedRecording] = []
-    lazy = shard == WHOLE and all(work.request.mirror is NOWHERE for work in works)
+    lazy = shard == WHOLE
     with asked.executor:
         for handles in _batches(first.handles, asked.executor.workers) if lazy else [first.handles]:
             planned += _plan(spec, works, handles, tally)
             opened = planned[-len(handles) :]
             units = shard.part([unit for recording in opened for unit in recording.units])
             if not lazy:
-                _begin(works, planned, units)
+                _begin(works, planned)
             tally.count(len(opened), sum(unit.stop - unit.start for unit in units))
             _score(spec, works, units, tally)
     units = [unit for recording in planned for unit in recording.units]
     part = shard.part(units)
     if lazy:
-        _begin(works, planned, part)
+        _begin(works, planned)
     if asked.cache is not None:
         asked.cache.evict()
     reports = []
@@ -345,10 +332,10 @@ class _Tally:
             self._progress(self.done, round(self._known * self._recordings / max(self._opened, 1)))
 
 
-def _begin(works: Sequence[_Work], planned: Sequence[PlannedRecording], part: Sequence[Unit]) -> None:
+def _begin(works: Sequence[_Work], planned: Sequence[PlannedRecording]) -> None:
     units = [unit for recording in planned for unit in recording.units]
     for work in works:
-        work.begin(units, part)
+        work.begin(units)
 
 
 def _batches(handles: Sequence[RecordingHandle], workers: int) -> Iterator[Sequence[RecordingHandle]]:

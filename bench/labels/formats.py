@@ -1,4 +1,4 @@
-"""What a label format is, which there are, and the way from a tool's files to an annotation file and back."""
+"""Label formats: their contract, the registered ones, and the conversion to an annotation file and back."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class LabelSet:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabelOptions:
-    """What the user says about a tool's files.
+    """Options of the user about a tool's files.
 
     Attributes:
         classes: the tool's class -> one of `OBJECT_CLASSES`, or None to leave its objects out on purpose; on top of
@@ -131,7 +131,7 @@ def map_classes(
     source: Path,
     known: Mapping[str, str | None] | None = None,
 ) -> dict[str, str | None]:
-    """What each of a tool's classes is for us.
+    """Return our class for each of a tool's classes.
 
     Args:
         found: the classes of a source, as it spells them.
@@ -176,7 +176,7 @@ def _proposed_class(name: str) -> str:
 
 
 def tool_class(object_class: str, options: LabelOptions, defaults: Mapping[str, str] | None = None) -> str:
-    """What a tool calls one of our classes: as the user says, else as the format does.
+    """Return a tool's name for one of our classes: as the user says, else as the format does.
 
     Args:
         object_class: one of `OBJECT_CLASSES`.

@@ -254,7 +254,7 @@ CLOUD_SUFFIXES = (".bin", ".pcd", ".ply", ".npz", ".laz")
 
 
 class KittiTracklets:
-    """As KITTI's development kit defines them."""
+    """Conventions of KITTI's development kit."""
 
     name = "kitti-tracklets"
     description = "tracklet_labels.xml of KITTI's raw data: boxes that stand upright, one size for each object"
@@ -373,7 +373,7 @@ class KittiTracklets:
         return RigidTransform.from_yaw(pose.angles_rad[2], place_m), size_m
 
     def _tracklet_pose(self, pose: RigidTransform, height_m: float) -> TrackletPose:
-        """What the file says of a box's pose in the frame of the lidar."""
+        """Pose of a box in the frame of the lidar, as the file states it."""
         if self.centred:
             angles_rad = _triple(Rotation.from_matrix(pose.rotation).as_euler("XYZ"))
             return TrackletPose(place_m=_triple(pose.translation_m), angles_rad=angles_rad, occlusion=0, truncation=0)
@@ -398,7 +398,7 @@ class KittiTracklets:
 
 
 class CvatTracklets(KittiTracklets):
-    """As CVAT exports and imports them."""
+    """Conventions of CVAT's export and import."""
 
     name = "cvat-tracklets"
     description = "tracklet_labels.xml as CVAT writes it (KITTI Raw Format): other places, sizes and angles"

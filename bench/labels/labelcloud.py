@@ -138,7 +138,7 @@ COLOURS = ("#FF6363", "#FFAB76", "#63A1FF", "#9DA2AB")  # of our classes, in the
 
 
 class _ClassFile(ToolModel):
-    """What of `_classes.json` tells how to read the rest."""
+    """Keys of `_classes.json` that say how to read the rest."""
 
     type: str
     format: str
@@ -286,7 +286,7 @@ def _tracks(
 
 
 def _grouped(time_ns: int, states: Sequence[ObjectState], recording: Recording) -> GroupedSweep:
-    """Where the boxes of a frame are in the world."""
+    """Poses of a frame's boxes in the world."""
     world_from_vehicle = recording.trajectory.world_from_vehicle(time_ns)
     centres = [s.shape.vehicle_from_object.translation_m for s in states if isinstance(s.shape, Cuboid)]
     return GroupedSweep(timestamp_ns=time_ns, middles_m=world_from_vehicle.apply(np.array(centres)))

@@ -88,7 +88,7 @@ KINDS = {"Cuboid": "boxes", "GroundPolygon": "ground outlines", "PointIndices": 
 def states_at_sweeps(
     label_set: LabelSet, recording: Recording, kinds: tuple[type[ObjectShape], ...]
 ) -> tuple[dict[int, list[tuple[Track, ObjectState]]], list[str]]:
-    """What a tool that labels sweeps can hold of a label set.
+    """Select what a tool that labels sweeps can hold of a label set.
 
     Args:
         label_set: the annotations.

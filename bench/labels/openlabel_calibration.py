@@ -140,7 +140,7 @@ class Systems:
         return anchors
 
     def _is_placed(self, name: str) -> bool:
-        """Whether a pose leads to or from a system, always or in any frame."""
+        """Return True where a pose leads to or from a system, always or in any frame."""
         moved = (m for frame in self._content.frames.values() for m in frame.frame_properties.transforms.values())
         return any(name in edge for edge in self._constant) or any(name in (m.src, m.dst) for m in moved)
 

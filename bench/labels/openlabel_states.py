@@ -91,7 +91,7 @@ def frame_times(
 
 
 def _stamps(content: Root, way: str) -> dict[str, Stamp | None]:
-    """What the frames state in one of the three ways."""
+    """Statements of the frames in one of the three ways."""
     if way == "frame":
         return {number: frame.frame_properties.timestamp for number, frame in content.frames.items()}
     if way == "lidar":
@@ -124,7 +124,7 @@ def _one_each(times_ns: dict[str, int], lost: Counter[str], file: Path) -> dict[
 
 
 def _names(content: Root) -> dict[str, str]:
-    """What pairs each frame with a sweep: the lidar's file, its own count, or the frame's number."""
+    """Keys that pair each frame with a sweep: the lidar's file, its own count, or the frame's number."""
     streams = {number: _lidar_stream(content, number) for number in content.frames}
     if all(stream.uri for stream in streams.values()):
         return {number: Path(str(stream.uri).replace("\\", "/")).stem for number, stream in streams.items()}
@@ -135,7 +135,7 @@ def _names(content: Root) -> dict[str, str]:
 
 
 def _lidar_stream(content: Root, number: str) -> Stream:
-    """What a frame says of the lidar; an empty stream where it says nothing, or speaks of several."""
+    """The lidar's stream of a frame; an empty one where the frame has none, or several."""
     told = content.frames[number].frame_properties.streams
     lidars = [
         stream

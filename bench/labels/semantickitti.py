@@ -110,7 +110,7 @@ LARGEST_INSTANCE = (1 << INSTANCE_BITS) - 1
 
 
 def is_moving(label: int) -> bool:
-    """Whether a label says that its points moved."""
+    """Return True where a label says that its points moved."""
     return MOVING_FROM <= label <= MOVING_TO
 
 
@@ -359,7 +359,7 @@ class _Seen:
 
 @dataclass(slots=True, kw_only=True)
 class _Gathered:
-    """What the files hold, gathered sweep by sweep.
+    """Content of the files, gathered sweep by sweep.
 
     Attributes:
         instances: (label, instance) -> observations by time.
@@ -408,7 +408,7 @@ def _name(label: int) -> str:
 
 
 def _is_stationary(label: int) -> bool:
-    """Whether a label says that its points did not move; of numbers that only the user knows it says nothing."""
+    """Return True where a label says that its points did not move; False for numbers that only the user knows."""
     return label in NAMES and not is_moving(label)
 
 

@@ -83,7 +83,7 @@ WANTED = frozenset({"x", "y", "z", "intensity", "ring", *TIME_FIELDS})
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """What the header of a .pcd or .ply file says.
+    """Header of a .pcd or .ply file.
 
     Attributes:
         kind: of the data, as the format calls it.
@@ -109,7 +109,7 @@ class Layout:
 
     @property
     def padded(self) -> bool:
-        """Whether points have fields that are no single number with a name."""
+        """True where points have fields that are no single number with a name."""
         return any(name == PADDING or count != 1 for name, _, count in self.columns)
 
 

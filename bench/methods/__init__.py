@@ -11,11 +11,11 @@ from bench.methods.contract import (
     MethodError,
     MethodInput,
     Needs,
-    Segmentation,
     UnansweredImage,
     ask_method,
 )
 from bench.methods.registry import METHODS, build_method, describe_method, known_methods
+from bench.records.segmentation import Segmentation
 
 __all__ = [
     "METHODS",

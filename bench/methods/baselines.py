@@ -17,8 +17,9 @@ from bench.errors import UsageError
 from bench.flow import dense_flow
 from bench.geometry import angle_between
 from bench.methods.cells import cell_flow, flow_parts, flow_rays
-from bench.methods.contract import MethodInput, Segmentation
+from bench.methods.contract import MethodInput
 from bench.methods.spherical.likelihood import PAPER_ANGLE_RAD
+from bench.records.segmentation import Segmentation
 
 GREY_LEVELS = 255
 MOG2_FOREGROUND = 255  # other values are background, and 127 for shadows

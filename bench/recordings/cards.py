@@ -157,14 +157,14 @@ class DatasetCard:
 
 
 def shipped_folder(kind: Literal["datasets", "baselines"] = "datasets") -> Path:
-    """Where the cards, or the baselines, lie that ship with the package: inside of it, or in the checkout."""
+    """Folder of the cards, or of the baselines, that ship with the package: inside of it, or in the checkout."""
     package = Path(__file__).parents[1]
     installed = package / "shipped" / kind
     return installed if installed.is_dir() else package.parent / {"baselines": "reports/baselines"}.get(kind, kind)
 
 
 def data_folder() -> Path | None:
-    """Where the data lie that the shipped cards render; None for beside the cards, as in a checkout.
+    """Folder of the data that the shipped cards render; None for beside the cards, as in a checkout.
 
     The folder that `FISHEYE_BENCH_DATA` names; without it, for an installed package, the user's cache folder.
     """
@@ -176,7 +176,7 @@ def data_folder() -> Path | None:
 
 
 def card_folders() -> tuple[Path, ...]:
-    """Where names are looked up, in this order: `datasets/`, the user's own folder, what ships with the package."""
+    """Folders in which names are looked up, in order: `datasets/`, the user's own, what ships with the package."""
     named = os.environ.get(OWN_CARDS)
     own = Path(named).expanduser() if named else user_config_path("fisheye-bench", appauthor=False) / "datasets"
     shipped = shipped_folder()

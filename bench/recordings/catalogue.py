@@ -26,7 +26,7 @@ SHOWN = 10  # names that a message lists
 
 
 class Adapter(Protocol):
-    """What an adapter is: a function that lists the recordings below a folder without opening them."""
+    """Adapter of a data set: a function that lists the recordings below a folder without opening them."""
 
     def __call__(
         self, root: Path, *, options: Mapping[str, Any], card: Path, annotations: Path | None

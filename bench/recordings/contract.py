@@ -1,4 +1,4 @@
-"""What every adapter promises, as a test that its author can run on his own data.
+"""Contract of every adapter, as a test that its author can run on his own data.
 
     from bench.recordings.contract import check_adapter
 
@@ -91,7 +91,7 @@ def adapter_faults(
 
 
 def _refusals(listing: Callable[..., Any], root: Path, options: Mapping[str, Any]) -> Iterator[str]:
-    """What has to be refused, with a `DataError` and nothing else."""
+    """Cases that have to be refused, with a `DataError` and nothing else."""
     told = "options: expected a DataError for an option that does not exist"
     yield from _not_refused(told, lambda: listing(root, {**options, NO_SUCH_OPTION: 1}))
     with tempfile.TemporaryDirectory() as empty:

@@ -1,4 +1,4 @@
-"""What opening a recording does about an error: raise it, or collect it and go on with the rest (lenient reading).
+"""Handlers of errors on opening a recording: raise, or collect and go on with the rest (lenient reading).
 
 An adapter has one opener. It reports every error to its error handler and goes on without what could not be read; with
 the handler `STRICT`, the first error ends it.

@@ -208,7 +208,7 @@ def _at_model_size(pixels: NDArray[Any], path: Path, camera: MountedCamera, inte
 
 
 def _fault(content: bytes) -> str | None:
-    """What is wrong with the whole file. OpenCV gives a partly grey image for one that is cut short."""
+    """Fault of the file as a whole. OpenCV gives a partly grey image for one that is cut short."""
     if content.startswith(PNG_START):
         return _png_fault(content)
     if content.startswith(JPEG_START):

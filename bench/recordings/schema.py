@@ -39,7 +39,7 @@ class Mounting(FileModel):
 
     @classmethod
     def of(cls, transform: RigidTransform) -> Mounting:
-        """What a file says of a transform."""
+        """Return the file's form of a transform."""
         w, x, y, z = transform.quaternion_wxyz.tolist()
         along_x, along_y, along_z = transform.translation_m.tolist()
         return cls(quaternion_wxyz=(w, x, y, z), translation_m=(along_x, along_y, along_z))

@@ -60,7 +60,7 @@ def parse_json(model: type[Model], content: bytes, file: Path, *, strict: bool =
 
 
 def lenient_json(model: type[Model], file: Path) -> tuple[Model | None, tuple[DataError, ...]]:
-    """What `read_json` gives, or None, and everything that it would refuse, one error each; at most 200."""
+    """Like `read_json`, or None; with everything that it would refuse, one error each, at most 200."""
     try:
         return model.model_validate_json(_content(file), strict=True), ()
     except DataError as error:

@@ -111,7 +111,7 @@ CLEARLY_M = 0.02
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """What stated speed and yaw rate have to be multiplied by."""
+    """A reading of the stated ego-motion: factors of its speed and yaw rate."""
 
     speed: float
     turn: float

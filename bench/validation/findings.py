@@ -1,4 +1,4 @@
-"""What was found to look wrong, and the limits beyond which it does.
+"""Findings of the checks, and the limits beyond which a value looks wrong.
 
 What bodies and vehicles can be and do.
 
@@ -25,7 +25,7 @@ from bench.recordings import Recording, Track
 
 
 class Severity(StrEnum):
-    """How sure it is that something is wrong."""
+    """Certainty that something is wrong."""
 
     ERROR = "error"  # wrong: a file that cannot be used, or a value that cannot be
     WARNING = "warning"  # odd: true in some recordings, and worth a look
@@ -67,7 +67,7 @@ def unusable(error: DataError, *, check: str = "file", timestamp_ns: int | None 
 
 
 class Occurrences(TypedDict):
-    """How often something was found, and when first, as `Finding` takes it."""
+    """Number of times that something was found, and the first time, as `Finding` takes it."""
 
     times: int
     timestamp_ns: int
@@ -79,19 +79,19 @@ def occurrences(found: NDArray[np.bool_], times_ns: NDArray[np.int64]) -> Occurr
 
 
 def calibration_file(recording: Recording) -> str:
-    """Where the calibration stands, as far as the recording tells."""
+    """File of the calibration, or the recording's folder where it is not known."""
     file = recording.root / "recording.json"
     return str(file if file.is_file() else recording.root)
 
 
 def annotation_file(recording: Recording) -> str:
-    """Where the annotations stand, as far as the recording tells."""
+    """File of the annotations, or the recording's folder where it is not known."""
     file = recording.root / "annotations.json"
     return str(file if file.is_file() else recording.root)
 
 
 def object_field(track: Track) -> str:
-    """How findings name an object."""
+    """Name of an object in findings."""
     return f"object {track.track_id!r} ({track.object_class})"
 
 

@@ -212,7 +212,7 @@ def _heading(path: TrackPath, field: str) -> Iterator[Finding]:
 
 
 def _velocity_fault(path: TrackPath) -> tuple[str, float] | None:
-    """What is wrong with the stated velocities, and by how many m/s."""
+    """Fault of the stated velocities, and its size in m/s."""
     known = np.isfinite(path.stated_mps).all(axis=1) & (path.range_m < FAR_M)
     real, said, ego, local = [], [], [], []
     for first, last in _chunks(path):

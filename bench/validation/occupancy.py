@@ -91,7 +91,7 @@ class Occupancy:
             self._look_at(tally, state, placed)
 
     def findings(self) -> Iterator[Finding]:
-        """What is empty, object by object."""
+        """Findings about empty boxes, object by object."""
         file = annotation_file(self._recording)
         if self._left_out:
             yield Finding(check="crowded-boxes", severity=Severity.WARNING, file=file, field="cuboid",

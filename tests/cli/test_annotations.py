@@ -8,8 +8,8 @@ import pytest
 
 from bench.labels import known_formats, label_format
 from bench.recordings import read_annotations
-from tests.cli.test_commands import call
 from tests.support import tiny
+from tests.support.commands import call
 
 CARD = """
 name: mine

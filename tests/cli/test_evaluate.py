@@ -13,7 +13,7 @@ from pycocotools import mask as coco
 from bench.harness import read_run, read_tables
 from bench.recordings import load_card, open_dataset
 from tests.cli.predictions import CAMERA, images_of, write_map, write_maps
-from tests.cli.test_commands import call
+from tests.support.commands import call
 
 METHOD_COLUMNS = {"undefined_px", "fp_by_cause"}  # what only a method that runs can tell
 

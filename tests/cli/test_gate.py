@@ -18,7 +18,7 @@ from bench.harness.stored import write_summary
 from bench.methods import build_method
 from bench.recordings import load_card
 from bench.recordings.cards import shipped_folder
-from tests.cli.test_commands import call
+from tests.support.commands import call
 
 
 @pytest.fixture(autouse=True)

@@ -11,12 +11,12 @@ import pytest
 from bench.evaluation import load_protocol
 from bench.harness import RunRequest, run_benchmark
 from bench.recordings import load_card
-from tests.cli.test_commands import called_here
 from tests.harness.conftest import trouble
-from tests.harness.test_resume import bytes_of
-from tests.harness.test_survival import calm
 from tests.harness.troubled import Troubled
+from tests.support.commands import called_here
 from tests.support.processes import PATIENCE_S, alive, group_lives, pids, until
+from tests.support.runs import bytes_of
+from tests.support.troubled_runs import calm
 
 pytestmark = pytest.mark.slow
 

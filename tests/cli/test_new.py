@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from tests.cli.test_commands import call
+from tests.support.commands import call
 
 
 @pytest.fixture

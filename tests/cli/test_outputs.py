@@ -3,12 +3,9 @@
 import ast
 import io
 import os
-import resource
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
@@ -18,7 +15,8 @@ import pytest
 import bench
 from bench.cli import console
 from bench.harness.cache import CacheFolder
-from tests.cli.test_commands import call
+from tests.support.commands import call
+from tests.support.processes import files_of
 
 pytestmark = pytest.mark.slow
 
@@ -87,17 +85,6 @@ def places(tiny_card, tmp_path_factory) -> dict[str, str]:
         "LABELS": str(next(file for file in (folder / "labels").rglob("*") if file.is_file())),
         "BASELINE": str(folder / "b.json"),
     }
-
-
-@contextmanager
-def files_of(size_bytes: int) -> Iterator[None]:
-    """Let the kernel refuse files that grow beyond a size, as on a disk that is full."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size_bytes, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 def words_of(name: str, places: dict[str, str], out: Path) -> list[str]:

@@ -6,7 +6,7 @@ import json
 import pytest
 
 from bench.cli.sweep import split_values
-from tests.cli.test_commands import call
+from tests.support.commands import call
 
 UNLIKE = {"provenance": None, "sha256": None}  # of equal runs
 

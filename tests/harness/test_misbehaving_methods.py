@@ -9,7 +9,7 @@ from bench.harness.stored import REFERENCE_OF_FRAMES, REFERENCE_OF_OBJECTS
 from bench.methods import build_method
 from bench.recordings import load_card
 from tests.harness.misbehaving import FAULTS, Misbehaving
-from tests.harness.test_survival import call
+from tests.support.troubled_runs import call
 
 pytestmark = pytest.mark.slow
 

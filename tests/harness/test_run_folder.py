@@ -18,10 +18,10 @@ from bench.harness import RunRequest, run_benchmark
 from bench.harness.run_folder import held_run_folder, new_results
 from bench.methods import build_method
 from bench.recordings import load_card
-from tests.cli.test_commands import call
-from tests.harness.test_resume import bytes_of, score
-from tests.harness.test_survival import environment
+from tests.support.commands import call
 from tests.support.processes import PATIENCE_S
+from tests.support.runs import bytes_of, score
+from tests.support.troubled_runs import environment
 
 pytestmark = pytest.mark.slow
 

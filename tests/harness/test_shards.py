@@ -12,14 +12,8 @@ from bench.harness import RunRequest, merge_shards, run_benchmark, run_shard
 from bench.harness.shards import Shard
 from bench.methods import build_method
 from bench.recordings import load_card
-from tests.harness.test_resume import (
-    DAMAGES,
-    bytes_of,
-    change_annotation,
-    change_calibration,
-    change_egomotion,
-    remove_image,
-)
+from tests.support.changed_data import DAMAGES, change_annotation, change_calibration, change_egomotion, remove_image
+from tests.support.runs import bytes_of
 
 pytestmark = pytest.mark.slow
 

@@ -4,7 +4,6 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 import threading
 import time
 from datetime import UTC, datetime
@@ -15,60 +14,26 @@ import pytest
 from bench.errors import DataError
 from bench.evaluation import load_protocol
 from bench.execution import ProcessExecutor, SerialExecutor
-from bench.harness import RunRequest, provenance, read_run, read_tables, run_benchmark
+from bench.harness import provenance, read_run, read_tables
 from bench.harness.cache import CacheFolder
 from bench.harness.tasks import UnitTask
 from bench.methods import build_method
-from bench.recordings import load_card
-from tests.cli.test_commands import called_here
-from tests.cli.test_outputs import files_of
-from tests.harness.test_resume import bytes_of
-from tests.harness.troubled import FOLDER, Troubled
-from tests.support.processes import PATIENCE_S, pids, until
+from tests.support.commands import called_here
+from tests.support.processes import PATIENCE_S, files_of, pids, until
+from tests.support.runs import bytes_of
+from tests.support.troubled_runs import call, calm, command, environment, score
 
 pytestmark = pytest.mark.slow
+
+__all__ = ["calm"]
 
 PAPER = load_protocol("paper-v1")
 UNITS = 3
 
 
-def score(card: Path, out: Path, *, method=None, cache=None, **options):
-    kept = None if cache is None else CacheFolder(folder=cache)
-    return run_benchmark(
-        RunRequest(
-            card=load_card(str(card)), method=method or Troubled(), protocol=PAPER, out=out, cache=kept, **options
-        )
-    )
-
-
-def command(card: Path, out: Path, *options: object) -> list[str]:
-    words = ["run", card, "--out", out, "--method", "tests.harness.troubled:Troubled", "--no-pictures", "--no-cache"]
-    return [sys.executable, "-m", "bench", *map(str, [*words, *options])]
-
-
-def call(card: Path, out: Path, *options: object) -> subprocess.CompletedProcess[str]:
-    """The same command in this process; its workers are processes of their own."""
-    _, _, _, *words = command(card, out, *options)
-    return called_here(*words)
-
-
-def environment() -> dict[str, str]:
-    return os.environ | {"PYTHONPATH": str(Path(__file__).parents[2]), "COLUMNS": "1000"}
-
-
 def calm_result(card: Path, out: Path) -> dict[str, bytes]:
     score(card, out)
     return bytes_of(out)
-
-
-@pytest.fixture(scope="module")
-def calm(tiny_card, tmp_path_factory) -> Path:
-    """A run of the small data set on which nothing happens."""
-    folder = tmp_path_factory.mktemp("calm")
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setenv(FOLDER, str(folder))
-        score(tiny_card, folder / "run")
-    return folder / "run"
 
 
 def test_processes_give_the_bytes_of_one_after_the_other(tiny_card, tmp_path):

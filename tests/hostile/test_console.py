@@ -14,7 +14,7 @@ import pytest
 import bench
 from bench.cli import console
 from bench.plain_text import escape_markdown, plain
-from tests.cli.test_commands import call
+from tests.support.commands import call
 
 pytestmark = pytest.mark.slow
 

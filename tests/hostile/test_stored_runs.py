@@ -11,7 +11,7 @@ from bench.harness import RunRequest, run_benchmark, run_shard
 from bench.harness.shards import Shard
 from bench.methods import build_method
 from bench.recordings import load_card
-from tests.cli.test_commands import call
+from tests.support.commands import call
 
 pytestmark = pytest.mark.slow
 

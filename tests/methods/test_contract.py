@@ -10,8 +10,8 @@ import pytest
 from bench.cameras import ray_grid
 from bench.errors import UnknownNameError, UsageError
 from bench.methods import METHODS, FlowMethod, Needs, build_method, describe_method, known_methods
-from bench.methods.contract import segmentation_fault
-from tests.methods.test_spherical_method import HEIGHT, STEP, WIDTH, crossing, frame
+from bench.records.segmentation import segmentation_fault
+from tests.support.board_scene import HEIGHT, STEP, WIDTH, crossing, frame
 
 every_method = pytest.mark.parametrize("name", sorted(known_methods()))
 

@@ -1,33 +1,18 @@
 import math
 import os
 
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 from bench.errors import DataError, OutputError
 from bench.evaluation import load_protocol, summarise
-from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA, frames_table, objects_table
+from bench.evaluation.rows import frames_table, objects_table
 from bench.harness import Provenance, RunSummary
 from bench.harness.stored import MethodStamp, write_protocol, write_summary
 from bench.reporting.table_files import write_report_files
+from tests.support.result_rows import frame_row, object_row
 
 NAMES = ["table.md", "table.csv", "table.tex", "table.json", "range_map.png", "range_map.svg"]
-
-
-def object_row(number):
-    key = {"recording": f"drive-{number % 3}", "camera": "front", "timestamp_ns": number * 100, "track_id": "a"}
-    what = {"object_class": "vehicle", "status": "evaluated", "reason": None, "category": "crossing"}
-    where = {"direction": "lateral", "range_m": 4.0, "x_m": 5.5, "y_m": 2.5, "speed_mps": 2.0, "ego_speed_mps": 1.0}
-    counts = {"points": 50, "polygon_px": 100, "region_px": 100, "tp": 50, "fn": 50, "fp": 10, "chance_tp": 5}
-    return dict.fromkeys(OBJECTS_SCHEMA.names) | key | what | where | counts
-
-
-def frame_row(number):
-    key = {"recording": f"drive-{number % 3}", "camera": "front", "timestamp_ns": number * 100, "ego_speed_mps": 1.0}
-    counts = {field.name: 0 for field in FRAMES_SCHEMA if field.type == pa.int64()}
-    size = {"width": 640, "height": 480, "valid_px": 300_000, "fp_px": 3072}
-    return counts | key | size | {"status": "evaluated", "problem": None, "fp_by_cause": []}
 
 
 @pytest.fixture(scope="module")

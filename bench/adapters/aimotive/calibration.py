@@ -26,7 +26,7 @@ MODELS = ("mei", "opencv_pinhole")
 
 
 class EgoMotionOptions(FileModel):
-    """Where ego-motion comes from.
+    """Source of ego-motion.
 
     Attributes:
         file: CSV file, relative to the data set's root; `{sequence}` stands for the sequence's name.

@@ -137,7 +137,7 @@ class FisheyeFile(FileModel):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rig:
-    """Where everything sits.
+    """Mountings of all sensors.
 
     Attributes:
         vehicle_from_imu: of the frame that poses are given for.

@@ -27,7 +27,7 @@ LARGEST_FRAME = 10_000_000
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrameClock:
-    """When each frame was taken. Cameras, scanner and poses share a frame number and thereby an instant.
+    """Times of the frames. Cameras, scanner and poses share a frame number and thereby an instant.
 
     Attributes:
         file: the `timestamps.txt` it comes from.
@@ -123,7 +123,7 @@ def _stamp_ns(line: str, row: int, file: Path) -> int:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Drive:
-    """Where the car went.
+    """Motion of the car.
 
     Attributes:
         trajectory: of the vehicle frame, in a world with z up that begins near the first pose.

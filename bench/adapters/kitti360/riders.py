@@ -58,7 +58,7 @@ def _apart_m(rider: Track, mount: Track) -> float | None:
 
 
 def _is_within(inner: ObjectState, outer: ObjectState) -> bool:
-    """Whether the middle of one box is in the outline of another, seen from above."""
+    """Return True where the middle of one box is in the outline of another, seen from above."""
     centre_m, rotation, size_m = _box(outer)
     along = rotation.T @ (_box(inner)[0] - centre_m)
     return bool((np.abs(along[:2]) <= size_m[:2] / 2).all())

@@ -18,7 +18,7 @@ from bench.records.recording import Cuboid, ObjectState, Track, world_velocities
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Annotated:
-    """What a file of boxes says.
+    """Content of a file of boxes.
 
     Attributes:
         tracks: of everything that can move, whether it does or not.
@@ -29,7 +29,7 @@ class Annotated:
     windows: tuple[tuple[int, int], ...]
 
     def covers(self, frame: int) -> bool:
-        """Whether a frame was annotated."""
+        """Return True where a frame was annotated."""
         return not self.windows or any(first <= frame <= last for first, last in self.windows)
 
 
@@ -149,7 +149,7 @@ def _placed(
 
 
 def _axes(rotation: NDArray[np.float64], size_m: NDArray[np.float64]) -> tuple[int, int]:
-    """Which axes of the box are its length and its height; one choice for all boxes of an object."""
+    """Axes of the box that are its length and its height; one choice for all boxes of an object."""
     up = int(np.argmax(np.abs(rotation[2])))
     along = max((axis for axis in range(3) if axis != up), key=lambda axis: float(size_m[axis]))
     return along, up

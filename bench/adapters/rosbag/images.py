@@ -21,7 +21,7 @@ GREY_OF_16_BITS = b"\x10\x00"  # depth and kind in the head of a PNG
 
 
 class _Encoding(NamedTuple):
-    """How pixels are stored in a raw image: bytes and OpenCV's channels of each, and OpenCV's codes; None as it is."""
+    """Layout of pixels in a raw image: bytes and OpenCV's channels of each, and OpenCV's codes; None for as stored."""
 
     pixel_bytes: int
     channels: int

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import DataError, UsageError
-from bench.methods.contract import MethodInput, Segmentation
+from bench.methods.contract import MethodInput
 from bench.methods.learned.inputs import ALL_CHANNELS, ZERO, Bytes, network_input, working_pair
+from bench.records.segmentation import Segmentation
 
 try:
     import onnxruntime

@@ -8,11 +8,12 @@ from typing import Literal, get_args
 import numpy as np
 
 from bench.errors import DataError, UsageError
-from bench.methods.contract import MethodInput, Segmentation, UnansweredImage
+from bench.methods.contract import MethodInput, UnansweredImage
 from bench.methods.predictions.files import PredictionReader, on_cells
 from bench.methods.predictions.images import NAMINGS, ImageKey, Naming
 from bench.methods.predictions.pairing import PredictionIndex, index_predictions
 from bench.recordings import load_card
+from bench.records.segmentation import Segmentation
 
 MissingPolicy = Literal["error", "skip", "empty"]
 MISSING_POLICIES: tuple[MissingPolicy, ...] = get_args(MissingPolicy)

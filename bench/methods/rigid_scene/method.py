@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from bench.cameras import CameraModel, ray_grid
 from bench.errors import UsageError
 from bench.flow import DisFlow, FarnebackFlow, dense_flow
-from bench.methods.contract import MethodInput, Segmentation, UnansweredImage
+from bench.methods.contract import MethodInput, UnansweredImage
 from bench.methods.rigid_scene.evidence import Evidence, gather_evidence
 from bench.methods.rigid_scene.first_guess import GuidedFlow, guided_flow, warp
 from bench.methods.rigid_scene.motion import MotionAccuracy, correspondences, refine_motion
 from bench.methods.rigid_scene.objects import Candidates, ObjectSettings, Pair, draw_objects, find_candidates
 from bench.methods.rigid_scene.scene import RigidScene
+from bench.records.segmentation import Segmentation
 
 FINE_PX = 640  # width about which outlines are drawn, and twice that on which all else is computed
 FLOW_PARAMETERS: dict[str, dict[str, object]] = {"dis": {"preset": "fast", "finest_scale": 0}}

@@ -17,6 +17,7 @@ from bench.methods.spherical.constraints import (
     deviations,
     static_camera_deviation,
 )
+from bench.records.segmentation import PAPER_THRESHOLD
 
 CONSTRAINTS = ("epipolar", "positive_depth", "positive_height", "anti_parallel")
 THREE_VIEW = "three_view"
@@ -52,7 +53,6 @@ class Weights:
 
 
 PAPER_WEIGHTS = Weights()
-PAPER_THRESHOLD = 6e-4
 # Above this angle the paper's method sees motion by the epipolar or the positive depth constraint alone; 0.24 px at 165
 # px per radian. What is compared with the paper's method at one angle takes it from here.
 PAPER_ANGLE_RAD = PAPER_THRESHOLD * PAPER_WEIGHTS.total

@@ -14,7 +14,7 @@ from bench.cameras import ray_grid
 from bench.flow import cell_mean, dense_flow
 from bench.geometry import RigidTransform
 from bench.methods.cells import cell_flow, flow_parts, flow_rays
-from bench.methods.contract import Arrays, MethodInput, Segmentation
+from bench.methods.contract import Arrays, MethodInput
 from bench.methods.rigid_scene.first_guess import guided_flow
 from bench.methods.rigid_scene.motion import Correspondences, MotionAccuracy, refine_motion
 from bench.methods.rigid_scene.scene import RigidScene
@@ -27,6 +27,7 @@ from bench.methods.spherical.likelihood import (
     Weights,
     alone,
 )
+from bench.records.segmentation import Segmentation
 
 FLOW_SIGMA_PX = 0.3  # accuracy of Farnebäck's flow on a cell, for the refined motion
 CACHED = ("likelihood", "cause", "seen", "defined", "stationary")  # of a `LikelihoodMap`

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from bench.cameras import RayGrid, ray_grid
 from bench.flow import LucasKanadeTracker, Tracks
 from bench.methods.cells import flow_parts
-from bench.methods.contract import MethodInput, Segmentation
+from bench.methods.contract import MethodInput
 from bench.methods.spherical.constraints import three_view_deviation
 from bench.methods.spherical.likelihood import (
     CONSTRAINTS,
@@ -23,6 +23,7 @@ from bench.methods.spherical.likelihood import (
     Weights,
     alone,
 )
+from bench.records.segmentation import Segmentation
 
 Value = TypeVar("Value", bound=np.generic)
 

@@ -1,4 +1,4 @@
-"""Where a body on the road is at any time.
+"""Poses of a body on the road, at any time.
 
 Everything drives in the plane of the road. Time 0 is the first image; the world is the vehicle frame of the level ego
 vehicle at that time.

@@ -12,8 +12,8 @@ import pytest
 from bench.errors import DataError, UsageError
 from bench.harness.keys import MethodIdentity
 from bench.methods import build_method
-from tests.harness.test_survival import command, environment
 from tests.support.processes import PATIENCE_S, until
+from tests.support.troubled_runs import command, environment
 
 pytestmark = pytest.mark.slow
 

@@ -1,0 +1,395 @@
+"""A report as a list of blocks, and its writers: terminal, Markdown, HTML, LaTeX; and CSV and JSON of its numbers.
+
+A report is made once, of blocks. All text in a block is text and no markup, wherever it comes from: names, titles and
+messages from data files may hold anything. The writers escape it, here and nowhere else.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any, Literal
+
+import jinja2
+import pandas as pd
+from markupsafe import Markup
+from rich.box import SIMPLE_HEAD
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from bench.plain_text import escape_markdown, plain
+
+Style = Literal["", "strong", "dim", "good", "bad"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bar:
+    """A share as a bar; all in [0, 1].
+
+    Attributes:
+        share: its length.
+        interval: a line across it.
+        tick: a mark, for what it is compared with.
+    """
+
+    share: float
+    interval: tuple[float, float] | None = None
+    tick: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """A cell that is more than one value.
+
+    Attributes:
+        text: the first line.
+        below: further lines; Markdown, which has none, writes them behind the first.
+        style: of the first line; on the terminal of all lines, but for "strong".
+        bar: above the text, in HTML.
+        link: address of the text, in HTML; ours, never one from outside.
+    """
+
+    text: str
+    below: tuple[str, ...] = ()
+    style: Style = ""
+    bar: Bar | None = None
+    link: str = ""
+
+
+def as_text(value: object) -> str:
+    """A value as text: "" for None, "n/a" for NaN, few digits of other floats."""
+    if isinstance(value, float):
+        return "n/a" if math.isnan(value) else f"{value:g}"
+    return "" if value is None else str(value)
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column of a table: its heading, and how its values are written where they are no `Cell`."""
+
+    heading: str | Cell
+    form: Callable[[Any], str] = as_text
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Table:
+    """A table.
+
+    Attributes:
+        columns: headings, as `Column` where values need a format of their own.
+        rows: as many values each, or a frame with as many columns.
+        title: stands above it.
+        note: how to read it, below it.
+        words: how many columns from the left hold words; the others hold numbers.
+        name: of letters, digits and dashes, ends the label of LaTeX.
+        look: classes of HTML.
+    """
+
+    columns: Sequence[Column | Cell | str]
+    rows: Sequence[Sequence[object]] | pd.DataFrame
+    title: str = ""
+    note: str = ""
+    words: int = 1
+    name: str = ""
+    look: str = ""
+
+    def headings(self) -> list[Cell]:
+        """Headings of the columns."""
+        return [_as_cell(c.heading if isinstance(c, Column) else c, as_text) for c in self.columns]
+
+    def cells(self) -> list[list[Cell]]:
+        """The rows, every value written in the format of its column."""
+        forms = [c.form if isinstance(c, Column) else as_text for c in self.columns]
+        rows = self.rows.itertuples(index=False) if isinstance(self.rows, pd.DataFrame) else self.rows
+        return [[_as_cell(value, form) for value, form in zip(row, forms, strict=True)] for row in rows]
+
+    def transposed(self) -> Table:
+        """The same with rows for columns, for few rows of many columns; the first column becomes the headings."""
+        first, *rows = zip(self.headings(), *self.cells(), strict=True)
+        if not self.words:
+            first, rows = (Cell(""),) * len(first), [first, *rows]
+        return replace(self, columns=[Cell(""), *first[1:]], rows=rows, words=1)
+
+
+def _as_cell(value: object, form: Callable[[Any], str]) -> Cell:
+    return value if isinstance(value, Cell) else Cell(form(value))
+
+
+@dataclass(frozen=True, slots=True)
+class Heading:
+    """A heading, of level 1 to 6."""
+
+    text: str
+    level: int = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Paragraph:
+    """A paragraph; "dim" is for notes and remarks."""
+
+    text: str
+    style: Style = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Items:
+    """A list."""
+
+    texts: Sequence[str]
+
+
+@dataclass(frozen=True, slots=True)
+class Code:
+    """Commands or other text of a program, lines as they are."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A picture: a file beside the report or a `data:` address, both ours; what it shows in words; a line below."""
+
+    address: str
+    text: str
+    caption: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Folded:
+    """Blocks behind a line that opens them."""
+
+    summary: str
+    blocks: Sequence[Block]
+
+
+Block = Heading | Paragraph | Items | Code | Picture | Table | Folded
+
+
+_RICH = {"": "", "strong": "bold", "dim": "dim", "good": "green", "bad": "red"}
+
+
+def to_terminal(blocks: Iterable[Block]) -> Iterator[RichTable | Text]:
+    """What a `rich` console prints, line by line and table by table; pictures are named."""
+    for block in blocks:
+        match block:
+            case Heading():
+                yield Text(plain(block.text), style="bold")
+            case Paragraph():
+                yield Text(plain(block.text), style=_RICH[block.style])
+            case Items():
+                yield from (Text(f"- {plain(text)}") for text in block.texts)
+            case Code():
+                yield from (Text(f"  {plain(line)}") for line in block.text.splitlines())
+            case Picture():
+                yield Text(plain(f"{block.text}: {block.address}"))
+            case Folded():
+                yield Text(plain(block.summary), style="bold")
+                yield from to_terminal(block.blocks)
+            case Table():
+                yield from (Text(plain(title), style="bold") for title in (block.title,) if title)
+                yield _rich_table(block)
+                yield from (Text(plain(note), style="dim") for note in (block.note,) if note)
+
+
+def _rich_table(table: Table) -> RichTable:
+    """Numbers are never cut where there is room; a first word that repeats the one above is left out."""
+    rows = table.cells()
+    lines = any(cell.below for row in rows for cell in row)
+    shown = RichTable(box=SIMPLE_HEAD, show_edge=False, padding=(0, 1, int(lines), 0))
+    for place, heading in enumerate(table.headings()):
+        of_words = place < table.words
+        shown.add_column(
+            _rich_text(heading), justify="left" if of_words else "right", no_wrap=not of_words, overflow="fold"
+        )
+    above = None
+    for first, *others in rows:
+        same = table.words > 1 and first == above
+        shown.add_row(Text("") if same else _rich_text(first), *map(_rich_text, others))
+        above = first
+    return shown
+
+
+def _rich_text(cell: Cell) -> Text:
+    below = "".join(f"\n{plain(line)}" for line in cell.below)
+    return Text(plain(cell.text), style=_RICH[cell.style]).append(below, style="not bold")
+
+
+def to_markdown(blocks: Iterable[Block]) -> str:
+    """GitHub's Markdown."""
+    return "\n\n".join(map(_markdown, blocks)) + "\n"
+
+
+def _markdown(block: Block) -> str:
+    match block:
+        case Heading():
+            return f"{'#' * block.level} {_markdown_text(block.text)}"
+        case Paragraph():
+            mark = {"strong": "**", "dim": "*"}.get(block.style, "")
+            return f"{mark}{_markdown_text(block.text)}{mark}"
+        case Items():
+            return "\n".join(f"- {_markdown_text(text)}" for text in block.texts)
+        case Code():
+            fence = "`" * max(3, 1 + max(map(len, re.findall("`+", block.text)), default=0))
+            return "\n".join([fence, *map(plain, block.text.splitlines()), fence])
+        case Picture():
+            shown = f"![{escape_markdown(block.text)}]({block.address})"
+            return f"{shown}\n\n*{escape_markdown(block.caption)}*" if block.caption else shown
+        case Folded():
+            inner = to_markdown(block.blocks)
+            return f"<details><summary>{escape_markdown(block.summary)}</summary>\n\n{inner}\n</details>"
+        case Table():
+            title = [f"**{escape_markdown(block.title)}**"] if block.title else []
+            return "\n\n".join([*title, markdown_table(block), *([_markdown_text(block.note)] if block.note else [])])
+
+
+def markdown_table(table: Table) -> str:
+    """The table alone, its lines as wide as their content, so that a changed value changes one line."""
+    rule = "|".join(":--" if place < table.words else "--:" for place in range(len(table.columns)))
+    head, *body = [
+        " | ".join(escape_markdown(" ".join((cell.text, *cell.below))) for cell in row)
+        for row in (table.headings(), *table.cells())
+    ]
+    return "\n".join([f"| {head} |", f"|{rule}|", *(f"| {line} |" for line in body)])
+
+
+def _markdown_text(text: str) -> str:
+    """Text that stands alone, where marks at its start would make it a heading, a list or a quotation."""
+    return re.sub(r"^\s*(\d*)([#>+=.)-])", r"\1\\\2", escape_markdown(text))
+
+
+def to_html(blocks: Iterable[Block]) -> Markup:
+    """A fragment of HTML for a page with `page/page.css`; lines of a cell are small below it, bars are drawn."""
+    macros: Any = environment().get_template("document.html.j2").module
+    parts = [
+        getattr(macros, type(block).__name__.lower())(
+            block, *([to_html(block.blocks)] if isinstance(block, Folded) else ())
+        )
+        for block in blocks
+    ]
+    return Markup("").join(parts)
+
+
+@cache
+def environment() -> jinja2.Environment:
+    """The templates of this package, which escape what they are given; blocks are written by the filter `html`."""
+    made = jinja2.Environment(
+        loader=jinja2.PackageLoader("bench.reporting", "."),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made.filters["html"] = to_html
+    # Inside of a <script> element nothing may close it: `tojson` escapes what could.
+    made.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "ensure_ascii": False, "allow_nan": False}
+    return made
+
+
+_SHORT_HEADING = 8  # letters, in one line
+_SCRIPT_SIZE_HOLDS = 100  # letters across both columns of `article`, which are narrower than IEEEtran's
+_LATEX_SPECIAL = str.maketrans(
+    {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+    | {character: f"\\{character}" for character in "%&#_${}"}
+)
+
+
+def to_latex(tables: Iterable[Table], *, label: str, about: str) -> str:
+    r"""Floats in the paper's form, for plain `article` or `IEEEtran` in two columns, without further packages.
+
+    Args:
+        tables: each becomes a float with its note; `*` spans both columns, since ours are wider than the paper's.
+        label: of all; each has a `\label` "tab:<label>-<name of the table>".
+        about: method, data set and protocol, behind the title of each caption.
+    """
+    return "\n".join(_float(table, label=label, about=about) for table in tables)
+
+
+def _float(table: Table, *, label: str, about: str) -> str:
+    head = _lines([_two_lines(cell) for cell in table.headings()])
+    body = [_lines(row) for row in table.cells()]
+    every = [line for lines in (head, *body) for line in lines]
+    letters = sum(max(map(len, column)) for column in zip(*every, strict=True))
+    bold = [[rf"\textbf{{{escape_latex(text)}}}" if text else "" for text in line] for line in head]
+    return "\n".join(
+        [
+            r"\begin{table*}",
+            rf"\caption{{{escape_latex(f'{table.title}: {about}')}.}}",
+            rf"\label{{tab:{'-'.join(latex_label(part) for part in (label, table.name) if part)}}}",
+            r"\begin{center}",
+            r"\fontsize{6}{7}\selectfont" if letters > _SCRIPT_SIZE_HOLDS else r"\scriptsize",
+            r"\setlength{\tabcolsep}{2.5pt}",
+            r"\renewcommand{\arraystretch}{1.2}",
+            rf"\begin{{tabular}}{{{'l ' * table.words}| {' '.join('r' * (len(table.columns) - table.words))}}}",
+            r"\hline",
+            _latex_row(bold),
+            *(_latex_row([list(map(_latex_value, line)) for line in lines]) for lines in body),
+            r"\end{tabular}",
+            rf"\par\smallskip\parbox{{\linewidth}}{{\scriptsize {escape_latex(table.note)}}}",
+            r"\end{center}",
+            r"\end{table*}",
+        ]
+    )
+
+
+def _lines(row: Sequence[Cell]) -> list[list[str]]:
+    """The lines of a row, "" where a cell has no more."""
+    texts = [(cell.text, *cell.below) for cell in row]
+    return [[text[n] if n < len(text) else "" for text in texts] for n in range(max(map(len, texts)))]
+
+
+def _two_lines(heading: Cell) -> Cell:
+    """A heading broken at the space nearest to its middle, so that columns are as narrow as their numbers."""
+    text = heading.text
+    spaces = [place for place, letter in enumerate(text) if letter == " " and len(text) > _SHORT_HEADING]
+    if heading.below or not spaces:
+        return heading
+    place = min(spaces, key=lambda place: abs(2 * place - len(text)))
+    return Cell(text[:place], (text[place + 1 :],))
+
+
+def _latex_row(lines: Sequence[Sequence[str]]) -> str:
+    r"""Lines of a tabular with `\\hline` below the last one."""
+    return " \\\\\n".join(map(" & ".join, lines)) + r" \\ \hline"
+
+
+def _latex_value(text: str) -> str:
+    """Text in which the sign of a number is that of mathematics."""
+    return re.sub(r"^[-+](?=\d)", lambda sign: f"${sign[0]}$", escape_latex(text))
+
+
+def escape_latex(text: str) -> str:
+    """Text in which LaTeX's special characters stand for themselves."""
+    return plain(text).translate(_LATEX_SPECIAL)
+
+
+def latex_label(name: str) -> str:
+    """A name of letters, digits and dashes, as part of a label."""
+    return re.sub(r"[^A-Za-z0-9-]+", "-", name).strip("-")
+
+
+def to_csv(rows: Iterable[Mapping[str, object]], columns: Sequence[str] | None = None) -> str:
+    """One line per row, numbers at full precision; empty for NaN, None, and what a row does not have.
+
+    Args:
+        rows: by name of the column.
+        columns: their names; None for those of the rows.
+    """
+    names = None if columns is None else list(columns)
+    return pd.DataFrame(list(rows), columns=names, dtype=object).to_csv(index=False, lineterminator="\n")
+
+
+def to_json(content: Mapping[str, object], *, indent: int = 1) -> str:
+    """JSON with null for NaN and infinity."""
+    return json.dumps(_finite(content), indent=indent, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {key: _finite(part) for key, part in value.items()}
+    return [_finite(part) for part in value] if isinstance(value, list | tuple) else value

@@ -1,0 +1,158 @@
+"""The document model: every writer shows all blocks, and text from outside stays text."""
+
+import csv
+import io
+import json
+import math
+import re
+
+import pandas as pd
+import pytest
+from rich.console import Console
+
+from bench.reporting.document import (
+    Bar,
+    Cell,
+    Code,
+    Column,
+    Folded,
+    Heading,
+    Items,
+    Paragraph,
+    Picture,
+    Table,
+    escape_latex,
+    to_csv,
+    to_html,
+    to_json,
+    to_latex,
+    to_markdown,
+    to_terminal,
+)
+
+HOSTILE = "# a|b <script>x</script> `c` *d* [e](f) &lt; $x$ 50 % {y} \\z\x1b[2J\n::error::p\u202e"
+TABLE = Table(
+    title="Found",
+    columns=["Kind", Column("Detection rate", lambda share: f"{100 * share:.1f} %"), "cases"],
+    rows=[["crossing", 0.5, 12], ["static", Cell("n/a", ("(0 cases)",)), None]],
+    note="Of all images.",
+    name="found",
+)
+
+
+def everything(text):
+    return [
+        Heading(text, 1),
+        Paragraph(text),
+        Paragraph(text, "strong"),
+        Items([text]),
+        Code(text),
+        Picture("a.png", text, text),
+        Folded(text, [Paragraph(text)]),
+        Table(title=text, columns=[text, text], rows=[[text, Cell(text, (text,), "bad", link="#a")]], note=text),
+    ]
+
+
+def printed(blocks, width=110):
+    console = Console(width=width, record=True, file=io.StringIO())
+    for shown in to_terminal(blocks):
+        console.print(shown, soft_wrap=not hasattr(shown, "columns"))
+    return console.export_text()
+
+
+def test_markdown_writes_a_table_with_its_title_and_note():
+    assert to_markdown([Heading("Results"), TABLE]) == (
+        "## Results\n\n**Found**\n\n| Kind | Detection rate | cases |\n|:--|--:|--:|\n| crossing | 50.0 % | 12 |\n"
+        "| static | n/a (0 cases) |  |\n\nOf all images.\n"
+    )
+
+
+def test_markdown_reads_nothing_in_text_from_outside():
+    text = to_markdown(everything(HOSTILE))
+    code = re.search(r"^```\n.*?\n```$", text, re.MULTILINE | re.DOTALL)[0]
+    others = text.replace(code, "")
+    assert r"# a|b <script>x</script> `c` *d*" in code, "as it is"
+    assert r"\# a\|b &lt;script>x&lt;/script> \`c\` \*d\* [e]\(f) &amp;lt; \$x\$ 50 % {y} \\z\\u001b" in others
+    assert "<script" not in others
+    assert all(line.isprintable() for line in text.splitlines())
+    assert [line for line in others.splitlines() if line.startswith("#")] == [f"# {others[2:].splitlines()[0]}"]
+    (row,) = [line for line in others.splitlines() if line.startswith(r"| # a")][1:]
+    assert len(re.findall(r"(?<!\\)\|", row)) == 3
+
+
+@pytest.mark.parametrize("text", ["1. one", "- one", "> one", "## one", "    + one", "===", "12) one"])
+def test_a_paragraph_of_markdown_is_no_list_heading_or_code(text):
+    assert re.match(r"\d*\\[#>+=.)-]", to_markdown([Paragraph(text)]))
+    assert re.match(r"- \d*\\[#>+=.)-]", to_markdown([Items([text])]))
+
+
+def test_code_of_markdown_ends_where_it_ends():
+    assert to_markdown([Code("a\n```\nb")]) == "````\na\n```\nb\n````\n"
+
+
+def test_html_draws_bars_and_escapes_text():
+    bar = Bar(share=0.5, interval=(0.25, 0.75), tick=0.9)
+    table = Table(columns=["a", "b"], rows=[["x", Cell("50 %", ("25 to 75",), "strong", bar)]])
+    shown = to_html([table])
+    assert '<th scope="row">' in shown
+    assert '--v:50.0%"><i></i><b style="--l:25.0%;width:50.0%"></b><u style="left:90.0%"></u>' in shown
+    assert "<small>25 to 75</small>" in shown
+    shown = to_html(everything("<script>x</script>\"' onerror='y'>&"))
+    assert "<script" not in shown
+    assert shown.count("&lt;script&gt;") == shown.count("x&lt;/script&gt;&#34;&#39; onerror=&#39;y&#39;&gt;&amp;") == 17
+    assert "<details><summary>" in shown
+
+
+def test_latex_stands_values_over_their_intervals_and_escapes_text():
+    text = to_latex([TABLE], label="demo", about="method spherical_2")
+    assert r"\caption{Found: method spherical\_2.}" in text
+    assert r"\label{tab:demo-found}" in text
+    assert "\\textbf{Kind} & \\textbf{Detection} & \\textbf{cases} \\\\\n & \\textbf{rate} &  \\\\ \\hline" in text
+    assert "static & n/a &  \\\\\n & (0 cases) &  \\\\ \\hline" in text
+    shown = to_latex([everything(HOSTILE)[-1]], label=HOSTILE, about=HOSTILE)
+    assert not re.search(r"(?<!\\)[%#$]", shown)
+    assert shown.count(r"\begin{") == shown.count(r"\end{")
+    assert re.search(r"\\label\{tab:[A-Za-z0-9-]+\}", shown)
+    assert escape_latex("50 % of a_b & #1 {x} $ ~ ^ \\") == (
+        r"50 \% of a\_b \& \#1 \{x\} \$ \textasciitilde{} \textasciicircum{} \textbackslash{}"
+    )
+    assert "$-$6.3" in to_latex([Table(columns=["a"], rows=[["-6.3"]])], label="a", about="")
+
+
+def test_the_terminal_shows_all_blocks_and_no_character_acts():
+    shown = printed([Heading("Results"), TABLE, Code("a b")])
+    assert [line.split() for line in shown.splitlines() if line.strip(" ─")] == [
+        ["Results"], ["Found"], ["Kind", "Detection", "rate", "cases"], ["crossing", "50.0", "%", "12"],
+        ["static", "n/a"], ["(0", "cases)"], ["Of", "all", "images."], ["a", "b"]
+    ]  # fmt: skip
+    shown = printed(block for block in everything(HOSTILE) if not isinstance(block, Code))
+    assert not re.search(r"^\s*::error", shown, re.MULTILINE)
+    assert all(c == "\n" or c.isprintable() for c in shown)
+
+
+def test_a_first_word_that_repeats_the_one_above_is_left_out_on_the_terminal():
+    shown = printed([Table(columns=["a", "b", "c"], rows=[["x", "1", 2], ["x", "2", 2], ["y", "3", 2]], words=2)])
+    assert [line.split() for line in shown.splitlines()[2:]] == [["x", "1", "2"], ["2", "2"], ["y", "3", "2"]]
+
+
+def test_a_frame_is_a_table_and_few_rows_of_many_columns_stand_upright():
+    frame = pd.DataFrame({"name": ["a", "b"], "share": [0.5, math.nan], "count": [1, 2]})
+    table = Table(columns=["name", Column("share", "{:.1f}".format), "count"], rows=frame)
+    assert [[cell.text for cell in row] for row in table.cells()] == [["a", "0.5", "1"], ["b", "nan", "2"]]
+    upright = Table(columns=list(frame), rows=frame).transposed()
+    assert [cell.text for cell in upright.headings()] == ["", "a", "b"]
+    assert [[cell.text for cell in row] for row in upright.cells()] == [["share", "0.5", "n/a"], ["count", "1", "2"]]
+    bare = Table(columns=["a", "b"], rows=[[1, 2]], words=0).transposed()
+    assert [[cell.text for cell in row] for row in bare.cells()] == [["a", "1"], ["b", "2"]]
+
+
+def test_csv_and_json_carry_numbers_without_loss():
+    rows = [{"a": 1 / 3, "b": 2, "c": 'x,"\n'}, {"a": math.nan, "d": None, "b": None}]
+    found = list(csv.DictReader(io.StringIO(to_csv(rows))))
+    assert found == [
+        {"a": repr(1 / 3), "b": "2", "c": 'x,"\n', "d": ""},
+        {"a": "", "b": "", "c": "", "d": ""},
+    ]
+    assert to_csv([], ["a", "b"]) == "a,b\n"
+    content = {"a": [math.nan, (1 / 3, math.inf)], "b": {"ü": None}}
+    assert json.loads(to_json(content)) == {"a": [None, [1 / 3, None]], "b": {"ü": None}}
