@@ -23,7 +23,7 @@ from bench.errors import DataError, UnknownNameError, UsageError
 from bench.plain_yaml import parse_yaml
 from bench.recordings.files import read_text
 from bench.recordings.handles import Exclusion
-from bench.recordings.remote.urls import RemoteUrl, parse_location
+from bench.recordings.object_storage import RemoteUrl, parse_location
 from bench.recordings.validation import FileModel, validated
 
 WORKING_FOLDER = Path("datasets")

@@ -12,7 +12,7 @@ from bench.errors import DataError, UnknownNameError
 from bench.plug_ins import imported, known_targets
 from bench.recordings.cards import DatasetCard
 from bench.recordings.handles import RecordingHandle
-from bench.recordings.remote import remote_recordings
+from bench.recordings.object_storage import remote_recordings
 
 ADAPTERS = {
     "native": "bench.recordings.native:native_recordings",

@@ -242,7 +242,7 @@ WRITERS = {
     "harness/cache/folder.py": "a cache keeps nothing where it cannot write",
     "harness/run_folder.py": "whole folders of a run, by one rename",
     "recordings/contract.py": "copies in a temporary folder",
-    "recordings/remote/datasets.py": "empty files in a temporary folder",
+    "recordings/object_storage.py": "empty files in a temporary folder",
 }
 
 
