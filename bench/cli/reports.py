@@ -10,7 +10,7 @@ from bench.cli.console import note_files, progress_bar, say, show
 from bench.errors import UnknownNameError
 from bench.reference import Category
 from bench.reporting.compare.changes import category_line, verdict_line
-from bench.reporting.compare.writing import to_rich, write_comparison
+from bench.reporting.compare.writing import terminal_report, write_comparison
 from bench.reporting.leaderboard.page import write_leaderboard
 from bench.reporting.leaderboard.reading import read_leaderboard
 from bench.reporting.leaderboard.texts import leaderboard_tables
@@ -41,7 +41,7 @@ def compare(runs: Sequence[Path], *, out: Path | None, pictures: bool) -> None:
     with progress_bar("drawing what changed", "pictures") as report:
         comparisons, files = write_comparison(runs, folder, pictures=pictures, progress=report)
     for comparison in comparisons:
-        show(to_rich(comparison))
+        show(terminal_report(comparison))
         counts = comparison.detections[-1]
         say(f"{counts.object_frames} object-frames, detected: {counts.before} before, {counts.after} after; "
              f"{counts.gained} newly detected, {counts.lost} newly missed")  # fmt: skip

@@ -29,7 +29,7 @@ from bench.recordings.input_errors import named_input_errors
 from bench.reference import IgnoreReason
 from bench.reporting.leaderboard.texts import best_line
 from bench.reporting.table_files import write_report_files
-from bench.reporting.tables import TableRow, threshold_free_line, to_rich
+from bench.reporting.tables import TableRow, terminal_report, threshold_free_line
 
 LEADERBOARD = Path("reports/leaderboard/leaderboard.json")  # of this checkout, as `make leaderboard` wrote it
 READ_FIRST = ("summary.json", "table.md", "range_map.png")
@@ -197,7 +197,7 @@ class RunReport:
 
     def print(self, summary: RunSummary, folder: Path) -> None:
         """Print the table, what became of the images, the cost, and where everything is."""
-        show(to_rich(self._rows))
+        show(terminal_report(self._rows))
         _print_totals(summary, [str(folder / file) for file in self._files], self.protocol)
         for remark in self._remarks:
             say(f"no picture: {remark}", style="yellow")
