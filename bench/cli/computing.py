@@ -13,7 +13,7 @@ from bench.errors import DataError, UsageError
 from bench.execution import ProcessExecutor, SerialExecutor, TaskExecutor, usable_cores
 from bench.harness.cache import CacheFolder, default_folder
 from bench.harness.cluster import ClusterExecutor, WorkerRequirements, scheduler_address
-from bench.methods import Method
+from bench.methods import Scorable
 from bench.plain_yaml import parse_yaml
 from bench.recordings import DatasetCard
 
@@ -36,7 +36,7 @@ class Computing:
     no_cache: bool = False
     scheduler: str | None = None
 
-    def executor(self, card: DatasetCard, method: Method, *, reads: Sequence[Path] = ()) -> TaskExecutor:
+    def executor(self, card: DatasetCard, method: Scorable, *, reads: Sequence[Path] = ()) -> TaskExecutor:
         """What computes the units.
 
         Args:

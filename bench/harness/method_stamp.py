@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict
 
 from bench.errors import UsageError
 from bench.harness.keys import MethodIdentity
-from bench.methods import METHODS, Method, build_method, known_methods
+from bench.methods import METHODS, Scorable, build_method, known_methods
 
 
 class MethodStamp(BaseModel):
@@ -33,7 +33,7 @@ class MethodStamp(BaseModel):
     identity: str | None = None
 
     @classmethod
-    def of(cls, method: Method, identity: MethodIdentity) -> MethodStamp:
+    def of(cls, method: Scorable, identity: MethodIdentity) -> MethodStamp:
         """The stamp of a method."""
         return cls(
             name=method.name,

@@ -34,7 +34,7 @@ from bench.harness.stored import RunSummary
 from bench.harness.tasks import PlannedRecording, RunSpec, ScoredUnit, UnitTask, plan_recording, score_unit
 from bench.harness.unit import Unit
 from bench.harness.unit_files import UnitFolder
-from bench.methods import Method
+from bench.methods import Scorable
 from bench.recordings import NO_INPUT_ERRORS, DatasetCard, InputErrors, RecordingHandle, open_dataset
 
 SERIAL = SerialExecutor()
@@ -60,7 +60,7 @@ class RunRequest:
     """
 
     card: DatasetCard
-    method: Method
+    method: Scorable
     protocol: Protocol
     out: Path
     split: str | None = None

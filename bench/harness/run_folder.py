@@ -22,7 +22,7 @@ from bench.errors import DataError
 from bench.evaluation import Protocol
 from bench.harness.shards import RunStamp
 from bench.harness.unit_files import FOLDER
-from bench.methods import Method
+from bench.methods import Scorable
 from bench.recordings import write_text
 from bench.recordings.atomic import folder_lock
 
@@ -56,7 +56,7 @@ class Experiment(BaseModel):
     protocol_digest: str
 
     @classmethod
-    def of(cls, *, dataset: str, split: str | None, method: Method, protocol: Protocol) -> Experiment:
+    def of(cls, *, dataset: str, split: str | None, method: Scorable, protocol: Protocol) -> Experiment:
         """The experiment that a run is."""
         made = cls._made(dataset, split, method.name, method.settings(), protocol.name, protocol.digest)
         return cls.model_validate_json(made.model_dump_json())  # as it reads from a file: lists, not tuples

@@ -13,7 +13,7 @@ from bench.evaluation import load_protocol
 from bench.execution import ProcessExecutor, SerialExecutor
 from bench.harness import FramePipeline, RunRequest, build_scorable, read_run, run_benchmark, scorable_methods
 from bench.harness.oracles import ExactMasks, ReferenceItself, moving_instances
-from bench.methods import MethodError, build_method, known_methods
+from bench.methods import build_method, known_methods
 from bench.recordings import load_card, open_dataset, read_truth
 
 
@@ -172,7 +172,7 @@ def test_nobody_else_is_answered_for(tiny_card):
 
     handle = open_dataset(load_card(str(tiny_card)))[0]
     pipeline = FramePipeline(handle.open(), "front", method=Answers(), protocol=load_protocol("paper-v1"))
-    with pytest.raises(MethodError, match="never looks at an image"):
+    with pytest.raises(UsageError, match=r"derived from bench\.methods\.Method, got Answers"):
         pipeline.process(2)
 
 

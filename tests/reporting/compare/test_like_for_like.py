@@ -16,7 +16,7 @@ from bench.evaluation.row_source import CommonImages, RowsOnImages
 from bench.gate import judge, load_tolerances, scored_run
 from bench.harness import RunRequest, read_run, run_benchmark
 from bench.harness.stored import open_tables
-from bench.methods import Segmentation
+from bench.methods import Method, Segmentation
 from bench.recordings import load_card
 from bench.reporting.compare.changes import compare_runs
 from bench.reporting.compare.runs import read_comparable
@@ -28,10 +28,8 @@ PROTOCOL = load_protocol("paper-v1")
 SCORED = {"one": 12, "two": 9}  # of three drives of five images
 
 
-class Brighter:
+class Brighter(Method):
     """Marks what became brighter since the image `history` images ago."""
-
-    colour = False
 
     def __init__(self, name, history):
         self.name, self.history = name, history
