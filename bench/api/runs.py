@@ -97,7 +97,7 @@ def run(
         protocol: by name or file.
         split: of the data set; None for all of it.
         out: folder of the run; None for `reports/runs/<data set>-<method>`.
-        overwrite: replace the run of another experiment in the folder.
+        overwrite: replace another run in the folder.
         workers: processes. More than one need a method that can be imported, not one of a notebook's cell, and in a
             program `if __name__ == "__main__":` around the call.
         cache: folder where flow, likelihood and reference are stored for other runs; None for nowhere.
@@ -106,7 +106,7 @@ def run(
     Raises:
         UnknownNameError: no data set, method, protocol or split of this name.
         UsageError: settings that the method does not take, or beside an object.
-        DataError: nothing of the data set could be used, or `out` holds another experiment.
+        DataError: nothing of the data set could be used, or `out` holds another run.
     """
     card = dataset if isinstance(dataset, DatasetCard) else load_card(dataset)
     rules = load_protocol(protocol)
@@ -125,6 +125,7 @@ def run(
         method=chosen,
         protocol=rules,
         out=folder,
+        settings=settings or {},
         split=split,
         overwrite=overwrite,
         executor=executor,

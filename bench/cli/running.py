@@ -45,7 +45,7 @@ class ScoringOptions:
         protocol: names or files, with commas in between; the method is asked once for all of them.
         split: of the data set; None for all of it.
         out: folder of the run; None for the usual one.
-        overwrite: replace the run of another experiment.
+        overwrite: replace another run.
         computing: where and how.
     """
 
@@ -105,7 +105,8 @@ def requested_runs(asked: ScoringOptions, *, render: bool = True) -> list[RunReq
         render: the data set where it is not there.
     """
     card, protocols = load_card(asked.dataset), load_protocols(asked.protocol)
-    method = build_scorable(asked.method, parse_settings(asked.settings))
+    requested = parse_settings(asked.settings)
+    method = build_scorable(asked.method, requested)
     settings = non_default_settings(method, asked.method)
     if asked.out is None:
         folders = [default_folder(card, method.name, settings, protocol, asked.split) for protocol in protocols]
@@ -119,6 +120,7 @@ def requested_runs(asked: ScoringOptions, *, render: bool = True) -> list[RunReq
         method=method,
         protocol=protocols[0],
         out=folders[0],
+        settings=requested,
         split=asked.split,
         overwrite=asked.overwrite,
         executor=asked.computing.executor(card, method),

@@ -57,10 +57,11 @@ class LatexNames:
     def of(cls, run: StoredRun) -> LatexNames:
         """Of a run: its folder's name; the settings that are not the method's defaults are said."""
         summary = run.summary
-        settings = [f"{name} = {value}" for name, value in summary.method.changed_settings().items()]
+        method, data = summary.manifest.method, summary.manifest.dataset
+        settings = [f"{name} = {value}" for name, value in method.changed_settings().items()]
         told = shortened(", ".join(settings), _LONGEST_SETTINGS) or "default settings"
-        split = f", split {summary.split}" if summary.split else ""
-        about = f"method {summary.method.name} ({told}), data set {summary.dataset}{split}, {run.protocol.name}"
+        split = f", split {data.split}" if data.split else ""
+        about = f"method {method.name} ({told}), data set {data.name}{split}, {run.protocol.name}"
         return cls(label=latex_label(run.label), about=about)
 
 

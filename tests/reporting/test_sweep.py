@@ -10,13 +10,13 @@ from matplotlib.colors import to_hex
 from rich.console import Console
 
 from bench.evaluation import FalsePositiveMetrics, Metric, ObjectMetrics
-from bench.harness.provenance import Provenance
-from bench.harness.stored import MethodStamp
+from bench.harness.method_stamp import MethodStamp
 from bench.harness.sweep import SweepResult, SweepRow
 from bench.harness.sweep.results import FlowCalls, write_sweep
 from bench.records.reference import Category
 from bench.reporting.canvas import BLUE, GREY, VERMILION
 from bench.reporting.sweep import draw_sweep, shown_labels, to_csv, to_markdown, to_rich, write_sweep_files
+from tests.support.manifests import provenance
 
 
 def figure(value, *, spread=0.1, cases=40):
@@ -59,10 +59,6 @@ def row(value, share, *, operating=False, levels=("10", "50")):
 
 
 def sweep(*rows, scale="log", part="method", **more):
-    made = Provenance(
-        version="1", commit=None, python="3", libraries={}, data_fingerprint="f", started_utc="now", seconds=1.0,
-        stage_seconds={}, images=12, peak_memory_mb=100.0,
-    )  # fmt: skip
     return SweepResult(
         schema_version=1,
         what="threshold",
@@ -77,7 +73,7 @@ def sweep(*rows, scale="log", part="method", **more):
         protocol="paper-v1",
         rows=rows or (row(3e-4, 0.9), row(6e-4, 0.8, operating=True), row(1e-3, 0.6)),
         flow=FlowCalls(computed=12, read=0),
-        provenance=made,
+        provenance=provenance(images=12),
         failures=(),
         **more,
     )

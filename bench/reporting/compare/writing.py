@@ -79,9 +79,10 @@ def to_markdown(comparisons: Sequence[RunComparison]) -> str:
     """The first run with each of the others as GitHub's Markdown."""
     first = comparisons[0].before.summary
     title = f"{', '.join(c.after.label for c in comparisons)} against {comparisons[0].before.label}"
+    data = first.manifest.dataset
     compared = (
-        f"Data set {first.dataset}, {first.split or 'all recordings'}, protocol {first.protocol.name} "
-        f"({first.protocol.digest[:12]}), reference {first.reference_fingerprint[:12]}."
+        f"Data set {data.name}, {data.split or 'all recordings'}, protocol {first.protocol.name} "
+        f"({first.protocol.digest[:12]}), reference {str(first.manifest.reference)[:12]}."
     )
     parts = [f"# {escape_markdown(title)}", escape_markdown(compared)]
     for comparison in comparisons:
@@ -205,7 +206,8 @@ def _latex(comparison: RunComparison) -> str:
         for side, run in enumerate(runs)
     ]
     first = comparison.before.summary
-    compared = f"data set {first.dataset}{f', split {first.split}' if first.split else ''}, {first.protocol.name}"
+    split = first.manifest.dataset.split
+    compared = f"data set {first.manifest.dataset.name}{f', split {split}' if split else ''}, {first.protocol.name}"
     table = TextTable(
         title=" and ".join(run.label for run in runs),
         headings=["Type", "Run", "Recordings", "Cases", *_OF_LATEX.values()],
@@ -279,10 +281,10 @@ def to_json(comparisons: Sequence[RunComparison]) -> str:
     content = {
         "schema_version": SCHEMA_VERSION,
         "note": NOTE,
-        "dataset": first.dataset,
-        "split": first.split,
+        "dataset": first.manifest.dataset.name,
+        "split": first.manifest.dataset.split,
         "protocol": first.protocol.model_dump(),
-        "reference_fingerprint": first.reference_fingerprint,
+        "reference": first.manifest.reference,
         "comparisons": [_json_comparison(comparison) for comparison in comparisons],
     }
     return json_text(content)
@@ -313,13 +315,12 @@ def _json_comparison(comparison: RunComparison) -> dict[str, Any]:
 
 
 def _json_run(run: StoredRun) -> dict[str, Any]:
-    made = run.summary.provenance
     return {
         "run": run.label,
-        "method": run.summary.method.model_dump(),
-        "version": made.version,
-        "commit": made.commit,
-        "started_utc": made.started_utc,
+        "method": run.summary.manifest.method.model_dump(),
+        "version": run.summary.manifest.code.version,
+        "commit": run.summary.manifest.code.commit,
+        "started_utc": run.summary.provenance.started_utc,
     }
 
 

@@ -111,7 +111,7 @@ def _render(run: StoredRun, worst: WorstCases, pair: Beside | None, *, pictures:
         "columns": _HEADLINE | rates,
         "tiles": tiles(found, category=run.category),
         "paper": published.SOURCE,
-        "changed_settings": run.summary.method.changed_settings(),
+        "changed_settings": run.summary.manifest.method.changed_settings(),
         "recordings": listed,
         "all_recordings": all_recordings,
         "tables": text_tables(shown)[1 : 4 if whole else 3] if shown else (),
@@ -128,7 +128,7 @@ def _render(run: StoredRun, worst: WorstCases, pair: Beside | None, *, pictures:
         "objects": table_data(run, pictured=_pictured(worst)),
         "stages": sorted(made.stage_seconds.items(), key=lambda item: -item[1]),
         "computed": made.images if made.work is None else made.work.images_computed,
-        "settings": json.dumps(run.summary.method.settings),
+        "settings": json.dumps(run.summary.manifest.method.settings),
         "style": _packaged("page.css"),
         "script": _packaged("page.js"),
     }

@@ -215,7 +215,7 @@ def test_a_run_with_errors_is_none_without(tiny_card, tmp_path):
     wrong = [score("run", yaw_rate_bias_degps=3.0), score("run", yaw_rate_bias_degps=2.0)]
     assert [run.provenance.work.units_reused for run in wrong] == [0, 0]
     assert [run.provenance.work.steps_found for run in wrong] == [{"flow": PAIRS, "reference": PAIRS}] * 2
-    assert len({run.provenance.data_fingerprint for run in (plain, *wrong)}) == 3
+    assert len({run.manifest.dataset.data for run in (plain, *wrong)}) == 3
     assert len({run.all_moving.model_dump_json() for run in (plain, *wrong)}) == 3
     assert wrong[1].caveats.endswith("The method was told errors of its input: yaw_rate_bias_degps 2.")
     assert plain.caveats == card.content.caveats
