@@ -102,7 +102,7 @@ def run(
         input_errors: injected into what the method is given, by the names of `bench.recordings.InputErrors`, for
             example `{"pitch_deg": 0.5}`; the reference keeps the truth.
         out: folder of the run; None for `reports/runs/<data set>-<method>`.
-        overwrite: replace the run of another experiment in the folder.
+        overwrite: replace another run in the folder.
         workers: processes. More than one need a method that can be imported, not one of a notebook's cell, and in a
             program `if __name__ == "__main__":` around the call.
         cache: folder where flow, likelihood and reference are stored for other runs; None for nowhere.
@@ -111,7 +111,7 @@ def run(
     Raises:
         UnknownNameError: no data set, method, protocol, split or input error of this name.
         UsageError: settings that the method does not take, or beside an object; an input error that is no number.
-        DataError: nothing of the data set could be used, or `out` holds another experiment.
+        DataError: nothing of the data set could be used, or `out` holds another run.
     """
     card = dataset if isinstance(dataset, DatasetCard) else load_card(dataset)
     rules = load_protocol(protocol)
@@ -133,6 +133,7 @@ def run(
         method=chosen,
         protocol=rules,
         out=folder,
+        settings=settings or {},
         split=split,
         input_errors=errors,
         overwrite=overwrite,

@@ -89,7 +89,7 @@ Scheduler = Annotated[
     str | None,
     typer.Option("--scheduler", help="Compute on a Dask cluster: tcp://HOST:PORT, or the file of its scheduler."),
 ]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the run of another experiment in the folder.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace another run in the folder.")]
 Split = Annotated[str | None, typer.Option("--split", help="A split of the data set; default: all recordings.")]
 
 

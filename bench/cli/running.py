@@ -46,7 +46,7 @@ class ScoringOptions:
         protocol: names or files, with commas in between; the method is asked once for all of them.
         split: of the data set; None for all of it.
         out: folder of the run; None for the usual one.
-        overwrite: replace the run of another experiment.
+        overwrite: replace another run.
         computing: where and how.
         input_errors: injected into what the method is given, "name=value".
     """
@@ -108,7 +108,8 @@ def requested_runs(asked: ScoringOptions, *, render: bool = True) -> list[RunReq
         render: the data set where it is not there.
     """
     card, protocols = load_card(asked.dataset), load_protocols(asked.protocol)
-    method = build_scorable(asked.method, parse_settings(asked.settings))
+    requested = parse_settings(asked.settings)
+    method = build_scorable(asked.method, requested)
     errors = named_input_errors(parse_settings(asked.input_errors, option="--input-error"))
     settings = [*non_default_settings(method, asked.method), *errors.named.items()]
     if asked.out is None:
@@ -123,6 +124,7 @@ def requested_runs(asked: ScoringOptions, *, render: bool = True) -> list[RunReq
         method=method,
         protocol=protocols[0],
         out=folders[0],
+        settings=requested,
         split=asked.split,
         input_errors=errors,
         overwrite=asked.overwrite,

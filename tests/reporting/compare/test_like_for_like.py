@@ -69,7 +69,7 @@ def _image(row):
 
 def test_methods_of_other_history_scored_other_images(runs):
     assert {name: read_run(folder).images.evaluated for name, folder in runs.items()} == SCORED
-    fingerprints = {read_run(folder).reference_fingerprint for folder in runs.values()}
+    fingerprints = {read_run(folder).manifest.reference for folder in runs.values()}
     assert len(fingerprints) == 2
 
 
@@ -173,7 +173,7 @@ def test_no_common_image_is_said(runs, tiny_card, tmp_path):
     moved = pa.array((frames["timestamp_ns"].to_numpy() + 1).tolist(), pa.int64())
     pq.write_table(frames.set_column(frames.schema.get_field_index("timestamp_ns"), "timestamp_ns", moved),
                    standing / "frames.parquet")  # fmt: skip
-    change_summary(standing, lambda content: content.update(reference_fingerprint="x"))
+    change_summary(standing, lambda content: content["manifest"].update(reference="x"))
     with pytest.raises(UsageError, match="no image was scored by both; the first has 12, the second 12"):
         compare_runs(read_comparable([runs["one"], standing]))
 
