@@ -190,11 +190,7 @@ def read_rig(root: Path, cameras: tuple[CameraName, ...], options: Kitti360Optio
                 file=folder / "calib_cam_to_pose.txt",
                 field=name,
             )
-    return Rig(
-        vehicle_from_imu=vehicle_from_imu,
-        vehicle_from_lidar=vehicle_from_imu @ imu_from_lidar,
-        cameras=mounted,
-    )
+    return Rig(vehicle_from_imu=vehicle_from_imu, vehicle_from_lidar=vehicle_from_imu @ imu_from_lidar, cameras=mounted)
 
 
 def _lidar_from_camera(root: Path, file: Path, on_error: OnError) -> RigidTransform | None:

@@ -89,9 +89,7 @@ def read_clock(file: Path, frames: list[int], on_error: OnError = STRICT) -> Fra
     if numbered is None or len(times_ns) < len(lines) or late:
         return None
     return FrameClock(
-        file=file,
-        times_ns=dict(zip(numbered, times_ns.values(), strict=True)),
-        interval_ns=int(np.median(steps_ns)),
+        file=file, times_ns=dict(zip(numbered, times_ns.values(), strict=True)), interval_ns=int(np.median(steps_ns))
     )
 
 
