@@ -54,7 +54,7 @@ def open_edges(mesh: Mesh) -> int:
 def of_joint(body: Body, name: str, corners_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Corners (N, 3) of what hangs on a joint."""
     row = [joint.name for joint in body.linkage.joints].index(name)
-    start, end, _ = next(part for part in body.parts if part[2] == row)
+    start, end, _ = next(part for part in body.linkage.parts if part[2] == row)
     return corners_m[start:end].reshape(-1, 3)
 
 
@@ -145,7 +145,7 @@ def test_vehicles_keep_their_shape_and_their_wheels_roll(kind: str) -> None:
     turning = (
         np.abs(body.corners_at(0.4) - body.corners_at(0.0)).reshape(len(body.mesh.corners_m), -1).max(axis=1) > 1e-9
     )
-    still = sum(end - start for start, end, _ in body.parts)
+    still = sum(end - start for start, end, _ in body.linkage.parts)
     assert 0 < turning.sum() <= still
 
 
