@@ -77,7 +77,7 @@ def show(shown: Table | Iterable[Block]) -> None:
     from bench.reporting.document import to_terminal  # loads pandas, which few commands need
 
     for part in (shown,) if isinstance(shown, Table) else to_terminal(shown):
-        _print(_harmless_text(part) if isinstance(part, Text) else _harmless_table(part))
+        _print(_harmless_text(part) if isinstance(part, Text) else _harmless_table(part), wrap=True)
 
 
 def _harmless_table(table: Table) -> Table:
@@ -217,7 +217,7 @@ class _RateColumn(ProgressColumn):
         return Text(shown, style="progress.data.speed")
 
 
-def _print(shown: Table | Text, *, to_errors: bool = False) -> None:
+def _print(shown: Table | Text, *, to_errors: bool = False, wrap: bool = False) -> None:
     """Print.
 
     Raises:
@@ -226,7 +226,7 @@ def _print(shown: Table | Text, *, to_errors: bool = False) -> None:
     """
     console = _console(to_errors=to_errors)
     try:
-        console.print(shown, soft_wrap=isinstance(shown, Text))
+        console.print(shown, soft_wrap=not wrap)
     except OSError as error:
         _end(console.file)
         if not to_errors:

@@ -192,7 +192,7 @@ def to_terminal(blocks: Iterable[Block]) -> Iterator[RichTable | Text]:
             case Table():
                 yield from (Text(plain(title), style="bold") for title in (block.title,) if title)
                 yield _rich_table(block)
-                yield from (Text(plain(note), style="dim") for note in (block.note,) if note)
+                yield from (Text(line, style="dim") for line in (plain(block.note), "") if block.note)
 
 
 def _rich_table(table: Table) -> RichTable:
