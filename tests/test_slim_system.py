@@ -1,6 +1,7 @@
 """A system without libEGL, libGL and libX11, on which open3d does not load: every command but one works."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.lidar import cloud_files
 from bench.synthesis.mesh import EMBREEX
 from tests.support.clouds import write_points
 
@@ -96,3 +98,9 @@ def test_clouds_are_read_without_it_and_only_compressed_points_ask_for_the_libra
     done = subprocess.run([*read, str(tmp_path / "c.pcd")], env=slim, capture_output=True, text=True, check=False)
     assert "libEGL" in done.stderr
     assert "apt-get install" in done.stderr
+
+
+def test_the_libraries_that_messages_ask_for_are_those_of_the_documentation():
+    text = (Path(__file__).parents[1] / "docs" / "index.md").read_text()
+    asked = re.search(r"apt-get install [a-z0-9 -]+", Path(cloud_files.__file__).read_text())
+    assert asked.group().strip() in text

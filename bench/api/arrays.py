@@ -29,10 +29,9 @@ from bench.evaluation.sums import (
     intersection_over_union,
     object_accumulators,
 )
-from bench.methods import Segmentation
-from bench.reference import IgnoreReason, ReferenceFrame, Status
-from bench.reference.masks import pixels_object
-from bench.reference.polygons import rasterise
+from bench.geometry.raster import rasterise
+from bench.records.reference import IgnoreReason, ReferenceFrame, Status, pixels_object
+from bench.records.segmentation import Segmentation
 
 Mask = NDArray[np.bool_]
 Polygons = Sequence[ArrayLike | Polygon]

@@ -18,9 +18,11 @@ from bench.evaluation import ObjectMetrics, Protocol, load_protocol
 from bench.execution import ProcessExecutor, SerialExecutor, TaskExecutor
 from bench.harness import RunRequest, RunSummary, build_scorable, read_run, read_tables, run_benchmark
 from bench.harness.cache import CacheFolder
+from bench.harness.oracles import require_scorable
 from bench.harness.stages import Progress
-from bench.methods import Method
+from bench.methods import Method, Scorable
 from bench.recordings import DatasetCard, load_card
+from bench.recordings.input_errors import named_input_errors
 from bench.reporting.table_files import write_report_files
 
 if TYPE_CHECKING:
@@ -80,6 +82,7 @@ def run(
     settings: Mapping[str, object] | None = None,
     protocol: str | Path = DEFAULT_PROTOCOL,
     split: str | None = None,
+    input_errors: Mapping[str, object] | None = None,
     out: str | Path | None = None,
     overwrite: bool = False,
     workers: int = 1,
@@ -92,21 +95,23 @@ def run(
 
     Args:
         dataset: card, by path or by a name that `fisheye-bench datasets` lists.
-        method: by name, as "module:Class", or an object with `name`, `history`, `settings()` and `segment()`.
+        method: by name, as "module:Class", or an object of a class that derives from `bench.methods.Method`.
         settings: parameters of a method that is given by name.
         protocol: by name or file.
         split: of the data set; None for all of it.
+        input_errors: injected into what the method is given, by the names of `bench.recordings.InputErrors`, for
+            example `{"pitch_deg": 0.5}`; the reference keeps the truth.
         out: folder of the run; None for `reports/runs/<data set>-<method>`.
-        overwrite: replace the run of another experiment in the folder.
+        overwrite: replace another run in the folder.
         workers: processes. More than one need a method that can be imported, not one of a notebook's cell, and in a
             program `if __name__ == "__main__":` around the call.
         cache: folder where flow, likelihood and reference are stored for other runs; None for nowhere.
         progress: called with the images done and their number.
 
     Raises:
-        UnknownNameError: no data set, method, protocol or split of this name.
-        UsageError: settings that the method does not take, or beside an object.
-        DataError: nothing of the data set could be used, or `out` holds another experiment.
+        UnknownNameError: no data set, method, protocol, split or input error of this name.
+        UsageError: settings that the method does not take, or beside an object; an input error that is no number.
+        DataError: nothing of the data set could be used, or `out` holds another run.
     """
     card = dataset if isinstance(dataset, DatasetCard) else load_card(dataset)
     rules = load_protocol(protocol)
@@ -115,9 +120,12 @@ def run(
     elif settings:
         raise UsageError("settings: expected none beside a method that is built already")
     else:
-        chosen, named = method, method.name
-    usual = default_folder(card, chosen.name, non_default_settings(chosen, named), rules, split)
-    folder = usual if out is None else Path(out)
+        chosen = require_scorable(method)
+        named = chosen.name
+    errors = named_input_errors(input_errors or {})
+    changed = [*non_default_settings(chosen, named), *errors.named.items()]
+    usual = default_folder(card, chosen.name, changed, rules, split)
+    folder = usual if out is None else run_folder(out)
     render_if_missing(card, workers=workers)
     executor: TaskExecutor = SerialExecutor() if workers == 1 else ProcessExecutor(workers=workers)
     request = RunRequest(
@@ -125,7 +133,9 @@ def run(
         method=chosen,
         protocol=rules,
         out=folder,
+        settings=settings or {},
         split=split,
+        input_errors=errors,
         overwrite=overwrite,
         executor=executor,
         cache=None if cache is None else CacheFolder(folder=Path(cache)),
@@ -144,6 +154,20 @@ def load_run(folder: str | Path) -> Run:
     return Run(folder=Path(folder), summary=read_run(Path(folder)))
 
 
+def run_folder(place: str | Path) -> Path:
+    """The folder of a run that a user names.
+
+    Raises:
+        UsageError: an empty name, or an address.
+    """
+    if not str(place):
+        raise UsageError("expected a folder, got an empty name")
+    if "://" in str(place):
+        do = "copy the run's folder with the storage's own tool (docs/large-runs.md)"
+        raise UsageError(f"expected a folder of this machine, got an address; {do}")
+    return Path(place)
+
+
 def default_folder(
     card: DatasetCard, method: str, settings: Iterable[tuple[str, object]], protocol: Protocol, split: str | None
 ) -> Path:
@@ -152,7 +176,7 @@ def default_folder(
     Args:
         card: the data set.
         method: name of the method.
-        settings: those that are not the default.
+        settings: those that are not the default, input errors included.
         protocol: the rules.
         split: of the data set; None for all.
     """
@@ -165,7 +189,7 @@ def default_folder(
     return RUNS / name
 
 
-def non_default_settings(method: Method, named: str) -> list[tuple[str, object]]:
+def non_default_settings(method: Scorable, named: str) -> list[tuple[str, object]]:
     """Settings that are not the default; all of a method that cannot be built without any.
 
     Args:

@@ -1,4 +1,4 @@
-"""Why cells are missed and why cells are flagged, by the method with exact flow and exact motion.
+"""Causes of missed and of flagged cells, found by the method with exact flow and exact motion.
 
 Any `FlowMethod` can be asked. It is run three times on a pair of images: as in the benchmark (R), with the exact
 ego-motion and calibration in place of the recorded ones (M), and with the exact flow as well (E). What E does not find,
@@ -37,7 +37,7 @@ BESIDE_PX = 15  # a flow window's width: as far as an object's motion bleeds int
 
 
 class MissCause(StrEnum):
-    """Why a cell of a moving object is not found."""
+    """Reason that a cell of a moving object is not found."""
 
     NEAR_EPIPOLE = "near_epipole"  # blind: no deviation is defined there
     ENTERED = "entered"  # blind: what it shows was outside of the previous image
@@ -49,7 +49,7 @@ class MissCause(StrEnum):
 
 
 class FalseCause(StrEnum):
-    """Why a cell of the static world is flagged."""
+    """Reason that a cell of the static world is flagged."""
 
     ANTI_PARALLEL = "anti_parallel"  # the paper's own: a static point between the road and the camera's height
     OTHER_CONSTRAINT = "other_constraint"  # another constraint fires by the exact flow
@@ -64,7 +64,7 @@ BLIND = (MissCause.NEAR_EPIPOLE, MissCause.ENTERED, MissCause.ABOVE_HORIZON, Mis
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Evidence:
-    """What the three runs say of each cell of the flow, at its centre, all (rows, columns) bool.
+    """Results of the three runs for each cell of the flow, at its centre, all (rows, columns) bool.
 
     Attributes:
         by_recorded: R fires.
@@ -312,7 +312,7 @@ def explain_image(
 
     Raises:
         DataError: something of the recording cannot be read.
-        UsageError: the recording has no scene to stage, or the method takes no flow from outside.
+        UsageError: the recording has no scene to simulate, or the method takes no flow from outside.
     """
     if not isinstance(method, FlowMethod):
         raise UsageError(f"explain: expected a method that takes flow from outside, {EXPLAINED}, got {method.name!r}")

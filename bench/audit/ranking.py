@@ -47,6 +47,7 @@ from bench.evaluation.slices import bin_names
 from bench.evaluation.summary import Ratio
 from bench.execution import SerialExecutor, TaskExecutor
 from bench.harness import provenance as origin
+from bench.harness.manifest import CodeOfRun
 from bench.harness.oracles import ExactMasks, is_oracle
 from bench.harness.provenance import Provenance
 from bench.harness.stages import Progress, StageClock
@@ -75,7 +76,7 @@ class Estimate(_Part):
 
 
 class Agreement(_Part):
-    """How well a lidar reference agrees with the exact masks in one row.
+    """Agreement of a lidar reference with the exact masks in one row.
 
     Attributes:
         tau: Kendall's tau-b of the two orders of the predictions by IoU, in the row of false positives by their share;
@@ -90,7 +91,7 @@ class Agreement(_Part):
 
 
 class Check(_Part):
-    """Whether a mask that is worse than the exact one by construction has at most its IoU.
+    """Check that a mask that is worse than the exact one by construction has at most its IoU.
 
     Attributes:
         prediction: name of the worse one.
@@ -111,7 +112,7 @@ class Check(_Part):
 
 
 class SurfaceFit(_Part):
-    """How far the regions of `surface-v1` are right, over the object-frames of a slice.
+    """Correctness of the regions of `surface-v1`, over the object-frames of a slice.
 
     Attributes:
         object_class: or "all".
@@ -171,7 +172,9 @@ class RankingSummary(_Part):
         rows: by kind of motion, then all, then false positives.
         fits: of `surface-v1`: over all, by class, by class and range, by ego speed.
         failures: one line per recording or image that could not be used.
-        provenance: where the ranking comes from.
+        data: digest of the recordings' data.
+        code: of this package, and its libraries.
+        provenance: how the ranking came about.
     """
 
     schema_version: int
@@ -186,6 +189,8 @@ class RankingSummary(_Part):
     rows: tuple[RankedRow, ...]
     fits: tuple[SurfaceFit, ...]
     failures: tuple[str, ...]
+    data: str
+    code: CodeOfRun
     provenance: Provenance
 
     def mean_difference(self, reference: str, *, real: bool) -> float:
@@ -198,7 +203,7 @@ class RankingSummary(_Part):
         return float(np.mean(found)) if found else float("nan")
 
     def misses(self, reference: str) -> tuple[str, ...]:
-        """Which aims a reference misses, in words; none where it ranks as the truth does.
+        """List the aims that a reference misses, in words; none where it ranks as the truth does.
 
         The order counts in rows with at least six recordings.
         """
@@ -275,7 +280,7 @@ def draw_recordings(sums: Values) -> Values | None:
 def agreement(
     sums: Values, draws: Values | None, *, reference: int, metrics: Sequence[str], real: NDArray[np.bool_]
 ) -> Agreement:
-    """How well a reference agrees with the last one.
+    """Agreement of a reference with the last one.
 
     Args:
         sums: (references, predictions, accumulators) float64.
@@ -460,9 +465,10 @@ def run_ranking(
         rows=tuple(rank_row(name, sums[:, k], unknown[:, k], predictions) for k, name in enumerate(ROWS)),
         fits=surface_fits([found.fits for found in ranked]),
         failures=(*failures, *(problem for found in ranked for problem in found.problems)),
+        data=origin.combined_fingerprint([found.fingerprint for found in ranked]),
+        code=CodeOfRun.here(),
         provenance=origin.provenance_since(
             start,
-            fingerprints=[found.fingerprint for found in ranked],
             stage_seconds=clock.seconds,
             images=images,
         ),

@@ -34,7 +34,7 @@ from bench.reference import ReferenceFrame, Status
 
 
 class Scoring(StrEnum):
-    """What is scored against what; the same image- and object-frames in all of them."""
+    """Detections and reference that are scored; the same image- and object-frames in all of them."""
 
     LIDAR = "lidar"  # the method as it is, against the protocol's lidar polygons: the benchmark
     MASKS = "masks"  # the same detections, against the exact masks
@@ -45,7 +45,7 @@ class Scoring(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RecordingAudit:
-    """What an audit of a recording, or of several, has found.
+    """Findings of the audit of a recording, or of several.
 
     Attributes:
         polygons: of `POLYGONS_SCHEMA`.
@@ -178,7 +178,7 @@ class _CameraAudit:
         self._not_seen = 0
 
     def score(self, index: int) -> None:
-        """Audit an image; one that cannot be used is reported and the others go on."""
+        """Audit an image; one that cannot be used is reported, and the others are audited."""
         image = self._pipeline.images[index]
         try:
             given = self._pipeline.method_input(index)
@@ -195,7 +195,7 @@ class _CameraAudit:
             self._leave_out(image.timestamp_ns, "failed", str(error))
         else:
             self._polygon_rows += rows
-            self._judge(given, ids, reference)
+            self._score(given, ids, reference)
 
     def finish(self) -> RecordingAudit:
         """The tables; without exact flow where the scene turns out to be another one."""
@@ -220,7 +220,7 @@ class _CameraAudit:
     def _scorings(self) -> tuple[Scoring, ...]:
         return tuple(Scoring) if self._simulated is not None else (Scoring.LIDAR, Scoring.MASKS)
 
-    def _judge(self, given: MethodInput, ids: NDArray[np.uint16], reference: ReferenceFrame) -> None:
+    def _score(self, given: MethodInput, ids: NDArray[np.uint16], reference: ReferenceFrame) -> None:
         by_lidar, by_masks = same_objects([reference], ids, self._instance_of)
         self._not_seen += _evaluated(reference) - _evaluated(by_masks)
         if self._simulated is None:

@@ -1,4 +1,4 @@
-"""What an audit comes to, and its files.
+"""Results of an audit, and its files.
 
 ```
 <audit>/audit.json                 the metrics
@@ -21,6 +21,7 @@ from bench.audit.recording import RecordingAudit
 from bench.errors import DataError
 from bench.evaluation import FalsePositiveMetrics, ObjectMetrics
 from bench.evaluation.summary import ProtocolStamp, Ratio
+from bench.harness.manifest import CodeOfRun
 from bench.harness.method_stamp import MethodStamp
 from bench.harness.provenance import Provenance
 from bench.recordings import replacing
@@ -44,7 +45,7 @@ class Quartiles(_Part):
 
 
 class PolygonFigures(_Part):
-    """How well the polygons of one slice fit; the measures are those of `RegionFit`.
+    """Fit of the polygons of one slice; the measures are those of `RegionFit`.
 
     Attributes:
         kind: of polygon.
@@ -70,7 +71,7 @@ class PolygonFigures(_Part):
 
 
 class Aim(_Part):
-    """Whether a kind of polygon is good enough for a class.
+    """Target that a kind of polygon has to meet for a class.
 
     Attributes:
         kind: of polygon, with full compensation.
@@ -166,7 +167,9 @@ class AuditSummary(_Part):
         false_alarms: None without exact flow.
         left_out: why there is no exact flow; empty where there is.
         failures: one line per recording or image that could not be used.
-        provenance: where the audit comes from.
+        data: digest of the recordings' data.
+        code: of this package, and its libraries.
+        provenance: how the audit came about.
     """
 
     schema_version: int
@@ -185,6 +188,8 @@ class AuditSummary(_Part):
     false_alarms: FalseAlarmFigures | None
     left_out: str
     failures: tuple[str, ...]
+    data: str
+    code: CodeOfRun
     provenance: Provenance
 
 

@@ -1,4 +1,4 @@
-"""What is audited: recordings with their exact masks and, where a scenario rendered them, exact flow."""
+"""Recordings to audit, with their exact masks and, where a scenario rendered them, exact flow."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def audit_each(
 
 
 def _or_mistake(source: AuditSource, *, work: Callable[[AuditSource], Found]) -> Found | DataError:
-    """What the work gives, or the user's mistake that prevents it; a bug goes on upwards."""
+    """Return the result of the work, or the user's mistake that prevents it; a bug is raised."""
     try:
         return work(source)
     except DataError as error:
@@ -158,7 +158,7 @@ LARGEST_DISAGREEMENT = 0.02  # of the cells that show an object, over a recordin
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ExactPair:
-    """What is exactly known of a pair of images.
+    """Exact flow, motion and road of a pair of images.
 
     Attributes:
         given: the method's input with the true lens, ego-motion and road.
@@ -200,7 +200,7 @@ class SimulatedTruth:
         self._object_cells, self._differing_cells = 0, 0
 
     def look(self, given: MethodInput, ids: NDArray[np.uint16]) -> ExactPair:
-        """What is exactly known of the last pair of images, and the motion between all of them.
+        """Return what is exactly known of the last pair of images, and the motion between all of them.
 
         Args:
             given: the method's input as recorded.

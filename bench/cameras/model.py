@@ -1,4 +1,4 @@
-"""What every camera model offers, and the rays of its pixels or cells, computed once."""
+"""Interface of every camera model, and the rays of its pixels or cells, computed once."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ class CameraModel(ABC):
         return replace(self, width=width, height=height, principal_point=centre, **self._rescaled(scale_u, scale_v))
 
     def contains(self, pixels: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Whether pixels lie in the image: (N, 2) -> (N,) bool; False for NaN."""
+        """Test that pixels lie in the image: (N, 2) -> (N,) bool; False for NaN."""
         u, v = pixels[:, 0], pixels[:, 1]
         return np.asarray((u >= -0.5) & (u < self.width - 0.5) & (v >= -0.5) & (v < self.height - 0.5))
 

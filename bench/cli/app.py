@@ -58,6 +58,14 @@ Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the method, as YAML; repeatable."),
 ]
+InputErrors = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--input-error",
+        metavar="NAME=VALUE",
+        help="An error of what the method is given, as pitch_deg=0.5; the reference keeps the truth; repeatable.",
+    ),
+]
 ProtocolName = Annotated[
     str, typer.Option("--protocol", help="paper-v1, surface-v1, extended-v1, masks-v1, or a file.")
 ]
@@ -81,7 +89,7 @@ Scheduler = Annotated[
     str | None,
     typer.Option("--scheduler", help="Compute on a Dask cluster: tcp://HOST:PORT, or the file of its scheduler."),
 ]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the run of another experiment in the folder.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace another run in the folder.")]
 Split = Annotated[str | None, typer.Option("--split", help="A split of the data set; default: all recordings.")]
 
 
@@ -163,13 +171,14 @@ def run(
     dataset: Dataset,
     method: MethodName = "spherical",
     set_: Settings = None,
+    input_error: InputErrors = None,
     protocol: Protocols = "paper-v1",
     split: Split = None,
     out: Annotated[
         str | None,
         typer.Option(
             metavar="FOLDER",
-            help="Folder of the run, or an address as s3://bucket/run; default: reports/runs/<data set>-<method>.",
+            help="Folder of the run; default: reports/runs/<data set>-<method>.",
         ),
     ] = None,
     overwrite: Overwrite = False,
@@ -193,6 +202,7 @@ def run(
         dataset=dataset,
         method=method,
         settings=set_ or [],
+        input_errors=input_error or [],
         protocol=protocol,
         split=split,
         out=out,
@@ -206,7 +216,7 @@ def run(
 
 @app.command()
 def merge(
-    run: Annotated[str, typer.Argument(help="Folder of the run that is made, or its address.")],
+    run: Annotated[str, typer.Argument(help="Folder of the run that is made.")],
     parts: Annotated[
         list[str] | None, typer.Argument(help="Folders that hold the parts, where they are not in RUN itself.")
     ] = None,
@@ -265,7 +275,7 @@ def evaluate(
         str | None,
         typer.Option(
             metavar="FOLDER",
-            help="Folder of the run, or an address as s3://bucket/run; default: reports/runs/<data set>-NAME.",
+            help="Folder of the run; default: reports/runs/<data set>-NAME.",
         ),
     ] = None,
     overwrite: Overwrite = False,
@@ -420,7 +430,7 @@ def methods() -> None:
 
 @app.command()
 def report(
-    run: Annotated[str, typer.Argument(help="Folder of a stored run, or its address.")],
+    run: Annotated[str, typer.Argument(help="Folder of a stored run.")],
     category: Annotated[str | None, typer.Option(help="Only this kind of motion, for example preceding.")] = None,
     beside: Annotated[
         str | None,
@@ -448,7 +458,7 @@ def cite() -> None:
 
 @app.command()
 def gate(
-    run: Annotated[str, typer.Argument(help="Folder of a stored run, or its address.")],
+    run: Annotated[str, typer.Argument(help="Folder of a stored run.")],
     baseline: Annotated[
         Path | None,
         typer.Option(
@@ -473,10 +483,10 @@ def gate(
     ] = False,
 ) -> None:
     """Judge a run by a baseline: 0 no regression, 1 a regression, 2 usage or data error, 3 no verdict."""
+    from bench.api.runs import run_folder
     from bench.cli import gating
-    from bench.cli.places import finished_run
 
-    folder = finished_run(run)
+    folder = run_folder(run)
     if update:
         gating.refuse_with_update(tolerances=tolerances, junit=junit, json=json, github=github)
         gating.update(folder, baseline=baseline, allow_dirty=allow_dirty, whole=whole)
@@ -490,37 +500,53 @@ def gate(
 @app.command()
 def sweep(
     dataset: Dataset,
-    what: Annotated[str, typer.Option(help="What to change, for example threshold; `list` lists all.")],
-    values: Annotated[str | None, typer.Option(help="Values with commas in between; default: usual ones.")] = None,
     method: MethodName = "spherical",
-    set_: Settings = None,
+    set_: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUE,...",
+            help="A parameter of the method, as YAML; one of them with several values, commas in between; repeatable.",
+        ),
+    ] = None,
+    input_error: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=VALUE,...", help="As of `run`; one may have several values in place of a parameter."
+        ),
+    ] = None,
     protocol: ProtocolName = "paper-v1",
     split: Split = None,
-    out: Annotated[Path | None, typer.Option(help="Folder of sweeps; default: reports/runs/sweeps-<data set>.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder of the sweep; default: reports/sweeps/<data set>-<method>-<setting>."),
+    ] = None,
+    overwrite: Overwrite = False,
     workers: Workers = None,
     cache: Cache = None,
     no_cache: NoCache = False,
 ) -> None:
-    """Score one parameter through many values: a table and a chart.
+    """Score a method once for each of several values of one setting: a table and a chart.
 
     Each value is a run in a folder of the sweep. A sweep that was interrupted continues where it stopped, by the same
     command.
     """
-    from bench.cli import sweeping
+    from bench.cli import sweep as sweeps
     from bench.cli.computing import Computing
+    from bench.cli.running import ScoringOptions
 
-    failures = sweeping.sweep(
-        dataset,
-        what=what,
-        values=values,
+    asked = ScoringOptions(
+        dataset=dataset,
         method=method,
         settings=set_ or [],
+        input_errors=input_error or [],
         protocol=protocol,
         split=split,
-        out=out,
+        out=None if out is None else str(out),
+        overwrite=overwrite,
         computing=Computing(workers=workers, cache=cache, no_cache=no_cache),
     )
-    if failures:
+    if sweeps.sweep(asked):
         raise typer.Exit(DATA_ERROR)
 
 
@@ -578,19 +604,17 @@ def audit(
 
 @app.command()
 def compare(
-    runs: Annotated[
-        list[str], typer.Argument(help="Folders of stored runs, or addresses; the first is compared against.")
-    ],
+    runs: Annotated[list[str], typer.Argument(help="Folders of stored runs; the first is compared against.")],
     out: Annotated[
         Path | None, typer.Option(help="Folder of the comparison; default: reports/runs/compare-<run>-<run>.")
     ] = None,
     pictures: Annotated[bool, typer.Option(help="Draw the frames that changed most, from the data set.")] = True,
 ) -> None:
     """Compare runs in pairs: differences with intervals, object-frames gained and lost, pictures of the biggest."""
+    from bench.api.runs import run_folder
     from bench.cli import reports
-    from bench.cli.places import finished_run
 
-    reports.compare([finished_run(run) for run in runs], out=out, pictures=pictures)
+    reports.compare([run_folder(run) for run in runs], out=out, pictures=pictures)
 
 
 @app.command()

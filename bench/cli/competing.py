@@ -119,10 +119,10 @@ def score_all(dataset: str, *, methods: str | None, protocol: str, runs: Path, c
 
 def _score(asked: ScoringOptions, *, timed: bool) -> list[RunSummary]:
     """Score one method, time it, and write the page of the run that is judged."""
-    requests, places = requested_runs(asked, render=False)
+    requests = requested_runs(asked, render=False)
     first, cost = requests[0], None
     if timed:
-        cost = method_cost(first.card, first.method, protocol=first.protocol, known=read_cost(places[0].folder))
+        cost = method_cost(first.card, first.method, protocol=first.protocol, known=read_cost(first.out))
 
     def finish(results: Path, summary: RunSummary) -> None:
         if cost is not None:

@@ -13,7 +13,7 @@ from bench.errors import DataError, UsageError
 from bench.execution import ProcessExecutor, SerialExecutor, TaskExecutor, usable_cores
 from bench.harness.cache import CacheFolder, default_folder
 from bench.harness.cluster import ClusterExecutor, WorkerRequirements, scheduler_address
-from bench.methods import Method
+from bench.methods import Scorable
 from bench.plain_yaml import parse_yaml
 from bench.recordings import DatasetCard
 
@@ -36,7 +36,7 @@ class Computing:
     no_cache: bool = False
     scheduler: str | None = None
 
-    def executor(self, card: DatasetCard, method: Method, *, reads: Sequence[Path] = ()) -> TaskExecutor:
+    def executor(self, card: DatasetCard, method: Scorable, *, reads: Sequence[Path] = ()) -> TaskExecutor:
         """What computes the units.
 
         Args:
@@ -73,7 +73,7 @@ def local_executor(workers: int | None) -> TaskExecutor:
     return SerialExecutor() if count == 1 else ProcessExecutor(workers=count)
 
 
-def parse_settings(pairs: Sequence[str]) -> dict[str, Any]:
+def parse_settings(pairs: Sequence[str], *, option: str = "--set") -> dict[str, Any]:
     """Parse assignments: `weights.anti_parallel=0` becomes `{"weights": {"anti_parallel": 0}}`.
 
     Raises:
@@ -82,20 +82,20 @@ def parse_settings(pairs: Sequence[str]) -> dict[str, Any]:
     parsed: dict[str, Any] = {}
     for pair in pairs:
         if len(pair) > LONGEST:
-            raise UsageError(f"--set: expected at most {LONGEST} characters, got {len(pair)}")
+            raise UsageError(f"{option}: expected at most {LONGEST} characters, got {len(pair)}")
         name, equals, text = pair.partition("=")
         if not (equals and name):
-            raise UsageError(f"--set: expected NAME=VALUE, got {pair!r}")
+            raise UsageError(f"{option}: expected NAME=VALUE, got {pair!r}")
         try:
-            value = parse_yaml(text, file=f"--set {name}")
+            value = parse_yaml(text, file=f"{option} {name}")
         except DataError as error:
-            raise UsageError(f"--set {name}: expected a YAML value, got {text!r}") from error
+            raise UsageError(f"{option} {name}: expected a YAML value, got {text!r}") from error
         group = parsed
         *parents, leaf = name.split(".")
         for parent in parents:
             group = group.setdefault(parent, {})
             if not isinstance(group, dict):
-                raise UsageError(f"--set {name}: {parent!r} already has the value {group!r}")
+                raise UsageError(f"{option} {name}: {parent!r} already has the value {group!r}")
         group[leaf] = _number(value)
     return parsed
 

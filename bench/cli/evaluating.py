@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bench.api.runs import default_folder
+from bench.api.runs import default_folder, run_folder
 from bench.cli.computing import Computing, render_if_synthetic
 from bench.cli.console import note, progress_bar, show
 from bench.cli.interrupts import resumable
-from bench.cli.places import destination
 from bench.cli.running import RunReport
 from bench.errors import UsageError
 from bench.evaluation import load_protocol
@@ -57,8 +56,7 @@ def evaluate(
     )
     usual = {"missing": "error", "naming": "auto", "history": 1, "threshold": None}
     chosen = [(option, value) for option, value in method.settings().items() if value != usual.get(option, value)]
-    where = destination(out, default_folder(card, called, chosen, rules, split))
-    folder = where.folder
+    folder = default_folder(card, called, chosen, rules, split) if out is None else run_folder(out)
     listed = folder.with_name(f"{folder.name}-predictions.json")
     if card.remote_root is None and not card.root.is_dir():
         render_if_synthetic(card)  # what is there stays as it was when the predictions were made
@@ -70,7 +68,7 @@ def evaluate(
         raise checked.refuse(listed)
     listed.unlink(missing_ok=True)  # of an earlier refusal
     finished = RunReport(card=card, protocol=rules, pictures=pictures)
-    with resumable(where):
+    with resumable(folder):
         with progress_bar(f"scoring {called} on {card.name}", "images") as report:
             request = RunRequest(
                 card=card,
@@ -81,11 +79,10 @@ def evaluate(
                 overwrite=overwrite,
                 executor=computing.executor(card, method, reads=[predictions]),
                 cache=computing.cache_folder,
-                mirror=where.mirror,
                 progress=report,
             )
             summary = evaluate_predictions(request, checked, finish=finished.write)
-        finished.print(summary, where)
+        finished.print(summary, folder)
     return len(summary.failures)
 
 

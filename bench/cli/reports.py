@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from bench.api.runs import run_folder
 from bench.cli.console import note_files, progress_bar, say, show
-from bench.cli.places import destination, finished_run
 from bench.errors import UnknownNameError
-from bench.harness.remote_runs import RemoteRun
 from bench.reference import Category
 from bench.reporting.compare.changes import category_line, verdict_line
 from bench.reporting.compare.writing import terminal_report, write_comparison
@@ -26,17 +25,14 @@ def report(run: str, *, category: str | None, beside: str | None, out: Path | No
     if category is not None and category not in set(Category):
         raise UnknownNameError("category", category, (known.value for known in Category))
     kind = None if category is None else Category(category)
-    where = destination(run, Path(run))
-    if isinstance(where.mirror, RemoteRun):
-        where.mirror.download_results()
-    other = None if beside is None else finished_run(beside)
+    folder = run_folder(run)
+    other = None if beside is None else run_folder(beside)
     with progress_bar("drawing frames", "pictures") as progress:
-        page = write_page(where.folder, category=kind, out=out, other=other, pictures=pictures, progress=progress)
+        page = write_page(folder, category=kind, out=out, other=other, pictures=pictures, progress=progress)
     for problem in page.problems:
         say(f"pictures missing: {problem}", style="yellow")
-    files = (page.file, *write_figures(where.folder, category=kind))
-    where.mirror.upload_results()
-    note_files([where.display_path(file) for file in files])
+    files = (page.file, *write_figures(folder, category=kind))
+    note_files([str(file) for file in files])
 
 
 def compare(runs: Sequence[Path], *, out: Path | None, pictures: bool) -> None:

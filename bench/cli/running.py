@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from bench.api.runs import default_folder, non_default_settings
+from bench.api.runs import default_folder, non_default_settings, run_folder
 from bench.cli.computing import Computing, parse_settings, render_if_synthetic
 from bench.cli.console import note, note_files, print_failures, progress_bar, say, show, stage_times
 from bench.cli.interrupts import interruptible, resumable
-from bench.cli.places import Destination, destination, parts_of_run
 from bench.cli.viewing import draw_example_frames
 from bench.errors import UsageError
 from bench.evaluation import Protocol, load_protocol
@@ -20,13 +19,13 @@ from bench.harness import (
     RunSummary,
     build_scorable,
     merge_shards,
-    merged_units,
     read_protocol,
     run_protocols,
     run_shard,
 )
 from bench.harness.shards import Shard
 from bench.recordings import DatasetCard, load_card
+from bench.recordings.input_errors import named_input_errors
 from bench.reference import IgnoreReason
 from bench.reporting.leaderboard.texts import best_line
 from bench.reporting.table_files import write_report_files
@@ -46,9 +45,10 @@ class ScoringOptions:
         settings: of the method, "name=value".
         protocol: names or files, with commas in between; the method is asked once for all of them.
         split: of the data set; None for all of it.
-        out: folder or address of the run; None for the usual one.
-        overwrite: replace the run of another experiment.
+        out: folder of the run; None for the usual one.
+        overwrite: replace another run.
         computing: where and how.
+        input_errors: injected into what the method is given, "name=value".
     """
 
     dataset: str
@@ -59,21 +59,22 @@ class ScoringOptions:
     out: str | None
     overwrite: bool
     computing: Computing
+    input_errors: Sequence[str] = ()
 
 
 def run(asked: ScoringOptions, *, pictures: bool) -> int:
     """Score a method, write the reports, print the tables and the paths; return the number of failures."""
-    requests, places = requested_runs(asked)
+    requests = requested_runs(asked)
     card = requests[0].card
     reports = {r.protocol.name: RunReport(card=card, protocol=r.protocol, pictures=pictures) for r in requests}
-    with resumable(places[0]):
+    with resumable(requests[0].out):
         with progress_bar(f"scoring {asked.method} on {card.name}", "images") as progress:
             summaries = run_protocols(
                 [replace(request, progress=progress) for request in requests],
                 finish=lambda results, summary: reports[summary.protocol.name].write(results, summary),
             )
-        for summary, where in zip(summaries, places, strict=True):
-            reports[summary.protocol.name].print(summary, where)
+        for summary, request in zip(summaries, requests, strict=True):
+            reports[summary.protocol.name].print(summary, request.out)
         if card.scenario is None:
             note(f"a run does not validate its data; check them with: fisheye-bench validate {asked.dataset}")
         best = best_line(LEADERBOARD, dataset=requests[0].card.name)
@@ -85,18 +86,21 @@ def run(asked: ScoringOptions, *, pictures: bool) -> int:
 def run_part(asked: ScoringOptions, *, part: str) -> int:
     """Score a part I/N of the units and say what comes next; return the number of failures."""
     shard = Shard.parse(part)
-    requests, places = requested_runs(asked)
-    with resumable(places[0]), progress_bar(f"scoring part {shard} of {requests[0].card.name}", "images") as progress:
+    requests = requested_runs(asked)
+    first = requests[0]
+    with resumable(first.out), progress_bar(f"scoring part {shard} of {first.card.name}", "images") as progress:
         done = run_shard([replace(request, progress=progress) for request in requests], shard)
     failures = (*done[0].recording_failures, *done[0].unit_failures)
-    for report, where in zip(done, places, strict=True):
-        say(f"part {shard}: {len(report.units)} of {report.units_of_run} units; when all are there: merge {where}")
+    for report, request in zip(done, requests, strict=True):
+        say(
+            f"part {shard}: {len(report.units)} of {report.units_of_run} units; when all are there: merge {request.out}"
+        )
     _print_cost(done[0].provenance)
-    print_failures(failures, all_in=f"{places[0]}/shards/{shard.file}")
+    print_failures(failures, all_in=f"{first.out}/shards/{shard.file}")
     return len(failures)
 
 
-def requested_runs(asked: ScoringOptions, *, render: bool = True) -> tuple[list[RunRequest], list[Destination]]:
+def requested_runs(asked: ScoringOptions, *, render: bool = True) -> list[RunRequest]:
     """What the command line says, as a run for each protocol.
 
     Args:
@@ -104,28 +108,30 @@ def requested_runs(asked: ScoringOptions, *, render: bool = True) -> tuple[list[
         render: the data set where it is not there.
     """
     card, protocols = load_card(asked.dataset), load_protocols(asked.protocol)
-    method = build_scorable(asked.method, parse_settings(asked.settings))
-    settings = non_default_settings(method, asked.method)
-    places = destinations(
-        asked.out, protocols, lambda protocol: default_folder(card, method.name, settings, protocol, asked.split)
-    )
+    requested = parse_settings(asked.settings)
+    method = build_scorable(asked.method, requested)
+    errors = named_input_errors(parse_settings(asked.input_errors, option="--input-error"))
+    settings = [*non_default_settings(method, asked.method), *errors.named.items()]
+    if asked.out is None:
+        folders = [default_folder(card, method.name, settings, protocol, asked.split) for protocol in protocols]
+    else:
+        first = run_folder(asked.out)
+        folders = [first, *(Path(f"{first}-{further.name}") for further in protocols[1:])]
     if render:
         render_if_synthetic(card)
     common = RunRequest(
         card=card,
         method=method,
         protocol=protocols[0],
-        out=places[0].folder,
+        out=folders[0],
+        settings=requested,
         split=asked.split,
+        input_errors=errors,
         overwrite=asked.overwrite,
         executor=asked.computing.executor(card, method),
         cache=asked.computing.cache_folder,
     )
-    requests = [
-        replace(common, protocol=protocol, out=where.folder, mirror=where.mirror)
-        for protocol, where in zip(protocols, places, strict=True)
-    ]
-    return requests, places
+    return [replace(common, protocol=protocol, out=out) for protocol, out in zip(protocols, folders, strict=True)]
 
 
 def load_protocols(names: str) -> list[Protocol]:
@@ -141,35 +147,18 @@ def load_protocols(names: str) -> list[Protocol]:
     return protocols
 
 
-def destinations(
-    out: str | None, protocols: Sequence[Protocol], usual: Callable[[Protocol], Path]
-) -> list[Destination]:
-    """Where runs by several protocols go: the first as named, the others with the protocol behind the name.
-
-    Args:
-        out: folder or address of the first; None for the usual ones.
-        protocols: at least one.
-        usual: folder of a run by a protocol.
-    """
-    named = [out if out is None or i == 0 else f"{out.rstrip('/')}-{p.name}" for i, p in enumerate(protocols)]
-    return [destination(name, usual(protocol)) for name, protocol in zip(named, protocols, strict=True)]
-
-
 def merge(run: str, parts: Sequence[str], *, overwrite: bool, pictures: bool) -> int:
     """Make one run of parts, write the report; return the number of failures.
 
     Raises:
         DataError: parts are missing, damaged or of different runs.
     """
-    where = destination(run, Path(run))
-    folders = parts_of_run(where, parts)
+    folder = run_folder(run)
+    folders = [run_folder(part) for part in parts] or [folder]
     report = RunReport(card=None, protocol=None, pictures=pictures)
     with interruptible("the parts are as they were, and the same command merges them"):
-        summary = merge_shards(where.folder, folders, overwrite=overwrite, finish=report.write)
-        for unit in merged_units(folders):
-            where.mirror.upload_unit(unit)
-        where.mirror.upload_results()
-        report.print(summary, where)
+        summary = merge_shards(folder, folders, overwrite=overwrite, finish=report.write)
+        report.print(summary, folder)
     return len(summary.failures)
 
 
@@ -208,10 +197,10 @@ class RunReport:
         names = [file.relative_to(results).as_posix() for file in every]
         self._files = sorted(names, key=lambda name: name not in READ_FIRST)  # of these the first few are printed
 
-    def print(self, summary: RunSummary, where: Destination) -> None:
+    def print(self, summary: RunSummary, folder: Path) -> None:
         """Print the table, what became of the images, the cost, and where everything is."""
         show(terminal_report(self._rows))
-        _print_totals(summary, [where.display_path(where.folder / file) for file in self._files], self.protocol)
+        _print_totals(summary, [str(folder / file) for file in self._files], self.protocol)
         for remark in self._remarks:
             say(f"no picture: {remark}", style="yellow")
 

@@ -167,7 +167,7 @@ def draw_example_frames(
         stored = StoredFrames(results, summary, protocol, card=card)
     except BenchError as error:
         return [], [str(error)]
-    frames, made = example_frames(open_tables(results)[0]), made_by(summary.method.name, protocol.name)
+    frames, made = example_frames(open_tables(results)[0]), made_by(summary.manifest.method.name, protocol.name)
     for number, (category, key) in enumerate(frames.items(), start=1):
         try:
             folder = results / "pictures" / category.value

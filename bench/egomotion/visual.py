@@ -24,7 +24,7 @@ REFINED = 3  # of the drawn matrices, the best, since the best of a draw need no
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VisualMotion:
-    """How a camera moved, as far as its images show.
+    """Motion of a camera, as far as its images show it.
 
     Attributes:
         rotation: (3, 3) float64, current_from_previous.
@@ -41,7 +41,7 @@ class VisualMotion:
 
     @property
     def moves(self) -> bool:
-        """Whether there is a direction."""
+        """True where there is a direction."""
         return bool(np.isfinite(self.direction).all())
 
 

@@ -23,7 +23,7 @@ from bench.evaluation.counts import Regions, sum_over_cells
 from bench.evaluation.intervals import FEWEST_RECORDINGS, RATIO, jackknife
 from bench.evaluation.row_source import Columns, Rows, RowSource, as_source
 from bench.evaluation.summary import Metric, Ratio
-from bench.methods.spherical.likelihood import PAPER_THRESHOLD
+from bench.records.segmentation import PAPER_THRESHOLD
 
 # The paper's threshold is an edge, so that its operating point lies on the curve. 20 bins a decade, from a thousandth
 # of it to beyond pi, which no weighted mean of angles exceeds.

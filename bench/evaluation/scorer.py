@@ -13,8 +13,8 @@ from bench.evaluation.likelihood import LikelihoodCounts, count_likelihood
 from bench.evaluation.maps import ImageMap, ImageMapSums
 from bench.evaluation.protocol import Protocol
 from bench.evaluation.rows import Row, frame_row, frames_table, object_rows, objects_table, unscored_frame_row
-from bench.methods.contract import Segmentation
 from bench.records.reference import ReferenceFrame
+from bench.records.segmentation import Segmentation
 
 
 class SequenceScorer:

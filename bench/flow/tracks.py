@@ -17,7 +17,7 @@ CORNER_BLOCK_PX = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Tracks:
-    """Where corners of the newest image were in older ones.
+    """Positions of the newest image's corners in older images.
 
     Attributes:
         pixels: (K, N, 2) float64, px, (u, v) of N corners in K images, the newest first; NaN where not followed.
@@ -105,7 +105,7 @@ class LucasKanadeTracker:
     def _follow(
         self, start: NDArray[np.uint8], end: NDArray[np.uint8], points: NDArray[np.float32]
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Where (N, 1, 2) points are in `end`, (N, 2), and whether they pass the forward-backward check, (N,)."""
+        """Positions of (N, 1, 2) points in `end`, (N, 2), and the result of the forward-backward check, (N,)."""
         ends, forward = self._step(start, end, points)
         back, backward = self._step(end, start, ends)
         height, width = end.shape

@@ -54,7 +54,7 @@ class RigidTransform:
 
     @classmethod
     def _unchecked(cls, rotation: NDArray[np.float64], translation_m: NDArray[np.float64]) -> RigidTransform:
-        """What is made of valid transforms is valid: no second check on the hot path."""
+        """Build from valid transforms without a second check, on the hot path."""
         return cls.__new__(cls)._hold(rotation, translation_m)
 
     @classmethod
@@ -79,7 +79,7 @@ class RigidTransform:
     def from_matrix(cls, matrix: ArrayLike) -> RigidTransform:
         """From a (4, 4) or (3, 4) homogeneous matrix; the rotation is brought to the nearest orthonormal one.
 
-        Calibration files print few digits, so a rotation off by up to 1e-3 is accepted and mended.
+        Calibration files print few digits, so a rotation off by up to 1e-3 is accepted and corrected.
 
         Raises:
             ShapeError: another shape, or a rotation part that is off by more.

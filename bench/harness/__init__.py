@@ -6,7 +6,7 @@ images, calibration and ego-motion, never annotations.
 """
 
 from bench.harness.frames import FramePipeline, ProcessedFrame
-from bench.harness.merge import merge_shards, merged_units
+from bench.harness.merge import merge_shards
 from bench.harness.oracles import build_scorable, scorable_methods
 from bench.harness.predicted import PredictionReport, check_predictions, evaluate_predictions
 from bench.harness.provenance import Provenance
@@ -36,7 +36,6 @@ __all__ = [
     "check_predictions",
     "evaluate_predictions",
     "merge_shards",
-    "merged_units",
     "open_tables",
     "plan_units",
     "read_image_maps",

@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
 from bench.evaluation import Protocol
+from bench.evaluation.summary import ProtocolStamp
 from bench.execution import FailedTask, SerialExecutor, TaskExecutor
 from bench.harness import provenance
 from bench.harness.cache import CacheFolder
 from bench.harness.code_state import unrepeatable_code
 from bench.harness.keys import MethodIdentity, code_digest, digest_of
 from bench.harness.keys.digests import UNIT_CODE
+from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest
 from bench.harness.merge import Finish, combine_parts
 from bench.harness.method_stamp import MethodStamp
-from bench.harness.remote_runs import NOWHERE, RunMirror
-from bench.harness.run_folder import Experiment, claim, held_run_folder, new_results
+from bench.harness.run_folder import begin_run, held_run_folder, new_results
 from bench.harness.shards import (
     SCHEMA_VERSION,
     WHOLE,
@@ -35,7 +36,7 @@ from bench.harness.stored import RunSummary
 from bench.harness.tasks import PlannedRecording, RunSpec, ScoredUnit, UnitTask, plan_recording, score_unit
 from bench.harness.unit import Unit
 from bench.harness.unit_files import UnitFolder
-from bench.methods import Method
+from bench.methods import Scorable
 from bench.recordings import NO_INPUT_ERRORS, DatasetCard, InputErrors, RecordingHandle, open_dataset
 
 SERIAL = SerialExecutor()
@@ -51,38 +52,50 @@ class RunRequest:
         method: to be scored.
         protocol: the rules.
         out: folder of the run.
+        settings: of the method, as they were asked for.
         split: of the data set; None for all of it.
         input_errors: injected into the method's input; the reference keeps the true calibration and ego-motion.
-        overwrite: replace the run of another experiment in `out`.
+        overwrite: replace another run in `out`.
         executor: computes the units; the result does not depend on it.
         cache: where flow, likelihood and reference are stored for other runs; None to store nothing.
         progress: called with the images done and their number, which is 0 while none is known and estimated while
             recordings are not open yet.
-        mirror: where else the run is stored.
     """
 
     card: DatasetCard
-    method: Method
+    method: Scorable
     protocol: Protocol
     out: Path
+    settings: Mapping[str, object] = field(default_factory=dict)
     split: str | None = None
     input_errors: InputErrors = NO_INPUT_ERRORS
     overwrite: bool = False
     executor: TaskExecutor = SERIAL
     cache: CacheFolder | None = None
     progress: Progress | None = None
-    mirror: RunMirror = NOWHERE
 
     def recordings(self) -> list[RecordingHandle]:
         """The recordings to be scored, with the input errors."""
         return [replace(handle, input_errors=self.input_errors) for handle in open_dataset(self.card, self.split)]
 
     def begin(self, held: ExitStack, *, shard: Shard) -> None:
-        """Hold the folder of the run, bring what is at its address, and note what is going on there."""
+        """Hold the folder of the run, and note what is going on there."""
         held.enter_context(held_run_folder(self.out, shared=shard != WHOLE))
-        self.mirror.begin(parts=shard.count)
-        experiment = Experiment.of(dataset=self.card.name, split=self.split, method=self.method, protocol=self.protocol)
-        claim(self.out, experiment, self.protocol, overwrite=self.overwrite)
+        begin_run(self.out, self.manifest(), self.protocol, overwrite=self.overwrite)
+
+    def manifest(self) -> Manifest:
+        """What the run is, as far as it is known before it begins."""
+        return Manifest(
+            dataset=DatasetOfRun(
+                name=self.card.name,
+                card=str(self.card.file),
+                split=self.split,
+                input_errors=dict(self.input_errors.named),
+            ),
+            method=MethodStamp.of(self.method, MethodIdentity.of(self.method), asked=self.settings),
+            protocol=ProtocolStamp(name=self.protocol.name, version=self.protocol.version, digest=self.protocol.digest),
+            code=CodeOfRun.here(),
+        ).as_read()
 
 
 def run_benchmark(request: RunRequest, *, finish: Finish | None = None) -> RunSummary:
@@ -102,7 +115,7 @@ def run_benchmark(request: RunRequest, *, finish: Finish | None = None) -> RunSu
         in `failures`; the metrics are of the rest.
 
     Raises:
-        DataError: the data set is not there, nothing of it could be used, `out` holds another experiment or something
+        DataError: the data set is not there, nothing of it could be used, `out` holds another run or something
             that is no run or is in use by another one, or there is no space for the results.
     """
     return run_protocols([request], finish=finish)[0]
@@ -112,7 +125,7 @@ def run_protocols(requests: Sequence[RunRequest], *, finish: Finish | None = Non
     """Score a method by several protocols in one pass over the images; each is a run of its own.
 
     Args:
-        requests: at least one; they differ in protocol, folder and mirror alone.
+        requests: at least one; they differ in protocol and folder alone.
         finish: see `run_benchmark`; called for each run.
 
     Raises:
@@ -134,8 +147,6 @@ def run_protocols(requests: Sequence[RunRequest], *, finish: Finish | None = Non
                 if finish is not None:
                     finish(results, summary)
                 summaries.append(summary)
-        for request in requests:
-            request.mirror.upload_results()
         return summaries
 
 
@@ -145,7 +156,7 @@ def run_shard(requests: Sequence[RunRequest], shard: Shard) -> list[ShardReport]
     Parts may work at the same time, in one folder or in many.
 
     Args:
-        requests: at least one; they differ in protocol, folder and mirror alone.
+        requests: at least one; they differ in protocol and folder alone.
         shard: which part.
 
     Raises:
@@ -157,10 +168,7 @@ def run_shard(requests: Sequence[RunRequest], shard: Shard) -> list[ShardReport]
         for request in requests:
             request.begin(held, shard=shard)
             remove_shards(request.out, but_of=shard.count)
-        reports = _score_in_one_pass(works)
-        for request in requests:
-            request.mirror.upload_results()
-        return reports
+        return _score_in_one_pass(works)
 
 
 @dataclass(kw_only=True)
@@ -189,12 +197,10 @@ class _Work:
         """The units that are there."""
         return UnitFolder(self.request.out)
 
-    def begin(self, units: Sequence[Unit], part: Sequence[Unit]) -> None:
-        """Leave no unit that is none of the run's, and bring those of the part that are at its address."""
+    def begin(self, units: Sequence[Unit]) -> None:
+        """Leave no unit that is none of the run's."""
         if self.shard.count == 1:
             self.stored.keep_only(units)
-            self.request.mirror.keep_only(units)
-        self.request.mirror.download_units(part)
 
     def stored_key(self, unit: Unit) -> str | None:
         """Key of the stored result of a unit."""
@@ -218,12 +224,10 @@ class _Work:
         self.keys[unit] = scored.key
         if scored.content is None:
             self.reused += 1
-            self.request.mirror.upload_unit(unit)
             return
         self.images_computed += unit.stop - unit.start
         with self.clock.stage("store"):
             self.stored.store(unit, scored.content)
-            self.request.mirror.upload_unit(unit)
 
     def report(
         self,
@@ -249,6 +253,7 @@ class _Work:
         )
         return ShardReport(
             schema_version=SCHEMA_VERSION,
+            manifest=asked.manifest().with_data(fingerprints),
             stamp=RunStamp(
                 dataset=asked.card.name,
                 card=str(asked.card.file),
@@ -275,13 +280,11 @@ class _Work:
             unit_failures=tuple(self.failures[unit] for unit in part if unit in self.failures),
             provenance=provenance.provenance_since(
                 self.start,
-                fingerprints=list(fingerprints.values()),
                 stage_seconds=self.clock.seconds,
                 images=0,
                 work=work,
                 peak_memory_mb=max(self.peak_memory_mb, provenance.largest_resident_mb()),
                 unrepeatable=unrepeatable_code(self.identity),
-                recordings=fingerprints,
             ),
         )
 
@@ -298,20 +301,20 @@ def _score_in_one_pass(works: Sequence[_Work]) -> list[ShardReport]:
     spec = RunSpec(method=asked.method, identity=first.identity, protocols=protocols, cache=asked.cache)
     tally = _Tally(asked.progress, recordings=len(first.handles))
     planned: list[PlannedRecording] = []
-    lazy = shard == WHOLE and all(work.request.mirror is NOWHERE for work in works)
+    lazy = shard == WHOLE
     with asked.executor:
         for handles in _batches(first.handles, asked.executor.workers) if lazy else [first.handles]:
             planned += _plan(spec, works, handles, tally)
             opened = planned[-len(handles) :]
             units = shard.part([unit for recording in opened for unit in recording.units])
             if not lazy:
-                _begin(works, planned, units)
+                _begin(works, planned)
             tally.count(len(opened), sum(unit.stop - unit.start for unit in units))
             _score(spec, works, units, tally)
     units = [unit for recording in planned for unit in recording.units]
     part = shard.part(units)
     if lazy:
-        _begin(works, planned, part)
+        _begin(works, planned)
     if asked.cache is not None:
         asked.cache.evict()
     reports = []
@@ -345,10 +348,10 @@ class _Tally:
             self._progress(self.done, round(self._known * self._recordings / max(self._opened, 1)))
 
 
-def _begin(works: Sequence[_Work], planned: Sequence[PlannedRecording], part: Sequence[Unit]) -> None:
+def _begin(works: Sequence[_Work], planned: Sequence[PlannedRecording]) -> None:
     units = [unit for recording in planned for unit in recording.units]
     for work in works:
-        work.begin(units, part)
+        work.begin(units)
 
 
 def _batches(handles: Sequence[RecordingHandle], workers: int) -> Iterator[Sequence[RecordingHandle]]:

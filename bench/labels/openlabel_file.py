@@ -121,7 +121,7 @@ class FrameObject(ToolModel):
 
 
 class Sync(ToolModel):
-    """What a stream says of a frame."""
+    """Time and frame number by a stream."""
 
     timestamp: Stamp | None = None
     frame_stream: int | None = None

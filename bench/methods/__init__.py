@@ -10,12 +10,12 @@ from bench.methods.contract import (
     Method,
     MethodError,
     MethodInput,
-    Needs,
-    Segmentation,
+    Scorable,
     UnansweredImage,
     ask_method,
 )
 from bench.methods.registry import METHODS, build_method, describe_method, known_methods
+from bench.records.segmentation import Segmentation
 
 __all__ = [
     "METHODS",
@@ -23,7 +23,7 @@ __all__ = [
     "Method",
     "MethodError",
     "MethodInput",
-    "Needs",
+    "Scorable",
     "Segmentation",
     "UnansweredImage",
     "ask_method",

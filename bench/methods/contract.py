@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal, Protocol, TypeVar, runtime_checkable
+import inspect
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, is_dataclass
+from pathlib import Path
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.cameras import CameraModel
-from bench.errors import BenchError, DataError
+from bench.errors import BenchError, DataError, UsageError
 from bench.geometry import RigidTransform, RoadPlane
 from bench.plug_ins import describe_error
+from bench.records.segmentation import Segmentation, segmentation_fault
 
-Scalar = TypeVar("Scalar", bound=np.generic)
 StepOf = Literal["images", "input"]
 Arrays = dict[str, NDArray[Any]]
 
@@ -75,76 +78,61 @@ class UnansweredImage(Exception):  # noqa: N818 - it is not an error
     """A method has no answer for an image, and that is no error; the image stays unscored."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Segmentation:
-    """A method's answer for the current image, on square cells that tile it from the first pixel.
+class Scorable:
+    """A method, or an oracle of the harness that stands in its place: what a run has to know of either.
 
     Attributes:
-        cell_size_px: side of a cell; 1 for every pixel.
-        mask: (rows, columns) bool; moving. It belongs to the current, that is the last, image.
-        likelihood: (rows, columns) float32; motion likelihood, 0 where undefined; None for a method without one.
-        undefined: (rows, columns) bool; where the method has no answer, which counts as static; None for nowhere.
-        causes: names of what can flag a cell, for example the constraints; empty for a method without any.
-        cause: (rows, columns) uint8, index into `causes` of the largest contribution; None without causes.
-        likelihood_is_score: the likelihood is a score in [0, 1], for example a network's, not the paper's mean of
-            angles; it decides the bins of histograms and the scale of pictures.
-        threshold: of the likelihood, above which cells are in the mask; None where the mask comes about in another way.
-            Reports say of what was missed how far below it lies.
-        parts: named (rows, columns) float arrays to look at, for example the single deviations and the flow; they may
-            be missing where a step was found in the cache.
-    """
-
-    cell_size_px: int
-    mask: NDArray[np.bool_]
-    likelihood: NDArray[np.float32] | None = None
-    undefined: NDArray[np.bool_] | None = None
-    causes: tuple[str, ...] = ()
-    cause: NDArray[np.uint8] | None = None
-    parts: dict[str, NDArray[np.float32]] | None = None
-    likelihood_is_score: bool = False
-    threshold: float | None = None
-
-    def mask_at(self, width: int, height: int) -> NDArray[np.bool_]:
-        """The mask at every pixel of the image: (height, width) bool."""
-        return self._spread(self.mask, width, height)
-
-    def undefined_at(self, width: int, height: int) -> NDArray[np.bool_]:
-        """Pixels of cells where the method has no answer: (height, width) bool."""
-        if self.undefined is None:
-            return np.zeros((height, width), dtype=bool)
-        return self._spread(self.undefined, width, height)
-
-    def _spread(self, cells: NDArray[Scalar], width: int, height: int) -> NDArray[Scalar]:
-        if self.cell_size_px == 1:
-            return cells
-        rows = np.repeat(cells, self.cell_size_px, axis=1)  # within rows first: they are few yet
-        return np.repeat(rows, self.cell_size_px, axis=0)[:height, :width]
-
-
-class Method(Protocol):
-    """A segmentation method: it is built once per run and called once per frame.
-
-    Attributes:
-        name: as the registry knows it.
+        name: as results call it.
         history: earlier images that it needs, at least 1 for anything that moves.
-
-    What else it may have as an attribute, and what holds where it has none, is in `Needs`.
+        longest_history: earlier images that it can use, where that is more. It is given up to so many, fewer at the
+            start of a drive, after a gap and after an image that cannot be read. So it is scored on the same images as
+            a method that needs `history`, wherever a drive is cut into pieces.
+        colour: it wants BGR images instead of grey ones.
+        reads_images: False for one that does without images: they are then read only if it, or a picture that is
+            drawn, needs them.
+        files: paths of the files and folders that it reads, for example weights. Results that were stored are found
+            again only as long as settings, code and the content of these files are the same.
     """
 
     name: str
-    history: int
+    history: int = 1
+    longest_history: int = 1
+    colour: bool = False
+    reads_images: bool = True
+    files: Sequence[str | Path] = ()
+
+    @property
+    def most_history(self) -> int:
+        """Earlier images that it is given where there are as many."""
+        return max(self.history, self.longest_history)
 
     def settings(self) -> dict[str, object]:
-        """Every parameter that decides the result, for provenance and caching."""
-        ...
+        """Every parameter that decides the result; by default those of the constructor, as attributes of the same name.
 
+        Raises:
+            UsageError: an attribute is missing.
+        """
+        found: dict[str, object] = {}
+        for name in inspect.signature(type(self)).parameters:
+            if not hasattr(self, name):
+                raise UsageError(
+                    f"method {self.name!r}: expected the attribute {name!r} to hold the constructor's parameter "
+                    f"{name!r}, got none; set self.{name}, or write settings()"
+                )
+            value = getattr(self, name)
+            found[name] = asdict(value) if is_dataclass(value) and not isinstance(value, type) else value
+        return found
+
+
+class Method(Scorable, ABC):
+    """A segmentation method: a subclass gives a `name` and `segment`, and overrides what else differs."""
+
+    @abstractmethod
     def segment(self, frame: MethodInput) -> Segmentation:
         """Segment the current image into moving and static cells."""
-        ...
 
 
-@runtime_checkable
-class FlowMethod(Method, Protocol):
+class FlowMethod(Method):
     """A method that also says what it would answer with another flow, by which `audit` explains its misses.
 
     Attributes:
@@ -152,16 +140,17 @@ class FlowMethod(Method, Protocol):
             border of what both images see.
     """
 
-    blind_at_epipole: bool
+    blind_at_epipole: bool = False
 
+    @abstractmethod
     def flow_cell_px(self, width: int) -> int:
         """Side of the cells on which it takes flow, px, for images of this width."""
-        ...
 
+    @abstractmethod
     def mean_flow(self, frame: MethodInput) -> NDArray[np.float32]:
         """Its own flow from the current to the previous image, (rows, columns, 2), px of the given images."""
-        ...
 
+    @abstractmethod
     def segment_flow(self, frame: MethodInput, flow: NDArray[np.float32]) -> Segmentation:
         """Segment the current image with the flow of others in place of its own.
 
@@ -169,41 +158,14 @@ class FlowMethod(Method, Protocol):
             frame: as of `segment`.
             flow: as from `mean_flow`; NaN where it is not known.
         """
-        ...
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Needs:
-    """What a method asks of those who call it; all but `history` are attributes that it may leave out.
-
-    Attributes:
-        history: earlier images that it needs.
-        longest_history: earlier images that it can use; `history` without it. It is given up to so many, fewer at the
-            start of a drive, after a gap and after an image that cannot be read. So it is scored on the same images as
-            a method that needs `history`, wherever a drive is cut into pieces.
-        colour: it wants BGR images; grey ones without it.
-        reads_images: False for a method that does without images: they are then read only if it, or a picture that
-            is drawn, needs them. True without it.
-        files: paths of the files and folders that it reads, for example weights; none without it. Results that were
-            stored are found again only as long as settings, code and the content of these files are the same.
-    """
-
-    history: int
-    longest_history: int
-    colour: bool
-    reads_images: bool
-    files: Any
-
-    @classmethod
-    def of(cls, method: Method) -> Needs:
-        """What a method asks for."""
-        return cls(
-            history=method.history,
-            longest_history=max(getattr(method, "longest_history", method.history), method.history),
-            colour=getattr(method, "colour", False),
-            reads_images=getattr(method, "reads_images", True),
-            files=getattr(method, "files", ()),
-        )
+def not_derived(name: str) -> str:
+    """The message about a class, or an object of one, that does not derive from `Method`."""
+    return (
+        f"expected a class derived from bench.methods.Method, got {name}, which is not; write class {name}(Method), "
+        f"with `from bench.methods import Method`"
+    )
 
 
 class MethodError(BenchError):
@@ -235,72 +197,6 @@ def ask_method(method: Method, frame: MethodInput) -> Segmentation:
     if fault is not None:
         raise MethodError(f"{_image_of(method, frame)}: {fault}")
     return answer
-
-
-def segmentation_fault(answer: object, *, width: int, height: int) -> str | None:
-    """What is wrong with a method's answer on an image of `width` x `height` px; None where nothing is."""
-    return next(_faults(answer, width, height), None)
-
-
-def _faults(answer: object, width: int, height: int) -> Iterator[str]:
-    if not isinstance(answer, Segmentation):
-        yield f"expected a bench.methods.Segmentation from segment(), got {type(answer).__name__}"
-        return
-    size = answer.cell_size_px
-    if isinstance(size, bool) or not isinstance(size, int | np.integer) or size < 1:
-        yield f"cell_size_px: expected a whole number of at least 1, got {size!r}"
-        return
-    shape = -(-height // int(size)), -(-width // int(size))
-    yield from _array_faults("mask", answer.mask, shape, np.bool_)
-    if answer.undefined is not None:
-        yield from _array_faults("undefined", answer.undefined, shape, np.bool_)
-    if answer.likelihood is not None:
-        yield from _array_faults("likelihood", answer.likelihood, shape, np.floating)
-        yield from _likelihood_faults(answer.likelihood, score=answer.likelihood_is_score)
-    yield from _threshold_faults(answer)
-    if not (isinstance(answer.causes, tuple) and all(isinstance(name, str) for name in answer.causes)):
-        yield f"causes: expected a tuple of names, got {answer.causes!r}"
-        return
-    if answer.cause is not None:
-        yield from _array_faults("cause", answer.cause, shape, np.uint8)
-        if answer.cause.max(initial=0) >= max(len(answer.causes), 1):
-            yield f"cause: expected indices into {len(answer.causes)} causes, got {answer.cause.max()}"
-    for name, values in (answer.parts or {}).items():
-        yield from _array_faults(f"parts[{name!r}]", values, shape, np.floating)
-
-
-def _array_faults(name: str, values: object, shape: tuple[int, int], kind: type[np.generic]) -> Iterator[str]:
-    expected = f"{name}: expected a {shape} array of {'float' if kind is np.floating else kind.__name__.rstrip('_')}"
-    if not isinstance(values, np.ndarray):
-        yield f"{expected}, got {type(values).__name__}"
-    elif values.shape != shape or not np.issubdtype(values.dtype, kind):
-        yield f"{expected}, got {values.shape} of {values.dtype}"
-
-
-def _likelihood_faults(likelihood: NDArray[np.floating], *, score: bool) -> Iterator[str]:
-    lowest, highest = float(likelihood.min()), float(likelihood.max())  # NaN passes through both
-    if not (np.isfinite(lowest) and np.isfinite(highest)):
-        bad = int((~np.isfinite(likelihood)).sum())
-        yield f"likelihood: expected finite numbers, 0 where undefined, got {bad} that are NaN or infinite"
-    elif lowest < 0 or (score and highest > 1):
-        expected = "a score in [0, 1]" if score else "at least 0"
-        yield f"likelihood: expected {expected}, got {lowest:g} to {highest + 0.0:g}"
-
-
-def _threshold_faults(answer: Segmentation) -> Iterator[str]:
-    if answer.threshold is None:
-        return
-    if isinstance(answer.threshold, bool) or not isinstance(answer.threshold, int | float | np.number):
-        yield f"threshold: expected a number, got {answer.threshold!r}"
-        return
-    if answer.likelihood is None:
-        yield f"threshold: expected a likelihood that it is of, or no threshold, got {answer.threshold:g} alone"
-        return
-    if answer.likelihood_is_score and not 0 <= answer.threshold <= 1:
-        yield (
-            f"threshold: expected one of the likelihood, a score in [0, 1], got {answer.threshold:g}; leave it out "
-            "where the mask comes about in another way"
-        )
 
 
 def _image_of(method: Method, frame: MethodInput) -> str:

@@ -39,7 +39,7 @@ def read_annotations(file: Path) -> tuple[Track, ...]:
 
 
 def annotations_or_none(file: Path, on_error: ErrorHandler) -> tuple[Track, ...] | None:
-    """What `read_annotations` gives; None after an error, which is reported with all others of the file, at most 200.
+    """Like `read_annotations`; None after an error, which is reported with all others of the file, at most 200.
 
     Faults of a value come first: only a file without any is searched for objects and frames that do not fit together.
     """

@@ -1,4 +1,4 @@
-"""Data-set cards: one YAML file says where a data set lies, what reads it, and which parts count.
+"""Data-set cards: one YAML file gives the data set's folder, its adapter, and which parts count.
 
 A card never holds data. Its `root` may name environment variables (`${FISHEYE_BENCH_REAL}/aimotive`), so that a card
 can be committed while the data stays where each user keeps it.
@@ -23,12 +23,12 @@ from bench.errors import DataError, UnknownNameError, UsageError
 from bench.plain_yaml import parse_yaml
 from bench.recordings.files import read_text
 from bench.recordings.handles import Exclusion
-from bench.recordings.remote.urls import RemoteUrl, parse_location
+from bench.recordings.object_storage import RemoteUrl, parse_location
 from bench.recordings.validation import FileModel, validated
 
 WORKING_FOLDER = Path("datasets")
 OWN_CARDS, OWN_DATA = "FISHEYE_BENCH_DATASETS", "FISHEYE_BENCH_DATA"
-RENDERED = PurePath("data")  # below it lie the roots of the cards that ship
+RENDERED = PurePath("data")  # it holds the roots of the cards that ship
 LARGEST_CARD_BYTES = 1_000_000
 OTHER_SUFFIX = {".yaml": ".yml", ".yml": ".yaml"}
 
@@ -77,7 +77,7 @@ class CardFile(FileModel):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DatasetCard:
-    """A card and the file it stands in.
+    """A card and its file.
 
     Attributes:
         file: the card.
@@ -157,14 +157,14 @@ class DatasetCard:
 
 
 def shipped_folder(kind: Literal["datasets", "baselines"] = "datasets") -> Path:
-    """Where the cards, or the baselines, lie that ship with the package: inside of it, or in the checkout."""
+    """Folder of the cards, or of the baselines, that ship with the package: inside of it, or in the checkout."""
     package = Path(__file__).parents[1]
     installed = package / "shipped" / kind
     return installed if installed.is_dir() else package.parent / {"baselines": "reports/baselines"}.get(kind, kind)
 
 
 def data_folder() -> Path | None:
-    """Where the data lie that the shipped cards render; None for beside the cards, as in a checkout.
+    """Folder of the data that the shipped cards render; None for beside the cards, as in a checkout.
 
     The folder that `FISHEYE_BENCH_DATA` names; without it, for an installed package, the user's cache folder.
     """
@@ -176,7 +176,7 @@ def data_folder() -> Path | None:
 
 
 def card_folders() -> tuple[Path, ...]:
-    """Where names are looked up, in this order: `datasets/`, the user's own folder, what ships with the package."""
+    """Folders in which names are looked up, in order: `datasets/`, the user's own, what ships with the package."""
     named = os.environ.get(OWN_CARDS)
     own = Path(named).expanduser() if named else user_config_path("fisheye-bench", appauthor=False) / "datasets"
     shipped = shipped_folder()

@@ -12,7 +12,7 @@ from bench.errors import DataError, UnknownNameError
 from bench.plug_ins import imported, known_targets
 from bench.recordings.cards import DatasetCard
 from bench.recordings.handles import RecordingHandle
-from bench.recordings.remote import remote_recordings
+from bench.recordings.object_storage import remote_recordings
 
 ADAPTERS = {
     "native": "bench.recordings.native:native_recordings",
@@ -26,7 +26,7 @@ SHOWN = 10  # names that a message lists
 
 
 class Adapter(Protocol):
-    """What an adapter is: a function that lists the recordings below a folder without opening them."""
+    """Adapter of a data set: a function that lists the recordings below a folder without opening them."""
 
     def __call__(
         self, root: Path, *, options: Mapping[str, Any], card: Path, annotations: Path | None

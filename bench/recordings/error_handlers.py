@@ -1,4 +1,4 @@
-"""What opening a recording does about an error: raise it, or collect it and go on with the rest (lenient reading).
+"""Handlers of errors on opening a recording: raise, or collect and go on with the rest (lenient reading).
 
 An adapter has one opener. It reports every error to its error handler and goes on without what could not be read; with
 the handler `STRICT`, the first error ends it.
@@ -25,7 +25,7 @@ STAND_IN_NS = 2**61  # the stand-in for a missing trajectory reaches this far to
 
 
 class NothingUsableError(Exception):
-    """Lenient reading ends without a recording; why was reported."""
+    """Lenient reading ends without a recording; the reasons are reported already."""
 
 
 def only_this(error: DataError) -> Iterable[DataError]:
@@ -46,10 +46,10 @@ class ErrorHandler:
         raise error
 
     def leave_out(self, part: Part) -> None:
-        """Note that a part of the recording only has a stand-in: a trajectory that stands still, no tracks."""
+        """Note that a part of the recording only has a stand-in: a stationary trajectory, no tracks."""
 
     def stop(self) -> NoReturn:
-        """End lenient reading where the errors leave nothing to go on with."""
+        """End lenient reading where the errors leave nothing usable."""
         raise NothingUsableError
 
 

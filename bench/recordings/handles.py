@@ -32,11 +32,11 @@ class Exclusion(FileModel):
 
     @property
     def covers_all(self) -> bool:
-        """Whether the whole recording is left out."""
+        """True where the whole recording is left out."""
         return all(limit is None for span in (self.frames, self.timestamps_ns) for limit in span or ())
 
     def covers(self, frame: int, timestamp_ns: int) -> bool:
-        """Whether an image is left out."""
+        """Return True where an image is left out."""
         return _within(frame, self.frames) and _within(timestamp_ns, self.timestamps_ns)
 
 
@@ -48,7 +48,7 @@ class LenientReading:
         errors: one for each fault.
         recording: what is left; cameras, images, sweeps and objects that cannot be used are not in it. None where not
             even the calibration can be used.
-        missing: parts of `recording` that only have a stand-in: a trajectory that stands still, no tracks.
+        missing: parts of `recording` that only have a stand-in: a stationary trajectory, no tracks.
     """
 
     errors: tuple[DataError, ...]

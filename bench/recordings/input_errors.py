@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import zlib
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import asdict, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,31 +13,54 @@ from scipy.spatial.transform import Rotation
 
 from bench.cameras import CameraModel
 from bench.egomotion import camera_motion
+from bench.errors import UnknownNameError, UsageError
 from bench.geometry import RigidTransform, RoadPlane, advance_twist, twist_between
 from bench.records.recording import NO_INPUT_ERRORS, ImageRef, InputErrors, MountedCamera
 
 SIZE_FACTOR = 1000  # a focal scale is applied as a change of image size, which must be whole: this is its fineness
 
 
-def perturbed_camera(camera: MountedCamera, errors: InputErrors) -> MountedCamera:
-    """The camera as a method is told of it: lens, mounting, and the road below.
+def named_input_errors(errors: Mapping[str, object]) -> InputErrors:
+    """Errors of a method's input by the names of their fields.
 
-    Its field and the body of the ego vehicle stay: they say where is scored.
+    Raises:
+        UnknownNameError: no such error.
+        UsageError: not a finite number, or noise below 0.
+    """
+    known = asdict(NO_INPUT_ERRORS)
+    for name, error in errors.items():
+        if name not in known:
+            raise UnknownNameError("input error", name, known)
+        least = 0.0 if name == "image_noise_grey" else -math.inf
+        if (
+            isinstance(error, bool)
+            or not isinstance(error, int | float)
+            or not (math.isfinite(error) and error >= least)
+        ):
+            expected = "a number" if least else "a number of at least 0"
+            raise UsageError(f"input error {name}: expected {expected}, got {error!r}")
+    return replace(NO_INPUT_ERRORS, **{name: float(error) for name, error in errors.items()})  # type: ignore[arg-type]
+
+
+def perturbed_camera(camera: MountedCamera, errors: InputErrors) -> MountedCamera:
+    """The camera as a method receives it: lens, mounting, and the road below.
+
+    Its field and the body of the ego vehicle stay: they define the evaluated region.
     """
     if not _reach_calibration_or_motion(errors):
         return camera
     vehicle_from_camera = camera.vehicle_from_camera @ _pitched(-errors.pitch_deg)
-    told_from_true = vehicle_from_camera.inverse() @ camera.vehicle_from_camera
+    perturbed_from_true = vehicle_from_camera.inverse() @ camera.vehicle_from_camera
     return replace(
         camera,
         model=_perturbed_lens(camera.model, errors),
         vehicle_from_camera=vehicle_from_camera,
-        road=RoadPlane(told_from_true.rotate(camera.road.down), camera.road.height_m),
+        road=RoadPlane(perturbed_from_true.rotate(camera.road.down), camera.road.height_m),
     )
 
 
 def perturbed_time_ns(timestamp_ns: int, errors: InputErrors) -> int:
-    """The time of the pose that a method is told for an image of a time."""
+    """Time of the pose that a method receives for an image of a time."""
     return timestamp_ns + round(errors.time_offset_ms * 1e6)
 
 
@@ -48,14 +72,14 @@ def perturbed_motion(
     vehicle_from_camera: RigidTransform,
     errors: InputErrors,
 ) -> RigidTransform:
-    """`current_from_previous` of the camera as a method is told of it.
+    """`current_from_previous` of the camera as a method receives it.
 
     Args:
         world_from_vehicle_previous: pose at `perturbed_time_ns` of the previous image.
         world_from_vehicle_current: pose at `perturbed_time_ns` of the current image.
         seconds: between the images.
-        vehicle_from_camera: mounting as it is told, see `perturbed_camera`.
-        errors: of what is told.
+        vehicle_from_camera: mounting with its error, see `perturbed_camera`.
+        errors: to inject.
     """
     if not _reach_calibration_or_motion(errors):
         return camera_motion(
@@ -74,13 +98,13 @@ def perturbed_motion(
 def perturbed_pixels(
     pixels: NDArray[np.uint8], image: ImageRef, *, recording: str, errors: InputErrors
 ) -> NDArray[np.uint8]:
-    """An image as a method is told of it: with normal noise, rounded and cut to 0 ... 255.
+    """An image as a method receives it: with normal noise, rounded and cut to 0 ... 255.
 
     Args:
         pixels: (H, W) or (H, W, 3) uint8.
         image: which; its camera and time, with the name of the recording, are the seed.
         recording: name.
-        errors: of what is told.
+        errors: to inject.
     """
     if errors.image_noise_grey == 0:
         return pixels

@@ -156,7 +156,7 @@ def _timed_files(root: Path, folder: Path, suffixes: tuple[str, ...], on_error: 
 
 
 def _trajectory(root: Path, ego_motion: Source, on_error: ErrorHandler) -> Trajectory:
-    """The ego-motion, or a stand-in."""
+    """Read the ego-motion; a stand-in after an error."""
 
     def find_all(error: DataError) -> Iterable[DataError]:
         file = root / EGOMOTION_FILES[0]
@@ -169,7 +169,7 @@ def _trajectory(root: Path, ego_motion: Source, on_error: ErrorHandler) -> Traje
 
 
 def _ego_motion(root: Path, ego_motion: Source) -> Trajectory:
-    """What the car reports of its motion, or the true poses."""
+    """Read the motion that the car reports, or the true poses."""
     if ego_motion == "exact":
         return read_tum(_truth(root, TRUE_POSES, "ego_motion"))
     present = [root / name for name in EGOMOTION_FILES if (root / name).is_file()]

@@ -120,7 +120,7 @@ FrameVector = Annotated[VelocityData | IndicesData, Field(discriminator="name")]
 
 
 class FrameObjectData(FileModel):
-    """What is said of one object in one frame."""
+    """State of one object in one frame."""
 
     cuboid: tuple[CuboidData, ...] = Field(default=(), max_length=1)
     poly2d: tuple[PolygonData, ...] = Field(default=(), max_length=1)
@@ -157,7 +157,7 @@ class Frame(FileModel):
 
 
 class ObjectData(FileModel):
-    """What holds for an object in every frame."""
+    """Properties of an object in every frame."""
 
     num: tuple[InstanceData, ...] = Field(default=(), max_length=1)
 

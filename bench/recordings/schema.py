@@ -39,7 +39,7 @@ class Mounting(FileModel):
 
     @classmethod
     def of(cls, transform: RigidTransform) -> Mounting:
-        """What a file says of a transform."""
+        """Return the file's form of a transform."""
         w, x, y, z = transform.quaternion_wxyz.tolist()
         along_x, along_y, along_z = transform.translation_m.tolist()
         return cls(quaternion_wxyz=(w, x, y, z), translation_m=(along_x, along_y, along_z))
@@ -111,7 +111,7 @@ class RecordingHead(FileModel):
         name: of the recording, the same as its folder's.
         licence: of the data.
         frame_interval_ns: nominal time between images.
-        conventions: the frames and orders in words, for whoever opens the file.
+        conventions: frames and orders of numbers in words, for readers of the file.
     """
 
     schema_version: Literal[1]

@@ -1,1 +1,1 @@
-"""Records that the packages above hand each other: `recording`, `reference`."""
+"""Records that the packages above hand each other: `recording`, `reference`, `segmentation`."""

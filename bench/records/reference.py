@@ -13,6 +13,7 @@ from shapely import MultiPolygon, Polygon
 
 Outline: TypeAlias = Polygon | MultiPolygon  # of several parts where the lidar sees an object in several
 SURFACE_PATCHES = "surface-patches"
+UNKNOWN_CLASS = "unknown"  # of an object of which only pixels are known
 POLYGON_KINDS = ("convex", "concave", SURFACE_PATCHES)
 
 
@@ -95,6 +96,34 @@ class ReferenceObject:
     polygon_px: int
     region_px: int
     unknown_px: int = 0
+
+
+def pixels_object(
+    track_id: str, area_px: int, *, reason: IgnoreReason | None, polygon: Polygon | None = None
+) -> ReferenceObject:
+    """An object of which nothing is known but its pixels.
+
+    Args:
+        track_id: of the object.
+        area_px: its pixels in V.
+        reason: why it is ignored; None to evaluate it.
+        polygon: its outline, in pixels (u, v).
+    """
+    return ReferenceObject(
+        track_id=track_id,
+        object_class=UNKNOWN_CLASS,
+        status=Status.EVALUATED if reason is None else Status.IGNORED,
+        reason=reason,
+        category=Category.MOVING,
+        direction=None,
+        speed_mps=float("nan"),
+        range_m=float("nan"),
+        centroid_m=np.full(2, np.nan),
+        points=0,
+        polygon=polygon,
+        polygon_px=area_px,
+        region_px=area_px if reason is None else 0,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -12,6 +12,7 @@ from shapely import Polygon
 from bench.cameras import ray_grid
 from bench.errors import UsageError
 from bench.geometry import RigidTransform, cross, dot, normalise
+from bench.geometry.raster import Raster, rasterise
 from bench.records.recording import ImageRef, MountedCamera, Recording
 from bench.records.reference import (
     SURFACE_PATCHES,
@@ -29,7 +30,7 @@ from bench.reference.clusters import SECOND_NS, Cluster, object_cluster, parts_a
 from bench.reference.masks import mask_reference
 from bench.reference.motion import AnnotationIndex, ObjectAtExposure, categorise, relative_direction
 from bench.reference.patches import surface_pixels
-from bench.reference.polygons import Raster, bounding_polygon, rasterise, trace_polygon
+from bench.reference.polygons import bounding_polygon, trace_polygon
 from bench.reference.regions import (
     Region,
     compose,

@@ -12,9 +12,17 @@ from shapely import Polygon
 from bench.errors import DataError
 from bench.recordings.images import read_moving_mask
 from bench.records.recording import ImageRef, MountedCamera
-from bench.records.reference import Category, IgnoreReason, ReferenceFrame, ReferenceObject, ReferenceSettings, Status
+from bench.records.reference import (
+    UNKNOWN_CLASS,
+    Category,
+    IgnoreReason,
+    ReferenceFrame,
+    ReferenceObject,
+    ReferenceSettings,
+    Status,
+    pixels_object,
+)
 
-OBJECT_CLASS = "unknown"
 MOST_OBJECTS = 10_000
 
 
@@ -77,40 +85,12 @@ class _Component:
 
 def _object(part: _Component, number: int, settings: ReferenceSettings) -> ReferenceObject:
     reasons = {
-        IgnoreReason.CLASS: OBJECT_CLASS not in settings.classes,
+        IgnoreReason.CLASS: UNKNOWN_CLASS not in settings.classes,
         IgnoreReason.CATEGORY: Category.MOVING not in settings.categories,
         IgnoreReason.SMALL_POLYGON: part.area_px < settings.min_polygon_px,
     }
     reason = next((reason for reason, applies in reasons.items() if applies), None)
     return pixels_object(f"component-{number}", part.area_px, reason=reason, polygon=_outline(part.covered))
-
-
-def pixels_object(
-    track_id: str, area_px: int, *, reason: IgnoreReason | None, polygon: Polygon | None = None
-) -> ReferenceObject:
-    """An object of which nothing is known but its pixels.
-
-    Args:
-        track_id: of the object.
-        area_px: its pixels in V.
-        reason: why it is ignored; None to evaluate it.
-        polygon: its outline, in pixels (u, v).
-    """
-    return ReferenceObject(
-        track_id=track_id,
-        object_class=OBJECT_CLASS,
-        status=Status.EVALUATED if reason is None else Status.IGNORED,
-        reason=reason,
-        category=Category.MOVING,
-        direction=None,
-        speed_mps=float("nan"),
-        range_m=float("nan"),
-        centroid_m=np.full(2, np.nan),
-        points=0,
-        polygon=polygon,
-        polygon_px=area_px,
-        region_px=area_px if reason is None else 0,
-    )
 
 
 def _outline(covered: NDArray[np.bool_]) -> Polygon | None:

@@ -38,8 +38,8 @@ from numpy.typing import NDArray
 
 from bench.cameras import CameraModel, ray_grid
 from bench.geometry import cross, dot
+from bench.geometry.raster import Raster
 from bench.records.reference import IgnoreReason, Limb, OutlineErrors, ReferenceObject, Status
-from bench.reference.polygons import Raster
 
 SECOND_NS = 1_000_000_000
 SINE_RMS = 2.0**-0.5  # of a peak speed, over a stride

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from bench.cameras import CameraModel, ray_grid
 from bench.geometry import cross, dot, normalise
+from bench.geometry.raster import Raster
 from bench.records.recording import Cuboid, GroundPolygon, ObjectShape
-from bench.reference.polygons import Raster
 
 BLOCK_PX = 16  # side of the blocks of pixels that are decided together where they can be
 ON_PLANE = 1e-9  # sine of the angle up to which a corner lies on a plane

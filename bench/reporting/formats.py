@@ -4,19 +4,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping
 from pathlib import Path
-
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
-from rich.text import Text
 
 from bench.evaluation import Metric
 from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.plain_text import escape_markdown
 from bench.recordings import write_text
 from bench.records.reference import Category, ReferenceFrame
-from bench.reporting.document import Cell, to_csv
+from bench.reporting.document import Cell
 
 LABELS = {
     Category.CROSSING: "Crossing",
@@ -111,36 +106,6 @@ def level_percent(name: str) -> float:
 def chance_of(name: str) -> str:
     """Name of the chance level of a detection rate."""
     return name.replace("detection_rate", "chance")
-
-
-def markdown_table(
-    headings: Sequence[str],
-    rows: Iterable[Sequence[str]],
-    *,
-    rules: tuple[str, str] = (":--", "--:"),
-    escape: bool = True,
-) -> str:
-    """A table of GitHub's Markdown; of `sweep` alone, all others use `document`."""
-    cells = [[escape_markdown(cell) for cell in row] if escape else row for row in (headings, *rows)]
-    cells.insert(1, [rules[place >= 1] for place in range(len(headings))])
-    return "\n".join(f"| {' | '.join(line)} |" for line in cells)
-
-
-def terminal_table(title: str, *, caption: Text) -> Table:
-    """An empty table for the terminal; of `sweep` alone."""
-    return Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False, title=title, title_justify="left",
-                 caption=caption, caption_justify="left")  # fmt: skip
-
-
-def number_columns(table: Table, headings: Iterable[str]) -> None:
-    """Add right-aligned columns; of `sweep` alone."""
-    for heading in headings:
-        table.add_column(Text(heading), justify="right", no_wrap=True)
-
-
-def csv_text(rows: Sequence[Mapping[str, object]]) -> str:
-    """One line per row; of `sweep` alone."""
-    return to_csv(rows)
 
 
 def write_texts(folder: Path, texts: Mapping[str, str]) -> tuple[Path, ...]:

@@ -18,9 +18,9 @@ from scipy.ndimage import distance_transform_edt
 from shapely import LinearRing, get_parts, get_rings
 
 from bench.errors import ShapeError
+from bench.geometry.raster import rasterise
 from bench.plain_text import plain
 from bench.records.reference import Outline, ReferenceFrame, ReferenceObject, Status
-from bench.reference.polygons import rasterise
 from bench.reporting.canvas import GREEN, category_colour, rgb
 
 _SHIFT = 4  # fractional bits of OpenCV's drawing coordinates

@@ -13,8 +13,8 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from bench.methods.contract import Segmentation
 from bench.records.reference import ReferenceFrame
+from bench.records.segmentation import Segmentation
 from bench.reporting import canvas
 from bench.reporting.formats import frame_name
 from bench.reporting.overlay import draw_references, unknown_bands

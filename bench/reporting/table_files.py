@@ -39,10 +39,11 @@ def to_latex(rows: Sequence[TableRow], *, label: str, about: str) -> str:
 def _about(run: StoredRun) -> str:
     """Method, data set and protocol; of the settings those that are not the method's defaults."""
     summary = run.summary
-    settings = [f"{name} = {value}" for name, value in summary.method.changed_settings().items()]
+    method, data = summary.manifest.method, summary.manifest.dataset
+    settings = [f"{name} = {value}" for name, value in method.changed_settings().items()]
     told = shortened(", ".join(settings), _LONGEST_SETTINGS) or "default settings"
-    split = f", split {summary.split}" if summary.split else ""
-    return f"method {summary.method.name} ({told}), data set {summary.dataset}{split}, {run.protocol.name}"
+    split = f", split {data.split}" if data.split else ""
+    return f"method {method.name} ({told}), data set {data.name}{split}, {run.protocol.name}"
 
 
 def to_csv(rows: Sequence[TableRow]) -> str:

@@ -22,7 +22,7 @@ BOX_FACES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Surface:
-    """What a face looks like.
+    """Appearance of a face.
 
     Attributes:
         albedo: mean reflectance, 0 to 1.

@@ -23,7 +23,7 @@ MARGIN_NS = 200_000_000  # that paths are known before the first and after the l
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Trajectories:
-    """Where the ego vehicle and the actors are at any time, and when the sensors measure.
+    """Poses of the ego vehicle and the actors at any time, and the times at which the sensors measure.
 
     Attributes:
         ego: path of the ego vehicle.
@@ -114,7 +114,7 @@ def watched_times(trajectories: Trajectories) -> NDArray[np.int64]:
 
 
 def footprints(poses: Poses, outline_m: ArrayLike, rows: NDArray[np.intp] | slice = slice(None)) -> NDArray[np.object_]:
-    """Where an outline lies at N poses of its body.
+    """Return an outline at N poses of its body.
 
     Args:
         poses: world from body.
@@ -135,7 +135,7 @@ def box_outline(size_m: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def swept_ground(trajectories: Trajectories, sizes_m: Sequence[NDArray[np.float64]]) -> tuple[shapely.Polygon, ...]:
-    """What the ego vehicle and each actor cover during a recording, with a margin; nothing else may stand there.
+    """Areas that the ego vehicle and each actor cover during a recording, with a margin; nothing else may stand there.
 
     Args:
         trajectories: of the recording.
@@ -192,7 +192,7 @@ def first_clash(head: ScenarioHead, spec: RecordingSpec) -> tuple[int, str] | No
 
 
 def camera_fault(camera: CameraSpec) -> str | None:
-    """What is wrong with the position of a camera on the ego vehicle; None if nothing is."""
+    """Fault in the position of a camera on the ego vehicle; None without one."""
     if camera.position_m[2] <= 0:
         return f"a camera {abs(camera.position_m[2]):g} m under the road"
     if _winding(own_body().corners_m, np.array(camera.position_m)) > 0.5:
@@ -244,7 +244,7 @@ def _first_inside(
 
 
 def _winding(corners_m: NDArray[np.float64], point_m: NDArray[np.float64]) -> float:
-    """How often closed surfaces wind around a point: about 0 outside all of them.
+    """Winding number of closed surfaces around a point: about 0 outside all of them.
 
     Source:
         Van Oosterom and Strackee 1983, the solid angle of a plane triangle.

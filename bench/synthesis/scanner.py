@@ -136,7 +136,7 @@ def _are_panes(surfaces: NDArray[np.float64]) -> NDArray[np.bool_]:
 def detected(
     echoes: Echoes, spec: LidarSpec, rng: np.random.Generator
 ) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
-    """Which pulses come back strong enough.
+    """Mask of the pulses that come back strong enough.
 
     Args:
         echoes: of N rays.

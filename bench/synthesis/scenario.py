@@ -47,7 +47,7 @@ Quality = Annotated[int, Field(ge=1, le=100)]
 
 
 class SensorSpec(FileModel):
-    """How a camera errs; the defaults are those of a car's surround-view camera of one megapixel, binned to VGA.
+    """Errors of a camera; the defaults are those of a car's surround-view camera of one megapixel, binned to VGA.
 
     Attributes:
         edge_light: light at the lens's widest angle against that in the middle; 1 for no vignetting.
@@ -289,7 +289,7 @@ class BusSpec(FileModel):
 
 
 class CalibrationSpec(FileModel):
-    """How far the sensors sit from where their calibration says; drawn per recording, for each axis on its own.
+    """Errors of the sensors' mountings against their calibration; drawn per recording, for each axis on its own.
 
     The defaults: a tenth of a degree and half a centimetre, what a calibration at the end of the line leaves; the lidar
     was calibrated on purpose and sits twice as well.
@@ -308,7 +308,7 @@ class CalibrationSpec(FileModel):
 
 
 class VehicleSpec(FileModel):
-    """What makes the ego vehicle a real car; what is left out is ideal. `{}` takes the defaults of a part.
+    """Imperfections that make the ego vehicle a real car; what is left out is ideal. `{}` takes the defaults of a part.
 
     Attributes:
         suspension: null for a rigid car on a smooth road.
@@ -398,7 +398,7 @@ class StreetSpec(FileModel):
         return min(LARGEST_TURN_RAD / abs(self.curvature_per_m), AHEAD_M) if self.curvature_per_m else 0.0
 
     def has_parking(self, side: Side) -> bool:
-        """Whether cars may stand on a side."""
+        """Return True where cars may stand on a side."""
         return self.kind == "car_park" or self.parking in {side, "both"}
 
     @model_validator(mode="after")
@@ -538,7 +538,7 @@ class RecordingSpec(FileModel):
 
 
 class ScenarioHead(FileModel):
-    """What all recordings of a scenario share.
+    """Settings that all recordings of a scenario share.
 
     Attributes:
         name: of the data set.

@@ -64,7 +64,7 @@ class MotionNetwork(nn.Module):
 
 
 class ScoredNetwork(nn.Module):
-    """What is exported: scores in [0, 1] instead of logits."""
+    """Network for export: scores in [0, 1] instead of logits."""
 
     def __init__(self, network: MotionNetwork) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""What was found to look wrong, and the limits beyond which it does.
+"""Findings of the checks, and the limits beyond which a value looks wrong.
 
 What bodies and vehicles can be and do.
 
@@ -25,15 +25,15 @@ from bench.recordings import Recording, Track
 
 
 class Severity(StrEnum):
-    """How sure it is that something is wrong."""
+    """Certainty that something is wrong."""
 
     ERROR = "error"  # wrong: a file that cannot be used, or a value that cannot be
-    WARNING = "warning"  # odd: true in some recordings, and worth a look
+    WARNING = "warning"  # unusual: correct in some recordings, worth checking
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """One fault, told once however often it occurs.
+    """One fault, reported once however often it occurs.
 
     Attributes:
         check: name of the check, for example "clock-drift".
@@ -41,7 +41,7 @@ class Finding:
         recording: name; empty for the data set as a whole.
         file: the file, or the folder where none can be named; empty for the one that `report.CHECKS` names.
         field: the field, camera or object in it; None for the whole file.
-        expected: what is due.
+        expected: the correct state.
         got: what was found.
         do: what the user can do about it.
         times: how often it was found.
@@ -61,13 +61,13 @@ class Finding:
 
 
 def unusable(error: DataError, *, check: str = "file", timestamp_ns: int | None = None) -> Finding:
-    """A file that cannot be read, as its reader tells."""
-    told = {name: getattr(error, name) for name in ("file", "field", "expected", "got", "do")}
-    return Finding(check=check, timestamp_ns=timestamp_ns, **told)
+    """Finding of a file that cannot be read, from its reader's error."""
+    fields = {name: getattr(error, name) for name in ("file", "field", "expected", "got", "do")}
+    return Finding(check=check, timestamp_ns=timestamp_ns, **fields)
 
 
 class Occurrences(TypedDict):
-    """How often something was found, and when first, as `Finding` takes it."""
+    """Number of times that something was found, and the first time, as `Finding` takes it."""
 
     times: int
     timestamp_ns: int
@@ -79,24 +79,24 @@ def occurrences(found: NDArray[np.bool_], times_ns: NDArray[np.int64]) -> Occurr
 
 
 def calibration_file(recording: Recording) -> str:
-    """Where the calibration stands, as far as the recording tells."""
+    """File of the calibration, or the recording's folder where it is not known."""
     file = recording.root / "recording.json"
     return str(file if file.is_file() else recording.root)
 
 
 def annotation_file(recording: Recording) -> str:
-    """Where the annotations stand, as far as the recording tells."""
+    """File of the annotations, or the recording's folder where it is not known."""
     file = recording.root / "annotations.json"
     return str(file if file.is_file() else recording.root)
 
 
 def object_field(track: Track) -> str:
-    """How findings name an object."""
+    """Name of an object in findings."""
     return f"object {track.track_id!r} ({track.object_class})"
 
 
 def road_height_m(recording: Recording) -> float:
-    """Height of the road in the vehicle frame, m: the median of what the cameras are told."""
+    """Height of the road in the vehicle frame, m: the median over the cameras."""
     cameras = recording.cameras.values()
     return float(np.median([c.vehicle_from_camera.translation_m[2] - c.road.height_m for c in cameras]))
 

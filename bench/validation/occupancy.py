@@ -91,13 +91,13 @@ class Occupancy:
             self._look_at(tally, state, placed)
 
     def findings(self) -> Iterator[Finding]:
-        """What is empty, object by object."""
+        """Findings about empty boxes, object by object."""
         file = annotation_file(self._recording)
         if self._left_out:
             yield Finding(check="crowded-boxes", severity=Severity.WARNING, file=file, field="cuboid",
                           expected=f"at most {MOST_BOXES} boxes in a sweep",
                           got=f"more; in {self._left_out} boxes no points were looked for",
-                          do="mend those that are told, then validate again", times=self._left_out)  # fmt: skip
+                          do="fix the reported ones, then validate again", times=self._left_out)  # fmt: skip
         sweeps_ns = {sweep.timestamp_ns for sweep in self._recording.sweeps}
         for track in self._recording.tracks:
             yield from _unknown_sweeps(track, sweeps_ns, file)

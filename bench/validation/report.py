@@ -28,7 +28,7 @@ SAMPLED_SWEEPS = 20
 
 
 class Depth(StrEnum):
-    """How many images and sweeps are read."""
+    """Share of the images and sweeps that is read."""
 
     SAMPLED = "sampled"
     DEEP = "deep"
@@ -40,7 +40,7 @@ class RecordingReport:
 
     Attributes:
         name: of the recording.
-        findings: errors first, in the order in which they were found; causes before what may follow from them.
+        findings: errors first, in the order in which they were found; causes before their possible consequences.
         images: how many images were read, and how many there are.
         sweeps: how many sweeps were read, and how many there are.
     """
@@ -113,7 +113,7 @@ def validate_recording(
 
 
 def _causes_first(findings: list[Finding]) -> list[Finding]:
-    """Where the ego-motion is wrong, what was told by means of it comes last and is no more than odd."""
+    """Move findings that rely on a wrong ego-motion to the end, as warnings."""
     if not any(finding.check in EGO_MOTION_CHECKS and finding.severity is Severity.ERROR for finding in findings):
         return findings
     others = [finding for finding in findings if finding.check not in BY_EGO_MOTION]
@@ -169,7 +169,7 @@ class ValidationReport:
         return tuple(finding for recording in self.recordings for finding in recording.findings)
 
     def count(self, severity: Severity) -> int:
-        """How many findings of a severity."""
+        """Number of findings of a severity."""
         return sum(finding.severity is severity for finding in self.findings)
 
     def as_json(self) -> str:

@@ -157,12 +157,6 @@ def test_ego_motion_stays_inside_the_data_set(folder, tmp_path):
         opened(tmp_path, ego_motion={"file": "none.csv"})
 
 
-@pytest.fixture
-def real():
-    (handle,) = open_dataset(load_card(Path(__file__).parents[2] / "datasets/aimotive-sample.yaml"))
-    return handle.open()
-
-
 @needs_real
 def test_the_real_sample_opens(real):
     camera = real.cameras["M_FISHEYE_R"]

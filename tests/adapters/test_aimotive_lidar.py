@@ -10,7 +10,6 @@ from bench.adapters.aimotive.calibration import read_lidar_mounting
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.reference.patches import find_grid
-from tests.adapters.test_aimotive import real  # noqa: F401
 from tests.support import tiny_aimotive as tiny
 from tests.support.real import needs_real
 
@@ -73,7 +72,7 @@ def test_a_calibration_that_is_none_is_told_once(handle, tmp_path):
 
 
 @needs_real
-def test_the_rows_of_beams_on_the_real_van_are_found(real):  # noqa: F811
+def test_the_rows_of_beams_on_the_real_van_are_found(real):
     """One return in four had no neighbour beside it while directions were taken from the body's origin."""
     sweep = real.sweeps[1].read()
     points = sweep.points_lidar.astype(np.float64)

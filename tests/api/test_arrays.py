@@ -103,3 +103,11 @@ def test_importing_the_package_imports_no_library():
     assert all(f"'{name}'" in done.stdout for name in bench.__all__)
     with pytest.raises(AttributeError, match="'scores'"):
         _ = bench.scores
+
+
+def test_scoring_arrays_imports_neither_data_sets_nor_methods():
+    program = "import sys, bench; bench.score; print(*(name for name in sys.modules if name.startswith('bench.')))"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    packages = {name.split(".")[1] for name in done.stdout.split()}
+    assert "evaluation" in packages
+    assert not packages & {"recordings", "adapters", "methods", "reference", "harness", "cameras", "lidar"}

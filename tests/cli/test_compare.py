@@ -11,7 +11,7 @@ from bench.evaluation import load_protocol
 from bench.harness import RunRequest, run_benchmark
 from bench.methods import build_method, known_methods
 from bench.recordings import load_card
-from tests.cli.test_commands import call
+from tests.support.commands import call
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,7 @@ from bench.harness.stored import write_summary
 from bench.methods import build_method
 from bench.recordings import load_card
 from bench.recordings.cards import shipped_folder
-from tests.cli.test_commands import call
+from tests.support.commands import call
 
 
 @pytest.fixture(autouse=True)
@@ -174,14 +174,11 @@ def test_update_says_at_once_that_a_baseline_can_judge_nothing(monkeypatch, caps
 PLUG_IN = """
 import numpy as np
 
-from bench.methods import Segmentation
+from bench.methods import Method, Segmentation
 
 
-class Own:
-    name, history, colour = "own", 1, False
-
-    def settings(self):
-        return {}
+class Own(Method):
+    name = "own"
 
     def segment(self, frame):
         return Segmentation(cell_size_px=1, mask=np.zeros(frame.valid.shape, bool))

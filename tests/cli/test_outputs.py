@@ -3,12 +3,9 @@
 import ast
 import io
 import os
-import resource
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
@@ -18,7 +15,8 @@ import pytest
 import bench
 from bench.cli import console
 from bench.harness.cache import CacheFolder
-from tests.cli.test_commands import call
+from tests.support.commands import call
+from tests.support.processes import files_of
 
 pytestmark = pytest.mark.slow
 
@@ -34,7 +32,7 @@ COMMANDS = {
     "report": ("report", "RUN", "--no-pictures", "--out", "OUT"),
     "compare": ("compare", "RUN", "OTHER", "--no-pictures", "--out", "OUT"),
     "leaderboard": ("leaderboard", "RUNS", "--out", "OUT"),
-    "sweep": ("sweep", "CARD", "--what", "threshold", "--values", "0.001", "--no-cache", "--out", "OUT"),
+    "sweep": ("sweep", "CARD", "--set", "threshold=0.001,0.002", "--no-cache", "--out", "OUT"),
     "audit": ("audit", "CARD", "--method", "nothing", "--recordings", 1, "--workers", 1, "--no-pictures",
               "--out", "OUT"),
     "audit, ranking": ("audit", "CARD", "--methods", "nothing,truth", "--recordings", 1, "--workers", 1,
@@ -87,17 +85,6 @@ def places(tiny_card, tmp_path_factory) -> dict[str, str]:
         "LABELS": str(next(file for file in (folder / "labels").rglob("*") if file.is_file())),
         "BASELINE": str(folder / "b.json"),
     }
-
-
-@contextmanager
-def files_of(size_bytes: int) -> Iterator[None]:
-    """Let the kernel refuse files that grow beyond a size, as on a disk that is full."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size_bytes, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 def words_of(name: str, places: dict[str, str], out: Path) -> list[str]:
@@ -183,7 +170,7 @@ def test_a_film_that_is_cut_is_no_film(monkeypatch, capsys, places, tmp_path, su
         with files_of(size - missing):
             assert film("cut") == 2
         told = capsys.readouterr().err
-        assert f"cut{suffix}: expected a place that can be written, got a file that ends before" in told
+        assert f"cut{suffix}: expected a writable path, got a file that ends before" in told
         assert one_line(told, about=tmp_path)
         assert [path.name for path in tmp_path.iterdir()] == [f"whole{suffix}"]
 
@@ -255,7 +242,7 @@ WRITERS = {
     "harness/cache/folder.py": "a cache keeps nothing where it cannot write",
     "harness/run_folder.py": "whole folders of a run, by one rename",
     "recordings/contract.py": "copies in a temporary folder",
-    "recordings/remote/datasets.py": "empty files in a temporary folder",
+    "recordings/object_storage.py": "empty files in a temporary folder",
 }
 
 

@@ -1,30 +1,24 @@
-"""Commands with addresses of object storage in place of folders."""
+"""Data sets on object storage; runs are folders, and addresses in their place are refused."""
 
-import json
+from pathlib import Path
 
 import pytest
-import yaml
 
 from bench.evaluation import load_protocol
 from bench.harness import RunRequest, run_benchmark
 from bench.methods import build_method
 from bench.recordings import load_card
-from tests.cli.test_commands import call
-from tests.support.object_storage import bucket, object_server
+from tests.harness.cluster.dask_processes import METHODS, command, dask_processes
+from tests.support.commands import call
+from tests.support.object_storage import bucket, object_server, remote_card
 
 pytestmark = pytest.mark.slow
 
-__all__ = ["bucket", "object_server"]
+__all__ = ["bucket", "object_server", "remote_card"]
 
-METHOD = ("--method", "nothing", "--workers", 1, "--no-cache")
-
-
-@pytest.fixture
-def remote_card(tiny_card, bucket, tmp_path):
-    content = yaml.safe_load(tiny_card.read_text())
-    url = bucket.put_folder(tiny_card.parent / content["root"], "sets/tiny")
-    (tmp_path / "remote.yaml").write_text(yaml.safe_dump(content | {"root": url}))
-    return tmp_path / "remote.yaml"
+CARD = Path(__file__).parents[2] / "datasets" / "tiny.yaml"
+METHOD = ("--method", "nothing", "--workers", 1, "--no-cache", "--no-pictures")
+TABLES = ("objects.parquet", "frames.parquet", "image_maps.npz")
 
 
 @pytest.fixture(autouse=True)
@@ -36,96 +30,64 @@ def _elsewhere(monkeypatch, tmp_path):
     assert not [path for path in (tmp_path / "here").rglob("*") if ":" in path.name], "an address taken for a path"
 
 
-def test_a_run_from_storage_to_storage_is_reported_judged_and_compared(
-    monkeypatch, capsys, remote_card, tiny_card, bucket, tmp_path
-):
-    url = "s3://bench/runs/nothing"
-    assert call(monkeypatch, "run", remote_card, *METHOD, "--out", url) == 0
-    shown = capsys.readouterr().out
-    stored = {key.removeprefix("runs/nothing/") for key in bucket.names("runs/nothing/")}
-    assert {"summary.json", "table.md", "range_map.png", "objects.parquet"} <= stored
-    assert any(name.startswith("pictures/") for name in stored)
-    assert f"{url}/summary.json" in shown
-    assert str(tmp_path) not in shown
-
-    own = tmp_path / "local"
+@pytest.fixture
+def local(tiny_card, tmp_path) -> Path:
+    """A run of the same data on disk."""
+    out = tmp_path / "local"
     run_benchmark(
         RunRequest(
-            card=load_card(str(tiny_card)), method=build_method("nothing"), protocol=load_protocol("paper-v1"), out=own
+            card=load_card(tiny_card), method=build_method("nothing"), protocol=load_protocol("paper-v1"), out=out
         )
     )
-    assert bucket.get("runs/nothing/objects.parquet") == (own / "objects.parquet").read_bytes()
+    return out
 
-    assert call(monkeypatch, "report", url, "--no-pictures") == 0
-    assert f"{url}/index.html" in capsys.readouterr().out
-    assert bucket.get("runs/nothing/index.html").startswith(b"<!DOCTYPE html>")
 
-    baseline = tmp_path / "baseline.json"
-    assert call(monkeypatch, "gate", url, "--baseline", baseline, "--update", "--allow-dirty") == 0
-    assert call(monkeypatch, "gate", url, "--baseline", baseline) == 3
-    assert "without a verdict" in capsys.readouterr().out.lower()
-    assert call(monkeypatch, "compare", own, url, "--no-pictures", "--out", tmp_path / "compared") == 0
-    assert "0 newly detected, 0 newly missed" in capsys.readouterr().out
+def test_a_run_of_data_on_storage_is_that_of_data_on_disk(monkeypatch, remote_card, local, tmp_path):
+    out = tmp_path / "remote-run"
+    assert call(monkeypatch, "run", remote_card, *METHOD, "--out", out) == 0
+    for name in TABLES:
+        assert (out / name).read_bytes() == (local / name).read_bytes(), name
+    assert call(monkeypatch, "compare", local, out, "--no-pictures", "--out", tmp_path / "compared") == 0
     assert list((tmp_path / "compared").iterdir())
 
 
-def test_parts_are_merged_at_an_address(monkeypatch, capsys, remote_card, bucket, tmp_path):
-    url = "s3://bench/runs/parts"
-    for part in ("1/2", "2/2"):
-        monkeypatch.setenv("FISHEYE_BENCH_REMOTE", str(tmp_path / part.replace("/", "-")))
-        assert call(monkeypatch, "run", remote_card, *METHOD, "--out", url, "--shard", part) == 0
-        assert f"merge {url}" in capsys.readouterr().out
-    assert "runs/parts/summary.json" not in bucket.names()
-    monkeypatch.setenv("FISHEYE_BENCH_REMOTE", str(tmp_path / "third"))
-    assert call(monkeypatch, "merge", url, "--no-pictures") == 0
-    assert json.loads(bucket.get("runs/parts/summary.json"))["images"]["evaluated"] > 0
-    assert call(monkeypatch, "merge", tmp_path / "merged", url, "--no-pictures") == 0
-    assert bucket.get("runs/parts/objects.parquet") == (tmp_path / "merged" / "objects.parquet").read_bytes()
-    assert call(monkeypatch, "merge", "s3://bench/runs/copy", tmp_path / "merged", "--no-pictures") == 2
-    assert call(monkeypatch, "merge", "s3://bench/runs/copy", url, "--no-pictures") == 0
-    assert bucket.get("runs/copy/objects.parquet") == bucket.get("runs/parts/objects.parquet")
-    assert len(bucket.names("runs/copy/units/")) == len(bucket.names("runs/parts/units/"))
-
-
-def test_predictions_are_scored_to_an_address(monkeypatch, capsys, remote_card, tiny_card, bucket, tmp_path):
-    import cv2
-    import numpy as np
-
-    for image in tiny_card.parent.glob("data/tiny/*/images/front/*"):
-        mask = tmp_path / "masks" / image.parts[-4] / "front" / f"{image.stem}.png"
-        mask.parent.mkdir(parents=True, exist_ok=True)
-        cv2.imwrite(str(mask), np.zeros((240, 320), np.uint8))
-    words = ("--predictions", tmp_path / "masks", "--out", "s3://bench/runs/masks", "--no-pictures", "--workers", 1)
-    assert call(monkeypatch, "evaluate", remote_card, *words) == 0
-    assert "s3://bench/runs/masks/summary.json" in capsys.readouterr().out
-    assert {"runs/masks/predictions.json", "runs/masks/summary.json"} <= set(bucket.names())
+def test_a_cluster_scores_data_on_storage(monkeypatch, remote_card, local, tmp_path):
+    """Copies of the workers lie elsewhere than those of the command, which reads no data."""
+    (tmp_path / "cluster").mkdir()
+    with monkeypatch.context() as elsewhere:
+        elsewhere.setenv("FISHEYE_BENCH_REMOTE", str(tmp_path / "of-workers"))
+        with dask_processes(tmp_path / "cluster", workers=2, python_path=METHODS) as cluster:
+            elsewhere.undo()
+            out = tmp_path / "clustered"
+            words = ("--method", "nothing", "--no-pictures", "--scheduler", cluster.address, "--out", out)
+            done = command("run", remote_card, *words, folder=tmp_path)
+    assert (done.returncode, done.stderr) == (0, ""), done.stdout
+    assert "units computed 3, found done 0" in done.stdout
+    assert len(list((tmp_path / "of-workers").rglob("images/*/*.png"))) == 15
+    assert not list((tmp_path / "remote").rglob("images/*/*.png"))
+    for name in TABLES:
+        assert (out / name).read_bytes() == (local / name).read_bytes(), name
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    "words",
     [
-        (("report", "s3://bench/none"), "s3://bench/none: expected a folder with data"),
-        (("gate", "s3://nobody/none", "--baseline", "b.json"), "s3://nobody/none: expected a folder with data"),
-        (("compare", "s3://me:hidden@bench/a", "b"), "expected an address without a password"),
-        (("merge", "s3://bench/none"), "expected"),
-        (("report", ""), "expected a folder, got an empty name"),
+        ("run", CARD, "--out", "s3://me:hidden@bench/run"),
+        ("report", "s3://bench/none"),
+        ("gate", "s3://bench/none", "--baseline", "b.json"),
+        ("compare", "s3://me:hidden@bench/a", "b"),
+        ("report", ""),
     ],
 )
-def test_addresses_that_cannot_be_used_end_in_one_line(monkeypatch, capsys, bucket, words, told):
+def test_a_run_at_an_address_ends_in_one_line(monkeypatch, capsys, words):
     assert call(monkeypatch, *words) == 2
     shown = capsys.readouterr().err
-    assert shown.startswith("error: ")
-    assert told in shown
+    assert shown.startswith("error: expected a folder")
     assert len(shown.strip().splitlines()) == 1
     assert "hidden" not in shown
 
 
-def test_a_bucket_that_is_missing_ends_a_run_in_one_line(monkeypatch, capsys, tiny_card, bucket):
-    assert call(monkeypatch, "run", tiny_card, *METHOD, "--out", "s3://nobody/run") == 2
-    assert "s3://nobody/run: expected a folder that can be written" in capsys.readouterr().err
-
-
-def test_a_scenario_is_not_rendered_into_an_address(monkeypatch, capsys, remote_card, bucket):
+def test_a_scenario_is_not_rendered_into_an_address(monkeypatch, remote_card, bucket):
     before = bucket.names("sets/")
     assert call(monkeypatch, "validate", remote_card, "--errors-only") == 0
     assert bucket.names("sets/") == before

@@ -11,8 +11,8 @@ import pytest
 
 from bench.cli.start import LEAST_ADDRESSES_BYTES, report_lack_of_memory
 from bench.errors import UsageError
-from tests.cli.test_commands import called_here
 from tests.support import tiny
+from tests.support.commands import called_here
 
 pytestmark = pytest.mark.slow
 

@@ -1,64 +1,107 @@
-"""The command `sweep`: exit status, what it prints, which files it leaves."""
+"""The command `sweep`: a run for each value, one table, one chart; exit status and what it prints."""
+
+import csv
+import json
 
 import pytest
 
-from bench.harness.sweep import SWEEPS
-from tests.cli.test_commands import call
+from bench.cli.sweep import split_values
+from tests.support.commands import call
+
+UNLIKE = {"provenance": None, "sha256": None}  # of equal runs
 
 
-def test_sweep_leaves_table_and_chart_and_ends_with_the_table(monkeypatch, capsys, tiny_card, tmp_path):
-    words = (
-        "sweep",
-        tiny_card,
-        "--what",
-        "error.yaw_rate",
-        "--values",
-        "-2,2",
-        "--out",
-        tmp_path,
-        "--cache",
-        tmp_path / "cache",
+def table(folder):
+    return list(csv.DictReader((folder / "sweep.csv").open()))
+
+
+def test_each_value_is_the_run_with_it_in_a_folder_of_its_own(monkeypatch, capsys, tiny_card, tmp_path):
+    common = ("--set", "cell_size_px=8", "--cache", tmp_path / "cache")
+    words = ("sweep", tiny_card, *common, "--set", "threshold=2e-3,6e-4", "--out", tmp_path / "sweep")
+    assert call(monkeypatch, *words) == 0
+    shown = capsys.readouterr().out
+    for name in ("sweep.csv", "sweep.md", "sweep.png", "sweep.svg", "sweep.pdf"):
+        assert (tmp_path / "sweep" / name).stat().st_size > 100
+        assert str(tmp_path / "sweep" / name) in shown
+    assert "threshold of spherical on tiny by paper-v1" in shown
+    assert "units computed 6, found done 0" in shown
+    rows = table(tmp_path / "sweep")
+    assert [row["threshold"] for row in rows] == ["2e-3", "6e-4"]
+    run = ("run", tiny_card, *common, "--set", "threshold=0.002", "--out", tmp_path / "run", "--no-pictures")
+    assert call(monkeypatch, *run) == 0
+    alone, value = (
+        json.loads((place / "summary.json").read_text()) for place in (tmp_path / "run", tmp_path / "sweep" / "2e-3")
     )
-    assert call(monkeypatch, *words, "--split", "moving") == 0
-    shown = capsys.readouterr().out
-    for name in ("sweep.json", "sweep.csv", "sweep.md", "sweep.png", "sweep.svg", "sweep.pdf"):
-        assert (tmp_path / "error.yaw_rate" / name).stat().st_size > 100
-        assert str(tmp_path / "error.yaw_rate" / name) in shown
-    for text in ("bias of the yaw rate (deg/s)", "-2 ", "0 * ", "3 values on 8 images", "flow computed 8 times"):
-        assert text in shown
-    assert len(list((tmp_path / "cache").glob("flow/*/*.npz"))) == 8
+    assert alone | UNLIKE == value | UNLIKE
+    assert float(rows[0]["iou"]) == alone["all_moving"]["iou"]["value"]
+    assert (tmp_path / "sweep" / "2e-3" / "table.md").is_file()
 
 
-def test_sweep_list_names_every_sweep_with_its_values(monkeypatch, capsys, tiny_card):
-    assert call(monkeypatch, "sweep", tiny_card, "--what", "list") == 0
-    shown = capsys.readouterr().out
-    assert all(f" {name} " in shown for name in SWEEPS)
-    assert "0.0006" in shown
+def test_a_second_call_finds_what_is_done(monkeypatch, capsys, tiny_card, tmp_path):
+    words = ("sweep", tiny_card, "--method", "flow-magnitude", "--out", tmp_path, "--cache", tmp_path / "cache")
+    assert call(monkeypatch, *words, "--set", "threshold=1e-3,2e-3") == 0
+    before = (tmp_path / "sweep.csv").read_bytes()
+    assert call(monkeypatch, *words, "--set", "threshold=1e-3,2e-3") == 0
+    assert "units computed 0, found done 6" in capsys.readouterr().out
+    assert (tmp_path / "sweep.csv").read_bytes() == before
+    assert call(monkeypatch, *words, "--set", "threshold=1e-3,4e-3") == 0
+    assert "units computed 3, found done 3" in capsys.readouterr().out
+    assert len(list((tmp_path / "cache").glob("flow/*/*.npz"))) == 12, "computed once for all values"
 
 
-def test_images_that_cannot_be_used_are_said_and_the_status_is_2(monkeypatch, capsys, tiny_card, tmp_path):
-    words = ("sweep", tiny_card, "--what", "error.time", "--values", "550", "--out", tmp_path, "--split", "moving")
+def test_errors_of_the_input_are_swept_in_the_same_way(monkeypatch, capsys, tiny_card, tmp_path):
+    words = ("sweep", tiny_card, "--input-error", "pitch_rate_degps=0,4", "--out", tmp_path, "--split", "moving")
+    assert call(monkeypatch, *words, "--cache", tmp_path / "cache") == 0
+    assert "the reference keeps the true calibration" in " ".join(capsys.readouterr().out.split())
+    assert "the reference keeps the true calibration" in (tmp_path / "sweep.md").read_text()
+    true, wrong = table(tmp_path)
+    assert float(wrong["false_positive_coverage"]) > float(true["false_positive_coverage"]) + 0.1
+    assert wrong["object_frames"] == true["object_frames"]
+    assert "pitch_rate_degps 4" in json.loads((tmp_path / "4" / "summary.json").read_text())["caveats"]
+
+
+def test_the_usual_folder_is_named_after_what_is_swept(monkeypatch, tiny_card, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    words = ("sweep", tiny_card, "--method", "truth", "--set", "grow_px=-1,1", "--set", "shift_px=2", "--no-cache")
+    assert call(monkeypatch, *words, "--split", "moving", "--workers", 1) == 0
+    (folder,) = (tmp_path / "reports" / "sweeps").iterdir()
+    assert folder.name == "tiny-truth-shift_px-2-moving-grow_px"
+    assert {entry.name for entry in folder.iterdir() if entry.is_dir()} == {"-1", "1"}
+
+
+def test_images_that_a_value_cannot_use_are_said_and_the_status_is_2(monkeypatch, capsys, tiny_card, tmp_path):
+    words = ("sweep", tiny_card, "--method", "nothing", "--input-error", "time_offset_ms=0,550", "--out", tmp_path)
     assert call(monkeypatch, *words) == 2
-    assert "failed: " in capsys.readouterr().out
+    assert "failed: 550: " in capsys.readouterr().out
+    assert [row["images"] for row in table(tmp_path)] != ["12", "12"]
+
+
+def test_values_are_yaml_between_commas():
+    assert split_values("x", "1e-4, 3,dis") == {"1e-4": '"1e-4"', "3": "3", "dis": '"dis"'}
+    assert split_values("x", "[1,2],[3]") == {"[1, 2]": "[1, 2]", "[3]": "[3]"}
+    assert split_values("x", "{epipolar: 0},{}") == {'{"epipolar": 0}': '{"epipolar": 0}', "{}": "{}"}
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("--what", "tresholds"), "did you mean 'threshold'"),
-        (("--what", "threshold", "--values", "1e-3,many"), "expected a number (threshold"),
-        (("--what", "threshold", "--values", "1e-3,,2e-3"), "expected values with commas in between"),
-        (("--what", "ablation", "--values", "without epipolr"), "did you mean 'without epipolar'"),
-        (
-            ("--what", "threshold", "--method", "nothing"),
-            "expected a method with the parameter 'threshold', got 'nothing'",
-        ),
-        (("--what", "threshold", "--split", "test"), "known are all, moving"),
+        (("--set", "treshold=1,2"), "takes cell_size_px"),
+        (("--set", "threshold=1e-3,many"), "method 'spherical' takes "),
+        (("--set", "threshold=1e-3,,2e-3"), "expected values of YAML with commas in between"),
+        (("--set", "threshold=1e-3"), "expected one --set or --input-error with several values"),
+        (("--set", "threshold=1,2", "--set", "cell_size_px=5,8"), "threshold=3e-4,6e-4,1e-3, got 2"),
+        (("--set", "threshold=1,2", "--method", "nothing"), "takes no parameters"),
+        (("--input-error", "pitch=1,2"), "did you mean 'pitch_deg'"),
+        (("--input-error", "pitch_deg=1,far"), "input error pitch_deg: expected a number, got 'far'"),
+        (("--input-error", "image_noise_grey=0,-1"), "expected a number of at least 0"),
+        (("--set", "threshold=1,2", "--split", "test"), "known are all, moving"),
+        (("--set", "threshold=1,2", "--protocol", "paper-v1,surface-v1"), "expected one protocol"),
     ],
 )
 def test_mistakes_are_one_clear_line_and_status_2(monkeypatch, capsys, tiny_card, tmp_path, words, message):
-    assert call(monkeypatch, "sweep", tiny_card, "--out", tmp_path, *words) == 2
+    assert call(monkeypatch, "sweep", tiny_card, "--out", tmp_path / "sweep", *words) == 2
     shown = capsys.readouterr().err
     assert message in shown
     assert shown.startswith("error: ")
     assert shown.count("\n") == 1
+    assert not (tmp_path / "sweep").exists()

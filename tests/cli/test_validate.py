@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 
-from tests.cli.test_commands import call
+from tests.support.commands import call
 from tests.validation import drive
 
 CARD = "name: street\ntitle: a street\nadapter: native\nroot: data\nlicence: x\nannotations: {label_set}\n"

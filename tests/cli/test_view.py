@@ -9,7 +9,7 @@ import pytest
 from bench.cli.viewing import chosen_frames
 from bench.errors import UsageError
 from bench.recordings import ImageRef
-from tests.cli.test_commands import call
+from tests.support.commands import call
 from tests.validation import drive
 
 

@@ -9,8 +9,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, Protocol, SequenceScorer, load_protocol
-from bench.methods.contract import Segmentation
 from bench.records.reference import Direction, IgnoreReason, ReferenceFrame, Status
+from bench.records.segmentation import Segmentation
 
 PAPER = load_protocol("paper-v1")
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from bench.evaluation import ImageMap, SequenceScorer, add_image_maps
 from bench.evaluation.maps import CELL_PX
-from bench.methods.contract import Segmentation
 from bench.records.reference import ReferenceFrame
+from bench.records.segmentation import Segmentation
 from tests.evaluation.frames import frames, masks, reference_frame
 from tests.evaluation.runs import PAPER
 

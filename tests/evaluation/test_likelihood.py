@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bench.errors import ShapeError
 from bench.evaluation import SequenceScorer, summarise, threshold_sweep
 from bench.evaluation.likelihood import BINS, EDGES, PAPER_THRESHOLD, find_bins
-from bench.methods.contract import Segmentation
+from bench.records.segmentation import Segmentation
 from tests.evaluation.frames import mask, picture, reference_frame
 from tests.evaluation.runs import PAPER, random_run, scored, shuffled
 

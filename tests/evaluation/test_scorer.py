@@ -6,8 +6,8 @@ import numpy as np
 import pyarrow as pa
 
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, SequenceScorer
-from bench.methods.contract import Segmentation
 from bench.records.reference import IgnoreReason
+from bench.records.segmentation import Segmentation
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object, static_object
 from tests.evaluation.runs import PAPER, scored
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from bench.evaluation import SequenceScorer, threshold_free_metrics, threshold_sweep
 from bench.evaluation.likelihood import BINS, SCORE_EDGES, ThresholdFreeMetrics, find_bins
-from bench.methods.contract import Segmentation
 from bench.records.reference import ReferenceFrame
+from bench.records.segmentation import Segmentation
 from tests.evaluation.frames import picture, reference_frame
 from tests.evaluation.runs import PAPER, scored, shuffled
 

@@ -17,7 +17,7 @@ from bench.execution import ProcessExecutor
 from bench.harness import RunRequest, run_benchmark
 from bench.methods import build_method
 from bench.recordings import load_card
-from tests.cli.test_commands import call
+from tests.support.commands import call
 
 pytestmark = pytest.mark.slow
 

@@ -43,8 +43,8 @@ from bench.reporting.audit_ranking import (
     overview_table,
     ranking_tables,
 )
-from tests.cli.test_commands import call
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object
+from tests.support.commands import call
 
 ANY = [Prediction(name=name, method=build_method(name)) for name in ("everything", "nothing", "frame-difference")]
 

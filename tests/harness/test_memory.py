@@ -6,7 +6,8 @@ import sys
 
 import pytest
 
-from tests.harness.test_survival import PATIENCE_S, environment
+from tests.support.processes import PATIENCE_S
+from tests.support.troubled_runs import environment
 
 pytestmark = pytest.mark.slow
 

@@ -9,7 +9,7 @@ from bench.harness.stored import REFERENCE_OF_FRAMES, REFERENCE_OF_OBJECTS
 from bench.methods import build_method
 from bench.recordings import load_card
 from tests.harness.misbehaving import FAULTS, Misbehaving
-from tests.harness.test_survival import call
+from tests.support.troubled_runs import call
 
 pytestmark = pytest.mark.slow
 
@@ -80,7 +80,7 @@ def test_a_method_cannot_change_what_it_is_scored_against(tiny_card, tmp_path):
     cache = tmp_path / "cache"
     calm = score(tiny_card, tmp_path / "calm", method=Misbehaving(fault="none"))
     forced = score(tiny_card, tmp_path / "forced", method=Misbehaving(fault="force_valid"), cache=cache)
-    assert forced.reference_fingerprint == calm.reference_fingerprint
+    assert forced.manifest.reference == calm.manifest.reference
     assert forced.categories == calm.categories
     assert forced.false_positives == calm.false_positives
     later, clean = tmp_path / "later", tmp_path / "clean"

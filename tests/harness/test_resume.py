@@ -1,114 +1,27 @@
 """A run goes on where it stopped, and a stored result is used only while all that it depends on is the same."""
 
-import json
-import os
 import sys
 from importlib import invalidate_caches, reload
-from pathlib import Path
 
-import cv2
-import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
 import bench
 from bench.errors import DataError
 from bench.evaluation import load_protocol
-from bench.harness import RunRequest, run_benchmark
-from bench.harness.cache import CacheFolder
 from bench.harness.keys import digests as code
 from bench.harness.masks import MASKS
-from bench.harness.stored import IMAGE_MAPS
-from bench.methods import build_method
-from bench.recordings import load_card
-
-PAPER = load_protocol("paper-v1")
-ONE, ALL, NONE = 1, 3, 0  # units of the small data set that are computed again
-
-
-def score(
-    card: Path,
-    out: Path,
-    *,
-    cache: Path | None = None,
-    method="spherical",
-    settings=None,
-    protocol=PAPER,
-    overwrite=False,
-):
-    chosen = build_method(method, settings or {})
-    kept = None if cache is None else CacheFolder(folder=cache)
-    return run_benchmark(
-        RunRequest(
-            card=load_card(str(card)), method=chosen, protocol=protocol, out=out, cache=kept, overwrite=overwrite
-        )
-    )
-
-
-def bytes_of(run: Path) -> dict[str, bytes]:
-    """The whole result but for where it comes from."""
-    summary = json.loads((run / "summary.json").read_text())
-    del summary["provenance"], summary["sha256"]
-    tables = {name: (run / name).read_bytes() for name in ("objects.parquet", "frames.parquet", MASKS, IMAGE_MAPS)}
-    return tables | {"summary": json.dumps(summary).encode()}
-
-
-def changed_in_place(file: Path, content: bytes) -> None:
-    """Give a file another content and the times that it had."""
-    state = file.stat()
-    file.write_bytes(content)
-    os.utime(file, ns=(state.st_atime_ns, state.st_mtime_ns))
-
-
-def change_image(folder: Path) -> None:
-    file = sorted((folder / "images" / "front").iterdir())[2]
-    pixels = cv2.imread(str(file))
-    pixels[120:200, 100:220] = 255 - pixels[120:200, 100:220]
-    changed_in_place(file, cv2.imencode(file.suffix, pixels)[1].tobytes())
-
-
-def change_sweep(folder: Path) -> None:
-    for file in sorted((folder / "lidar").glob("*.npz")):
-        with np.load(file) as stored:
-            arrays = dict(stored)
-        arrays["points_lidar"] = arrays["points_lidar"] * np.float32(1.01)
-        np.savez_compressed(file, **arrays)
-
-
-def change_annotation(folder: Path) -> None:
-    file = folder / "annotations.json"
-    content = json.loads(file.read_text())
-    for frame in content["openlabel"]["frames"].values():
-        for entry in frame["objects"].values():
-            entry["object_data"]["cuboid"][0]["val"][7] *= 0.8
-    changed_in_place(file, json.dumps(content).encode())
-
-
-def change_egomotion(folder: Path) -> None:
-    file = next(iter(folder.glob("egomotion.csv")))
-    head, *rows = file.read_text().splitlines()
-    column = head.split(",").index("yaw_rate_radps")
-    cells = [row.split(",") for row in rows]
-    for row in cells:
-        row[column] = str(float(row[column]) + 0.05)
-    changed_in_place(file, "\n".join([head, *(",".join(row) for row in cells)]).encode() + b"\n")
-
-
-def change_calibration(folder: Path) -> None:
-    file = folder / "recording.json"
-    content = json.loads(file.read_text())
-    content["cameras"]["front"]["model"]["principal_point"][0] += 3.0
-    changed_in_place(file, json.dumps(content).encode())
-
-
-def remove_image(folder: Path) -> None:
-    sorted((folder / "images" / "front").iterdir())[-1].unlink()
-
-
-def damage_image(folder: Path) -> None:
-    file = sorted((folder / "images" / "front").iterdir())[2]
-    changed_in_place(file, file.read_bytes()[:-40])
-
+from tests.support.changed_data import (
+    DAMAGES,
+    change_annotation,
+    change_calibration,
+    change_egomotion,
+    change_image,
+    change_sweep,
+    damage_image,
+    remove_image,
+)
+from tests.support.runs import ALL, NONE, ONE, bytes_of, score
 
 CHANGES = [
     change_image,
@@ -194,15 +107,12 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.methods import Segmentation
+from bench.methods import Method, Segmentation
 
 
-class Bright:
-    name, history, colour = "bright", 1, False
+class Bright(Method):
+    name = "bright"
     files = (Path(__file__).with_name("weights.txt"),)
-
-    def settings(self):
-        return {}
 
     def segment(self, frame):
         level = float(self.files[0].read_text())
@@ -227,20 +137,6 @@ def test_code_and_files_of_a_method_from_elsewhere_count(own_card, tmp_path, mon
     invalidate_caches()
     reload(sys.modules["bright_method"])
     assert computed() == ALL
-
-
-def flip_a_bit(file: Path) -> None:
-    content = bytearray(file.read_bytes())
-    content[len(content) // 3] ^= 4
-    file.write_bytes(content)
-
-
-DAMAGES = {
-    "cut": lambda file: file.write_bytes(file.read_bytes()[:-7]),
-    "flipped": flip_a_bit,
-    "empty": lambda file: file.write_bytes(b""),
-    "gone": Path.unlink,
-}
 
 
 @pytest.mark.parametrize("damage", DAMAGES)

@@ -12,14 +12,8 @@ from bench.harness import RunRequest, merge_shards, run_benchmark, run_shard
 from bench.harness.shards import Shard
 from bench.methods import build_method
 from bench.recordings import load_card
-from tests.harness.test_resume import (
-    DAMAGES,
-    bytes_of,
-    change_annotation,
-    change_calibration,
-    change_egomotion,
-    remove_image,
-)
+from tests.support.changed_data import DAMAGES, change_annotation, change_calibration, change_egomotion, remove_image
+from tests.support.runs import bytes_of
 
 pytestmark = pytest.mark.slow
 
@@ -195,7 +189,7 @@ def test_parts_of_another_experiment_do_not_take_the_place_of_a_finished_run(tin
     with pytest.raises(DataError, match="--overwrite"):
         merge(tmp_path / "run", parts)
     assert bytes_of(tmp_path / "run") == before
-    assert merge_shards(tmp_path / "run", parts, overwrite=True).method.name == "spherical"
+    assert merge_shards(tmp_path / "run", parts, overwrite=True).manifest.method.name == "spherical"
 
 
 @pytest.mark.parametrize("damage", [b"", b"{", b"[]", b'{"schema_version": 1}', b"\xff\xfe", None])

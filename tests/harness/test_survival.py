@@ -4,7 +4,6 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 import threading
 import time
 from datetime import UTC, datetime
@@ -15,60 +14,26 @@ import pytest
 from bench.errors import DataError
 from bench.evaluation import load_protocol
 from bench.execution import ProcessExecutor, SerialExecutor
-from bench.harness import RunRequest, provenance, read_run, read_tables, run_benchmark
+from bench.harness import provenance, read_run, read_tables
 from bench.harness.cache import CacheFolder
 from bench.harness.tasks import UnitTask
 from bench.methods import build_method
-from bench.recordings import load_card
-from tests.cli.test_commands import called_here
-from tests.cli.test_outputs import files_of
-from tests.harness.test_resume import bytes_of
-from tests.harness.troubled import FOLDER, Troubled
-from tests.support.processes import PATIENCE_S, pids, until
+from tests.support.commands import called_here
+from tests.support.processes import PATIENCE_S, files_of, pids, until
+from tests.support.runs import bytes_of
+from tests.support.troubled_runs import call, calm, command, environment, score
 
 pytestmark = pytest.mark.slow
+
+__all__ = ["calm"]
 
 PAPER = load_protocol("paper-v1")
 UNITS = 3
 
 
-def score(card: Path, out: Path, *, method=None, cache=None, **options):
-    kept = None if cache is None else CacheFolder(folder=cache)
-    return run_benchmark(
-        RunRequest(
-            card=load_card(str(card)), method=method or Troubled(), protocol=PAPER, out=out, cache=kept, **options
-        )
-    )
-
-
-def command(card: Path, out: Path, *options: object) -> list[str]:
-    words = ["run", card, "--out", out, "--method", "tests.harness.troubled:Troubled", "--no-pictures", "--no-cache"]
-    return [sys.executable, "-m", "bench", *map(str, [*words, *options])]
-
-
-def call(card: Path, out: Path, *options: object) -> subprocess.CompletedProcess[str]:
-    """The same command in this process; its workers are processes of their own."""
-    _, _, _, *words = command(card, out, *options)
-    return called_here(*words)
-
-
-def environment() -> dict[str, str]:
-    return os.environ | {"PYTHONPATH": str(Path(__file__).parents[2]), "COLUMNS": "1000"}
-
-
 def calm_result(card: Path, out: Path) -> dict[str, bytes]:
     score(card, out)
     return bytes_of(out)
-
-
-@pytest.fixture(scope="module")
-def calm(tiny_card, tmp_path_factory) -> Path:
-    """A run of the small data set on which nothing happens."""
-    folder = tmp_path_factory.mktemp("calm")
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setenv(FOLDER, str(folder))
-        score(tiny_card, folder / "run")
-    return folder / "run"
 
 
 def test_processes_give_the_bytes_of_one_after_the_other(tiny_card, tmp_path):
@@ -143,7 +108,7 @@ def test_a_full_disk_ends_a_run_clearly_and_what_is_stored_stays(tiny_card, calm
     with files_of(most - 1):
         ended = call(tiny_card, out, "--workers", workers)
     assert ended.returncode == 2
-    assert "expected a place that can be written, got File too large" in ended.stderr
+    assert "expected a writable path, got File too large" in ended.stderr
     assert "free some disk space" in ended.stderr
     assert "Traceback" not in ended.stderr
     assert not [file for file in out.rglob(".*") if file.is_file()], "nothing half-written stays"
@@ -250,7 +215,7 @@ def test_a_second_run_in_a_folder_is_refused_and_does_not_harm_the_first(tiny_ca
         for options in ([], ["--shard", "1/2"]):
             second = call(tiny_card, out, "--workers", 1, *options)
             assert second.returncode == 2
-            assert f"{out}: expected a folder for this run alone, got one at which another run works" in second.stderr
+            assert f"{out}: expected a folder that no other run uses, got one in use by another run" in second.stderr
     finally:
         waits.unlink()
         assert first.wait(PATIENCE_S) == 0
@@ -268,10 +233,10 @@ def test_parts_share_a_folder(tiny_card, calm, tmp_path, trouble):
         until(lambda: bool(pids(trouble / "standing.wait-noted")), "the first part in the middle of a unit")
         assert call(tiny_card, out, "--workers", 1, "--shard", "2/2").returncode == 0
         whole = call(tiny_card, out, "--workers", 1)
-        assert (whole.returncode, "another run works" in whole.stderr) == (2, True)
+        assert (whole.returncode, "in use by another run" in whole.stderr) == (2, True)
         for into, parts in ((out, ()), (tmp_path / "merged", (out,))):
             early = called_here("merge", into, *parts, "--no-pictures")
-            assert (early.returncode, "another run works" in early.stderr) == (2, True)
+            assert (early.returncode, "in use by another run" in early.stderr) == (2, True)
     finally:
         waits.unlink()
         assert first.wait(PATIENCE_S) == 0

@@ -6,9 +6,9 @@ import shutil
 import pytest
 import yaml
 
-from tests.cli.test_commands import call
 from tests.hostile import files
 from tests.support import tiny, tiny_aimotive, tiny_kitti360, tiny_woodscape
+from tests.support.commands import call
 
 pytestmark = pytest.mark.slow
 

@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from tests.cli.test_commands import call
 from tests.hostile import files
 from tests.support import tiny
+from tests.support.commands import call
 
 pytestmark = pytest.mark.slow
 

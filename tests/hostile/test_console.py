@@ -14,7 +14,7 @@ import pytest
 import bench
 from bench.cli import console
 from bench.plain_text import escape_markdown, plain
-from tests.cli.test_commands import call
+from tests.support.commands import call
 
 pytestmark = pytest.mark.slow
 
@@ -22,11 +22,10 @@ WILD = "w\n::error::pwned\x1b[2J\x9b2J[/x][bold red]:warning:##[error]p##vso[tas
 IN_A_PATH = WILD.replace("/", "")
 METHOD = """
 import numpy as np
-from bench.methods import Segmentation
-class Wild:
-    name, history, colour = {name!r}, 1, False
-    def __init__(self, words={name!r}): pass
-    def settings(self): return {{"words": {name!r}}}
+from bench.methods import Method, Segmentation
+class Wild(Method):
+    name = {name!r}
+    def __init__(self, words={name!r}): self.words = {name!r}
     def segment(self, frame):
         return Segmentation(mask=np.zeros(frame.valid.shape, dtype=bool), cell_size_px=1)
 """
@@ -102,7 +101,7 @@ COMMANDS = {
     "compare": (0, ("compare", "EVERYTHING", "WILD", "--out", f"compare{IN_A_PATH}", "--no-pictures")),
     "leaderboard": (0, ("leaderboard", ".", "--out", "leaderboard")),
     "report": (0, ("report", "WILD", "--no-pictures")),
-    "sweep": (2, ("sweep", "datasets/tiny.yaml", "--what", WILD)),
+    "sweep": (2, ("sweep", "datasets/tiny.yaml", "--set", f"{WILD}=1,2")),
     "gate": (1, ("gate", "WILD", "--baseline", "b.json")),
     "missing baseline": (3, ("gate", "WILD", "--baseline", WILD)),
     "no such run": (2, ("report", WILD)),

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.test_commands import call
+from tests.support.commands import call
 
 pytestmark = pytest.mark.slow
 

@@ -27,12 +27,12 @@ from bench.errors import BenchError
 from bench.lidar import read_sweep
 from bench.recordings import ImageRef, read_image
 from bench.recordings.images import read_mask
-from tests.cli.test_commands import call
-from tests.harness.test_resume import bytes_of
 from tests.hostile import files
 from tests.hostile.damage import damaged
-from tests.labels.test_tool_commands import FORMATS
+from tests.labels.street import FORMATS
 from tests.support import tiny, tiny_aimotive, tiny_kitti360, tiny_rosbag, tiny_woodscape
+from tests.support.commands import call
+from tests.support.runs import bytes_of
 
 BENCH = Path(bench.__file__).parent
 SEED = 12

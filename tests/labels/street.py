@@ -11,6 +11,13 @@ from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep, read_sweep, write_sweep
 from bench.recordings import Cuboid, ObjectState, Recording, SweepRef, Track
 
+FORMATS = (  # of labelling tools
+    "sustechpoints",
+    "labelcloud-centroid-abs",
+    "labelcloud-centroid-rel",
+    "labelcloud-vertices",
+    "semantickitti",
+)
 SWEEPS = 6
 STEP_NS = 100_000_000
 FIRST_NS = 1_700_000_000_000_000_000

@@ -8,15 +8,8 @@ import pytest
 from bench.cli import main
 from bench.recordings import ObjectState, PointIndices, Track, read_annotations, write_annotations
 from tests.labels.same import assert_same_boxes
+from tests.labels.street import FORMATS
 from tests.support import tiny
-
-FORMATS = (
-    "sustechpoints",
-    "labelcloud-centroid-abs",
-    "labelcloud-centroid-rel",
-    "labelcloud-vertices",
-    "semantickitti",
-)
 
 BIKE = Track(
     track_id="bike",

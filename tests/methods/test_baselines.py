@@ -11,7 +11,7 @@ from bench.cameras import ray_grid
 from bench.errors import UsageError
 from bench.geometry import RigidTransform
 from bench.methods import build_method
-from tests.methods.test_spherical_method import CAMERA, HEIGHT, STEP, WIDTH, crossing, frame, render
+from tests.support.board_scene import CAMERA, HEIGHT, STEP, WIDTH, crossing, frame, render
 
 INNER = np.s_[8:-8, 8:-8]  # cells that were in the image before, too
 

@@ -11,7 +11,7 @@ import pytest
 from bench.errors import DataError, UsageError
 from bench.methods import build_method
 from bench.methods.learned import method as learned
-from tests.methods.test_spherical_method import STEP, crossing, frame
+from tests.support.board_scene import STEP, crossing, frame
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import pytest
 from bench.geometry import RigidTransform
 from bench.methods import UnansweredImage
 from bench.methods.learned.inputs import ALL_CHANNELS, CHANNELS, MIRRORED, ZERO, network_input, working_pair
-from tests.methods.test_spherical_method import STEP, crossing, frame
+from tests.support.board_scene import STEP, crossing, frame
 
 
 @pytest.fixture(scope="module")

@@ -21,8 +21,8 @@ from bench.methods.rigid_scene.evidence import CELL, Evidence
 from bench.methods.rigid_scene.motion import Correspondences, MotionAccuracy, refine_motion
 from bench.methods.rigid_scene.scene import RigidScene, at_every_pixel
 from bench.methods.rigid_scene.standing import floating, upright
-from tests.methods.test_spherical_method import CAMERA, STEP, crossing, frame, render
 from tests.methods.worlds import FORWARD, TwoViews
+from tests.support.board_scene import CAMERA, STEP, crossing, frame, render
 
 PINHOLE = PinholeCamera(width=320, height=240, focal=(150.0, 150.0), principal_point=(159.5, 119.5))
 

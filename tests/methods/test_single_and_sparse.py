@@ -3,14 +3,13 @@
 from dataclasses import replace
 from itertools import pairwise
 
-import cv2
 import numpy as np
 import pytest
 
 from bench.geometry import RigidTransform
 from bench.methods import build_method
 from bench.methods.spherical.likelihood import CONSTRAINTS, PAPER_WEIGHTS
-from tests.methods.test_spherical_method import HEIGHT, LOOK, MOUNT_M, STEP, WIDTH, crossing, frame, render, share
+from tests.support.board_scene import HEIGHT, LOOK, MOUNT_M, STEP, WIDTH, crossing, far, frame, inner, render, share
 
 SINGLE = {name: f"{name.replace('_', '-')}-only" for name in CONSTRAINTS}
 
@@ -50,14 +49,6 @@ def three_images(positions, steps=(0.0, 0.06, 0.12)):
         current_from_previous=motions,
     )
     return given, images[2][1]
-
-
-def inner(board):
-    return cv2.erode(board.astype(np.uint8), np.ones((9, 9))).astype(bool)
-
-
-def far(board):
-    return ~cv2.dilate(board.astype(np.uint8), np.ones((61, 61))).astype(bool) & (np.indices(board.shape)[0] < 440)
 
 
 def test_tracks_find_a_crossing_board_and_leave_the_world_alone():

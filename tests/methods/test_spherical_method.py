@@ -4,99 +4,12 @@ import cv2
 import numpy as np
 import pytest
 
-from bench.cameras import RadialPolynomialCamera, ray_grid
+from bench.cameras import ray_grid
 from bench.errors import UsageError
-from bench.geometry import RigidTransform, RoadPlane
-from bench.methods import MethodInput, build_method
+from bench.geometry import RigidTransform
+from bench.methods import build_method
 from bench.methods.spherical.method import SphericalMethod
-from tests.methods.worlds import pitched_down
-
-WIDTH, HEIGHT = 640, 480
-CAMERA = RadialPolynomialCamera(
-    width=WIDTH, height=HEIGHT, coefficients=(170.0, -16.0, 24.0, -3.6), principal_point=(319.5, 239.5)
-)
-MOUNT_M = np.array([0.0, 0.0, 0.66])
-LOOK = pitched_down(np.deg2rad(20))
-
-
-def texture(seed, size=1024):
-    """Periodic noise with detail at every scale, so that near and far surfaces both carry flow."""
-    u, v = np.meshgrid(np.fft.rfftfreq(size), np.fft.fftfreq(size))
-    frequency = np.maximum(np.hypot(u, v), 1 / size)
-    noise = np.fft.rfft2(np.random.default_rng(seed).normal(size=(size, size)))
-    pattern = np.fft.irfft2(noise / frequency * (frequency < 0.25), s=(size, size))
-    return np.clip(128 + 40 * pattern / pattern.std(), 5, 250).astype(np.float32)
-
-
-ROAD, WALL, BOX = texture(1), texture(2), texture(3)
-
-
-def sample(pattern, x, y, pixels_per_m):
-    size = pattern.shape[0]
-    return cv2.remap(
-        pattern,
-        ((x * pixels_per_m) % size).astype(np.float32),
-        ((y * pixels_per_m) % size).astype(np.float32),
-        cv2.INTER_LINEAR,
-        borderMode=cv2.BORDER_WRAP,
-    )
-
-
-def scene(position_m, box_m=None):
-    """What every pixel of a camera at `position_m` hits: world points, and whether it is road or board.
-
-    A road, a wall all around at 12 m, and an upright board of 1.2 m at `box_m` that faces the camera.
-    """
-    rays = np.nan_to_num(ray_grid(CAMERA).rays_camera @ LOOK, nan=0.0)  # world axes: LOOK is camera_from_world
-    origin = MOUNT_M + position_m
-    around = np.hypot(rays[..., 0], rays[..., 1]) + 1e-9
-    depth = (12.0 - origin[0] * rays[..., 0] / around) / around
-    to_road = np.where(rays[..., 2] < -1e-3, -origin[2] / np.minimum(rays[..., 2], -1e-3), np.inf)
-    road = to_road < depth
-    depth = np.where(road, to_road, depth)
-    board = np.zeros(road.shape, dtype=bool)
-    if box_m is not None:
-        to_board = (box_m[0] - origin[0]) / np.where(np.abs(rays[..., 0]) < 1e-6, 1e-6, rays[..., 0])
-        offset = origin + rays * to_board[..., None] - box_m
-        board = (to_board > 0) & (to_board < depth) & (np.abs(offset[..., 1]) < 0.6)
-        board &= (offset[..., 2] > 0) & (offset[..., 2] < 1.2)
-        depth = np.where(board, to_board, depth)
-    return origin + rays * depth[..., None], road & ~board, board
-
-
-def render(position_m, box_m=None):
-    """The scene with texture, and the board's mask."""
-    hit, road, board = scene(position_m, box_m)
-    image = sample(WALL, np.arctan2(hit[..., 1], hit[..., 0]) * 12.0, hit[..., 2], 40.0)
-    image[road] = sample(ROAD, hit[..., 0], hit[..., 1], 150.0)[road]
-    if box_m is not None:
-        image[board] = sample(BOX, hit[..., 1] - box_m[1], hit[..., 2], 80.0)[board]
-    return image.astype(np.uint8), board
-
-
-def frame(previous, current, step_m, valid=None):
-    before, now = (RigidTransform(LOOK, -LOOK @ (MOUNT_M + p)) for p in ((0.0, 0.0, 0.0), step_m))
-    return MethodInput(
-        images=(previous, current),
-        timestamps_ns=(0, 66_666_667),
-        camera=CAMERA,
-        road=RoadPlane(LOOK @ np.array([0.0, 0.0, -1.0]), 0.66),
-        current_from_previous=(now @ before.inverse(),),
-        valid=np.ones((HEIGHT, WIDTH), bool) if valid is None else valid,
-    )
-
-
-def share(mask, region):
-    return mask[region].mean()
-
-
-STEP = np.array([0.06, 0.0, 0.0])
-
-
-def crossing():
-    previous, _ = render(np.zeros(3), np.array([3.0, -0.6, 0.0]))
-    current, mask = render(STEP, np.array([3.0, -0.3, 0.0]))
-    return previous, current, mask
+from tests.support.board_scene import CAMERA, HEIGHT, LOOK, MOUNT_M, STEP, WIDTH, crossing, frame, render, scene, share
 
 
 def test_a_crossing_board_is_found_where_it_is_now_and_the_world_is_static():

@@ -8,8 +8,7 @@ import pytest
 from bench.errors import UsageError
 from bench.geometry import RigidTransform
 from bench.methods import build_method
-from tests.methods.test_single_and_sparse import far, inner
-from tests.methods.test_spherical_method import HEIGHT, STEP, WIDTH, crossing, frame, render, share
+from tests.support.board_scene import HEIGHT, STEP, WIDTH, crossing, far, frame, inner, render, share
 
 NAME = "spherical-visual-odometry"
 NOT_KNOWN = (RigidTransform.identity(),)

@@ -9,7 +9,7 @@ import pytest
 
 from bench import plug_ins
 from bench.recordings import catalogue, load_card, open_dataset, read_image
-from tests.cli.test_commands import call
+from tests.support.commands import call
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import shapely
 
 from bench.cameras import RadialPolynomialCamera
 from bench.egomotion import Trajectory
@@ -18,7 +19,7 @@ from bench.recordings import (
     SweepRef,
     Track,
 )
-from bench.reference import Category, MotionSettings, ReferenceSettings
+from bench.reference import Category, IgnoreReason, MotionSettings, ReferenceObject, ReferenceSettings, Status
 
 MS = 1_000_000
 SETTINGS = ReferenceSettings(
@@ -160,3 +161,45 @@ def drive(boxes, trajectory, *, sweep_ns=(0,), state_ns=(0,), exposures_ns=(0,),
 
 def with_settings(**changes) -> ReferenceSettings:
     return replace(SETTINGS, **changes)
+
+
+def an_object(status: Status) -> ReferenceObject:
+    return ReferenceObject(
+        track_id="a",
+        object_class="vehicle",
+        status=status,
+        reason=IgnoreReason.RANGE if status is Status.IGNORED else None,
+        category=None,
+        direction=None,
+        speed_mps=1.0,
+        range_m=1.0,
+        centroid_m=np.zeros(2),
+        points=0,
+        polygon=None,
+        polygon_px=0,
+        region_px=0,
+    )
+
+
+def wall_recording(width_m=1.0, height_m=1.7, away_m=8.0, steps_deg=(0.1728, 0.42)):
+    """A standing host before a thin wall that slides sideways, scanned by a regular grid of beams."""
+    trajectory = circle(0.0, 0.0)
+    wall = Box((away_m, 0.4, height_m / 2), (0.02, width_m, height_m), (0.0, 1.0, 0.0))
+    columns = np.radians(np.arange(-40, 40, steps_deg[0]))
+    rows = np.radians(np.arange(-24.8, 2.0, steps_deg[1]))
+    azimuth, elevation = (angles.ravel() for angles in np.meshgrid(columns, rows))
+    rays = np.column_stack(
+        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+    )
+    rays_vehicle = LIDAR.rotate(rays)
+    points = rays * ((away_m - LIDAR.translation_m[0]) / rays_vehicle[:, 0])[:, None]
+    y, z = LIDAR.apply(points)[:, 1:].T
+    on_wall = (np.abs(y - 0.4) <= width_m / 2) & (z >= 0) & (z <= height_m)
+    sweep = LidarSweep(timestamp_ns=0, points_lidar=points[on_wall | (z < -0.01)])
+    recording = drive([wall], trajectory, exposures_ns=(0,))
+    ref = SweepRef(timestamp_ns=0, path=Path("0.npz"), reader=lambda *_: sweep)
+    ring = shapely.segmentize(shapely.box(0.4 - width_m / 2, 0.0, 0.4 + width_m / 2, height_m), 0.02).exterior.coords
+    outline = np.column_stack([np.full(len(ring), away_m), np.asarray(ring)])
+    mounted = camera()
+    truth = shapely.Polygon(mounted.model.project(mounted.vehicle_from_camera.inverse().apply(outline))[0])
+    return replace(recording, sweeps=(ref,)), truth

@@ -5,26 +5,9 @@ import pytest
 
 from bench.reference import IgnoreReason, ReferenceObject, Status
 from bench.reference.regions import Region, compose
+from tests.reference.drives import an_object
 
 ROWS, COLUMNS = 30, 40
-
-
-def an_object(status: Status) -> ReferenceObject:
-    return ReferenceObject(
-        track_id="a",
-        object_class="vehicle",
-        status=status,
-        reason=IgnoreReason.RANGE if status is Status.IGNORED else None,
-        category=None,
-        direction=None,
-        speed_mps=1.0,
-        range_m=1.0,
-        centroid_m=np.zeros(2),
-        points=0,
-        polygon=None,
-        polygon_px=0,
-        region_px=0,
-    )
 
 
 def some_objects(rng: np.random.Generator) -> list[tuple[ReferenceObject, Region | None]]:

@@ -11,12 +11,13 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from bench.geometry import RigidTransform
+from bench.geometry.raster import rasterise
 from bench.lidar import LidarSweep
 from bench.recordings import SweepRef
 from bench.reference import ReferenceBuilder, Status
 from bench.reference.patches import find_grid, patch_pixels, surface_pixels
-from bench.reference.polygons import rasterise, trace_polygon
-from tests.reference.drives import LIDAR, Box, camera, circle, drive, with_settings
+from bench.reference.polygons import trace_polygon
+from tests.reference.drives import LIDAR, wall_recording, with_settings
 
 SIZE = {"width": 64, "height": 48}
 UNIT = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float64)
@@ -99,30 +100,6 @@ def test_the_polygon_gives_back_its_pixels(mask):
 )
 def test_patches_that_cover_no_pixel_give_no_polygon(patches):
     assert patch_polygon(patches) is None
-
-
-def wall_recording(width_m=1.0, height_m=1.7, away_m=8.0, steps_deg=(0.1728, 0.42)):
-    """A standing host before a thin wall that slides sideways, scanned by a regular grid of beams."""
-    trajectory = circle(0.0, 0.0)
-    wall = Box((away_m, 0.4, height_m / 2), (0.02, width_m, height_m), (0.0, 1.0, 0.0))
-    columns = np.radians(np.arange(-40, 40, steps_deg[0]))
-    rows = np.radians(np.arange(-24.8, 2.0, steps_deg[1]))
-    azimuth, elevation = (angles.ravel() for angles in np.meshgrid(columns, rows))
-    rays = np.column_stack(
-        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
-    )
-    rays_vehicle = LIDAR.rotate(rays)
-    points = rays * ((away_m - LIDAR.translation_m[0]) / rays_vehicle[:, 0])[:, None]
-    y, z = LIDAR.apply(points)[:, 1:].T
-    on_wall = (np.abs(y - 0.4) <= width_m / 2) & (z >= 0) & (z <= height_m)
-    sweep = LidarSweep(timestamp_ns=0, points_lidar=points[on_wall | (z < -0.01)])
-    recording = drive([wall], trajectory, exposures_ns=(0,))
-    ref = SweepRef(timestamp_ns=0, path=Path("0.npz"), reader=lambda *_: sweep)
-    ring = shapely.segmentize(shapely.box(0.4 - width_m / 2, 0.0, 0.4 + width_m / 2, height_m), 0.02).exterior.coords
-    outline = np.column_stack([np.full(len(ring), away_m), np.asarray(ring)])
-    mounted = camera()
-    truth = shapely.Polygon(mounted.model.project(mounted.vehicle_from_camera.inverse().apply(outline))[0])
-    return replace(recording, sweeps=(ref,)), truth
 
 
 @pytest.mark.parametrize("away_m", [6.0, 8.0, 11.0])

@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.errors import UsageError
-from bench.reference.polygons import bounding_polygon, rasterise
+from bench.geometry.raster import rasterise
+from bench.reference.polygons import bounding_polygon
 
 SIZE = {"width": 64, "height": 48}
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bench.geometry.raster import Raster
 from bench.records.reference import Limb
 from bench.reference import IgnoreReason, OutlineErrors, Status
-from bench.reference.polygons import Raster
 from bench.reference.regions import (
     Region,
     compose,
@@ -16,8 +16,7 @@ from bench.reference.regions import (
     pixels_per_radian,
     uncertain_region,
 )
-from tests.reference.drives import LENS
-from tests.reference.test_occlusion import an_object
+from tests.reference.drives import LENS, an_object
 
 NOTHING = OutlineErrors(range_noise_m=0.0, angle_rad=0.0, position_m=0.0, limbs={})
 VALID = np.ones((40, 60), dtype=bool)

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 import shapely
 
+from bench.geometry.raster import rasterise
 from bench.recordings import GroundPolygon, PointIndices
 from bench.records.reference import Limb
 from bench.reference import OutlineErrors, ReferenceBuilder, Status
 from bench.reference.patches import find_grid
-from bench.reference.polygons import rasterise
 from bench.reference.scanned import way_out_m
-from tests.reference.drives import camera, with_settings
-from tests.reference.test_patch_polygon import wall_recording
+from tests.reference.drives import camera, wall_recording, with_settings
 
 LEGS = (Limb(joint=0.53, end=0.0, speed=2.0),)
 ERRORS = OutlineErrors(range_noise_m=0.02, angle_rad=0.002, position_m=0.007, limbs={"pedestrian": LEGS})

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon, box
 
-from bench.methods.contract import Segmentation
 from bench.records.reference import (
     Category,
     Direction,
@@ -19,6 +18,7 @@ from bench.records.reference import (
     ReferenceObject,
     Status,
 )
+from bench.records.segmentation import Segmentation
 from bench.reporting.frame_pictures import ClusterView
 
 CELL_PX = 5

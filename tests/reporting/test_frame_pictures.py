@@ -6,7 +6,7 @@ from bench.evaluation.rows import objects_table
 from bench.records.reference import Category
 from bench.reporting.frame_pictures import draw_cluster, example_frames, write_frame_pictures
 from tests.reporting.factories import busy_frame, cluster_view, fisheye_image, reference_frame, segmentation
-from tests.reporting.test_report_files import object_row
+from tests.support.result_rows import object_row
 
 
 def test_the_frame_where_an_object_fills_most_pixels_tells_of_its_category():

@@ -9,11 +9,11 @@ from matplotlib.text import Annotation
 from bench.errors import DataError
 from bench.evaluation import load_protocol
 from bench.harness.perf import MethodCost, write_cost
-from bench.harness.sweep import MARK
 from bench.reporting.leaderboard.chart import draw_quality_and_cost
 from bench.reporting.leaderboard.page import write_leaderboard
 from bench.reporting.leaderboard.reading import read_leaderboard
 from bench.reporting.leaderboard.texts import best_line, leaderboard_tables
+from bench.reporting.sweep import TABLE
 from tests.reporting.compare.runs import drawn, write_run
 from tests.reporting.printed import printed
 
@@ -49,7 +49,7 @@ def test_values_of_a_sweep_are_no_entries_but_of_their_own_folder(tmp_path):
     sweep = tmp_path / "sweeps" / "error.speed"
     write_run(sweep / "10", drawn(20))
     write_run(sweep / "0", drawn(50))
-    (sweep / MARK).touch()
+    (sweep / TABLE).touch()
     (group,) = read_leaderboard(tmp_path).groups
     assert [entry.run for entry in group.entries] == ["run"]
     (group,) = read_leaderboard(sweep).groups

@@ -11,7 +11,7 @@ from bench.evaluation.rows import objects_table
 from bench.records.reference import Direction
 from bench.reporting.canvas import figure_bytes, new_figure
 from bench.reporting.range_maps import HALF, HALF_TITLE, HATCH, draw_cells, draw_range_maps, draw_run_maps
-from tests.reporting.test_report_files import object_row
+from tests.support.result_rows import object_row
 
 OUTLINE_M = np.array([[-1.0, -0.9], [3.8, -0.9], [3.8, 0.9], [-1.0, 0.9]])
 EDGES_M = np.arange(-8.0, 9.0)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import boto3
 import pytest
+import yaml
 from moto.server import ThreadedMotoServer
 from s3fs import S3FileSystem
 
@@ -70,3 +71,11 @@ def bucket(object_server: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) 
     for key in made.names():
         made.remove(key)
     made.client.delete_bucket(Bucket=BUCKET)
+
+
+@pytest.fixture
+def remote_card(tiny_card, bucket, tmp_path):
+    content = yaml.safe_load(tiny_card.read_text())
+    url = bucket.put_folder(tiny_card.parent / content["root"], "sets/tiny")
+    (tmp_path / "remote.yaml").write_text(yaml.safe_dump(content | {"root": url}))
+    return tmp_path / "remote.yaml"

@@ -1,9 +1,11 @@
 """Watching processes that a test started."""
 
 import os
+import resource
 import subprocess
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 PATIENCE_S = 300.0  # of a busy machine
@@ -40,3 +42,14 @@ def until(condition: Callable[[], bool], expected: str) -> None:
     while not condition():
         assert time.monotonic() < end, f"expected {expected}"
         time.sleep(0.02)
+
+
+@contextmanager
+def files_of(size_bytes: int) -> Iterator[None]:
+    """Let the kernel refuse files that grow beyond a size, as on a disk that is full."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size_bytes, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)

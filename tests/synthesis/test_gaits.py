@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bench.synthesis.bodies import Body, make_body
 from bench.synthesis.bodies.gait import STANCE, hip_heights, walking_leg
-from tests.synthesis.test_bodies import of_joint
+from tests.support.meshes import of_joint
 
 WALKERS = ["adult", "short_adult", "tall_adult", "stout_adult", "child"]
 CYCLISTS = ["cyclist", "tall_cyclist", "short_cyclist", "racing_cyclist", "child_cyclist"]

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from bench.synthesis.bodies.body import STEPS, Joint, Linkage, still, wheel
 from bench.synthesis.bodies.gait import rotate_xz, two_links
 from bench.synthesis.mesh import Surface, ellipses, limb, loft, ring, rounded
-from tests.synthesis.test_bodies import open_edges, volume_m3
+from tests.support.meshes import open_edges, volume_m3
 
 GREY = Surface(albedo=0.5, contrast=0.1)
 DARK = Surface(albedo=0.1, contrast=0.1)

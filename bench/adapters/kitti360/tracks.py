@@ -18,18 +18,18 @@ from bench.records.recording import Cuboid, ObjectState, Track, world_velocities
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Annotated:
-    """What a file of boxes says.
+    """Content of a file of boxes.
 
     Attributes:
         tracks: of everything that can move, whether it does or not.
-        windows: stretches of frames that somebody annotated, merged and in order; empty where the file does not tell.
+        windows: stretches of frames that were annotated, merged and in order; empty where the file does not say.
     """
 
     tracks: tuple[Track, ...]
     windows: tuple[tuple[int, int], ...]
 
     def covers(self, frame: int) -> bool:
-        """Whether a frame was annotated."""
+        """Return True where a frame was annotated."""
         return not self.windows or any(first <= frame <= last for first, last in self.windows)
 
 
@@ -43,14 +43,14 @@ def tracks_from_world(
 ) -> Annotated:
     """Put boxes where the vehicle sees them.
 
-    Boxes that stand get a state at each frame of their window at which they are near. Frames without ego-motion have no
-    states, since nothing can be said of the vehicle frame there.
+    Stationary boxes get a state at each frame of their window at which they are near. Frames without ego-motion have no
+    states, since the vehicle frame is unknown there.
 
     Args:
         boxes: as `read_boxes` yields them.
         drive: where the vehicle was.
         clock: times of frames.
-        static_range_m: how near boxes that stand have to be.
+        static_range_m: largest range of stationary boxes.
         static_people: "unclear" or "static", for people who are not marked dynamic.
     """
     ego = _EgoPath(drive, clock)
@@ -149,7 +149,7 @@ def _placed(
 
 
 def _axes(rotation: NDArray[np.float64], size_m: NDArray[np.float64]) -> tuple[int, int]:
-    """Which axes of the box are its length and its height; one choice for all boxes of an object."""
+    """Axes of the box that are its length and its height; one choice for all boxes of an object."""
     up = int(np.argmax(np.abs(rotation[2])))
     along = max((axis for axis in range(3) if axis != up), key=lambda axis: float(size_m[axis]))
     return along, up

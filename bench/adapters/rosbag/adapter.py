@@ -71,7 +71,7 @@ def rosbag_recordings(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Source:
-    """Where a recording comes from.
+    """Source of a recording.
 
     Attributes:
         root: folder of the data set, which no file may leave.

@@ -29,7 +29,7 @@ TYPE_NAME = re.compile(r"[A-Za-z]\w{0,99}(/[A-Za-z]\w{0,99}){1,2}", re.ASCII)
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """What a bag says of a topic.
+    """Description of a topic in a bag.
 
     Attributes:
         name: such as "/camera/front".
@@ -96,7 +96,7 @@ def field_value(message: Any, path: str, *, file: Path, topic: str) -> Any:
 
 
 def has_header(topic: Topic, *, file: Path) -> bool:
-    """Whether messages of a topic begin with a header, and so with a time.
+    """Return True where messages of a topic begin with a header, and so with a time.
 
     Raises:
         DataError: an unknown type or encoding.

@@ -1,4 +1,4 @@
-"""What the user says of bags: the card's options, and the rig file with each sensor's topic, model and mounting.
+"""Options of the card, and the rig file with each sensor's topic, model and mounting.
 
 Mountings may also come from the frames that a bag publishes once on /tf_static.
 """
@@ -146,7 +146,7 @@ class SignalRig(FileModel):
 
 
 class ReverseRig(FileModel):
-    """How messages show reverse gear.
+    """Field of messages that shows reverse gear.
 
     Attributes:
         topic: of any message.
@@ -160,7 +160,7 @@ class ReverseRig(FileModel):
 
 
 class EgoMotionRig(FileModel):
-    """Where ego-motion comes from: poses, or speed and yaw rate.
+    """Source of ego-motion: poses, or speed and yaw rate.
 
     Attributes:
         odometry: poses.
@@ -226,7 +226,7 @@ class Rig(FileModel):
     def _topics_once(self) -> Rig:
         topics = self.sensor_topics
         if twice := sorted({topic for topic in topics if topics.count(topic) > 1}):
-            raise ValueError(f"each topic for one sensor, {twice[0]} stands twice")
+            raise ValueError(f"each topic for one sensor, {twice[0]} is named twice")
         return self
 
 
@@ -278,7 +278,7 @@ class StaticFrames:
             raise DataError(message.file, field=STATIC_FRAMES, expected=f"at most {MOST_FRAMES} frames", got="more")
 
     def vehicle_from(self, frame: str, *, vehicle: str, file: Path, field: str) -> RigidTransform:
-        """Where a frame is on the vehicle.
+        """Return the pose of a frame on the vehicle.
 
         Args:
             frame: its name.

@@ -50,7 +50,7 @@ LIBRARY_ERRORS = (McapError, zstd.ZstdError, sqlite3.Error, struct.error, ValueE
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """Where a message is in its file.
+    """Position of a message in its file.
 
     Attributes:
         chunk: byte at which its chunk begins; `NO_CHUNK` where it is in none.
@@ -120,11 +120,11 @@ class StoredMessage:
         return read_message(self.container, self.position, compressed=self.compressed)
 
     def content(self) -> bytes:
-        """The message's bytes, after what decides how they are decoded."""
+        """Bytes of the message, after everything that decides how they are decoded."""
         return repr((self.topic, self.compressed, *self.decoding())).encode() + self.payload()
 
     def decoding(self) -> tuple[Any, ...]:
-        """What else decides it."""
+        """Everything else that decides how the message is decoded."""
         return ()
 
 

@@ -27,7 +27,7 @@ Index = Annotated[int, Field(ge=0, le=99_999)]
 
 
 class CarOptions(FileModel):
-    """One of the cars that the images were taken from; the data set tells them apart by the index alone.
+    """One of the cars that the images were taken from; only the index identifies them.
 
     Attributes:
         indices: first and last index of its images, both included; null for open.
@@ -98,7 +98,7 @@ class WoodscapeOptions(FileModel):
 
 
 class Extrinsic(FileModel):
-    """Where the camera sits, camera to vehicle."""
+    """Mounting of the camera, camera to vehicle."""
 
     quaternion: tuple[float, float, float, float]
     translation: tuple[float, float, float]
@@ -169,7 +169,7 @@ def read_camera(root: Path, file: Path, pair: str, options: WoodscapeOptions) ->
 def _ego_body(
     root: Path, name: CameraName, index: int, size_px: tuple[int, int], options: WoodscapeOptions
 ) -> NDArray[np.bool_] | None:
-    """What the card draws for every car, with what it has for the car of this index."""
+    """Mask of the body: as the card draws it for every car, with the card's mask for the car of this index."""
     car = options.car(index)
     drawn = body_mask(size_px, (*options.body_polygons.get(name, ()), *car.body_polygons.get(name, ())))
     if name not in car.body_masks:

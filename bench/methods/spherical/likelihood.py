@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from bench.methods.spherical.constraints import (
     deviations,
     static_camera_deviation,
 )
+from bench.records.segmentation import PAPER_THRESHOLD
 
 CONSTRAINTS = ("epipolar", "positive_depth", "positive_height", "anti_parallel")
 THREE_VIEW = "three_view"
@@ -52,7 +53,6 @@ class Weights:
 
 
 PAPER_WEIGHTS = Weights()
-PAPER_THRESHOLD = 6e-4
 # Above this angle the paper's method sees motion by the epipolar or the positive depth constraint alone; 0.24 px at 165
 # px per radian. What is compared with the paper's method at one angle takes it from here.
 PAPER_ANGLE_RAD = PAPER_THRESHOLD * PAPER_WEIGHTS.total
@@ -184,10 +184,6 @@ class SphericalSettings:
             object.__setattr__(self, "variants", Variants(**self.variants))
         if self.cell_size_px < 1 or min(self.threshold, self.static_threshold) <= 0:
             raise UsageError("spherical: expected cell_size_px >= 1 and thresholds > 0")
-
-    def settings(self) -> dict[str, object]:
-        """Every parameter that decides the result."""
-        return asdict(self)
 
     def likelihood_of_rays(
         self,

@@ -69,10 +69,11 @@ _OTHERS = {
 def report(comparisons: Sequence[RunComparison]) -> Iterator[Block]:
     """The first run with each of the others."""
     first = comparisons[0].before.summary
+    data = first.manifest.dataset
     yield Heading(f"{', '.join(c.after.label for c in comparisons)} against {comparisons[0].before.label}", 1)
     yield Paragraph(
-        f"Data set {first.dataset}, {first.split or 'all recordings'}, protocol {first.protocol.name} "
-        f"({first.protocol.digest[:12]}), reference {first.reference_fingerprint[:12]}."
+        f"Data set {data.name}, {data.split or 'all recordings'}, protocol {first.protocol.name} "
+        f"({first.protocol.digest[:12]}), reference {str(first.manifest.reference)[:12]}."
     )
     for comparison in comparisons:
         yield from _section(comparison)
@@ -205,7 +206,8 @@ def _latex(comparison: RunComparison) -> str:
         words=2,
         note=_LATEX_NOTE,
     )
-    data = f"data set {first.dataset}{f', split {first.split}' if first.split else ''}, {first.protocol.name}"
+    split = first.manifest.dataset.split
+    data = f"data set {first.manifest.dataset.name}{f', split {split}' if split else ''}, {first.protocol.name}"
     about = f"{comparison.methods[0]} and {comparison.methods[1]}, {data}"
     return document.to_latex([table], label="-".join(["compare", *(run.label for run in runs)]), about=about)
 
@@ -271,10 +273,10 @@ def to_json(comparisons: Sequence[RunComparison]) -> str:
     content = {
         "schema_version": SCHEMA_VERSION,
         "note": NOTE,
-        "dataset": first.dataset,
-        "split": first.split,
+        "dataset": first.manifest.dataset.name,
+        "split": first.manifest.dataset.split,
         "protocol": first.protocol.model_dump(),
-        "reference_fingerprint": first.reference_fingerprint,
+        "reference": first.manifest.reference,
         "comparisons": [_json_comparison(comparison) for comparison in comparisons],
     }
     return document.to_json(content)
@@ -305,13 +307,12 @@ def _json_comparison(comparison: RunComparison) -> dict[str, Any]:
 
 
 def _json_run(run: StoredRun) -> dict[str, Any]:
-    made = run.summary.provenance
     return {
         "run": run.label,
-        "method": run.summary.method.model_dump(),
-        "version": made.version,
-        "commit": made.commit,
-        "started_utc": made.started_utc,
+        "method": run.summary.manifest.method.model_dump(),
+        "version": run.summary.manifest.code.version,
+        "commit": run.summary.manifest.code.commit,
+        "started_utc": run.summary.provenance.started_utc,
     }
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from bench.evaluation import load_protocol
 from bench.evaluation.slices import ALL_MOVING
 from bench.evaluation.summary import Metric
+from bench.harness.manifest import SHOWN_DIGEST
 from bench.reporting import document, formats
-from bench.reporting.compare.runs import SHOWN_DIGEST
 from bench.reporting.document import Block, Cell, Heading, Items, Paragraph, Table
 from bench.reporting.leaderboard.reading import (
     FALSE_POSITIVES,

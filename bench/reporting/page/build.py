@@ -86,7 +86,7 @@ def _render(run: StoredRun, worst: WorstCases, pair: Beside | None, *, pictures:
         "category": None if run.category is None else LABELS[run.category],
         "of_recordings": of_recordings,
         "paper": published.SOURCE,
-        "changed_settings": run.summary.method.changed_settings(),
+        "changed_settings": run.summary.manifest.method.changed_settings(),
         "tiles": tiles(found, category=run.category),
         "kinds": [kind_table(kinds)] if kinds else [],
         "remarks": remarks(found, kinds),

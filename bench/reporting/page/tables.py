@@ -198,23 +198,22 @@ def time_table(stage_seconds: Mapping[str, float], *, images: int) -> Table:
 
 def origin_table(run: StoredRun) -> Table:
     """What made a run."""
-    summary, made = run.summary, run.summary.provenance
-    commit = made.commit[:12] + (" with changes" if made.commit.endswith("+") else "") if made.commit else "unknown"
-    split = f", split {summary.split}" if summary.split else ""
-    protocol = summary.protocol
-    libraries = [f"{name} {version}" for name, version in made.libraries.items()]
+    manifest, made = run.summary.manifest, run.summary.provenance
+    data, method, protocol, code = manifest.dataset, manifest.method, manifest.protocol, manifest.code
+    commit = code.commit[:12] + (" with changes" if code.commit.endswith("+") else "") if code.commit else "unknown"
+    libraries = [f"{name} {version}" for name, version in code.libraries.items()]
     return Table(
         title="Origin of the run",
         columns=["", ""],
         rows=[
-            ["data set", f"{summary.dataset} ({summary.card}){split}"],
-            ["method", summary.method.name],
-            ["its settings", json.dumps(summary.method.settings)],
+            ["data set", f"{data.name} ({data.card}){f', split {data.split}' if data.split else ''}"],
+            ["method", method.name],
+            ["its settings", json.dumps(method.settings)],
             ["protocol", f"{protocol.name}, version {protocol.version}, digest {protocol.digest[:16]}"],
-            ["reference", f"fingerprint {summary.reference_fingerprint[:16]}"],
-            ["data", f"fingerprint {made.data_fingerprint[:16]}"],
-            ["code", f"fisheye-bench {made.version}, commit {commit}"],
-            ["Python and libraries", ", ".join([made.python, *libraries])],
+            ["reference", f"digest {str(manifest.reference)[:16]}"],
+            ["data", f"digest {str(data.data)[:16]}"],
+            ["code", f"fisheye-bench {code.version}, commit {commit}"],
+            ["Python and libraries", ", ".join([code.python, *libraries])],
             ["started", made.started_utc],
             ["took", f"{made.seconds:.1f} s for {made.images} images, at most {made.peak_memory_mb:.0f} MB"],
         ],

@@ -211,7 +211,7 @@ RACING_BICYCLE = Bicycle(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Riding:
-    """How somebody sits.
+    """Posture of a rider.
 
     Attributes:
         lean_rad: of the trunk, forward.
@@ -253,7 +253,7 @@ def _shifted(mesh: Mesh, x_m: float) -> Mesh:
 
 
 def _hip(height_m: float, bicycle: Bicycle) -> tuple[float, float]:
-    """Where the hip is on a saddle of the right height, x and z."""
+    """Position of the hip on a saddle of the right height, x and z."""
     lowest = _ankle(height_m, bicycle, np.array([np.pi]))[0]
     reach = STRETCHED * (THIGH + SHANK) * height_m
     heights = np.linspace(lowest[1], lowest[1] + reach, 2000)

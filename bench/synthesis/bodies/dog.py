@@ -158,7 +158,7 @@ def _links(
 
 
 def _paw(leg: DogLeg, phase: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Where the paw's joint is: still on the ground for `STANCE`, then forward through the air."""
+    """Position of the paw's joint: still on the ground for `STANCE`, then forward through the air."""
     share = np.clip((phase - STANCE) / (1 - STANCE), 0.0, 1.0)
     half, speed = STANCE * STRIDE_M / 2, -(1 - STANCE) * STRIDE_M
     t = share

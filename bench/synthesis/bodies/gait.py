@@ -1,4 +1,4 @@
-"""How people walk: tables of angles over one stride, from where the feet have to be.
+"""Gait of people: tables of angles over one stride, from where the feet have to be.
 
 A foot on the ground stays where it is: it lands on the heel, lies flat, and rolls off over the ball. The ankle's path
 follows from that, the hip rides as high as the legs allow, and thigh and shank follow from both.
@@ -136,7 +136,7 @@ def _ankle(phase: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.
 def _clearance(
     phase: NDArray[np.float64], share: NDArray[np.float64], foot: NDArray[np.float64], ankle_z: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """How much higher the ankle has to swing: the toes pass the ground at `CLEARANCE`."""
+    """Height by which the ankle has to swing higher: the toes pass the ground at `CLEARANCE`."""
     heel, ball = (rotate_xz((x, -ANKLE), foot)[:, 1] for x in (HEEL, BALL))
     toe = ball + (TOE - BALL) * np.sin(foot + _toes(phase, foot))
     lowest = np.minimum.reduce([heel, ball, toe])

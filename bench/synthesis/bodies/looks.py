@@ -1,4 +1,4 @@
-"""What bodies are made of, and how their looks are drawn.
+"""Materials of bodies, and the random draws of their looks.
 
 Albedos are everyday ones: white paint and paper 0.7 to 0.85, grey paint 0.3 to 0.5, dark cloth and rubber 0.03 to 0.1.
 Glass and clear coats mirror 4 % of the light that falls on them squarely (Fresnel, refractive index 1.5).
@@ -47,7 +47,7 @@ def cloth(rng: np.random.Generator) -> Surface:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Clothes:
-    """What a person wears.
+    """Clothes of a person.
 
     Attributes:
         top: jacket or shirt.

@@ -143,7 +143,7 @@ def _along(positions: NDArray[np.float64], outline: Outline) -> NDArray[np.float
 
 
 def _hull_positions(hull: Hull) -> NDArray[np.float64]:
-    """Where along the hull it needs a ring."""
+    """Positions along the hull that need a ring."""
     arch_m = hull.wheel_radius_m + ARCH_GAP_M
     turns = np.radians([0, 28, 58, 90, 122, 152, 180])
     positions = [x for x, _ in (*hull.top_xz_m, *hull.plan_xy_m)]

@@ -59,7 +59,7 @@ def bus_report(path: Path, spec: BusSpec | None, rng: np.random.Generator) -> Bu
 
 
 def _tick_times_ns(path: Path, tick_m: float, phase: float) -> NDArray[np.float64]:
-    """When the wheel passes each tick, (M,) float64, scene clock."""
+    """Times at which the wheel passes each tick, (M,) float64, scene clock."""
     distances_m = np.abs(path.distances_m - path.distances_m[0])
     lead_in_m = abs(float(path.speeds_mps[0])) * LEAD_IN_NS / SECOND_NS
     distances_m = np.concatenate([[-lead_in_m], distances_m])

@@ -1,4 +1,4 @@
-"""How the ego vehicle moves: its path in the plane, and pitch, roll and heave of its body on an uneven road."""
+"""Motion of the ego vehicle: its path in the plane, and pitch, roll and heave of its body on an uneven road."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ ZERO, HALF, ONE, INFINITE = np.float32(0.0), np.float32(0.5), np.float32(1.0), n
 
 
 class Shutter(NamedTuple):
-    """How everything moves in the camera frame while the shutter is open.
+    """Motion of everything in the camera frame while the shutter is open.
 
     Attributes:
         rotation: (3, 3) float32, D above, of what is stationary.
@@ -54,7 +54,7 @@ def find_motion_vectors(
     shutter: Shutter,
     motion_vectors: NDArray[np.float32],
 ) -> None:
-    """How far what each pixel sees moves in the image while the shutter is open.
+    """Motion in the image, while the shutter is open, of what each pixel sees.
 
     Args:
         triangles: (H, W).
@@ -261,7 +261,7 @@ def smooth_edges(
 
 @inlined
 def _on_edge(v: int, u: int, triangles: NDArray[np.int32], rows: NDArray[np.float32]) -> bool:
-    """Whether a pixel and one of its four neighbours see faces of different brightness."""
+    """Mask of pixels that see another brightness than one of their four neighbours."""
     t = triangles[v, u]
     if triangles[v - 1, u] == t and triangles[v + 1, u] == t and triangles[v, u - 1] == t and triangles[v, u + 1] == t:
         return False
@@ -301,7 +301,7 @@ class Sensor:
         self._shot_variance = np.float32(shot_variance)
 
     def expose(self, grey: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.uint8]:
-        """What is read out, (H, W).
+        """Return the image that is read out, (H, W).
 
         Args:
             grey: (H, W), 1 is white.

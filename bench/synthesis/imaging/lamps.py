@@ -60,7 +60,7 @@ NO_LAMPS = Lamps(
 
 
 def lamp_faces(world: Faces) -> NDArray[np.bool_]:
-    """Which faces are those of street lamps, (T,): they glow, high above the road."""
+    """Mask of the faces of street lamps, (T,): they glow, high above the road."""
     return np.asarray((world.rows[:, GLOW] >= LAMP_GLOW) & (world.corners_m[:, :, 2].min(axis=1) > HIGHEST_M))
 
 
@@ -90,7 +90,7 @@ class Headlights:
     def lamps(
         self, corners_m: NDArray[np.float64], street_m: NDArray[np.float64], world_from_vehicle: RigidTransform
     ) -> Lamps:
-        """What the lamps light.
+        """Irradiance by the lamps.
 
         Args:
             corners_m: (T, 3, 3), m, world: everything but the ego vehicle.

@@ -1,4 +1,4 @@
-"""What the renderer needs to know of a lens: the ray of every pixel, and the pixels near a direction."""
+"""Tables of a lens for the renderer: the ray of every pixel, and the pixels near a direction."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def chart_pixel(x: float, y: float, z: float, chart: NDArray[np.float32]) -> tup
 
 @compiled
 def chart_error_px(chart: NDArray[np.float32], rays: NDArray[np.float32], valid: NDArray[np.bool_]) -> float:
-    """How far the chart is off at most, over all pixels of an image, in u or v.
+    """Largest error of the chart over all pixels of an image, in u or v.
 
     Args:
         chart: see `direction_chart`.
@@ -193,7 +193,7 @@ def _cones(rays: NDArray[np.float64], size_px: int, widest_rad: float) -> NDArra
 
 
 def _squares(image: NDArray[np.float64], size_px: int) -> NDArray[np.float64]:
-    """What an image, (H, W, N), holds in each square of pixels, (rows, columns, size_px ** 2, N); 0 beyond it."""
+    """Values of an image, (H, W, N), in each square of pixels, (rows, columns, size_px ** 2, N); 0 beyond it."""
     height, width, depth = image.shape
     padded = np.zeros((-(-height // size_px) * size_px, -(-width // size_px) * size_px, depth))
     padded[:height, :width] = image

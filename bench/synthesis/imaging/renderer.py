@@ -29,7 +29,7 @@ from bench.synthesis.scene import Lighting, Scene
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RenderedImage:
-    """What a camera sees.
+    """Rendered view of a camera.
 
     Attributes:
         pixels: (H, W) uint8; 0 where the lens sees nothing.
@@ -45,7 +45,7 @@ class RenderedImage:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Moment:
-    """Where everything is at some time.
+    """Poses of everything at some time.
 
     Attributes:
         placed: everything that moves, but the ego vehicle; the same bodies at every time.
@@ -169,7 +169,7 @@ class ImageRenderer:
         return untiled(grey, (lens.valid.shape[0], lens.valid.shape[1]))
 
     def _shutter(self, middle: Moment, corners_m: NDArray[np.float64], shutter: tuple[Moment, Moment]) -> Shutter:
-        """How everything moves; `corners_m` are those of all that moves, in the middle."""
+        """Motion of everything; `corners_m` are those of all that moves, in the middle of the exposure."""
         world_from_camera = middle.world_from_vehicle @ self._camera.vehicle_from_camera
         rotations, translations_m, corners_then_m = [], [], []
         for moment in shutter:
@@ -222,7 +222,7 @@ def write_images(
 
 
 def moment(scene: Scene, time_ns: int) -> Moment:
-    """Where everything is at a time of the scene clock."""
+    """Return the poses of everything at a time of the scene clock."""
     return Moment(
         placed=[actor.placed(time_ns) for actor in scene.actors],
         world_from_vehicle=scene.ego.at([time_ns]).transform(),

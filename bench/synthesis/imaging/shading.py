@@ -374,7 +374,7 @@ def _add_street_lamp(k: int, count: int, lamps: Lamps, lanes: NDArray[np.float32
 
 @inlined
 def _aim_headlight(k: int, count: int, lamps: Lamps, lanes: NDArray[np.float32]) -> None:
-    """Where in a headlight's beam each spot lies, and how bright the beam is there; `BEAM_ALONG` is 0 behind it."""
+    """Coordinates of each spot in a headlight's beam, and the beam's brightness there; `BEAM_ALONG` is 0 behind it."""
     rotations, positions_m = lamps.lamp_from_world, lamps.positions_m
     xx, xy, xz = rotations[k, 0, 0], rotations[k, 0, 1], rotations[k, 0, 2]
     yx, yy, yz = rotations[k, 1, 0], rotations[k, 1, 1], rotations[k, 1, 2]

@@ -1,4 +1,4 @@
-"""How high the light of a far source is blocked above every position on the ground.
+"""Height up to which the light of a far source is blocked above every position on the ground.
 
 A point (x, y, z) is moved along the light to the ground, (x, y) - z slope; points with the same position there lie on
 one ray. A map keeps the highest z of any surface on each ray: a point below it lies in shadow. On level ground this

@@ -1,4 +1,4 @@
-"""Which triangle each pixel sees: every triangle is drawn into the pixels whose rays pass through it.
+"""Triangle that each pixel sees: every triangle is drawn into the pixels whose rays pass through it.
 
 This holds for rays in any direction, so a fisheye image needs neither an image plane nor a cut in front of the camera,
 and it is exact where a camera of straight lines would not be.
@@ -192,7 +192,7 @@ def draw(
 
 @inlined
 def _outside(planes: NDArray[np.float32], t: int, cones: NDArray[np.float32], v: int, u: int) -> bool:
-    """Whether a cone lies beyond an edge of a triangle."""
+    """Return True where a cone lies beyond an edge of a triangle."""
     cosine, sine = cones[v, u, 3], cones[v, u, 4]
     if cosine > 1.0:
         return True
@@ -208,7 +208,7 @@ def _outside(planes: NDArray[np.float32], t: int, cones: NDArray[np.float32], v:
 
 @inlined
 def _largest(planes: NDArray[np.float32], t: int, cones: NDArray[np.float32], v: int, u: int) -> np.float32:
-    """What a triangle's inverse_depth stays below within a cone."""
+    """Upper bound of a triangle's inverse depth within a cone."""
     product = (
         planes[t, NEAR_X] * cones[v, u, 0] + planes[t, NEAR_Y] * cones[v, u, 1] + planes[t, NEAR_Z] * cones[v, u, 2]
     )
@@ -267,7 +267,7 @@ NOTHING = -1  # triangle of a pixel that sees the sky
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class View:
-    """What a camera sees.
+    """Visible faces of a camera.
 
     Attributes:
         planes: (T, 16) float32, columns as in `planes`; of triangles that are not hidden.

@@ -32,7 +32,7 @@ BEFORE_M = 0.03  # frames stand this far before the wall, panes 1 cm more, so th
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HouseStyle:
-    """What a house is like.
+    """Properties of a house.
 
     Attributes:
         floors: with the ground floor.

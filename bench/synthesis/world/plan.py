@@ -78,7 +78,7 @@ class Alignment:
         return np.stack([self.points(along, left) for along, left in corners], axis=1)
 
     def cuts(self, start_m: float, end_m: float) -> NDArray[np.float64]:
-        """Where a stretch is cut into straight pieces, ends included."""
+        """Positions at which a stretch is cut into straight pieces, ends included."""
         bounds = np.unique(np.clip([start_m, 0.0, self.bend_m, end_m], start_m, end_m))
         cuts = [np.array([start_m])]
         for a, b in pairwise(bounds):
@@ -125,7 +125,7 @@ class Site:
         self.obstacles: list[shapely.Polygon] = []
 
     def free(self, footprint: shapely.Polygon) -> bool:
-        """Whether the area is free of obstacles and paths."""
+        """Return True where the area is free of obstacles and paths."""
         if shapely.intersects(self._keep_clear, footprint):
             return False
         return not (self.obstacles and shapely.intersects(np.array(self.obstacles), footprint).any())
@@ -317,7 +317,7 @@ Mouths = tuple[tuple[SideStreetSpec, Alignment], ...]
 def _ramps(
     spec: StreetSpec, lane: Alignment, section: Section, mouths: Mouths, rng: np.random.Generator
 ) -> BaseGeometry:
-    """Where the kerb is lowered: at zebra crossings and at the drives of some houses."""
+    """Stretches with a lowered kerb: at zebra crossings and at the drives of some houses."""
     drives = rng.uniform(BEHIND_M + 15.0, AHEAD_M - 30.0, (2, 3))
     if spec.kerb_m < 0.05 or spec.kind != "street":
         return shapely.Polygon()

@@ -1,4 +1,4 @@
-"""What lies on the road: paint, and the wear of years.
+"""Markings on the road: paint, and the wear of years.
 
 Paint: lines, dashes, zebra crossings, stop lines, arrows and bays. Wear: wheel tracks, resurfaced stretches, patches,
 trenches, cracks, stains, covers and litter; counts are for the 80 m that a recording sees from near, at full wear, in
@@ -101,12 +101,12 @@ def _car_park(plan: Plan, _: np.random.Generator) -> Lines:
 
 
 def row_starts_m(rows: int) -> tuple[float, ...]:
-    """How far behind the edge of the aisle each row of bays begins."""
+    """Distance from the edge of the aisle to the beginning of each row of bays."""
     return (0.0, BAY_M, 2 * BAY_M + AISLE_M)[:rows]
 
 
 def _mouth(lane: Alignment, width_m: float, rng: np.random.Generator) -> Lines:
-    """Where a side street ends: a stop line, or short bars to give way at; and its own middle line."""
+    """Markings at the end of a side street: a stop line, or short bars to give way at; and its own middle line."""
     lines = _dashes(lane, 0.0, [(-2.0, 6.0)], dash_m=DASH_M, gap_m=DASH_M) if rng.random() < 0.7 else []
     # Who comes out of the side street drives on its other side: to the left of the lane into it.
     right_m, left_m = 0.1, width_m / 2 - 0.15
@@ -179,7 +179,7 @@ FULL = {"patches": 30, "trenches": 6, "cracks": 45, "stains": 70, "litter": 200,
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Carriageway:
-    """Where the wear is: a lane and how far the road reaches to its sides.
+    """Extent of the wear: a lane and how far the road reaches to its sides.
 
     Attributes:
         lane: along the road.

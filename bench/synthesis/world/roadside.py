@@ -1,4 +1,4 @@
-"""What stands beside a road: parked cars, lamps, trees and furniture on the pavement, houses and gardens behind it."""
+"""Objects beside a road: parked cars, lamps, trees and furniture on the pavement, houses and gardens behind it."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ def _plain_parts() -> tuple[tuple[Mesh, Mesh, Mesh, Mesh], ...]:
 
 
 def _plain_tyre(x: float, y: float) -> Mesh:
-    """What shows of a tyre: its outer side, and its tread below the hull."""
+    """Build the visible part of a tyre: its outer side, and its tread below the hull."""
     tyre = tube([x, y - 0.1, 0.31], [x, y + 0.1, 0.31], 0.31, TYRE, sides=6)
     middles, inner = tyre.corners_m.mean(axis=1), y - 0.1 * np.sign(y)
     return tyre.select((middles[:, 2] < 0.4) & (np.abs(middles[:, 1] - inner) > 0.01) | (np.abs(middles[:, 1]) > 0.87))

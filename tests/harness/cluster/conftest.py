@@ -12,9 +12,8 @@ from bench.harness import RunRequest, RunSummary, run_benchmark
 from bench.harness.cluster import ClusterExecutor, WorkerRequirements
 from bench.methods import build_method
 from bench.recordings import load_card
-from tests.harness.cluster.dask_processes import DaskProcesses, dask_processes
+from tests.harness.cluster.dask_processes import METHODS, DaskProcesses, dask_processes
 
-METHODS = Path(__file__).with_name("methods")
 Score = Callable[..., RunSummary]
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from time import monotonic, sleep
 
+METHODS = Path(__file__).with_name("methods")  # methods that workers import
 PATIENCE_S = 900  # until something that should happen is taken for something that never does
 SETTINGS = {
     "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "1",
@@ -91,3 +92,20 @@ def _started(words: list[str], *, log: Path, environment: Mapping[str, str], cwd
             stderr=subprocess.STDOUT,
             start_new_session=True,
         )
+
+
+def command(*words: object, folder: Path) -> subprocess.CompletedProcess[str]:
+    program = [sys.executable, "-m", "bench", *map(str, words)]
+    return subprocess.run(program, cwd=folder, capture_output=True, text=True, timeout=PATIENCE_S)
+
+
+def in_background(*words: object, folder: Path) -> subprocess.Popen[str]:
+    paths = [str(METHODS), os.environ.get("PYTHONPATH", "")]
+    return subprocess.Popen(
+        [sys.executable, "-m", "bench", *map(str, words)],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )

@@ -1,11 +1,8 @@
 """A run on a Dask cluster gives what a run here gives, whatever dies meanwhile."""
 
-import os
 import shutil
 import signal
 import socket
-import subprocess
-import sys
 from pathlib import Path
 
 import cv2
@@ -15,10 +12,10 @@ import bench
 from bench.errors import DataError, UsageError
 from bench.harness.cluster import ClusterExecutor, WorkerRequirements
 from bench.methods.baselines import Nothing
-from tests.cli.test_commands import called_here
-from tests.harness.cluster.conftest import METHODS, stop
-from tests.harness.cluster.dask_processes import PATIENCE_S, wait_until
-from tests.harness.test_resume import bytes_of
+from tests.harness.cluster.conftest import stop
+from tests.harness.cluster.dask_processes import PATIENCE_S, command, in_background, wait_until
+from tests.support.commands import called_here
+from tests.support.runs import bytes_of
 
 pytestmark = pytest.mark.slow
 
@@ -116,23 +113,6 @@ def test_a_worker_that_cannot_import_the_method_is_refused(own_cluster, score):
     own_cluster.add_worker(python_path="")
     with pytest.raises(UsageError, match=r"cannot import the method misbehaving:Bright .*; set PYTHONPATH"):
         score("run", own_cluster.address)
-
-
-def command(*words: object, folder: Path) -> subprocess.CompletedProcess[str]:
-    program = [sys.executable, "-m", "bench", *map(str, words)]
-    return subprocess.run(program, cwd=folder, capture_output=True, text=True, timeout=PATIENCE_S)
-
-
-def in_background(*words: object, folder: Path) -> subprocess.Popen[str]:
-    paths = [str(METHODS), os.environ.get("PYTHONPATH", "")]
-    return subprocess.Popen(
-        [sys.executable, "-m", "bench", *map(str, words)],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
 
 
 def test_the_command_takes_relative_paths_and_the_file_of_a_scheduler(cluster, tiny_card, tmp_path):

@@ -13,9 +13,9 @@ from typer.main import get_command
 from bench.cli.app import app
 from bench.errors import UnknownNameError
 from bench.harness.cluster.examples import EXAMPLES, cluster_example
-from tests.cli.test_commands import call, called_here
 from tests.harness.cluster.dask_processes import PATIENCE_S, SETTINGS
-from tests.harness.test_resume import bytes_of
+from tests.support.commands import call, called_here
+from tests.support.runs import bytes_of
 
 pytestmark = pytest.mark.slow
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from bench.recordings.remote import Storage
+from bench.recordings import object_storage
 from tests.support.object_storage import bucket, object_server
 
 __all__ = ["bucket", "object_server"]
@@ -12,11 +12,11 @@ __all__ = ["bucket", "object_server"]
 def fetched(monkeypatch) -> list[str]:
     """Names of the objects that were downloaded."""
     names: list[str] = []
-    download = Storage.download
+    download = object_storage.download
 
-    def noted(self, files):
+    def noted(url, files):
         names.extend(files)
-        download(self, files)
+        download(url, files)
 
-    monkeypatch.setattr(Storage, "download", noted)
+    monkeypatch.setattr(object_storage, "download", noted)
     return names

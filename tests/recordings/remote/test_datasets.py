@@ -8,8 +8,8 @@ import yaml
 
 from bench.errors import DataError
 from bench.recordings import load_card, open_dataset
-from bench.recordings.remote.datasets import BY_RECORDING
-from tests.recordings.test_adapters import DATA_SETS, LABELLED_APART
+from bench.recordings.object_storage import BY_RECORDING
+from tests.support.data_sets import DATA_SETS, LABELLED_APART
 
 pytestmark = pytest.mark.slow
 

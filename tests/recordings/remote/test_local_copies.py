@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from bench.errors import DataError
-from bench.recordings.remote import Storage, StoredObject, parse_location, storage
-from bench.recordings.remote.datasets import download_folder
+from bench.recordings import object_storage
+from bench.recordings.object_storage import StoredObject, local_copy, parse_location
 
 pytestmark = pytest.mark.slow
 
@@ -30,85 +30,85 @@ def content(folder: Path) -> dict[str, bytes]:
 
 
 def test_a_copy_has_the_name_and_the_files_of_the_remote_folder(drives):
-    copy = download_folder(URL)
+    copy = local_copy(URL)
     assert copy.name == "drives"
     assert content(copy) == FILES
 
 
 def test_only_the_wanted_part_is_downloaded(drives, fetched):
-    copy = download_folder(URL, ("a", "top.yaml"))
+    copy = local_copy(URL, ("a", "top.yaml"))
     assert sorted(fetched) == ["a/1.png", "a/deep/2.png", "top.yaml"] == sorted(content(copy))
-    assert sorted(content(download_folder(URL, ("b",)))) == ["b/1.png"]
+    assert sorted(content(local_copy(URL, ("b",)))) == ["b/1.png"]
 
 
 def test_what_did_not_change_is_not_downloaded_again(drives, fetched):
-    first = download_folder(URL)
+    first = local_copy(URL)
     del fetched[:]
-    assert download_folder(URL) == first
+    assert local_copy(URL) == first
     assert fetched == []
 
 
 def test_a_copy_follows_changed_and_removed_objects_alone(drives, bucket, fetched):
-    copy = download_folder(URL)
+    copy = local_copy(URL)
     del fetched[:]
     bucket.put("drives/a/1.png", b"ONE")  # as long as before
     bucket.remove("drives/b/1.png")
     bucket.remove("drives/top.yaml")
     bucket.put("drives/b", b"a file")
     bucket.put("drives/top.yaml/x", b"a folder")
-    assert download_folder(URL) == copy
+    assert local_copy(URL) == copy
     assert sorted(fetched) == ["a/1.png", "b", "top.yaml/x"]
     expected = {"a/1.png": b"ONE", "a/deep/2.png": b"second", "b": b"a file", "top.yaml/x": b"a folder"}
     assert content(copy) == expected
 
 
 def test_local_files_that_were_removed_or_changed_are_downloaded_again(drives, fetched):
-    copy = download_folder(URL)
+    copy = local_copy(URL)
     (copy / "a" / "1.png").unlink()
     (copy / "b" / "1.png").write_bytes(b"c")
     (copy / "a" / "deep" / "2.png").write_bytes(b"sedond")  # as long as before
     (copy / "a" / "strange.png").write_bytes(b"x")
     del fetched[:]
-    assert content(download_folder(URL)) == FILES
+    assert content(local_copy(URL)) == FILES
     assert sorted(fetched) == ["a/1.png", "a/deep/2.png", "b/1.png"]
 
 
 @pytest.mark.parametrize("damage", [b"", b"{", b"[]", b'{"a/1.png": 3, "b/1.png": ["x"]}', b"\xff\xfe"])
 def test_a_copy_whose_index_is_damaged_is_downloaded_again(drives, fetched, damage):
-    copy = download_folder(URL)
-    (copy.parent / storage.INDEX).write_bytes(damage)
+    copy = local_copy(URL)
+    (copy.parent / object_storage.INDEX).write_bytes(damage)
     del fetched[:]
-    assert content(download_folder(URL)) == FILES
+    assert content(local_copy(URL)) == FILES
     assert sorted(fetched) == sorted(FILES)
 
 
 def test_an_interrupted_download_goes_on(drives, fetched, monkeypatch):
-    monkeypatch.setattr(storage, "BATCH_FILES", 1)
-    noted = Storage.download
+    monkeypatch.setattr(object_storage, "BATCH_FILES", 1)
+    noted = object_storage.download
 
-    def interrupted(self, files):
-        noted(self, files)
+    def interrupted(url, files):
+        noted(url, files)
         if len(fetched) == 3:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(Storage, "download", interrupted)
+    monkeypatch.setattr(object_storage, "download", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        download_folder(URL)
-    monkeypatch.setattr(Storage, "download", noted)
-    assert content(download_folder(URL)) == FILES
+        local_copy(URL)
+    monkeypatch.setattr(object_storage, "download", noted)
+    assert content(local_copy(URL)) == FILES
     assert len(fetched) == 3 + 2, "two were whole before"
 
 
 def _download_slowly(folder: Path) -> None:
-    storage.BATCH_FILES = 1
-    download = Storage.download
+    object_storage.BATCH_FILES = 1
+    download = object_storage.download
 
-    def slowly(self, files):
-        download(self, files)
+    def slowly(url, files):
+        download(url, files)
         time.sleep(0.5 if list(folder.rglob("*.png")) else 0.0)
 
-    Storage.download = slowly
-    download_folder(URL)
+    object_storage.download = slowly
+    local_copy(URL)
 
 
 def test_a_process_killed_while_it_downloads_leaves_what_the_next_one_uses(tmp_path, drives, fetched):
@@ -120,20 +120,20 @@ def test_a_process_killed_while_it_downloads_leaves_what_the_next_one_uses(tmp_p
     os.kill(process.pid, signal.SIGKILL)
     process.join()
     assert process.exitcode == -signal.SIGKILL
-    assert content(download_folder(URL)) == FILES
+    assert content(local_copy(URL)) == FILES
     assert 0 < len(fetched) < len(FILES)
 
 
 def _download(log: Path) -> None:
-    download = Storage.download
+    download = object_storage.download
 
-    def noted(self, files):
+    def noted(url, files):
         with log.open("a") as lines:
             lines.writelines(f"{name}\n" for name in files)
-        download(self, files)
+        download(url, files)
 
-    Storage.download = noted
-    assert content(download_folder(URL)) == FILES
+    object_storage.download = noted
+    assert content(local_copy(URL)) == FILES
 
 
 def test_processes_that_want_the_same_download_it_once(tmp_path, drives):
@@ -148,50 +148,50 @@ def test_processes_that_want_the_same_download_it_once(tmp_path, drives):
 
 
 def test_an_object_that_comes_shorter_than_listed_is_refused(drives, monkeypatch):
-    download = Storage.download
+    download = object_storage.download
 
-    def cut(self, files):
-        download(self, files)
+    def cut(url, files):
+        download(url, files)
         files["a/deep/2.png"].write_bytes(b"sec")
 
     with monkeypatch.context() as patched:
-        patched.setattr(Storage, "download", cut)
+        patched.setattr(object_storage, "download", cut)
         with pytest.raises(DataError, match=r"a/deep/2.png: expected 6 bytes, as listed, got 3"):
-            download_folder(URL)
-    assert content(download_folder(URL)) == FILES
+            local_copy(URL)
+    assert content(local_copy(URL)) == FILES
 
 
 def test_objects_that_change_while_they_are_downloaded_are_refused(drives, bucket, monkeypatch):
-    download = Storage.download
+    download = object_storage.download
 
-    def meddle(self, files):
-        download(self, files)
+    def meddle(url, files):
+        download(url, files)
         bucket.put("drives/a/1.png", b"two")
 
-    monkeypatch.setattr(Storage, "download", meddle)
+    monkeypatch.setattr(object_storage, "download", meddle)
     with pytest.raises(DataError, match="stay the same while they are downloaded"):
-        download_folder(URL)
-    monkeypatch.setattr(Storage, "download", download)
-    assert content(download_folder(URL)) == FILES | {"a/1.png": b"two"}
+        local_copy(URL)
+    monkeypatch.setattr(object_storage, "download", download)
+    assert content(local_copy(URL)) == FILES | {"a/1.png": b"two"}
 
 
 @pytest.mark.parametrize("key", ["drives/../../outside", "drives//etc/x", "drives/a/1.png/b", "drives/a\\b"])
 def test_hostile_names_write_nothing(tmp_path, drives, bucket, fetched, key):
     bucket.put(key, b"evil")
     with pytest.raises(DataError, match="s3://bench/drives: expected"):
-        download_folder(URL)
+        local_copy(URL)
     assert fetched == []
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
 def test_folders_without_content_are_no_files(drives, bucket):
     bucket.put("drives/empty/", b"")
-    assert content(download_folder(URL)) == FILES
+    assert content(local_copy(URL)) == FILES
 
 
 def test_an_empty_place_is_told(drives):
     with pytest.raises(DataError, match="s3://bench/nowhere: expected a folder with data, got nothing there"):
-        download_folder(parse_location("s3://bench/nowhere"))
+        local_copy(parse_location("s3://bench/nowhere"))
 
 
 def test_a_full_disk_and_a_folder_that_cannot_be_made_are_told(tmp_path, drives, monkeypatch):
@@ -201,25 +201,23 @@ def test_a_full_disk_and_a_folder_that_cannot_be_made_are_told(tmp_path, drives,
     with monkeypatch.context() as patched:
         patched.setattr(Path, "replace", full)
         with pytest.raises(DataError, match=r"No space left on device; free some disk space"):
-            download_folder(URL)
+            local_copy(URL)
     (tmp_path / "file").touch()
     monkeypatch.setenv("FISHEYE_BENCH_REMOTE", str(tmp_path / "file"))
     with pytest.raises(
         DataError, match=r"expected a local folder with space for s3://bench/drives.*FISHEYE_BENCH_REMOTE"
     ):
-        download_folder(URL)
+        local_copy(URL)
 
 
 def test_a_storage_without_versions_is_downloaded_every_time(drives, fetched, monkeypatch):
-    listed = Storage.objects
+    listed = object_storage.list_objects
 
-    def mute(self, *below):
-        return {
-            name: StoredObject(size_bytes=told.size_bytes, version="") for name, told in listed(self, *below).items()
-        }
+    def mute(url, parts=()):
+        return {name: StoredObject(told.size_bytes, "") for name, told in listed(url, parts).items()}
 
-    monkeypatch.setattr(Storage, "objects", mute)
-    assert content(download_folder(URL)) == content(download_folder(URL)) == FILES
+    monkeypatch.setattr(object_storage, "list_objects", mute)
+    assert content(local_copy(URL)) == content(local_copy(URL)) == FILES
     assert len(fetched) == 2 * len(FILES)
 
 
@@ -231,7 +229,7 @@ def test_other_protocols_of_fsspec_serve(tmp_path, monkeypatch):
     for name, told in FILES.items():
         memory.pipe(f"/shelf/drives/{name}", told)
     url = parse_location("memory://shelf/drives")
-    assert content(download_folder(url)) == FILES
+    assert content(local_copy(url)) == FILES
     memory.pipe("/shelf/drives/a/1.png", b"ONE")
-    assert content(download_folder(url)) == FILES | {"a/1.png": b"ONE"}
+    assert content(local_copy(url)) == FILES | {"a/1.png": b"ONE"}
     memory.rm("/shelf", recursive=True)

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from bench.errors import DataError, UsageError
 from bench.recordings import load_card, open_dataset
-from bench.recordings.remote import RemoteUrl, parse_location
-from bench.recordings.remote.urls import refuse_unsafe, without_secrets
+from bench.recordings.object_storage import RemoteUrl, parse_location, refuse_unsafe, without_secrets
 
 
 @pytest.mark.parametrize("text", ["data", "/data/x", "../x", "C:\\data", "runs/s3"])

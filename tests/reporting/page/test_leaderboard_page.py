@@ -7,7 +7,7 @@ from selenium.webdriver.support.ui import Select
 from bench.reporting.leaderboard.page import write_leaderboard
 from bench.reporting.leaderboard.reading import read_leaderboard
 from tests.reporting.compare.runs import drawn, write_run
-from tests.reporting.page.test_browser import opened
+from tests.support.browser import opened
 
 pytestmark = pytest.mark.slow
 

@@ -171,7 +171,7 @@ def test_names_from_the_data_are_escaped(hostile_page):
 
 def test_without_the_data_it_says_so_and_is_complete(tiny_run, tmp_path):
     run = shutil.copytree(tiny_run, tmp_path / "run")
-    change_summary(run, lambda content: content.update(card=str(tmp_path / "gone.yaml")))
+    change_summary(run, lambda content: content["manifest"]["dataset"].update(card=str(tmp_path / "gone.yaml")))
     page = write_page(run)
     text = page.file.read_text()
     assert len(page.problems) == 1
@@ -194,7 +194,7 @@ def test_a_run_of_an_older_version_still_makes_a_page(tiny_run, tmp_path):
 def test_pictures_show_what_was_scored_and_call_no_method(tiny_run, tmp_path, monkeypatch):
     run = shutil.copytree(tiny_run, tmp_path / "run")
     trap = {"name": "my-own", "place": "subprocess:Popen", "settings": {"args": ["touch", str(tmp_path / "p")]}}
-    change_summary(run, lambda content: content["method"].update(trap))
+    change_summary(run, lambda content: content["manifest"]["method"].update(trap))
     text = write_page(run).file.read_text()
     assert "<img" in text
     assert not (tmp_path / "p").exists()

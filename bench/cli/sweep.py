@@ -1,0 +1,104 @@
+"""`sweep`: a run for each of several values of one setting, with one table and one chart."""
+
+from __future__ import annotations
+
+import json
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from bench.api.runs import default_folder
+from bench.cli.computing import render_if_synthetic
+from bench.cli.console import note, note_files, print_failures, progress_bar, show
+from bench.cli.interrupts import resumable
+from bench.cli.running import RunReport, ScoringOptions, requested_runs
+from bench.errors import DataError, UsageError
+from bench.harness import RunRequest, run_benchmark
+from bench.harness.stages import part_of
+from bench.plain_yaml import parse_yaml
+from bench.recordings.atomic import output_folder
+from bench.reporting.formats import file_name
+from bench.reporting.sweep import METHOD_ONLY, table, write_sweep
+
+SWEEPS = Path("reports/sweeps")
+
+
+def sweep(asked: ScoringOptions) -> int:
+    """Run each value in a folder of its own, write table and chart, print the table; return the number of failures."""
+    if "," in asked.protocol:
+        raise UsageError(f"sweep: expected one protocol, got {asked.protocol!r}")
+    setting, choices = one_for_each_value(asked)
+    requests = {value: requested_runs(one, render=False)[0] for value, one in choices.items()}
+    first = next(iter(requests.values()))
+    folder = SWEEPS / _usual_name(asked, first, setting) if asked.out is None else Path(asked.out)
+    title = f"{setting} of {first.method.name} on {first.card.name} by {first.protocol.name}"
+    about = METHOD_ONLY if any(request.input_errors.named for request in requests.values()) else ""
+    runs = {}
+    with output_folder(folder), ExitStack() as held:
+        render_if_synthetic(first.card)
+        held.enter_context(resumable(folder))
+        report = held.enter_context(progress_bar(f"scoring {len(requests)} values of {setting}", "values"))
+        executor = held.enter_context(first.executor)  # of all values, so that workers start once
+        for number, (value, request) in enumerate(requests.items()):
+            run = replace(
+                request,
+                out=folder / (file_name(value).lstrip(".") or "_"),
+                executor=executor,
+                progress=part_of(report, number=number, total=len(requests)),
+            )
+            written = RunReport(card=run.card, protocol=run.protocol, pictures=False)
+            runs[value] = run_benchmark(run, finish=written.write)
+    files = write_sweep(folder, setting, runs, title=title, note=about)
+    show([table(setting, runs, title=title, note=about)])
+    failures = [f"{value}: {failure}" for value, summary in runs.items() for failure in summary.failures]
+    print_failures(failures, all_in=f"the summary.json of each value in {folder}")
+    works = [summary.provenance.work for summary in runs.values() if summary.provenance.work is not None]
+    computed, reused = sum(work.units_computed for work in works), sum(work.units_reused for work in works)
+    note(f"{len(runs)} values; units computed {computed}, found done {reused}")
+    note_files([str(file) for file in files])
+    return len(failures)
+
+
+def one_for_each_value(asked: ScoringOptions) -> tuple[str, dict[str, ScoringOptions]]:
+    """Find the setting or input error with several values; its name, and by value the run that is asked for.
+
+    Raises:
+        UsageError: none or two of them, or values that are no YAML.
+    """
+    found = []
+    for option in ("settings", "input_errors"):
+        texts = list(getattr(asked, option))
+        for place, (name, _, values) in enumerate(text.partition("=") for text in texts):
+            chosen = split_values(name, values)
+            if len(chosen) > 1:
+                of_value: dict[str, Any] = {
+                    shown: {option: [*texts[:place], f"{name}={value}", *texts[place + 1 :]]}
+                    for shown, value in chosen.items()
+                }
+                found.append((name, {shown: replace(asked, **changed) for shown, changed in of_value.items()}))
+    if len(found) != 1:
+        expected = "one --set or --input-error with several values, as --set threshold=3e-4,6e-4,1e-3"
+        raise UsageError(f"sweep: expected {expected}, got {len(found)}")
+    return found[0]
+
+
+def split_values(name: str, values: str) -> dict[str, str]:
+    """Split values of YAML at the commas between them: as they are shown, and as they are written.
+
+    Raises:
+        UsageError: they are no YAML.
+    """
+    try:
+        parsed = parse_yaml(f"[{values}]", file=name)
+    except DataError as error:
+        raise UsageError(f"{name}: expected values of YAML with commas in between, got {values!r}") from error
+    written = [json.dumps(value, default=str) for value in parsed]
+    return {value if isinstance(value, str) else text: text for value, text in zip(parsed, written, strict=True)}
+
+
+def _usual_name(asked: ScoringOptions, request: RunRequest, setting: str) -> str:
+    """Data set, method, what else is not the default, and the setting that is swept."""
+    assigned = (text.partition("=") for text in (*asked.settings, *asked.input_errors))
+    fixed = [(name, value) for name, _, value in assigned if name != setting]
+    return f"{default_folder(request.card, request.method.name, fixed, request.protocol, request.split).name}-{setting}"

@@ -1,0 +1,71 @@
+"""Errors of what a method is told reach the method alone, and no unit, cached step or reader mistakes them."""
+
+import pytest
+
+from bench.errors import UnknownNameError, UsageError
+from bench.evaluation import load_protocol
+from bench.harness import RunRequest, run_benchmark
+from bench.harness.cache import CacheFolder
+from bench.methods import build_method
+from bench.recordings import InputErrors, load_card
+from bench.recordings.input_errors import named_input_errors
+
+PAIRS = 12  # three drives of five images
+
+
+@pytest.fixture
+def score(tiny_card, tmp_path):
+    kept = CacheFolder(folder=tmp_path / "cache")
+
+    def scored(out, method="spherical", **errors):
+        return run_benchmark(
+            RunRequest(
+                card=load_card(str(tiny_card)),
+                method=build_method(method),
+                protocol=load_protocol("paper-v1"),
+                out=tmp_path / out,
+                cache=kept,
+                input_errors=named_input_errors(errors),
+            )
+        )
+
+    return scored
+
+
+def test_a_run_with_errors_is_none_without(tiny_card, score):
+    """Units, cached steps and data are told apart, and a reader is told of the errors."""
+    plain = score("run")
+    wrong = [score("run", yaw_rate_bias_degps=3.0), score("run", yaw_rate_bias_degps=2.0)]
+    assert [run.provenance.work.units_reused for run in wrong] == [0, 0]
+    assert [run.provenance.work.steps_found for run in wrong] == [{"flow": PAIRS, "reference": PAIRS}] * 2
+    assert len({run.provenance.data_fingerprint for run in (plain, *wrong)}) == 3
+    assert len({run.all_moving.model_dump_json() for run in (plain, *wrong)}) == 3
+    assert wrong[1].caveats.endswith("The method was told errors of its input: yaw_rate_bias_degps 2.")
+    assert plain.caveats == load_card(str(tiny_card)).content.caveats
+    assert score("noise", image_noise_grey=1.0).provenance.work.steps_found == {"reference": PAIRS}
+    assert score("run").model_dump_json(exclude={"provenance"}) == plain.model_dump_json(exclude={"provenance"})
+
+
+def test_errors_reach_the_method_and_not_the_reference(score):
+    true, wrong = score("true"), score("wrong", pitch_rate_degps=4)
+    assert wrong.false_positives.coverage.value > true.false_positives.coverage.value + 0.1
+    assert {name: row.object_frames for name, row in true.categories.items()} == {
+        name: row.object_frames for name, row in wrong.categories.items()
+    }
+    assert wrong.method == true.method
+
+
+def test_another_method_can_be_told_errors(score):
+    assert score("run", method="everything", speed_scale_percent=10).all_moving.tpr_all.value == 1.0
+
+
+def test_errors_are_named_numbers():
+    assert named_input_errors({}) == InputErrors()
+    assert named_input_errors({"pitch_deg": 1}) == InputErrors(pitch_deg=1.0)
+    with pytest.raises(UnknownNameError, match="did you mean 'pitch_deg'"):
+        named_input_errors({"pitch_degree": 1})
+    for error in ("far", True, float("nan"), float("inf")):
+        with pytest.raises(UsageError, match="input error pitch_deg: expected a number, got "):
+            named_input_errors({"pitch_deg": error})
+    with pytest.raises(UsageError, match="expected a number of at least 0, got -1"):
+        named_input_errors({"image_noise_grey": -1})

@@ -1,0 +1,36 @@
+"""Commands, called as a user calls them."""
+
+import subprocess
+import sys
+from contextlib import redirect_stderr, redirect_stdout
+from io import StringIO
+from pathlib import Path
+
+import pytest
+
+from bench.cli import main
+
+
+def call(monkeypatch, *words) -> int:
+    monkeypatch.setattr(sys, "argv", ["fisheye-bench", *map(str, words)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return 0 if ended.value.code is None else int(ended.value.code)
+
+
+def called_here(*words: object, folder: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """What a command ends with and prints; in this process, which spares the start of another."""
+    with (
+        pytest.MonkeyPatch.context() as patched,
+        redirect_stdout(StringIO()) as out,
+        redirect_stderr(StringIO()) as err,
+    ):
+        patched.setenv("COLUMNS", "1000")
+        patched.setattr(
+            "bench.cli.console.FIRST_LINE_S", float("inf")
+        )  # a busy machine changes nothing that is printed
+        patched.setattr(sys, "path", [*sys.path])
+        if folder is not None:
+            patched.chdir(folder)
+        status = call(patched, *words)
+    return subprocess.CompletedProcess(words, status, out.getvalue(), err.getvalue())

@@ -1,0 +1,32 @@
+"""A small data set for every adapter."""
+
+from tests.support import tiny, tiny_aimotive, tiny_kitti360, tiny_rosbag, tiny_woodscape
+
+
+def native(root):
+    tiny.write_recording(root / "drive")
+    return {}
+
+
+def aimotive(root):
+    tiny_aimotive.write_data_set(root)
+    return tiny_aimotive.OPTIONS
+
+
+def kitti360(root):
+    tiny_kitti360.write_data_set(root)
+    return tiny_kitti360.OPTIONS
+
+
+def woodscape(root):
+    tiny_woodscape.write_data_set(root)
+    return tiny_woodscape.OPTIONS | {"cameras": ["FV"]}
+
+
+def rosbag(root):
+    tiny_rosbag.write_data_set(root)
+    return tiny_rosbag.OPTIONS
+
+
+DATA_SETS = {"native": native, "aimotive": aimotive, "kitti360": kitti360, "woodscape": woodscape, "rosbag": rosbag}
+LABELLED_APART = {"rosbag"}  # annotations only beside the data

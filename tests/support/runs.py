@@ -1,0 +1,42 @@
+"""Runs of the small data set by the paper's protocol, and their results as bytes."""
+
+import json
+from pathlib import Path
+
+from bench.evaluation import load_protocol
+from bench.harness import RunRequest, run_benchmark
+from bench.harness.cache import CacheFolder
+from bench.harness.masks import MASKS
+from bench.harness.stored import IMAGE_MAPS
+from bench.methods import build_method
+from bench.recordings import load_card
+
+PAPER = load_protocol("paper-v1")
+ONE, ALL, NONE = 1, 3, 0  # units of the small data set that are computed again
+
+
+def score(
+    card: Path,
+    out: Path,
+    *,
+    cache: Path | None = None,
+    method="spherical",
+    settings=None,
+    protocol=PAPER,
+    overwrite=False,
+):
+    chosen = build_method(method, settings or {})
+    kept = None if cache is None else CacheFolder(folder=cache)
+    return run_benchmark(
+        RunRequest(
+            card=load_card(str(card)), method=chosen, protocol=protocol, out=out, cache=kept, overwrite=overwrite
+        )
+    )
+
+
+def bytes_of(run: Path) -> dict[str, bytes]:
+    """The whole result but for where it comes from."""
+    summary = json.loads((run / "summary.json").read_text())
+    del summary["provenance"], summary["sha256"]
+    tables = {name: (run / name).read_bytes() for name in ("objects.parquet", "frames.parquet", MASKS, IMAGE_MAPS)}
+    return tables | {"summary": json.dumps(summary).encode()}
