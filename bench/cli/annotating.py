@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.table import Table
 
 from bench.cli.console import say, show, write_out
 from bench.errors import UnknownNameError, UsageError
@@ -24,6 +23,7 @@ from bench.labels import (
     open_unannotated,
 )
 from bench.recordings import Cuboid, DatasetCard, Recording, load_card, open_dataset, write_text
+from bench.reporting.document import Table
 
 LEFT_OUT = "none"
 DEFAULT_FOLDER = Path("annotations")
@@ -31,14 +31,14 @@ DEFAULT_FOLDER = Path("annotations")
 
 def formats() -> None:
     """Print the formats of labels."""
-    table = Table("name", "what it is", box=None)
+    rows = []
     for name, place in known_formats().items():
         try:
             about = label_format(name).description
         except UsageError as error:  # of another package; the list of the others is still wanted
             about = str(error)
-        table.add_row(name, about if place.startswith("bench.") else f"{about} ({place})")
-    show(table)
+        rows.append([name, about if place.startswith("bench.") else f"{about} ({place})"])
+    show([Table(columns=["name", "what it is"], rows=rows, words=2)])
 
 
 def import_(

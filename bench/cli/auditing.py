@@ -19,8 +19,7 @@ from bench.recordings import DatasetCard, load_card
 from bench.recordings.atomic import output_folder
 from bench.reporting.audit_pictures import write_audit_files, write_cause_pictures, write_examples
 from bench.reporting.audit_ranking import ranking_tables, write_ranking_files
-from bench.reporting.audit_tables import audit_tables, to_rich
-from bench.reporting.formats import TextTable
+from bench.reporting.audit_tables import audit_tables, for_terminal
 
 AUDITS = Path("reports/audit")
 LEFT = "nothing of the audit is stored, and the same command begins it again"
@@ -60,7 +59,7 @@ def audit(
         files += write_examples(folder, found, read_polygons(folder), handles=handles, protocol=rules)
         if isinstance(chosen, FlowMethod):
             files += write_cause_pictures(folder, read_misses(folder), sources=sources, method=chosen, protocol=rules)
-    _print_tables(audit_tables(found))
+    show(for_terminal(audit_tables(found)))
     _print_cost(found.provenance, recordings=found.recordings)
     if found.left_out:
         say(f"without exact flow: {found.left_out}")
@@ -96,7 +95,7 @@ def rank(
             progress=report,
         )
     files = write_ranking_files(folder)
-    _print_tables(ranking_tables(found))
+    show(for_terminal(ranking_tables(found)))
     _print_cost(found.provenance, recordings=found.recordings)
     _print_ends(found.failures, files, all_in="ranking.json")
     return len(found.failures)
@@ -127,13 +126,6 @@ def parse_methods(text: str) -> tuple[Prediction, ...]:
 def _prediction(name: str) -> Prediction:
     method, settings = split_method(name)
     return Prediction(name=name, method=build_scorable(method, parse_settings(settings)))
-
-
-def _print_tables(tables: Iterable[TextTable]) -> None:
-    for table, about in to_rich(tables):
-        show(table)
-        say(about, style="dim")
-        say("")
 
 
 def _print_cost(made: Provenance, *, recordings: int) -> None:

@@ -24,12 +24,22 @@ from bench.gate import (
 )
 from bench.gate.brief import folded_lines, main_rows, overall_rows, worst_line
 from bench.gate.changes import how_to_compare
-from bench.gate.reports import LARGEST_BYTES, to_annotations, to_json, to_junit, to_markdown
-from bench.gate.terminal import full_lines, full_table, head_lines, main_table, overall_table
 from bench.gate.tolerances import DEFAULT
 from bench.gate.verdict import Outcome
 from bench.harness import read_run
 from bench.recordings.atomic import write_bytes, write_text
+from bench.reporting.verdict import (
+    CAPTION,
+    LARGEST_BYTES,
+    full_lines,
+    full_rows,
+    head_lines,
+    row_table,
+    to_annotations,
+    to_json,
+    to_junit,
+    to_markdown,
+)
 
 PASSED, FAILED, NO_VERDICT = 0, 1, 3
 
@@ -111,10 +121,9 @@ def refuse_with_update(**options: object) -> None:
 
 def _print_brief(verdict: Verdict) -> None:
     """What changed, the overall rows, and where most was lost."""
-    for line, style in head_lines(verdict):
-        say(line, style=style)
-    if overall_rows(verdict):
-        show(overall_table(verdict))
+    show(head_lines(verdict))
+    if rows := overall_rows(verdict):
+        show([row_table(rows)])
     if worst := worst_line(verdict):
         say(worst)
 
@@ -122,12 +131,10 @@ def _print_brief(verdict: Verdict) -> None:
 def _print_rest(verdict: Verdict, *, whole: bool) -> None:
     """The other rows: those that do not overlap, or all."""
     if whole:
-        show(full_table(verdict))
-        for line, style in full_lines(verdict):
-            say(line, style=style)
+        show([row_table(full_rows(verdict), caption=CAPTION), *full_lines(verdict)])
         return
-    if main_rows(verdict):
-        show(main_table(verdict))
+    if rows := main_rows(verdict):
+        show([row_table(rows, caption=CAPTION)])
     folded = folded_lines(verdict)
     for line in folded:
         say(line, style="dim")

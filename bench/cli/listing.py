@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rich.table import Table
-
 from bench.cli.console import note, say, show
 from bench.errors import DataError, UsageError
 from bench.harness import scorable_methods
@@ -13,17 +11,18 @@ from bench.harness.cache import CacheFolder, default_folder
 from bench.methods import describe_method
 from bench.recordings import list_cards
 from bench.recordings.cards import OWN_DATA, card_folders, data_folder
+from bench.reporting.document import Table
 
 
 def datasets(folder: Path | None) -> None:
     """Print the cards of a folder, or of all folders where names are looked up; a name hides the same one behind it."""
-    table = Table("name", "adapter", "licence", "what it is", box=None, title_justify="left")
+    rows = []
     named: set[str] = set()
     folders = {place: list_cards(place) for place in (card_folders() if folder is None else (folder,))}
     for card in (card for cards in folders.values() for card in cards if card.file.stem not in named):
         named.add(card.file.stem)
-        table.add_row(card.file.stem, card.content.adapter, card.content.licence, card.content.title)
-    show(table)
+        rows.append([card.file.stem, card.content.adapter, card.content.licence, card.content.title])
+    show([Table(columns=["name", "adapter", "licence", "what it is"], rows=rows, words=4)])
     for place, cards in folders.items():
         note(f"{place}: {len(cards)} cards")
     if folder is None and (data := data_folder()) is not None:
@@ -32,14 +31,14 @@ def datasets(folder: Path | None) -> None:
 
 def methods() -> None:
     """Print the methods, what each is, and where those come from that are not the package's own."""
-    table = Table("name", "what it is", box=None)
+    rows = []
     for name, place in scorable_methods().items():
         try:
             about = describe_method(place)
         except UsageError as error:  # of another package; the list of the others is still wanted
             about = str(error)
-        table.add_row(name, about if place.startswith("bench.") else f"{about} ({place})")
-    show(table)
+        rows.append([name, about if place.startswith("bench.") else f"{about} ({place})"])
+    show([Table(columns=["name", "what it is"], rows=rows, words=2)])
 
 
 def cache(folder: Path | None, *, limit_bytes: int | None) -> None:

@@ -58,8 +58,7 @@ def compare(runs: Sequence[Path], *, out: Path | None, pictures: bool) -> None:
 def leaderboard(folder: Path, *, out: Path | None, pictures: bool) -> int:
     """Print a table per group of comparable runs under a folder; return the number of runs that cannot be read."""
     found = read_leaderboard(folder)
-    for table in leaderboard_tables(found):
-        show(table)
+    show(leaderboard_tables(found))
     for run, fault in found.damaged:
         say(f"damaged: {run}: {fault}", style="red")
     if out is not None:

@@ -19,7 +19,7 @@ from bench.harness.stages import part_of
 from bench.plain_yaml import parse_yaml
 from bench.recordings.atomic import output_folder
 from bench.reporting.formats import file_name
-from bench.reporting.sweep import METHOD_ONLY, to_rich, write_sweep
+from bench.reporting.sweep import METHOD_ONLY, table, write_sweep
 
 SWEEPS = Path("reports/sweeps")
 
@@ -50,7 +50,7 @@ def sweep(asked: ScoringOptions) -> int:
             written = RunReport(card=run.card, protocol=run.protocol, pictures=False)
             runs[value] = run_benchmark(run, finish=written.write)
     files = write_sweep(folder, setting, runs, title=title, note=about)
-    show(to_rich(setting, runs, title=title, note=about))
+    show([table(setting, runs, title=title, note=about)])
     failures = [f"{value}: {failure}" for value, summary in runs.items() for failure in summary.failures]
     print_failures(failures, all_in=f"the summary.json of each value in {folder}")
     works = [summary.provenance.work for summary in runs.values() if summary.provenance.work is not None]

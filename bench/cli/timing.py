@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rich.table import Table
-
 from bench.cli.computing import parse_settings, render_if_synthetic
 from bench.cli.console import progress_bar, say, show
 from bench.evaluation import load_protocol
 from bench.harness.perf import measure
 from bench.methods import build_method
 from bench.recordings import load_card, open_dataset
+from bench.reporting.document import Column, Table
 
 
 def perf(dataset: str, *, method: str, settings: Sequence[str], protocol: str, images: int) -> None:
@@ -26,9 +25,11 @@ def perf(dataset: str, *, method: str, settings: Sequence[str], protocol: str, i
             images=images,
             progress=report,
         )
-    table = Table("stage", "ms per image", "of Farnebäck", box=None)
-    rows = {**found.stage_ms, "whole": found.total_ms, "Farnebäck alone": found.flow_ms}
-    for name, milliseconds in rows.items():
-        table.add_row(name, f"{milliseconds:.2f}", f"{milliseconds / found.flow_ms:.3f}")
-    show(table)
+    stages = {**found.stage_ms, "whole": found.total_ms, "Farnebäck alone": found.flow_ms}
+    columns: list[Column | str] = [
+        "stage",
+        Column("ms per image", "{:.2f}".format),
+        Column("of Farnebäck", "{:.3f}".format),
+    ]
+    show([Table(columns=columns, rows=[[name, ms, ms / found.flow_ms] for name, ms in stages.items()])])
     say(f"{found.images} images; whole / Farnebäck alone = {found.ratio:.3f}")
