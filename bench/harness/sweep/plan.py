@@ -17,7 +17,7 @@ from bench.flow import DENSE_FLOWS, DisFlow, FarnebackFlow, dense_flow
 from bench.methods import Method
 from bench.methods.spherical.likelihood import CONSTRAINTS, Weights
 from bench.recordings import NO_INPUT_ERRORS, InputErrors
-from bench.reference import POLYGON_KINDS
+from bench.reference import REGION_KINDS
 
 Value = float | int | str
 Scale = Literal["linear", "log", "names"]
@@ -304,10 +304,10 @@ SWEEPS: dict[str, Sweep] = {
         about="convex is the paper's bounding polygon",
         part="reference",
         scale="names",
-        values=POLYGON_KINDS,
+        values=tuple(REGION_KINDS),
         change=_polygon_kind,
         operating=lambda setup: setup.protocol.reference.polygon_kind,
-        choices=(*POLYGON_KINDS, "footprint"),  # its name in earlier versions
+        choices=tuple(REGION_KINDS),
     ),
     "concave_ratio": Sweep(
         title="ratio of the concave hull (1: convex)",
