@@ -13,8 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import Enum
-from typing import NamedTuple
+from enum import IntEnum
 
 import cv2
 import numpy as np
@@ -71,26 +70,21 @@ class Bounds:
         return reached
 
 
-class Extent(Enum):
-    """Pixels of an object by what its returns leave open."""
+class Layer(IntEnum):
+    """Patches that are part of the same extents."""
 
-    LIKELY = "likely"  # free ends half-way to where the next beam would be: the region
-    LEAST = "least"  # free ends drawn in by one standard deviation
-    MOST = "most"  # what free ends gain that are drawn out by one
-    CERTAIN = "certain"  # only between returns that leave no doubt
-    SHADOW = "shadow"  # of the annotated shape, what lies behind the returns
+    SHARED = 0  # of all
+    DOUBTFUL = 1  # between neighbours on all sides, not all of which leave no doubt
+    FREE = 2  # with a free end, half-way to where the next beam would be
+    DRAWN_IN = 3  # the same with free ends drawn in by one standard deviation
+    DRAWN_OUT = 4  # and drawn out
+    CERTAIN = 5  # of what is not shared, the part between returns that leave no doubt
 
 
-class Layer(NamedTuple):
-    """Patches that are part of the same extents.
-
-    Attributes:
-        corners: (3, 4, K) float64, m, world frame: left above, right above, right below, left below.
-        extents: these.
-    """
-
-    corners: NDArray[np.float64]
-    extents: tuple[Extent, ...]
+# The extents of an object's surface, as unions of layers.
+LIKELY = (Layer.SHARED, Layer.DOUBTFUL, Layer.FREE)
+LEAST = (Layer.SHARED, Layer.DOUBTFUL, Layer.DRAWN_IN)
+CERTAIN = (Layer.SHARED, Layer.CERTAIN)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -102,7 +96,8 @@ class Patches:
         reach: (3, 4, N) float64, m, from each return to where its patch ends on each side: at the neighbour, else
             half-way to where the next beam would be.
         step: (3, 4, N) float64, m, to where the next beam would be.
-        corners: (3, 4, N) float64, m, world frame, as of `Layer`.
+        corners: (3, 4, N) float64, m, world frame: left above, right above, right below, left below.
+        unbounded: (N,) bool, to which the bounds give nothing back.
         grid: neighbours of the returns.
         bounds: None to give nothing back.
     """
@@ -111,45 +106,43 @@ class Patches:
     reach: NDArray[np.float64]
     step: NDArray[np.float64]
     corners: NDArray[np.float64]
+    unbounded: NDArray[np.bool_]
     grid: Grid
     bounds: Bounds | None
 
-    def layers(self, error_m: NDArray[np.float64], *, solid: bool) -> list[Layer]:
-        """The layers of all extents.
+    def layers(self, error_m: NDArray[np.float64], *, solid: bool) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+        """The patches of all extents.
 
         Args:
             error_m: (N,) float64, as for `end_spread`.
-            solid: leaves no doubt between returns, so that nothing is drawn of what is certain.
+            solid: leaves no doubt between returns; what is certain is of no interest.
+
+        Returns:
+            corners: (3, 4, K) float64, m, as of `corners`, which come first.
+            layer: (K,) intp, `Layer` of each.
         """
         linked = self.grid.linked.all(axis=0)
-        free, plain = np.flatnonzero(~linked), linked
-        layers = []
-        if not solid:
-            certain = self._certain_corners()
-            plain = self.grid.certain.all(axis=0) & (certain == self.corners).all(axis=(0, 1))
-            layers.append(Layer(certain[..., ~plain], (Extent.CERTAIN,)))
+        free = np.flatnonzero(~linked)
+        layer = np.where(linked, Layer.SHARED, Layer.FREE)
         spread = end_spread(self.grid.step_m[:, free], error_m[free]).repeat(2, axis=0)
-        drawn = np.where(self.grid.linked[:, free], 0.0, self.step[..., free] * spread)
-        bounds = self.bounds and self.bounds.of(free)
-        least, most = (
-            _corners(self.points[:, free], self.reach[..., free] + change, bounds) for change in (-drawn, drawn)
-        )
-        moved = (most != self.corners[..., free]).any(axis=(0, 1))
-        everywhere = (Extent.LIKELY, Extent.LEAST) if solid else (Extent.LIKELY, Extent.LEAST, Extent.CERTAIN)
-        return [
-            *layers,
-            Layer(self.corners[..., plain], everywhere),
-            Layer(self.corners[..., linked & ~plain], (Extent.LIKELY, Extent.LEAST)),
-            Layer(self.corners[..., free], (Extent.LIKELY,)),
-            Layer(least, (Extent.LEAST,)),
-            Layer(most[..., moved], (Extent.MOST,)),
-        ]
+        change = np.where(self.grid.linked[:, free], 0.0, self.step[..., free] * spread)
+        points, reach, bounds = self.points[:, free], self.reach[..., free], self.bounds and self.bounds.of(free)
+        drawn_in, drawn_out = _corners(points, reach - change, bounds), _corners(points, reach + change, bounds)
+        moved = (drawn_out != self.corners[..., free]).any(axis=(0, 1))
+        parts = {Layer.DRAWN_IN: drawn_in, Layer.DRAWN_OUT: drawn_out[..., moved]}
+        if not solid:
+            doubtful = ~(self.grid.certain.all(axis=0) & self.unbounded)
+            layer[linked & doubtful] = Layer.DOUBTFUL
+            parts[Layer.CERTAIN] = self._certain_corners(np.flatnonzero(doubtful))
+        numbers = [np.full(corners.shape[2], number) for number, corners in parts.items()]
+        return np.concatenate([self.corners, *parts.values()], axis=2), np.concatenate([layer, *numbers])
 
-    def _certain_corners(self) -> NDArray[np.float64]:
+    def _certain_corners(self, rows: NDArray[np.intp]) -> NDArray[np.float64]:
         """Only between neighbours that leave no doubt, and not beyond a return without such a neighbour on its other
         side, since of a thing as thin as a beam nobody knows how thin it is; nothing is given back."""
-        certain = self.grid.certain
-        return _corners(self.points, np.where(certain, self.reach, self.step * 0.5 * certain[OPPOSITE]), None)
+        certain = self.grid.certain[:, rows]
+        reach = np.where(certain, self.reach[..., rows], self.step[..., rows] * 0.5 * certain[OPPOSITE])
+        return _corners(self.points[:, rows], reach, None)
 
 
 def surface_patches(
@@ -174,8 +167,12 @@ def surface_patches(
     left, above = np.moveaxis((world_from_sensor @ grid.step_sensor.reshape(3, -1)).reshape(3, 2, -1), 1, 0)
     step = np.stack([left, -left, above, -above], axis=1)
     reach = np.where(grid.linked, points[:, grid.neighbours] - points[:, None], step * 0.5)
-    corners = _corners(points, reach, bounds)
-    return Patches(points=points, reach=reach, step=step, corners=corners, grid=grid, bounds=bounds)
+    plain = _corners(points, reach, None)
+    corners = plain if bounds is None else bounds.extend(plain)
+    unbounded = (corners[2] == plain[2]).all(axis=0)
+    return Patches(
+        points=points, reach=reach, step=step, corners=corners, unbounded=unbounded, grid=grid, bounds=bounds
+    )
 
 
 def _corners(points: NDArray[np.float64], reach: NDArray[np.float64], bounds: Bounds | None) -> NDArray[np.float64]:
@@ -200,17 +197,36 @@ def end_spread(step_m: NDArray[np.float64], error_m: NDArray[np.float64]) -> NDA
     return np.asarray((np.sqrt(error_m**2 + step_m**2 / 12) - error_m) / step_m)
 
 
+def draw(
+    corners: NDArray[np.float64], exposure: Exposure, layer: NDArray[np.intp] | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """As `count_patches`, of patches, (3, 4, N) float64, m, world frame, that the lens can see whole.
+
+    Args:
+        corners: of the patches.
+        exposure: of the image.
+        layer: (N,) intp, `Layer` of each; None for a single one.
+    """
+    camera, layers = exposure.camera.model, 1 if layer is None else len(Layer)
+    layer = np.zeros(corners.shape[2], dtype=np.intp) if layer is None else layer
+    patches_px = exposure.project(corners.reshape(3, -1).T).T.reshape(2, 4, -1)
+    seen = np.isfinite(patches_px[0]).all(axis=0)
+    if not seen.all():
+        patches_px, layer = patches_px[..., seen], layer[seen]
+    return count_patches(patches_px, layer, layers=layers, width=camera.width, height=camera.height)
+
+
 def count_patches(
     patches_px: NDArray[np.float64], layer: NDArray[np.intp], *, layers: int, width: int, height: int
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """How many of many convex patches hold each pixel's centre, in one pass over all edges.
 
     Every edge adds one to the pixels right of it where it runs down and subtracts one where it runs up, with all
-    patches oriented the same way.
+    patches oriented the same way. Layers are drawn one below another.
 
     Args:
         patches_px: (2, 4, N) float64, px, u and v of the corners in order, finite.
-        layer: (N,) intp, which layer each belongs to.
+        layer: (N,) intp, to which layer each belongs.
         layers: number of these.
         width: of the image, px.
         height: of the image, px.
@@ -228,41 +244,27 @@ def count_patches(
     columns, rows = (high - low).tolist()
     u, v = patches_px - low[:, None, None]
     orientation = np.sign((u[2] - u[0]) * (v[3] - v[1]) - (v[2] - v[0]) * (u[3] - u[1]))
-    first = np.clip(np.ceil(v), 0, rows).astype(np.int64)  # row of pixels at or below each corner
-    start, patch = np.nonzero(first != first[NEXT_CORNER])  # edges that cross the centres of a row
-    end = np.array(NEXT_CORNER)[start]
-    start_u, start_v, end_u, end_v = u[start, patch], v[start, patch], u[end, patch], v[end, patch]
-    start_row, end_row = first[start, patch], first[end, patch]
-    count = np.abs(end_row - start_row)
-    edge = np.repeat(np.arange(len(count)), count)
-    row = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count - np.minimum(start_row, end_row), count)
-    slope = (end_u - start_u) / (end_v - start_v)
-    crossing_u = (start_u - start_v * slope)[edge] + row * slope[edge]
+    first = np.clip(np.ceil(v), 0, rows) + layer * rows  # row of pixels at or below each corner
+    v += layer * rows
+    falls = (first[NEXT_CORNER] - first).ravel()
+    edges = np.flatnonzero(falls)  # those that cross the centres of a row
+    falls, signs = falls[edges], np.tile(orientation, 4)[edges]
+    start_u, start_v = u.ravel()[edges], v.ravel()[edges]
+    slope = (u[NEXT_CORNER].ravel()[edges] - start_u) / (v[NEXT_CORNER].ravel()[edges] - start_v)
+    upper = (first.ravel()[edges] + np.minimum(falls, 0)).astype(np.int64)
+    count = np.abs(falls).astype(np.int64)
+    row = np.repeat(upper - np.cumsum(count) + count, count) + np.arange(count.sum())
+    crossing_u = np.repeat(slope, count) * row + np.repeat(start_u - start_v * slope, count)
     column = np.clip(np.ceil(crossing_u), 0, columns).astype(np.int64)
-    signs = np.where(end_row > start_row, orientation[patch], -orientation[patch])
-    at = (row + (layer[patch] * rows)[edge]) * (columns + 1) + column
-    changes = np.bincount(at, weights=signs[edge], minlength=layers * rows * (columns + 1))
-    return np.asarray(np.cumsum(changes.reshape(layers, rows, columns + 1), axis=2)[..., :columns], np.float64), low
+    signs = np.repeat(signs * np.sign(falls), count)
+    changes = np.bincount(row * (columns + 1) + column, weights=signs, minlength=layers * rows * (columns + 1))
+    counts = np.cumsum(changes)  # each row's changes add up to zero, so that the next one starts anew
+    return np.asarray(counts.reshape(layers, rows, columns + 1)[..., :columns]), low
 
 
-def draw_layers(
-    layers: Sequence[Layer], exposure: Exposure
-) -> tuple[dict[Extent, NDArray[np.bool_]], NDArray[np.int64]]:
-    """The pixels of each extent, all in one window; of the patches that the lens can see whole.
-
-    Returns:
-        covered: (rows, columns) bool each.
-        corner: (2,) int64, (u, v) of the window's first pixel, which may lie outside the image.
-    """
-    camera, corners = exposure.camera.model, np.concatenate([layer.corners for layer in layers], axis=2)
-    number = np.repeat(np.arange(len(layers)), [layer.corners.shape[2] for layer in layers])
-    patches_px = exposure.project(corners.reshape(3, -1).T).T.reshape(2, 4, -1)
-    seen = np.isfinite(patches_px[0]).all(axis=0)
-    counts, corner = count_patches(
-        patches_px[..., seen], number[seen], layers=len(layers), width=camera.width, height=camera.height
-    )
-    members = {extent: [i for i, layer in enumerate(layers) if extent in layer.extents] for extent in Extent}
-    return {extent: np.add.reduce([counts[i] for i in rows]) != 0 for extent, rows in members.items() if rows}, corner
+def union(counts: NDArray[np.float64], layers: Sequence[int] = (0,)) -> NDArray[np.bool_]:
+    """(rows, columns) bool, the pixels of some layers, from `count_patches`."""
+    return np.asarray(np.add.reduce([counts[layer] for layer in layers]) != 0)
 
 
 def without_slits(covered: NDArray[np.bool_], *, solid: bool = False) -> NDArray[np.bool_]:

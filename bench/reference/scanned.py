@@ -16,7 +16,18 @@ from bench.reference.exposure import Exposure
 from bench.reference.grid import Grid
 from bench.reference.motion import ObjectAtExposure
 from bench.reference.outline_errors import limb_motion_m, outline_error_m
-from bench.reference.patches import Bounds, Extent, Layer, Patches, draw_layers, surface_patches, without_slits
+from bench.reference.patches import (
+    CERTAIN,
+    LEAST,
+    LIKELY,
+    Bounds,
+    Layer,
+    Patches,
+    draw,
+    surface_patches,
+    union,
+    without_slits,
+)
 from bench.reference.polygons import Raster
 from bench.reference.silhouette import silhouette
 from bench.reference.sweeps import PosedSweep, slopes_of
@@ -207,18 +218,19 @@ class ScannedObject:
         if self.grid is None:
             return Surface(likely=np.zeros((0, 0), dtype=bool), corner=np.zeros(2, dtype=np.int64))
         if self.settings.outline is None:
-            covered, corner = draw_layers([Layer(self.patches.corners, (Extent.LIKELY,))], self.exposure)
-            return Surface(likely=without_slits(covered[Extent.LIKELY], solid=self.solid), corner=corner - 1)
-        covered, corner = draw_layers(self.patches.layers(self.error_m, solid=self.solid), self.exposure)
+            counts, corner = draw(self.patches.corners, self.exposure)
+            return Surface(likely=without_slits(union(counts), solid=self.solid), corner=corner - 1)
+        corners, layer = self.patches.layers(self.error_m, solid=self.solid)
+        counts, corner = draw(corners, self.exposure, layer)
         likely, least, most = (
-            without_slits(covered[extent], solid=self.solid) for extent in (Extent.LIKELY, Extent.LEAST, Extent.MOST)
+            without_slits(union(counts, layers), solid=self.solid) for layers in (LIKELY, LEAST, (Layer.DRAWN_OUT,))
         )
         return Surface(
             likely=likely,
             corner=corner - 1,
             least=self.exposure.crop(least, corner - 1),
             most=self.exposure.crop(most, corner - 1),
-            certain=None if self.solid else self.exposure.crop(covered[Extent.CERTAIN], corner),
+            certain=None if self.solid else self.exposure.crop(union(counts, CERTAIN), corner),
         )
 
     def shadow(self) -> Raster | None:
@@ -239,8 +251,8 @@ class ScannedObject:
         above, right, below, left = np.moveaxis((corners + following) / 2, 1, 0)
         lines = np.concatenate([np.stack([left, right], axis=1), np.stack([above, below], axis=1)], axis=2)
         swept = np.concatenate([lines, lines[:, ::-1] + np.tile(ways.T, 2)[:, None]], axis=1)
-        covered, corner = draw_layers([Layer(swept, (Extent.SHADOW,))], self.exposure)
-        return self.exposure.crop(without_slits(covered[Extent.SHADOW]), corner - 1)
+        counts, corner = draw(swept, self.exposure)
+        return self.exposure.crop(without_slits(union(counts)), corner - 1)
 
     def unseen(self) -> Raster | None:
         """What of the annotated shape lies below the lowest beam or above the highest; None where nothing does."""

@@ -6,10 +6,11 @@ import shapely
 from shapely.affinity import scale
 
 from bench.reference.grid import find_grid
-from bench.reference.patches import Bounds, Extent, end_spread, surface_patches
+from bench.reference.patches import CERTAIN, LEAST, LIKELY, Bounds, Layer, end_spread, surface_patches
 from tests.reference.scans import SENSORS, iou, patches_of, scan, silhouette_of, union_of
 
 ELLIPSE = scale(shapely.Point(0.2, -0.4).buffer(1.0, quad_segs=32), 0.45, 0.9)
+MOST = (Layer.DRAWN_OUT,)
 LEGS = shapely.box(-0.5, -1.0, -0.15, 0.6).union(shapely.box(0.15, -1.0, 0.5, 0.6))
 
 
@@ -88,19 +89,12 @@ def test_returns_that_do_not_lie_beside_each_other_have_no_grid(points):
     assert find_grid(np.array(points, dtype=np.float64).reshape(-1, 3)) is None
 
 
-def corners_of(layers, extent):
-    """(3, 4, K), the patches of all layers that are part of an extent."""
-    return np.concatenate([np.empty((3, 4, 0))] + [one.corners for one in layers if extent in one.extents], axis=2)
-
-
 def test_ends_move_by_the_spacing_of_the_beams_along_rows_and_columns():
     """A wall under a lidar with wide rows: its ends differ by direction, and neighbours hold what lies between."""
     points = scan(shapely.box(-0.5, -0.5, 0.5, 0.5), steps_deg=SENSORS["32 rows"])
     patches = surface_patches(points, world_from_sensor=np.eye(3), grid=find_grid(points))
-    layers = patches.layers(np.zeros(len(points)), solid=True)
-    half, least, most = (
-        corners_of(layers, extent)[1:].min(axis=(1, 2)) for extent in (Extent.LIKELY, Extent.LEAST, Extent.MOST)
-    )
+    corners, layer = patches.layers(np.zeros(len(points)), solid=True)
+    half, least, most = (corners[1:, :, np.isin(layer, extent)].min(axis=(1, 2)) for extent in (LIKELY, LEAST, MOST))
     moved_m = 6.0 * np.radians([0.2, 1.33]) / 12**0.5
     assert least - half == pytest.approx(moved_m, rel=0.02)
     assert half - most == pytest.approx(moved_m, rel=0.02)
@@ -116,16 +110,13 @@ def test_ends_move_the_less_the_larger_the_other_errors():
 def test_every_patch_is_drawn_once_where_nothing_is_open(solid):
     points = scan(ELLIPSE, steps_deg=SENSORS["hdl-64e"])
     patches = surface_patches(points, world_from_sensor=np.eye(3), grid=find_grid(points))
-    layers = patches.layers(np.full(len(points), 0.01), solid=solid)
-    counts = {extent: corners_of(layers, extent).shape[2] for extent in Extent}
-    assert counts[Extent.LIKELY] == counts[Extent.LEAST] == len(points)
-    assert counts[Extent.CERTAIN] == (0 if solid else len(points))
-    assert counts[Extent.MOST] == (~patches.grid.linked.all(axis=0)).sum()
-    shared = next(layer for layer in layers if {Extent.LIKELY, Extent.LEAST} <= set(layer.extents))
-    assert shared.corners.shape[2] > 0.7 * len(points)
-    likely, least, most = (
-        union_of(corners_of(layers, extent)) for extent in (Extent.LIKELY, Extent.LEAST, Extent.MOST)
-    )
+    corners, layer = patches.layers(np.full(len(points), 0.01), solid=solid)
+    free = (~patches.grid.linked.all(axis=0)).sum()
+    assert np.isin(layer, LIKELY).sum() == np.isin(layer, LEAST).sum() == len(points)
+    assert np.isin(layer, CERTAIN).sum() == len(points) - free * solid
+    assert np.isin(layer, MOST).sum() == free
+    assert (layer == Layer.SHARED).sum() > 0.7 * len(points)
+    likely, least, most = (union_of(corners[..., np.isin(layer, extent)]) for extent in (LIKELY, LEAST, MOST))
     assert likely.symmetric_difference(silhouette_of(points)).area < 1e-9
     assert least.area < likely.area < most.union(likely).area
 
