@@ -20,7 +20,7 @@ from bench.harness.method_stamp import MethodStamp
 from bench.harness.stages import Progress
 from bench.methods import FlowMethod, Method
 from bench.recordings import DatasetCard
-from bench.reference import POLYGON_KINDS
+from bench.reference import REGION_KINDS
 
 
 def run_audit(
@@ -63,7 +63,7 @@ def run_audit(
     )
     audit = joined(audits)
     own = protocol.reference_settings().polygon_kind
-    kinds = (own, *(kind for kind in POLYGON_KINDS if kind != own))
+    kinds = (own, *(kind for kind in REGION_KINDS if kind != own))
     explained = len(audit.false_alarms) > 0
     summary = AuditSummary(
         schema_version=SCHEMA_VERSION,
