@@ -4,7 +4,7 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.reference.hulls import hull_polygon
+from bench.reference.kinds import hull_polygon
 from bench.reference.polygons import rasterise
 
 SIZE = {"width": 64, "height": 48}
