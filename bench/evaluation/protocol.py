@@ -15,20 +15,13 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from bench.errors import DataError, UnknownNameError
 from bench.plain_yaml import parse_yaml
-from bench.records.reference import Category, Limb, MotionSettings, OutlineErrors, ReferenceSettings
-from bench.reference import REGION_KINDS
+from bench.records.reference import Category, Limb, MotionSettings, OutlineErrors, ReferenceSettings, RegionKindName
 
 
 def _edges(values: tuple[float, ...]) -> tuple[float, ...]:
     if not values or values[0] != 0 or any(b <= a for a, b in pairwise(values)):
         raise ValueError("bin edges start at 0 and increase")
     return values
-
-
-def _region_kind(name: str) -> str:
-    if name not in REGION_KINDS:
-        raise ValueError(f"expected one of {', '.join(REGION_KINDS)}")
-    return name
 
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -89,7 +82,7 @@ class ReferenceRules(_Part):
     """Which objects are evaluated and how their polygons are built; see `ReferenceSettings`.
 
     Attributes:
-        polygon_kind: one of `REGION_KINDS`.
+        polygon_kind: kind of the regions.
         ground_clearance_above: the road alone, or also the bottom of the annotated shape; surface patches always do.
     """
 
@@ -97,7 +90,7 @@ class ReferenceRules(_Part):
     ground_clearance_m: NotNegative
     min_points: Annotated[int, Field(ge=1)]
     min_polygon_px: Annotated[int, Field(ge=1)]
-    polygon_kind: Annotated[str, AfterValidator(_region_kind)]
+    polygon_kind: RegionKindName
     concave_ratio: Annotated[float, Field(ge=0, le=1)]
     classes: Annotated[tuple[str, ...], Field(min_length=1)]
     categories: Annotated[tuple[Category, ...], Field(min_length=1)]

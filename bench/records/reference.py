@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
 Outline: TypeAlias = Polygon | MultiPolygon  # of several parts where the lidar sees an object in several
+RegionKindName = Literal["convex", "concave", "surface-patches"]  # `bench.reference.kinds` has the strategies
 UNKNOWN_CLASS = "unknown"  # of an object of which only pixels are known
 
 
@@ -233,7 +234,7 @@ class ReferenceSettings:
         ground_clearance_m: points lower than this above the road are the road's, not an object's.
         min_points: objects with fewer visible lidar points are ignored.
         min_polygon_px: objects of which fewer pixels in V are certain, before occlusion, are ignored.
-        polygon_kind: kind of the regions, a name of `bench.reference.REGION_KINDS`.
+        polygon_kind: kind of the regions.
         concave_ratio: tightness of the concave hull, 0 the tightest, 1 the convex hull.
         classes: object classes that are evaluated.
         categories: kinds of motion that are evaluated.

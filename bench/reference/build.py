@@ -12,8 +12,7 @@ from bench.records.reference import ObjectGeometry, ReferenceFrame, ReferenceSet
 from bench.reference.bands import with_band
 from bench.reference.clusters import Cluster, object_cluster
 from bench.reference.exposure import Exposure, visible_region
-from bench.reference.hulls import ConvexHull
-from bench.reference.kinds import region_kind
+from bench.reference.kinds import ConvexHull, region_kind
 from bench.reference.masks import mask_reference
 from bench.reference.motion import AnnotationIndex, ObjectAtExposure
 from bench.reference.polygons import trace_polygon
@@ -61,35 +60,22 @@ class ReferenceBuilder:
         """
         exposure = self._exposure(image)
         if image.moving_path is not None:
-            return mask_reference(image, exposure, recording=self.recording.name, settings=self.settings)
+            return mask_reference(image, exposure, settings=self.settings)
         scanned = [self._scanned(annotated, exposure) for annotated in self._annotations.at(image.timestamp_ns)]
         scanned.sort(key=lambda one: (one.distance_m, one.annotated.track.track_id))  # nearest first
         regions = [self._region(one) for one in scanned]
         found = [reference_object(one, region) for one, region in zip(scanned, regions, strict=True)]
-        objects, labels, ignored = compose(found, regions, self.valid)
-        return ReferenceFrame(
-            recording=self.recording.name,
-            camera=image.camera,
-            timestamp_ns=image.timestamp_ns,
-            ego_speed_mps=exposure.ego_speed_mps,
-            objects=objects,
-            labels=labels,
-            ignored=ignored,
-            valid=self.valid,
-        )
+        return exposure.frame(*compose(found, regions, self.valid))
 
     def _exposure(self, image: ImageRef) -> Exposure:
-        return Exposure.at(
-            image.timestamp_ns, camera=self.camera, valid=self.valid, trajectory=self.recording.trajectory
-        )
+        return Exposure.at(image.timestamp_ns, recording=self.recording, camera=self.camera, valid=self.valid)
 
     def _scanned(self, annotated: ObjectAtExposure, exposure: Exposure) -> ScannedObject:
         """The object with its returns, moved to where they were at exposure."""
         placed = self._sweeps.nearest(annotated.state.shape, exposure.timestamp_ns)
-        cluster = (
-            Cluster.empty()
-            if placed is None
-            else object_cluster(
+        cluster = Cluster(points_world=np.empty((0, 3)), rows=np.empty(0, dtype=np.intp))
+        if placed is not None:
+            cluster = object_cluster(
                 placed,
                 annotated.state,
                 velocity_world_mps=annotated.velocity_world_mps,
@@ -98,7 +84,6 @@ class ReferenceBuilder:
                 lowest_m=self._lowest_m,
                 clearance_m=self._clearance_m,
             )
-        )
         return ScannedObject(
             annotated=annotated,
             exposure=exposure,

@@ -11,7 +11,8 @@ from bench.cameras import ray_grid
 from bench.egomotion import Trajectory
 from bench.geometry import RigidTransform
 from bench.geometry.raster import Raster
-from bench.records.recording import MountedCamera
+from bench.records.recording import MountedCamera, Recording
+from bench.records.reference import ReferenceFrame, ReferenceObject
 
 
 def visible_region(camera: MountedCamera) -> NDArray[np.bool_]:
@@ -25,6 +26,7 @@ class Exposure:
     """One image of a camera.
 
     Attributes:
+        recording: name.
         camera: that took it.
         valid: (H, W) bool, the region V.
         timestamp_ns: when.
@@ -35,6 +37,7 @@ class Exposure:
         ego_velocity_mps: (3,) float64, over the ground, vehicle axes.
     """
 
+    recording: str
     camera: MountedCamera
     valid: NDArray[np.bool_]
     timestamp_ns: int
@@ -46,16 +49,18 @@ class Exposure:
 
     @classmethod
     def at(
-        cls, timestamp_ns: int, *, camera: MountedCamera, valid: NDArray[np.bool_], trajectory: Trajectory
+        cls, timestamp_ns: int, *, recording: Recording, camera: MountedCamera, valid: NDArray[np.bool_]
     ) -> Exposure:
         """The exposure of a time.
 
         Raises:
             DataError: no ego-motion there.
         """
+        trajectory = recording.trajectory
         world_from_vehicle = trajectory.world_from_vehicle(timestamp_ns)
         world_from_camera = world_from_vehicle @ camera.vehicle_from_camera
         return cls(
+            recording=recording.name,
             camera=camera,
             valid=valid,
             timestamp_ns=timestamp_ns,
@@ -66,15 +71,25 @@ class Exposure:
             ego_velocity_mps=trajectory.velocity_vehicle_mps(timestamp_ns),
         )
 
-    @property
-    def ego_speed_mps(self) -> float:
-        """Over the ground, >= 0."""
-        return float(np.hypot(*self.ego_velocity_mps[:2]))
-
     def project(self, points_world: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N, 2) float64, px, (u, v), of points, (N, 3), world frame; NaN where the lens cannot see one."""
         pixels, _ = self.camera.model.project(self.camera_from_world.apply(points_world))
         return pixels
+
+    def frame(
+        self, objects: tuple[ReferenceObject, ...], labels: NDArray[np.int32], ignored: NDArray[np.bool_]
+    ) -> ReferenceFrame:
+        """The reference of this image; arguments as its attributes."""
+        return ReferenceFrame(
+            recording=self.recording,
+            camera=self.camera.name,
+            timestamp_ns=self.timestamp_ns,
+            ego_speed_mps=float(np.hypot(*self.ego_velocity_mps[:2])),
+            objects=objects,
+            labels=labels,
+            ignored=ignored,
+            valid=self.valid,
+        )
 
     def in_valid(self, raster: Raster) -> Raster:
         """The pixels that lie in V, of a window that lies in the image."""

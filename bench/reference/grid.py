@@ -80,31 +80,17 @@ def find_grid(points_sensor: NDArray[np.floating]) -> Grid | None:
     depth_steps = np.abs(ranges_m[neighbours] - ranges_m)
     depth_steps[:2] /= flat_m * column_step
     depth_steps[2:] /= ranges_m * row_step
+    with np.errstate(invalid="ignore", divide="ignore"):  # NaN on the lidar's axis
+        slope = z / flat_m
+    left, above = np.array([-y, x, np.zeros_like(x)]), np.array([-x * slope, -y * slope, flat_m])
     return Grid(
         neighbours=neighbours,
         linked=(neighbours >= 0) & (depth_steps <= DEEPEST_STEPS),
         certain=(neighbours >= 0) & (steps <= ADJACENT_STEPS) & (depth_steps <= CERTAIN_STEPS),
         column_step_rad=column_step,
         row_step_rad=row_step,
-        step_sensor=_steps(x, y, z, column_step=column_step, row_step=row_step),
+        step_sensor=np.stack([left * column_step, above * row_step], axis=1),
     )
-
-
-def _steps(
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    z: NDArray[np.float64],
-    *,
-    column_step: float,
-    row_step: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """See `Grid.step_sensor`."""
-    flat_m = np.sqrt(x * x + y * y)
-    with np.errstate(invalid="ignore", divide="ignore"):  # NaN on the lidar's axis
-        slope = z / flat_m
-    left = np.array([-y, x, np.zeros_like(x)]) * column_step
-    above = np.array([-x * slope, -y * slope, flat_m]) * row_step
-    return np.stack([left, above], axis=1)
 
 
 def _directions(points_sensor: NDArray[np.floating]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -27,9 +27,7 @@ from bench.reference.exposure import Exposure
 MOST_OBJECTS = 10_000
 
 
-def mask_reference(
-    image: ImageRef, exposure: Exposure, *, recording: str, settings: ReferenceSettings
-) -> ReferenceFrame:
+def mask_reference(image: ImageRef, exposure: Exposure, settings: ReferenceSettings) -> ReferenceFrame:
     """Take each connected component of the mask (8-neighbours) for an object.
 
     Things that touch in the image are one object, and a thing that is cut in two by another is two. Nothing is known of
@@ -38,7 +36,6 @@ def mask_reference(
     Args:
         image: with a mask.
         exposure: of it.
-        recording: name.
         settings: of the protocol.
 
     Raises:
@@ -59,16 +56,7 @@ def mask_reference(
             labels[part.covered] = number
         else:
             ignored |= part.covered
-    return ReferenceFrame(
-        recording=recording,
-        camera=image.camera,
-        timestamp_ns=image.timestamp_ns,
-        ego_speed_mps=exposure.ego_speed_mps,
-        objects=objects,
-        labels=labels,
-        ignored=ignored,
-        valid=valid,
-    )
+    return exposure.frame(objects, labels, ignored)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

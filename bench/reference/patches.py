@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -28,8 +29,7 @@ TALL, WIDE = [UP, UP, DOWN, DOWN], [LEFT, RIGHT, RIGHT, LEFT]  # sides that meet
 OPPOSITE, NEXT_CORNER = [RIGHT, LEFT, DOWN, UP], [1, 2, 3, 0]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Bounds:
+class Bounds(NamedTuple):
     """What the clearance and the lidar's vertical field cut off, to be given back as far as the annotated shape goes.
 
     Patches that end within the clearance above the ground stand on it: shoes and tyres. Below the lowest beam and above
@@ -37,36 +37,22 @@ class Bounds:
     under a bumper the lidar saw the road.
 
     Attributes:
-        at_lowest_beam: (N,) bool, returns of the lowest beam.
-        at_highest_beam: (N,) bool, returns of the highest beam.
+        grounded_m: (N,) float64, m, heights: lower ends below this go on to the bottom; infinite at the lowest beam.
         bottom_m: height of the annotated shape's lowest point, world frame.
-        top_m: of its highest.
-        clearance_m: returns lower than this above the bottom were taken for the ground's.
+        top_m: (N,) float64, m, to which upper ends go on: the shape's highest point at the highest beam, else minus
+            infinity.
     """
 
-    at_lowest_beam: NDArray[np.bool_]
-    at_highest_beam: NDArray[np.bool_]
+    grounded_m: NDArray[np.float64]
     bottom_m: float
-    top_m: float
-    clearance_m: float
-
-    def of(self, rows: NDArray[np.intp]) -> Bounds:
-        """The same for some of the returns."""
-        return Bounds(
-            at_lowest_beam=self.at_lowest_beam[rows],
-            at_highest_beam=self.at_highest_beam[rows],
-            bottom_m=self.bottom_m,
-            top_m=self.top_m,
-            clearance_m=self.clearance_m,
-        )
+    top_m: NDArray[np.float64]
 
     def extend(self, corners_world: NDArray[np.float64]) -> NDArray[np.float64]:
         """Patches, (3, 4, N) float64, m, that reach as far."""
         reached = corners_world.copy()
         upper, lower = reached[2, :2], reached[2, 2:]
-        grounded = self.at_lowest_beam | (lower < self.bottom_m + self.clearance_m)
-        np.minimum(lower, self.bottom_m, out=lower, where=grounded)
-        np.maximum(upper, self.top_m, out=upper, where=np.broadcast_to(self.at_highest_beam, upper.shape))
+        np.minimum(lower, self.bottom_m, out=lower, where=lower < self.grounded_m)
+        np.maximum(upper, self.top_m, out=upper)
         return reached
 
 
@@ -126,7 +112,11 @@ class Patches:
         layer = np.where(linked, Layer.SHARED, Layer.FREE)
         spread = end_spread(self.grid.step_m[:, free], error_m[free]).repeat(2, axis=0)
         change = np.where(self.grid.linked[:, free], 0.0, self.step[..., free] * spread)
-        points, reach, bounds = self.points[:, free], self.reach[..., free], self.bounds and self.bounds.of(free)
+        points, reach, bounds = (
+            self.points[:, free],
+            self.reach[..., free],
+            self.bounds and Bounds(self.bounds.grounded_m[free], self.bounds.bottom_m, self.bounds.top_m[free]),
+        )
         drawn_in, drawn_out = _corners(points, reach - change, bounds), _corners(points, reach + change, bounds)
         moved = (drawn_out != self.corners[..., free]).any(axis=(0, 1))
         parts = {Layer.DRAWN_IN: drawn_in, Layer.DRAWN_OUT: drawn_out[..., moved]}

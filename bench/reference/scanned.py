@@ -162,12 +162,12 @@ class ScannedObject:
             return None
         assert self.placed is not None, "there is a grid"
         slopes, (lowest, highest) = slopes_of(self.points_sensor), self.placed.slope_range
+        heights_m, half_row = self.parts_world[..., 2], grid.row_step_rad / 2
+        bottom_m = float(heights_m.min())
         return Bounds(
-            at_lowest_beam=slopes < lowest + grid.row_step_rad / 2,
-            at_highest_beam=slopes > highest - grid.row_step_rad / 2,
-            bottom_m=float(self.parts_world[..., 2].min()),
-            top_m=float(self.parts_world[..., 2].max()),
-            clearance_m=self.settings.ground_clearance_m,
+            grounded_m=np.where(slopes < lowest + half_row, np.inf, bottom_m + self.settings.ground_clearance_m),
+            bottom_m=bottom_m,
+            top_m=np.where(slopes > highest - half_row, heights_m.max(), -np.inf),
         )
 
     @cached_property

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -9,11 +10,10 @@ import pytest
 from bench.errors import UnknownNameError
 from bench.geometry.raster import rasterise
 from bench.recordings import PointIndices
-from bench.records.reference import Limb
+from bench.records.reference import Limb, RegionKindName
 from bench.reference import REGION_KINDS, OutlineErrors, ReferenceBuilder, Status
 from bench.reference.kinds import RegionKind, region_kind
-from tests.reference.drives import with_settings
-from tests.reference.test_patch_polygon import wall_recording
+from tests.reference.drives import wall_recording, with_settings
 
 ROOT = Path(__file__).parents[2]
 every_kind = pytest.mark.parametrize("kind", sorted(REGION_KINDS))
@@ -78,3 +78,7 @@ def test_a_kind_is_told_in_the_documentation(kind):
 def test_a_kind_that_does_not_exist_is_refused():
     with pytest.raises(UnknownNameError, match="convex"):
         frame_of(wall_recording()[0], "bounding")
+
+
+def test_protocols_may_name_every_kind_and_no_other():
+    assert set(get_args(RegionKindName)) == REGION_KINDS.keys()

@@ -124,18 +124,15 @@ def test_every_patch_is_drawn_once_where_nothing_is_open(solid):
 def test_patches_reach_the_ground_and_the_ends_of_the_lidars_field_only_where_it_is_due():
     patch = np.array([[5, 0.1, 0.5], [5, -0.1, 0.5], [5, -0.1, 0.3], [5, 0.1, 0.3]])
     low = patch - [0, 0, 0.26]
-    no = np.array([False, False])
 
-    def extended(*patches, at_lowest_beam=no, at_highest_beam=no):
+    def extended(*patches, grounded_m=0.05, top_m=-np.inf):
         """(N, 4, 3), from and to."""
-        bounds = Bounds(
-            at_lowest_beam=at_lowest_beam, at_highest_beam=at_highest_beam, bottom_m=0.0, top_m=1.8, clearance_m=0.05
-        )
+        bounds = Bounds(grounded_m=np.full(2, grounded_m), bottom_m=0.0, top_m=np.broadcast_to(top_m, 2))
         return bounds.extend(np.array(patches).T).T
 
     bumper, shoe = extended(patch, low)
     np.testing.assert_array_equal(bumper, patch)  # the lidar saw the road below it
     np.testing.assert_allclose(shoe[:, 2], [0.24, 0.24, 0.0, 0.0])
-    found = extended(patch, patch, at_lowest_beam=~no, at_highest_beam=np.array([False, True]))
+    found = extended(patch, patch, grounded_m=np.inf, top_m=[-np.inf, 1.8])
     np.testing.assert_allclose(found[..., 2], [[0.5, 0.5, 0, 0], [1.8, 1.8, 0, 0]])
     np.testing.assert_array_equal(found[..., :2], [patch[:, :2]] * 2)
