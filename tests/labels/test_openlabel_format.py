@@ -483,11 +483,7 @@ def test_lenses_that_are_none(tmp_path, values, told):
 
 def test_a_distorted_pinhole_is_read_and_what_goes_beyond_five_coefficients_refused(tmp_path):
     matrix = [500.0, 0.0, 320.0, 0.0, 0.0, 500.0, 240.0, 0.0, 0.0, 0.0, 1.0, 0.0]
-    values = {
-        "width_px": 640,
-        "height_px": 480,
-        "camera_matrix_3x4": matrix,
-    }
+    values = {"width_px": 640, "height_px": 480, "camera_matrix_3x4": matrix}
 
     def lens_of(coefficients, **more):
         pinhole = values | more | {"distortion_coeffs_1xN": coefficients}
