@@ -69,11 +69,11 @@ class ClusterExecutor:
             DataError: no scheduler, or no worker.
         """
         executor = cls(scheduler=scheduler, requirements=requirements, patience_s=patience_s)
-        with executor as connection:
-            while not (count := connection._worker_count()):
+        with executor:
+            while not (count := executor._worker_count()):
                 sleep(POLL_S)
             executor.workers = count
-            connection._refuse_unfit_workers()
+            executor._refuse_unfit_workers()
         return executor
 
     def __enter__(self) -> Self:
