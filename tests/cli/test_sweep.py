@@ -3,7 +3,7 @@
 import pytest
 
 from bench.harness.sweep import SWEEPS
-from tests.support.commands import call
+from tests.support.commands import call, error_line
 
 
 def test_sweep_leaves_table_and_chart_and_ends_with_the_table(monkeypatch, capsys, tiny_card, tmp_path):
@@ -57,8 +57,4 @@ def test_images_that_cannot_be_used_are_said_and_the_status_is_2(monkeypatch, ca
     ],
 )
 def test_mistakes_are_one_clear_line_and_status_2(monkeypatch, capsys, tiny_card, tmp_path, words, message):
-    assert call(monkeypatch, "sweep", tiny_card, "--out", tmp_path, *words) == 2
-    shown = capsys.readouterr().err
-    assert message in shown
-    assert shown.startswith("error: ")
-    assert shown.count("\n") == 1
+    assert message in error_line(monkeypatch, capsys, "sweep", tiny_card, "--out", tmp_path, *words)

@@ -59,11 +59,6 @@ LENSES = [
 ]
 
 
-@pytest.fixture
-def drive(tmp_path):
-    return street.recording(tmp_path / "drive")
-
-
 def entry(val, system=None, name="box3D", **more):
     return {"name": name, "val": val, **({} if system is None else {"coordinate_system": system}), **more}
 
