@@ -17,7 +17,7 @@ INSTALLED_DEV := $(VENV)/installed-dev
 export NO_MKDOCS_2_WARNING := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help benchmark leaderboard paper report gate perf docs test test-all check format clean
+.PHONY: help benchmark leaderboard paper report gate perf docs test test-all coverage check format clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):[^#]*## /\1|/' | awk -F'|' '{ printf "  make %-11s %s\n", $$1, $$2 }'
@@ -63,6 +63,9 @@ test: $(INSTALLED_DEV) ## run the tests
 
 test-all: $(INSTALLED_DEV) ## run the tests, the slow rounds among them (damaged files, kills, simulations)
 	$(BIN)/pytest --numprocesses $(shell expr $$(nproc 2>/dev/null || echo 2) + 1) --dist loadfile -m "slow or not slow"
+
+coverage: $(INSTALLED_DEV) ## run all tests as test-all does, and list what they do not cover, the least covered last (half as long again)
+	$(BIN)/pytest --numprocesses $(shell expr $$(nproc 2>/dev/null || echo 2) + 1) --dist loadfile -m "slow or not slow" --cov
 
 check: $(INSTALLED_DEV) ## format, lint, types, layers, documentation
 	$(BIN)/ruff format --check

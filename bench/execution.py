@@ -1,7 +1,7 @@
 """Tasks on executors: in this process, or in processes of this machine; `bench.harness.cluster` has one for Dask.
 
-What a task gives does not depend on the executor. Results come back as they are done, and a task that ends the process
-that computes it is told, while the others go on. Nothing here knows what the tasks are.
+The result of a task does not depend on the executor. Results come back as they are done, and a task that ends the
+process that computes it is named, while the others go on. Nothing here knows what the tasks are.
 """
 
 from __future__ import annotations
@@ -9,30 +9,24 @@ from __future__ import annotations
 import os
 import pickle
 import signal
-import sys
 import traceback
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from multiprocessing import get_context
-from multiprocessing.connection import Connection
-from pathlib import Path
-from tempfile import TemporaryDirectory
+from functools import lru_cache
+from multiprocessing import get_context, parent_process
+from multiprocessing.connection import Connection, wait
 from threading import Thread, current_thread, main_thread
 from typing import Any, Protocol, Self, TypeVar
-from uuid import uuid4
+from weakref import finalize
 
-from bench.errors import OutputError
 from bench.threads import single_threaded, use_one_thread
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 ATTEMPTS = 3  # of a task whose process ends while it computes it
-LARGEST_MESSAGE_BYTES = 2048  # with what the pool adds it is written at once (PIPE_BUF), or half of it could arrive
 SAFE_PATH = "PYTHONSAFEPATH"
 
 
@@ -103,16 +97,16 @@ class SerialExecutor:
 class ProcessExecutor:
     """Computes tasks in processes of this machine, every library in one thread.
 
-    When a process is killed, the pool is built anew; the tasks that were under way are computed one by one, in a pool
-    of their own, so that the one that ends its process is found and the others lose nothing but time. At most one task
-    more than there are workers is under way, so that memory does not grow with their number.
+    Each worker has one task at a time, so memory does not grow with the number of tasks, and a pipe of its own, so a
+    worker that is killed, even while it answers, costs its own task only. Such tasks are computed again at the end,
+    one by one with no other worker, since memory may have run out.
 
     Attributes:
         workers: how many processes.
     """
 
     workers: int
-    _pool: _Pool | None = field(default=None, init=False, repr=False)
+    _idle: list[_Worker] = field(default_factory=list, init=False, repr=False)
     _entered: int = field(default=0, init=False, repr=False)
 
     def __enter__(self) -> Self:
@@ -121,172 +115,160 @@ class ProcessExecutor:
 
     def __exit__(self, *error: object) -> None:
         self._entered -= 1
-        if not self._entered or any(error):
-            self._close(now=any(error))
+        if not self._entered:
+            self._end_idle(now=any(error))
+
+    def _end_idle(self, *, now: bool = False) -> None:
+        idle, self._idle = self._idle, []
+        _end(idle, now=now)
 
     def compute(
         self, function: Callable[[Task], Result], tasks: Sequence[Task]
     ) -> Generator[tuple[Task, Result | FailedTask]]:
         """See `TaskExecutor.compute`."""
         call = pickle.dumps(function)
-        waiting = deque(tasks)
-        running: dict[Future[Any], Task] = {}
         with self:
-            while waiting or running:
-                broken = False
-                try:
-                    while waiting and len(running) <= self.workers:
-                        future = self._submit(call, waiting[0])
-                        running[future] = waiting.popleft()
-                    done, _ = wait(running, return_when=FIRST_COMPLETED)
-                except BrokenProcessPool:  # a process ended while it had nothing to do, or did not start
-                    broken, done = True, set(running)
-                for future in done:
-                    if isinstance(future.exception() if future.done() else None, BrokenProcessPool):
-                        broken = True
-                    elif future.done():
-                        yield running.pop(future), _value(future.result())
-                if broken:
-                    suspects = [*running.values()] or [waiting.popleft()]
-                    running = {}
-                    self._close(now=True)
-                    for task in suspects:
-                        yield task, _alone(call, task)
+            tasks = yield from self._attempt(call, tasks, self.workers)
+            for _ in range(1, ATTEMPTS if tasks else 1):
+                self._end_idle()
+                tasks = yield from self._attempt(call, tasks, 1)
+        reason = "its process ended without a result, as when memory runs out or a library crashes"
+        for task in tasks:
+            yield task, FailedTask(reason=f"{reason}, {ATTEMPTS} times")
 
-    def _submit(self, call: bytes, task: object) -> Future[Any]:
-        if self._pool is None:
-            self._pool = _Pool(self.workers)
-        return self._pool.submit(call, task)
+    def _attempt(
+        self, call: bytes, tasks: Sequence[Task], at_once: int
+    ) -> Generator[tuple[Task, Any], None, Sequence[Task]]:
+        """Compute each task once; return those whose worker ended meanwhile."""
+        waiting, ended = deque(tasks), []
+        busy: dict[Any, tuple[_Worker, Task]] = {}
 
-    def _close(self, *, now: bool) -> None:
-        pool, self._pool = self._pool, None
-        if pool is not None:
-            pool.close(now=now)
+        def begin() -> None:
+            while waiting and len(busy) < at_once:
+                worker = self._idle.pop() if self._idle else _Worker()
+                busy[worker.pipe] = worker, waiting[0]
+                worker.send(call, waiting.popleft())
 
-
-class _Pool:
-    """A `ProcessPoolExecutor` whose processes end at once when it is closed, or when this process ends in any way.
-
-    They hold one end of a pipe and end when the other end is gone. An interrupt from the keyboard reaches this process
-    alone. Large results travel as files: a process that is killed in the middle of a message would leave half of it in
-    the pipe that all of them share, and nobody could read on.
-    """
-
-    def __init__(self, workers: int) -> None:
-        context = get_context("spawn")
-        self._theirs, self._ours = context.Pipe(duplex=False)
-        begin = (self._theirs, os.environ.get(SAFE_PATH))
-        self._results = TemporaryDirectory(prefix="fisheye-bench-", ignore_cleanup_errors=True)
-        with _processes_may_start():  # that which counts semaphores
-            self._executor = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=begin)
-
-    def submit(self, call: bytes, task: object) -> Future[Any]:
-        with _processes_may_start():
-            return self._executor.submit(_call, call, task, self._results.name)
-
-    def close(self, *, now: bool) -> None:
-        if now:
-            self._ours.close()
-        self._executor.shutdown(cancel_futures=now)
-        self._ours.close()
-        self._theirs.close()
-        self._results.cleanup()
-
-
-def _alone(call: bytes, task: object) -> Any:
-    """The result of a task that was under way when a process ended, in a process of its own."""
-    for _ in range(ATTEMPTS - 1):
-        pool = _Pool(1)
         try:
-            return _value(pool.submit(call, task).result())
-        except BrokenProcessPool:
-            continue
+            begin()
+            while busy:
+                for pipe in wait([*busy]):
+                    worker, task = busy[pipe]
+                    answer = worker.answer()
+                    del busy[pipe]
+                    if answer is None:
+                        _end([worker])
+                        ended.append(task)
+                    else:
+                        self._idle.append(worker)
+                    begin()
+                    if answer is not None:
+                        result, error = answer
+                        if error is not None:
+                            raise error
+                        yield task, result
         finally:
-            pool.close(now=True)
-    reason = "its process ended without a result, as when memory runs out or a library crashes"
-    return FailedTask(reason=f"{reason}, {ATTEMPTS} times")
+            _end([worker for worker, _ in busy.values()], now=True)
+        return ended
+
+
+class _Worker:
+    """A process that computes one task after the other, as this process sees it."""
+
+    def __init__(self) -> None:
+        context = get_context("spawn")
+        self.pipe, theirs = context.Pipe()
+        finalize(self, self.pipe.close)  # at exit, too: Python waits for its processes then
+        self.process = context.Process(target=_work, args=(theirs, os.environ.get(SAFE_PATH)))
+        with theirs, _starting():
+            self.process.start()
+
+    def send(self, call: bytes, task: object) -> None:
+        """Give it a task; whether it is still there, its answer tells."""
+        content = pickle.dumps((call, task))
+        with suppress(OSError):
+            self.pipe.send_bytes(content)
+
+    def answer(self) -> Any:
+        """Wait for the result of its task and the error, one of them None; None when it has ended."""
+        try:
+            content = self.pipe.recv_bytes()
+        except (EOFError, OSError):
+            return None
+        return pickle.loads(content)
+
+
+def _end(workers: Sequence[_Worker], *, now: bool = False) -> None:
+    """End processes, in the middle of a task too where it must be now."""
+    for worker in workers:
+        if now:
+            worker.process.kill()
+        worker.pipe.close()
+    for worker in workers:
+        worker.process.join()
 
 
 @contextmanager
-def _processes_may_start() -> Iterator[None]:
-    """Let processes start without a look for libraries into the working folder; an interrupt waits until they have.
+def _starting() -> Iterator[None]:
+    """Let a process start without a look for libraries into the working folder; an interrupt waits until it has.
 
-    The mask is for them: they inherit it. This process may get the interrupt in a thread of a library, which has not
-    blocked it, and Python would raise it here: half of a process would be left, and say so.
+    The process inherits the mask, so that it says nothing of an interrupt before it ignores it. This one may get it in
+    a thread of a library, which has not blocked it, and Python would raise it while half of a process is started.
     """
-    before = os.environ.get(SAFE_PATH)
-    os.environ[SAFE_PATH] = "1"
     interrupts: list[int] = []
-    handler = signal.getsignal(signal.SIGINT)
-    if waits := handler is not None and current_thread() is main_thread():
-        signal.signal(signal.SIGINT, lambda number, _: interrupts.append(number))
-    masked = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT]) if sys.platform != "win32" else None
+    main, unsafe = current_thread() is main_thread(), SAFE_PATH not in os.environ
+    os.environ.setdefault(SAFE_PATH, "1")
+    handler = signal.signal(signal.SIGINT, lambda number, _: interrupts.append(number)) if main else None
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
     try:
         yield
     finally:
-        _restore_safe_path(before)
-        if masked is not None:
-            signal.pthread_sigmask(signal.SIG_SETMASK, masked)
-        if waits:
+        if unsafe:
+            del os.environ[SAFE_PATH]
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        if main:
             signal.signal(signal.SIGINT, handler)
         if interrupts:
             signal.raise_signal(signal.SIGINT)
 
 
-def _restore_safe_path(value: str | None) -> None:
-    if value is None:
-        os.environ.pop(SAFE_PATH, None)
-    else:
-        os.environ[SAFE_PATH] = value
-
-
-def _begin(parent: Connection, safe_path: str | None) -> None:
-    """Prepare a worker process."""
+def _work(pipe: Connection, safe_path: str | None) -> None:
+    """Compute the tasks that come through a pipe until it is closed, or the process that started this one ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if sys.platform != "win32":
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
-    _restore_safe_path(safe_path)
-    Thread(target=_end_with, args=(parent,), daemon=True).start()
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
+    if safe_path is None:
+        del os.environ[SAFE_PATH]
+    Thread(target=_end_with, args=(parent_process(),), daemon=True).start()
     use_one_thread()
-
-
-def _end_with(parent: Connection) -> None:
     with suppress(EOFError, OSError):
-        parent.recv_bytes()
+        while True:
+            pipe.send_bytes(_answer(pipe.recv_bytes()))
+
+
+def _end_with(parent: Any) -> None:
+    parent.join()
     os._exit(1)
 
 
-_unpickled: list[tuple[bytes, Callable[[Any], Any]]] = []  # the last function; a method may keep things between tasks
+@lru_cache(maxsize=1)  # a method may keep things between tasks
+def _function(call: bytes) -> Any:
+    return pickle.loads(call)
 
 
-def _value(result: bytes | Path) -> Any:
-    """What a task gave, from what came back from its process."""
-    if isinstance(result, bytes):
-        return pickle.loads(result)
-    value = pickle.loads(result.read_bytes())
-    result.unlink()
-    return value
-
-
-def _call(function: bytes, task: object, folder: str) -> bytes | Path:
-    """Call a function in a worker process; give its pickled result, or the file that holds it."""
-    if not (_unpickled and _unpickled[0][0] == function):
-        _unpickled[:] = [(function, pickle.loads(function))]
+def _answer(content: bytes) -> bytes:
+    """The pickled result of a task and its error, in a worker; one of them is None."""
     try:
-        result = pickle.dumps(_unpickled[0][1](task), protocol=pickle.HIGHEST_PROTOCOL)
+        call, task = pickle.loads(content)
+        return pickle.dumps((_function(call)(task), None), protocol=pickle.HIGHEST_PROTOCOL)
     except SystemExit as error:
-        raise RuntimeError(f"a task called sys.exit({error.code!r})") from error
-    except Exception as error:
-        try:
-            pickle.loads(pickle.dumps(error))
-        except Exception:  # noqa: BLE001 - whatever its class does when it is pickled
-            raise RuntimeError("".join(traceback.format_exception(error))) from None
-        raise
-    if len(result) <= LARGEST_MESSAGE_BYTES:
-        return result
-    file = Path(folder) / uuid4().hex
+        failed: Exception = RuntimeError(f"a task called sys.exit({error.code!r})")
+    except Exception as error:  # noqa: BLE001 - it is raised where the task came from
+        failed = error
+    told = "".join(traceback.format_exception(failed))
+    failed.add_note(f"in a worker process:\n{told}")
     try:
-        file.write_bytes(result)
-    except OSError as error:
-        raise OutputError.of(error, file) from error
-    return file
+        answer = pickle.dumps((None, failed))
+        pickle.loads(answer)
+    except Exception:  # noqa: BLE001 - whatever its class does when it is pickled
+        return pickle.dumps((None, RuntimeError(told)))
+    return answer

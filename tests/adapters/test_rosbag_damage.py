@@ -230,8 +230,7 @@ def test_a_chunk_that_is_damaged_after_opening(written, tmp_path):
     camera, images = recording.cameras["front"], recording.images["front"]
     assert np.array_equal(read_image(images[3], camera), pixels(3))
     with pytest.raises(
-        DataError,
-        match=r"drive\.mcap: expected a message of 3120 bytes, got .*replace it by the result: mcap recover",
+        DataError, match=r"drive\.mcap: expected a message of 3120 bytes, got .*replace it by the result: mcap recover"
     ):
         read_image(images[25], camera)
 
@@ -344,10 +343,7 @@ def test_definitions_in_other_languages_than_ros_damage_nothing(tmp_path, kind):
     assert read_message(file, position, compressed=False) == b"payload"
 
 
-@pytest.mark.parametrize(
-    ("content", "told"),
-    HOSTILE_RECORDS,
-)
+@pytest.mark.parametrize(("content", "told"), HOSTILE_RECORDS)
 def test_hostile_records_are_told_and_take_little_memory(tmp_path, content, told):
     file = tmp_path / "hostile.mcap"
     file.write_bytes(b"\x89MCAP0\r\n" + HEADER_RECORD + content + b"\x89MCAP0\r\n")

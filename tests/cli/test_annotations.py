@@ -9,7 +9,7 @@ import pytest
 from bench.labels import known_formats, label_format
 from bench.recordings import read_annotations
 from tests.support import tiny
-from tests.support.commands import call
+from tests.support.commands import call, error_line
 
 CARD = """
 name: mine
@@ -144,10 +144,7 @@ def test_a_calibration_is_printed_or_written(monkeypatch, capsys, card, tmp_path
     ],
 )
 def test_a_mistake_is_one_line(monkeypatch, capsys, card, given, told):
-    assert call(monkeypatch, "annotations", *given, "--dataset", card) == 2
-    shown = capsys.readouterr().err
-    assert told in shown
-    assert shown.count("\n") == 1
+    assert told in error_line(monkeypatch, capsys, "annotations", *given, "--dataset", card)
 
 
 def test_a_recording_without_sweeps_has_nothing_to_label(monkeypatch, capsys, card, tmp_path):

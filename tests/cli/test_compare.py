@@ -11,7 +11,7 @@ from bench.evaluation import load_protocol
 from bench.harness import RunRequest, run_benchmark
 from bench.methods import build_method, known_methods
 from bench.recordings import load_card
-from tests.support.commands import call
+from tests.support.commands import call, error_line
 
 
 @pytest.fixture(scope="module")
@@ -91,11 +91,8 @@ def test_a_picture_that_would_not_show_what_was_scored_is_not_drawn(monkeypatch,
 
 
 def test_compare_refuses_what_does_not_compare_in_one_line(monkeypatch, capsys, runs, tmp_path):
-    assert call(monkeypatch, "compare", runs / "spherical", runs / "extended", "--out", tmp_path / "out") == 2
-    shown = capsys.readouterr().err
-    assert shown.startswith("error: ")
-    assert "do not compare: protocol paper-v1" in shown
-    assert shown.count("\n") == 1
+    words = ("compare", runs / "spherical", runs / "extended", "--out", tmp_path / "out")
+    assert "do not compare: protocol paper-v1" in error_line(monkeypatch, capsys, *words)
     assert not (tmp_path / "out").exists()
 
 

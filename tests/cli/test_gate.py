@@ -18,12 +18,7 @@ from bench.harness.stored import write_summary
 from bench.methods import build_method
 from bench.recordings import load_card
 from bench.recordings.cards import shipped_folder
-from tests.support.commands import call
-
-
-@pytest.fixture(autouse=True)
-def _at_a_desk(monkeypatch):
-    monkeypatch.delenv("GITHUB_STEP_SUMMARY", raising=False)
+from tests.support.commands import call, error_line
 
 
 @pytest.fixture(scope="module")
@@ -261,8 +256,4 @@ def test_update_refuses_changed_code_unless_told(monkeypatch, capsys, runs, tmp_
 def test_mistakes_are_one_clear_line_and_status_2(monkeypatch, capsys, runs, words, message):
     places = {"RUN": str(runs["spherical"]), "EXTENDED": str(runs["extended"])}
     named = [places.get(word, word) for word in words]
-    assert call(monkeypatch, "gate", *named, "--baseline", runs["baseline"]) == 2
-    shown = capsys.readouterr().err
-    assert message in shown
-    assert shown.startswith("error: ")
-    assert shown.count("\n") == 1
+    assert message in error_line(monkeypatch, capsys, "gate", *named, "--baseline", runs["baseline"])

@@ -40,6 +40,18 @@ def start(command: str, source: Path, *options: object) -> subprocess.Popen:
     )  # fmt: skip
 
 
+def ended(process: subprocess.Popen, when, moment: str, *, number: int = signal.SIGINT) -> tuple[int, str, str]:
+    """Status and outputs of a process that is sent a signal at a moment; Ctrl-C reaches all that it started."""
+    try:
+        until(when, moment)
+        (os.killpg if number == signal.SIGINT else os.kill)(process.pid, number)
+        shown, complaints = process.communicate(timeout=PATIENCE_S)
+    finally:
+        process.kill()
+    assert "Traceback" not in complaints
+    return process.returncode, shown, complaints
+
+
 @pytest.mark.parametrize("workers", [1, 2])
 @pytest.mark.parametrize("how", ENDINGS)
 def test_a_run_that_is_stopped_leaves_no_process_and_goes_on(tiny_card, calm, tmp_path, trouble, how, workers):
@@ -49,18 +61,14 @@ def test_a_run_that_is_stopped_leaves_no_process_and_goes_on(tiny_card, calm, tm
     out, here = tmp_path / "run", trouble / "standing.wait-noted"
     (trouble / "standing.wait").touch()
     run = start("run", tiny_card, *TROUBLED, "--out", out, "--no-pictures", "--no-cache", "--workers", workers)
-    try:
-        until(lambda: bool(pids(here)) and len(list((out / "units").glob("*.unit"))) == 2, "two units of three stored")
-        if how == "interrupted":
-            os.killpg(run.pid, number)
-        else:
-            run.send_signal(number)
-        shown, complaints = run.communicate(timeout=PATIENCE_S)
-    finally:
-        run.kill()
-    assert run.returncode == status
+    returned, shown, _ = ended(
+        run,
+        lambda: bool(pids(here)) and len(list((out / "units").glob("*.unit"))) == 2,
+        "two units of three stored",
+        number=number,
+    )
+    assert returned == status
     assert told in shown
-    assert "Traceback" not in complaints
     until(lambda: not any(alive(pid) for pid in pids(here)), "no worker")
     assert not (out / "summary.json").exists()
     (trouble / "standing.wait").unlink()
@@ -75,15 +83,11 @@ def test_a_sweep_that_is_interrupted_goes_on(tiny_card, tmp_path, trouble, worke
     here, out = trouble / "standing.wait-noted", tmp_path / "out"
     (trouble / "standing.wait").touch()
     sweep = start("sweep", tiny_card, *TROUBLED, *words)
-    try:
-        until(lambda: bool(pids(here)) and len(list(out.glob("*/units/*.unit"))) == 2, "two units of three stored")
-        os.killpg(sweep.pid, signal.SIGINT)
-        shown, complaints = sweep.communicate(timeout=PATIENCE_S)
-    finally:
-        sweep.kill()
-    assert sweep.returncode == 130
+    status, shown, _ = ended(
+        sweep, lambda: bool(pids(here)) and len(list(out.glob("*/units/*.unit"))) == 2, "two units of three stored"
+    )
+    assert status == 130
     assert f"interrupted; what is done is in {out}, and the same command goes on from there" in shown
-    assert "Traceback" not in complaints
     until(lambda: not any(alive(pid) for pid in pids(here)), "no worker")
     (trouble / "standing.wait").unlink()
     ended = called_here("sweep", tiny_card, *TROUBLED, *words)
@@ -96,15 +100,9 @@ def test_an_audit_begins_again_and_says_so(tiny_card, tmp_path, trouble):
     here = trouble / "standing.wait-noted"
     (trouble / "standing.wait").touch()
     running = start("audit", tiny_card, *TROUBLED, "--workers", 2, "--out", tmp_path / "out")
-    try:
-        until(lambda: bool(pids(here)), "an image in the middle")
-        os.killpg(running.pid, signal.SIGINT)
-        shown, complaints = running.communicate(timeout=PATIENCE_S)
-    finally:
-        running.kill()
-    assert running.returncode == 130
+    status, shown, _ = ended(running, lambda: bool(pids(here)), "an image in the middle")
+    assert status == 130
     assert f"interrupted; {told}" in shown
-    assert "Traceback" not in complaints
     until(lambda: not any(alive(pid) for pid in pids(here)), "no worker")
     assert not (tmp_path / "out").exists()
 
@@ -112,13 +110,10 @@ def test_an_audit_begins_again_and_says_so(tiny_card, tmp_path, trouble):
 def test_rendering_says_how_it_goes_on(tmp_path):
     out = tmp_path / "out"
     rendering = start("synthesize", ROOT / "datasets/demo.scenario.yaml", "--out", out, "--workers", 2)
-    try:
-        until(lambda: any((out / ".unfinished").glob("*")), "a recording in the middle")
-        os.killpg(rendering.pid, signal.SIGINT)
-        shown, complaints = rendering.communicate(timeout=PATIENCE_S)
-    finally:
-        rendering.kill()
-    assert (rendering.returncode, complaints) == (130, "")
+    status, shown, complaints = ended(
+        rendering, lambda: any((out / ".unfinished").glob("*")), "a recording in the middle"
+    )
+    assert (status, complaints) == (130, "")
     assert f"interrupted; the recordings that are done are in {out}" in shown
     until(lambda: not group_lives(rendering.pid), "no process")
 

@@ -51,11 +51,6 @@ COMMANDS = {
 }  # fmt: skip
 
 
-@pytest.fixture(autouse=True)
-def _at_a_desk(monkeypatch):
-    monkeypatch.delenv("GITHUB_STEP_SUMMARY", raising=False)
-
-
 @pytest.fixture(scope="module")
 def places(tiny_card, tmp_path_factory) -> dict[str, str]:
     """What the commands read."""

@@ -1,17 +1,8 @@
 """The command `report`."""
 
-import sys
-
 import pytest
 
-from bench.cli import main
-
-
-def call(monkeypatch, *words) -> int:
-    monkeypatch.setattr(sys, "argv", ["fisheye-bench", *map(str, words)])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    return 0 if ended.value.code is None else int(ended.value.code)
+from tests.support.commands import call, error_line
 
 
 def test_report_writes_the_page_and_names_the_files(monkeypatch, capsys, tiny_card, tmp_path):
@@ -35,8 +26,4 @@ def test_report_writes_the_page_and_names_the_files(monkeypatch, capsys, tiny_ca
     ],
 )
 def test_mistakes_are_one_clear_line_and_status_2(monkeypatch, capsys, tmp_path, words, message):
-    assert call(monkeypatch, *(tmp_path if word == "RUN" else word for word in words)) == 2
-    shown = capsys.readouterr().err
-    assert shown.startswith("error: ")
-    assert message in shown
-    assert shown.count("\n") == 1
+    assert message in error_line(monkeypatch, capsys, *(tmp_path if word == "RUN" else word for word in words))

@@ -6,7 +6,7 @@ import json
 import pytest
 
 from bench.cli.sweep import split_values
-from tests.support.commands import call
+from tests.support.commands import call, error_line
 
 UNLIKE = {"provenance": None, "sha256": None}  # of equal runs
 
@@ -99,9 +99,5 @@ def test_values_are_yaml_between_commas():
     ],
 )
 def test_mistakes_are_one_clear_line_and_status_2(monkeypatch, capsys, tiny_card, tmp_path, words, message):
-    assert call(monkeypatch, "sweep", tiny_card, "--out", tmp_path / "sweep", *words) == 2
-    shown = capsys.readouterr().err
-    assert message in shown
-    assert shown.startswith("error: ")
-    assert shown.count("\n") == 1
+    assert message in error_line(monkeypatch, capsys, "sweep", tiny_card, "--out", tmp_path / "sweep", *words)
     assert not (tmp_path / "sweep").exists()

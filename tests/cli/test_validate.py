@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 
-from tests.support.commands import call
+from tests.support.commands import call, error_line
 from tests.validation import drive
 
 CARD = "name: street\ntitle: a street\nadapter: native\nroot: data\nlicence: x\nannotations: {label_set}\n"
@@ -96,11 +96,7 @@ def test_one_bad_recording_does_not_stop_the_others(monkeypatch, capsys, folder)
 )
 def test_mistakes_are_one_clear_line_and_status_2(monkeypatch, capsys, clean, words, message):
     named = {"CARD": clean / "street.yaml", "OTHER_SUFFIX": clean / "street.yml", "DATA": clean / "data"}
-    assert call(monkeypatch, "validate", *(named.get(word, word) for word in words)) == 2
-    shown = capsys.readouterr().err
-    assert message in shown
-    assert shown.startswith("error: ")
-    assert shown.count("\n") == 1
+    assert message in error_line(monkeypatch, capsys, "validate", *(named.get(word, word) for word in words))
 
 
 def test_an_adapter_of_the_users_own(monkeypatch, capsys, clean, tmp_path):

@@ -9,7 +9,7 @@ import pytest
 from bench.cli.viewing import chosen_frames
 from bench.errors import UsageError
 from bench.recordings import ImageRef
-from tests.support.commands import call
+from tests.support.commands import call, error_line
 from tests.validation import drive
 
 
@@ -107,10 +107,7 @@ def test_mistakes_are_one_clear_line_and_leave_nothing(monkeypatch, capsys, card
     if words[0] == "--rrd":
         pytest.importorskip("rerun")
     named = [word.replace("OUT", str(tmp_path / "out")) for word in words]
-    assert call(monkeypatch, "view", card, *named) == 2
-    shown = capsys.readouterr().err
-    assert message in shown
-    assert shown.count("\n") == 1
+    assert message in error_line(monkeypatch, capsys, "view", card, *named)
     assert not list(tmp_path.iterdir())
 
 

@@ -57,6 +57,39 @@ def large_answer_that_may_be_cut(folder, number):
     return content
 
 
+def killed_beside_others(folder, number):
+    """Two of the tasks end their process at the first attempt; others must not be computed beside the second."""
+    (folder / f"{number}-at-work").touch()
+    try:
+        if number in {1, 3} and note(folder, f"{number}") == 1:
+            (folder / f"{number}-at-work").unlink()
+            os.kill(os.getpid(), signal.SIGKILL)
+        time.sleep(0.2)
+        return "alone" if number in {1, 3} and len(list(folder.glob("*-at-work"))) == 1 else "beside others"
+    finally:
+        (folder / f"{number}-at-work").unlink()
+
+
+def want_memory(_):
+    return bytes(1 << 60)
+
+
+def note_process(folder, number):
+    note(folder, "processes")
+
+
+def answer_without_end(folder, number):
+    note(folder, "processes")
+    return Endless()
+
+
+class Endless:
+    """A result that nobody has ever read to its end."""
+
+    def __reduce__(self):
+        return time.sleep, (3600,)
+
+
 def fail(number):
     if number == 3:
         raise ValueError("three")

@@ -43,7 +43,7 @@ def test_what_the_work_raises_is_raised(name):
 def test_an_exception_tells_where_in_the_worker_it_arose():
     with pytest.raises(ValueError, match="three") as raised:
         list(ProcessExecutor(workers=2).compute(jobs.fail, NUMBERS))
-    assert "jobs.py" in str(raised.value.__cause__)
+    assert "jobs.py" in "".join(raised.value.__notes__)
 
 
 @pytest.mark.parametrize("work", [jobs.fail_unsendably, jobs.answer_unsendably])
@@ -72,6 +72,18 @@ def test_a_task_that_always_ends_its_process_fails_and_the_others_are_done(tmp_p
     assert failed.reason == "its process ended without a result, as when memory runs out or a library crashes, 3 times"
     assert done == {number: square for number, square in SQUARES.items() if number != 3}
     assert len(set(pids(tmp_path / "attempts"))) == 3
+
+
+def test_a_task_whose_process_was_killed_is_computed_alone(tmp_path):
+    tasks = list(range(5))
+    done = dict(ProcessExecutor(workers=3).compute(partial(jobs.killed_beside_others, tmp_path), tasks))
+    assert done == {number: "alone" if number in {1, 3} else "beside others" for number in tasks}
+
+
+@every_executor
+def test_memory_that_runs_out_in_a_task_is_raised(name):
+    with pytest.raises(MemoryError):
+        list(EXECUTORS[name].compute(jobs.want_memory, [1]))
 
 
 def test_a_process_that_is_killed_while_it_answers_harms_no_other_answer(tmp_path):
@@ -186,24 +198,39 @@ assert not list(here.rglob("*.taken"))
     assert_ends_well(started(tmp_path, body))
 
 
-@pytest.mark.parametrize("when", ["starting", "working"])
+INTERRUPTED = {  # what is computed, and how many processes have noted themselves then
+    "starting": ("stay", 0),
+    "working": ("stay", 2),
+    "answering": ("answer_without_end", 2),
+    "idle": ("note_process", 3),
+}
+
+
+@pytest.mark.parametrize("when", INTERRUPTED)
 def test_an_interrupt_is_told_by_nobody_but_the_process_that_starts_them(tmp_path, when):
-    body = """
+    job, at_work = INTERRUPTED[when]
+    body = f"""
 try:
     (here / "begun").touch()
-    list(ProcessExecutor(workers=2).compute(partial(jobs.stay, here), [1, 2]))
+    with ProcessExecutor(workers=2) as executor:
+        list(executor.compute(partial(jobs.{job}, here), [1, 2]))
+        jobs.stay(here, 3)
 except KeyboardInterrupt:
     print("interrupted")
 """
     program = started(tmp_path, body)
-    begun = {"starting": (tmp_path / "begun").exists, "working": lambda: len(pids(tmp_path / "processes")) == 2}
     try:
-        until(begun[when], "the moment")
+        until(lambda: (tmp_path / "begun").exists() and len(pids(tmp_path / "processes")) == at_work, "the moment")
         os.killpg(program.pid, signal.SIGINT)
         assert program.communicate(timeout=PATIENCE_S) == ("interrupted\n", "")
     finally:
         program.kill()
     until(lambda: not group_lives(program.pid), "no process")
+
+
+def test_results_that_nobody_asks_for_do_not_keep_a_program_alive(tmp_path):
+    body = "results = ProcessExecutor(workers=2).compute(jobs.squared, [3, 4, 5])\nassert next(results)[1] in (9, 16)"
+    assert_ends_well(started(tmp_path, body))
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])

@@ -8,19 +8,15 @@ import yaml
 
 from tests.hostile import files
 from tests.support import tiny, tiny_aimotive, tiny_kitti360, tiny_woodscape
-from tests.support.commands import call
+from tests.support.commands import call, error_line
+from tests.support.data_sets import DATA_SETS
 
 pytestmark = pytest.mark.slow
 
 AIMOTIVE = tiny_aimotive.SEQUENCE
 KITTI = tiny_kitti360.SEQUENCE
 PAIR = tiny_woodscape.NAMES[0]
-OPTIONS = {
-    "native": {},
-    "aimotive": tiny_aimotive.OPTIONS,
-    "kitti360": tiny_kitti360.OPTIONS,
-    "woodscape": tiny_woodscape.OPTIONS | {"cameras": ["FV"]},
-}
+ADAPTERS = ("native", "aimotive", "kitti360", "woodscape")
 JSON_FILES = [
     ("native", "drive/recording.json"),
     ("native", "drive/annotations.json"),
@@ -92,14 +88,11 @@ TEXTS = {
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
+    """A folder with every data set, and the options of each."""
     folder = tmp_path_factory.mktemp("whole")
-    for name in OPTIONS:
-        (folder / name / "data").mkdir(parents=True)
-    tiny.write_recording(folder / "native" / "data" / "drive")
-    tiny_aimotive.write_data_set(folder / "aimotive" / "data")
-    tiny_kitti360.write_data_set(folder / "kitti360" / "data")
-    tiny_woodscape.write_data_set(folder / "woodscape" / "data")
-    return folder
+    for name in ADAPTERS:
+        (folder / name).mkdir()
+    return folder, {name: DATA_SETS[name](folder / name / "data") for name in ADAPTERS}
 
 
 class Place:
@@ -107,12 +100,13 @@ class Place:
 
     def __init__(self, monkeypatch, capsys, whole, adapter, tmp_path):
         self.monkeypatch, self.capsys = monkeypatch, capsys
-        self.root = shutil.copytree(whole / adapter / "data", tmp_path / "data")
+        folder, options = whole
+        self.root = shutil.copytree(folder / adapter / "data", tmp_path / "data")
         self.out = tmp_path / "out"
         self.folder = tmp_path
         content = {"name": "x", "title": "x", "adapter": adapter, "root": "data", "licence": "x"}
         self.card = tmp_path / "x.yaml"
-        self.card.write_text(yaml.safe_dump(content | {"options": OPTIONS[adapter]}))
+        self.card.write_text(yaml.safe_dump(content | {"options": options[adapter]}))
         monkeypatch.chdir(tmp_path)
 
     def listing(self):
@@ -122,11 +116,8 @@ class Place:
         """Both commands tell the file in one line each, and write nothing but what they were asked for."""
         before = self.listing()
         if viewed:
-            assert call(self.monkeypatch, "view", self.card, "--out", self.out, "--method", "nothing") == 2
-            shown = self.capsys.readouterr()
-            assert shown.err.startswith("error: ")
-            assert shown.err.count("\n") == 1
-            assert str(self.root / file) in shown.err
+            words = ("view", self.card, "--out", self.out, "--method", "nothing")
+            assert str(self.root / file) in error_line(self.monkeypatch, self.capsys, *words)
             assert self.listing() == before
         told = self.folder / "told.json"
         assert call(self.monkeypatch, "validate", self.card, "--json", told) == 1
@@ -142,7 +133,7 @@ def place(monkeypatch, capsys, whole, tmp_path):
     return lambda adapter: Place(monkeypatch, capsys, whole, adapter, tmp_path)
 
 
-@pytest.mark.parametrize("adapter", OPTIONS)
+@pytest.mark.parametrize("adapter", ADAPTERS)
 def test_the_whole_ones_are_not_refused(place, adapter):
     here = place(adapter)
     protocol = ["--protocol", "masks-v1"] if adapter == "woodscape" else []

@@ -12,11 +12,6 @@ PLAIN = LabelOptions()
 NAMES = sorted(LABEL_FORMATS)
 
 
-@pytest.fixture
-def drive(tmp_path):
-    return street.recording(tmp_path / "drive")
-
-
 def label_set():
     return LabelSet(tracks=tuple(street.box_track(name) for name in street.SIZES_M), timestamps_ns=street.TIMES_NS)
 

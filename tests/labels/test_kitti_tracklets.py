@@ -21,11 +21,6 @@ PLAIN = LabelOptions()
 HEAD = '<?xml version="1.0" encoding="UTF-8" standalone="true" ?>\n<!DOCTYPE boost_serialization>\n'
 
 
-@pytest.fixture
-def drive(tmp_path):
-    return street.recording(tmp_path / "drive")
-
-
 def pose(at=(10.0, 2.0, -1.75), rz=0.0, *, rx=0.0, ry=0.0, state=2, occlusion=0, truncation=0):
     values = {"tx": at[0], "ty": at[1], "tz": at[2], "rx": rx, "ry": ry, "rz": rz, "state": state}
     values |= {"occlusion": occlusion, "occlusion_kf": 0, "truncation": truncation, "amt_border_kf": -1}

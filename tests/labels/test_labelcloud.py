@@ -17,11 +17,6 @@ PLAIN = LabelOptions()
 WAYS = ("centroid-abs", "centroid-rel", "vertices")
 
 
-@pytest.fixture
-def drive(tmp_path):
-    return street.recording(tmp_path / "drive")
-
-
 def put(folder, stem, content):
     folder.mkdir(parents=True, exist_ok=True)
     (folder / f"{stem}.json").write_text(content if isinstance(content, str) else json.dumps(content))

@@ -59,11 +59,6 @@ LENSES = [
 ]
 
 
-@pytest.fixture
-def drive(tmp_path):
-    return street.recording(tmp_path / "drive")
-
-
 def entry(val, system=None, name="box3D", **more):
     return {"name": name, "val": val, **({} if system is None else {"coordinate_system": system}), **more}
 
@@ -483,11 +478,7 @@ def test_lenses_that_are_none(tmp_path, values, told):
 
 def test_a_distorted_pinhole_is_read_and_what_goes_beyond_five_coefficients_refused(tmp_path):
     matrix = [500.0, 0.0, 320.0, 0.0, 0.0, 500.0, 240.0, 0.0, 0.0, 0.0, 1.0, 0.0]
-    values = {
-        "width_px": 640,
-        "height_px": 480,
-        "camera_matrix_3x4": matrix,
-    }
+    values = {"width_px": 640, "height_px": 480, "camera_matrix_3x4": matrix}
 
     def lens_of(coefficients, **more):
         pinhole = values | more | {"distortion_coeffs_1xN": coefficients}

@@ -20,11 +20,6 @@ PLAIN = LabelOptions()
 
 
 @pytest.fixture
-def drive(tmp_path):
-    return street.recording(tmp_path / "drive")
-
-
-@pytest.fixture
 def semantickitti():
     return label_format("semantickitti")
 

@@ -22,11 +22,6 @@ PLAIN = LabelOptions()
 
 
 @pytest.fixture
-def drive(tmp_path):
-    return street.recording(tmp_path / "drive")
-
-
-@pytest.fixture
 def sustech():
     return label_format("sustechpoints")
 

@@ -1,15 +1,13 @@
 """Each tool's format through the public commands: out of a recording and back into `annotations/`."""
 
-import sys
-
 import numpy as np
 import pytest
 
-from bench.cli import main
 from bench.recordings import ObjectState, PointIndices, Track, read_annotations, write_annotations
 from tests.labels.same import assert_same_boxes
 from tests.labels.street import FORMATS
 from tests.support import tiny
+from tests.support.commands import call
 
 BIKE = Track(
     track_id="bike",
@@ -23,13 +21,6 @@ BIKE = Track(
         for time_ns in tiny.TIMES_NS[:2]
     ),
 )
-
-
-def call(monkeypatch, *words) -> int:
-    monkeypatch.setattr(sys, "argv", ["fisheye-bench", *map(str, words)])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    return 0 if ended.value.code is None else int(ended.value.code)
 
 
 @pytest.fixture(scope="module")

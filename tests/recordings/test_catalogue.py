@@ -8,13 +8,7 @@ import pytest
 import yaml
 
 from bench.errors import DataError, UnknownNameError
-from bench.recordings import (
-    list_cards,
-    load_card,
-    open_dataset,
-    open_native,
-    write_annotations,
-)
+from bench.recordings import list_cards, load_card, open_dataset, open_native, write_annotations
 from bench.synthesis import read_scenario
 from tests.support import tiny
 

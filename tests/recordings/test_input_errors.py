@@ -17,11 +17,7 @@ AHEAD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # vehic
 MOUNTING = RigidTransform(AHEAD, np.array([2.0, 0.0, 1.0]))
 LENS = PinholeCamera(width=64, height=48, principal_point=(31.5, 23.5), focal=(40.0, 40.0))
 MOUNTED = MountedCamera(
-    name="front",
-    model=LENS,
-    vehicle_from_camera=MOUNTING,
-    road=RoadPlane.below(MOUNTING),
-    stored_size_px=(64, 48),
+    name="front", model=LENS, vehicle_from_camera=MOUNTING, road=RoadPlane.below(MOUNTING), stored_size_px=(64, 48)
 )
 TIMES_NS = (1_000_000_000, 1_100_000_000)
 

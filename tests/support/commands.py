@@ -18,6 +18,15 @@ def call(monkeypatch, *words) -> int:
     return 0 if ended.value.code is None else int(ended.value.code)
 
 
+def error_line(monkeypatch, capsys, *words) -> str:
+    """The one line in which a command refuses what it is given, with status 2."""
+    assert call(monkeypatch, *words) == 2
+    shown = capsys.readouterr().err
+    assert shown.startswith("error: ")
+    assert shown.count("\n") == 1
+    return shown
+
+
 def called_here(*words: object, folder: Path | None = None) -> subprocess.CompletedProcess[str]:
     """What a command ends with and prints; in this process, which spares the start of another."""
     with (
@@ -26,9 +35,8 @@ def called_here(*words: object, folder: Path | None = None) -> subprocess.Comple
         redirect_stderr(StringIO()) as err,
     ):
         patched.setenv("COLUMNS", "1000")
-        patched.setattr(
-            "bench.cli.console.FIRST_LINE_S", float("inf")
-        )  # a busy machine changes nothing that is printed
+        # A busy machine changes nothing that is printed.
+        patched.setattr("bench.cli.console.FIRST_LINE_S", float("inf"))
         patched.setattr(sys, "path", [*sys.path])
         if folder is not None:
             patched.chdir(folder)

@@ -1,7 +1,7 @@
-"""Units on a Dask cluster that is there already: the place, what its workers must have, and examples of starting one.
+"""Units on a Dask cluster that is there already: executor, what its workers must have, and examples of starting one.
 
-The process that runs the show plans, hands out tasks and stores what comes back; workers only read data and keep steps
-in their cache. Whatever dies, stored units stay, and the same command goes on from there.
+The process that the command starts plans, hands out tasks and stores what comes back; workers only read data and keep
+steps in their cache. Whatever dies, stored units stay, and the same command goes on from there.
 """
 
 from bench.harness.cluster.connection import scheduler_address

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import pickle
-import zlib
+import platform
+import threading
 from collections import deque
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import CancelledError
-from contextlib import ExitStack
+from contextlib import ExitStack, chdir
 from dataclasses import dataclass, field
+from functools import lru_cache
 from queue import Empty, SimpleQueue
 from time import monotonic, sleep
 from typing import TYPE_CHECKING, Any, Self, TypeVar
@@ -18,7 +20,7 @@ from bench.errors import DataError, UsageError
 from bench.execution import FailedTask
 from bench.harness.cluster.connection import connected
 from bench.harness.cluster.requirements import WorkerRequirements
-from bench.harness.cluster.worker import Call, Parcel, Unfit, compute, unmet
+from bench.threads import single_threaded
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -51,7 +53,10 @@ class ClusterExecutor:
     requirements: WorkerRequirements
     workers: int = 0
     patience_s: float = PATIENCE_S
-    _connections: list[tuple[ExitStack, Client]] = field(default_factory=list, init=False, repr=False)
+    _connection: ExitStack = field(default_factory=ExitStack, init=False, repr=False)
+    _client: Client | None = field(default=None, init=False, repr=False)
+    _entered: int = field(default=0, init=False, repr=False)
+    _seen_s: float = field(default=0.0, init=False, repr=False)
 
     @classmethod
     def of_fit_workers(
@@ -65,19 +70,24 @@ class ClusterExecutor:
         """
         executor = cls(scheduler=scheduler, requirements=requirements, patience_s=patience_s)
         with executor:
-            workers = executor._workers()
-            executor.workers = workers.wait_for_one()
-            workers.refuse_unfit(requirements)
+            while not (count := executor._worker_count()):
+                sleep(POLL_S)
+            executor.workers = count
+            executor._refuse_unfit_workers()
         return executor
 
     def __enter__(self) -> Self:
-        with ExitStack() as opened:
-            client = self._connections[-1][1] if self._connections else opened.enter_context(connected(self.scheduler))
-            self._connections.append((opened.pop_all(), client))
+        if self._client is None:
+            self._client = self._connection.enter_context(connected(self.scheduler))
+            self._seen_s = monotonic()
+        self._entered += 1
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._connections.pop()[0].close()
+        self._entered -= 1
+        if not self._entered:
+            self._client = None
+            self._connection.close()
 
     def compute(
         self, function: Callable[[Task], Result], tasks: Sequence[Task]
@@ -85,29 +95,25 @@ class ClusterExecutor:
         """See `TaskExecutor.compute`.
 
         Raises:
-            UsageError: as `workers`.
+            UsageError: as `of_fit_workers`, of a worker that came later.
             DataError: the scheduler does not answer, or no longer, or all workers have gone.
         """
-        parcel = Parcel(
-            run_id=uuid4().hex, requirements=self.requirements, work=zlib.compress(pickle.dumps(function), level=1)
-        )
+        call = pickle.dumps((uuid4().hex, self.requirements, pickle.dumps(function)))
         waiting = deque(tasks)
         running: dict[Any, tuple[Future[Any], Task]] = {}
         finished: SimpleQueue[Future[Any]] = SimpleQueue()
         with self:
-            workers = self._workers()
             try:
                 while waiting or running:
-                    for _ in range(min(workers.size() - len(running), len(waiting))):
-                        task = waiting.popleft()
-                        future = workers.submit(parcel, task)
-                        running[future.key] = future, task
+                    for _ in range(min(self._worker_count() - len(running), len(waiting))):
+                        future = self._running().submit(_compute, call, pickle.dumps(waiting[0]), pure=False)
+                        running[future.key] = future, waiting.popleft()
                         future.add_done_callback(finished.put)
                     try:
                         future = finished.get(timeout=POLL_S)
                     except Empty:
                         continue
-                    answer = workers.answer(future)
+                    answer = self._answer(future)
                     if answer is None:
                         future.add_done_callback(finished.put)
                         continue
@@ -118,104 +124,92 @@ class ClusterExecutor:
                 for future, _ in running.values():
                     future.release()  # nobody waits for it: what has not begun never does
 
-    def _workers(self) -> _Workers:
-        return _Workers(client=self._connections[-1][1], scheduler=self.scheduler, patience_s=self.patience_s)
+    def _running(self) -> Client:
+        if self._client is None or self._client.status != "running":
+            raise self._lost()
+        return self._client
 
-
-@dataclass(kw_only=True)
-class _Workers:
-    """The workers of a scheduler, as a client sees them."""
-
-    client: Client
-    scheduler: str
-    patience_s: float
-    seen_s: float = 0.0
-
-    def __post_init__(self) -> None:
-        self.seen_s = monotonic()
-
-    def size(self) -> int:
+    def _worker_count(self) -> int:
         """How many workers there are; 0 for a while."""
-        if self.client.status != "running":
-            raise self.lost()
         try:
-            count = len(self.client.nthreads())
+            count = len(self._running().nthreads())
         except OSError as error:
-            raise self.lost() from error
+            raise self._lost() from error
         if count:
-            self.seen_s = monotonic()
-        elif monotonic() - self.seen_s > self.patience_s:
+            self._seen_s = monotonic()
+        elif monotonic() - self._seen_s > self.patience_s:
             got = f"none for {self.patience_s:g} s"
             do = f"start some, for example: dask worker {self.scheduler} --nthreads 1, then give the same command again"
             raise DataError(self.scheduler, expected="workers", got=got, do=do)
         return count
 
-    def wait_for_one(self) -> int:
-        """How many workers there are, at least one."""
-        while not (count := self.size()):
-            sleep(POLL_S)
-        return count
+    def _refuse_unfit_workers(self) -> None:
+        content = pickle.dumps(self.requirements)  # a worker without this package can say so of bytes alone
+        self._ask_workers(pickle.loads, content)
+        for address, reason in self._ask_workers(WorkerRequirements.unmet, self.requirements).items():
+            if reason is not None:
+                raise UsageError(f"worker {address}: {reason}")
 
-    def refuse_unfit(self, requirements: WorkerRequirements) -> None:
-        """Ask each worker that is there now whether it is fit."""
-        call = pickle.dumps(Call(function=unmet, arguments=(requirements,)))
+    def _ask_workers(self, function: Callable[[Any], Any], argument: object) -> dict[str, Any]:
         try:
-            answers = self.client.run(pickle.loads, call, on_error="return")
+            answers = self._running().run(function, argument, on_error="return")
         except OSError as error:
-            raise self.lost() from error
+            raise self._lost() from error
         for address, found in answers.items():
-            if isinstance(found, OSError):
-                continue  # it has gone meanwhile
-            if isinstance(found, Exception):
-                raise _without_package(found) or found
-            if found is not None:
-                raise UsageError(f"worker {address}: {found}")
+            if isinstance(found, ImportError):
+                hint = "install it on all machines as it is here"
+                raise UsageError(f"worker {address}: it cannot import fisheye-bench ({found}); {hint}")
+            if isinstance(found, Exception) and not isinstance(found, OSError):
+                raise found
+        return {
+            address: found for address, found in answers.items() if not isinstance(found, OSError)
+        }  # gone meanwhile
 
-    def submit(self, parcel: Parcel, task: object) -> Future[Any]:
-        """Send a task on its way."""
-        key = f"fisheye-bench-{uuid4().hex}"
-        call = Call(function=compute, arguments=(parcel, pickle.dumps(task)))
-        return self.client.submit(pickle.loads, pickle.dumps(call), key=key, pure=False)
-
-    def answer(self, future: Future[Any]) -> tuple[Any] | None:
-        """What became of a task; None where it is computed once more, since its result went with a worker."""
+    def _answer(self, future: Future[Any]) -> tuple[Any] | None:
+        """The result of a task; None where it is computed once more, since its result went with a worker."""
         from distributed import KilledWorker
 
         if future.status == "error":
-            fault = future.exception()
-            if isinstance(fault, KilledWorker):
-                return (FailedTask(reason=_ending(fault)),)
-            unfit = _without_package(fault)
-            if unfit is not None:
-                raise unfit
+            error = future.exception()
+            if isinstance(error, KilledWorker):
+                times, address = error.allowed_failures + 1, error.last_worker.address
+                reason = f"its worker ended while it worked on it, {times} times; the last was {address}"
+                return (FailedTask(reason=reason),)
             future.result()  # raises with the traceback of the worker
         if future.status == "cancelled":
-            raise self.lost()
+            raise self._lost()
         if future.status != "finished":
             return None
         try:
-            result = future.result(timeout=FETCH_S)
+            return (future.result(timeout=FETCH_S),)
         except TimeoutError:
             return None
         except (CancelledError, OSError) as error:
-            raise self.lost() from error
-        if isinstance(result, Unfit):
-            raise UsageError(result.reason)
-        return (result,)
+            raise self._lost() from error
 
-    def lost(self) -> DataError:
-        """The error of a connection that is gone."""
+    def _lost(self) -> DataError:
         do = "start it and its workers, then give the same command again: units that are stored are not computed again"
         return DataError(self.scheduler, expected="the Dask scheduler", got="a connection that was lost", do=do)
 
 
-def _ending(fault: Any) -> str:
-    times = fault.allowed_failures + 1
-    return f"its worker ended while it worked on it, {times} times; the last was {fault.last_worker.address}"
+_one_at_a_time = threading.Lock()
 
 
-def _without_package(fault: Any) -> UsageError | None:
-    """The error of a worker that lacks this package, or has one of an age that does not know these files."""
-    if not (isinstance(fault, ImportError) and (fault.name or "").partition(".")[0] == "bench"):
-        return None
-    return UsageError(f"a worker cannot import fisheye-bench ({fault}); install it on all machines as it is here")
+def _compute(call: bytes, task: bytes) -> object:
+    """Compute a task on a worker, which stays as it was."""
+    with _one_at_a_time:
+        requirements, function = _opened(call)
+        with chdir(requirements.folder), single_threaded():
+            return function(pickle.loads(task))
+
+
+@lru_cache(maxsize=1)  # a method may keep things between images
+def _opened(call: bytes) -> tuple[WorkerRequirements, Callable[[Any], Any]]:
+    """The function of a run, which is opened only where its requirements are met."""
+    requirements: WorkerRequirements
+    _, requirements, function = pickle.loads(call)
+    reason = requirements.unmet()
+    if reason is not None:
+        raise UsageError(f"worker on {platform.node()}: {reason}")
+    with chdir(requirements.folder):
+        return requirements, pickle.loads(function)
