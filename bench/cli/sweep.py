@@ -6,26 +6,83 @@ import json
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from bench.api.runs import default_folder
-from bench.cli.computing import render_if_synthetic
+import typer
+
 from bench.cli.console import note, note_files, print_failures, progress_bar, show
 from bench.cli.interrupts import resumable
-from bench.cli.running import RunReport, ScoringOptions, requested_runs
+from bench.cli.options import FAILURES, Cache, Dataset, MethodName, NoCache, Overwrite, ProtocolName, Split, Workers
 from bench.errors import DataError, UsageError
-from bench.harness import RunRequest, run_benchmark
-from bench.harness.stages import part_of
-from bench.plain_yaml import parse_yaml
-from bench.recordings.atomic import output_folder
-from bench.reporting.formats import file_name
-from bench.reporting.sweep import METHOD_ONLY, to_rich, write_sweep
+
+if TYPE_CHECKING:
+    from bench.cli.runs import ScoringOptions
+    from bench.harness import RunRequest
 
 SWEEPS = Path("reports/sweeps")
 
 
-def sweep(asked: ScoringOptions) -> int:
+def sweep(
+    dataset: Dataset,
+    method: MethodName = "spherical",
+    set_: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUE,...",
+            help="A parameter of the method, as YAML; one of them with several values, commas in between; repeatable.",
+        ),
+    ] = None,
+    input_error: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=VALUE,...", help="As of `run`; one may have several values in place of a parameter."
+        ),
+    ] = None,
+    protocol: ProtocolName = "paper-v1",
+    split: Split = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder of the sweep; default: reports/sweeps/<data set>-<method>-<setting>."),
+    ] = None,
+    overwrite: Overwrite = False,
+    workers: Workers = None,
+    cache: Cache = None,
+    no_cache: NoCache = False,
+) -> None:
+    """Score a method once for each of several values of one setting: a table and a chart.
+
+    Each value is a run in a folder of the sweep. A sweep that was interrupted continues where it stopped, by the same
+    command.
+    """
+    from bench.cli.request import Computing
+    from bench.cli.runs import ScoringOptions
+
+    asked = ScoringOptions(
+        dataset=dataset,
+        method=method,
+        settings=set_ or [],
+        input_errors=input_error or [],
+        protocol=protocol,
+        split=split,
+        out=None if out is None else str(out),
+        overwrite=overwrite,
+        computing=Computing(workers=workers, cache=cache, no_cache=no_cache),
+    )
+    if score_values(asked):
+        raise typer.Exit(FAILURES)
+
+
+def score_values(asked: ScoringOptions) -> int:
     """Run each value in a folder of its own, write table and chart, print the table; return the number of failures."""
+    from bench.cli.request import render_if_synthetic
+    from bench.cli.runs import RunReport, requested_runs
+    from bench.harness import run_benchmark
+    from bench.harness.stages import part_of
+    from bench.recordings.atomic import output_folder
+    from bench.reporting.formats import file_name
+    from bench.reporting.sweep import METHOD_ONLY, to_rich, write_sweep
+
     if "," in asked.protocol:
         raise UsageError(f"sweep: expected one protocol, got {asked.protocol!r}")
     setting, choices = one_for_each_value(asked)
@@ -89,6 +146,8 @@ def split_values(name: str, values: str) -> dict[str, str]:
     Raises:
         UsageError: they are no YAML.
     """
+    from bench.plain_yaml import parse_yaml
+
     try:
         parsed = parse_yaml(f"[{values}]", file=name)
     except DataError as error:
@@ -99,6 +158,8 @@ def split_values(name: str, values: str) -> dict[str, str]:
 
 def _usual_name(asked: ScoringOptions, request: RunRequest, setting: str) -> str:
     """Data set, method, what else is not the default, and the setting that is swept."""
+    from bench.api.runs import default_folder
+
     assigned = (text.partition("=") for text in (*asked.settings, *asked.input_errors))
     fixed = [(name, value) for name, _, value in assigned if name != setting]
     return f"{default_folder(request.card, request.method.name, fixed, request.protocol, request.split).name}-{setting}"

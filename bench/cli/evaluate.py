@@ -3,44 +3,73 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-from bench.api.runs import default_folder, run_folder
-from bench.cli.computing import Computing, render_if_synthetic
+import typer
+
 from bench.cli.console import note, progress_bar, show
 from bench.cli.interrupts import resumable
-from bench.cli.running import RunReport
+from bench.cli.options import (
+    FAILURES,
+    Cache,
+    Dataset,
+    Missing,
+    Names,
+    NoCache,
+    Overwrite,
+    Pictures,
+    ProtocolName,
+    Scheduler,
+    Split,
+    Workers,
+)
 from bench.errors import UsageError
-from bench.evaluation import load_protocol
-from bench.harness import PredictionReport, RunRequest, check_predictions, evaluate_predictions
-from bench.harness.predicted import write_report
-from bench.methods import known_methods
-from bench.methods.predictions import MissingPolicy, Naming, PredictedMotion
-from bench.recordings import load_card
-from bench.reporting.prediction_table import prediction_line, prediction_table
+
+if TYPE_CHECKING:
+    from bench.harness import PredictionReport
 
 
 def evaluate(
-    dataset: str,
-    *,
-    predictions: Path,
-    name: str | None,
-    missing: MissingPolicy,
-    naming: Naming,
-    threshold: float | None,
-    history: int,
-    protocol: str,
-    split: str | None,
-    out: str | None,
-    overwrite: bool,
-    pictures: bool,
-    computing: Computing,
-) -> int:
-    """Check a folder of predictions, score it, write the report; return the number of failures.
+    dataset: Dataset,
+    predictions: Annotated[Path, typer.Option(help="Folder of masks or scores: [recording/]camera/<name>.png ...")],
+    name: Annotated[str | None, typer.Option(help="What results call them; default: predictions-<folder>.")] = None,
+    missing: Annotated[
+        Missing, typer.Option(help="Images without a prediction: refuse, leave unscored, or count as empty.")
+    ] = "error",
+    names: Annotated[Names, typer.Option(help="What files are named by; default: found out.")] = "auto",
+    threshold: Annotated[float | None, typer.Option(help="Score above which a pixel moves; default: 0.5.")] = None,
+    history: Annotated[
+        int, typer.Option(help="Score images with this many before them; 1 as methods that compare two.")
+    ] = 1,
+    protocol: ProtocolName = "paper-v1",
+    split: Split = None,
+    out: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Folder of the run; default: reports/runs/<data set>-NAME.",
+        ),
+    ] = None,
+    overwrite: Overwrite = False,
+    pictures: Pictures = True,
+    workers: Workers = None,
+    cache: Cache = None,
+    no_cache: NoCache = False,
+    scheduler: Scheduler = None,
+) -> None:
+    """Score masks or scores that any other program wrote, paired with the images by name."""
+    from bench.api.runs import default_folder, run_folder
+    from bench.cli.request import Computing, render_if_synthetic
+    from bench.cli.runs import RunReport
+    from bench.evaluation import load_protocol
+    from bench.harness import RunRequest, check_predictions, evaluate_predictions
+    from bench.harness.predicted import write_report
+    from bench.methods import known_methods
+    from bench.methods.predictions import PredictedMotion
+    from bench.recordings import load_card
 
-    Raises:
-        DataError: the predictions do not fit; what does not is printed and listed in a file.
-    """
     card, rules = load_card(dataset), load_protocol(protocol)
+    computing = Computing(workers=workers, cache=cache, no_cache=no_cache, scheduler=scheduler)
     called = name or f"predictions-{predictions.resolve().name}"
     if called in known_methods():
         raise UsageError(f"--name: expected another name than those of methods, got {called!r}")
@@ -51,7 +80,7 @@ def evaluate(
         split=split,
         threshold=threshold,
         missing=missing,
-        naming=naming,
+        naming=names,
         history=history,
     )
     usual = {"missing": "error", "naming": "auto", "history": 1, "threshold": None}
@@ -83,10 +112,13 @@ def evaluate(
             )
             summary = evaluate_predictions(request, checked, finish=finished.write)
         finished.print(summary, folder)
-    return len(summary.failures)
+    if summary.failures:
+        raise typer.Exit(FAILURES)
 
 
 def _print_check(report: PredictionReport) -> None:
+    from bench.reporting.prediction_table import prediction_line, prediction_table
+
     table = prediction_table(report)
     if table is not None:
         show(table)

@@ -1,4 +1,4 @@
-"""How a command computes: settings of the method, executor and cache, and rendered data."""
+"""From options to objects: data set, method, protocol, executor, cache; and data that are rendered first."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ from typing import Any
 from bench.cli.console import detail, note, progress_bar
 from bench.cli.interrupts import interruptible
 from bench.errors import DataError, UsageError
+from bench.evaluation import Protocol, load_protocol
 from bench.execution import ProcessExecutor, SerialExecutor, TaskExecutor, usable_cores
+from bench.harness import build_scorable
 from bench.harness.cache import CacheFolder, default_folder
 from bench.harness.cluster import ClusterExecutor, WorkerRequirements, scheduler_address
-from bench.methods import Method
+from bench.methods import Method, build_method
 from bench.plain_yaml import parse_yaml
-from bench.recordings import DatasetCard
+from bench.recordings import DatasetCard, load_card
 
 LONGEST = 1000  # characters of one setting
 
@@ -71,6 +73,25 @@ def local_executor(workers: int | None) -> TaskExecutor:
     """
     count = workers or usable_cores()
     return SerialExecutor() if count == 1 else ProcessExecutor(workers=count)
+
+
+def chosen(
+    dataset: str, *, method: str, settings: Sequence[str] | None, protocol: str, oracles: bool = False
+) -> tuple[DatasetCard, Method, Protocol]:
+    """Load what options name: data set, method, protocol.
+
+    Args:
+        dataset: card, or its name.
+        method: name, or "module:Class".
+        settings: of the method, "name=value".
+        protocol: name or file.
+        oracles: take also what sees the truth and is no method.
+
+    Raises:
+        UnknownNameError, UsageError, DataError: one of them is not there or cannot be used.
+    """
+    build = build_scorable if oracles else build_method
+    return load_card(dataset), build(method, parse_settings(settings or [])), load_protocol(protocol)
 
 
 def parse_settings(pairs: Sequence[str], *, option: str = "--set") -> dict[str, Any]:

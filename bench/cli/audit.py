@@ -5,28 +5,75 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-from bench.audit import audit_sources, read_misses, read_polygons, run_audit
-from bench.audit.predictions import ALL_PREDICTIONS, Prediction
-from bench.audit.ranking import run_ranking
-from bench.cli.computing import local_executor, parse_settings, render_if_synthetic, split_method
+import typer
+
 from bench.cli.console import note, print_failures, progress_bar, say, show, stage_times
 from bench.cli.interrupts import interruptible
-from bench.evaluation import load_protocol
-from bench.harness import Provenance, build_scorable
-from bench.methods import FlowMethod, build_method
-from bench.recordings import DatasetCard, load_card
-from bench.recordings.atomic import output_folder
-from bench.reporting.audit_pictures import write_audit_files, write_cause_pictures, write_examples
-from bench.reporting.audit_ranking import ranking_tables, write_ranking_files
-from bench.reporting.audit_tables import audit_tables, to_rich
-from bench.reporting.formats import TextTable
+from bench.cli.options import FAILURES, Dataset, MethodName, ProtocolName, Settings, Split, Workers
+from bench.errors import UsageError
+
+if TYPE_CHECKING:
+    from bench.audit.predictions import Prediction
+    from bench.harness import Provenance
+    from bench.recordings import DatasetCard
+    from bench.reporting.formats import TextTable
 
 AUDITS = Path("reports/audit")
 LEFT = "nothing of the audit is stored, and the same command begins it again"
 
 
 def audit(
+    dataset: Dataset,
+    methods: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B,...",
+            help="Rank these methods by lidar references and by exact masks instead; settings behind colons, as in "
+            "spherical:flow=dis,truth:grow_px=4; `all` for a list of good and bad ones.",
+        ),
+    ] = None,
+    method: MethodName = "spherical",
+    set_: Settings = None,
+    protocol: ProtocolName = "paper-v1",
+    split: Split = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the audit; default: reports/audit/<data set>.")] = None,
+    recordings: Annotated[
+        int | None, typer.Option(help="How many recordings, spread over the split; default: all.")
+    ] = None,
+    workers: Workers = None,
+    pictures: Annotated[bool, typer.Option(help="Draw median and worst examples of every class.")] = True,
+) -> None:
+    """Audit a rendered data set: lidar polygons against exact masks, and why the method misses.
+
+    With --methods: whether the lidar references rank methods as the exact masks do. An audit that was interrupted
+    begins again.
+    """
+    if methods is not None:
+        if set_ or method != "spherical" or protocol != "paper-v1":
+            raise UsageError(
+                "--methods: expected none of --method, --set and --protocol beside it; settings follow a method's name "
+                "behind a colon, and the references are always the same"
+            )
+        failures = rank(dataset, methods=methods, split=split, out=out, recordings=recordings, workers=workers)
+    else:
+        failures = audit_method(
+            dataset,
+            method=method,
+            settings=set_ or [],
+            protocol=protocol,
+            split=split,
+            out=out,
+            recordings=recordings,
+            workers=workers,
+            pictures=pictures,
+        )
+    if failures:
+        raise typer.Exit(FAILURES)
+
+
+def audit_method(
     dataset: str,
     *,
     method: str,
@@ -39,13 +86,18 @@ def audit(
     pictures: bool,
 ) -> int:
     """Audit, write tables and pictures, print the tables and the paths; return the number of failures."""
-    card, rules = load_card(dataset), load_protocol(protocol)
-    chosen = build_method(method, parse_settings(settings))
+    from bench.audit import audit_sources, read_misses, read_polygons, run_audit
+    from bench.cli.request import chosen, local_executor
+    from bench.methods import FlowMethod
+    from bench.reporting.audit_pictures import write_audit_files, write_cause_pictures, write_examples
+    from bench.reporting.audit_tables import audit_tables
+
+    card, built, rules = chosen(dataset, method=method, settings=settings, protocol=protocol)
     folder = out or AUDITS / card.name
     with _auditing(card, folder, title=f"auditing {card.name}") as report:
         found = run_audit(
             card,
-            method=chosen,
+            method=built,
             protocol=rules,
             out=folder,
             split=split,
@@ -58,8 +110,8 @@ def audit(
         sources = {source.recorded.name: source for source in audit_sources(card, split=split, recordings=recordings)}
         handles = {name: source.recorded for name, source in sources.items()}
         files += write_examples(folder, found, read_polygons(folder), handles=handles, protocol=rules)
-        if isinstance(chosen, FlowMethod):
-            files += write_cause_pictures(folder, read_misses(folder), sources=sources, method=chosen, protocol=rules)
+        if isinstance(built, FlowMethod):
+            files += write_cause_pictures(folder, read_misses(folder), sources=sources, method=built, protocol=rules)
     _print_tables(audit_tables(found))
     _print_cost(found.provenance, recordings=found.recordings)
     if found.left_out:
@@ -82,6 +134,11 @@ def rank(
     Returns:
         The number of failures.
     """
+    from bench.audit.ranking import run_ranking
+    from bench.cli.request import local_executor
+    from bench.recordings import load_card
+    from bench.reporting.audit_ranking import ranking_tables, write_ranking_files
+
     predictions = parse_methods(methods)
     card = load_card(dataset)
     folder = out or AUDITS / card.name
@@ -105,6 +162,9 @@ def rank(
 @contextmanager
 def _auditing(card: DatasetCard, folder: Path, *, title: str) -> Iterator[Callable[[float, int], None]]:
     """Audit recordings, which are rendered where they are not there, into a folder; takes what is done of how many."""
+    from bench.cli.request import render_if_synthetic
+    from bench.recordings.atomic import output_folder
+
     with output_folder(folder):
         render_if_synthetic(card)
         with interruptible(LEFT), progress_bar(title, "recordings") as report:
@@ -120,16 +180,21 @@ def parse_methods(text: str) -> tuple[Prediction, ...]:
     Raises:
         UsageError: a method or a setting that does not exist, or words behind a setting that are none.
     """
+    from bench.audit.predictions import ALL_PREDICTIONS, Prediction
+    from bench.cli.request import parse_settings, split_method
+    from bench.harness import build_scorable
+
     names = ALL_PREDICTIONS if text == "all" else tuple(name.strip() for name in text.split(","))
-    return tuple(_prediction(name) for name in names)
-
-
-def _prediction(name: str) -> Prediction:
-    method, settings = split_method(name)
-    return Prediction(name=name, method=build_scorable(method, parse_settings(settings)))
+    parts = [(name, *split_method(name)) for name in names]
+    return tuple(
+        Prediction(name=name, method=build_scorable(method, parse_settings(settings)))
+        for name, method, settings in parts
+    )
 
 
 def _print_tables(tables: Iterable[TextTable]) -> None:
+    from bench.reporting.audit_tables import to_rich
+
     for table, about in to_rich(tables):
         show(table)
         say(about, style="dim")

@@ -1,4 +1,4 @@
-"""The main job: data set in, table out."""
+"""Runs: what options ask for, how they are scored, and what is printed of them."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from bench.api.runs import default_folder, non_default_settings, run_folder
-from bench.cli.computing import Computing, parse_settings, render_if_synthetic
 from bench.cli.console import note, note_files, print_failures, progress_bar, say, show, stage_times
 from bench.cli.interrupts import interruptible, resumable
-from bench.cli.viewing import draw_example_frames
+from bench.cli.request import Computing, parse_settings, render_if_synthetic
+from bench.cli.view import draw_example_frames
 from bench.errors import UsageError
 from bench.evaluation import Protocol, load_protocol
 from bench.harness import (

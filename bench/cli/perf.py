@@ -1,0 +1,43 @@
+"""`perf`: where the time goes."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from bench.cli.console import progress_bar, say, show
+from bench.cli.options import MethodName, ProtocolName, Settings
+
+
+def perf(
+    dataset: Annotated[
+        str, typer.Argument(help="A data-set card: its path, or a name that `datasets` lists.")
+    ] = "demo",
+    method: MethodName = "spherical",
+    set_: Settings = None,
+    protocol: ProtocolName = "paper-v1",
+    images: Annotated[int, typer.Option(help="Images to time.")] = 200,
+) -> None:
+    """Time every stage, and the whole against its Farnebäck call alone in the same run."""
+    from bench.cli.request import chosen, render_if_synthetic
+    from bench.harness.perf import measure
+    from bench.recordings import open_dataset
+
+    card, built, rules = chosen(dataset, method=method, settings=set_, protocol=protocol)
+    render_if_synthetic(card)
+    with progress_bar("timing", "images") as report:
+        found = measure(
+            (handle.open() for handle in open_dataset(card)),
+            method=built,
+            protocol=rules,
+            images=images,
+            progress=report,
+        )
+    table = Table("stage", "ms per image", "of Farnebäck", box=None)
+    rows = {**found.stage_ms, "whole": found.total_ms, "Farnebäck alone": found.flow_ms}
+    for name, milliseconds in rows.items():
+        table.add_row(name, f"{milliseconds:.2f}", f"{milliseconds / found.flow_ms:.3f}")
+    show(table)
+    say(f"{found.images} images; whole / Farnebäck alone = {found.ratio:.3f}")
