@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bench.cli import options
 from bench.cli.console import note, print_failures, progress_bar, say, show, stage_times
 from bench.cli.interrupts import interruptible
-from bench.cli.options import FAILURES, Dataset, MethodName, ProtocolName, Settings, Split, Workers
 from bench.errors import UsageError
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ LEFT = "nothing of the audit is stored, and the same command begins it again"
 
 
 def audit(
-    dataset: Dataset,
+    dataset: options.Dataset,
     methods: Annotated[
         str | None,
         typer.Option(
@@ -34,15 +34,15 @@ def audit(
             "spherical:flow=dis,truth:grow_px=4; `all` for a list of good and bad ones.",
         ),
     ] = None,
-    method: MethodName = "spherical",
-    set_: Settings = None,
-    protocol: ProtocolName = "paper-v1",
-    split: Split = None,
+    method: options.MethodName = "spherical",
+    set_: options.Settings = None,
+    protocol: options.ProtocolName = "paper-v1",
+    split: options.Split = None,
     out: Annotated[Path | None, typer.Option(help="Folder of the audit; default: reports/audit/<data set>.")] = None,
     recordings: Annotated[
         int | None, typer.Option(help="How many recordings, spread over the split; default: all.")
     ] = None,
-    workers: Workers = None,
+    workers: options.Workers = None,
     pictures: Annotated[bool, typer.Option(help="Draw median and worst examples of every class.")] = True,
 ) -> None:
     """Audit a rendered data set: lidar polygons against exact masks, and why the method misses.
@@ -70,7 +70,7 @@ def audit(
             pictures=pictures,
         )
     if failures:
-        raise typer.Exit(FAILURES)
+        raise typer.Exit(options.FAILURES)
 
 
 def audit_method(

@@ -3,26 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from bench.cli import options
 from bench.cli.console import note, progress_bar, show
 from bench.cli.interrupts import resumable
-from bench.cli.options import (
-    FAILURES,
-    Cache,
-    Dataset,
-    Missing,
-    Names,
-    NoCache,
-    Overwrite,
-    Pictures,
-    ProtocolName,
-    Scheduler,
-    Split,
-    Workers,
-)
 from bench.errors import UsageError
 
 if TYPE_CHECKING:
@@ -30,19 +17,23 @@ if TYPE_CHECKING:
 
 
 def evaluate(
-    dataset: Dataset,
+    dataset: options.Dataset,
     predictions: Annotated[Path, typer.Option(help="Folder of masks or scores: [recording/]camera/<name>.png ...")],
     name: Annotated[str | None, typer.Option(help="What results call them; default: predictions-<folder>.")] = None,
     missing: Annotated[
-        Missing, typer.Option(help="Images without a prediction: refuse, leave unscored, or count as empty.")
+        Literal["error", "skip", "empty"],
+        typer.Option(help="Images without a prediction: refuse, leave unscored, or count as empty."),
     ] = "error",
-    names: Annotated[Names, typer.Option(help="What files are named by; default: found out.")] = "auto",
+    names: Annotated[
+        Literal["auto", "timestamp", "frame", "image"],
+        typer.Option(help="What files are named by; default: found out."),
+    ] = "auto",
     threshold: Annotated[float | None, typer.Option(help="Score above which a pixel moves; default: 0.5.")] = None,
     history: Annotated[
         int, typer.Option(help="Score images with this many before them; 1 as methods that compare two.")
     ] = 1,
-    protocol: ProtocolName = "paper-v1",
-    split: Split = None,
+    protocol: options.ProtocolName = "paper-v1",
+    split: options.Split = None,
     out: Annotated[
         str | None,
         typer.Option(
@@ -50,12 +41,12 @@ def evaluate(
             help="Folder of the run; default: reports/runs/<data set>-NAME.",
         ),
     ] = None,
-    overwrite: Overwrite = False,
-    pictures: Pictures = True,
-    workers: Workers = None,
-    cache: Cache = None,
-    no_cache: NoCache = False,
-    scheduler: Scheduler = None,
+    overwrite: options.Overwrite = False,
+    pictures: options.Pictures = True,
+    workers: options.Workers = None,
+    cache: options.Cache = None,
+    no_cache: options.NoCache = False,
+    scheduler: options.Scheduler = None,
 ) -> None:
     """Score masks or scores that any other program wrote, paired with the images by name."""
     from bench.api.runs import default_folder, run_folder
@@ -113,7 +104,7 @@ def evaluate(
             summary = evaluate_predictions(request, checked, finish=finished.write)
         finished.print(summary, folder)
     if summary.failures:
-        raise typer.Exit(FAILURES)
+        raise typer.Exit(options.FAILURES)
 
 
 def _print_check(report: PredictionReport) -> None:

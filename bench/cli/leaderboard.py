@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bench.cli import options
 from bench.cli.console import note_files, progress_bar, say, show
 from bench.cli.interrupts import interruptible
-from bench.cli.options import FAILURES, Cache, NoCache, Workers
 from bench.errors import BenchError, UsageError
 
 if TYPE_CHECKING:
@@ -48,9 +48,9 @@ def leaderboard(
         Path | None, typer.Option(help="Also write the page, the chart, leaderboard.md, .csv, .json into this folder.")
     ] = None,
     pictures: Annotated[bool, typer.Option(help="Show methods on the same images, from rendered data sets.")] = True,
-    workers: Workers = None,
-    cache: Cache = None,
-    no_cache: NoCache = False,
+    workers: options.Workers = None,
+    cache: options.Cache = None,
+    no_cache: options.NoCache = False,
 ) -> None:
     """List all runs of a folder, those that compare in one table each; with --score, make them first.
 
@@ -80,7 +80,7 @@ def leaderboard(
             say(f"no picture: {problem}", style="yellow")
         note_files([str(file) for file in files])
     if found.damaged or failures:
-        raise typer.Exit(FAILURES)
+        raise typer.Exit(options.FAILURES)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

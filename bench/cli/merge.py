@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from bench.cli.options import FAILURES, Overwrite, Pictures
+from bench.cli import options
 
 
 def merge(
@@ -14,11 +14,11 @@ def merge(
     parts: Annotated[
         list[str] | None, typer.Argument(help="Folders that hold the parts, where they are not in RUN itself.")
     ] = None,
-    overwrite: Overwrite = False,
-    pictures: Pictures = True,
+    overwrite: options.Overwrite = False,
+    pictures: options.Pictures = True,
 ) -> None:
     """Make one run of the parts that `run --shard` scored."""
     from bench.cli import runs
 
     if runs.merge(run, parts or [], overwrite=overwrite, pictures=pictures):
-        raise typer.Exit(FAILURES)
+        raise typer.Exit(options.FAILURES)

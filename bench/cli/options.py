@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
@@ -53,8 +53,6 @@ Protocols = Annotated[
     ),
 ]
 Split = Annotated[str | None, typer.Option("--split", help="A split of the data set; default: all recordings.")]
-Missing = Literal["error", "skip", "empty"]
-Names = Literal["auto", "timestamp", "frame", "image"]
 Workers = Annotated[int | None, typer.Option(min=1, help="Worker processes; default: one per core.")]
 Cache = Annotated[
     Path | None,

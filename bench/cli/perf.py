@@ -7,17 +7,17 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
+from bench.cli import options
 from bench.cli.console import progress_bar, say, show
-from bench.cli.options import MethodName, ProtocolName, Settings
 
 
 def perf(
     dataset: Annotated[
         str, typer.Argument(help="A data-set card: its path, or a name that `datasets` lists.")
     ] = "demo",
-    method: MethodName = "spherical",
-    set_: Settings = None,
-    protocol: ProtocolName = "paper-v1",
+    method: options.MethodName = "spherical",
+    set_: options.Settings = None,
+    protocol: options.ProtocolName = "paper-v1",
     images: Annotated[int, typer.Option(help="Images to time.")] = 200,
 ) -> None:
     """Time every stage, and the whole against its Farnebäck call alone in the same run."""

@@ -6,40 +6,26 @@ from typing import Annotated
 
 import typer
 
-from bench.cli.options import (
-    FAILURES,
-    Cache,
-    Dataset,
-    InputErrors,
-    MethodName,
-    NoCache,
-    Overwrite,
-    Pictures,
-    Protocols,
-    Scheduler,
-    Settings,
-    Split,
-    Workers,
-)
+from bench.cli import options
 
 
 def run(
-    dataset: Dataset,
-    method: MethodName = "spherical",
-    set_: Settings = None,
-    input_error: InputErrors = None,
-    protocol: Protocols = "paper-v1",
-    split: Split = None,
+    dataset: options.Dataset,
+    method: options.MethodName = "spherical",
+    set_: options.Settings = None,
+    input_error: options.InputErrors = None,
+    protocol: options.Protocols = "paper-v1",
+    split: options.Split = None,
     out: Annotated[
         str | None,
         typer.Option(metavar="FOLDER", help="Folder of the run; default: reports/runs/<data set>-<method>."),
     ] = None,
-    overwrite: Overwrite = False,
-    pictures: Pictures = True,
-    workers: Workers = None,
-    cache: Cache = None,
-    no_cache: NoCache = False,
-    scheduler: Scheduler = None,
+    overwrite: options.Overwrite = False,
+    pictures: options.Pictures = True,
+    workers: options.Workers = None,
+    cache: options.Cache = None,
+    no_cache: options.NoCache = False,
+    scheduler: options.Scheduler = None,
     shard: Annotated[
         str | None, typer.Option(metavar="I/N", help="Score part I of N only; `merge` joins the parts.")
     ] = None,
@@ -64,4 +50,4 @@ def run(
     )
     failures = runs.run(asked, pictures=pictures) if shard is None else runs.run_part(asked, part=shard)
     if failures:
-        raise typer.Exit(FAILURES)
+        raise typer.Exit(options.FAILURES)

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from bench.cli import options
 from bench.cli.console import note, note_files, print_failures, progress_bar, show
 from bench.cli.interrupts import resumable
-from bench.cli.options import FAILURES, Cache, Dataset, MethodName, NoCache, Overwrite, ProtocolName, Split, Workers
 from bench.errors import DataError, UsageError
 
 if TYPE_CHECKING:
@@ -23,8 +23,8 @@ SWEEPS = Path("reports/sweeps")
 
 
 def sweep(
-    dataset: Dataset,
-    method: MethodName = "spherical",
+    dataset: options.Dataset,
+    method: options.MethodName = "spherical",
     set_: Annotated[
         list[str] | None,
         typer.Option(
@@ -39,16 +39,16 @@ def sweep(
             metavar="NAME=VALUE,...", help="As of `run`; one may have several values in place of a parameter."
         ),
     ] = None,
-    protocol: ProtocolName = "paper-v1",
-    split: Split = None,
+    protocol: options.ProtocolName = "paper-v1",
+    split: options.Split = None,
     out: Annotated[
         Path | None,
         typer.Option(help="Folder of the sweep; default: reports/sweeps/<data set>-<method>-<setting>."),
     ] = None,
-    overwrite: Overwrite = False,
-    workers: Workers = None,
-    cache: Cache = None,
-    no_cache: NoCache = False,
+    overwrite: options.Overwrite = False,
+    workers: options.Workers = None,
+    cache: options.Cache = None,
+    no_cache: options.NoCache = False,
 ) -> None:
     """Score a method once for each of several values of one setting: a table and a chart.
 
@@ -70,7 +70,7 @@ def sweep(
         computing=Computing(workers=workers, cache=cache, no_cache=no_cache),
     )
     if score_values(asked):
-        raise typer.Exit(FAILURES)
+        raise typer.Exit(options.FAILURES)
 
 
 def score_values(asked: ScoringOptions) -> int:

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bench.cli import options
 from bench.cli.console import note_files, progress_bar, say
-from bench.cli.options import Dataset, MethodName, ProtocolName, Settings
 from bench.errors import BenchError, UnknownNameError, UsageError
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ class ViewRequest:
 
 
 def view(
-    dataset: Dataset,
+    dataset: options.Dataset,
     recording: Annotated[str | None, typer.Option(help="Name of the recording; default: the first.")] = None,
     camera: Annotated[str | None, typer.Option(help="Name of the camera; default: the first.")] = None,
     frame: Annotated[int | None, typer.Option(help="Index of the image; default: the middle one.")] = None,
@@ -60,9 +60,9 @@ def view(
         str | None, typer.Option(metavar="FIRST:LAST[:STEP]", help="Several images, the last one included.")
     ] = None,
     time_ns: Annotated[int | None, typer.Option(help="The image nearest to this time.")] = None,
-    method: MethodName = "spherical",
-    set_: Settings = None,
-    protocol: ProtocolName = "paper-v1",
+    method: options.MethodName = "spherical",
+    set_: options.Settings = None,
+    protocol: options.ProtocolName = "paper-v1",
     out: Annotated[
         Path | None,
         typer.Option(
