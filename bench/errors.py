@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-LONGEST_CAME = 1000  # characters of what was found instead
+MAX_GOT_CHARS = 1000  # characters of what was found instead
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 class BenchError(Exception):
-    """A mistake that the user can mend; `str()` is one line that says how."""
+    """A mistake that the user can fix; `str()` is one line that says how."""
 
 
 class UsageError(BenchError):
@@ -46,7 +46,7 @@ class DataError(BenchError):
     """
 
     def __init__(self, file: Path | str, *, field: str | None = None, expected: str, got: str, do: str = "") -> None:
-        got = got if len(got) <= LONGEST_CAME else got[: LONGEST_CAME - 3] + "..."
+        got = got if len(got) <= MAX_GOT_CHARS else got[: MAX_GOT_CHARS - 3] + "..."
         self.file, self.field, self.expected, self.got, self.do = str(file), field, expected, got, do
         where = self.file if field is None else f"{self.file}: {field}"
         super().__init__(plain(f"{where}: expected {expected}, got {got}" + (f"; {do}" if do else "")))
@@ -67,7 +67,7 @@ class OutputError(BenchError):
 
     def __init__(self, file: Path | str, *, got: str, do: str = "") -> None:
         self.file, self.got, self.do = str(file), got, do
-        line = f"{self.file}: expected a place that can be written, got {got}" + (f"; {do}" if do else "")
+        line = f"{self.file}: expected a writable path, got {got}" + (f"; {do}" if do else "")
         super().__init__(plain(line))
 
     @classmethod
@@ -88,7 +88,7 @@ class UnknownNameError(UsageError):
 
     Args:
         kind: what was looked up, for example "method".
-        name: the name that came.
+        name: the unknown name.
         known: the names that exist.
         do: where they were looked up, or what else the user can do.
     """
@@ -96,9 +96,9 @@ class UnknownNameError(UsageError):
     def __init__(self, kind: str, name: str, known: Iterable[str], *, do: str = "") -> None:
         self.kind, self.name, self.known, self.do = kind, name, sorted(known), do
         nearest = get_close_matches(name, self.known, n=1, cutoff=0.5)
-        told = f"; {do}" if do else ""
+        advice = f"; {do}" if do else ""
         hint = f"; did you mean {nearest[0]!r}?" if nearest else ""
-        super().__init__(f"unknown {kind} {name!r}: known are {', '.join(self.known) or 'none'}{told}{hint}")
+        super().__init__(f"unknown {kind} {name!r}: known are {', '.join(self.known) or 'none'}{advice}{hint}")
 
     def __reduce__(self) -> tuple[object, ...]:
         return _unknown_name, (self.kind, self.name, self.known, self.do)

@@ -19,8 +19,9 @@ from pathlib import Path
 from bench.evaluation import load_protocol, row_source, summarise
 from bench.gate import judge, load_tolerances, scored_run
 from bench.harness import Provenance, RunSummary, open_tables
+from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest
+from bench.harness.method_stamp import MethodStamp
 from bench.harness.stored import (
-    MethodStamp,
     read_threshold_free,
     reference_fingerprint,
     write_protocol,
@@ -58,15 +59,21 @@ def summarise_run(one: Path, _: Path) -> None:
     rules = load_protocol("paper-v1")
     objects, frames = open_tables(one)
     figures = summarise(objects, frames, protocol=rules)
+    manifest = Manifest(
+        dataset=DatasetOfRun(name="drawn", card="drawn.yaml", split=None, data=""),
+        method=MethodStamp(name="nothing", settings={}),
+        protocol=figures.protocol,
+        code=CodeOfRun.here(),
+        reference=reference_fingerprint(objects, frames),
+    )
     provenance = Provenance(
-        version="0", commit=None, python="3", libraries={}, data_fingerprint="", started_utc="2026-01-02T03:04",
-        seconds=1.0, stage_seconds={}, images=figures.images.evaluated, peak_memory_mb=1.0,
+        started_utc="2026-01-02T03:04", seconds=1.0, stage_seconds={}, images=figures.images.evaluated,
+        peak_memory_mb=1.0,
     )  # fmt: skip
     summary = RunSummary(
         **{name: getattr(figures, name) for name in type(figures).model_fields},
-        schema_version=1, dataset="drawn", card="drawn.yaml", split=None, provenance=provenance, failures=(),
-        reference_fingerprint=reference_fingerprint(objects, frames), vehicle_outline_m=OUTLINE_M,
-        method=MethodStamp(name="nothing", settings={}), threshold_free=read_threshold_free(one),
+        schema_version=1, manifest=manifest, provenance=provenance, failures=(), vehicle_outline_m=OUTLINE_M,
+        threshold_free=read_threshold_free(one),
     )  # fmt: skip
     write_protocol(one, rules)
     write_summary(one, summary)

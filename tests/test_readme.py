@@ -23,7 +23,7 @@ def test_the_example_method_can_be_pasted(tiny_card, tmp_path, monkeypatch):
             card=load_card(str(tiny_card)), method=method, protocol=load_protocol("paper-v1"), out=tmp_path / "run"
         )
     )
-    assert summary.method.name == "my-frame-difference"
+    assert summary.manifest.method.name == "my-frame-difference"
     assert summary.images.evaluated == 12
     assert len(example.splitlines()) <= 32
     sys.modules.pop("my_method")

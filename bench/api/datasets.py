@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from bench.errors import UnknownNameError
 from bench.evaluation import load_protocol
 from bench.harness import FramePipeline
-from bench.harness.frames import UnscorableFrame
-from bench.methods import MethodInput, Segmentation
+from bench.harness.frames import InputOnly, UnscorableFrame
+from bench.methods import MethodInput
 from bench.recordings import DatasetCard, Recording, RecordingHandle, load_card
 from bench.recordings import open_dataset as list_recordings
 from bench.reference import ReferenceFrame
@@ -107,7 +107,7 @@ class Dataset:
             UnknownNameError: no recording, camera or protocol of this name.
             DataError: a recording or image that cannot be read.
         """
-        rules, looks = load_protocol(protocol), _Looks(history=history, colour=colour)
+        rules, looks = load_protocol(protocol), InputOnly(history=history, colour=colour)
         for name in self.names if recordings is None else recordings:
             recording = self[name]
             if camera is not None and camera not in recording.cameras:
@@ -154,29 +154,14 @@ def _frames(pipeline: FramePipeline, history: int, *, exact: bool) -> Iterator[F
         if not pipeline.images[index].scored:
             continue
         try:
-            seen = pipeline.process(index)
+            given, reference = pipeline.method_input(index), pipeline.reference(index)
         except UnscorableFrame:
             continue
         yield Frame(
             recording=pipeline.recording.name,
             camera=pipeline.camera.name,
-            timestamp_ns=seen.image.timestamp_ns,
-            input=seen.given,
-            reference=seen.reference,
-            exact=pipeline.exact_masks(index, [seen.reference])[0] if exact else None,
+            timestamp_ns=pipeline.images[index].timestamp_ns,
+            input=given,
+            reference=reference,
+            exact=pipeline.exact_masks(index, [reference])[0] if exact else None,
         )
-
-
-@dataclass(kw_only=True)
-class _Looks:
-    """A method that asks for images and says nothing of them."""
-
-    history: int
-    colour: bool
-    name: str = "looks"
-
-    def settings(self) -> dict[str, object]:
-        return {}
-
-    def segment(self, frame: MethodInput) -> Segmentation:
-        return Segmentation(cell_size_px=1, mask=np.zeros(frame.valid.shape, dtype=bool))

@@ -18,8 +18,9 @@ from bench.evaluation import ObjectMetrics, Protocol, load_protocol
 from bench.execution import ProcessExecutor, SerialExecutor, TaskExecutor
 from bench.harness import RunRequest, RunSummary, build_scorable, read_run, read_tables, run_benchmark
 from bench.harness.cache import CacheFolder
+from bench.harness.oracles import require_scorable
 from bench.harness.stages import Progress
-from bench.methods import Method
+from bench.methods import Method, Scorable
 from bench.recordings import DatasetCard, load_card
 from bench.recordings.input_errors import named_input_errors
 from bench.reporting.table_files import write_report_files
@@ -94,14 +95,14 @@ def run(
 
     Args:
         dataset: card, by path or by a name that `fisheye-bench datasets` lists.
-        method: by name, as "module:Class", or an object with `name`, `history`, `settings()` and `segment()`.
+        method: by name, as "module:Class", or an object of a class that derives from `bench.methods.Method`.
         settings: parameters of a method that is given by name.
         protocol: by name or file.
         split: of the data set; None for all of it.
         input_errors: injected into what the method is given, by the names of `bench.recordings.InputErrors`, for
             example `{"pitch_deg": 0.5}`; the reference keeps the truth.
         out: folder of the run; None for `reports/runs/<data set>-<method>`.
-        overwrite: replace the run of another experiment in the folder.
+        overwrite: replace another run in the folder.
         workers: processes. More than one need a method that can be imported, not one of a notebook's cell, and in a
             program `if __name__ == "__main__":` around the call.
         cache: folder where flow, likelihood and reference are stored for other runs; None for nowhere.
@@ -110,7 +111,7 @@ def run(
     Raises:
         UnknownNameError: no data set, method, protocol, split or input error of this name.
         UsageError: settings that the method does not take, or beside an object; an input error that is no number.
-        DataError: nothing of the data set could be used, or `out` holds another experiment.
+        DataError: nothing of the data set could be used, or `out` holds another run.
     """
     card = dataset if isinstance(dataset, DatasetCard) else load_card(dataset)
     rules = load_protocol(protocol)
@@ -119,7 +120,8 @@ def run(
     elif settings:
         raise UsageError("settings: expected none beside a method that is built already")
     else:
-        chosen, named = method, method.name
+        chosen = require_scorable(method)
+        named = chosen.name
     errors = named_input_errors(input_errors or {})
     changed = [*non_default_settings(chosen, named), *errors.named.items()]
     usual = default_folder(card, chosen.name, changed, rules, split)
@@ -131,6 +133,7 @@ def run(
         method=chosen,
         protocol=rules,
         out=folder,
+        settings=settings or {},
         split=split,
         input_errors=errors,
         overwrite=overwrite,
@@ -186,7 +189,7 @@ def default_folder(
     return RUNS / name
 
 
-def non_default_settings(method: Method, named: str) -> list[tuple[str, object]]:
+def non_default_settings(method: Scorable, named: str) -> list[tuple[str, object]]:
     """Settings that are not the default; all of a method that cannot be built without any.
 
     Args:

@@ -312,7 +312,7 @@ def explain_image(
 
     Raises:
         DataError: something of the recording cannot be read.
-        UsageError: the recording has no scene to stage, or the method takes no flow from outside.
+        UsageError: the recording has no scene to simulate, or the method takes no flow from outside.
     """
     if not isinstance(method, FlowMethod):
         raise UsageError(f"explain: expected a method that takes flow from outside, {EXPLAINED}, got {method.name!r}")

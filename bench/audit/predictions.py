@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from bench.errors import UsageError
 from bench.evaluation import Protocol
-from bench.harness.frames import FramePipeline, UnscorableFrame
+from bench.harness.frames import FramePipeline, InputOnly, UnscorableFrame
 from bench.harness.keys import MethodIdentity, digest_of
 from bench.harness.oracles import ExactMasks, ReferenceItself, is_oracle
 from bench.harness.stages import StageClock
-from bench.methods import Method, MethodInput, Needs, Segmentation, UnansweredImage, ask_method
+from bench.methods import Method, MethodInput, Scorable, UnansweredImage, ask_method
 from bench.methods.contract import Arrays, StepOf
 from bench.recordings import Recording
 from bench.reference import ReferenceBuilder, ReferenceFrame
@@ -62,38 +62,21 @@ class Prediction:
     """
 
     name: str
-    method: Method
+    method: Scorable
 
     def __post_init__(self) -> None:
-        kind: type = type(self.method)
-        if kind is ReferenceItself:
+        if isinstance(self.method, ReferenceItself):
             raise UsageError(f"{self.name}: expected a method or 'truth', got the reference, which cannot be ranked")
 
     @property
     def real(self) -> bool:
-        """A method that anybody could run; False for what is made of the exact masks."""
+        """True for a method that can be run on real data; False for what is made of the exact masks."""
         return not is_oracle(self.method)
 
     @cached_property
     def code(self) -> str:
         """Digest of the code and the files that the method's cached steps depend on."""
         return MethodIdentity.of(self.method).steps_digest
-
-
-@dataclass(slots=True, kw_only=True)
-class _Together:
-    """Stands for several methods where their common input is prepared."""
-
-    history: int
-    longest_history: int
-    colour: bool
-    name: str = "several"
-
-    def settings(self) -> dict[str, object]:
-        return {}
-
-    def segment(self, frame: MethodInput) -> Segmentation:  # noqa: ARG002
-        raise AssertionError("its methods are asked one by one")
 
 
 class CameraPredictions:
@@ -103,7 +86,7 @@ class CameraPredictions:
         recording: simulated.
         camera: name of the camera.
         predictions: at least one.
-        protocol: of the reference that tells which objects move.
+        protocol: of the reference that decides which objects move.
         clock: adds up the time of each stage.
     """
 
@@ -117,12 +100,12 @@ class CameraPredictions:
         clock: StageClock,
     ) -> None:
         self._recording, self._predictions, self._clock = recording, predictions, clock
-        needs = [Needs.of(prediction.method) for prediction in predictions]
-        self.history = max(need.history for need in needs)
-        longest = max(need.longest_history for need in needs)
+        methods = [prediction.method for prediction in predictions]
+        self.history = max(method.history for method in methods)
+        longest = max(method.most_history for method in methods)
         self._pipelines = {}
-        for colour in sorted({need.colour for need in needs}):
-            together = _Together(history=self.history, longest_history=longest, colour=colour)
+        for colour in sorted({method.colour for method in methods}):
+            together = InputOnly(history=self.history, longest_history=longest, colour=colour)
             self._pipelines[colour] = FramePipeline(recording, camera, method=together, protocol=protocol, clock=clock)
         self._pipeline = next(iter(self._pipelines.values()))
         self.images, self.camera = self._pipeline.images, self._pipeline.camera
@@ -162,9 +145,9 @@ class CameraPredictions:
             assert isinstance(method, ExactMasks), "the reference itself is refused"
             found = method.of_truth(ids, self._recording, reference)
         else:
-            needs = Needs.of(method)
-            given = shortened_input(inputs[needs.colour], needs.longest_history)
-            shared = SharedStep(steps, prediction.code, len(given.images), needs.colour)
+            assert isinstance(method, Method), "no other can be scored"
+            given = shortened_input(inputs[method.colour], method.most_history)
+            shared = SharedStep(steps, prediction.code, len(given.images), method.colour)
             try:
                 found = ask_method(method, replace(given, cached_step=shared))
             except UnansweredImage as reason:

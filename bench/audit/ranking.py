@@ -47,6 +47,7 @@ from bench.evaluation.slices import bin_names
 from bench.evaluation.summary import Ratio
 from bench.execution import SerialExecutor, TaskExecutor
 from bench.harness import provenance as origin
+from bench.harness.manifest import CodeOfRun
 from bench.harness.oracles import ExactMasks, is_oracle
 from bench.harness.provenance import Provenance
 from bench.harness.stages import Progress, StageClock
@@ -171,7 +172,9 @@ class RankingSummary(_Part):
         rows: by kind of motion, then all, then false positives.
         fits: of `surface-v1`: over all, by class, by class and range, by ego speed.
         failures: one line per recording or image that could not be used.
-        provenance: where the ranking comes from.
+        data: digest of the recordings' data.
+        code: of this package, and its libraries.
+        provenance: how the ranking came about.
     """
 
     schema_version: int
@@ -186,6 +189,8 @@ class RankingSummary(_Part):
     rows: tuple[RankedRow, ...]
     fits: tuple[SurfaceFit, ...]
     failures: tuple[str, ...]
+    data: str
+    code: CodeOfRun
     provenance: Provenance
 
     def mean_difference(self, reference: str, *, real: bool) -> float:
@@ -460,9 +465,10 @@ def run_ranking(
         rows=tuple(rank_row(name, sums[:, k], unknown[:, k], predictions) for k, name in enumerate(ROWS)),
         fits=surface_fits([found.fits for found in ranked]),
         failures=(*failures, *(problem for found in ranked for problem in found.problems)),
+        data=origin.combined_fingerprint([found.fingerprint for found in ranked]),
+        code=CodeOfRun.here(),
         provenance=origin.provenance_since(
             start,
-            fingerprints=[found.fingerprint for found in ranked],
             stage_seconds=clock.seconds,
             images=images,
         ),

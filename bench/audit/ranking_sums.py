@@ -123,7 +123,7 @@ def _rows_of(category: Category | None) -> list[int]:
 def _fit(
     core: NDArray[np.bool_], mask: NDArray[np.bool_], ignored: NDArray[np.bool_], unknown_share: float
 ) -> NDArray[np.float64]:
-    """`FITS` of one object-frame; in `ignored` lie its band and those of others."""
+    """`FITS` of one object-frame; `ignored` holds its band and those of others."""
     areas = (core, core & ~mask, mask, mask & ~core & ~ignored)
     return np.array([1, *(np.count_nonzero(area) for area in areas), unknown_share], dtype=np.float64)
 

@@ -178,7 +178,7 @@ class _CameraAudit:
         self._not_seen = 0
 
     def score(self, index: int) -> None:
-        """Audit an image; one that cannot be used is reported and the others go on."""
+        """Audit an image; one that cannot be used is reported, and the others are audited."""
         image = self._pipeline.images[index]
         try:
             given = self._pipeline.method_input(index)
@@ -195,7 +195,7 @@ class _CameraAudit:
             self._leave_out(image.timestamp_ns, "failed", str(error))
         else:
             self._polygon_rows += rows
-            self._judge(given, ids, reference)
+            self._score(given, ids, reference)
 
     def finish(self) -> RecordingAudit:
         """The tables; without exact flow where the scene turns out to be another one."""
@@ -220,7 +220,7 @@ class _CameraAudit:
     def _scorings(self) -> tuple[Scoring, ...]:
         return tuple(Scoring) if self._simulated is not None else (Scoring.LIDAR, Scoring.MASKS)
 
-    def _judge(self, given: MethodInput, ids: NDArray[np.uint16], reference: ReferenceFrame) -> None:
+    def _score(self, given: MethodInput, ids: NDArray[np.uint16], reference: ReferenceFrame) -> None:
         by_lidar, by_masks = same_objects([reference], ids, self._instance_of)
         self._not_seen += _evaluated(reference) - _evaluated(by_masks)
         if self._simulated is None:

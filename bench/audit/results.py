@@ -21,6 +21,7 @@ from bench.audit.recording import RecordingAudit
 from bench.errors import DataError
 from bench.evaluation import FalsePositiveMetrics, ObjectMetrics
 from bench.evaluation.summary import ProtocolStamp, Ratio
+from bench.harness.manifest import CodeOfRun
 from bench.harness.method_stamp import MethodStamp
 from bench.harness.provenance import Provenance
 from bench.recordings import replacing
@@ -166,7 +167,9 @@ class AuditSummary(_Part):
         false_alarms: None without exact flow.
         left_out: why there is no exact flow; empty where there is.
         failures: one line per recording or image that could not be used.
-        provenance: where the audit comes from.
+        data: digest of the recordings' data.
+        code: of this package, and its libraries.
+        provenance: how the audit came about.
     """
 
     schema_version: int
@@ -185,6 +188,8 @@ class AuditSummary(_Part):
     false_alarms: FalseAlarmFigures | None
     left_out: str
     failures: tuple[str, ...]
+    data: str
+    code: CodeOfRun
     provenance: Provenance
 
 

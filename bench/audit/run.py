@@ -15,6 +15,7 @@ from bench.evaluation.summary import ProtocolStamp
 from bench.execution import SerialExecutor, TaskExecutor
 from bench.harness import provenance as origin
 from bench.harness.keys import MethodIdentity
+from bench.harness.manifest import CodeOfRun
 from bench.harness.method_stamp import MethodStamp
 from bench.harness.stages import Progress
 from bench.methods import FlowMethod, Method
@@ -72,7 +73,6 @@ def run_audit(
         failures=(*failures, *audit.problems),
         provenance=origin.provenance_since(
             start,
-            fingerprints=audit.fingerprints,
             stage_seconds=audit.seconds,
             images=len(audit.scores[Scoring.LIDAR.value][1]),
         ),
@@ -113,6 +113,8 @@ def _summary(
         false_alarms=false_alarm_figures(audit.false_alarms) if explained else None,
         left_out=left_out,
         failures=failures,
+        data=origin.combined_fingerprint(audit.fingerprints),
+        code=CodeOfRun.here(),
         provenance=provenance,
     )
 

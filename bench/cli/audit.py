@@ -88,11 +88,11 @@ def audit_method(
     """Audit, write tables and pictures, print the tables and the paths; return the number of failures."""
     from bench.audit import audit_sources, read_misses, read_polygons, run_audit
     from bench.cli.request import chosen, local_executor
-    from bench.methods import FlowMethod
+    from bench.methods import FlowMethod, build_method
     from bench.reporting.audit_pictures import write_audit_files, write_cause_pictures, write_examples
     from bench.reporting.audit_tables import audit_tables
 
-    card, built, rules = chosen(dataset, method=method, settings=settings, protocol=protocol)
+    card, built, rules = chosen(dataset, build_method, method=method, settings=settings, protocol=protocol)
     folder = out or AUDITS / card.name
     with _auditing(card, folder, title=f"auditing {card.name}") as report:
         found = run_audit(

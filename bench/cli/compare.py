@@ -22,14 +22,14 @@ def compare(
     """Compare runs in pairs: differences with intervals, object-frames gained and lost, pictures of the biggest."""
     from bench.api.runs import run_folder
     from bench.reporting.compare.changes import category_line, verdict_line
-    from bench.reporting.compare.writing import to_rich, write_comparison
+    from bench.reporting.compare.writing import terminal_report, write_comparison
 
     places = [run_folder(run) for run in runs]
     folder = out or RUNS / f"compare-{'-'.join(run.resolve().name for run in places)}"
     with progress_bar("drawing what changed", "pictures") as report:
         comparisons, files = write_comparison(places, folder, pictures=pictures, progress=report)
     for comparison in comparisons:
-        show(to_rich(comparison))
+        show(terminal_report(comparison))
         counts = comparison.detections[-1]
         say(f"{counts.object_frames} object-frames, detected: {counts.before} before, {counts.after} after; "
              f"{counts.gained} newly detected, {counts.lost} newly missed")  # fmt: skip

@@ -15,7 +15,7 @@ from copy import copy
 from io import TextIOWrapper
 from itertools import takewhile
 from time import monotonic
-from typing import IO
+from typing import IO, TYPE_CHECKING
 
 from rich.console import Console, RenderableType
 from rich.progress import (
@@ -34,6 +34,9 @@ from rich.text import Text
 from bench.cli.start import Verbosity, verbosity
 from bench.errors import OutputError
 from bench.plain_text import plain
+
+if TYPE_CHECKING:
+    from bench.reporting.document import Block
 
 TABLE_COLUMNS = 110  # of tables that go into a file or a log
 SHOWN_FAILURES = 10
@@ -69,8 +72,15 @@ def detail(line: str) -> None:
         say(line, to_errors=True)
 
 
-def show(table: Table) -> None:
-    """Print a table. A `str` in it is one line, whatever it holds; line breaks in a `Text` are the table's own."""
+def show(shown: Table | Iterable[Block]) -> None:
+    """Print a table or the blocks of a report. A `str` in a table is one line; line breaks in a `Text` are its own."""
+    from bench.reporting.document import to_terminal  # loads pandas, which few commands need
+
+    for part in (shown,) if isinstance(shown, Table) else to_terminal(shown):
+        _print(_harmless_text(part) if isinstance(part, Text) else _harmless_table(part))
+
+
+def _harmless_table(table: Table) -> Table:
     shown = copy(table)
     shown.columns, shown.rows = [column.copy() for column in table.columns], []
     for column in shown.columns:
@@ -79,7 +89,7 @@ def show(table: Table) -> None:
         shown.add_row(*map(_harmless_cell, cells), style=row.style, end_section=row.end_section)
     shown.title = None if table.title is None else _harmless_text(table.title)
     shown.caption = None if table.caption is None else _harmless_text(table.caption)
-    _print(shown)
+    return shown
 
 
 def write_out(document: str) -> None:

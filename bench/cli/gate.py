@@ -100,7 +100,7 @@ def judge_run(
         note(f"baseline {file}")
     _print_brief(verdict)
     if not verdict.passed or verdict.rows_with(Outcome.SUSPECT):
-        first, *commands = how_to_compare(before, scored, folder=run, card=read_run(run).card)
+        first, *commands = how_to_compare(before, scored, folder=run, card=read_run(run).manifest.dataset.card)
         say(first)
         for command in commands:
             say(f"  {command}")

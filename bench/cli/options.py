@@ -63,6 +63,6 @@ Scheduler = Annotated[
     str | None,
     typer.Option("--scheduler", help="Compute on a Dask cluster: tcp://HOST:PORT, or the file of its scheduler."),
 ]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the run of another experiment in the folder.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace another run in the folder.")]
 Pictures = Annotated[bool, typer.Option(help="Also draw an example frame of every category.")]
 StoredRun = Annotated[str, typer.Argument(help="Folder of a stored run.")]

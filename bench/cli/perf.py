@@ -23,9 +23,10 @@ def perf(
     """Time every stage, and the whole against its Farnebäck call alone in the same run."""
     from bench.cli.request import chosen, render_if_synthetic
     from bench.harness.perf import measure
+    from bench.methods import build_method
     from bench.recordings import open_dataset
 
-    card, built, rules = chosen(dataset, method=method, settings=set_, protocol=protocol)
+    card, built, rules = chosen(dataset, build_method, method=method, settings=set_, protocol=protocol)
     render_if_synthetic(card)
     with progress_bar("timing", "images") as report:
         found = measure(

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from bench.cli.console import detail, note, progress_bar
 from bench.cli.interrupts import interruptible
 from bench.errors import DataError, UsageError
 from bench.evaluation import Protocol, load_protocol
 from bench.execution import ProcessExecutor, SerialExecutor, TaskExecutor, usable_cores
-from bench.harness import build_scorable
 from bench.harness.cache import CacheFolder, default_folder
 from bench.harness.cluster import ClusterExecutor, WorkerRequirements, scheduler_address
-from bench.methods import Method, build_method
+from bench.methods import Scorable
 from bench.plain_yaml import parse_yaml
 from bench.recordings import DatasetCard, load_card
+
+Built = TypeVar("Built")
 
 LONGEST = 1000  # characters of one setting
 
@@ -38,7 +39,7 @@ class Computing:
     no_cache: bool = False
     scheduler: str | None = None
 
-    def executor(self, card: DatasetCard, method: Method, *, reads: Sequence[Path] = ()) -> TaskExecutor:
+    def executor(self, card: DatasetCard, method: Scorable, *, reads: Sequence[Path] = ()) -> TaskExecutor:
         """What computes the units.
 
         Args:
@@ -76,21 +77,25 @@ def local_executor(workers: int | None) -> TaskExecutor:
 
 
 def chosen(
-    dataset: str, *, method: str, settings: Sequence[str] | None, protocol: str, oracles: bool = False
-) -> tuple[DatasetCard, Method, Protocol]:
+    dataset: str,
+    build: Callable[[str, Mapping[str, object]], Built],
+    *,
+    method: str,
+    settings: Sequence[str] | None,
+    protocol: str,
+) -> tuple[DatasetCard, Built, Protocol]:
     """Load what options name: data set, method, protocol.
 
     Args:
         dataset: card, or its name.
+        build: `build_method`, or `build_scorable` to take also what sees the truth and is no method.
         method: name, or "module:Class".
         settings: of the method, "name=value".
         protocol: name or file.
-        oracles: take also what sees the truth and is no method.
 
     Raises:
         UnknownNameError, UsageError, DataError: one of them is not there or cannot be used.
     """
-    build = build_scorable if oracles else build_method
     return load_card(dataset), build(method, parse_settings(settings or [])), load_protocol(protocol)
 
 

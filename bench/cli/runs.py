@@ -29,7 +29,7 @@ from bench.recordings.input_errors import named_input_errors
 from bench.reference import IgnoreReason
 from bench.reporting.leaderboard.texts import best_line
 from bench.reporting.table_files import write_report_files
-from bench.reporting.tables import TableRow, threshold_free_line, to_rich
+from bench.reporting.tables import TableRow, terminal_report, threshold_free_line
 
 LEADERBOARD = Path("reports/leaderboard/leaderboard.json")  # of this checkout, as `make leaderboard` wrote it
 READ_FIRST = ("summary.json", "table.md", "range_map.png")
@@ -46,7 +46,7 @@ class ScoringOptions:
         protocol: names or files, with commas in between; the method is asked once for all of them.
         split: of the data set; None for all of it.
         out: folder of the run; None for the usual one.
-        overwrite: replace the run of another experiment.
+        overwrite: replace another run.
         computing: where and how.
         input_errors: injected into what the method is given, "name=value".
     """
@@ -108,7 +108,8 @@ def requested_runs(asked: ScoringOptions, *, render: bool = True) -> list[RunReq
         render: the data set where it is not there.
     """
     card, protocols = load_card(asked.dataset), load_protocols(asked.protocol)
-    method = build_scorable(asked.method, parse_settings(asked.settings))
+    requested = parse_settings(asked.settings)
+    method = build_scorable(asked.method, requested)
     errors = named_input_errors(parse_settings(asked.input_errors, option="--input-error"))
     settings = [*non_default_settings(method, asked.method), *errors.named.items()]
     if asked.out is None:
@@ -123,6 +124,7 @@ def requested_runs(asked: ScoringOptions, *, render: bool = True) -> list[RunReq
         method=method,
         protocol=protocols[0],
         out=folders[0],
+        settings=requested,
         split=asked.split,
         input_errors=errors,
         overwrite=asked.overwrite,
@@ -197,7 +199,7 @@ class RunReport:
 
     def print(self, summary: RunSummary, folder: Path) -> None:
         """Print the table, what became of the images, the cost, and where everything is."""
-        show(to_rich(self._rows))
+        show(terminal_report(self._rows))
         _print_totals(summary, [str(folder / file) for file in self._files], self.protocol)
         for remark in self._remarks:
             say(f"no picture: {remark}", style="yellow")

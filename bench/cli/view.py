@@ -80,7 +80,7 @@ def view(
 ) -> None:
     """Draw frames: panels, areas, overlay and lidar clusters of each, a video, or a log for the viewer."""
     from bench.cli.request import chosen, render_if_synthetic
-    from bench.harness import FramePipeline
+    from bench.harness import FramePipeline, build_scorable
     from bench.recordings import open_dataset
     from bench.reporting.formats import made_by
     from bench.reporting.rerun_log import refuse_other_log, viewer
@@ -97,7 +97,7 @@ def view(
         rrd=rrd,
         lidar=lidar,
     )
-    card, built, rules = chosen(dataset, method=method, settings=set_, protocol=protocol, oracles=True)
+    card, built, rules = chosen(dataset, build_scorable, method=method, settings=set_, protocol=protocol)
     if request.video is not None:
         refuse_other_suffix(request.video)
     if request.rrd is not None:
@@ -224,7 +224,7 @@ def draw_example_frames(
         stored = StoredFrames(results, summary, protocol, card=card)
     except BenchError as error:
         return [], [str(error)]
-    frames, made = example_frames(open_tables(results)[0]), made_by(summary.method.name, protocol.name)
+    frames, made = example_frames(open_tables(results)[0]), made_by(summary.manifest.method.name, protocol.name)
     for number, (category, key) in enumerate(frames.items(), start=1):
         try:
             folder = results / "pictures" / category.value

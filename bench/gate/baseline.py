@@ -12,6 +12,7 @@ from bench.errors import UsageError
 from bench.evaluation.paired import RecordingSums, recording_sums
 from bench.evaluation.summary import ProtocolStamp
 from bench.harness import open_tables, read_protocol, read_run
+from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest
 from bench.harness.method_stamp import MethodStamp
 from bench.recordings.cards import shipped_folder
 from bench.recordings.sealed_json import read_sealed, write_sealed
@@ -83,6 +84,20 @@ class ScoredRun(FileModel):
     failures: tuple[str, ...] = ()
     sheet: RecordingSums
 
+    @property
+    def manifest(self) -> Manifest:
+        """The manifest of the run, for as far as a baseline holds it."""
+        names = ("version", "commit", "python", "libraries")
+        return Manifest(
+            dataset=DatasetOfRun(
+                name=self.dataset, card="", split=self.split, data=self.data_fingerprint, recordings=self.recordings
+            ),
+            method=self.method,
+            protocol=self.protocol,
+            code=CodeOfRun(**{name: getattr(self.origin, name) for name in names}),
+            reference=self.reference_fingerprint,
+        )
+
 
 def scored_run(run: Path) -> ScoredRun:
     """Reduce a stored run.
@@ -93,16 +108,24 @@ def scored_run(run: Path) -> ScoredRun:
     summary = read_run(run)
     protocol = read_protocol(run, summary)
     objects, frames = open_tables(run)
+    of = summary.manifest
     return ScoredRun(
         schema_version=SCHEMA_VERSION,
-        dataset=summary.dataset,
-        split=summary.split,
+        dataset=of.dataset.name,
+        split=of.dataset.split,
         protocol=summary.protocol,
-        method=summary.method,
-        reference_fingerprint=summary.reference_fingerprint,
-        data_fingerprint=summary.provenance.data_fingerprint,
-        recordings=summary.provenance.recordings,
-        origin=Origin(**{name: getattr(summary.provenance, name) for name in Origin.model_fields}),
+        method=of.method,
+        reference_fingerprint=str(of.reference),
+        data_fingerprint=str(of.dataset.data),
+        recordings=of.dataset.recordings,
+        origin=Origin(
+            version=of.code.version,
+            commit=of.code.commit,
+            python=of.code.python,
+            libraries=of.code.libraries,
+            started_utc=summary.provenance.started_utc,
+            unrepeatable=summary.provenance.unrepeatable,
+        ),
         failures=summary.failures,
         sheet=recording_sums(objects, frames, protocol=protocol),
     )

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from bench.evaluation.protocol import known_protocols
 from bench.gate.baseline import Origin, ScoredRun
-from bench.harness.method_stamp import flat_settings
-from bench.plain_text import listed
+from bench.harness.manifest import Aspect, differences
 
 SHOWN_DIGEST = 12  # characters of a digest that are shown
-LISTED = 4  # recordings, or other differences, that a message lists
+LISTED = 4  # differences that a message lists
 BASELINE_RUN = "reports/runs/baseline"
 OF_ITSELF = ("method", "settings", "protocol", "code", "data", "reference")  # in the order that they are told
+_TOLD = {*OF_ITSELF, Aspect.METHOD_CODE}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,82 +32,11 @@ class Change:
 
 def changes(baseline: ScoredRun, run: ScoredRun) -> tuple[Change, ...]:
     """What changed, in the order of `OF_ITSELF`; what is not named is as it was."""
-    found = [Change(what="protocol", text=f"{protocol_text(run)}, was {protocol_text(baseline)}")]
-    found = [] if baseline.protocol == run.protocol else found
-    if baseline.method.name != run.method.name:
-        found.append(Change(what="method", text=f"{run.method.name!r}, was {baseline.method.name!r}"))
-    elif settings := list(setting_changes(baseline, run)):
-        found.append(Change(what="settings", text="; ".join(settings)))
-    if code := list(_code_changes(baseline, run)):
-        found.append(Change(what="code", text="; ".join(code)))
-    if data := data_change(baseline, run):
-        found.append(Change(what="data", text=f"other files, {data}"))
-    if digest := digest_change(baseline.reference_fingerprint, run.reference_fingerprint):
-        found.append(Change(what="reference", text=f"fingerprint {digest}"))
-    return tuple(sorted(found, key=lambda change: OF_ITSELF.index(change.what)))
-
-
-def setting_changes(baseline: ScoredRun, run: ScoredRun) -> Iterator[str]:
-    """For example "flow = dis, was farneback"."""
-    was, now = flat_settings(baseline.method.settings), flat_settings(run.method.settings)
-    for name in sorted(was.keys() | now.keys()):
-        if was.get(name) != now.get(name):
-            yield f"{name} = {now.get(name)}, was {was.get(name)}"
-
-
-def _code_changes(baseline: ScoredRun, run: ScoredRun) -> Iterator[str]:
-    before, after = baseline.origin, run.origin
-    if (before.version, before.commit) != (after.version, after.commit):
-        yield f"{_code(after)}, was {_code(before)}"
-    if before.python != after.python:
-        yield f"Python {after.python}, was {before.python}"
-    for name in sorted(before.libraries.keys() | after.libraries.keys()):
-        was, now = before.libraries.get(name), after.libraries.get(name)
-        if was != now:
-            yield f"{name} {now or 'not loaded'}, was {was or 'not loaded'}"
-    one, two = baseline.method, run.method
-    if one.name == two.name and None not in (one.identity, two.identity) and one.identity != two.identity:
-        yield "the method's own code, libraries or files"
-
-
-def _code(origin: Origin) -> str:
-    if origin.commit is None:
-        return f"version {origin.version} of an unknown commit"
-    dirty = " with changed files" if origin.commit.endswith("+") else ""
-    return f"commit {origin.commit[:SHOWN_DIGEST].rstrip('+')}{dirty}"
-
-
-def protocol_text(scored: ScoredRun) -> str:
-    """For example "paper-v1 version 1 (dde8f4b79b8f)"."""
-    stamp = scored.protocol
-    return f"{stamp.name} version {stamp.version} ({stamp.digest[:SHOWN_DIGEST]})"
-
-
-def digest_change(before: str, after: str) -> str | None:
-    """For example "4be1a7c09d3e, was dde8f4b79b8f"; None where they are the same."""
-    return None if before == after else f"{after[:SHOWN_DIGEST]}, was {before[:SHOWN_DIGEST]}"
-
-
-def data_change(baseline: ScoredRun, run: ScoredRun) -> str | None:
-    """For example "recordings changed: 'a' (1 of 20); fingerprint 4be1a7c09d3e, was dde8f4b79b8f"; None where equal."""
-    digest = digest_change(baseline.data_fingerprint, run.data_fingerprint)
-    if digest is None:
-        return None
-    return "; ".join([*_changed_recordings(baseline.recordings, run.recordings), f"fingerprint {digest}"])
-
-
-def _changed_recordings(was: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
-    """Which have other data; nothing where a side is of a version that does not say."""
-    if not (was and now):
-        return
-    common = was.keys() & now.keys()
-    for kind, names, count in (
-        ("changed", {name for name in common if was[name] != now[name]}, len(common)),
-        ("new", now.keys() - was.keys(), len(now)),
-        ("missing", was.keys() - now.keys(), len(was)),
-    ):
-        if names:
-            yield f"recordings {kind}: {listed([*map(repr, sorted(names))], LISTED)} ({len(names)} of {count})"
+    found = [one for one in differences(baseline.manifest, run.manifest) if one.aspect in _TOLD]
+    texts: dict[str, list[str]] = {what: [] for what in OF_ITSELF}
+    for one in found:
+        texts["code" if one.aspect is Aspect.METHOD_CODE else one.aspect].append(one.text)
+    return tuple(Change(what=what, text="; ".join(lines)) for what, lines in texts.items() if lines)
 
 
 def how_to_compare(baseline: ScoredRun, run: ScoredRun, *, folder: Path, card: str) -> tuple[str, ...]:

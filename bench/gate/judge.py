@@ -11,9 +11,10 @@ from bench.evaluation.intervals import FEWEST_RECORDINGS, MEAN_CHANGE, RATIO_CHA
 from bench.evaluation.paired import NOT_RATIOS, MetricSums, PairedChange, paired_change
 from bench.evaluation.slices import FRAMES
 from bench.gate.baseline import ScoredRun
-from bench.gate.changes import LISTED, changes, data_change, digest_change, protocol_text, setting_changes
+from bench.gate.changes import LISTED, changes
 from bench.gate.tolerances import Tolerance, Tolerances
 from bench.gate.verdict import Check, Outcome, RecordingChange, Row, Verdict
+from bench.harness.manifest import Aspect, differences
 
 # What these are taken over depends on what the method detects; of all others, on the reference alone.
 OVER_DETECTIONS = ("tpr", "iou_detected", "precision", "segmentation_iou")
@@ -27,32 +28,37 @@ def other_kind(baseline: ScoredRun, run: ScoredRun) -> tuple[str, str] | None:
     split = f"--split {baseline.split}" if baseline.split is not None else "no --split"
     protocol = baseline.protocol.name
     rules = f"--protocol {protocol}" if protocol != run.protocol.name else f"{protocol} as it was for the baseline"
-    for name, before, after, do in (
-        ("data set", baseline.dataset, run.dataset, f"name a baseline of {run.dataset!r} with --baseline"),
-        ("split", baseline.split, run.split, f"score with {split}"),
-        ("protocol", protocol_text(baseline), protocol_text(run), f"score with {rules}"),
-    ):
-        if before != after:
-            return f"the baseline is of {name} {before!r}, the run of {after!r}", do
-    return None
+    remedies = {
+        Aspect.DATASET: f"name a baseline of {run.dataset!r} with --baseline",
+        Aspect.SPLIT: f"score with {split}",
+        Aspect.PROTOCOL: f"score with {rules}",
+    }
+    found = (one for one in differences(baseline.manifest, run.manifest) if not one.comparable)
+    other = next(found, None)
+    if other is None:
+        return None
+    return f"the baseline is of {other.aspect} {other.before}, the run of {other.after}", remedies[other.aspect]
 
 
 def data_checks(baseline: ScoredRun, run: ScoredRun, *, tolerances: Tolerances) -> tuple[Check, ...]:
     """Check run against baseline, always the same checks, in the order of cause and effect."""
     changed_data = Outcome.FAILED if tolerances.changed_data == "fail" else Outcome.SUSPECT
-    reference = digest_change(baseline.reference_fingerprint, run.reference_fingerprint)
-    data = data_change(baseline, run)
+    found = differences(baseline.manifest, run.manifest)
+
+    def texts(*aspects: Aspect) -> list[str]:
+        return [one.text for one in found if one.aspect in aspects]
+
     return (
         _check("failures", list(run.failures), "the run has {count} failures: {listed}"),
         _check(
             "data_fingerprint",
-            [data] if data else [],
+            texts(Aspect.DATA),
             "data changed: other images, sweeps, labels, calibration or ego-motion; {listed}",
             outcome=changed_data,
         ),
         _check(
             "reference_fingerprint",
-            [f"{_other_reference(baseline, run)}; fingerprint {reference}"] if reference else [],
+            [f"{_other_reference(baseline, run)}; {text}" for text in texts(Aspect.REFERENCE)],
             "reference changed: {listed}",
         ),
         _check("counts", list(_count_differences(baseline, run)), "reference changed: {listed}"),
@@ -60,7 +66,7 @@ def data_checks(baseline: ScoredRun, run: ScoredRun, *, tolerances: Tolerances) 
         _check("metrics", list(_missing(baseline, run)), "in the baseline, but not in the run: {listed}"),
         _check(
             "method",
-            list(_method_differences(baseline, run)),
+            texts(Aspect.METHOD, Aspect.SETTINGS, Aspect.METHOD_CODE),
             "method changed: {listed}",
             outcome=Outcome.SUSPECT,
         ),
@@ -119,16 +125,6 @@ def _missing(baseline: ScoredRun, run: ScoredRun) -> Iterator[str]:
     for slice_name, metric, _ in _metrics(baseline):
         if metric not in run.sheet.slices.get(slice_name, {}):
             yield f"{metric} of {slice_name}"
-
-
-def _method_differences(baseline: ScoredRun, run: ScoredRun) -> Iterator[str]:
-    before, after = baseline.method, run.method
-    if before.name != after.name:
-        yield f"{after.name!r}, was {before.name!r}"
-        return
-    yield from setting_changes(baseline, run)
-    if None not in (before.identity, after.identity) and before.identity != after.identity:
-        yield f"its code, libraries or files, {str(after.identity)[:12]}, were {str(before.identity)[:12]}"
 
 
 def _metrics(scored: ScoredRun) -> Iterator[tuple[str, str, MetricSums]]:

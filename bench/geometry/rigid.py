@@ -79,7 +79,7 @@ class RigidTransform:
     def from_matrix(cls, matrix: ArrayLike) -> RigidTransform:
         """From a (4, 4) or (3, 4) homogeneous matrix; the rotation is brought to the nearest orthonormal one.
 
-        Calibration files print few digits, so a rotation off by up to 1e-3 is accepted and mended.
+        Calibration files print few digits, so a rotation off by up to 1e-3 is accepted and corrected.
 
         Raises:
             ShapeError: another shape, or a rotation part that is off by more.

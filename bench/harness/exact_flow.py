@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 
@@ -33,8 +32,8 @@ class SphericalOnExactFlow(SphericalMethod):
         sees_the_truth: the mark by which a table tells it from methods.
     """
 
-    name: ClassVar[str] = "exact-flow"
-    reads_images: ClassVar[bool] = False
+    name = "exact-flow"
+    reads_images = False
 
     scenario: str
     sees_the_truth: bool = True
@@ -45,7 +44,7 @@ class SphericalOnExactFlow(SphericalMethod):
             raise UsageError(f"exact-flow: it sees the true scene and nothing else, got {self.sees_the_truth!r}")
 
     @property
-    def files(self) -> tuple[Path, ...]:
+    def files(self) -> tuple[Path, ...]:  # type: ignore[override]
         """What decides its answer beside the methods' own code: the scenario, this file, the generator."""
         generator = sorted(Path(bench.synthesis.__path__[0]).rglob("*.py"))
         return Path(self.scenario), Path(__file__), *generator

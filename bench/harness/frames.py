@@ -11,13 +11,14 @@ from typing import TypeVar, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.errors import DataError
+from bench.errors import DataError, UsageError
 from bench.evaluation import Protocol
 from bench.geometry import RigidTransform
 from bench.harness.cache import StepCache
 from bench.harness.oracles import exact_mask, is_oracle
 from bench.harness.stages import StageClock
-from bench.methods import Method, MethodInput, Needs, Segmentation, UnansweredImage, ask_method
+from bench.methods import Method, MethodInput, Scorable, Segmentation, UnansweredImage, ask_method
+from bench.methods.contract import not_derived
 from bench.recordings import ImageRef, Recording, frame_gaps, read_image, read_truth
 from bench.recordings.input_errors import perturbed_camera, perturbed_motion, perturbed_pixels, perturbed_time_ns
 from bench.reference import ReferenceBuilder, ReferenceFrame
@@ -59,7 +60,7 @@ class FramePipeline:
     Args:
         recording: the drive.
         camera: name of the camera.
-        method: to be run.
+        method: asked for segmentations; anything with the history and colour of one where only its input is wanted.
         protocol: the rules of the reference.
         further: other protocols by which the same answers are scored.
         clock: adds up the time of each stage.
@@ -71,7 +72,7 @@ class FramePipeline:
         recording: Recording,
         camera: str,
         *,
-        method: Method,
+        method: Scorable,
         protocol: Protocol,
         further: Sequence[Protocol] = (),
         clock: StageClock | None = None,
@@ -83,7 +84,7 @@ class FramePipeline:
         self._further = tuple(
             ReferenceBuilder(recording, camera, other.reference_settings(), beside=self.references) for other in further
         )
-        self._method, self._needs = method, Needs.of(method)
+        self._method = method
         self._clock = clock or StageClock()
         self._steps = steps
         self._gaps = {gap.index: gap for gap in frame_gaps(recording, camera)}
@@ -106,14 +107,27 @@ class FramePipeline:
 
     def process_by_all(self, index: int) -> tuple[ProcessedFrame, ...]:
         """As `process`, once for each protocol; the method is asked once."""
-        given, image = self.method_input(index), self.images[index]
-        answer = None if is_oracle(self._method) else self._answer(given)
-        frames = []
-        for builder in (self.references, *self._further):
-            reference = self._reference(builder, image)
-            segmentation = answer or self._oracle(image, reference)
-            frames.append(ProcessedFrame(image=image, given=given, segmentation=segmentation, reference=reference))
-        return tuple(frames)
+        method, given, image = self._method, self.method_input(index), self.images[index]
+        if is_oracle(method):
+            references = self._references(image)
+            with self._clock.stage("method"):
+                answers = [method.answer(self.recording, image, reference) for reference in references]
+        else:
+            answer = self._answer(given)
+            references = self._references(image)
+            answers = [answer] * len(references)
+        return tuple(
+            ProcessedFrame(image=image, given=given, segmentation=answer, reference=reference)
+            for answer, reference in zip(answers, references, strict=True)
+        )
+
+    def reference(self, index: int) -> ReferenceFrame:
+        """The reference of an image by the first protocol.
+
+        Raises:
+            DataError: a sweep or the ego-motion of the image cannot be used.
+        """
+        return self._reference(self.references, self.images[index])
 
     def exact_masks(self, index: int, references: Sequence[ReferenceFrame]) -> list[NDArray[np.bool_] | None]:
         """The exact mask of what moves by each reference of an image, (H, W); None where the data have none.
@@ -128,16 +142,16 @@ class FramePipeline:
             ids = read_truth(image, self.camera)
             return [exact_mask(ids, self.recording, reference) for reference in references]
 
+    def _references(self, image: ImageRef) -> list[ReferenceFrame]:
+        return [self._reference(builder, image) for builder in (self.references, *self._further)]
+
     def _reference(self, builder: ReferenceBuilder, image: ImageRef) -> ReferenceFrame:
         with self._clock.stage("reference"):
             return builder.build(image) if self._steps is None else self._steps.reference(builder, image)
 
-    def _oracle(self, image: ImageRef, reference: ReferenceFrame) -> Segmentation:
-        assert is_oracle(self._method)
-        with self._clock.stage("method"):
-            return self._method.answer(self.recording, image, reference)
-
     def _answer(self, given: MethodInput) -> Segmentation:
+        if not isinstance(self._method, Method):
+            raise UsageError(f"{self._method.name}: {not_derived(type(self._method).__name__)}")
         with self._clock.stage("method"):
             try:
                 return ask_method(self._method, given)
@@ -146,7 +160,7 @@ class FramePipeline:
 
     def method_input(self, index: int) -> MethodInput:
         """What a method may see of the images up to `index`."""
-        first = index - self._needs.history
+        first = index - self._method.history
         for later in range(first + 1, index + 1):
             if later in self._gaps:
                 gap = self._gaps[later]
@@ -156,9 +170,9 @@ class FramePipeline:
                 )
         first = self._oldest(first)
         images: Sequence[NDArray[np.uint8]] = _ImagesOnDemand(range(first, index + 1), self._copied)
-        if self._needs.reads_images:
+        if self._method.reads_images:
             images = tuple(images)  # also where all is cached: a damaged image is an error even if it is not used
-        self._held = {i: held for i, held in self._held.items() if i >= index - self._needs.longest_history}
+        self._held = {i: held for i, held in self._held.items() if i >= index - self._method.most_history}
         with self._clock.stage("ego-motion"):
             times_ns = tuple(self.images[i].timestamp_ns for i in range(first, index + 1))
             motions = self._motions(first, index)
@@ -175,7 +189,7 @@ class FramePipeline:
         if self._steps is None:
             return given
         return replace(
-            given, cached_step=self._steps.of_image(given, self.images[first : index + 1], colour=self._needs.colour)
+            given, cached_step=self._steps.of_image(given, self.images[first : index + 1], colour=self._method.colour)
         )
 
     def _motions(self, first: int, last: int) -> tuple[RigidTransform, ...]:
@@ -197,7 +211,7 @@ class FramePipeline:
 
     def _oldest(self, first: int) -> int:
         """The oldest image for a method that can use more than it needs: without a gap, readable, with ego-motion."""
-        spare = self._needs.longest_history - self._needs.history
+        spare = self._method.most_history - self._method.history
         for earlier in range(first - 1, max(first - spare, 0) - 1, -1):
             try:
                 if earlier + 1 in self._gaps:
@@ -214,7 +228,7 @@ class FramePipeline:
             image, errors = self.images[index], self.recording.input_errors
             with self._clock.stage("decode"):
                 try:
-                    pixels = read_image(image, self.camera, colour=self._needs.colour)
+                    pixels = read_image(image, self.camera, colour=self._method.colour)
                     self._held[index] = perturbed_pixels(pixels, image, recording=self.recording.name, errors=errors)
                 except DataError as error:
                     self._held[index] = error
@@ -231,6 +245,23 @@ def _read_only_copy(array: NDArray[Scalar]) -> NDArray[Scalar]:
     copy = array.copy()
     copy.flags.writeable = False
     return copy
+
+
+@dataclass(frozen=True, kw_only=True)
+class InputOnly(Scorable):
+    """Stands for methods where only their input is wanted: it is never asked.
+
+    Attributes:
+        history: earlier images that have to be there.
+        longest_history: earlier images where there are as many.
+        colour: BGR instead of grey.
+    """
+
+    name = "input-only"
+
+    history: int = 1
+    longest_history: int = 1
+    colour: bool = False
 
 
 class _ImagesOnDemand(Sequence[NDArray[np.uint8]]):

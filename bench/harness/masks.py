@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from bench.errors import DataError
 from bench.harness.method_stamp import MethodStamp
-from bench.methods import MethodInput, Segmentation
+from bench.methods import Method, MethodInput, Segmentation
 
 MASKS = "masks.parquet"
 LIKELIHOOD_CELLS = 20_000
@@ -66,7 +66,7 @@ def mask_row(segmentation: Segmentation, *, recording: str, camera: str, timesta
     }
 
 
-class StoredMasks:
+class StoredMasks(Method):
     """The answers of a stored run in the place of the method that gave them.
 
     Args:

@@ -10,7 +10,7 @@ from pathlib import Path
 from bench.errors import DataError
 from bench.evaluation import Protocol, load_protocol, summarise
 from bench.harness.provenance import Provenance, Work
-from bench.harness.run_folder import PROTOCOL, Experiment, claim, held_run_folder, new_results
+from bench.harness.run_folder import PROTOCOL, begin_run, held_run_folder, new_results
 from bench.harness.shards import ShardReport, read_shards
 from bench.harness.stored import (
     IMAGE_MAPS,
@@ -26,7 +26,7 @@ from bench.harness.stored import (
 from bench.harness.unit import Unit
 from bench.harness.unit_files import FOLDER as UNITS
 from bench.harness.unit_files import UnitFolder
-from bench.recordings.atomic import alone_in
+from bench.recordings.atomic import folder_lock
 
 Finish = Callable[[Path, RunSummary], None]
 
@@ -39,22 +39,21 @@ def merge_shards(
     Args:
         out: folder of the run.
         parts: folders that hold the parts; `out` may be one of them, or the only one.
-        overwrite: replace the run of another experiment in `out`.
+        overwrite: replace another run in `out`.
         finish: see `run_benchmark`.
 
     Raises:
         DataError: parts are missing, damaged or of different runs, nothing could be used, a folder is in use, or `out`
-            holds something that is no run, or a run of another experiment.
+            holds something that is no run, or another run.
     """
     others = {folder.resolve(): folder for folder in parts if folder.resolve() != out.resolve() and folder.is_dir()}
     with ExitStack() as held:
         held.enter_context(held_run_folder(out))
         for folder in others.values():
-            held.enter_context(alone_in(folder, wait=False))
+            held.enter_context(folder_lock(folder, wait=False))
         folder, report = read_shards(parts)[0]
         protocol = load_protocol(folder / UNITS / PROTOCOL)
-        experiment = Experiment.of_parts(report.stamp, protocol)
-        claim(out, experiment, protocol, overwrite=overwrite)
+        begin_run(out, report.manifest, protocol, overwrite=overwrite)
         with new_results(out) as results:
             summary = combine_parts(results, parts, run=out, protocol=protocol)
             if finish is not None:
@@ -94,11 +93,7 @@ def combine_parts(results: Path, parts: Sequence[Path], *, run: Path, protocol: 
     summary = RunSummary(
         **{name: getattr(metrics, name) for name in type(metrics).model_fields},
         schema_version=SCHEMA_VERSION,
-        dataset=first.stamp.dataset,
-        card=first.stamp.card,
-        reference_fingerprint=reference_fingerprint(objects, frames),
-        split=first.stamp.split,
-        method=first.stamp.method,
+        manifest=first.manifest.model_copy(update={"reference": reference_fingerprint(objects, frames)}),
         provenance=combined_provenance([report.provenance for report in reports], images=metrics.images.evaluated),
         vehicle_outline_m=first.vehicle_outline_m,
         failures=(*failures, *stored.problems(units)),

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from types import MappingProxyType
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from bench.errors import UsageError
 from bench.harness.keys import MethodIdentity
-from bench.methods import METHODS, Method, build_method, known_methods
+from bench.methods import METHODS, Scorable, build_method, known_methods
 
 
 class MethodStamp(BaseModel):
@@ -17,7 +18,8 @@ class MethodStamp(BaseModel):
 
     Attributes:
         name: its own.
-        settings: every parameter.
+        settings: every parameter, as the method reports them.
+        asked: parameters that the user named, as they were asked for.
         place: "module:Class" of its class; told, and never imported from here. None in runs of older versions.
         history: images that it needs before the one that it segments; None in runs of older versions.
         identity: SHA-256 over its own code, the libraries that this imports and the files that it reads; None in runs
@@ -28,16 +30,20 @@ class MethodStamp(BaseModel):
 
     name: str
     settings: dict[str, object]
+    asked: dict[str, object] = Field(default_factory=dict)
     place: str | None = None
     history: int | None = None
     identity: str | None = None
 
     @classmethod
-    def of(cls, method: Method, identity: MethodIdentity) -> MethodStamp:
+    def of(
+        cls, method: Scorable, identity: MethodIdentity, *, asked: Mapping[str, object] = MappingProxyType({})
+    ) -> MethodStamp:
         """The stamp of a method."""
         return cls(
             name=method.name,
             settings=method.settings(),
+            asked=dict(asked),
             place=identity.place,
             history=method.history,
             identity=identity.digest,

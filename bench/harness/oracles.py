@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Literal, TypeGuard
+from typing import Literal, TypeGuard
 
 import cv2
 import numpy as np
@@ -18,39 +18,39 @@ from numpy.typing import NDArray
 
 from bench.cameras import ray_grid
 from bench.errors import DataError, UsageError
-from bench.methods import Method, MethodInput, Segmentation, build_method, known_methods
+from bench.methods import Method, Scorable, Segmentation, build_method, known_methods
+from bench.methods.contract import not_derived
+from bench.methods.registry import build
 from bench.recordings import ImageRef, Recording, read_truth
 from bench.reference import ReferenceFrame, Status
 
 Shape = Literal["exact", "hull", "upper_half"]
 
 
-class ReferenceItself:
-    """The reference in place of a method: a check of the evaluation, which every metric must pass with 1 or 0."""
+@dataclass(frozen=True, kw_only=True)
+class ReferenceItself(Scorable):
+    """The reference in place of a method: a check of the evaluation, which every metric must pass with 1 or 0.
 
-    name: ClassVar[str] = "reference"
-    history: ClassVar[int] = 1
-    reads_images: ClassVar[bool] = False
+    Attributes:
+        sees_the_reference: the mark by which a table tells it from methods.
+    """
 
-    def __init__(self, *, sees_the_reference: bool = True) -> None:
-        if sees_the_reference is not True:
-            raise UsageError(f"reference: it sees the reference and nothing else, got {sees_the_reference!r}")
+    name = "reference"
+    reads_images = False
 
-    def settings(self) -> dict[str, object]:
-        """No parameters, and the mark by which a table tells it from methods."""
-        return {"sees_the_reference": True}
+    sees_the_reference: bool = True
 
-    def segment(self, frame: MethodInput) -> Segmentation:
-        """Refuse; see `refusal`."""
-        raise refusal(self.name, frame)
+    def __post_init__(self) -> None:
+        if self.sees_the_reference is not True:
+            raise UsageError(f"reference: it sees the reference and nothing else, got {self.sees_the_reference!r}")
 
     def answer(self, recording: Recording, image: ImageRef, reference: ReferenceFrame) -> Segmentation:  # noqa: ARG002
         """The evaluated objects of the reference, all pixels of their regions."""
         return Segmentation(cell_size_px=1, mask=reference.labels > 0)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExactMasks:
+@dataclass(frozen=True, kw_only=True)
+class ExactMasks(Scorable):
     """The exact masks of all moving objects, in place of a method: the ceiling of a protocol.
 
     Attributes:
@@ -61,15 +61,14 @@ class ExactMasks:
         sees_the_truth: the mark by which a table tells it from methods.
     """
 
+    name = "truth"
+    reads_images = False
+
     cell_size_px: int = 1
     grow_px: int = 0
     shift_px: int = 0
     shape: Shape = "exact"
     sees_the_truth: bool = True
-
-    name: ClassVar[str] = "truth"
-    history: ClassVar[int] = 1
-    reads_images: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         if self.sees_the_truth is not True:
@@ -80,20 +79,6 @@ class ExactMasks:
                 raise UsageError(f"truth: {name}: expected a whole number from {least} to 1000, got {value!r}")
         if self.shape not in ("exact", "hull", "upper_half"):
             raise UsageError(f"truth: shape: expected exact, hull or upper_half, got {self.shape!r}")
-
-    def settings(self) -> dict[str, object]:
-        """Every parameter, and the mark."""
-        return {
-            "cell_size_px": self.cell_size_px,
-            "grow_px": self.grow_px,
-            "shift_px": self.shift_px,
-            "shape": self.shape,
-            "sees_the_truth": True,
-        }
-
-    def segment(self, frame: MethodInput) -> Segmentation:
-        """Refuse; see `refusal`."""
-        raise refusal(self.name, frame)
 
     def answer(self, recording: Recording, image: ImageRef, reference: ReferenceFrame) -> Segmentation:
         """The pixels of every annotated object that moves, evaluated or not."""
@@ -145,10 +130,9 @@ class ExactMasks:
 Oracle = ReferenceItself | ExactMasks
 
 
-def is_oracle(method: Method) -> TypeGuard[Oracle]:
+def is_oracle(method: object) -> TypeGuard[Oracle]:
     """Whether the harness answers in place of a method; never for a class of anybody else."""
-    kind: type = type(method)
-    return kind in (ReferenceItself, ExactMasks)
+    return type(method) in (ReferenceItself, ExactMasks)
 
 
 def moving_instances(recording: Recording, reference: ReferenceFrame) -> list[int]:
@@ -174,11 +158,6 @@ def exact_mask(ids: NDArray[np.uint16], recording: Recording, reference: Referen
     return np.isin(ids, np.array(moving_instances(recording, reference), dtype=np.int64))
 
 
-def refusal(name: str, _: MethodInput) -> UsageError:
-    """The error of asking an oracle as if it were a method: from what methods are given it cannot answer."""
-    return UsageError(f"{name}: it can be run and viewed, not swept or audited; it never looks at an image")
-
-
 ORACLES = {
     "reference": "bench.harness.oracles:ReferenceItself",
     "truth": "bench.harness.oracles:ExactMasks",
@@ -191,11 +170,23 @@ def scorable_methods() -> dict[str, str]:
     return known_methods() | ORACLES
 
 
-def build_scorable(name: str, parameters: Mapping[str, object] | None = None) -> Method:
+def build_scorable(name: str, parameters: Mapping[str, object] | None = None) -> Scorable:
     """Build anything that can be scored; see `bench.methods.build_method`.
 
     Raises:
         UnknownNameError: no such method.
         UsageError: it cannot be imported, or refuses a parameter.
     """
-    return build_method(ORACLES.get(name, name), parameters)
+    target = ORACLES.get(name, name)
+    return build(name, target, Scorable, parameters) if target in ORACLES.values() else build_method(name, parameters)
+
+
+def require_scorable(value: object) -> Scorable:
+    """Pass on what can be scored: a method, or an oracle of this module.
+
+    Raises:
+        UsageError: an object of a class that does not derive from `Method`.
+    """
+    if isinstance(value, Method) or is_oracle(value):
+        return value
+    raise UsageError(not_derived(type(value).__name__))

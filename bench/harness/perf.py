@@ -14,7 +14,7 @@ from bench.flow import DenseFlow, FarnebackFlow
 from bench.harness.frames import FramePipeline, UnscorableFrame
 from bench.harness.keys import MethodIdentity, digest_of
 from bench.harness.stages import StageClock
-from bench.methods import Method
+from bench.methods import Scorable
 from bench.recordings import DatasetCard, Recording, open_dataset, write_text
 from bench.threads import single_threaded
 
@@ -46,7 +46,7 @@ class PerfReport:
 def measure(
     recordings: Iterator[Recording],
     *,
-    method: Method,
+    method: Scorable,
     protocol: Protocol,
     images: int,
     progress: Callable[[float, int], None],
@@ -139,7 +139,7 @@ def write_cost(run: Path, cost: MethodCost) -> None:
     write_text(run / COST, cost.model_dump_json(indent=1) + "\n")
 
 
-def method_cost(card: DatasetCard, method: Method, *, protocol: Protocol, known: MethodCost | None) -> MethodCost:
+def method_cost(card: DatasetCard, method: Scorable, *, protocol: Protocol, known: MethodCost | None) -> MethodCost:
     """Time a method on the first images of a data set, unless that is known already.
 
     Args:

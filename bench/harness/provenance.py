@@ -1,4 +1,4 @@
-"""Where a result comes from: code, libraries, data, time."""
+"""How a result came about: time, memory, work; and the versions and commit of the code."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, distribution, version
 from pathlib import Path
 from time import perf_counter
-from types import MappingProxyType
 
 from pydantic import BaseModel, ConfigDict
 
@@ -22,7 +21,6 @@ import bench
 from bench.recordings import Recording
 
 FIGURE_LIBRARIES = ("numpy", "scipy", "numba", "opencv-python-headless", "shapely", "pandas", "pyarrow")
-OF_RECORDING = 16  # characters of a recording's fingerprint that say whether its data changed
 READER_LIBRARIES = (
     "kornia-rs",
     "laspy",
@@ -59,15 +57,9 @@ class Work(BaseModel):
 
 
 class Provenance(BaseModel):
-    """What made a run; none of it decides a metric.
+    """How a run came about; none of it decides a metric.
 
     Attributes:
-        version: of the package.
-        commit: of the checkout that ran, "+" behind it where files were changed, or that pip installed from; None where
-            neither is known.
-        python: version of the interpreter.
-        libraries: their versions.
-        data_fingerprint: SHA-256 over names and sizes of the files read and the content of the small ones.
         started_utc: ISO 8601.
         seconds: wall time of the run.
         stage_seconds: time of each stage, summed over images; of runs by several protocols, that of their common pass.
@@ -75,17 +67,10 @@ class Provenance(BaseModel):
         peak_memory_mb: largest resident size of a process.
         work: what had to be computed; None in runs of older versions, and where nothing is told.
         unrepeatable: code that nobody else can have again, one line a file; see `code_state`.
-        recordings: the first characters of each recording's own fingerprint; empty in runs of older versions and for
-            audits.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    version: str
-    commit: str | None
-    python: str
-    libraries: dict[str, str]
-    data_fingerprint: str
     started_utc: str
     seconds: float
     stage_seconds: dict[str, float]
@@ -93,7 +78,6 @@ class Provenance(BaseModel):
     peak_memory_mb: float
     work: Work | None = None
     unrepeatable: tuple[str, ...] = ()
-    recordings: dict[str, str] = {}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,32 +106,23 @@ class Start:
 def provenance_since(
     start: Start,
     *,
-    fingerprints: Sequence[str],
     stage_seconds: Mapping[str, float],
     images: int,
     work: Work | None = None,
     peak_memory_mb: float | None = None,
     unrepeatable: tuple[str, ...] = (),
-    recordings: Mapping[str, str] = MappingProxyType({}),
 ) -> Provenance:
     """The provenance of work that ends now.
 
     Args:
         start: when it began.
-        fingerprints: of the recordings that it read.
         stage_seconds: time of each stage.
         images: that were scored.
         work: what had to be computed.
         peak_memory_mb: of the largest process; None for this one.
         unrepeatable: code that nobody else can have again.
-        recordings: fingerprint of each by name.
     """
     return Provenance(
-        version=bench.__version__,
-        commit=package_commit(),
-        python=platform.python_version(),
-        libraries=library_versions(),
-        data_fingerprint=combined_fingerprint(fingerprints),
         started_utc=start.utc.isoformat(timespec="seconds"),
         seconds=start.elapsed_s,
         stage_seconds={name: round(seconds, 3) for name, seconds in sorted(stage_seconds.items())},
@@ -155,7 +130,6 @@ def provenance_since(
         peak_memory_mb=round(largest_resident_mb() if peak_memory_mb is None else peak_memory_mb, 1),
         work=work,
         unrepeatable=unrepeatable,
-        recordings={name: fingerprint[:OF_RECORDING] for name, fingerprint in sorted(recordings.items())},
     )
 
 

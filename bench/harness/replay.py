@@ -35,9 +35,9 @@ class StoredFrames:
 
     def __init__(self, run: Path, summary: RunSummary, protocol: Protocol, *, card: DatasetCard | None = None) -> None:
         self._run, self._protocol = run, protocol
-        self._method = StoredMasks(run, summary.method)
-        self._card = card or load_card(summary.card)
-        self._handles = {handle.name: handle for handle in open_dataset(self._card, summary.split)}
+        self._method = StoredMasks(run, summary.manifest.method)
+        self._card = card or load_card(summary.manifest.dataset.card)
+        self._handles = {handle.name: handle for handle in open_dataset(self._card, summary.manifest.dataset.split)}
         self._frames = open_tables(run)[1]
         self._pipelines: dict[tuple[str, str], FramePipeline] = {}
         self._stored: tuple[str, dict[tuple[str, int], tuple[int, ...]]] = ("", {})

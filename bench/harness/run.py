@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
 from bench.evaluation import Protocol
+from bench.evaluation.summary import ProtocolStamp
 from bench.execution import FailedTask, SerialExecutor, TaskExecutor
 from bench.harness import provenance
 from bench.harness.cache import CacheFolder
 from bench.harness.code_state import unrepeatable_code
 from bench.harness.keys import MethodIdentity, code_digest, digest_of
 from bench.harness.keys.digests import UNIT_CODE
+from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest
 from bench.harness.merge import Finish, combine_parts
 from bench.harness.method_stamp import MethodStamp
-from bench.harness.run_folder import Experiment, claim, held_run_folder, new_results
+from bench.harness.run_folder import begin_run, held_run_folder, new_results
 from bench.harness.shards import (
     SCHEMA_VERSION,
     WHOLE,
@@ -34,7 +36,7 @@ from bench.harness.stored import RunSummary
 from bench.harness.tasks import PlannedRecording, RunSpec, ScoredUnit, UnitTask, plan_recording, score_unit
 from bench.harness.unit import Unit
 from bench.harness.unit_files import UnitFolder
-from bench.methods import Method
+from bench.methods import Scorable
 from bench.recordings import NO_INPUT_ERRORS, DatasetCard, InputErrors, RecordingHandle, open_dataset
 
 SERIAL = SerialExecutor()
@@ -50,9 +52,10 @@ class RunRequest:
         method: to be scored.
         protocol: the rules.
         out: folder of the run.
+        settings: of the method, as they were asked for.
         split: of the data set; None for all of it.
         input_errors: injected into the method's input; the reference keeps the true calibration and ego-motion.
-        overwrite: replace the run of another experiment in `out`.
+        overwrite: replace another run in `out`.
         executor: computes the units; the result does not depend on it.
         cache: where flow, likelihood and reference are stored for other runs; None to store nothing.
         progress: called with the images done and their number, which is 0 while none is known and estimated while
@@ -60,9 +63,10 @@ class RunRequest:
     """
 
     card: DatasetCard
-    method: Method
+    method: Scorable
     protocol: Protocol
     out: Path
+    settings: Mapping[str, object] = field(default_factory=dict)
     split: str | None = None
     input_errors: InputErrors = NO_INPUT_ERRORS
     overwrite: bool = False
@@ -77,8 +81,21 @@ class RunRequest:
     def begin(self, held: ExitStack, *, shard: Shard) -> None:
         """Hold the folder of the run, and note what is going on there."""
         held.enter_context(held_run_folder(self.out, shared=shard != WHOLE))
-        experiment = Experiment.of(dataset=self.card.name, split=self.split, method=self.method, protocol=self.protocol)
-        claim(self.out, experiment, self.protocol, overwrite=self.overwrite)
+        begin_run(self.out, self.manifest(), self.protocol, overwrite=self.overwrite)
+
+    def manifest(self) -> Manifest:
+        """What the run is, as far as it is known before it begins."""
+        return Manifest(
+            dataset=DatasetOfRun(
+                name=self.card.name,
+                card=str(self.card.file),
+                split=self.split,
+                input_errors=dict(self.input_errors.named),
+            ),
+            method=MethodStamp.of(self.method, MethodIdentity.of(self.method), asked=self.settings),
+            protocol=ProtocolStamp(name=self.protocol.name, version=self.protocol.version, digest=self.protocol.digest),
+            code=CodeOfRun.here(),
+        ).as_read()
 
 
 def run_benchmark(request: RunRequest, *, finish: Finish | None = None) -> RunSummary:
@@ -98,7 +115,7 @@ def run_benchmark(request: RunRequest, *, finish: Finish | None = None) -> RunSu
         in `failures`; the metrics are of the rest.
 
     Raises:
-        DataError: the data set is not there, nothing of it could be used, `out` holds another experiment or something
+        DataError: the data set is not there, nothing of it could be used, `out` holds another run or something
             that is no run or is in use by another one, or there is no space for the results.
     """
     return run_protocols([request], finish=finish)[0]
@@ -236,6 +253,7 @@ class _Work:
         )
         return ShardReport(
             schema_version=SCHEMA_VERSION,
+            manifest=asked.manifest().with_data(fingerprints),
             stamp=RunStamp(
                 dataset=asked.card.name,
                 card=str(asked.card.file),
@@ -262,13 +280,11 @@ class _Work:
             unit_failures=tuple(self.failures[unit] for unit in part if unit in self.failures),
             provenance=provenance.provenance_since(
                 self.start,
-                fingerprints=list(fingerprints.values()),
                 stage_seconds=self.clock.seconds,
                 images=0,
                 work=work,
                 peak_memory_mb=max(self.peak_memory_mb, provenance.largest_resident_mb()),
                 unrepeatable=unrepeatable_code(self.identity),
-                recordings=fingerprints,
             ),
         )
 

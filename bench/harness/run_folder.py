@@ -1,9 +1,9 @@
-"""The folder of a run: the results of one experiment, and the work from which they are made.
+"""The folder of a run: its results, and the work from which they are made.
 
 ```
+<run>/manifest.json                          of what run all this is; there as soon as one begins
 <run>/summary.json, tables, pictures, ...    results: they appear together, by one rename of the whole folder
 <run>/units/*.unit                           work: results of units; what an interrupted run goes on from
-<run>/units/experiment.json, protocol.json   of which experiment the units are
 <run>/shards/*.json                          work: reports of the parts of a run
 ```
 """
@@ -11,129 +11,24 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from fnmatch import fnmatch
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict
-
 from bench.errors import DataError
 from bench.evaluation import Protocol
-from bench.harness.shards import RunStamp
+from bench.harness.manifest import MANIFEST, Manifest, differences, read_manifest, write_manifest
 from bench.harness.unit_files import FOLDER
-from bench.methods import Method
 from bench.recordings import write_text
-from bench.recordings.atomic import alone_in
+from bench.recordings.atomic import folder_lock
 
-EXPERIMENT, PROTOCOL = f"{FOLDER}/experiment.json", "protocol.json"
+PROTOCOL = "protocol.json"
 WORK = (FOLDER, "shards")
 RESULTS = (
-    *("summary.json", PROTOCOL, "predictions.json", "cost.json", "*.parquet", "*.npz"),
+    *("summary.json", MANIFEST, PROTOCOL, "predictions.json", "cost.json", "*.parquet", "*.npz"),
     *("table.*", "range_map.*", "pictures", "index.html", "index-*.html", "figures", "figures-*"),
 )
-
-
-class Experiment(BaseModel):
-    """What all files in the folder of a run share; code and data may change from one run to the next.
-
-    Attributes:
-        dataset: name of the data set.
-        split: of it; None for all.
-        method: name of the method.
-        settings: of the method, but for the fingerprint of predictions, which are data.
-        protocol: name of the rules.
-        protocol_digest: of the rules.
-    """
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
-
-    dataset: str
-    split: str | None
-    method: str
-    settings: Mapping[str, object]
-    protocol: str
-    protocol_digest: str
-
-    @classmethod
-    def of(cls, *, dataset: str, split: str | None, method: Method, protocol: Protocol) -> Experiment:
-        """The experiment that a run is."""
-        made = cls._made(dataset, split, method.name, method.settings(), protocol.name, protocol.digest)
-        return cls.model_validate_json(made.model_dump_json())  # as it reads from a file: lists, not tuples
-
-    @classmethod
-    def of_parts(cls, stamp: RunStamp, protocol: Protocol) -> Experiment:
-        """The experiment that the parts of a run are of."""
-        method = stamp.method
-        return cls._made(stamp.dataset, stamp.split, method.name, method.settings, protocol.name, protocol.digest)
-
-    @classmethod
-    def found_in(cls, run: Path) -> list[Experiment]:
-        """Those of the results and of the work in a folder, for as far as they can be read."""
-        found = []
-        for name in ("summary.json", EXPERIMENT):
-            try:
-                text = (run / name).read_text("utf-8")
-                if name == EXPERIMENT:
-                    found.append(cls.model_validate_json(text))
-                else:
-                    found.append(_Summary.model_validate_json(text).experiment)
-            except (OSError, ValueError):
-                continue
-        return found
-
-    @classmethod
-    def _made(
-        cls, dataset: str, split: str | None, method: str, settings: Mapping[str, object], protocol: str, digest: str
-    ) -> Experiment:
-        kept = {name: value for name, value in settings.items() if name != "fingerprint"}
-        return cls(
-            dataset=dataset, split=split, method=method, settings=kept, protocol=protocol, protocol_digest=digest
-        )
-
-    def difference(self, other: Experiment) -> str:
-        """What another experiment has that this one has not, in words; empty where they are the same."""
-        told = [f"{name} {getattr(other, name)!r}" for name in ("dataset", "method") if self._differs(other, name)]
-        if self._differs(other, "split"):
-            told.append("no split" if other.split is None else f"split {other.split!r}")
-        if other.protocol_digest != self.protocol_digest:
-            told.append(f"protocol {other.protocol!r} ({other.protocol_digest[:12]})")
-        if other.method == self.method and other.settings != self.settings:
-            names = sorted(
-                name
-                for name in {*other.settings, *self.settings}
-                if other.settings.get(name) != self.settings.get(name)
-            )
-            told += [f"{name} {other.settings.get(name)!r}" for name in names]
-        return ", ".join(told)
-
-    def _differs(self, other: Experiment, name: str) -> bool:
-        return bool(getattr(other, name) != getattr(self, name))
-
-
-class _Method(BaseModel):
-    name: str
-    settings: Mapping[str, object]
-
-
-class _Protocol(BaseModel):
-    name: str
-    digest: str
-
-
-class _Summary(BaseModel):
-    """Of `summary.json`, what tells experiments apart; the metrics may be those of an older version."""
-
-    dataset: str
-    split: str | None
-    method: _Method
-    protocol: _Protocol
-
-    @property
-    def experiment(self) -> Experiment:
-        return Experiment._made(
-            self.dataset, self.split, self.method.name, self.method.settings, self.protocol.name, self.protocol.digest
-        )
 
 
 @contextmanager
@@ -155,27 +50,36 @@ def held_run_folder(run: Path, *, shared: bool = False) -> Iterator[None]:
     except OSError as error:
         got, do = error.strerror or str(error), "give another folder with --out"
         raise DataError(run, expected="a folder for the run", got=got, do=do) from error
-    with alone_in(run, shared=shared, wait=False):
+    with folder_lock(run, shared=shared, wait=False):
         if not shared:
             _recover(run)
         yield
 
 
-def claim(run: Path, experiment: Experiment, protocol: Protocol, *, overwrite: bool) -> None:
-    """Note which experiment is going on in a folder; its results stay as they are until others take their place.
+def begin_run(run: Path, manifest: Manifest, protocol: Protocol, *, overwrite: bool) -> None:
+    """Note of what run the folder is; results that are there stay as they are until others take their place.
 
     Raises:
-        DataError: the folder holds another experiment, and `overwrite` is not set.
+        DataError: the folder holds another run, or a damaged manifest, and `overwrite` is not set.
     """
-    for other in Experiment.found_in(run):
-        if difference := experiment.difference(other):
-            if not overwrite:
-                do = "give another folder with --out, or replace what is there with --overwrite"
-                expected = "an empty folder or a run of the same experiment"
-                raise DataError(run, expected=expected, got=f"a run with {difference}", do=do)
-            break
-    write_text(run / EXPERIMENT, experiment.model_dump_json(indent=1) + "\n")
+    finished = (run / "summary.json").is_file()
+    if not overwrite:
+        _refuse_other(run, manifest)
+    if not finished:
+        write_manifest(run, manifest)
     write_text(run / FOLDER / PROTOCOL, protocol.model_dump_json(indent=1, exclude_unset=True) + "\n")
+
+
+def _refuse_other(run: Path, manifest: Manifest) -> None:
+    do = "give another folder with --out, or replace what is there with --overwrite"
+    try:
+        there = read_manifest(run)
+    except DataError as error:
+        raise DataError(error.file, field=error.field, expected=error.expected, got=error.got, do=do) from error
+    others = [] if there is None else [str(d) for d in differences(there, manifest) if d.of_the_request]
+    if others:
+        got = f"another one: {'; '.join(others)}"
+        raise DataError(run, expected="an empty folder or the run that is asked for", got=got, do=do)
 
 
 @contextmanager

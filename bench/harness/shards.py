@@ -9,6 +9,7 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict
 
 from bench.errors import DataError, UsageError
+from bench.harness.manifest import Manifest
 from bench.harness.method_stamp import MethodStamp
 from bench.harness.provenance import Provenance
 from bench.harness.unit import Unit
@@ -133,6 +134,7 @@ class ShardReport(BaseModel):
     Attributes:
         schema_version: of this file.
         stamp: of the run.
+        manifest: of the run.
         units_of_run: how many units all parts have together.
         units: of this part, in the order of the run.
         vehicle_outline_m: the ego vehicle from above.
@@ -145,6 +147,7 @@ class ShardReport(BaseModel):
 
     schema_version: int
     stamp: RunStamp
+    manifest: Manifest
     units_of_run: int
     units: tuple[ShardedUnit, ...]
     vehicle_outline_m: tuple[tuple[float, float], ...]

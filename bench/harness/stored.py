@@ -41,7 +41,7 @@ from bench.evaluation import (
 from bench.evaluation.likelihood import COLUMNS as THRESHOLD_FREE_COLUMNS
 from bench.evaluation.row_source import BATCH_ROWS, Columns, Rows, as_source, count_words, read_parts
 from bench.evaluation.sums import level_ratios
-from bench.harness.method_stamp import MethodStamp
+from bench.harness.manifest import Manifest, write_manifest
 from bench.harness.provenance import Provenance
 from bench.harness.unit_files import load_image_maps
 from bench.recordings import write_text
@@ -207,12 +207,8 @@ class RunSummary(Summary):
 
     Attributes:
         schema_version: of this file.
-        dataset: name of the data set.
-        card: file of the data set's card, as it was named.
-        reference_fingerprint: SHA-256 over what the reference alone decides; runs of different ones do not compare.
-        split: of the data set; None for all of it.
-        method: that was scored.
-        provenance: where the result comes from.
+        manifest: what the metrics are of, also in `manifest.json`.
+        provenance: how the result came about.
         vehicle_outline_m: the ego vehicle from above, vehicle frame, for pictures.
         caveats: what a reader has to know of the data set, from its card.
         failures: one line per recording, unit or image that could not be used; the metrics are of the rest.
@@ -222,11 +218,7 @@ class RunSummary(Summary):
     """
 
     schema_version: int
-    dataset: str
-    card: str
-    reference_fingerprint: str
-    split: str | None
-    method: MethodStamp
+    manifest: Manifest
     provenance: Provenance
     vehicle_outline_m: tuple[tuple[float, float], ...]
     failures: tuple[str, ...]
@@ -326,7 +318,8 @@ def reference_fingerprint(objects: Rows, frames: Rows) -> str:
 
 
 def write_summary(run: Path, summary: RunSummary) -> None:
-    """Write `summary.json`; NaN becomes null."""
+    """Write `manifest.json` and `summary.json`; NaN becomes null."""
+    write_manifest(run, summary.manifest)
     write_sealed(run / SUMMARY, summary)
 
 

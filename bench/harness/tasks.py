@@ -18,7 +18,7 @@ from bench.harness.provenance import largest_resident_mb, recording_fingerprint
 from bench.harness.stages import StageClock
 from bench.harness.unit import Unit, plan_units, run_unit
 from bench.harness.unit_files import encode_unit
-from bench.methods import Method, Needs
+from bench.methods import Scorable
 from bench.recordings import Recording, RecordingHandle
 
 UNIT_FORMAT = 3  # raise it when the files of a unit change
@@ -37,7 +37,7 @@ class RunSpec:
         run_id: of this run; a process opens a recording once for each.
     """
 
-    method: Method
+    method: Scorable
     identity: MethodIdentity
     protocols: tuple[Protocol, ...]
     cache: CacheFolder | None = None
@@ -192,7 +192,7 @@ def score_unit(spec: RunSpec, task: UnitTask) -> tuple[ScoredUnit, ...]:
 def unit_keys(spec: RunSpec, recording: Recording, unit: Unit, inputs: RecordingInputs) -> list[str]:
     """Digests of all that the results of a unit depend on, by protocol."""
     method, images = spec.method, recording.images[unit.camera]
-    first = max(unit.start - Needs.of(method).longest_history - 1, 0)
+    first = max(unit.start - method.most_history - 1, 0)
     read = images[first : unit.stop]
     shared = digest_of(
         UNIT_FORMAT,

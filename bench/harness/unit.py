@@ -14,7 +14,7 @@ from bench.harness.cache import StepCache
 from bench.harness.frames import FramePipeline, UnscorableFrame
 from bench.harness.masks import MASKS_SCHEMA, mask_row
 from bench.harness.stages import StageClock
-from bench.methods import Method
+from bench.methods import Scorable
 from bench.recordings import Recording
 
 CHUNK_IMAGES = 100  # bounds the rows that are held before they are written; many times the lag of the chance level
@@ -37,7 +37,7 @@ class Unit:
     stop: int
 
 
-def plan_units(recording: Recording, method: Method, *, chunk_images: int = CHUNK_IMAGES) -> Iterator[Unit]:
+def plan_units(recording: Recording, method: Scorable, *, chunk_images: int = CHUNK_IMAGES) -> Iterator[Unit]:
     """Cut a recording into units; a camera's first images, without history or not to be scored, belong to none.
 
     Raises:
@@ -77,7 +77,7 @@ def run_unit(
     recording: Recording,
     unit: Unit,
     *,
-    method: Method,
+    method: Scorable,
     protocols: Sequence[Protocol],
     clock: StageClock,
     steps: StepCache | None = None,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -23,7 +24,7 @@ WELL_KNOWN = {  # names that need no explanation, in lower case; upper and lower
     **dict.fromkeys(("bicycle", "bicyclist", "bike", "motorbike", "motorcycle", "motorcyclist", "rider"), "cyclist"),
     **dict.fromkeys(("car", "van", "truck", "bus", "tram", "train", "trailer", "caravan"), "vehicle"),
 }
-TELLING_PARTS = {  # of names, for proposals
+CLASS_HINTS = {  # of names, for proposals
     "cyclist": ("cycl", "bike", "rider", "scooter"),
     "pedestrian": ("pedestrian", "person", "people", "human", "walker"),
     "vehicle": ("vehicle", "car", "truck", "lorry", "bus", "van", "tram", "trailer"),
@@ -52,7 +53,7 @@ class LabelSet:
     Attributes:
         tracks: objects; their states are in the vehicle frame at each state's time.
         timestamps_ns: all annotated times, also those at which the scene held nothing, increasing.
-        lost: one line for each thing that the source did not tell or that did not survive the translation.
+        lost: one line for each thing that the source does not hold or that was lost in the translation.
     """
 
     tracks: tuple[Track, ...]
@@ -143,7 +144,7 @@ def map_classes(
         Class as found -> one of `OBJECT_CLASSES`, or None for one that the user leaves out.
 
     Raises:
-        DataError: classes that nobody knows, all of them at once.
+        DataError: unknown classes, all at once.
     """
     table: dict[str, str | None] = {**WELL_KNOWN, **(known or {})}
     table |= {name.casefold(): ours for name, ours in options.classes.items()}
@@ -153,7 +154,7 @@ def map_classes(
         raise DataError(
             source,
             field="classes",
-            expected=f"classes that can be told as {', '.join(OBJECT_CLASSES)}",
+            expected=f"classes that map to one of {', '.join(OBJECT_CLASSES)}",
             got=", ".join(repr(name) for name in unknown),
             do=_class_hint(unknown),
         )
@@ -161,18 +162,18 @@ def map_classes(
 
 
 def _class_hint(unknown: Sequence[str]) -> str:
-    """The options that say what classes are, with a proposal for those whose name tells."""
+    """Options that map the classes, with a proposal for those with a telling name."""
     proposed = {name: _proposed_class(name.casefold()) for name in unknown[:SHOWN_HINTS]}
     options = " ".join(f"--class {shlex.quote(f'{name}={ours}')}" for name, ours in proposed.items())
     more = " and so on" if len(unknown) > SHOWN_HINTS else ""
     asked = f"; CLASS is one of {', '.join(OBJECT_CLASSES)}, or none to leave the objects out"
-    return f"say what each is: {options}{more}{asked if 'CLASS' in proposed.values() or more else ''}"
+    return f"map each of them: {options}{more}{asked if 'CLASS' in proposed.values() or more else ''}"
 
 
 def _proposed_class(name: str) -> str:
     if name.startswith("ego"):  # the vehicle that carries the sensors is no object of its own scene
         return "none"
-    return next((ours for ours, parts in TELLING_PARTS.items() if any(part in name for part in parts)), "CLASS")
+    return next((ours for ours, parts in CLASS_HINTS.items() if any(part in name for part in parts)), "CLASS")
 
 
 def tool_class(object_class: str, options: LabelOptions, defaults: Mapping[str, str] | None = None) -> str:
@@ -331,13 +332,11 @@ def export_labels(
 
 
 def _refuse_twice(label_set: LabelSet, source: Path) -> None:
-    seen: set[str] = set()
+    for track_id, count in Counter(track.track_id for track in label_set.tracks).items():
+        if count > 1:
+            raise DataError(source, field=f"object {track_id!r}", expected="each object once", got="it twice")
     for track in label_set.tracks:
-        if track.track_id in seen:
-            raise DataError(source, field=f"object {track.track_id!r}", expected="each object once", got="it twice")
-        seen.add(track.track_id)
-        times_ns = [state.timestamp_ns for state in track.states]
-        if len(set(times_ns)) < len(times_ns):
-            twice = next(time_ns for i, time_ns in enumerate(times_ns) if time_ns in times_ns[:i])
-            field = f"object {track.track_id!r}"
-            raise DataError(source, field=field, expected="one state at each time", got=f"two at {twice}")
+        for time_ns, count in Counter(state.timestamp_ns for state in track.states).items():
+            if count > 1:
+                field = f"object {track.track_id!r}"
+                raise DataError(source, field=field, expected="one state at each time", got=f"two at {time_ns}")

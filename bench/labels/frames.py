@@ -3,7 +3,7 @@
 A frame is called, and these are tried in turn for all frames of a source at once:
 
 1. as the file of its sweep without the suffix,
-2. by the same number as that file, whatever zeros stand before it,
+2. by the same number as that file, whatever its leading zeros,
 3. by the sweep's time in nanoseconds,
 4. by its place in the recording, counted from `first_frame`.
 
@@ -73,7 +73,7 @@ def refuse_other_frames(folder: Path, suffix: str, names: Iterable[str], *, with
         without: names of files that are no frames.
 
     Raises:
-        DataError: other frames lie there, or the folder is a link that leads elsewhere.
+        DataError: other frames are there, or the folder is a link that leads elsewhere.
     """
     refuse_escape(folder.parent, folder, file=folder)
     written = {f"{name}{suffix}" for name in names} | set(without)
@@ -165,16 +165,16 @@ def _paired(
         # What fits in part is meant, but for the number 0 alone: both ways of counting may begin with it.
         partly = [way for way in ways if way and (not places or any(numbers.get(name) != 0 for name in way))]
         chosen = next((way for way in (*(way for way in ways if len(way) == len(names)), *partly)), chosen)
-    odd = [name for name in names if name not in chosen]
-    if not odd:
+    unpaired = [name for name in names if name not in chosen]
+    if not unpaired:
         return chosen
     called = f"{sweeps[0].path.stem} to {sweeps[-1].path.stem}"
-    expected = f"frames called as the {len(sweeps)} sweeps, {called}"
+    expected = f"frames named like the {len(sweeps)} sweeps, {called}"
     do = "name frames after the sweeps"
     if places:
         expected += f", or {options.first_frame} to {options.first_frame + len(sweeps) - 1}"
         do += ", or give the number of the first sweep with --first-frame"
-    raise DataError(source, field="frames", expected=expected, got=listed(odd, SHOWN), do=do)
+    raise DataError(source, field="frames", expected=expected, got=listed(unpaired, SHOWN), do=do)
 
 
 def _is_number(text: str) -> bool:

@@ -6,9 +6,9 @@ rx and ry are 0. A tracklet's frame is its first frame plus the number of the po
 CVAT's "KITTI Raw Format" keeps the tags and changes their meaning: the place is the middle of the box, w lies along x,
 h along y and l along z, and the three angles turn about the box's own x, y and z in turn. Gaps of a track are filled
 with copies that are outside of the image with unset occlusion. Newer versions of the library behind it may have
-mended the order of the sizes: look at the sizes that an import prints.
+corrected the order of the sizes: look at the sizes that an import prints.
 
-CVAT also writes `frame_list.txt`: number and name of each frame of the task. Where it lies beside the tracklets, frames
+CVAT also writes `frame_list.txt`: number and name of each frame of the task. Where it is beside the tracklets, frames
 pair with sweeps by these names and never by their number, and the sweeps that it does not name were not looked at.
 
 The XML of KITTI's raw tracklets, item by item.
@@ -16,7 +16,7 @@ The XML of KITTI's raw tracklets, item by item.
 An item is one object: type, height, width and length, the number of its first frame, and a pose for each frame from
 there on. `state` is 0 unset, 1 interpolated, 2 labelled; `occlusion` -1 unset, 0 visible, 1 partly, 2 fully;
 `truncation` -1 unset, 0 in the image, 1 cut off, 2 outside, 99 behind; some tools write the share that is cut off.
-Counts that are missing or wrong are told and not believed.
+Counts that are missing or wrong are reported and not used.
 
 Source:
     The raw data's development kit (`tracklets.h`, `readTracklets.m`); its files carry a document type without any
@@ -104,14 +104,14 @@ def read_tracklets(file: Path) -> tuple[tuple[Tracklet, ...], tuple[str, ...]]:
 
     Returns:
         tracklets: in the order of the file.
-        wrong_counts: one line for each count that is missing or not kept.
+        wrong_counts: one line for each count that is missing or wrong.
 
     Raises:
         DataError: missing, cut short, not XML, with entities, nested too deeply, a number that is missing or none,
             nothing in it but a count of 0.
     """
     tracklets: list[Tracklet] = []
-    told: list[int] = []
+    counts: list[int] = []
     wrong: list[str] = []
     elements = xml_parts(
         file,
@@ -121,20 +121,20 @@ def read_tracklets(file: Path) -> tuple[tuple[Tracklet, ...], tuple[str, ...]]:
         deepest=DEEPEST,
         outer=OUTER,
         forbid_dtd=False,
-        mended=_Declared,
+        prepare=_Declared,
     )
     for element in elements:
         if element.tag == "count":
-            told.append(_whole(element, "count", file, "tracklets.count"))
+            counts.append(_whole(element, "count", file, "tracklets.count"))
         elif element.tag == "item":
             field = f"tracklets.item {len(tracklets)}"
             tracklets.append(_tracklet(element, file, field))
             held, count = len(tracklets[-1].poses), element.find("poses/count")
             stated = [] if count is None else [_whole(count, "count", file, f"{field}.poses.count")]
             wrong += _wrong_count(f"{field}.poses", stated, held)
-    if not tracklets and told != [0]:
+    if not tracklets and counts != [0]:
         raise DataError(file, field="tracklets", expected="tracklets, or a count of 0", got="neither")
-    return tuple(tracklets), (*_wrong_count("tracklets", told, len(tracklets)), *wrong)
+    return tuple(tracklets), (*_wrong_count("tracklets", counts, len(tracklets)), *wrong)
 
 
 def _wrong_count(field: str, stated: Sequence[int], held: int) -> list[str]:
@@ -257,7 +257,7 @@ class KittiTracklets:
     """Conventions of KITTI's development kit."""
 
     name = "kitti-tracklets"
-    description = "tracklet_labels.xml of KITTI's raw data: boxes that stand upright, one size for each object"
+    description = "tracklet_labels.xml of KITTI's raw data: upright boxes, one size for each object"
     centred = False
     sizes = ("length_m", "width_m", "height_m")  # what the file calls the sizes along x, y and z
 
@@ -293,7 +293,7 @@ class KittiTracklets:
         lost += [*self._unread([tracklet for _, tracklet in kept]), *floating(tracks, FLOATING_REASON)]
         if listed is None:
             lost.append(
-                f"frames without objects: the format does not tell whether they were looked at, so that all "
+                f"frames without objects: the format does not say whether they were annotated, so that all "
                 f"{len(recording.sweeps)} sweeps count as annotated"
             )
         looked_at = recording.sweeps if listed is None else sweeps.values()
@@ -341,11 +341,13 @@ class KittiTracklets:
         if resized:
             lost.append(f"{resized} objects change their size: each has its median one")
         if lean_rad > UPRIGHT_RAD and not self.centred:
-            lost.append(f"boxes that lean by up to {np.degrees(lean_rad):.3g} deg against the lidar stand upright")
+            lost.append(
+                f"boxes that lean by up to {np.degrees(lean_rad):.3g} deg against the lidar are written upright"
+            )
         return (*lost, *motion_lost(label_set.tracks))
 
     def _posed(self, tracklet: Tracklet) -> list[tuple[int, TrackletPose]]:
-        """Number of the frame and pose, without poses that nobody set."""
+        """Number of the frame and pose, without poses that are unset."""
         return [
             (tracklet.first_frame + j, pose)
             for j, pose in enumerate(tracklet.poses)
@@ -389,10 +391,10 @@ class KittiTracklets:
             "tracklets without poses, left out": sum(not tracklet.poses for tracklet in tracklets),
             "poses that are unset or outside, left out": len(poses) - posed,
             "poses that are interpolated, read as the others": sum(pose.state == INTERPOLATED for pose in poses),
-            "marks of occlusion: no place for them": sum(pose.occlusion in (1, 2) for pose in poses),
-            "marks of truncation: no place for them": sum(pose.truncation in (CUT_OFF, *OUTSIDE) for pose in poses),
+            "marks of occlusion: no field for them": sum(pose.occlusion in (1, 2) for pose in poses),
+            "marks of truncation: no field for them": sum(pose.truncation in (CUT_OFF, *OUTSIDE) for pose in poses),
             "tracklets that are not finished, read as the others": sum(not item.finished for item in tracklets),
-            "further attributes: no place for them": sum(item.attributes for item in tracklets),
+            "further attributes: no field for them": sum(item.attributes for item in tracklets),
         }
         return [f"{count} {what}" for what, count in counts.items() if count]
 

@@ -8,8 +8,8 @@ Source:
 
 The boxes of labelCloud in its three ways of writing them.
 
-`centroid_abs` tells angles in degrees from 0 to 360, `centroid_rel` in radians from -pi to pi; both turn about x first,
-then about the fixed y, then about the fixed z. `vertices` tells eight corners: 0 to 3 below and 4 to 7 above them, from
+`centroid_abs` gives angles in degrees from 0 to 360, `centroid_rel` in radians from -pi to pi; both turn about x first,
+then about the fixed y, then about the fixed z. `vertices` gives eight corners: 0 to 3 below and 4 to 7 above them, from
 the corner of smallest x and y against the length (x), along the width (y): 0 (-, -), 1 (-, +), 2 (+, +), 3 (+, -).
 """
 
@@ -48,7 +48,7 @@ CORNERS = np.array(
     [[-1, -1, -1], [-1, 1, -1], [1, 1, -1], [1, -1, -1], [-1, -1, 1], [-1, 1, 1], [1, 1, 1], [1, -1, 1]],
     dtype=np.float64,
 )
-LARGEST_SLANT = 1e-3  # of the edges of a box: labelCloud rounds to as few as three decimals where it is told to
+LARGEST_SLANT = 1e-3  # of the edges of a box: labelCloud rounds to as few as three decimals where it is set to
 
 
 class Dimensions(ToolModel):
@@ -199,13 +199,13 @@ class LabelCloud:
     def _refuse_other_way(self, file: Path) -> None:
         if not file.is_file():
             return
-        told = read_json(_ClassFile, file)
-        if told.type != "object_detection":
-            raise DataError(file, field="type", expected="object_detection, labels of boxes", got=told.type)
-        if told.format != self.way:
-            other = f"read it as labelcloud-{told.format.replace('_', '-')}"
-            do = other if told.format in WAYS else "export the labels from labelCloud in one of its JSON formats"
-            raise DataError(file, field="format", expected=f"{self.way}, as asked for", got=told.format, do=do)
+        stated = read_json(_ClassFile, file)
+        if stated.type != "object_detection":
+            raise DataError(file, field="type", expected="object_detection, labels of boxes", got=stated.type)
+        if stated.format != self.way:
+            other = f"read it as labelcloud-{stated.format.replace('_', '-')}"
+            do = other if stated.format in WAYS else "export the labels from labelCloud in one of its JSON formats"
+            raise DataError(file, field="format", expected=f"{self.way}, as asked for", got=stated.format, do=do)
 
     def _boxes(self, file: Path, sweep: SweepRef, recording: Recording) -> list[tuple[str, ObjectState]]:
         """Class and state of each box."""
@@ -255,7 +255,7 @@ class LabelCloudVertices(LabelCloud):
 
     way = "vertices"
     name = "labelcloud-vertices"
-    description = "labelCloud vertices: a folder of JSON files of boxes, told by their eight corners"
+    description = "labelCloud vertices: a folder of JSON files of boxes by their eight corners"
 
 
 def _tracks(

@@ -129,7 +129,7 @@ def box_state(
     category: str | None = None,
     unclear: bool = False,
 ) -> ObjectState:
-    """A box that a tool labelled in the frame of the lidar; its velocity is not told."""
+    """A box that a tool labelled in the frame of the lidar; its velocity is unknown."""
     shape = Cuboid(vehicle_from_object=recording.vehicle_from_lidar @ lidar_from_object, size_m=size_m)
     velocity_mps = np.full(3, np.nan)
     return ObjectState(
@@ -152,7 +152,7 @@ def motion_lost(tracks: Sequence[Track]) -> list[str]:
         "yaw rates": sum(bool(state.yaw_rate_radps) for state in states),
         "numbers in truth images (instance_id)": sum(track.instance_id is not None for track in tracks),
     }
-    return [f"{count} {what}: no place for them" for what, count in counts.items() if count]
+    return [f"{count} {what}: no field for them" for what, count in counts.items() if count]
 
 
 NEIGHBOUR_M = 0.5  # points nearer than this belong together; people who walk abreast stay apart
@@ -276,7 +276,7 @@ FLOATING_M = 0.5  # from the road to the bottom of the middle box; more is anoth
 
 
 def floating(tracks: Sequence[Track], reason: str) -> list[str]:
-    """A line where boxes do not stand on the road, as they do when the file has another convention.
+    """A line where boxes are not on the road, as happens when the file has another convention.
 
     Args:
         tracks: objects, vehicle frame.
@@ -293,6 +293,6 @@ def floating(tracks: Sequence[Track], reason: str) -> list[str]:
         return []
     side = "above" if height_m > 0 else "below"
     return [
-        f"doubtful: the middle box stands {abs(height_m):.2f} m {side} the road; {reason}, "
+        f"check the heights: the median box is {abs(height_m):.2f} m {side} the road; {reason}, "
         f"or the lidar's mounting is wrong"
     ]

@@ -3,9 +3,9 @@
 Coordinate systems of an OpenLABEL file, chained to our vehicle frame.
 
 The chain ends at the lidar where the file knows one, since what was labelled are the points of the lidar, and our
-recording says where that sits: a file's own vehicle frame may have its origin elsewhere. Without a lidar, or where the
-file says nowhere how it lies to the other systems, what does not lead to it ends at the file's one local system, which
-is taken for our vehicle frame.
+recording has its mounting: a file's own vehicle frame may have its origin elsewhere. Without a lidar, or where the file
+states no pose between it and the other systems, other chains end at the file's one local system, which is taken for our
+vehicle frame.
 
 Lenses in the streams of an OpenLABEL file <-> camera models.
 
@@ -47,7 +47,7 @@ LIDAR_WORDS = ("lidar", "velo", "laser", "pandar", "ouster", "hesai")
 
 
 class Systems:
-    """Answers where a system of the file lies in our vehicle frame.
+    """Poses of the file's systems in our vehicle frame.
 
     Args:
         content: of the file.
@@ -89,10 +89,10 @@ class Systems:
         if self._taken is None:
             return []
         lidar = next(iter(self._anchors))
-        told = (
+        guess = (
             f"the file does not say where {lidar!r} lies: {self._taken!r} is taken for the vehicle frame, origin on the"
         )
-        return [f"{told} ground below the rear axle; where that is wrong, add pose_wrt_parent to {lidar!r}"]
+        return [f"{guess} ground below the rear axle; where that is wrong, add pose_wrt_parent to {lidar!r}"]
 
     def _chain(self, name: str | None, frame: str | None) -> RigidTransform:
         start = next(iter(self._anchors)) if name is None else name
@@ -237,7 +237,7 @@ NO_DISTORTION = [0.0] * 5
 
 
 def read_lens(properties: StreamProperties, file: Path, field: str) -> CameraModel | None:
-    """The lens of a stream; None where the file tells none.
+    """The lens of a stream; None where the file has none.
 
     Raises:
         DataError: numbers that are missing or make no lens, a lens that no camera model here can hold.
@@ -331,8 +331,8 @@ def _pinhole(values: Mapping[str, Any], file: Path, field: str) -> CameraModel:
     if len(matrix) not in {9, 12}:
         raise DataError(file, field=f"{field}.camera_matrix", expected="9 or 12 numbers", got=str(len(matrix)))
     columns = len(matrix) // 3
-    told = any(values.get(name) not in (None, []) for name in DISTORTIONS)
-    distortion = _list(values, DISTORTIONS, file, field) if told else []
+    distorted = any(values.get(name) not in (None, []) for name in DISTORTIONS)
+    distortion = _list(values, DISTORTIONS, file, field) if distorted else []
     if matrix[1]:
         raise DataError(file, field=field, expected="a pinhole without skew", got=f"skew {matrix[1]}")
     width, height = _size(values, file, field)
@@ -365,10 +365,10 @@ def _size(values: Mapping[str, Any], file: Path, field: str) -> tuple[int, int]:
 def _list(values: Mapping[str, Any], names: tuple[str, ...], file: Path, field: str) -> list[float]:
     found = next((values[name] for name in names if values.get(name) is not None), None)
     numbers = [finite_number(item) for item in found] if isinstance(found, list) else []
-    told = [number for number in numbers if number is not None]
-    if not numbers or len(told) < len(numbers):
+    finite = [number for number in numbers if number is not None]
+    if not numbers or len(finite) < len(numbers):
         raise DataError(file, field=f"{field}.{names[0]}", expected="finite numbers", got=repr(found)[:80])
-    return told
+    return finite
 
 
 def _number(
@@ -385,7 +385,7 @@ def calibration_head(file: Path) -> dict[str, Any]:
     """`cameras` and, where the file has one lidar, `lidar` of `recording.json`, as JSON values.
 
     The file's one local system is taken for the vehicle frame: x forward, y left, z up, origin on the ground below the
-    middle of the rear axle. Where it lies elsewhere, the mountings have to be moved by hand.
+    middle of the rear axle. Where its origin is elsewhere, the mountings have to be moved by hand.
 
     Args:
         file: an OpenLABEL file.

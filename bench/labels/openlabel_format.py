@@ -146,7 +146,7 @@ class OpenLabelFormat:
             tracks.append(with_motion(track, recording.trajectory))
         lost = [*left_out(classes, counts), *(f"{count} {what}" for what, count in reader.lost.items())]
         lost += [
-            f"{len(getattr(content, kind))} {kind}: no place for them" for kind in ELEMENTS if getattr(content, kind)
+            f"{len(getattr(content, kind))} {kind}: no field for them" for kind in ELEMENTS if getattr(content, kind)
         ]
         if tracks and systems.guesses:
             lost += [*systems.guesses, *floating(tracks, "the file's frame may have its origin elsewhere")]
@@ -160,7 +160,7 @@ class OpenLabelFormat:
 
 
 def _track_ids(content: Root) -> dict[str, str]:
-    """The objects' own names where they tell them apart, else the keys."""
+    """The objects' own names where they are distinct, else the keys."""
     names = [item.name for item in content.objects.values()]
     distinct = all(names) and len(set(names)) == len(names)
     return {uid: item.name if distinct else uid for uid, item in content.objects.items()}

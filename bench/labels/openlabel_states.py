@@ -110,7 +110,7 @@ def _one_each(times_ns: dict[str, int], lost: Counter[str], file: Path) -> dict[
     """Of frames that share a time the last.
 
     Raises:
-        DataError: half of the frames or more share theirs, so that the times are not what tells frames apart.
+        DataError: half of the frames or more share theirs, so that the times do not identify frames.
     """
     last = {time_ns: number for number, time_ns in times_ns.items()}
     kept = {number: time_ns for number, time_ns in times_ns.items() if last[time_ns] == number}
@@ -136,10 +136,10 @@ def _names(content: Root) -> dict[str, str]:
 
 def _lidar_stream(content: Root, number: str) -> Stream:
     """The lidar's stream of a frame; an empty one where the frame has none, or several."""
-    told = content.frames[number].frame_properties.streams
+    streams = content.frames[number].frame_properties.streams
     lidars = [
         stream
-        for name, stream in told.items()
+        for name, stream in streams.items()
         if stream.type == "lidar" or (name in content.streams and content.streams[name].type == "lidar")
     ]
     return lidars[0] if len(lidars) == 1 else Stream()
@@ -216,7 +216,7 @@ def read_box(val: object, file: Path, field: str) -> tuple[RigidTransform, NDArr
     Args:
         val: nine values, with angles about the fixed x, y and z in turn, or ten, with a quaternion x, y, z, w.
         file: for messages.
-        field: where the values stand.
+        field: of the values in the file.
 
     Raises:
         DataError: another number of values, a size that is not above 0, a quaternion of another length than 1.
@@ -259,7 +259,7 @@ OWN_OUTLINE, OWN_TEXT, OWN_BOOLEAN, OWN_INSTANCE = "ground_outline", "category",
 
 
 class StateReader:
-    """Reads objects and counts what has no place.
+    """Reads objects and counts what has no field.
 
     Args:
         content: of the file.
@@ -267,7 +267,7 @@ class StateReader:
         file: for messages.
 
     Attributes:
-        lost: what had no place -> how often.
+        lost: what had no field -> how often.
     """
 
     def __init__(self, content: Root, systems: Systems, file: Path) -> None:
@@ -303,14 +303,16 @@ class StateReader:
     def _state(
         self, data: ObjectData, item: LabelledObject, number: str, time_ns: int, field: str
     ) -> ObjectState | None:
-        told = [entry for entry in data.text if entry.name == OWN_TEXT]
+        categories = [entry for entry in data.text if entry.name == OWN_TEXT]
         values: dict[str, Any] = {
-            "num": [_kept(entry) for entry in data.num if entry.name in OWN_NUMBERS],
-            "vec": [_kept(entry) for entry in data.vec if entry.name in OWN_VECTORS],
-            "text": [_kept(entry) for entry in told if entry.val in MOTION_KINDS],
-            "boolean": [_kept(entry) for entry in data.boolean if entry.name == OWN_BOOLEAN],
+            "num": [_name_and_value(entry) for entry in data.num if entry.name in OWN_NUMBERS],
+            "vec": [_name_and_value(entry) for entry in data.vec if entry.name in OWN_VECTORS],
+            "text": [_name_and_value(entry) for entry in categories if entry.val in MOTION_KINDS],
+            "boolean": [_name_and_value(entry) for entry in data.boolean if entry.name == OWN_BOOLEAN],
         }
-        self._add(f"text {OWN_TEXT!r} that is no kind of motion: no place for it", len(told) - len(values["text"]))
+        self._add(
+            f"text {OWN_TEXT!r} that is no kind of motion: no field for it", len(categories) - len(values["text"])
+        )
         shape: Cuboid | None = None
         boxes = [entry for entry in data.cuboid if entry.val is not None]
         self._add("cuboids without numbers, left out", len(data.cuboid) - len(boxes))
@@ -346,20 +348,20 @@ class StateReader:
 
     def _count(self, data: ObjectData, *, known_numbers: Sequence[str]) -> None:
         for kind in IMAGE_KINDS:
-            self._add(f"{kind} of images: no place for them", len(getattr(data, kind)))
+            self._add(f"{kind} of images: no field for them", len(getattr(data, kind)))
         for kind in OTHER_KINDS:
-            self._add(f"{kind}: no place for them", len(getattr(data, kind)))
-        self._add("poly2d of images: no place for them", sum(entry.name != OWN_OUTLINE for entry in data.poly2d))
+            self._add(f"{kind}: no field for them", len(getattr(data, kind)))
+        self._add("poly2d of images: no field for them", sum(entry.name != OWN_OUTLINE for entry in data.poly2d))
         own = {"num": known_numbers, "vec": OWN_VECTORS, "text": (OWN_TEXT,), "boolean": (OWN_BOOLEAN,)}
         for kind, names in own.items():
             for entry in getattr(data, kind):
                 if entry.name not in names:
-                    self._add(f"{kind} {entry.name[:40]!r}: no place for it", 1)
+                    self._add(f"{kind} {entry.name[:40]!r}: no field for it", 1)
         for entry in data.cuboid:
             for kind, listed in entry.attributes.items():
                 for given in listed if isinstance(listed, list) else ():
                     name = given.get("name") if isinstance(given, dict) else None
-                    self._add(f"{kind[:40]} {str(name)[:40]!r} of cuboids: no place for it", 1)
+                    self._add(f"{kind[:40]} {str(name)[:40]!r} of cuboids: no field for it", 1)
 
     def _add(self, what: str, count: int) -> None:
         if count:
@@ -370,7 +372,7 @@ class StateReader:
         for entry in item.object_data.num:
             if entry.name == OWN_INSTANCE:
                 field = f"openlabel.objects.{uid}.object_data.num"
-                return validated(openlabel.InstanceData, _kept(entry), file=self._file, field=field).val
+                return validated(openlabel.InstanceData, _name_and_value(entry), file=self._file, field=field).val
         return None
 
 
@@ -379,7 +381,7 @@ def _holds(item: LabelledObject, number: int) -> bool:
     return intervals is None or any(part.frame_start <= number <= part.frame_end for part in intervals)
 
 
-def _kept(entry: Entry) -> dict[str, Any]:
+def _name_and_value(entry: Entry) -> dict[str, Any]:
     return {"name": entry.name, "val": entry.val}
 
 

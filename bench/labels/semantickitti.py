@@ -2,8 +2,8 @@
 
 A label says of each point what it is and to which instance it belongs; both together name an object through the
 sequence. Points labelled as moving without an instance, as masks of moving-object segmentation are, are grouped by
-proximity and followed from sweep to sweep. Labels tell no velocity: what stands has none, that of what moves is
-estimated from the middles of its points.
+proximity and followed from sweep to sweep. Labels hold no velocity: that of moving objects is
+estimated from the middles of their points.
 
 Source:
     config/semantic-kitti-mos.yaml and auxiliary/laserscan.py of the data set's API.
@@ -50,60 +50,29 @@ from bench.reference.sweeps import PosedSweep, pose_sweep
 
 # Numbers and names of the data set's configuration; 9 and 251 are those of its moving-object task.
 NAMES = {
-    0: "unlabeled",
-    1: "outlier",
-    9: "static",
-    10: "car",
-    11: "bicycle",
-    13: "bus",
-    15: "motorcycle",
-    16: "on-rails",
-    18: "truck",
-    20: "other-vehicle",
-    30: "person",
-    31: "bicyclist",
-    32: "motorcyclist",
-    40: "road",
-    44: "parking",
-    48: "sidewalk",
-    49: "other-ground",
-    50: "building",
-    51: "fence",
-    52: "other-structure",
-    60: "lane-marking",
-    70: "vegetation",
-    71: "trunk",
-    72: "terrain",
-    80: "pole",
-    81: "traffic-sign",
-    99: "other-object",
-    251: "moving",
-    252: "moving-car",
-    253: "moving-bicyclist",
-    254: "moving-person",
-    255: "moving-motorcyclist",
-    256: "moving-on-rails",
-    257: "moving-bus",
-    258: "moving-truck",
-    259: "moving-other-vehicle",
-}
+    0: "unlabeled", 1: "outlier", 9: "static",
+    10: "car", 11: "bicycle", 13: "bus", 15: "motorcycle", 16: "on-rails", 18: "truck", 20: "other-vehicle",
+    30: "person", 31: "bicyclist", 32: "motorcyclist",
+    40: "road", 44: "parking", 48: "sidewalk", 49: "other-ground",
+    50: "building", 51: "fence", 52: "other-structure", 60: "lane-marking",
+    70: "vegetation", 71: "trunk", 72: "terrain", 80: "pole", 81: "traffic-sign", 99: "other-object",
+    251: "moving", 252: "moving-car", 253: "moving-bicyclist", 254: "moving-person", 255: "moving-motorcyclist",
+    256: "moving-on-rails", 257: "moving-bus", 258: "moving-truck", 259: "moving-other-vehicle",
+}  # fmt: skip
 NUMBERS = {name: number for number, name in NAMES.items()}
 MOVING_FROM, MOVING_TO = 251, 259
 UNLABELED, STATIC = 0, 9
-NOT_TOLD = (0, 1)  # unlabeled and outlier: nobody says what these points are
+WITHOUT_CLASS = (0, 1)  # unlabeled and outlier: points of unknown kind
 
-_VEHICLES = ("car", "bus", "truck", "on-rails", "other-vehicle")
-_CYCLISTS = ("bicyclist", "motorcyclist")
-CLASSES: dict[str, str | None] = {
-    **dict.fromkeys(NAMES.values()),
-    **dict.fromkeys(_VEHICLES, "vehicle"),
-    **dict.fromkeys((f"moving-{name}" for name in _VEHICLES), "vehicle"),
-    **dict.fromkeys(_CYCLISTS, "cyclist"),
-    **dict.fromkeys((f"moving-{name}" for name in _CYCLISTS), "cyclist"),
-    **dict.fromkeys(("bicycle", "motorcycle"), "cyclist"),
-    **dict.fromkeys(("person", "moving-person"), "pedestrian"),
+_CLASSES = {
+    **dict.fromkeys(("car", "bus", "truck", "on-rails", "other-vehicle"), "vehicle"),
+    **dict.fromkeys(("bicyclist", "motorcyclist"), "cyclist"),
+    "person": "pedestrian",
 }
-del CLASSES["moving"]  # of which class is for the user to say
+CLASSES: dict[str, str | None] = {
+    **{name: _CLASSES.get(name.removeprefix("moving-")) for name in NAMES.values() if name != "moving"},
+    **dict.fromkeys(("bicycle", "motorcycle"), "cyclist"),
+}  # without "moving", whose class is for the user to say
 
 INSTANCE_BITS = 16
 LARGEST_INSTANCE = (1 << INSTANCE_BITS) - 1
@@ -128,29 +97,29 @@ def read_labels(file: Path, *, points: int) -> tuple[NDArray[np.int64], NDArray[
     Raises:
         DataError: missing, or not one number for each point.
     """
-    try:
-        size = file.stat().st_size
-    except OSError as error:
-        raise DataError(file, expected="a readable .label file", got=error.strerror or str(error)) from error
-    if size != 4 * points:
-        got = f"{size} bytes, {size // 4} labels" + (" and a rest" if size % 4 else "")
+    values = _stored_labels(file)
+    if len(values) != points or file.stat().st_size % 4:
+        got = f"{file.stat().st_size} bytes, {len(values)} labels" + (" and a rest" if file.stat().st_size % 4 else "")
         do = "labels count in the sweep as the recording has it: give those of the same, uncut sweeps"
         raise DataError(file, expected=f"{points} labels of 4 bytes, one for each point of its sweep", got=got, do=do)
-    values = np.fromfile(file, dtype="<u4").astype(np.int64)
+    values = values.astype(np.int64)
     return values & LARGEST_INSTANCE, values >> INSTANCE_BITS
 
 
 def labels_in(file: Path) -> set[int]:
-    """The labels that stand in a file; its length is not looked at.
+    """Set of the labels in a file, whatever its length.
 
     Raises:
         DataError: missing.
     """
+    return set(np.unique(_stored_labels(file) & LARGEST_INSTANCE).tolist())
+
+
+def _stored_labels(file: Path) -> NDArray[np.integer]:
     try:
-        values = np.fromfile(file, dtype="<u4")
+        return np.fromfile(file, dtype="<u4")
     except OSError as error:
         raise DataError(file, expected="a readable .label file", got=error.strerror or str(error)) from error
-    return set(np.unique(values & LARGEST_INSTANCE).tolist())
 
 
 def write_labels(file: Path, labels: NDArray[np.int64], instances: NDArray[np.int64]) -> None:
@@ -168,7 +137,7 @@ def write_labels(file: Path, labels: NDArray[np.int64], instances: NDArray[np.in
 CLEARANCE_M = 0.05  # points lower than this above an object's bottom are the ground's, as in the protocols
 MOVING_MPS = 0.5  # an object that was ever faster moved; the label holds for all its sweeps, as in the data set
 WRITTEN = {"pedestrian": "person", "cyclist": "bicyclist", "vehicle": "car", "animal": "other-object"}
-TOLD = re.compile(r"(?P<name>[a-z-]+?)-(?:(?P<instance>[1-9][0-9]*)|group-[1-9][0-9]*)")
+LABEL_NAME = re.compile(r"(?P<name>[a-z-]+?)-(?:(?P<instance>[1-9][0-9]*)|group-[1-9][0-9]*)")
 
 
 _Label = tuple[int, int]  # number and instance
@@ -212,7 +181,7 @@ def write_label_set(label_set: LabelSet, recording: Recording, folder: Path, opt
 
 
 def _at_its_sweeps(track: Track) -> Track:
-    """States whose points are named stand at the time of the sweep that they count in."""
+    """Move states given by point indices to the time of the sweep that these count in."""
     times = {s.timestamp_ns for s in track.states if not isinstance(s.shape, PointIndices)}
     states: dict[int, ObjectState] = {}
     for state in track.states:
@@ -225,7 +194,7 @@ def _at_its_sweeps(track: Track) -> Track:
 
 def _labels(tracks: Sequence[Track], options: LabelOptions) -> dict[str, _Label]:
     """Track -> label and instance; those that came from labels get theirs back."""
-    labels = {track.track_id: told for track in tracks if (told := _told(track)) is not None}
+    labels = {track.track_id: label for track in tracks if (label := _label_in_name(track)) is not None}
     taken = set(labels.values())
     last: Counter[int] = Counter()
     for track in tracks:
@@ -240,9 +209,9 @@ def _labels(tracks: Sequence[Track], options: LabelOptions) -> dict[str, _Label]
     return labels
 
 
-def _told(track: Track) -> _Label | None:
+def _label_in_name(track: Track) -> _Label | None:
     """The label in a name as reading gives them, "moving-car-3"."""
-    match = TOLD.fullmatch(track.track_id)
+    match = LABEL_NAME.fullmatch(track.track_id)
     if match is None or match["name"] not in NUMBERS:
         return None
     if CLASSES.get(match["name"], track.object_class) != track.object_class:
@@ -386,7 +355,7 @@ class SemanticKitti:
         """Read a sequence's labels; see `LabelFormat.read`."""
         files = {file.stem: file for file in frame_files(source, ".label", folders=FOLDERS)}
         frames = pair_with_sweeps(files, recording, options, source=source)
-        present = set[int]().union(*(labels_in(file) for file in files.values())) - set(NOT_TOLD)
+        present = set[int]().union(*(labels_in(file) for file in files.values())) - set(WITHOUT_CLASS)
         classes = map_classes(map(_name, present), options, source=source, known=CLASSES)
         expected = {label for label in present if classes[_name(label)] is not None}
         gathered = _Gathered()
@@ -501,20 +470,20 @@ def _loss_of_groups(
         for label, count in sorted(gathered.points.items())
         if _name(label) in chosen and classes.get(_name(label), "") is None
     ]
-    if unlabelled := sum(gathered.points[label] for label in NOT_TOLD):
-        lost.append(f"{unlabelled} points of which the labels do not say what they are (unlabeled, outlier)")
+    if unlabelled := sum(gathered.points[label] for label in WITHOUT_CLASS):
+        lost.append(f"{unlabelled} points without a class (unlabeled, outlier)")
     for label, count in sorted(gathered.nameless.items()):
         start = f"{count} points of {_name(label)} without an instance"
         groups = sum(track.track_id.startswith(f"{_name(label)}-group-") for track in tracks)
-        standing = (
-            "left out, they stand" if _is_stationary(label) else f"grouped by proximity and followed, {groups} objects"
+        treatment = (
+            "left out, stationary" if _is_stationary(label) else f"grouped by proximity and followed, {groups} objects"
         )
-        lost.append(f"{start}: {standing}")
+        lost.append(f"{start}: {treatment}")
     moving = [track for track in tracks if not all(np.array_equal(s.velocity_mps, np.zeros(3)) for s in track.states)]
     if moving:
         unknown = sum(not np.isfinite(state.velocity_mps).all() for track in moving for state in track.states)
         lost.append(
-            f"velocities: labels tell none; those of {len(moving)} objects labelled as moving are estimated from the "
-            f"middles of their points, {unknown} states stay without"
+            f"velocities: labels hold none; those of {len(moving)} objects labelled as moving are estimated from the "
+            f"middles of their points, {unknown} states remain without"
         )
     return lost

@@ -41,7 +41,7 @@ CLASSES: dict[str, str | None] = {
     **dict.fromkeys(_VEHICLES, "vehicle"),
     **dict.fromkeys(_CYCLISTS, "cyclist"),
     **dict.fromkeys(_THINGS),  # they do not move by themselves
-    **dict.fromkeys(DOUBTFUL, "vehicle"),  # what they are is not told: they become unclear
+    **dict.fromkeys(DOUBTFUL, "vehicle"),  # of unknown kind: they become unclear
 }
 
 
@@ -141,7 +141,9 @@ class SustechPoints:
         found = [one for name, sweep in frames.items() for one in _frame(files[name], sweep)]
         types = Counter(one.box.obj_type for one in found)
         classes = map_classes(types, options, source=source, known=CLASSES)
-        doubtful = {name for name in types if name.casefold() in DOUBTFUL and name.casefold() not in _told(options)}
+        doubtful = {
+            name for name in types if name.casefold() in DOUBTFUL and name.casefold() not in _named_classes(options)
+        }
         kept = [one for one in found if classes[one.box.obj_type] is not None]
         tracks = tuple(
             with_motion(_track(name, boxes, classes, doubtful, recording), recording.trajectory)
@@ -164,7 +166,7 @@ class SustechPoints:
         return (*lost, *motion_lost([_without_marks(track) for track in label_set.tracks]))
 
 
-def _told(options: LabelOptions) -> set[str]:
+def _named_classes(options: LabelOptions) -> set[str]:
     return {name.casefold() for name in options.classes}
 
 
@@ -215,10 +217,10 @@ def _state(found: _Found, doubtful: bool, recording: Recording) -> ObjectState:
 
 
 def _not_taken(classes: Mapping[str, str | None], types: Mapping[str, int], options: LabelOptions) -> list[str]:
-    asked = {name: ours for name, ours in classes.items() if name.casefold() in _told(options)}
+    asked = {name: ours for name, ours in classes.items() if name.casefold() in _named_classes(options)}
     things = [name for name, ours in classes.items() if ours is None and name not in asked]
-    standing = [f"{types[name]} boxes of class {name!r}, which does not move by itself: left out" for name in things]
-    return [*left_out(asked, types), *standing]
+    immobile = [f"{types[name]} boxes of class {name!r}, which does not move by itself: left out" for name in things]
+    return [*left_out(asked, types), *immobile]
 
 
 def _read_loss(found: Sequence[_Found], doubtful: set[str]) -> list[str]:
@@ -231,7 +233,7 @@ def _read_loss(found: Sequence[_Found], doubtful: set[str]) -> list[str]:
     words = Counter(
         word for one in found for word in one.box.attributes if word not in {*MOTION_KINDS, STATIC, UNCLEAR}
     )
-    lost += [f"{count} attributes {word!r}: no place for them here" for word, count in sorted(words.items())]
+    lost += [f"{count} attributes {word!r}: no field for them here" for word, count in sorted(words.items())]
     return lost
 
 

@@ -1,10 +1,10 @@
-"""Reading .pcd and .ply: the header says where in a point each number lies, which is all that NumPy needs.
+"""Reading .pcd and .ply: the header gives the offset of each number in a point, which is all that NumPy needs.
 
-A field of COUNT 0, which some tools write for padding of another length, says that the header does not know where the
-fields behind it lie: files in which one of them is wanted are refused.
+A field of COUNT 0, which some tools write for padding of another length, means that the offsets of the
+fields behind it are unknown: files in which one of them is needed are refused.
 
 open3d unpacks compressed .pcd files, and no others: it drops times of points that are whole numbers, and fields that
-pad a point (`_`) end its process. This is the only module that imports it. The import takes 0.6 s, so it is done when
+pad a point (`_`) crash it. This is the only module that imports it. The import takes 0.6 s, so it is done when
 it is needed. The wheel links against `libusb-1.0.so.0`, which servers and containers often lack; the `libusb-package`
 wheel carries that library, and once it is loaded for the whole process the import finds it, with no system package and
 no root.
@@ -102,7 +102,7 @@ class Layout:
 
     @property
     def lost(self) -> list[str]:
-        """Fields that are wanted and lie behind one of no numbers."""
+        """Fields that are needed and follow one of no numbers."""
         counts = [count for _, _, count in self.columns]
         behind = self.columns[counts.index(0) :] if 0 in counts else ()
         return [name for name, _, _ in behind if name in WANTED]
@@ -129,7 +129,7 @@ def read_cloud(path: Path) -> Arrays:
         raise DataError(path, expected=f"the header of a {path.suffix} file", got="another or none") from None
     if layout.lost:
         got, do = (
-            "0, so that nobody knows where they lie",
+            "0, so that their offsets are unknown",
             "write the cloud again without padding, or without these fields",
         )
         expected = f"a COUNT of 1 or more for each field before {', '.join(layout.lost)}"
@@ -163,10 +163,10 @@ def _arrays(fields: dict[str, NDArray[Any]]) -> Arrays:
 
 
 def _packed(path: Path, body: bytes, layout: Layout) -> dict[str, NDArray[Any]]:
-    due = layout.rows * layout.row_bytes
-    if len(body) < due:
+    needed = layout.rows * layout.row_bytes
+    if len(body) < needed:
         got = f"{len(body)}; the file is cut short"
-        expected = f"{layout.rows} points of {layout.row_bytes} bytes, {due} bytes in all"
+        expected = f"{layout.rows} points of {layout.row_bytes} bytes, {needed} bytes in all"
         raise DataError(path, expected=expected, got=got)
     offsets = np.cumsum([0, *(dtype.itemsize * count for _, dtype, count in layout.columns)])
     single = {

@@ -93,8 +93,8 @@ def _array(path: Path, archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDAr
     if version not in NPY_HEADERS:
         raise DataError(path, field=entry.filename, expected="NumPy's format 1 or 2", got=str(version))
     shape, by_column, kind = NPY_HEADERS[version](member)
-    told, held = math.prod(shape) * max(kind.itemsize, 1), len(content) - member.tell()
-    if told > held or min(shape, default=0) < 0:
+    stated, held = math.prod(shape) * max(kind.itemsize, 1), len(content) - member.tell()
+    if stated > held or min(shape, default=0) < 0:
         got = f"a header of {shape} x {kind.itemsize} bytes over {held}"
         raise DataError(path, field=entry.filename, expected="a whole array", got=got)
     if kind.hasobject:

@@ -35,12 +35,12 @@ def read_laz(path: Path) -> Arrays:
     logging.getLogger("laspy").setLevel(logging.CRITICAL)  # what it would print is in our errors
     try:
         with path.open("rb") as file:
-            _refuse_lying_header(path, file)
+            _refuse_wrong_header(path, file)
             with laspy.open(file, closefd=False, read_evlrs=False) as opened:
                 header = opened.header
                 _refuse_too_many(path, header.point_count, header.point_format.size)
                 if header.are_points_compressed:
-                    _refuse_lying_chunks(path, file, header)
+                    _refuse_wrong_chunks(path, file, header)
                 file.seek(header.offset_to_point_data)
                 points = opened.read_points(-1)
         with np.errstate(over="ignore", invalid="ignore"):  # scales without end: what comes of them is refused later
@@ -62,7 +62,7 @@ def read_laz(path: Path) -> Arrays:
     return arrays
 
 
-def _refuse_lying_header(path: Path, file: BinaryIO) -> None:
+def _refuse_wrong_header(path: Path, file: BinaryIO) -> None:
     head, size = file.read(HEADER.size), file.seek(0, 2)
     file.seek(0)
     if len(head) < HEADER.size:
@@ -79,7 +79,7 @@ def _refuse_too_many(path: Path, count: int, point_bytes: int) -> None:
         raise DataError(path, field="points", expected=f"at most {LARGEST_BYTES} bytes unpacked", got=got)
 
 
-def _refuse_lying_chunks(path: Path, file: BinaryIO, header: Any) -> None:
+def _refuse_wrong_chunks(path: Path, file: BinaryIO, header: Any) -> None:
     """Compare the chunks that the points are compressed in with the file."""
     import lazrs
 

@@ -10,7 +10,7 @@ from bench.methods.contract import (
     Method,
     MethodError,
     MethodInput,
-    Needs,
+    Scorable,
     UnansweredImage,
     ask_method,
 )
@@ -23,7 +23,7 @@ __all__ = [
     "Method",
     "MethodError",
     "MethodInput",
-    "Needs",
+    "Scorable",
     "Segmentation",
     "UnansweredImage",
     "ask_method",

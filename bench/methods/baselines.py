@@ -5,8 +5,7 @@ None has a parameter that was tuned on our data; each class says where its thres
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
-from typing import ClassVar
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -17,7 +16,7 @@ from bench.errors import UsageError
 from bench.flow import dense_flow
 from bench.geometry import angle_between
 from bench.methods.cells import cell_flow, flow_parts, flow_rays
-from bench.methods.contract import MethodInput
+from bench.methods.contract import Method, MethodInput
 from bench.methods.spherical.likelihood import PAPER_ANGLE_RAD
 from bench.records.segmentation import Segmentation
 
@@ -25,30 +24,20 @@ GREY_LEVELS = 255
 MOG2_FOREGROUND = 255  # other values are background, and 127 for shadows
 
 
-class Nothing:
+class Nothing(Method):
     """Nothing moves: detection rate 0, false positives 0."""
 
-    name: ClassVar[str] = "nothing"
-    history: ClassVar[int] = 1
-
-    def settings(self) -> dict[str, object]:
-        """No parameters."""
-        return {}
+    name = "nothing"
 
     def segment(self, frame: MethodInput) -> Segmentation:
         """An empty mask."""
         return Segmentation(cell_size_px=1, mask=np.zeros(frame.valid.shape, dtype=bool))
 
 
-class Everything:
+class Everything(Method):
     """Everything moves: detection rate 1, coverage 1, and false positives over the rest."""
 
-    name: ClassVar[str] = "everything"
-    history: ClassVar[int] = 1
-
-    def settings(self) -> dict[str, object]:
-        """No parameters."""
-        return {}
+    name = "everything"
 
     def segment(self, frame: MethodInput) -> Segmentation:
         """A full mask."""
@@ -56,7 +45,7 @@ class Everything:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FrameDifference:
+class FrameDifference(Method):
     """Marks pixels whose grey value differs from the one in the image before.
 
     Attributes:
@@ -71,18 +60,13 @@ class FrameDifference:
         Jain and Nagel, On the analysis of accumulative difference pictures, 1979.
     """
 
-    name: ClassVar[str] = "frame-difference"
-    history: ClassVar[int] = 1
+    name = "frame-difference"
 
     threshold_grey: float = 4 * 15**0.5
 
     def __post_init__(self) -> None:
         if not 0 <= self.threshold_grey < GREY_LEVELS:
             raise UsageError(f"{self.name}: expected threshold_grey in [0, {GREY_LEVELS}), got {self.threshold_grey}")
-
-    def settings(self) -> dict[str, object]:
-        """Every parameter that decides the result."""
-        return asdict(self)
 
     def segment(self, frame: MethodInput) -> Segmentation:
         """Compare the last image with the one before it."""
@@ -97,7 +81,7 @@ class FrameDifference:
 
 
 @dataclass(frozen=True, kw_only=True)
-class BackgroundSubtraction:
+class BackgroundSubtraction(Method):
     """Marks pixels that the grey values of the last second do not explain: MOG2 of OpenCV.
 
     The model is learnt anew for every image, from the images before it, oldest first; so an image's mask depends
@@ -117,8 +101,7 @@ class BackgroundSubtraction:
         Zivkovic 2004; Zivkovic and van der Heijden 2006.
     """
 
-    name: ClassVar[str] = "background-subtraction"
-    history: ClassVar[int] = 1
+    name = "background-subtraction"
 
     images: int = 15
     deviations: float = 4.0
@@ -129,13 +112,9 @@ class BackgroundSubtraction:
             raise UsageError(f"{self.name}: expected images in 1 to 500 and deviations > 0")
 
     @property
-    def longest_history(self) -> int:
+    def longest_history(self) -> int:  # type: ignore[override]
         """Earlier images that it can use."""
         return self.images
-
-    def settings(self) -> dict[str, object]:
-        """Every parameter that decides the result."""
-        return asdict(self)
 
     def segment(self, frame: MethodInput) -> Segmentation:
         """Learn from the earlier images, then segment the last one."""
@@ -150,7 +129,7 @@ class BackgroundSubtraction:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FlowMagnitude:
+class FlowMagnitude(Method):
     """Marks what moves in the image: the angle between a cell's rays now and before.
 
     An angle and not a length in pixels, so that it means the same all over the lens. The flow and the cells are those
@@ -167,8 +146,7 @@ class FlowMagnitude:
         UsageError: a number that is out of its domain.
     """
 
-    name: ClassVar[str] = "flow-magnitude"
-    history: ClassVar[int] = 1
+    name = "flow-magnitude"
 
     flow: str = "farneback"
     flow_parameters: dict[str, object] = field(default_factory=dict)
@@ -179,10 +157,6 @@ class FlowMagnitude:
         if self.cell_size_px < 1 or self.threshold <= 0:
             raise UsageError(f"{self.name}: expected cell_size_px >= 1 and threshold > 0")
         dense_flow(self.flow, **self.flow_parameters)
-
-    def settings(self) -> dict[str, object]:
-        """Every parameter that decides the result."""
-        return asdict(self)
 
     def compensated(self, rays_previous: NDArray[np.float64], frame: MethodInput) -> NDArray[np.float64]:  # noqa: ARG002
         """Previous rays as they are compared with current ones; here as they are."""
@@ -212,7 +186,7 @@ class RotationCompensatedFlow(FlowMagnitude):
     everything near moves.
     """
 
-    name: ClassVar[str] = "rotation-compensated-flow"
+    name = "rotation-compensated-flow"
 
     def compensated(self, rays_previous: NDArray[np.float64], frame: MethodInput) -> NDArray[np.float64]:
         """Previous rays, rotated into the current frame."""

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import inspect
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal, Protocol, runtime_checkable
+from dataclasses import asdict, dataclass, is_dataclass
+from pathlib import Path
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.cameras import CameraModel
-from bench.errors import BenchError, DataError
+from bench.errors import BenchError, DataError, UsageError
 from bench.geometry import RigidTransform, RoadPlane
 from bench.plug_ins import describe_error
 from bench.records.segmentation import Segmentation, segmentation_fault
@@ -75,30 +78,61 @@ class UnansweredImage(Exception):  # noqa: N818 - it is not an error
     """A method has no answer for an image, and that is no error; the image stays unscored."""
 
 
-class Method(Protocol):
-    """A segmentation method: it is built once per run and called once per frame.
+class Scorable:
+    """A method, or an oracle of the harness that stands in its place: what a run has to know of either.
 
     Attributes:
-        name: as the registry knows it.
+        name: as results call it.
         history: earlier images that it needs, at least 1 for anything that moves.
-
-    What else it may have as an attribute, and what holds where it has none, is in `Needs`.
+        longest_history: earlier images that it can use, where that is more. It is given up to so many, fewer at the
+            start of a drive, after a gap and after an image that cannot be read. So it is scored on the same images as
+            a method that needs `history`, wherever a drive is cut into pieces.
+        colour: it wants BGR images instead of grey ones.
+        reads_images: False for one that does without images: they are then read only if it, or a picture that is
+            drawn, needs them.
+        files: paths of the files and folders that it reads, for example weights. Results that were stored are found
+            again only as long as settings, code and the content of these files are the same.
     """
 
     name: str
-    history: int
+    history: int = 1
+    longest_history: int = 1
+    colour: bool = False
+    reads_images: bool = True
+    files: Sequence[str | Path] = ()
+
+    @property
+    def most_history(self) -> int:
+        """Earlier images that it is given where there are as many."""
+        return max(self.history, self.longest_history)
 
     def settings(self) -> dict[str, object]:
-        """Every parameter that decides the result, for provenance and caching."""
-        ...
+        """Every parameter that decides the result; by default those of the constructor, as attributes of the same name.
 
+        Raises:
+            UsageError: an attribute is missing.
+        """
+        found: dict[str, object] = {}
+        for name in inspect.signature(type(self)).parameters:
+            if not hasattr(self, name):
+                raise UsageError(
+                    f"method {self.name!r}: expected the attribute {name!r} to hold the constructor's parameter "
+                    f"{name!r}, got none; set self.{name}, or write settings()"
+                )
+            value = getattr(self, name)
+            found[name] = asdict(value) if is_dataclass(value) and not isinstance(value, type) else value
+        return found
+
+
+class Method(Scorable, ABC):
+    """A segmentation method: a subclass gives a `name` and `segment`, and overrides what else differs."""
+
+    @abstractmethod
     def segment(self, frame: MethodInput) -> Segmentation:
         """Segment the current image into moving and static cells."""
-        ...
 
 
-@runtime_checkable
-class FlowMethod(Method, Protocol):
+class FlowMethod(Method):
     """A method that also says what it would answer with another flow, by which `audit` explains its misses.
 
     Attributes:
@@ -106,16 +140,17 @@ class FlowMethod(Method, Protocol):
             border of what both images see.
     """
 
-    blind_at_epipole: bool
+    blind_at_epipole: bool = False
 
+    @abstractmethod
     def flow_cell_px(self, width: int) -> int:
         """Side of the cells on which it takes flow, px, for images of this width."""
-        ...
 
+    @abstractmethod
     def mean_flow(self, frame: MethodInput) -> NDArray[np.float32]:
         """Its own flow from the current to the previous image, (rows, columns, 2), px of the given images."""
-        ...
 
+    @abstractmethod
     def segment_flow(self, frame: MethodInput, flow: NDArray[np.float32]) -> Segmentation:
         """Segment the current image with the flow of others in place of its own.
 
@@ -123,41 +158,14 @@ class FlowMethod(Method, Protocol):
             frame: as of `segment`.
             flow: as from `mean_flow`; NaN where it is not known.
         """
-        ...
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Needs:
-    """What a method asks of those who call it; all but `history` are attributes that it may leave out.
-
-    Attributes:
-        history: earlier images that it needs.
-        longest_history: earlier images that it can use; `history` without it. It is given up to so many, fewer at the
-            start of a drive, after a gap and after an image that cannot be read. So it is scored on the same images as
-            a method that needs `history`, wherever a drive is cut into pieces.
-        colour: it wants BGR images; grey ones without it.
-        reads_images: False for a method that does without images: they are then read only if it, or a picture that
-            is drawn, needs them. True without it.
-        files: paths of the files and folders that it reads, for example weights; none without it. Results that were
-            stored are found again only as long as settings, code and the content of these files are the same.
-    """
-
-    history: int
-    longest_history: int
-    colour: bool
-    reads_images: bool
-    files: Any
-
-    @classmethod
-    def of(cls, method: Method) -> Needs:
-        """What a method asks for."""
-        return cls(
-            history=method.history,
-            longest_history=max(getattr(method, "longest_history", method.history), method.history),
-            colour=getattr(method, "colour", False),
-            reads_images=getattr(method, "reads_images", True),
-            files=getattr(method, "files", ()),
-        )
+def not_derived(name: str) -> str:
+    """The message about a class, or an object of one, that does not derive from `Method`."""
+    return (
+        f"expected a class derived from bench.methods.Method, got {name}, which is not; write class {name}(Method), "
+        f"with `from bench.methods import Method`"
+    )
 
 
 class MethodError(BenchError):

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
-from typing import Any
+from typing import TypeVar
 
 from bench.errors import BenchError, UnknownNameError, UsageError
-from bench.methods.contract import Method
+from bench.methods.contract import Method, Scorable, not_derived
 from bench.plug_ins import describe_error, imported, known_targets
 
+Kind = TypeVar("Kind", bound=Scorable)
 ENTRY_POINTS = "fisheye_bench.methods"
 
 METHODS = {
@@ -46,7 +47,7 @@ def describe_method(target: str) -> str:
     Raises:
         UsageError: nothing to import there.
     """
-    return next(iter((inspect.getdoc(_class(target, target)) or "").splitlines()), "")
+    return next(iter((inspect.getdoc(_class(target, target, Scorable)) or "").splitlines()), "")
 
 
 def build_method(name: str, parameters: Mapping[str, object] | None = None) -> Method:
@@ -58,16 +59,32 @@ def build_method(name: str, parameters: Mapping[str, object] | None = None) -> M
 
     Raises:
         UnknownNameError: no such method.
-        UsageError: nothing to import there, a parameter that the method does not take, or a value that it refuses.
+        UsageError: nothing to import there, no class derived from `Method`, a parameter that it does not take, or a
+            value that it refuses.
     """
     known = known_methods()
     if name not in known and ":" not in name:
         raise UnknownNameError("method", name, known)
-    factory = _class(name, known.get(name, name))
+    return build(name, known.get(name, name), Method, parameters)  # type: ignore[type-abstract]
+
+
+def build(name: str, target: str, base: type[Kind], parameters: Mapping[str, object] | None = None) -> Kind:
+    """Build what lies at "module:Class".
+
+    Args:
+        name: for messages.
+        target: where.
+        base: that its class derives from.
+        parameters: what its class takes; the defaults without.
+
+    Raises:
+        UsageError: as `build_method`.
+    """
+    kind = _class(name, target, base)
     try:
-        method: Method = factory(**(parameters or {}))
+        return kind(**(parameters or {}))
     except TypeError as error:
-        takes = ", ".join(inspect.signature(factory).parameters) or "no parameters"
+        takes = ", ".join(inspect.signature(kind).parameters) or "no parameters"
         raise UsageError(f"method {name!r} takes {takes}; {error}") from error
     except BenchError:
         raise
@@ -75,8 +92,10 @@ def build_method(name: str, parameters: Mapping[str, object] | None = None) -> M
         raise UsageError(
             f"method {name!r} cannot be built with {dict(parameters or {})}; {describe_error(error)}"
         ) from error
-    return method
 
 
-def _class(name: str, target: str) -> Any:
-    return imported(target, expected=f"method {name!r}: expected a class")
+def _class(name: str, target: str, base: type[Kind]) -> type[Kind]:
+    found = imported(target, expected=f"method {name!r}: expected a class")
+    if not (isinstance(found, type) and issubclass(found, base)):
+        raise UsageError(f"method {name!r}: {not_derived(target.rpartition(':')[2])}")
+    return found

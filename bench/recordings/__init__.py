@@ -2,7 +2,7 @@
 
 Opening a recording reads calibration, lists of files, ego-motion and annotations; images and sweeps are read one by one
 when they are wanted. Every fault of a file is a `DataError` that names file and field. Adapters translate a data set's
-conventions once, here, so that nobody above needs to know whose data it is.
+conventions once, here, so that no other package depends on the data set.
 """
 
 from bench.recordings.annotations import read_annotations

@@ -1,6 +1,6 @@
 """Files that appear whole or not at all, folders that one process works in, paths that stay inside a folder.
 
-All that commands write goes through here; what cannot be written is told in one clear line.
+All that commands write goes through here; what cannot be written is reported in one line.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 
 def write_text(path: Path, content: str) -> None:
-    """Write a whole file, UTF-8, with line ends as they stand; what is not UTF-8 of a file's name becomes `\\udc..`.
+    """Write a whole file, UTF-8, with unchanged line ends; what is not UTF-8 of a file's name becomes `\\udc..`.
 
     Raises:
         OutputError: it cannot be written.
@@ -112,16 +112,16 @@ if sys.platform != "win32":
 
 
 @contextmanager
-def alone_in(folder: Path, *, shared: bool = False, wait: bool = True) -> Iterator[None]:
-    """Hold a folder that exists. Without locks on Windows.
+def folder_lock(folder: Path, *, shared: bool = False, wait: bool = True) -> Iterator[None]:
+    """Lock a folder that exists; no lock on Windows.
 
     Args:
-        folder: to be held.
-        shared: together with others that share it, but with nobody who does not.
-        wait: until it is free, instead of refusing.
+        folder: to be locked.
+        shared: share the lock with others that do so as well.
+        wait: until it is free, instead of raising.
 
     Raises:
-        DataError: somebody else holds it, and nobody waits.
+        DataError: another process holds the lock, and `wait` is False.
     """
     if sys.platform == "win32":
         yield
@@ -132,8 +132,8 @@ def alone_in(folder: Path, *, shared: bool = False, wait: bool = True) -> Iterat
         try:
             fcntl.flock(handle, kind if wait else kind | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            got, do = "one at which another run works", "wait until it has ended, or give another folder with --out"
-            raise DataError(folder, expected="a folder for this run alone", got=got, do=do) from error
+            got, do = "one in use by another run", "wait until that run ends, or choose another folder with --out"
+            raise DataError(folder, expected="a folder that no other run uses", got=got, do=do) from error
         yield
     finally:
         os.close(handle)
@@ -166,7 +166,7 @@ def path_inside(root: Path, relative: str, *, file: Path, field: str | None = No
 def linked_folder(root: Path, path: Path, *, levels: int) -> Path:
     """The folder that a path must not leave, where links at the top of a data set are followed.
 
-    Parts of a data set often lie on other disks, so that a user has links to them in its root. What stands below such a
+    Parts of a data set are often on other disks, so that a user has links to them in its root. What is below such a
     folder may come from elsewhere, and links in it are not followed.
 
     Args:

@@ -1,4 +1,4 @@
-"""Data-set cards: one YAML file says where a data set lies, what reads it, and which parts count.
+"""Data-set cards: one YAML file gives the data set's folder, its adapter, and which parts count.
 
 A card never holds data. Its `root` may name environment variables (`${FISHEYE_BENCH_REAL}/aimotive`), so that a card
 can be committed while the data stays where each user keeps it.
@@ -28,7 +28,7 @@ from bench.recordings.validation import FileModel, validated
 
 WORKING_FOLDER = Path("datasets")
 OWN_CARDS, OWN_DATA = "FISHEYE_BENCH_DATASETS", "FISHEYE_BENCH_DATA"
-RENDERED = PurePath("data")  # below it lie the roots of the cards that ship
+RENDERED = PurePath("data")  # it holds the roots of the cards that ship
 LARGEST_CARD_BYTES = 1_000_000
 OTHER_SUFFIX = {".yaml": ".yml", ".yml": ".yaml"}
 
@@ -77,7 +77,7 @@ class CardFile(FileModel):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DatasetCard:
-    """A card and the file it stands in.
+    """A card and its file.
 
     Attributes:
         file: the card.

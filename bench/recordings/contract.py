@@ -59,7 +59,7 @@ def adapter_faults(
 
     It must list recordings without opening them, refuse unknown options, give handles that travel to other processes,
     name everything once, give times that increase, stay below `root`, read images and sweeps one by one without holding
-    them, and tell every fault as a `DataError`.
+    them, and report every fault as a `DataError`.
 
     Args:
         adapter: the function.
@@ -75,9 +75,9 @@ def adapter_faults(
     chosen = dict(options or {})
     faults = [*_refusals(listing, root, chosen)]
     with _opened_files() as opened:
-        handles, told = _called("listing", lambda: listing(root, chosen))
+        handles, fault = _called("listing", lambda: listing(root, chosen))
     if handles is None:
-        return (*faults, told)
+        return (*faults, fault)
     if not (isinstance(handles, tuple) and handles and all(isinstance(h, RecordingHandle) for h in handles)):
         return (*faults, f"listing: expected a tuple of RecordingHandle, got {_shown(handles)}")
     names = [handle.name for handle in handles]
@@ -92,8 +92,8 @@ def adapter_faults(
 
 def _refusals(listing: Callable[..., Any], root: Path, options: Mapping[str, Any]) -> Iterator[str]:
     """Cases that have to be refused, with a `DataError` and nothing else."""
-    told = "options: expected a DataError for an option that does not exist"
-    yield from _not_refused(told, lambda: listing(root, {**options, NO_SUCH_OPTION: 1}))
+    fault = "options: expected a DataError for an option that does not exist"
+    yield from _not_refused(fault, lambda: listing(root, {**options, NO_SUCH_OPTION: 1}))
     with tempfile.TemporaryDirectory() as empty:
         try:
             found = listing(Path(empty), options)
@@ -115,9 +115,9 @@ def _handle_faults(handle: RecordingHandle, root: Path, listed: set[str]) -> Ite
     if len(packed) > LARGEST_HANDLE_BYTES:
         yield f"handle: expected a small one that knows where to look, got {len(packed)} bytes"
     with _opened_files() as opened:
-        recording, told = _called("open", travelled.open)
+        recording, fault = _called("open", travelled.open)
     if recording is None:
-        yield told
+        yield fault
         return
     if not isinstance(recording, Recording):
         yield f"open: expected a Recording, got {_shown(recording)}"
@@ -165,9 +165,9 @@ def _image_faults(recording: Recording) -> Iterator[str]:
         tracemalloc.start()
         try:
             for image in images:
-                pixels, told = _called(f"images.{name}, {image.path.name}", partial(read_image, image, camera))
+                pixels, fault = _called(f"images.{name}, {image.path.name}", partial(read_image, image, camera))
                 if pixels is None:
-                    yield told
+                    yield fault
                 elif pixels.shape != size or pixels.dtype != np.uint8:
                     yield f"images.{name}: expected {size} uint8, got {pixels.shape} {pixels.dtype}"
                 del pixels
@@ -188,9 +188,9 @@ def _sweep_faults(recording: Recording, root: Path) -> Iterator[str]:
             pickle.dumps(reference)
         except Exception as error:  # noqa: BLE001
             yield f"{place}: expected a reference that pickles, got {_shown(error)}"
-        sweep, told = _called(place, reference.read)
+        sweep, fault = _called(place, reference.read)
         if sweep is None:
-            yield told
+            yield fault
             continue
         if not np.isfinite(sweep.points_lidar).all():
             yield f"{place}: expected finite points, got NaN or infinity"
@@ -206,14 +206,14 @@ def _cut_sweep(sweeps: Sequence[SweepRef]) -> Iterator[str]:
             continue
         with tempfile.TemporaryDirectory() as folder:
             cut = Path(folder) / reference.path.name
-            read, told = (
+            read, fault = (
                 partial(reference.reader, cut, reference.timestamp_ns),
                 "sweeps: expected a DataError for a file",
             )
-            yield from _not_refused(f"{told} that is missing", read)
+            yield from _not_refused(f"{fault} that is missing", read)
             with reference.path.open("rb") as whole:
                 cut.write_bytes(whole.read(reference.path.stat().st_size // 2))
-            yield from _not_refused(f"{told} that is cut short", read, may_succeed=True)
+            yield from _not_refused(f"{fault} that is cut short", read, may_succeed=True)
 
 
 def _track_faults(tracks: Sequence[Track]) -> Iterator[str]:
@@ -225,14 +225,14 @@ def _track_faults(tracks: Sequence[Track]) -> Iterator[str]:
             yield f"{place}: expected a class of {', '.join(OBJECT_CLASSES)}, got {track.object_class!r}"
         yield from _time_faults([state.timestamp_ns for state in track.states], place)
         if any(np.shape(state.velocity_mps) != (3,) for state in track.states):
-            yield f"{place}: expected velocities (3,), NaN where not told, got another shape"
+            yield f"{place}: expected velocities (3,), NaN where unknown, got another shape"
 
 
 def _time_faults(times_ns: Sequence[object], place: str) -> Iterator[str]:
     whole = [time for time in times_ns if isinstance(time, int) and not isinstance(time, bool)]
     if len(whole) < len(times_ns):
-        odd = next(time for time in times_ns if not isinstance(time, int) or isinstance(time, bool))
-        yield f"{place}: expected times as int nanoseconds, got {type(odd).__name__}"
+        wrong = next(time for time in times_ns if not isinstance(time, int) or isinstance(time, bool))
+        yield f"{place}: expected times as int nanoseconds, got {type(wrong).__name__}"
     elif whole != sorted(set(whole)):
         yield f"{place}: expected times that increase, got one twice or out of order"
 

@@ -25,7 +25,7 @@ STAND_IN_NS = 2**61  # the stand-in for a missing trajectory reaches this far to
 
 
 class NothingUsableError(Exception):
-    """Lenient reading ends without a recording; why was reported."""
+    """Lenient reading ends without a recording; the reasons are reported already."""
 
 
 def only_this(error: DataError) -> Iterable[DataError]:
@@ -46,10 +46,10 @@ class ErrorHandler:
         raise error
 
     def leave_out(self, part: Part) -> None:
-        """Note that a part of the recording only has a stand-in: a trajectory that stands still, no tracks."""
+        """Note that a part of the recording only has a stand-in: a stationary trajectory, no tracks."""
 
     def stop(self) -> NoReturn:
-        """End lenient reading where the errors leave nothing to go on with."""
+        """End lenient reading where the errors leave nothing usable."""
         raise NothingUsableError
 
 

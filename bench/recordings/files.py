@@ -121,7 +121,7 @@ def numbers(words: list[str], count: int, *, file: Path, field: str) -> list[flo
     """Turn words into finite numbers, at most `LARGEST_NUMBER`.
 
     Args:
-        words: as they stand in the file.
+        words: from the file.
         count: how many there must be.
         file: where they come from.
         field: where in the file.
@@ -145,7 +145,7 @@ def numbers(words: list[str], count: int, *, file: Path, field: str) -> list[flo
 
 
 class MeteredFile:
-    """Hands out a file and stops where one part of it goes on for too long.
+    """A file that stops with an error where one part of it is too long.
 
     Args:
         raw: the open file.
@@ -184,7 +184,7 @@ def xml_parts(
     deepest: int,
     outer: tuple[str, ...] = (),
     forbid_dtd: bool = True,
-    mended: Callable[[MeteredFile], Any] = lambda source: source,
+    prepare: Callable[[MeteredFile], Any] = lambda source: source,
 ) -> Iterator[Element]:
     """The elements of a level of an XML file, one by one; each is gone when the next one is read.
 
@@ -196,7 +196,7 @@ def xml_parts(
         deepest: levels of elements that the file may have.
         outer: names that the outermost elements must have.
         forbid_dtd: refuse a document type; entities are always refused.
-        mended: changes what is read before it is parsed.
+        prepare: wraps the file before it is parsed.
 
     Raises:
         DataError: missing, cut short, not XML, with a document type or entities, nested too deeply, with other outer
@@ -206,7 +206,7 @@ def xml_parts(
         with file.open("rb") as raw:
             source = MeteredFile(raw, file, part=parts, largest_bytes=largest_bytes)
             opened: list[Element] = []
-            for event, element in iterparse(mended(source), events=("start", "end"), forbid_dtd=forbid_dtd):
+            for event, element in iterparse(prepare(source), events=("start", "end"), forbid_dtd=forbid_dtd):
                 if event == "start":
                     opened.append(element)
                     if len(opened) <= len(outer) and element.tag != outer[len(opened) - 1]:

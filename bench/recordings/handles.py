@@ -48,7 +48,7 @@ class LenientReading:
         errors: one for each fault.
         recording: what is left; cameras, images, sweeps and objects that cannot be used are not in it. None where not
             even the calibration can be used.
-        missing: parts of `recording` that only have a stand-in: a trajectory that stands still, no tracks.
+        missing: parts of `recording` that only have a stand-in: a stationary trajectory, no tracks.
     """
 
     errors: tuple[DataError, ...]

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import struct
-import zlib
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +10,15 @@ import cv2
 import kornia_rs.io
 import numpy as np
 from numpy.typing import NDArray
+from PIL.JpegImagePlugin import JpegImageFile
+from PIL.PngImagePlugin import PngImageFile
 
 from bench.errors import DataError
 from bench.records.recording import ImageRef, MountedCamera
 
-PNG_START, JPEG_START, JPEG_END = b"\x89PNG\r\n\x1a\n", b"\xff\xd8", b"\xff\xd9"
+PNG_START, PNG_END = b"\x89PNG\r\n\x1a\n", b"\0\0\0\0IEND\xaeB`\x82"
+JPEG_START, JPEG_END = b"\xff\xd8", b"\xff\xd9"
 JPEG_TAIL_BYTES = 64  # some cameras pad the end
-JPEG_ALONE = frozenset((0x01, *range(0xD0, 0xD9)))  # markers without a length
-JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # markers before depth, size and components
 JPEG_SCAN, MOST_SCANS = b"\xff\xda", 100  # each takes the time of a whole image; encoders write ten or so
 PNG_8_BIT_GREY = b"\x08\x00"  # depth and kind of colour, in the header
 LARGEST_PX = 1 << 26  # 8192 x 8192; a header of a few bytes can ask for far more
@@ -130,16 +130,19 @@ def decode_image(content: bytes, flags: int, *, file: Path) -> NDArray[Any]:
     fault = _fault(content)
     if fault is not None:
         raise DataError(file, expected="a whole PNG or JPEG file", got=fault)
-    size_px = stated_size_px(content)
-    if size_px is not None and size_px[0] * size_px[1] > LARGEST_PX:
-        raise DataError(file, expected=f"an image of at most {LARGEST_PX} px", got="{} x {}".format(*size_px))
+    header = _header(content)
+    if header is not None and header.width * header.height > LARGEST_PX:
+        got = f"{header.width} x {header.height}"
+        raise DataError(file, expected=f"an image of at most {LARGEST_PX} px", got=got)
     kind = flags if flags == cv2.IMREAD_UNCHANGED else flags & ~cv2.IMREAD_IGNORE_ORIENTATION
-    if kind == cv2.IMREAD_GRAYSCALE and size_px is not None:
-        grey = _grey_png(content, size_px)
+    if content.startswith(JPEG_START):
+        return _jpeg(content, header, kind, file)
+    if kind == cv2.IMREAD_GRAYSCALE and header is not None and content[24:26] == PNG_8_BIT_GREY:
+        grey = _grey_png(content, header)
         if grey is not None:
             return grey
-    if content.startswith(JPEG_START):
-        return _jpeg(content, kind, file)
+    if header is None or not _is_undamaged(header):
+        raise DataError(file, expected="a whole PNG or JPEG file", got="a damaged PNG")
     try:
         pixels = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags)
     except cv2.error as error:
@@ -149,18 +152,16 @@ def decode_image(content: bytes, flags: int, *, file: Path) -> NDArray[Any]:
     return pixels
 
 
-def _grey_png(content: bytes, size_px: tuple[int, int]) -> NDArray[np.uint8] | None:
-    """The pixels of an 8-bit grey PNG, in a third of OpenCV's time; None where it is another file."""
-    if not content.startswith(PNG_START) or content[24:26] != PNG_8_BIT_GREY:
-        return None
+def _grey_png(content: bytes, header: PngImageFile | JpegImageFile) -> NDArray[np.uint8] | None:
+    """The pixels of an 8-bit grey PNG, in a third of OpenCV's time; None where they cannot be decoded."""
     try:
-        pixels = kornia_rs.io.decode_image_png_u8(content, size_px[::-1], "mono")
+        pixels = kornia_rs.io.decode_image_png_u8(content, (header.height, header.width), "mono")
     except Exception:  # noqa: BLE001 - it raises no narrower kind
         return None
     return np.asarray(pixels, dtype=np.uint8)[..., 0]
 
 
-def _jpeg(content: bytes, kind: int, file: Path) -> NDArray[np.uint8]:
+def _jpeg(content: bytes, header: PngImageFile | JpegImageFile | None, kind: int, file: Path) -> NDArray[np.uint8]:
     """The pixels of a JPEG, grey or in colour.
 
     Pixels and time are as OpenCV's, which has the same library. But where that warns of damaged data, OpenCV prints
@@ -169,16 +170,14 @@ def _jpeg(content: bytes, kind: int, file: Path) -> NDArray[np.uint8]:
     Raises:
         DataError: the data is damaged or ends before the last line, or of another depth or kind of colour.
     """
-    frame = _jpeg_frame(content)
-    if frame is None:
+    if not isinstance(header, JpegImageFile):
         raise DataError(file, expected="a whole JPEG", got="one whose header is damaged")
-    bits, components = content[frame + 4], content[frame + 9]
-    if bits != 8 or components not in (1, 3):
-        got = f"{components} of {bits} bits"
+    if header.layers not in (1, 3):
+        got = f"{header.layers} of {header.bits} bits"
         raise DataError(file, expected="a JPEG of one or three components of 8 bits", got=got)
     if content.count(JPEG_SCAN) > MOST_SCANS:
         raise DataError(file, expected=f"at most {MOST_SCANS} scans of a JPEG", got=str(content.count(JPEG_SCAN)))
-    grey = kind == cv2.IMREAD_GRAYSCALE or (kind == cv2.IMREAD_UNCHANGED and components == 1)
+    grey = kind == cv2.IMREAD_GRAYSCALE or (kind == cv2.IMREAD_UNCHANGED and header.layers == 1)
     try:
         pixels = kornia_rs.io.decode_image_jpegturbo(content, "mono" if grey else "rgb")
     except Exception as error:  # it raises no narrower kind, without details
@@ -210,7 +209,7 @@ def _at_model_size(pixels: NDArray[Any], path: Path, camera: MountedCamera, inte
 def _fault(content: bytes) -> str | None:
     """Fault of the file as a whole. OpenCV gives a partly grey image for one that is cut short."""
     if content.startswith(PNG_START):
-        return _png_fault(content)
+        return None if PNG_END in content else f"a PNG cut short at {len(content)} bytes"
     if content.startswith(JPEG_START):
         return None if JPEG_END in content[-JPEG_TAIL_BYTES:] else f"a JPEG cut short at {len(content)} bytes"
     return f"{len(content)} bytes that begin with {content[:8].hex(' ')}" if content else "an empty file"
@@ -218,40 +217,22 @@ def _fault(content: bytes) -> str | None:
 
 def stated_size_px(content: bytes) -> tuple[int, int] | None:
     """(width, height) as the header states; None where there is none."""
-    if content.startswith(PNG_START):
-        return struct.unpack_from(">II", content, 16) if len(content) >= 24 else None
-    frame = _jpeg_frame(content)
-    if frame is None:
+    header = _header(content)
+    return None if header is None else header.size
+
+
+def _header(content: bytes) -> PngImageFile | JpegImageFile | None:
+    """The header of a PNG or JPEG; None where there is none that can be read."""
+    try:
+        return (PngImageFile if content.startswith(PNG_START) else JpegImageFile)(BytesIO(content))
+    except (SyntaxError, OSError, ValueError):  # also other errors of reading come as SyntaxError
         return None
-    height, width = struct.unpack_from(">HH", content, frame + 5)
-    return width, height
 
 
-def _jpeg_frame(content: bytes) -> int | None:
-    """Offset of the size in the header of a JPEG; None where there is none."""
-    offset = len(JPEG_START)
-    while offset + 10 <= len(content) and content[offset] == 0xFF:
-        marker = content[offset + 1]
-        if marker in JPEG_FRAMES:
-            return offset
-        if marker == 0xFF or marker in JPEG_ALONE:  # filling, or nothing but itself
-            offset += 1 if marker == 0xFF else 2
-        else:
-            offset += 2 + struct.unpack_from(">H", content, offset + 2)[0]
-    return None
-
-
-def _png_fault(content: bytes) -> str | None:
-    offset = len(PNG_START)
-    while offset + 12 <= len(content):
-        (length,) = struct.unpack_from(">I", content, offset)
-        end = offset + 12 + length
-        if end > len(content):
-            break
-        checksum = zlib.crc32(memoryview(content)[offset + 4 : end - 4])
-        if checksum != struct.unpack_from(">I", content, end - 4)[0]:
-            return f"a PNG damaged near byte {offset}"
-        if content[offset + 4 : offset + 8] == b"IEND":
-            return None
-        offset = end
-    return f"a PNG cut short at {len(content)} bytes"
+def _is_undamaged(header: PngImageFile | JpegImageFile) -> bool:
+    """Compare the checksums of a PNG; OpenCV ignores those of image data."""
+    try:
+        header.verify()
+    except (SyntaxError, OSError, ValueError):
+        return False
+    return True

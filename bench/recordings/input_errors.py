@@ -43,24 +43,24 @@ def named_input_errors(errors: Mapping[str, object]) -> InputErrors:
 
 
 def perturbed_camera(camera: MountedCamera, errors: InputErrors) -> MountedCamera:
-    """The camera as a method is told of it: lens, mounting, and the road below.
+    """The camera as a method receives it: lens, mounting, and the road below.
 
-    Its field and the body of the ego vehicle stay: they say where is scored.
+    Its field and the body of the ego vehicle stay: they define the evaluated region.
     """
     if not _reach_calibration_or_motion(errors):
         return camera
     vehicle_from_camera = camera.vehicle_from_camera @ _pitched(-errors.pitch_deg)
-    told_from_true = vehicle_from_camera.inverse() @ camera.vehicle_from_camera
+    perturbed_from_true = vehicle_from_camera.inverse() @ camera.vehicle_from_camera
     return replace(
         camera,
         model=_perturbed_lens(camera.model, errors),
         vehicle_from_camera=vehicle_from_camera,
-        road=RoadPlane(told_from_true.rotate(camera.road.down), camera.road.height_m),
+        road=RoadPlane(perturbed_from_true.rotate(camera.road.down), camera.road.height_m),
     )
 
 
 def perturbed_time_ns(timestamp_ns: int, errors: InputErrors) -> int:
-    """The time of the pose that a method is told for an image of a time."""
+    """Time of the pose that a method receives for an image of a time."""
     return timestamp_ns + round(errors.time_offset_ms * 1e6)
 
 
@@ -72,14 +72,14 @@ def perturbed_motion(
     vehicle_from_camera: RigidTransform,
     errors: InputErrors,
 ) -> RigidTransform:
-    """`current_from_previous` of the camera as a method is told of it.
+    """`current_from_previous` of the camera as a method receives it.
 
     Args:
         world_from_vehicle_previous: pose at `perturbed_time_ns` of the previous image.
         world_from_vehicle_current: pose at `perturbed_time_ns` of the current image.
         seconds: between the images.
-        vehicle_from_camera: mounting as it is told, see `perturbed_camera`.
-        errors: of what is told.
+        vehicle_from_camera: mounting with its error, see `perturbed_camera`.
+        errors: to inject.
     """
     if not _reach_calibration_or_motion(errors):
         return camera_motion(
@@ -98,13 +98,13 @@ def perturbed_motion(
 def perturbed_pixels(
     pixels: NDArray[np.uint8], image: ImageRef, *, recording: str, errors: InputErrors
 ) -> NDArray[np.uint8]:
-    """An image as a method is told of it: with normal noise, rounded and cut to 0 ... 255.
+    """An image as a method receives it: with normal noise, rounded and cut to 0 ... 255.
 
     Args:
         pixels: (H, W) or (H, W, 3) uint8.
         image: which; its camera and time, with the name of the recording, are the seed.
         recording: name.
-        errors: of what is told.
+        errors: to inject.
     """
     if errors.image_noise_grey == 0:
         return pixels

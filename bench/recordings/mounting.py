@@ -100,7 +100,7 @@ def camera_model(stated: Mapping[str, Any], image_size: tuple[int, int], *, file
     Args:
         stated: `model` is the name of a camera model, the rest are its parameters without the image size.
         image_size: (width, height), px.
-        file: where they stand, for messages.
+        file: that holds them, for messages.
         field: the same.
 
     Raises:

@@ -156,7 +156,7 @@ def _timed_files(root: Path, folder: Path, suffixes: tuple[str, ...], on_error: 
 
 
 def _trajectory(root: Path, ego_motion: Source, on_error: ErrorHandler) -> Trajectory:
-    """The ego-motion, or a stand-in."""
+    """Read the ego-motion; a stand-in after an error."""
 
     def find_all(error: DataError) -> Iterable[DataError]:
         file = root / EGOMOTION_FILES[0]

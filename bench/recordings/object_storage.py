@@ -25,7 +25,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 from bench.errors import BenchError, DataError, OutputError, UsageError
-from bench.recordings.atomic import alone_in, make_folder, write_text
+from bench.recordings.atomic import folder_lock, make_folder, write_text
 from bench.recordings.error_handlers import STRICT, ErrorHandler
 from bench.recordings.handles import RecordingHandle
 from bench.records.recording import Recording
@@ -283,7 +283,7 @@ def local_copy(url: RemoteUrl, parts: Sequence[str] = ()) -> Path:
     index_file = folder.parent / INDEX
     with _space_for(url, folder):
         make_folder(folder)
-        with alone_in(folder.parent):
+        with folder_lock(folder.parent):
             index = _read_index(index_file)
             _remove_others(folder, listed)
             missing = [n for n, one in listed.items() if not one.version or index.get(n) != _noted(one, folder / n)]

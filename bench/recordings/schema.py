@@ -111,7 +111,7 @@ class RecordingHead(FileModel):
         name: of the recording, the same as its folder's.
         licence: of the data.
         frame_interval_ns: nominal time between images.
-        conventions: the frames and orders in words, for whoever opens the file.
+        conventions: frames and orders of numbers in words, for readers of the file.
     """
 
     schema_version: Literal[1]

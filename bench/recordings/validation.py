@@ -1,4 +1,4 @@
-"""Pydantic's verdict on a file, told as one line that names file, field, what was expected and what was found."""
+"""Validation of files by pydantic; each fault is one line: file, field, what was expected and what was found."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pydantic_core import ErrorDetails
 from bench.errors import DataError, ShapeError
 
 LONGEST_VALUE = 80  # characters of a wrong value that a message shows
-MOST_FAULTS = 200  # of one file that are told one by one
+MOST_FAULTS = 200  # of one file that are reported one by one
 BRIEF = Repr()
 BRIEF.maxstring = BRIEF.maxlong = BRIEF.maxother = LONGEST_VALUE
 BRIEF.maxlist = BRIEF.maxtuple = BRIEF.maxdict = 10
@@ -93,7 +93,7 @@ def keys_twice(file: Path) -> tuple[DataError, ...]:
                 twice.append(key)
             seen.add(key)
 
-    with suppress(OSError, RecursionError, ValueError):  # those are told by who reads the file
+    with suppress(OSError, RecursionError, ValueError):  # the file's reader reports those
         json.loads(file.read_bytes(), object_pairs_hook=keep)
     return tuple(
         DataError(file, field=_short(key), expected="each key of an object once", got="it twice")
@@ -121,10 +121,10 @@ def validated(model: type[Model], values: Mapping[str, Any], *, file: Path, fiel
 
 def data_error(error: ShapeError, *, file: Path, field: str) -> DataError:
     """The same fault with its place in a file; "focal: expected a, got b" goes to `field.focal`."""
-    told = re.fullmatch(r"(?:(\w+): )?.*?expected (.*?), got (.*)", str(error), re.DOTALL)
-    if told is None:
+    parts = re.fullmatch(r"(?:(\w+): )?.*?expected (.*?), got (.*)", str(error), re.DOTALL)
+    if parts is None:
         return DataError(file, field=field, expected="values that fit together", got=str(error))
-    name, expected, got = told.groups()
+    name, expected, got = parts.groups()
     return DataError(file, field=f"{field}.{name}" if name else field, expected=expected, got=got)
 
 
@@ -136,11 +136,11 @@ def _data_error(error: ValidationError, file: Path, prefix: str = "") -> DataErr
 
 def _one_error(fault: ErrorDetails, file: Path, prefix: str = "", do: str = "") -> DataError:
     path = ".".join(str(part) for part in (*([prefix] if prefix else []), *fault["loc"]))
-    expected, got = _told(fault["type"], fault["msg"], fault.get("input"))
+    expected, got = _expected_and_got(fault["type"], fault["msg"], fault.get("input"))
     return DataError(file, field=path or None, expected=expected, got=got, do=do)
 
 
-def _told(kind: str, message: str, value: object) -> tuple[str, str]:
+def _expected_and_got(kind: str, message: str, value: object) -> tuple[str, str]:
     if kind == "missing":
         return "a value", "nothing"
     if kind == "extra_forbidden":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bench
 from bench.evaluation import published
-from bench.reporting.table_files import escape_latex
+from bench.reporting.document import escape_latex
 
 SOFTWARE = "fisheye-bench: benchmark of moving-object segmentation in automotive fisheye images"
 YEAR = 2026  # of this version

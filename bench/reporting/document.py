@@ -199,7 +199,7 @@ def _rich_table(table: Table) -> RichTable:
     """Numbers are never cut where there is room; a first word that repeats the one above is left out."""
     rows = table.cells()
     lines = any(cell.below for row in rows for cell in row)
-    shown = RichTable(box=SIMPLE_HEAD, show_edge=False, padding=(0, 1, int(lines), 0))
+    shown = RichTable(box=SIMPLE_HEAD, show_edge=False, padding=(0, int(not lines), int(lines), 0))
     for place, heading in enumerate(table.headings()):
         of_words = place < table.words
         shown.add_column(

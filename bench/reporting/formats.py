@@ -21,6 +21,7 @@ from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.plain_text import escape_markdown
 from bench.recordings import write_text
 from bench.records.reference import Category, ReferenceFrame
+from bench.reporting.document import Cell
 
 LABELS = {
     Category.CROSSING: "Crossing",
@@ -70,9 +71,9 @@ def hundredths(ratio: float) -> str:
     return "n/a" if math.isnan(ratio) else f"{100 * ratio:.1f}"
 
 
-def interval(metric: Metric) -> str:
-    """The 95 % interval in percent, "[65.0, 78.3]"; "" without one."""
-    return "" if metric.ci95 is None else "[{:.1f}, {:.1f}]".format(*(100 * end for end in metric.ci95))
+def interval(metric: Metric, *, unit: float = 100.0) -> str:
+    """The 95 % interval in percent, "[65.0, 78.3]", or in another unit; "" without one."""
+    return "" if metric.ci95 is None else "[{:.1f}, {:.1f}]".format(*(unit * end for end in metric.ci95))
 
 
 def short_interval(metric: Metric) -> str:
@@ -80,16 +81,26 @@ def short_interval(metric: Metric) -> str:
     return "" if metric.ci95 is None else "{:.0f}-{:.0f}".format(*(100 * end for end in metric.ci95))
 
 
+def metric_cell(metric: Metric) -> Cell:
+    """A ratio, "72.1 %", over its interval, "[65.0, 78.3]"; "n/a" over "(0 cases)" for NaN."""
+    if math.isnan(metric.value):
+        return Cell("n/a", (f"({metric.cases} cases)",))
+    return _over(percent(metric.value), interval(metric))
+
+
+def mean_cell(metric: Metric) -> Cell:
+    """A mean that is no ratio in the same way, "3.2" over "[2.8, 3.9]"."""
+    return metric_cell(metric) if math.isnan(metric.value) else _over(f"{metric.value:.1f}", interval(metric, unit=1.0))
+
+
+def _over(text: str, below: str) -> Cell:
+    return Cell(text, (below,) if below else ())
+
+
 def with_interval(metric: Metric) -> str:
     """A ratio as "72.1 % [65.0, 78.3]", "72.1 %" without interval, "n/a (0 cases)" for NaN."""
-    return f"{percent(metric.value, cases=metric.cases)} {interval(metric)}".rstrip()
-
-
-def mean(metric: Metric) -> str:
-    """A mean that is no ratio, "3.2 [2.8, 3.9]"; "n/a (0 cases)" for NaN."""
-    if math.isnan(metric.value):
-        return f"n/a ({metric.cases} cases)"
-    return f"{metric.value:.1f}" + ("" if metric.ci95 is None else " [{:.1f}, {:.1f}]".format(*metric.ci95))
+    cell = metric_cell(metric)
+    return " ".join((cell.text, *cell.below))
 
 
 def count(number: int | None) -> str:

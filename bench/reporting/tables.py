@@ -1,4 +1,4 @@
-"""The rows of the paper's table, ours beside the paper's, as text tables and for the terminal."""
+"""The rows of the paper's table, ours beside the paper's, as tables for every form and one for the terminal."""
 
 from __future__ import annotations
 
@@ -6,28 +6,23 @@ import math
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 
-from rich.table import Table
-from rich.text import Text
-
 from bench.evaluation import Metric, ThresholdFreeMetrics, published
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.summary import FalsePositiveMetrics, ObjectMetrics, Summary
 from bench.records.reference import Category
+from bench.reporting.document import Block, Cell, Paragraph, Table
 from bench.reporting.formats import (
     CEILING,
     INTERVALS,
-    TextTable,
     chance_of,
-    count,
     detection_levels,
     hundredths,
     level_percent,
-    mean,
-    number_columns,
+    mean_cell,
+    metric_cell,
     percent,
     row_label,
     short_interval,
-    terminal_table,
     with_interval,
 )
 
@@ -188,123 +183,128 @@ def _further_notes(rows: Sequence[TableRow]) -> list[str]:
     return [FURTHER_NOTES[name] for name in further_columns(rows)]
 
 
-def text_tables(rows: Sequence[TableRow]) -> tuple[TextTable, ...]:
+def text_tables(rows: Sequence[TableRow]) -> tuple[Table, ...]:
     """Ours beside the paper's; detection and coverage with their intervals; the false positives."""
     rates: dict[str, str] = {}
     for name, heading in detection_columns(rows).items():
         rates |= {name: heading, chance_of(name): "chance"}
+    coverages = COVERAGES | further_columns(rows)
     return (
         _beside_the_paper(rows),
         _with_intervals(rows, title="Detection", shown=rates, notes=_chance_notes(rows)),
-        _with_intervals(
-            rows,
-            title="Coverage",
-            shown=COVERAGES | further_columns(rows),
-            notes=[COVERAGE_NOTE, *_further_notes(rows)],
-        ),
+        _with_intervals(rows, title="Coverage", shown=coverages, notes=[COVERAGE_NOTE, *_further_notes(rows)]),
         _false_positives(rows),
     )
 
 
-def _beside_the_paper(rows: Sequence[TableRow]) -> TextTable:
-    headings = ["Type", "Recordings", "Cases", "paper"]
+def _beside_the_paper(rows: Sequence[TableRow]) -> Table:
+    columns = ["Type", "Recordings", "Cases", "paper"]
     for heading in COMPARED.values():
-        headings += [heading, "paper", "diff."]
-    lines = []
+        columns += [heading, "paper", "diff."]
+    lines: list[list[object]] = []
     for row in rows:
-        line = [row.label, count(row.recordings), count(row.frames), count(row.paper_frames)]
+        line: list[object] = [_label(row.label), row.recordings, row.frames, row.paper_frames]
         # The paper prints the false-positive coverage in the column of the detection rate.
         for name in ["coverage"] if row.name == FALSE_POSITIVES else COMPARED:
             metric = row.metrics[name]
             line += [percent(metric.value, cases=metric.cases), row.paper_percent(name), row.difference(name)]
-        lines.append(line + [""] * (len(headings) - len(line)))
+        lines.append(line + [None] * (len(columns) - len(line)))
     title = "Results by category of objects, beside the paper's"
-    return TextTable(title=title, headings=headings, rows=lines, note=BESIDE_NOTE)
+    return Table(title=title, columns=columns, rows=lines, note=BESIDE_NOTE, name="paper")
 
 
-def _with_intervals(
-    rows: Sequence[TableRow], *, title: str, shown: Mapping[str, str], notes: Sequence[str]
-) -> TextTable:
+def _with_intervals(rows: Sequence[TableRow], *, title: str, shown: Mapping[str, str], notes: Sequence[str]) -> Table:
     """One line per kind of motion; intervals are named where one has them."""
     of_objects = [row for row in rows if row.name != FALSE_POSITIVES]
     bounded = any(row.metrics[name].ci95 for row in of_objects for name in shown)
-    lines = [
-        [row.label, *map(count, (row.recordings, row.frames, row.tracks))]
-        + [with_interval(row.metrics[name]) for name in shown]
-        for row in of_objects
-    ]
-    return TextTable(
+    return Table(
         title=f"{title} with 95 % intervals" if bounded else title,
-        headings=["Type", "Recordings", "Cases", "Objects", *shown.values()],
-        rows=lines,
+        columns=["Type", "Recordings", "Cases", "Objects", *shown.values()],
+        rows=[
+            [
+                _label(row.label),
+                row.recordings,
+                row.frames,
+                row.tracks,
+                *(metric_cell(row.metrics[name]) for name in shown),
+            ]
+            for row in of_objects
+        ],
         note=" ".join([*notes, INTERVALS]),
+        name=title.lower(),
+        look="texts counted",
     )
 
 
-def _false_positives(rows: Sequence[TableRow]) -> TextTable:
-    *shares, components = FALSE_POSITIVE_METRICS
-    lines = []
-    for row in rows:
-        if row.name == FALSE_POSITIVES:
-            cells = [*(with_interval(row.metrics[name]) for name in shares), mean(row.metrics[components])]
-            lines.append([count(row.recordings), count(row.frames), *cells])
-    headings = ["Recordings", "Images", "False-positive coverage", "of the valid pixels"]
-    headings += ["Frames with a large false positive", "Components per frame"]
-    note = f"{FALSE_POSITIVE_NOTE} {INTERVALS}"
-    return TextTable(title="False positives", headings=headings, rows=lines, labels=0, note=note)
+def _false_positives(rows: Sequence[TableRow]) -> Table:
+    *shares, mean = FALSE_POSITIVE_METRICS
+    columns = ["Recordings", "Images", "False-positive coverage", "of the valid pixels"]
+    return Table(
+        title="False positives",
+        columns=[*columns, "Frames with a large false positive", "Components per frame"],
+        rows=[
+            [row.recordings, row.frames, *(metric_cell(row.metrics[n]) for n in shares), mean_cell(row.metrics[mean])]
+            for row in rows
+            if row.name == FALSE_POSITIVES
+        ],
+        words=0,
+        note=f"{FALSE_POSITIVE_NOTE} {INTERVALS}",
+        name="false-positives",
+        look="texts",
+    )
 
 
-MIN_COLUMNS = 100  # a console narrower than this cuts the table
-_SHORT = {"detection_rate": "Detec-\ntion", "tpr": "TPR\ndet.", "tpr_all": "TPR\nall", "iou": "IoU\nall",
-          "iou_detected": "IoU\ndet.", "ceiling_iou": "IoU\nceil.", "unknown_share": "Un-\nknown"}  # fmt: skip
+def _label(text: str, *, before: str = " (") -> Cell:
+    """A kind of motion over its constraint."""
+    first, _, second = text.partition(before)
+    return Cell(first, (before[1:] + second,) if second else ())
 
 
-def to_rich(rows: Sequence[TableRow]) -> Table:
-    """Five lines per category with cases: ours, its 95 % interval, its chance level, the paper's, the difference.
+_SHORT = {"detection_rate": Cell("Detec-", ("tion",)), "tpr": Cell("TPR", ("det.",)), "tpr_all": Cell("TPR", ("all",)),
+          "iou": Cell("IoU", ("all",)), "iou_detected": Cell("IoU", ("det.",)), "ceiling_iou": Cell("IoU", ("ceil.",)),
+          "unknown_share": Cell("Un-", ("known",))}  # fmt: skip
 
-    Returns:
-        A table to print on a `rich.console.Console` of at least `MIN_COLUMNS`; nothing is printed here.
+
+def terminal_report(rows: Sequence[TableRow]) -> list[Block]:
+    """For 100 columns: the value of each metric over its 95 % interval, its chance level, the paper's, the difference.
+
+    Kinds of motion without cases are left out.
     """
-    shown, further = COVERAGES | detection_columns(rows), further_columns(rows)
-    table = terminal_table("Ours beside the paper's, in percent", caption=_caption(rows), below=1, right=0)
-    table.add_column("Type", no_wrap=True)
-    table.add_column("", style="dim", no_wrap=True)
-    number_columns(table, ("Recs", "Cases", "Objects"))
-    number_columns(table, (_SHORT.get(n, heading.replace(" ", "\n", 1)) for n, heading in shown.items()), min_width=6)
-    number_columns(table, (_SHORT[name] for name in further))
+    shown = {**COVERAGES, **detection_columns(rows), **further_columns(rows)}
+    lines = []
     for row in rows_with_cases(rows):
         of_images = row.name == FALSE_POSITIVES
-        lines = ["ours", "95 %", *([] if of_images else ["chance"]), "paper", "diff."]
-        frames = {"ours": count(row.frames), "paper": count(row.paper_frames)}
-        table.add_row(
-            Text(row.label.replace(" (", "\n(")),
-            Text("\n".join(lines)),
-            count(row.recordings),
-            Text("\n".join(frames.get(line, "") for line in lines)),
-            count(row.tracks),
-            # The paper prints the false-positive coverage in the column of the detection rate.
-            *([""] * len(COVERAGES) if of_images else ()),
-            *(_cell(row, name, lines) for name in (["coverage"] if of_images else shown | further)),
-        )
-    return table
+        below = ["95 %", *([] if of_images else ["chance"]), "paper", "diff."]
+        frames = tuple(str(row.paper_frames) if name == "paper" else "" for name in below[:-1])
+        # The paper prints the false-positive coverage in the column of the detection rate.
+        names = [None] * len(COVERAGES) + ["coverage"] + [None] * (len(shown) - len(COVERAGES) - 1)
+        cells = [name and _cell(row, name, below) for name in (names if of_images else shown)]
+        head = [_label(row.label), Cell("ours", tuple(below)), row.recordings, Cell(str(row.frames), frames)]
+        lines.append([*head, row.tracks, *cells])
+    headings = [_SHORT.get(name) or _label(heading, before=" ") for name, heading in shown.items()]
+    table = Table(
+        title="Ours beside the paper's, in percent",
+        columns=["Type", "", "Recs", "Cases", "Objects", *headings],
+        rows=lines,
+        words=2,
+    )
+    return [table, *(Paragraph(note, "dim") for note in _terminal_notes(rows))]
 
 
-def _cell(row: TableRow, name: str, lines: Sequence[str]) -> Text:
+def _cell(row: TableRow, name: str, below: Sequence[str]) -> Cell:
     metric = row.metrics[name]
     no_cases = math.isnan(metric.value)
     chance = row.metrics.get(chance_of(name)) if name.startswith("detection_rate") else None
     texts = {
-        "ours": hundredths(metric.value),
         "95 %": f"({metric.cases})" if no_cases else short_interval(metric),
         "chance": "" if chance is None or math.isnan(chance.value) else hundredths(chance.value),
         "paper": f"{100 * row.paper[name]:.0f}" if name in row.paper else "",
         "diff.": row.difference(name),
     }
-    text = Text(texts["ours"], style="" if no_cases else "bold")
-    return text.append("".join(f"\n{texts[line]}" for line in lines[1:]), style="not bold")
+    return Cell(hundredths(metric.value), tuple(texts[line] for line in below), "" if no_cases else "strong")
 
 
-def _caption(rows: Sequence[TableRow]) -> Text:
+def _terminal_notes(rows: Sequence[TableRow]) -> list[str]:
     notes = [
         f"95 %: interval by recording; none where fewer than {FEWEST_RECORDINGS} recordings (recs) hold cases.",
         "Cases: object-frames; of the false positives images.",
@@ -324,4 +324,4 @@ def _caption(rows: Sequence[TableRow]) -> Text:
         rate = row.metrics.get("frame_rate")
         if rate is not None and not math.isnan(rate.value):
             notes.append(f"False positives: share of the image; {percent(rate.value)} of the frames have a large one.")
-    return Text("\n".join(notes))
+    return notes

@@ -1,7 +1,7 @@
 """Training data for networks, and the training of the method `learned`.
 
 - `pairs`: pairs of images with lens, motion, exact mask and valid region as NumPy arrays;
-- `prepared`: inputs of the network, computed once and kept on disk;
+- `prepared`: inputs of the network, computed once and stored on disk;
 - `network`, `train`: the network and its training on PyTorch (extra `train`).
 """
 

@@ -1,4 +1,4 @@
-"""Inputs of the network for every pair of a data set, computed once and kept as memory-mapped arrays of bytes."""
+"""Inputs of the network for every pair of a data set, computed once and stored as memory-mapped arrays of bytes."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def prepare(
     Args:
         dataset: a rendered data set, by name or card; it is rendered first where it is missing.
         part: of the data set, see `training_pairs`.
-        folder: where the arrays are kept; one folder below it for each version of the inputs.
+        folder: of the arrays; one folder below it for each version of the inputs.
         workers: processes.
         progress: called with the numbers of prepared and of all drives.
 

@@ -1,4 +1,4 @@
-"""Validation: everything that is wrong with a data set, found in one pass and told at once.
+"""Validation: everything that is wrong with a data set, found and reported in one pass.
 
 Each check is a function from a recording to findings and knows nothing of the others. Nothing stops at the first fault:
 a recording that does not open is read leniently, and what can be used of it is looked at all the same. Limits are those

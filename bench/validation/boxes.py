@@ -35,7 +35,7 @@ LEAST_BOXES = 3
 SAME_PLACE = 0.5  # intersection over union of two footprints
 MOST_PAIRS = 200_000  # of footprints that touch, in a recording; five seconds
 QUERIED_AT_ONCE = 64  # footprints; of 5000 that all touch, their pairs take 5 MB
-MOST_TOLD = 100  # pairs of objects, each for itself
+MOST_PAIRS_LISTED = 100  # pairs of objects, each for itself
 INSIDE_EGO_M = 0.3
 
 
@@ -79,13 +79,13 @@ def _names(recording: Recording) -> Iterator[Finding]:
         )
     known = {category.value for category in Category}
     for track in recording.tracks:
-        told = {state.category for state in track.states} - known - {None}
-        if told:
+        unknown = {state.category for state in track.states} - known - {None}
+        if unknown:
             yield Finding(
                 check="category",
                 field=f"object {track.track_id!r}",
                 expected=f"one of {', '.join(sorted(known))}",
-                got=listed(sorted(str(name) for name in told)),
+                got=listed(sorted(str(name) for name in unknown)),
             )
 
 
@@ -137,16 +137,16 @@ def _tilt(track: Track) -> Iterator[Finding]:
     boxed = [(s.timestamp_ns, s.shape.vehicle_from_object) for s in track.states if isinstance(s.shape, Cuboid)]
     times_ns = np.array([time_ns for time_ns, _ in boxed], dtype=np.int64)
     tilt_rad = np.arccos(np.clip([pose.rotation[2, 2] for _, pose in boxed], -1.0, 1.0))
-    odd = tilt_rad > ODD_TILT_RAD
-    if odd.any():
+    tilted = tilt_rad > ODD_TILT_RAD
+    if tilted.any():
         yield Finding(
             check="box-tilt",
             severity=Severity.ERROR if tilt_rad.max() > TILTED_RAD else Severity.WARNING,
             field=object_field(track),
-            expected="a box that stands upright",
+            expected="an upright box",
             got=f"one tilted by up to {np.degrees(tilt_rad.max()):.0f} degrees",
             do="check the order of the quaternion (OpenLABEL: x, y, z, w) and of angles",
-            **occurrences(odd, times_ns),
+            **occurrences(tilted, times_ns),
         )
 
 
@@ -169,8 +169,8 @@ def _above_road(recording: Recording) -> Iterator[Finding]:
             check="box-height",
             severity=Severity.ERROR if len(every) >= LEAST_BOXES else Severity.WARNING,
             field="cuboid, z",
-            expected=f"objects within {NEAR_M:.0f} m that stand on the road, at {road_m:+.2f} m",
-            got=f"their undersides {abs(off_m):.2f} m {side} it, in the middle of {len(every)} objects",
+            expected=f"objects within {NEAR_M:.0f} m that are on the road, at {road_m:+.2f} m",
+            got=f"their undersides {abs(off_m):.2f} m {side} it, median of {len(every)} objects",
             do="the origin of a box is its centre here; some formats give the middle of its bottom",
             times=len(every),
         )
@@ -194,14 +194,14 @@ def _same_place(recording: Recording) -> Iterator[Finding]:
         if not whole:
             given_up_ns.append(time_ns)
     often = sorted(found.items(), key=lambda pair: -len(pair[1]))
-    told = [
+    rows = [
         (f"objects {one!r} and {other!r}", f"at {len(times_ns)} times", len(times_ns), times_ns[0])
-        for (one, other), times_ns in often[:MOST_TOLD]
+        for (one, other), times_ns in often[:MOST_PAIRS_LISTED]
     ]
-    if rest := often[MOST_TOLD:]:
+    if rest := often[MOST_PAIRS_LISTED:]:
         first_ns = min(times_ns[0] for _, times_ns in rest)
-        told.append(("objects", f"in {len(rest)} more pairs of objects", len(rest), first_ns))
-    for field, when, times, first_ns in told:
+        rows.append(("objects", f"in {len(rest)} more pairs of objects", len(rest), first_ns))
+    for field, when, times, first_ns in rows:
         yield Finding(
             check="same-object",
             field=field,
@@ -218,7 +218,7 @@ def _same_place(recording: Recording) -> Iterator[Finding]:
             field="cuboid",
             expected=f"at most {MOST_PAIRS} pairs of boxes of a class that touch",
             got=f"more; at {len(given_up_ns)} of {len(at)} times not all were compared",
-            do="mend those that are told, then validate again",
+            do="fix the reported ones, then validate again",
             times=len(given_up_ns),
             timestamp_ns=given_up_ns[0],
         )

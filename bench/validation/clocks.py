@@ -49,17 +49,17 @@ def check_coverage(recording: Recording) -> Iterator[Finding]:
         yield from _without_motion(recording, times_ns, f"images of {camera}")
         if not len(sweeps_ns):
             continue
-        lonely = distance_to(times_ns, sweeps_ns) > NEAR_SWEEP_NS
-        if lonely.any():
-            none = bool(lonely.all())
+        without_sweep = distance_to(times_ns, sweeps_ns) > NEAR_SWEEP_NS
+        if without_sweep.any():
+            none = bool(without_sweep.all())
             yield Finding(
                 check="sensor-overlap",
                 severity=Severity.ERROR if none else Severity.WARNING,
                 field=f"images of {camera}",
                 expected="a lidar sweep within 100 ms of every image",
-                got=f"none for {int(lonely.sum())} of {len(times_ns)} images",
-                do="check that both clocks count from the same start" if none else "objects in them are not evaluated",
-                **occurrences(lonely, times_ns),
+                got=f"none for {int(without_sweep.sum())} of {len(times_ns)} images",
+                do="check that both clocks have the same epoch" if none else "objects in them are not evaluated",
+                **occurrences(without_sweep, times_ns),
             )
     yield from _without_motion(recording, sweeps_ns, "lidar sweeps")
 
@@ -83,7 +83,7 @@ def check_annotation_times(recording: Recording) -> Iterator[Finding]:
             field="timestamp",
             expected=f"times of the recording, {sensors_ns[0]} to {sensors_ns[-1]}",
             got=f"{int(outside.sum())} of {len(annotated_ns)} annotated times outside",
-            do="check the unit and the start of the clock; annotations of another recording?",
+            do="check the unit and the epoch of the clock; annotations of another recording?",
             **occurrences(outside, annotated_ns),
         )
     unseen = (distance_to(annotated_ns, sensors_ns) > MATCHED_NS) & ~outside
@@ -118,11 +118,11 @@ def times_of(recording: Recording, camera: str) -> NDArray[np.int64]:
     return np.array([image.timestamp_ns for image in recording.images[camera]], dtype=np.int64)
 
 
-def distance_to(times_ns: NDArray[np.int64], marks_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(N,) int64, from each time to the nearest of the sorted marks."""
-    after = np.clip(np.searchsorted(marks_ns, times_ns), 0, len(marks_ns) - 1)
+def distance_to(times_ns: NDArray[np.int64], known_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(N,) int64, from each time to the nearest of sorted times."""
+    after = np.clip(np.searchsorted(known_ns, times_ns), 0, len(known_ns) - 1)
     before = np.maximum(after - 1, 0)
-    return np.asarray(np.minimum(np.abs(marks_ns[after] - times_ns), np.abs(marks_ns[before] - times_ns)))
+    return np.asarray(np.minimum(np.abs(known_ns[after] - times_ns), np.abs(known_ns[before] - times_ns)))
 
 
 def _rate(recording: Recording, camera: str) -> Iterator[Finding]:
@@ -145,7 +145,7 @@ def _rate(recording: Recording, camera: str) -> Iterator[Finding]:
         check="image-times",
         file=calibration_file(recording),
         field="frame_interval_ns",
-        expected=f"the time between images of {camera}, {median_ns:.0f} ns in the middle",
+        expected=f"the time between images of {camera}, median {median_ns:.0f} ns",
         got=f"{recording.frame_interval_ns} ns",
         do=f"the times look like {meant}" if meant else "pairs further apart than 1.5 intervals are not evaluated",
     )
@@ -247,9 +247,9 @@ def _drift(recording: Recording) -> Iterator[Finding]:
                 field=f"{one} and {other}",
                 expected=f"intervals as {simple.denominator} to {simple.numerator}, as sensors of one clock have them",
                 got=f"{1e6 * rate:+.0f} ppm more, {apart_ns / 1e6:.1f} ms over the recording",
-                do="two clocks: bring both to one"
+                do="two clocks: convert the times to one of them"
                 if clocks
-                else "sensors that run freely have to be stamped by one clock",
+                else "take the times of free-running sensors from one clock",
                 timestamp_ns=int(first_ns),
             )
 

@@ -2,7 +2,7 @@
 
 Points of two sweeps are placed in the world by the stated path and by what it would be if speed were km/h, yaw rate
 degrees, a sign reversed, and so on. Where another reading brings the sweeps clearly closer together, it is the right
-one; between plain walls, where none does, nothing is said.
+one; between plain walls, where none does, nothing is reported.
 """
 
 from __future__ import annotations
@@ -54,10 +54,10 @@ def check_ego_limits(recording: Recording) -> Iterator[Finding]:
     speed = np.linalg.norm(paths_m[near], axis=1) / seconds
     turn = np.linalg.norm(turns[near], axis=1) / seconds
     tests = (
-        ("ego-speed", "speed", speed, EGO_TOP_SPEED_MPS, "m/s", "km/h where m/s are due?"),
-        ("ego-turn", "yaw rate", turn, EGO_TOP_TURN_RADPS, "rad/s", "degrees per second where rad/s are due?"),
+        ("ego-speed", "speed", speed, EGO_TOP_SPEED_MPS, "m/s", "km/h instead of m/s?"),
+        ("ego-turn", "yaw rate", turn, EGO_TOP_TURN_RADPS, "rad/s", "degrees per second instead of rad/s?"),
         ("ego-cornering", "speed times yaw rate", speed * turn, EGO_SIDEWAYS_MPS2, "m/s2",
-         "km/h where m/s, or degrees where radians are due?"),
+         "km/h instead of m/s, or degrees instead of radians?"),
     )  # fmt: skip
     for check, what, values, limit, unit, hint in tests:
         beyond = values > limit
@@ -70,7 +70,7 @@ def check_ego_limits(recording: Recording) -> Iterator[Finding]:
                 do=hint,
                 **occurrences(beyond, times_ns[before]),
             )
-            return  # what follows from a wrong unit is not told again
+            return  # consequences of a wrong unit are not reported again
     yield from _jumps(recording)
 
 
@@ -116,34 +116,36 @@ class Reading:
     speed: float
     turn: float
     field: str
-    told: str
+    description: str
 
 
 DEGREE = float(np.pi / 180)
-STATED = Reading(speed=1.0, turn=1.0, field="", told="as stated")
+STATED = Reading(speed=1.0, turn=1.0, field="", description="as stated")
 READINGS = (
-    Reading(speed=1 / 3.6, turn=1.0, field="speed", told="km/h read as m/s"),
-    Reading(speed=3.6, turn=1.0, field="speed", told="m/s taken for km/h"),
-    Reading(speed=0.44704, turn=1.0, field="speed", told="mph read as m/s"),
-    Reading(speed=0.01, turn=1.0, field="speed", told="centimetres read as metres"),
-    Reading(speed=-1.0, turn=1.0, field="gear or sign of the speed", told="the wrong way, forwards for backwards"),
-    Reading(speed=0.0, turn=0.0, field="speed", told="a vehicle that stands"),
-    Reading(speed=1.0, turn=DEGREE, field="yaw rate", told="degrees per second read as rad/s"),
-    Reading(speed=1.0, turn=1 / DEGREE, field="yaw rate", told="rad/s taken for degrees per second"),
-    Reading(speed=1.0, turn=-1.0, field="sign of the yaw rate", told="positive to the right, where left is due"),
-    Reading(speed=1 / 3.6, turn=DEGREE, field="speed and yaw rate", told="km/h and degrees per second"),
-    Reading(speed=1.0, turn=0.0, field="yaw rate", told="a vehicle that goes straight on"),
+    Reading(speed=1 / 3.6, turn=1.0, field="speed", description="km/h read as m/s"),
+    Reading(speed=3.6, turn=1.0, field="speed", description="m/s read as km/h"),
+    Reading(speed=0.44704, turn=1.0, field="speed", description="mph read as m/s"),
+    Reading(speed=0.01, turn=1.0, field="speed", description="centimetres read as metres"),
+    Reading(
+        speed=-1.0, turn=1.0, field="gear or sign of the speed", description="the wrong way, forwards for backwards"
+    ),
+    Reading(speed=0.0, turn=0.0, field="speed", description="a stationary vehicle"),
+    Reading(speed=1.0, turn=DEGREE, field="yaw rate", description="degrees per second read as rad/s"),
+    Reading(speed=1.0, turn=1 / DEGREE, field="yaw rate", description="rad/s read as degrees per second"),
+    Reading(speed=1.0, turn=-1.0, field="sign of the yaw rate", description="positive to the right instead of left"),
+    Reading(speed=1 / 3.6, turn=DEGREE, field="speed and yaw rate", description="km/h and degrees per second"),
+    Reading(speed=1.0, turn=0.0, field="yaw rate", description="a vehicle that drives straight"),
 )
 
 
 def check_path(recording: Recording) -> Iterator[Finding]:
-    """Try readings of the ego-motion on up to six pairs of sweeps; silent where the lidar cannot tell."""
+    """Try readings of the ego-motion on up to six pairs of sweeps; silent where the lidar cannot decide."""
     totals: dict[Reading, list[float]] = {reading: [] for reading in (STATED, *READINGS)}
     for first, second in _pairs(recording):
         try:
             sweeps = recording.sweeps[first].read(), recording.sweeps[second].read()
         except DataError:
-            continue  # told by the check of the sweeps
+            continue  # reported by the check of the sweeps
         window = _window(recording.trajectory, sweeps[0].timestamp_ns, sweeps[1].timestamp_ns)
         source, target = (
             _upright(sweep, recording, most) for sweep, most in zip(sweeps, (SOURCE_POINTS, TARGET_POINTS), strict=True)
@@ -170,7 +172,7 @@ def check_path(recording: Recording) -> Iterator[Finding]:
             check="ego-motion-unit",
             field=best.field,
             expected="a path on which neighbouring lidar sweeps meet",
-            got=f"sweeps {100 * means[STATED]:.0f} cm apart; {100 * means[best]:.0f} cm if this is {best.told}",
+            got=f"sweeps {100 * means[STATED]:.0f} cm apart; {100 * means[best]:.0f} cm if this is {best.description}",
             do="check unit and sign",
             times=len(totals[best]),
         )
@@ -224,7 +226,7 @@ def _read_as(path: Trajectory, reading: Reading) -> Trajectory:
 def _distance(source: NDArray[np.float64], target: NDArray[np.float64]) -> float:
     """Mean distance of points to the surfaces on which the nearest of others lie, m; those far away count as `FAR_M`.
 
-    Not to the points themselves: along a plain wall the beams of a vehicle that stands hit the same places again, so
+    Not to the points themselves: along a plain wall the beams of a stationary vehicle hit the same places again, so
     that its points meet better than those of the true path. Each surface is the ellipsoid of a few neighbours; what
     lies within two standard deviations along an axis of it is not away.
     """
@@ -251,7 +253,7 @@ def _upright(sweep: LidarSweep, recording: Recording, most: int) -> NDArray[np.i
 
 
 def _on_objects(points_vehicle: NDArray[np.float64], time_ns: int, recording: Recording) -> NDArray[np.bool_]:
-    """Points on annotated objects: those that drive along would speak for a vehicle that stands."""
+    """Points on annotated objects: those that drive along would suggest a stationary vehicle."""
     inside = np.zeros(len(points_vehicle), dtype=bool)
     for track in recording.tracks:
         state = min(track.states, key=lambda state: abs(state.timestamp_ns - time_ns), default=None)

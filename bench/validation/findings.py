@@ -28,12 +28,12 @@ class Severity(StrEnum):
     """Certainty that something is wrong."""
 
     ERROR = "error"  # wrong: a file that cannot be used, or a value that cannot be
-    WARNING = "warning"  # odd: true in some recordings, and worth a look
+    WARNING = "warning"  # unusual: correct in some recordings, worth checking
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """One fault, told once however often it occurs.
+    """One fault, reported once however often it occurs.
 
     Attributes:
         check: name of the check, for example "clock-drift".
@@ -41,7 +41,7 @@ class Finding:
         recording: name; empty for the data set as a whole.
         file: the file, or the folder where none can be named; empty for the one that `report.CHECKS` names.
         field: the field, camera or object in it; None for the whole file.
-        expected: what is due.
+        expected: the correct state.
         got: what was found.
         do: what the user can do about it.
         times: how often it was found.
@@ -61,9 +61,9 @@ class Finding:
 
 
 def unusable(error: DataError, *, check: str = "file", timestamp_ns: int | None = None) -> Finding:
-    """A file that cannot be read, as its reader tells."""
-    told = {name: getattr(error, name) for name in ("file", "field", "expected", "got", "do")}
-    return Finding(check=check, timestamp_ns=timestamp_ns, **told)
+    """Finding of a file that cannot be read, from its reader's error."""
+    fields = {name: getattr(error, name) for name in ("file", "field", "expected", "got", "do")}
+    return Finding(check=check, timestamp_ns=timestamp_ns, **fields)
 
 
 class Occurrences(TypedDict):
@@ -96,7 +96,7 @@ def object_field(track: Track) -> str:
 
 
 def road_height_m(recording: Recording) -> float:
-    """Height of the road in the vehicle frame, m: the median of what the cameras are told."""
+    """Height of the road in the vehicle frame, m: the median over the cameras."""
     cameras = recording.cameras.values()
     return float(np.median([c.vehicle_from_camera.translation_m[2] - c.road.height_m for c in cameras]))
 

@@ -56,12 +56,12 @@ def check_images(recording: Recording, camera: str, rows: list[int], progress: C
                 yield unusable(error, check=check, timestamp_ns=image.timestamp_ns)
         progress()
     what = f"images of {camera}"
-    yield from _told(dark, "black-image", what, "an image of something", "black ones", Severity.WARNING)
-    yield from _told(twice, "same-image", what, "another image at another time", "the same pixels while driving")
-    yield from _told(still, "same-image", what, "the noise of a sensor", "the same pixels twice", Severity.WARNING)
+    yield from _finding(dark, "black-image", what, "an image of something", "black ones", Severity.WARNING)
+    yield from _finding(twice, "same-image", what, "another image at another time", "the same pixels while driving")
+    yield from _finding(still, "same-image", what, "the noise of a sensor", "the same pixels twice", Severity.WARNING)
 
 
-def _told(
+def _finding(
     found: list[ImageRef], check: str, field: str, expected: str, got: str, severity: Severity = Severity.ERROR
 ) -> Iterator[Finding]:
     if found:

@@ -36,7 +36,7 @@ class TrackPath:
     Attributes:
         times_ns: (N,) int64.
         positions_m: (N, 3) float64, m, centres, world frame.
-        stated_mps: (N, 3) float64, stated velocity over the ground, world axes; NaN where not told.
+        stated_mps: (N, 3) float64, stated velocity over the ground, world axes; NaN where unknown.
         forward: (N, 2) float64, horizontal part of the box's x axis, world axes; NaN for outlines.
         range_m: (N,) float64, m, horizontal distance from the vehicle's origin.
         ego_mps: (N, 3) float64, velocity of the ego vehicle, world axes.
@@ -104,7 +104,7 @@ def _turned(rotations: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDA
 
 
 def check_motion(recording: Recording) -> Iterator[Finding]:
-    """Every track for itself; what is wrong alike with many of them is told once."""
+    """Every track for itself; a fault that many of them share is reported once."""
     velocities: dict[str, list[tuple[str, float]]] = defaultdict(list)
     for track in recording.tracks:
         limits = BODIES.get(track.object_class)
@@ -117,9 +117,9 @@ def check_motion(recording: Recording) -> Iterator[Finding]:
         yield from _turns(path, limits, field)
         if track.object_class in ("vehicle", "cyclist"):
             yield from _heading(path, field)
-        told = _velocity_fault(path)
-        if told is not None:
-            velocities[told[0]].append((track.track_id, told[1]))
+        fault = _velocity_fault(path)
+        if fault is not None:
+            velocities[fault[0]].append((track.track_id, fault[1]))
     for cause, found in velocities.items():
         yield Finding(
             check="velocity",
@@ -166,7 +166,7 @@ def _too_fast(path: TrackPath, limits: BodyLimits, field: str) -> Iterator[Findi
             field=field,
             expected=f"at most {limits.top_speed_mps:.0f} m/s",
             got=f"{fastest:.1f} m/s {'along its positions' if fastest == mean_mps else 'as stated'}",
-            do="km/h where m/s are due, another class, or another frame",
+            do="km/h instead of m/s, another class, or another frame",
             timestamp_ns=int(path.times_ns[0]),
         )
 
@@ -179,7 +179,7 @@ def _turns(path: TrackPath, limits: BodyLimits, field: str) -> Iterator[Finding]
             field=f"{field}: yaw_rate_radps",
             expected=f"at most {limits.top_turn_radps} rad/s",
             got=f"{fastest:.3g}",
-            do="degrees per second where rad/s are due?",
+            do="degrees per second instead of rad/s?",
             timestamp_ns=int(path.times_ns[int(np.argmax(np.abs(path.stated_turn_radps)))]),
         )
 
@@ -214,33 +214,33 @@ def _heading(path: TrackPath, field: str) -> Iterator[Finding]:
 def _velocity_fault(path: TrackPath) -> tuple[str, float] | None:
     """Fault of the stated velocities, and its size in m/s."""
     known = np.isfinite(path.stated_mps).all(axis=1) & (path.range_m < FAR_M)
-    real, said, ego, local = [], [], [], []
+    real, claimed, ego, local = [], [], [], []
     for first, last in _chunks(path):
         rows = slice(first, last + 1)
         if not known[rows].all():
             continue
         seconds = (path.times_ns[last] - path.times_ns[first]) / SECOND_NS
         real.append(((path.positions_m[last] - path.positions_m[first]) / seconds)[:2])
-        said.append(_mean(path.times_ns[rows], path.stated_mps[rows])[:2])
+        claimed.append(_mean(path.times_ns[rows], path.stated_mps[rows])[:2])
         ego.append(_mean(path.times_ns[rows], path.ego_mps[rows])[:2])
         local.append(np.einsum("nji,nj->ni", path.rotations[rows], path.stated_mps[rows]).mean(axis=0)[:2])
     if not real:
         return None
-    truth, stated = np.array(real), np.array(said)
+    truth, stated = np.array(real), np.array(claimed)
     off = np.linalg.norm(stated - truth, axis=1)
     allowed = np.maximum(OFF_MPS, OFF_SHARE * np.maximum(*(np.linalg.norm(v, axis=1) for v in (stated, truth))))
     if np.mean(off > allowed) <= 0.5:
         return None
     readings = {
-        "km/h where m/s are due": stated / 3.6,
+        "km/h instead of m/s": stated / 3.6,
         "m/s divided by 3.6 once too often": stated * 3.6,
-        "relative to the vehicle, where over the ground is due": stated + np.array(ego),
+        "relative to the vehicle instead of over the ground": stated + np.array(ego),
         "the ego vehicle's own velocity added once too often": stated - np.array(ego),
-        "along the world's axes, where the vehicle's are due": np.array(local),
+        "along the world's axes instead of the vehicle's": np.array(local),
         "the sign is reversed": -stated,
     }
-    errors = {told: float(np.mean(np.linalg.norm(v - truth, axis=1))) for told, v in readings.items()}
-    best = min(errors, key=lambda told: errors[told])
+    errors = {reading: float(np.mean(np.linalg.norm(v - truth, axis=1))) for reading, v in readings.items()}
+    best = min(errors, key=lambda reading: errors[reading])
     fits = errors[best] < 0.4 * float(off.mean())
     return (best if fits else "check unit, axes, and whether it is over the ground"), float(np.median(off))
 

@@ -97,7 +97,7 @@ class Occupancy:
             yield Finding(check="crowded-boxes", severity=Severity.WARNING, file=file, field="cuboid",
                           expected=f"at most {MOST_BOXES} boxes in a sweep",
                           got=f"more; in {self._left_out} boxes no points were looked for",
-                          do="mend those that are told, then validate again", times=self._left_out)  # fmt: skip
+                          do="fix the reported ones, then validate again", times=self._left_out)  # fmt: skip
         sweeps_ns = {sweep.timestamp_ns for sweep in self._recording.sweeps}
         for track in self._recording.tracks:
             yield from _unknown_sweeps(track, sweeps_ns, file)

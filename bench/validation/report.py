@@ -40,7 +40,7 @@ class RecordingReport:
 
     Attributes:
         name: of the recording.
-        findings: errors first, in the order in which they were found; causes before what may follow from them.
+        findings: errors first, in the order in which they were found; causes before their possible consequences.
         images: how many images were read, and how many there are.
         sweeps: how many sweeps were read, and how many there are.
     """

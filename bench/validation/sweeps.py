@@ -118,11 +118,11 @@ MICRO = 1e-3
 
 
 class SweepChecks:
-    """Takes sweeps in turn and tells in the end what is wrong with all of them.
+    """Takes sweeps one by one, and gives the findings about all of them at the end.
 
     Args:
         recording: the drive.
-        occupancy: tells which boxes are empty.
+        occupancy: finds the boxes that are empty.
     """
 
     def __init__(self, recording: Recording, occupancy: Occupancy | None) -> None:
@@ -150,7 +150,7 @@ class SweepChecks:
             else:
                 self._look_at(sweep, row, str(reference.path))
             progress()
-        yield from self._told()
+        yield from self._findings()
 
     def _look_at(self, sweep: LidarSweep, row: int, file: str) -> None:
         points = sweep.points_lidar
@@ -166,7 +166,7 @@ class SweepChecks:
             got = f"{100 * (away_m < ORIGIN_M).mean():.0f} % of the points at the lidar itself"
             self._note("lost-returns", sweep, file, got)
         if (away_m > LIDAR_REACH_M).mean() > MOST_BEYOND or float(away_m.max()) < SMALL_M:
-            self._note("sweep-range", sweep, file, f"points {np.median(away_m):.3g} m away in the middle")
+            self._note("sweep-range", sweep, file, f"points at a median distance of {np.median(away_m):.3g} m")
             return
         self._look_at_times(sweep, file)
         points_vehicle = self._recording.vehicle_from_lidar.apply(points.astype(np.float64))
@@ -192,7 +192,7 @@ class SweepChecks:
     def _note(self, check: str, sweep: LidarSweep, file: str, got: str) -> None:
         self._faults.setdefault(check, []).append((sweep.timestamp_ns, file, got))
 
-    def _told(self) -> Iterator[Finding]:
+    def _findings(self) -> Iterator[Finding]:
         middle = float(np.median([count for _, count, _ in self._counts])) if self._counts else 0.0
         empty = [(time_ns, file, "none") for time_ns, count, file in self._counts if count == 0]
         few = [(time_ns, file, str(count)) for time_ns, count, file in self._counts if 0 < count < FEW * middle]
@@ -200,9 +200,9 @@ class SweepChecks:
             "empty-sweep": ("points", ""),
             "thin-sweep": (f"about {middle:.0f} points, as the others", ""),
             "same-sweep": ("new points in each sweep", ""),
-            "lost-returns": ("points that something sent back", "leave out lost returns"),
-            "sweep-range": (f"points within {LIDAR_REACH_M:.0f} m", "check the unit: metres are due"),
-            "point-times": ("points of one revolution around the sweep's time", "check the unit: nanoseconds are due"),
+            "lost-returns": ("points with a return", "leave out lost returns"),
+            "sweep-range": (f"points within {LIDAR_REACH_M:.0f} m", "check the unit: expected metres"),
+            "point-times": ("points of one revolution around the sweep's time", "check the unit: expected nanoseconds"),
         }
         for check, found in {"empty-sweep": empty, "thin-sweep": few, **self._faults}.items():
             if not found:
@@ -235,7 +235,7 @@ class SweepChecks:
                 file=file,
                 field="lidar.vehicle_from_lidar or the road's height",
                 expected=expected,
-                got=f"{height_m:+.2f} m in the middle of {len(self._roads)} sweeps",
+                got=f"{height_m:+.2f} m, median of {len(self._roads)} sweeps",
                 do="check the height of the lidar, and that its mounting is applied once",
                 times=len(self._roads),
             )
@@ -246,7 +246,7 @@ class SweepChecks:
                 file=file,
                 field="the road's height, ground_height_m",
                 expected=expected,
-                got=f"{np.median(lanes_m):+.2f} m in the vehicle's lane, in the middle of {len(lanes_m)} sweeps",
+                got=f"{np.median(lanes_m):+.2f} m in the vehicle's lane, median of {len(lanes_m)} sweeps",
                 do="set ground_height_m to that; points within the ground clearance of it are taken for the road",
                 times=len(lanes_m),
             )
@@ -257,7 +257,7 @@ class SweepChecks:
                 file=file,
                 field="lidar.vehicle_from_lidar",
                 expected="a road level in the vehicle frame",
-                got=f"one tilted by {np.degrees(tilt_rad):.1f} degrees in the middle of {len(self._roads)} sweeps",
+                got=f"one tilted by {np.degrees(tilt_rad):.1f} degrees, median of {len(self._roads)} sweeps",
                 do="check roll and pitch of the lidar, and the order of its quaternion",
                 times=len(self._roads),
             )

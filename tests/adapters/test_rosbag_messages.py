@@ -1,5 +1,6 @@
 """Images and point clouds of ROS 2, in every layout that is read and in those that lie."""
 
+import zlib
 from pathlib import Path
 
 import cv2
@@ -145,6 +146,7 @@ def test_compressed_images():
 def png_of_size(width, height):
     content = bytearray(cv2.imencode(".png", np.zeros((2, 2), dtype=np.uint8))[1].tobytes())
     content[16:24] = width.to_bytes(4, "big") + height.to_bytes(4, "big")
+    content[29:33] = zlib.crc32(content[12:29]).to_bytes(4, "big")
     return content
 
 
@@ -274,9 +276,9 @@ def test_times_of_points(name, kind, values, rig, offsets_ns):
 
 BAD_TIMES = [
     ("t", "<u4", [0, 1, 2**32 - 1], {}, "t: expected times within a second of the message, got times up to 4.29 s"),
-    ("timestamp", "<f8", [SEC + 7200] * 3, {}, "times up to 7.2e.03 s away, taken as s; say time_unit and time_from"),
+    ("timestamp", "<f8", [SEC + 7200] * 3, {}, "times up to 7.2e.03 s away, read as s; set time_unit and time_from"),
     ("time", "<f4", [0, 1e30, 0], {}, "expected times within a second"),
-    ("time", "<f8", [0, 1e308, 0], {"time_unit": "s"}, "got times up to inf s away, taken as s"),
+    ("time", "<f8", [0, 1e308, 0], {"time_unit": "s"}, "got times up to inf s away, read as s"),
     ("time", "<f4", [0, np.nan, 0], {}, "expected finite times, got NaN or infinity"),
     ("time", "<f4", [0, 0, 0], {"time_field": "when"}, "expected the time field when, got x, y, z, time"),
 ]
@@ -303,8 +305,11 @@ CLOUD_LIES = [
         lambda m: (setattr(m, "height", 5), setattr(m, "width", 1), setattr(m, "row_step", 3)),
         "row_step: expected at least",
     ),
-    (lambda m: setattr(m, "point_step", 0), "fields, x: expected a place inside the point, got byte 0 of points of 0"),
-    (lambda m: setattr(m.fields[1], "offset", 2**32 - 1), "fields, y: expected a place inside the point"),
+    (
+        lambda m: setattr(m, "point_step", 0),
+        "fields, x: expected an offset inside the point, got byte 0 of points of 0",
+    ),
+    (lambda m: setattr(m.fields[1], "offset", 2**32 - 1), "fields, y: expected an offset inside the point"),
     (lambda m: setattr(m.fields[1], "datatype", 99), "fields, y: expected a datatype from 1 to 8, got 99"),
     (lambda m: setattr(m.fields[1], "datatype", 5), "fields: expected y as float32 or float64, got x, y, z"),
     (lambda m: setattr(m.fields[2], "name", "height"), "fields: expected z as float32 or float64, got x, y, height"),

@@ -5,7 +5,7 @@ import pytest
 
 import bench
 from bench.errors import UnknownNameError, UsageError
-from bench.methods import Segmentation, build_method
+from bench.methods import Method, Segmentation, build_method
 
 
 @pytest.fixture(scope="module")
@@ -40,13 +40,10 @@ def test_scores_of_single_frames_add_up_to_the_run(run, tiny_card):
     )
 
 
-class Bright:
+class Bright(Method):
     """A method that no module's name leads to."""
 
-    name, history = "bright", 1
-
-    def settings(self):
-        return {}
+    name = "bright"
 
     def segment(self, frame):
         return Segmentation(cell_size_px=1, mask=frame.images[-1] > 200)

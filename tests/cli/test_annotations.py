@@ -107,7 +107,7 @@ def test_classes_and_first_frame_reach_the_format(monkeypatch, capsys, card, tmp
     assert "<first_frame>7</first_frame>" in text
     source = ("import", "kitti-tracklets", out / "drive", *words(card, "--out", tmp_path / "in"))
     assert call(monkeypatch, "annotations", *source, "--first-frame", 7) == 2
-    assert "got 'Lorry'; say what each is: --class Lorry=vehicle" in capsys.readouterr().err
+    assert "got 'Lorry'; map each of them: --class Lorry=vehicle" in capsys.readouterr().err
     assert not (tmp_path / "in").exists()
     assert call(monkeypatch, "annotations", *source, "--class", "lorry=none", "--first-frame", 7) == 0
     assert "lost: 1 objects of class 'Lorry', left out as asked" in capsys.readouterr().out

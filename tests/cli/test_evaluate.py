@@ -77,7 +77,10 @@ def test_the_reference_scores_perfectly(evaluate, masks, capsys):
         assert moving.metric(name).value == 1.0
     assert summary.false_positives.coverage.value == summary.false_positives.frame_rate.value == 0.0
     assert summary.threshold_free is None
-    assert (summary.method.name, summary.method.settings["folder"]) == ("predictions-masks", str(masks))
+    assert (summary.manifest.method.name, summary.manifest.method.settings["folder"]) == (
+        "predictions-masks",
+        str(masks),
+    )
     assert "12 of 12 images have a usable mask" in capsys.readouterr().out
 
 
@@ -97,7 +100,7 @@ def test_a_methods_masks_count_as_the_method_does(evaluate, images, tiny_card, m
     assert call(monkeypatch, "run", tiny_card, "--out", tmp_path / "method", "--no-pictures") == 0
     cells = evaluate(write_maps(tmp_path / "cells", images, lambda image: image.method.astype(np.uint8)), out="a")
     assert counts_of(cells) == counts_of(tmp_path / "method")
-    assert read_run(cells).reference_fingerprint == read_run(tmp_path / "method").reference_fingerprint
+    assert read_run(cells).manifest.reference == read_run(tmp_path / "method").manifest.reference
     pixels = write_maps(tmp_path / "pixels", images, lambda image: np.kron(image.method, np.full((5, 5), 255, "u1")))
     assert counts_of(evaluate(pixels, out="b")) == counts_of(cells)
     large = write_maps(tmp_path / "large", images, lambda image: np.kron(image.method, np.full((15, 15), 255, "u1")))
@@ -238,7 +241,7 @@ def test_empty_counts_missing_images_as_nothing(evaluate, images, masks):
     assert (summary.all_moving.detection_rate.value, summary.all_moving.tpr.value) == (9 / 12, 1.0)
     skipped = read_run(evaluate(masks, "--missing", "skip"))
     assert (skipped.images.evaluated, skipped.images.skipped, skipped.failures) == (9, 3, ())
-    assert skipped.method.settings["missing"] == "skip"
+    assert skipped.manifest.method.settings["missing"] == "skip"
 
 
 def test_a_later_run_takes_the_list_of_faults_away(evaluate, masks, images, tmp_path, monkeypatch, tiny_card):
@@ -275,7 +278,7 @@ def test_scores_give_figures_over_all_thresholds(evaluate, images, tmp_path, cap
     sixteen = write_maps(tmp_path / "p", images, lambda image: np.round(65535 * probability(image)).astype(np.uint16))
     run = evaluate(sixteen, out="a", tables=True)
     summary = read_run(run)
-    assert summary.method.settings["threshold"] == 0.5
+    assert summary.manifest.method.settings["threshold"] == 0.5
     free = summary.threshold_free
     assert "Over all thresholds: AUPRC" in capsys.readouterr().out
     assert "Over all thresholds: AUPRC" in (run / "table.md").read_text()
@@ -414,7 +417,7 @@ def test_pictures_and_the_page_come_from_the_same_files(monkeypatch, tiny_card, 
     words = ("evaluate", tiny_card, "--predictions", masks, "--out", run, "--name", "a network/v2")
     assert call(monkeypatch, *words) == 0
     assert (run / "pictures" / "crossing" / "overlay.png").exists()
-    assert read_run(run).method.name == "a network/v2"
+    assert read_run(run).manifest.method.name == "a network/v2"
     capsys.readouterr()
     assert call(monkeypatch, "report", run) == 0
     assert "pictures missing" not in capsys.readouterr().out
@@ -425,12 +428,12 @@ def test_pictures_and_the_page_come_from_the_same_files(monkeypatch, tiny_card, 
 
 
 def test_the_fingerprint_is_of_the_content_not_of_the_names(evaluate, images, masks, tmp_path):
-    by_time = read_run(evaluate(masks, out="a")).method.settings["fingerprint"]
+    by_time = read_run(evaluate(masks, out="a")).manifest.method.settings["fingerprint"]
     for image in images:
         write_map(tmp_path / "frames", image.place, image.frame, image.moving)
-    assert read_run(evaluate(tmp_path / "frames", out="b")).method.settings["fingerprint"] == by_time
+    assert read_run(evaluate(tmp_path / "frames", out="b")).manifest.method.settings["fingerprint"] == by_time
     write_map(tmp_path / "frames", images[0].place, images[0].frame, images[0].moving * 0)
-    assert read_run(evaluate(tmp_path / "frames", out="b")).method.settings["fingerprint"] != by_time
+    assert read_run(evaluate(tmp_path / "frames", out="b")).manifest.method.settings["fingerprint"] != by_time
 
 
 def test_excluded_images_and_gaps_ask_for_no_prediction(evaluate, images, masks, tiny_card, tmp_path):

@@ -174,14 +174,11 @@ def test_update_says_at_once_that_a_baseline_can_judge_nothing(monkeypatch, caps
 PLUG_IN = """
 import numpy as np
 
-from bench.methods import Segmentation
+from bench.methods import Method, Segmentation
 
 
-class Own:
-    name, history, colour = "own", 1, False
-
-    def settings(self):
-        return {}
+class Own(Method):
+    name = "own"
 
     def segment(self, frame):
         return Segmentation(cell_size_px=1, mask=np.zeros(frame.valid.shape, bool))

@@ -73,8 +73,6 @@ def test_names_that_cannot_be_a_module_are_refused(place, monkeypatch, capsys, n
 def test_nothing_is_written_over(place, monkeypatch, capsys):
     (place / "test_mine.py").write_text("precious")
     assert call(monkeypatch, "new", "method", "mine") == 2
-    assert "test_mine.py: expected a place that can be written, got a file that is there already" in (
-        capsys.readouterr().err
-    )
+    assert "test_mine.py: expected a writable path, got a file that is there already" in (capsys.readouterr().err)
     assert [path.name for path in place.iterdir()] == ["test_mine.py"]
     assert (place / "test_mine.py").read_text() == "precious"

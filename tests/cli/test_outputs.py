@@ -170,7 +170,7 @@ def test_a_film_that_is_cut_is_no_film(monkeypatch, capsys, places, tmp_path, su
         with files_of(size - missing):
             assert film("cut") == 2
         told = capsys.readouterr().err
-        assert f"cut{suffix}: expected a place that can be written, got a file that ends before" in told
+        assert f"cut{suffix}: expected a writable path, got a file that ends before" in told
         assert one_line(told, about=tmp_path)
         assert [path.name for path in tmp_path.iterdir()] == [f"whole{suffix}"]
 

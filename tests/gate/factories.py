@@ -8,7 +8,7 @@ from bench.evaluation.paired import MetricSums, RecordingSums
 from bench.evaluation.summary import ProtocolStamp
 from bench.gate import ScoredRun, Tolerances, Verdict, judge, load_tolerances
 from bench.gate.baseline import Origin
-from bench.harness.stored import MethodStamp
+from bench.harness.method_stamp import MethodStamp
 
 CASES = 10
 RULES = load_tolerances()

@@ -5,7 +5,7 @@ import pytest
 from bench.errors import UsageError
 from bench.evaluation.summary import ProtocolStamp
 from bench.gate import Outcome, load_tolerances
-from bench.harness.stored import MethodStamp
+from bench.harness.method_stamp import MethodStamp
 from tests.gate.factories import RULES, one, scored, sums, verdict_of
 
 COUNTS = {"all_moving": {"object_frames": 40, "annotated": 60}, "frames": {"frames": 20, "evaluated": 20}}
@@ -102,13 +102,13 @@ def test_recordings_with_other_data_are_named():
     found, verdict = check(before, after, "data_fingerprint")
     told = (
         "recordings changed: 'drive-4' (1 of 6); recordings new: 'later' (1 of 7); "
-        "recordings missing: 'gone' (1 of 7); fingerprint xxxxxxxxxxxx, was ffffffffffff"
+        "recordings missing: 'gone' (1 of 7); digest xxxxxxxxxxxx, was ffffffffffff"
     )
     assert found.message == f"data changed: other images, sweeps, labels, calibration or ego-motion; {told}"
-    assert [change.text for change in verdict.changes] == [f"other files, {told}"]
+    assert [change.text for change in verdict.changes] == [told]
     rendered = before.model_copy(update={"data_fingerprint": "x" * 64, "recordings": dict.fromkeys(drives, "4" * 16)})
     found, _ = check(before.model_copy(update={"recordings": drives}), rendered, "data_fingerprint")
-    assert "changed: 'drive-0', 'drive-1', 'drive-2', 'drive-3' and 2 more (6 of 6); fingerprint" in found.message
+    assert "changed: 'drive-0', 'drive-1', 'drive-2', 'drive-3' and 2 more (6 of 6); digest" in found.message
     found, _ = check(one([0.5] * 6), after, "data_fingerprint")  # a baseline of an older version
     assert "recordings" not in found.message
 
@@ -138,8 +138,11 @@ def test_a_long_list_is_cut_with_its_count():
     ("changes", "told"),
     [
         ({"dataset": "other"}, "data set 'demo', the run of 'other': they do not compare; name a baseline of 'other'"),
-        ({"split": "night"}, "split None, the run of 'night': they do not compare; score with no --split, or replace"),
-        ({"protocol": ProtocolStamp(name="paper-v1", version=1, digest="e" * 64)}, "protocol 'paper-v1 version 1"),
+        ({"split": "night"}, "split none, the run of 'night': they do not compare; score with no --split, or replace"),
+        (
+            {"protocol": ProtocolStamp(name="paper-v1", version=1, digest="e" * 64)},
+            "the baseline is of protocol paper-v1 version 1",
+        ),
         (
             {"protocol": ProtocolStamp(name="surface-v1", version=1, digest="e" * 64)},
             "they do not compare; score with --protocol paper-v1, or replace the baseline with --update",

@@ -5,19 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from bench.methods import Segmentation, build_method
+from bench.methods import Method, Segmentation, build_method
 
 
-class Misbehaving:
+class Misbehaving(Method):
     """Answers each image as the function of its fault does; the cells of a calm answer are 4 px wide."""
-
-    history, colour = 1, False
 
     def __init__(self, *, fault: str) -> None:
         self.fault, self.name = fault, f"misbehaving-{fault}"
-
-    def settings(self):
-        return {"fault": self.fault}
 
     def segment(self, frame):
         return FAULTS[self.fault](frame)

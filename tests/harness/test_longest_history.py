@@ -10,20 +10,17 @@ import pytest
 
 from bench.evaluation import load_protocol
 from bench.harness import FramePipeline, RunRequest, plan_units, read_tables, run_benchmark
-from bench.methods import Segmentation, build_method
+from bench.methods import Method, Segmentation, build_method
 from bench.recordings import load_card, open_dataset, read_image
 
 PROTOCOL = load_protocol("paper-v1")
 
 
-class Greedy:
-    name, history, longest_history, colour = "greedy", 1, 3, False
+class Greedy(Method):
+    name, longest_history = "greedy", 3
 
     def __init__(self):
         self.seen = []
-
-    def settings(self):
-        return {}
 
     def segment(self, frame):
         assert len(frame.images) == len(frame.timestamps_ns) == len(frame.current_from_previous) + 1

@@ -7,18 +7,15 @@ import pytest
 
 from bench.evaluation import load_protocol
 from bench.harness import FramePipeline
-from bench.methods import MethodInput, Segmentation
+from bench.methods import Method, MethodInput, Segmentation
 from bench.recordings import load_card, open_dataset
 
 
-class Spy:
+class Spy(Method):
     name, history, colour = "spy", 2, True
 
     def __init__(self):
         self.seen = []
-
-    def settings(self):
-        return {}
 
     def segment(self, frame):
         self.seen.append(frame)

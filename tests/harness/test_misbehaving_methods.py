@@ -80,7 +80,7 @@ def test_a_method_cannot_change_what_it_is_scored_against(tiny_card, tmp_path):
     cache = tmp_path / "cache"
     calm = score(tiny_card, tmp_path / "calm", method=Misbehaving(fault="none"))
     forced = score(tiny_card, tmp_path / "forced", method=Misbehaving(fault="force_valid"), cache=cache)
-    assert forced.reference_fingerprint == calm.reference_fingerprint
+    assert forced.manifest.reference == calm.manifest.reference
     assert forced.categories == calm.categories
     assert forced.false_positives == calm.false_positives
     later, clean = tmp_path / "later", tmp_path / "clean"

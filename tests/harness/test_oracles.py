@@ -13,7 +13,7 @@ from bench.evaluation import load_protocol
 from bench.execution import ProcessExecutor, SerialExecutor
 from bench.harness import FramePipeline, RunRequest, build_scorable, read_run, run_benchmark, scorable_methods
 from bench.harness.oracles import ExactMasks, ReferenceItself, moving_instances
-from bench.methods import MethodError, build_method, known_methods
+from bench.methods import build_method, known_methods
 from bench.recordings import load_card, open_dataset, read_truth
 
 
@@ -47,8 +47,8 @@ def test_the_reference_scores_perfectly(tiny_card, tmp_path, monkeypatch, protoc
     assert summary.false_positives.coverage.value == summary.false_positives.frame_rate.value == 0.0
     assert summary.images.evaluated == 12
     # The stamp tells that this is no method.
-    assert summary.method.name == "reference"
-    assert summary.method.settings == {"sees_the_reference": True}
+    assert summary.manifest.method.name == "reference"
+    assert summary.manifest.method.settings == {"sees_the_reference": True}
 
 
 def test_regions_with_unknown_bands_are_the_same_in_one_process_and_in_two(tiny_card, tmp_path):
@@ -76,7 +76,7 @@ def test_it_compares_with_methods_on_the_same_images(tiny_card, tmp_path):
                 protocol=load_protocol("paper-v1"),
                 out=tmp_path / name,
             )
-        ).reference_fingerprint
+        ).manifest.reference
         for name in ("reference", "nothing", "background-subtraction", "spherical-sparse")
     }
     assert len(fingerprints) == 1
@@ -141,7 +141,7 @@ def test_exact_masks_are_scored_and_marked_and_follow_their_files(own_card, tmp_
         return run_benchmark(RunRequest(protocol=load_protocol("paper-v1"), **request))
 
     summary = scored()
-    assert summary.method.settings["sees_the_truth"] is True
+    assert summary.manifest.method.settings["sees_the_truth"] is True
     assert summary.all_moving.metric("detection_rate").value > 0.9
     file = sorted(own_card.parent.glob("data/tiny/crossing/truth/front/*.png"))[2]
     cv2.imwrite(str(file), np.zeros_like(cv2.imread(str(file), cv2.IMREAD_UNCHANGED)))
@@ -172,7 +172,7 @@ def test_nobody_else_is_answered_for(tiny_card):
 
     handle = open_dataset(load_card(str(tiny_card)))[0]
     pipeline = FramePipeline(handle.open(), "front", method=Answers(), protocol=load_protocol("paper-v1"))
-    with pytest.raises(MethodError, match="never looks at an image"):
+    with pytest.raises(UsageError, match=r"derived from bench\.methods\.Method, got Answers"):
         pipeline.process(2)
 
 

@@ -107,15 +107,12 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.methods import Segmentation
+from bench.methods import Method, Segmentation
 
 
-class Bright:
-    name, history, colour = "bright", 1, False
+class Bright(Method):
+    name = "bright"
     files = (Path(__file__).with_name("weights.txt"),)
-
-    def settings(self):
-        return {}
 
     def segment(self, frame):
         level = float(self.files[0].read_text())

@@ -21,7 +21,8 @@ from bench.harness import (
     tasks,
 )
 from bench.harness import run as run_module
-from bench.harness.stored import MethodStamp
+from bench.harness.manifest import Manifest, read_manifest
+from bench.harness.method_stamp import MethodStamp
 from bench.methods import build_method
 from bench.methods.spherical.method import SphericalMethod
 from bench.recordings import load_card, open_dataset
@@ -56,7 +57,8 @@ def test_run_stores_rows_of_every_image_and_object(tiny_card, tmp_path):
     assert read_run(tmp_path / "run") == summary
     stored = json.loads((tmp_path / "run" / "summary.json").read_text())
     assert stored["categories"]["approaching"]["tpr"]["value"] is None
-    assert {"schema_version", "dataset", "method", "protocol", "false_positives", "provenance"} <= set(stored)
+    assert {"schema_version", "manifest", "protocol", "false_positives", "provenance"} <= set(stored)
+    assert Manifest.model_validate(stored["manifest"]) == read_manifest(tmp_path / "run") == summary.manifest
 
 
 def test_moving_objects_are_found(tiny_card, tmp_path):
@@ -70,17 +72,17 @@ def test_two_runs_store_the_same_bytes(tiny_card, tmp_path):
     assert files_of(tmp_path / "a") == files_of(tmp_path / "b")
     different = {"provenance"}
     assert first.model_dump(exclude=different) == second.model_dump(exclude=different)
-    assert first.provenance.data_fingerprint == second.provenance.data_fingerprint
+    assert first.manifest.dataset.data == second.manifest.dataset.data
 
 
 def test_the_reference_fingerprint_is_of_the_reference_alone(tiny_card, own_card, tmp_path):
     ours, nothing = (run(tiny_card, tmp_path / name, method=name) for name in ("spherical", "nothing"))
-    assert ours.reference_fingerprint == nothing.reference_fingerprint
+    assert ours.manifest.reference == nothing.manifest.reference
     labels = own_card.parent / "data" / "tiny" / "crossing" / "annotations.json"
     labels.write_text(labels.read_text().replace('"pedestrian"', '"cyclist"'))
     other = run(own_card, tmp_path / "other", method="nothing")
-    assert other.reference_fingerprint != ours.reference_fingerprint
-    before, after = ours.provenance.recordings, other.provenance.recordings
+    assert other.manifest.reference != ours.manifest.reference
+    before, after = ours.manifest.dataset.recordings, other.manifest.dataset.recordings
     assert [name for name in before if after[name] != before[name]] == ["crossing"]
     assert (
         read_protocol(tmp_path / "other", read_run(tmp_path / "other")).digest
@@ -213,7 +215,7 @@ def test_what_is_no_summary_is_refused_by_name(tmp_path):
 
 
 def test_what_a_stored_method_is_called(tiny_card, tmp_path):
-    assert run(tiny_card, tmp_path / "ours").method.called == "spherical"
+    assert run(tiny_card, tmp_path / "ours").manifest.method.called == "spherical"
     stranger = MethodStamp(name="stranger", settings={}, place="bench.methods.baselines:Nothing")
     assert stranger.called == "bench.methods.baselines:Nothing"
 

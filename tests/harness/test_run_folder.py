@@ -37,10 +37,10 @@ def everything_in(folder: Path) -> dict[str, bytes]:
 
 
 OTHERS = {
-    "method": (("--method", "nothing"), "a run with method 'everything'"),
-    "settings": (("--method", "spherical", "--set", "threshold=0.01"), "a run with method 'everything'"),
-    "protocol": (("--method", "everything", "--protocol", "extended-v1"), "a run with protocol 'paper-v1' ("),
-    "split": (("--method", "everything", "--split", "moving"), "a run with no split"),
+    "method": (("--method", "nothing"), "method 'nothing', was 'everything'"),
+    "settings": (("--method", "spherical", "--set", "threshold=0.01"), "method 'spherical', was 'everything'"),
+    "protocol": (("--method", "everything", "--protocol", "extended-v1"), ", was paper-v1 version 1 ("),
+    "split": (("--method", "everything", "--split", "moving"), "split 'moving', was none"),
 }
 
 
@@ -72,7 +72,7 @@ def test_another_experiment_is_refused_and_the_finished_one_stays(finished, tiny
 
 def test_other_settings_of_the_same_method_are_named(tiny_card, tmp_path):
     score(tiny_card, tmp_path / "run", settings={"threshold": 1e-3})
-    with pytest.raises(DataError, match=r"a run with threshold 0\.001; give another folder"):
+    with pytest.raises(DataError, match=r"another one: threshold = 0\.01, was 0\.001; give another folder"):
         score(tiny_card, tmp_path / "run", settings={"threshold": 1e-2})
 
 

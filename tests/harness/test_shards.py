@@ -189,7 +189,7 @@ def test_parts_of_another_experiment_do_not_take_the_place_of_a_finished_run(tin
     with pytest.raises(DataError, match="--overwrite"):
         merge(tmp_path / "run", parts)
     assert bytes_of(tmp_path / "run") == before
-    assert merge_shards(tmp_path / "run", parts, overwrite=True).method.name == "spherical"
+    assert merge_shards(tmp_path / "run", parts, overwrite=True).manifest.method.name == "spherical"
 
 
 @pytest.mark.parametrize("damage", [b"", b"{", b"[]", b'{"schema_version": 1}', b"\xff\xfe", None])

@@ -74,7 +74,7 @@ def test_a_stored_runs_sums_per_recording_have_its_figures(stored):
 def test_a_stored_runs_curve_and_maps_agree_with_its_figures(stored):
     summary, (_, frames) = read_run(stored), read_tables(stored)
     sweep = threshold_sweep(frames)
-    threshold = summary.method.settings["threshold"]
+    threshold = summary.manifest.method.settings["threshold"]
     (at,) = [k for k, edge in enumerate(sweep.thresholds.tolist()) if edge == threshold]
     assert sweep.recall[at] == pytest.approx(summary.segmentation.recall.value)
     assert sweep.precision[at] == pytest.approx(summary.segmentation.precision.value)

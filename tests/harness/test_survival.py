@@ -108,7 +108,7 @@ def test_a_full_disk_ends_a_run_clearly_and_what_is_stored_stays(tiny_card, calm
     with files_of(most - 1):
         ended = call(tiny_card, out, "--workers", workers)
     assert ended.returncode == 2
-    assert "expected a place that can be written, got File too large" in ended.stderr
+    assert "expected a writable path, got File too large" in ended.stderr
     assert "free some disk space" in ended.stderr
     assert "Traceback" not in ended.stderr
     assert not [file for file in out.rglob(".*") if file.is_file()], "nothing half-written stays"
@@ -215,7 +215,7 @@ def test_a_second_run_in_a_folder_is_refused_and_does_not_harm_the_first(tiny_ca
         for options in ([], ["--shard", "1/2"]):
             second = call(tiny_card, out, "--workers", 1, *options)
             assert second.returncode == 2
-            assert f"{out}: expected a folder for this run alone, got one at which another run works" in second.stderr
+            assert f"{out}: expected a folder that no other run uses, got one in use by another run" in second.stderr
     finally:
         waits.unlink()
         assert first.wait(PATIENCE_S) == 0
@@ -233,10 +233,10 @@ def test_parts_share_a_folder(tiny_card, calm, tmp_path, trouble):
         until(lambda: bool(pids(trouble / "standing.wait-noted")), "the first part in the middle of a unit")
         assert call(tiny_card, out, "--workers", 1, "--shard", "2/2").returncode == 0
         whole = call(tiny_card, out, "--workers", 1)
-        assert (whole.returncode, "another run works" in whole.stderr) == (2, True)
+        assert (whole.returncode, "in use by another run" in whole.stderr) == (2, True)
         for into, parts in ((out, ()), (tmp_path / "merged", (out,))):
             early = called_here("merge", into, *parts, "--no-pictures")
-            assert (early.returncode, "another run works" in early.stderr) == (2, True)
+            assert (early.returncode, "in use by another run" in early.stderr) == (2, True)
     finally:
         waits.unlink()
         assert first.wait(PATIENCE_S) == 0

@@ -10,18 +10,15 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.methods import Segmentation
+from bench.methods import Method, Segmentation
 
 FOLDER = "TROUBLE"
 
 
-class Troubled:
+class Troubled(Method):
     """Calls moving what has become brighter."""
 
-    name, history, colour = "troubled", 1, False
-
-    def settings(self):
-        return {}
+    name = "troubled"
 
     def segment(self, frame):
         folder = Path(os.environ[FOLDER])

@@ -22,11 +22,10 @@ WILD = "w\n::error::pwned\x1b[2J\x9b2J[/x][bold red]:warning:##[error]p##vso[tas
 IN_A_PATH = WILD.replace("/", "")
 METHOD = """
 import numpy as np
-from bench.methods import Segmentation
-class Wild:
-    name, history, colour = {name!r}, 1, False
-    def __init__(self, words={name!r}): pass
-    def settings(self): return {{"words": {name!r}}}
+from bench.methods import Method, Segmentation
+class Wild(Method):
+    name = {name!r}
+    def __init__(self, words={name!r}): self.words = {name!r}
     def segment(self, frame):
         return Segmentation(mask=np.zeros(frame.valid.shape, dtype=bool), cell_size_px=1)
 """

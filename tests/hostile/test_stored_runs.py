@@ -41,7 +41,7 @@ def set_trap(file: Path, trap: Path) -> None:
     """Let a stored file name other code in every place where it names a method."""
     content = json.loads(file.read_text())
     content.pop("sha256", None)
-    stamps = [content["stamp"]["method"]] if "stamp" in content else [content["method"]]
+    stamps = [content[part]["method"] for part in ("stamp", "manifest") if part in content]
     for stamp in stamps:
         stamp |= {"name": "trap_module:Trap", "place": "trap_module:Trap", "settings": {"args": ["touch", str(trap)]}}
     file.write_text(json.dumps(content))

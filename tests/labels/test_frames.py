@@ -73,7 +73,7 @@ def test_another_first_frame_means_places_even_where_names_would_fit():
 def test_one_missing_sweep_does_not_shift_the_others():
     """Labels 249 ... 251 and sweeps 250 ...: by place, 249 would take the first sweep."""
     with pytest.raises(
-        DataError, match=r"labels: frames: expected frames called as the 3 sweeps, 250 to 252.*got 249;"
+        DataError, match=r"labels: frames: expected frames named like the 3 sweeps, 250 to 252.*got 249;"
     ):
         paired(["249", "250", "251"], drive("250", "251", "252"))
 
@@ -121,7 +121,7 @@ def test_classes_are_known_in_any_case_and_the_user_goes_first():
 
 
 def test_all_unknown_classes_are_named_at_once():
-    told = r"got 'Blimp', 'Yeti'; say what each is: --class Blimp=CLASS --class Yeti=CLASS; CLASS is one of pedestrian"
+    told = r"got 'Blimp', 'Yeti'; map each of them: --class Blimp=CLASS --class Yeti=CLASS; CLASS is one of pedestrian"
     with pytest.raises(DataError, match=told):
         map_classes(["Yeti", "Car", "Blimp"], PLAIN, source=SOURCE)
 
@@ -136,7 +136,7 @@ def test_all_unknown_classes_are_named_at_once():
     ],
 )
 def test_a_name_that_tells_its_class_is_proposed_as_that(name, told):
-    with pytest.raises(DataError, match=rf"say what each is: {told}$"):
+    with pytest.raises(DataError, match=rf"map each of them: {told}$"):
         map_classes([name], PLAIN, source=SOURCE)
 
 

@@ -121,7 +121,7 @@ def test_counts_that_are_missing_or_wrong_are_told_and_not_believed(tmp_path, dr
         "tracklets.item 0.poses: the file states no count and holds 1, which are read",
         "tracklets.item 1.poses: the file states 3 and holds 1, which are read",
     )
-    assert {"1 tracklets without poses, left out", "1 marks of truncation: no place for them"} <= set(label_set.lost)
+    assert {"1 tracklets without poses, left out", "1 marks of truncation: no field for them"} <= set(label_set.lost)
     (line, *_) = read(put(tmp_path, document(item(pose()), count=2)), drive).lost
     assert line == "tracklets: the file states 2 and holds 1, which are read"
 
@@ -145,8 +145,8 @@ def test_frames_of_a_list_pair_by_name_and_never_by_number(tmp_path, drive, name
     ("lines", "first_frame", "told"),
     [
         (["0 000000"], 0, r"frame_list\.txt: expected a line for each frame that tracklets have, got none for 1"),
-        (["0 cloud_000", "1 cloud_001"], 0, "expected frames called as the 6 sweeps, 000000 to 000005, got cloud_000"),
-        (["0 000000", "1 1000001"], 0, "expected frames called as the 6 sweeps, 000000 to 000005, got 1000001; name"),
+        (["0 cloud_000", "1 cloud_001"], 0, "expected frames named like the 6 sweeps, 000000 to 000005, got cloud_000"),
+        (["0 000000", "1 1000001"], 0, "expected frames named like the 6 sweeps, 000000 to 000005, got 1000001; name"),
         (["0 000000", "1 000000"], 0, "frame 1: expected each name once, got '000000' twice"),
         (["0 000000", "1 0"], 0, "expected one frame for each sweep, got '000000' and '0'"),
         (["0 000000", "000001"], 0, "line 2: expected number and name of a frame, got '000001'"),
@@ -164,7 +164,7 @@ def test_lists_that_cannot_be_paired_are_refused(tmp_path, drive, lines, first_f
 def test_boxes_that_float_are_doubted(tmp_path, drive):
     drive = upright(drive)
     file = put(tmp_path, document(item(pose(at=(10.0, 2.0, -0.9)))))
-    assert any("doubtful: the middle box stands 0.9" in line for line in read(file, drive).lost)
+    assert any("check the heights: the median box is 0.9" in line for line in read(file, drive).lost)
     file = put(tmp_path, document(item(pose(at=(10.0, 2.0, -1.9)))))
     assert not any("doubtful" in line for line in read(file, drive).lost)
 
@@ -304,8 +304,8 @@ def test_files_come_back_exactly(tmp_path_factory, tracklets):
         (document(item(pose(), kind=" ")), "item 0.objectType: expected a class, got nothing"),
         (document(item(pose(), first="1.5")), "item 0.first_frame: expected a whole number first_frame, got '1.5'"),
         (document(item(pose(), first=9 * 10**9)), "expected a whole number first_frame"),
-        (document(item(pose(), first=9)), "frames: expected frames called as the 6 sweeps"),
-        (document(item(pose(), kind="Yeti")), "classes: expected classes that can be told as .*got 'Yeti'"),
+        (document(item(pose(), first=9)), "frames: expected frames named like the 6 sweeps"),
+        (document(item(pose(), kind="Yeti")), "classes: expected classes that map to one of .*got 'Yeti'"),
         (document("<item><objectType>Car</objectType></item>"), "item 0.h: expected 1 numbers, got 0"),
         ("<a/>", "expected boost_serialization with tracklets, got a"),
         ("<boost_serialization><b/></boost_serialization>", "expected boost_serialization with tracklets"),

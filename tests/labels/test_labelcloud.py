@@ -97,8 +97,8 @@ def test_there_and_back(tmp_path, drive, way):
     lost = form.write(LabelSet(tracks=tracks, timestamps_ns=street.TIMES_NS), drive, tmp_path / "out", PLAIN)
     assert lost == (
         "which boxes are one object: labelCloud numbers none of the 3",
-        "18 velocities: no place for them",
-        "6 yaw rates: no place for them",
+        "18 velocities: no field for them",
+        "6 yaw rates: no field for them",
     )
     label_set = form.read(tmp_path / "out", drive, PLAIN)
     assert label_set.timestamps_ns == street.TIMES_NS

@@ -312,14 +312,14 @@ def test_what_has_no_place_is_told(tmp_path, drive):
     label_set = read(tmp_path, drive, content, LabelOptions(classes={"Sign": None}))
     assert set(label_set.lost) == {
         "1 objects of class 'Sign', left out as asked",
-        "1 bbox of images: no place for them",
-        "1 poly2d of images: no place for them",
-        "1 boolean 'is_moving': no place for it",
-        "1 text 'category' that is no kind of motion: no place for it",
-        "1 text 'occlusion' of cuboids: no place for it",
+        "1 bbox of images: no field for them",
+        "1 poly2d of images: no field for them",
+        "1 boolean 'is_moving': no field for it",
+        "1 text 'category' that is no kind of motion: no field for it",
+        "1 text 'occlusion' of cuboids: no field for it",
         "1 further cuboids of an object in a frame: the first is read",
         "1 objects without any cuboid or outline, left out",
-        "1 actions: no place for them",
+        "1 actions: no field for them",
     }
 
 
@@ -584,7 +584,7 @@ def systems(posed):
         (document({"0": frame(entry(BOX)), "1": frame(entry(BOX), time=None)}), "frames.1.frame_properties.timestamp"),
         (document({"0": frame(entry(BOX)), "1": frame(entry(BOX))}), "frames.0: expected one frame for each time"),
         (document({}), "openlabel.frames: expected frames, to pair with sweeps, got none, and 1 objects"),
-        (document({"99": frame(entry(BOX), time=None)}), "frames: expected frames called as the 6 sweeps"),
+        (document({"99": frame(entry(BOX), time=None)}), "frames: expected frames named like the 6 sweeps"),
         (document({}, objects={"0": {"name": "a", "type": "Yeti"}}), "got 'Yeti'"),
     ],
 )

@@ -90,7 +90,7 @@ def test_an_object_that_moves_in_one_sweep_only_has_an_unknown_velocity(tmp_path
     velocities = {t.track_id: t.states[0].velocity_mps for t in label_set.tracks}
     assert np.isnan(velocities["moving-car-7"]).all()
     assert velocities["car-7"].tolist() == [0, 0, 0]
-    assert any("2 states stay without" in line for line in label_set.lost)
+    assert any("2 states remain without" in line for line in label_set.lost)
 
 
 def test_moving_points_without_instance_are_grouped_and_followed(tmp_path, drive, semantickitti):
@@ -122,15 +122,15 @@ def test_a_moving_mask_does_not_say_of_which_class(tmp_path, drive, semantickitt
     assert np.abs(label_set.tracks[0].states[2].velocity_mps).max() > 0.5  # a number says nothing of standing
 
 
-def test_points_of_nobody_are_told(tmp_path, drive, semantickitti):
+def test_points_without_a_class_are_reported(tmp_path, drive, semantickitti):
     write_sequence(tmp_path, {"car": (0, 0), "walker": (1, 0), "parked": (CAR, 0)})
     label_set = semantickitti.read(tmp_path, drive, PLAIN)
     count = street.POINTS * street.SWEEPS
     assert label_set.tracks == ()
     assert label_set.timestamps_ns == street.TIMES_NS
     assert label_set.lost == (
-        f"{2 * count} points of which the labels do not say what they are (unlabeled, outlier)",
-        f"{count} points of car without an instance: left out, they stand",
+        f"{2 * count} points without a class (unlabeled, outlier)",
+        f"{count} points of car without an instance: left out, stationary",
     )
 
 

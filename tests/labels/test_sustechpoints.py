@@ -63,7 +63,7 @@ def test_a_file_as_the_tool_writes_it(tmp_path, drive, sustech):
     assert state.shape.size_m.tolist() == [4.5, 1.75, 1.5]
     assert (state.category, state.unclear) == ("crossing", False)
     assert np.isnan(state.velocity_mps).all()
-    assert label_set.lost == ("1 attributes 'door open': no place for them here",)
+    assert label_set.lost == ("1 attributes 'door open': no field for them here",)
 
 
 def test_angles_turn_about_the_boxs_own_x_then_y_then_z(tmp_path, drive, sustech):
@@ -188,8 +188,8 @@ def test_what_the_format_cannot_hold_is_told(tmp_path, drive, sustech):
     assert lost == (
         "1 states that are ground outlines: the format has none",
         "1 states at 1 times at which there is no sweep",
-        "5 velocities: no place for them",
-        "4 yaw rates: no place for them",
+        "5 velocities: no field for them",
+        "4 yaw rates: no field for them",
     )
     assert sorted(path.stem for path in (tmp_path / "label").iterdir()) == ["000000", "000001", "000002"]
     assert json.loads((tmp_path / "label/000000.json").read_text())[0]["obj_type"] == "Car"

@@ -1,7 +1,7 @@
 """What holds for every registered method."""
 
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -9,7 +9,7 @@ import pytest
 
 from bench.cameras import ray_grid
 from bench.errors import UnknownNameError, UsageError
-from bench.methods import METHODS, FlowMethod, Needs, build_method, describe_method, known_methods
+from bench.methods import METHODS, FlowMethod, Method, build_method, describe_method, known_methods
 from bench.records.segmentation import segmentation_fault
 from tests.support.board_scene import HEIGHT, STEP, WIDTH, crossing, frame
 
@@ -21,7 +21,7 @@ def test_contract(name):
     method = build_method(name)
     assert method.name == name
     assert method.history == 1
-    assert Needs.of(method).longest_history >= 1
+    assert method.most_history >= 1
     again = build_method(name, json.loads(json.dumps(method.settings())))
     assert again.settings() == method.settings()
     assert describe_method(known_methods()[name])
@@ -83,10 +83,54 @@ def test_a_method_by_its_place():
         build_method("bench.methods.baselines:Nobody")
 
 
-class Bare:
-    """No more than the contract asks for."""
+class Bare(Method):
+    name = "bare"
 
-    name, history = "bare", 2
+    def segment(self, frame):
+        raise NotImplementedError
+
+
+def test_what_a_method_leaves_out_has_a_default():
+    bare = Bare()
+    assert (bare.history, bare.most_history, bare.colour, bare.reads_images, bare.files) == (1, 1, False, True, ())
+    assert bare.settings() == {}
+    bare.history = 2
+    assert bare.most_history == 2
+    bare.longest_history = 5
+    assert bare.most_history == 5
+
+
+@dataclass
+class Inner:
+    scale: float = 0.5
+
+
+class Own(Bare):
+    name = "own"
+
+    def __init__(self, level: int = 3, inner: Inner = Inner(), *, forgotten: str = "") -> None:  # noqa: B008
+        self.level, self.inner, self.kept_to_itself = level, inner, forgotten
+
+
+def test_settings_are_the_parameters_of_the_constructor():
+    method = Own(level=7)
+    with pytest.raises(UsageError, match=r"attribute 'forgotten' .* set self\.forgotten, or write settings\(\)"):
+        method.settings()
+    method.forgotten = "x"
+    assert method.settings() == {"level": 7, "inner": {"scale": 0.5}, "forgotten": "x"}
+
+
+def test_a_parameter_that_the_constructor_does_not_take_is_refused():
+    place = f"{__name__}:Own"
+    assert build_method(place, {"level": 4}).level == 4
+    with pytest.raises(UsageError, match=r"takes level, inner, forgotten; .*'levle'"):
+        build_method(place, {"levle": 4})
+
+
+class NoMethod:
+    """Has all that a method has, and does not derive from it."""
+
+    name, history = "no-method", 1
 
     def settings(self):
         return {}
@@ -95,7 +139,13 @@ class Bare:
         raise NotImplementedError
 
 
-def test_what_a_method_leaves_out_has_a_default():
-    assert Needs.of(Bare()) == Needs(history=2, longest_history=2, colour=False, reads_images=True, files=())
-    own = type("Own", (Bare,), {"longest_history": 5, "colour": True, "reads_images": False, "files": ("weights",)})
-    assert Needs.of(own()) == Needs(history=2, longest_history=5, colour=True, reads_images=False, files=("weights",))
+def test_a_class_that_does_not_derive_from_method_is_refused():
+    for name in ("NoMethod", "test_contract"):
+        with pytest.raises(
+            UsageError, match=rf"derived from bench\.methods\.Method, got {name}.*class {name}\(Method\)"
+        ):
+            build_method(f"{__name__}:{name}")
+    with pytest.raises(UsageError, match="abstract class Method"):
+        build_method("bench.methods:Method")
+    with pytest.raises(UsageError, match="derived from bench"):
+        build_method("bench.harness.oracles:ReferenceItself")

@@ -199,7 +199,7 @@ def test_aimotive_without_boxes_there_are_no_times(aimotive):
     for file in (aimotive / tiny_aimotive.SEQUENCE / "dynamic/box/3d_body").iterdir():
         file.unlink()
     found = read_leniently(aimotive_recordings, aimotive, options)
-    assert any("expected files frame_<number>.json, which tell the times of frames" in line for line in told(found))
+    assert any("expected files frame_<number>.json, which hold the times of frames" in line for line in told(found))
     assert found.recording is None
 
 

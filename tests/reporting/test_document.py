@@ -8,7 +8,6 @@ import re
 
 import pandas as pd
 import pytest
-from rich.console import Console
 
 from bench.reporting.document import (
     Bar,
@@ -27,8 +26,8 @@ from bench.reporting.document import (
     to_json,
     to_latex,
     to_markdown,
-    to_terminal,
 )
+from tests.reporting.printed import printed
 
 HOSTILE = "# a|b <script>x</script> `c` *d* [e](f) &lt; $x$ 50 % {y} \\z\x1b[2J\n::error::p\u202e"
 TABLE = Table(
@@ -51,13 +50,6 @@ def everything(text):
         Folded(text, [Paragraph(text)]),
         Table(title=text, columns=[text, text], rows=[[text, Cell(text, (text,), "bad", link="#a")]], note=text),
     ]
-
-
-def printed(blocks, width=110):
-    console = Console(width=width, record=True, file=io.StringIO())
-    for shown in to_terminal(blocks):
-        console.print(shown, soft_wrap=not hasattr(shown, "columns"))
-    return console.export_text()
 
 
 def test_markdown_writes_a_table_with_its_title_and_note():

@@ -7,9 +7,10 @@ import pytest
 from bench.errors import DataError, OutputError
 from bench.evaluation import load_protocol, summarise
 from bench.evaluation.rows import frames_table, objects_table
-from bench.harness import Provenance, RunSummary
-from bench.harness.stored import MethodStamp, write_protocol, write_summary
+from bench.harness import RunSummary
+from bench.harness.stored import write_protocol, write_summary
 from bench.reporting.table_files import write_report_files
+from tests.support.manifests import manifest, provenance
 from tests.support.result_rows import frame_row, object_row
 
 NAMES = ["table.md", "table.csv", "table.tex", "table.json", "range_map.png", "range_map.svg"]
@@ -24,15 +25,10 @@ def stored(tmp_path_factory):
     pq.write_table(objects, run / "objects.parquet")
     pq.write_table(frames, run / "frames.parquet")
     figures = summarise(objects, frames, protocol=load_protocol("paper-v1"))
-    provenance = Provenance(
-        version="0", commit=None, python="3", libraries={}, data_fingerprint="", started_utc="", seconds=1.0,
-        stage_seconds={}, images=9, peak_memory_mb=1.0,
-    )  # fmt: skip
     summary = RunSummary(
         **{name: getattr(figures, name) for name in type(figures).model_fields},
-        schema_version=1, dataset="demo", card="datasets/demo.yaml", reference_fingerprint="",
-        split=None, method=MethodStamp(name="empty", settings={}),
-        provenance=provenance, failures=(), caveats="Staged, not the paper's.",
+        schema_version=1, manifest=manifest(method="empty"), provenance=provenance(), failures=(),
+        caveats="Staged, not the paper's.",
         vehicle_outline_m=((-1.0, -0.9), (3.8, -0.9), (3.8, 0.9), (-1.0, 0.9)),
     )  # fmt: skip
     write_summary(run, summary)
@@ -70,7 +66,7 @@ def test_a_file_that_cannot_be_replaced_stays_whole(stored, monkeypatch):
         write_report_files(stored)
     assert (stored / "table.md").read_bytes() == before
     assert sorted(file.name for file in stored.iterdir()) == sorted(
-        [*NAMES, "objects.parquet", "frames.parquet", "summary.json", "protocol.json"]
+        [*NAMES, "objects.parquet", "frames.parquet", "manifest.json", "summary.json", "protocol.json"]
     )
 
 

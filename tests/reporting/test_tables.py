@@ -6,29 +6,31 @@ import re
 from dataclasses import replace
 
 import pytest
-from rich.console import Console
 
 from bench.reporting.formats import percent, with_interval
-from bench.reporting.table_files import LatexNames, escape_latex, to_csv, to_json, to_latex, to_markdown
+from bench.reporting.table_files import to_csv, to_json, to_latex, to_markdown
 from bench.reporting.tables import (
     COMPARED,
     COVERAGES,
     FALSE_POSITIVES,
-    MIN_COLUMNS,
     detection_columns,
     table_rows,
-    to_rich,
+    terminal_report,
 )
+from tests.reporting.printed import printed
 from tests.reporting.summaries import banded_summary, figure, object_figures, summary
 
 CONSTRAINTS = ("epipolar", "positive_depth", "positive_height", "anti_parallel", "static_camera")
 OF_PAPER = summary().model_copy(update={"false_positive_causes": dict.fromkeys(CONSTRAINTS, figure(0.2))})
 ROWS = table_rows(OF_PAPER)
-NAMES = LatexNames(label="demo-spherical", about="method spherical_2, data set demo, paper-v1")
 
 
 def latex(rows):
-    return to_latex(rows, NAMES)
+    return to_latex(rows, label="demo-spherical", about="method spherical_2, data set demo, paper-v1")
+
+
+def on_terminal(rows):
+    return printed(terminal_report(rows), width=100)
 
 
 def one_line(text):
@@ -49,12 +51,6 @@ def number(text):
 
 def same(a, b):
     return a == b or (math.isnan(a) and math.isnan(b))
-
-
-def printed(width=MIN_COLUMNS, rows=ROWS):
-    console = Console(width=width, record=True, file=io.StringIO())
-    console.print(to_rich(rows))
-    return console.export_text()
 
 
 def test_the_rows_are_the_papers_with_the_papers_values():
@@ -119,7 +115,7 @@ def test_markdown_and_latex_show_the_same_values(write):
 
 
 def test_the_terminal_shows_the_same_values_at_100_columns():
-    text = printed()
+    text = on_terminal(ROWS)
     assert max(map(len, text.splitlines())) <= 100
     assert "…" not in text
     for row in ROWS[:-2]:
@@ -151,7 +147,7 @@ def test_the_terminal_shows_the_same_values_at_100_columns():
 
 def test_a_row_that_the_paper_does_not_have_leaves_its_line_empty():
     masks = summary().model_copy(update={"categories": {"moving": object_figures(0.6)}})
-    text = printed(rows=table_rows(masks))
+    text = on_terminal(table_rows(masks))
     assert "Moving" in text
     assert "60.0" in text
     assert "nan" not in text
@@ -198,15 +194,9 @@ def test_latex_prints_its_notes_and_names_intervals_where_there_are_some():
 def test_why_there_is_no_chance_level_is_said():
     none = object_figures(0.6).model_copy(update={"chance": figure(math.nan)})
     rows = table_rows(summary().model_copy(update={"categories": {"crossing": none}}))
-    for write in (to_markdown, latex, lambda rows: printed(rows=rows)):
+    for write in (to_markdown, latex, on_terminal):
         assert "chance_lag_s" in write(rows).replace("\\_", "_")
         assert "chance_lag_s" not in write(ROWS).replace("\\_", "_")
-
-
-def test_latex_escapes_what_latex_reads():
-    assert escape_latex("50 % of a_b & #1 {x} $ ~ ^ \\") == (
-        r"50 \% of a\_b \& \#1 \{x\} \$ \textasciitilde{} \textasciicircum{} \textbackslash{}"
-    )
 
 
 def test_latex_is_balanced_and_every_line_has_its_columns():
@@ -239,10 +229,10 @@ def test_the_unknown_share_stands_beside_each_row_of_a_protocol_with_bands_and_o
     *rows, false_positives = banded
     assert {row.metrics["unknown_share"].value for row in rows} == {0.25}
     assert "unknown_share" not in false_positives.metrics
-    for write in (to_markdown, latex, to_csv, to_json, lambda rows: printed(rows=rows)):
+    for write in (to_markdown, latex, to_csv, to_json, on_terminal):
         assert "nknown" in write(banded)
         assert "nknown" not in write(ROWS)
     (line,) = [line for line in to_markdown(banded).splitlines() if line.startswith("| Crossing") and "25.0 %" in line]
     assert line.split("|")[-2].split() == ["25.0", "%", "[20.0,", "30.0]"]
-    assert max(map(len, printed(rows=banded).splitlines())) <= MIN_COLUMNS
-    assert "…" not in printed(rows=banded)
+    assert max(map(len, on_terminal(banded).splitlines())) <= 100
+    assert "…" not in on_terminal(banded)

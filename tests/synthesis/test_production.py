@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import json
 import shutil
 import threading
 from collections.abc import Callable
@@ -13,7 +12,7 @@ import pytest
 
 from bench.errors import DataError, UsageError
 from bench.synthesis import Scenario, production, read_scenario, synthesize
-from bench.synthesis.production import MARK, STAMP
+from bench.synthesis.production import MANIFEST
 from bench.synthesis.scenario import RecordingSpec
 from tests.synthesis.conftest import MINIATURE
 
@@ -22,7 +21,7 @@ pytestmark = pytest.mark.slow
 
 def contents(folder: Path) -> dict[str, bytes]:
     """All files of the recordings below a folder."""
-    paths = sorted(path for path in folder.rglob("*") if path.is_file() and path.name != STAMP)
+    paths = sorted(path for path in folder.rglob("*") if path.is_file())
     return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
 
 
@@ -98,7 +97,7 @@ def test_interrupted_run_leaves_whole_recordings_and_resumes(
     assert all((folder / "recording.json").is_file() for folder in folders)
     assert seen == [(1, 2), (2, 2)]
     assert contents(out / "crossing") == before
-    assert sorted(path.name for path in out.iterdir()) == [STAMP, "crossing", "reversing"]
+    assert sorted(path.name for path in out.iterdir()) == ["crossing", "reversing"]
 
 
 def test_only_what_changed_is_rendered_again_and_former_recordings_go(
@@ -113,7 +112,7 @@ def test_only_what_changed_is_rendered_again_and_former_recordings_go(
     assert contents(out / "crossing") == before
     scenario_file.write_text(scenario_file.read_text().split("  - name: reversing")[0])
     synthesize(scenario_file, out, workers=1)
-    assert sorted(path.name for path in out.iterdir()) == [STAMP, "crossing"]
+    assert sorted(path.name for path in out.iterdir()) == ["crossing"]
 
 
 def test_second_run_into_the_same_folder_waits_for_the_first_and_renders_nothing(
@@ -148,13 +147,10 @@ def test_recording_of_a_longer_series_is_not_rendered_again(tmp_path: Path, quic
     assert quick == ["drive-01", "drive-02"]
 
 
-def test_call_for_what_is_there_does_not_even_draw_the_scenario(
-    scenario_file: Path, tmp_path: Path, quick: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_call_for_what_is_there_renders_nothing(scenario_file: Path, tmp_path: Path, quick: list[str]) -> None:
     out = tmp_path / "out"
     made = synthesize(scenario_file, out, workers=1)
     before = contents(out)
-    monkeypatch.setattr(production, "read_scenario", _must_not_be_called)
     seen: list[tuple[int, int]] = []
     assert synthesize(scenario_file, out, progress=lambda done, total: seen.append((done, total))) == made
     assert seen == [(2, 2)]
@@ -167,8 +163,9 @@ CHANGES: dict[str, Callable[[Path, Path, pytest.MonkeyPatch], object]] = {
     "generator": lambda _, __, patch: patch.setattr(production, "GENERATOR_VERSION", -1),
     "a recording removed": lambda _, out, __: shutil.rmtree(out / "reversing"),
     "an image removed": lambda _, out, __: (out / "reversing" / "images" / "0.png").unlink(),
-    "another's mark": lambda _, out, __: shutil.copy(out / "crossing" / MARK, out / "reversing" / MARK),
-    "a broken mark": lambda _, out, __: (out / "reversing" / MARK).write_text("{}"),
+    "another's manifest": lambda _, out, __: shutil.copy(out / "crossing" / MANIFEST, out / "reversing" / MANIFEST),
+    "a broken manifest": lambda _, out, __: (out / "reversing" / MANIFEST).write_text('{"files": "2"}'),
+    "a manifest without a count": lambda _, out, __: (out / "reversing" / MANIFEST).write_text('{"a": 1}'),
 }
 
 
@@ -188,22 +185,10 @@ def test_stale_recordings_are_never_taken_for_fresh_ones(
     assert contents(out) == contents(fresh)
 
 
-def test_recording_of_a_version_that_did_not_count_its_files_stays(
-    scenario_file: Path, tmp_path: Path, quick: list[str]
-) -> None:
-    (folder, _) = synthesize(scenario_file, tmp_path, workers=1)
-    mark = json.loads((folder / MARK).read_text())
-    assert mark.pop("files") == 2
-    (folder / MARK).write_text(json.dumps(mark))
-    synthesize(scenario_file, tmp_path, workers=1)
-    assert len(quick) == 2
-
-
 def test_change_of_how_a_series_is_drawn_is_noticed_without_a_new_version(
     scenario_file: Path, tmp_path: Path, quick: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     synthesize(scenario_file, tmp_path / "out", workers=1)
-    monkeypatch.setattr(production, "_source_digest", lambda: "another")
     scenario = read_scenario(scenario_file)
     slower = scenario.recordings[1].model_copy(update={"frames": 3})
     changed = scenario.model_copy(update={"recordings": (scenario.recordings[0], slower)})
@@ -212,46 +197,13 @@ def test_change_of_how_a_series_is_drawn_is_noticed_without_a_new_version(
     assert quick == ["crossing", "reversing", "reversing"]
 
 
-def test_recording_left_over_from_an_older_scenario_goes_in_spite_of_a_stamp(
-    scenario_file: Path, tmp_path: Path, quick: list[str]
-) -> None:
+def test_recording_left_over_from_an_older_scenario_goes(scenario_file: Path, tmp_path: Path, quick: list[str]) -> None:
     out = tmp_path / "out"
     synthesize(scenario_file, out, workers=1)
     shutil.copytree(out / "crossing", out / "crossing-old")
     synthesize(scenario_file, out, workers=1)
     assert sorted(path.name for path in out.iterdir() if path.is_dir()) == ["crossing", "reversing"]
     assert len(quick) == 2
-
-
-HOSTILE_STAMPS = ["", "[]", "null", "{}", '{"made_from": 1}', "[" * 100_000, "\x00", '{"made_from": "", "marks": []}']
-
-
-@pytest.mark.parametrize("text", HOSTILE_STAMPS, ids=range(len(HOSTILE_STAMPS)))
-def test_stamp_that_is_none_is_passed_over(text: str, scenario_file: Path, tmp_path: Path, quick: list[str]) -> None:
-    out = tmp_path / "out"
-    made = synthesize(scenario_file, out, workers=1)
-    whole = (out / STAMP).read_bytes()
-    (out / STAMP).write_text(text)
-    assert synthesize(scenario_file, out, workers=1) == made
-    assert len(quick) == 2
-    assert (out / STAMP).read_bytes() == whole
-
-
-def test_scenario_edited_while_it_is_rendered_gets_no_stamp(
-    scenario_file: Path, tmp_path: Path, quick: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    out, render, first = tmp_path / "out", production.render_recording, scenario_file.read_text()
-
-    def edits(scenario: Scenario, spec: RecordingSpec, root: Path) -> None:
-        render(scenario, spec, root)
-        scenario_file.write_text(first.replace("speed_kmh: [5]", "speed_kmh: [6]"))
-
-    monkeypatch.setattr(production, "render_recording", edits)
-    synthesize(scenario_file, out, workers=1)
-    assert not (out / STAMP).exists()
-    monkeypatch.setattr(production, "render_recording", render)
-    synthesize(scenario_file, out, workers=1)
-    assert quick == ["crossing", "reversing", "reversing"]
 
 
 def test_foreign_folder_is_not_overwritten(scenario_file: Path, tmp_path: Path) -> None:
@@ -266,7 +218,3 @@ def test_foreign_folder_is_not_overwritten(scenario_file: Path, tmp_path: Path) 
 def test_no_workers_are_refused(scenario_file: Path, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="workers"):
         synthesize(scenario_file, tmp_path / "out", workers=0)
-
-
-def _must_not_be_called(*_: object) -> Scenario:
-    raise AssertionError("read, drawn or rendered although everything is there")

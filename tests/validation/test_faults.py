@@ -308,7 +308,7 @@ def test_point_times_in_microseconds(root):
 
     change_sweeps(root, timed)
     (told,) = found(root)
-    assert (told.check, told.do) == ("point-times", "check the unit: nanoseconds are due")
+    assert (told.check, told.do) == ("point-times", "check the unit: expected nanoseconds")
 
 
 def test_a_lidar_mounted_too_low(root):
@@ -472,8 +472,8 @@ def test_an_object_that_jumps(root):
 @pytest.mark.parametrize(
     ("change", "cause"),
     [
-        (lambda v: [3.6 * x for x in v], "km/h where m/s are due"),
-        (lambda v: [v[0] - drive.SPEED_MPS, v[1], v[2]], "relative to the vehicle, where over the ground is due"),
+        (lambda v: [3.6 * x for x in v], "km/h instead of m/s"),
+        (lambda v: [v[0] - drive.SPEED_MPS, v[1], v[2]], "relative to the vehicle instead of over the ground"),
         (lambda v: [-x for x in v], "the sign is reversed"),
     ],
 )
@@ -550,8 +550,11 @@ def test_many_boxes_at_one_place_are_told_in_bounded_work(monkeypatch, tiny_reco
     write_heap(tiny_recording, objects=60)
     told = found(tiny_recording, depth=Depth.DEEP)
     same = [finding for finding in told if finding.check == "same-object"]
-    assert len(same) == boxes.MOST_TOLD + 1
-    assert same[-1].got == f"boxes that overlap by more than half in {1770 - boxes.MOST_TOLD} more pairs of objects"
+    assert len(same) == boxes.MOST_PAIRS_LISTED + 1
+    assert (
+        same[-1].got
+        == f"boxes that overlap by more than half in {1770 - boxes.MOST_PAIRS_LISTED} more pairs of objects"
+    )
     assert {finding.times for finding in same[:-1]} == {2}  # of 230 pairs that were looked at twice
     crowded = [finding for finding in told if finding.check == "crowded-boxes"]
     assert [finding.severity for finding in crowded] == [Severity.WARNING] * 2

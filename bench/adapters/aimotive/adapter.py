@@ -18,7 +18,7 @@ What is translated here, once:
   sensor.
 - A revolution runs from about 68 ms before to 32 ms after the time of its frame, in the same clock. Frames are 67 ms
   apart, so neighbouring revolutions share the points of 33 ms; an image takes those of one revolution only.
-- Boxes tell velocity relative to the ego vehicle in body axes; over the ground it is the ego's velocity plus that. The
+- Boxes state velocity relative to the ego vehicle in body axes; over the ground it is the ego's velocity plus that. The
   turn of an object comes from the headings of its boxes.
 """
 
@@ -95,11 +95,11 @@ def open_aimotive(
     folder = root / sequence
     within = linked_folder(root, folder, levels=options.follow_links)
     cameras = read_cameras(within, folder, options, on_error)
-    boxes, untold = _boxes(within, folder, on_error)
+    boxes, without_time = _boxes(within, folder, on_error)
     times_ns = {number: frame.timestamp_ns for number, frame in boxes.items()}
     trajectory = sequence_trajectory(root, folder, options, times_ns, on_error)
     tracks = _tracks(boxes, trajectory, annotations, on_error)
-    timed = partial(_timed, times_ns=times_ns, untold=untold, on_error=on_error)
+    timed = partial(_timed, times_ns=times_ns, without_time=without_time, on_error=on_error)
     images: dict[str, tuple[ImageRef, ...]] = dict.fromkeys(cameras, ())
     for name in cameras:
         with reporting(on_error):
@@ -141,7 +141,7 @@ def _boxes(root: Path, folder: Path, on_error: ErrorHandler) -> tuple[dict[int, 
     with reporting(on_error):
         files = framed_files(root, folder / BOXES, r"frame_(\d+)\.json", on_error)
         if not files:
-            expected = "files frame_<number>.json, which tell the times of frames"
+            expected = "files frame_<number>.json, which hold the times of frames"
             on_error(DataError(folder / BOXES, expected=expected, got="none"))
     read = {number: read_box_frame(file, on_error) for number, file in files.items()}
     frames = frames_in_order({number: frame for number, frame in read.items() if frame is not None}, on_error)
@@ -149,13 +149,13 @@ def _boxes(root: Path, folder: Path, on_error: ErrorHandler) -> tuple[dict[int, 
 
 
 def _timed(
-    paths: Mapping[int, Path], *, times_ns: Mapping[int, int], untold: frozenset[int], on_error: OnError
+    paths: Mapping[int, Path], *, times_ns: Mapping[int, int], without_time: frozenset[int], on_error: OnError
 ) -> Iterator[tuple[int, Path]]:
-    """Files with the times of their frames; no time is an error, unless it is one of `untold`, reported already."""
+    """Files with the times of their frames; no time is an error, except for `without_time`, reported already."""
     for number, path in paths.items():
         if number in times_ns:
             yield times_ns[number], path
-        elif number not in untold:
+        elif number not in without_time:
             on_error(DataError(path, expected=f"{BOXES}/frame_{number:07d}.json with its time", got="no such file"))
 
 

@@ -111,7 +111,7 @@ def read_cameras(
 
 
 def _is_known(entry: Any) -> bool:
-    """Also an entry that is no object, so that it is told."""
+    """Also an entry that is no object, so that it is reported."""
     return not isinstance(entry, dict) or entry.get("model") in MODELS
 
 
@@ -171,8 +171,8 @@ class LidarCalibration(FileModel):
 def read_lidar_mounting(root: Path, folder: Path) -> RigidTransform:
     """`body_from_beams` of the one lidar that the calibration names.
 
-    Points come in body axes, so it serves only to tell rows and columns of beams. Where the calibration names no lidar,
-    or several whose points are mixed, it is the identity: footprints then have no rows to go by.
+    Points come in body axes, so it serves only to find rows and columns of beams. Where the calibration names no lidar,
+    or several whose points are mixed, it is the identity: surface-patch polygons then have no rows.
 
     Args:
         root: folder of the data set, which the file must not leave.

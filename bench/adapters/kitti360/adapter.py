@@ -183,15 +183,15 @@ def _drive(
     options: Kitti360Options,
     on_error: ErrorHandler,
 ) -> Drive | None:
-    """None after an error; also without a clock or a rig are the poses read, so that every error is told."""
+    """None after an error; also without a clock or a rig are the poses read, so that every error is reported."""
     file = root / POSES / sequence / "poses.txt"
     with reporting(on_error):
         refuse_escape(linked_folder(root, file, levels=options.follow_links), file, file=file)
         poses = read_poses(file, clock, on_error)
         if poses is not None and rig is not None and clock is not None:
-            gap_s, standing_m = options.max_pose_gap_s, options.standing_m
+            gap_s, stationary_m = options.max_pose_gap_s, options.stationary_m
             mounting = rig.vehicle_from_imu
-            return drive_through(poses, clock, mounting, file=file, max_gap_s=gap_s, standing_m=standing_m)
+            return drive_through(poses, clock, mounting, file=file, max_gap_s=gap_s, stationary_m=stationary_m)
     return None
 
 

@@ -71,14 +71,14 @@ STATIONARY = -1
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class WorldBox:
-    """A box at a frame, or one that stands.
+    """A box at a frame, or a stationary one.
 
     Attributes:
         key: what joins the boxes of one object.
         label: None for one that is marked dynamic but has a label that is not known to move.
         dynamic: as marked.
-        frame: of the box; -1 for one that stands.
-        window: first and last annotated frame; None where the file does not tell.
+        frame: of the box; -1 for a stationary one.
+        window: first and last annotated frame; None where the file does not say.
         rotation: (3, 3) float64, global world from box, a proper rotation.
         centre_m: (3,) float64, global world.
         size_m: (3,) float64, full lengths along the box's own axes.

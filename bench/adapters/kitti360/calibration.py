@@ -4,7 +4,7 @@ Frames of the data set: the pose frame is that of the GPS/IMU, x forward, y righ
 forward, y left, z up; cameras x right, y down, z along the axis. `calib_cam_to_pose` maps points of a camera into the
 pose frame, `calib_cam_to_velo` points of camera 00 into the velodyne frame.
 
-The vehicle frame is x forward, y left, z up from the ground below the rear axle. The data set tells only where its
+The vehicle frame is x forward, y left, z up from the ground below the rear axle. The data set states only where its
 sensors are to each other, so the place of the scanner decides: 0.76 m ahead of the rear axle, in the middle of the car
 and 1.73 m above the road, as the sensor plan of KITTI has it (Geiger, Lenz and Urtasun 2012: the same car).
 """
@@ -66,9 +66,9 @@ class Kitti360Options(FileModel):
         lidar_position_m: the laser scanner in the vehicle frame; the calibration gives only places of sensors to each
             other.
         vehicle_outline_m: the ego vehicle seen from above, vehicle frame.
-        max_pose_gap_s: poses further apart are not interpolated between, unless the car stood.
-        standing_m: poses no further apart than this are of a car that stood or crept, whatever the time between.
-        static_range_m: objects that stand are kept while they are this near, since they hide what moves.
+        max_pose_gap_s: poses further apart are not interpolated between, unless the car was stationary.
+        stationary_m: poses no further apart than this are of a stationary or creeping car, whatever the time between.
+        static_range_m: stationary objects are annotated while they are this near, since they hide what moves.
         static_people: "unclear" ignores people whose box is not marked dynamic, since some of them do walk; "static"
             takes the label at its word.
         excluded_frames: frames that are left out; sequences that are not there are passed over.
@@ -84,7 +84,7 @@ class Kitti360Options(FileModel):
     lidar_position_m: tuple[float, float, float] = (0.76, 0.0, 1.73)
     vehicle_outline_m: Polygon = Field(default=((-1.0, -0.91), (3.8, -0.91), (3.8, 0.91), (-1.0, 0.91)), min_length=3)
     max_pose_gap_s: float = Field(default=1.0, gt=0)
-    standing_m: float = Field(default=0.5, ge=0)
+    stationary_m: float = Field(default=0.5, ge=0)
     static_range_m: float = Field(default=25.0, ge=0)
     static_people: Literal["unclear", "static"] = "unclear"
     excluded_frames: tuple[FrameExclusion, ...] = ()
@@ -245,13 +245,13 @@ def _cameras_in_imu(root: Path, file: Path, names: tuple[str, ...], on_error: On
     except DataError as error:
         on_error(error)
         return {}
-    told = {name: words for name, colon, words in lines if colon and name in names}
+    stated = {name: words for name, colon, words in lines if colon and name in names}
     found: dict[str, RigidTransform] = {}
     for name in names:
         with reporting(on_error):
-            if name not in told:
+            if name not in stated:
                 raise DataError(file, field=name, expected="a line with 12 numbers", got="none")
-            found[name] = _transform(told[name].split(), file=file, field=name)
+            found[name] = _transform(stated[name].split(), file=file, field=name)
     return found
 
 

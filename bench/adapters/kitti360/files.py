@@ -64,7 +64,7 @@ def read_clock(file: Path, frames: list[int], on_error: OnError = STRICT) -> Fra
         file: lines `YYYY-MM-DD hh:mm:ss.nnnnnnnnn`.
         frames: numbers of the images beside it, increasing.
         on_error: takes errors: a line that is no time, times that do not increase, fewer lines than images. At most
-            200 lines are told.
+            200 lines are reported.
 
     Returns:
         The clock; None after an error.
@@ -178,7 +178,7 @@ def drive_through(
     *,
     file: Path,
     max_gap_s: float,
-    standing_m: float,
+    stationary_m: float,
 ) -> Drive:
     """The drive through the poses of frames.
 
@@ -192,7 +192,7 @@ def drive_through(
         vehicle_from_imu: mounting of the IMU.
         file: of the poses, for messages.
         max_gap_s: poses further apart are not interpolated between ...
-        standing_m: ... unless the car moved no further than this.
+        stationary_m: ... unless the car moved no further than this.
 
     Raises:
         DataError: fewer than two poses.
@@ -207,7 +207,7 @@ def drive_through(
         positions_m=np.stack([pose.translation_m for pose in vehicles]),
         max_gap_ns=round(max_gap_s * SECOND_NS),
     )
-    return Drive(trajectory=_stationary_filled(sparse, clock, standing_m), world_from_global=world_from_global)
+    return Drive(trajectory=_stationary_filled(sparse, clock, stationary_m), world_from_global=world_from_global)
 
 
 def _levelled(global_from_vehicle: RigidTransform) -> RigidTransform:
@@ -228,11 +228,11 @@ def _pose(matrix: NDArray[np.float64], file: Path, row: int) -> RigidTransform:
         raise data_error(error, file=file, field=f"row {row}") from error
 
 
-def _stationary_filled(sparse: Trajectory, clock: FrameClock, standing_m: float) -> Trajectory:
-    """Add poses at the frames of gaps in which the car stood or crept."""
+def _stationary_filled(sparse: Trajectory, clock: FrameClock, stationary_m: float) -> Trajectory:
+    """Add poses at the frames of gaps in which the car was stationary or crept."""
     known_ns = sparse.timestamps_ns
     wide = np.diff(known_ns) > sparse.max_gap_ns
-    near = np.linalg.norm(np.diff(sparse.positions_m, axis=0), axis=1) <= standing_m
+    near = np.linalg.norm(np.diff(sparse.positions_m, axis=0), axis=1) <= stationary_m
     clock_ns = np.fromiter(clock.times_ns.values(), dtype=np.int64)
     left = np.searchsorted(known_ns, clock_ns, side="right") - 1
     inside = (left >= 0) & (left < len(known_ns) - 1) & ~np.isin(clock_ns, known_ns)

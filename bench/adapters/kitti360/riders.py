@@ -87,11 +87,11 @@ def _around_both(mount: ObjectState, rider: ObjectState) -> ObjectState:
     low, high = np.minimum(corners_m.min(axis=0), -size_m / 2), np.maximum(corners_m.max(axis=0), size_m / 2)
     middle_m = centre_m + rotation @ ((low + high) / 2)
     clear = (state for state in (mount, rider) if not state.unclear and np.isfinite(state.velocity_mps).all())
-    told = next(clear, mount)
+    clearest = next(clear, mount)
     return replace(
         mount,
         shape=Cuboid(vehicle_from_object=RigidTransform(rotation, middle_m), size_m=high - low),
-        velocity_mps=told.velocity_mps,
-        yaw_rate_radps=told.yaw_rate_radps,
+        velocity_mps=clearest.velocity_mps,
+        yaw_rate_radps=clearest.yaw_rate_radps,
         unclear=mount.unclear and rider.unclear,
     )

@@ -22,7 +22,7 @@ class Annotated:
 
     Attributes:
         tracks: of everything that can move, whether it does or not.
-        windows: stretches of frames that somebody annotated, merged and in order; empty where the file does not tell.
+        windows: stretches of frames that were annotated, merged and in order; empty where the file does not say.
     """
 
     tracks: tuple[Track, ...]
@@ -43,14 +43,14 @@ def tracks_from_world(
 ) -> Annotated:
     """Put boxes where the vehicle sees them.
 
-    Boxes that stand get a state at each frame of their window at which they are near. Frames without ego-motion have no
-    states, since nothing can be said of the vehicle frame there.
+    Stationary boxes get a state at each frame of their window at which they are near. Frames without ego-motion have no
+    states, since the vehicle frame is unknown there.
 
     Args:
         boxes: as `read_boxes` yields them.
         drive: where the vehicle was.
         clock: times of frames.
-        static_range_m: how near boxes that stand have to be.
+        static_range_m: largest range of stationary boxes.
         static_people: "unclear" or "static", for people who are not marked dynamic.
     """
     ego = _EgoPath(drive, clock)

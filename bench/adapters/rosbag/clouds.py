@@ -110,9 +110,9 @@ def _structured(message: Any, name: Path) -> NDArray[Any]:
         row_step = max(row_step, used)  # some drivers leave it 0 where it does not matter
     if row_step < used:
         raise DataError(name, field="row_step", expected=f"at least {used} bytes", got=str(row_step))
-    due = row_step * (height - 1) + used if width * height else 0
-    if len(message.data) < due:
-        expected = f"{due} bytes for {height} rows of {width} points"
+    needed = row_step * (height - 1) + used if width * height else 0
+    if len(message.data) < needed:
+        expected = f"{needed} bytes for {height} rows of {width} points"
         raise DataError(name, field="data", expected=expected, got=str(len(message.data)))
     return np.ndarray((height, width), dtype, np.ascontiguousarray(message.data), 0, (row_step, step)).reshape(-1)
 
@@ -127,7 +127,7 @@ def _layout(message: Any, step: int, name: Path) -> np.dtype[Any]:
             continue  # padding, or more than one number a point, which nothing here asks for
         if offset + int(TYPES[kind][1]) > step:
             got = f"byte {offset} of points of {step} bytes"
-            raise DataError(name, field=f"fields, {field[:40]}", expected="a place inside the point", got=got)
+            raise DataError(name, field=f"fields, {field[:40]}", expected="an offset inside the point", got=got)
         layout[field] = TYPES[kind], offset
     for axis in "xyz":
         if layout.get(axis, ("", 0))[0] not in ("f4", "f8"):
@@ -155,7 +155,7 @@ def _offsets_ns(values: NDArray[Any], stamp_ns: int, rig: LidarRig, name: Path, 
         offsets_ns = np.rint((times - stamp_s * (1e9 / unit_ns)) * unit_ns) - rest_ns
     farthest_ns = float(np.abs(offsets_ns).max(initial=0.0))
     if not farthest_ns < FARTHEST_TIME_NS:
-        got = f"times up to {farthest_ns / 1e9:.3g} s away, taken as {unit}"
-        do = "say time_unit and time_from of the lidar in the rig file"
+        got = f"times up to {farthest_ns / 1e9:.3g} s away, read as {unit}"
+        do = "set time_unit and time_from of the lidar in the rig file"
         raise DataError(name, field=field, expected="times within a second of the message", got=got, do=do)
     return offsets_ns.astype(np.int64)

@@ -135,9 +135,9 @@ class BagImage(StoredMessage):
             raise DataError(self.name, field="width", expected=expected, got=got)
         if step < used:
             raise DataError(self.name, field="step", expected=f"at least {used} bytes a row", got=str(step))
-        due = step * (height - 1) + used  # some drivers leave out the padding of the last row
-        if len(message.data) < due:
-            expected, got = f"{due} bytes for {height} rows of {step}", str(len(message.data))
+        needed = step * (height - 1) + used  # some drivers leave out the padding of the last row
+        if len(message.data) < needed:
+            expected, got = f"{needed} bytes for {height} rows of {step}", str(len(message.data))
             raise DataError(self.name, field="data", expected=expected, got=got)
         return np.ascontiguousarray(np.ndarray((height, used), np.uint8, message.data, 0, (step, 1)))
 

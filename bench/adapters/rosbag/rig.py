@@ -226,7 +226,7 @@ class Rig(FileModel):
     def _topics_once(self) -> Rig:
         topics = self.sensor_topics
         if twice := sorted({topic for topic in topics if topics.count(topic) > 1}):
-            raise ValueError(f"each topic for one sensor, {twice[0]} stands twice")
+            raise ValueError(f"each topic for one sensor, {twice[0]} is named twice")
         return self
 
 

@@ -14,9 +14,9 @@ What is translated here, once:
 - The vehicle frame is ours (ISO 8855, origin on the ground below the rear axle), quaternions are x, y, z, w, and the
   principal point is an offset from the middle of the image.
 - Vehicle data are text: microseconds, km/h and degrees per second (#55). Over the pair the car runs an arc.
-- The cars that drove are told apart by the index; each can have its own masks of its body (`cars` in the card).
+- The cars that drove are identified by the index; each can have its own masks of its body (`cars` in the card).
 - Any value of a mask that is not 0 moves; names and numbers of its classes do not line up. There is no lidar, so
-  nothing tells range, speed or kind of motion.
+  range, speed and kind of motion are unknown.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ Index = Annotated[int, Field(ge=0, le=99_999)]
 
 
 class CarOptions(FileModel):
-    """One of the cars that the images were taken from; the data set tells them apart by the index alone.
+    """One of the cars that the images were taken from; only the index identifies them.
 
     Attributes:
         indices: first and last index of its images, both included; null for open.

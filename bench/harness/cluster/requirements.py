@@ -15,7 +15,7 @@ from bench.harness.cache import CacheFolder
 from bench.harness.keys import MethodIdentity, code_digest
 from bench.harness.keys.digests import SCORING_PACKAGES
 from bench.harness.provenance import library_versions
-from bench.methods import Method
+from bench.methods import Scorable
 
 CODE = (*SCORING_PACKAGES, "harness")
 
@@ -41,7 +41,7 @@ class WorkerRequirements:
     cache: CacheFolder | None
 
     @classmethod
-    def of(cls, method: Method, *, reads: tuple[Path, ...], cache: CacheFolder | None) -> WorkerRequirements:
+    def of(cls, method: Scorable, *, reads: tuple[Path, ...], cache: CacheFolder | None) -> WorkerRequirements:
         """The requirements of a run that this process starts.
 
         Args:

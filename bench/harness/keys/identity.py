@@ -21,7 +21,7 @@ from uuid import uuid4
 
 from bench.errors import DataError, UsageError
 from bench.harness.keys.digests import METHOD_PACKAGES, digest_of, source_digest
-from bench.methods import Method, Needs
+from bench.methods import Scorable
 from bench.plug_ins import loaded_with
 
 PROMPT = "typed at a prompt"  # code without a file; nothing tells two states of it apart
@@ -61,7 +61,7 @@ class MethodIdentity:
     own_code: str
 
     @classmethod
-    def of(cls, method: Method) -> MethodIdentity:
+    def of(cls, method: Scorable) -> MethodIdentity:
         """The identity of a method in this process.
 
         Raises:
@@ -151,16 +151,16 @@ def _path_here(file: IdentityFile) -> Path:
     return file.path if source is None else Path(source)
 
 
-def _refuse_settings(method: Method) -> None:
+def _refuse_settings(method: Scorable) -> None:
     try:
         digest_of(method.settings())
     except TypeError as error:
         raise UsageError(f"method {method.name!r}: settings(): {error}") from error
 
 
-def _listed_files(method: Method) -> Iterator[tuple[str, Path]]:
+def _listed_files(method: Scorable) -> Iterator[tuple[str, Path]]:
     """Name and path of every file that a method lists in `files`, folders walked."""
-    listed = Needs.of(method).files
+    listed = method.files
     if isinstance(listed, str | bytes | Path) or not isinstance(listed, Iterable):
         raise UsageError(f"method {method.name!r}: files: expected a sequence of paths, got {listed!r}")
     for entry in listed:

@@ -7,13 +7,13 @@ import json
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import DataError, UsageError
-from bench.methods.contract import MethodInput
+from bench.methods.contract import Method, MethodInput
 from bench.methods.learned.inputs import ALL_CHANNELS, ZERO, Bytes, network_input, working_pair
 from bench.records.segmentation import Segmentation
 
@@ -71,7 +71,7 @@ class Weights:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LearnedMethod:
+class LearnedMethod(Method):
     """A small encoder-decoder on two images and what geometry knows of them, trained on rendered drives.
 
     Attributes:
@@ -86,8 +86,7 @@ class LearnedMethod:
         The task and the two-stream idea are those of Yahiaoui et al. 2019, FisheyeMODNet; the network is our own.
     """
 
-    name: ClassVar[str] = "learned"
-    history: ClassVar[int] = 1
+    name = "learned"
 
     weights: str = ""
     threshold: float | None = None
@@ -100,7 +99,7 @@ class LearnedMethod:
         self._trained  # noqa: B018 - errors in the files are told when the method is built
 
     @property
-    def files(self) -> tuple[Path, ...]:
+    def files(self) -> tuple[Path, Path]:  # type: ignore[override]
         """The network and its card."""
         file = Path(self.weights) if self.weights else SHIPPED
         return file, file.with_suffix(".json")
@@ -109,10 +108,6 @@ class LearnedMethod:
     def channels(self) -> tuple[str, ...]:
         """Names of what the network sees; see `bench.methods.learned.inputs`."""
         return self._trained.channels
-
-    def settings(self) -> dict[str, object]:
-        """Every parameter that decides the result."""
-        return {"weights": self.weights, "threshold": self.threshold}
 
     def segment(self, frame: MethodInput) -> Segmentation:
         """Segment the last image; see `bench.methods.contract`.

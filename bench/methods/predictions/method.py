@@ -8,7 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from bench.errors import DataError, UsageError
-from bench.methods.contract import MethodInput, UnansweredImage
+from bench.methods.contract import Method, MethodInput, UnansweredImage
 from bench.methods.predictions.files import PredictionReader, on_cells
 from bench.methods.predictions.images import NAMINGS, ImageKey, Naming
 from bench.methods.predictions.pairing import PredictionIndex, index_predictions
@@ -21,7 +21,7 @@ DEFAULT_THRESHOLD = 0.5
 HALF = 0.5  # of a block's pixels, from which on the block moves
 
 
-class PredictedMotion:
+class PredictedMotion(Method):
     """Returns the prediction of each image from a file.
 
     The folder is gone through once, when the first image is asked for, unless that has been done before.
@@ -68,11 +68,6 @@ class PredictedMotion:
         self.fingerprint = fingerprint
         self._index: PredictionIndex | None = None
         self._reader = PredictionReader()
-
-    def settings(self) -> dict[str, object]:
-        """Every parameter that decides the result."""
-        names = ("name", "folder", "dataset", "split", "threshold", "missing", "naming", "history", "fingerprint")
-        return {name: getattr(self, name) for name in names}
 
     def use(self, index: PredictionIndex) -> None:
         """Take a folder that was gone through.

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from typing import ClassVar, TypeVar
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from bench.cameras import CameraModel, ray_grid
 from bench.errors import UsageError
 from bench.flow import DisFlow, FarnebackFlow, dense_flow
-from bench.methods.contract import MethodInput, UnansweredImage
+from bench.methods.contract import FlowMethod, MethodInput, UnansweredImage
 from bench.methods.rigid_scene.evidence import Evidence, gather_evidence
 from bench.methods.rigid_scene.first_guess import GuidedFlow, guided_flow, warp
 from bench.methods.rigid_scene.motion import MotionAccuracy, correspondences, refine_motion
@@ -30,7 +30,7 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 
 
 @dataclass(frozen=True, kw_only=True)
-class RigidSceneMethod:
+class RigidSceneMethod(FlowMethod):
     """Objects that no rigid scene explains, by flow, grey values and what stands on the road.
 
     Attributes:
@@ -56,10 +56,9 @@ class RigidSceneMethod:
         Mariotti and Eising for the constraints; the modules name what else they build on.
     """
 
-    name: ClassVar[str] = "rigid-scene"
-    history: ClassVar[int] = 1
-    blind_at_epipole: ClassVar[bool] = False
-    longest_history: ClassVar[int] = 3
+    name = "rigid-scene"
+    blind_at_epipole = False
+    longest_history = 3
 
     first_guess: bool = True
     refine_motion: bool = True
@@ -91,10 +90,6 @@ class RigidSceneMethod:
 
     def _dense_flow(self) -> FarnebackFlow | DisFlow:
         return dense_flow(self.flow, **(self.flow_parameters or FLOW_PARAMETERS.get(self.flow, {})))
-
-    def settings(self) -> dict[str, object]:
-        """Every parameter that decides the result."""
-        return asdict(self)
 
     def segment(self, frame: MethodInput) -> Segmentation:
         """Segment the last image; see `bench.methods.contract`.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -184,10 +184,6 @@ class SphericalSettings:
             object.__setattr__(self, "variants", Variants(**self.variants))
         if self.cell_size_px < 1 or min(self.threshold, self.static_threshold) <= 0:
             raise UsageError("spherical: expected cell_size_px >= 1 and thresholds > 0")
-
-    def settings(self) -> dict[str, object]:
-        """Every parameter that decides the result."""
-        return asdict(self)
 
     def likelihood_of_rays(
         self,

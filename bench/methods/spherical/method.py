@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,7 @@ from bench.cameras import ray_grid
 from bench.flow import cell_mean, dense_flow
 from bench.geometry import RigidTransform
 from bench.methods.cells import cell_flow, flow_parts, flow_rays
-from bench.methods.contract import Arrays, MethodInput
+from bench.methods.contract import Arrays, FlowMethod, MethodInput
 from bench.methods.rigid_scene.first_guess import guided_flow
 from bench.methods.rigid_scene.motion import Correspondences, MotionAccuracy, refine_motion
 from bench.methods.rigid_scene.scene import RigidScene
@@ -34,7 +33,7 @@ CACHED = ("likelihood", "cause", "seen", "defined", "stationary")  # of a `Likel
 
 
 @dataclass(frozen=True, kw_only=True)
-class SphericalMethod(SphericalSettings):
+class SphericalMethod(SphericalSettings, FlowMethod):
     """The paper's method: dense flow on cells, deviations on the sphere, weighted mean, threshold.
 
     Attributes:
@@ -49,9 +48,8 @@ class SphericalMethod(SphericalSettings):
         Mariotti and Eising, section III; constants of section III-H and IV.
     """
 
-    name: ClassVar[str] = "spherical"
-    history: ClassVar[int] = 1
-    blind_at_epipole: ClassVar[bool] = True
+    name = "spherical"
+    blind_at_epipole = True
 
     flow: str = "farneback"
     flow_parameters: dict[str, object] = field(default_factory=dict)
@@ -184,7 +182,7 @@ _ANTI_PARALLEL = alone("anti_parallel", PAPER_WEIGHTS.anti_parallel)
 class EpipolarOnly(SphericalMethod):
     """The epipolar constraint alone; scale-free, blind to motion along the ego vehicle's own."""
 
-    name: ClassVar[str] = "epipolar-only"
+    name = "epipolar-only"
     weights: Weights = _EPIPOLAR[0]
     threshold: float = _EPIPOLAR[1]
 
@@ -193,7 +191,7 @@ class EpipolarOnly(SphericalMethod):
 class PositiveDepthOnly(SphericalMethod):
     """The positive depth constraint alone; scale-free, sees what is faster than the ego vehicle."""
 
-    name: ClassVar[str] = "positive-depth-only"
+    name = "positive-depth-only"
     weights: Weights = _POSITIVE_DEPTH[0]
     threshold: float = _POSITIVE_DEPTH[1]
 
@@ -202,7 +200,7 @@ class PositiveDepthOnly(SphericalMethod):
 class PositiveHeightOnly(SphericalMethod):
     """The positive height constraint alone; needs scale, sees what would lie below the road."""
 
-    name: ClassVar[str] = "positive-height-only"
+    name = "positive-height-only"
     weights: Weights = _POSITIVE_HEIGHT[0]
     threshold: float = _POSITIVE_HEIGHT[1]
 
@@ -211,6 +209,6 @@ class PositiveHeightOnly(SphericalMethod):
 class AntiParallelOnly(SphericalMethod):
     """The anti-parallel constraint alone; needs scale, sees what comes nearer than the road behind it allows."""
 
-    name: ClassVar[str] = "anti-parallel-only"
+    name = "anti-parallel-only"
     weights: Weights = _ANTI_PARALLEL[0]
     threshold: float = _ANTI_PARALLEL[1]

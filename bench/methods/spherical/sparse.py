@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import ClassVar, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from bench.cameras import RayGrid, ray_grid
 from bench.flow import LucasKanadeTracker, Tracks
 from bench.methods.cells import flow_parts
-from bench.methods.contract import MethodInput
+from bench.methods.contract import Method, MethodInput
 from bench.methods.spherical.constraints import three_view_deviation
 from bench.methods.spherical.likelihood import (
     CONSTRAINTS,
@@ -35,7 +35,7 @@ _ALONE = alone(THREE_VIEW, THREE_VIEW_WEIGHT)
 
 
 @dataclass(frozen=True, kw_only=True)
-class SparseSphericalMethod(SphericalSettings):
+class SparseSphericalMethod(SphericalSettings, Method):
     """The paper's constraints on Lucas-Kanade tracks instead of dense flow, with the three-view constraint.
 
     A track counts for the cells whose centre lies in the window in which it was matched; where windows overlap, the
@@ -53,9 +53,8 @@ class SparseSphericalMethod(SphericalSettings):
         Mariotti and Eising, sections III-F and III-H.
     """
 
-    name: ClassVar[str] = "spherical-sparse"
-    history: ClassVar[int] = 1
-    longest_history: ClassVar[int] = 2
+    name = "spherical-sparse"
+    longest_history = 2
 
     weights: Weights = _WEIGHTS
     threshold: float = PAPER_ANGLE_RAD / _WEIGHTS.total
@@ -117,7 +116,7 @@ class SparseSphericalMethod(SphericalSettings):
 class ThreeViewOnly(SparseSphericalMethod):
     """The three-view constraint alone, on Lucas-Kanade tracks; needs scale, sees changes of speed and crossing."""
 
-    name: ClassVar[str] = "three-view-only"
+    name = "three-view-only"
     weights: Weights = _ALONE[0]
     threshold: float = _ALONE[1]
 

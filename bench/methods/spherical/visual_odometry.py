@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +43,7 @@ class VisualOdometryMethod(SphericalMethod):
         UsageError: a weight on a constraint that needs the scale, without one.
     """
 
-    name: ClassVar[str] = "spherical-visual-odometry"
+    name = "spherical-visual-odometry"
 
     weights: Weights = SCALE_FREE
     threshold: float = math.nan

@@ -20,6 +20,7 @@ from bench.evaluation.row_source import IMAGE, group_recordings
 from bench.evaluation.slices import ALL_MOVING, FRAMES
 from bench.evaluation.summary import Metric, ObjectMetrics, Summary, summary_of
 from bench.evaluation.sums import RunSums, sum_run
+from bench.harness.manifest import Aspect, differences
 from bench.reporting.compare.runs import differing_settings, on_common_images, settings_text
 from bench.reporting.formats import chance_of
 from bench.reporting.stored_run import StoredRun
@@ -451,18 +452,13 @@ def _notes(before: StoredRun, after: StoredRun, images: tuple[int, int, int]) ->
     notes = [f"Compared on the {images[2]} images that both scored."]
     if len(set(images)) > 1:
         notes[0] = notes[0][:-1] + f": {before.label} scored {images[0]}, {after.label} {images[1]}."
-    one, two = before.summary.provenance, after.summary.provenance
-    if one.data_fingerprint != two.data_fingerprint:
+    found = differences(before.summary.manifest, after.summary.manifest)
+    if any(difference.aspect is Aspect.DATA for difference in found):
         notes.append(
             "The files of the data set changed between the runs, though the reference on these images did not."
         )
-    if one.commit != two.commit:
-        notes.append(f"Made by different code: {(one.commit or 'none')[:8]} and {(two.commit or 'none')[:8]}.")
-    changed = sorted(
-        name for name in one.libraries | two.libraries if one.libraries.get(name) != two.libraries.get(name)
-    )
-    if changed:
-        notes.append(f"Made with other versions of: {', '.join(changed)}.")
+    if code := [str(difference) for difference in found if difference.aspect in (Aspect.CODE, Aspect.METHOD_CODE)]:
+        notes.append(f"Made by different code: {'; '.join(code)}.")
     return tuple(notes)
 
 
@@ -474,7 +470,7 @@ def _compare(first: StoredRun, other: StoredRun) -> RunComparison:
     categories = tuple(str(category) for category in protocol.reference.categories)
     detections, frames = sum_changes(paired_objects(before, after), categories=categories)
     settings = differing_settings([before.summary, after.summary])
-    names = [run.summary.method.name for run in (before, after)]
+    names = [run.summary.manifest.method.name for run in (before, after)]
     methods = [f"{name} ({settings_text(own)})" if own else name for name, own in zip(names, settings, strict=True)]
     return RunComparison(
         before=before,

@@ -11,14 +11,12 @@ from typing import TYPE_CHECKING
 from bench.errors import UsageError
 from bench.evaluation.row_source import IMAGE, CommonImages, RowsOnImages, RowSource, group_recordings
 from bench.harness import RunSummary
-from bench.harness.method_stamp import flat_settings
+from bench.harness.manifest import Aspect, all_settings, differences
 from bench.harness.stored import REFERENCE_OF_FRAMES, REFERENCE_OF_OBJECTS, reference_fingerprint
 from bench.reporting.stored_run import StoredRun, read_stored_run
 
 if TYPE_CHECKING:
     import pandas as pd
-
-SHOWN_DIGEST = 12  # characters of a digest that are shown
 
 
 def read_comparable(folders: Sequence[Path]) -> list[StoredRun]:
@@ -39,11 +37,11 @@ def read_comparable(folders: Sequence[Path]) -> list[StoredRun]:
 
 def differing_settings(summaries: Sequence[RunSummary]) -> list[dict[str, object]]:
     """For each run its settings that are not the same in all runs of its method."""
-    flat = [flat_settings(summary.method.settings) for summary in summaries]
+    manifests = [summary.manifest for summary in summaries]
     found = []
-    for summary, own in zip(summaries, flat, strict=True):
-        peers = [f for s, f in zip(summaries, flat, strict=True) if s.method.name == summary.method.name]
-        found.append({name: value for name, value in own.items() if any(peer.get(name) != value for peer in peers)})
+    for own in manifests:
+        names = {d.name for other in manifests for d in differences(own, other) if d.aspect is Aspect.SETTINGS}
+        found.append({name: value for name, value in all_settings(own.method).items() if name in names})
     return found
 
 
@@ -53,23 +51,9 @@ def settings_text(settings: dict[str, object]) -> str:
 
 
 def _refuse_different(first: StoredRun, other: StoredRun) -> None:
-    one, two = first.summary, other.summary
-    facts = {
-        "data set": (one.dataset, two.dataset),
-        "split": (one.split or "none", two.split or "none"),
-        "protocol": (f"{one.protocol.name} {one.protocol.digest}", f"{two.protocol.name} {two.protocol.digest}"),
-    }
-    for fact, (before, after) in facts.items():
-        if before != after:
-            raise UsageError(
-                f"{first.folder} and {other.folder} do not compare: "
-                f"{fact} {_short(before)} in the first, {_short(after)} in the second"
-            )
-
-
-def _short(fact: str) -> str:
-    """Words as they are, digests by their first characters."""
-    return " ".join(word[:SHOWN_DIGEST] if len(word) == 64 else word for word in fact.split(" "))
+    for difference in differences(first.summary.manifest, other.summary.manifest):
+        if not difference.comparable:
+            raise UsageError(f"{first.folder} and {other.folder} do not compare: {difference}")
 
 
 def _labels(folders: Sequence[Path]) -> list[str]:
@@ -95,7 +79,7 @@ def on_common_images(before: StoredRun, after: StoredRun) -> tuple[StoredRun, St
         UsageError: no image was scored by both, or their references differ on these; says in what.
     """
     numbers = [run.summary.images.evaluated for run in (before, after)]
-    if before.summary.reference_fingerprint == after.summary.reference_fingerprint:
+    if before.summary.manifest.reference == after.summary.manifest.reference:
         return before, after, numbers[0]
     images = CommonImages([before.frames, after.frames])
     common = images.count()

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from rich.table import Table
-from rich.text import Text
-
 from bench.evaluation import Metric
 from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.plain_text import escape_markdown
 from bench.recordings import replacing, write_bytes
+from bench.reporting import document
 from bench.reporting.compare.changes import (
     FALSE_POSITIVE_COVERAGE,
     HEADLINES,
@@ -34,23 +31,17 @@ from bench.reporting.compare.changes import (
 )
 from bench.reporting.compare.pictures import draw_changed_frames, frame_title
 from bench.reporting.compare.runs import read_comparable
+from bench.reporting.document import Block, Cell, Column, Heading, Paragraph, Picture, Style, Table
 from bench.reporting.formats import (
     CEILING,
     INTERVALS,
-    TextTable,
-    csv_text,
     detection_levels,
     hundredths,
-    json_text,
     level_percent,
-    markdown_table,
-    number_columns,
-    terminal_table,
-    with_interval,
+    metric_cell,
     write_texts,
 )
 from bench.reporting.stored_run import StoredRun
-from bench.reporting.table_files import LatexNames, latex_label, latex_table
 
 NOTE = (
     "Differences are after minus before, in percentage points, with 95 % intervals by recording, in pairs: the "
@@ -75,18 +66,18 @@ _OTHERS = {
 }
 
 
-def to_markdown(comparisons: Sequence[RunComparison]) -> str:
-    """The first run with each of the others as GitHub's Markdown."""
+def report(comparisons: Sequence[RunComparison]) -> Iterator[Block]:
+    """The first run with each of the others."""
     first = comparisons[0].before.summary
-    title = f"{', '.join(c.after.label for c in comparisons)} against {comparisons[0].before.label}"
-    compared = (
-        f"Data set {first.dataset}, {first.split or 'all recordings'}, protocol {first.protocol.name} "
-        f"({first.protocol.digest[:12]}), reference {first.reference_fingerprint[:12]}."
+    data = first.manifest.dataset
+    yield Heading(f"{', '.join(c.after.label for c in comparisons)} against {comparisons[0].before.label}", 1)
+    yield Paragraph(
+        f"Data set {data.name}, {data.split or 'all recordings'}, protocol {first.protocol.name} "
+        f"({first.protocol.digest[:12]}), reference {str(first.manifest.reference)[:12]}."
     )
-    parts = [f"# {escape_markdown(title)}", escape_markdown(compared)]
     for comparison in comparisons:
-        parts += _section(comparison)
-    return "\n\n".join([*parts, NOTE]) + "\n"
+        yield from _section(comparison)
+    yield Paragraph(NOTE)
 
 
 def metric_label(metric: str) -> str:
@@ -110,30 +101,27 @@ def p_text(p_value: float | None) -> str:
     return "<0.001" if p_value < 0.001 else f"{p_value:.3f}"
 
 
-def bounds(cell: MetricChange) -> str:
+def bounds(cell: MetricChange, between: str = " to ") -> str:
     """The interval in percentage points, for example "-1.2 to +0.3"; empty where there is none."""
-    return "" if cell.change.ci95 is None else " to ".join(points(end) for end in cell.change.ci95)
+    return "" if cell.change.ci95 is None else between.join(points(end) for end in cell.change.ci95)
 
 
-def _section(comparison: RunComparison) -> list[str]:
+def _section(comparison: RunComparison) -> Iterator[Block]:
     before, after = comparison.before.label, comparison.after.label
-    parts = [
-        f"## {escape_markdown(f'{after} against {before}')}",
-        f"**{escape_markdown(verdict_line(comparison))}**",
-        escape_markdown(category_line(comparison)),
-        escape_markdown(f"Before: {before}, {comparison.methods[0]}. After: {after}, {comparison.methods[1]}."),
-        *map(escape_markdown, comparison.notes),
-        *(_metric_table(comparison.rows, metric) for metric in _metrics(comparison.rows)),
-        _detections(comparison),
-    ]
+    yield Heading(f"{after} against {before}")
+    yield Paragraph(verdict_line(comparison), "strong")
+    yield Paragraph(category_line(comparison))
+    yield Paragraph(f"Before: {before}, {comparison.methods[0]}. After: {after}, {comparison.methods[1]}.")
+    yield from map(Paragraph, comparison.notes)
+    yield from (_metric_table(comparison.rows, metric) for metric in _metrics(comparison.rows))
+    yield _detection_table(comparison)
     for kind in Kind:
-        frames = [frame for frame in comparison.frames if frame.kind is kind]
-        if frames:
-            parts.append(_frames_table(kind, frames))
+        if frames := [frame for frame in comparison.frames if frame.kind is kind]:
+            yield _frame_table(kind, frames)
     for picture in comparison.drawn:
-        title = escape_markdown(picture.title)
-        parts += [f"**{title}**", f"![{title}](pictures/{picture.name})"]
-    return parts + [f"*{escape_markdown(remark)}*" for remark in comparison.remarks]
+        yield Paragraph(picture.title, "strong")
+        yield Picture(f"pictures/{picture.name}", picture.title)
+    yield from (Paragraph(remark, "dim") for remark in comparison.remarks)
 
 
 def _metrics(rows: Sequence[RowChange]) -> list[str]:
@@ -142,45 +130,53 @@ def _metrics(rows: Sequence[RowChange]) -> list[str]:
     return [*(m for m in HEADLINES if m in every), *(m for m in every if m not in HEADLINES)]
 
 
-def _metric_table(rows: Sequence[RowChange], metric: str) -> str:
+def _metric_table(rows: Sequence[RowChange], metric: str) -> Table:
     cells = [(row, row.metrics[metric]) for row in rows if metric in row.metrics]
-    with_chance = any(cell.chance for _, cell in cells)
-    headings = ["Type", "Frames", "Recordings", "before", "after", "difference", "95 %"]
-    headings += ["chance before", "after"] if with_chance else []
-    with_ceiling = any(cell.ceiling is not None for _, cell in cells)
-    headings += ["ceiling"] if with_ceiling else []
-    headings += ["p (Holm)", "verdict"] if metric in HEADLINES else []
+    values = [Column(heading, hundredths) for heading in ("before", "after")]
+    columns: list[Column | str] = ["Type", "Frames", "Recordings", *values, Column("difference", points), "95 %"]
+    further: dict[str, Callable[[MetricChange], object]] = {}
+    if any(cell.chance for _, cell in cells):
+        further = {"chance before": lambda cell: _chance(cell, 0), "after": lambda cell: _chance(cell, 1)}
+    if any(cell.ceiling is not None for _, cell in cells):
+        further["ceiling"] = lambda cell: "" if cell.ceiling is None else hundredths(cell.ceiling)
+    if metric in HEADLINES:
+        further |= {"p (Holm)": lambda cell: p_text(cell.p_holm), "verdict": _verdict}
     lines = []
     for row, cell in cells:
         change = cell.change
-        line = [row.label, str(row.frames), str(change.recordings), hundredths(change.before), hundredths(change.after)]
-        line += [points(change.difference), bounds(cell)]
-        if cell.chance:
-            line += [hundredths(metric.value) for metric in cell.chance]
-        if with_ceiling:
-            line.append("" if cell.ceiling is None else hundredths(cell.ceiling))
-        if metric in HEADLINES:
-            line += [p_text(cell.p_holm), "" if cell.verdict is None else verdict_text(cell.verdict, change)]
-        lines.append(line)
-    return f"**{metric_label(metric)}, percent**\n\n{markdown_table(headings, lines)}"
+        line = [row.label, row.frames, change.recordings, change.before, change.after, change.difference, bounds(cell)]
+        lines.append([*line, *(form(cell) for form in further.values())])
+    return Table(title=f"{metric_label(metric)}, percent", columns=[*columns, *further], rows=lines)
 
 
-def _detections(comparison: RunComparison) -> str:
+def _chance(cell: MetricChange, run: int) -> str:
+    return "" if cell.chance is None else hundredths(cell.chance[run].value)
+
+
+def _verdict(cell: MetricChange) -> str:
+    return "" if cell.verdict is None else verdict_text(cell.verdict, cell.change)
+
+
+def _detection_table(comparison: RunComparison) -> Table:
     labels = {row.name: row.label for row in comparison.rows}
-    counted = [(c.name, (c.object_frames, c.before, c.after, c.gained, c.lost)) for c in comparison.detections]
-    lines = [[labels[name], *map(str, counts)] for name, counts in counted]
-    headings = ("Type", "Object-frames", "detected before", "after", "newly detected", "newly missed")
-    return f"**Object-frames gained and lost**\n\n{markdown_table(headings, lines)}"
+    counted = comparison.detections
+    return Table(
+        title="Object-frames gained and lost",
+        columns=["Type", "Object-frames", "detected before", "after", "newly detected", "newly missed"],
+        rows=[[labels[c.name], c.object_frames, c.before, c.after, c.gained, c.lost] for c in counted],
+    )
 
 
-def _frames_table(kind: Kind, frames: Sequence[ChangedFrame]) -> str:
-    names = [frame_title(frame).removeprefix(kind.value).lstrip(": ") for frame in frames]
-    lines = [[name, hundredths(f.before), hundredths(f.after)] for name, f in zip(names, frames, strict=True)]
+def _frame_table(kind: Kind, frames: Sequence[ChangedFrame]) -> Table:
     what, which = "share of the image", "the image with most"
     if frames[0].track_id is not None:
         what, which = "coverage", f"largest first, one per object, at most {LISTED}"
-    table = markdown_table(("Frame", f"{what} before, percent", "after"), lines)
-    return f"**{kind.value.capitalize()}: {which}**\n\n{table}"
+    names = [frame_title(frame).removeprefix(kind.value).lstrip(": ") for frame in frames]
+    return Table(
+        title=f"{kind.value.capitalize()}: {which}",
+        columns=["Frame", Column(f"{what} before, percent", hundredths), Column("after", hundredths)],
+        rows=[[name, frame.before, frame.after] for name, frame in zip(names, frames, strict=True)],
+    )
 
 
 _OF_LATEX = {"iou": "IoU", "tpr_all": "TPR", FALSE_POSITIVE_COVERAGE: "False positives"}
@@ -196,34 +192,32 @@ def to_latex(comparisons: Sequence[RunComparison]) -> str:
 
 
 def _latex(comparison: RunComparison) -> str:
-    runs = comparison.before, comparison.after
-    lines = [
-        [row.label, run.label, str(row.recordings), str(row.frames)]
-        + [_value(row.metrics.get(metric), side) for metric in _OF_LATEX]
-        for row in comparison.rows
-        if row.frames
-        for side, run in enumerate(runs)
-    ]
-    first = comparison.before.summary
-    compared = f"data set {first.dataset}{f', split {first.split}' if first.split else ''}, {first.protocol.name}"
-    table = TextTable(
+    runs, first = (comparison.before, comparison.after), comparison.before.summary
+    table = Table(
         title=" and ".join(run.label for run in runs),
-        headings=["Type", "Run", "Recordings", "Cases", *_OF_LATEX.values()],
-        rows=lines,
-        labels=2,
+        columns=["Type", "Run", "Recordings", "Cases", *_OF_LATEX.values()],
+        rows=[
+            [row.label, run.label, row.recordings, row.frames]
+            + [_value(row.metrics.get(metric), side) for metric in _OF_LATEX]
+            for row in comparison.rows
+            if row.frames
+            for side, run in enumerate(runs)
+        ],
+        words=2,
         note=_LATEX_NOTE,
     )
-    label = "-".join(["compare", *(latex_label(run.label) for run in runs)])
-    methods = f"{comparison.methods[0]} and {comparison.methods[1]}"
-    return latex_table(table, LatexNames(label=label, about=f"{methods}, {compared}"))
+    split = first.manifest.dataset.split
+    data = f"data set {first.manifest.dataset.name}{f', split {split}' if split else ''}, {first.protocol.name}"
+    about = f"{comparison.methods[0]} and {comparison.methods[1]}, {data}"
+    return document.to_latex([table], label="-".join(["compare", *(run.label for run in runs)]), about=about)
 
 
-def _value(cell: MetricChange | None, side: int) -> str:
+def _value(cell: MetricChange | None, side: int) -> Cell | None:
     """Of the run before (0) or after (1), with its interval."""
     if cell is None:
-        return ""
+        return None
     value, cases = ((cell.change.before, cell.change.cases_before), (cell.change.after, cell.change.cases_after))[side]
-    return with_interval(Metric(value=value, ci95=cell.intervals[side], cases=cases, recordings=cell.change.recordings))
+    return metric_cell(Metric(value=value, ci95=cell.intervals[side], cases=cases, recordings=cell.change.recordings))
 
 
 SCHEMA_VERSION = 1
@@ -232,7 +226,7 @@ _CHANGED = ("gained", "lost", "both")
 
 def to_csv(comparisons: Sequence[RunComparison]) -> str:
     """One line per pair of runs, row and metric, ratios at full precision; empty where there is no number."""
-    return csv_text(
+    return document.to_csv(
         [
             _csv_row(comparison, row, metric, cell)
             for comparison in comparisons
@@ -279,13 +273,13 @@ def to_json(comparisons: Sequence[RunComparison]) -> str:
     content = {
         "schema_version": SCHEMA_VERSION,
         "note": NOTE,
-        "dataset": first.dataset,
-        "split": first.split,
+        "dataset": first.manifest.dataset.name,
+        "split": first.manifest.dataset.split,
         "protocol": first.protocol.model_dump(),
-        "reference_fingerprint": first.reference_fingerprint,
+        "reference": first.manifest.reference,
         "comparisons": [_json_comparison(comparison) for comparison in comparisons],
     }
-    return json_text(content)
+    return document.to_json(content)
 
 
 def _json_comparison(comparison: RunComparison) -> dict[str, Any]:
@@ -313,13 +307,12 @@ def _json_comparison(comparison: RunComparison) -> dict[str, Any]:
 
 
 def _json_run(run: StoredRun) -> dict[str, Any]:
-    made = run.summary.provenance
     return {
         "run": run.label,
-        "method": run.summary.method.model_dump(),
-        "version": made.version,
-        "commit": made.commit,
-        "started_utc": made.started_utc,
+        "method": run.summary.manifest.method.model_dump(),
+        "version": run.summary.manifest.code.version,
+        "commit": run.summary.manifest.code.commit,
+        "started_utc": run.summary.provenance.started_utc,
     }
 
 
@@ -329,7 +322,6 @@ def _json_change(cell: MetricChange) -> dict[str, Any]:
     return asdict(cell.change) | own
 
 
-MIN_COLUMNS = 100  # a console narrower than this cuts the table
 _SHORT = {
     Verdict.BETTER: "better",
     Verdict.WORSE: "worse",
@@ -338,72 +330,60 @@ _SHORT = {
     Verdict.TOO_FEW: "few: {}",
     Verdict.NO_CASES: "",
 }
-_STYLES = {Verdict.BETTER: "green", Verdict.WORSE: "red"}
+_STYLES: dict[Verdict | None, Style] = {Verdict.BETTER: "good", Verdict.WORSE: "bad"}
 _LINES = ("before", "after", "diff.", "95 %", "p Holm", "verdict", "chance", "ceiling")
-_CAPTION = (
-    "Diff.: percentage points, 95 % interval in pairs over recordings. p: corrected over a column.\n"
+_TERMINAL_NOTES = (
+    "Diff.: percentage points, 95 % interval in pairs over recordings. p: corrected over a column.",
     "Verdict: of any-pixel detection, TPR and IoU detected, false positives only; from "
-    f"{FEWEST_RECORDINGS} recordings on.\n"
-    "Not shown: no difference that the data can show. Few: 4: cases of both in 4 recordings.\n"
-    "Chance: before/after, on the mask of another frame. Ceiling: of the exact masks. False positives: of the image."
+    f"{FEWEST_RECORDINGS} recordings on.",
+    "Not shown: no difference that the data can show. Few: 4: cases of both in 4 recordings.",
+    "Chance: before/after, on the mask of another frame. Ceiling: of the exact masks. False positives: of the image.",
 )
 
 
-def to_rich(comparison: RunComparison) -> Table:
-    """Lines per row: before, after, difference, its interval, corrected p-value, verdict, chance levels, ceiling.
-
-    Returns:
-        A table to print on a `rich.console.Console` of at least `MIN_COLUMNS`; nothing is printed here.
-    """
+def terminal_report(comparison: RunComparison) -> list[Block]:
+    """For 100 columns, in lines: before, after, difference, interval, corrected p-value, verdict, chance, ceiling."""
     shown = _shown(comparison.rows)
-    title = f"{comparison.after.label} (after) against {comparison.before.label} (before), in percent"
-    table = terminal_table(title, caption=Text(_CAPTION), below=1, right=0)
-    table.min_width = MIN_COLUMNS
-    table.add_column("Type", no_wrap=True)
-    table.add_column("", style="dim", no_wrap=True)
-    number_columns(table, shown.values(), min_width=9)
+    rows = []
     for row in comparison.rows:
-        metrics = [FALSE_POSITIVE_COVERAGE] if FALSE_POSITIVE_COVERAGE in row.metrics else list(shown)
+        of_images = FALSE_POSITIVE_COVERAGE in row.metrics
+        metrics = [FALSE_POSITIVE_COVERAGE] if of_images else list(shown)
         with_ceiling = any(row.metrics[metric].ceiling is not None for metric in metrics)
-        lines = _LINES[:-2] if FALSE_POSITIVE_COVERAGE in row.metrics else _LINES[: None if with_ceiling else -1]
-        label = f"{row.label}\n{row.frames} frames\n{row.recordings} recordings"
-        table.add_row(Text(label), Text("\n".join(lines)), *(_cell(row.metrics[metric], lines) for metric in metrics))
-    return table
+        first, *below = _LINES[:-2] if of_images else _LINES[: None if with_ceiling else -1]
+        cells = [_terminal_cell(row.metrics[metric], below) for metric in metrics]
+        label = Cell(row.label, (f"{row.frames} frames", f"{row.recordings} recordings"))
+        rows.append([label, Cell(first, tuple(below)), *cells, *[None] * (len(shown) - len(cells))])
+    title = f"{comparison.after.label} (after) against {comparison.before.label} (before), in percent"
+    table = Table(title=title, columns=["Type", "", *shown.values()], rows=rows, words=2)
+    return [table, *(Paragraph(note, "dim") for note in _TERMINAL_NOTES)]
 
 
-def _shown(rows: Sequence[RowChange]) -> dict[str, str]:
+def _shown(rows: Sequence[RowChange]) -> dict[str, Cell]:
     """Any detection and that at the highest level; TPR and IoU over detected and over all."""
-    at_level = {name: f"Detection\nat {level_percent(name):g} %" for name in detection_levels(rows[0].metrics)[-1:]}
+    highest = detection_levels(rows[0].metrics)[-1:]
     return {
-        "detection_rate": "Detection\nany pixel",
-        **at_level,
-        "tpr": "TPR\ndetected",
-        "iou_detected": "IoU\ndetected",
-        "tpr_all": "TPR\nall",
-        "iou": "IoU\nall",
+        "detection_rate": Cell("Detection", ("any pixel",)),
+        **{name: Cell("Detection", (f"at {level_percent(name):g} %",)) for name in highest},
+        "tpr": Cell("TPR", ("detected",)),
+        "iou_detected": Cell("IoU", ("detected",)),
+        "tpr_all": Cell("TPR", ("all",)),
+        "iou": Cell("IoU", ("all",)),
     }
 
 
-def _cell(cell: MetricChange, lines: Sequence[str]) -> Text:
+def _terminal_cell(cell: MetricChange, below: Sequence[str]) -> Cell:
+    """The lines of a metric, in the colour of its verdict."""
     change = cell.change
-    ends = "" if change.ci95 is None else ",".join(points(end) for end in change.ci95)
     found = {
-        "before": hundredths(change.before),
         "after": hundredths(change.after),
         "diff.": points(change.difference),
-        "95 %": ends,
+        "95 %": bounds(cell, ","),
         "p Holm": p_text(cell.p_holm),
         "verdict": "" if cell.verdict is None else _SHORT[cell.verdict].format(change.recordings),
         "chance": "" if cell.chance is None else "/".join(hundredths(level.value) for level in cell.chance),
         "ceiling": "" if cell.ceiling is None else hundredths(cell.ceiling),
     }
-    text = Text()
-    for number, line in enumerate(lines):
-        style = "bold" if line == "diff." else ""
-        if line == "verdict" and cell.verdict is not None:
-            style = _STYLES.get(cell.verdict, "")
-        text.append(("\n" if number else "") + found[line], style=style)
-    return text
+    return Cell(hundredths(change.before), tuple(found[line] for line in below), _STYLES.get(cell.verdict, ""))
 
 
 CHANGES = "object_changes.csv"
@@ -441,7 +421,7 @@ def write_comparison(
         numbered = enumerate(comparisons, start=1)
         comparisons = [draw_changed_frames(found, number=number, progress=progress) for number, found in numbered]
     texts = {
-        "compare.md": to_markdown(comparisons),
+        "compare.md": document.to_markdown(report(comparisons)),
         "compare.csv": to_csv(comparisons),
         "compare.json": to_json(comparisons),
         "compare.tex": to_latex(comparisons),

@@ -10,13 +10,13 @@ from importlib import resources
 from pathlib import Path
 from urllib.parse import quote
 
-import jinja2
 from markupsafe import Markup
 
 from bench.errors import BenchError
 from bench.recordings import load_card
 from bench.reporting.canvas import write_picture
 from bench.reporting.count_view import AREA_COLOURS, PixelClass
+from bench.reporting.document import environment
 from bench.reporting.formats import json_text, write_texts
 from bench.reporting.leaderboard.chart import draw_quality_and_cost
 from bench.reporting.leaderboard.pictures import Example, draw_examples
@@ -97,26 +97,22 @@ def _page(found: Leaderboard, out: Path, *, charted: Sequence[Group], examples: 
     groups = [json_group(group) | {"pages": _pages(group, out)} for group in found.groups]
     data = {"groups": groups, "examples": {name: [asdict(one) for one in some] for name, some in examples.items()}}
     shown = json.loads(json_text(data), parse_float=lambda number: round(float(number), DIGITS))
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("bench.reporting.leaderboard", "."),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "ensure_ascii": False, "allow_nan": False}
-    text: str = environment.get_template("board.html.j2").render(
-        data=shown,
-        charts=[inline_svg(chart) for chart in charts],
-        best=list(best_methods(found)),
-        damaged=found.damaged,
-        judged=JUDGED,
-        notes=(NOTE, ORACLE_NOTE, COST_NOTE),
-        colours={kind: AREA_COLOURS[kind] for kind in AREA_COLOURS},
-        areas=PixelClass,
-        pictures=any(examples.values()),
-        style=_packaged("bench.reporting.page", "page.css") + _packaged("bench.reporting.leaderboard", "board.css"),
-        script=_packaged("bench.reporting.leaderboard", "board.js"),
+    text: str = (
+        environment()
+        .get_template("leaderboard/board.html.j2")
+        .render(
+            data=shown,
+            charts=[inline_svg(chart) for chart in charts],
+            best=list(best_methods(found)),
+            damaged=found.damaged,
+            judged=JUDGED,
+            notes=(NOTE, ORACLE_NOTE, COST_NOTE),
+            colours={kind: AREA_COLOURS[kind] for kind in AREA_COLOURS},
+            areas=PixelClass,
+            pictures=any(examples.values()),
+            style=_packaged("bench.reporting.page", "page.css") + _packaged("bench.reporting.leaderboard", "board.css"),
+            script=_packaged("bench.reporting.leaderboard", "board.js"),
+        )
     )
     return text
 

@@ -15,6 +15,7 @@ from bench.evaluation.row_source import CommonImages
 from bench.evaluation.slices import ALL_MOVING
 from bench.evaluation.summary import Metric
 from bench.harness import RunSummary
+from bench.harness.manifest import differences
 from bench.harness.perf import MethodCost, read_cost
 from bench.records.reference import Category
 from bench.reporting import formats
@@ -207,8 +208,7 @@ def read_leaderboard(folder: Path) -> Leaderboard:
         except BenchError as error:
             damaged.append((name, str(error)))
     groups: list[Group] = []
-    for key in sorted({_key(run) for run in sound}):
-        runs = [run for run in sound if _key(run) == key]
+    for runs in _of_one_protocol(sound):
         if len({_reference(run) for run in runs}) > 1:
             runs = _readable(runs, damaged)
         groups += [_group(alike) for alike in _comparable(runs)]
@@ -234,8 +234,20 @@ def _readable(runs: Sequence[StoredRun], damaged: list[tuple[str, str]]) -> list
     return readable
 
 
-def _key(run: StoredRun) -> tuple[str, str, str]:
-    return run.summary.dataset, run.summary.split or "", run.summary.protocol.digest
+def _of_one_protocol(runs: Sequence[StoredRun]) -> list[list[StoredRun]]:
+    """Runs in groups of one data set, split and protocol, sorted by these."""
+    groups: list[list[StoredRun]] = []
+    for run in sorted(runs, key=_order):
+        if groups and all(d.comparable for d in differences(groups[-1][0].summary.manifest, run.summary.manifest)):
+            groups[-1].append(run)
+        else:
+            groups.append([run])
+    return groups
+
+
+def _order(run: StoredRun) -> tuple[str, str, str]:
+    manifest = run.summary.manifest
+    return manifest.dataset.name, manifest.dataset.split or "", manifest.protocol.digest
 
 
 def _comparable(runs: Sequence[StoredRun]) -> list[list[StoredRun]]:
@@ -262,7 +274,7 @@ def _agree(group: Sequence[StoredRun], run: StoredRun) -> bool:
 
 
 def _reference(run: StoredRun) -> str:
-    return run.summary.reference_fingerprint
+    return str(run.summary.manifest.reference)
 
 
 def _common_images(runs: Sequence[StoredRun]) -> CommonImages:
@@ -282,9 +294,9 @@ def _group(runs: Sequence[StoredRun]) -> Group:
     found = {ALL_MOVING: summaries[0].all_moving} | summaries[0].categories
     rows = [Row(name=k, object_frames=v.object_frames, recordings=v.recordings) for k, v in found.items()]
     return Group(
-        dataset=first.summary.dataset,
-        card=first.summary.card,
-        split=first.summary.split,
+        dataset=first.summary.manifest.dataset.name,
+        card=first.summary.manifest.dataset.card,
+        split=first.summary.manifest.dataset.split,
         protocol=first.summary.protocol.name,
         protocol_digest=first.summary.protocol.digest,
         reference_fingerprint=reference,
@@ -307,15 +319,15 @@ _UNTOLD = (*_MARKS, "scenario")
 
 
 def _entry(run: StoredRun, compared: RunSummary, settings: dict[str, object]) -> Entry:
-    summary, made = run.summary, run.summary.provenance
+    summary, code = run.summary, run.summary.manifest.code
     told = {name: value for name, value in settings.items() if name not in _UNTOLD}
-    commit = "" if made.commit is None else f" {made.commit[:8]}{'+' if made.commit.endswith('+') else ''}"
+    commit = "" if code.commit is None else f" {code.commit[:8]}{'+' if code.commit.endswith('+') else ''}"
     of_images = {FALSE_POSITIVES: compared.false_positives.coverage, OF_PIXELS: compared.segmentation.iou}
     of_rows = {ALL_MOVING: compared.all_moving} | compared.categories
     return Entry(
         run=run.label,
         folder=run.folder,
-        method=f"{summary.method.name} ({settings_text(told)})" if told else summary.method.name,
+        method=f"{summary.manifest.method.name} ({settings_text(told)})" if told else summary.manifest.method.name,
         kind=_kind(summary),
         values={
             row: {name: found.metric(name) for name in found.metric_names()} | of_images
@@ -323,16 +335,17 @@ def _entry(run: StoredRun, compared: RunSummary, settings: dict[str, object]) ->
         },
         images=summary.images.evaluated,
         cost=read_cost(run.folder),
-        date=made.started_utc[:10],
-        code=f"{made.version}{commit}",
+        date=summary.provenance.started_utc[:10],
+        code=f"{code.version}{commit}",
         failures=len(summary.failures),
     )
 
 
 def _kind(summary: RunSummary) -> Kind:
-    settings = summary.method.settings
+    settings = summary.manifest.method.settings
     if not any(settings.get(mark) for mark in _MARKS):
         return Kind.METHOD
     as_they_are = {"cell_size_px": 1, "grow_px": 0, "shift_px": 0, "shape": "exact"}
-    exact = summary.method.name == "truth" and all(settings.get(name) == value for name, value in as_they_are.items())
+    as_told = all(settings.get(name) == value for name, value in as_they_are.items())
+    exact = summary.manifest.method.name == "truth" and as_told
     return Kind.CEILING if exact else Kind.ORACLE

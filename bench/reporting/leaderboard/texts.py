@@ -13,9 +13,9 @@ from rich.text import Text
 from bench.evaluation import load_protocol
 from bench.evaluation.slices import ALL_MOVING
 from bench.evaluation.summary import Metric
+from bench.harness.manifest import SHOWN_DIGEST
 from bench.plain_text import escape_markdown, plain
 from bench.reporting import formats
-from bench.reporting.compare.runs import SHOWN_DIGEST
 from bench.reporting.leaderboard.reading import (
     FALSE_POSITIVES,
     JUDGED,

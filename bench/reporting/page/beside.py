@@ -10,7 +10,8 @@ from bench.errors import BenchError
 from bench.evaluation import Metric, summarise
 from bench.reference import Category
 from bench.reporting.compare.runs import on_common_images, read_comparable
-from bench.reporting.formats import LABELS, image_name
+from bench.reporting.document import Column, Table
+from bench.reporting.formats import LABELS, image_name, with_interval
 from bench.reporting.frame_pictures import example_frames
 from bench.reporting.page.charts import figure_uri
 from bench.reporting.page.worst import Progress, frame_key, worst_objects
@@ -36,16 +37,12 @@ class Beside:
     """What the page says of both runs.
 
     Attributes:
-        labels: of the runs.
-        common: images that both scored, which everything here is of.
-        values: name of a metric, and both values.
+        table: both values of a few metrics, on the images that both scored.
         pictures: in the order of the kinds of motion.
         problems: why pictures are missing, one line each.
     """
 
-    labels: tuple[str, str]
-    common: int
-    values: list[tuple[str, Metric, Metric]]
+    table: Table
     pictures: list[PairPicture]
     problems: list[str]
 
@@ -70,9 +67,13 @@ def beside(run: StoredRun, other: Path, *, pictures: bool, progress: Progress | 
     one, two, common = on_common_images(*both)
     chosen = _chosen(one, two) if pictures else {}
     found, problems = _drawn((one, two), chosen, progress)
-    return Beside(
-        labels=(one.label, two.label), common=common, values=_values(one, two), pictures=found, problems=problems
+    table = Table(
+        title=f"Both runs, on the {common} images that both scored",
+        columns=["", Column(one.label, with_interval), Column(two.label, with_interval)],
+        rows=_values(one, two),
+        look="metrics",
     )
+    return Beside(table=table, pictures=found, problems=problems)
 
 
 def _drawn(

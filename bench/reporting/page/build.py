@@ -2,42 +2,29 @@
 
 from __future__ import annotations
 
-import json
-import math
-from dataclasses import dataclass
-from functools import cache
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import jinja2
 from markupsafe import Markup
 
 from bench.evaluation import published
 from bench.recordings.atomic import write_text
 from bench.reference import Category
-from bench.reporting.formats import LABELS, chance_of, count, mean, percent, with_interval
+from bench.reporting.document import Block, Folded, Paragraph, environment
+from bench.reporting.formats import LABELS
+from bench.reporting.page import tables
 from bench.reporting.page.beside import Beside, beside
 from bench.reporting.page.charts import draw_charts, inline_svg
 from bench.reporting.page.object_table import table_data
-from bench.reporting.page.recordings import recording_rows
-from bench.reporting.page.summary import breakdowns, remarks, tiles
-from bench.reporting.page.worst import Progress, WorstCases, worst_cases
+from bench.reporting.page.summary import breakdowns, kind_table, kinds_of, remarks, tiles
+from bench.reporting.page.worst import IMAGE_NOTE, OBJECT_NOTE, Card, Progress, WorstCases, worst_cases, worst_table
 from bench.reporting.stored_run import StoredRun, read_stored_run
-from bench.reporting.tables import (
-    COVERAGES,
-    detection_columns,
-    further_columns,
-    left_out_note,
-    rows_with_cases,
-    table_note,
-    table_rows,
-    text_tables,
-)
+from bench.reporting.tables import left_out_note, rows_with_cases, table_note, table_rows, text_tables
 
 WORST, WORST_OF_CATEGORY = 3, 12
-# TPR over all stands at a glance and in every breakdown; with it here, the table would be wider than most screens.
-_HEADLINE = {name: heading for name, heading in COVERAGES.items() if name != "tpr_all"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,17 +74,9 @@ def write_page(
 
 
 def _render(run: StoredRun, worst: WorstCases, pair: Beside | None, *, pictures: bool) -> str:
-    rows = [row for row in table_rows(run.metrics) if run.category in (None, row.name)]
-    shown = rows_with_cases(rows)
     whole, found, made = run.category is None, run.metrics, run.summary.provenance
-    (_, any_pixel), *levels = detection_columns(rows).items()
-    rates = {name: f"found {heading}" for name, heading in reversed(levels)} | {
-        "detection_rate": f"{any_pixel} (any pixel)"
-    }
-    further = further_columns(rows)
-    listed, all_recordings = recording_rows(run, worst)
-    recordings = found.false_positives.recordings
-    causes = [(name, cause) for name, cause in found.false_positive_causes.items() if not math.isnan(cause.value)]
+    kinds, recordings = kinds_of(found), found.false_positives.recordings
+    of_recordings = "" if recordings is None else f" of {recordings} recordings"
     context: dict[str, Any] = {
         "run": run.summary,
         "made": made,
@@ -105,59 +84,72 @@ def _render(run: StoredRun, worst: WorstCases, pair: Beside | None, *, pictures:
         "folder": run.label,
         "whole": whole,
         "category": None if run.category is None else LABELS[run.category],
-        "remarks": remarks(found, category=run.category),
-        "rows": shown,
-        "left_out": left_out_note(rows),
-        "columns": _HEADLINE | rates,
-        "tiles": tiles(found, category=run.category),
+        "of_recordings": of_recordings,
         "paper": published.SOURCE,
-        "changed_settings": run.summary.method.changed_settings(),
-        "recordings": listed,
-        "all_recordings": all_recordings,
-        "tables": text_tables(shown)[1 : 4 if whole else 3] if shown else (),
-        "note": table_note(rows),
-        "unknown": "unknown_share" in further,
+        "changed_settings": run.summary.manifest.method.changed_settings(),
+        "tiles": tiles(found, category=run.category),
+        "kinds": [kind_table(kinds)] if kinds else [],
+        "remarks": remarks(found, kinds),
+        "results": _results(run, of_recordings=of_recordings),
+        "unknown": any("unknown_share" in kind.row.metric_names() for kind in kinds),
         "breakdowns": breakdowns(found),
-        "sections": draw_charts(run),
-        "causes": sorted(causes, key=lambda item: -item[1].value),
-        "of_recordings": "" if recordings is None else f" of {recordings} recordings",
+        "recordings": [tables.recording_table(run, worst)],
+        "charts": draw_charts(run),
+        "causes": tables.cause_table(found, of_recordings=of_recordings),
         "worst": worst,
+        "galleries": list(_galleries(worst, whole=whole)),
         "beside": pair,
-        "labels": {category.value: label for category, label in LABELS.items()},
         "pictures": pictures,
         "objects": table_data(run, pictured=_pictured(worst)),
-        "stages": sorted(made.stage_seconds.items(), key=lambda item: -item[1]),
+        "time": [tables.time_table(made.stage_seconds, images=made.images)],
         "computed": made.images if made.work is None else made.work.images_computed,
-        "settings": json.dumps(run.summary.method.settings),
+        "origin": [tables.origin_table(run)],
+        "ledger": tables.ledger_tables(found),
         "style": _packaged("page.css"),
         "script": _packaged("page.js"),
+        "svg": inline_svg,
     }
-    text: str = environment().get_template("page.html.j2").render(context)
+    text: str = environment().get_template("page/page.html.j2").render(context)
     return text
+
+
+def _results(run: StoredRun, *, of_recordings: str) -> list[Block]:
+    """Ours beside the paper's, what is wrongly marked, and all metrics with their intervals behind a line."""
+    rows = [row for row in table_rows(run.metrics) if run.category in (None, row.name)]
+    whole, shown = run.category is None, rows_with_cases(rows)
+    blocks: list[Block] = []
+    if len(shown) > whole:  # more than the false positives
+        blocks.append(tables.headline_table(shown))
+    if left_out := left_out_note(rows):
+        blocks.append(Paragraph(left_out, "dim"))
+    if whole:
+        blocks.append(tables.false_positive_table(rows[-1], of_recordings=of_recordings))
+    blocks.append(Paragraph(table_note(rows), "dim"))
+    if shown:
+        every = [replace(table, note="") for table in text_tables(shown)[1 : 4 if whole else 3]]
+        blocks.append(Folded("All metrics with their intervals", every))
+    return blocks
+
+
+def _galleries(worst: WorstCases, *, whole: bool) -> Iterator[tuple[str, list[Block], list[Card]]]:
+    """Heading, table and cards of each kind of motion, and of the images with most false marks."""
+    for name, cards in worst.objects.items():
+        yield _gallery(
+            LABELS[Category(name)], cards, "object", OBJECT_NOTE, "No object-frame of this kind was evaluated."
+        )
+    if whole:
+        yield _gallery("Most false marks", worst.images, "image", IMAGE_NOTE, "No image has false marks.")
+
+
+def _gallery(title: str, cards: list[Card], first: str, note: str, none: str) -> tuple[str, list[Block], list[Card]]:
+    table = worst_table(cards, title=f"{title}, the worst first", first=first, note=note) if cards else None
+    return title, [table or Paragraph(none, "bad")], cards
 
 
 def _pictured(worst: WorstCases) -> dict[tuple[str, str, int, str], str]:
     """The card of every object and, under track "", of every image; of several cards of an image the first."""
-    cards = [*(card for some in worst.objects.values() for card in some), *worst.images]
+    cards = [*worst.all_objects, *worst.images]
     return {(*card.key, track): card.element for card in reversed(cards) if card.view for track in ("", card.track)}
-
-
-@cache
-def environment() -> jinja2.Environment:
-    """The templates, which escape what they are given."""
-    made = jinja2.Environment(
-        loader=jinja2.PackageLoader("bench.reporting.page", "."),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    made.filters |= {"percent": percent, "with_interval": with_interval, "mean": mean, "count": count}
-    made.filters |= {"chance_of": chance_of, "svg": inline_svg}
-    made.tests["nan"] = math.isnan
-    # Inside of a <script> element nothing may close it: `tojson` escapes what could.
-    made.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "ensure_ascii": False, "allow_nan": False}
-    return made
 
 
 def _packaged(name: str) -> Markup:

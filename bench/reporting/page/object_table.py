@@ -130,7 +130,7 @@ def _numbers(values: NDArray[np.float64], digits: int) -> list[float | int | Non
 
 def _image_indices(run: StoredRun, keys: Sequence[ObjectKey]) -> list[int]:
     """Index of each image among those of its camera; the first ones, which have no history, are in no table."""
-    history = 1 if run.summary.method.history is None else run.summary.method.history
+    history = 1 if run.summary.manifest.method.history is None else run.summary.manifest.method.history
     wanted = pd.DataFrame(keys, columns=list(KEY))[IMAGE]
     counts = run.frames.recordings()
     found = []
@@ -143,7 +143,7 @@ def _image_indices(run: StoredRun, keys: Sequence[ObjectKey]) -> list[int]:
 
 def view_command(run: StoredRun) -> str:
     """The call of `view` that draws an image of the run, with its method, settings and protocol."""
-    words = ["fisheye-bench", "view", run.summary.card, *run.summary.method.options()]
+    words = ["fisheye-bench", "view", run.summary.manifest.dataset.card, *run.summary.manifest.method.options()]
     known = run.protocol.name in known_protocols()
     words += ["--protocol", run.protocol.name if known else str(run.folder / "protocol.json")]
     return " ".join(map(shlex.quote, words)) + " --recording {recording} --camera {camera} --frame {index}"

@@ -90,7 +90,7 @@
     if (columns.picture[row]) {
       const card = by(columns.picture[row]);
       const own = [...card.querySelectorAll("[data-object]")].some((image) => image.dataset.object === word("track_id", row));
-      if (own) content.append(card.querySelector(".reason").cloneNode(true));
+      if (own) content.append(card.querySelector(".facts").cloneNode(true));
       for (const image of card.querySelectorAll("img")) {
         if (!image.dataset.object || image.dataset.object === word("track_id", row)) content.append(image.cloneNode());
       }
@@ -132,10 +132,10 @@
   by("filters").addEventListener("reset", () => setTimeout(refresh));
   by("back").addEventListener("click", () => { page -= 1; draw(); });
   by("next").addEventListener("click", () => { page += 1; draw(); });
-  for (const link of document.querySelectorAll("[data-recording]")) {
+  for (const link of document.querySelectorAll("#recordings tbody th a")) {
     link.addEventListener("click", () => {
       const select = document.querySelector("[data-filter=recording]");
-      select.value = String(words.recording.indexOf(link.dataset.recording));
+      select.value = String(words.recording.indexOf(link.textContent));
       refresh();
     });
   }

@@ -1,7 +1,4 @@
-"""The worst object-frames and images of a run: which they are, their pictures, and the reason in words.
-
-Every sentence about a reason states the number that it rests on. Where no rule applies, that is what is said.
-"""
+"""The worst object-frames and images of a run: which they are, what was measured of each, and their pictures."""
 
 from __future__ import annotations
 
@@ -26,7 +23,8 @@ from bench.harness.replay import StoredFrames
 from bench.reference import Category, ReferenceObject, Status
 from bench.reporting.canvas import jpeg_uri
 from bench.reporting.count_view import PixelClass, detected_pixels, draw_counts, overlay_counts, pixel_classes
-from bench.reporting.formats import CONSTRAINTS, frame_name, image_name
+from bench.reporting.document import Cell, Table
+from bench.reporting.formats import frame_name, image_name
 from bench.reporting.overlay import captioned, overlay_polygons
 from bench.reporting.page.charts import figure_uri
 from bench.reporting.panels import draw_panels
@@ -123,14 +121,18 @@ def _join(parts: Sequence[Columns], rank: Callable[[Columns], Ranked], *, group:
     return [content[number] | {"coverage": float(shares[number])} for number in order]
 
 
-MOST = 0.5  # of the missed or false pixels, to be called the reason
-WELL_FOUND = 0.8
-FEW_POINTS = 20
-SMALL_PX = 400
-SAME_SPEED_MPS = 0.5
 BLIND_BAND_DEG = 10.0
-NEED_ROAD = (Category.PRECEDING, Category.APPROACHING)  # their constraints compare with the road behind the object
-SHOWN = 2
+OBJECT_NOTE = (
+    "Hidden: share of the outline that lies behind nearer objects. Of the pixels that were missed: undefined, where "
+    f"the method could not say; near travel, within {BLIND_BAND_DEG:.0f}° of the direction of travel, where the image "
+    "hardly moves; above horizon, where constraints that compare with the road cannot work; likelihood, the median "
+    "motion likelihood beside the threshold."
+)
+IMAGE_NOTE = (
+    "Of the falsely marked pixels: largest, those in the largest connected patch; at objects, in patches that touch a "
+    "moving object; cause, the most frequent; below horizon, on the ground or what is on it; on stationary, on "
+    "annotated objects that are stationary."
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,12 +140,11 @@ class ObjectEvidence:
     """What the image shows of an object beyond the stored counts; shares are of its missed pixels, NaN without any.
 
     Attributes:
-        undefined: share in cells where the method could not say.
-        blind_band: share within `BLIND_BAND_DEG` of the direction of travel, forward or backward.
+        undefined: share of which the method could not say whether it moves.
+        blind_band: share near the direction of travel.
         above_horizon: share that looks upwards.
-        likelihood: median motion likelihood; NaN for a method without.
-        threshold: of the likelihood in this image; None where the method's mask does not follow from one.
-        causes: what can make the method mark a cell of this image.
+        likelihood: median; NaN where the method gives none.
+        threshold: of the method; None for one that has none.
     """
 
     undefined: float
@@ -151,7 +152,6 @@ class ObjectEvidence:
     above_horizon: float
     likelihood: float
     threshold: float | None
-    causes: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -167,92 +167,61 @@ class FrameEvidence:
     static_objects: float
 
 
-def object_reason(row: Row, evidence: ObjectEvidence | None) -> str:
-    """Say why an object-frame was covered so little.
+def object_facts(row: Row, evidence: ObjectEvidence | None) -> dict[str, str]:
+    """What was measured of an object-frame, by heading; "" for what only the image shows where there is none.
 
     Args:
         row: of `OBJECTS_SCHEMA`, evaluated, with `coverage`.
         evidence: from the image; None without the data.
     """
-    if row["coverage"] >= WELL_FOUND:
-        return f"Nothing to explain: {_percent(row['coverage'])} of it is found."
-    found = [*(_seen_reasons(row, evidence) if evidence else []), *_stored_reasons(row)]
-    reason = " Also: ".join(found[:SHOWN]) or "No single reason found in the numbers."
-    if evidence is None or evidence.threshold is None or evidence.undefined >= MOST or math.isnan(evidence.likelihood):
-        return reason
-    side = "below" if evidence.likelihood <= evidence.threshold else "above"
-    return (
-        f"{reason} On its missed pixels the median motion likelihood is {evidence.likelihood:.2g}, {side} the "
-        f"threshold of {evidence.threshold:.2g}."
-    )
+    facts = {
+        "found": _percent(row["coverage"]),
+        "range": f"{row['range_m']:.1f} m",
+        "lidar points": f"{row['points']:.0f}",
+        "size": f"{row['region_px']:.0f} px",
+        "hidden": _percent(1 - row["region_px"] / row["polygon_px"]),
+        "speed": f"{row['speed_mps']:.1f} m/s",
+        "ego vehicle": f"{row['ego_speed_mps']:.1f} m/s",
+    }
+    seen = dict.fromkeys(("undefined", "near travel", "above horizon", "likelihood"), "")
+    if evidence is not None:
+        shares = evidence.undefined, evidence.blind_band, evidence.above_horizon
+        seen = dict(zip(seen, [*map(_percent, shares), _likelihood(evidence)], strict=True))
+    return facts | seen
 
 
-def frame_reason(row: Row, evidence: FrameEvidence | None) -> str:
-    """Say where the false positives of an image come from.
+def _likelihood(evidence: ObjectEvidence) -> str:
+    if evidence.threshold is None or math.isnan(evidence.likelihood):
+        return ""
+    return f"{evidence.likelihood:.2g} ({evidence.threshold:.2g})"
+
+
+def image_facts(row: Row, evidence: FrameEvidence | None) -> dict[str, str]:
+    """What was measured of the false positives of an image, by heading, in the same way.
 
     Args:
         row: of `FRAMES_SCHEMA`, scored, with `coverage`.
         evidence: from the image; None without the data.
     """
     false_px = max(row["fp_px"], 1)
-    causes = row["fp_by_cause"]
-    found = []
-    if isinstance(causes, Mapping) and causes:
-        name, pixels = max(causes.items(), key=lambda item: item[1])
-        words, share = str(name).replace("_", " "), pixels / false_px
-        lead = "Mostly" if share >= MOST else "No single cause; the largest is"
-        found.append(f"{lead} {words}, with {_percent(share)} of the false pixels.")
-    largest = row["fp_largest_px"] / false_px
-    if largest >= MOST:
-        found.append(f"One connected patch makes {_percent(largest)} of them.")
-    attached = 1 - row["fp_unattached_px"] / false_px
-    if attached >= MOST:
-        found.append(f"{_percent(attached)} are in patches that touch a moving object.")
-    if evidence is not None and evidence.below_horizon >= MOST:
-        found.append(f"{_percent(evidence.below_horizon)} lie below the horizon, on the ground or on what is on it.")
-    if evidence is not None and evidence.static_objects >= MOST / 5:
-        found.append(f"{_percent(evidence.static_objects)} lie on annotated objects that are stationary.")
-    return " ".join(found) or "No single reason found in the numbers."
-
-
-def _seen_reasons(row: Row, evidence: ObjectEvidence) -> list[str]:
-    found = []
-    if evidence.undefined >= MOST:
-        found.append(f"The method could not say: {_percent(evidence.undefined)} of the missed pixels are undefined.")
-    if row["category"] in NEED_ROAD and evidence.above_horizon >= MOST:
-        cause, constraint = CONSTRAINTS[Category(row["category"])]
-        if cause in evidence.causes:
-            found.append(
-                f"{_percent(evidence.above_horizon)} of the missed pixels lie above the horizon, where {constraint}, "
-                f"the constraint for {row['category']} objects, cannot work."
-            )
-    if evidence.blind_band >= MOST:
-        found.append(
-            f"Blind band: {_percent(evidence.blind_band)} of the missed pixels lie within {BLIND_BAND_DEG:.0f}° of the "
-            "direction of travel, where the image hardly moves."
-        )
-    return found
-
-
-def _stored_reasons(row: Row) -> list[str]:
-    found = []
-    region, polygon, points = (row[name] for name in ("region_px", "polygon_px", "points"))
-    if region < MOST * polygon:
-        found.append(f"Occluded: {_percent(1 - region / polygon)} of its outline lies behind nearer objects.")
-    speed, ego = row["speed_mps"], row["ego_speed_mps"]
-    if row["category"] == "preceding" and abs(speed - ego) < SAME_SPEED_MPS:
-        found.append(
-            f"It drives almost as fast as the ego vehicle ({speed:.1f} and {ego:.1f} m/s), so little changes to see."
-        )
-    if points < FEW_POINTS:
-        found.append(f"Only {points:.0f} lidar points: the reference itself is uncertain.")
-    if region < SMALL_PX:
-        found.append(f"Small: {region:.0f} pixels.")
-    return found
+    causes = row["fp_by_cause"] if isinstance(row["fp_by_cause"], Mapping) else {}
+    cause, pixels = max(causes.items(), key=lambda item: item[1], default=("", 0))
+    shares = (evidence.below_horizon, evidence.static_objects) if evidence else ()
+    seen = [_percent(share) for share in shares] or ["", ""]
+    return {
+        "wrongly marked": _percent(row["coverage"]),
+        "patches": f"{row['fp_components']}",
+        "largest": _percent(row["fp_largest_px"] / false_px),
+        "at objects": _percent(1 - row["fp_unattached_px"] / false_px),
+        "cause": f"{cause.replace('_', ' ')} {_percent(pixels / false_px)}" if cause else "",
+        "ego vehicle": f"{row['ego_speed_mps']:.1f} m/s",
+        "below horizon": seen[0],
+        "on stationary": seen[1],
+    }
 
 
 def _percent(share: float) -> str:
-    return f"{100 * share:.0f} %"
+    return "" if math.isnan(share) else f"{100 * share:.0f} %"
 
 
 Progress = Callable[[float, int], None]
@@ -355,7 +324,6 @@ def _object_evidence(
         above_horizon=_mean(rays_vehicle[:, 2] > 0),
         likelihood=float(np.median(of_missed)) if of_missed.size else math.nan,
         threshold=processed.segmentation.threshold,
-        causes=processed.segmentation.causes,
     )
 
 
@@ -400,14 +368,13 @@ def _mean(flags: NDArray[np.bool_]) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Card:
-    """One card.
+    """One object-frame or image.
 
     Attributes:
         element: id of its element.
         key: its image.
         title: what it shows.
-        facts: one line of numbers.
-        reason: in words.
+        facts: what was measured, by heading.
         view: pictures; None without the data.
         track: of the object; empty for an image.
         close_up: the object enlarged; empty for an image or without the data.
@@ -416,11 +383,15 @@ class Card:
     element: str
     key: FrameKey
     title: str
-    facts: str
-    reason: str
+    facts: Mapping[str, str]
     view: FrameView | None
     track: str = ""
     close_up: str = ""
+
+    @property
+    def told(self) -> str:
+        """The facts as a line."""
+        return ", ".join(f"{heading} {text}" for heading, text in self.facts.items() if text)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -437,9 +408,35 @@ class WorstCases:
     images: list[Card]
     problems: list[str]
 
+    @property
+    def all_objects(self) -> list[Card]:
+        """The cards of all categories."""
+        return [card for cards in self.objects.values() for card in cards]
+
+
+def worst_table(cards: Sequence[Card], *, title: str, first: str, note: str) -> Table:
+    """The cards as the rows of a table, worst first; columns that nothing is known of are left out.
+
+    Args:
+        cards: at least one.
+        title: of the table.
+        first: heading of the first column, which leads to the cards.
+        note: says what the columns are.
+    """
+    headings = [heading for heading in cards[0].facts if any(card.facts[heading] for card in cards)]
+    return Table(
+        title=title,
+        columns=[first, *headings],
+        rows=[
+            [Cell(card.title, link=f"#{card.element}"), *(card.facts[heading] for heading in headings)]
+            for card in cards
+        ],
+        note=note,
+    )
+
 
 def worst_cases(run: StoredRun, *, most: int, pictures: bool, progress: Progress | None = None) -> WorstCases:
-    """Choose the worst of each category and, on a page of all, of the images; draw them and say why.
+    """Choose the worst of each category and, on a page of all, of the images; draw and measure them.
 
     Args:
         run: the run, or one kind of motion of it.
@@ -460,7 +457,7 @@ def worst_cases(run: StoredRun, *, most: int, pictures: bool, progress: Progress
             name: [_object_card(f"worst-{name}-{n}", row, views) for n, row in enumerate(rows)]
             for name, rows in objects.items()
         },
-        images=[_frame_card(f"false-{n}", row, views) for n, row in enumerate(images)],
+        images=[_image_card(f"false-{n}", row, views) for n, row in enumerate(images)],
         problems=problems,
     )
 
@@ -470,27 +467,18 @@ def _object_card(element: str, row: Row, views: Mapping[FrameKey, FrameView]) ->
     return Card(
         element=element,
         key=frame_key(row),
-        title=f"{_percent(row['coverage'])} found: {row['object_class']} “{track}”, {_image(row)}",
-        facts=f"{row['range_m']:.1f} m away, {row['points']} lidar points, {row['region_px']} px, object "
-        f"{row['speed_mps']:.1f} m/s, ego vehicle {row['ego_speed_mps']:.1f} m/s",
-        reason=object_reason(row, view.objects.get(track) if view else None),
+        title=f"{row['object_class']} “{track}”, {_image(row)}",
+        facts=object_facts(row, view.objects.get(track) if view else None),
         view=view,
         track=track,
         close_up=view.close_ups.get(track, "") if view else "",
     )
 
 
-def _frame_card(element: str, row: Row, views: Mapping[FrameKey, FrameView]) -> Card:
+def _image_card(element: str, row: Row, views: Mapping[FrameKey, FrameView]) -> Card:
     view = views.get(frame_key(row))
-    return Card(
-        element=element,
-        key=frame_key(row),
-        title=f"{_percent(row['coverage'])} of the image wrongly marked: {_image(row)}",
-        facts=f"{row['fp_components']} false patches, the largest {row['fp_largest_px']} px, ego vehicle "
-        f"{row['ego_speed_mps']:.1f} m/s",
-        reason=frame_reason(row, view.evidence if view else None),
-        view=view,
-    )
+    facts = image_facts(row, view.evidence if view else None)
+    return Card(element=element, key=frame_key(row), title=_image(row), facts=facts, view=view)
 
 
 def _image(row: Row) -> str:

@@ -162,9 +162,9 @@ def _rounded(
     """The profile at times, each value the mean of the profile over a window around its time."""
     if ramp_s == 0.0:
         return np.interp(seconds, profile_s, values)
-    knots_s = np.unique(np.concatenate([profile_s, seconds - ramp_s / 2, seconds + ramp_s / 2]))
-    area = _integral(knots_s, np.interp(knots_s, profile_s, values), 0)
-    low, high = (np.interp(seconds + side * ramp_s / 2, knots_s, area) for side in (-1, 1))
+    nodes_s = np.unique(np.concatenate([profile_s, seconds - ramp_s / 2, seconds + ramp_s / 2]))
+    area = _integral(nodes_s, np.interp(nodes_s, profile_s, values), 0)
+    low, high = (np.interp(seconds + side * ramp_s / 2, nodes_s, area) for side in (-1, 1))
     return np.asarray((high - low) / ramp_s)
 
 

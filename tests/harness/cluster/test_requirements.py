@@ -17,11 +17,11 @@ from bench.methods import build_method
 pytestmark = pytest.mark.slow
 
 METHOD = """
-class Mine:
-    name, history, colour = "mine", 1, False
+from bench.methods import Method
 
-    def settings(self):
-        return {}
+
+class Mine(Method):
+    name = "mine"
 
     def segment(self, frame):
         raise NotImplementedError

@@ -11,7 +11,7 @@ import pytest
 
 from bench.errors import DataError, UsageError
 from bench.harness.keys import MethodIdentity
-from bench.methods import build_method
+from bench.methods import Method, build_method
 from tests.support.processes import PATIENCE_S, until
 from tests.support.troubled_runs import command, environment
 
@@ -25,18 +25,15 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.methods import Segmentation
+from bench.methods import Method, Segmentation
 from elsewhere.bases import Base
 from .sibling import LEVEL
 
 import_module("plug.by_name")
 
-class Bright(Base):
-    name, history, colour = "bright", 1, False
+class Bright(Base, Method):
+    name = "bright"
     files = (Path(__file__).parents[1] / "weights", str(Path(__file__).parents[1] / "lens.txt"))
-
-    def settings(self):
-        return {}
 
     def segment(self, frame):
         from lazily import factor
@@ -120,8 +117,8 @@ def test_the_place_on_disk_does_not_count(folder, tmp_path, digest):
     assert digest(folder.rename(tmp_path / "moved")) == before
 
 
-class Listing:
-    name, history, colour = "listing", 1, False
+class Listing(Method):
+    name = "listing"
 
     def __init__(self, files):
         self.files = files
@@ -160,7 +157,7 @@ def test_what_changes_after_it_was_taken_is_refused(tmp_path):
 
 def test_code_that_was_typed_at_a_prompt_is_never_taken_for_another():
     tell = (
-        "class Typed:\n    name, history, colour = 'typed', 1, False\n    def settings(self): return {}\n"
+        "from bench.methods import Method\nclass Typed(Method):\n    name = 'typed'\n"
         "    def segment(self, frame): return None\n"
         "from bench.harness.keys import MethodIdentity; print(MethodIdentity.of(Typed()).digest)"
     )
@@ -182,15 +179,12 @@ SLOW = """
 import time
 from pathlib import Path
 
-from bench.methods import Segmentation
+from bench.methods import Method, Segmentation
 from slow_helper import LEVEL
 
 
-class Slow:
-    name, history, colour = "slow", 1, False
-
-    def settings(self):
-        return {}
+class Slow(Method):
+    name = "slow"
 
     def segment(self, frame):
         with Path(__file__).with_name("noted").open("a") as noted:

@@ -8,8 +8,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, load_protocol, summarise
-from bench.harness import Provenance, RunSummary
-from bench.harness.stored import MethodStamp, reference_fingerprint, write_protocol, write_summary
+from bench.harness import RunSummary
+from bench.harness.stored import reference_fingerprint, write_protocol, write_summary
+from tests.support.manifests import manifest, provenance
 
 RECORDINGS, IMAGES = 8, 4
 REGION_PX, IMAGE_PX = 100, 640 * 480
@@ -51,14 +52,13 @@ def write_run(
     pq.write_table(frames, folder / "frames.parquet")
     rules = load_protocol(protocol)
     figures = summarise(objects, frames, protocol=rules)
-    provenance = Provenance(
-        version="0", commit="0123456789+", python="3", libraries={}, data_fingerprint="",
-        started_utc="2026-01-02T03:04", seconds=2.0, stage_seconds={}, images=len(images), peak_memory_mb=1.0,
-    )  # fmt: skip
     summary = RunSummary(
         **{name: getattr(figures, name) for name in type(figures).model_fields},
-        schema_version=1, dataset=dataset, card=card, reference_fingerprint=reference_fingerprint(objects, frames),
-        split=split, method=MethodStamp(name=method, settings=settings or {}), provenance=provenance, failures=(),
+        schema_version=1, provenance=provenance(images=len(images)), failures=(),
+        manifest=manifest(
+            dataset=dataset, card=card, split=split, method=method, settings=settings, protocol=rules,
+            commit="0123456789+", reference=reference_fingerprint(objects, frames),
+        ),
         vehicle_outline_m=((-1.0, -0.9), (3.8, -0.9), (3.8, 0.9), (-1.0, 0.9)),
     )  # fmt: skip
     write_summary(folder, summary)

@@ -5,14 +5,14 @@ import re
 
 import pyarrow.parquet as pq
 import pytest
-from rich.console import Console
 
 from bench.harness import read_run
 from bench.harness.masks import MASKS, MASKS_SCHEMA
 from bench.reporting.compare.changes import compare_runs
 from bench.reporting.compare.runs import read_comparable
-from bench.reporting.compare.writing import MIN_COLUMNS, points, to_rich, write_comparison
+from bench.reporting.compare.writing import points, terminal_report, write_comparison
 from tests.reporting.compare.runs import drawn, write_run
+from tests.reporting.printed import printed
 
 NAMES = ["compare.md", "compare.csv", "object_changes.csv", "compare.json", "compare.tex"]
 
@@ -100,9 +100,7 @@ def test_old_pictures_go_and_other_files_stay(folders, tmp_path):
 
 def test_the_terminal_table_fits(folders):
     comparison = compare_runs(read_comparable(folders))[0]
-    console = Console(width=MIN_COLUMNS, record=True, file=io.StringIO())
-    console.print(to_rich(comparison))
-    shown = console.export_text()
+    shown = printed(terminal_report(comparison), width=100)
     assert "…" not in shown
     for word in ("new (after) against old (before)", "Crossing", "False positives", "worse", "-21.9", "few: 3"):
         assert word in shown

@@ -113,13 +113,16 @@ def test_chance_stands_beside_detection_only(half):
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"protocol": "extended-v1"}, r"protocol paper-v1 [0-9a-f]{12} in the first, extended-v1 [0-9a-f]{12} in the"),
+        (
+            {"protocol": "extended-v1"},
+            r"protocol extended-v1 version 1 \([0-9a-f]{12}\), was paper-v1 version 1 \([0-9a-f]{12}\)",
+        ),
         (
             {"region_px": 90},
             "on the 32 images that both scored: 44 object-frames with another polygon_px, the first drive-0 front 0 ",
         ),
-        ({"dataset": "other"}, "data set demo in the first, other in the second"),
-        ({"split": "test"}, "split none in the first, test in the second"),
+        ({"dataset": "other"}, "data set 'other', was 'demo'"),
+        ({"split": "test"}, "split 'test', was none"),
     ],
 )
 def test_runs_that_do_not_compare_are_refused_with_both_values(half, tmp_path, changed, message):

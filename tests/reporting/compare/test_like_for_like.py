@@ -16,7 +16,7 @@ from bench.evaluation.row_source import CommonImages, RowsOnImages
 from bench.gate import judge, load_tolerances, scored_run
 from bench.harness import RunRequest, read_run, run_benchmark
 from bench.harness.stored import open_tables
-from bench.methods import Segmentation
+from bench.methods import Method, Segmentation
 from bench.recordings import load_card
 from bench.reporting.compare.changes import compare_runs
 from bench.reporting.compare.runs import read_comparable
@@ -28,10 +28,8 @@ PROTOCOL = load_protocol("paper-v1")
 SCORED = {"one": 12, "two": 9}  # of three drives of five images
 
 
-class Brighter:
+class Brighter(Method):
     """Marks what became brighter since the image `history` images ago."""
-
-    colour = False
 
     def __init__(self, name, history):
         self.name, self.history = name, history
@@ -71,7 +69,7 @@ def _image(row):
 
 def test_methods_of_other_history_scored_other_images(runs):
     assert {name: read_run(folder).images.evaluated for name, folder in runs.items()} == SCORED
-    fingerprints = {read_run(folder).reference_fingerprint for folder in runs.values()}
+    fingerprints = {read_run(folder).manifest.reference for folder in runs.values()}
     assert len(fingerprints) == 2
 
 
@@ -175,7 +173,7 @@ def test_no_common_image_is_said(runs, tiny_card, tmp_path):
     moved = pa.array((frames["timestamp_ns"].to_numpy() + 1).tolist(), pa.int64())
     pq.write_table(frames.set_column(frames.schema.get_field_index("timestamp_ns"), "timestamp_ns", moved),
                    standing / "frames.parquet")  # fmt: skip
-    change_summary(standing, lambda content: content.update(reference_fingerprint="x"))
+    change_summary(standing, lambda content: content["manifest"].update(reference="x"))
     with pytest.raises(UsageError, match="no image was scored by both; the first has 12, the second 12"):
         compare_runs(read_comparable([runs["one"], standing]))
 

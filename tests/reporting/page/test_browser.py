@@ -70,7 +70,7 @@ def test_on_a_laptop_the_main_table_fits(page):
 
 
 def test_a_recording_filters_the_frames(page):
-    press(page, page.find_element(By.CSS_SELECTOR, "[data-recording=standing]"))
+    press(page, page.find_element(By.ID, "recordings").find_element(By.LINK_TEXT, "standing"))
     assert set(column(page, "recording")) == {"standing"}
 
 
@@ -138,7 +138,7 @@ def test_a_picked_frame_opens_its_pictures(page):
     assert track in viewer.find_element(By.ID, "viewer-title").text
     assert recording in viewer.find_element(By.ID, "viewer-title").text
     assert viewer.find_elements(By.CSS_SELECTOR, "img.panels")
-    assert viewer.find_element(By.CLASS_NAME, "reason").text.startswith("Reason found:")
+    assert viewer.find_element(By.CLASS_NAME, "facts").text.startswith("found ")
     assert len(viewer.find_elements(By.TAG_NAME, "img")) == 3, "areas, close-up, panels"
     assert page.execute_script(HIDDEN) == []
     viewer.find_element(By.CSS_SELECTOR, "button").click()

@@ -1,26 +1,24 @@
-"""The sentences at the top of the page."""
+"""A run at a glance: its tiles, the kinds of motion in one table, and statements read off the tables."""
 
 import math
 import re
 
+import pytest
+
 from bench.evaluation.summary import FrameLedger, Metric, ObjectMetrics
 from bench.reference import Category
-from bench.reporting.page.build import environment
-from bench.reporting.page.summary import breakdown, remarks, tiles
+from bench.reporting.document import to_html
+from bench.reporting.page.summary import Standing, breakdowns, kind_table, kinds_of, lowest_of, remarks, tiles
+from bench.reporting.page.tables import breakdown_table
 from tests.reporting.summaries import figure, object_figures, summary
 
 
-def told(figures, category=None):
-    return [(remark.kind, remark.text) for remark in remarks(figures, category=category)]
+def told(figures):
+    return [(remark.style, remark.text) for remark in remarks(figures, kinds_of(figures))]
 
 
-def test_best_and_weakest_are_named_with_their_figures():
-    (bad, weakest), (good, best), *others = told(summary())
-    assert (good, bad) == ("good", "bad")
-    found = "on average 70.0 % of an object is found, over 100 object-frames of 7 objects in 8 recordings"
-    assert best == f"Best: overtaking, {found}."
-    assert weakest.startswith("Weakest: preceding, on average 23.3 %")
-    assert others[-1] == ("bad", "Wrongly marked as moving: 10.5 % of the image on average.")
+def of_kinds(**rows):
+    return summary().model_copy(update={"categories": rows})
 
 
 def without_intervals(row, recordings=5):
@@ -29,59 +27,64 @@ def without_intervals(row, recordings=5):
     return ObjectMetrics(object_frames=row.object_frames, tracks=row.tracks, recordings=recordings, **few)
 
 
-def test_no_kind_is_called_the_best_where_intervals_overlap():
-    rows = {"crossing": object_figures(0.60), "overtaking": object_figures(0.62), "preceding": object_figures(0.64)}
-    (bad, lowest), (kind, text), *others = told(summary().model_copy(update={"categories": rows}))
-    assert (bad, kind) == ("bad", "note")
-    assert lowest == "Lowest here: crossing, IoU 27.0 % (8 recordings, 95 % interval [22.0, 32.0])."
-    assert text == (
-        "Share of an object that is found, on average: crossing 42.0 %, overtaking 43.4 %, preceding 44.8 %; the "
-        "recordings are too few to call one the best."
-    )
-    assert not any(word in other for _, other in others for word in ("Best", "Weakest"))
+def at_chance(row):
+    rate = Metric(value=0.2, ci95=(0.1, 0.3), cases=100, recordings=8)
+    level = Metric(value=0.15, ci95=None, cases=100, recordings=8)
+    return row.model_copy(update={"detection_rate_50": rate, "chance_50": level})
 
 
-def test_nothing_is_claimed_of_fewer_than_six_recordings():
-    rows = {"crossing": object_figures(0.9), "overtaking": object_figures(0.5)}
-    few = rows | {"preceding": without_intervals(object_figures(0.1))}
-    (_, weakest), (_, best), *others = told(summary().model_copy(update={"categories": few}))
-    assert best.startswith("Best: crossing, ")
-    assert best.endswith("Left out, with fewer than 6 recordings: preceding (5).")
-    assert weakest.startswith("Weakest: overtaking, ")
-    assert ("note", "Recordings too few to tell from chance, 6 are needed: preceding (5).") in others
-    none = {name: without_intervals(row) for name, row in rows.items()}
-    none["overtaking"].__pydantic_extra__["detection_rate_50"] = figure(0.0).model_copy(update={"ci95": None})
-    texts = [text for _, text in told(summary().model_copy(update={"categories": none}))]
-    assert texts[0] == "Lowest here: overtaking, IoU 22.5 %, not above chance (5 recordings, no interval)."
-    assert not any(word in text for text in texts for word in ("Best", "Weakest", "Not clearly"))
+def without_chance(row):
+    return row.model_copy(update={"chance_50": figure(math.nan)})
 
 
-def test_a_kind_that_chance_reaches_is_named():
-    figures = summary()
-    row = figures.categories["crossing"]
-    lucky = row.model_copy(update={"detection_rate_50": Metric(value=0.2, ci95=(0.1, 0.3), cases=100, recordings=8)})
-    lucky.__pydantic_extra__["chance_50"] = Metric(value=0.15, ci95=None, cases=100, recordings=8)
-    lucky.__pydantic_extra__["detection_rate_50"] = Metric(value=0.2, ci95=(0.1, 0.3), cases=100, recordings=8)
-    sentence = (
-        "Not clearly better than chance when half of an object must be found: crossing (20.0 %, by chance 15.0 %)."
-    )
-    assert ("bad", sentence) not in told(figures)
-    assert ("bad", sentence) in told(figures.model_copy(update={"categories": {"crossing": lucky}}))
+@pytest.mark.parametrize(
+    ("row", "standing", "style", "statement"),
+    [
+        (object_figures(0.6), Standing.ABOVE, "good",
+         "Above chance when half of an object must be found: crossing (30.0 %, by chance 6.0 %)"),
+        (at_chance(object_figures(0.6)), Standing.NOT_SHOWN, "bad",
+         "Not shown to be above chance when half of an object must be found: crossing (20.0 %, by chance 15.0 %)"),
+        (without_intervals(object_figures(0.6)), Standing.FEW_RECORDINGS, "",
+         "Too few recordings to tell from chance, 6 are needed: crossing (5)"),
+        (object_figures(0.6, object_frames=9), Standing.FEW_CASES, "", "Fewer than 10 object-frames: crossing (9)"),
+        (without_chance(object_figures(0.6)), Standing.NO_CHANCE, "", "Without a chance level: crossing"),
+    ],
+)  # fmt: skip
+def test_a_kind_of_motion_stands_in_one_statement_on_chance_as_in_the_table(row, standing, style, statement):
+    found = of_kinds(crossing=row, overtaking=object_figures(0.62))
+    (kind,) = [kind for kind in kinds_of(found) if kind.label == "Crossing"]
+    assert kind.standing is standing
+    ((told_style, text),) = [(style, text) for style, text in told(found) if "crossing" in text]
+    assert told_style == style
+    assert text.startswith(statement)
+    cells = {cells[0].text: cells[4] for cells in kind_table(kinds_of(found)).cells()}
+    assert (cells["Crossing"].text, cells["Crossing"].style) == (standing.lower(), style)
 
 
-def test_nothing_is_said_of_fewer_than_ten_object_frames():
-    rows = {"crossing": object_figures(0.9), "overtaking": object_figures(0.5), "preceding": object_figures(0.1)}
-    rows["preceding"] = object_figures(0.1, object_frames=9)
-    ranges = {"[0, 2)": object_figures(0.1, object_frames=9), "[2, 4)": object_figures(0.6)}
-    found = summary().model_copy(update={"categories": rows, "breakdowns": {"range_m": ranges}})
-    texts = [text for _, text in told(found)]
-    assert [text for text in texts if "preceding" in text] == [
-        "Nothing is said of fewer than 10 object-frames: preceding (9)."
-    ]
-    assert not any("Where least" in text for text in texts)
-    assert breakdown("By letter", "letter", ranges).lowest is None
-    few = found.model_copy(update={"all_moving": object_figures(0.4, object_frames=9)})
-    assert [tile.metric is None for tile in tiles(few, category=None)] == [True, False, True]
+def test_the_kinds_are_in_the_order_of_iou_and_those_without_cases_left_out():
+    rows = kind_table(kinds_of(summary())).cells()
+    assert [cells[0].text for cells in rows] == ["Preceding", "Approaching", "Crossing", "Overtaking"]
+    assert [cells[1].text for cells in rows] == ["15.0 %", "22.5 %", "32.5 %", "45.0 %"]
+
+
+def test_the_lowest_is_named_only_where_its_interval_lies_wholly_below_another():
+    few = {"crossing": object_figures(0.60), "overtaking": object_figures(0.62), "preceding": object_figures(0.64)}
+    assert not any("lower" in text for _, text in told(of_kinds(**few)))
+    apart = few | {"preceding": object_figures(0.1)}
+    assert ("bad", "IoU is clearly lower than elsewhere: kind preceding with 4.5 %.") in told(of_kinds(**apart))
+    unknown = apart | {"preceding": without_intervals(object_figures(0.1))}
+    assert not any("lower" in text for _, text in told(of_kinds(**unknown))), "too few recordings"
+    nine = apart | {"preceding": object_figures(0.1, object_frames=9)}
+    assert not any("lower" in text for _, text in told(of_kinds(**nine))), "too few object-frames"
+
+
+def test_the_statement_names_what_the_tables_mark():
+    rows = {"[0, 2)": object_figures(0.9), "[2, 4)": object_figures(0.2), "[4, 6)": object_figures(math.nan)}
+    found = of_kinds(crossing=object_figures(0.6)).model_copy(update={"breakdowns": {"range_m": rows}})
+    assert ("bad", "IoU is clearly lower than elsewhere: range [2, 4) m with 9.0 %.") in told(found)
+    (table,) = breakdowns(found)
+    assert [cells[0].text for cells in table.cells() if cells[1].style == "bad"] == ["[2, 4)"]
+    assert lowest_of(rows | {"[2, 4)": object_figures(0.2, object_frames=9)}) is None
 
 
 def test_the_page_begins_with_iou_beside_its_ceiling_and_false_positives():
@@ -89,23 +92,14 @@ def test_the_page_begins_with_iou_beside_its_ceiling_and_false_positives():
     ceiling = Metric(value=0.92, ci95=None, cases=100, recordings=8)
     with_truth = figures.all_moving.model_copy(update={"ceiling_iou": ceiling})
     shown = tiles(figures.model_copy(update={"all_moving": with_truth}), category=None)
-    assert [(tile.name, round(tile.metric.value, 3)) for tile in shown] == [
-        ("IoU, all", 0.27), ("False positives", 0.105), ("TPR, all", 0.42)
+    assert [(name, cell.text) for name, cell in shown] == [
+        ("IoU, all", "27.0 %"), ("False positives", "10.5 %"), ("TPR, all", "42.0 %")
     ]  # fmt: skip
-    assert shown[0].beside == "ceiling 92.0 %: what exact masks get; over 100 object-frames"
-    assert tiles(figures, category=None)[0].beside == "over 100 object-frames"
-    assert [tile.name for tile in tiles(figures, category=Category.CROSSING)] == ["IoU, all", "TPR, all"]
-
-
-def test_the_weakest_place_is_named_where_it_stands_out():
-    rows = {"[0, 2)": object_figures(0.9), "[2, 4)": object_figures(0.2), "[4, 6)": object_figures(math.nan)}
-    figures = summary().model_copy(update={"breakdowns": {"range_m": rows}})
-    sentence = "Where least of an object is found (on average 42.0 %): range [2, 4) m with 14.0 %."
-    assert ("bad", sentence) in told(figures)
-    even = {name: object_figures(0.6) for name in rows}
-    assert not any(
-        "Where least" in text for _, text in told(summary().model_copy(update={"breakdowns": {"range_m": even}}))
-    )
+    assert shown[0][1].below == ("22.0 to 32.0", "ceiling 92.0 %: what exact masks get; over 100 object-frames")
+    assert tiles(figures, category=None)[0][1].below[-1] == "over 100 object-frames"
+    assert [name for name, _ in tiles(figures, category=Category.CROSSING)] == ["IoU, all", "TPR, all"]
+    few = figures.model_copy(update={"all_moving": object_figures(0.4, object_frames=9)})
+    assert [cell.text == "n/a" for _, cell in tiles(few, category=None)] == [True, False, True]
 
 
 def test_images_that_were_not_scored_are_said():
@@ -114,21 +108,17 @@ def test_images_that_were_not_scored_are_said():
     assert "3 of 10 images could not be scored; the last section says why." in texts
 
 
-def test_a_page_of_one_kind_says_nothing_of_images():
-    figures = summary()
-    only = figures.model_copy(update={"categories": {"crossing": figures.categories["crossing"]}})
-    assert all("of the image" not in text for _, text in told(only, Category.CROSSING))
-    none = figures.model_copy(update={"categories": {"crossing": object_figures(math.nan)}})
-    assert [kind for kind, _ in told(none, Category.CROSSING)] == ["note"]
+def test_a_run_without_object_frames_says_so():
+    none = of_kinds(crossing=object_figures(math.nan))
+    assert told(none) == [("", "No object-frame was evaluated: there is nothing to say of moving objects.")]
 
 
 def cells(rows):
-    """What the page shows of the share found, by row."""
-    found = breakdown("By letter", "letter", rows)
-    table = str(environment().get_template("tables.html.j2").module.breakdown(found))
-    lines = [re.findall(r"<td class=\"metric.*?</td>", line, flags=re.DOTALL) for line in table.split("<tr>")[2:]]
-    place = list(found.metrics).index("tpr_all")
-    return {name: line[place] for name, line in zip(rows, lines, strict=True)}
+    """What the page shows of IoU, by row."""
+    table = breakdown_table("By letter", "letter", rows, lowest=lowest_of(rows))
+    lines = [re.findall(r"<td class=\"metric.*?</td>|<td.*?</td>", line, re.DOTALL)
+             for line in to_html([table]).split("<tr>")[2:]]  # fmt: skip
+    return {name: line[0] for name, line in zip(rows, lines, strict=True)}
 
 
 def test_the_lowest_of_a_table_is_marked_and_cells_without_cases_have_no_bar():
@@ -138,6 +128,6 @@ def test_the_lowest_of_a_table_is_marked_and_cells_without_cases_have_no_bar():
     assert not any("lowest" in cell for cell in cells(rows | {"b": without_intervals(rows["b"])}).values())
     assert "n/a (0 cases)" in shown["c"]
     assert "meter" not in shown["c"]
-    assert "--v:63.0%" in shown["a"]
-    assert "--l:58.0%;width:10.0%" in shown["a"]
-    assert "58.0 to 68.0" in shown["a"]
+    assert "--v:40.5%" in shown["a"]
+    assert "--l:35.5%;width:10.0%" in shown["a"]
+    assert "35.5 to 45.5" in shown["a"]

@@ -12,7 +12,8 @@ from bench.errors import DataError
 from bench.harness import read_run, read_tables
 from bench.recordings import load_card, open_dataset
 from bench.reference import Category
-from bench.reporting.page.build import environment, write_page
+from bench.reporting.document import environment
+from bench.reporting.page.build import write_page
 from bench.reporting.page.charts import write_figures
 from bench.reporting.page.object_table import table_data
 from bench.reporting.stored_run import read_stored_run
@@ -57,7 +58,7 @@ def test_it_names_paper_data_and_method_with_its_settings(tiny_page):
 def test_every_recording_has_a_row_that_leads_to_its_frames_and_its_worst_case(tiny_run, tiny_page):
     text = tiny_page.read_text()
     section = text[text.index('<section id="recordings">') : text.index('<section id="around">')]
-    assert set(re.findall(r'href="#frames" data-recording="([^"]+)"', section)) == {
+    assert set(re.findall(r'href="#frames">([^<]+)<', section)) == {
         "crossing",
         "standing",
         "overtaking",
@@ -68,9 +69,10 @@ def test_every_recording_has_a_row_that_leads_to_its_frames_and_its_worst_case(t
     objects, _ = read_tables(tiny_run)
     scored = [row for row in objects.to_pylist() if row["status"] == "evaluated" and row["recording"] == "standing"]
     tpr = sum(row["tp"] / (row["tp"] + row["fn"]) for row in scored) / len(scored)
-    line = section[section.index('data-recording="standing"') :]
-    assert re.findall(r'<td class="count">(.*?)</td>', line)[1] == f"{100 * tpr:.1f} %"
-    assert re.findall(r'<td class="count">(.*?)</td>', line)[3] == str(len(scored))
+    line = section[section.index('href="#frames">standing') :]
+    shown = [cell.strip() for cell in re.findall(r'<td class="count">(.*?)</td>', line, re.DOTALL)]
+    assert shown[1] == f"{100 * tpr:.1f} %"
+    assert shown[3] == str(len(scored))
 
 
 def test_two_runs_stand_side_by_side_on_the_same_images(tiny_run, tmp_path):
@@ -169,7 +171,7 @@ def test_names_from_the_data_are_escaped(hostile_page):
 
 def test_without_the_data_it_says_so_and_is_complete(tiny_run, tmp_path):
     run = shutil.copytree(tiny_run, tmp_path / "run")
-    change_summary(run, lambda content: content.update(card=str(tmp_path / "gone.yaml")))
+    change_summary(run, lambda content: content["manifest"]["dataset"].update(card=str(tmp_path / "gone.yaml")))
     page = write_page(run)
     text = page.file.read_text()
     assert len(page.problems) == 1
@@ -178,7 +180,7 @@ def test_without_the_data_it_says_so_and_is_complete(tiny_run, tmp_path):
     assert "No picture: the data set was not available." in text
     assert "<img" not in text
     assert [name for name, _ in sections(text)] == SECTIONS
-    assert "Reason found" in text
+    assert re.search(r'<p class="facts">found \d+ %, range \d', text)
 
 
 def test_a_run_of_an_older_version_still_makes_a_page(tiny_run, tmp_path):
@@ -192,7 +194,7 @@ def test_a_run_of_an_older_version_still_makes_a_page(tiny_run, tmp_path):
 def test_pictures_show_what_was_scored_and_call_no_method(tiny_run, tmp_path, monkeypatch):
     run = shutil.copytree(tiny_run, tmp_path / "run")
     trap = {"name": "my-own", "place": "subprocess:Popen", "settings": {"args": ["touch", str(tmp_path / "p")]}}
-    change_summary(run, lambda content: content["method"].update(trap))
+    change_summary(run, lambda content: content["manifest"]["method"].update(trap))
     text = write_page(run).file.read_text()
     assert "<img" in text
     assert not (tmp_path / "p").exists()
@@ -239,7 +241,7 @@ def test_a_kind_without_cases_is_no_error(tiny_run, tmp_path):
 def test_the_main_table_has_rows_with_cases_alone_and_names_the_others(tiny_page):
     text = tiny_page.read_text()
     section = text[text.index('<section id="results">') : text.index('<section id="splits">')]
-    labels = re.findall(r'<th scope="row">([^<]*)</th>', section[: section.index("</table>")])
+    labels = re.findall(r'<th scope="row">\s*([^<]*?)\s*</th>', section[: section.index("</table>")])
     assert [label.split(" (")[0] for label in labels] == ["Crossing", "Overtaking", "Static ego-vehicle"]
     assert section.count("Left out, without cases: preceding, approaching.") == 1
 

@@ -1,6 +1,7 @@
-"""Which frames are shown, and what is said of them."""
+"""Which frames are shown, and what was measured of them."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pyarrow as pa
@@ -11,12 +12,14 @@ from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA
 from bench.reference import Category
 from bench.reporting.page.charts import coverage_points
 from bench.reporting.page.worst import (
+    Card,
     FrameEvidence,
     ObjectEvidence,
-    frame_reason,
-    object_reason,
+    image_facts,
+    object_facts,
     worst_frames,
     worst_objects,
+    worst_table,
 )
 
 S = 1_000_000_000
@@ -60,70 +63,49 @@ def test_images_of_different_recordings_first():
     assert [r["fp_px"] for r in worst_frames(table, most=9)] == [50, 40, 10]
 
 
-def row(**changes):
-    found = {"coverage": 0.2, "category": "crossing", "region_px": 1000, "polygon_px": 1000, "points": 100}
-    return found | {"speed_mps": 1.0, "ego_speed_mps": 5.0} | changes
+ROW = {"coverage": 0.2, "range_m": 4.0, "points": 12, "region_px": 400, "polygon_px": 1000, "speed_mps": 4.8,
+       "ego_speed_mps": 5.0}  # fmt: skip
+SEEN = ObjectEvidence(undefined=0.7, blind_band=0.6, above_horizon=math.nan, likelihood=2e-4, threshold=6e-4)
 
 
-def seen(**changes):
-    shares = {"undefined": 0.0, "blind_band": 0.0, "above_horizon": 0.0, "likelihood": 2e-4}
-    of_method = {"threshold": 6e-4, "causes": ("positive_height", "anti_parallel")}
-    return ObjectEvidence(**(shares | of_method | changes))
+def test_what_was_measured_of_an_object_is_said():
+    assert object_facts(ROW, SEEN) == {
+        "found": "20 %", "range": "4.0 m", "lidar points": "12", "size": "400 px", "hidden": "60 %",
+        "speed": "4.8 m/s", "ego vehicle": "5.0 m/s", "undefined": "70 %", "near travel": "60 %",
+        "above horizon": "", "likelihood": "0.0002 (0.0006)",
+    }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("of_row", "of_image", "words"),
-    [
-        ({"coverage": 0.9}, {}, "Nothing to explain: 90 %"),
-        ({}, {"undefined": 0.7}, "70 % of the missed pixels are undefined"),
-        ({}, {"blind_band": 0.6}, "Blind band: 60 %"),
-        (
-            {"category": "preceding"},
-            {"above_horizon": 0.8},
-            "80 % of the missed pixels lie above the horizon, where pos",
-        ),
-        ({"category": "approaching"}, {"above_horizon": 0.8}, "where anti-parallel"),
-        ({"region_px": 400}, {}, "Occluded: 60 %"),
-        ({"category": "preceding", "speed_mps": 4.8}, {}, "almost as fast as the ego vehicle (4.8 and 5.0 m/s)"),
-        ({"points": 12}, {}, "Only 12 lidar points"),
-        ({"region_px": 90, "polygon_px": 90}, {}, "Small: 90 pixels"),
-        (
-            {},
-            {},
-            "No single reason found in the numbers. On its missed pixels the median motion likelihood is 0.0002",
-        ),
-    ],
-)
-def test_the_reason_is_what_the_numbers_say(of_row, of_image, words):
-    told = object_reason(row(**of_row), seen(**of_image))
-    assert words in told
-    others = ("Nothing", "undefined", "Blind", "horizon", "Occluded", "almost", "Only", "Small", "No single")
-    assert sum(other in told for other in others) == 1
+def test_what_needs_the_image_or_a_threshold_is_not_said_without_it():
+    of_image = ("undefined", "near travel", "above horizon", "likelihood")
+    without = object_facts(ROW, None)
+    assert {name for name, text in without.items() if not text} == set(of_image)
+    for changes in ({"threshold": None}, {"likelihood": math.nan}):
+        assert object_facts(ROW, replace(SEEN, **changes))["likelihood"] == ""
 
 
-def test_what_needs_the_image_is_not_said_without_it():
-    assert object_reason(row(), None) == "No single reason found in the numbers."
-    assert "likelihood" not in object_reason(row(), seen(likelihood=math.nan))
-    assert object_reason(row(), seen()).endswith("is 0.0002, below the threshold of 0.0006.")
-    assert "above the threshold" in object_reason(row(), seen(likelihood=1e-3))
-
-
-def test_what_the_method_does_not_have_is_no_reason():
-    assert object_reason(row(), seen(threshold=None)) == "No single reason found in the numbers."
-    high = row(category="preceding"), seen(above_horizon=0.8, causes=("epipolar", "anti_parallel"))
-    assert "horizon" not in object_reason(*high)
-
-
-def test_the_reason_of_an_image_is_what_the_numbers_say():
-    counts = {"fp_px": 100, "fp_largest_px": 20, "fp_unattached_px": 90, "fp_by_cause": {"epipolar": 70, "height": 30}}
-    unclear = counts | {"fp_by_cause": {"epipolar": 40, "height": 35, "depth": 25}}
+def test_what_was_measured_of_an_image_is_said():
+    counts = {"fp_px": 100, "fp_largest_px": 20, "fp_unattached_px": 90, "fp_by_cause": {"epipolar": 70, "height": 30},
+              "coverage": 0.5, "fp_components": 7, "ego_speed_mps": 5.0}  # fmt: skip
     evidence = FrameEvidence(below_horizon=0.9, static_objects=0.0)
-    assert frame_reason(counts, None) == "Mostly epipolar, with 70 % of the false pixels."
-    assert frame_reason(unclear, None) == "No single cause; the largest is epipolar, with 40 % of the false pixels."
-    assert "90 % lie below the horizon" in frame_reason(counts, evidence)
-    assert "One connected patch makes 80 %" in frame_reason(counts | {"fp_largest_px": 80}, None)
-    assert "60 % are in patches that touch a moving object" in frame_reason(counts | {"fp_unattached_px": 40}, None)
-    assert frame_reason(counts | {"fp_by_cause": {}}, None) == "No single reason found in the numbers."
+    assert image_facts(counts, evidence) == {
+        "wrongly marked": "50 %", "patches": "7", "largest": "20 %", "at objects": "10 %", "cause": "epipolar 70 %",
+        "ego vehicle": "5.0 m/s", "below horizon": "90 %", "on stationary": "0 %",
+    }  # fmt: skip
+    unknown = image_facts(counts | {"fp_by_cause": None}, None)
+    assert {name for name, text in unknown.items() if not text} == {"cause", "below horizon", "on stationary"}
+
+
+def test_the_worst_stand_in_one_table_that_leads_to_their_pictures():
+    cards = [
+        Card(element=f"worst-{n}", key=("a", "front", n), title=f"car {n}", view=None, facts=object_facts(row, None))
+        for n, row in enumerate([ROW, ROW | {"coverage": 0.4}])
+    ]
+    table = worst_table(cards, title="Crossing", first="object", note="")
+    assert [heading.text for heading in table.headings()][:2] == ["object", "found"]
+    assert "undefined" not in [heading.text for heading in table.headings()], "of no card"
+    assert [(cells[0].link, cells[1].text) for cells in table.cells()] == [("#worst-0", "20 %"), ("#worst-1", "40 %")]
+    assert cards[0].told.startswith("found 20 %, range 4.0 m, lidar points 12, ")
 
 
 def test_the_coverage_curve_has_a_point_where_it_bends():

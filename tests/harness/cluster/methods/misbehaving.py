@@ -5,19 +5,16 @@ import signal
 from pathlib import Path
 from time import sleep
 
-from bench.methods import Segmentation
+from bench.methods import Method, Segmentation
 
 
-class Bright:
+class Bright(Method):
     """Bright pixels; something happens once before the first image of the recording `where`."""
 
-    name, history, colour = "bright", 1, False
+    name = "bright"
 
     def __init__(self, *, folder: str, where: str = "standing", happening: str = "nothing") -> None:
         self.folder, self.where, self.happening = folder, where, happening
-
-    def settings(self) -> dict[str, object]:
-        return {"folder": self.folder, "where": self.where, "happening": self.happening}
 
     def segment(self, frame):
         if frame.recording == self.where:

@@ -1,0 +1,283 @@
+"""The manifest of a run: what it is of and what made it, and the one answer to what differs between two runs."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, Field
+
+import bench
+from bench.evaluation.summary import ProtocolStamp
+from bench.harness.keys import code_digest
+from bench.harness.keys.digests import UNIT_CODE
+from bench.harness.method_stamp import MethodStamp, flat_settings
+from bench.harness.provenance import combined_fingerprint, library_versions, package_commit
+from bench.plain_text import listed
+from bench.recordings.sealed_json import read_sealed, write_sealed
+
+MANIFEST = "manifest.json"
+SHOWN_DIGEST = 12  # characters of a digest that are shown
+OF_RECORDING = 16  # characters of the digest of a recording's data that say whether it changed
+LISTED = 4  # recordings that a sentence lists
+PREDICTIONS_DIGEST = "fingerprint"  # a setting of predictions from disk: their content, which is data
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class DatasetOfRun(_Part):
+    """The data of a run.
+
+    Attributes:
+        name: of the data set.
+        card: file of its card, as it was named; it may be named in several ways.
+        split: of it; None for all.
+        input_errors: injected into what the method is told, by name; empty for none.
+        data: digest of all recordings' data; None until they were opened.
+        recordings: the first characters of the digest of each recording's data, by name.
+    """
+
+    name: str
+    card: str
+    split: str | None
+    input_errors: dict[str, float] = Field(default_factory=dict)
+    data: str | None = None
+    recordings: dict[str, str] = Field(default_factory=dict)
+
+
+class CodeOfRun(_Part):
+    """The code of a run.
+
+    Attributes:
+        version: of the package.
+        commit: of the checkout that ran, "+" behind it where files were changed, or that pip installed from; None where
+            neither is known.
+        python: version of the interpreter.
+        libraries: versions of those that decide metrics.
+        digest: of this package's code that decides metrics; None where nobody took it.
+    """
+
+    version: str
+    commit: str | None
+    python: str
+    libraries: dict[str, str]
+    digest: str | None = None
+
+    @classmethod
+    def here(cls) -> CodeOfRun:
+        """The code of this process."""
+        return cls(
+            version=bench.__version__,
+            commit=package_commit(),
+            python=platform.python_version(),
+            libraries=library_versions(),
+            digest=code_digest(UNIT_CODE),
+        )
+
+    @property
+    def text(self) -> str:
+        """The commit, or the version where it is unknown."""
+        if self.commit is None:
+            return f"version {self.version} of an unknown commit"
+        dirty = " with changed files" if self.commit.endswith("+") else ""
+        return f"commit {self.commit[:SHOWN_DIGEST].rstrip('+')}{dirty}"
+
+
+class Manifest(_Part):
+    """What decides the results of a run.
+
+    Attributes:
+        dataset: the data.
+        method: that is scored, with its settings and the digest of its code and files.
+        protocol: the rules.
+        code: of this package, and its libraries.
+        reference: digest of what the reference alone decides; None until the run is finished.
+    """
+
+    dataset: DatasetOfRun
+    method: MethodStamp
+    protocol: ProtocolStamp
+    code: CodeOfRun
+    reference: str | None = None
+
+    def as_read(self) -> Manifest:
+        """The manifest as it reads from a file: lists, not tuples."""
+        return Manifest.model_validate_json(self.model_dump_json())
+
+    def with_data(self, digests: Mapping[str, str]) -> Manifest:
+        """The manifest with the digests of recordings' data, by name."""
+        recordings = {name: digest[:OF_RECORDING] for name, digest in sorted(digests.items())}
+        data = {"data": combined_fingerprint([*digests.values()]), "recordings": recordings}
+        return self.model_copy(update={"dataset": self.dataset.model_copy(update=data)})
+
+
+class Aspect(StrEnum):
+    """A part of the manifest in which two runs may differ, as sentences call it."""
+
+    DATASET = "data set"
+    SPLIT = "split"
+    INPUT_ERRORS = "input errors"
+    METHOD = "method"
+    SETTINGS = "settings"
+    PROTOCOL = "protocol"
+    CODE = "code"
+    METHOD_CODE = "code of the method"
+    DATA = "data"
+    REFERENCE = "reference"
+
+
+_INCOMPARABLE = {Aspect.DATASET, Aspect.SPLIT, Aspect.PROTOCOL}
+_OF_THE_REQUEST = {*_INCOMPARABLE, Aspect.INPUT_ERRORS, Aspect.METHOD, Aspect.SETTINGS}
+# The text says what it is of.
+_NAMED_BY_ITSELF = {
+    Aspect.SETTINGS,
+    Aspect.INPUT_ERRORS,
+    Aspect.CODE,
+    Aspect.METHOD_CODE,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Difference:
+    """Something in which two runs differ.
+
+    Attributes:
+        aspect: part of the manifest.
+        before: of the first run, in words; "" where it has none.
+        after: of the second.
+        text: what it is and was, for example "'everything', was 'nothing'".
+        name: of the setting, input error or library; "" where there is only one such thing.
+    """
+
+    aspect: Aspect
+    before: str
+    after: str
+    text: str
+    name: str = ""
+
+    def __str__(self) -> str:
+        return self.text if self.aspect in _NAMED_BY_ITSELF else f"{self.aspect} {self.text}"
+
+    @property
+    def comparable(self) -> bool:
+        """Whether results still compare; of another reference they do on the images where both agree."""
+        return self.aspect not in _INCOMPARABLE
+
+    @property
+    def of_the_request(self) -> bool:
+        """Whether another run was asked for; code and data may change from one start of a run to the next."""
+        return self.aspect in _OF_THE_REQUEST and self.name != PREDICTIONS_DIGEST
+
+
+def differences(before: Manifest, after: Manifest) -> tuple[Difference, ...]:
+    """List what differs between two runs, in the order of `Aspect`; what one of them does not know yet differs in none.
+
+    Args:
+        before: the first run.
+        after: the second run, of which sentences say "..., was ...".
+    """
+    return tuple(_differences(before, after))
+
+
+def _differences(before: Manifest, after: Manifest) -> Iterator[Difference]:
+    was, now = before.dataset, after.dataset
+    yield from _one(Aspect.DATASET, repr(was.name), repr(now.name))
+    yield from _one(Aspect.SPLIT, _or_none(was.split), _or_none(now.split))
+    yield from _each(Aspect.INPUT_ERRORS, was.input_errors, now.input_errors)
+    yield from _one(Aspect.METHOD, repr(before.method.name), repr(after.method.name))
+    if before.method.name == after.method.name:
+        yield from _each(Aspect.SETTINGS, all_settings(before.method), all_settings(after.method))
+    if before.protocol.digest != after.protocol.digest:
+        yield from _one(Aspect.PROTOCOL, protocol_text(before.protocol), protocol_text(after.protocol))
+    yield from _code(before, after)
+    if None not in (was.data, now.data) and was.data != now.data:
+        text = "; ".join([*_changed_recordings(was.recordings, now.recordings), _digests(was.data, now.data)])
+        yield Difference(aspect=Aspect.DATA, before=str(was.data), after=str(now.data), text=text)
+    if None not in (before.reference, after.reference) and before.reference != after.reference:
+        text = _digests(before.reference, after.reference)
+        yield Difference(aspect=Aspect.REFERENCE, before=str(before.reference), after=str(after.reference), text=text)
+
+
+def all_settings(method: MethodStamp) -> dict[str, object]:
+    """The settings of a method by dotted name: those that it reports, and those asked for that it does not report."""
+    return flat_settings(method.asked) | flat_settings(method.settings)
+
+
+def protocol_text(protocol: ProtocolStamp) -> str:
+    """For example "paper-v1 version 1 (dde8f4b79b8f)"."""
+    return f"{protocol.name} version {protocol.version} ({protocol.digest[:SHOWN_DIGEST]})"
+
+
+def write_manifest(run: Path, manifest: Manifest) -> None:
+    """Write `manifest.json`."""
+    write_sealed(run / MANIFEST, manifest)
+
+
+def read_manifest(run: Path) -> Manifest | None:
+    """Read `manifest.json`; None where there is none.
+
+    Raises:
+        DataError: damaged.
+    """
+    file = run / MANIFEST
+    return read_sealed(Manifest, file, expected="the manifest of a run") if file.exists() else None
+
+
+def _one(aspect: Aspect, before: str, after: str) -> Iterator[Difference]:
+    if before != after:
+        yield Difference(aspect=aspect, before=before, after=after, text=f"{after}, was {before}")
+
+
+def _each(aspect: Aspect, before: Mapping[str, object], after: Mapping[str, object]) -> Iterator[Difference]:
+    """For example "flow = dis, was farneback"."""
+    for name in sorted(before.keys() | after.keys()):
+        was, now = before.get(name), after.get(name)
+        if was != now:
+            text = f"{name} = {now}, was {was}"
+            yield Difference(aspect=aspect, before=str(was), after=str(now), text=text, name=name)
+
+
+def _code(before: Manifest, after: Manifest) -> Iterator[Difference]:
+    was, now = before.code, after.code
+    if (was.version, was.commit) != (now.version, now.commit):
+        yield from _one(Aspect.CODE, was.text, now.text)
+    elif None not in (was.digest, now.digest) and was.digest != now.digest and was.libraries == now.libraries:
+        text = f"other code of {now.text}: {_digests(was.digest, now.digest)}"
+        yield Difference(aspect=Aspect.CODE, before=str(was.digest), after=str(now.digest), text=text)
+    versions = [{"Python": code.python, **code.libraries} for code in (was, now)]
+    for name in sorted(versions[0].keys() | versions[1].keys()):
+        earlier, later = (found.get(name, "not loaded") for found in versions)
+        if earlier != later:
+            text = f"{name} {later}, was {earlier}"
+            yield Difference(aspect=Aspect.CODE, before=earlier, after=later, text=text, name=name)
+    one, two = before.method, after.method
+    if one.name == two.name and None not in (one.identity, two.identity) and one.identity != two.identity:
+        text = f"the method's own code, libraries or files: {_digests(one.identity, two.identity)}"
+        yield Difference(aspect=Aspect.METHOD_CODE, before=str(one.identity), after=str(two.identity), text=text)
+
+
+def _changed_recordings(was: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
+    """Which have other data; nothing where a side does not say."""
+    if not (was and now):
+        return
+    common = was.keys() & now.keys()
+    for kind, names, count in (
+        ("changed", {name for name in common if was[name] != now[name]}, len(common)),
+        ("new", now.keys() - was.keys(), len(now)),
+        ("missing", was.keys() - now.keys(), len(was)),
+    ):
+        if names:
+            yield f"recordings {kind}: {listed([*map(repr, sorted(names))], LISTED)} ({len(names)} of {count})"
+
+
+def _digests(before: str | None, after: str | None) -> str:
+    return f"digest {str(after)[:SHOWN_DIGEST]}, was {str(before)[:SHOWN_DIGEST]}"
+
+
+def _or_none(split: str | None) -> str:
+    return "none" if split is None else repr(split)
