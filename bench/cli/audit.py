@@ -50,49 +50,21 @@ def audit(
     With --methods: whether the lidar references rank methods as the exact masks do. An audit that was interrupted
     begins again.
     """
-    if methods is not None:
-        if set_ or method != "spherical" or protocol != "paper-v1":
-            raise UsageError(
-                "--methods: expected none of --method, --set and --protocol beside it; settings follow a method's name "
-                "behind a colon, and the references are always the same"
-            )
-        failures = rank(dataset, methods=methods, split=split, out=out, recordings=recordings, workers=workers)
-    else:
-        failures = audit_method(
-            dataset,
-            method=method,
-            settings=set_ or [],
-            protocol=protocol,
-            split=split,
-            out=out,
-            recordings=recordings,
-            workers=workers,
-            pictures=pictures,
-        )
-    if failures:
-        raise typer.Exit(options.FAILURES)
-
-
-def audit_method(
-    dataset: str,
-    *,
-    method: str,
-    settings: Sequence[str],
-    protocol: str,
-    split: str | None,
-    out: Path | None,
-    recordings: int | None,
-    workers: int | None,
-    pictures: bool,
-) -> int:
-    """Audit, write tables and pictures, print the tables and the paths; return the number of failures."""
     from bench.audit import audit_sources, read_misses, read_polygons, run_audit
     from bench.cli.request import chosen, local_executor
     from bench.methods import FlowMethod, build_method
     from bench.reporting.audit_pictures import write_audit_files, write_cause_pictures, write_examples
     from bench.reporting.audit_tables import audit_tables
 
-    card, built, rules = chosen(dataset, build_method, method=method, settings=settings, protocol=protocol)
+    if methods is not None:
+        if set_ or method != "spherical" or protocol != "paper-v1":
+            raise UsageError(
+                "--methods: expected none of --method, --set and --protocol beside it; settings follow a method's name "
+                "behind a colon, and the references are always the same"
+            )
+        _rank(dataset, methods, split=split, out=out, recordings=recordings, workers=workers)
+        return
+    card, built, rules = chosen(dataset, build_method, method=method, settings=set_, protocol=protocol)
     folder = out or AUDITS / card.name
     with _auditing(card, folder, title=f"auditing {card.name}") as report:
         found = run_audit(
@@ -117,23 +89,12 @@ def audit_method(
     if found.left_out:
         say(f"without exact flow: {found.left_out}")
     _print_ends(found.failures, files, all_in="audit.json")
-    return len(found.failures)
 
 
-def rank(
-    dataset: str,
-    *,
-    methods: str,
-    split: str | None,
-    out: Path | None,
-    recordings: int | None,
-    workers: int | None,
-) -> int:
-    """Rank methods by every reference, write tables and picture, print the tables and the paths.
-
-    Returns:
-        The number of failures.
-    """
+def _rank(
+    dataset: str, methods: str, *, split: str | None, out: Path | None, recordings: int | None, workers: int | None
+) -> None:
+    """Rank methods by every reference, write tables and picture, print the tables and the paths."""
     from bench.audit.ranking import run_ranking
     from bench.cli.request import local_executor
     from bench.recordings import load_card
@@ -156,7 +117,6 @@ def rank(
     _print_tables(ranking_tables(found))
     _print_cost(found.provenance, recordings=found.recordings)
     _print_ends(found.failures, files, all_in="ranking.json")
-    return len(found.failures)
 
 
 @contextmanager
@@ -207,6 +167,9 @@ def _print_cost(made: Provenance, *, recordings: int) -> None:
 
 
 def _print_ends(failures: Sequence[str], files: Iterable[Path], *, all_in: str) -> None:
+    """Print failures and files, and end with the status that tells of failures."""
     print_failures(failures, all_in=all_in)
     for file in files:
         note(str(file))
+    if failures:
+        raise typer.Exit(options.FAILURES)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -49,17 +50,16 @@ def evaluate(
     scheduler: options.Scheduler = None,
 ) -> None:
     """Score masks or scores that any other program wrote, paired with the images by name."""
-    from bench.api.runs import default_folder, run_folder
+    from bench.api.runs import run_requests
     from bench.cli.request import Computing, render_if_synthetic
     from bench.cli.runs import RunReport
-    from bench.evaluation import load_protocol
-    from bench.harness import RunRequest, check_predictions, evaluate_predictions
+    from bench.harness import check_predictions, evaluate_predictions
     from bench.harness.predicted import write_report
     from bench.methods import known_methods
     from bench.methods.predictions import PredictedMotion
     from bench.recordings import load_card
 
-    card, rules = load_card(dataset), load_protocol(protocol)
+    card = load_card(dataset)
     computing = Computing(workers=workers, cache=cache, no_cache=no_cache, scheduler=scheduler)
     called = name or f"predictions-{predictions.resolve().name}"
     if called in known_methods():
@@ -76,7 +76,10 @@ def evaluate(
     )
     usual = {"missing": "error", "naming": "auto", "history": 1, "threshold": None}
     chosen = [(option, value) for option, value in method.settings().items() if value != usual.get(option, value)]
-    folder = default_folder(card, called, chosen, rules, split) if out is None else run_folder(out)
+    (request,) = run_requests(
+        card, method, protocols=[protocol], split=split, out=out, overwrite=overwrite, named_by=chosen
+    )
+    folder = request.out
     listed = folder.with_name(f"{folder.name}-predictions.json")
     if card.remote_root is None and not card.root.is_dir():
         render_if_synthetic(card)  # what is there stays as it was when the predictions were made
@@ -87,21 +90,12 @@ def evaluate(
         write_report(listed, checked)
         raise checked.refuse(listed)
     listed.unlink(missing_ok=True)  # of an earlier refusal
-    finished = RunReport(card=card, protocol=rules, pictures=pictures)
+    finished = RunReport(card=card, protocol=request.protocol, pictures=pictures)
     with resumable(folder):
         with progress_bar(f"scoring {called} on {card.name}", "images") as report:
-            request = RunRequest(
-                card=card,
-                method=method,
-                protocol=rules,
-                out=folder,
-                split=split,
-                overwrite=overwrite,
-                executor=computing.executor(card, method, reads=[predictions]),
-                cache=computing.cache_folder,
-                progress=report,
-            )
-            summary = evaluate_predictions(request, checked, finish=finished.write)
+            executor = computing.executor(card, method, reads=[predictions])
+            asked = replace(request, executor=executor, cache=computing.cache_folder, progress=report)
+            summary = evaluate_predictions(asked, checked, finish=finished.write)
         finished.print(summary, folder)
     if summary.failures:
         raise typer.Exit(options.FAILURES)

@@ -55,9 +55,16 @@ def sweep(
     Each value is a run in a folder of the sweep. A sweep that was interrupted continues where it stopped, by the same
     command.
     """
-    from bench.cli.request import Computing
-    from bench.cli.runs import ScoringOptions
+    from bench.cli.request import Computing, render_if_synthetic
+    from bench.cli.runs import RunReport, ScoringOptions, requested_runs
+    from bench.harness import run_benchmark
+    from bench.harness.stages import part_of
+    from bench.recordings.atomic import output_folder
+    from bench.reporting.formats import file_name
+    from bench.reporting.sweep import METHOD_ONLY, to_rich, write_sweep
 
+    if "," in protocol:
+        raise UsageError(f"sweep: expected one protocol, got {protocol!r}")
     asked = ScoringOptions(
         dataset=dataset,
         method=method,
@@ -69,26 +76,10 @@ def sweep(
         overwrite=overwrite,
         computing=Computing(workers=workers, cache=cache, no_cache=no_cache),
     )
-    if score_values(asked):
-        raise typer.Exit(options.FAILURES)
-
-
-def score_values(asked: ScoringOptions) -> int:
-    """Run each value in a folder of its own, write table and chart, print the table; return the number of failures."""
-    from bench.cli.request import render_if_synthetic
-    from bench.cli.runs import RunReport, requested_runs
-    from bench.harness import run_benchmark
-    from bench.harness.stages import part_of
-    from bench.recordings.atomic import output_folder
-    from bench.reporting.formats import file_name
-    from bench.reporting.sweep import METHOD_ONLY, to_rich, write_sweep
-
-    if "," in asked.protocol:
-        raise UsageError(f"sweep: expected one protocol, got {asked.protocol!r}")
     setting, choices = one_for_each_value(asked)
     requests = {value: requested_runs(one, render=False)[0] for value, one in choices.items()}
     first = next(iter(requests.values()))
-    folder = SWEEPS / _usual_name(asked, first, setting) if asked.out is None else Path(asked.out)
+    folder = SWEEPS / _usual_name(asked, first, setting) if out is None else out
     title = f"{setting} of {first.method.name} on {first.card.name} by {first.protocol.name}"
     about = METHOD_ONLY if any(request.input_errors.named for request in requests.values()) else ""
     runs = {}
@@ -114,7 +105,8 @@ def score_values(asked: ScoringOptions) -> int:
     computed, reused = sum(work.units_computed for work in works), sum(work.units_reused for work in works)
     note(f"{len(runs)} values; units computed {computed}, found done {reused}")
     note_files([str(file) for file in files])
-    return len(failures)
+    if failures:
+        raise typer.Exit(options.FAILURES)
 
 
 def one_for_each_value(asked: ScoringOptions) -> tuple[str, dict[str, ScoringOptions]]:
