@@ -45,7 +45,7 @@ def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 def _one_worker() -> Iterator[None]:
     """Commands that are called in this process start no others unless they are told to: that takes seconds."""
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("bench.cli.computing.usable_cores", lambda: 1)
+        patched.setattr("bench.cli.request.usable_cores", lambda: 1)
         yield
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -113,8 +113,58 @@ def run(
         UsageError: settings that the method does not take, or beside an object; an input error that is no number.
         DataError: nothing of the data set could be used, or `out` holds another run.
     """
+    (request,) = run_requests(
+        dataset,
+        method,
+        settings=settings,
+        protocols=[protocol],
+        split=split,
+        input_errors=input_errors,
+        out=out,
+        overwrite=overwrite,
+    )
+    render_if_missing(request.card, workers=workers)
+    executor: TaskExecutor = SerialExecutor() if workers == 1 else ProcessExecutor(workers=workers)
+    stored = None if cache is None else CacheFolder(folder=Path(cache))
+    asked = replace(request, executor=executor, cache=stored, progress=progress)
+    summary = run_benchmark(asked, finish=_write_report)
+    return Run(folder=request.out, summary=summary)
+
+
+def run_requests(
+    dataset: str | Path | DatasetCard,
+    method: str | Scorable,
+    *,
+    settings: Mapping[str, object] | None = None,
+    protocols: Sequence[str | Path] = (DEFAULT_PROTOCOL,),
+    split: str | None = None,
+    input_errors: Mapping[str, object] | None = None,
+    out: str | Path | None = None,
+    overwrite: bool = False,
+    named_by: Iterable[tuple[str, object]] | None = None,
+) -> list[RunRequest]:
+    """Assemble the runs that are asked for, one for each protocol, computed here one after the other and not cached.
+
+    Nothing is rendered or computed yet.
+
+    Args:
+        dataset: as of `run`.
+        method: as of `run`.
+        settings: as of `run`.
+        protocols: by name or file.
+        split: as of `run`.
+        input_errors: as of `run`.
+        out: folder of the first run, to which the others add their protocol; None for the usual ones.
+        overwrite: as of `run`.
+        named_by: settings that name the usual folder; None for those that are not the default.
+
+    Raises:
+        UnknownNameError, UsageError, DataError: as `run`; a protocol twice.
+    """
     card = dataset if isinstance(dataset, DatasetCard) else load_card(dataset)
-    rules = load_protocol(protocol)
+    rules = [load_protocol(protocol) for protocol in protocols]
+    if len({protocol.name for protocol in rules}) < len(rules):
+        raise UsageError(f"expected each protocol once, got {', '.join(map(str, protocols))}")
     if isinstance(method, str):
         chosen, named = build_scorable(method, settings), method
     elif settings:
@@ -123,26 +173,25 @@ def run(
         chosen = require_scorable(method)
         named = chosen.name
     errors = named_input_errors(input_errors or {})
-    changed = [*non_default_settings(chosen, named), *errors.named.items()]
-    usual = default_folder(card, chosen.name, changed, rules, split)
-    folder = usual if out is None else run_folder(out)
-    render_if_missing(card, workers=workers)
-    executor: TaskExecutor = SerialExecutor() if workers == 1 else ProcessExecutor(workers=workers)
-    request = RunRequest(
-        card=card,
-        method=chosen,
-        protocol=rules,
-        out=folder,
-        settings=settings or {},
-        split=split,
-        input_errors=errors,
-        overwrite=overwrite,
-        executor=executor,
-        cache=None if cache is None else CacheFolder(folder=Path(cache)),
-        progress=progress,
-    )
-    summary = run_benchmark(request, finish=_write_report)
-    return Run(folder=folder, summary=summary)
+    if out is None:
+        changed = [*(non_default_settings(chosen, named) if named_by is None else named_by), *errors.named.items()]
+        folders = [default_folder(card, chosen.name, changed, protocol, split) for protocol in rules]
+    else:
+        first = run_folder(out)
+        folders = [first, *(Path(f"{first}-{further.name}") for further in rules[1:])]
+    return [
+        RunRequest(
+            card=card,
+            method=chosen,
+            protocol=protocol,
+            out=folder,
+            settings=settings or {},
+            split=split,
+            input_errors=errors,
+            overwrite=overwrite,
+        )
+        for protocol, folder in zip(rules, folders, strict=True)
+    ]
 
 
 def load_run(folder: str | Path) -> Run:

@@ -6,32 +6,80 @@ import json
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from bench.api.runs import default_folder
-from bench.cli.computing import render_if_synthetic
+import typer
+
+from bench.cli import options
 from bench.cli.console import note, note_files, print_failures, progress_bar, show
 from bench.cli.interrupts import resumable
-from bench.cli.running import RunReport, ScoringOptions, requested_runs
 from bench.errors import DataError, UsageError
-from bench.harness import RunRequest, run_benchmark
-from bench.harness.stages import part_of
-from bench.plain_yaml import parse_yaml
-from bench.recordings.atomic import output_folder
-from bench.reporting.formats import file_name
-from bench.reporting.sweep import METHOD_ONLY, table, write_sweep
+
+if TYPE_CHECKING:
+    from bench.cli.runs import ScoringOptions
+    from bench.harness import RunRequest
 
 SWEEPS = Path("reports/sweeps")
 
 
-def sweep(asked: ScoringOptions) -> int:
-    """Run each value in a folder of its own, write table and chart, print the table; return the number of failures."""
-    if "," in asked.protocol:
-        raise UsageError(f"sweep: expected one protocol, got {asked.protocol!r}")
+def sweep(
+    dataset: options.Dataset,
+    method: options.MethodName = "spherical",
+    set_: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUE,...",
+            help="A parameter of the method, as YAML; one of them with several values, commas in between; repeatable.",
+        ),
+    ] = None,
+    input_error: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=VALUE,...", help="As of `run`; one may have several values in place of a parameter."
+        ),
+    ] = None,
+    protocol: options.ProtocolName = "paper-v1",
+    split: options.Split = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder of the sweep; default: reports/sweeps/<data set>-<method>-<setting>."),
+    ] = None,
+    overwrite: options.Overwrite = False,
+    workers: options.Workers = None,
+    cache: options.Cache = None,
+    no_cache: options.NoCache = False,
+) -> None:
+    """Score a method once for each of several values of one setting: a table and a chart.
+
+    Each value is a run in a folder of the sweep. A sweep that was interrupted continues where it stopped, by the same
+    command.
+    """
+    from bench.cli.request import Computing, render_if_synthetic
+    from bench.cli.runs import RunReport, ScoringOptions, requested_runs
+    from bench.harness import run_benchmark
+    from bench.harness.stages import part_of
+    from bench.recordings.atomic import output_folder
+    from bench.reporting.formats import file_name
+    from bench.reporting.sweep import METHOD_ONLY, table, write_sweep
+
+    if "," in protocol:
+        raise UsageError(f"sweep: expected one protocol, got {protocol!r}")
+    asked = ScoringOptions(
+        dataset=dataset,
+        method=method,
+        settings=set_ or [],
+        input_errors=input_error or [],
+        protocol=protocol,
+        split=split,
+        out=None if out is None else str(out),
+        overwrite=overwrite,
+        computing=Computing(workers=workers, cache=cache, no_cache=no_cache),
+    )
     setting, choices = one_for_each_value(asked)
     requests = {value: requested_runs(one, render=False)[0] for value, one in choices.items()}
     first = next(iter(requests.values()))
-    folder = SWEEPS / _usual_name(asked, first, setting) if asked.out is None else Path(asked.out)
+    folder = SWEEPS / _usual_name(asked, first, setting) if out is None else out
     title = f"{setting} of {first.method.name} on {first.card.name} by {first.protocol.name}"
     about = METHOD_ONLY if any(request.input_errors.named for request in requests.values()) else ""
     runs = {}
@@ -57,7 +105,8 @@ def sweep(asked: ScoringOptions) -> int:
     computed, reused = sum(work.units_computed for work in works), sum(work.units_reused for work in works)
     note(f"{len(runs)} values; units computed {computed}, found done {reused}")
     note_files([str(file) for file in files])
-    return len(failures)
+    if failures:
+        raise typer.Exit(options.FAILURES)
 
 
 def one_for_each_value(asked: ScoringOptions) -> tuple[str, dict[str, ScoringOptions]]:
@@ -89,6 +138,8 @@ def split_values(name: str, values: str) -> dict[str, str]:
     Raises:
         UsageError: they are no YAML.
     """
+    from bench.plain_yaml import parse_yaml
+
     try:
         parsed = parse_yaml(f"[{values}]", file=name)
     except DataError as error:
@@ -99,6 +150,8 @@ def split_values(name: str, values: str) -> dict[str, str]:
 
 def _usual_name(asked: ScoringOptions, request: RunRequest, setting: str) -> str:
     """Data set, method, what else is not the default, and the setting that is swept."""
+    from bench.api.runs import default_folder
+
     assigned = (text.partition("=") for text in (*asked.settings, *asked.input_errors))
     fixed = [(name, value) for name, _, value in assigned if name != setting]
     return f"{default_folder(request.card, request.method.name, fixed, request.protocol, request.split).name}-{setting}"

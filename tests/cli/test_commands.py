@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 import bench
-from bench.cli.computing import parse_settings
+from bench.cli.app import app
+from bench.cli.request import parse_settings
 from bench.errors import UsageError
 from tests.support.commands import call, error_line
 
@@ -179,10 +180,21 @@ def test_python_m_bench_is_the_same_command():
 
 
 def test_help_imports_nothing_heavy():
-    heavy = ("cv2", "open3d", "pandas", "scipy", "matplotlib")
+    heavy = ("cv2", "open3d", "pandas", "scipy", "matplotlib", "numpy", "pydantic")
     script = f"import sys; from bench.cli import main; print([m for m in {heavy} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_command_is_in_the_module_of_its_name():
+    commands = [
+        *app.registered_commands,
+        *(group.typer_instance.registered_commands[0] for group in app.registered_groups),
+    ]
+    modules = [command.callback.__module__.removeprefix("bench.cli.") for command in commands]
+    named = [command.callback.__name__ for command in app.registered_commands]
+    assert modules == [*named, *(group.name for group in app.registered_groups)]
+    assert set(COMMANDS) <= set(named)
 
 
 def test_every_command_is_tested():

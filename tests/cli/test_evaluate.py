@@ -32,7 +32,7 @@ def masks(images, tmp_path):
 @pytest.fixture
 def evaluate(monkeypatch, tiny_card, tmp_path):
     """Evaluates a folder and expects an exit status; returns the run's folder. Tables are drawn where asked for."""
-    from bench.cli.running import RunReport
+    from bench.cli.runs import RunReport
 
     def run(folder, *words, out="run", status=0, card=tiny_card, tables=False):
         for name in () if tables else ("write", "print"):

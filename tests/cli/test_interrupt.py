@@ -90,9 +90,9 @@ def test_a_sweep_that_is_interrupted_goes_on(tiny_card, tmp_path, trouble, worke
     assert f"interrupted; what is done is in {out}, and the same command goes on from there" in shown
     until(lambda: not any(alive(pid) for pid in pids(here)), "no worker")
     (trouble / "standing.wait").unlink()
-    ended = called_here("sweep", tiny_card, *TROUBLED, *words)
-    assert ended.returncode == 0
-    assert "units computed 4, found done 2" in ended.stdout
+    again = called_here("sweep", tiny_card, *TROUBLED, *words)
+    assert again.returncode == 0
+    assert "units computed 4, found done 2" in again.stdout
 
 
 def test_an_audit_begins_again_and_says_so(tiny_card, tmp_path, trouble):

@@ -213,12 +213,10 @@ def test_the_cache_keeps_nothing_on_a_full_disk_and_the_run_goes_on(places, tmp_
 
 
 def test_a_bug_keeps_its_traceback(monkeypatch, capsys, places):
-    from bench.cli import listing
-
     def fail(_: object) -> None:
         raise OSError("no file is named")
 
-    monkeypatch.setattr(listing, "datasets", fail)
+    monkeypatch.setattr("bench.recordings.list_cards", fail)
     monkeypatch.setattr(sys, "argv", ["fisheye-bench", "datasets", "."])
     from bench.cli import main
 

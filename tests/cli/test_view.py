@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from bench.cli.viewing import chosen_frames
+from bench.cli.view import chosen_frames
 from bench.errors import UsageError
 from bench.recordings import ImageRef
 from tests.support.commands import call, error_line

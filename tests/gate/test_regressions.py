@@ -10,7 +10,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 
-from bench.cli import gating
+from bench.cli.gate import judge_run
 from bench.errors import DataError
 from bench.evaluation.paired import MetricSums, recording_sums
 from bench.gate import Outcome, Verdict, judge, load_tolerances, scored_run, write_baseline
@@ -34,7 +34,7 @@ def baseline(good_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def command(folder: Path, baseline: Path) -> int:
-    return gating.gate(folder, baseline=baseline, tolerances=None, junit=None, json=None, github=False)
+    return judge_run(folder, baseline=baseline, tolerances=None, junit=None, json=None, github=False)
 
 
 def verdict(good: Path, other: Path) -> Verdict:

@@ -25,7 +25,7 @@ from bench.audit.ranking import (
 )
 from bench.audit.ranking_sums import EXACT, PAPER, REFERENCES, ROWS, SUMS, SURFACE, RankingSums, lidar_references
 from bench.audit.sources import same_objects
-from bench.cli.auditing import parse_methods
+from bench.cli.audit import parse_methods
 from bench.errors import DataError, UnknownNameError, UsageError
 from bench.evaluation import load_protocol
 from bench.execution import ProcessExecutor

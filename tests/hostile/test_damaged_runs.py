@@ -110,7 +110,7 @@ def test_a_fault_of_ours_is_no_verdict(whole, monkeypatch, capsys):
     def fault(*_, **__):
         raise KeyError("crossing")
 
-    monkeypatch.setattr("bench.cli.gating.judge", fault)
+    monkeypatch.setattr("bench.gate.judge", fault)
     assert call(monkeypatch, *COMMANDS["gate"](whole)) == 70
     assert "KeyError" in capsys.readouterr().err
 

@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from bench.cli import reports
+from bench.cli.compare import compare
 from bench.errors import UsageError
 from bench.evaluation import load_protocol, summarise
 from bench.evaluation.row_source import CommonImages, RowsOnImages
@@ -111,7 +111,7 @@ def test_every_form_says_how_many_images_each_run_had(runs, tmp_path, capsys):
     with (tmp_path / "compare.csv").open() as stream:
         counts = {(r["images_before"], r["images_after"], r["images_compared"]) for r in csv.DictReader(stream)}
     assert counts == {("12", "9", "9")}
-    reports.compare(list(runs.values()), out=tmp_path, pictures=True)
+    compare(list(map(str, runs.values())), out=tmp_path, pictures=True)
     assert line in " ".join(capsys.readouterr().out.split())
     assert list((tmp_path / "pictures").glob("*.jpg"))
 

@@ -1,21 +1,24 @@
-"""How a command computes: settings of the method, executor and cache, and rendered data."""
+"""From options to objects: data set, method, protocol, executor, cache; and data that are rendered first."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from bench.cli.console import detail, note, progress_bar
 from bench.cli.interrupts import interruptible
 from bench.errors import DataError, UsageError
+from bench.evaluation import Protocol, load_protocol
 from bench.execution import ProcessExecutor, SerialExecutor, TaskExecutor, usable_cores
 from bench.harness.cache import CacheFolder, default_folder
 from bench.harness.cluster import ClusterExecutor, WorkerRequirements, scheduler_address
 from bench.methods import Scorable
 from bench.plain_yaml import parse_yaml
-from bench.recordings import DatasetCard
+from bench.recordings import DatasetCard, load_card
+
+Built = TypeVar("Built")
 
 LONGEST = 1000  # characters of one setting
 
@@ -71,6 +74,29 @@ def local_executor(workers: int | None) -> TaskExecutor:
     """
     count = workers or usable_cores()
     return SerialExecutor() if count == 1 else ProcessExecutor(workers=count)
+
+
+def chosen(
+    dataset: str,
+    build: Callable[[str, Mapping[str, object]], Built],
+    *,
+    method: str,
+    settings: Sequence[str] | None,
+    protocol: str,
+) -> tuple[DatasetCard, Built, Protocol]:
+    """Load what options name: data set, method, protocol.
+
+    Args:
+        dataset: card, or its name.
+        build: `build_method`, or `build_scorable` to take also what sees the truth and is no method.
+        method: name, or "module:Class".
+        settings: of the method, "name=value".
+        protocol: name or file.
+
+    Raises:
+        UnknownNameError, UsageError, DataError: one of them is not there or cannot be used.
+    """
+    return load_card(dataset), build(method, parse_settings(settings or [])), load_protocol(protocol)
 
 
 def parse_settings(pairs: Sequence[str], *, option: str = "--set") -> dict[str, Any]:

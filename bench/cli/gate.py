@@ -1,50 +1,63 @@
-"""Judge a run by a baseline, or make the baseline."""
+"""`gate`: judge a run by a baseline, or make the baseline."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from bench.cli.console import annotate, note, say, show
+from bench.cli.options import StoredRun
 from bench.errors import BenchError, UsageError
-from bench.gate import (
-    MissingBaselineError,
-    ScoredRun,
-    Verdict,
-    judge,
-    judgeable,
-    load_tolerances,
-    other_kind,
-    own_baseline,
-    read_baseline,
-    refuse,
-    scored_run,
-    usual_baseline,
-    write_baseline,
-)
-from bench.gate.brief import folded_lines, main_rows, overall_rows, worst_line
-from bench.gate.changes import how_to_compare
-from bench.gate.tolerances import DEFAULT
-from bench.gate.verdict import Outcome
-from bench.harness import read_run
-from bench.recordings.atomic import write_bytes, write_text
-from bench.reporting.verdict import (
-    CAPTION,
-    LARGEST_BYTES,
-    full_lines,
-    full_rows,
-    head_lines,
-    row_table,
-    to_annotations,
-    to_json,
-    to_junit,
-    to_markdown,
-)
+
+if TYPE_CHECKING:
+    from bench.gate import ScoredRun, Verdict
 
 PASSED, FAILED, NO_VERDICT = 0, 1, 3
 
 
 def gate(
+    run: StoredRun,
+    baseline: Annotated[
+        Path | None,
+        typer.Option(
+            help="The baseline; default: reports/baselines/<data set>.json, with -<protocol> behind the name unless "
+            "that is paper-v1, or the one that ships with the package."
+        ),
+    ] = None,
+    tolerances: Annotated[
+        str | None, typer.Option(help="default-v1, rendered-v1, or a YAML file; default: default-v1.")
+    ] = None,
+    junit: Annotated[Path | None, typer.Option(help="Write JUnit XML to this file.")] = None,
+    json: Annotated[Path | None, typer.Option(help="Write the verdict as JSON to this file.")] = None,
+    github: Annotated[bool, typer.Option("--github", help="Print GitHub annotations.")] = False,
+    whole: Annotated[
+        bool, typer.Option("--all", help="List all rows, those of breakdowns too, which cut the same objects again.")
+    ] = False,
+    update: Annotated[
+        bool, typer.Option("--update", help="Judge nothing; store the run as the baseline, and print what changes.")
+    ] = False,
+    allow_dirty: Annotated[
+        bool, typer.Option("--allow-dirty", help="With --update: also from changed, uncommitted code.")
+    ] = False,
+) -> None:
+    """Judge a run by a baseline: 0 no regression, 1 a regression, 2 usage or data error, 3 no verdict."""
+    from bench.api.runs import run_folder
+
+    folder = run_folder(run)
+    if update:
+        _refuse_with_update(tolerances=tolerances, junit=junit, json=json, github=github)
+        update_baseline(folder, baseline=baseline, allow_dirty=allow_dirty, whole=whole)
+        return
+    status = judge_run(
+        folder, baseline=baseline, tolerances=tolerances, junit=junit, json=json, github=github, whole=whole
+    )
+    raise typer.Exit(status)
+
+
+def judge_run(
     run: Path,
     *,
     baseline: Path | None,
@@ -55,6 +68,20 @@ def gate(
     whole: bool = False,
 ) -> int:
     """Judge a run, print and write the verdict, or that there is none; return the exit status."""
+    from bench.gate import (
+        MissingBaselineError,
+        judge,
+        load_tolerances,
+        read_baseline,
+        refuse,
+        scored_run,
+        usual_baseline,
+    )
+    from bench.gate.changes import how_to_compare
+    from bench.gate.tolerances import DEFAULT
+    from bench.gate.verdict import Outcome
+    from bench.harness import read_run
+
     rules = load_tolerances(tolerances or DEFAULT)
     scored: ScoredRun | None = None
     try:
@@ -85,8 +112,21 @@ def gate(
     return PASSED if verdict.passed else FAILED
 
 
-def update(run: Path, *, baseline: Path | None, allow_dirty: bool, whole: bool) -> None:
+def update_baseline(run: Path, *, baseline: Path | None, allow_dirty: bool, whole: bool) -> None:
     """Store a run as the baseline, and print what differs from the one that it replaces."""
+    from bench.gate import (
+        MissingBaselineError,
+        judge,
+        judgeable,
+        load_tolerances,
+        other_kind,
+        own_baseline,
+        read_baseline,
+        scored_run,
+        write_baseline,
+    )
+    from bench.gate.tolerances import DEFAULT
+
     scored = scored_run(run)
     file = baseline or own_baseline(scored)
     rules, replaced, style = load_tolerances(DEFAULT), "", ""
@@ -112,7 +152,7 @@ def update(run: Path, *, baseline: Path | None, allow_dirty: bool, whole: bool) 
     say(f"{judged}{why_few}", style="bold red" if why_few else "")
 
 
-def refuse_with_update(**options: object) -> None:
+def _refuse_with_update(**options: object) -> None:
     """Refuse options of a verdict where none is made, so that no script takes an update for a pass."""
     for name, value in options.items():
         if value:
@@ -121,6 +161,9 @@ def refuse_with_update(**options: object) -> None:
 
 def _print_brief(verdict: Verdict) -> None:
     """What changed, the overall rows, and where most was lost."""
+    from bench.gate.brief import overall_rows, worst_line
+    from bench.reporting.verdict import head_lines, row_table
+
     show(head_lines(verdict))
     if rows := overall_rows(verdict):
         show([row_table(rows)])
@@ -130,6 +173,9 @@ def _print_brief(verdict: Verdict) -> None:
 
 def _print_rest(verdict: Verdict, *, whole: bool) -> None:
     """The other rows: those that do not overlap, or all."""
+    from bench.gate.brief import folded_lines, main_rows
+    from bench.reporting.verdict import CAPTION, full_lines, full_rows, row_table
+
     if whole:
         show([row_table(full_rows(verdict), caption=CAPTION), *full_lines(verdict)])
         return
@@ -144,6 +190,9 @@ def _print_rest(verdict: Verdict, *, whole: bool) -> None:
 
 def _hand_over(verdict: Verdict, *, junit: Path | None, json: Path | None, github: bool) -> None:
     """To the CI server, whatever the exit status: files, annotations, the step's summary."""
+    from bench.recordings.atomic import write_bytes, write_text
+    from bench.reporting.verdict import to_annotations, to_json, to_junit
+
     if junit is not None:
         write_bytes(junit, to_junit(verdict))
     if json is not None:
@@ -156,6 +205,8 @@ def _hand_over(verdict: Verdict, *, junit: Path | None, json: Path | None, githu
 
 def _append_summary(file: Path, verdict: Verdict) -> None:
     """Append to the step's summary; other commands of the step may have written to it before."""
+    from bench.reporting.verdict import LARGEST_BYTES, to_markdown
+
     try:
         written = file.stat().st_size if file.exists() else 0
         with file.open("a", encoding="utf-8") as summary:

@@ -1,4 +1,4 @@
-"""Begin something of the user's own: files that run as they are, with the contract in their comments."""
+"""`new`: begin something of the user's own: files that run as they are, with the contract in their comments."""
 
 from __future__ import annotations
 
@@ -7,10 +7,17 @@ import re
 from importlib import resources
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from bench.cli.console import say
+from bench.cli.options import group
 from bench.errors import OutputError, UsageError
-from bench.recordings import write_text
+
+app = group("Begin a method, a data set or an adapter.")
+
+NewName = Annotated[str, typer.Argument(metavar="NAME", help="Letters, digits, - and _, for example my-method.")]
 
 # Template -> file, both with the names that stand for the user's: my-x in results, my_x as a module, MyX as a class.
 METHOD = {"method.py": "my_method.py", "test_method.py": "test_my_method.py"}
@@ -28,8 +35,9 @@ ADAPTER = {
 }
 
 
-def new_method(name: str) -> None:
-    """Write a method and its tests into the working folder."""
+@app.command("method")
+def new_method(name: NewName) -> None:
+    """Write NAME.py with a method that scores at once, and a test of it."""
     _write(METHOD, "method", name)
     module, kind = _module(name), _class(name)
     say("it runs as it is; then change `segment`:")
@@ -38,8 +46,9 @@ def new_method(name: str) -> None:
     say(f"  pytest test_{module}.py")
 
 
-def new_dataset(name: str) -> None:
-    """Write a card, a program that writes an example, and its tests into the working folder."""
+@app.command("dataset")
+def new_dataset(name: NewName) -> None:
+    """Write datasets/NAME.yaml, a program that writes an example recording, and a test of it."""
     _write(DATASET, "data", name)
     called = _called(name)
     say("it runs as it is; then put your own readers into the program, and title, licence and caveats into the card:")
@@ -48,8 +57,9 @@ def new_dataset(name: str) -> None:
     say(f"  fisheye-bench run {called}")
 
 
-def new_adapter(name: str) -> None:
-    """Write a folder with an adapter as a package of its own, an example of its layout, a card and tests."""
+@app.command("adapter")
+def new_adapter(name: NewName) -> None:
+    """Write NAME/ with an adapter as a package, an example of its layout, a card, and a test of it."""
     _write(ADAPTER, "format", name)
     called, module = _called(name), _module(name)
     say("it runs as it is; then change the layout that it reads:")
@@ -84,6 +94,8 @@ def _write(files: dict[str, str], stem: str, name: str) -> None:
     for place in places.values():
         if place.exists():
             raise OutputError(place, got="a file that is there already", do="take another name, or move it away")
+    from bench.recordings import write_text
+
     folder = resources.files("bench.cli") / "templates"
     for template, place in places.items():
         write_text(place, in_users_words((folder / f"{template}.txt").read_text("utf-8")))

@@ -1,27 +1,57 @@
-"""Validation of data sets and adapters."""
+"""`validate`: what looks wrong in a data set, or in what an adapter gives."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-from bench.cli.computing import parse_settings, render_if_synthetic
+import typer
+
 from bench.cli.console import progress_bar, say
+from bench.cli.options import Split
 from bench.errors import UsageError
 from bench.plain_text import listed
-from bench.plug_ins import imported
-from bench.recordings import load_card, open_dataset, write_text
-from bench.recordings.catalogue import Adapter
-from bench.recordings.contract import adapter_faults
-from bench.validation import Depth, Finding, RecordingReport, Severity, ValidationReport, validate_dataset
+
+if TYPE_CHECKING:
+    from bench.recordings.catalogue import Adapter
+    from bench.validation import Finding, RecordingReport, ValidationReport
 
 SHOWN = 5  # findings of one check in one recording that are printed; the file has all
 SHOWN_PLACES = 3  # of findings that read alike
-COLOURS = {Severity.ERROR: "red", Severity.WARNING: "yellow"}
+COLOURS = {"error": "red", "warning": "yellow"}
 
 
-def validate(dataset: str, *, split: str | None, deep: bool, errors_only: bool, json: Path | None) -> bool:
+def validate(
+    dataset: Annotated[str, typer.Argument(help="A data-set card; with --adapter a folder of data.")],
+    split: Split = None,
+    deep: Annotated[bool, typer.Option("--deep", help="Read every image and sweep, not a sample.")] = False,
+    errors_only: Annotated[
+        bool, typer.Option("--errors-only", help="Exit with 0 where there are warnings alone.")
+    ] = False,
+    json: Annotated[Path | None, typer.Option(help="Write all findings as JSON to this file.")] = None,
+    adapter: Annotated[
+        str | None, typer.Option(help="MODULE:FUNCTION; tries whether your adapter keeps the contract.")
+    ] = None,
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="With --adapter: an option of it.")
+    ] = None,
+) -> None:
+    """List what looks wrong in a data set: 0 nothing, 1 something, 2 usage or data error."""
+    if adapter is not None:
+        passed = validate_adapter(adapter, Path(dataset), settings=set_ or [])
+    else:
+        passed = validate_recordings(dataset, split=split, deep=deep, errors_only=errors_only, json=json)
+    if not passed:
+        raise typer.Exit(1)
+
+
+def validate_recordings(dataset: str, *, split: str | None, deep: bool, errors_only: bool, json: Path | None) -> bool:
     """Validate a data set, print what is wrong with it; whether it passed."""
+    from bench.cli.request import render_if_synthetic
+    from bench.recordings import load_card, open_dataset, write_text
+    from bench.validation import Depth, Severity, validate_dataset
+
     card = load_card(dataset)
     if card.scenario is not None and card.remote_root is None and not card.root.is_dir():
         render_if_synthetic(card)  # what is there is validated as it is
@@ -39,7 +69,13 @@ def validate(dataset: str, *, split: str | None, deep: bool, errors_only: bool, 
 
 def validate_adapter(name: str, root: Path, *, settings: Sequence[str]) -> bool:
     """Run the contract test on an adapter, print the promises that it breaks; whether it keeps them all."""
-    adapter = _imported(name)
+    from bench.cli.request import parse_settings
+    from bench.plug_ins import imported
+    from bench.recordings.contract import adapter_faults
+
+    if not all(name.partition(":")):
+        raise UsageError(f"--adapter: expected module:function, got {name!r}")
+    adapter: Adapter = imported(name, expected=f"--adapter {name}: expected a function")
     if not root.is_dir():
         raise UsageError(f"expected the folder of a data set, got {root}, which is missing")
     with progress_bar(f"trying {name}", "recordings") as progress:
@@ -62,7 +98,7 @@ def _print_findings(recording: RecordingReport) -> None:
     for check, groups in checks.items():
         for (severity, expected, got, do), findings in list(groups.items())[:SHOWN]:
             places = listed([_where(finding) for finding in findings], SHOWN_PLACES)
-            say(f"  {severity:7}  {check}: {places}{_occurrence(findings)}", style=COLOURS[findings[0].severity])
+            say(f"  {severity:7}  {check}: {places}{_occurrence(findings)}", style=COLOURS[severity])
             say(f"           expected {expected}; got {got}")
             if do:
                 say(f"           {do}")
@@ -88,6 +124,8 @@ def _occurrence(findings: Sequence[Finding]) -> str:
 
 
 def _closing(report: ValidationReport, json: Path | None) -> list[str]:
+    from bench.validation import Depth, Severity
+
     errors, warnings = report.count(Severity.ERROR), report.count(Severity.WARNING)
     images = [sum(recording.images[i] for recording in report.recordings) for i in (0, 1)]
     sweeps = [sum(recording.sweeps[i] for recording in report.recordings) for i in (0, 1)]
@@ -98,11 +136,3 @@ def _closing(report: ValidationReport, json: Path | None) -> list[str]:
     if report.depth is Depth.SAMPLED and (images[0] < images[1] or sweeps[0] < sweeps[1]):
         lines[0] += "; --deep reads all"
     return [*lines, *([str(json)] if json is not None else [])]
-
-
-def _imported(name: str) -> Adapter:
-    module, _, function = name.partition(":")
-    if not module or not function:
-        raise UsageError(f"--adapter: expected module:function, got {name!r}")
-    adapter: Adapter = imported(name, expected=f"--adapter {name}: expected a function")
-    return adapter

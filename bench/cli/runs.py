@@ -1,4 +1,4 @@
-"""The main job: data set in, table out."""
+"""Runs: what options ask for, how they are scored, and what is printed of them."""
 
 from __future__ import annotations
 
@@ -6,26 +6,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from bench.api.runs import default_folder, non_default_settings, run_folder
-from bench.cli.computing import Computing, parse_settings, render_if_synthetic
+from bench.api.runs import run_folder, run_requests
 from bench.cli.console import note, note_files, print_failures, progress_bar, say, show, stage_times
 from bench.cli.interrupts import interruptible, resumable
-from bench.cli.viewing import draw_example_frames
-from bench.errors import UsageError
-from bench.evaluation import Protocol, load_protocol
+from bench.cli.request import Computing, parse_settings, render_if_synthetic
+from bench.cli.view import draw_example_frames
+from bench.evaluation import Protocol
 from bench.harness import (
     Provenance,
     RunRequest,
     RunSummary,
-    build_scorable,
     merge_shards,
     read_protocol,
     run_protocols,
     run_shard,
 )
 from bench.harness.shards import Shard
-from bench.recordings import DatasetCard, load_card
-from bench.recordings.input_errors import named_input_errors
+from bench.recordings import DatasetCard
 from bench.reference import IgnoreReason
 from bench.reporting.leaderboard.texts import best_line
 from bench.reporting.table_files import write_report_files
@@ -101,50 +98,27 @@ def run_part(asked: ScoringOptions, *, part: str) -> int:
 
 
 def requested_runs(asked: ScoringOptions, *, render: bool = True) -> list[RunRequest]:
-    """What the command line says, as a run for each protocol.
+    """Assemble what the command line says: a run for each protocol.
 
     Args:
         asked: what the command line says.
         render: the data set where it is not there.
     """
-    card, protocols = load_card(asked.dataset), load_protocols(asked.protocol)
-    requested = parse_settings(asked.settings)
-    method = build_scorable(asked.method, requested)
-    errors = named_input_errors(parse_settings(asked.input_errors, option="--input-error"))
-    settings = [*non_default_settings(method, asked.method), *errors.named.items()]
-    if asked.out is None:
-        folders = [default_folder(card, method.name, settings, protocol, asked.split) for protocol in protocols]
-    else:
-        first = run_folder(asked.out)
-        folders = [first, *(Path(f"{first}-{further.name}") for further in protocols[1:])]
+    requests = run_requests(
+        asked.dataset,
+        asked.method,
+        settings=parse_settings(asked.settings),
+        protocols=[name.strip() for name in asked.protocol.split(",")],
+        split=asked.split,
+        input_errors=parse_settings(asked.input_errors, option="--input-error"),
+        out=asked.out,
+        overwrite=asked.overwrite,
+    )
+    card, method = requests[0].card, requests[0].method
     if render:
         render_if_synthetic(card)
-    common = RunRequest(
-        card=card,
-        method=method,
-        protocol=protocols[0],
-        out=folders[0],
-        settings=requested,
-        split=asked.split,
-        input_errors=errors,
-        overwrite=asked.overwrite,
-        executor=asked.computing.executor(card, method),
-        cache=asked.computing.cache_folder,
-    )
-    return [replace(common, protocol=protocol, out=out) for protocol, out in zip(protocols, folders, strict=True)]
-
-
-def load_protocols(names: str) -> list[Protocol]:
-    """Load protocols that are named with commas in between.
-
-    Raises:
-        UsageError: an empty name, or one twice.
-        DataError, UnknownNameError: as `load_protocol`.
-    """
-    protocols = [load_protocol(name.strip()) for name in names.split(",")]
-    if len({protocol.name for protocol in protocols}) < len(protocols):
-        raise UsageError(f"--protocol: expected each protocol once, got {names!r}")
-    return protocols
+    executor, cache = asked.computing.executor(card, method), asked.computing.cache_folder
+    return [replace(request, executor=executor, cache=cache) for request in requests]
 
 
 def merge(run: str, parts: Sequence[str], *, overwrite: bool, pictures: bool) -> int:

@@ -1,4 +1,4 @@
-"""Label formats of other tools: list, import, export."""
+"""`annotations`: label formats of other tools: list, import, export."""
 
 from __future__ import annotations
 
@@ -6,31 +6,43 @@ import os
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
-from numpy.typing import NDArray
+import typer
 
 from bench.cli.console import say, show, write_out
+from bench.cli.options import group
 from bench.errors import UnknownNameError, UsageError
-from bench.labels import (
-    LabelOptions,
-    LabelSet,
-    calibration_text,
-    export_labels,
-    import_labels,
-    known_formats,
-    label_format,
-    open_unannotated,
-)
-from bench.recordings import Cuboid, DatasetCard, Recording, load_card, open_dataset, write_text
-from bench.reporting.document import Table
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from bench.labels import LabelSet
+    from bench.recordings import DatasetCard, Recording
 
 LEFT_OUT = "none"
 DEFAULT_FOLDER = Path("annotations")
 
+app = group("Bring annotations of other tools into annotations/, and back.")
 
+FormatName = Annotated[str, typer.Argument(metavar="FORMAT", help="A format; see `annotations formats`.")]
+Card = Annotated[str, typer.Option("--dataset", help="A data-set card: its path, or a name that `datasets` lists.")]
+ClassPairs = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--class", metavar="TOOL=OURS", help="What a class of the tool is for us; none leaves it out; repeatable."
+    ),
+]
+FirstFrame = Annotated[int, typer.Option(help="Number of the first sweep in the tool's frames.")]
+
+
+@app.command("formats")
 def formats() -> None:
-    """Print the formats of labels."""
+    """List the formats that can be imported and exported."""
+    from bench.labels import known_formats, label_format
+    from bench.reporting.document import Table
+
     rows = []
     for name, place in known_formats().items():
         try:
@@ -41,23 +53,28 @@ def formats() -> None:
     show([Table(columns=["name", "what it is"], rows=rows, words=2)])
 
 
+@app.command("import")
 def import_(
-    format_name: str,
-    source: Path,
-    *,
-    dataset: str,
-    recording: str,
-    out: Path | None,
-    classes: Sequence[str],
-    first_frame: int,
+    format_: FormatName,
+    source: Annotated[Path, typer.Argument(help="The tool's file or folder.")],
+    dataset: Card,
+    recording: Annotated[str, typer.Option(help="Name of the recording.")],
+    out: Annotated[
+        Path | None, typer.Option(help="Folder of annotation files; default: the card's, or annotations/<data set>.")
+    ] = None,
+    class_: ClassPairs = None,
+    first_frame: FirstFrame = 0,
 ) -> None:
-    """Write a tool's files as the annotation file of a recording and say what came and what was lost."""
-    options = LabelOptions(classes=parse_classes(classes), first_frame=first_frame)
-    label_format(format_name)  # an unknown name is told before anything is opened
+    """Write a tool's annotations as <recording>.json; say what was read and what was lost."""
+    from bench.labels import LabelOptions, import_labels, label_format, open_unannotated
+    from bench.recordings import load_card
+
+    options = LabelOptions(classes=parse_classes(class_ or []), first_frame=first_frame)
+    label_format(format_)  # an unknown name is told before anything is opened
     card = load_card(dataset)
     file = (out or card.annotations or DEFAULT_FOLDER / card.name) / f"{recording}.json"
     opened = open_unannotated(card, recording)
-    label_set = import_labels(format_name, source, opened, options, file=file)
+    label_set = import_labels(format_, source, opened, options, file=file)
     _print_label_set(label_set, opened)
     _print_lost(label_set.lost)
     say(str(file))
@@ -66,31 +83,41 @@ def import_(
         say(f"to use it, give the card {card.file} this line: annotations: {folder}")
 
 
+@app.command("export")
 def export(
-    format_name: str,
-    *,
-    dataset: str,
-    recording: str | None,
-    out: Path,
-    classes: Sequence[str],
-    first_frame: int,
+    format_: FormatName,
+    dataset: Card,
+    out: Annotated[Path, typer.Option(help="Folder; each recording gets one in it.")],
+    recording: Annotated[str | None, typer.Option(help="Name of the recording; default: all.")] = None,
+    class_: ClassPairs = None,
+    first_frame: FirstFrame = 0,
 ) -> None:
-    """Write annotations of recordings as a tool's files, one folder for each recording."""
-    options = LabelOptions(classes=parse_classes(classes), first_frame=first_frame)
-    label_format(format_name)
+    """Write annotations as a tool's files; say what it cannot hold."""
+    from bench.labels import LabelOptions, export_labels, label_format
+    from bench.recordings import load_card, open_dataset
+
+    options = LabelOptions(classes=parse_classes(class_ or []), first_frame=first_frame)
+    label_format(format_)
     handles = {handle.name: handle for handle in open_dataset(load_card(dataset))}
     if recording is not None and recording not in handles:
         raise UnknownNameError("recording", recording, handles)
     for name in handles if recording is None else (recording,):
         opened = handles[name].open()
-        label_set, lost = export_labels(format_name, opened, out / name, options)
+        label_set, lost = export_labels(format_, opened, out / name, options)
         _print_label_set(label_set, opened)
         _print_lost(lost)
         say(str(out / name))
 
 
-def calibration(file: Path, out: Path | None) -> None:
-    """Print or write lenses and mountings of an OpenLABEL file as parts of `recording.json`."""
+@app.command("calibration")
+def calibration(
+    file: Annotated[Path, typer.Argument(help="An OpenLABEL file with streams.")],
+    out: Annotated[Path | None, typer.Option(help="The file; default: printed.")] = None,
+) -> None:
+    """Give lenses and mountings of an OpenLABEL file as `cameras` and `lidar` of a recording.json."""
+    from bench.labels import calibration_text
+    from bench.recordings import write_text
+
     text = calibration_text(file)
     if out is None:
         write_out(text)
@@ -136,6 +163,10 @@ def _print_label_set(label_set: LabelSet, recording: Recording) -> None:
 
 def _middle_sizes(label_set: LabelSet) -> Mapping[str, str]:
     """Class -> length, width and height of its middle box, by which swapped axes are seen at once."""
+    import numpy as np
+
+    from bench.recordings import Cuboid
+
     sizes: dict[str, list[NDArray[np.float64]]] = defaultdict(list)
     for track in label_set.tracks:
         sizes[track.object_class] += [state.shape.size_m for state in track.states if isinstance(state.shape, Cuboid)]

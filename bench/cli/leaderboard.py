@@ -1,22 +1,24 @@
-"""Scores all methods on a data set, for the leaderboard."""
+"""`leaderboard`: all methods on one page, scored first where that is asked for."""
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-from bench.cli.computing import Computing, render_if_synthetic, split_method
-from bench.cli.console import progress_bar, say
+import typer
+
+from bench.cli import options
+from bench.cli.console import note_files, progress_bar, say, show
 from bench.cli.interrupts import interruptible
-from bench.cli.running import ScoringOptions, requested_runs
-from bench.errors import BenchError
-from bench.harness import RunSummary, run_protocols
-from bench.harness.perf import method_cost, read_cost, write_cost
-from bench.methods import known_methods
-from bench.recordings import DatasetCard, load_card
-from bench.reporting.leaderboard.reading import JUDGED
-from bench.reporting.page.build import write_page
+from bench.errors import BenchError, UsageError
+
+if TYPE_CHECKING:
+    from bench.cli.request import Computing
+    from bench.cli.runs import ScoringOptions
+    from bench.harness import RunSummary
+    from bench.recordings import DatasetCard
 
 # Settings that make another method of one; the others come from the registry alone.
 VARIANTS = {"spherical": ("flow=dis", "first_guess=true")}
@@ -25,9 +27,64 @@ EXACT_FLOW = "exact-flow"
 CEILINGS = ("truth", "truth:cell_size_px=5", EXACT_FLOW)
 
 
+def leaderboard(
+    folder: Annotated[Path, typer.Argument(help="Folder that holds runs at any depth.")] = Path("reports/runs"),
+    score: Annotated[
+        list[str] | None,
+        typer.Option(metavar="DATASET", help="First score all methods on this data set, into FOLDER; repeatable."),
+    ] = None,
+    methods: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B,...",
+            help="With --score: these methods; settings behind colons, as in spherical:flow=dis. Default: all that are "
+            "registered, and on rendered data the exact masks and exact flow.",
+        ),
+    ] = None,
+    protocol: Annotated[
+        str, typer.Option(help="With --score: protocols with commas in between, in one pass.")
+    ] = "paper-v1,surface-v1",
+    out: Annotated[
+        Path | None, typer.Option(help="Also write the page, the chart, leaderboard.md, .csv, .json into this folder.")
+    ] = None,
+    pictures: Annotated[bool, typer.Option(help="Show methods on the same images, from rendered data sets.")] = True,
+    workers: options.Workers = None,
+    cache: options.Cache = None,
+    no_cache: options.NoCache = False,
+) -> None:
+    """List all runs of a folder, those that compare in one table each; with --score, make them first.
+
+    Runs that are there and up to date are not computed again.
+    """
+    from bench.cli.request import Computing
+    from bench.reporting.leaderboard.page import write_leaderboard
+    from bench.reporting.leaderboard.reading import read_leaderboard
+    from bench.reporting.leaderboard.texts import leaderboard_tables
+
+    if score is None and (methods is not None or workers is not None):
+        raise UsageError("leaderboard: expected --score beside --methods and --workers, which say how to score")
+    computing = Computing(workers=workers, cache=cache, no_cache=no_cache)
+    failures = sum(
+        score_all(dataset, methods=methods, protocol=protocol, runs=folder, computing=computing)
+        for dataset in score or ()
+    )
+    found = read_leaderboard(folder)
+    show(leaderboard_tables(found))
+    for run, fault in found.damaged:
+        say(f"damaged: {run}: {fault}", style="red")
+    if out is not None:
+        with progress_bar("drawing the same images", "runs") as progress:
+            files, problems = write_leaderboard(found, out, pictures=pictures, progress=progress)
+        for problem in problems:
+            say(f"no picture: {problem}", style="yellow")
+        note_files([str(file) for file in files])
+    if found.damaged or failures:
+        raise typer.Exit(options.FAILURES)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Competitor:
-    """What is scored.
+    """A method that is scored.
 
     Attributes:
         name: of the method.
@@ -47,7 +104,7 @@ class Competitor:
 
 
 def competitors(card: DatasetCard, methods: str | None) -> list[Competitor]:
-    """Who competes on a data set.
+    """List the methods that are scored on a data set.
 
     Args:
         card: the data set.
@@ -57,19 +114,21 @@ def competitors(card: DatasetCard, methods: str | None) -> list[Competitor]:
     Raises:
         UsageError: a setting that is none.
     """
+    from bench.methods import known_methods
+
     if methods is not None:
         names = [text.strip() for text in methods.split(",")]
     else:
-        names = [name for known in known_methods() for name in (known, *_variants(known))]
+        variants = {known: [f"{known}:{setting}" for setting in VARIANTS.get(known, ())] for known in known_methods()}
+        names = [name for known in known_methods() for name in (known, *variants[known])]
         names += CEILINGS if card.scenario is not None else ()
     return [_competitor(name, card) for name in names]
 
 
-def _variants(name: str) -> list[str]:
-    return [f"{name}:{setting}" for setting in VARIANTS.get(name, ())]
-
-
 def _competitor(text: str, card: DatasetCard) -> Competitor:
+    from bench.cli.request import split_method
+    from bench.methods import known_methods
+
     name, settings = split_method(text)
     told = any(setting.startswith("scenario=") for setting in settings)
     if name == EXACT_FLOW and card.scenario is not None and not told:
@@ -90,6 +149,10 @@ def score_all(dataset: str, *, methods: str | None, protocol: str, runs: Path, c
     Returns:
         How many methods, images, units and recordings could not be used; each method's reason is printed.
     """
+    from bench.cli.request import render_if_synthetic
+    from bench.cli.runs import ScoringOptions
+    from bench.recordings import load_card
+
     card = load_card(dataset)
     render_if_synthetic(card)
     failures = 0
@@ -119,6 +182,12 @@ def score_all(dataset: str, *, methods: str | None, protocol: str, runs: Path, c
 
 def _score(asked: ScoringOptions, *, timed: bool) -> list[RunSummary]:
     """Score one method, time it, and write the page of the run that is judged."""
+    from bench.cli.runs import requested_runs
+    from bench.harness import run_protocols
+    from bench.harness.perf import method_cost, read_cost, write_cost
+    from bench.reporting.leaderboard.reading import JUDGED
+    from bench.reporting.page.build import write_page
+
     requests = requested_runs(asked, render=False)
     first, cost = requests[0], None
     if timed:

@@ -1,4 +1,4 @@
-"""Pictures, videos and viewer logs of frames."""
+"""`view`: pictures, videos and viewer logs of frames."""
 
 from __future__ import annotations
 
@@ -7,23 +7,19 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
+import typer
 
-from bench.cli.computing import parse_settings, render_if_synthetic
+from bench.cli import options
 from bench.cli.console import note_files, progress_bar, say
 from bench.errors import BenchError, UnknownNameError, UsageError
-from bench.evaluation import Protocol, load_protocol
-from bench.harness import FramePipeline, RunSummary, build_scorable, open_tables
-from bench.harness.frames import UnscorableFrame
-from bench.harness.replay import StoredFrames
-from bench.recordings import DatasetCard, ImageRef, RecordingHandle, load_card, open_dataset, read_image
-from bench.records.reference import IgnoreReason
-from bench.reference import ReferenceObject, Status
-from bench.reporting.formats import file_name, image_name, made_by
-from bench.reporting.frame_pictures import example_frames, write_frame_pictures
-from bench.reporting.rerun_log import refuse_other_log, rerun_log, viewer
-from bench.reporting.video import SweepViewer, draw_frame, draw_plain, refuse_other_suffix, video_file
+
+if TYPE_CHECKING:
+    from bench.evaluation import Protocol
+    from bench.harness import FramePipeline, RunSummary
+    from bench.recordings import DatasetCard, ImageRef, RecordingHandle
+    from bench.reference import ReferenceObject
 
 PICTURES = Path("reports/runs/view")
 
@@ -55,10 +51,53 @@ class ViewRequest:
     lidar: bool = True
 
 
-def view(dataset: str, request: ViewRequest, *, method: str, settings: Sequence[str], protocol: str) -> None:
-    """Draw the frames that are asked for and print the files."""
-    card = load_card(dataset)
-    chosen = build_scorable(method, parse_settings(settings))
+def view(
+    dataset: options.Dataset,
+    recording: Annotated[str | None, typer.Option(help="Name of the recording; default: the first.")] = None,
+    camera: Annotated[str | None, typer.Option(help="Name of the camera; default: the first.")] = None,
+    frame: Annotated[int | None, typer.Option(help="Index of the image; default: the middle one.")] = None,
+    frames: Annotated[
+        str | None, typer.Option(metavar="FIRST:LAST[:STEP]", help="Several images, the last one included.")
+    ] = None,
+    time_ns: Annotated[int | None, typer.Option(help="The image nearest to this time.")] = None,
+    method: options.MethodName = "spherical",
+    set_: options.Settings = None,
+    protocol: options.ProtocolName = "paper-v1",
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of pictures; default: reports/runs/view/<camera>/<image>, none beside a video or log."
+        ),
+    ] = None,
+    video: Annotated[
+        Path | None,
+        typer.Option(help="Video (.mp4, .webm, .avi) of true and false areas."),
+    ] = None,
+    rrd: Annotated[
+        Path | None, typer.Option(help="File for the viewer rerun (the optional extra `viewer`), with lidar and boxes.")
+    ] = None,
+    lidar: Annotated[bool, typer.Option(help="Draw lidar points into the video.")] = True,
+) -> None:
+    """Draw frames: panels, areas, overlay and lidar clusters of each, a video, or a log for the viewer."""
+    from bench.cli.request import chosen, render_if_synthetic
+    from bench.harness import FramePipeline, build_scorable
+    from bench.recordings import open_dataset
+    from bench.reporting.formats import made_by
+    from bench.reporting.rerun_log import refuse_other_log, viewer
+    from bench.reporting.video import refuse_other_suffix
+
+    request = ViewRequest(
+        recording=recording,
+        camera=camera,
+        frame=frame,
+        frames=frames,
+        time_ns=time_ns,
+        out=out,
+        video=video,
+        rrd=rrd,
+        lidar=lidar,
+    )
+    card, built, rules = chosen(dataset, build_scorable, method=method, settings=set_, protocol=protocol)
     if request.video is not None:
         refuse_other_suffix(request.video)
     if request.rrd is not None:
@@ -69,13 +108,12 @@ def view(dataset: str, request: ViewRequest, *, method: str, settings: Sequence[
     name = request.camera or sorted(opened.cameras)[0]
     if name not in opened.cameras:
         raise UnknownNameError("camera", name, opened.cameras)
-    rules = load_protocol(protocol)
-    pipeline = FramePipeline(opened, name, method=chosen, protocol=rules)
-    made = made_by(chosen.name, rules.name)
+    pipeline = FramePipeline(opened, name, method=built, protocol=rules)
+    made = made_by(built.name, rules.name)
     films = request.video is not None or request.rrd is not None
     indices = chosen_frames(
         pipeline.images,
-        history=chosen.history,
+        history=built.history,
         frame=request.frame,
         frames=request.frames,
         time_ns=request.time_ns,
@@ -95,6 +133,11 @@ def _pictures(pipeline: FramePipeline, indices: range, out: Path | None, made: s
     Those of a single frame lie in the folder that was asked for itself. Annotated objects that are not scored, and so
     have no outline in the pictures, are said.
     """
+    from bench.harness.frames import UnscorableFrame
+    from bench.reference import Status
+    from bench.reporting.formats import file_name
+    from bench.reporting.frame_pictures import write_frame_pictures
+
     usual = PICTURES / f"{file_name(pipeline.recording.name)}-{file_name(pipeline.camera.name)}"
     for index in indices:
         name = f"{index:06d}-{file_name(pipeline.images[index].path.stem)}"
@@ -114,6 +157,8 @@ def _pictures(pipeline: FramePipeline, indices: range, out: Path | None, made: s
 
 def _not_scored(found: ReferenceObject) -> str:
     """For example "van 'v1': ignored, too few points (0)"."""
+    from bench.records.reference import IgnoreReason
+
     what = f"{found.object_class} {found.track_id!r}"
     if found.reason is None:
         return f"{what}: does not move"
@@ -123,6 +168,12 @@ def _not_scored(found: ReferenceObject) -> str:
 
 def _film(pipeline: FramePipeline, indices: range, request: ViewRequest, made: str) -> list[Path]:
     """A video, a log for the viewer, or both in one pass."""
+    from bench.harness.frames import UnscorableFrame
+    from bench.recordings import read_image
+    from bench.reporting.formats import image_name
+    from bench.reporting.rerun_log import rerun_log
+    from bench.reporting.video import SweepViewer, draw_frame, draw_plain, video_file
+
     recording, camera = pipeline.recording, pipeline.camera
     sweeps = SweepViewer(recording, camera)
     rate_hz = 1e9 / recording.frame_interval_ns / indices.step
@@ -162,6 +213,12 @@ def draw_example_frames(
     Returns:
         The files, and a line for every reason why a picture could not be made.
     """
+    from bench.harness import open_tables
+    from bench.harness.frames import UnscorableFrame
+    from bench.harness.replay import StoredFrames
+    from bench.reporting.formats import made_by
+    from bench.reporting.frame_pictures import example_frames, write_frame_pictures
+
     files, remarks = list[Path](), list[str]()
     try:
         stored = StoredFrames(results, summary, protocol, card=card)
@@ -243,6 +300,8 @@ def _span(frames: str, history: int, last: int) -> range:
 
 
 def _at(images: tuple[ImageRef, ...], time_ns: int, history: int) -> range:
+    import numpy as np
+
     times_ns = [image.timestamp_ns for image in images]
     index = int(np.argmin([abs(time - time_ns) for time in times_ns]))
     first, last = times_ns[history], times_ns[-1]

@@ -1,0 +1,110 @@
+"""`evaluate`: masks or scores of any program, scored."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from bench.cli import options
+from bench.cli.console import note, progress_bar, show
+from bench.cli.interrupts import resumable
+from bench.errors import UsageError
+
+if TYPE_CHECKING:
+    from bench.harness import PredictionReport
+
+
+def evaluate(
+    dataset: options.Dataset,
+    predictions: Annotated[Path, typer.Option(help="Folder of masks or scores: [recording/]camera/<name>.png ...")],
+    name: Annotated[str | None, typer.Option(help="What results call them; default: predictions-<folder>.")] = None,
+    missing: Annotated[
+        Literal["error", "skip", "empty"],
+        typer.Option(help="Images without a prediction: refuse, leave unscored, or count as empty."),
+    ] = "error",
+    names: Annotated[
+        Literal["auto", "timestamp", "frame", "image"],
+        typer.Option(help="What files are named by; default: found out."),
+    ] = "auto",
+    threshold: Annotated[float | None, typer.Option(help="Score above which a pixel moves; default: 0.5.")] = None,
+    history: Annotated[
+        int, typer.Option(help="Score images with this many before them; 1 as methods that compare two.")
+    ] = 1,
+    protocol: options.ProtocolName = "paper-v1",
+    split: options.Split = None,
+    out: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Folder of the run; default: reports/runs/<data set>-NAME.",
+        ),
+    ] = None,
+    overwrite: options.Overwrite = False,
+    pictures: options.Pictures = True,
+    workers: options.Workers = None,
+    cache: options.Cache = None,
+    no_cache: options.NoCache = False,
+    scheduler: options.Scheduler = None,
+) -> None:
+    """Score masks or scores that any other program wrote, paired with the images by name."""
+    from bench.api.runs import run_requests
+    from bench.cli.request import Computing, render_if_synthetic
+    from bench.cli.runs import RunReport
+    from bench.harness import check_predictions, evaluate_predictions
+    from bench.harness.predicted import write_report
+    from bench.methods import known_methods
+    from bench.methods.predictions import PredictedMotion
+    from bench.recordings import load_card
+
+    card = load_card(dataset)
+    computing = Computing(workers=workers, cache=cache, no_cache=no_cache, scheduler=scheduler)
+    called = name or f"predictions-{predictions.resolve().name}"
+    if called in known_methods():
+        raise UsageError(f"--name: expected another name than those of methods, got {called!r}")
+    method = PredictedMotion(
+        name=called,
+        folder=str(predictions),
+        dataset=str(card.file),
+        split=split,
+        threshold=threshold,
+        missing=missing,
+        naming=names,
+        history=history,
+    )
+    usual = {"missing": "error", "naming": "auto", "history": 1, "threshold": None}
+    chosen = [(option, value) for option, value in method.settings().items() if value != usual.get(option, value)]
+    (request,) = run_requests(
+        card, method, protocols=[protocol], split=split, out=out, overwrite=overwrite, named_by=chosen
+    )
+    folder = request.out
+    listed = folder.with_name(f"{folder.name}-predictions.json")
+    if card.remote_root is None and not card.root.is_dir():
+        render_if_synthetic(card)  # what is there stays as it was when the predictions were made
+    with progress_bar(f"reading {predictions}", "recordings") as report:
+        checked = check_predictions(card, method=method, progress=report)
+    _print_check(checked)
+    if checked.refusal is not None:
+        write_report(listed, checked)
+        raise checked.refuse(listed)
+    listed.unlink(missing_ok=True)  # of an earlier refusal
+    finished = RunReport(card=card, protocol=request.protocol, pictures=pictures)
+    with resumable(folder):
+        with progress_bar(f"scoring {called} on {card.name}", "images") as report:
+            executor = computing.executor(card, method, reads=[predictions])
+            asked = replace(request, executor=executor, cache=computing.cache_folder, progress=report)
+            summary = evaluate_predictions(asked, checked, finish=finished.write)
+        finished.print(summary, folder)
+    if summary.failures:
+        raise typer.Exit(options.FAILURES)
+
+
+def _print_check(report: PredictionReport) -> None:
+    from bench.reporting.prediction_table import prediction_line, prediction_table
+
+    table = prediction_table(report)
+    if table is not None:
+        show([table])
+    note(prediction_line(report))

@@ -1,0 +1,42 @@
+"""`report`: the page of a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bench.cli.console import note_files, progress_bar, say
+from bench.cli.options import StoredRun
+from bench.errors import UnknownNameError
+
+
+def report(
+    run: StoredRun,
+    category: Annotated[str | None, typer.Option(help="Only this kind of motion, for example preceding.")] = None,
+    beside: Annotated[
+        str | None,
+        typer.Option(metavar="RUN", help="Another run of the same data and protocol: both on the same images."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="The file; default: index.html or index-CATEGORY.html in the run.")
+    ] = None,
+    pictures: Annotated[bool, typer.Option(help="Draw the worst frames, from the data set.")] = True,
+) -> None:
+    """Write one page to read, from disk and without a network: metrics, charts, the worst cases."""
+    from bench.api.runs import run_folder
+    from bench.reference import Category
+    from bench.reporting.page.build import write_page
+    from bench.reporting.page.charts import write_figures
+
+    if category is not None and category not in set(Category):
+        raise UnknownNameError("category", category, (known.value for known in Category))
+    kind = None if category is None else Category(category)
+    folder = run_folder(run)
+    other = None if beside is None else run_folder(beside)
+    with progress_bar("drawing frames", "pictures") as progress:
+        page = write_page(folder, category=kind, out=out, other=other, pictures=pictures, progress=progress)
+    for problem in page.problems:
+        say(f"pictures missing: {problem}", style="yellow")
+    note_files([str(file) for file in (page.file, *write_figures(folder, category=kind))])
