@@ -1,7 +1,7 @@
 """The paper's formulas on exact flow and ego-motion: what is left of a rendered data set's errors is the method's own.
 
-Not a method, for nobody has exact flow: it casts rays into the scene that the images were rendered from. Its settings
-say `sees_the_truth`.
+It stands among the oracles, for nobody has exact flow: it casts rays into the scene that the images were rendered from,
+as the scenario's file among its settings says. These also say `sees_the_truth`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from bench.synthesis.scene import build_scene
 
 @dataclass(frozen=True, kw_only=True)
 class SphericalOnExactFlow(SphericalMethod):
-    """The paper's method on exact flow, ego-motion and road of a rendered data set: an oracle, no method.
+    """The paper's method on exact flow, ego-motion and road of a rendered data set, which no camera shows.
 
     Attributes:
         scenario: the file that the data set was rendered from.

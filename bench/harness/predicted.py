@@ -81,9 +81,9 @@ class PredictionReport(BaseModel):
 
     def refuse(self, listed_in: Path) -> DataError:
         """The error of a folder that is not scored."""
-        do = "mend that"
+        do = "fix these files"
         if self.missing_policy == "error":
-            do = "mend them, or leave images without one out with --missing skip, or count them with --missing empty"
+            do = "fix them, or leave images without one out with --missing skip, or count them with --missing empty"
         got = f"{self.refusal}; all of them in {listed_in}"
         return DataError(self.folder, expected=f"a prediction of each of {self.expected} images", got=got, do=do)
 
