@@ -97,6 +97,7 @@ def _render(run: StoredRun, worst: WorstCases, pair: Beside | None, *, pictures:
         "charts": draw_charts(run),
         "causes": tables.cause_table(found, of_recordings=of_recordings),
         "worst": worst,
+        "worst_notes": [Paragraph(note, "dim") for note in (OBJECT_NOTE, *([IMAGE_NOTE] if whole else []))],
         "galleries": list(_galleries(worst, whole=whole)),
         "beside": pair,
         "pictures": pictures,
@@ -134,15 +135,13 @@ def _results(run: StoredRun, *, of_recordings: str) -> list[Block]:
 def _galleries(worst: WorstCases, *, whole: bool) -> Iterator[tuple[str, list[Block], list[Card]]]:
     """Heading, table and cards of each kind of motion, and of the images with most false marks."""
     for name, cards in worst.objects.items():
-        yield _gallery(
-            LABELS[Category(name)], cards, "object", OBJECT_NOTE, "No object-frame of this kind was evaluated."
-        )
+        yield _gallery(LABELS[Category(name)], cards, "object", "No object-frame of this kind was evaluated.")
     if whole:
-        yield _gallery("Most false marks", worst.images, "image", IMAGE_NOTE, "No image has false marks.")
+        yield _gallery("Most false marks", worst.images, "image", "No image has false marks.")
 
 
-def _gallery(title: str, cards: list[Card], first: str, note: str, none: str) -> tuple[str, list[Block], list[Card]]:
-    table = worst_table(cards, title=f"{title}, the worst first", first=first, note=note) if cards else None
+def _gallery(title: str, cards: list[Card], first: str, none: str) -> tuple[str, list[Block], list[Card]]:
+    table = worst_table(cards, title=f"{title}, the worst first", first=first) if cards else None
     return title, [table or Paragraph(none, "bad")], cards
 
 

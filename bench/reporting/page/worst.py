@@ -414,14 +414,13 @@ class WorstCases:
         return [card for cards in self.objects.values() for card in cards]
 
 
-def worst_table(cards: Sequence[Card], *, title: str, first: str, note: str) -> Table:
+def worst_table(cards: Sequence[Card], *, title: str, first: str) -> Table:
     """The cards as the rows of a table, worst first; columns that nothing is known of are left out.
 
     Args:
         cards: at least one.
         title: of the table.
         first: heading of the first column, which leads to the cards.
-        note: says what the columns are.
     """
     headings = [heading for heading in cards[0].facts if any(card.facts[heading] for card in cards)]
     return Table(
@@ -431,7 +430,6 @@ def worst_table(cards: Sequence[Card], *, title: str, first: str, note: str) -> 
             [Cell(card.title, link=f"#{card.element}"), *(card.facts[heading] for heading in headings)]
             for card in cards
         ],
-        note=note,
     )
 
 
