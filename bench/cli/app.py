@@ -179,7 +179,8 @@ def run(
     no_cache: NoCache = False,
     scheduler: Scheduler = None,
     shard: Annotated[
-        str | None, typer.Option(metavar="I/N", help="Score part I of N only; `merge` joins the parts.")
+        str | None,
+        typer.Option(metavar="I/N", help="Score part I of N only; the command without it ends the run."),
     ] = None,
 ) -> None:
     """Score a method on a data set: the paper's table, the range maps, pictures.
@@ -204,20 +205,13 @@ def run(
         raise typer.Exit(DATA_ERROR)
 
 
-@app.command()
-def merge(
-    run: Annotated[str, typer.Argument(help="Folder of the run that is made.")],
-    parts: Annotated[
-        list[str] | None, typer.Argument(help="Folders that hold the parts, where they are not in RUN itself.")
-    ] = None,
-    overwrite: Overwrite = False,
-    pictures: Annotated[bool, typer.Option(help="Also draw an example frame of every category.")] = True,
-) -> None:
-    """Make one run of the parts that `run --shard` scored."""
-    from bench.cli import running
-
-    if running.merge(run, parts or [], overwrite=overwrite, pictures=pictures):
-        raise typer.Exit(DATA_ERROR)
+@app.command(hidden=True, context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
+def merge() -> None:
+    """Say what took the place of `merge`."""
+    raise UsageError(
+        "merge: a part is an unfinished run; give the command of the parts again without --shard, in a folder whose "
+        "units/ holds those of all parts"
+    )
 
 
 @app.command("cluster-example")

@@ -139,7 +139,10 @@ def test_a_long_list_is_cut_with_its_count():
     [
         ({"dataset": "other"}, "data set 'demo', the run of 'other': they do not compare; name a baseline of 'other'"),
         ({"split": "night"}, "split none, the run of 'night': they do not compare; score with no --split, or replace"),
-        ({"protocol": ProtocolStamp(name="paper-v1", version=1, digest="e" * 64)}, "the baseline is of protocol paper-v1 version 1"),
+        (
+            {"protocol": ProtocolStamp(name="paper-v1", version=1, digest="e" * 64)},
+            "the baseline is of protocol paper-v1 version 1",
+        ),
         (
             {"protocol": ProtocolStamp(name="surface-v1", version=1, digest="e" * 64)},
             "they do not compare; score with --protocol paper-v1, or replace the baseline with --update",

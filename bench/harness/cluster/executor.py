@@ -51,6 +51,7 @@ class ClusterExecutor:
     requirements: WorkerRequirements
     workers: int = 0
     patience_s: float = PATIENCE_S
+    shares_disk: bool = field(default=False, init=False)
     _connections: list[tuple[ExitStack, Client]] = field(default_factory=list, init=False, repr=False)
 
     @classmethod

@@ -16,8 +16,8 @@ from bench.execution import TaskExecutor
 from bench.harness import provenance as origin
 from bench.harness.cache import CacheFolder
 from bench.harness.keys import MethodIdentity
-from bench.harness.merge import combined_provenance
 from bench.harness.method_stamp import MethodStamp
+from bench.harness.provenance import Provenance, Work
 from bench.harness.run import SERIAL, RunRequest, run_benchmark
 from bench.harness.stages import Progress, part_of
 from bench.harness.stored import RunSummary, open_tables
@@ -161,3 +161,39 @@ def _on_common_images(plan: SweepPlan, summaries: Sequence[RunSummary], out: Pat
         summarise(RowsOnImages(objects, common), RowsOnImages(frames, common), protocol=setup.protocol)
         for (objects, frames), setup in zip(tables, plan.setups, strict=True)
     ]
+
+
+def combined_provenance(parts: Sequence[Provenance], *, images: int) -> Provenance:
+    """Provenance of what was computed in parts: times are added up, memory is that of the largest process.
+
+    Args:
+        parts: at least one; what they have in common is taken from the first.
+        images: that were scored.
+    """
+    works = [part.work for part in parts if part.work is not None]
+    stages: Counter[str] = Counter()
+    found: Counter[str] = Counter()
+    computed: Counter[str] = Counter()
+    for part in parts:
+        stages.update(part.stage_seconds)
+    for work in works:
+        found.update(work.steps_found)
+        computed.update(work.steps_computed)
+    return parts[0].model_copy(
+        update={
+            "started_utc": min(part.started_utc for part in parts),
+            "seconds": round(sum(part.seconds for part in parts), 3),
+            "stage_seconds": {name: round(seconds, 3) for name, seconds in sorted(stages.items())},
+            "images": images,
+            "peak_memory_mb": max(part.peak_memory_mb for part in parts),
+            "unrepeatable": tuple(dict.fromkeys(line for part in parts for line in part.unrepeatable)),
+            "work": Work(
+                workers=sum(work.workers for work in works),
+                units_computed=sum(work.units_computed for work in works),
+                units_reused=sum(work.units_reused for work in works),
+                images_computed=sum(work.images_computed for work in works),
+                steps_found=dict(sorted(found.items())),
+                steps_computed=dict(sorted(computed.items())),
+            ),
+        }
+    )

@@ -113,7 +113,10 @@ def test_chance_stands_beside_detection_only(half):
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"protocol": "extended-v1"}, r"protocol extended-v1 version 1 \([0-9a-f]{12}\), was paper-v1 version 1 \([0-9a-f]{12}\)"),
+        (
+            {"protocol": "extended-v1"},
+            r"protocol extended-v1 version 1 \([0-9a-f]{12}\), was paper-v1 version 1 \(",
+        ),
         (
             {"region_px": 90},
             "on the 32 images that both scored: 44 object-frames with another polygon_px, the first drive-0 front 0 ",
