@@ -54,6 +54,11 @@ class TaskExecutor(Protocol):
         """How many tasks are computed at a time."""
         ...
 
+    @property
+    def shares_disk(self) -> bool:
+        """Whether workers write where this process reads."""
+        ...
+
     def __enter__(self) -> Self: ...
 
     def __exit__(self, *_: object) -> None: ...
@@ -77,6 +82,7 @@ class SerialExecutor:
     """Computes tasks in this process, one after the other, every library in one thread."""
 
     workers: int = 1
+    shares_disk: bool = True
 
     def __enter__(self) -> Self:
         return self
@@ -106,6 +112,7 @@ class ProcessExecutor:
     """
 
     workers: int
+    shares_disk: bool = field(default=True, init=False)
     _idle: list[_Worker] = field(default_factory=list, init=False, repr=False)
     _entered: int = field(default=0, init=False, repr=False)
 

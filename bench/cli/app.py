@@ -44,7 +44,7 @@ EXIT_USER = 2  # usage or data error
 EXIT_INTERNAL = 70  # EX_SOFTWARE of sysexits.h; 1, Python's own, would be a verdict of the gate
 
 COMMANDS = (
-    run, merge, cluster_example, cache, evaluate, view, validate, synthesize, perf, datasets, methods, report, cite,
+    run, cluster_example, cache, evaluate, view, validate, synthesize, perf, datasets, methods, report, cite,
     gate, sweep, audit, compare, leaderboard,
 )  # fmt: skip
 
@@ -58,6 +58,7 @@ app = typer.Typer(
 )
 for command in COMMANDS:
     app.command()(command)
+app.command(hidden=True, context_settings={"allow_extra_args": True, "ignore_unknown_options": True})(merge)
 app.add_typer(annotations_app, name="annotations")
 app.add_typer(new_app, name="new")
 

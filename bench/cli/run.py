@@ -27,7 +27,7 @@ def run(
     no_cache: options.NoCache = False,
     scheduler: options.Scheduler = None,
     shard: Annotated[
-        str | None, typer.Option(metavar="I/N", help="Score part I of N only; `merge` joins the parts.")
+        str | None, typer.Option(metavar="I/N", help="Score part I of N only; the command without it ends the run.")
     ] = None,
 ) -> None:
     """Score a method on a data set: the paper's table, the range maps, pictures.

@@ -6,22 +6,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from bench.api.runs import run_folder, run_requests
+from bench.api.runs import run_requests
 from bench.cli.console import note, note_files, print_failures, progress_bar, say, show, stage_times
-from bench.cli.interrupts import interruptible, resumable
+from bench.cli.interrupts import resumable
 from bench.cli.request import Computing, parse_settings, render_if_synthetic
 from bench.cli.view import draw_example_frames
 from bench.evaluation import Protocol
 from bench.harness import (
+    Part,
     Provenance,
     RunRequest,
     RunSummary,
-    merge_shards,
-    read_protocol,
     run_protocols,
-    run_shard,
+    score_part,
 )
-from bench.harness.shards import Shard
 from bench.recordings import DatasetCard
 from bench.reference import IgnoreReason
 from bench.reporting.leaderboard.texts import best_line
@@ -82,18 +80,17 @@ def run(asked: ScoringOptions, *, pictures: bool) -> int:
 
 def run_part(asked: ScoringOptions, *, part: str) -> int:
     """Score a part I/N of the units and say what comes next; return the number of failures."""
-    shard = Shard.parse(part)
+    chosen = Part.parse(part)
     requests = requested_runs(asked)
     first = requests[0]
-    with resumable(first.out), progress_bar(f"scoring part {shard} of {first.card.name}", "images") as progress:
-        done = run_shard([replace(request, progress=progress) for request in requests], shard)
-    failures = (*done[0].recording_failures, *done[0].unit_failures)
-    for report, request in zip(done, requests, strict=True):
-        say(
-            f"part {shard}: {len(report.units)} of {report.units_of_run} units; when all are there: merge {request.out}"
-        )
-    _print_cost(done[0].provenance)
-    print_failures(failures, all_in=f"{first.out}/shards/{shard.file}")
+    with resumable(first.out), progress_bar(f"scoring part {chosen} of {first.card.name}", "images") as progress:
+        scored = score_part([replace(request, progress=progress) for request in requests], chosen)
+    for request in requests:
+        done = f"{len(scored.digests(request.out))} of its {len(scored.units)} units are in {request.out}"
+        say(f"part {chosen}: {done}, of {scored.units_of_run} in all; the same command without --shard ends the run")
+    failures = scored.failures(first.out)
+    _print_cost(scored.provenance(first.out, images=0))
+    print_failures(failures, all_in="the summary.json of the finished run")
     return len(failures)
 
 
@@ -121,33 +118,18 @@ def requested_runs(asked: ScoringOptions, *, render: bool = True) -> list[RunReq
     return [replace(request, executor=executor, cache=cache) for request in requests]
 
 
-def merge(run: str, parts: Sequence[str], *, overwrite: bool, pictures: bool) -> int:
-    """Make one run of parts, write the report; return the number of failures.
-
-    Raises:
-        DataError: parts are missing, damaged or of different runs.
-    """
-    folder = run_folder(run)
-    folders = [run_folder(part) for part in parts] or [folder]
-    report = RunReport(card=None, protocol=None, pictures=pictures)
-    with interruptible("the parts are as they were, and the same command merges them"):
-        summary = merge_shards(folder, folders, overwrite=overwrite, finish=report.write)
-        report.print(summary, folder)
-    return len(summary.failures)
-
-
 @dataclass(kw_only=True)
 class RunReport:
     """What belongs to the results of a run beside its tables of counts, and what is printed of it.
 
     Attributes:
-        card: the data set; None for the card that the summary names.
-        protocol: the rules; None for those of the results.
+        card: the data set.
+        protocol: the rules.
         pictures: also draw an example frame of every category.
     """
 
-    card: DatasetCard | None
-    protocol: Protocol | None
+    card: DatasetCard
+    protocol: Protocol
     pictures: bool
     _rows: tuple[TableRow, ...] = ()
     _files: list[str] = field(default_factory=list)
@@ -163,7 +145,7 @@ class RunReport:
                     results,
                     summary,
                     card=self.card,
-                    protocol=self.protocol or read_protocol(results, summary),
+                    protocol=self.protocol,
                     progress=progress,
                 )
         self._rows = tuple(rows)
@@ -179,11 +161,9 @@ class RunReport:
             say(f"no picture: {remark}", style="yellow")
 
 
-def _print_totals(summary: RunSummary, files: Sequence[str], protocol: Protocol | None) -> None:
+def _print_totals(summary: RunSummary, files: Sequence[str], protocol: Protocol) -> None:
     ledger, images = summary.objects, summary.images
-    limits: dict[str, str] = (
-        {} if protocol is None else {IgnoreReason.RANGE: f" (beyond {protocol.reference.range_limit_m:g} m)"}
-    )
+    limits: dict[str, str] = {IgnoreReason.RANGE: f" (beyond {protocol.reference.range_limit_m:g} m)"}
     reasons = [f"{count} {reason}{limits.get(reason, '')}" for reason, count in ledger.ignored.items() if count]
     ignored = ", ".join(reasons) or "none"
     note(

@@ -6,11 +6,10 @@ images, calibration and ego-motion, never annotations.
 """
 
 from bench.harness.frames import FramePipeline, ProcessedFrame
-from bench.harness.merge import merge_shards
 from bench.harness.oracles import build_scorable, scorable_methods
 from bench.harness.predicted import PredictionReport, check_predictions, evaluate_predictions
 from bench.harness.provenance import Provenance
-from bench.harness.run import RunRequest, run_benchmark, run_protocols, run_shard
+from bench.harness.run import RunRequest, run_benchmark, run_protocols, score_part
 from bench.harness.run_folder import run_name
 from bench.harness.stored import (
     RunSummary,
@@ -21,10 +20,11 @@ from bench.harness.stored import (
     read_run,
     read_tables,
 )
-from bench.harness.unit import Unit, plan_units
+from bench.harness.unit import Part, Unit, plan_units
 
 __all__ = [
     "FramePipeline",
+    "Part",
     "PredictionReport",
     "ProcessedFrame",
     "Provenance",
@@ -35,7 +35,6 @@ __all__ = [
     "build_scorable",
     "check_predictions",
     "evaluate_predictions",
-    "merge_shards",
     "open_tables",
     "plan_units",
     "read_image_maps",
@@ -45,6 +44,6 @@ __all__ = [
     "run_benchmark",
     "run_name",
     "run_protocols",
-    "run_shard",
     "scorable_methods",
+    "score_part",
 ]

@@ -9,8 +9,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict
 
 from bench.errors import DataError
-from bench.harness.merge import Finish
-from bench.harness.run import RunRequest, run_benchmark
+from bench.harness.run import Finish, RunRequest, run_benchmark
 from bench.harness.stored import PREDICTIONS, RunSummary
 from bench.methods.predictions import FaultKind, PredictedMotion, PredictionIndex, index_predictions
 from bench.recordings import DatasetCard, write_text

@@ -3,44 +3,47 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
-from bench.evaluation import Protocol
+from bench.errors import DataError, UsageError
+from bench.evaluation import Protocol, summarise
 from bench.evaluation.summary import ProtocolStamp
 from bench.execution import FailedTask, SerialExecutor, TaskExecutor
-from bench.harness import provenance
 from bench.harness.cache import CacheFolder
 from bench.harness.code_state import unrepeatable_code
-from bench.harness.keys import MethodIdentity, code_digest, digest_of
-from bench.harness.keys.digests import UNIT_CODE
-from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest
-from bench.harness.merge import Finish, combine_parts
+from bench.harness.keys import MethodIdentity
+from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest, all_settings
 from bench.harness.method_stamp import MethodStamp
+from bench.harness.provenance import Provenance, Start, Work, largest_resident_mb, provenance_since
 from bench.harness.run_folder import begin_run, held_run_folder, new_results
-from bench.harness.shards import (
+from bench.harness.stages import Progress
+from bench.harness.stored import (
+    IMAGE_MAPS,
     SCHEMA_VERSION,
-    WHOLE,
-    RunStamp,
-    Shard,
-    ShardedUnit,
-    ShardReport,
-    remove_shards,
-    write_shard,
+    RunSummary,
+    file_digests,
+    open_tables,
+    read_threshold_free,
+    reference_fingerprint,
+    write_protocol,
+    write_summary,
 )
-from bench.harness.stages import Progress, StageClock
-from bench.harness.stored import RunSummary
 from bench.harness.tasks import PlannedRecording, RunSpec, ScoredUnit, UnitTask, plan_recording, score_unit
-from bench.harness.unit import Unit
-from bench.harness.unit_files import UnitFolder
+from bench.harness.unit import Part, Unit
+from bench.harness.unit_files import UnitStore
 from bench.methods import Scorable
 from bench.recordings import NO_INPUT_ERRORS, DatasetCard, InputErrors, RecordingHandle, open_dataset
 
 SERIAL = SerialExecutor()
 LARGEST_BATCH = 16  # recordings a worker
+
+Number = TypeVar("Number", int, float)
+Finish = Callable[[Path, RunSummary], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -78,250 +81,180 @@ class RunRequest:
         """The recordings to be scored, with the input errors."""
         return [replace(handle, input_errors=self.input_errors) for handle in open_dataset(self.card, self.split)]
 
-    def begin(self, held: ExitStack, *, shard: Shard) -> None:
-        """Hold the folder of the run, and note what is going on there."""
-        held.enter_context(held_run_folder(self.out, shared=shard != WHOLE))
-        begin_run(self.out, self.manifest(), self.protocol, overwrite=self.overwrite)
+    def manifest(self, identity: MethodIdentity) -> Manifest:
+        """The manifest of the run, as far as it is known before it begins.
 
-    def manifest(self) -> Manifest:
-        """What the run is, as far as it is known before it begins."""
+        Args:
+            identity: of the method.
+        """
+        rules = self.protocol
+        errors = dict(self.input_errors.named)
         return Manifest(
-            dataset=DatasetOfRun(
-                name=self.card.name,
-                card=str(self.card.file),
-                split=self.split,
-                input_errors=dict(self.input_errors.named),
-            ),
-            method=MethodStamp.of(self.method, MethodIdentity.of(self.method), asked=self.settings),
-            protocol=ProtocolStamp(name=self.protocol.name, version=self.protocol.version, digest=self.protocol.digest),
+            dataset=DatasetOfRun(name=self.card.name, card=str(self.card.file), split=self.split, input_errors=errors),
+            method=MethodStamp.of(self.method, identity, asked=self.settings),
+            protocol=ProtocolStamp(name=rules.name, version=rules.version, digest=rules.digest),
             code=CodeOfRun.here(),
         ).as_read()
 
 
 def run_benchmark(request: RunRequest, *, finish: Finish | None = None) -> RunSummary:
-    """Score a method on a data set and store the run.
-
-    Units that are stored in `out`, by this or an interrupted run, are not computed again if all that they depend on is
-    the same: protocol, method, settings, code, and the content of the files that they read. The results of an older
-    run in `out` stay as they are until all of the new ones take their place at once.
-
-    Args:
-        request: what to score, where and how.
-        finish: called with the folder of the new results, before they take their place, and the summary; writes what
-            else belongs to them, for example tables and pictures.
-
-    Returns:
-        The summary, also stored as `summary.json`. Recordings, units and images that could not be used are listed
-        in `failures`; the metrics are of the rest.
-
-    Raises:
-        DataError: the data set is not there, nothing of it could be used, `out` holds another run or something
-            that is no run or is in use by another one, or there is no space for the results.
-    """
+    """Score a method by one protocol; see `run_protocols`."""
     return run_protocols([request], finish=finish)[0]
 
 
 def run_protocols(requests: Sequence[RunRequest], *, finish: Finish | None = None) -> list[RunSummary]:
-    """Score a method by several protocols in one pass over the images; each is a run of its own.
+    """Score a method on a data set by one or several protocols, in one pass over the images, and store each run.
+
+    Units that are stored in `out` are done: what an interrupted run, or parts of this one, computed is not computed
+    again while all that it depends on is the same: protocol, method, settings, code, and the content of the files that
+    they read. The results of an older run in `out` stay as they are until all of the new ones take their place at once.
 
     Args:
-        requests: at least one; they differ in protocol and folder alone.
-        finish: see `run_benchmark`; called for each run.
+        requests: at least one; they may differ in protocol and folder.
+        finish: called for each run with the folder of the new results, before they take their place, and the summary;
+            writes what else belongs to them, for example tables and pictures.
+
+    Returns:
+        The summaries, also stored as `summary.json`. Recordings, units and images that could not be used are listed
+        in `failures`; the metrics are of the rest.
 
     Raises:
-        DataError: as `run_benchmark`.
+        DataError: the data set is not there, nothing of it could be used, `out` holds another run or something that is
+            no run or is in use by another one, or there is no space for the results.
+        UsageError: requests that differ in something else.
     """
-    handles = requests[0].recordings()
-    works = [_Work(request=request, handles=handles, shard=WHOLE) for request in requests]
+    summaries = []
     with ExitStack() as held:
-        for request in requests:
-            request.begin(held, shard=WHOLE)
+        manifests = _begin(requests, held, shared=False)
         with ExitStack() as replaced:
-            folders = [replaced.enter_context(new_results(request.out)) for request in requests]
+            folders = {request.out: replaced.enter_context(new_results(request.out)) for request in requests}
+            scored = _score(requests, Part(), manifests)
             for request in requests:
-                remove_shards(request.out)
-            _score_in_one_pass(works)
-            summaries = []
-            for request, results in zip(requests, folders, strict=True):
-                summary = combine_parts(results, [request.out], run=request.out, protocol=request.protocol)
+                summary = _write_results(folders[request.out], request, scored, manifests[request.out])
                 if finish is not None:
-                    finish(results, summary)
+                    finish(folders[request.out], summary)
                 summaries.append(summary)
-        return summaries
+        for request in requests:
+            UnitStore(run=request.out).keep_only(scored.digests(request.out))
+    return summaries
 
 
-def run_shard(requests: Sequence[RunRequest], shard: Shard) -> list[ShardReport]:
-    """Score a part of a data set's units and store them; `merge_shards` makes a run of all parts.
+def score_part(requests: Sequence[RunRequest], part: Part) -> ScoredPart:
+    """Score a part of a run's units and store them; `run_protocols` finds them done.
 
-    Parts may work at the same time, in one folder or in many.
+    Parts may work at the same time, in one folder; from others, the folders `units/` are copied together.
 
     Args:
-        requests: at least one; they differ in protocol and folder alone.
-        shard: which part.
+        requests: see `run_protocols`.
+        part: which units.
 
     Raises:
-        DataError: as `run_benchmark`, but for a part of which nothing could be used.
+        DataError, UsageError: as `run_protocols`, but for a part of which nothing could be used.
     """
-    handles = requests[0].recordings()
-    works = [_Work(request=request, handles=handles, shard=shard) for request in requests]
     with ExitStack() as held:
-        for request in requests:
-            request.begin(held, shard=shard)
-            remove_shards(request.out, but_of=shard.count)
-        return _score_in_one_pass(works)
+        return _score(requests, part, _begin(requests, held, shared=True))
 
 
 @dataclass(kw_only=True)
-class _Work:
-    """A part of a run while it goes on: what it has computed so far."""
+class ScoredPart:
+    """The units of a part of a run, as far as they are scored.
 
-    request: RunRequest
-    handles: Sequence[RecordingHandle]
-    shard: Shard
-    start: provenance.Start = field(default_factory=provenance.Start.now)
-    clock: StageClock = field(default_factory=StageClock)
-    keys: dict[Unit, str] = field(default_factory=dict)
-    failures: dict[Unit, str] = field(default_factory=dict)
-    identity: MethodIdentity = field(init=False)
-    reused: int = 0
-    images_computed: int = 0
-    found: Counter[str] = field(default_factory=Counter)
-    computed: Counter[str] = field(default_factory=Counter)
-    peak_memory_mb: float = 0.0
+    Attributes:
+        recordings: of the data set.
+        units_of_run: how many units all parts have together.
+        units: of this part, in the order of the run.
+        results: of these units.
+        opening_s: time that opening recordings took, s.
+        workers: processes.
+        start: when it began.
+    """
 
-    def __post_init__(self) -> None:
-        self.identity = MethodIdentity.of(self.request.method)
+    workers: int
+    recordings: list[PlannedRecording] = field(default_factory=list)
+    units_of_run: int = 0
+    units: list[Unit] = field(default_factory=list)
+    results: dict[Unit, ScoredUnit] = field(default_factory=dict)
+    opening_s: float = 0.0
+    start: Start = field(default_factory=Start.now)
 
-    @property
-    def stored(self) -> UnitFolder:
-        """The units that are there."""
-        return UnitFolder(self.request.out)
+    def digests(self, run: Path) -> dict[Unit, str]:
+        """The units that have a result in the folder of a run, in the order of the run, with its digest."""
+        found = ((unit, self.results[unit].digests.get(run)) for unit in self.units)
+        return {unit: digest for unit, digest in found if digest is not None}
 
-    def begin(self, units: Sequence[Unit]) -> None:
-        """Leave no unit that is none of the run's."""
-        if self.shard.count == 1:
-            self.stored.keep_only(units)
+    def failures(self, run: Path) -> list[str]:
+        """One line for each recording and unit that could not be used."""
+        done = self.digests(run)
+        failed = [str(self.results[unit].failure) for unit in self.units if unit not in done]
+        return [recording.failure for recording in self.recordings if recording.failure is not None] + failed
 
-    def stored_key(self, unit: Unit) -> str | None:
-        """Key of the stored result of a unit."""
-        status = self.stored.status(unit)
-        return None if status is None else status.key
-
-    def take(self, unit: Unit, scored: ScoredUnit | FailedTask) -> None:
-        """Store the result of a unit, or note why there is none."""
-        if isinstance(scored, FailedTask):
-            where = f"recording {unit.recording!r}, camera {unit.camera!r}, images {unit.start} to {unit.stop - 1}"
-            self.failures[unit] = f"{where}: {scored.reason}"
-            return
-        for name, seconds in scored.seconds.items():
-            self.clock.seconds[name] += seconds
-        self.found += Counter(scored.found)
-        self.computed += Counter(scored.computed)
-        self.peak_memory_mb = max(self.peak_memory_mb, scored.peak_memory_mb)
-        if scored.failure is not None:
-            self.failures[unit] = scored.failure
-            return
-        self.keys[unit] = scored.key
-        if scored.content is None:
-            self.reused += 1
-            return
-        self.images_computed += unit.stop - unit.start
-        with self.clock.stage("store"):
-            self.stored.store(unit, scored.content)
-
-    def report(
-        self,
-        planned: Sequence[PlannedRecording],
-        units: Sequence[Unit],
-        part: Sequence[Unit],
-    ) -> ShardReport:
-        """What this part has computed."""
-        asked = self.request
-        fingerprints = {
-            handle.name: recording.fingerprint
-            for handle, recording in zip(self.handles, planned, strict=True)
-            if recording.fingerprint is not None
-        }
-        outlines = [recording.vehicle_outline_m for recording in planned if recording.vehicle_outline_m]
-        work = provenance.Work(
-            workers=asked.executor.workers,
-            units_computed=len(self.keys) - self.reused,
-            units_reused=self.reused,
-            images_computed=self.images_computed,
-            steps_found=dict(sorted(self.found.items())),
-            steps_computed=dict(sorted(self.computed.items())),
-        )
-        return ShardReport(
-            schema_version=SCHEMA_VERSION,
-            manifest=asked.manifest().with_data(fingerprints),
-            stamp=RunStamp(
-                dataset=asked.card.name,
-                card=str(asked.card.file),
-                data=digest_of(sorted(recording.content for recording in planned if recording.content is not None)),
-                split=asked.split,
-                method=MethodStamp.of(asked.method, self.identity),
-                code=code_digest(UNIT_CODE),
-                protocol_digest=asked.protocol.digest,
-                caveats=_caveats(asked.card, self.handles),
+    def provenance(self, run: Path, *, images: int, unrepeatable: tuple[str, ...] = ()) -> Provenance:
+        """How the results in the folder of a run came about, so far."""
+        results = list(self.results.values())
+        computed = [unit for unit, result in self.results.items() if run in result.computed]
+        return provenance_since(
+            self.start,
+            stage_seconds=_sum([{"open": self.opening_s}, *(result.seconds for result in results)]),
+            images=images,
+            work=Work(
+                workers=self.workers,
+                units_computed=len(computed),
+                units_reused=len(self.digests(run)) - len(computed),
+                images_computed=sum(unit.stop - unit.start for unit in computed),
+                steps_found=_sum(result.steps_found for result in results),
+                steps_computed=_sum(result.steps_computed for result in results),
             ),
-            units_of_run=len(units),
-            units=tuple(
-                ShardedUnit(
-                    recording=unit.recording,
-                    camera=unit.camera,
-                    start=unit.start,
-                    stop=unit.stop,
-                    key=self.keys.get(unit),
-                )
-                for unit in part
-            ),
-            vehicle_outline_m=outlines[-1] if outlines else (),
-            recording_failures=tuple(recording.failure for recording in planned if recording.failure is not None),
-            unit_failures=tuple(self.failures[unit] for unit in part if unit in self.failures),
-            provenance=provenance.provenance_since(
-                self.start,
-                stage_seconds=self.clock.seconds,
-                images=0,
-                work=work,
-                peak_memory_mb=max(self.peak_memory_mb, provenance.largest_resident_mb()),
-                unrepeatable=unrepeatable_code(self.identity),
-            ),
+            peak_memory_mb=max([largest_resident_mb(), *(result.peak_memory_mb for result in results)]),
+            unrepeatable=unrepeatable,
         )
 
 
-def _score_in_one_pass(works: Sequence[_Work]) -> list[ShardReport]:
-    """Plan, score and store; the works differ in protocol and folder alone."""
-    first = works[0]
-    asked, shard = first.request, first.shard
+def _begin(requests: Sequence[RunRequest], held: ExitStack, *, shared: bool) -> dict[Path, Manifest]:
+    """Hold the folders of runs and note of what run each is; the manifests by folder."""
+    first = requests[0]
+    for name in (part.name for part in fields(RunRequest) if part.name not in ("protocol", "out")):
+        own = getattr(first, name)
+        if any(getattr(one, name) is not own and getattr(one, name) != own for one in requests[1:]):
+            raise UsageError(f"expected runs that differ in protocol and folder alone, got several of {name}")
+    identity = MethodIdentity.of(first.method)
+    manifests = {request.out: request.manifest(identity) for request in requests}
+    for request in requests:
+        held.enter_context(held_run_folder(request.out, shared=shared))
+        begin_run(request.out, manifests[request.out], overwrite=request.overwrite)
+    return manifests
+
+
+def _score(requests: Sequence[RunRequest], part: Part, manifests: Mapping[Path, Manifest]) -> ScoredPart:
+    """Open recordings, score the units of a part and store them."""
+    asked = requests[0]
+    handles = asked.recordings()
     if asked.cache is not None:
         asked.cache.prepare()
-    for work in works:
-        (work.request.out / "shards" / shard.file).unlink(missing_ok=True)
-    protocols = tuple(work.request.protocol for work in works)
-    spec = RunSpec(method=asked.method, identity=first.identity, protocols=protocols, cache=asked.cache)
-    tally = _Tally(asked.progress, recordings=len(first.handles))
-    planned: list[PlannedRecording] = []
-    lazy = shard == WHOLE
+    spec = RunSpec(
+        method=asked.method,
+        identity=MethodIdentity.of(asked.method),
+        settings=all_settings(manifests[asked.out].method),
+        protocols={request.out: request.protocol for request in requests},
+        cache=asked.cache,
+    )
+    scored = ScoredPart(workers=asked.executor.workers)
+    tally = _Tally(asked.progress, recordings=len(handles))
     with asked.executor:
-        for handles in _batches(first.handles, asked.executor.workers) if lazy else [first.handles]:
-            planned += _plan(spec, works, handles, tally)
-            opened = planned[-len(handles) :]
-            units = shard.part([unit for recording in opened for unit in recording.units])
-            if not lazy:
-                _begin(works, planned)
+        for batch in _batches(handles, asked.executor.workers):
+            opened = _plan(spec, asked.executor, batch, tally)
+            planned = [unit for recording in opened for unit in recording.units]
+            units = part.of(planned, before=scored.units_of_run)
+            scored.opening_s += sum(recording.seconds for recording in opened)
+            scored.recordings += opened
+            scored.units_of_run += len(planned)
+            scored.units += units
             tally.count(len(opened), sum(unit.stop - unit.start for unit in units))
-            _score(spec, works, units, tally)
-    units = [unit for recording in planned for unit in recording.units]
-    part = shard.part(units)
-    if lazy:
-        _begin(works, planned)
+            for unit, result in _score_units(spec, asked.executor, batch, units):
+                scored.results[unit] = result
+                tally.add(unit)
     if asked.cache is not None:
         asked.cache.evict()
-    reports = []
-    for work in works:
-        reports.append(work.report(planned, units, part))
-        write_shard(work.request.out, shard, reports[-1])
-    return reports
+    return scored
 
 
 class _Tally:
@@ -334,7 +267,7 @@ class _Tally:
 
     def __init__(self, progress: Progress | None, *, recordings: int) -> None:
         self._progress, self._recordings = progress, recordings
-        self._opened = self._known = self.done = 0
+        self._opened = self._known = self._done = 0
         self.tell()
 
     def count(self, recordings: int, images: int) -> None:
@@ -342,16 +275,15 @@ class _Tally:
         self._opened, self._known = self._opened + recordings, self._known + images
         self.tell()
 
+    def add(self, unit: Unit) -> None:
+        """A unit is done."""
+        self._done += unit.stop - unit.start
+        self.tell()
+
     def tell(self) -> None:
         """Tell it; recordings that are not open yet count as large as those that are."""
         if self._progress is not None:
-            self._progress(self.done, round(self._known * self._recordings / max(self._opened, 1)))
-
-
-def _begin(works: Sequence[_Work], planned: Sequence[PlannedRecording]) -> None:
-    units = [unit for recording in planned for unit in recording.units]
-    for work in works:
-        work.begin(units)
+            self._progress(self._done, round(self._known * self._recordings / max(self._opened, 1)))
 
 
 def _batches(handles: Sequence[RecordingHandle], workers: int) -> Iterator[Sequence[RecordingHandle]]:
@@ -367,45 +299,88 @@ def _batches(handles: Sequence[RecordingHandle], workers: int) -> Iterator[Seque
 
 
 def _plan(
-    spec: RunSpec, works: Sequence[_Work], handles: Sequence[RecordingHandle], tally: _Tally
+    spec: RunSpec, executor: TaskExecutor, handles: Sequence[RecordingHandle], tally: _Tally
 ) -> list[PlannedRecording]:
     """The recordings in the order of the data set."""
     found: dict[str, PlannedRecording] = {}
-    with closing(works[0].request.executor.compute(partial(plan_recording, spec), handles)) as results:
+    with closing(executor.compute(partial(plan_recording, spec), handles)) as results:
         for handle, planned in results:
-            recording = _failed_to_open(handle, planned) if isinstance(planned, FailedTask) else planned
-            found[handle.name] = recording
-            for work in works:
-                work.clock.seconds["open"] += recording.seconds
+            if isinstance(planned, FailedTask):
+                planned = PlannedRecording.failed(handle, f"it could not be opened: {planned.reason}")
+            found[handle.name] = planned
             tally.tell()
     return [found[handle.name] for handle in handles]
 
 
-def _score(spec: RunSpec, works: Sequence[_Work], units: Sequence[Unit], tally: _Tally) -> None:
-    asked = works[0].request
-    by_name = {handle.name: handle for handle in works[0].handles}
+def _score_units(
+    spec: RunSpec, executor: TaskExecutor, handles: Sequence[RecordingHandle], units: Sequence[Unit]
+) -> Iterator[tuple[Unit, ScoredUnit]]:
+    """Each unit with its result, as it is done and stored."""
+    by_name = {handle.name: handle for handle in handles}
+    stores = {run: UnitStore(run=run) for run in spec.protocols}
     tasks = [
-        UnitTask(handle=by_name[unit.recording], unit=unit, stored_keys=tuple(work.stored_key(unit) for work in works))
-        for unit in units
+        UnitTask(
+            handle=by_name[unit.recording],
+            unit=unit,
+            stored=None if executor.shares_disk else {run: store.digests(unit) for run, store in stores.items()},
+        )
+        for unit in sorted(units, key=lambda unit: unit.start - unit.stop)  # the longest first, to end together
     ]
-    tasks.sort(key=lambda task: task.unit.start - task.unit.stop)  # the longest first, so that all end together
-    with closing(asked.executor.compute(partial(score_unit, spec), tasks)) as results:
+    with closing(executor.compute(partial(score_unit, spec), tasks)) as results:
         for task, scored in results:
-            for number, work in enumerate(works):
-                work.take(task.unit, scored if isinstance(scored, FailedTask) else scored[number])
-            tally.done += task.unit.stop - task.unit.start
-            tally.tell()
+            unit = task.unit
+            if isinstance(scored, FailedTask):
+                where = f"recording {unit.recording!r}, camera {unit.camera!r}, images {unit.start} to {unit.stop - 1}"
+                yield unit, ScoredUnit(failure=f"{where}: {scored.reason}")
+                continue
+            for run, content in scored.contents.items():
+                stores[run].write(unit, scored.digests[run], content)
+            yield unit, replace(scored, contents={})
 
 
-def _caveats(card: DatasetCard, handles: Sequence[RecordingHandle]) -> str:
-    """What a reader has to know of the data, errors of what the method was told included."""
-    told = {f"{name} {error:g}": None for handle in handles for name, error in handle.input_errors.named.items()}
-    errors = f"The method was told errors of its input: {', '.join(told)}." if told else ""
-    return "\n".join(part for part in (card.content.caveats, errors) if part)
+def _write_results(results: Path, request: RunRequest, scored: ScoredPart, manifest: Manifest) -> RunSummary:
+    """Reduce the stored units of a run to its tables and its summary.
 
-
-def _failed_to_open(handle: RecordingHandle, failed: FailedTask) -> PlannedRecording:
-    failure = f"recording {handle.name!r}: it could not be opened: {failed.reason}"
-    return PlannedRecording(
-        units=(), fingerprint=None, content=None, vehicle_outline_m=(), failure=failure, seconds=0.0
+    Raises:
+        DataError: a unit is damaged, or nothing could be used.
+    """
+    run, protocol = request.out, request.protocol
+    units, failures = scored.digests(run), scored.failures(run)
+    if not units:
+        got = "; ".join(failures) or "no image to score"
+        raise DataError(request.card.file, expected="a recording that can be used", got=got)
+    problems = UnitStore(run=run).join(units, results, maps_name=IMAGE_MAPS)
+    objects, frames = open_tables(results)
+    metrics = summarise(objects, frames, protocol=protocol)
+    write_protocol(results, protocol)
+    outlines = [recording.vehicle_outline_m for recording in scored.recordings if recording.vehicle_outline_m]
+    digests = {one.name: one.digest for one in scored.recordings if one.digest is not None}
+    unrepeatable = unrepeatable_code(MethodIdentity.of(request.method))
+    summary = RunSummary(
+        **{name: getattr(metrics, name) for name in type(metrics).model_fields},
+        schema_version=SCHEMA_VERSION,
+        manifest=manifest.with_data(digests).model_copy(update={"reference": reference_fingerprint(objects, frames)}),
+        provenance=scored.provenance(run, images=metrics.images.evaluated, unrepeatable=unrepeatable),
+        vehicle_outline_m=outlines[-1] if outlines else (),
+        failures=(*failures, *problems),
+        caveats=_caveats(request),
+        threshold_free=read_threshold_free(results),
+        files=file_digests(results),
     )
+    write_summary(results, summary)
+    return summary
+
+
+def _caveats(request: RunRequest) -> str:
+    """What a reader has to know of the data, errors of what the method was told included."""
+    told = [f"{name} {error:g}" for name, error in request.input_errors.named.items()]
+    errors = f"The method was told errors of its input: {', '.join(told)}." if told else ""
+    return "\n".join(part for part in (request.card.content.caveats, errors) if part)
+
+
+def _sum(counted: Iterable[Mapping[str, Number]]) -> dict[str, Number]:
+    """Add up by name."""
+    total: Counter[str] = Counter()
+    for one in counted:
+        total.update(one)
+    return dict(sorted(total.items()))

@@ -3,8 +3,7 @@
 ```
 <run>/manifest.json                          of what run all this is; there as soon as one begins
 <run>/summary.json, tables, pictures, ...    results: they appear together, by one rename of the whole folder
-<run>/units/*.unit                           work: results of units; what an interrupted run goes on from
-<run>/shards/*.json                          work: reports of the parts of a run
+<run>/units/*.unit                           work: results of units; what is there is done
 ```
 """
 
@@ -17,16 +16,12 @@ from fnmatch import fnmatch
 from pathlib import Path
 
 from bench.errors import DataError
-from bench.evaluation import Protocol
 from bench.harness.manifest import MANIFEST, Manifest, differences, read_manifest, write_manifest
 from bench.harness.unit_files import FOLDER
-from bench.recordings import write_text
 from bench.recordings.atomic import folder_lock
 
-PROTOCOL = "protocol.json"
-WORK = (FOLDER, "shards")
 RESULTS = (
-    *("summary.json", MANIFEST, PROTOCOL, "predictions.json", "cost.json", "*.parquet", "*.npz"),
+    *("summary.json", MANIFEST, "protocol.json", "predictions.json", "cost.json", "*.parquet", "*.npz"),
     *("table.*", "range_map.*", "pictures", "index.html", "index-*.html", "figures", "figures-*"),
 )
 
@@ -56,18 +51,16 @@ def held_run_folder(run: Path, *, shared: bool = False) -> Iterator[None]:
         yield
 
 
-def begin_run(run: Path, manifest: Manifest, protocol: Protocol, *, overwrite: bool) -> None:
+def begin_run(run: Path, manifest: Manifest, *, overwrite: bool) -> None:
     """Note of what run the folder is; results that are there stay as they are until others take their place.
 
     Raises:
         DataError: the folder holds another run, or a damaged manifest, and `overwrite` is not set.
     """
-    finished = (run / "summary.json").is_file()
     if not overwrite:
         _refuse_other(run, manifest)
-    if not finished:
+    if not (run / "summary.json").is_file():
         write_manifest(run, manifest)
-    write_text(run / FOLDER / PROTOCOL, protocol.model_dump_json(indent=1, exclude_unset=True) + "\n")
 
 
 def _refuse_other(run: Path, manifest: Manifest) -> None:
@@ -140,7 +133,7 @@ def _recover(run: Path) -> None:
 
 
 def _is_result(entry: Path) -> bool:
-    return entry.name not in WORK and any(fnmatch(entry.name, pattern) for pattern in RESULTS)
+    return entry.name != FOLDER and any(fnmatch(entry.name, pattern) for pattern in RESULTS)
 
 
 def _place(run: Path) -> Path:

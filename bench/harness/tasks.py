@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import uuid
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Set
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import bench
-from bench.errors import BenchError, DataError
+from bench.errors import BenchError, DataError, OutputError
 from bench.evaluation import Protocol
 from bench.harness.cache import CacheFolder, StepCache
 from bench.harness.keys import MethodIdentity, RecordingInputs, code_digest, digest_of
@@ -17,11 +17,11 @@ from bench.harness.keys.digests import UNIT_CODE
 from bench.harness.provenance import largest_resident_mb, recording_fingerprint
 from bench.harness.stages import StageClock
 from bench.harness.unit import Unit, plan_units, run_unit
-from bench.harness.unit_files import encode_unit
+from bench.harness.unit_files import UnitStore, encode_unit
 from bench.methods import Scorable
 from bench.recordings import Recording, RecordingHandle
 
-UNIT_FORMAT = 3  # raise it when the files of a unit change
+UNIT_FORMAT = 4  # raise it when the files of a unit change
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,7 +31,8 @@ class RunSpec:
     Attributes:
         method: to be scored.
         identity: of the method, in the process that started the run.
-        protocols: the rules, each of a run of its own.
+        settings: of the method, as it reports them and as they were asked for.
+        protocols: the rules, each by the folder of its run.
         cache: where cached steps are stored; None to compute everything.
         code: digest of this package's code that decides a unit's result, in the process that started the run.
         run_id: of this run; a process opens a recording once for each.
@@ -39,7 +40,8 @@ class RunSpec:
 
     method: Scorable
     identity: MethodIdentity
-    protocols: tuple[Protocol, ...]
+    settings: Mapping[str, object]
+    protocols: Mapping[Path, Protocol]
     cache: CacheFolder | None = None
     code: str = field(default_factory=lambda: code_digest(UNIT_CODE))
     run_id: str = field(default_factory=lambda: uuid.uuid4().hex)
@@ -61,21 +63,26 @@ class PlannedRecording:
     """A recording as a run sees it.
 
     Attributes:
+        name: of the recording.
         units: its units; none where it cannot be used.
-        fingerprint: of its data; None where it does not open.
-        content: digest of its calibration, ego-motion and annotations as they were read, and of names and sizes of its
-            images and sweeps; None where it does not open.
+        digest: of its data; None where it does not open.
         vehicle_outline_m: the ego vehicle from above, vehicle frame.
         failure: why it cannot be used; None where it can.
         seconds: that opening took.
     """
 
+    name: str
     units: tuple[Unit, ...]
-    fingerprint: str | None
-    content: str | None
+    digest: str | None
     vehicle_outline_m: tuple[tuple[float, float], ...]
     failure: str | None
     seconds: float
+
+    @classmethod
+    def failed(cls, handle: RecordingHandle, reason: str, *, seconds: float = 0.0) -> PlannedRecording:
+        """A recording that cannot be used."""
+        failure = f"recording {handle.name!r}: {reason}"
+        return cls(name=handle.name, units=(), digest=None, vehicle_outline_m=(), failure=failure, seconds=seconds)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,34 +92,37 @@ class UnitTask:
     Attributes:
         handle: its recording.
         unit: which images.
-        stored_keys: keys of the results that are stored already, by protocol; None for none.
+        stored: digests of results that are stored, by folder of the run; None where the worker sees the folders:
+            then it looks itself, and stores what it computes.
     """
 
     handle: RecordingHandle
     unit: Unit
-    stored_keys: tuple[str | None, ...]
+    stored: Mapping[Path, Set[str]] | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScoredUnit:
-    """What became of a unit by one protocol; what it cost is stated in the first of a unit.
+    """What became of a unit.
 
     Attributes:
-        key: digest of all that the result depends on.
-        content: of the file to store; None where the stored ones have this key, or the unit failed.
+        digests: names of its results by folder of the run; none where it failed.
+        computed: folders for which it was computed, not found done.
+        contents: of the files to store, by folder; empty where the worker has stored them.
         failure: why there is no result; None where there is one.
         seconds: by stage, of the pass that the protocols share.
-        found: steps found in the cache, by name.
-        computed: steps computed and stored, by name.
+        steps_found: steps found in the cache, by name.
+        steps_computed: steps computed and stored, by name.
         peak_memory_mb: of the process so far.
     """
 
-    key: str
-    content: bytes | None
+    digests: Mapping[Path, str] = field(default_factory=dict)
+    computed: Set[Path] = frozenset()
+    contents: Mapping[Path, bytes] = field(default_factory=dict)
     failure: str | None = None
     seconds: Mapping[str, float] = field(default_factory=dict)
-    found: Mapping[str, int] = field(default_factory=dict)
-    computed: Mapping[str, int] = field(default_factory=dict)
+    steps_found: Mapping[str, int] = field(default_factory=dict)
+    steps_computed: Mapping[str, int] = field(default_factory=dict)
     peak_memory_mb: float = 0.0
 
 
@@ -124,98 +134,109 @@ def plan_recording(spec: RunSpec, handle: RecordingHandle) -> PlannedRecording:
             opened = _open(spec, handle)
             units = tuple(plan_units(opened.recording, spec.method))
     except BenchError as error:
-        return PlannedRecording(
-            units=(),
-            fingerprint=None,
-            content=None,
-            vehicle_outline_m=(),
-            failure=f"recording {handle.name!r}: {error}",
-            seconds=clock.seconds["open"],
-        )
-    fingerprint = recording_fingerprint(opened.recording)
+        return PlannedRecording.failed(handle, str(error), seconds=clock.seconds["open"])
     return PlannedRecording(
+        name=handle.name,
         units=units,
-        fingerprint=fingerprint,
-        content=digest_of(fingerprint, opened.inputs.digest),
+        digest=recording_fingerprint(opened.recording),
         vehicle_outline_m=tuple((float(x), float(y)) for x, y in opened.recording.vehicle_outline_m),
         failure=None,
         seconds=clock.seconds["open"],
     )
 
 
-def score_unit(spec: RunSpec, task: UnitTask) -> tuple[ScoredUnit, ...]:
-    """Score a unit by each protocol, unless what is stored has its key; a fault is returned as `failure`, not raised.
+def score_unit(spec: RunSpec, task: UnitTask) -> ScoredUnit:
+    """Score a unit by each protocol, unless its result is stored; a fault is returned as `failure`, not raised.
 
     Protocols whose result is not stored share one pass over the images.
+
+    Raises:
+        OutputError: a result cannot be stored.
     """
     clock, unit = StageClock(), task.unit
     found, missed = (Counter(spec.cache.found), Counter(spec.cache.missed)) if spec.cache else (Counter(), Counter())
-    keys, contents, failure = [""] * len(spec.protocols), dict[int, bytes](), None
-    due = list(range(len(keys)))
+    digests: dict[Path, str] = {}
+    contents: dict[Path, bytes] = {}
+    computed: list[Path] = []
+    failure = None
     try:
         with clock.stage("open"):
             opened = _open(spec, task.handle)
-        with clock.stage("key"):
+        with clock.stage("digest"):
             spec.refuse_other_code()
             inputs = opened.inputs.afresh()
-            keys = unit_keys(spec, opened.recording, unit, inputs)
-        due = [i for i, key in enumerate(keys) if key != task.stored_keys[i]]
+            decided_by = deciding_digests(spec, opened.recording, unit, inputs)
+            names = {run: digest_of(parts) for run, parts in decided_by.items()}
+            digests = {run: digest for run, digest in names.items() if _is_stored(task, run, digest)}
+        due = [run for run in names if run not in digests]
         if due:
             steps = None
             if spec.cache is not None:
                 steps = StepCache(folder=spec.cache, recording=opened.recording, inputs=inputs, identity=spec.identity)
-            protocols = [spec.protocols[i] for i in due]
+            protocols = [spec.protocols[run] for run in due]
             tables = run_unit(opened.recording, unit, method=spec.method, protocols=protocols, clock=clock, steps=steps)
-            with clock.stage("key"):
+            with clock.stage("digest"):
                 spec.refuse_other_code()
-                _refuse_change(spec, opened, unit, keys)
+                _refuse_change(spec, opened, unit, decided_by)
             with clock.stage("store"):
-                contents = {i: encode_unit(unit, part, key=keys[i]) for i, part in zip(due, tables, strict=True)}
+                for run, counted in zip(due, tables, strict=True):
+                    contents[run] = encode_unit(unit, counted, decided_by=decided_by[run])
+                    if task.stored is None:
+                        UnitStore(run=run).write(unit, names[run], contents.pop(run))
+            digests, computed = names, due
+    except OutputError:
+        raise
     except BenchError as error:
         failure = f"recording {unit.recording!r}, camera {unit.camera!r}: {error}"
     except MemoryError:
         where = f"recording {unit.recording!r}, camera {unit.camera!r}, images {unit.start} to {unit.stop - 1}"
         failure = f"{where}: the memory that the process may use was not enough"
-    scored = [
-        ScoredUnit(key=key, content=contents.get(i), failure=failure if i in due else None, seconds=dict(clock.seconds))
-        for i, key in enumerate(keys)
-    ]
-    scored[0] = replace(
-        scored[0],
-        found=dict(spec.cache.found - found) if spec.cache else {},
-        computed=dict(spec.cache.missed - missed) if spec.cache else {},
+    return ScoredUnit(
+        digests=digests,
+        computed=frozenset(computed),
+        contents=contents,
+        failure=failure,
+        seconds=dict(clock.seconds),
+        steps_found=dict(spec.cache.found - found) if spec.cache else {},
+        steps_computed=dict(spec.cache.missed - missed) if spec.cache else {},
         peak_memory_mb=largest_resident_mb(),
     )
-    return tuple(scored)
 
 
-def unit_keys(spec: RunSpec, recording: Recording, unit: Unit, inputs: RecordingInputs) -> list[str]:
-    """Digests of all that the results of a unit depend on, by protocol."""
-    method, images = spec.method, recording.images[unit.camera]
-    first = max(unit.start - method.most_history - 1, 0)
+def deciding_digests(
+    spec: RunSpec, recording: Recording, unit: Unit, inputs: RecordingInputs
+) -> dict[Path, dict[str, str]]:
+    """Digests of all that decides the results of a unit, by folder of the run and name."""
+    images = recording.images[unit.camera]
+    first = max(unit.start - spec.method.most_history - 1, 0)
     read = images[first : unit.stop]
-    shared = digest_of(
-        UNIT_FORMAT,
-        spec.code,
-        method.name,
-        method.settings(),
-        spec.identity.digest,
-        unit,
-        recording.frame_interval_ns,
-        inputs.camera(unit.camera),
-        inputs.ego_motion,
-        inputs.lidar_mounting,
-        inputs.annotations,
-        inputs.input_errors,
-        inputs.images(read),
-        inputs.truths(images[unit.start : unit.stop]),
-    )
+    shared = {
+        "format": digest_of(UNIT_FORMAT),
+        "code": spec.code,
+        "method": digest_of(spec.method.name, spec.identity.digest),
+        "settings": digest_of(spec.settings),
+        "unit": digest_of(unit, recording.frame_interval_ns),
+        "camera": inputs.camera(unit.camera),
+        "ego-motion": inputs.ego_motion,
+        "lidar mounting": inputs.lidar_mounting,
+        "annotations": inputs.annotations,
+        "input errors": digest_of(inputs.input_errors),
+        "images": inputs.images(read),
+        "exact masks": inputs.truths(images[unit.start : unit.stop]),
+    }
     first_ns, last_ns = read[0].timestamp_ns, read[-1].timestamp_ns
-    gaps_ns = [protocol.reference_settings().max_sweep_gap_ns for protocol in spec.protocols]
-    return [
-        digest_of(shared, protocol, inputs.sweeps(first_ns, last_ns, reach_ns=gap_ns))
-        for protocol, gap_ns in zip(spec.protocols, gaps_ns, strict=True)
-    ]
+    return {
+        run: shared
+        | {
+            "protocol": digest_of(protocol),
+            "sweeps": inputs.sweeps(first_ns, last_ns, reach_ns=protocol.reference_settings().max_sweep_gap_ns),
+        }
+        for run, protocol in spec.protocols.items()
+    }
+
+
+def _is_stored(task: UnitTask, run: Path, digest: str) -> bool:
+    return UnitStore(run=run).holds(task.unit, digest) if task.stored is None else digest in task.stored[run]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -240,9 +261,9 @@ def _open(spec: RunSpec, handle: RecordingHandle) -> _Opened:
     return _held[0]
 
 
-def _refuse_change(spec: RunSpec, opened: _Opened, unit: Unit, keys: list[str]) -> None:
+def _refuse_change(spec: RunSpec, opened: _Opened, unit: Unit, before: Mapping[Path, Mapping[str, str]]) -> None:
     """Refuse a result of files that changed while they were read: nobody knows which of them it is of."""
-    if unit_keys(spec, opened.recording, unit, opened.inputs.afresh()) != keys:
+    if deciding_digests(spec, opened.recording, unit, opened.inputs.afresh()) != before:
         raise DataError(
             opened.recording.root,
             expected="files that stay the same while they are scored",

@@ -8,7 +8,7 @@ from typing import Literal
 
 import pyarrow as pa
 
-from bench.errors import BenchError, DataError
+from bench.errors import BenchError, DataError, UsageError
 from bench.evaluation import ImageMap, Protocol, SequenceScorer
 from bench.harness.cache import StepCache
 from bench.harness.frames import FramePipeline, UnscorableFrame
@@ -35,6 +35,50 @@ class Unit:
     camera: str
     start: int
     stop: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Part:
+    """A part of a run: every `count`-th unit, from the `number`-th on. A run in one piece is part 1 of 1.
+
+    Attributes:
+        number: from 1.
+        count: of parts.
+
+    Raises:
+        UsageError: a number outside of 1 to `count`.
+    """
+
+    number: int = 1
+    count: int = 1
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.number <= self.count:
+            raise UsageError(f"--shard: expected I/N with I from 1 to N, got {self}")
+
+    def __str__(self) -> str:
+        return f"{self.number}/{self.count}"
+
+    def of(self, units: Sequence[Unit], *, before: int = 0) -> list[Unit]:
+        """Its own among units of a run.
+
+        Args:
+            units: in the order of the run.
+            before: how many units of the run come before them.
+        """
+        return [unit for place, unit in enumerate(units, before) if place % self.count == self.number - 1]
+
+    @classmethod
+    def parse(cls, text: str) -> Part:
+        """From "2/8".
+
+        Raises:
+            UsageError: anything else.
+        """
+        number, _, count = text.partition("/")
+        if not (number.isascii() and number.isdecimal() and count.isascii() and count.isdecimal()):
+            raise UsageError(f"--shard: expected I/N, for example 2/8, got {text!r}")
+        return cls(number=int(number), count=int(count))
 
 
 def plan_units(recording: Recording, method: Scorable, *, chunk_images: int = CHUNK_IMAGES) -> Iterator[Unit]:

@@ -1,7 +1,7 @@
-"""The results of units on disk: one file each, there whole or not at all.
+"""The results of units on disk: one file each, named by the digest of all that decides it; there whole or not at all.
 
-`<run>/units/<recording>-<camera>-<digest>-<start>.unit` is a ZIP archive without compression of `objects.parquet`,
-`frames.parquet`, `masks.parquet`, `maps.npz` (none without a scored image) and `status.json`.
+`<run>/units/<recording>-<camera>-<first image>-<digest>.unit` is a ZIP archive without compression of
+`objects.parquet`, `frames.parquet`, `masks.parquet`, `maps.npz` (none without a scored image) and `status.json`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ import io
 import json
 import re
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 from zipfile import ZIP_STORED, BadZipFile, ZipFile, ZipInfo
@@ -23,6 +24,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from bench.errors import DataError, OutputError
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, ImageMap, add_image_maps
+from bench.harness.keys import digest_of
 from bench.harness.masks import MASKS, MASKS_SCHEMA
 from bench.harness.unit import Unit, UnitTables
 from bench.recordings import replacing
@@ -39,7 +41,7 @@ class UnitStatus(BaseModel):
 
     Attributes:
         unit: which images.
-        key: digest of all that the result depends on.
+        decided_by: digests of all that decides the result, by name; the unit's own digest is of these.
         problems: one line per image that could not be used.
         sha256: of the other files of the unit, by name.
     """
@@ -47,19 +49,19 @@ class UnitStatus(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     unit: dict[str, str | int]
-    key: str
+    decided_by: dict[str, str]
     problems: tuple[str, ...]
     sha256: dict[str, str]
 
 
-def encode_unit(unit: Unit, tables: UnitTables, *, key: str) -> bytes:
+def encode_unit(unit: Unit, tables: UnitTables, *, decided_by: Mapping[str, str]) -> bytes:
     """The file of a unit; the same for the same result."""
     files = {OBJECTS: _parquet(tables.objects), FRAMES: _parquet(tables.frames), MASKS: _parquet(tables.masks)}
     if tables.image_map is not None:
         files[MAPS] = image_maps_bytes([tables.image_map])
     status = UnitStatus(
         unit={name: getattr(unit, name) for name in unit.__slots__},
-        key=key,
+        decided_by=dict(decided_by),
         problems=tables.problems,
         sha256={name: hashlib.sha256(content).hexdigest() for name, content in files.items()},
     )
@@ -70,102 +72,101 @@ def encode_unit(unit: Unit, tables: UnitTables, *, key: str) -> bytes:
     return packed.getvalue()
 
 
-class UnitFolder:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UnitStore:
     """The units of a run on disk.
 
-    Args:
+    Attributes:
         run: folder of the run.
     """
 
-    def __init__(self, run: Path) -> None:
-        self.folder = run / FOLDER
+    run: Path
 
-    def file(self, unit: Unit) -> Path:
-        """Where a unit is stored."""
-        return self.folder / unit_name(unit)
+    def file(self, unit: Unit, digest: str) -> Path:
+        """Where a unit is stored: readable, and safe on any file system."""
+        readable = re.sub(r"[^A-Za-z0-9_.-]+", "_", f"{unit.recording}-{unit.camera}")[:80]
+        return self.run / FOLDER / f"{readable}-{unit.start:08d}-{digest}{SUFFIX}"
 
-    def status(self, unit: Unit) -> UnitStatus | None:
-        """A unit's status; None where it is not stored, or damaged."""
+    def holds(self, unit: Unit, digest: str) -> bool:
+        """Whether a unit is stored, undamaged."""
         try:
-            return _read(self.file(unit), unit)[0]
+            _read(self.file(unit, digest), digest)
         except DataError:
-            return None
+            return False
+        return True
 
-    def store(self, unit: Unit, content: bytes) -> None:
-        """Store a unit.
+    def digests(self, unit: Unit) -> frozenset[str]:
+        """Digests of all results of a unit that are stored, undamaged."""
+        prefix, suffix = self.file(unit, "").name[: -len(SUFFIX)], SUFFIX
+        names = [entry.name for entry in (self.run / FOLDER).glob(f"{prefix}*{suffix}")]
+        found = (name.removeprefix(prefix).removesuffix(suffix) for name in names)
+        return frozenset(digest for digest in found if self.holds(unit, digest))
+
+    def write(self, unit: Unit, digest: str, content: bytes) -> None:
+        """Store a unit, by one rename.
 
         Raises:
             OutputError: the disk is full, or may not be written.
         """
-        file = self.file(unit)
+        file = self.file(unit, digest)
         try:
             write_bytes(file, content)
         except OutputError as error:
             do = "free some disk space, then run the same command again: units that are stored are not computed again"
             raise OutputError(file, got=error.got, do=do) from error
 
-    def keep_only(self, units: Iterable[Unit]) -> None:
-        """Remove files that are not of these units."""
-        names = {unit_name(unit) for unit in units}
-        for file in self.folder.glob("*"):
-            if file.name not in names and file.suffix != ".json" and file.is_file():
+    def keep_only(self, units: Mapping[Unit, str]) -> None:
+        """Remove what is not of these units, by digest."""
+        names = {self.file(unit, digest).name for unit, digest in units.items()}
+        for file in (self.run / FOLDER).glob("*"):
+            if file.name not in names and file.is_file():
                 file.unlink(missing_ok=True)
 
-    def problems(self, units: Sequence[Unit]) -> list[str]:
-        """The problems of stored units, in their order.
-
-        Raises:
-            DataError: a unit is not stored, or damaged.
-        """
-        return [problem for unit in units for problem in self.checked(unit).problems]
-
-    def checked(self, unit: Unit) -> UnitStatus:
-        """A unit's status.
-
-        Raises:
-            DataError: the unit is not stored, or damaged.
-        """
-        return _read(self.file(unit), unit)[0]
-
-    def join(self, units: Sequence[Unit], out: Path, *, maps_name: str) -> None:
+    def join(self, units: Mapping[Unit, str], out: Path, *, maps_name: str) -> tuple[str, ...]:
         """Write the tables and image maps of a run, with one unit in memory at a time.
 
+        Args:
+            units: with their digests.
+            out: folder of the results.
+            maps_name: file of the image maps.
+
+        Returns:
+            The problems of all units.
+
         Raises:
             DataError: a unit is not stored, or damaged.
         """
-        ordered = sorted(units, key=unit_name)
+        ordered = sorted(units, key=lambda unit: (unit.recording, unit.camera, unit.start))
+        stored = [(self.file(unit, units[unit]), units[unit]) for unit in ordered]
         for name, schema in TABLES.items():
             with replacing(out / name) as temporary:
-                self._concatenate(ordered, name, schema, temporary)
+                _concatenate(stored, name, schema, temporary)
         maps: tuple[ImageMap, ...] = ()
-        for unit in ordered:
-            _, files = _read(self.file(unit), unit)
+        problems: list[str] = []
+        for file, digest in stored:
+            status, files = _read(file, digest)
+            problems += status.problems
             if MAPS in files:  # a unit without a scored image has none
-                maps = add_image_maps([*maps, *load_image_maps(self.file(unit), io.BytesIO(files[MAPS]))])
+                maps = add_image_maps([*maps, *load_image_maps(file, io.BytesIO(files[MAPS]))])
         write_image_maps(out / maps_name, maps)
+        return tuple(problems)
 
-    def _concatenate(self, units: Sequence[Unit], name: str, schema: pa.Schema, out: Path) -> None:
-        """Join tables, some units at a time; many small row groups would cost every reader memory."""
-        with pq.ParquetWriter(out, schema, compression="zstd") as writer:
-            waiting: list[pa.Table] = []
-            for unit in units:
-                _, files = _read(self.file(unit), unit)
-                waiting.append(pq.read_table(io.BytesIO(files[name]), schema=schema))
-                if sum(len(table) for table in waiting) >= ROW_GROUP_ROWS[name]:
-                    writer.write_table(pa.concat_tables(waiting).combine_chunks())
-                    waiting = []
-            if waiting:
+
+def _concatenate(stored: Sequence[tuple[Path, str]], name: str, schema: pa.Schema, out: Path) -> None:
+    """Join tables, some units at a time; many small row groups would cost every reader memory."""
+    with pq.ParquetWriter(out, schema, compression="zstd") as writer:
+        waiting: list[pa.Table] = []
+        for file, digest in stored:
+            _, files = _read(file, digest)
+            waiting.append(pq.read_table(io.BytesIO(files[name]), schema=schema))
+            if sum(len(table) for table in waiting) >= ROW_GROUP_ROWS[name]:
                 writer.write_table(pa.concat_tables(waiting).combine_chunks())
+                waiting = []
+        if waiting:
+            writer.write_table(pa.concat_tables(waiting).combine_chunks())
 
 
-def unit_name(unit: Unit) -> str:
-    """File name of a unit: readable, safe on any file system, and never that of another unit."""
-    readable = re.sub(r"[^A-Za-z0-9_.-]+", "_", f"{unit.recording}-{unit.camera}")[:80]
-    tag = hashlib.sha256(f"{unit.recording}\0{unit.camera}".encode()).hexdigest()[:8]
-    return f"{readable}-{tag}-{unit.start:08d}{SUFFIX}"
-
-
-def _read(file: Path, unit: Unit) -> tuple[UnitStatus, Mapping[str, bytes]]:
+def _read(file: Path, digest: str) -> tuple[UnitStatus, Mapping[str, bytes]]:
     """The status and the other files of a stored unit, as they were written.
 
     Raises:
@@ -185,11 +186,11 @@ def _read(file: Path, unit: Unit) -> tuple[UnitStatus, Mapping[str, bytes]]:
     except (OSError, ValueError, KeyError, NotImplementedError, RuntimeError, EOFError, BadZipFile) as error:
         got = "a damaged status" if isinstance(error, ValidationError) else " ".join(str(error).split())
         raise DataError(file, expected="a stored unit", got=got, do=do) from error
-    digests = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
-    if digests != status.sha256 or not TABLES.keys() <= digests.keys():
+    contents = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
+    if contents != status.sha256 or not TABLES.keys() <= contents.keys():
         raise DataError(file, expected="the files that its status lists", got="others, or damaged ones", do=do)
-    if status.unit != {name: getattr(unit, name) for name in unit.__slots__}:
-        raise DataError(file, field="unit", expected=str(unit), got=str(status.unit), do=do)
+    if digest_of(status.decided_by) != digest:
+        raise DataError(file, expected="a unit of the digest in its name", got="another one", do=do)
     return status, files
 
 

@@ -27,12 +27,14 @@ def resident_mb():
 
 if __name__ == "__main__":
     method = build_method("spherical", {})
-    spec = RunSpec(method=method, identity=MethodIdentity.of(method), protocols=(load_protocol("paper-v1"),))
+    run = Path("run")
+    protocols = {run: load_protocol("paper-v1")}
+    spec = RunSpec(method=method, identity=MethodIdentity.of(method), settings={}, protocols=protocols)
     sizes = []
     for turn in range(int(sys.argv[2])):
         for handle in open_dataset(load_card(sys.argv[1])):
             for unit in plan_recording(spec, handle).units:
-                assert score_unit(spec, UnitTask(handle=handle, unit=unit, stored_keys=(None,)))[0].failure is None
+                assert score_unit(spec, UnitTask(handle=handle, unit=unit, stored={run: frozenset()})).failure is None
         sizes.append(resident_mb())
     print(json.dumps(sizes))
 """

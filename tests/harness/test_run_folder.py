@@ -33,7 +33,7 @@ def everything_in(folder: Path) -> dict[str, bytes]:
     """Every file of results, by its path."""
     files = (path for path in folder.rglob("*") if path.is_file())
     found = {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
-    return {name: content for name, content in found.items() if not name.startswith(("units/", "shards/"))}
+    return {name: content for name, content in found.items() if not name.startswith("units/")}
 
 
 OTHERS = {
@@ -115,7 +115,7 @@ def test_results_that_cannot_be_finished_do_not_appear(finished, tiny_card):
     assert not list(finished.parent.glob(".*"))
 
 
-@pytest.mark.parametrize("killed_at", range(6))
+@pytest.mark.parametrize("killed_at", range(5))
 def test_a_process_that_is_killed_between_the_steps_of_the_renaming_leaves_one_whole_run(
     finished, monkeypatch, killed_at
 ):
@@ -125,7 +125,6 @@ def test_a_process_that_is_killed_between_the_steps_of_the_renaming_leaves_one_w
         pass
 
     (finished / "notes.txt").write_text("mine")
-    (finished / "shards").mkdir(exist_ok=True)
     units = sorted(file.name for file in (finished / "units").iterdir())
     rename, left = Path.rename, [killed_at]
 
@@ -144,11 +143,11 @@ def test_a_process_that_is_killed_between_the_steps_of_the_renaming_leaves_one_w
             killed = True
         else:
             killed = False
-    assert killed == (killed_at < 5)
+    assert killed == (killed_at < 4)
     with held_run_folder(finished):
         pass
     new = (finished / "summary.json").read_text() == "new"
-    assert new == (killed_at >= 4), "from the last but one step on the new results are whole"
+    assert new == (killed_at >= 3), "from the last but one step on the new results are whole"
     assert (finished / "index.html").exists() == (not new)
     assert (finished / "notes.txt").read_text() == "mine"
     assert sorted(file.name for file in (finished / "units").iterdir()) == units

@@ -200,7 +200,6 @@ TARGETS = {
                       content_of("compared/compare.json")),
     "leaderboard": Target(STORED, ("leaderboard", "{}", "--out", "{}/board"), 20, content_of("board/leaderboard.json")),
     "units": Target(("run/units/*",), (*RUN, "--out", "{}/run"), 15, tables),
-    "parts": Target(("run/shards/*", "run/units/*"), ("merge", "{}/run", "--no-pictures"), 30, tables),
     "cache": Target(("cache/**/*",), (*RUN, "--cache", "{}/cache", "--out", "{}/run"), 12, tables),
 }  # fmt: skip
 

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from bench.evaluation import load_protocol
-from bench.harness import RunRequest, run_benchmark, run_shard
-from bench.harness.shards import Shard
+from bench.harness import RunRequest, run_benchmark
 from bench.methods import build_method
 from bench.recordings import load_card
 from tests.support.commands import call
@@ -41,7 +40,7 @@ def set_trap(file: Path, trap: Path) -> None:
     """Let a stored file name other code in every place where it names a method."""
     content = json.loads(file.read_text())
     content.pop("sha256", None)
-    stamps = [content[part]["method"] for part in ("stamp", "manifest") if part in content]
+    stamps = [content["manifest"]["method"] if "manifest" in content else content["method"]]
     for stamp in stamps:
         stamp |= {"name": "trap_module:Trap", "place": "trap_module:Trap", "settings": {"args": ["touch", str(trap)]}}
     file.write_text(json.dumps(content))
@@ -61,7 +60,8 @@ def runs(tiny_card, tmp_path_factory) -> list[Path]:
 def test_commands_that_read_runs(runs, tmp_path, monkeypatch, trap, words):
     folders = [shutil.copytree(run, tmp_path / "runs" / run.name) for run in runs]
     for folder in folders:
-        set_trap(folder / "summary.json", trap)
+        for name in ("summary.json", "manifest.json"):
+            set_trap(folder / name, trap)
     command, *options = words
     given = {
         "report": [folders[0]],
@@ -71,32 +71,3 @@ def test_commands_that_read_runs(runs, tmp_path, monkeypatch, trap, words):
     }[command]
     assert call(monkeypatch, command, *given, *options) == 0
     assert not trap.exists()
-
-
-def test_merge(tiny_card, tmp_path, monkeypatch, trap):
-    for number in (1, 2):
-        run_shard(
-            [
-                RunRequest(
-                    card=load_card(tiny_card), method=build_method("spherical"), protocol=PAPER, out=tmp_path / "run"
-                )
-            ],
-            Shard(number=number, count=2),
-        )
-    for file in (tmp_path / "run" / "shards").glob("*.json"):
-        set_trap(file, trap)
-    assert call(monkeypatch, "merge", tmp_path / "run") == 2, "the parts are of another method than the folder"
-    assert call(monkeypatch, "merge", tmp_path / "run", "--overwrite") == 0
-    assert (tmp_path / "run" / "pictures" / "crossing" / "overlay.png").exists()
-    assert not trap.exists()
-
-
-def test_merging_from_another_folder_finishes_without_pictures(tiny_card, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tiny_card.parent)
-    assert (
-        call(monkeypatch, "run", "tiny.yaml", "--method", "nothing", "--shard", "1/1", "--out", tmp_path / "run") == 0
-    )
-    monkeypatch.chdir(tmp_path)
-    assert call(monkeypatch, "merge", tmp_path / "run") == 0
-    assert "no picture: tiny.yaml" in capsys.readouterr().out
-    assert (tmp_path / "run" / "table.md").exists()

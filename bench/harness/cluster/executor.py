@@ -53,6 +53,7 @@ class ClusterExecutor:
     requirements: WorkerRequirements
     workers: int = 0
     patience_s: float = PATIENCE_S
+    shares_disk: bool = field(default=False, init=False)
     _connection: ExitStack = field(default_factory=ExitStack, init=False, repr=False)
     _client: Client | None = field(default=None, init=False, repr=False)
     _entered: int = field(default=0, init=False, repr=False)

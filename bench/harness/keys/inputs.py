@@ -43,11 +43,6 @@ class RecordingInputs:
             if isinstance(state.shape, PointIndices)
         ]
 
-    @property
-    def digest(self) -> str:
-        """Digest of calibration, ego-motion and annotations as they were read, and of what a method is told of them."""
-        return digest_of(self._cameras, self.ego_motion, self.lidar_mounting, self.annotations, self.input_errors)
-
     def afresh(self) -> RecordingInputs:
         """The same, with every image and sweep read once more."""
         other = copy.copy(self)
