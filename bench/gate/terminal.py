@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from rich.table import Table
 from rich.text import Text
 
-from bench.evaluation.paired import NOT_RATIOS
+from bench.evaluation import find_metric
 from bench.gate.brief import NOTABLE, change_lines, check_lines, main_rows, overall_rows
 from bench.gate.verdict import Outcome, Row, Verdict
 
@@ -74,7 +74,7 @@ def _table(rows: Sequence[Row], *, caption: str | None = None) -> Table:
 
 def _cells(row: Row) -> list[str | Text]:
     change, style = row.change, STYLES[row.outcome]
-    unit = 1.0 if row.metric in NOT_RATIOS else 100.0
+    unit = 100.0 if find_metric(row.metric).is_ratio else 1.0
     interval = "" if change.ci95 is None else "{:+.1f} {:+.1f}".format(*(unit * end for end in change.ci95))
     return [
         Text("within" if row.outcome is Outcome.PASSED else row.outcome, style=style),

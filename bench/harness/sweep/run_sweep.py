@@ -11,7 +11,7 @@ from operator import or_
 from pathlib import Path
 
 from bench.evaluation import Summary, summarise
-from bench.evaluation.row_source import CommonImages, RowsOnImages
+from bench.evaluation.rows import CommonImages, RowsOnImages
 from bench.execution import TaskExecutor
 from bench.harness import provenance as origin
 from bench.harness.cache import CacheFolder

@@ -12,7 +12,7 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from bench.evaluation import Metric
+from bench.evaluation import Metric, find_metric
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.plain_text import escape_markdown
 from bench.recordings import replacing, write_bytes
@@ -42,7 +42,6 @@ from bench.reporting.formats import (
     detection_levels,
     hundredths,
     json_text,
-    level_percent,
     markdown_table,
     number_columns,
     terminal_table,
@@ -56,23 +55,14 @@ NOTE = (
     "Differences are after minus before, in percentage points, with 95 % intervals by recording, in pairs: the "
     "difference is taken again without each recording (jackknife). p: two-sided, of no difference, corrected after "
     "Holm over the rows of one metric that have a p-value (the categories and all moving objects; false-positive "
-    "coverage has one row), for each pair of runs by itself. Only detection rate, TPR and IoU over detected "
-    "object-frames and false-positive coverage are judged; other metrics are shown with their interval and without a "
-    "p-value. Better or worse is said only if the interval excludes 0 and the corrected p-value is at most 5 %; both "
+    "coverage has one row), for each pair of runs by itself. Only IoU and TPR over all object-frames, detection at "
+    "50 % and false-positive coverage are judged; other metrics are shown with their interval and without a p-value. "
+    "Better or worse is said only if the interval excludes 0 and the corrected p-value is at most 5 %; both "
     f"need {FEWEST_RECORDINGS} recordings with cases of both runs: with fewer, the same change in all of them could be "
     "chance. Recordings: with cases of both runs. TPR and IoU over detected object-frames are taken over other "
     "object-frames in each run where detection differs; TPR and IoU over all are not. Chance: the same objects on the "
     f"mask of another frame. Ceiling: on the same images, {CEILING}."
 )
-_OTHERS = {
-    "tpr_all": "TPR, all",
-    "iou": "IoU, all",
-    "false_positive_coverage_valid": "False positives of the valid pixels",
-    "false_positive_frame_rate": "Frames with a large false positive",
-    "segmentation_iou": "IoU of the pixels",
-    "precision": "Precision of the pixels",
-    "recall": "Recall of the pixels",
-}
 
 
 def to_markdown(comparisons: Sequence[RunComparison]) -> str:
@@ -87,13 +77,6 @@ def to_markdown(comparisons: Sequence[RunComparison]) -> str:
     for comparison in comparisons:
         parts += _section(comparison)
     return "\n\n".join([*parts, NOTE]) + "\n"
-
-
-def metric_label(metric: str) -> str:
-    """A metric's name for people."""
-    if metric.startswith("detection_rate_"):
-        return f"Detection at {level_percent(metric):g} %"
-    return HEADLINES.get(metric) or _OTHERS[metric]
 
 
 def points(ratio: float) -> str:
@@ -162,7 +145,7 @@ def _metric_table(rows: Sequence[RowChange], metric: str) -> str:
         if metric in HEADLINES:
             line += [p_text(cell.p_holm), "" if cell.verdict is None else verdict_text(cell.verdict, change)]
         lines.append(line)
-    return f"**{metric_label(metric)}, percent**\n\n{markdown_table(headings, lines)}"
+    return f"**{find_metric(metric).label}, percent**\n\n{markdown_table(headings, lines)}"
 
 
 def _detections(comparison: RunComparison) -> str:
@@ -372,16 +355,15 @@ def to_rich(comparison: RunComparison) -> Table:
 
 
 def _shown(rows: Sequence[RowChange]) -> dict[str, str]:
-    """Any detection and that at the highest level; TPR and IoU over detected and over all."""
-    at_level = {name: f"Detection\nat {level_percent(name):g} %" for name in detection_levels(rows[0].metrics)[-1:]}
-    return {
-        "detection_rate": "Detection\nany pixel",
-        **at_level,
-        "tpr": "TPR\ndetected",
-        "iou_detected": "IoU\ndetected",
-        "tpr_all": "TPR\nall",
-        "iou": "IoU\nall",
-    }
+    """IoU and TPR over all, detection at the highest level and of any pixel; IoU and TPR over detected."""
+    at_level = detection_levels(rows[0].metrics)[-1:]
+    names = ("iou", "tpr_all", *at_level, "detection_rate", "iou_detected", "tpr")
+    return {name: _narrow(find_metric(name).label) for name in names}
+
+
+def _narrow(label: str) -> str:
+    """A heading in two lines."""
+    return label.replace(", ", "\n", 1) if "," in label else label.replace(" ", "\n", 1)
 
 
 def _cell(cell: MetricChange, lines: Sequence[str]) -> Text:

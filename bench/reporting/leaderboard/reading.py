@@ -11,9 +11,9 @@ from pathlib import Path
 
 from bench.errors import BenchError, DataError
 from bench.evaluation import summarise
-from bench.evaluation.row_source import CommonImages
-from bench.evaluation.slices import ALL_MOVING
+from bench.evaluation.rows import CommonImages
 from bench.evaluation.summary import Metric
+from bench.evaluation.sums import ALL_MOVING
 from bench.harness import RunSummary
 from bench.harness.perf import MethodCost, read_cost
 from bench.harness.sweep import MARK

@@ -11,8 +11,8 @@ from rich.table import Table
 from rich.text import Text
 
 from bench.evaluation import load_protocol
-from bench.evaluation.slices import ALL_MOVING
 from bench.evaluation.summary import Metric
+from bench.evaluation.sums import ALL_MOVING
 from bench.plain_text import escape_markdown, plain
 from bench.reporting import formats
 from bench.reporting.compare.runs import SHOWN_DIGEST

@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from bench.evaluation.paired import MetricSums, recording_sums
-from bench.evaluation.slices import ALL_MOVING, FRAMES
+import pandas as pd
+
+from bench.evaluation import sum_run
+from bench.evaluation.sums import ALL_MOVING, FRAMES
 from bench.reporting.page.worst import WorstCases
 from bench.reporting.stored_run import StoredRun
 
 LISTED_RECORDINGS = 200
-NOTHING = MetricSums(numerators={}, denominators={})
+NOTHING = 0, math.nan  # cases and value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,27 +46,30 @@ def recording_rows(run: StoredRun, worst: WorstCases) -> tuple[list[RecordingRow
         rows: at most `LISTED_RECORDINGS`.
         total: how many recordings there are.
     """
-    slices = recording_sums(run.objects, run.frames, protocol=run.protocol).slices
-    objects, frames = slices.get(ALL_MOVING, {}), slices.get(FRAMES, {})
-    iou, tpr_all = (objects.get(name, NOTHING) for name in ("iou", "tpr_all"))
-    coverage = frames.get("false_positive_coverage", NOTHING)
+    sums = sum_run(run.objects, run.frames, protocol=run.protocol)
+    images = _by_recording(sums, FRAMES, "false_positive_coverage")
+    objects = {name: _by_recording(sums, ALL_MOVING, name) for name in ("iou", "tpr_all")}
     cards = [*(card for some in worst.objects.values() for card in some), *worst.images]
     first = {card.key[0]: card.element for card in reversed(cards)}
+    names = sorted({*images, *objects["iou"]})
     rows = [
         RecordingRow(
             name=name,
-            images=int(coverage.denominators.get(name, 0)),
-            object_frames=int(iou.denominators.get(name, 0)),
-            iou=_ratio(iou, name),
-            tpr_all=_ratio(tpr_all, name),
-            coverage=_ratio(coverage, name),
+            images=images.get(name, NOTHING)[0],
+            object_frames=objects["iou"].get(name, NOTHING)[0],
+            iou=objects["iou"].get(name, NOTHING)[1],
+            tpr_all=objects["tpr_all"].get(name, NOTHING)[1],
+            coverage=images.get(name, NOTHING)[1],
             card=first.get(name, ""),
         )
-        for name in sorted(iou.denominators.keys() | coverage.denominators.keys())
+        for name in names
     ]
     rows.sort(key=lambda row: (math.isnan(row.iou), row.iou, row.name))
     return rows[:LISTED_RECORDINGS], len(rows)
 
 
-def _ratio(sums: MetricSums, name: str) -> float:
-    return sums.numerators[name] / sums.denominators[name] if name in sums.denominators else math.nan
+def _by_recording(sums: pd.DataFrame, breakdown: str, metric: str) -> dict[str, tuple[int, float]]:
+    """Cases and value of each recording."""
+    rows = sums[(sums["breakdown"] == breakdown) & (sums["metric"] == metric)]
+    values = rows["numerator"] / rows["denominator"]
+    return dict(zip(rows["recording"], zip(rows["denominator"].astype(int), values, strict=True), strict=True))
