@@ -16,20 +16,14 @@ from numpy.typing import NDArray
 from rich.table import Table
 from rich.text import Text
 
-from bench.evaluation import Metric, ObjectMetrics
+from bench.evaluation import Metric, ObjectMetrics, find_metric
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.harness.sweep import FILE, SweepResult, SweepRow, read_sweep
 from bench.plain_text import escape_markdown
 from bench.records.reference import Category
 from bench.reporting import canvas, formats
 
-METRICS = {
-    "detection_rate_50": "Detection at 50 %",
-    "tpr_all": "TPR, all",
-    "tpr": "TPR, detected",
-    "iou": "IoU, all",
-    "iou_detected": "IoU, detected",
-}
+METRICS = {name: find_metric(name).label for name in ("detection_rate_50", "tpr_all", "tpr", "iou", "iou_detected")}
 ALL_MOVING = "all_moving"
 COVERAGE = "false_positive_coverage"
 PARTS = {

@@ -47,7 +47,7 @@ def test_a_metric_is_found_by_its_name(metric: Definition) -> None:
     assert (found.name, found.label, found.higher_is_better) == (metric.name, metric.label, metric.higher_is_better)
 
 
-@pytest.mark.parametrize("metric", [*METRICS[:-2], cause_metric("<cause>")], ids=lambda metric: metric.name)
+@pytest.mark.parametrize("metric", [*METRICS[:-2], cause_metric("NAME")], ids=lambda metric: metric.name)
 def test_docs_have_the_row_of_a_metric(metric: Definition) -> None:
     better = {True: "higher", False: "lower", None: ""}[metric.higher_is_better]
     row = f"| `{metric.name}` | {metric.label} | {metric.meaning.removesuffix('.')} | {better} |"
