@@ -16,7 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.evaluation import load_protocol, row_source, summarise
+from bench.evaluation import load_protocol, rows, summarise
 from bench.gate import judge, load_tolerances, scored_run
 from bench.harness import Provenance, RunSummary, open_tables
 from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest
@@ -97,7 +97,7 @@ def write_runs(folder: Path, *, object_frames: int) -> tuple[Path, Path]:
     return runs
 
 
-def measure(step: str, runs: tuple[Path, Path], *, rows_at_once: int = row_source.ROWS_AT_ONCE) -> Spent:
+def measure(step: str, runs: tuple[Path, Path], *, rows_at_once: int = rows.ROWS_AT_ONCE) -> Spent:
     """Run a step in a process of its own."""
     command = [sys.executable, "-m", "benchmarks.large_run", "--step", step, "--rows-at-once", str(rows_at_once)]
     done = subprocess.run([*command, *map(str, runs)], check=True, capture_output=True, text=True, timeout=3600)
@@ -124,10 +124,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("runs", nargs="*", type=Path, help="two runs that are there; drawn without them")
     parser.add_argument("--object-frames", type=int, default=10_000_000)
-    parser.add_argument("--rows-at-once", type=int, default=row_source.ROWS_AT_ONCE)
+    parser.add_argument("--rows-at-once", type=int, default=rows.ROWS_AT_ONCE)
     parser.add_argument("--step", choices=sorted(STEPS))
     asked = parser.parse_args()
-    row_source.ROWS_AT_ONCE = asked.rows_at_once
+    rows.ROWS_AT_ONCE = asked.rows_at_once
     if asked.step:
         spent = _run_step(asked.step, tuple(asked.runs))
         _say(json.dumps({name: getattr(spent, name) for name in Spent.__slots__}))

@@ -16,19 +16,16 @@ from shapely import Polygon
 
 from bench.errors import ShapeError, UsageError
 from bench.evaluation import Protocol, SequenceScorer, load_protocol
-from bench.evaluation.intervals import ratio_interval
-from bench.evaluation.row_source import Columns
-from bench.evaluation.sums import (
-    FALSE_POSITIVE_RATIOS,
-    OBJECT_RATIOS,
-    SEGMENTATION_RATIOS,
-    Column,
-    SumRatio,
+from bench.evaluation.definitions import (
+    FALSE_POSITIVES,
+    SEGMENTATION,
+    Definition,
     coverage,
-    frame_accumulators,
     intersection_over_union,
-    object_accumulators,
+    object_metrics,
 )
+from bench.evaluation.intervals import ratio_interval
+from bench.evaluation.rows import to_frame
 from bench.geometry.raster import rasterise
 from bench.records.reference import IgnoreReason, ReferenceFrame, Status, pixels_object
 from bench.records.segmentation import Segmentation
@@ -66,10 +63,8 @@ class Score:
     def objects(self) -> pd.DataFrame:
         """One row per evaluated object and image: its counts tp, fn, fp in pixels, coverage and IoU."""
         rows = self._evaluated
-        names = ("tp", "fn", "fp")
-        tp, fn, fp = (rows.numbers(name) for name in names)
-        table: pd.DataFrame = rows.table.select(["recording", "camera", "timestamp_ns", "track_id", *names]).to_pandas()
-        return table.assign(coverage=coverage(tp, fn), iou=intersection_over_union(tp, fp, fn))
+        table = rows[["recording", "camera", "timestamp_ns", "track_id", "tp", "fn", "fp"]].reset_index(drop=True)
+        return table.assign(coverage=coverage, iou=intersection_over_union)
 
     @property
     def images(self) -> pd.DataFrame:
@@ -80,14 +75,12 @@ class Score:
     @property
     def metrics(self) -> dict[str, float]:
         """All ratios by name: those of objects, of false positives (`fp_...`), of all pixels (`pixel_...`)."""
-        of_objects = object_accumulators(self._evaluated, levels=LEVELS)
-        of_frames = frame_accumulators(Columns(self._frames))
-        levels = {f"detection_rate_{100 * level:g}": (f"detected_{100 * level:g}", "all") for level in LEVELS}
-        ratios = {name: ratio for name, ratio in OBJECT_RATIOS.items() if name != CHANCE} | levels
+        objects, frames = self._evaluated, to_frame(self._frames)
+        of_objects = [metric for metric in object_metrics(LEVELS) if not metric.name.startswith(CHANCE)]
         return {
-            **_ratios(of_objects, ratios),
-            **_ratios(of_frames, {f"fp_{name}": ratio for name, ratio in FALSE_POSITIVE_RATIOS.items()}),
-            **_ratios(of_frames, {f"pixel_{name}": ratio for name, ratio in SEGMENTATION_RATIOS.items()}),
+            **{metric.name: _ratio(objects, metric) for metric in of_objects},
+            **{f"fp_{metric.field}": _ratio(frames, metric) for metric in FALSE_POSITIVES},
+            **{f"pixel_{metric.field or metric.name}": _ratio(frames, metric) for metric in SEGMENTATION},
         }
 
     @property
@@ -116,9 +109,9 @@ class Score:
         return self.metrics["fp_coverage"]
 
     @property
-    def _evaluated(self) -> Columns:
-        rows = Columns(self._objects)
-        return rows.take(rows.is_word("status", Status.EVALUATED.value))
+    def _evaluated(self) -> pd.DataFrame:
+        rows = to_frame(self._objects)
+        return rows[rows["status"] == Status.EVALUATED.value]
 
     def __repr__(self) -> str:
         told = {name: getattr(self, name) for name in ("iou", "tpr", "detection_rate", "false_positives")}
@@ -301,6 +294,6 @@ def _unfit(name: str, kind: str, shape: tuple[int, ...], got: NDArray[np.generic
     return ShapeError(f"{name}: expected a {kind} of the mask's size {shape}, got {got.shape} of {got.dtype}")
 
 
-def _ratios(accumulators: dict[str, Column], ratios: dict[str, SumRatio]) -> dict[str, float]:
-    sums = {name: float(values.sum()) for name, values in accumulators.items()}
-    return {name: sums[a] / sums[b] if sums[b] else float("nan") for name, (a, b) in ratios.items()}
+def _ratio(rows: pd.DataFrame, metric: Definition) -> float:
+    above, below = float(metric.numerator(rows).sum()), float(metric.denominator(rows).sum())
+    return above / below if below else float("nan")

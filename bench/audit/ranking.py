@@ -44,8 +44,8 @@ from bench.audit.sources import audit_each, audit_sources
 from bench.errors import UsageError
 from bench.evaluation import load_protocol
 from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.evaluation.slices import bin_names
 from bench.evaluation.summary import Ratio
+from bench.evaluation.sums import bin_names
 from bench.execution import SerialExecutor, TaskExecutor
 from bench.harness import provenance as origin
 from bench.harness.manifest import CodeOfRun

@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from bench.audit.predictions import CameraPredictions, Prediction
 from bench.audit.sources import AuditSource, instance_ids, refuse_without_masks, same_objects
 from bench.errors import BenchError
 from bench.evaluation import count_frame, load_protocol
-from bench.evaluation.slices import name_bins
+from bench.evaluation.sums import name_bins
 from bench.harness.frames import UnscorableFrame
 from bench.harness.provenance import recording_fingerprint
 from bench.harness.stages import StageClock
@@ -27,7 +28,7 @@ PAPER, SURFACE, EXACT = "paper-v1", "surface-v1", "exact"
 BINS = load_protocol(SURFACE).bins
 REFERENCES = (PAPER, "concave", "surface-patches", SURFACE, EXACT)  # the exact masks last
 
-# Accumulators, and metrics as ratios of two of them: those of `bench.evaluation.sums`.
+# Accumulators, and metrics as ratios of two of them: those of `bench.evaluation.definitions`.
 SUMS = ("every", "iou", "detected", "coverage_detected", "detected_50", "share")
 METRICS = {
     "iou": ("iou", "every"),
@@ -39,6 +40,11 @@ METRICS = {
 FITS = ("object_frames", "core_px", "core_outside_px", "mask_px", "left_out_px", "unknown_share")
 OBJECT_METRICS = ("iou", "tpr", "detection_rate_50")
 FRAME_METRICS = ("false_positive_share",)
+
+
+def _bin(value: float, edges: Sequence[float]) -> str:
+    """The name of a value's bin; "nan" where it is unknown."""
+    return str(name_bins(pd.Series([value]), edges)[0])
 
 
 def lidar_references() -> dict[str, ReferenceSettings]:
@@ -95,12 +101,12 @@ class RankingSums:
             for which, mask in enumerate(masks):
                 self._add_mask(self.sums[:, number, which], reference, mask, component_size_px)
         surface, exact = references[REFERENCES.index(SURFACE)], references[REFERENCES.index(EXACT)]
-        (speed,) = name_bins(np.array([surface.ego_speed_mps]), edges=BINS.ego_speed_mps)
+        speed = _bin(surface.ego_speed_mps, BINS.ego_speed_mps)
         for number, item in enumerate(surface.objects, start=1):
             if item.status is Status.EVALUATED:
                 unknown = item.unknown_px / (item.region_px + item.unknown_px)
                 self.unknown[_rows_of(item.category)] += unknown
-                (away,) = name_bins(np.array([item.range_m]), edges=BINS.range_m)
+                away = _bin(item.range_m, BINS.range_m)
                 fit = self.fits.setdefault((item.object_class, away, speed), np.zeros(len(FITS)))
                 fit += _fit(surface.labels == number, exact.labels == number, surface.ignored, unknown)
         self.images += 1

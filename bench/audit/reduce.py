@@ -20,7 +20,7 @@ from bench.audit.results import (
     Scores,
 )
 from bench.evaluation import Protocol, summarise
-from bench.evaluation.slices import bin_names, name_bins
+from bench.evaluation.sums import bin_names, name_bins
 
 PAPER_RANGE_M = 8.0
 # Least median IoU of a polygon that is meant to follow the outline; the paper's convex hull is not.
@@ -32,7 +32,7 @@ def polygon_figures(polygons: pa.Table, *, protocol: Protocol, kinds: tuple[str,
     """Quartiles of every kind and compensation, by class and range, slices without object-frames left out."""
     rows = polygons.to_pandas()
     edges = protocol.bins.range_m
-    rows["bin"] = name_bins(rows["range_m"].to_numpy(dtype=np.float64), edges=edges)
+    rows["bin"] = name_bins(rows["range_m"], edges)
     return tuple(
         _fit(part, kind=kind, compensation=compensation.value, object_class=name, range_m=range_bin)
         for kind in kinds

@@ -29,22 +29,31 @@ threshold follows, and adds to its camera's map of misses and false positives.
 **Between two runs** over the same data only sums per recording are compared, of the images that both scored: the same
 recording is left out of both at a time, so that what makes it hard cancels out.
 
-**A run may be larger than the memory.** Its tables are read some recordings at a time and reduced to sums by recording
-and slice; neither the order of the rows nor the size of the parts changes a bit of them.
+**A run may be larger than the memory.** Whole recordings are reduced to sums where their rows are, and the tables of
+sums are added: the same values to within rounding, whatever the order of the rows and the size of the parts.
 
 The modules, in the order of the data: `protocol` (the rules, a versioned file with a digest), `counts` (region masks,
-counts and chance level of one image), `likelihood` (histograms, thresholds), `maps` (by place, in the image, by
-coverage), `rows` (the two tables), `scorer` (a sequence of images to its tables), `row_source` (reading tables in
-parts), `slices` and `sums` (the reduction by recording and slice), `intervals`, `summary` (all metrics of a run),
-`paired` (what comparing two runs needs), `published` (the paper's numbers). The harness calls `SequenceScorer`
-and `summarise`; reporting and the gate read `Summary`, `RecordingSums`, the tables and the maps.
+counts and chance level of one image), `likelihood` (histograms of one image), `maps` (by place, in the image, by
+coverage), `rows` (the two tables, and reading them in parts), `scorer` (a sequence of images to its tables),
+`definitions` (every metric once), `sums` (one long table by slice, recording and metric), `intervals`, `summary` (all
+metrics of a run), `thresholds` (metrics over all thresholds), `comparison` (two tables of sums), `published` (the
+paper's numbers). The harness calls `SequenceScorer` and `summarise`; reporting and the gate read `Summary`, the table
+of sums, the rows and the maps.
 
 Sources: Mariotti and Eising 2020, section IV; Chan et al. 2021 (SegmentMeIfYouCan) for the sharing of components;
 those of the intervals in their module; Holm 1979.
 """
 
+from bench.evaluation.comparison import (
+    PairedChange,
+    changes_in_parts,
+    compare_sums,
+    holm,
+    object_changes,
+    paired_change,
+)
 from bench.evaluation.counts import FrameCounts, ObjectCounts, count_frame
-from bench.evaluation.likelihood import ThresholdFreeMetrics, ThresholdSweep, threshold_free_metrics, threshold_sweep
+from bench.evaluation.definitions import Definition, find_metric, headlines
 from bench.evaluation.maps import (
     CoverageCurve,
     ImageMap,
@@ -54,38 +63,28 @@ from bench.evaluation.maps import (
     coverage_curves,
     range_maps,
 )
-from bench.evaluation.paired import (
-    MetricSums,
-    PairedChange,
-    RecordingSums,
-    changes_in_parts,
-    holm,
-    object_changes,
-    paired_change,
-    recording_sums,
-)
 from bench.evaluation.protocol import Protocol, known_protocols, load_protocol
-from bench.evaluation.row_source import Rows, RowSource
-from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA
+from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA, Rows, RowSource
 from bench.evaluation.scorer import SequenceScorer
-from bench.evaluation.summary import FalsePositiveMetrics, Metric, ObjectMetrics, Summary, summarise
+from bench.evaluation.summary import FalsePositiveMetrics, Metric, ObjectMetrics, Summary, summarise, summary_of
+from bench.evaluation.sums import add_sums, read_sums, sum_rows, sum_run, write_sums
+from bench.evaluation.thresholds import ThresholdFreeMetrics, ThresholdSweep, threshold_free_metrics, threshold_sweep
 
 __all__ = [
     "FRAMES_SCHEMA",
     "OBJECTS_SCHEMA",
     "CoverageCurve",
+    "Definition",
     "FalsePositiveMetrics",
     "FrameCounts",
     "ImageMap",
     "Metric",
-    "MetricSums",
     "ObjectCounts",
     "ObjectMetrics",
     "PairedChange",
     "Protocol",
     "RangeMap",
     "RangeMaps",
-    "RecordingSums",
     "RowSource",
     "Rows",
     "SequenceScorer",
@@ -93,17 +92,25 @@ __all__ = [
     "ThresholdFreeMetrics",
     "ThresholdSweep",
     "add_image_maps",
+    "add_sums",
     "changes_in_parts",
+    "compare_sums",
     "count_frame",
     "coverage_curves",
+    "find_metric",
+    "headlines",
     "holm",
     "known_protocols",
     "load_protocol",
     "object_changes",
     "paired_change",
     "range_maps",
-    "recording_sums",
+    "read_sums",
+    "sum_rows",
+    "sum_run",
     "summarise",
+    "summary_of",
     "threshold_free_metrics",
     "threshold_sweep",
+    "write_sums",
 ]

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pyarrow as pa
+import pandas as pd
 from numpy.typing import NDArray
 
 from bench.evaluation.counts import Regions, count_by_cell
+from bench.evaluation.definitions import coverage, detected
 from bench.evaluation.protocol import Protocol
-from bench.evaluation.row_source import Columns, Rows, RowSource, as_source
-from bench.evaluation.sums import coverage, detected
+from bench.evaluation.rows import EVALUATED, Rows, read_parts
 from bench.records.reference import Direction
 
-COLUMNS = ("status", "object_class", "direction", "x_m", "y_m", "tp", "fn")
+COLUMNS = ("object_class", "direction", "x_m", "y_m", "tp", "fn")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -66,15 +66,15 @@ class RangeMaps:
 
 
 def range_maps(objects: Rows, *, protocol: Protocol, level: float = 0.0) -> RangeMaps:
-    """Count the evaluated object-frames by class, direction and place, a batch of rows in memory at a time.
+    """Count the evaluated object-frames by class, direction and place, a few recordings in memory at a time.
 
     Args:
         objects: of `OBJECTS_SCHEMA`, rows in any order, in memory or stored.
         protocol: that the run was made with. The grid reaches as far as its range limit or the furthest centroid.
         level: coverage from which on an object counts as detected; 0 for any pixel.
     """
-    source = as_source(objects)
-    edges_m = _edges_m(_furthest_m(source), protocol)
+    furthest_m = max(_furthest_m(rows) for rows in _evaluated(objects, ["x_m", "y_m"]))
+    edges_m = _edges_m(furthest_m, protocol)
     cells = len(edges_m) - 1
     counted = {
         (name, direction): np.zeros((2, cells, cells), dtype=np.int64)
@@ -82,15 +82,14 @@ def range_maps(objects: Rows, *, protocol: Protocol, level: float = 0.0) -> Rang
         for direction in Direction
     }
     evaluated_rows, undirected = 0, 0
-    for rows in _evaluated(source):
+    for rows in _evaluated(objects, COLUMNS):
         evaluated_rows += len(rows)
-        undirected += int(np.count_nonzero(rows.words("direction")[0] < 0))
-        tp = rows.numbers("tp")
-        found = detected(tp) & (coverage(tp, rows.numbers("fn")) >= level)
+        undirected += int(rows["direction"].isna().sum())
+        found = rows[detected(rows) & (coverage(rows) >= level)]
         for (name, direction), counts in counted.items():
-            of_kind = rows.is_word("object_class", name) & rows.is_word("direction", direction.value)
-            for number, where in enumerate((of_kind, of_kind & found)):
-                counts[number] += _count_by_cell(rows, where, edges_m)
+            for number, some in enumerate((rows, found)):
+                of_kind = some[(some["object_class"] == name) & (some["direction"] == direction.value)]
+                counts[number] += _count_by_cell(of_kind, edges_m)
     maps = tuple(
         RangeMap(
             object_class=name,
@@ -107,29 +106,22 @@ def range_maps(objects: Rows, *, protocol: Protocol, level: float = 0.0) -> Rang
     return RangeMaps(maps=maps, unplaced=evaluated_rows - placed)
 
 
-def _evaluated(source: RowSource) -> Iterator[Columns]:
-    for batch in source.batches(COLUMNS):
-        rows = Columns(pa.table(batch))
-        yield rows.take(rows.is_word("status", "evaluated"))
+def _evaluated(objects: Rows, columns: Sequence[str]) -> Iterator[pd.DataFrame]:
+    for rows in read_parts(objects, ["status", *columns]):
+        yield rows[rows["status"] == EVALUATED]
 
 
-def _count_by_cell(rows: Columns, where: NDArray[np.bool_], edges_m: NDArray[np.float64]) -> NDArray[np.int64]:
+def _count_by_cell(rows: pd.DataFrame, edges_m: NDArray[np.float64]) -> NDArray[np.int64]:
     # Half-open cells [a, b), as the other bins; histogram2d would close the last one.
-    along_x, along_y = (
-        np.searchsorted(edges_m, rows.numbers(axis)[where], side="right") - 1 for axis in ("x_m", "y_m")
-    )
+    along_x, along_y = (np.searchsorted(edges_m, rows[axis].to_numpy(), side="right") - 1 for axis in ("x_m", "y_m"))
     cells = len(edges_m) - 1
     return np.bincount(along_x * cells + along_y, minlength=cells * cells).reshape(cells, cells)
 
 
-def _furthest_m(source: RowSource) -> float:
+def _furthest_m(rows: pd.DataFrame) -> float:
     """Largest coordinate of a place; masks tell none."""
-    furthest_m = 0.0
-    for rows in _evaluated(source):
-        for axis in ("x_m", "y_m"):
-            places_m = np.abs(rows.numbers(axis))
-            furthest_m = max(furthest_m, float(places_m[np.isfinite(places_m)].max(initial=0.0)))
-    return furthest_m
+    places_m = rows[["x_m", "y_m"]].abs().to_numpy()
+    return float(places_m[np.isfinite(places_m)].max(initial=0.0))
 
 
 def _edges_m(furthest_m: float, protocol: Protocol) -> NDArray[np.float64]:
@@ -141,7 +133,7 @@ def _edges_m(furthest_m: float, protocol: Protocol) -> NDArray[np.float64]:
 STEPS = 1000  # finer than any picture
 THRESHOLDS: NDArray[np.float64] = np.arange(STEPS + 1) / STEPS
 THRESHOLDS.setflags(write=False)
-CURVE_COLUMNS = ("status", "category", "tp", "fn", "chance_tp")
+CURVE_COLUMNS = ("category", "tp", "fn", "chance_tp")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -164,7 +156,7 @@ class CoverageCurve:
 
 
 def coverage_curves(objects: Rows, *, protocol: Protocol) -> dict[str, tuple[CoverageCurve, CoverageCurve]]:
-    """The curve of each category and that of chance, a batch of rows in memory at a time.
+    """The curve of each category and that of chance, a few recordings in memory at a time.
 
     Args:
         objects: of `OBJECTS_SCHEMA`, rows in any order, in memory or stored.
@@ -175,17 +167,13 @@ def coverage_curves(objects: Rows, *, protocol: Protocol) -> dict[str, tuple[Cov
         object-frames that have one.
     """
     curves = {str(name): (_nothing(), _nothing()) for name in protocol.reference.categories}
-    for batch in as_source(objects).batches(CURVE_COLUMNS):
-        rows = Columns(pa.table(batch))
-        evaluated = rows.is_word("status", "evaluated")
-        tp, fn, chance_tp = (rows.numbers(name) for name in ("tp", "fn", "chance_tp"))
+    for rows in _evaluated(objects, CURVE_COLUMNS):
         for name, (found, by_chance) in curves.items():
-            where = evaluated & rows.is_word("category", name)
-            has_chance = where & ~np.isnan(chance_tp)
-            missed = tp[has_chance] + fn[has_chance] - chance_tp[has_chance]
+            of_kind = rows[rows["category"] == name]
+            chance = of_kind[of_kind["chance_tp"].notna()]
             curves[name] = (
-                _add(found, coverage(tp[where], fn[where])),
-                _add(by_chance, coverage(chance_tp[has_chance], missed)),
+                _add(found, coverage(of_kind)),
+                _add(by_chance, chance["chance_tp"] / (chance["tp"] + chance["fn"])),
             )
     return curves
 
@@ -194,7 +182,7 @@ def _nothing() -> CoverageCurve:
     return CoverageCurve(at_least=np.zeros(STEPS + 1, dtype=np.int64), object_frames=0)
 
 
-def _add(curve: CoverageCurve, covered: NDArray[np.float64]) -> CoverageCurve:
+def _add(curve: CoverageCurve, covered: pd.Series[float]) -> CoverageCurve:
     reached = np.searchsorted(THRESHOLDS, covered, side="right")  # thresholds that are not above it
     from_above = np.cumsum(np.bincount(reached, minlength=STEPS + 2)[::-1])[::-1]
     at_least = from_above[1:].astype(np.int64)

@@ -3,31 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
-from typing import Annotated
+from collections.abc import Iterable
+from typing import Annotated, Any
 
-import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, PlainSerializer, model_validator
+import pandas as pd
+from pydantic import BaseModel, BeforeValidator, ConfigDict, PlainSerializer
 
-from bench.evaluation.intervals import MEAN, RATIO, ratio_interval
-from bench.evaluation.protocol import Protocol
-from bench.evaluation.row_source import Rows
-from bench.evaluation.slices import ALL_MOVING, CATEGORY, FRAMES
-from bench.evaluation.sums import (
+from bench.evaluation.definitions import (
     CAUSE,
-    CEILING_RATIOS,
-    FALSE_POSITIVE_RATIOS,
-    MEANS,
-    OBJECT_RATIOS,
-    SEGMENTATION_RATIOS,
-    UNKNOWN_RATIO,
-    RowLedger,
-    RunSums,
-    SliceSums,
-    SumRatio,
-    level_ratios,
-    sum_run,
+    CEILINGS,
+    COUNTS,
+    FALSE_POSITIVES,
+    SEGMENTATION,
+    Definition,
+    cause_metric,
+    find_metric,
+    object_metrics,
 )
+from bench.evaluation.intervals import ratio_interval
+from bench.evaluation.protocol import Protocol
+from bench.evaluation.rows import EVALUATED, Rows
+from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES, cameras_of, frame_slices, object_slices, sum_run
 from bench.records.reference import IgnoreReason, Status
 
 # 0/0 is NaN in memory and null in JSON.
@@ -57,21 +53,13 @@ class Metric(_Part):
         value: a ratio in [0, 1], or a mean; NaN without cases.
         ci95: 95 % interval by recording (`bench.evaluation.intervals`); None where fewer than six of them hold cases.
         cases: what the metric is taken over: object-frames, image-frames, or pixels for the segmentation metrics.
-        recordings: that hold cases; None in summaries of older versions, which did not count them. Their intervals
-            promised more than they held (percentile bootstrap, from two recordings on) and are not taken over.
+        recordings: that hold cases.
     """
 
     value: Ratio
     ci95: tuple[float, float] | None
     cases: int
-    recordings: int | None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _of_older_versions(cls, content: object) -> object:
-        if isinstance(content, dict) and "recordings" not in content:
-            return content | {"ci95": None, "recordings": None}
-        return content
+    recordings: int
 
 
 class ObjectMetrics(BaseModel):
@@ -123,7 +111,7 @@ class FalsePositiveMetrics(_Part):
 
     Attributes:
         frames: scored image-frames.
-        recordings: that they come from; None in summaries of older versions.
+        recordings: that they come from.
         coverage: mean of FP / (width x height), the paper's "total area of the image".
         coverage_valid: mean of FP / |V|.
         frame_rate: share of frames with a false-positive component larger than the protocol states.
@@ -131,7 +119,7 @@ class FalsePositiveMetrics(_Part):
     """
 
     frames: int
-    recordings: int | None = None
+    recordings: int
     coverage: Metric
     coverage_valid: Metric
     frame_rate: Metric
@@ -202,104 +190,34 @@ class Summary(_Part):
     images: FrameLedger
 
 
-def ratio_metric(sums: SliceSums, index: int, ratio: SumRatio) -> Metric:
-    """The ratio of two sums over one slice.
+OF_IMAGES = "status", "images"
+NO_CASES = Metric(value=math.nan, ci95=None, cases=0, recordings=0)
+Ratios = dict[tuple[str, str, str], Metric]  # by breakdown, slice and metric
+
+
+def take_ratio(sums: pd.DataFrame, definition: Definition) -> Metric:
+    """The value of a metric of one slice, with its interval.
 
     Args:
-        sums: of a split.
-        index: of the slice.
-        ratio: names of the accumulators above and below; none below 0, and where it is 0, so is the one above.
+        sums: numerator and denominator of each recording.
+        definition: of the metric.
     """
-    numerators, denominators = (sums.accumulators[name][:, index] for name in ratio)
+    held = sums[sums["denominator"] > 0]
+    numerators, denominators = held["numerator"].to_numpy(), held["denominator"].to_numpy()
     cases = float(denominators.sum())
     return Metric(
         value=float(numerators.sum()) / cases if cases else math.nan,
-        ci95=ratio_interval(numerators, denominators, within=MEAN if ratio[0] in MEANS else RATIO),
+        ci95=ratio_interval(numerators, denominators, within=definition.bounds),
         cases=int(cases),
-        recordings=int(np.count_nonzero(denominators)),
+        recordings=len(held),
     )
 
 
-def object_metrics(sums: SliceSums, *, protocol: Protocol) -> dict[str, ObjectMetrics]:
-    """Take the metrics of every slice of a split.
-
-    Args:
-        sums: over the evaluated object-frames.
-        protocol: says at which coverages an object counts as detected, and whether regions have unknown bands.
-    """
-    ratios = OBJECT_RATIOS | level_ratios(protocol.scoring.detection_levels)
-    if protocol.reference.unknown_band is not None:
-        ratios |= UNKNOWN_RATIO
-    if sums.accumulators["with_ceiling"].any():
-        ratios |= CEILING_RATIOS
-    return {
-        name: ObjectMetrics(
-            object_frames=int(sums.rows[:, index].sum()),
-            tracks=int(sums.tracks[:, index].sum()),
-            recordings=int(np.count_nonzero(sums.rows[:, index])),
-            **{metric: ratio_metric(sums, index, ratio) for metric, ratio in ratios.items()},
-        )
-        for index, name in enumerate(sums.names)
-    }
-
-
-def false_positive_metrics(sums: SliceSums) -> dict[str, FalsePositiveMetrics]:
-    """Take the false-positive metrics of every slice of a split.
-
-    Args:
-        sums: over the scored image-frames.
-    """
-    return {
-        name: FalsePositiveMetrics(
-            frames=int(sums.rows[:, index].sum()),
-            recordings=int(np.count_nonzero(sums.rows[:, index])),
-            **{metric: ratio_metric(sums, index, ratio) for metric, ratio in FALSE_POSITIVE_RATIOS.items()},
-        )
-        for index, name in enumerate(sums.names)
-    }
-
-
-def segmentation_metrics(sums: SliceSums) -> SegmentationMetrics:
-    """Take the metrics of the moving class from summed counts of all images; what lies in I is in none of them."""
-    return SegmentationMetrics(**{name: ratio_metric(sums, 0, ratio) for name, ratio in SEGMENTATION_RATIOS.items()})
-
-
-def false_positive_causes(sums: SliceSums) -> dict[str, Metric]:
-    """Share of the false-positive pixels by the cause that the method names, by name; empty if it names none."""
-    names = sorted(name.removeprefix(CAUSE) for name in sums.accumulators if name.startswith(CAUSE))
-    return {name: ratio_metric(sums, 0, (CAUSE + name, "fp")) for name in names}
-
-
-def object_ledger(ledger: RowLedger) -> ObjectLedger:
-    """The ledger of the objects table."""
-    status = ledger.statuses
-    reasons = {reason: ledger.reasons[Status.IGNORED.value, reason.value] for reason in IgnoreReason}
-    found = ObjectLedger(
-        annotated=ledger.rows,
-        evaluated=status[Status.EVALUATED.value],
-        static=status[Status.STATIC.value],
-        ignored={reason.value: count for reason, count in reasons.items() if count},
-    )
-    ended = found.evaluated + found.static + sum(found.ignored.values())
-    assert ended == found.annotated, "every annotated object is evaluated, static or ignored for a known reason"
-    return found
-
-
-def frame_ledger(ledger: RowLedger) -> FrameLedger:
-    """The ledger of the frames table; the problems by their message."""
-    status, problems = ledger.statuses, Counter[str]()
-    for (_, problem), count in ledger.reasons.items():
-        if problem:
-            problems[problem] += count
-    found = FrameLedger(
-        images=ledger.rows,
-        evaluated=status["evaluated"],
-        failed=status["failed"],
-        skipped=status["skipped"],
-        problems=dict(sorted(problems.items())),
-    )
-    assert found.evaluated + found.failed + found.skipped == found.images, "every image is scored or accounted for"
-    return found
+def take_ratios(sums: pd.DataFrame) -> Ratios:
+    """Take the metrics of every slice of a table of sums."""
+    known = sums[~sums["metric"].isin(COUNTS)]
+    groups: Iterable[tuple[Any, pd.DataFrame]] = known.groupby(["breakdown", "slice", "metric"], sort=False)
+    return {key: take_ratio(part, find_metric(key[2])) for key, part in groups}
 
 
 def summarise(objects: Rows, frames: Rows, *, protocol: Protocol, rows_at_once: int | None = None) -> Summary:
@@ -309,24 +227,83 @@ def summarise(objects: Rows, frames: Rows, *, protocol: Protocol, rows_at_once: 
         objects: of `OBJECTS_SCHEMA`, rows in any order, in memory or stored.
         frames: of `FRAMES_SCHEMA`, rows in any order, in memory or stored.
         protocol: that the run was made with.
-        rows_at_once: most rows in memory, unless one recording has more; changes no byte of the summary.
+        rows_at_once: most rows in memory, unless one recording has more.
     """
     return summary_of(sum_run(objects, frames, protocol=protocol, rows_at_once=rows_at_once), protocol=protocol)
 
 
-def summary_of(sums: RunSums, *, protocol: Protocol) -> Summary:
-    """All metrics of a run from its sums."""
-    of_objects = {split: object_metrics(part, protocol=protocol) for split, part in sums.objects.items()}
-    of_frames = {split: false_positive_metrics(part) for split, part in sums.frames.items()}
+def summary_of(sums: pd.DataFrame, *, protocol: Protocol) -> Summary:
+    """Take all metrics of a run from its table of sums."""
+    ratios, counts = take_ratios(sums), _counts(sums)
+    cameras = cameras_of(sums)
+    metrics = object_metrics(
+        protocol.scoring.detection_levels,
+        unknown_bands=protocol.reference.unknown_band is not None,
+        ceilings=bool((sums["metric"] == CEILINGS[0].name).any()),
+    )
+
+    def of_objects(breakdown: str, names: Iterable[str]) -> dict[str, ObjectMetrics]:
+        return {
+            name: ObjectMetrics(
+                object_frames=ratios.get((breakdown, name, "iou"), NO_CASES).cases,
+                tracks=counts.get((breakdown, name, "tracks"), 0),
+                recordings=ratios.get((breakdown, name, "iou"), NO_CASES).recordings,
+                **_parts(ratios, breakdown, name, metrics),
+            )
+            for name in names
+        }
+
+    def of_frames(breakdown: str, names: Iterable[str]) -> dict[str, FalsePositiveMetrics]:
+        found = {name: _parts(ratios, breakdown, name, FALSE_POSITIVES) for name in names}
+        return {
+            name: FalsePositiveMetrics(frames=own["coverage"].cases, recordings=own["coverage"].recordings, **own)
+            for name, own in found.items()
+        }
+
+    objects = {breakdown: of_objects(breakdown, names) for breakdown, names in object_slices(protocol, cameras).items()}
+    frames = {breakdown: of_frames(breakdown, names) for breakdown, names in frame_slices(protocol, cameras).items()}
+    causes = sorted(metric.removeprefix(CAUSE) for split, _, metric in ratios if split == FRAMES and CAUSE in metric)
     return Summary(
         protocol=ProtocolStamp(name=protocol.name, version=protocol.version, digest=protocol.digest),
-        categories=of_objects.pop(CATEGORY),
-        all_moving=of_objects.pop(ALL_MOVING)[ALL_MOVING],
-        false_positives=of_frames.pop(FRAMES)[FRAMES],
-        segmentation=segmentation_metrics(sums.frames[FRAMES]),
-        false_positive_causes=false_positive_causes(sums.frames[FRAMES]),
-        breakdowns=of_objects,
-        false_positive_breakdowns=of_frames,
-        objects=object_ledger(sums.object_ledger),
-        images=frame_ledger(sums.frame_ledger),
+        categories=objects.pop(CATEGORY),
+        all_moving=objects.pop(ALL_MOVING)[ALL_MOVING],
+        false_positives=frames.pop(FRAMES)[FRAMES],
+        segmentation=SegmentationMetrics(**_parts(ratios, FRAMES, FRAMES, SEGMENTATION)),
+        false_positive_causes={name: ratios[FRAMES, FRAMES, cause_metric(name).name] for name in causes},
+        breakdowns=objects,
+        false_positive_breakdowns=frames,
+        objects=_object_ledger(counts),
+        images=_frame_ledger(counts),
     )
+
+
+def _parts(ratios: Ratios, breakdown: str, name: str, metrics: Iterable[Definition]) -> dict[str, Metric]:
+    return {m.field or m.name: ratios.get((breakdown, name, m.name), NO_CASES) for m in metrics}
+
+
+def _counts(sums: pd.DataFrame) -> dict[tuple[str, str, str], int]:
+    counted = sums[sums["metric"].isin(COUNTS)].groupby(["breakdown", "slice", "metric"])["numerator"].sum()
+    found: dict[Any, int] = counted.astype(int).to_dict()
+    return found
+
+
+def _object_ledger(counts: dict[tuple[str, str, str], int]) -> ObjectLedger:
+    status = {one: counts.get(("status", one.value, "annotated"), 0) for one in Status}
+    reasons = {one.value: counts.get(("reason", one.value, "annotated"), 0) for one in IgnoreReason}
+    found = ObjectLedger(
+        annotated=sum(status.values()),
+        evaluated=status[Status.EVALUATED],
+        static=status[Status.STATIC],
+        ignored={reason: count for reason, count in reasons.items() if count},
+    )
+    ended = found.evaluated + found.static + sum(found.ignored.values())
+    assert ended == found.annotated, "every annotated object is evaluated, static or ignored for a known reason"
+    return found
+
+
+def _frame_ledger(counts: dict[tuple[str, str, str], int]) -> FrameLedger:
+    found = {name: count for (breakdown, name, metric), count in counts.items() if (breakdown, metric) == OF_IMAGES}
+    problems = {name: count for (breakdown, name, _), count in counts.items() if breakdown == "problem"}
+    ended = {name: found.pop(name, 0) for name in (EVALUATED, "failed", "skipped")}
+    assert not found, "every image is scored or accounted for"
+    return FrameLedger(images=sum(ended.values()), problems=dict(sorted(problems.items())), **ended)

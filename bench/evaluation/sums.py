@@ -1,398 +1,235 @@
-"""A run reduced to sums by recording and slice, some recordings in memory at a time; each metric is a ratio of two."""
+"""The one table behind summary, gate, comparison and leaderboard: sums by slice, recording and metric.
+
+    breakdown, slice, recording, metric, numerator, denominator
+    category, crossing, drive-3, iou, 17.2, 41
+
+A metric of a slice is the sum of its numerators over the sum of its denominators; its interval needs them by recording.
+Whole recordings are summed where their rows are, and the tables of several are added. Breakdowns are the kinds of
+motion ("category"), everything ("all_moving" of objects, "frames" of images), class, camera, and bins of range, speed
+and points; a slice without rows is not there. `COUNTS` stand in the same table, as numerators: all annotated objects by
+status and reason, all images by status, problem and camera, and the tracks of each slice, over its object-frames.
+"""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.compute as pc
-from numpy.typing import NDArray
+import pandas as pd
 
+from bench.errors import BenchError, DataError
+from bench.evaluation.definitions import CAUSE, COUNTS, Definition, find_metric, image_metrics, object_metrics
 from bench.evaluation.protocol import Protocol
-from bench.evaluation.row_source import IMAGE, Columns, Rows, RowSource, as_source, read_parts
-from bench.evaluation.slices import Breakdown, frame_breakdowns, object_breakdowns
+from bench.evaluation.rows import EVALUATED, IMAGE, OBJECT, Rows, read_parts
+from bench.recordings.atomic import write_text
 
-Column = NDArray[np.float64]
-SumRatio = tuple[str, str]  # names of the accumulators above and below
-
-# Metrics of `object_metrics` and of the sums per recording by name.
-OBJECT_RATIOS: dict[str, SumRatio] = {
-    "detection_rate": ("detected", "all"),
-    "chance": ("chance_detected", "with_chance"),
-    "tpr": ("coverage_detected", "detected"),
-    "tpr_all": ("coverage", "all"),
-    "iou": ("iou", "all"),
-    "iou_detected": ("iou_detected", "detected"),
-}
-FALSE_POSITIVE_RATIOS: dict[str, SumRatio] = {
-    "coverage": ("fp_share", "all"),
-    "coverage_valid": ("fp_share_valid", "with_valid_px"),
-    "frame_rate": ("with_large_component", "all"),
-    "components_per_frame": ("components", "all"),
-}
-SEGMENTATION_RATIOS: dict[str, SumRatio] = {
-    "iou": ("tp", "tp_fp_fn"),
-    "precision": ("tp", "tp_fp"),
-    "recall": ("tp", "tp_fn"),
-    "f1": ("twice_tp", "twice_tp_fp_fn"),
-}
-UNKNOWN_RATIO: dict[str, SumRatio] = {"unknown_share": ("unknown", "all")}  # of protocols with unknown bands
-CEILING_RATIOS: dict[str, SumRatio] = {  # what the exact masks get, of data that have them
-    "ceiling_tpr_all": ("ceiling_coverage", "with_ceiling"),
-    "ceiling_iou": ("ceiling_iou", "with_ceiling"),
-}
-MEANS = frozenset({"components"})  # accumulators above a ratio that is no share: it may exceed 1
-CAUSE = "cause="  # before the name of a cause; over "fp"
-
-
-def level_ratios(levels: tuple[float, ...]) -> dict[str, SumRatio]:
-    """The ratios of the detection levels, detection before chance."""
-    names = [f"{100 * level:g}" for level in levels]
-    return {f"detection_rate_{name}": (f"detected_{name}", "all") for name in names} | {
-        f"chance_{name}": (f"chance_detected_{name}", "with_chance") for name in names
-    }
-
-
-def object_accumulators(evaluated: Columns, *, levels: tuple[float, ...]) -> dict[str, Column]:
-    """Accumulators of each evaluated object-frame.
-
-    Source:
-        Mariotti and Eising 2020, section IV: detection rate, and TPR over the detected object-frames.
-    """
-    tp, fp, fn, chance_tp = (evaluated.numbers(name) for name in ("tp", "fp", "fn", "chance_tp"))
-    seen, with_chance = detected(tp), ~np.isnan(chance_tp)
-    covered, overlap = coverage(tp, fn), intersection_over_union(tp, fp, fn)
-    by_chance = chance_tp / (tp + fn)
-    unknown = np.nan_to_num(evaluated.numbers("unknown_px"))  # null in tables of older versions
-    ceiling_tp, ceiling_fp = (evaluated.numbers(name) for name in ("ceiling_tp", "ceiling_fp"))
-    with_ceiling = ~np.isnan(ceiling_tp)
-    ceiling_iou = intersection_over_union(ceiling_tp, ceiling_fp, tp + fn - ceiling_tp)
-    accumulators = {
-        "all": np.ones(len(tp)),
-        "detected": _counted(seen),
-        "with_chance": _counted(with_chance),
-        "chance_detected": _counted(detected(chance_tp)),
-        "coverage": covered,
-        "coverage_detected": np.where(seen, covered, 0.0),
-        "iou": overlap,
-        "iou_detected": np.where(seen, overlap, 0.0),
-        "unknown": unknown / (tp + fn + unknown),
-        "with_ceiling": _counted(with_ceiling),
-        "ceiling_coverage": np.where(with_ceiling, ceiling_tp / (tp + fn), 0.0),
-        "ceiling_iou": np.where(with_ceiling, ceiling_iou, 0.0),
-    }
-    for level in levels:
-        accumulators[f"detected_{100 * level:g}"] = _counted(covered >= level)
-        accumulators[f"chance_detected_{100 * level:g}"] = _counted(by_chance >= level)
-    return accumulators
-
-
-def frame_accumulators(scored: Columns) -> dict[str, Column]:
-    """Accumulators of each scored image-frame.
-
-    Source:
-        Mariotti and Eising 2020, section IV: false-positive area over the total area of the image.
-    """
-    tp, fp, fn, valid = (scored.numbers(name) for name in ("tp_px", "fp_px", "fn_px", "valid_px"))
-    return {
-        "all": np.ones(len(tp)),
-        "with_valid_px": _counted(valid > 0),
-        "fp_share": fp / (scored.numbers("width") * scored.numbers("height")),
-        "fp_share_valid": np.where(valid > 0, fp / np.where(valid > 0, valid, 1), 0.0),
-        "with_large_component": _counted(scored.numbers("fp_large_components") > 0),
-        "components": scored.numbers("fp_components"),
-        "tp": tp,
-        "fp": fp,
-        "tp_fp": tp + fp,
-        "tp_fn": tp + fn,
-        "tp_fp_fn": tp + fp + fn,
-        "twice_tp": 2 * tp,
-        "twice_tp_fp_fn": 2 * tp + fp + fn,
-    } | _cause_accumulators(scored)
-
-
-def detected(tp: Column) -> NDArray[np.bool_]:
-    """Any pixel of the object; False where `tp` is NaN."""
-    return tp > 0
-
-
-def coverage(tp: Column, fn: Column) -> Column:
-    """Share of the object that is detected: TP / (TP + FN); NaN for one without pixels, as it was not evaluated."""
-    with np.errstate(invalid="ignore"):
-        return tp / (tp + fn)
-
-
-def intersection_over_union(tp: Column, fp: Column, fn: Column) -> Column:
-    """TP / (TP + FP + FN); NaN for 0/0."""
-    with np.errstate(invalid="ignore"):
-        return tp / (tp + fp + fn)
-
-
-def _cause_accumulators(scored: Columns) -> dict[str, Column]:
-    rows, keys, px = scored.pairs("fp_by_cause")
-    encoded = keys.dictionary_encode()
-    codes, has_false = encoded.indices.to_numpy(zero_copy_only=False), scored.numbers("fp_px") > 0
-    counted = has_false[rows]  # an image without false positives is no case of a share of them
-    return {
-        CAUSE + name: np.bincount(
-            rows[counted & (codes == number)],
-            weights=px[counted & (codes == number)],
-            minlength=len(scored),
-        ).astype(np.float64)
-        for number, name in enumerate(encoded.dictionary.to_pylist())
-    }
-
-
-def _counted(flags: NDArray[np.bool_]) -> Column:
-    return flags.astype(np.float64)
-
-
-Accumulators = Mapping[str, Column]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SliceSums:
-    """Sums of some accumulators over the rows of each slice of a split, by recording.
-
-    Attributes:
-        names: of the slices, K of them.
-        rows: (S, K) int64, how many there are.
-        tracks: (S, K) int64, objects that they come from; 0 for image-frames.
-        accumulators: name -> (S, K) float64.
-    """
-
-    names: tuple[str, ...]
-    rows: NDArray[np.int64]
-    tracks: NDArray[np.int64]
-    accumulators: dict[str, NDArray[np.float64]]
-
-
-def sum_slices(
-    split: Breakdown,
-    accumulators: Accumulators,
-    *,
-    recording: NDArray[np.int64],
-    recordings: int,
-    track: NDArray[np.int64] | None,
-) -> SliceSums:
-    """Add up the rows of each recording and slice, in their order.
-
-    Args:
-        split: of N rows.
-        accumulators: name -> (N,) float64.
-        recording: (N,) int64, number of each row's recording.
-        recordings: how many there are.
-        track: (N,) int64, number of each row's object within all recordings; None for image-frames.
-    """
-    kinds = len(split.names)
-    shape, known = (recordings, kinds), split.of_row >= 0
-    whole = bool(known.all())
-    cell = (recording * kinds + split.of_row) if whole else (recording[known] * kinds + split.of_row[known])
-
-    def added(values: Column | None) -> NDArray[np.float64]:
-        weights = values if whole or values is None else values[known]
-        sums = np.bincount(cell, weights=weights, minlength=recordings * kinds)
-        return sums.astype(np.float64, copy=False).reshape(shape)
-
-    tracks = np.zeros(shape, dtype=np.int64)
-    if track is not None and len(track):
-        # The number of a pair of cell and object; each once.
-        pairs = pc.unique(pa.array(cell * (int(track.max()) + 1) + (track if whole else track[known]))).to_numpy()
-        tracks = np.bincount(pairs // (int(track.max()) + 1), minlength=recordings * kinds).reshape(shape)
-    return SliceSums(
-        names=split.names,
-        rows=added(None).astype(np.int64),
-        tracks=tracks,
-        accumulators={name: added(values) for name, values in accumulators.items()},
-    )
-
-
-def stack_sums(parts: Iterable[tuple[NDArray[np.int64], SliceSums]], *, recordings: int) -> SliceSums:
-    """Stack the sums of parts that hold different recordings.
-
-    Args:
-        parts: (S',) int64 numbers of the recordings of a part, and their sums; no recording in two parts. Accumulators
-            that a part does not have are 0 there.
-        recordings: how many there are in all.
-    """
-    held = list(parts)
-    assert held, "at least one part"
-    first = held[0][1]
-    names = sorted({name for _, sums in held for name in sums.accumulators})
-
-    def stacked(tables: Sequence[NDArray[np.float64] | NDArray[np.int64] | None]) -> NDArray[np.float64]:
-        whole = np.zeros((recordings, len(first.names)))
-        for (numbers, _), table in zip(held, tables, strict=True):
-            if table is not None:
-                whole[numbers] = table
-        return whole
-
-    return SliceSums(
-        names=first.names,
-        rows=stacked([sums.rows for _, sums in held]).astype(np.int64),
-        tracks=stacked([sums.tracks for _, sums in held]).astype(np.int64),
-        accumulators={name: stacked([sums.accumulators.get(name) for _, sums in held]) for name in names},
-    )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class RowLedger:
-    """All rows of a table.
-
-    Attributes:
-        statuses: rows by status.
-        reasons: rows by status and reason, or problem; "" where there is none.
-    """
-
-    statuses: Counter[str]
-    reasons: Counter[tuple[str, str]]
-
-    @property
-    def rows(self) -> int:
-        """How many there are."""
-        return self.statuses.total()
-
-    def with_rows(self, rows: Columns, *, reasons: str) -> RowLedger:
-        """This and more rows, counted by the column `reasons`."""
-        (status, statuses), (reason, found) = rows.words("status"), rows.words(reasons)
-        assert (status >= 0).all(), "every row has a status"
-        pairs, counts = np.unique(status * (len(found) + 1) + reason + 1, return_counts=True)
-        more: Counter[tuple[str, str]] = Counter()
-        for pair, count in zip(pairs.tolist(), counts.tolist(), strict=True):
-            of_status, of_reason = divmod(pair, len(found) + 1)
-            more[statuses[of_status], ("", *found)[of_reason]] += count
-        return RowLedger(statuses=self.statuses + _by_status(more.items()), reasons=self.reasons + more)
-
-
-def _by_status(counted: Iterable[tuple[tuple[str, str], int]]) -> Counter[str]:
-    statuses: Counter[str] = Counter()
-    for (status, _), count in counted:
-        statuses[status] += count
-    return statuses
-
-
+ALL_MOVING, FRAMES, CATEGORY = "all_moving", "frames", "category"
+KEY, TERMS = ["breakdown", "slice", "recording", "metric"], ["numerator", "denominator"]
 OBJECT_COLUMNS = (
-    *("recording", "camera", "timestamp_ns", "track_id", "object_class", "status", "reason", "category"),
-    *("range_m", "ego_speed_mps", "points", "tp", "fn", "fp", "chance_tp", "unknown_px", "ceiling_tp", "ceiling_fp"),
-)
+    *OBJECT, "object_class", "status", "reason", "category", "range_m", "ego_speed_mps", "points",
+    "tp", "fn", "fp", "chance_tp", "unknown_px", "ceiling_tp", "ceiling_fp",
+)  # fmt: skip
 FRAME_COLUMNS = (
-    *("recording", "camera", "timestamp_ns", "ego_speed_mps", "status", "problem", "width", "height", "valid_px"),
-    *("tp_px", "fn_px", "fp_px", "fp_components", "fp_large_components", "fp_by_cause"),
-)
-EVALUATED = "evaluated"
+    *IMAGE, "ego_speed_mps", "status", "problem", "width", "height", "valid_px", "tp_px", "fn_px", "fp_px",
+    "fp_components", "fp_large_components", "fp_by_cause",
+)  # fmt: skip
+Breakdowns = Mapping[str, "pd.Series[str]"]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class RunSums:
-    """Everything that the metrics, the sums per recording and the ledgers of a run are made of.
-
-    Attributes:
-        recordings: S names of those with scored images, sorted.
-        objects: split -> sums over the evaluated object-frames.
-        frames: split -> sums over the scored image-frames.
-        object_ledger: all rows of the objects table by status and reason.
-        frame_ledger: all rows of the frames table by status and problem.
-    """
-
-    recordings: tuple[str, ...]
-    objects: dict[str, SliceSums]
-    frames: dict[str, SliceSums]
-    object_ledger: RowLedger
-    frame_ledger: RowLedger
+def bin_names(edges: Sequence[float]) -> tuple[str, ...]:
+    """Names of the bins, for example "[0, 2)", "[2, 4)", "[4, inf)" of the edges 0, 2, 4."""
+    return tuple(f"[{low:g}, {high:g})" for low, high in pairwise((*edges, np.inf)))
 
 
-def sum_run(objects: Rows, frames: Rows, *, protocol: Protocol, rows_at_once: int | None = None) -> RunSums:
-    """Reduce the tables of a run.
+def name_bins(values: pd.Series[float], edges: Sequence[float]) -> pd.Series[str]:
+    """The bin of each value, a name of `bin_names`; NaN for NaN and below the first edge."""
+    return pd.cut(values, [*edges, np.inf], right=False, labels=bin_names(edges))
 
-    Neither the order of the rows nor `rows_at_once` changes a bit of the sums: those of a recording are taken over all
-    of its rows in canonical order.
+
+def name_slice(breakdown: str, name: str) -> str:
+    """What a slice is called among all: "crossing", "all_moving", "range_m=[0, 2)"."""
+    return name if breakdown in {CATEGORY, ALL_MOVING, FRAMES} else f"{breakdown}={name}"
+
+
+def object_slices(protocol: Protocol, cameras: Sequence[str]) -> dict[str, Sequence[str]]:
+    """All slices of object-frames by breakdown, also those without rows."""
+    bins = protocol.bins
+    return {
+        CATEGORY: [*map(str, protocol.reference.categories)],
+        ALL_MOVING: [ALL_MOVING],
+        "object_class": protocol.reference.classes,
+        "range_m": bin_names(bins.range_m),
+        "ego_speed_mps": bin_names(bins.ego_speed_mps),
+        "camera": cameras,
+        "points": bin_names(bins.points),
+    }
+
+
+def frame_slices(protocol: Protocol, cameras: Sequence[str]) -> dict[str, Sequence[str]]:
+    """All slices of image-frames by breakdown, also those without rows."""
+    return {FRAMES: [FRAMES], "ego_speed_mps": bin_names(protocol.bins.ego_speed_mps), "camera": cameras}
+
+
+def cameras_of(sums: pd.DataFrame) -> list[str]:
+    """The cameras of a run, also those without a scored image."""
+    return sorted(set(sums.loc[(sums["metric"] == "images") & (sums["breakdown"] == "camera"), "slice"]))
+
+
+def sum_run(objects: Rows, frames: Rows, *, protocol: Protocol, rows_at_once: int | None = None) -> pd.DataFrame:
+    """Reduce the tables of a run to sums, a few recordings in memory at a time; see `sum_rows`.
 
     Args:
-        objects: of `OBJECTS_SCHEMA`.
-        frames: of `FRAMES_SCHEMA`.
+        objects: of `OBJECTS_SCHEMA`, in memory or stored.
+        frames: of `FRAMES_SCHEMA`, in memory or stored.
         protocol: that the run was made with.
-        rows_at_once: most rows in memory, unless one recording has more; `ROWS_AT_ONCE` without it.
+        rows_at_once: most rows in memory, unless one recording has more.
     """
-    of_objects, of_frames = as_source(objects), as_source(frames)
-    cameras = of_frames.distinct("camera")
-    levels = protocol.scoring.detection_levels
+    of_objects = read_parts(objects, OBJECT_COLUMNS, rows_at_once=rows_at_once)
+    of_frames = read_parts(frames, FRAME_COLUMNS, rows_at_once=rows_at_once)
+    parts = [sum_objects(rows, protocol=protocol) for rows in of_objects]
+    return add_sums([*parts, *(sum_frames(rows, protocol=protocol) for rows in of_frames)])
 
-    frame_parts = _Parts()
-    for part in _canonical_parts(of_frames, FRAME_COLUMNS, key=IMAGE, rows_at_once=rows_at_once):
-        scored = frame_parts.account(part, reasons="problem")
-        frame_parts.add(
-            scored, frame_accumulators(scored), frame_breakdowns(scored, protocol=protocol, cameras=cameras)
-        )
 
-    object_parts = _Parts()
-    for part in _canonical_parts(of_objects, OBJECT_COLUMNS, key=[*IMAGE, "track_id"], rows_at_once=rows_at_once):
-        evaluated = object_parts.account(part, reasons="reason")
-        splits = object_breakdowns(evaluated, protocol=protocol, cameras=cameras)
-        object_parts.add(evaluated, object_accumulators(evaluated, levels=levels), splits, tracks=True)
+def sum_rows(objects: pd.DataFrame, frames: pd.DataFrame, *, protocol: Protocol) -> pd.DataFrame:
+    """Reduce whole recordings to sums: a part of a run, to be added to the others by `add_sums`.
 
-    recordings = tuple(sorted(frame_parts.recordings))
-    assert object_parts.recordings <= set(recordings), "objects lie in scored images"
-    return RunSums(
-        recordings=recordings,
-        objects=object_parts.stacked(recordings),
-        frames=frame_parts.stacked(recordings),
-        object_ledger=object_parts.ledger,
-        frame_ledger=frame_parts.ledger,
+    Args:
+        objects: all annotated object-frames, `OBJECT_COLUMNS`.
+        frames: all images, `FRAME_COLUMNS`.
+        protocol: that the run was made with.
+
+    Returns:
+        The table of sums, columns `KEY` and `TERMS`.
+    """
+    return add_sums([sum_objects(objects, protocol=protocol), sum_frames(frames, protocol=protocol)])
+
+
+def add_sums(parts: Iterable[pd.DataFrame]) -> pd.DataFrame:
+    """Add tables of sums; a recording's tracks are counted right if it is whole in one of them.
+
+    Where images of a recording name different causes of false positives, a cause that they do not name has none of
+    their pixels, but is a share of all.
+    """
+    added = pd.concat([*parts]).groupby(KEY, sort=False)[TERMS].sum().reset_index()
+    of_cause = added["metric"].str.startswith(CAUSE)
+    pixels = added[added["metric"] == "precision"]
+    false_px = pixels.assign(denominator=pixels["denominator"] - pixels["numerator"])
+    shares = [false_px.assign(metric=name, numerator=0.0) for name in sorted(set(added.loc[of_cause, "metric"]))]
+    named = added[of_cause].assign(denominator=0.0)
+    completed = pd.concat([named, *shares]).groupby(KEY, sort=False)[TERMS].sum().reset_index()
+    return pd.concat([added[~of_cause], completed], ignore_index=True)
+
+
+def sum_objects(objects: pd.DataFrame, *, protocol: Protocol) -> pd.DataFrame:
+    """Reduce annotated object-frames of whole recordings; see `sum_rows`."""
+    assert not objects.duplicated(OBJECT).any(), f"{OBJECT} names each row once"
+    rows = objects[objects["status"] == EVALUATED]
+    known = rows["category"].isin([*map(str, protocol.reference.categories)])
+    assert (known & rows["object_class"].isin(protocol.reference.classes)).all(), "evaluated rows are of the protocol"
+    bins = protocol.bins
+    breakdowns = {
+        CATEGORY: rows["category"],
+        ALL_MOVING: pd.Series(ALL_MOVING, rows.index),
+        "object_class": rows["object_class"],
+        "range_m": name_bins(rows["range_m"], bins.range_m),
+        "ego_speed_mps": name_bins(rows["ego_speed_mps"], bins.ego_speed_mps),
+        "camera": rows["camera"],
+        "points": name_bins(rows["points"], bins.points),
+    }
+    metrics = object_metrics(
+        protocol.scoring.detection_levels,
+        unknown_bands=protocol.reference.unknown_band is not None,
+        ceilings=bool(rows["ceiling_tp"].notna().any()),
     )
+    tracks = [_count_tracks(rows, name, slices) for name, slices in breakdowns.items()]
+    ledger = _count(objects, "annotated", ("status", "reason"))
+    return pd.concat([_sum(rows, metrics, breakdowns), *tracks, ledger], ignore_index=True)
 
 
-def _canonical_parts(
-    source: RowSource, columns: Sequence[str], *, key: Sequence[str], rows_at_once: int | None
-) -> Iterator[Columns]:
-    # A run of nothing is one part without rows, so that its slices are there.
-    if not source.recordings():
-        yield Columns(source.read((), columns))
-    for table in read_parts(source, columns, rows_at_once=rows_at_once):
-        yield Columns(table).canonical(key)
+def sum_frames(frames: pd.DataFrame, *, protocol: Protocol) -> pd.DataFrame:
+    """Reduce images of whole recordings; see `sum_rows`."""
+    assert not frames.duplicated(IMAGE).any(), f"{IMAGE} names each row once"
+    rows = frames[frames["status"] == EVALUATED]
+    breakdowns = {
+        FRAMES: pd.Series(FRAMES, rows.index),
+        "ego_speed_mps": name_bins(rows["ego_speed_mps"], protocol.bins.ego_speed_mps),
+        "camera": rows["camera"],
+    }
+    metrics = image_metrics(sorted({cause for px in rows["fp_by_cause"] for cause in px}))
+    ledger = _count(frames, "images", ("status", "problem", "camera"))
+    return pd.concat([_sum(rows, metrics, breakdowns), ledger], ignore_index=True)
 
 
-class _Parts:
-    """The sums of the parts of a table, as they come."""
+def _sum(rows: pd.DataFrame, metrics: Sequence[Definition], breakdowns: Breakdowns) -> pd.DataFrame:
+    terms = {(m.name, term): getattr(m, term)(rows).astype(np.float64) for m in metrics for term in TERMS}
+    wide = pd.DataFrame(terms, index=rows.index)
+    assert np.isfinite(wide.to_numpy()).all(), "every evaluated row has a number for each metric"
+    recording = rows["recording"].astype("category")
+    return pd.concat(
+        [
+            sums[metric.name].reset_index().assign(breakdown=name, metric=metric.name)
+            for name, slices in breakdowns.items()
+            for sums in [wide.groupby([slices.rename("slice"), recording], observed=True).sum()]
+            for metric in metrics
+        ]
+    ).astype(dict.fromkeys(KEY, str))
 
-    def __init__(self) -> None:
-        self.recordings: set[str] = set()
-        self.ledger = RowLedger(statuses=Counter(), reasons=Counter())
-        self._held: list[tuple[tuple[str, ...], dict[str, SliceSums]]] = []
 
-    def account(self, part: Columns, *, reasons: str) -> Columns:
-        """Count all rows of a part by status and reason; return those that are scored."""
-        self.ledger = self.ledger.with_rows(part, reasons=reasons)
-        return part.take(part.is_word("status", EVALUATED))
+def _count_tracks(rows: pd.DataFrame, breakdown: str, slices: pd.Series[str]) -> pd.DataFrame:
+    tracks = rows.groupby([slices.rename("slice"), "recording"], observed=True)["track_id"]
+    counts = tracks.agg(numerator="nunique", denominator="size").astype(np.float64).reset_index()
+    return counts.astype({"slice": str}).assign(breakdown=breakdown, metric="tracks")[[*KEY, *TERMS]]
 
-    def add(
-        self,
-        rows: Columns,
-        accumulators: dict[str, NDArray[np.float64]],
-        splits: dict[str, Breakdown],
-        *,
-        tracks: bool = False,
-    ) -> None:
-        """Take in the scored rows of a part."""
-        codes, names = rows.words("recording")
-        numbers, recording = np.unique(codes, return_inverse=True)
-        present = tuple(names[number] for number in numbers.tolist())
-        track = rows.words("track_id")[0] if tracks else None
-        sums = {
-            name: sum_slices(split, accumulators, recording=recording, recordings=len(present), track=track)
-            for name, split in splits.items()
-        }
-        assert not self.recordings & set(present), "no recording is in two parts"
-        self.recordings |= set(present)
-        self._held.append((present, sums))
 
-    def stacked(self, recordings: Sequence[str]) -> dict[str, SliceSums]:
-        """The sums of all parts, by split."""
-        number = {name: index for index, name in enumerate(recordings)}
-        parts = [(np.array([number[n] for n in names], dtype=np.int64), sums) for names, sums in self._held]
-        return {
-            split: stack_sums([(numbers, sums[split]) for numbers, sums in parts], recordings=len(recordings))
-            for split in self._held[0][1]
-        }
+def _count(rows: pd.DataFrame, metric: str, columns: Sequence[str]) -> pd.DataFrame:
+    counts = [
+        rows.groupby([rows[name].rename("slice"), "recording"]).size().rename("numerator").reset_index()
+        for name in columns
+    ]
+    table = pd.concat([one.assign(breakdown=name) for name, one in zip(columns, counts, strict=True)])
+    table = table.astype({"numerator": np.float64}).assign(metric=metric)
+    return table.assign(denominator=table["numerator"])[[*KEY, *TERMS]]
+
+
+def write_sums(table: pd.DataFrame, file: Path) -> None:
+    """Store a table of sums as CSV, in the order of its key; numbers come back as they were."""
+    write_text(file, table.sort_values(KEY)[[*KEY, *TERMS]].to_csv(index=False, lineterminator="\n"))
+
+
+def read_sums(file: Path) -> pd.DataFrame:
+    """Read a table of sums.
+
+    Raises:
+        DataError: missing, damaged, or not a table of sums; names the line.
+    """
+    expected, do = f"a table of sums with the columns {', '.join([*KEY, *TERMS])}", "write it again from its run"
+    try:
+        table = pd.read_csv(file, dtype=str, keep_default_na=False)
+        if [*table.columns] != [*KEY, *TERMS]:
+            raise ValueError(", ".join(map(str, table.columns)))
+        table = table.astype(dict.fromkeys(TERMS, np.float64))
+    except (OSError, ValueError) as error:  # pandas' own errors are of ValueError, as is UnicodeDecodeError
+        raise DataError(file, expected=expected, got=" ".join(str(error).split()), do=do) from error
+    above, below = table["numerator"], table["denominator"]
+    bounded = table["metric"].map({name: _is_bounded(name, file) for name in table["metric"].unique()}).astype(bool)
+    for wrong, what in (
+        (~(np.isfinite(above) & np.isfinite(below)), "finite numbers"),
+        ((above < 0) | (below < 0), "numbers that are not negative"),
+        (bounded & (above > below * (1 + 1e-9)), "a numerator that is at most the denominator"),
+        ((below == 0) & (above > 0), "no numerator without a denominator"),
+        (table.duplicated(KEY), "each slice, recording and metric once"),
+    ):
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            got = ", ".join(map(str, table.iloc[row]))
+            raise DataError(file, field=f"line {row + 2}", expected=what, got=got, do=do)
+    return table
+
+
+def _is_bounded(name: str, file: Path) -> bool:
+    try:
+        return name in COUNTS or find_metric(name).is_ratio
+    except BenchError as error:
+        raise DataError(file, field="metric", expected="known metrics", got=repr(name), do=str(error)) from error

@@ -1,7 +1,7 @@
 """The gate: is a run as good as the baseline? It reads stored results and says so for people and machines.
 
 A metric fails when it is worse than tolerated, by more than max(absolute, relative * baseline), **and** the 95 %
-interval of the paired change, by recording (`bench.evaluation.paired`), excludes no change. Worse than
+interval of the paired change, by recording (`bench.evaluation.comparison`), excludes no change. Worse than
 tolerated with an interval that includes no change is suspect: it is reported and fails nothing. A slice with too few
 cases or recordings is reported, not judged. Before the metrics it is checked that both runs measured the same things: a
 score over fewer objects is not a better score.

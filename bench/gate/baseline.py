@@ -3,14 +3,29 @@
 from __future__ import annotations
 
 import json
+import math
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Literal
 
+import pandas as pd
 from pydantic import Field
 
 from bench.errors import UsageError
-from bench.evaluation.paired import RecordingSums, recording_sums
+from bench.evaluation import Protocol, sum_run
+from bench.evaluation.definitions import COUNTS, Definition, image_metrics, object_metrics
 from bench.evaluation.summary import ProtocolStamp
+from bench.evaluation.sums import (
+    ALL_MOVING,
+    CATEGORY,
+    FRAMES,
+    KEY,
+    TERMS,
+    cameras_of,
+    frame_slices,
+    name_slice,
+    object_slices,
+)
 from bench.harness import open_tables, read_protocol, read_run
 from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest
 from bench.harness.method_stamp import MethodStamp
@@ -53,6 +68,87 @@ class Origin(FileModel):
     libraries: dict[str, str]
     started_utc: str
     unrepeatable: tuple[str, ...] = ()
+
+
+class MetricSums(FileModel):
+    """One metric of one slice as the ratio of two sums.
+
+    Attributes:
+        numerators: by recording; only recordings that hold cases.
+        denominators: by recording, > 0.
+    """
+
+    numerators: dict[str, float]
+    denominators: dict[str, float]
+
+    @property
+    def cases(self) -> int:
+        """The cases of the metric: object-frames, image-frames, or pixels for the segmentation metrics."""
+        return int(math.fsum(self.denominators.values()))
+
+
+class RecordingSums(FileModel):
+    """The table of sums of a run as a baseline stores it: every metric that has a direction.
+
+    Attributes:
+        slices: slice -> metric -> sums. Slices are the categories, "all_moving", "frames" (the image-frames), and
+            "<breakdown>=<bin or name>" for the breakdowns of the summary, for example "range_m=[0, 2)".
+        counts: slice -> name -> number. "object_frames", "tracks" and "recordings" for slices of objects;
+            "all_moving" also has "annotated", "static", "ignored"; "frames" has "images", "evaluated", "failed",
+            "skipped".
+    """
+
+    slices: dict[str, dict[str, MetricSums]]
+    counts: dict[str, dict[str, int]]
+
+    @classmethod
+    def of(cls, sums: pd.DataFrame, *, protocol: Protocol) -> RecordingSums:
+        """Store a table of sums."""
+        cameras = cameras_of(sums)
+        found = {key: part.set_index("recording") for key, part in sums.groupby(["breakdown", "slice", "metric"])}
+        slices: dict[str, dict[str, MetricSums]] = {}
+        counts: dict[str, dict[str, int]] = {}
+        for splits, metrics, counted in (
+            (object_slices(protocol, cameras), _judged(object_metrics(protocol.scoring.detection_levels)), "iou"),
+            (frame_slices(protocol, cameras), _judged(image_metrics()), "false_positive_coverage"),
+        ):
+            for breakdown, name in ((breakdown, name) for breakdown, names in splits.items() for name in names):
+                called = name_slice(breakdown, name)
+                own = {m.name: _metric_sums(found.get((breakdown, name, m.name))) for m in metrics}
+                slices[called] = slices.get(called, {}) | own
+                rows, tracks = own[counted], _metric_sums(found.get((breakdown, name, "tracks")))
+                numbers = {"object_frames": rows.cases, "tracks": int(math.fsum(tracks.numerators.values()))}
+                numbers["recordings"] = len(rows.denominators)
+                counts[called] = counts.get(called, {}) | (numbers if counted == "iou" else {"frames": rows.cases})
+        ledger = {metric: sums[(sums["breakdown"] == "status") & (sums["metric"] == metric)] for metric in COUNTS}
+        for called, metric, statuses in (
+            (ALL_MOVING, "annotated", ("static", "ignored")),
+            (FRAMES, "images", ("evaluated", "failed", "skipped")),
+        ):
+            numerators = ledger[metric].groupby("slice")["numerator"].sum()
+            counts[called] |= {metric: int(numerators.sum())} | {s: int(numerators.get(s, 0)) for s in statuses}
+        return cls(slices=slices, counts=counts)
+
+    def table(self) -> pd.DataFrame:
+        """The table of sums again, without the counts."""
+        return pd.DataFrame([*self._rows()], columns=[*KEY, *TERMS])
+
+    def _rows(self) -> Iterator[tuple[str, str, str, str, float, float]]:
+        for called, metrics in self.slices.items():
+            breakdown, _, name = called.partition("=") if "=" in called else (CATEGORY, "", called)
+            for metric, sums in metrics.items():
+                for recording, denominator in sums.denominators.items():
+                    yield breakdown, name, recording, metric, sums.numerators[recording], denominator
+
+
+def _judged(metrics: Sequence[Definition]) -> list[Definition]:
+    """Those that are stored; F1 follows from precision and recall."""
+    return [metric for metric in metrics if metric.higher_is_better is not None and metric.name != "f1"]
+
+
+def _metric_sums(sums: pd.DataFrame | None) -> MetricSums:
+    held = sums[sums["denominator"] > 0] if sums is not None else pd.DataFrame(columns=TERMS)
+    return MetricSums(numerators=held["numerator"].to_dict(), denominators=held["denominator"].to_dict())
 
 
 class ScoredRun(FileModel):
@@ -127,7 +223,7 @@ def scored_run(run: Path) -> ScoredRun:
             unrepeatable=summary.provenance.unrepeatable,
         ),
         failures=summary.failures,
-        sheet=recording_sums(objects, frames, protocol=protocol),
+        sheet=RecordingSums.of(sum_run(objects, frames, protocol=protocol), protocol=protocol),
     )
 
 

@@ -9,11 +9,10 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from bench.evaluation.slices import ALL_MOVING, FRAMES
+from bench.evaluation import headlines
+from bench.evaluation.sums import ALL_MOVING, FRAMES
 from bench.gate.verdict import Outcome, Row, Verdict, row_text, value_text
 
-# Of the rows over everything, those that say whether a run is better, in the order that they are shown.
-HEADLINES = ("iou", "tpr_all", "detection_rate_50", "false_positive_coverage")
 NOTABLE = (Outcome.FAILED, Outcome.SUSPECT, Outcome.IMPROVED)
 
 
@@ -25,7 +24,7 @@ def is_overlapping(row: Row) -> bool:
 def overall_rows(verdict: Verdict) -> list[Row]:
     """The headline metrics over everything."""
     rows = {row.metric: row for row in verdict.rows if row.slice_name in {ALL_MOVING, FRAMES}}
-    return [rows[name] for name in HEADLINES if name in rows]
+    return [rows[metric.name] for metric in headlines() if metric.name in rows]
 
 
 def main_rows(verdict: Verdict) -> list[Row]:

@@ -7,19 +7,22 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 
 from bench.errors import UsageError
-from bench.evaluation.intervals import FEWEST_RECORDINGS, MEAN_CHANGE, RATIO_CHANGE
-from bench.evaluation.paired import NOT_RATIOS, MetricSums, PairedChange, paired_change
-from bench.evaluation.slices import FRAMES
-from bench.gate.baseline import ScoredRun
+from bench.evaluation import PairedChange, compare_sums, find_metric
+from bench.evaluation.definitions import SEGMENTATION
+from bench.evaluation.intervals import FEWEST_RECORDINGS
+from bench.evaluation.sums import FRAMES, name_slice
+from bench.gate.baseline import MetricSums, ScoredRun
 from bench.gate.changes import LISTED, changes
 from bench.gate.tolerances import Tolerance, Tolerances
 from bench.gate.verdict import Check, Outcome, RecordingChange, Row, Verdict
 from bench.harness.manifest import Aspect, differences
 
-# What these are taken over depends on what the method detects; of all others, on the reference alone.
-OVER_DETECTIONS = ("tpr", "iou_detected", "precision", "segmentation_iou")
 COVERAGE = "false_positive_coverage"  # over all scored images
 NO_SUMS = MetricSums(numerators={}, denominators={})
+NO_CHANGE = PairedChange(
+    before=math.nan, after=math.nan, difference=math.nan, ci95=None, p_value=None, cases_before=0, cases_after=0,
+    recordings=0,
+)  # fmt: skip
 UNITS = {"object_frames": "object-frames", "annotated": "annotated objects", "evaluated": "scored images"}
 
 
@@ -113,7 +116,7 @@ def _count_differences(baseline: ScoredRun, run: ScoredRun) -> Iterator[str]:
 def _case_differences(baseline: ScoredRun, run: ScoredRun) -> Iterator[str]:
     for slice_name, metric, before in _metrics(baseline):
         after = run.sheet.slices.get(slice_name, {}).get(metric)
-        if after is None or metric in OVER_DETECTIONS or after.denominators == before.denominators:
+        if after is None or find_metric(metric).cases_by_method or after.denominators == before.denominators:
             continue
         if after.cases == before.cases:
             yield f"{metric} of {slice_name}: {before.cases} cases, spread otherwise over the recordings"
@@ -137,7 +140,7 @@ def _difference(unit: str, slice_name: str, was: int, now: int) -> str:
     return f"{abs(now - was)} {unit} {'fewer' if now < was else 'more'} in {slice_name} ({now}, were {was})"
 
 
-OVER_PIXELS = ("precision", "recall", "segmentation_iou")  # their cases are pixels, so their images are counted
+OVER_PIXELS = frozenset(metric.name for metric in SEGMENTATION)  # their cases are pixels, so their images are counted
 WORST = 3  # recordings that are named
 ROUNDING = 1e-12  # a change by exactly what is tolerated is tolerated
 
@@ -156,6 +159,8 @@ def judge(baseline: ScoredRun, run: ScoredRun, *, tolerances: Tolerances) -> Ver
     if differing := other_kind(baseline, run):
         why, do = differing
         raise UsageError(f"{why}: they do not compare; {do}, or replace the baseline with --update")
+    compared = compare_sums(baseline.sheet.table(), run.sheet.table()).reset_index().to_dict("records")
+    found = {(name_slice(row["breakdown"], row["slice"]), row["metric"]): PairedChange.of(row) for row in compared}
     return Verdict(
         dataset=run.dataset,
         method=run.method.name,
@@ -166,8 +171,8 @@ def judge(baseline: ScoredRun, run: ScoredRun, *, tolerances: Tolerances) -> Ver
         changes=changes(baseline, run),
         checks=data_checks(baseline, run, tolerances=tolerances),
         rows=tuple(
-            _judge_metric(baseline, run, slice_name, metric, tolerances)
-            for slice_name, metrics in run.sheet.slices.items()
+            _judge_metric(baseline, run, name, metric, tolerances, found.get((name, metric), NO_CHANGE))
+            for name, metrics in run.sheet.slices.items()
             for metric in metrics
         ),
     )
@@ -210,10 +215,11 @@ def refuse(run: ScoredRun | None, *, tolerances: Tolerances, reason: str) -> Ver
     )
 
 
-def _judge_metric(baseline: ScoredRun, run: ScoredRun, slice_name: str, metric: str, tolerances: Tolerances) -> Row:
+def _judge_metric(
+    baseline: ScoredRun, run: ScoredRun, slice_name: str, metric: str, tolerances: Tolerances, change: PairedChange
+) -> Row:
     before = baseline.sheet.slices.get(slice_name, {}).get(metric, NO_SUMS)
     after = run.sheet.slices[slice_name][metric]
-    change = paired_change(before, after, within=MEAN_CHANGE if metric in NOT_RATIOS else RATIO_CHANGE)
     tolerance = tolerances.tolerance(slice_name, metric)
     worsening = tolerance.worsening(change.difference) if tolerance else math.nan
     allowed = tolerance.allowed(change.before) if tolerance else math.nan

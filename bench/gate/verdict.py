@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
-from bench.evaluation.paired import NOT_RATIOS, PairedChange
+from bench.evaluation import PairedChange, find_metric
 from bench.gate.baseline import Origin
 from bench.gate.changes import OF_ITSELF, Change
 
@@ -207,7 +207,7 @@ def allowed_text(metric: str, allowed: float) -> str:
 def _text(metric: str, value: float, *, unit: str = "", sign: str = "") -> str:
     if math.isnan(value):
         return ""
-    return f"{value:{sign}.2f}" if metric in NOT_RATIOS else f"{100 * value:{sign}.1f}{unit}"
+    return f"{100 * value:{sign}.1f}{unit}" if find_metric(metric).is_ratio else f"{value:{sign}.2f}"
 
 
 def row_text(row: Row) -> str:

@@ -94,7 +94,7 @@ class StoredFrames:
 
     def _counts(self, recording: str) -> dict[tuple[str, int], tuple[int, ...]]:
         if self._stored[0] != recording:
-            rows = self._frames.read([recording], [*_KEY, *COUNTS]).to_pylist()
+            rows = self._frames.read([recording], [*_KEY, *COUNTS]).to_dict("records")
             counts = {(row["camera"], row["timestamp_ns"]): tuple(row[name] for name in COUNTS) for row in rows}
             self._stored = recording, counts
         return self._stored[1]

@@ -5,9 +5,6 @@
 <run>/objects.parquet, frames.parquet, masks.parquet, image_maps.npz, summary.json     the whole run
 <run>/protocol.json                                                                    the rules that it was scored by
 ```
-
-Runs of older versions are read for ever: columns that came later are null in them, files that came later are missed by
-name.
 """
 
 from __future__ import annotations
@@ -15,15 +12,16 @@ from __future__ import annotations
 import hashlib
 import io
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal, get_args
 
+import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv
-import pyarrow.parquet as pq
+import pyarrow.dataset
 from pydantic import Field
 
 from bench.errors import DataError
@@ -38,9 +36,9 @@ from bench.evaluation import (
     load_protocol,
     threshold_free_metrics,
 )
-from bench.evaluation.likelihood import COLUMNS as THRESHOLD_FREE_COLUMNS
-from bench.evaluation.row_source import BATCH_ROWS, Columns, Rows, as_source, count_words, read_parts
-from bench.evaluation.sums import level_ratios
+from bench.evaluation.definitions import level_metrics
+from bench.evaluation.likelihood import OUTSIDE_COLUMN, REFERENCE_COLUMN
+from bench.evaluation.rows import Rows, read_parts, sort_rows, to_frame
 from bench.harness.manifest import Manifest, write_manifest
 from bench.harness.provenance import Provenance
 from bench.harness.unit_files import load_image_maps
@@ -48,7 +46,6 @@ from bench.recordings import write_text
 from bench.recordings.sealed_json import read_sealed, write_sealed
 
 SCHEMA_VERSION = 1
-BATCH_IMAGES = 512
 SUMMARY, IMAGE_MAPS = "summary.json", "image_maps.npz"
 Table = Literal["objects.parquet", "frames.parquet", "image_maps.npz", "masks.parquet"]
 PREDICTIONS = "predictions.json"  # of runs of predictions from disk
@@ -59,18 +56,15 @@ REFERENCE_OF_OBJECTS = (
     *("points", "polygon_px", "region_px"),
 )
 REFERENCE_OF_FRAMES = ("recording", "camera", "timestamp_ns", "status", "valid_px", "reference_px", "ignored_px")
-HISTOGRAMS = frozenset({"likelihood_reference_px", "likelihood_outside_px"})
-LATER_COLUMNS = HISTOGRAMS | {"unknown_px", "ceiling_tp", "ceiling_fp"}  # not in the first runs of version 1
-RECORDING = "recording"
-READ_ROWS = 8192  # at a time: a row of frames with its histograms takes 2 kB
+HISTOGRAMS = frozenset({REFERENCE_COLUMN, OUTSIDE_COLUMN})
 
 
 class StoredRows:
-    """A table of a run on disk.
+    """A table of a run on disk, read a few recordings at a time.
 
     Args:
         file: Parquet.
-        schema: that it is of; columns that came later are null where they are missing.
+        schema: that it is of.
 
     Raises:
         DataError: missing, damaged, or without a column.
@@ -79,95 +73,47 @@ class StoredRows:
     def __init__(self, file: Path, schema: pa.Schema) -> None:
         self.file, self.schema = file, schema
         with self._readable():
-            self._metadata = pq.read_metadata(file)
-            self._held = frozenset(self._metadata.schema.to_arrow_schema().names)
-        missing = [name for name in schema.names if name not in self._held | LATER_COLUMNS]
-        if missing:
+            self._stored = pyarrow.dataset.dataset(file, format="parquet")
+        if missing := [name for name in schema.names if name not in self._stored.schema.names]:
             raise DataError(file, field=missing[0], expected="this column of a run's table", got="none")
-        self._groups: list[Mapping[str, int]] | None = None
+        for field in schema:
+            kind = self._stored.schema.field(field.name).type
+            if not pa.types.is_nested(kind) and kind != field.type:
+                raise DataError(file, field=field.name, expected=f"a column of {field.type}", got=str(kind))
+        self._recordings: dict[str, int] | None = None
 
     def __len__(self) -> int:
-        return int(self._metadata.num_rows)
+        return sum(self.recordings().values())
 
     def recordings(self) -> dict[str, int]:
         """Rows of each recording, by name."""
-        counted: dict[str, int] = {}
-        for group in self._row_groups():
-            for name, rows in group.items():
-                counted[name] = counted.get(name, 0) + rows
-        return counted
+        if self._recordings is None:
+            found: Counter[str] = Counter()
+            with self._readable():
+                for batch in self._stored.to_batches(columns=["recording"], batch_readahead=1):
+                    for one in pc.value_counts(batch["recording"]).to_pylist():
+                        found[one["values"]] += one["counts"]
+            self._recordings = dict(found)
+        return self._recordings
 
-    def distinct(self, column: str) -> tuple[str, ...]:
-        """The words of a column, sorted, each once."""
-        return tuple(
-            sorted({word for batch in self.batches([column]) for word in count_words(_chunked(batch[column]))})
-        )
-
-    def read(self, recordings: Sequence[str], columns: Sequence[str]) -> pa.Table:
-        """All rows of some recordings, in the order of the file; strings come as dictionaries."""
-        expected = frozenset(recordings)
-        groups = [number for number, held in enumerate(self._row_groups()) if not expected.isdisjoint(held)]
-        whole = all(expected.issuperset(self._row_groups()[number]) for number in groups)
-        needed = list(columns) if whole or RECORDING in columns else [*columns, RECORDING]
-        names = pa.array(sorted(expected), pa.string())
-        parts = []
-        for batch in self._batches(needed, rows=READ_ROWS, row_groups=groups):
-            kept = batch if whole else batch.filter(pc.is_in(_decoded(batch[RECORDING]), value_set=names))
-            if len(kept):
-                parts.append(kept.select(list(columns)))
-        return pa.Table.from_batches(parts) if parts else self._empty(columns)
-
-    def batches(self, columns: Sequence[str], *, rows: int = BATCH_ROWS) -> Iterator[pa.RecordBatch]:
-        """All rows, at most `rows` at a time, in the order of the file; strings come as dictionaries."""
-        yield from self._batches(columns, rows=rows, row_groups=range(self._metadata.num_row_groups))
+    def read(self, recordings: Sequence[str], columns: Sequence[str]) -> pd.DataFrame:
+        """All rows of some recordings, in the order of the file."""
+        name = pyarrow.dataset.field("recording")
+        wanted = name.isin(list(recordings))
+        if recordings:  # groups of rows of others are not read
+            wanted &= (name >= min(recordings)) & (name <= max(recordings))
+        return to_frame(self._table(columns, wanted))
 
     def table(self, *, unread: frozenset[str] = frozenset()) -> pa.Table:
         """All of it, in memory; columns of `unread` are null."""
-        columns = [name for name in self.schema.names if name not in unread]
-        whole = pa.Table.from_batches(self.batches(columns), self._schema(columns))
-        read = {name: whole[name].cast(self.schema.field(name).type) for name in columns}
-        nulls = {name: pa.nulls(len(whole), self.schema.field(name).type) for name in unread}
-        return pa.table([(read | nulls)[name] for name in self.schema.names], schema=self.schema)
+        read = self._table([name for name in self.schema.names if name not in unread])
+        nulls = {name: pa.nulls(len(read), self.schema.field(name).type) for name in unread}
+        columns = [nulls[name] if name in nulls else read[name] for name in self.schema.names]
+        return pa.table(columns, names=self.schema.names).cast(self.schema)
 
-    def _batches(self, columns: Sequence[str], *, rows: int, row_groups: Sequence[int]) -> Iterator[pa.RecordBatch]:
-        schema = self._schema(columns)
-        held = [name for name in columns if name in self._held]
-        words = [field.name for field in self.schema if pa.types.is_string(field.type)]
-        with (
-            self._readable(),
-            pq.ParquetFile(self.file, metadata=self._metadata, read_dictionary=words) as stored,
-        ):
-            if not row_groups:
-                return
-            for batch in stored.iter_batches(batch_size=rows, row_groups=list(row_groups), columns=held):
-                yield pa.RecordBatch.from_arrays([_column(batch, field) for field in schema], schema=schema)
-
-    def _row_groups(self) -> list[Mapping[str, int]]:
-        """Rows of each recording, of each group of rows of the file."""
-        if self._groups is None:
-            self._groups = [self._recordings_of(number) for number in range(self._metadata.num_row_groups)]
-        return self._groups
-
-    def _recordings_of(self, number: int) -> Mapping[str, int]:
-        group = self._metadata.row_group(number)
-        place = self._metadata.schema.names.index(RECORDING)
-        found = group.column(place).statistics
-        # One recording, as its unit was written: nothing has to be read.
-        if found is not None and found.has_min_max and found.min == found.max and found.null_count == 0:
-            return {str(found.min): int(group.num_rows)}
-        counted: dict[str, int] = {}
-        for batch in self._batches([RECORDING], rows=BATCH_ROWS, row_groups=[number]):
-            for name, rows in count_words(_chunked(batch[RECORDING])).items():
-                counted[name] = counted.get(name, 0) + rows
-        return counted
-
-    def _schema(self, columns: Sequence[str]) -> pa.Schema:
-        words = pa.dictionary(pa.int32(), pa.string())
-        fields = [self.schema.field(name) for name in columns]
-        return pa.schema([f.with_type(words) if pa.types.is_string(f.type) else f for f in fields])
-
-    def _empty(self, columns: Sequence[str]) -> pa.Table:
-        return self._schema(columns).empty_table()
+    def _table(self, columns: Sequence[str], wanted: pyarrow.dataset.Expression | None = None) -> pa.Table:
+        with self._readable():
+            return self._stored.to_table(columns=list(columns), filter=wanted, batch_readahead=1, use_threads=False)
 
     @contextmanager
     def _readable(self) -> Iterator[None]:
@@ -185,21 +131,6 @@ def open_tables(run: Path) -> tuple[StoredRows, StoredRows]:
         DataError: missing, damaged, or without a column; damage further inside is met on reading.
     """
     return StoredRows(run / "objects.parquet", OBJECTS_SCHEMA), StoredRows(run / "frames.parquet", FRAMES_SCHEMA)
-
-
-def _column(batch: pa.RecordBatch, field: pa.Field) -> pa.Array:
-    if field.name not in batch.schema.names:
-        return pa.nulls(len(batch), field.type)
-    column = batch[field.name]
-    return column if column.type == field.type else column.cast(field.type)
-
-
-def _decoded(column: pa.Array) -> pa.Array:
-    return column.dictionary_decode() if pa.types.is_dictionary(column.type) else column
-
-
-def _chunked(column: pa.Array) -> pa.ChunkedArray:
-    return pa.chunked_array([column])
 
 
 class RunSummary(Summary):
@@ -243,13 +174,13 @@ def read_tables(run: Path, *, histograms: bool = True) -> tuple[pa.Table, pa.Tab
 
 
 def read_threshold_free(run: Path) -> ThresholdFreeMetrics | None:
-    """Take the threshold-free metrics of a run from its frames, some hundred of them in memory at a time.
+    """Take the threshold-free metrics of a run from its frames, a few recordings in memory at a time.
 
     Raises:
         DataError: the frames are missing or damaged.
     """
     _, frames = open_tables(run)
-    return threshold_free_metrics(frames.batches(THRESHOLD_FREE_COLUMNS, rows=BATCH_IMAGES))
+    return threshold_free_metrics(frames)
 
 
 def read_image_maps(run: Path) -> dict[str, ImageMap]:
@@ -292,7 +223,10 @@ def read_protocol(run: Path, summary: RunSummary) -> Protocol:
             got=f"{protocol.name!r} with digest {protocol.digest[:12]}",
         )
     rows = {str(category) for category in protocol.reference.categories}
-    metrics = {*ObjectMetrics.model_fields, *level_ratios(protocol.scoring.detection_levels)}
+    metrics = {
+        *ObjectMetrics.model_fields,
+        *(metric.name for metric in level_metrics(protocol.scoring.detection_levels)),
+    }
     if rows != summary.categories.keys():
         got = ", ".join(summary.categories)
         raise DataError(run / SUMMARY, field="categories", expected=", ".join(sorted(rows)), got=got)
@@ -305,15 +239,14 @@ def read_protocol(run: Path, summary: RunSummary) -> Protocol:
 def reference_fingerprint(objects: Rows, frames: Rows) -> str:
     """SHA-256 over the columns that the method has no part in, some recordings in memory at a time."""
     digest = hashlib.sha256()
-    for rows, columns, key in (
-        (objects, REFERENCE_OF_OBJECTS, REFERENCE_OF_OBJECTS[:4]),
-        (frames, REFERENCE_OF_FRAMES, REFERENCE_OF_FRAMES[:3]),
+    for rows, whole, columns, key in (
+        (objects, OBJECTS_SCHEMA, REFERENCE_OF_OBJECTS, REFERENCE_OF_OBJECTS[:4]),
+        (frames, FRAMES_SCHEMA, REFERENCE_OF_FRAMES, REFERENCE_OF_FRAMES[:3]),
     ):
-        source = as_source(rows)
-        schema = pa.schema([source.schema.field(name) for name in columns])
+        schema = pa.schema([whole.field(name) for name in columns])
         digest.update(_csv(schema.empty_table(), heading=True))
-        for part in read_parts(source, columns):
-            digest.update(_csv(Columns(part).canonical(key).table.cast(schema), heading=False))
+        for part in read_parts(rows, columns):
+            digest.update(_csv(pa.Table.from_pandas(sort_rows(part, key), schema, preserve_index=False), heading=False))
     return digest.hexdigest()
 
 

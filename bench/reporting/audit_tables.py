@@ -18,7 +18,7 @@ from bench.audit import (
     Quartiles,
     Scoring,
 )
-from bench.evaluation import Metric, ObjectMetrics
+from bench.evaluation import Metric, ObjectMetrics, find_metric
 from bench.reference import Category
 from bench.reporting import document, formats
 from bench.reporting.document import Block, Heading, Paragraph, Table
@@ -121,7 +121,7 @@ SCORINGS = {
     Scoring.EXACT_FLOW: "+ exact flow",
     Scoring.CELLS: "perfect cells",
 }
-RATES = {"detection_rate": "Detection", "detection_rate_50": "Detection at 50 %"}
+RATES = {name: find_metric(name).label for name in ("detection_rate", "detection_rate_50")}
 
 
 def score_table(audit: AuditSummary) -> Table:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import pyarrow as pa
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon as PolygonPatch
@@ -15,11 +14,11 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from bench.evaluation import Rows
-from bench.evaluation.row_source import Columns, as_source
+from bench.evaluation.rows import EVALUATED, read_parts
 from bench.harness import FramePipeline, ProcessedFrame
 from bench.recordings.atomic import write_bytes
 from bench.records.reference import ObjectGeometry, Outline
-from bench.reference import Category, ReferenceObject, Status
+from bench.reference import Category, ReferenceObject
 from bench.reporting import canvas
 from bench.reporting.count_view import detected_pixels, draw_counts
 from bench.reporting.formats import file_name, frame_name
@@ -188,15 +187,12 @@ def example_frames(objects: Rows) -> dict[Category, tuple[str, str, int]]:
         objects: of `OBJECTS_SCHEMA`, in memory or stored.
     """
     largest: dict[Category, tuple[int, str, int, str]] = {}
-    for batch in as_source(objects).batches(("recording", "camera", "timestamp_ns", "status", "category", "region_px")):
-        rows = Columns(pa.table(batch))
-        evaluated = rows.is_word("status", Status.EVALUATED.value)
+    for part in read_parts(objects, ["recording", "camera", "timestamp_ns", "status", "category", "region_px"]):
+        evaluated = part[part["status"] == EVALUATED].sort_values("region_px", ascending=False, kind="stable")
         for category in Category:
-            of_kind = rows.take(evaluated & rows.is_word("category", category.value))
-            if len(of_kind):
-                (recording, names), (camera, cameras) = of_kind.words("recording"), of_kind.words("camera")
-                region, times_ns = of_kind.integers("region_px"), of_kind.integers("timestamp_ns")
-                row = int(np.lexsort([times_ns, recording, -region])[0])
-                found = -int(region[row]), names[recording[row]], int(times_ns[row]), cameras[camera[row]]
+            of_kind = evaluated[evaluated["category"] == category.value]
+            ties = of_kind[of_kind["region_px"] == of_kind["region_px"].max()]
+            for row in ties.sort_values(["recording", "timestamp_ns"], kind="stable").head(1).itertuples():
+                found = -int(row.region_px), str(row.recording), int(row.timestamp_ns), str(row.camera)
                 largest[category] = min(largest.get(category, found), found)
     return {kind: (largest[kind][1], largest[kind][3], largest[kind][2]) for kind in Category if kind in largest}

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bench.evaluation import Protocol, Summary, summarise
-from bench.evaluation.row_source import ChosenRows, RowSource
+from bench.evaluation.rows import ChosenRows, RowSource
 from bench.harness import RunSummary, open_tables, read_protocol, read_run, run_name
 from bench.reference import Category
 
@@ -45,7 +45,9 @@ def read_stored_run(folder: Path, *, label: str | None = None, category: Categor
     summary = read_run(folder)
     protocol = read_protocol(folder, summary)
     objects, frames = open_tables(folder)
-    chosen: RowSource = objects if category is None else ChosenRows(objects, column="category", word=category.value)
+    chosen: RowSource = (
+        objects if category is None else ChosenRows(source=objects, column="category", word=category.value)
+    )
     return StoredRun(
         folder=folder,
         label=label or run_name(folder),

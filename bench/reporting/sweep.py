@@ -9,18 +9,18 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bench.evaluation import Metric
+from bench.evaluation import Metric, find_metric
 from bench.harness import RunSummary
 from bench.reporting import canvas, document, formats
 from bench.reporting.document import Block, Heading, Paragraph, Table, to_markdown
 
 TABLE = "sweep.csv"  # the runs in a folder with this file are values of a sweep, and no entries of a leaderboard
 FALSE_POSITIVES = "false_positive_coverage"
-HEADLINES = {  # heading, colour and marker of each metric
-    "iou": ("IoU, all", canvas.PURPLE, "^"),
-    "tpr_all": ("TPR, all", canvas.GREEN, "s"),
-    "detection_rate_50": ("Detection at half", canvas.BLUE, "o"),
-    FALSE_POSITIVES: ("False positives, share of the image", canvas.VERMILION, "D"),
+HEADLINES = {  # colour and marker of each metric
+    "iou": (canvas.PURPLE, "^"),
+    "tpr_all": (canvas.GREEN, "s"),
+    "detection_rate_50": (canvas.BLUE, "o"),
+    FALSE_POSITIVES: (canvas.VERMILION, "D"),
 }
 LOG_FROM = 10.0  # ratio of the largest to the smallest value from which the axis is logarithmic
 METHOD_ONLY = "Injected errors reach the method only: the reference keeps the true calibration and ego-motion."
@@ -50,7 +50,7 @@ def to_csv(setting: str, runs: Mapping[str, RunSummary]) -> str:
 
 def table(setting: str, runs: Mapping[str, RunSummary], *, title: str, note: str = "") -> Table:
     """A row a value, over all moving objects."""
-    headings = [HEADLINES[name][0] for name in headlines(next(iter(runs.values())))]
+    headings = [find_metric(name).label for name in headlines(next(iter(runs.values())))]
     return Table(
         title=title,
         columns=[setting, "Images", "Object-frames", "Recordings", *headings],
@@ -77,7 +77,7 @@ def draw(setting: str, runs: Mapping[str, RunSummary], *, title: str, note: str 
     order = np.argsort(positions, kind="stable")
     found = [headlines(summary) for summary in runs.values()]
     for name in found[0]:
-        label, colour, marker = HEADLINES[name]
+        colour, marker = HEADLINES[name]
         values = 100 * np.array([metrics[name].value for metrics in found])
         low, high = 100 * np.array([metrics[name].ci95 or (np.nan, np.nan) for metrics in found]).T
         axes.vlines(positions, low, high, color=colour, linewidth=1.0, alpha=0.6)
@@ -88,7 +88,7 @@ def draw(setting: str, runs: Mapping[str, RunSummary], *, title: str, note: str 
             marker=marker,
             markersize=3.5,
             linewidth=1.0,
-            label=label,
+            label=find_metric(name).label,
         )
     axes.set(xlabel=setting, ylabel="percent", ylim=(-2, 102))
     axes.grid(color=canvas.LIGHT_GREY, linewidth=0.4)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 
-from bench.evaluation import Metric, ThresholdFreeMetrics, published
+from bench.evaluation import Metric, ThresholdFreeMetrics, definitions, find_metric, published
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.summary import FalsePositiveMetrics, ObjectMetrics, Summary
 from bench.records.reference import Category
@@ -27,9 +27,9 @@ from bench.reporting.formats import (
 )
 
 FALSE_POSITIVES = "false_positives"
-FALSE_POSITIVE_METRICS = ("coverage", "coverage_valid", "frame_rate", "components_per_frame")
+FALSE_POSITIVE_METRICS = tuple(metric.field for metric in definitions.FALSE_POSITIVES)
 COMPARED = {"detection_rate": "Detection rate", "tpr": "TPR", "iou_detected": "IoU"}
-COVERAGES = {"iou": "IoU, all", "tpr_all": "TPR, all", "iou_detected": "IoU, detected", "tpr": "TPR, detected"}
+COVERAGES = {name: find_metric(name).label for name in ("iou", "tpr_all", "iou_detected", "tpr")}
 BESIDE_NOTE = (
     "TPR and IoU beside the paper's are averages over the detected object-frames. Differences in percentage points. "
     "Cases: object-frames; in the last row images, and the area of the image. The paper's recordings are private: same "
@@ -45,7 +45,7 @@ FALSE_POSITIVE_NOTE = (
     "False-positive coverage: what is marked outside of all moving objects, as a share of the image and of its valid "
     "pixels. A large false positive has more pixels than the protocol states."
 )
-FURTHER = {"ceiling_iou": "IoU, ceiling", "unknown_share": "Unknown"}  # of some data, and of some protocols
+FURTHER = {name: find_metric(name).label for name in ("ceiling_iou", "unknown_share")}  # of some data and protocols
 FURTHER_NOTES = {
     "ceiling_iou": f"Ceiling: {CEILING}; IoU over all object-frames.",
     "unknown_share": "Unknown: share of the pixels of an object and its unknown band that lie in the band, where "
@@ -64,7 +64,7 @@ class TableRow:
         frames: object-frames, in the last row image-frames.
         paper_frames: the paper's.
         tracks: objects; None in the last row.
-        recordings: that hold the frames; None in the last row of a summary of an older version.
+        recordings: that hold the frames.
         metrics: ours, by the names of `ObjectMetrics`, in the last row of `FalsePositiveMetrics`.
         paper: the paper's values of those metrics that it states, in [0, 1].
     """
@@ -160,7 +160,7 @@ def detection_columns(rows: Sequence[TableRow]) -> dict[str, str]:
     """Names and headings of the detection rates, with the protocol's own levels."""
     names = next((list(row.metrics) for row in rows if row.name != FALSE_POSITIVES), [])
     levels = {name: f"at {level_percent(name):g} %" for name in detection_levels(names)}
-    return {"detection_rate": "Detection rate"} | levels
+    return {"detection_rate": find_metric("detection_rate").label} | levels
 
 
 def further_columns(rows: Sequence[TableRow]) -> dict[str, str]:

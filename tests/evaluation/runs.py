@@ -56,6 +56,7 @@ def _frame_row(draw: np.random.Generator, recording: str, camera: str, timestamp
     failed = draw.random() < 0.1
     names = [field.name for field in FRAMES_SCHEMA if field.type == pa.int64() and field.name != "timestamp_ns"]
     counts = {name: 0 if failed else int(draw.integers(1, 200)) for name in names}
+    counts |= dict.fromkeys(("width", "height"), 0 if failed else 20) | {"valid_px": 0 if failed else 300}
     causes = [] if failed else [("depth", counts["fp_px"] // 3), ("epipolar", counts["fp_px"] - counts["fp_px"] // 3)]
     return {
         "recording": recording,
@@ -92,5 +93,6 @@ def _object_row(draw: np.random.Generator, frame: dict[str, object], track_id: s
         "tp": tp,
         "fn": region - tp,
         "fp": fp,
+        "unknown_px": 0,
         "chance_tp": int(draw.integers(0, region + 1)) if evaluated and draw.random() < 0.8 else None,
     }

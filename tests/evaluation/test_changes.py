@@ -2,10 +2,25 @@
 
 from __future__ import annotations
 
-from bench.evaluation import object_changes
-from bench.evaluation.paired import CHANGES_SCHEMA
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+
+from bench.evaluation import changes_in_parts
+from bench.evaluation import object_changes as changes_of_frames
+from bench.evaluation.comparison import CHANGES
+from bench.evaluation.rows import to_frame
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object, static_object
 from tests.evaluation.runs import random_run, scored, shuffled
+
+
+def object_changes(before: pa.Table, after: pa.Table) -> pd.DataFrame:
+    return changes_of_frames(to_frame(before), to_frame(after))
+
+
+def rows_of(table: pd.DataFrame) -> list[dict[str, object]]:
+    """Rows with None for what is missing."""
+    return table.astype(object).where(table.notna(), None).to_dict("records")
 
 
 def test_every_kind_of_change() -> None:
@@ -14,8 +29,8 @@ def test_every_kind_of_change() -> None:
     before, _ = scored([(frame, mask("xx..\n...."))])
     after, _ = scored([(frame, mask("x.x.\nx..."))])
     table = object_changes(before, after)
-    assert table.schema == CHANGES_SCHEMA
-    rows = table.to_pylist()
+    assert list(table.columns) == CHANGES
+    rows = rows_of(table)
     assert [(r["track_id"], r["change"]) for r in rows] == [
         *[("a", "neither"), ("b", "gained"), ("c", "lost"), ("d", "both")]
     ]
@@ -35,10 +50,10 @@ def test_what_one_run_alone_evaluated_has_nulls_in_the_other() -> None:
     both = reference_frame(picture("12"), objects=[reference_object("a"), reference_object("b")])
     one = reference_frame(picture("1."), objects=[reference_object("a"), ignored_object("b")])
     table = object_changes(scored([(both, mask("xx"))])[0], scored([(one, mask("xx"))])[0])
-    a, b = table.to_pylist()
+    a, b = rows_of(table)
     assert (a["change"], b["change"]) == ("both", "only_before")
     assert (b["detected_before"], b["detected_after"], b["coverage_after"], b["iou_after"]) == (True, None, None, None)
-    back = object_changes(scored([(one, mask("xx"))])[0], scored([(both, mask("xx"))])[0]).to_pylist()[1]
+    back = rows_of(object_changes(scored([(one, mask("xx"))])[0], scored([(both, mask("xx"))])[0]))[1]
     assert (back["change"], back["object_class"], back["range_m"], back["region_px"]) == (
         "only_after",
         "pedestrian",
@@ -49,7 +64,15 @@ def test_what_one_run_alone_evaluated_has_nulls_in_the_other() -> None:
 
 def test_the_order_of_the_rows_does_not_matter() -> None:
     (before, _), (after, _) = random_run(1), random_run(2)
-    assert object_changes(shuffled(before, 3), shuffled(after, 4)) == object_changes(before, after)
+    turned = object_changes(shuffled(before, 3), shuffled(after, 4))
+    pd.testing.assert_frame_equal(turned, object_changes(before, after))
+
+
+def test_changes_in_parts_are_those_of_the_whole() -> None:
+    (before, _), (after, _) = random_run(1), random_run(2)
+    parts = list(changes_in_parts(shuffled(before, 1), shuffled(after, 2), rows_at_once=25))
+    assert len(parts) > 1
+    pd.testing.assert_frame_equal(pd.concat(parts, ignore_index=True), object_changes(before, after))
 
 
 def test_a_run_against_itself_changes_nothing() -> None:
@@ -57,10 +80,12 @@ def test_a_run_against_itself_changes_nothing() -> None:
     table = object_changes(objects, objects)
     evaluated = sum(status == "evaluated" for status in objects["status"].to_pylist())
     assert len(table) == evaluated > 0
-    assert set(table["change"].to_pylist()) == {"both", "neither"}
-    assert table["iou_before"] == table["iou_after"]
+    assert set(table["change"]) == {"both", "neither"}
+    assert np.array_equal(table["iou_before"], table["iou_after"])
 
 
 def test_runs_of_nothing() -> None:
     empty, _ = scored([])
-    assert object_changes(empty, empty).num_rows == 0
+    assert len(object_changes(empty, empty)) == 0
+    static = scored([(reference_frame(picture(".."), objects=[static_object("s")]), mask("xx"))])[0]
+    assert len(object_changes(static, static)) == 0

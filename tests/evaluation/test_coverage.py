@@ -9,11 +9,12 @@ import re
 import sys
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from bench.evaluation import intervals
+from bench.evaluation.comparison import paired_change
 from bench.evaluation.intervals import ratio_interval
-from bench.evaluation.paired import MetricSums, paired_change
 from tests.evaluation.simulated import SCENARIOS, Scenario, rates, sizes
 
 RECORDINGS = (6, 10, 20, 100)
@@ -45,17 +46,14 @@ def test_intervals_hold_the_truth(name: str, recordings: int) -> None:
 
 @pytest.mark.parametrize("recordings", RECORDINGS)
 def test_methods_that_differ_by_chance_alone_are_told_apart_in_at_most_one_case_of_twenty(recordings: int) -> None:
-    draw, told, names = np.random.default_rng(recordings), 0, [f"drive-{k:03}" for k in range(recordings)]
+    draw, told = np.random.default_rng(recordings), 0
     for _ in range(DRAWS):
         below, rate = sizes(draw, recordings), rates(draw, recordings, 0.6, 0.15)
-        runs = [
-            MetricSums(
-                numerators=dict(zip(names, (below * own).tolist(), strict=True)),
-                denominators=dict(zip(names, below.tolist(), strict=True)),
-            )
-            for own in (1 / (1 + (1 - rate) / rate * np.exp(draw.normal(0, 0.3, recordings))) for _ in range(2))
-        ]
-        change = paired_change(*runs)
+        one, other = (1 / (1 + (1 - rate) / rate * np.exp(draw.normal(0, 0.3, recordings))) for _ in range(2))
+        change = paired_change(
+            pd.DataFrame({"numerator_before": below * one, "denominator_before": below,
+                          "numerator_after": below * other, "denominator_after": below})
+        )  # fmt: skip
         assert change.p_value is not None
         assert change.ci95 is not None
         assert (change.p_value < 0.05) == (not change.ci95[0] <= 0 <= change.ci95[1])

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from bench.evaluation import SequenceScorer, threshold_free_metrics, threshold_sweep
-from bench.evaluation.likelihood import BINS, SCORE_EDGES, ThresholdFreeMetrics, find_bins
+from bench.evaluation import SequenceScorer, ThresholdFreeMetrics, threshold_free_metrics, threshold_sweep
+from bench.evaluation.likelihood import BINS, SCORE_EDGES, find_bins
 from bench.records.reference import ReferenceFrame
 from bench.records.segmentation import Segmentation
 from tests.evaluation.frames import picture, reference_frame
@@ -35,7 +35,7 @@ def frames_of(*images: tuple[str, Values], is_score: bool = True, recording: str
 
 
 def summary_of(frames: pa.Table) -> ThresholdFreeMetrics:
-    found = threshold_free_metrics(frames.to_batches(max_chunksize=2))
+    found = threshold_free_metrics(frames)
     assert found is not None
     return found
 
@@ -145,4 +145,4 @@ def test_without_objects_or_without_negatives_there_is_no_figure() -> None:
 
 def test_a_method_without_likelihood_has_none() -> None:
     _, frames = scored([(reference_frame(picture("1.")), np.array([[True, False]]))])
-    assert threshold_free_metrics(frames.to_batches()) is None
+    assert threshold_free_metrics(frames) is None

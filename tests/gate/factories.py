@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from bench.evaluation.paired import MetricSums, RecordingSums
 from bench.evaluation.summary import ProtocolStamp
 from bench.gate import ScoredRun, Tolerances, Verdict, judge, load_tolerances
-from bench.gate.baseline import Origin
+from bench.gate.baseline import MetricSums, Origin, RecordingSums
 from bench.harness.method_stamp import MethodStamp
 
 CASES = 10

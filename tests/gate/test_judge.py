@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.evaluation import load_protocol
-from bench.evaluation.paired import MetricSums, recording_sums
+from bench.evaluation import sum_run
 from bench.gate import Outcome, judge, load_tolerances
-from tests.evaluation.runs import random_run
+from bench.gate.baseline import MetricSums, RecordingSums
+from tests.evaluation.runs import PAPER, random_run
 from tests.gate.factories import RULES, one, scored, sums, verdict_of
 
 
@@ -64,7 +64,7 @@ def test_better_is_told_and_passes():
         (one([0.9] * 6, cases=1), one([0.0] * 6, cases=1), "6 cases, 10 are needed"),
         (one([0.9]), one([0.0]), "cases of both in 1 recording, 6 are needed"),
         (one([0.9] * 5), one([0.0] * 5), "cases of both in 5 recordings, 6 are needed"),
-        (one([0.9] * 6, metric="beauty"), one([0.0] * 6, metric="beauty"), "no tolerance is stated"),
+        (one([0.9] * 6, metric="f1"), one([0.0] * 6, metric="f1"), "no tolerance is stated"),
         (scored({"crossing": {}}), one([0.0] * 6), "not in the baseline"),
         (one([0.9] * 6, metric="tpr"), one([], metric="tpr"), "0 cases, 10 are needed"),
     ],
@@ -89,17 +89,20 @@ def test_the_worst_comes_first_in_units_of_what_is_tolerated():
     assert [row.metric for row in verdict_of(before, after).rows_with(Outcome.FAILED)] == ["iou", "tpr_all"]
 
 
+def sheet_of(seed: int, **options: int) -> RecordingSums:
+    sums = sum_run(*random_run(seed, **options), protocol=PAPER)
+    return RecordingSums.of(sums, protocol=PAPER)
+
+
 def test_every_metric_of_a_run_has_a_tolerance_and_every_tolerance_a_metric():
-    sheet = recording_sums(*random_run(1), protocol=load_protocol("paper-v1"))
+    sheet = sheet_of(1)
     assert {metric for metrics in sheet.slices.values() for metric in metrics} == set(RULES.metrics)
 
 
 @settings(max_examples=5, deadline=None)  # each judges some 150 metrics
 @given(seed=st.integers(0, 1000))
 def test_a_run_never_fails_against_itself(seed):
-    run = scored(
-        {}, sheet=recording_sums(*random_run(seed, recordings=7, images=3), protocol=load_protocol("paper-v1"))
-    )
+    run = scored({}, sheet=sheet_of(seed, recordings=7, images=3))
     verdict = verdict_of(run, run)
     assert verdict.passed
     assert {row.outcome for row in verdict.rows} <= {Outcome.PASSED, Outcome.NOT_JUDGED}

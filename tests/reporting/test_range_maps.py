@@ -6,8 +6,7 @@ from matplotlib.colors import to_rgba
 
 from bench.evaluation import load_protocol
 from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
-from bench.evaluation.row_source import TableRows
-from bench.evaluation.rows import objects_table
+from bench.evaluation.rows import TableRows, objects_table
 from bench.records.reference import Direction
 from bench.reporting.canvas import figure_bytes, new_figure
 from bench.reporting.range_maps import HALF, HALF_TITLE, HATCH, draw_cells, draw_range_maps, draw_run_maps

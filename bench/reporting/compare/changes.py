@@ -13,13 +13,21 @@ import numpy as np
 import pandas as pd
 
 from bench.errors import DataError
-from bench.evaluation import Protocol, changes_in_parts
+from bench.evaluation import (
+    PairedChange,
+    Protocol,
+    changes_in_parts,
+    compare_sums,
+    find_metric,
+    headlines,
+    holm,
+    summary_of,
+)
+from bench.evaluation.definitions import false_share, image_metrics, object_metrics
 from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.evaluation.paired import PairedChange, holm, paired_change, recording_sums_of
-from bench.evaluation.row_source import IMAGE, group_recordings
-from bench.evaluation.slices import ALL_MOVING, FRAMES
-from bench.evaluation.summary import Metric, ObjectMetrics, Summary, summary_of
-from bench.evaluation.sums import RunSums, sum_run
+from bench.evaluation.rows import EVALUATED, IMAGE, group_recordings
+from bench.evaluation.summary import NO_CASES, Metric, ObjectMetrics, Summary, take_ratios
+from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES, sum_run
 from bench.harness.manifest import Aspect, differences
 from bench.reporting.compare.runs import differing_settings, on_common_images, settings_text
 from bench.reporting.formats import chance_of
@@ -39,13 +47,13 @@ class Verdict(StrEnum):
     NO_CASES = "no cases in one of the runs"
 
 
-def judge(change: PairedChange, *, p_holm: float | None, lower_is_better: bool) -> Verdict:
+def judge(change: PairedChange, *, p_holm: float | None, improvement: float) -> Verdict:
     """Say what a change shows.
 
     Args:
         change: of a metric.
         p_holm: its p-value, corrected for the rows of the metric.
-        lower_is_better: of the metric.
+        improvement: the difference in the metric's direction.
 
     Returns:
         Better or worse only if the 95 % interval excludes 0 and the corrected p-value is at most 5 %; neither is there
@@ -60,7 +68,7 @@ def judge(change: PairedChange, *, p_holm: float | None, lower_is_better: bool) 
     low, high = change.ci95
     if low <= 0 <= high or p_holm > SIGNIFICANCE:
         return Verdict.NOT_SHOWN
-    return Verdict.BETTER if (change.difference < 0) == lower_is_better else Verdict.WORSE
+    return Verdict.BETTER if improvement > 0 else Verdict.WORSE
 
 
 def verdict_text(verdict: Verdict, change: PairedChange) -> str:
@@ -70,16 +78,15 @@ def verdict_text(verdict: Verdict, change: PairedChange) -> str:
     return verdict.value
 
 
-FALSE_POSITIVE_COVERAGE = "false_positive_coverage"
 # The metrics that are judged, and the only ones whose p-values are corrected.
-HEADLINES = {
-    "detection_rate": "Detection rate",
-    "tpr": "TPR, detected",
-    "iou_detected": "IoU, detected",
-    FALSE_POSITIVE_COVERAGE: "False-positive coverage",
-}
-_OF_FRAMES = (FALSE_POSITIVE_COVERAGE, "false_positive_coverage_valid", "false_positive_frame_rate", "segmentation_iou",
-              "precision", "recall")  # fmt: skip
+HEADLINES = {metric.name: metric.label for metric in headlines()}
+FALSE_POSITIVE_COVERAGE = "false_positive_coverage"
+# Of whole images, those that are shown in percent; F1 follows from precision and recall.
+OF_FRAMES = [m.name for m in image_metrics() if m.higher_is_better is not None and m.is_ratio and m.name != "f1"]
+NO_CHANGE = PairedChange(
+    before=math.nan, after=math.nan, difference=math.nan, ci95=None, p_value=None, cases_before=0, cases_after=0,
+    recordings=0,
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,7 +130,7 @@ class RowChange:
     metrics: Mapping[str, MetricChange]
 
 
-def row_changes(sums_before: RunSums, sums_after: RunSums, *, protocol: Protocol) -> list[RowChange]:
+def row_changes(sums_before: pd.DataFrame, sums_after: pd.DataFrame, *, protocol: Protocol) -> list[RowChange]:
     """Compare the categories, all moving objects, and the false positives.
 
     Holm's correction runs over the rows of one headline metric that have a p-value: the categories and the row of all
@@ -135,38 +142,43 @@ def row_changes(sums_before: RunSums, sums_after: RunSums, *, protocol: Protocol
         sums_after: of the other run.
         protocol: of both.
     """
-    before, after = (recording_sums_of(sums, protocol=protocol) for sums in (sums_before, sums_after))
+    sides = sums_before, sums_after
     summaries = summary_of(sums_before, protocol=protocol), summary_of(sums_after, protocol=protocol)
-    of_objects = [*(str(category) for category in protocol.reference.categories), ALL_MOVING]
-    names = {row: [name for name in before.slices[row] if name not in _OF_FRAMES] for row in of_objects}
-    names[FRAMES] = list(_OF_FRAMES)
-    sums = {(row, m): (before.slices[row][m], after.slices[row][m]) for row, metrics in names.items() for m in metrics}
-    changes = {key: paired_change(*pair) for key, pair in sums.items()}
-    corrected: dict[tuple[str, str], float | None] = {}
+    ratios = [take_ratios(sums) for sums in sides]
+    compared = compare_sums(*sides).reset_index().to_dict("records")
+    found = {(row["breakdown"], row["slice"], row["metric"]): PairedChange.of(row) for row in compared}
+    of_objects = [m.name for m in object_metrics(protocol.scoring.detection_levels) if m.higher_is_better is not None]
+    rows = [(CATEGORY, str(category)) for category in protocol.reference.categories]
+    names = dict.fromkeys((*rows, (ALL_MOVING, ALL_MOVING)), of_objects) | {(FRAMES, FRAMES): OF_FRAMES}
+    changes = {(*row, m): found.get((*row, m), NO_CHANGE) for row, metrics in names.items() for m in metrics}
+    corrected: dict[tuple[str, str, str], float | None] = {}
     for metric in HEADLINES:
-        keys = [key for key in changes if key[1] == metric]
+        keys = [key for key in changes if key[2] == metric]
         corrected |= dict(zip(keys, holm([changes[key].p_value for key in keys]), strict=True))
 
-    def metric_change(row: str, metric: str) -> MetricChange:
-        change, p_holm = changes[row, metric], corrected.get((row, metric))
-        lower = metric == FALSE_POSITIVE_COVERAGE
-        verdict = judge(change, p_holm=p_holm, lower_is_better=lower) if metric in HEADLINES else None
+    def metric_change(key: tuple[str, str, str]) -> MetricChange:
+        (_, row, metric), change, p_holm = key, changes[key], corrected.get(key)
+        improvement = find_metric(metric).improvement(change.difference)
+        before, after = (of_run.get(key, NO_CASES).ci95 for of_run in ratios)
         return MetricChange(
             change=change,
-            intervals=(sums[row, metric][0].interval(), sums[row, metric][1].interval()),
+            intervals=(before, after),
             p_holm=p_holm,
-            verdict=verdict,
+            verdict=judge(change, p_holm=p_holm, improvement=improvement) if metric in HEADLINES else None,
             chance=_chance(row, metric, summaries),
             ceiling=_ceiling(row, metric, summaries),
         )
 
+    cases = {
+        row: ratios[0].get((*row, FALSE_POSITIVE_COVERAGE if row[0] == FRAMES else "iou"), NO_CASES) for row in names
+    }
     return [
         RowChange(
-            name=row,
-            label="False positives" if row == FRAMES else row.replace("_", " ").capitalize(),
-            frames=before.counts[row]["evaluated" if row == FRAMES else "object_frames"],
-            recordings=len(sums[row, metrics[0]][0].denominators),
-            metrics={metric: metric_change(row, metric) for metric in metrics},
+            name=row[1],
+            label="False positives" if row[0] == FRAMES else row[1].replace("_", " ").capitalize(),
+            frames=cases[row].cases,
+            recordings=cases[row].recordings,
+            metrics={metric: metric_change((*row, metric)) for metric in metrics},
         )
         for row, metrics in names.items()
     ]
@@ -194,7 +206,6 @@ def _of_row(row: str, summaries: tuple[Summary, Summary]) -> tuple[ObjectMetrics
 
 
 LISTED = 10  # of each kind, one per track
-_WORDS = ["recording", "camera", "track_id", "object_class", "category", "change"]
 
 
 class Kind(StrEnum):
@@ -259,8 +270,7 @@ def paired_objects(before: StoredRun, after: StoredRun) -> Iterator[pd.DataFrame
         DataError: the runs did not evaluate the same object-frames, though their summaries say so.
     """
     for part in changes_in_parts(before.objects, after.objects):
-        rows: pd.DataFrame = part.to_pandas(categories=_WORDS)
-        alone = rows[~rows["change"].isin(["gained", "lost", "both", "neither"])]
+        alone = part[~part["change"].isin(["gained", "lost", "both", "neither"])]
         if len(alone):
             first = " ".join(str(alone.iloc[0][name]) for name in (*IMAGE, "track_id"))
             raise DataError(
@@ -269,7 +279,7 @@ def paired_objects(before: StoredRun, after: StoredRun) -> Iterator[pd.DataFrame
                 got=f"at least {len(alone)} that only one has, first {first}",
                 do="run again what was changed by hand",
             )
-        yield rows
+        yield part
 
 
 def sum_changes(
@@ -338,7 +348,7 @@ def _largest(rows: pd.DataFrame, *, limit: int) -> pd.DataFrame:
     ranked = rows.assign(size=(rows["coverage_after"] - rows["coverage_before"]).abs())
     ranked = ranked.sort_values(["size", "region_px"], ascending=False, kind="stable")  # parts come in canonical order
     first = ranked.drop_duplicates(["recording", "track_id"]).head(limit)
-    return first.drop(columns="size").astype(dict.fromkeys(_WORDS, object))
+    return first.drop(columns="size")
 
 
 def _object_frame(kind: Kind, row: Mapping[Hashable, Any]) -> ChangedFrame:
@@ -367,10 +377,8 @@ def _changed_frame(kind: Kind, row: Mapping[Hashable, Any], *, value: str, **of_
 
 
 def _false_shares(run: StoredRun, recordings: Sequence[str]) -> pd.DataFrame:
-    table = run.frames.read(recordings, [*IMAGE, "status", "width", "height", "fp_px"])
-    frames: pd.DataFrame = table.to_pandas().astype(dict.fromkeys(IMAGE[:2], object))
-    scored = frames[frames["status"] == "evaluated"]
-    return scored[IMAGE].assign(share=scored["fp_px"] / (scored["width"] * scored["height"]))
+    frames = run.frames.read(recordings, [*IMAGE, "status", "width", "height", "fp_px"])
+    return frames[frames["status"] == EVALUATED].assign(share=false_share)[[*IMAGE, "share"]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -420,7 +428,8 @@ class RunComparison:
 def verdict_line(comparison: RunComparison) -> str:
     """One sentence: which headline metrics are better, worse, or not shown to differ; and in which categories."""
     rows = {row.name: row for row in comparison.rows}
-    overall = [(m, rows[FRAMES if m == FALSE_POSITIVE_COVERAGE else ALL_MOVING].metrics[m]) for m in HEADLINES]
+    everything = {**rows[ALL_MOVING].metrics, **rows[FRAMES].metrics}
+    overall = [(metric, everything[metric]) for metric in HEADLINES if metric in everything]
     said = []
     for verdict in Verdict:
         names = [HEADLINES[metric] for metric, found in overall if found.verdict is verdict]

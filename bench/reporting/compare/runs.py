@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.errors import UsageError
-from bench.evaluation.row_source import IMAGE, CommonImages, RowsOnImages, RowSource, group_recordings
+from bench.evaluation.rows import IMAGE, CommonImages, RowsOnImages, RowSource, group_recordings
 from bench.harness import RunSummary
 from bench.harness.manifest import Aspect, all_settings, differences
 from bench.harness.stored import REFERENCE_OF_FRAMES, REFERENCE_OF_OBJECTS, reference_fingerprint
@@ -127,7 +127,7 @@ def _table_differences(
 
     name = " ".join(f"{{{column}}}" for column in key)
     for group in groups:
-        tables = [source.read(group, columns).to_pandas().astype(dict.fromkeys(columns, object)) for source in sources]
+        tables = [source.read(group, columns).astype(dict.fromkeys(columns, object)) for source in sources]
         both = tables[0].merge(tables[1], on=list(key), how="outer", indicator=True, suffixes=("_before", "_after"))
         both = both.sort_values(list(key), ignore_index=True)
         for side, what in (("left_only", f"{unit} only in the first"), ("right_only", f"{unit} only in the second")):

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from bench.evaluation import Metric
+from bench.evaluation import Metric, find_metric
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.recordings import replacing, write_bytes
 from bench.reporting import document
@@ -37,7 +37,6 @@ from bench.reporting.formats import (
     INTERVALS,
     detection_levels,
     hundredths,
-    level_percent,
     metric_cell,
     write_texts,
 )
@@ -47,23 +46,14 @@ NOTE = (
     "Differences are after minus before, in percentage points, with 95 % intervals by recording, in pairs: the "
     "difference is taken again without each recording (jackknife). p: two-sided, of no difference, corrected after "
     "Holm over the rows of one metric that have a p-value (the categories and all moving objects; false-positive "
-    "coverage has one row), for each pair of runs by itself. Only detection rate, TPR and IoU over detected "
-    "object-frames and false-positive coverage are judged; other metrics are shown with their interval and without a "
-    "p-value. Better or worse is said only if the interval excludes 0 and the corrected p-value is at most 5 %; both "
+    "coverage has one row), for each pair of runs by itself. Only IoU and TPR over all object-frames, detection at "
+    "50 % and false-positive coverage are judged; other metrics are shown with their interval and without a p-value. "
+    "Better or worse is said only if the interval excludes 0 and the corrected p-value is at most 5 %; both "
     f"need {FEWEST_RECORDINGS} recordings with cases of both runs: with fewer, the same change in all of them could be "
     "chance. Recordings: with cases of both runs. TPR and IoU over detected object-frames are taken over other "
     "object-frames in each run where detection differs; TPR and IoU over all are not. Chance: the same objects on the "
     f"mask of another frame. Ceiling: on the same images, {CEILING}."
 )
-_OTHERS = {
-    "tpr_all": "TPR, all",
-    "iou": "IoU, all",
-    "false_positive_coverage_valid": "False positives of the valid pixels",
-    "false_positive_frame_rate": "Frames with a large false positive",
-    "segmentation_iou": "IoU of the pixels",
-    "precision": "Precision of the pixels",
-    "recall": "Recall of the pixels",
-}
 
 
 def report(comparisons: Sequence[RunComparison]) -> Iterator[Block]:
@@ -78,13 +68,6 @@ def report(comparisons: Sequence[RunComparison]) -> Iterator[Block]:
     for comparison in comparisons:
         yield from _section(comparison)
     yield Paragraph(NOTE)
-
-
-def metric_label(metric: str) -> str:
-    """A metric's name for people."""
-    if metric.startswith("detection_rate_"):
-        return f"Detection at {level_percent(metric):g} %"
-    return HEADLINES.get(metric) or _OTHERS[metric]
 
 
 def points(ratio: float) -> str:
@@ -146,7 +129,7 @@ def _metric_table(rows: Sequence[RowChange], metric: str) -> Table:
         change = cell.change
         line = [row.label, row.frames, change.recordings, change.before, change.after, change.difference, bounds(cell)]
         lines.append([*line, *(form(cell) for form in further.values())])
-    return Table(title=f"{metric_label(metric)}, percent", columns=[*columns, *further], rows=lines)
+    return Table(title=f"{find_metric(metric).label}, percent", columns=[*columns, *further], rows=lines)
 
 
 def _chance(cell: MetricChange, run: int) -> str:
@@ -359,16 +342,16 @@ def terminal_report(comparison: RunComparison) -> list[Block]:
 
 
 def _shown(rows: Sequence[RowChange]) -> dict[str, Cell]:
-    """Any detection and that at the highest level; TPR and IoU over detected and over all."""
-    highest = detection_levels(rows[0].metrics)[-1:]
-    return {
-        "detection_rate": Cell("Detection", ("any pixel",)),
-        **{name: Cell("Detection", (f"at {level_percent(name):g} %",)) for name in highest},
-        "tpr": Cell("TPR", ("detected",)),
-        "iou_detected": Cell("IoU", ("detected",)),
-        "tpr_all": Cell("TPR", ("all",)),
-        "iou": Cell("IoU", ("all",)),
-    }
+    """IoU and TPR over all, detection at the highest level and of any pixel; IoU and TPR over detected."""
+    at_level = detection_levels(rows[0].metrics)[-1:]
+    names = ("iou", "tpr_all", *at_level, "detection_rate", "iou_detected", "tpr")
+    return {name: _narrow(find_metric(name).label) for name in names}
+
+
+def _narrow(label: str) -> Cell:
+    """A heading in two lines."""
+    first, _, second = label.partition(", " if "," in label else " ")
+    return Cell(first, (second,) if second else ())
 
 
 def _terminal_cell(cell: MetricChange, below: Sequence[str]) -> Cell:

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
-from bench.evaluation.slices import ALL_MOVING
+from bench.evaluation.sums import ALL_MOVING
 from bench.reporting import canvas
 from bench.reporting.leaderboard.reading import ORDERED_BY, Entry, Group, Kind
 

@@ -10,10 +10,10 @@ from functools import cached_property
 from pathlib import Path
 
 from bench.errors import BenchError, DataError
-from bench.evaluation import summarise
-from bench.evaluation.row_source import CommonImages
-from bench.evaluation.slices import ALL_MOVING
+from bench.evaluation import find_metric, summarise
+from bench.evaluation.rows import CommonImages
 from bench.evaluation.summary import Metric
+from bench.evaluation.sums import ALL_MOVING
 from bench.harness import RunSummary
 from bench.harness.manifest import differences
 from bench.harness.perf import MethodCost, read_cost
@@ -161,16 +161,8 @@ def shown_metrics(group: Group) -> dict[str, str]:
     level with its chance level.
     """
     highest = ["detection_rate", *formats.detection_levels(group.entries[0].metrics)][-1]
-    detection = "Detection" if highest == "detection_rate" else f"Detection at {formats.level_percent(highest):g} %"
-    return {
-        ORDERED_BY: "IoU, all",
-        FALSE_POSITIVES: "False positives",
-        OF_PIXELS: "IoU, pixels",
-        "tpr_all": "TPR, all",
-        highest: detection,
-        formats.chance_of(highest): "Chance",
-        "iou_detected": "IoU, detected",
-    }
+    names = (ORDERED_BY, FALSE_POSITIVES, OF_PIXELS, "tpr_all", highest, formats.chance_of(highest), "iou_detected")
+    return {name: find_metric(name).label for name in names}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,8 +8,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from bench.evaluation import load_protocol
-from bench.evaluation.slices import ALL_MOVING
 from bench.evaluation.summary import Metric
+from bench.evaluation.sums import ALL_MOVING
 from bench.harness.manifest import SHOWN_DIGEST
 from bench.reporting import document, formats
 from bench.reporting.document import Block, Cell, Heading, Items, Paragraph, Table

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from bench.errors import DataError
-from bench.evaluation.likelihood import threshold_sweep
+from bench.evaluation import threshold_sweep
 from bench.evaluation.maps import THRESHOLDS, CoverageCurve, ImageMap, coverage_curves
 from bench.harness import read_image_maps
 from bench.reference import Category

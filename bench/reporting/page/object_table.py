@@ -7,14 +7,12 @@ import shlex
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
-import numpy as np
 import pandas as pd
-import pyarrow as pa
-from numpy.typing import NDArray
 
+from bench.evaluation import RowSource
+from bench.evaluation.definitions import coverage, intersection_over_union
 from bench.evaluation.protocol import known_protocols
-from bench.evaluation.row_source import IMAGE, Columns, RowSource, group_recordings, read_parts
-from bench.evaluation.sums import coverage, intersection_over_union
+from bench.evaluation.rows import IMAGE, group_recordings, read_parts, sort_rows
 from bench.reporting.stored_run import StoredRun
 
 LISTED = 20_000  # 2 MB of the page
@@ -29,7 +27,7 @@ _WORDS = ("recording", "camera", "track_id", "object_class", "category", "outcom
 ObjectKey = tuple[str, str, int, str]
 
 
-def listed_rows(source: RowSource, *, pictured: Collection[ObjectKey], most: int) -> tuple[Columns, int]:
+def listed_rows(source: RowSource, *, pictured: Collection[ObjectKey], most: int) -> tuple[pd.DataFrame, int]:
     """The rows of the table, in canonical order, and how many there are in all.
 
     Args:
@@ -38,28 +36,27 @@ def listed_rows(source: RowSource, *, pictured: Collection[ObjectKey], most: int
         most: rows; where there are more, the evaluated with the lowest coverage are listed, of equals the largest and
             then the first, and behind them the others.
     """
-    listed = source.read((), COLUMNS)
+    listed: list[pd.DataFrame] = []
     annotated = 0
     for part in read_parts(source, COLUMNS):
-        annotated += part.num_rows
-        rows = Columns(part).canonical(KEY)
-        listed = _first(Columns(pa.concat_tables([listed, rows.table]).unify_dictionaries()), pictured, most)
-    return Columns(listed), annotated
+        annotated += len(part)
+        rows = pd.concat([*listed, sort_rows(part, KEY)], ignore_index=True)
+        listed = [_first(rows, pictured, most)]
+    return listed[0], annotated
 
 
-def _first(rows: Columns, pictured: Collection[ObjectKey], most: int) -> pa.Table:
-    """At most so many rows in the order that they came in; parts come in canonical order."""
+def _first(rows: pd.DataFrame, pictured: Collection[ObjectKey], most: int) -> pd.DataFrame:
+    """At most so many rows in the order that they came in; parts come in the order of their key."""
     if len(rows) <= most:
-        return rows.table
-    scored = rows.is_word("status", EVALUATED)
-    covered = np.where(scored, coverage(rows.numbers("tp"), rows.numbers("fn")), np.nan)
-    times_ns = rows.integers("timestamp_ns")
-    with_picture = np.zeros(len(rows), dtype=bool)
-    for recording, camera, timestamp_ns, track in pictured:
-        of_object = rows.is_word("recording", recording) & rows.is_word("camera", camera)
-        with_picture |= of_object & rows.is_word("track_id", track) & (times_ns == timestamp_ns)
-    order = np.lexsort([-rows.numbers("region_px"), covered, ~scored, ~with_picture])
-    return rows.take(np.sort(order[:most])).table
+        return rows
+    scored = rows["status"] == EVALUATED
+    with_picture = pd.MultiIndex.from_frame(rows[list(KEY)]).isin(list(pictured)) if pictured else False
+    ranks = pd.DataFrame(
+        {"picture": with_picture, "scored": scored, "coverage": -coverage(rows).where(scored), "px": rows["region_px"]},
+        index=rows.index,
+    )
+    first = ranks.sort_values(list(ranks.columns), ascending=False, kind="stable").index[:most]
+    return rows.loc[first.sort_values()]
 
 
 def table_data(run: StoredRun, *, pictured: Mapping[ObjectKey, str], most: int = LISTED) -> dict[str, Any]:
@@ -81,19 +78,18 @@ def table_data(run: StoredRun, *, pictured: Mapping[ObjectKey, str], most: int =
         shown = _outcomes(rows) if name == "outcome" else _texts(rows, name)
         codes, found = pd.factorize(shown.str.replace("_", " ") if name == "category" else shown, sort=True)
         columns[name], words[name] = codes.tolist(), [str(word) for word in found]
-    tp, fn, fp = (rows.numbers(name) for name in ("tp", "fn", "fp"))
     of_evaluated = {
-        "coverage": (100 * coverage(tp, fn), 1),
-        "iou": (100 * intersection_over_union(tp, fp, fn), 1),
-        "false_px": (fp, 0),
-        "region_px": (rows.numbers("region_px"), 0),
+        "coverage": (100 * coverage(rows), 1),
+        "iou": (100 * intersection_over_union(rows), 1),
+        "false_px": (rows["fp"], 0),
+        "region_px": (rows["region_px"], 0),
     }
-    scored = rows.is_word("status", EVALUATED)
-    columns |= {name: _numbers(np.where(scored, of, np.nan), digits) for name, (of, digits) in of_evaluated.items()}
-    columns["time_s"] = _numbers(rows.integers("timestamp_ns") / 1e9, 3)
-    columns["range_m"] = _numbers(rows.numbers("range_m"), 1)
-    columns["ego_kmh"] = _numbers(3.6 * rows.numbers("ego_speed_mps"), 1)
-    columns["points"] = _numbers(rows.numbers("points"), 0)
+    scored = rows["status"] == EVALUATED
+    columns |= {name: _numbers(of.where(scored), digits) for name, (of, digits) in of_evaluated.items()}
+    columns["time_s"] = _numbers(rows["timestamp_ns"] / 1e9, 3)
+    columns["range_m"] = _numbers(rows["range_m"], 1)
+    columns["ego_kmh"] = _numbers(3.6 * rows["ego_speed_mps"], 1)
+    columns["points"] = _numbers(rows["points"], 0)
     keys = _keys(rows)
     columns["picture"] = [pictured.get(key) or pictured.get((*key[:3], ""), "") for key in keys]
     columns["index"] = _image_indices(run, keys)
@@ -106,24 +102,21 @@ def table_data(run: StoredRun, *, pictured: Mapping[ObjectKey, str], most: int =
     }
 
 
-def _keys(rows: Columns) -> list[ObjectKey]:
-    texts = [_texts(rows, name) for name in ("recording", "camera", "track_id")]
-    times_ns = rows.integers("timestamp_ns").tolist()
-    return [(*image, time_ns, track) for *image, track, time_ns in zip(*texts, times_ns, strict=True)]
+def _keys(rows: pd.DataFrame) -> list[ObjectKey]:
+    return list(rows[list(KEY)].itertuples(index=False, name=None))
 
 
-def _texts(rows: Columns, name: str) -> pd.Series[str]:
+def _texts(rows: pd.DataFrame, name: str) -> pd.Series[str]:
     """The words of a column, "" for null."""
-    codes, words = rows.words(name)
-    return pd.Series(np.array([*words, ""], dtype=object)[codes], dtype=object)
+    return rows[name].astype(object).fillna("")
 
 
-def _outcomes(rows: Columns) -> pd.Series[str]:
+def _outcomes(rows: pd.DataFrame) -> pd.Series[str]:
     status, reason = _texts(rows, "status"), _texts(rows, "reason")
     return status.where(reason == "", status + ": " + reason.str.replace("_", " "))
 
 
-def _numbers(values: NDArray[np.float64], digits: int) -> list[float | int | None]:
+def _numbers(values: pd.Series[Any], digits: int) -> list[float | int | None]:
     shown = [None if math.isnan(value) else round(float(value), digits) for value in values]
     return [value if value is None or digits else int(value) for value in shown]
 
@@ -135,9 +128,9 @@ def _image_indices(run: StoredRun, keys: Sequence[ObjectKey]) -> list[int]:
     counts = run.frames.recordings()
     found = []
     for group in group_recordings({name: counts[name] for name in set(wanted["recording"])}):
-        frames = Columns(run.frames.read(group, IMAGE)).canonical(IMAGE).table.to_pandas()
-        frames["index"] = frames.groupby(IMAGE[:2], sort=False, observed=True).cumcount() + history
-        found.append(frames.astype(dict.fromkeys(IMAGE[:2], object)).merge(wanted.drop_duplicates()))
+        frames = sort_rows(run.frames.read(group, IMAGE), IMAGE)
+        frames["index"] = frames.groupby(IMAGE[:2], sort=False).cumcount() + history
+        found.append(frames.merge(wanted.drop_duplicates()))
     return wanted.merge(pd.concat(found), how="left")["index"].astype(int).tolist() if found else []
 
 

@@ -8,10 +8,9 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
-from bench.evaluation import Metric
-from bench.evaluation.paired import MetricSums, recording_sums
-from bench.evaluation.slices import ALL_MOVING, FRAMES
+from bench.evaluation import Metric, sum_run
 from bench.evaluation.summary import ObjectMetrics, Summary
+from bench.evaluation.sums import ALL_MOVING, FRAMES
 from bench.reporting.document import Bar, Cell, Column, Table
 from bench.reporting.formats import chance_of, mean_cell, metric_cell, percent
 from bench.reporting.page.worst import WorstCases
@@ -27,7 +26,6 @@ BREAKDOWN_METRICS = {
     "unknown_share": "unknown",
 }
 LISTED_RECORDINGS = 200
-NOTHING = MetricSums(numerators={}, denominators={})
 REASONS = {
     "unclear": "flagged as unclear by the annotation",
     "class_not_in_protocol": "a class that the protocol does not score",
@@ -141,13 +139,13 @@ def breakdown_table(caption: str, heading: str, rows: Mapping[str, ObjectMetrics
 
 def recording_table(run: StoredRun, worst: WorstCases) -> Table:
     """The recordings with the lowest IoU first, those without object-frames last; at most `LISTED_RECORDINGS`."""
-    slices = recording_sums(run.objects, run.frames, protocol=run.protocol).slices
-    objects, frames = slices.get(ALL_MOVING, {}), slices.get(FRAMES, {})
-    sums = {name: objects.get(name, NOTHING) for name in ("iou", "tpr_all")}
-    sums["coverage"] = frames.get("false_positive_coverage", NOTHING)
-    found = pd.DataFrame({name: pd.Series(of.numerators, dtype=float) for name, of in sums.items()})
-    cases = pd.DataFrame({name: pd.Series(of.denominators, dtype=float) for name, of in sums.items()})
-    found = (found / cases).assign(object_frames=cases["iou"], images=cases["coverage"]).rename_axis("recording")
+    sums = sum_run(run.objects, run.frames, protocol=run.protocol).set_index("recording")
+    wanted = {"iou": ALL_MOVING, "tpr_all": ALL_MOVING, "false_positive_coverage": FRAMES}
+    rows = {name: sums[(sums["breakdown"] == of) & (sums["metric"] == name)] for name, of in wanted.items()}
+    found = pd.DataFrame({name: of["numerator"] / of["denominator"] for name, of in rows.items()})
+    cases = pd.DataFrame({name: of["denominator"] for name, of in rows.items()})
+    counts = {"object_frames": cases["iou"], "images": cases["false_positive_coverage"]}
+    found = found.assign(**counts).rename_axis("recording")
     found = found.reset_index().sort_values(["iou", "recording"], ignore_index=True)
     cards = {card.key[0]: card.element for card in reversed([*worst.all_objects, *worst.images])}
     found = found.fillna({"object_frames": 0, "images": 0})

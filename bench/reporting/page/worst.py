@@ -9,14 +9,15 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 from numpy.typing import NDArray
 from shapely import box, get_coordinates, get_parts
 
 from bench.errors import BenchError
-from bench.evaluation import Rows
-from bench.evaluation.row_source import IMAGE, Columns, as_source, read_parts
-from bench.evaluation.sums import coverage
+from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, Rows
+from bench.evaluation.definitions import coverage, false_share
+from bench.evaluation.rows import EVALUATED, IMAGE, OBJECT, read_parts, sort_rows
 from bench.harness import FramePipeline, ProcessedFrame
 from bench.harness.frames import UnscorableFrame
 from bench.harness.replay import StoredFrames
@@ -32,7 +33,6 @@ from bench.reporting.stored_run import StoredRun
 
 FrameKey = tuple[str, str, int]
 Row = Mapping[str, Any]  # of a stored table, with `coverage`
-Ranked = tuple[NDArray[np.float64], NDArray[np.int64]]  # coverage of each row, and the rows, worst first
 APART_NS = 1_000_000_000
 _TRACK = ["recording", "camera", "track_id"]
 
@@ -43,12 +43,11 @@ def worst_objects(objects: Rows, categories: Sequence[Category], *, most: int) -
     Of each track only the worst, then, while there is room, others of it at least a second apart. One pass over the
     rows, some recordings in memory at a time.
     """
-    found: dict[str, list[Columns]] = {category.value: [] for category in categories}
-    for rows in _parts(objects, key=[*IMAGE, "track_id"]):
-        evaluated = rows.is_word("status", "evaluated")
+    found: dict[str, list[pd.DataFrame]] = {category.value: [] for category in categories}
+    for rows in _parts(objects, OBJECTS_SCHEMA, key=OBJECT):
         for name, worst in found.items():
-            of_kind = rows.take(evaluated & rows.is_word("category", name))
-            worst.append(_spread(of_kind, _least_covered(of_kind), group=_TRACK, most=most))
+            of_kind = rows[rows["category"] == name]
+            worst.append(_spread(_least_covered(of_kind), group=_TRACK, most=most))
     return {name: _join(worst, _least_covered, group=_TRACK, most=most) for name, worst in found.items()}
 
 
@@ -58,10 +57,10 @@ def worst_frames(frames: Rows, *, most: int) -> list[Row]:
     Without the histograms. Of each recording and camera only the worst, then, while there is room, others of it at
     least a second apart.
     """
-    worst = []
-    for rows in _parts(frames, key=IMAGE):
-        with_false = rows.take(rows.is_word("status", "evaluated") & (rows.numbers("fp_px") > 0))
-        worst.append(_spread(with_false, _most_false(with_false), group=IMAGE[:2], most=most))
+    worst = [
+        _spread(_most_false(rows[rows["fp_px"] > 0]), group=IMAGE[:2], most=most)
+        for rows in _parts(frames, FRAMES_SCHEMA, key=IMAGE)
+    ]
     return _join(worst, _most_false, group=IMAGE[:2], most=most)
 
 
@@ -70,55 +69,48 @@ def frame_key(row: Row) -> FrameKey:
     return row["recording"], row["camera"], row["timestamp_ns"]
 
 
-def _parts(rows: Rows, *, key: Sequence[str]) -> Iterable[Columns]:
-    source = as_source(rows)
-    flat = [field.name for field in source.schema if not pa.types.is_list(field.type)]
-    return (Columns(part).canonical(key) for part in read_parts(source, flat))
+def _parts(rows: Rows, schema: pa.Schema, *, key: Sequence[str]) -> Iterable[pd.DataFrame]:
+    """The scored rows, in the order of their key, without histograms."""
+    flat = [field.name for field in schema if not pa.types.is_list(field.type)]
+    return (sort_rows(part[part["status"] == EVALUATED], key) for part in read_parts(rows, flat))
 
 
-def _least_covered(rows: Columns) -> Ranked:
-    """Of equals the largest first, then in canonical order."""
-    covered = coverage(rows.numbers("tp"), rows.numbers("fn"))
-    return covered, np.lexsort([-rows.numbers("region_px"), covered])
+def _least_covered(rows: pd.DataFrame) -> pd.DataFrame:
+    """Of equals the largest first, then in the order of the key."""
+    ranked = rows.assign(coverage=coverage)
+    return ranked.sort_values(["coverage", "region_px"], ascending=[True, False], kind="stable")
 
 
-def _most_false(rows: Columns) -> Ranked:
-    """Of equals in canonical order."""
-    share = rows.numbers("fp_px") / (rows.numbers("width") * rows.numbers("height"))
-    return share, np.argsort(-share, kind="stable")
+def _most_false(rows: pd.DataFrame) -> pd.DataFrame:
+    """Of equals in the order of the key."""
+    return rows.assign(coverage=false_share).sort_values("coverage", ascending=False, kind="stable")
 
 
-def _spread(rows: Columns, ranked: Ranked, *, group: Sequence[str], most: int) -> Columns:
-    """At most so many of the rows, in canonical order.
+def _spread(ranked: pd.DataFrame, *, group: Sequence[str], most: int) -> pd.DataFrame:
+    """At most so many of the rows, in the order of their key.
 
     What is picked of a part is all that could be picked of the whole: groups do not reach across parts, and those of
     other parts only take room away.
     """
-    _, order = ranked
-    codes = np.stack([rows.words(name)[0] for name in group])
-    groups = np.unique(codes, axis=1, return_inverse=True)[1].ravel()[order]
-    times_ns = rows.integers("timestamp_ns")[order]
-    first = np.sort(np.unique(groups, return_index=True)[1])
-    picked = first[:most].tolist()
-    for rank in np.setdiff1d(np.arange(len(order)), first) if len(picked) < most else ():
-        if len(picked) == most:
+    again = ranked.duplicated(list(group))
+    picked = ranked[~again].head(most)
+    groups, times_ns = (ranked.groupby(list(group)).ngroup(), ranked["timestamp_ns"])
+    rows = list(picked.index)
+    for row in ranked.index[again] if len(picked) < most else ():
+        if len(rows) == most:
             break
-        of_group = [times_ns[other] for other in picked if groups[other] == groups[rank]]
-        if all(abs(times_ns[rank] - time_ns) >= APART_NS for time_ns in of_group):
-            picked.append(int(rank))
-    return rows.take(np.sort(order[picked]))
+        of_group = [times_ns[other] for other in rows if groups[other] == groups[row]]
+        if all(abs(times_ns[row] - time_ns) >= APART_NS for time_ns in of_group):
+            rows.append(row)
+    return ranked.loc[sorted(rows)]
 
 
-def _join(parts: Sequence[Columns], rank: Callable[[Columns], Ranked], *, group: Sequence[str], most: int) -> list[Row]:
+def _join(
+    parts: Sequence[pd.DataFrame], rank: Callable[[pd.DataFrame], pd.DataFrame], *, group: Sequence[str], most: int
+) -> list[Row]:
     """The worst of those that were picked of the parts, worst first."""
-    if not parts:
-        return []
-    # Parts of a stored table have dictionaries of their own.
-    rows = Columns(pa.concat_tables([part.table for part in parts]).unify_dictionaries())
-    rows = _spread(rows, rank(rows), group=group, most=most)
-    shares, order = rank(rows)
-    content = rows.table.to_pylist(maps_as_pydicts="strict")
-    return [content[number] | {"coverage": float(shares[number])} for number in order]
+    picked = _spread(rank(pd.concat(parts, ignore_index=True)), group=group, most=most)
+    return [{str(name): value for name, value in row.items()} for row in rank(picked).to_dict("records")]
 
 
 BLIND_BAND_DEG = 10.0

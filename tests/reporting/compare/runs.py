@@ -71,7 +71,7 @@ def _object(recording: int, image: int, category: str, px: int, region_px: int) 
         **_key(recording, image), "track_id": category, "object_class": "vehicle", "status": "evaluated",
         "reason": None, "category": category, "direction": "lateral", "range_m": 4.0, "x_m": 5.5, "y_m": 2.5,
         "speed_mps": 2.0, "points": 50, "polygon_px": region_px, "region_px": region_px, "tp": px,
-        "fn": region_px - px, "fp": 10, "chance_tp": 5,
+        "fn": region_px - px, "fp": 10, "unknown_px": 0, "chance_tp": 5,
     }  # fmt: skip
 
 

@@ -12,7 +12,7 @@ import pytest
 from bench.cli.compare import compare
 from bench.errors import UsageError
 from bench.evaluation import load_protocol, summarise
-from bench.evaluation.row_source import CommonImages, RowsOnImages
+from bench.evaluation.rows import CommonImages, RowsOnImages
 from bench.gate import judge, load_tolerances, scored_run
 from bench.harness import RunRequest, read_run, run_benchmark
 from bench.harness.stored import open_tables
@@ -186,9 +186,7 @@ def test_parts_of_any_size_have_the_same_rows(runs):
     assert images.count() == sum(len(images.of([name])) for name in names) == 9
     whole = rows.read(names, ["recording", "timestamp_ns", "track_id"])
     parts = [rows.read([name], ["recording", "timestamp_ns", "track_id"]) for name in names]
-    batches = list(rows.batches(["timestamp_ns"], rows=2))
-    assert sum(map(len, parts)) == len(whole) == sum(map(len, batches))
-    assert all(len(batch) <= 2 for batch in batches)
+    assert sum(map(len, parts)) == len(whole)
     times = [np.sort(np.concatenate([p["timestamp_ns"].to_numpy() for p in some])) for some in ([whole], parts)]
     assert np.array_equal(*times)
 

@@ -3,8 +3,8 @@ from dataclasses import replace
 
 import pytest
 
+from bench.evaluation import PairedChange
 from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.evaluation.paired import PairedChange
 from bench.reporting.compare.changes import Verdict, judge, verdict_text
 
 CHANGE = PairedChange(
@@ -30,7 +30,7 @@ FALL = replace(CHANGE, difference=-0.1, ci95=(-0.15, -0.05))
     ],
 )
 def test_no_more_is_said_than_the_interval_allows(change, p_holm, lower_is_better, verdict):
-    assert judge(change, p_holm=p_holm, lower_is_better=lower_is_better) is verdict
+    assert judge(change, p_holm=p_holm, improvement=change.difference * (-1 if lower_is_better else 1)) is verdict
 
 
 def test_too_few_recordings_are_counted():

@@ -3,19 +3,19 @@
 import numpy as np
 import pytest
 
-from bench.evaluation import row_source
-from bench.evaluation.row_source import TableRows
+from bench.evaluation import rows
+from bench.evaluation.rows import TableRows
 from bench.reporting.page.object_table import KEY, listed_rows
 from tests.evaluation.runs import random_run, shuffled
 
 
-def keys(rows):
-    return [tuple(row[name] for name in KEY) for row in rows]
+def keys(content):
+    return [tuple(row[name] for name in KEY) for row in content]
 
 
 @pytest.mark.parametrize("rows_at_once", [1, 20, 10_000])
 def test_the_least_covered_are_listed_and_those_with_pictures(monkeypatch, rows_at_once):
-    monkeypatch.setattr(row_source, "ROWS_AT_ONCE", rows_at_once)
+    monkeypatch.setattr(rows, "ROWS_AT_ONCE", rows_at_once)
     objects, _ = random_run(2)
     content = objects.to_pylist()
     evaluated = sorted(
@@ -24,12 +24,12 @@ def test_the_least_covered_are_listed_and_those_with_pictures(monkeypatch, rows_
     pictured = {evaluated[-1][2:]}
     found, annotated = listed_rows(TableRows(shuffled(objects, 1)), pictured=pictured, most=10)
     assert annotated == len(content)
-    assert keys(found.table.to_pylist()) == sorted({*pictured, *(row[2:] for row in evaluated[:9])})
+    assert keys(found.to_dict("records")) == sorted({*pictured, *(row[2:] for row in evaluated[:9])})
 
 
 def test_all_are_listed_where_there_are_few():
     objects, _ = random_run(2)
     found, annotated = listed_rows(TableRows(objects), pictured=(), most=10_000)
     assert len(found) == annotated == objects.num_rows
-    assert keys(found.table.to_pylist()) == sorted(keys(objects.to_pylist()))
-    assert np.isfinite(found.numbers("tp")).all()
+    assert keys(found.to_dict("records")) == sorted(keys(objects.to_pylist()))
+    assert np.isfinite(found["tp"]).all()

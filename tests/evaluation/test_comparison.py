@@ -1,0 +1,173 @@
+"""What changed between two runs, from their tables of sums."""
+
+from __future__ import annotations
+
+import math
+
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bench.evaluation import PairedChange, compare_sums, holm, sum_run, summarise
+from bench.evaluation.sums import KEY, TERMS
+from tests.evaluation.runs import PAPER, random_run
+
+few = settings(max_examples=8, deadline=None)
+
+Sums = dict[str, tuple[float, float]]  # numerator and denominator by recording
+
+
+def recording_sums_of(seed: int, **options: int) -> pd.DataFrame:
+    return sum_run(*random_run(seed, **options), protocol=PAPER)
+
+
+def table(by_recording: Sums, *, metric: str = "tpr_all") -> pd.DataFrame:
+    rows = [("category", "crossing", name, metric, float(n), float(d)) for name, (n, d) in by_recording.items()]
+    return pd.DataFrame(rows, columns=[*KEY, *TERMS])
+
+
+def change_of(before: Sums, after: Sums, *, metric: str = "tpr_all") -> PairedChange:
+    """The change of one metric, a mean where it is false_positive_components."""
+    compared = compare_sums(table(before, metric=metric), table(after, metric=metric))
+    return PairedChange.of(compared.loc["category", "crossing", metric])
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_every_value_of_the_summaries_that_has_a_direction_is_compared(seed: int) -> None:
+    runs = random_run(seed), random_run(seed + 1)
+    compared = compare_sums(*(sum_run(*run, protocol=PAPER) for run in runs))
+    for side, run in zip(("before", "after"), runs, strict=True):
+        summary = summarise(*run, protocol=PAPER)
+        for name, row in summary.categories.items():
+            for metric in row.metric_names():
+                assert (("category", name, metric) in compared.index) == ("chance" not in metric)
+                if "chance" not in metric:
+                    found, expected = compared.loc["category", name, metric], row.metric(metric)
+                    assert found[side] == pytest.approx(expected.value, nan_ok=True, abs=1e-12)
+                    assert found[f"cases_{side}"] == expected.cases
+        for breakdown, rows in summary.false_positive_breakdowns.items():
+            for name, row in rows.items():
+                if row.frames:
+                    found = compared.loc[breakdown, name, "false_positive_coverage"]
+                    assert found[side] == pytest.approx(row.coverage.value, abs=1e-12)
+        assert compared.loc["frames", "frames", "f1"][side] == pytest.approx(summary.segmentation.f1.value, abs=1e-12)
+
+
+def test_better_is_said_by_the_direction_of_the_metric() -> None:
+    fewer, more = {"a": (1, 4)}, {"a": (3, 4)}
+    for metric, gain in (("iou", 0.5), ("false_positive_coverage", -0.5)):
+        found = compare_sums(table(fewer, metric=metric), table(more, metric=metric)).iloc[0]
+        assert (found["difference"], found["improvement"]) == (0.5, gain)
+
+
+def test_counts_and_what_has_no_direction_are_not_compared() -> None:
+    names = {metric for _, _, metric in compare_sums(recording_sums_of(1), recording_sums_of(2)).index}
+    assert not names & {"tracks", "annotated", "images", "chance", "false_positives_by_epipolar"}
+
+
+def test_identical_runs_do_not_differ() -> None:
+    sums = recording_sums_of(4, recordings=6)
+    compared = compare_sums(sums, sums).loc["all_moving"]
+    assert len(compared) == 7
+    for _, row in compared.iterrows():
+        same = PairedChange.of(row)
+        assert (same.difference, same.ci95, same.p_value) == (0.0, None, 1.0)
+
+
+def test_a_shift_of_every_recording_is_seen() -> None:
+    names = [f"drive-{k}" for k in range(8)]
+    before = {name: (4 + k % 3, 10) for k, name in enumerate(names)}
+    after = {name: (6 + k % 3, 10) for k, name in enumerate(names)}
+    found = change_of(before, after)
+    assert found.difference == pytest.approx(0.2)
+    # As of nine recordings with differences 0.2, eight times, and 0: Student's t of 8 degrees is 2.306.
+    assert found.ci95 == pytest.approx((0.2 * (8 - 2.306) / 9, 0.2 * (8 + 2.306) / 9), abs=1e-4)
+    assert found.p_value == 2 / 2**8
+    assert (found.cases_before, found.cases_after, found.recordings) == (80, 80, 8)
+    back = change_of(after, before)
+    assert (back.difference, back.p_value) == (-found.difference, found.p_value)
+
+
+def test_everything_found_against_nothing_is_a_difference_from_six_recordings_on() -> None:
+    names = [f"drive-{k}" for k in range(6)]
+    nothing, everything = (dict.fromkeys(names, (share, 10)) for share in (0, 10))
+    found = change_of(nothing, everything)
+    assert found.ci95 == pytest.approx(((6 - 2.4469) / 7, 1.0), abs=1e-4)
+    assert found.p_value == 2 / 2**6
+    fewer = change_of(*(dict.fromkeys(names[:5], (s, 10)) for s in (0, 10)))
+    assert (fewer.difference, fewer.ci95, fewer.p_value, fewer.recordings) == (1.0, None, None, 5)
+
+
+def test_a_mean_without_an_upper_end_may_change_by_more_than_one() -> None:
+    names = [f"drive-{k}" for k in range(6)]
+    before, after = ({n: (10 * (k + shift), 10) for k, n in enumerate(names)} for shift in (2, 5))
+    same = change_of(before, after, metric="false_positive_components")
+    assert (same.difference, same.p_value) == (3.0, 2 / 2**6)
+    assert same.ci95 == pytest.approx((3 * (6 - 2.4469) / 7, 3 * (6 + 2.4469) / 7), abs=1e-4)
+    odd = {n: (10 * (k + 5 + k % 2), 10) for k, n in enumerate(names)}
+    found = change_of(before, odd, metric="false_positive_components")
+    # Differences 3 and 4, three times each: standard error sqrt(0.3 / 6), Student's t of 5 degrees 2.5706.
+    assert found.ci95 == pytest.approx((3.5 - 2.5706 * 0.05**0.5, 3.5 + 2.5706 * 0.05**0.5), abs=1e-4)
+
+
+def test_hard_and_easy_recordings_cancel_in_pairs() -> None:
+    """Rates from 0.1 to 0.9, each a little better after: hidden by single intervals, plain in pairs."""
+    before = {f"drive-{k}": (10 * k, 100) for k in range(1, 10)}
+    after = {f"drive-{k}": (10 * k + 2 + k % 2, 100) for k in range(1, 10)}
+    found = change_of(before, after)
+    assert found.ci95 is not None
+    assert 0.02 <= found.ci95[0] < found.difference < found.ci95[1] <= 0.03
+
+
+def test_one_recording_gives_a_difference_and_no_verdict() -> None:
+    found = change_of({"a": (1, 4)}, {"a": (3, 4)})
+    assert found == PairedChange(
+        before=0.25, after=0.75, difference=0.5, ci95=None, p_value=None, cases_before=4, cases_after=4, recordings=1
+    )
+
+
+def test_cases_in_one_run_only_give_no_interval() -> None:
+    both = {f"drive-{k}": (k, 8) for k in range(6)}
+    found = change_of(both, {"drive-0": (3, 4)})
+    assert (found.ci95, found.p_value, found.recordings) == (None, None, 1)
+    empty = change_of(both, {})
+    assert math.isnan(empty.after)
+    assert math.isnan(empty.difference)
+    assert (empty.ci95, empty.cases_after) == (None, 0)
+
+
+def test_recordings_with_cases_of_one_run_count_in_the_change_and_not_as_recordings_of_both() -> None:
+    shared = {f"drive-{k}": (k % 3, 4) for k in range(6)}
+    found = change_of(shared, shared | {"other": (0, 40)})
+    assert found.recordings == 6
+    assert found.difference < 0
+    assert found.ci95 is not None
+    assert found.ci95[0] < found.difference < found.ci95[1]
+
+
+@few
+@given(st.integers(0, 100))
+def test_a_change_does_not_depend_on_the_order_of_the_rows(seed: int) -> None:
+    before, after = (recording_sums_of(s, recordings=7) for s in (seed % 5, seed % 5 + 1))
+    turned = [side.sample(frac=1, random_state=seed) for side in (before, after)]
+    pd.testing.assert_frame_equal(compare_sums(*turned), compare_sums(before, after))
+
+
+def test_holm_by_a_textbook_example() -> None:
+    # Four tests, p = 0.01, 0.04, 0.03, 0.005: times 4, 3, 2, 1 in ascending order, never falling.
+    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+
+
+def test_holm_counts_only_tests_and_stays_below_one() -> None:
+    assert holm([None, 0.04, None]) == [None, 0.04, None]
+    assert holm([0.7, 0.6]) == [1.0, 1.0]
+    assert holm([]) == []
+
+
+@given(st.lists(st.floats(0, 1), max_size=8))
+def test_holm_never_lowers_and_keeps_the_order(p_values: list[float]) -> None:
+    corrected = holm(p_values)
+    assert all(c is not None and p <= c <= 1 for p, c in zip(p_values, corrected, strict=True))
+    order = sorted(range(len(p_values)), key=p_values.__getitem__)
+    assert [corrected[k] for k in order] == sorted(c for c in corrected if c is not None)

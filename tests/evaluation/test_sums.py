@@ -1,0 +1,253 @@
+"""The table of sums: to check by hand, in parts, and as a file."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bench.errors import DataError
+from bench.evaluation import (
+    Rows,
+    add_sums,
+    coverage_curves,
+    load_protocol,
+    range_maps,
+    read_sums,
+    sum_rows,
+    sum_run,
+    summarise,
+    threshold_sweep,
+    write_sums,
+)
+from bench.evaluation.maps import THRESHOLDS
+from bench.evaluation.rows import ChosenRows, TableRows, group_recordings, to_frame
+from bench.evaluation.sums import KEY
+from bench.harness import StoredRows, open_tables
+from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object, static_object
+from tests.evaluation.runs import PAPER, joined, random_run, scored, shuffled
+from tests.support.large_runs import write_tables
+
+Tables = tuple[Rows, Rows]
+few = settings(max_examples=8, deadline=None)
+
+
+def reduced(tables: Tables, rows_at_once: int | None = None) -> pd.DataFrame:
+    return sum_run(*tables, protocol=PAPER, rows_at_once=rows_at_once)
+
+
+def in_order(sums: pd.DataFrame) -> pd.DataFrame:
+    return sums.sort_values(KEY, ignore_index=True)
+
+
+def assert_same(one: pd.DataFrame, other: pd.DataFrame) -> None:
+    pd.testing.assert_frame_equal(in_order(one), in_order(other), check_dtype=False, rtol=1e-12, atol=1e-12)
+
+
+def stored(tables: tuple[pa.Table, pa.Table], folder: Path, *, row_group_size: int) -> tuple[StoredRows, StoredRows]:
+    for name, table in zip(("objects", "frames"), tables, strict=True):
+        pq.write_table(table, folder / f"{name}.parquet", row_group_size=row_group_size)
+    return open_tables(folder)
+
+
+def of(sums: pd.DataFrame, breakdown: str, name: str, metric: str) -> dict[str, tuple[float, float]]:
+    """Numerator and denominator by recording."""
+    rows = sums[(sums["breakdown"] == breakdown) & (sums["slice"] == name) & (sums["metric"] == metric)]
+    return {row.recording: (row.numerator, row.denominator) for row in rows.itertuples()}
+
+
+def total(sums: pd.DataFrame, breakdown: str, name: str, metric: str) -> float:
+    return sum(numerator for numerator, _ in of(sums, breakdown, name, metric).values())
+
+
+def test_sums_and_counts_to_check_by_hand() -> None:
+    objects = [reference_object("a"), static_object("s"), ignored_object("i")]
+    one = reference_frame(picture("11..\n11.."), objects=objects, recording="one")
+    two = reference_frame(picture("1111"), recording="two")
+    sums = reduced(joined([scored([(one, mask(".x..\n.x.x"))]), scored([(two, mask("...."))])]))
+    crossing = ("category", "crossing")
+    assert of(sums, *crossing, "detection_rate") == {"one": (1, 1), "two": (0, 1)}
+    assert of(sums, *crossing, "tpr") == {"one": (0.5, 1), "two": (0, 0)}
+    assert of(sums, *crossing, "tpr_all") == {"one": (0.5, 1), "two": (0, 1)}
+    assert of(sums, "frames", "frames", "false_positive_coverage") == {"one": (1 / 8, 1), "two": (0, 1)}
+    assert of(sums, "frames", "frames", "segmentation_iou") == {"one": (2, 5), "two": (0, 4)}
+    assert of(sums, "category", "overtaking", "iou") == {}
+    assert of(sums, "all_moving", "all_moving", "tracks") == {"one": (1, 1), "two": (1, 1)}
+    assert {name: total(sums, "status", name, "annotated") for name in ("evaluated", "static", "ignored")} == {
+        "evaluated": 2, "static": 1, "ignored": 1,
+    }  # fmt: skip
+    assert total(sums, "status", "evaluated", "images") == total(sums, "camera", "front", "images") == 2
+
+
+def test_a_track_in_two_cameras_is_one_object() -> None:
+    frames = [reference_frame(picture("1."), camera=camera) for camera in ("front", "left")]
+    sums = reduced(joined([scored([(frame, mask("x."))]) for frame in frames]))
+    assert of(sums, "category", "crossing", "tracks") == {"drive": (1, 2)}
+    assert of(sums, "camera", "left", "tracks") == {"drive": (1, 1)}
+
+
+def test_a_cause_that_a_recordings_images_do_not_name_has_none_of_its_pixels_but_is_a_share_of_all() -> None:
+    _, frames = random_run(4)
+    kind = frames.schema.field("fp_by_cause").type
+    causes = [[("static", px)] if name == "drive-0" else list(found) for name, px, found in zip(
+        *(frames[column].to_pylist() for column in ("recording", "fp_px", "fp_by_cause")), strict=True)]  # fmt: skip
+    place = frames.schema.names.index("fp_by_cause")
+    sums = reduced((random_run(4)[0], frames.set_column(place, "fp_by_cause", pa.array(causes, kind))), 25)
+    of_static, of_depth = (of(sums, "frames", "frames", f"false_positives_by_{name}") for name in ("static", "depth"))
+    assert {name: below for name, (_, below) in of_static.items()} == {n: below for n, (_, below) in of_depth.items()}
+    assert of_depth["drive-0"][0] == of_static["drive-1"][0] == 0
+    assert of_static["drive-0"][0] == of_static["drive-0"][1] > 0
+
+
+@few
+@given(st.integers(0, 20), st.sampled_from([1, 30, 10_000]))
+def test_neither_the_order_of_the_rows_nor_the_size_of_the_parts_matters(seed: int, rows_at_once: int) -> None:
+    objects, frames = random_run(seed % 4)
+    turned = shuffled(objects, seed), shuffled(frames, seed + 1)
+    assert_same(reduced(turned, rows_at_once), reduced((objects, frames)))
+
+
+@few
+@given(st.integers(0, 4), st.lists(st.integers(0, 2), min_size=6, max_size=6))
+def test_sums_of_parts_are_the_sums_of_the_whole(seed: int, part_of: list[int]) -> None:
+    objects, frames = map(to_frame, random_run(seed))
+    number = {f"drive-{k}": part for k, part in enumerate(part_of)}
+    parts = [
+        sum_rows(*(rows[rows["recording"].map(number) == part] for rows in (objects, frames)), protocol=PAPER)
+        for part in range(3)
+    ]
+    assert_same(add_sums(parts), sum_rows(objects, frames, protocol=PAPER))
+    assert_same(add_sums([add_sums(parts[:2]), parts[2]]), add_sums(parts))
+
+
+@pytest.mark.parametrize("row_group_size", [7, 100, 10_000])
+def test_stored_rows_give_the_same(tmp_path: Path, row_group_size: int) -> None:
+    tables = random_run(3)
+    turned = shuffled(tables[0], 1), shuffled(tables[1], 2)
+    kept = stored(turned, tmp_path, row_group_size=row_group_size)
+    assert_same(reduced(kept, 25), reduced(tables))
+    assert kept[0].table() == turned[0]
+
+
+def test_rows_without_order_give_the_same_curves_and_maps(tmp_path: Path) -> None:
+    write_tables(tmp_path, recordings=3, images=60, seed=1)
+    whole = open_tables(tmp_path)
+    (tmp_path / "turned").mkdir()
+    tables = (shuffled(whole[0].table(), 1), shuffled(whole[1].table(), 2))
+    turned = stored(tables, tmp_path / "turned", row_group_size=50)
+    one, other = threshold_sweep(whole[1]), threshold_sweep(turned[1])
+    assert one is not None
+    assert other is not None
+    assert one.auprc == other.auprc
+    assert np.allclose(one.false_positive_coverage, other.false_positive_coverage, rtol=1e-12)
+    maps = [range_maps(rows[0], protocol=PAPER).maps for rows in (whole, turned)]
+    assert all(np.array_equal(a.detected, b.detected) for a, b in zip(*maps, strict=True))
+    assert_same(reduced(whole), reduced(turned, 100))
+
+
+def test_a_recording_is_never_cut() -> None:
+    counts = {"c": 5, "a": 3, "b": 4, "d": 1, "e": 1}
+    assert group_recordings(counts, rows_at_once=4) == [["a"], ["b"], ["c"], ["d", "e"]]
+    assert group_recordings(counts, rows_at_once=100) == [["a", "b", "c", "d", "e"]]
+    assert group_recordings({}) == []
+
+
+def test_the_same_row_in_two_groups_of_rows_is_our_own_mistake(tmp_path: Path) -> None:
+    objects, frames = random_run(4)
+    twice = pa.concat_tables([objects, objects.slice(5, 1)])
+    with pytest.raises(AssertionError, match="names each row once"):
+        reduced(stored((twice, frames), tmp_path, row_group_size=10), 20)
+
+
+def test_an_object_that_is_neither_scored_nor_ignored_for_a_reason_is_our_own_mistake() -> None:
+    objects, frames = random_run(4)
+    place = objects["status"].to_pylist().index("ignored")
+    reasons = objects["reason"].to_pylist()
+    reasons[place] = "no such reason"
+    lost = objects.set_column(objects.schema.names.index("reason"), "reason", pa.array(reasons, pa.string()))
+    with pytest.raises(AssertionError, match="evaluated, static or ignored"):
+        summarise(lost, frames, protocol=PAPER)
+
+
+def test_chosen_rows_are_those_of_a_filtered_table() -> None:
+    objects, frames = random_run(5)
+    filtered = objects.filter(pa.compute.equal(objects["category"], "crossing"))
+    chosen = ChosenRows(source=TableRows(objects), column="category", word="crossing")
+    assert_same(reduced((chosen, frames), 20), reduced((filtered, frames)))
+
+
+def test_coverage_curves_count_at_least() -> None:
+    objects, _ = random_run(6)
+    rows = [r for r in objects.to_pylist() if r["status"] == "evaluated" and r["category"] == "crossing"]
+    found, chance = coverage_curves(shuffled(objects, 3), protocol=PAPER)["crossing"]
+    covered = np.array([r["tp"] / (r["tp"] + r["fn"]) for r in rows])
+    assert found.object_frames == len(rows) > 0
+    assert found.at_least[0] == np.count_nonzero(covered > 0)
+    assert found.at_least[1:].tolist() == [np.count_nonzero(covered >= level) for level in THRESHOLDS[1:]]
+    assert chance.object_frames == sum(r["chance_tp"] is not None for r in rows)
+
+
+def test_a_run_of_nothing_has_no_sums() -> None:
+    assert len(reduced(scored([]))) == 0
+
+
+def test_a_table_of_sums_survives_its_file(tmp_path: Path) -> None:
+    sums = reduced(random_run(3))
+    write_sums(sums, tmp_path / "sums.csv")
+    pd.testing.assert_frame_equal(read_sums(tmp_path / "sums.csv"), in_order(sums), check_dtype=False, check_exact=True)
+    write_sums(sums.sample(frac=1, random_state=1), tmp_path / "again.csv")
+    assert (tmp_path / "again.csv").read_bytes() == (tmp_path / "sums.csv").read_bytes()
+
+
+GOOD = "breakdown,slice,recording,metric,numerator,denominator\nframes,frames,NA,recall,1.0,2.0\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "expected a table of sums with the columns breakdown, slice"),
+        ("a,b\n1,2\n", "got a, b"),
+        (GOOD.replace("1.0", "one"), "expected a table of sums"),
+        (GOOD.replace("1.0", "nan"), "line 2: expected finite numbers, got frames, frames, NA, recall, nan, 2.0"),
+        (GOOD.replace("1.0", "inf"), "line 2: expected finite numbers"),
+        (GOOD.replace("1.0", "-1"), "line 2: expected numbers that are not negative"),
+        (GOOD.replace("1.0", "3"), "line 2: expected a numerator that is at most the denominator"),
+        (GOOD.replace("recall", "recal"), "metric: expected known metrics, got 'recal'"),
+        (GOOD + GOOD.splitlines()[1] + "\n", "line 3: expected each slice, recording and metric once"),
+        (GOOD.replace("recall", "false_positive_components").replace("2.0", "0"), "no numerator without a denominator"),
+    ],
+)
+def test_what_is_no_table_of_sums_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    file = tmp_path / "sums.csv"
+    file.write_text(GOOD)
+    assert read_sums(file).loc[0, "recording"] == "NA"
+    file.write_text(text)
+    with pytest.raises(DataError) as refused:
+        read_sums(file)
+    assert message in str(refused.value)
+    assert str(file) in str(refused.value)
+
+
+def test_a_file_of_bytes_and_a_missing_one_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "sums.csv").write_bytes(bytes(range(256)))
+    for name in ("sums.csv", "missing.csv"):
+        with pytest.raises(DataError, match=name):
+            read_sums(tmp_path / name)
+
+
+def test_a_mean_may_exceed_one(tmp_path: Path) -> None:
+    (tmp_path / "sums.csv").write_text(GOOD.replace("recall", "false_positive_components").replace("1.0", "9"))
+    assert math.isclose(read_sums(tmp_path / "sums.csv").loc[0, "numerator"], 9)
+
+
+def test_only_protocols_with_unknown_bands_have_their_share() -> None:
+    tables = random_run(1)
+    names = [set(sum_run(*tables, protocol=load_protocol(name))["metric"]) for name in ("paper-v1", "surface-v1")]
+    assert names[1] - names[0] == {"unknown_share"}
