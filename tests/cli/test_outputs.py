@@ -58,9 +58,6 @@ def places(tiny_card, tmp_path_factory) -> dict[str, str]:
         common = ("--no-pictures", "--workers", 1)
         for name in ("nothing", "everything"):
             assert call(monkeypatch, "run", tiny_card, "--method", name, "--out", folder / "runs" / name, *common) == 0
-        for part in (1, 2):
-            words = ("--shard", f"{part}/2", "--out", folder / "parts", "--method", "nothing")
-            assert call(monkeypatch, "run", tiny_card, *words, *common) == 0
         words = ("gate", folder / "runs" / "nothing", "--baseline", folder / "b.json", "--update", "--allow-dirty")
         assert call(monkeypatch, *words) == 0
         words = ("annotations", "export", "openlabel", "--dataset", tiny_card, "--out", folder / "labels")

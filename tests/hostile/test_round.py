@@ -251,10 +251,6 @@ def whole(tiny_card, tmp_path_factory) -> Callable[[str], Path]:
         if name == "protocol":
             shutil.copy(BENCH / "evaluation/protocols/extended-v1.yaml", folder / "p.yaml")
             return folder
-        if name == "parts":
-            for part in ("1/2", "2/2"):
-                run_of("everything", folder / "run", "--shard", part)
-            return folder
         if name == "cache":
             assert call(patched, *said(RUN, folder), "--cache", folder / "cache", "--out", folder / "first") == 0
             return folder

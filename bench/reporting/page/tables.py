@@ -144,8 +144,7 @@ def recording_table(run: StoredRun, worst: WorstCases) -> Table:
     rows = {name: sums[(sums["breakdown"] == of) & (sums["metric"] == name)] for name, of in wanted.items()}
     found = pd.DataFrame({name: of["numerator"] / of["denominator"] for name, of in rows.items()})
     cases = pd.DataFrame({name: of["denominator"] for name, of in rows.items()})
-    counts = {"object_frames": cases["iou"], "images": cases["false_positive_coverage"]}
-    found = found.assign(**counts).rename_axis("recording")
+    found = found.assign(object_frames=cases["iou"], images=cases["false_positive_coverage"]).rename_axis("recording")
     found = found.reset_index().sort_values(["iou", "recording"], ignore_index=True)
     cards = {card.key[0]: card.element for card in reversed([*worst.all_objects, *worst.images])}
     found = found.fillna({"object_frames": 0, "images": 0})
