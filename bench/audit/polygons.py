@@ -31,18 +31,18 @@ def with_compensation(recording: Recording, compensation: Compensation) -> Recor
     """A recording whose reference is built with that much compensation and nothing else changed.
 
     The reference builder takes ego-motion and the objects' velocities from the recording: without the one the ego
-    vehicle stands, without the other the objects do. Every object of a changed recording is annotated as moving, since
-    velocities no longer tell; who is evaluated is decided by the unchanged one.
+    vehicle is stationary, without the other the objects are. Every object of a changed recording is annotated as
+    moving, since velocities no longer tell; who is evaluated is decided by the unchanged one.
     """
     if compensation is Compensation.FULL:
         return recording
-    tracks = tuple(_standing(track) for track in recording.tracks)
+    tracks = tuple(_stationary(track) for track in recording.tracks)
     if compensation is Compensation.EGO_MOTION:
         return replace(recording, tracks=tracks)
-    return replace(recording, tracks=tracks, trajectory=_standing_host(recording.trajectory))
+    return replace(recording, tracks=tracks, trajectory=_stationary_ego(recording.trajectory))
 
 
-def _standing(track: Track) -> Track:
+def _stationary(track: Track) -> Track:
     return replace(track, states=tuple(_without_motion(state) for state in track.states))
 
 
@@ -51,7 +51,7 @@ def _without_motion(state: ObjectState) -> ObjectState:
     return replace(state, velocity_mps=np.zeros(3), yaw_rate_radps=0.0, category=category)
 
 
-def _standing_host(driven: Trajectory) -> Trajectory:
+def _stationary_ego(driven: Trajectory) -> Trajectory:
     ends_ns = driven.timestamps_ns[[0, -1]]
     return Trajectory(
         source=driven.source,

@@ -26,7 +26,7 @@ from bench.cameras import CameraModel, ray_grid
 from bench.geometry import cross, dot
 from bench.geometry.raster import Raster
 from bench.reference.regions import Region
-from bench.reference.scanned import ScannedObject
+from bench.reference.scanned import ScannedObject, Surface
 
 
 def with_band(region: Region, scanned: ScannedObject) -> Region:
@@ -38,15 +38,12 @@ def with_band(region: Region, scanned: ScannedObject) -> Region:
     if scanned.grid is None:
         spacing2_px = region.polygon_px / max(len(returns_px), 1)
         half_width_px = np.sqrt(half_width_px**2 + spacing2_px / 12)
-    whole = Raster(region.window, region.core)
     return uncertain_region(
         region,
         scanned.exposure.valid,
-        least=surface.least or whole,
-        most=surface.most or whole,
+        surface,
         returns_px=returns_px,
         half_width_px=half_width_px,
-        certain=surface.certain,
         unseen=scanned.unseen(),
         shadow=scanned.shadow(),
     )
@@ -55,12 +52,10 @@ def with_band(region: Region, scanned: ScannedObject) -> Region:
 def uncertain_region(
     region: Region,
     valid: NDArray[np.bool_],
+    surface: Surface,
     *,
-    least: Raster,
-    most: Raster,
     returns_px: NDArray[np.intp],
     half_width_px: NDArray[np.float64],
-    certain: Raster | None,
     unseen: Raster | None,
     shadow: Raster | None,
 ) -> Region:
@@ -69,28 +64,28 @@ def uncertain_region(
     Args:
         region: without a band.
         valid: (H, W) bool, the region V. Its border is no outline: the object goes on behind it.
-        least: the region with the ends of its patches drawn in as far as the spacing of the beams allows.
-        most: what it gains with its ends drawn out.
+        surface: what its patches are at least, at most and for certain; None in it stands for the whole region.
         returns_px: (N, 2) intp, (u, v), pixels of the object's returns.
-        half_width_px: (N,) float64, what else is uncertain at each of them; the nearest tells by how much `least`
-            shrinks and `most` grows.
-        certain: where the surface between the returns is certain; None for everywhere.
+        half_width_px: (N,) float64, what else is uncertain at each of them; the nearest tells by how much the
+            least shrinks and the most grows.
         unseen: what of the annotated shape no beam reaches: possible, not certain; None for nothing.
         shadow: what of it the object's own surface hides from the lidar: possible; None for nothing.
 
     Returns:
         The core is the whole region where nothing of it is certain.
     """
+    whole, certain = Raster(region.window, region.core), surface.certain
+    least, most = surface.least or whole, surface.most or whole
     margin, shape = int(half_width_px.max(initial=0.0)) + 2, np.array(valid.shape)
-    windows = [region.window, *(one.window for one in (least, most, certain, unseen, shadow) if one is not None)]
+    windows = [whole.window, *(one.window for one in (least, most, certain, unseen, shadow) if one is not None)]
     first = np.min([[axis.start for axis in window] for window in windows], axis=0) - margin
     last = np.max([[axis.stop for axis in window] for window in windows], axis=0) + margin
     top, left = np.clip(first, 0, shape).tolist()
     bottom, right = np.clip(last, 0, shape).tolist()
     window = slice(top, bottom), slice(left, right)
-    whole, inside = _in_window(Raster(region.window, region.core), window), valid[window]
-    width_px = _of_the_nearest(half_width_px, returns_px - (left, top), whole.shape)
-    drawn_in, drawn_out = _in_window(least, window), _in_window(most, window) | whole
+    covered, inside = _in_window(whole, window), valid[window]
+    width_px = _of_the_nearest(half_width_px, returns_px - (left, top), covered.shape)
+    drawn_in, drawn_out = _in_window(least, window), _in_window(most, window) | covered
     core = drawn_in & (_distance_px(drawn_in | ~inside) - 0.5 > width_px)  # the outline runs between two pixels
     possible = inside & (_distance_px(~drawn_out) - 0.5 <= width_px)
     if certain is not None:
@@ -100,7 +95,7 @@ def uncertain_region(
         possible |= inside & beyond
     if shadow is not None:
         possible |= inside & _in_window(shadow, window)
-    return replace(region, window=window, core=core if core.any() else whole, possible=possible)
+    return replace(region, window=window, core=core if core.any() else covered, possible=possible)
 
 
 def _in_window(raster: Raster, window: tuple[slice, slice]) -> NDArray[np.bool_]:

@@ -104,7 +104,7 @@ def _directions(points_sensor: NDArray[np.floating]) -> tuple[NDArray[np.float64
 def _column_step(azimuth: NDArray[np.float64], elevation: NDArray[np.float64]) -> float:
     """Median angle to the next return of the same row, on one side so that noise does not make it too small."""
     directions = np.column_stack([azimuth * np.cos(elevation), elevation])
-    tree = cKDTree(directions, balanced_tree=False, compact_nodes=False)
+    tree = cKDTree(directions, leafsize=64, balanced_tree=False, compact_nodes=False)
     asked = np.arange(0, len(directions), max(1, len(directions) // QUERIES))
     _, nearest = tree.query(directions[asked], k=min(NEIGHBOURS + 1, len(directions)))
     steps = azimuth[nearest] - azimuth[asked][:, None]

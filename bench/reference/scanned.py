@@ -174,13 +174,15 @@ class ScannedObject:
     def error_m(self) -> NDArray[np.float64]:
         """(N,) float64, m, how uncertain the outline is near each return but for the spacing of the beams; see
         `outline_error_m`."""
-        camera_from_world, errors = self.exposure.camera_from_world, self.settings.outline
+        camera_from_world, errors, placed = self.exposure.camera_from_world, self.settings.outline, self.placed
         assert errors is not None, "only for protocols with unknown bands"
+        assert placed is not None, "only where a sweep has met the object"
         velocity_mps = np.nan_to_num(self.annotated.velocity_world_mps)
         speed_mps, limbs = float(np.hypot(*velocity_mps[:2])), errors.limbs.get(self.annotated.track.object_class, ())
-        variance_m2 = np.full(len(self.cluster.rows), self._revolution_m2(velocity_mps))
+        variance_m2 = np.full(len(self.cluster.rows), self._revolution_m2(placed, velocity_mps))
         if limbs and speed_mps:
-            swung_m = limb_motion_m(limbs, self._heights(), speed_mps=speed_mps, times_ns=self._since_exposure_ns())
+            times_ns = placed.times_ns[self.cluster.rows] - self.exposure.timestamp_ns
+            swung_m = limb_motion_m(limbs, self._heights(), speed_mps=speed_mps, times_ns=times_ns)
             across = cross(normalise(self.points_camera), camera_from_world.rotate(velocity_mps / speed_mps))
             variance_m2 += swung_m**2 * dot(across, across)
         sensor_camera = camera_from_world.apply(self.world_from_sensor.translation_m)
@@ -192,15 +194,10 @@ class ScannedObject:
         heights_m = (self.parts_world if len(self.parts_world) else points_world)[..., 2]
         return np.asarray((points_world[:, 2] - heights_m.min()) / np.ptp(heights_m))
 
-    def _since_exposure_ns(self) -> NDArray[np.int64]:
-        assert self.placed is not None, "only where a sweep has met the object"
-        return self.placed.times_ns[self.cluster.rows] - self.exposure.timestamp_ns
-
-    def _revolution_m2(self, velocity_mps: NDArray[np.float64]) -> float:
+    def _revolution_m2(self, placed: PosedSweep, velocity_mps: NDArray[np.float64]) -> float:
         """Variance of what nothing tells of lidars without times of points: when in the revolution was it met? At
         either end the object was elsewhere, seen from the vehicle."""
-        assert self.placed is not None, "only where a sweep has met the object"
-        sweep, half_ns = self.placed.sweep, self.placed.revolution_ns // 2
+        sweep, half_ns = placed.sweep, placed.revolution_ns // 2
         if sweep.time_offset_ns is not None:
             return 0.0
         rotations, positions_m, _ = self.exposure.trajectory.at(sweep.timestamp_ns + np.array([-half_ns, half_ns]))
@@ -256,17 +253,6 @@ class ScannedObject:
 
     def unseen(self) -> Raster | None:
         """What of the annotated shape lies below the lowest beam or above the highest; None where nothing does."""
-        parts_world = self.unseen_world()
-        if not len(parts_world):
-            return None
-        return silhouette(self.exposure.camera_from_world.apply(parts_world), self.exposure.camera.model)
-
-    def unseen_world(self) -> NDArray[np.float64]:
-        """What of the annotated shape lies below the lowest beam or above the highest.
-
-        Returns:
-            (Q, 2 K, 3) float64, m, corners of convex bodies, world frame; upright in the sensor frame.
-        """
         assert self.placed is not None, "only where a sweep has met the object"
         lowest, highest = self.placed.slope_range
         found = []
@@ -278,7 +264,8 @@ class ScannedObject:
                 if (limit_m != end_m).any():
                     ends = (np.column_stack([corners[:, :2], z]) for z in (limit_m, np.full_like(limit_m, end_m)))
                     found.append(np.concatenate(list(ends)))
-        return self.world_from_sensor.apply(np.array(found).reshape(-1, 2 * self.parts_world.shape[1], 3))
+        camera_from_sensor = self.exposure.camera_from_world @ self.world_from_sensor
+        return silhouette(camera_from_sensor.apply(np.array(found)), self.exposure.camera.model) if found else None
 
 
 def way_out_m(

@@ -107,7 +107,7 @@ def test_the_annotators_word_decides_the_category():
     assert build([still], category="crossing").objects[0].status is Status.EVALUATED
 
 
-def test_standing_host():
+def test_stationary_ego_vehicle():
     frame = build([WALKER], circle(0.0, 0.0))
     assert frame.objects[0].category is Category.STATIC_EGO
     assert frame.objects[0].direction is Direction.LATERAL
@@ -118,7 +118,7 @@ def test_annotations_too_far_in_time_are_not_of_this_image():
     assert len(build([WALKER], state_ns=(-60 * MS, 100 * MS)).objects) == 1
 
 
-def test_the_hosts_own_body_is_no_reference():
+def test_the_ego_vehicles_own_body_is_no_reference():
     body = np.zeros((480, 640), dtype=bool)
     body[300:] = True
     recording = drive([WALKER], circle(**EGO), exposures_ns=(30 * MS,))

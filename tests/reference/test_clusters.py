@@ -72,7 +72,7 @@ def test_a_sweep_without_point_times_is_taken_at_its_reference_time():
     assert np.abs(on_box[:, 1]).max() < 0.9
 
 
-def test_unknown_velocity_counts_as_standing():
+def test_unknown_velocity_counts_as_stationary():
     trajectory, box = circle(5.0, 0.0), Box(velocity_mps=(0, 0, 0), **CAR)
     points = cluster(box, trajectory, box.state(0, trajectory), velocity=np.full(3, np.nan))
     assert len(points) == 400

@@ -164,18 +164,18 @@ def test_points_in_the_vehicles_axes_give_the_same_polygon_once_it_is_told_where
     in_vehicle_axes = replace(sweep, points_lidar=LIDAR.apply(sweep.points_lidar))
     ref = replace(recording.sweeps[0], reader=lambda *_: in_vehicle_axes)
     merged = replace(recording, sweeps=(ref,), vehicle_from_lidar=RigidTransform.identity())
-    told = replace(merged, lidar_from_beams=LIDAR)
-    expected, found, untold = (
+    stated = replace(merged, lidar_from_beams=LIDAR)
+    expected, found, unstated = (
         ReferenceBuilder(one, "front", with_settings(polygon_kind="surface-patches"))
         .build(one.images["front"][0])
         .objects[0]
         .polygon
-        for one in (recording, told, merged)
+        for one in (recording, stated, merged)
     )
     assert found.symmetric_difference(expected).area < 0.005 * expected.area
-    assert untold.intersection(truth).area < found.intersection(truth).area
+    assert unstated.intersection(truth).area < found.intersection(truth).area
     hulls = [
         ReferenceBuilder(one, "front", with_settings(polygon_kind="convex")).build(one.images["front"][0]).objects[0]
-        for one in (told, merged)
+        for one in (stated, merged)
     ]
     assert hulls[0].polygon.equals(hulls[1].polygon)  # hulls do not ask where beams start

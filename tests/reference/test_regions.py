@@ -11,20 +11,24 @@ from bench.reference import IgnoreReason, OutlineErrors, Status
 from bench.reference.bands import pixels_per_radian, uncertain_region
 from bench.reference.outline_errors import limb_motion_m, outline_error_m
 from bench.reference.regions import Region, compose
+from bench.reference.scanned import Surface
 from tests.reference.drives import LENS, a_region, an_object
 
 NOTHING = OutlineErrors(range_noise_m=0.0, angle_rad=0.0, position_m=0.0, limbs={})
 VALID = np.ones((40, 60), dtype=bool)
 SQUARE = Raster((slice(10, 20), slice(20, 30)), np.ones((10, 10), dtype=bool))
-WITHIN = {"certain": None, "unseen": None, "shadow": None}
 
 
-def uncertain(raster=SQUARE, valid=VALID, *, half_width_px, **given):
+def surface(**given):
+    """What patches leave open, by rasters."""
+    return Surface(likely=np.zeros((0, 0), dtype=bool), corner=np.zeros(2, dtype=np.int64), **given)
+
+
+def uncertain(raster=SQUARE, valid=VALID, *, half_width_px, unseen=None, shadow=None, **given):
     """With returns in the middle of the raster alone."""
     middle = [[(axis.start + axis.stop) // 2 for axis in raster.window[::-1]]]
-    widths_px = np.array([half_width_px])
-    rasters = {"least": raster, "most": raster} | WITHIN | given
-    return uncertain_region(a_region(*raster), valid, returns_px=np.array(middle), half_width_px=widths_px, **rasters)
+    widths = {"returns_px": np.array(middle), "half_width_px": np.array([half_width_px])}
+    return uncertain_region(a_region(*raster), valid, surface(**given), **widths, unseen=unseen, shadow=shadow)
 
 
 def whole(region: Region) -> tuple[np.ndarray, np.ndarray]:
@@ -88,13 +92,8 @@ def test_the_band_lies_between_what_the_beams_leave_at_least_and_at_most():
 
 
 def test_the_band_is_as_wide_as_the_nearest_return_says():
-    given = {
-        "least": SQUARE,
-        "most": SQUARE,
-        "returns_px": np.array([[25, 11], [25, 18]]),
-        "half_width_px": np.array([0.0, 2.0]),
-    }
-    core, possible = whole(uncertain_region(a_region(*SQUARE), VALID, **given, **WITHIN))
+    widths = {"returns_px": np.array([[25, 11], [25, 18]]), "half_width_px": np.array([0.0, 2.0])}
+    core, possible = whole(uncertain_region(a_region(*SQUARE), VALID, surface(), **widths, unseen=None, shadow=None))
     assert core[10, 20:30].all()
     assert not core[18:20].any()
     assert possible[21, 22:28].all()
