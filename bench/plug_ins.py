@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import traceback
 from collections.abc import Mapping
 from functools import cache
@@ -44,21 +43,13 @@ def imported(target: str, *, expected: str) -> Any:
         UsageError: nothing to import there, or its import raised.
     """
     module, _, attribute = target.partition(":")
-    before = set(sys.modules)
     try:
-        found = getattr(import_module(module), attribute)
+        return getattr(import_module(module), attribute)
     except (ImportError, AttributeError) as error:
         do = f"; name the module without .py: {module[:-3]}:{attribute}" if module.endswith(".py") else ""
         raise UsageError(f"{expected} that can be imported; {error}{do}") from error
     except (Exception, SystemExit) as error:
         raise UsageError(f"{expected} that can be imported; {describe_error(error)}") from error
-    _loaded.setdefault(module, frozenset(sys.modules.keys() - before))
-    return found
-
-
-def loaded_with(module: str) -> frozenset[str]:
-    """Modules that the first import of a module by `imported` loaded; none for one that was there already."""
-    return _loaded.get(module, frozenset())
 
 
 def describe_error(error: BaseException) -> str:
@@ -70,6 +61,3 @@ def describe_error(error: BaseException) -> str:
     ]
     told = " ".join(f"{type(error).__name__}: {error}".split())
     return f"{told} ({' > '.join(calls[-SHOWN_CALLS:])})" if calls else told
-
-
-_loaded: dict[str, frozenset[str]] = {}

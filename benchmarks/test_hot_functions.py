@@ -7,7 +7,8 @@ from bench.cameras import ray_grid
 from bench.flow import cell_mean, dense_flow
 from bench.geometry import RigidTransform, RoadPlane, normalise
 from bench.methods.spherical import PAPER_WEIGHTS, deviations, motion_likelihood
-from bench.reference.polygons import bounding_polygon, rasterise
+from bench.reference.hulls import hull_polygon
+from bench.reference.polygons import rasterise
 from tests.support.lenses import LENSES
 
 every_lens = pytest.mark.parametrize("name", sorted(LENSES))
@@ -50,12 +51,12 @@ def test_cell_mean_of_flow(benchmark):
     assert benchmark(cell_mean, np.zeros((480, 640, 2), np.float32), 5).shape == (96, 128, 2)
 
 
-@pytest.mark.parametrize("kind", ["convex", "concave"])
-def test_polygon_of_3000_points(benchmark, kind):
+@pytest.mark.parametrize("ratio", [None, 0.15], ids=["convex", "concave"])
+def test_polygon_of_3000_points(benchmark, ratio):
     pixels = np.random.default_rng(0).normal((320, 240), 60, (3000, 2))
 
     def polygon_and_pixels():
-        polygon = bounding_polygon(pixels, kind=kind, concave_ratio=0.15, width=640, height=480)
+        polygon = hull_polygon(pixels, ratio=ratio, width=640, height=480)
         return rasterise(polygon, width=640, height=480)
 
     assert benchmark(polygon_and_pixels)[1].any()

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from bench.egomotion import Trajectory
 from bench.recordings import ImageRef, ObjectState, Recording, Track
-from bench.reference import POLYGON_KINDS, Category, ReferenceBuilder, ReferenceFrame, ReferenceSettings, Status
+from bench.reference import REGION_KINDS, Category, ReferenceBuilder, ReferenceFrame, ReferenceSettings, Status
 
 
 class Compensation(StrEnum):
@@ -183,7 +183,7 @@ class PolygonAuditor:
                 with_compensation(recording, compensation), camera, lenient(settings, kind)
             )
             for compensation in Compensation
-            for kind in POLYGON_KINDS
+            for kind in REGION_KINDS
         }
 
     def rows(

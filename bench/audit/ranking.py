@@ -39,6 +39,7 @@ from bench.audit.ranking_sums import (
     SURFACE,
     rank_recording,
 )
+from bench.audit.recording import added_seconds
 from bench.audit.sources import audit_each, audit_sources
 from bench.errors import UsageError
 from bench.evaluation import load_protocol
@@ -50,7 +51,7 @@ from bench.harness import provenance as origin
 from bench.harness.manifest import CodeOfRun
 from bench.harness.oracles import ExactMasks, is_oracle
 from bench.harness.provenance import Provenance
-from bench.harness.stages import Progress, StageClock
+from bench.harness.stages import Progress
 from bench.recordings import DatasetCard
 from bench.recordings.sealed_json import read_sealed, write_sealed
 
@@ -448,10 +449,7 @@ def run_ranking(
     )
     sums, unknown = np.stack([found.sums for found in ranked]), np.stack([found.unknown for found in ranked])
     exact = _number(predictions, ExactMasks())
-    clock, images = StageClock(), sum(found.images for found in ranked)
-    for found in ranked:
-        for stage, seconds in found.seconds.items():
-            clock.seconds[stage] += seconds
+    images = sum(found.images for found in ranked)
     summary = RankingSummary(
         schema_version=SCHEMA_VERSION,
         dataset=card.name,
@@ -469,7 +467,7 @@ def run_ranking(
         code=CodeOfRun.here(),
         provenance=origin.provenance_since(
             start,
-            stage_seconds=clock.seconds,
+            stage_seconds=added_seconds(found.seconds for found in ranked),
             images=images,
         ),
     )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Literal
@@ -96,24 +97,26 @@ def audit_recording(source: AuditSource, *, method: Method, protocol: Protocol) 
 def joined(parts: Sequence[RecordingAudit]) -> RecordingAudit:
     """Several audits as one."""
     names = [scoring.value for scoring in Scoring if any(scoring.value in part.scores for part in parts)]
-    seconds = StageClock()
-    for part in parts:
-        for name, spent in part.seconds.items():
-            seconds.seconds[name] += spent
+    scored = {name: [part.scores[name] for part in parts if name in part.scores] for name in names}
     return RecordingAudit(
         polygons=pa.concat_tables(part.polygons for part in parts),
-        scores={name: _joined_scores([p.scores[name] for p in parts if name in p.scores]) for name in names},
+        scores={name: tuple(map(pa.concat_tables, zip(*tables, strict=True))) for name, tables in scored.items()},
         misses=pa.concat_tables(part.misses for part in parts),
         false_alarms=pa.concat_tables(part.false_alarms for part in parts),
         not_seen=sum(part.not_seen for part in parts),
         fingerprints=[fingerprint for part in parts for fingerprint in part.fingerprints],
         problems=[problem for part in parts for problem in part.problems],
-        seconds=dict(seconds.seconds),
+        seconds=added_seconds(part.seconds for part in parts),
     )
 
 
-def _joined_scores(parts: Sequence[tuple[pa.Table, pa.Table]]) -> tuple[pa.Table, pa.Table]:
-    return pa.concat_tables(objects for objects, _ in parts), pa.concat_tables(frames for _, frames in parts)
+def added_seconds(parts: Iterable[Mapping[str, float]]) -> dict[str, float]:
+    """Time of each stage, over all parts."""
+    total: dict[str, float] = defaultdict(float)
+    for part in parts:
+        for stage, seconds in part.items():
+            total[stage] += seconds
+    return dict(total)
 
 
 def _nothing(fingerprint: str, problems: list[str]) -> RecordingAudit:

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from bench.audit.causes import EXPLAINED
-from bench.audit.recording import RecordingAudit, Scoring, audit_recording, joined
+from bench.audit.recording import Scoring, audit_recording, joined
 from bench.audit.reduce import aims, false_alarm_figures, miss_figures, polygon_figures, scores
 from bench.audit.results import SCHEMA_VERSION, AuditSummary, write_audit
 from bench.audit.sources import NO_SCENARIO, AuditSource, audit_each, audit_sources
@@ -20,7 +20,7 @@ from bench.harness.method_stamp import MethodStamp
 from bench.harness.stages import Progress
 from bench.methods import FlowMethod, Method
 from bench.recordings import DatasetCard
-from bench.reference import POLYGON_KINDS
+from bench.reference import REGION_KINDS
 
 
 def run_audit(
@@ -62,15 +62,28 @@ def run_audit(
         progress=progress,
     )
     audit = joined(audits)
-    summary = _summary(
-        audit,
-        card=card,
+    own = protocol.reference_settings().polygon_kind
+    kinds = (own, *(kind for kind in REGION_KINDS if kind != own))
+    explained = len(audit.false_alarms) > 0
+    summary = AuditSummary(
+        schema_version=SCHEMA_VERSION,
+        dataset=card.name,
+        card=str(card.file),
         split=split,
-        method=method,
-        protocol=protocol,
         recordings=len(audits),
-        left_out=_left_out(sources, method, audit),
+        method=MethodStamp.of(method, MethodIdentity.of(method)),
+        protocol=ProtocolStamp(name=protocol.name, version=protocol.version, digest=protocol.digest),
+        polygon_kinds=kinds,
+        polygons=polygon_figures(audit.polygons, protocol=protocol, kinds=kinds),
+        aims=aims(audit.polygons, kinds=kinds),
+        not_seen=audit.not_seen,
+        scores={name: scores(*tables, protocol=protocol) for name, tables in audit.scores.items()},
+        misses=miss_figures(audit.misses, protocol=protocol) if explained else (),
+        false_alarms=false_alarm_figures(audit.false_alarms) if explained else None,
+        left_out="" if explained else _left_out(sources, method),
         failures=(*failures, *audit.problems),
+        data=origin.combined_fingerprint(audit.fingerprints),
+        code=CodeOfRun.here(),
         provenance=origin.provenance_since(
             start,
             stage_seconds=audit.seconds,
@@ -81,48 +94,8 @@ def run_audit(
     return summary
 
 
-def _summary(
-    audit: RecordingAudit,
-    *,
-    card: DatasetCard,
-    split: str | None,
-    method: Method,
-    protocol: Protocol,
-    recordings: int,
-    left_out: str,
-    failures: tuple[str, ...],
-    provenance: origin.Provenance,
-) -> AuditSummary:
-    own = protocol.reference_settings().polygon_kind
-    kinds = (own, *(kind for kind in POLYGON_KINDS if kind != own))
-    explained = len(audit.false_alarms) > 0
-    return AuditSummary(
-        schema_version=SCHEMA_VERSION,
-        dataset=card.name,
-        card=str(card.file),
-        split=split,
-        recordings=recordings,
-        method=MethodStamp.of(method, MethodIdentity.of(method)),
-        protocol=ProtocolStamp(name=protocol.name, version=protocol.version, digest=protocol.digest),
-        polygon_kinds=kinds,
-        polygons=polygon_figures(audit.polygons, protocol=protocol, kinds=kinds),
-        aims=aims(audit.polygons, kinds=kinds),
-        not_seen=audit.not_seen,
-        scores={name: scores(*tables, protocol=protocol) for name, tables in audit.scores.items()},
-        misses=miss_figures(audit.misses, protocol=protocol) if explained else (),
-        false_alarms=false_alarm_figures(audit.false_alarms) if explained else None,
-        left_out=left_out,
-        failures=failures,
-        data=origin.combined_fingerprint(audit.fingerprints),
-        code=CodeOfRun.here(),
-        provenance=provenance,
-    )
-
-
-def _left_out(sources: tuple[AuditSource, ...], method: Method, audit: RecordingAudit) -> str:
-    """Reason that nothing is explained by exact flow; empty where something is."""
-    if len(audit.false_alarms):
-        return ""
+def _left_out(sources: tuple[AuditSource, ...], method: Method) -> str:
+    """Reason that nothing is explained by exact flow."""
     if not isinstance(method, FlowMethod):
         return f"the method {method.name!r} does not take flow from outside, {EXPLAINED}"
     if sources[0].scenario is None:

@@ -63,7 +63,9 @@ def audit_sources(card: DatasetCard, *, split: str | None, recordings: int | Non
         return tuple(AuditSource(recorded=handle) for handle in handles)
     scenario = read_scenario(card.scenario)
     specs = {spec.name: spec for spec in scenario.recordings}
-    exact = {handle.name: handle for handle in open_dataset(_exact_card(card), split)}
+    options = {**card.content.options, **EXACT}
+    exact_card = replace(card, content=card.content.model_copy(update={"options": options}))
+    exact = {handle.name: handle for handle in open_dataset(exact_card, split)}
     return tuple(
         AuditSource(recorded=handle, exact=exact[handle.name], scenario=scenario, spec=specs.get(handle.name))
         for handle in handles
@@ -108,20 +110,16 @@ def audit_each(
             outcomes[source.recorded.name] = outcome
             if progress is not None:
                 progress(len(outcomes), len(sources))
-    found: list[Found] = []
-    failures, mistakes = [], []
-    for name in (source.recorded.name for source in sources):
-        outcome = outcomes[name]
-        if isinstance(outcome, FailedTask):
-            failures.append(f"recording {name!r}: {outcome.reason}")
-        elif isinstance(outcome, DataError):
-            failures.append(f"recording {name!r}: {outcome}")
-            mistakes.append(outcome)
-        else:
-            found.append(outcome)
+    ordered = {source.recorded.name: outcomes[source.recorded.name] for source in sources}
+    found = [outcome for outcome in ordered.values() if not isinstance(outcome, FailedTask | DataError)]
+    failures = [
+        f"recording {name!r}: {outcome.reason if isinstance(outcome, FailedTask) else outcome}"
+        for name, outcome in ordered.items()
+        if isinstance(outcome, FailedTask | DataError)
+    ]
     if not found:
         lost = DataError(card.file, expected="a recording that can be audited", got="; ".join(failures) or "none")
-        raise next(iter(mistakes), lost)
+        raise next((outcome for outcome in ordered.values() if isinstance(outcome, DataError)), lost)
     return found, failures
 
 
@@ -131,11 +129,6 @@ def _or_mistake(source: AuditSource, *, work: Callable[[AuditSource], Found]) ->
         return work(source)
     except DataError as error:
         return error
-
-
-def _exact_card(card: DatasetCard) -> DatasetCard:
-    options = {**card.content.options, **EXACT}
-    return replace(card, content=card.content.model_copy(update={"options": options}))
 
 
 def refuse_without_masks(recording: Recording) -> None:
@@ -296,18 +289,17 @@ def same_objects(
 def _evaluating(reference: ReferenceFrame, evaluated: Set[str]) -> ReferenceFrame:
     """The reference with its other evaluated objects ignored, their regions among the ignored ones."""
     others = [
-        index
-        for index, item in enumerate(reference.objects)
+        number
+        for number, item in enumerate(reference.objects, start=1)
         if item.status is Status.EVALUATED and item.track_id not in evaluated
     ]
     if not others:
         return reference
-    labels, ignored = reference.labels.copy(), reference.ignored.copy()
-    objects = list(reference.objects)
-    for index in others:
-        objects[index] = replace(
-            objects[index], status=Status.IGNORED, reason=IgnoreReason.OCCLUDED, region_px=0, unknown_px=0
+    labels, ignored, objects = reference.labels.copy(), reference.ignored.copy(), list(reference.objects)
+    for number in others:
+        objects[number - 1] = replace(
+            objects[number - 1], status=Status.IGNORED, reason=IgnoreReason.OCCLUDED, region_px=0, unknown_px=0
         )
-        ignored |= labels == index + 1
-        labels[labels == index + 1] = 0
+        ignored |= labels == number
+        labels[labels == number] = 0
     return replace(reference, objects=tuple(objects), labels=labels, ignored=ignored)

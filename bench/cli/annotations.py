@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.table import Table
 
 from bench.cli.console import say, show, write_out
 from bench.cli.options import group
@@ -42,15 +41,16 @@ FirstFrame = Annotated[int, typer.Option(help="Number of the first sweep in the 
 def formats() -> None:
     """List the formats that can be imported and exported."""
     from bench.labels import known_formats, label_format
+    from bench.reporting.document import Table
 
-    table = Table("name", "what it is", box=None)
+    rows = []
     for name, place in known_formats().items():
         try:
             about = label_format(name).description
         except UsageError as error:  # of another package; the list of the others is still wanted
             about = str(error)
-        table.add_row(name, about if place.startswith("bench.") else f"{about} ({place})")
-    show(table)
+        rows.append([name, about if place.startswith("bench.") else f"{about} ({place})"])
+    show([Table(columns=["name", "what it is"], rows=rows, words=2)])
 
 
 @app.command("import")

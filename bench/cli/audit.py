@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from bench.audit.predictions import Prediction
     from bench.harness import Provenance
     from bench.recordings import DatasetCard
-    from bench.reporting.formats import TextTable
 
 AUDITS = Path("reports/audit")
 LEFT = "nothing of the audit is stored, and the same command begins it again"
@@ -54,7 +53,7 @@ def audit(
     from bench.cli.request import chosen, local_executor
     from bench.methods import FlowMethod, build_method
     from bench.reporting.audit_pictures import write_audit_files, write_cause_pictures, write_examples
-    from bench.reporting.audit_tables import audit_tables
+    from bench.reporting.audit_tables import audit_tables, for_terminal
 
     if methods is not None:
         if set_ or method != "spherical" or protocol != "paper-v1":
@@ -84,7 +83,7 @@ def audit(
         files += write_examples(folder, found, read_polygons(folder), handles=handles, protocol=rules)
         if isinstance(built, FlowMethod):
             files += write_cause_pictures(folder, read_misses(folder), sources=sources, method=built, protocol=rules)
-    _print_tables(audit_tables(found))
+    show(for_terminal(audit_tables(found)))
     _print_cost(found.provenance, recordings=found.recordings)
     if found.left_out:
         say(f"without exact flow: {found.left_out}")
@@ -99,6 +98,7 @@ def _rank(
     from bench.cli.request import local_executor
     from bench.recordings import load_card
     from bench.reporting.audit_ranking import ranking_tables, write_ranking_files
+    from bench.reporting.audit_tables import for_terminal
 
     predictions = parse_methods(methods)
     card = load_card(dataset)
@@ -114,7 +114,7 @@ def _rank(
             progress=report,
         )
     files = write_ranking_files(folder)
-    _print_tables(ranking_tables(found))
+    show(for_terminal(ranking_tables(found)))
     _print_cost(found.provenance, recordings=found.recordings)
     _print_ends(found.failures, files, all_in="ranking.json")
 
@@ -150,15 +150,6 @@ def parse_methods(text: str) -> tuple[Prediction, ...]:
         Prediction(name=name, method=build_scorable(method, parse_settings(settings)))
         for name, method, settings in parts
     )
-
-
-def _print_tables(tables: Iterable[TextTable]) -> None:
-    from bench.reporting.audit_tables import to_rich
-
-    for table, about in to_rich(tables):
-        show(table)
-        say(about, style="dim")
-        say("")
 
 
 def _print_cost(made: Provenance, *, recordings: int) -> None:

@@ -11,13 +11,12 @@ import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from copy import copy
 from io import TextIOWrapper
 from itertools import takewhile
 from time import monotonic
 from typing import IO, TYPE_CHECKING
 
-from rich.console import Console, RenderableType
+from rich.console import Console
 from rich.progress import (
     BarColumn,
     Progress,
@@ -72,24 +71,12 @@ def detail(line: str) -> None:
         say(line, to_errors=True)
 
 
-def show(shown: Table | Iterable[Block]) -> None:
-    """Print a table or the blocks of a report. A `str` in a table is one line; line breaks in a `Text` are its own."""
-    from bench.reporting.document import to_terminal  # loads pandas, which few commands need
+def show(blocks: Iterable[Block]) -> None:
+    """Print the blocks of a report; notes are wrapped, other lines are whole for those who search a log."""
+    from bench.reporting.document import to_terminal
 
-    for part in (shown,) if isinstance(shown, Table) else to_terminal(shown):
-        _print(_harmless_text(part) if isinstance(part, Text) else _harmless_table(part))
-
-
-def _harmless_table(table: Table) -> Table:
-    shown = copy(table)
-    shown.columns, shown.rows = [column.copy() for column in table.columns], []
-    for column in shown.columns:
-        column.header = _harmless_cell(column.header)
-    for row, cells in zip(table.rows, zip(*(column.cells for column in table.columns), strict=True), strict=True):
-        shown.add_row(*map(_harmless_cell, cells), style=row.style, end_section=row.end_section)
-    shown.title = None if table.title is None else _harmless_text(table.title)
-    shown.caption = None if table.caption is None else _harmless_text(table.caption)
-    return shown
+    for part in to_terminal(blocks, clean=_harmless):
+        _print(part, wrap=not isinstance(part, Text) or part.style == "dim")
 
 
 def write_out(document: str) -> None:
@@ -217,7 +204,7 @@ class _RateColumn(ProgressColumn):
         return Text(shown, style="progress.data.speed")
 
 
-def _print(shown: Table | Text, *, to_errors: bool = False) -> None:
+def _print(shown: Table | Text, *, to_errors: bool = False, wrap: bool = False) -> None:
     """Print.
 
     Raises:
@@ -226,7 +213,7 @@ def _print(shown: Table | Text, *, to_errors: bool = False) -> None:
     """
     console = _console(to_errors=to_errors)
     try:
-        console.print(shown, soft_wrap=isinstance(shown, Text))
+        console.print(shown, soft_wrap=not wrap)
     except OSError as error:
         _end(console.file)
         if not to_errors:
@@ -257,14 +244,3 @@ def _end(stream: IO[str]) -> None:
 def _harmless(text: str) -> str:
     """One line that no terminal and no CI server takes for a command; strings in JSON keep their meaning."""
     return _COMMAND.sub(lambda found: f"\\u{ord(found[0]):04x}", plain(text))
-
-
-def _harmless_text(text: str | Text) -> Text:
-    if isinstance(text, str):
-        return Text(_harmless(text))
-    lines = "\n".join(_harmless(line) for line in text.plain.split("\n"))
-    return text if lines == text.plain else Text(lines, style=text.style)
-
-
-def _harmless_cell(cell: RenderableType) -> RenderableType:
-    return _harmless_text(cell) if isinstance(cell, str | Text) else cell

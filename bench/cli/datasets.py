@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.table import Table
 
 from bench.cli.console import note, show
 
@@ -19,14 +18,15 @@ def datasets(
     """List the data sets that a command finds by name, or the cards of a folder."""
     from bench.recordings import list_cards
     from bench.recordings.cards import OWN_DATA, card_folders, data_folder
+    from bench.reporting.document import Table
 
-    table = Table("name", "adapter", "licence", "what it is", box=None, title_justify="left")
+    rows = []
     named: set[str] = set()  # a name hides the same one in a later folder
     folders = {place: list_cards(place) for place in (card_folders() if folder is None else (folder,))}
     for card in (card for cards in folders.values() for card in cards if card.file.stem not in named):
         named.add(card.file.stem)
-        table.add_row(card.file.stem, card.content.adapter, card.content.licence, card.content.title)
-    show(table)
+        rows.append([card.file.stem, card.content.adapter, card.content.licence, card.content.title])
+    show([Table(columns=["name", "adapter", "licence", "what it is"], rows=rows, words=4)])
     for place, cards in folders.items():
         note(f"{place}: {len(cards)} cards")
     if folder is None and (data := data_folder()) is not None:

@@ -106,5 +106,5 @@ def _print_check(report: PredictionReport) -> None:
 
     table = prediction_table(report)
     if table is not None:
-        show(table)
+        show([table])
     note(prediction_line(report))

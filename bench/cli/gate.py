@@ -162,12 +162,11 @@ def _refuse_with_update(**options: object) -> None:
 def _print_brief(verdict: Verdict) -> None:
     """What changed, the overall rows, and where most was lost."""
     from bench.gate.brief import overall_rows, worst_line
-    from bench.gate.terminal import head_lines, overall_table
+    from bench.reporting.verdict import head_lines, row_table
 
-    for line, style in head_lines(verdict):
-        say(line, style=style)
-    if overall_rows(verdict):
-        show(overall_table(verdict))
+    show(head_lines(verdict))
+    if rows := overall_rows(verdict):
+        show([row_table(rows)])
     if worst := worst_line(verdict):
         say(worst)
 
@@ -175,15 +174,13 @@ def _print_brief(verdict: Verdict) -> None:
 def _print_rest(verdict: Verdict, *, whole: bool) -> None:
     """The other rows: those that do not overlap, or all."""
     from bench.gate.brief import folded_lines, main_rows
-    from bench.gate.terminal import full_lines, full_table, main_table
+    from bench.reporting.verdict import CAPTION, full_lines, full_rows, row_table
 
     if whole:
-        show(full_table(verdict))
-        for line, style in full_lines(verdict):
-            say(line, style=style)
+        show([row_table(full_rows(verdict), caption=CAPTION), *full_lines(verdict)])
         return
-    if main_rows(verdict):
-        show(main_table(verdict))
+    if rows := main_rows(verdict):
+        show([row_table(rows, caption=CAPTION)])
     folded = folded_lines(verdict)
     for line in folded:
         say(line, style="dim")
@@ -193,8 +190,8 @@ def _print_rest(verdict: Verdict, *, whole: bool) -> None:
 
 def _hand_over(verdict: Verdict, *, junit: Path | None, json: Path | None, github: bool) -> None:
     """To the CI server, whatever the exit status: files, annotations, the step's summary."""
-    from bench.gate.reports import to_annotations, to_json, to_junit
     from bench.recordings.atomic import write_bytes, write_text
+    from bench.reporting.verdict import to_annotations, to_json, to_junit
 
     if junit is not None:
         write_bytes(junit, to_junit(verdict))
@@ -208,7 +205,7 @@ def _hand_over(verdict: Verdict, *, junit: Path | None, json: Path | None, githu
 
 def _append_summary(file: Path, verdict: Verdict) -> None:
     """Append to the step's summary; other commands of the step may have written to it before."""
-    from bench.gate.reports import LARGEST_BYTES, to_markdown
+    from bench.reporting.verdict import LARGEST_BYTES, to_markdown
 
     try:
         written = file.stat().st_size if file.exists() else 0

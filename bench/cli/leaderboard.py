@@ -69,8 +69,7 @@ def leaderboard(
         for dataset in score or ()
     )
     found = read_leaderboard(folder)
-    for table in leaderboard_tables(found):
-        show(table)
+    show(leaderboard_tables(found))
     for run, fault in found.damaged:
         say(f"damaged: {run}: {fault}", style="red")
     if out is not None:

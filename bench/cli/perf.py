@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Annotated
 
 import typer
-from rich.table import Table
 
 from bench.cli import options
 from bench.cli.console import progress_bar, say, show
@@ -25,6 +24,7 @@ def perf(
     from bench.harness.perf import measure
     from bench.methods import build_method
     from bench.recordings import open_dataset
+    from bench.reporting.document import Column, Table
 
     card, built, rules = chosen(dataset, build_method, method=method, settings=set_, protocol=protocol)
     render_if_synthetic(card)
@@ -36,9 +36,11 @@ def perf(
             images=images,
             progress=report,
         )
-    table = Table("stage", "ms per image", "of Farnebäck", box=None)
-    rows = {**found.stage_ms, "whole": found.total_ms, "Farnebäck alone": found.flow_ms}
-    for name, milliseconds in rows.items():
-        table.add_row(name, f"{milliseconds:.2f}", f"{milliseconds / found.flow_ms:.3f}")
-    show(table)
+    stages = {**found.stage_ms, "whole": found.total_ms, "Farnebäck alone": found.flow_ms}
+    columns: list[Column | str] = [
+        "stage",
+        Column("ms per image", "{:.2f}".format),
+        Column("of Farnebäck", "{:.3f}".format),
+    ]
+    show([Table(columns=columns, rows=[[name, ms, ms / found.flow_ms] for name, ms in stages.items()])])
     say(f"{found.images} images; whole / Farnebäck alone = {found.ratio:.3f}")

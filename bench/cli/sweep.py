@@ -61,7 +61,7 @@ def sweep(
     from bench.harness.stages import part_of
     from bench.recordings.atomic import output_folder
     from bench.reporting.formats import file_name
-    from bench.reporting.sweep import METHOD_ONLY, to_rich, write_sweep
+    from bench.reporting.sweep import METHOD_ONLY, table, write_sweep
 
     if "," in protocol:
         raise UsageError(f"sweep: expected one protocol, got {protocol!r}")
@@ -98,7 +98,7 @@ def sweep(
             written = RunReport(card=run.card, protocol=run.protocol, pictures=False)
             runs[value] = run_benchmark(run, finish=written.write)
     files = write_sweep(folder, setting, runs, title=title, note=about)
-    show(to_rich(setting, runs, title=title, note=about))
+    show([table(setting, runs, title=title, note=about)])
     failures = [f"{value}: {failure}" for value, summary in runs.items() for failure in summary.failures]
     print_failures(failures, all_in=f"the summary.json of each value in {folder}")
     works = [summary.provenance.work for summary in runs.values() if summary.provenance.work is not None]

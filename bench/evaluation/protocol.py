@@ -15,13 +15,20 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from bench.errors import DataError, UnknownNameError
 from bench.plain_yaml import parse_yaml
-from bench.records.reference import SURFACE_PATCHES, Category, Limb, MotionSettings, OutlineErrors, ReferenceSettings
+from bench.records.reference import Category, Limb, MotionSettings, OutlineErrors, ReferenceSettings
+from bench.reference import REGION_KINDS
 
 
 def _edges(values: tuple[float, ...]) -> tuple[float, ...]:
     if not values or values[0] != 0 or any(b <= a for a, b in pairwise(values)):
         raise ValueError("bin edges start at 0 and increase")
     return values
+
+
+def _region_kind(name: str) -> str:
+    if name not in REGION_KINDS:
+        raise ValueError(f"expected one of {', '.join(REGION_KINDS)}")
+    return name
 
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -82,7 +89,7 @@ class ReferenceRules(_Part):
     """Which objects are evaluated and how their polygons are built; see `ReferenceSettings`.
 
     Attributes:
-        polygon_kind: one of `POLYGON_KINDS`; "footprint" is what earlier versions called "surface-patches".
+        polygon_kind: one of `REGION_KINDS`.
         ground_clearance_above: the road alone, or also the bottom of the annotated shape; surface patches always do.
     """
 
@@ -90,7 +97,7 @@ class ReferenceRules(_Part):
     ground_clearance_m: NotNegative
     min_points: Annotated[int, Field(ge=1)]
     min_polygon_px: Annotated[int, Field(ge=1)]
-    polygon_kind: Literal["convex", "concave", "surface-patches", "footprint"]
+    polygon_kind: Annotated[str, AfterValidator(_region_kind)]
     concave_ratio: Annotated[float, Field(ge=0, le=1)]
     classes: Annotated[tuple[str, ...], Field(min_length=1)]
     categories: Annotated[tuple[Category, ...], Field(min_length=1)]
@@ -163,7 +170,7 @@ class Protocol(_Part):
             ground_clearance_m=rules.ground_clearance_m,
             min_points=rules.min_points,
             min_polygon_px=rules.min_polygon_px,
-            polygon_kind=SURFACE_PATCHES if rules.polygon_kind == "footprint" else rules.polygon_kind,
+            polygon_kind=rules.polygon_kind,
             concave_ratio=rules.concave_ratio,
             classes=rules.classes,
             categories=rules.categories,

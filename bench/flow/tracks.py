@@ -118,12 +118,7 @@ class LucasKanadeTracker:
         self, start: NDArray[np.uint8], end: NDArray[np.uint8], points: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         ends, status, _ = cv2.calcOpticalFlowPyrLK(
-            start,
-            end,
-            points,
-            np.empty_like(points),
-            winSize=(self.window_px, self.window_px),
-            maxLevel=self.levels,
+            start, end, points, np.empty_like(points), winSize=(self.window_px, self.window_px), maxLevel=self.levels
         )
         return np.asarray(ends, dtype=np.float32), np.asarray(status).reshape(-1).astype(bool)
 

@@ -126,11 +126,7 @@ class LabelFormat(Protocol):
 
 
 def map_classes(
-    found: Iterable[str],
-    options: LabelOptions,
-    *,
-    source: Path,
-    known: Mapping[str, str | None] | None = None,
+    found: Iterable[str], options: LabelOptions, *, source: Path, known: Mapping[str, str | None] | None = None
 ) -> dict[str, str | None]:
     """Return our class for each of a tool's classes.
 

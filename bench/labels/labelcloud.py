@@ -40,7 +40,7 @@ from bench.labels.motion import (
     with_motion,
 )
 from bench.recordings import OBJECT_CLASSES, Cuboid, ObjectState, Recording, SweepRef, Track, write_text
-from bench.recordings.validation import data_error, read_json
+from bench.recordings.validation import located, read_json
 
 Way = Literal["centroid_rel", "centroid_abs", "vertices"]
 WAYS: tuple[Way, ...] = ("centroid_rel", "centroid_abs", "vertices")
@@ -211,14 +211,12 @@ class LabelCloud:
         """Class and state of each box."""
         found = []
         for row, one in enumerate(self._objects(file)):
-            try:
+            with located(file, f"objects.{row}"):
                 box = (
                     box_of_vertices(one)
                     if isinstance(one, VerticesObject)
                     else box_of_centroid(one, degrees=self.way == "centroid_abs")
                 )
-            except ShapeError as error:
-                raise data_error(error, file=file, field=f"objects.{row}") from error
             found.append((one.name, box_state(recording, sweep.timestamp_ns, *box)))
         return found
 

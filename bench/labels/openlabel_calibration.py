@@ -41,7 +41,7 @@ from bench.labels.formats import finite_number
 from bench.labels.openlabel_file import Root, StreamProperties, TransformData, read_label_file
 from bench.recordings import Recording
 from bench.recordings.schema import CameraHead, LidarHead, Mounting
-from bench.recordings.validation import data_error, validated
+from bench.recordings.validation import located, validated
 
 LIDAR_WORDS = ("lidar", "velo", "laser", "pandar", "ouster", "hesai")
 
@@ -177,10 +177,8 @@ def read_transform(data: TransformData, file: Path, field: str) -> RigidTransfor
         if not np.allclose(matrix[3], [0.0, 0.0, 0.0, 1.0]):
             got = str(matrix[3].tolist())
             raise DataError(file, field=f"{field}.matrix4x4", expected="a last row of 0, 0, 0, 1", got=got)
-        try:
+        with located(file, f"{field}.matrix4x4"):
             return RigidTransform.from_matrix(matrix)
-        except ShapeError as error:
-            raise data_error(error, file=file, field=f"{field}.matrix4x4") from error
     _demand(data.translation, 3, file, f"{field}.translation")
     if data.quaternion is not None:
         _demand(data.quaternion, 4, file, f"{field}.quaternion")
@@ -242,15 +240,13 @@ def read_lens(properties: StreamProperties, file: Path, field: str) -> CameraMod
     Raises:
         DataError: numbers that are missing or make no lens, a lens that no camera model here can hold.
     """
-    try:
+    with located(file, field):
         if properties.intrinsics_custom is not None and "model" in properties.intrinsics_custom:
             return _custom(properties.intrinsics_custom, file, f"{field}.intrinsics_custom")
         if properties.intrinsics_fisheye is not None:
             return _fisheye(properties.intrinsics_fisheye, file, f"{field}.intrinsics_fisheye")
         if properties.intrinsics_pinhole is not None:
             return _pinhole(properties.intrinsics_pinhole, file, f"{field}.intrinsics_pinhole")
-    except ShapeError as error:
-        raise data_error(error, file=file, field=field) from error
     return None
 
 

@@ -12,8 +12,8 @@ or, without a line of code:
 
 from __future__ import annotations
 
+import io
 import pickle
-import sys
 import tempfile
 import tracemalloc
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,6 +21,7 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
@@ -273,25 +274,16 @@ def _shown(value: object) -> str:
     return " ".join(text.split())[:200]
 
 
-_watchers: list[list[str]] = []
-
-
-def _watch(event: str, arguments: tuple[Any, ...]) -> None:
-    if event == "open" and _watchers and isinstance(arguments[0], str):
-        for watcher in _watchers:
-            watcher.append(arguments[0])
-
-
 @contextmanager
 def _opened_files() -> Iterator[list[str]]:
     """Resolved names of the files that Python opens meanwhile; what libraries open by themselves is not seen."""
-    if not getattr(_watch, "installed", False):
-        sys.addaudithook(_watch)  # there is no way to take one away, so there is only ever one
-        _watch.installed = True  # type: ignore[attr-defined]
     names: list[str] = []
-    _watchers.append(names)
-    try:
+    opened = io.open
+
+    def noted(file: Any, *rest: Any, **options: Any) -> Any:
+        if isinstance(file, str | Path):
+            names.append(str(Path(file).resolve()))
+        return opened(file, *rest, **options)
+
+    with patch("builtins.open", noted), patch("io.open", noted):
         yield names
-    finally:
-        _watchers.remove(names)
-        names[:] = [str(Path(name).resolve()) for name in names]

@@ -107,15 +107,6 @@ def read_mask(path: Path, size_px: tuple[int, int]) -> NDArray[np.bool_]:
     return np.asarray(pixels > 0)
 
 
-def read_unchanged(path: Path) -> NDArray[Any]:
-    """Read an image file with the channels and the depth that it has.
-
-    Raises:
-        DataError: missing, cut short, or not to be decoded.
-    """
-    return _decode(path, cv2.IMREAD_UNCHANGED)
-
-
 def decode_image(content: bytes, flags: int, *, file: Path) -> NDArray[Any]:
     """Decode the content of an image file.
 

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.cameras import CameraModel, camera_from_parameters
-from bench.errors import DataError, ShapeError, UnknownNameError
+from bench.errors import DataError, UnknownNameError
 from bench.geometry import RigidTransform, RoadPlane
-from bench.recordings.validation import data_error
+from bench.recordings.validation import located
 from bench.records.recording import MountedCamera
 
 Polygon = tuple[tuple[float, float], ...]
@@ -46,10 +46,8 @@ def mounted_camera(
     Raises:
         DataError: a camera that is not above the road.
     """
-    try:
+    with located(file, field):
         road = RoadPlane.below(vehicle_from_camera, ground_height_m=ground_height_m)
-    except ShapeError as error:
-        raise data_error(error, file=file, field=field) from error
     camera = MountedCamera(
         name=name,
         model=model,
@@ -113,12 +111,11 @@ def camera_model(stated: Mapping[str, Any], image_size: tuple[int, int], *, file
         raise DataError(file, field=f"{field}.{taken.pop()}", expected="no such key", got="one; image_size says it")
     parameters = {key: value for key, value in stated.items() if key != "model"}
     try:
-        return camera_from_parameters(model, width=image_size[0], height=image_size[1], **parameters)
+        with located(file, field):
+            return camera_from_parameters(model, width=image_size[0], height=image_size[1], **parameters)
     except UnknownNameError as error:
         raise DataError(
             file, field=f"{field}.model", expected=f"one of {', '.join(error.known)}", got=repr(model)
         ) from error
-    except ShapeError as error:
-        raise data_error(error, file=file, field=field) from error
     except (TypeError, ValueError) as error:
         raise DataError(file, field=field, expected="numbers", got=str(error)) from error

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from reprlib import Repr
 from typing import Annotated, Any, TypeVar
@@ -119,13 +119,21 @@ def validated(model: type[Model], values: Mapping[str, Any], *, file: Path, fiel
         raise _data_error(error, file, field) from None
 
 
-def data_error(error: ShapeError, *, file: Path, field: str) -> DataError:
-    """The same fault with its place in a file; "focal: expected a, got b" goes to `field.focal`."""
-    parts = re.fullmatch(r"(?:(\w+): )?.*?expected (.*?), got (.*)", str(error), re.DOTALL)
-    if parts is None:
-        return DataError(file, field=field, expected="values that fit together", got=str(error))
-    name, expected, got = parts.groups()
-    return DataError(file, field=f"{field}.{name}" if name else field, expected=expected, got=got)
+@contextmanager
+def located(file: Path, field: str) -> Iterator[None]:
+    """Give a `ShapeError` of the block its place in a file; "focal: expected a, got b" is of `field.focal`.
+
+    Raises:
+        DataError: instead of the `ShapeError`.
+    """
+    try:
+        yield
+    except ShapeError as error:
+        parts = re.fullmatch(r"(?:(\w+): )?.*?expected (.*?), got (.*)", str(error), re.DOTALL)
+        if parts is None:
+            raise DataError(file, field=field, expected="values that fit together", got=str(error)) from error
+        name, expected, got = parts.groups()
+        raise DataError(file, field=f"{field}.{name}" if name else field, expected=expected, got=got) from error
 
 
 def _data_error(error: ValidationError, file: Path, prefix: str = "") -> DataError:

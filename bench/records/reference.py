@@ -12,9 +12,7 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
 Outline: TypeAlias = Polygon | MultiPolygon  # of several parts where the lidar sees an object in several
-SURFACE_PATCHES = "surface-patches"
 UNKNOWN_CLASS = "unknown"  # of an object of which only pixels are known
-POLYGON_KINDS = ("convex", "concave", SURFACE_PATCHES)
 
 
 class Status(StrEnum):
@@ -235,8 +233,7 @@ class ReferenceSettings:
         ground_clearance_m: points lower than this above the road are the road's, not an object's.
         min_points: objects with fewer visible lidar points are ignored.
         min_polygon_px: objects of which fewer pixels in V are certain, before occlusion, are ignored.
-        polygon_kind: "convex" (the paper's bounding polygon), "concave" (a tighter hull of the points) or
-            "surface-patches" (the union of the surface that each point stands for; see `bench.reference.patches`).
+        polygon_kind: kind of the regions, a name of `bench.reference.REGION_KINDS`.
         concave_ratio: tightness of the concave hull, 0 the tightest, 1 the convex hull.
         classes: object classes that are evaluated.
         categories: kinds of motion that are evaluated.

@@ -9,7 +9,6 @@ Source:
 """
 
 from bench.records.reference import (
-    POLYGON_KINDS,
     Category,
     Direction,
     IgnoreReason,
@@ -21,10 +20,12 @@ from bench.records.reference import (
     ReferenceSettings,
     Status,
 )
-from bench.reference.build import ReferenceBuilder, visible_region
+from bench.reference.build import ReferenceBuilder
+from bench.reference.exposure import visible_region
+from bench.reference.kinds import REGION_KINDS
 
 __all__ = [
-    "POLYGON_KINDS",
+    "REGION_KINDS",
     "Category",
     "Direction",
     "IgnoreReason",

@@ -28,6 +28,11 @@ class Cluster:
     points_world: NDArray[np.float64]
     rows: NDArray[np.intp]
 
+    @classmethod
+    def empty(cls) -> Cluster:
+        """No returns."""
+        return cls(points_world=np.empty((0, 3)), rows=np.empty(0, dtype=np.intp))
+
 
 def object_cluster(
     placed: PosedSweep,

@@ -11,7 +11,7 @@ from shapely import Polygon
 
 from bench.errors import DataError
 from bench.recordings.images import read_moving_mask
-from bench.records.recording import ImageRef, MountedCamera
+from bench.records.recording import ImageRef
 from bench.records.reference import (
     UNKNOWN_CLASS,
     Category,
@@ -22,18 +22,13 @@ from bench.records.reference import (
     Status,
     pixels_object,
 )
+from bench.reference.exposure import Exposure
 
 MOST_OBJECTS = 10_000
 
 
 def mask_reference(
-    image: ImageRef,
-    camera: MountedCamera,
-    *,
-    recording: str,
-    ego_speed_mps: float,
-    valid: NDArray[np.bool_],
-    settings: ReferenceSettings,
+    image: ImageRef, exposure: Exposure, *, recording: str, settings: ReferenceSettings
 ) -> ReferenceFrame:
     """Take each connected component of the mask (8-neighbours) for an object.
 
@@ -42,16 +37,15 @@ def mask_reference(
 
     Args:
         image: with a mask.
-        camera: that took it.
+        exposure: of it.
         recording: name.
-        ego_speed_mps: of the ego vehicle, >= 0.
-        valid: (H, W) bool, the region V.
         settings: of the protocol.
 
     Raises:
         DataError: a mask that cannot be read, of another size, or that is noise.
     """
-    moving = read_moving_mask(image, camera) & valid
+    valid = exposure.valid
+    moving = read_moving_mask(image, exposure.camera) & valid
     count, component, stats, _ = cv2.connectedComponentsWithStats(moving.astype(np.uint8), connectivity=8)
     if count - 1 > MOST_OBJECTS:
         expected = f"at most {MOST_OBJECTS} connected components"
@@ -69,7 +63,7 @@ def mask_reference(
         recording=recording,
         camera=image.camera,
         timestamp_ns=image.timestamp_ns,
-        ego_speed_mps=ego_speed_mps,
+        ego_speed_mps=exposure.ego_speed_mps,
         objects=objects,
         labels=labels,
         ignored=ignored,

@@ -1,46 +1,13 @@
-"""From projected points to a polygon, and from pixels to the polygon around them."""
+"""From pixels to the polygon around them."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
-from bench.errors import UsageError
 from bench.records.reference import Outline
-
-
-def bounding_polygon(
-    pixels: NDArray[np.float64], *, kind: str, concave_ratio: float, width: int, height: int
-) -> Polygon | None:
-    """The polygon around projected points.
-
-    Args:
-        pixels: (N, 2) float64, px, (u, v), finite; may lie outside the image.
-        kind: "convex", the paper's bounding polygon, or "concave", the tighter hull.
-        concave_ratio: tightness of the concave hull, 0 to 1.
-        width: of the image, px.
-        height: of the image, px.
-
-    Returns:
-        The polygon, cut off one image size beyond the border; None for fewer than three points or points on a line.
-
-    Raises:
-        UsageError: another kind.
-    """
-    if len(pixels) < 3:
-        return None
-    if kind not in {"convex", "concave"}:
-        raise UsageError(f"polygon kind: expected 'convex' or 'concave', got {kind!r}")
-    row = shapely.linestrings(pixels)  # the hulls take its corners; far faster to build than a MultiPoint
-    hull = shapely.convex_hull(row) if kind == "convex" else shapely.concave_hull(row, ratio=concave_ratio)
-    frame = (-width, -height, 2 * width, 2 * height)
-    left, top, right, bottom = shapely.bounds(hull).tolist()
-    if left < frame[0] or top < frame[1] or right > frame[2] or bottom > frame[3]:  # never for an empty one, all NaN
-        hull = max(shapely.get_parts(shapely.clip_by_rect(hull, *frame)), key=lambda part: part.area, default=hull)
-    return hull if isinstance(hull, Polygon) and not hull.is_empty else None
 
 
 def trace_polygon(covered: NDArray[np.bool_], corner: NDArray[np.int64]) -> Outline | None:

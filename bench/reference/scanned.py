@@ -1,4 +1,4 @@
-"""What the lidar says of one object at an exposure: its surface, how sure it is, and what was out of reach."""
+"""What the lidar says of one object at an exposure: its returns, its surface, how sure it is, what was out of reach."""
 
 from __future__ import annotations
 
@@ -9,38 +9,138 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from bench.geometry import RigidTransform, normalise
-from bench.reference.clusters import Cluster
-from bench.reference.patches import Grid, certain_and_possible_ends, reach_bounds, surface_patches
+from bench.geometry import RigidTransform, cross, dot, normalise
+from bench.geometry.raster import Raster
+from bench.records.reference import ReferenceSettings
+from bench.reference.clusters import SECOND_NS, Cluster, parts_at_exposure
+from bench.reference.exposure import Exposure
+from bench.reference.grid import Grid
+from bench.reference.motion import ObjectAtExposure
+from bench.reference.outline_errors import limb_motion_m, outline_error_m
+from bench.reference.patches import (
+    CERTAIN,
+    LEAST,
+    LIKELY,
+    Bounds,
+    Layer,
+    Patches,
+    draw,
+    surface_patches,
+    union,
+    without_slits,
+)
+from bench.reference.silhouette import silhouette
 from bench.reference.sweeps import PosedSweep, slopes_of
+
+SOLID_CLASSES = ("vehicle",)  # seen through their windows at most, which belong to them
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Surface:
+    """Pixels of the surface that an object's returns stand for.
+
+    Attributes:
+        likely: (rows, columns) bool, of a window that may reach beyond the image; nothing where too few returns tell.
+        corner: (2,) int64, (u, v) of this window's first pixel.
+        least: in V, with free ends drawn in; None without `ReferenceSettings.outline`.
+        most: in V, what it gains with free ends drawn out; None likewise.
+        certain: in V, between returns that leave no doubt; None also for what is solid.
+    """
+
+    likely: NDArray[np.bool_]
+    corner: NDArray[np.int64]
+    least: Raster | None = None
+    most: Raster | None = None
+    certain: Raster | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ScannedObject:
-    """An object that a sweep has met.
+    """An annotated object at an exposure with its lidar returns.
 
     Attributes:
-        cluster: its returns.
-        placed: the sweep that they are of.
-        parts_world: (P, K, 3) float64, m, the annotated shape at exposure, corners of convex bodies, world frame; none
-            for point indices.
-        clearance_m: returns lower than this above the bottom of the shape were taken for the ground's.
+        annotated: the object.
+        exposure: of the image.
+        settings: of the protocol.
+        cluster: its returns; none where the lidar met it nowhere.
+        placed: the sweep that they are of; None where there is none.
     """
 
+    annotated: ObjectAtExposure
+    exposure: Exposure
+    settings: ReferenceSettings
     cluster: Cluster
-    placed: PosedSweep
-    parts_world: NDArray[np.float64]
-    clearance_m: float
+    placed: PosedSweep | None
+
+    @cached_property
+    def pixels(self) -> NDArray[np.float64]:
+        """(N, 2) float64, px, (u, v), of its returns; NaN where the lens cannot see one."""
+        return self.exposure.project(self.cluster.points_world)
+
+    @cached_property
+    def inside(self) -> NDArray[np.bool_]:
+        """(N,) bool, the returns that fall into the image."""
+        return self.exposure.camera.model.contains(self.pixels)
+
+    @cached_property
+    def points(self) -> int:
+        """Number of returns that fall into the image."""
+        return int(np.count_nonzero(self.inside))
+
+    @property
+    def has_enough_returns(self) -> bool:
+        """Enough of them fall into the image for the protocol."""
+        return self.placed is not None and self.points >= self.settings.min_points
+
+    @property
+    def solid(self) -> bool:
+        """It cannot be looked through."""
+        return self.annotated.track.object_class in SOLID_CLASSES
+
+    @cached_property
+    def parts_world(self) -> NDArray[np.float64]:
+        """(P, K, 3) float64, m, the annotated shape at exposure, corners of convex bodies, world frame; none for point
+        indices."""
+        return parts_at_exposure(
+            self.annotated.state,
+            velocity_world_mps=self.annotated.velocity_world_mps,
+            world_from_vehicle=self.annotated.world_from_vehicle,
+            exposure_ns=self.exposure.timestamp_ns,
+        )
+
+    @cached_property
+    def range_m(self) -> float:
+        """Horizontal distance of the nearest return from the camera; NaN without returns."""
+        away_m = self.cluster.points_world[:, :2] - self.exposure.position_m[:2]
+        return float(np.sqrt((away_m * away_m).sum(axis=1).min())) if len(away_m) else float("nan")
+
+    @cached_property
+    def distance_m(self) -> float:
+        """By which objects occlude each other: `range_m`, else that of the annotated shape (0 below or above it), else
+        infinite."""
+        if not np.isnan(self.range_m):
+            return self.range_m
+        if not len(self.parts_world):
+            return float("inf")
+        grounds = shapely.convex_hull(shapely.linestrings(self.parts_world[..., :2]))
+        return float(shapely.distance(grounds, shapely.points(self.exposure.position_m[:2])).min())
+
+    @cached_property
+    def points_camera(self) -> NDArray[np.float64]:
+        """(N, 3) float64, m, its returns at exposure, camera frame."""
+        return self.exposure.camera_from_world.apply(self.cluster.points_world)
 
     @cached_property
     def points_sensor(self) -> NDArray[np.float64]:
         """(N, 3) float64, m, its returns in the sensor frame at each one's own time."""
+        assert self.placed is not None, "only where a sweep has met the object"
         return self.placed.points_sensor(self.cluster.rows)
 
     @cached_property
     def world_from_sensor(self) -> RigidTransform:
         """Pose of the sensor when it met the object, by the median of its returns."""
         placed = self.placed
+        assert placed is not None, "only where a sweep has met the object"
         interpolated = np.searchsorted(placed.interpolation_ns, np.median(placed.times_ns[self.cluster.rows]))
         at = min(int(interpolated), len(placed.rotations) - 1)
         return RigidTransform(placed.rotations[at], placed.positions_m[at]) @ placed.lidar_from_sensor
@@ -48,73 +148,118 @@ class ScannedObject:
     @cached_property
     def grid(self) -> Grid | None:
         """Which returns are neighbours; None where too few tell."""
-        return self.placed.grid(self.cluster.rows)
+        return None if self.placed is None else self.placed.grid(self.cluster.rows)
 
     @cached_property
-    def patches_world(self) -> NDArray[np.float64]:
-        """The surface that the returns stand for, (4, N, 3) float64, m, world frame; empty where too few tell."""
-        return self._bounded(0.5)
+    def patches(self) -> Patches:
+        """The surface that each return stands for, where there is a grid."""
+        assert self.grid is not None, "patches lie between neighbours"
+        rotation, bounds = self.world_from_sensor.rotation, self._bounds(self.grid)
+        return surface_patches(self.cluster.points_world, world_from_sensor=rotation, grid=self.grid, bounds=bounds)
 
-    def certain_and_possible_world(
-        self, error_m: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The same with the ends of the patches drawn in, and those patches alone whose ends can be drawn out.
-
-        Args:
-            error_m: (N,) float64, m, as for `certain_and_possible_ends`.
-        """
-        assert self.grid is not None
-        least, most = certain_and_possible_ends(self.grid.step_m(self.points_sensor), error_m)
-        drawn_out = self._bounded(most)
-        return self._bounded(least), drawn_out[:, (drawn_out != self.patches_world).any(axis=(0, 2))]
-
-    def _bounded(self, ends: NDArray[np.float64] | float) -> NDArray[np.float64]:
-        patches = self._patches_world(ends=ends)
-        if not len(self.parts_world) or self.grid is None:
-            return patches
+    def _bounds(self, grid: Grid) -> Bounds | None:
+        if not len(self.parts_world):
+            return None
+        assert self.placed is not None, "there is a grid"
         slopes, (lowest, highest) = slopes_of(self.points_sensor), self.placed.slope_range
-        return reach_bounds(
-            patches,
-            at_lowest_beam=slopes < lowest + self.grid.row_step_rad / 2,
-            at_highest_beam=slopes > highest - self.grid.row_step_rad / 2,
+        return Bounds(
+            at_lowest_beam=slopes < lowest + grid.row_step_rad / 2,
+            at_highest_beam=slopes > highest - grid.row_step_rad / 2,
             bottom_m=float(self.parts_world[..., 2].min()),
             top_m=float(self.parts_world[..., 2].max()),
-            clearance_m=self.clearance_m,
+            clearance_m=self.settings.ground_clearance_m,
         )
 
-    def certain_world(self) -> NDArray[np.float64]:
-        """The surface only where the returns leave no doubt; see `surface_patches`."""
-        return self._patches_world(certain=True)
+    @cached_property
+    def error_m(self) -> NDArray[np.float64]:
+        """(N,) float64, m, how uncertain the outline is near each return but for the spacing of the beams; see
+        `outline_error_m`."""
+        camera_from_world, errors = self.exposure.camera_from_world, self.settings.outline
+        assert errors is not None, "only for protocols with unknown bands"
+        velocity_mps = np.nan_to_num(self.annotated.velocity_world_mps)
+        speed_mps, limbs = float(np.hypot(*velocity_mps[:2])), errors.limbs.get(self.annotated.track.object_class, ())
+        variance_m2 = np.full(len(self.cluster.rows), self._revolution_m2(velocity_mps))
+        if limbs and speed_mps:
+            swung_m = limb_motion_m(limbs, self._heights(), speed_mps=speed_mps, times_ns=self._since_exposure_ns())
+            across = cross(normalise(self.points_camera), camera_from_world.rotate(velocity_mps / speed_mps))
+            variance_m2 += swung_m**2 * dot(across, across)
+        sensor_camera = camera_from_world.apply(self.world_from_sensor.translation_m)
+        return outline_error_m(self.points_camera, sensor_camera=sensor_camera, variance_m2=variance_m2, errors=errors)
 
-    def _patches_world(self, *, ends: NDArray[np.float64] | float = 0.5, certain: bool = False) -> NDArray[np.float64]:
+    def _heights(self) -> NDArray[np.float64]:
+        """(N,), of each return above the object's bottom, over the object's height."""
+        points_world = self.cluster.points_world
+        heights_m = (self.parts_world if len(self.parts_world) else points_world)[..., 2]
+        return np.asarray((points_world[:, 2] - heights_m.min()) / np.ptp(heights_m))
+
+    def _since_exposure_ns(self) -> NDArray[np.int64]:
+        assert self.placed is not None, "only where a sweep has met the object"
+        return self.placed.times_ns[self.cluster.rows] - self.exposure.timestamp_ns
+
+    def _revolution_m2(self, velocity_mps: NDArray[np.float64]) -> float:
+        """Variance of what nothing tells of lidars without times of points: when in the revolution was it met? At
+        either end the object was elsewhere, seen from the vehicle."""
+        assert self.placed is not None, "only where a sweep has met the object"
+        sweep, half_ns = self.placed.sweep, self.placed.revolution_ns // 2
+        if sweep.time_offset_ns is not None:
+            return 0.0
+        rotations, positions_m, _ = self.exposure.trajectory.at(sweep.timestamp_ns + np.array([-half_ns, half_ns]))
+        middle_m = self.cluster.points_world.mean(axis=0)
+        centres_m = middle_m + velocity_mps * np.array([[-half_ns], [half_ns]]) / SECOND_NS
+        first_m, last_m = np.einsum("nji,nj->ni", rotations, centres_m - positions_m)
+        return float(np.nan_to_num(np.square(last_m - first_m).sum()) / 12)
+
+    @cached_property
+    def surface(self) -> Surface:
+        """Pixels of the surface, and for protocols with unknown bands those that it has at least, at most, for certain.
+
+        One pass over all patches, whatever asks for it.
+        """
         if self.grid is None:
-            return np.empty((4, 0, 3))
-        return surface_patches(
-            self.points_sensor,
-            self.cluster.points_world,
-            world_from_sensor=self.world_from_sensor.rotation,
-            grid=self.grid,
-            ends=ends,
-            certain=certain,
+            return Surface(likely=np.zeros((0, 0), dtype=bool), corner=np.zeros(2, dtype=np.int64))
+        if self.settings.outline is None:
+            counts, corner = draw(self.patches.corners, self.exposure)
+            return Surface(likely=without_slits(union(counts), solid=self.solid), corner=corner - 1)
+        corners, layer = self.patches.layers(self.error_m, solid=self.solid)
+        counts, corner = draw(corners, self.exposure, layer)
+        likely, least, most = (
+            without_slits(union(counts, layers), solid=self.solid) for layers in (LIKELY, LEAST, (Layer.DRAWN_OUT,))
+        )
+        return Surface(
+            likely=likely,
+            corner=corner - 1,
+            least=self.exposure.crop(least, corner - 1),
+            most=self.exposure.crop(most, corner - 1),
+            certain=None if self.solid else self.exposure.crop(union(counts, CERTAIN), corner),
         )
 
-    def shadow_world(self) -> NDArray[np.float64]:
+    def shadow(self) -> Raster | None:
         """What of the annotated shape lies behind its own returns: there the lidar sees nothing, and a camera may.
 
-        Returns:
-            (4, 2 M, 3) float64, m, world frame, of the M returns at the outline: what the middle lines of each patch,
-            across and upright, sweep on their way along the beam to the end of the shape. Empty for point indices.
+        The pixels of what the middle lines of the outline's patches, across and upright, sweep on their way along the
+        beam to the end of the shape. None where no such patch or no shape is known.
         """
-        if not len(self.parts_world) or self.grid is None:
-            return np.empty((4, 0, 3))
+        if self.grid is None or not len(self.parts_world):
+            return None
         outermost = (self.grid.neighbours < 0).any(axis=0)
         beams = normalise(self.world_from_sensor.rotate(self.points_sensor[outermost]))
-        ways_m = way_out_m(self.cluster.points_world[outermost], beams, self.parts_world)
-        left_above, right_above, right_below, left_below = self.patches_world[:, outermost]
-        across = np.stack([left_above + left_below, right_above + right_below]) / 2
-        upright = np.stack([left_above + right_above, left_below + right_below]) / 2
-        lines = np.concatenate([across, upright], axis=1)
-        return np.concatenate([lines, lines[::-1] + np.tile(beams * ways_m[:, None], (2, 1))])
+        ways = beams * way_out_m(self.cluster.points_world[outermost], beams, self.parts_world)[:, None]
+        corners = self.patches.corners[..., outermost]
+        if not corners.size:
+            return None
+        following = np.roll(corners, -1, axis=1)  # above, right, below, left: from corner to corner
+        above, right, below, left = np.moveaxis((corners + following) / 2, 1, 0)
+        lines = np.concatenate([np.stack([left, right], axis=1), np.stack([above, below], axis=1)], axis=2)
+        swept = np.concatenate([lines, lines[:, ::-1] + np.tile(ways.T, 2)[:, None]], axis=1)
+        counts, corner = draw(swept, self.exposure)
+        return self.exposure.crop(without_slits(union(counts)), corner - 1)
+
+    def unseen(self) -> Raster | None:
+        """What of the annotated shape lies below the lowest beam or above the highest; None where nothing does."""
+        parts_world = self.unseen_world()
+        if not len(parts_world):
+            return None
+        return silhouette(self.exposure.camera_from_world.apply(parts_world), self.exposure.camera.model)
 
     def unseen_world(self) -> NDArray[np.float64]:
         """What of the annotated shape lies below the lowest beam or above the highest.
@@ -122,6 +267,7 @@ class ScannedObject:
         Returns:
             (Q, 2 K, 3) float64, m, corners of convex bodies, world frame; upright in the sensor frame.
         """
+        assert self.placed is not None, "only where a sweep has met the object"
         lowest, highest = self.placed.slope_range
         found = []
         for corners in self.world_from_sensor.inverse().apply(self.parts_world):

@@ -13,7 +13,7 @@ from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep, deskew, interpolation_timestamps
 from bench.records.recording import ObjectShape, PointIndices, Recording
-from bench.reference.patches import Grid, find_grid
+from bench.reference.grid import Grid, find_grid
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -27,6 +27,7 @@ class PosedSweep:
         rotations: (K, 3, 3) float64, world_from_lidar.
         positions_m: (K, 3) float64, m.
         lidar_from_sensor: `Recording.lidar_from_beams`, the pose of the sensor in the frame of the points.
+        revolution_ns: how long a revolution takes; 0 where unknown.
     """
 
     sweep: LidarSweep
@@ -35,6 +36,7 @@ class PosedSweep:
     rotations: NDArray[np.float64]
     positions_m: NDArray[np.float64]
     lidar_from_sensor: RigidTransform
+    revolution_ns: int
 
     @cached_property
     def slope_range(self) -> tuple[float, float]:
@@ -95,6 +97,7 @@ def pose_sweep(
     trajectory: Trajectory,
     vehicle_from_lidar: RigidTransform,
     lidar_from_sensor: RigidTransform | None = None,
+    revolution_ns: int = 0,
 ) -> PosedSweep | None:
     """Find the lidar's poses during a sweep.
 
@@ -103,6 +106,7 @@ def pose_sweep(
         trajectory: ego-motion.
         vehicle_from_lidar: mounting of the frame of the points.
         lidar_from_sensor: pose of the sensor in that frame; None for its origin and axes.
+        revolution_ns: how long a revolution takes; 0 where unknown.
 
     Returns:
         None where the sweep has no points or ego-motion is missing for part of it.
@@ -119,6 +123,7 @@ def pose_sweep(
         rotations=rotations @ vehicle_from_lidar.rotation,
         positions_m=rotations @ vehicle_from_lidar.translation_m + positions_m,
         lidar_from_sensor=lidar_from_sensor or RigidTransform.identity(),
+        revolution_ns=revolution_ns,
     )
 
 
@@ -139,6 +144,7 @@ class SweepCache:
     def __init__(self, recording: Recording, max_gap_ns: int) -> None:
         self._recording, self._max_gap_ns = recording, max_gap_ns
         self._times_ns = np.array([ref.timestamp_ns for ref in recording.sweeps], dtype=np.int64)
+        self._revolution_ns = int(np.median(np.diff(self._times_ns))) if len(self._times_ns) > 1 else 0
         self._held: tuple[int, PosedSweep | None] | None = None
 
     def nearest(self, shape: ObjectShape, exposure_ns: int) -> PosedSweep | None:
@@ -163,10 +169,11 @@ class SweepCache:
             return None
         nearest = int(np.argmin(away_ns))
         if self._held is None or self._held[0] != nearest:
-            sweep = self._recording.sweeps[nearest].read()
-            self._held = nearest, self._placed(sweep)
+            self._held = nearest, self._placed(self._recording.sweeps[nearest].read())
         return self._held[1]
 
     def _placed(self, sweep: LidarSweep) -> PosedSweep | None:
         drive = self._recording
-        return pose_sweep(sweep, drive.trajectory, drive.vehicle_from_lidar, drive.lidar_from_beams)
+        return pose_sweep(
+            sweep, drive.trajectory, drive.vehicle_from_lidar, drive.lidar_from_beams, self._revolution_ns
+        )

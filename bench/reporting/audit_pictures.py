@@ -35,7 +35,8 @@ from bench.recordings import ImageRef, Recording, RecordingHandle, read_image, r
 from bench.records.reference import Outline
 from bench.reference import ReferenceBuilder
 from bench.reporting import canvas
-from bench.reporting.audit_tables import FALSE_ALARMS, MISSES, to_csv, to_markdown
+from bench.reporting.audit_tables import FALSE_ALARMS, MISSES, report, to_csv
+from bench.reporting.document import to_markdown
 from bench.reporting.formats import write_texts
 from bench.reporting.overlay import draw_outline, overlay_mask
 
@@ -98,7 +99,7 @@ def write_audit_files(folder: Path) -> tuple[Path, ...]:
         DataError: the stored audit is missing or damaged.
     """
     audit = read_audit(folder)
-    tables = write_texts(folder, {"audit.md": to_markdown(audit), "audit.csv": to_csv(audit)})
+    tables = write_texts(folder, {"audit.md": to_markdown(report(audit)), "audit.csv": to_csv(audit)})
     chart = draw_fit_by_distance(audit, read_polygons(folder))
     return (folder / AUDIT, *tables, *canvas.write_picture(folder / "fit", chart))
 

@@ -23,10 +23,10 @@ from bench.audit.ranking import (
 )
 from bench.audit.ranking_sums import ALL_MOVING, EXACT, FALSE_POSITIVES, REFERENCES
 from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.plain_text import escape_markdown
 from bench.reference import Category
-from bench.reporting import canvas, formats
-from bench.reporting.audit_tables import decimal, markdown_sections
+from bench.reporting import canvas, document, formats
+from bench.reporting.audit_tables import decimal, sections
+from bench.reporting.document import Block, Code, Heading, Paragraph, Picture, Table
 
 NAMES = dict(
     zip(
@@ -47,7 +47,7 @@ def row_label(name: str) -> str:
     return others.get(name) or formats.LABELS[Category(name)]
 
 
-def overview_table(ranking: RankingSummary) -> formats.TextTable:
+def overview_table(ranking: RankingSummary) -> Table:
     """One line per lidar reference."""
     rows = []
     for reference in LIDAR:
@@ -58,20 +58,19 @@ def overview_table(ranking: RankingSummary) -> formats.TextTable:
         aims = "; ".join(ranking.misses(reference)) or "none"
         rows.append((NAMES[reference], *(f"{value:.1f}" for value in differences), *taus, wins, aims))
     taus = [f"tau {row_label(row.name).lower()}" for row in ranking.rows]
-    return formats.TextTable(
+    return Table(
         title="Agreement with the exact masks",
-        headings=("Reference", "IoU points, all", "real methods", *taus, "Wrong masks win", "Aims missed"),
+        columns=("Reference", "IoU points, all", "real methods", *taus, "Wrong masks win", "Aims missed"),
         rows=rows,
         note="Points: mean absolute difference of IoU from the score against exact masks, over the predictions and the "
         "kinds of motion. Tau: Kendall's tau-b of the two orders of the predictions, by IoU, of false positives by "
         f"their area. The aims: tau of at least {LEAST_TAU} in every row with at least {FEWEST_RECORDINGS} recordings, "
         f"at most {100 * LARGEST_DIFFERENCE:g} points over all predictions and {100 * LARGEST_REAL_DIFFERENCE:g} over "
         "real methods. Wrong masks: how often a hull-shaped or a fat mask scores more than the exact one.",
-        labels=1,
     )
 
 
-def agreement_table(ranking: RankingSummary) -> formats.TextTable:
+def agreement_table(ranking: RankingSummary) -> Table:
     """Order and IoU, one line per row and lidar reference, with intervals."""
     rows = [
         (
@@ -82,18 +81,18 @@ def agreement_table(ranking: RankingSummary) -> formats.TextTable:
         for reference, found in row.agreement.items()
         for metric in list(found.difference)[:1]
     ]
-    return formats.TextTable(
+    return Table(
         title="Order, and differences of IoU in points",
-        headings=("Type", "Reference", "Recordings", "Frames", "Tau", "All", "Real methods"),
+        columns=("Type", "Reference", "Recordings", "Frames", "Tau", "All", "Real methods"),
         rows=rows,
         note="Mean absolute differences from the scores against exact masks, over all predictions, and over the real "
         "methods, that is those that are not made of the exact masks; of false positives: of their area. In brackets "
         f"95 % intervals from draws of whole recordings; rows of fewer than {FEWEST_RECORDINGS} recordings have none.",
-        labels=2,
+        words=2,
     )
 
 
-def difference_table(ranking: RankingSummary) -> formats.TextTable:
+def difference_table(ranking: RankingSummary) -> Table:
     """The other metrics, one line per row and lidar reference."""
     rows = [
         (
@@ -105,12 +104,12 @@ def difference_table(ranking: RankingSummary) -> formats.TextTable:
         for reference, found in row.agreement.items()
     ]
     metrics = [heading for name in OTHERS.values() for heading in (name, f"{name}, real methods")]
-    return formats.TextTable(
+    return Table(
         title="Differences of the other metrics, in points",
-        headings=("Type", "Reference", *metrics),
+        columns=("Type", "Reference", *metrics),
         rows=rows,
         note="As above. TPR: over detected object-frames.",
-        labels=2,
+        words=2,
     )
 
 
@@ -118,7 +117,7 @@ def _both(found: Agreement) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
     return found.difference, found.difference_real
 
 
-def ceiling_table(ranking: RankingSummary) -> formats.TextTable:
+def ceiling_table(ranking: RankingSummary) -> Table:
     """What the exact masks score, and what of the objects is unknown; one line per row."""
     rows = []
     for row in ranking.rows:
@@ -129,33 +128,32 @@ def ceiling_table(ranking: RankingSummary) -> formats.TextTable:
         rows.append(
             (row_label(row.name), _recordings(row), str(row.cases), *cells, formats.hundredths(row.unknown_share))
         )
-    return formats.TextTable(
+    return Table(
         title="Ceiling: IoU of the exact masks, in percent",
-        headings=("Type", "Recordings", "Frames", *(NAMES[name] for name in LIDAR), "Unknown share"),
+        columns=("Type", "Recordings", "Frames", *(NAMES[name] for name in LIDAR), "Unknown share"),
         rows=rows,
         note="Unknown share: mean share of an object-frame's possible pixels in which surface-v1 counts nothing.",
-        labels=1,
     )
 
 
-def fit_table(ranking: RankingSummary) -> formats.TextTable:
+def fit_table(ranking: RankingSummary) -> Table:
     """How far the regions of surface-v1 are right, one line per slice."""
     rows = [
         (fit.object_class, fit.range_m, fit.ego_speed_mps, str(fit.object_frames),
          *(formats.hundredths(share) for share in (fit.core_outside, fit.left_out, fit.unknown_share)))
         for fit in ranking.fits
     ]  # fmt: skip
-    return formats.TextTable(
+    return Table(
         title="Core, band and exact mask of surface-v1, in percent",
-        headings=("Class", "Range m", "Ego m/s", "Frames", "Core outside mask", "Mask left out", "Unknown share"),
+        columns=("Class", "Range m", "Ego m/s", "Frames", "Core outside mask", "Mask left out", "Unknown share"),
         rows=rows,
         note="Core outside mask: of the cores' pixels. Mask left out: of the exact masks, in neither core nor "
         "band. Unknown share: mean over the object-frames.",
-        labels=3,
+        words=3,
     )
 
 
-def check_table(ranking: RankingSummary) -> formats.TextTable:
+def check_table(ranking: RankingSummary) -> Table:
     """Where a mask that is wrong by construction beats the exact one."""
     rows: dict[tuple[str, str], list[str]] = {}
     for row in ranking.rows:
@@ -163,28 +161,27 @@ def check_table(ranking: RankingSummary) -> formats.TextTable:
             cells = rows.setdefault((row_label(row.name), check.prediction), [])
             iou = f"{formats.hundredths(check.iou)} : {formats.hundredths(check.exact_iou)}"
             cells.append(iou if check.holds else f"WINS {iou}")
-    return formats.TextTable(
+    return Table(
         title="A hull-shaped or fat mask never beats the exact one",
-        headings=("Type", "Mask", *NAMES.values()),
+        columns=("Type", "Mask", *NAMES.values()),
         rows=[(*key, *cells) for key, cells in rows.items()],
         note="IoU of the mask : IoU of the exact mask, in percent.",
-        labels=2,
+        words=2,
     )
 
 
-def score_table(row: RankedRow) -> formats.TextTable:
+def score_table(row: RankedRow) -> Table:
     """Every prediction's score in one row, the best by the exact masks first."""
     metric = "false_positive_share" if row.name == FALSE_POSITIVES else "iou"
     scores = row.scores[metric]
     order = sorted(scores[EXACT], key=lambda name: _last_if_nan(scores[EXACT][name]))
     lines = [(name, *(formats.hundredths(scores[reference][name]) for reference in REFERENCES)) for name in order]
     what = "area of false positives" if row.name == FALSE_POSITIVES else "IoU"
-    return formats.TextTable(
+    return Table(
         title=f"{row_label(row.name)}: {what}, in percent",
-        headings=("Prediction", *NAMES.values()),
+        columns=("Prediction", *NAMES.values()),
         rows=lines,
         note=f"{row.cases} frames of {row.recordings} recordings.",
-        labels=1,
     )
 
 
@@ -206,27 +203,24 @@ def _points(found: Estimate) -> str:
     return formats.hundredths(found.value) + ends
 
 
-def ranking_tables(ranking: RankingSummary) -> tuple[formats.TextTable, ...]:
+def ranking_tables(ranking: RankingSummary) -> tuple[Table, ...]:
     """The tables that are printed."""
     tables = [overview_table(ranking), agreement_table(ranking), ceiling_table(ranking), fit_table(ranking)]
     return (*tables, check_table(ranking)) if any(row.checks for row in ranking.rows) else tuple(tables)
 
 
-def to_markdown(ranking: RankingSummary) -> str:
-    """All tables with their notes, GitHub's Markdown."""
-    head = (
-        f"# Does the lidar reference of {escape_markdown(ranking.dataset)} rank methods as the truth does?",
+def report(ranking: RankingSummary) -> Iterator[Block]:
+    """All tables with their notes."""
+    yield Heading(f"Does the lidar reference of {ranking.dataset} rank methods as the truth does?", 1)
+    yield Paragraph(
         f"{len(ranking.predictions)} predictions, {len(ranking.real)} of them real methods, against four lidar "
         f"references and the exact masks, over the same object-frames of {ranking.images} images of "
-        f"{ranking.recordings} recordings. Made by `{_command(ranking)}`.",
-        "![Scores against lidar references over scores against exact masks](ranking.png)",
+        f"{ranking.recordings} recordings. Made by:"
     )
-    tables = (
-        *ranking_tables(ranking),
-        difference_table(ranking),
-        *(score_table(row) for row in ranking.rows if row.cases),
-    )
-    return "\n\n".join([*head, *markdown_sections(tables)]) + "\n"
+    yield Code(_command(ranking))
+    yield Picture("ranking.png", "Scores against lidar references over scores against exact masks")
+    scores = (score_table(row) for row in ranking.rows if row.cases)
+    yield from sections((*ranking_tables(ranking), difference_table(ranking), *scores))
 
 
 def _command(ranking: RankingSummary) -> str:
@@ -238,7 +232,7 @@ def _command(ranking: RankingSummary) -> str:
 def to_csv(ranking: RankingSummary) -> str:
     """One line per number, at full precision; empty where there is none."""
     columns = ["table", "row", "reference", "prediction", "metric", "recordings", "cases", "value", "low", "high"]
-    return formats.csv_text(list(_csv_rows(ranking)), columns)
+    return document.to_csv(_csv_rows(ranking), columns)
 
 
 def _csv_rows(ranking: RankingSummary) -> Iterator[dict[str, object]]:
@@ -316,5 +310,7 @@ def write_ranking_files(folder: Path) -> tuple[Path, ...]:
         DataError: the stored ranking is missing or damaged.
     """
     ranking = read_ranking(folder)
-    texts = formats.write_texts(folder, {"ranking.md": to_markdown(ranking), "ranking.csv": to_csv(ranking)})
+    texts = formats.write_texts(
+        folder, {"ranking.md": document.to_markdown(report(ranking)), "ranking.csv": to_csv(ranking)}
+    )
     return (folder / RANKING, *texts, *canvas.write_picture(folder / "ranking", draw_ranking(ranking)))

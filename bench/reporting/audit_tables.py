@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-
-from rich.table import Table
-from rich.text import Text
+from dataclasses import replace
 
 from bench.audit import (
     ALL,
@@ -21,9 +19,9 @@ from bench.audit import (
     Scoring,
 )
 from bench.evaluation import Metric, ObjectMetrics
-from bench.plain_text import escape_markdown, plain
 from bench.reference import Category
-from bench.reporting import formats
+from bench.reporting import document, formats
+from bench.reporting.document import Block, Heading, Paragraph, Table
 from bench.reporting.tables import COVERAGES
 
 COMPENSATIONS = {
@@ -43,7 +41,7 @@ def share(part: int, whole: int) -> str:
     return f"{100 * part / whole:.1f}" if whole else "n/a"
 
 
-def polygon_table(audit: AuditSummary) -> formats.TextTable:
+def polygon_table(audit: AuditSummary) -> Table:
     """Every kind side by side, by class and range."""
     found = {(p.object_class, p.range_m, p.kind): p for p in audit.polygons if p.compensation == Compensation.FULL}
     slices = dict.fromkeys((name, range_m) for name, range_m, _ in found)
@@ -54,34 +52,34 @@ def polygon_table(audit: AuditSummary) -> formats.TextTable:
         limit = next(p.solid.median for (n, r, _), p in found.items() if (n, r) == (name, range_m))
         rows.append((name, range_m, str(frames), *(cell for part in cells for cell in part), f"{100 * limit:.0f}"))
     headings = [f"{kind.replace('-', ' ')} {what}" for kind in audit.polygon_kinds for what in ("IoU %", "area %")]
-    return formats.TextTable(
+    return Table(
         title="How well the reference polygons cover what the camera sees",
-        headings=("Class", "Range m", "Frames", *headings, "Filled IoU %"),
+        columns=("Class", "Range m", "Frames", *headings, "Filled IoU %"),
         rows=rows,
         note="IoU of each polygon, within V and less the nearer polygons, with the exact mask of its object: median "
         "(quartiles). Area: how much too large (+) or too small (-), median. Filled: IoU of the exact mask with its "
         "own filled outline, median: a polygon without holes does hardly better, and one sees through a bicycle. The "
         "object-frames are those that the protocol evaluates.",
-        labels=2,
+        words=2,
     )
 
 
-def aim_table(audit: AuditSummary) -> formats.TextTable:
+def aim_table(audit: AuditSummary) -> Table:
     """Which classes reach the aim."""
-    return formats.TextTable(
+    return Table(
         title="The aim for polygons that follow the outline",
-        headings=("Kind", "Class", "Frames", "Median IoU", "Aim", "Verdict", "IoU, filled"),
+        columns=("Kind", "Class", "Frames", "Median IoU", "Aim", "Verdict", "IoU, filled"),
         rows=tuple(
             (a.kind, f"{a.object_class} within {a.within_m:g} m", str(a.object_frames), decimal(a.median_iou),
              f">= {a.expected:.2f}", _verdict(a), decimal(a.median_filled_iou)) for a in audit.aims
         ),
         note="With full motion compensation. The convex hull is the paper's bounding polygon and has no aim. Filled: "
         "with the masks' holes filled, as annotators draw them.",
-        labels=2,
+        words=2,
     )  # fmt: skip
 
 
-def compensation_table(audit: AuditSummary) -> formats.TextTable:
+def compensation_table(audit: AuditSummary) -> Table:
     """Every kind and compensation, by class."""
     found = {(p.kind, p.compensation, p.object_class): p for p in audit.polygons if p.range_m == ALL}
     classes = list(dict.fromkeys(name for _, _, name in found))
@@ -94,13 +92,13 @@ def compensation_table(audit: AuditSummary) -> formats.TextTable:
                 row += ["", ""] if part is None else [decimal(part.iou.median), decimal(part.boundary_px.median)]
             rows.append(row)
     headings = [f"{name} {what}" for name in classes for what in ("IoU", "edge px")]
-    return formats.TextTable(
+    return Table(
         title="What motion compensation is worth",
-        headings=("Kind", "Compensation", *headings),
+        columns=("Kind", "Compensation", *headings),
         rows=rows,
         note="Medians over all ranges; edge: mean distance between the two outlines. Compensation: which motion "
         "between a lidar point and the exposure is undone; the last is what the benchmark does.",
-        labels=2,
+        words=2,
     )
 
 
@@ -126,7 +124,7 @@ SCORINGS = {
 RATES = {"detection_rate": "Detection", "detection_rate_50": "Detection at 50 %"}
 
 
-def score_table(audit: AuditSummary) -> formats.TextTable:
+def score_table(audit: AuditSummary) -> Table:
     """One line per kind of motion and scoring, then the false positives."""
     first = next(iter(audit.scores.values()))
     rates = {name: heading for name, heading in RATES.items() if name in first.all_moving.metric_names()}
@@ -140,23 +138,23 @@ def score_table(audit: AuditSummary) -> formats.TextTable:
     for scoring, scores in audit.scores.items():
         false = scores.false_positives
         blank = [""] * (len(rates) + len(COVERAGES) - 1)
-        head = "False positives", SCORINGS[Scoring(scoring)], formats.count(false.recordings), str(false.frames)
+        head = "False positives", SCORINGS[Scoring(scoring)], false.recordings, false.frames
         rows.append((*head, _metric(false.coverage), *blank))
-    return formats.TextTable(
+    return Table(
         title="What the reference, the ego-motion and the flow do to the score, in percent",
-        headings=("Type", "Scored", "Recordings", "Frames", *rates.values(), *COVERAGES.values()),
+        columns=("Type", "Scored", "Recordings", "Frames", *rates.values(), *COVERAGES.values()),
         rows=rows,
         note="The same object-frames in all lines of a type; types without any are left out. Lidar polygons: the "
         "benchmark. Exact masks: the same detections. Exact motion: ego-motion, calibration and road are exact, the "
         "flow is estimated. Exact flow: nothing is estimated, the method's own limit; the flow is that of each cell's "
         "centre. Perfect cells: every cell whose centre shows a moving object and no other, the limit of the grid. "
         f"False positives: area of the image. {formats.INTERVALS}",
-        labels=2,
+        words=2,
     )
 
 
-def _cells(row: ObjectMetrics, rates: dict[str, str]) -> list[str]:
-    cells = [str(row.recordings), str(row.object_frames)]
+def _cells(row: ObjectMetrics, rates: dict[str, str]) -> list[object]:
+    cells: list[object] = [row.recordings, row.object_frames]
     cells += [_metric(row.metric(name), with_interval=False) for name in rates]
     return cells + [_metric(row.metric(name), with_interval=name != "tpr") for name in COVERAGES]
 
@@ -184,19 +182,19 @@ FALSE_ALARMS = {
 }
 
 
-def miss_table(audit: AuditSummary) -> formats.TextTable:
+def miss_table(audit: AuditSummary) -> Table:
     """One line per kind of motion, then all."""
     rows = [_miss_cells(row) for row in audit.misses if row.cells]
-    return formats.TextTable(
+    return Table(
         title="Why cells of moving objects are missed, in percent of the missed ones",
-        headings=("Type", "Frames", "Cells", "Found %", "by error %", *MISSES.values(), "flow error px"),
+        columns=("Type", "Frames", "Cells", "Found %", "by error %", *MISSES.values(), "flow error px"),
         rows=rows,
         note="Cells of the exact masks. By error: share of all cells that are found although the exact flow fires "
         "nothing there. Blind: the exact flow with exact ego-motion fires nothing either, since the motion lies in the "
         "epipolar plane or the deviation stays below the threshold; above the horizon no height constraint can help. "
         "Flow: it would have fired by the exact flow. Ego-motion: it would have fired by the exact ego-motion. Each "
         "cell has one cause, so a line adds up to 100. Flow error: median over object-frames.",
-        labels=1,
+        words=1,
     )
 
 
@@ -207,14 +205,14 @@ def _miss_cells(row: MissFigures) -> tuple[str, ...]:
     return (label, str(row.object_frames), str(row.cells), *found, *shares, decimal(row.flow_error_px.median))
 
 
-def false_alarm_table(audit: AuditSummary) -> formats.TextTable:
+def false_alarm_table(audit: AuditSummary) -> Table:
     """One line."""
     row = audit.false_alarms
     assert row is not None, "asked for only where there is exact flow"
     shares = [share(row.causes[cause.value], row.flagged) for cause in FALSE_ALARMS]
-    return formats.TextTable(
+    return Table(
         title="Why cells of the static world are flagged, in percent of the flagged ones",
-        headings=("Images", "Cells", "Flagged %", *FALSE_ALARMS.values(), "flow error px"),
+        columns=("Images", "Cells", "Flagged %", *FALSE_ALARMS.values(), "flow error px"),
         rows=(
             (str(row.images), str(row.cells), share(row.flagged, row.cells), *shares,
              decimal(row.flow_error_px.median)),
@@ -222,11 +220,11 @@ def false_alarm_table(audit: AuditSummary) -> formats.TextTable:
         note="Method: the exact flow with exact ego-motion flags them as well; anti-parallel is the paper's own, "
         "static points between the road and the camera's height. Flow: only the estimated flow flags them. Ego-motion: "
         "only the recorded ego-motion and calibration do.",
-        labels=0,
+        words=0,
     )  # fmt: skip
 
 
-def audit_tables(audit: AuditSummary) -> tuple[formats.TextTable, ...]:
+def audit_tables(audit: AuditSummary) -> tuple[Table, ...]:
     """Polygons by class and range, the aim, compensation, scores; missed cells and false alarms by exact flow."""
     tables = [polygon_table(audit), aim_table(audit), compensation_table(audit), score_table(audit)]
     if audit.false_alarms is not None:
@@ -234,26 +232,24 @@ def audit_tables(audit: AuditSummary) -> tuple[formats.TextTable, ...]:
     return tuple(tables)
 
 
-def to_markdown(audit: AuditSummary) -> str:
-    """All tables with their notes, GitHub's Markdown."""
+def report(audit: AuditSummary) -> Iterator[Block]:
+    """All tables with their notes."""
     made = audit.method
-    dataset, method, protocol = map(escape_markdown, (audit.dataset, made.name, audit.protocol.name))
-    head = [
-        f"# Audit of {dataset}: lidar reference and {method}",
-        f"{audit.recordings} recordings, protocol {protocol}, method {method}. {audit.not_seen} evaluated "
-        "object-frames of which the camera sees no pixel are in none of the metrics.",
-    ]
+    yield Heading(f"Audit of {audit.dataset}: lidar reference and {made.name}", 1)
+    yield Paragraph(
+        f"{audit.recordings} recordings, protocol {audit.protocol.name}, method {made.name}. {audit.not_seen} "
+        "evaluated object-frames of which the camera sees no pixel are in none of the metrics."
+    )
     if audit.left_out:
-        head.append(f"Without exact flow: {escape_markdown(audit.left_out)}.")
-    return "\n\n".join([*head, *markdown_sections(audit_tables(audit))]) + "\n"
+        yield Paragraph(f"Without exact flow: {audit.left_out}.")
+    yield from sections(audit_tables(audit))
 
 
-def markdown_sections(tables: Iterable[formats.TextTable]) -> Iterator[str]:
-    """Heading, table and note of each, GitHub's Markdown."""
+def sections(tables: Iterable[Table]) -> Iterator[Block]:
+    """Each table below its title as a heading."""
     for table in tables:
-        yield f"## {table.title}"
-        yield formats.markdown_table(table.headings, table.rows, labels=table.labels, rules=("---", "---:"))
-        yield table.note
+        yield Heading(table.title)
+        yield replace(table, title="")
 
 
 _COLUMNS = ["table", "kind", "compensation", "slice", "range_m", "figure", "cases", "value"]
@@ -261,7 +257,7 @@ _COLUMNS = ["table", "kind", "compensation", "slice", "range_m", "figure", "case
 
 def to_csv(audit: AuditSummary) -> str:
     """One line per metric, at full precision; empty where there is no number."""
-    return formats.csv_text(list(_csv_rows(audit)), _COLUMNS)
+    return document.to_csv(_csv_rows(audit), _COLUMNS)
 
 
 def _csv_rows(audit: AuditSummary) -> Iterator[dict[str, object]]:
@@ -298,25 +294,6 @@ def _quartiles(found: PolygonFigures) -> dict[str, Quartiles]:
 _WIDEST = 8  # columns of a table that a terminal holds
 
 
-def to_rich(tables: Iterable[formats.TextTable]) -> Iterator[tuple[Table, str]]:
-    """Tables for a console of at least 110 columns, each with its note; nothing is printed here."""
-    for item in tables:
-        rotated = item.labels < 2 and len(item.headings) > _WIDEST
-        headings, rows = item.headings, item.rows
-        if rotated:  # rows for columns
-            columns = list(zip(item.headings, *item.rows, strict=True))
-            headings, rows = (columns[0], columns[1:]) if item.labels else (("", ""), columns)
-            headings = ("", *headings[1:])
-        table = formats.terminal_table(item.title)
-        words = max(item.labels, 1)
-        for number, heading in enumerate(map(plain, headings)):
-            table.add_column(
-                Text(heading if number < words else heading.replace(" ", "\n", 1)),
-                justify="left" if number < words else "right",
-                no_wrap=not rotated and number > 0,
-            )
-        before = ""
-        for row in rows:
-            table.add_row("" if row[0] == before else row[0], *row[1:])
-            before = row[0]
-        yield table, item.note
+def for_terminal(tables: Iterable[Table]) -> list[Table]:
+    """Tables for a console of at least 110 columns, with rows for columns where there are too many."""
+    return [table.transposed() if table.words < 2 and len(table.columns) > _WIDEST else table for table in tables]

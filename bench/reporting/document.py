@@ -12,10 +12,9 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import jinja2
-import pandas as pd
 from markupsafe import Markup
 from rich.box import SIMPLE_HEAD
 from rich.table import Table as RichTable
@@ -23,7 +22,10 @@ from rich.text import Text
 
 from bench.plain_text import escape_markdown, plain
 
-Style = Literal["", "strong", "dim", "good", "bad"]
+if TYPE_CHECKING:
+    import pandas as pd
+
+Style = Literal["", "strong", "dim", "good", "warn", "bad"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,7 +106,7 @@ class Table:
     def cells(self) -> list[list[Cell]]:
         """The rows, every value written in the format of its column."""
         forms = [c.form if isinstance(c, Column) else as_text for c in self.columns]
-        rows = self.rows.itertuples(index=False) if isinstance(self.rows, pd.DataFrame) else self.rows
+        rows = self.rows if isinstance(self.rows, Sequence) else self.rows.itertuples(index=False)
         return [[_as_cell(value, form) for value, form in zip(row, forms, strict=True)] for row in rows]
 
     def transposed(self) -> Table:
@@ -169,53 +171,57 @@ class Folded:
 Block = Heading | Paragraph | Items | Code | Picture | Table | Folded
 
 
-_RICH = {"": "", "strong": "bold", "dim": "dim", "good": "green", "bad": "red"}
+_RICH = {"": "", "strong": "bold", "dim": "dim", "good": "green", "warn": "yellow", "bad": "red"}
 
 
-def to_terminal(blocks: Iterable[Block]) -> Iterator[RichTable | Text]:
-    """What a `rich` console prints, line by line and table by table; pictures are named."""
+def to_terminal(blocks: Iterable[Block], *, clean: Callable[[str], str] = plain) -> Iterator[RichTable | Text]:
+    """What a `rich` console prints, line by line and table by table; pictures are named.
+
+    Args:
+        blocks: of the report.
+        clean: makes a line harmless, whatever it holds.
+    """
     for block in blocks:
         match block:
             case Heading():
-                yield Text(plain(block.text), style="bold")
+                yield Text(clean(block.text), style="bold")
             case Paragraph():
-                yield Text(plain(block.text), style=_RICH[block.style])
+                yield Text(clean(block.text), style=_RICH[block.style])
             case Items():
-                yield from (Text(f"- {plain(text)}") for text in block.texts)
+                yield from (Text(f"- {clean(text)}") for text in block.texts)
             case Code():
-                yield from (Text(f"  {plain(line)}") for line in block.text.splitlines())
+                yield from (Text(f"  {clean(line)}") for line in block.text.splitlines())
             case Picture():
-                yield Text(plain(f"{block.text}: {block.address}"))
+                yield Text(clean(f"{block.text}: {block.address}"))
             case Folded():
-                yield Text(plain(block.summary), style="bold")
-                yield from to_terminal(block.blocks)
+                yield Text(clean(block.summary), style="bold")
+                yield from to_terminal(block.blocks, clean=clean)
             case Table():
-                yield from (Text(plain(title), style="bold") for title in (block.title,) if title)
-                yield _rich_table(block)
-                yield from (Text(plain(note), style="dim") for note in (block.note,) if note)
+                yield from (Text(clean(title), style="bold") for title in (block.title,) if title)
+                yield _rich_table(block, clean)
+                yield from (Text(line, style="dim") for line in (clean(block.note), "") if block.note)
 
 
-def _rich_table(table: Table) -> RichTable:
+def _rich_table(table: Table, clean: Callable[[str], str]) -> RichTable:
     """Numbers are never cut where there is room; a first word that repeats the one above is left out."""
     rows = table.cells()
     lines = any(cell.below for row in rows for cell in row)
     shown = RichTable(box=SIMPLE_HEAD, show_edge=False, padding=(0, int(not lines), int(lines), 0))
     for place, heading in enumerate(table.headings()):
         of_words = place < table.words
-        shown.add_column(
-            _rich_text(heading), justify="left" if of_words else "right", no_wrap=not of_words, overflow="fold"
-        )
+        justify: Literal["left", "right"] = "left" if of_words else "right"
+        shown.add_column(_rich_text(heading, clean), justify=justify, no_wrap=not of_words, overflow="fold")
     above = None
     for first, *others in rows:
         same = table.words > 1 and first == above
-        shown.add_row(Text("") if same else _rich_text(first), *map(_rich_text, others))
+        shown.add_row(*(_rich_text(cell, clean) for cell in (Cell("") if same else first, *others)))
         above = first
     return shown
 
 
-def _rich_text(cell: Cell) -> Text:
-    below = "".join(f"\n{plain(line)}" for line in cell.below)
-    return Text(plain(cell.text), style=_RICH[cell.style]).append(below, style="not bold")
+def _rich_text(cell: Cell, clean: Callable[[str], str]) -> Text:
+    below = "".join(f"\n{clean(line)}" for line in cell.below)
+    return Text(clean(cell.text), style=_RICH[cell.style]).append(below, style="not bold")
 
 
 def to_markdown(blocks: Iterable[Block]) -> str:
@@ -378,6 +384,8 @@ def to_csv(rows: Iterable[Mapping[str, object]], columns: Sequence[str] | None =
         rows: by name of the column.
         columns: their names; None for those of the rows.
     """
+    import pandas as pd  # takes half a second, which a list on the terminal need not wait for
+
     names = None if columns is None else list(columns)
     return pd.DataFrame(list(rows), columns=names, dtype=object).to_csv(index=False, lineterminator="\n")
 

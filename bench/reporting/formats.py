@@ -1,24 +1,14 @@
-"""How values, intervals and tables are written, the same in every output of this package."""
+"""How values and intervals are written and images are named, the same in every output of this package."""
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 import math
 import re
-from collections.abc import Container, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Container, Iterable, Mapping
 from pathlib import Path
-from typing import Any
-
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
-from rich.text import Text
 
 from bench.evaluation import Metric
 from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.plain_text import escape_markdown
 from bench.recordings import write_text
 from bench.records.reference import Category, ReferenceFrame
 from bench.reporting.document import Cell
@@ -103,11 +93,6 @@ def with_interval(metric: Metric) -> str:
     return " ".join((cell.text, *cell.below))
 
 
-def count(number: int | None) -> str:
-    """A count as "3848"; "" for None."""
-    return "" if number is None else str(number)
-
-
 def detection_levels(names: Iterable[str]) -> list[str]:
     """Those of the names that are detection rates at a level, as "detection_rate_50", the lowest level first."""
     return sorted((name for name in names if name.startswith("detection_rate_")), key=level_percent)
@@ -121,99 +106,6 @@ def level_percent(name: str) -> float:
 def chance_of(name: str) -> str:
     """Name of the chance level of a detection rate."""
     return name.replace("detection_rate", "chance")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TextTable:
-    """A table of text.
-
-    Attributes:
-        title: stands above it.
-        headings: of the columns.
-        rows: as many cells each.
-        labels: how many columns from the left hold words; the others hold numbers.
-        note: how to read it.
-    """
-
-    title: str
-    headings: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    labels: int = 1
-    note: str = ""
-
-
-def markdown_table(
-    headings: Sequence[str],
-    rows: Iterable[Sequence[str]],
-    *,
-    labels: int = 1,
-    rules: tuple[str, str] = (":--", "--:"),
-    escape: bool = True,
-) -> str:
-    """A table of GitHub's Markdown, the first columns left-aligned, the others right.
-
-    Args:
-        headings: of the columns.
-        rows: as many cells each.
-        labels: how many columns from the left hold words.
-        rules: below the headings of words and of numbers.
-        escape: whether the cells are text from outside; otherwise they are Markdown.
-    """
-    cells = [[escape_markdown(cell) for cell in row] if escape else row for row in (headings, *rows)]
-    cells.insert(1, [rules[place >= labels] for place in range(len(headings))])
-    return "\n".join(f"| {' | '.join(line)} |" for line in cells)
-
-
-def terminal_table(title: str, *, caption: str | Text | None = None, below: int = 0, right: int = 1) -> Table:
-    """An empty table for the terminal, with so many blank lines below a row and columns right of a cell."""
-    return Table(
-        box=SIMPLE_HEAD,
-        padding=(0, right, below, 0),
-        show_edge=False,
-        title=title,
-        title_justify="left",
-        caption=caption,
-        caption_justify="left",
-    )
-
-
-def number_columns(table: Table, headings: Iterable[str], *, min_width: int | None = None) -> None:
-    """Add right-aligned columns; line breaks in the headings stay."""
-    for heading in headings:
-        table.add_column(Text(heading), justify="right", no_wrap=True, min_width=min_width)
-
-
-def csv_text(
-    rows: Sequence[Mapping[str, object]] | Sequence[Sequence[object]], columns: list[str] | None = None
-) -> str:
-    """One line per row, numbers at full precision; empty for NaN, None, and what a row does not have.
-
-    Args:
-        rows: by name of the column, or in the order of the columns.
-        columns: their names; None for those of the rows.
-    """
-    names = list(dict.fromkeys(name for row in rows for name in row)) if columns is None else columns
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(names)
-    for row in rows:
-        cells = [row.get(str(name)) for name in names] if isinstance(row, Mapping) else row
-        writer.writerow(without_nan(list(cells)))
-    return text.getvalue()
-
-
-def json_text(content: Mapping[str, object], *, indent: int = 1) -> str:
-    """JSON with null for NaN."""
-    return json.dumps(without_nan(content), indent=indent, allow_nan=False, ensure_ascii=False) + "\n"
-
-
-def without_nan(value: Any) -> Any:
-    """A value of any depth with None for NaN, as JSON has it."""
-    if isinstance(value, float):
-        return None if math.isnan(value) else value
-    if isinstance(value, Mapping):
-        return {key: without_nan(part) for key, part in value.items()}
-    return [without_nan(part) for part in value] if isinstance(value, list | tuple) else value
 
 
 def write_texts(folder: Path, texts: Mapping[str, str]) -> tuple[Path, ...]:

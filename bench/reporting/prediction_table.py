@@ -1,11 +1,10 @@
-"""What is wrong with a folder of predictions, as a table for the terminal."""
+"""What is wrong with a folder of predictions, as a table."""
 
 from __future__ import annotations
 
-from rich.table import Table
-
 from bench.harness import PredictionReport
-from bench.reporting.formats import shortened, terminal_table
+from bench.reporting.document import Table
+from bench.reporting.formats import shortened
 
 SHOWN = 5  # faults of a kind
 LONGEST = 160  # letters of a reason
@@ -13,18 +12,13 @@ LONGEST = 160  # letters of a reason
 
 def prediction_table(report: PredictionReport) -> Table | None:
     """The first few faults of each kind, with the number of all; None where there is none."""
-    table = terminal_table("Predictions that do not fit")
-    table.add_column("", no_wrap=True)
-    table.add_column("how many", justify="right")
-    table.add_column("file or image", overflow="fold")
-    table.add_column("why", overflow="fold")
+    rows = []
     for kind, faults in report.faults.items():
-        for number, fault in enumerate(faults[:SHOWN]):
-            head = (kind, str(len(faults))) if number == 0 else ("", "")
-            table.add_row(*head, fault.place, shortened(fault.reason, LONGEST))
-        if len(faults) > SHOWN:
-            table.add_row("", "", "...", "")
-    return table if table.row_count else None
+        label = f"{kind}: {len(faults)}"
+        rows += [(label, fault.place, shortened(fault.reason, LONGEST)) for fault in faults[:SHOWN]]
+        rows += [(label, "...", "")] if len(faults) > SHOWN else []
+    columns = ["fault: how many", "file or image", "why"]
+    return Table(title="Predictions that do not fit", columns=columns, rows=rows, words=3) if rows else None
 
 
 def prediction_line(report: PredictionReport) -> str:

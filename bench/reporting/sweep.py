@@ -8,13 +8,11 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from rich.table import Table
-from rich.text import Text
 
 from bench.evaluation import Metric
 from bench.harness import RunSummary
-from bench.plain_text import escape_markdown
-from bench.reporting import canvas, formats
+from bench.reporting import canvas, document, formats
+from bench.reporting.document import Block, Heading, Paragraph, Table, to_markdown
 
 TABLE = "sweep.csv"  # the runs in a folder with this file are values of a sweep, and no entries of a leaderboard
 FALSE_POSITIVES = "false_positive_coverage"
@@ -47,40 +45,27 @@ def to_csv(setting: str, runs: Mapping[str, RunSummary]) -> str:
             low, high = metric.ci95 or (None, None)
             row |= {name: metric.value, f"{name}.ci95_low": low, f"{name}.ci95_high": high}
         rows.append(row)
-    return formats.csv_text(rows)
+    return document.to_csv(rows)
 
 
-def to_markdown(setting: str, runs: Mapping[str, RunSummary], *, title: str, note: str = "") -> str:
-    """One table over all moving objects, a row a value; GitHub's Markdown."""
-    rows = [
-        [value, *map(str, _counts(summary).values()), *map(formats.with_interval, headlines(summary).values())]
-        for value, summary in runs.items()
-    ]
-    table = formats.markdown_table([setting, "Images", "Object-frames", "Recordings", *_headings(runs)], rows)
-    about = f"IoU and TPR are averages over all object-frames that move. {formats.INTERVALS} {note}".rstrip()
-    return f"# {escape_markdown(title)}\n\n{about}\n\n{table}\n"
-
-
-def to_rich(setting: str, runs: Mapping[str, RunSummary], *, title: str, note: str = "") -> Table:
-    """One row a value, in percent."""
-    table = formats.terminal_table(f"{title}; in percent", caption=note or None)
-    table.add_column(setting, overflow="fold")
-    formats.number_columns(
-        table,
-        [
-            "Images",
-            "Object-\nframes",
-            "Recs",
-            *(h.replace(", ", ",\n").replace(" at ", "\nat ") for h in _headings(runs)),
+def table(setting: str, runs: Mapping[str, RunSummary], *, title: str, note: str = "") -> Table:
+    """A row a value, over all moving objects."""
+    headings = [HEADLINES[name][0] for name in headlines(next(iter(runs.values())))]
+    return Table(
+        title=title,
+        columns=[setting, "Images", "Object-frames", "Recordings", *headings],
+        rows=[
+            [value, *_counts(summary).values(), *map(formats.metric_cell, headlines(summary).values())]
+            for value, summary in runs.items()
         ],
+        note=note,
     )
-    for value, summary in runs.items():
-        metrics = [
-            Text(f"{formats.hundredths(found.value)}\n{formats.short_interval(found)}".rstrip())
-            for found in headlines(summary).values()
-        ]
-        table.add_row(value, *map(str, _counts(summary).values()), *metrics)
-    return table
+
+
+def report(setting: str, runs: Mapping[str, RunSummary], *, title: str, note: str = "") -> list[Block]:
+    """One table over all moving objects, and how to read it."""
+    about = f"IoU and TPR are averages over all object-frames that move. {formats.INTERVALS} {note}".rstrip()
+    return [Heading(title, 1), Paragraph(about), table(setting, runs, title="")]
 
 
 @canvas.styled
@@ -137,7 +122,7 @@ def write_sweep(
         title: stands above table and chart.
         note: how to read them.
     """
-    texts = {TABLE: to_csv(setting, runs), "sweep.md": to_markdown(setting, runs, title=title, note=note)}
+    texts = {TABLE: to_csv(setting, runs), "sweep.md": to_markdown(report(setting, runs, title=title, note=note))}
     figure = draw(setting, runs, title=title, note=note)
     pictures = canvas.write_picture(folder / "sweep", figure, formats=("png", "svg", "pdf"))
     return (*formats.write_texts(folder, texts), *pictures)
@@ -147,7 +132,3 @@ def _counts(summary: RunSummary) -> dict[str, int]:
     moving = summary.all_moving
     images = summary.images.evaluated
     return {"images": images, "object_frames": moving.object_frames, "recordings": moving.recordings}
-
-
-def _headings(runs: Mapping[str, RunSummary]) -> list[str]:
-    return [HEADLINES[name][0] for name in headlines(next(iter(runs.values())))]

@@ -20,7 +20,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -121,15 +121,7 @@ def _value(sampler: Sampler, node: Any, path: str, repeat: int | None) -> Any:  
     if not isinstance(node, str) or node not in sampler.values:
         raise DrawError(path, f"a name under values ({', '.join(sampler.values) or 'there are none'})", node)
     rest = {name: value for name, value in sampler.values.items() if name != node}  # so that none can hold itself
-    known = Sampler(
-        seed=sampler.seed,
-        series=sampler.series,
-        index=sampler.index,
-        count=sampler.count,
-        attempt=sampler.attempt,
-        values=rest,
-    )
-    return known.drawn(sampler.values[node], f"values.{node}")
+    return replace(sampler, values=rest).drawn(sampler.values[node], f"values.{node}")
 
 
 def _sum(sampler: Sampler, node: Any, path: str, repeat: int | None) -> float:

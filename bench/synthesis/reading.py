@@ -10,16 +10,14 @@ import yaml
 from pydantic import BaseModel
 
 from bench.errors import DataError
+from bench.plain_yaml import parse_yaml_tree
+from bench.recordings.files import read_text
 from bench.recordings.validation import validated
 from bench.synthesis.draws import DrawError
 from bench.synthesis.placement import camera_fault, first_clash
 from bench.synthesis.scenario import RecordingSpec, Scenario, ScenarioFile, ScenarioHead
 
 LARGEST_BYTES = 4_000_000
-DEEPEST = 40  # brackets in brackets; a scenario needs ten, and thousands would end the process
-# libyaml where PyYAML was built with it, ten times as fast; both keep the line of everything.
-LOADER: type[yaml.SafeLoader] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-
 Model = TypeVar("Model", bound=BaseModel)
 
 
@@ -59,38 +57,17 @@ class ScenarioText:
         return DataError(location, field=field or None, expected=expected, got=got, do=do)
 
 
-def read_text(path: Path) -> ScenarioText:
+def read_scenario_text(path: Path) -> ScenarioText:
     """Read the text of a scenario file.
 
     Raises:
         DataError: missing, too large, or not YAML with keys and values.
     """
-    try:
-        if path.stat().st_size > LARGEST_BYTES:
-            raise DataError(path, expected=f"at most {LARGEST_BYTES} bytes", got=f"{path.stat().st_size}")
-        text = path.read_text(encoding="utf-8")
-        if (line := _too_deep(text)) is not None:
-            raise DataError(f"{path}:{line}", expected=f"at most {DEEPEST} levels", got="more")
-        loader = LOADER(text)
-        tree = loader.get_single_node()
-        values = None if tree is None else loader.construct_document(tree)
-    except OSError as error:
-        raise DataError(path, expected="a readable scenario", got=error.strerror or str(error)) from error
-    except (yaml.YAMLError, ValueError, OverflowError) as error:  # ValueError: no UTF-8, impossible days and numbers
-        raise DataError(path, expected="YAML", got=" ".join(str(error).split())) from error
+    text = read_text(path, largest_bytes=LARGEST_BYTES, expected="a readable scenario")
+    values, tree = parse_yaml_tree(text, file=path)
     if not isinstance(values, dict) or tree is None:
         raise DataError(path, expected="keys and values", got=type(values).__name__)
     return ScenarioText(path=path, values=values, tree=tree)
-
-
-def _too_deep(text: str) -> int | None:
-    """The first line with too many levels, counted from 1; found from the text's events, which nest nothing."""
-    depth = 0
-    for event in yaml.parse(text, Loader=LOADER):
-        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-        if depth > DEEPEST:
-            return 1 if event.start_mark is None else int(event.start_mark.line) + 1
-    return None
 
 
 def _line_of(node: yaml.Node | None, keys: list[str]) -> int:
@@ -122,7 +99,7 @@ def read_scenario(path: Path) -> Scenario:
         DataError: missing, not YAML, not a scenario, or bodies inside one another; the message names file, line and
             field.
     """
-    text = read_text(path)
+    text = read_scenario_text(path)
     file = text.validated(ScenarioFile, text.values)
     for number, camera in enumerate(file.cameras):
         if (got := camera_fault(camera)) is not None:

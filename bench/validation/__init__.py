@@ -7,13 +7,7 @@ lidar sweeps, boxes against the points in them, stated velocities against positi
 """
 
 from bench.validation.findings import Finding, Severity
-from bench.validation.report import (
-    Depth,
-    RecordingReport,
-    ValidationReport,
-    validate_dataset,
-    validate_recording,
-)
+from bench.validation.report import Depth, RecordingReport, ValidationReport, validate_dataset, validate_recording
 
 __all__ = [
     "Depth",

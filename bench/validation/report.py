@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from itertools import count
+from operator import attrgetter
 
 import numpy as np
 
@@ -51,22 +52,14 @@ class RecordingReport:
     sweeps: tuple[int, int] = (0, 0)
 
 
-def _root(recording: Recording) -> str:
-    return str(recording.root)
-
-
-def _path(recording: Recording) -> str:
-    return recording.trajectory.source
-
-
 Check = Callable[[Recording], Iterator[Finding]]
 # Each with the parts of a recording that it cannot do without, and the file of findings that name none.
-CHECKS: tuple[tuple[Check, frozenset[str], Callable[[Recording], str]], ...] = (
+CHECKS: tuple[tuple[Check, frozenset[str], Callable[[Recording], object]], ...] = (
     (check_calibration, frozenset(), calibration_file),
-    (check_clocks, frozenset(), _root),
-    (check_coverage, frozenset({"trajectory"}), _root),
-    (check_ego_limits, frozenset({"trajectory"}), _path),
-    (check_path, frozenset({"trajectory"}), _path),
+    (check_clocks, frozenset(), attrgetter("root")),
+    (check_coverage, frozenset({"trajectory"}), attrgetter("root")),
+    (check_ego_limits, frozenset({"trajectory"}), attrgetter("trajectory.source")),
+    (check_path, frozenset({"trajectory"}), attrgetter("trajectory.source")),
     (check_annotation_times, frozenset({"annotations"}), annotation_file),
     (check_boxes, frozenset({"annotations"}), annotation_file),
     (check_motion, frozenset({"trajectory", "annotations"}), annotation_file),
@@ -92,7 +85,7 @@ def validate_recording(
     if (recording := opened.recording) is not None:
         for check, needs, file in CHECKS:
             if not needs & opened.missing:
-                findings += [replace(found, file=found.file or file(recording)) for found in check(recording)]
+                findings += [replace(found, file=found.file or str(file(recording))) for found in check(recording)]
         rows = {camera: _pairs(len(recording.images[camera]), depth) for camera in recording.cameras}
         sweep_rows = _spread(len(recording.sweeps), SAMPLED_SWEEPS, depth)
         images = sum(map(len, rows.values())), sum(map(len, recording.images.values()))

@@ -9,7 +9,7 @@ from bench.adapters.aimotive.adapter import aimotive_recordings
 from bench.adapters.aimotive.calibration import read_lidar_mounting
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.reference.patches import find_grid
+from bench.reference.grid import find_grid
 from tests.support import tiny_aimotive as tiny
 from tests.support.real import needs_real
 

@@ -11,7 +11,6 @@ from bench.cameras import camera_parameters
 from bench.cli import main
 from bench.egomotion import read_bus_signals
 from bench.recordings import load_card, open_dataset
-from bench.recordings.images import read_unchanged
 from tests.support import tiny_rosbag as bags
 
 FLOAT = "std_msgs/msg/Float64"
@@ -67,7 +66,7 @@ def rows_of(recording):
     rows = []
     for name, images in recording.images.items():
         for ref in images:
-            pixels = read_unchanged(ref.path)
+            pixels = cv2.imread(str(ref.path), cv2.IMREAD_UNCHANGED)
             message = bags.image(ref.timestamp_ns, pixels, "bgr8" if pixels.ndim == 3 else "mono8")
             rows.append((f"/{name}", bags.IMAGE, ref.timestamp_ns, message))
     layout = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("t", "<i4")])

@@ -132,7 +132,7 @@ def test_names_are_looked_up_in_three_folders(monkeypatch, capsys, tiny_card, tm
         assert call(monkeypatch, "datasets") == 0
         shown = capsys.readouterr().out
         assert f" {title}," in shown
-        assert all(f" {name} " in shown for name in ("demo", "paper", "woodscape"))
+        assert all(f"\n{name} " in shown for name in ("demo", "paper", "woodscape"))
         assert f"{tmp_path / 'own'}: 1 cards" in shown
     assert call(monkeypatch, "run", "tini") == 2
     told = capsys.readouterr().err

@@ -69,12 +69,6 @@ def test_surface_says_why_outlines_are_uncertain() -> None:
     assert load_protocol("paper-v1").reference_settings().outline is None
 
 
-def test_surface_patches_are_read_under_their_earlier_name(tmp_path: Path) -> None:
-    content = content_of("paper-v1")
-    content["reference"] = {**content["reference"], "polygon_kind": "footprint"}  # type: ignore[dict-item]
-    assert load_protocol(write(tmp_path / "own.yaml", content)).reference_settings().polygon_kind == "surface-patches"
-
-
 def test_the_digest_is_of_the_content_not_of_its_writing(tmp_path: Path) -> None:
     turned = write(tmp_path / "same.yaml", dict(reversed(content_of("paper-v1").items())))
     turned.write_text("# a comment\n\n" + turned.read_text("utf-8").replace("8.0", "8"), "utf-8")

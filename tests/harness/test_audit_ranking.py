@@ -340,7 +340,7 @@ def test_the_command_prints_the_tables_and_leaves_the_files(monkeypatch, capsys,
     found, text = read_ranking(tmp_path), (tmp_path / "ranking.md").read_text()
     for table in ranking_tables(found):
         assert table.title in text
-        assert all(len(cells) == len(table.headings) for cells in table.rows)
+        assert all(len(cells) == len(table.columns) for cells in table.rows)
     assert draw_ranking(found).findobj(Line2D)
     rows = list(csv.DictReader((tmp_path / "ranking.csv").read_text().splitlines()))
     assert {row["prediction"] for row in rows if row["table"] == "scores"} == set(METHODS.split(","))

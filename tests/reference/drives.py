@@ -9,6 +9,7 @@ import shapely
 from bench.cameras import RadialPolynomialCamera
 from bench.egomotion import Trajectory
 from bench.geometry import RigidTransform, RoadPlane, advance_twist
+from bench.geometry.raster import Raster
 from bench.lidar import LidarSweep
 from bench.recordings import (
     Cuboid,
@@ -20,6 +21,7 @@ from bench.recordings import (
     Track,
 )
 from bench.reference import Category, IgnoreReason, MotionSettings, ReferenceObject, ReferenceSettings, Status
+from bench.reference.regions import Region
 
 MS = 1_000_000
 SETTINGS = ReferenceSettings(
@@ -203,3 +205,8 @@ def wall_recording(width_m=1.0, height_m=1.7, away_m=8.0, steps_deg=(0.1728, 0.4
     mounted = camera()
     truth = shapely.Polygon(mounted.model.project(mounted.vehicle_from_camera.inverse().apply(outline))[0])
     return replace(recording, sweeps=(ref,)), truth
+
+
+def a_region(window: tuple[slice, slice], covered: np.ndarray) -> Region:
+    """Of these pixels; its polygon does not matter here."""
+    return Region.of(shapely.box(0, 0, 1, 1), Raster(window, covered))

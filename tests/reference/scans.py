@@ -3,7 +3,8 @@
 import numpy as np
 import shapely
 
-from bench.reference.patches import find_grid, surface_patches
+from bench.reference.grid import find_grid
+from bench.reference.patches import surface_patches
 
 SENSORS = {  # steps between columns and rows, degrees
     "hdl-64e": (0.1728, 0.42),
@@ -33,15 +34,20 @@ def scan(shape, *, steps_deg, distance_m=6.0, phase=(0.3, 0.6), jitter_rad=0.0, 
 
 
 def patches_of(points):
-    """Corners of the patches, (4, N, 3) m, lidar frame."""
+    """Corners of the patches, (3, 4, N) m, lidar frame."""
     grid = find_grid(points)
     assert grid is not None
-    return surface_patches(points, points, world_from_sensor=np.eye(3), grid=grid)
+    return surface_patches(points, world_from_sensor=np.eye(3), grid=grid).corners
+
+
+def union_of(corners):
+    """Patches, (3, 4, N) m, in the shape's own plane, (y, z) m."""
+    return shapely.union_all(shapely.polygons(corners[1:].T))
 
 
 def silhouette_of(points):
     """The union of the patches in the shape's own plane, (y, z) m."""
-    return shapely.union_all(shapely.polygons(np.swapaxes(patches_of(points)[:, :, 1:], 0, 1)))
+    return union_of(patches_of(points))
 
 
 def iou(one, other):

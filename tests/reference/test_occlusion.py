@@ -5,7 +5,7 @@ import pytest
 
 from bench.reference import IgnoreReason, ReferenceObject, Status
 from bench.reference.regions import Region, compose
-from tests.reference.drives import an_object
+from tests.reference.drives import a_region, an_object
 
 ROWS, COLUMNS = 30, 40
 
@@ -16,7 +16,7 @@ def some_objects(rng: np.random.Generator) -> list[tuple[ReferenceObject, Region
         (top, bottom), (left, right) = np.sort(rng.integers(0, (ROWS + 1, COLUMNS + 1), (2, 2)).T)
         covered = rng.random((bottom - top, right - left)) < rng.choice([0.1, 0.9])
         window = slice(int(top), int(bottom)), slice(int(left), int(right))
-        region = Region(window=window, core=covered, possible=covered)
+        region = a_region(window, covered)
         found.append((an_object(rng.choice(list(Status))), region if rng.random() < 0.9 else None))
     return found
 
@@ -24,7 +24,7 @@ def some_objects(rng: np.random.Generator) -> list[tuple[ReferenceObject, Region
 @pytest.mark.parametrize("seed", range(40))
 def test_every_pixel_goes_to_the_nearest_object_that_covers_it(seed):
     objects = some_objects(np.random.default_rng(seed))
-    settled, labels, ignored = compose(objects, np.ones((ROWS, COLUMNS), dtype=bool))
+    settled, labels, ignored = compose(*zip(*objects, strict=True), np.ones((ROWS, COLUMNS), dtype=bool))
 
     cover = np.zeros((len(objects), ROWS, COLUMNS), dtype=bool)
     for image, (_, region) in zip(cover, objects, strict=True):

@@ -15,7 +15,8 @@ from bench.geometry.raster import rasterise
 from bench.lidar import LidarSweep
 from bench.recordings import SweepRef
 from bench.reference import ReferenceBuilder, Status
-from bench.reference.patches import find_grid, patch_pixels, surface_pixels
+from bench.reference.grid import find_grid
+from bench.reference.patches import count_patches, without_slits
 from bench.reference.polygons import trace_polygon
 from tests.reference.drives import LIDAR, wall_recording, with_settings
 
@@ -28,8 +29,15 @@ def squares(*corners, side=4.0):
     return np.stack([np.array(corner) + side * UNIT for corner in corners], axis=1)
 
 
+def pixels_of(patches):
+    """The pixels of patches, (4, N, 2), and the window's first one."""
+    counts, corner = count_patches(patches.T.swapaxes(1, 2), np.zeros(patches.shape[1], int), layers=1, **SIZE)
+    return counts[0] != 0, corner
+
+
 def patch_polygon(patches, *, solid=False):
-    return trace_polygon(*surface_pixels(patches, **SIZE, solid=solid))
+    covered, corner = pixels_of(patches)
+    return trace_polygon(without_slits(covered, solid=solid), corner - 1)
 
 
 def image_of(polygon):
@@ -40,7 +48,7 @@ def image_of(polygon):
 
 
 def test_pixels_of_two_overlapping_patches_by_hand():
-    covered, corner = patch_pixels(squares((10.5, 20.5), (12.5, 20.5)), **SIZE)
+    covered, corner = pixels_of(squares((10.5, 20.5), (12.5, 20.5)))
     assert np.argwhere(covered).min(axis=0).tolist() == [21 - corner[1], 11 - corner[0]]
     assert covered.sum() == 4 * 6
 
@@ -58,7 +66,7 @@ def test_pixels_are_those_whose_centre_any_patch_covers_whichever_way_it_turns(b
             for u, v, wide, tall, slant, flipped in boxes
         ]
     )
-    covered, (left, top) = patch_pixels(patches.swapaxes(0, 1), **SIZE)
+    covered, (left, top) = pixels_of(patches.swapaxes(0, 1))
     union = shapely.union_all(shapely.polygons(patches))
     u, v = np.meshgrid(np.arange(covered.shape[1]) + left, np.arange(covered.shape[0]) + top)
     assert covered[shapely.contains_xy(union.buffer(-1e-6), u, v)].all()

@@ -5,10 +5,12 @@ import pytest
 import shapely
 from shapely.affinity import scale
 
-from bench.reference.patches import certain_and_possible_ends, find_grid, reach_bounds, surface_patches
-from tests.reference.scans import SENSORS, iou, patches_of, scan, silhouette_of
+from bench.reference.grid import find_grid
+from bench.reference.patches import CERTAIN, LEAST, LIKELY, Bounds, Layer, end_spread, surface_patches
+from tests.reference.scans import SENSORS, iou, patches_of, scan, silhouette_of, union_of
 
 ELLIPSE = scale(shapely.Point(0.2, -0.4).buffer(1.0, quad_segs=32), 0.45, 0.9)
+MOST = (Layer.DRAWN_OUT,)
 LEGS = shapely.box(-0.5, -1.0, -0.15, 0.6).union(shapely.box(0.15, -1.0, 0.5, 0.6))
 
 
@@ -65,7 +67,7 @@ def test_two_surfaces_one_behind_the_other_are_not_joined():
     """Seen along x they touch; a patch from one to the other would hang in the air between them."""
     near = scan(shapely.box(-0.5, -0.5, 0.0, 0.5), steps_deg=SENSORS["hdl-64e"], distance_m=6.0)
     far = scan(shapely.box(0.0, -0.6, 0.6, 0.6), steps_deg=SENSORS["hdl-64e"], distance_m=8.0)
-    depths = patches_of(np.vstack([near, far]))[:, :, 0]
+    depths = patches_of(np.vstack([near, far]))[0]
     assert np.abs(depths - np.round(depths)).max() < 0.05
 
 
@@ -76,12 +78,8 @@ def test_the_order_of_points_and_a_turn_of_the_sensor_do_not_matter():
         area, rel=0.005
     )  # other returns tell the step
     backwards = np.diag([-1.0, -1.0, 1.0])  # the cluster now lies across the jump of the azimuth
-    turned = surface_patches(
-        points @ backwards, points, world_from_sensor=backwards, grid=find_grid(points @ backwards)
-    )
-    assert shapely.union_all(shapely.polygons(np.swapaxes(turned[:, :, 1:], 0, 1))).area == pytest.approx(
-        area, rel=0.01
-    )
+    turned = surface_patches(points, world_from_sensor=backwards, grid=find_grid(points @ backwards))
+    assert union_of(turned.corners).area == pytest.approx(area, rel=0.01)
 
 
 @pytest.mark.parametrize(
@@ -94,12 +92,9 @@ def test_returns_that_do_not_lie_beside_each_other_have_no_grid(points):
 def test_ends_move_by_the_spacing_of_the_beams_along_rows_and_columns():
     """A wall under a lidar with wide rows: its ends differ by direction, and neighbours hold what lies between."""
     points = scan(shapely.box(-0.5, -0.5, 0.5, 0.5), steps_deg=SENSORS["32 rows"])
-    grid = find_grid(points)
-    lowest = []
-    for ends in (0.5, *certain_and_possible_ends(grid.step_m(points), np.zeros(len(points)))):
-        corners = surface_patches(points, points, world_from_sensor=np.eye(3), grid=grid, ends=ends)
-        lowest.append(corners[:, :, 1:].min(axis=(0, 1)))
-    half, least, most = np.array(lowest)
+    patches = surface_patches(points, world_from_sensor=np.eye(3), grid=find_grid(points))
+    corners, layer = patches.layers(np.zeros(len(points)), solid=True)
+    half, least, most = (corners[1:, :, np.isin(layer, extent)].min(axis=(1, 2)) for extent in (LIKELY, LEAST, MOST))
     moved_m = 6.0 * np.radians([0.2, 1.33]) / 12**0.5
     assert least - half == pytest.approx(moved_m, rel=0.02)
     assert half - most == pytest.approx(moved_m, rel=0.02)
@@ -108,21 +103,39 @@ def test_ends_move_by_the_spacing_of_the_beams_along_rows_and_columns():
 def test_ends_move_the_less_the_larger_the_other_errors():
     """Variances add up: an error of 3 and a spacing of 4 make 5, of which 3 are the outline's."""
     step_m = np.array([[4.0 * 12**0.5], [4e-9]])
-    least, most = certain_and_possible_ends(step_m, np.array([3.0]))
-    assert ((0.5 - least) * step_m).ravel() == pytest.approx([2.0, 0.0], abs=1e-9)
-    assert most + least == pytest.approx(np.ones((2, 1)))
+    assert (end_spread(step_m, np.array([3.0])) * step_m).ravel() == pytest.approx([2.0, 0.0], abs=1e-9)
+
+
+@pytest.mark.parametrize("solid", [True, False])
+def test_every_patch_is_drawn_once_where_nothing_is_open(solid):
+    points = scan(ELLIPSE, steps_deg=SENSORS["hdl-64e"])
+    patches = surface_patches(points, world_from_sensor=np.eye(3), grid=find_grid(points))
+    corners, layer = patches.layers(np.full(len(points), 0.01), solid=solid)
+    free = (~patches.grid.linked.all(axis=0)).sum()
+    assert np.isin(layer, LIKELY).sum() == np.isin(layer, LEAST).sum() == len(points)
+    assert np.isin(layer, CERTAIN).sum() == len(points) - free * solid
+    assert np.isin(layer, MOST).sum() == free
+    assert (layer == Layer.SHARED).sum() > 0.7 * len(points)
+    likely, least, most = (union_of(corners[..., np.isin(layer, extent)]) for extent in (LIKELY, LEAST, MOST))
+    assert likely.symmetric_difference(silhouette_of(points)).area < 1e-9
+    assert least.area < likely.area < most.union(likely).area
 
 
 def test_patches_reach_the_ground_and_the_ends_of_the_lidars_field_only_where_it_is_due():
     patch = np.array([[5, 0.1, 0.5], [5, -0.1, 0.5], [5, -0.1, 0.3], [5, 0.1, 0.3]])
     low = patch - [0, 0, 0.26]
     no = np.array([False, False])
-    bounds = {"bottom_m": 0.0, "top_m": 1.8, "clearance_m": 0.05}
-    found = reach_bounds(np.stack([patch, low], axis=1), at_lowest_beam=no, at_highest_beam=no, **bounds)
-    np.testing.assert_array_equal(found[:, 0], patch)  # a bumper: the lidar saw the road below it
-    np.testing.assert_allclose(found[:, 1, 2], [0.24, 0.24, 0.0, 0.0])  # a shoe
-    found = reach_bounds(
-        np.stack([patch, patch], axis=1), at_lowest_beam=~no, at_highest_beam=np.array([False, True]), **bounds
-    )
-    np.testing.assert_allclose(found[:, :, 2].T, [[0.5, 0.5, 0, 0], [1.8, 1.8, 0, 0]])
-    np.testing.assert_array_equal(found[:, :, :2], np.stack([patch, patch], axis=1)[:, :, :2])
+
+    def extended(*patches, at_lowest_beam=no, at_highest_beam=no):
+        """(N, 4, 3), from and to."""
+        bounds = Bounds(
+            at_lowest_beam=at_lowest_beam, at_highest_beam=at_highest_beam, bottom_m=0.0, top_m=1.8, clearance_m=0.05
+        )
+        return bounds.extend(np.array(patches).T).T
+
+    bumper, shoe = extended(patch, low)
+    np.testing.assert_array_equal(bumper, patch)  # the lidar saw the road below it
+    np.testing.assert_allclose(shoe[:, 2], [0.24, 0.24, 0.0, 0.0])
+    found = extended(patch, patch, at_lowest_beam=~no, at_highest_beam=np.array([False, True]))
+    np.testing.assert_allclose(found[..., 2], [[0.5, 0.5, 0, 0], [1.8, 1.8, 0, 0]])
+    np.testing.assert_array_equal(found[..., :2], [patch[:, :2]] * 2)

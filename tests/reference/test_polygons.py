@@ -4,15 +4,14 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.errors import UsageError
 from bench.geometry.raster import rasterise
-from bench.reference.polygons import bounding_polygon
+from bench.reference.hulls import hull_polygon
 
 SIZE = {"width": 64, "height": 48}
 
 
-def hull(points, kind="convex"):
-    return bounding_polygon(np.array(points, dtype=float), kind=kind, concave_ratio=0.15, **SIZE)
+def hull(points, ratio=None):
+    return hull_polygon(np.array(points, dtype=float), ratio=ratio, **SIZE)
 
 
 def test_convex_polygon_of_a_square_with_a_point_inside():
@@ -22,18 +21,13 @@ def test_convex_polygon_of_a_square_with_a_point_inside():
 
 def test_concave_polygon_follows_the_notch():
     ring = [(x, y) for x in range(10, 31, 2) for y in range(10, 31, 2) if not (x > 18 and y > 18)]
-    assert hull(ring, "concave").area < 0.8 * hull(ring).area
+    assert hull(ring, 0.15).area < 0.8 * hull(ring).area
 
 
 @pytest.mark.parametrize("points", [np.empty((0, 2)), [(1, 1)], [(1, 1), (2, 2)], [(1, 1), (2, 2), (3, 3)]])
 def test_points_that_span_no_area_give_no_polygon(points):
     assert hull(points) is None
-    assert hull(points, "concave") is None
-
-
-def test_unknown_kind_is_refused():
-    with pytest.raises(UsageError, match="'convex' or 'concave'"):
-        hull([(0, 0), (1, 0), (0, 1)], "bounding")
+    assert hull(points, 0.15) is None
 
 
 def test_pixels_of_a_square_by_hand():

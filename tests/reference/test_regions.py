@@ -8,15 +8,10 @@ import pytest
 from bench.geometry.raster import Raster
 from bench.records.reference import Limb
 from bench.reference import IgnoreReason, OutlineErrors, Status
-from bench.reference.regions import (
-    Region,
-    compose,
-    limb_motion_m,
-    outline_error_m,
-    pixels_per_radian,
-    uncertain_region,
-)
-from tests.reference.drives import LENS, an_object
+from bench.reference.bands import pixels_per_radian, uncertain_region
+from bench.reference.outline_errors import limb_motion_m, outline_error_m
+from bench.reference.regions import Region, compose
+from tests.reference.drives import LENS, a_region, an_object
 
 NOTHING = OutlineErrors(range_noise_m=0.0, angle_rad=0.0, position_m=0.0, limbs={})
 VALID = np.ones((40, 60), dtype=bool)
@@ -29,7 +24,7 @@ def uncertain(raster=SQUARE, valid=VALID, *, half_width_px, **given):
     middle = [[(axis.start + axis.stop) // 2 for axis in raster.window[::-1]]]
     widths_px = np.array([half_width_px])
     rasters = {"least": raster, "most": raster} | WITHIN | given
-    return uncertain_region(raster, valid, returns_px=np.array(middle), half_width_px=widths_px, **rasters)
+    return uncertain_region(a_region(*raster), valid, returns_px=np.array(middle), half_width_px=widths_px, **rasters)
 
 
 def whole(region: Region) -> tuple[np.ndarray, np.ndarray]:
@@ -99,7 +94,7 @@ def test_the_band_is_as_wide_as_the_nearest_return_says():
         "returns_px": np.array([[25, 11], [25, 18]]),
         "half_width_px": np.array([0.0, 2.0]),
     }
-    core, possible = whole(uncertain_region(SQUARE, VALID, **given, **WITHIN))
+    core, possible = whole(uncertain_region(a_region(*SQUARE), VALID, **given, **WITHIN))
     assert core[10, 20:30].all()
     assert not core[18:20].any()
     assert possible[21, 22:28].all()
@@ -111,7 +106,7 @@ def test_a_farther_core_in_a_nearer_band_is_unknown():
     far = uncertain(Raster((slice(5, 25), slice(25, 45)), np.ones((20, 20), dtype=bool)), half_width_px=1.0)
     objects = [(replace(an_object(Status.EVALUATED), track_id=name), region)
                for name, region in (("near", near), ("far", far))]  # fmt: skip
-    (first, second), labels, ignored = compose(objects, VALID)
+    (first, second), labels, ignored = compose(*zip(*objects, strict=True), VALID)
     near_core, near_possible = whole(near)
     far_core, far_possible = whole(far)
     np.testing.assert_array_equal(labels == 1, near_core)
@@ -122,10 +117,11 @@ def test_a_farther_core_in_a_nearer_band_is_unknown():
 
 
 def test_an_object_within_a_nearer_band_is_ignored():
-    near = Region(window=SQUARE.window, core=np.zeros((10, 10), dtype=bool), possible=SQUARE.covered)
+    near = replace(a_region(*SQUARE), core=np.zeros((10, 10), dtype=bool))
     near.core[0, 0] = True
-    far = Region(window=(slice(12, 14), slice(22, 24)), core=np.ones((2, 2), bool), possible=np.ones((2, 2), bool))
-    settled, labels, ignored = compose([(an_object(Status.STATIC), near), (an_object(Status.EVALUATED), far)], VALID)
+    far = a_region((slice(12, 14), slice(22, 24)), np.ones((2, 2), bool))
+    statuses = [an_object(Status.STATIC), an_object(Status.EVALUATED)]
+    settled, labels, ignored = compose(statuses, [near, far], VALID)
     assert settled[1].reason is IgnoreReason.OCCLUDED
     assert not labels.any()
     np.testing.assert_array_equal(ignored, a_box(12, 14, 22, 24))

@@ -10,7 +10,7 @@ from bench.geometry.raster import rasterise
 from bench.recordings import GroundPolygon, PointIndices
 from bench.records.reference import Limb
 from bench.reference import OutlineErrors, ReferenceBuilder, Status
-from bench.reference.patches import find_grid
+from bench.reference.grid import find_grid
 from bench.reference.scanned import way_out_m
 from tests.reference.drives import camera, wall_recording, with_settings
 

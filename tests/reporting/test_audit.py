@@ -7,7 +7,6 @@ import io
 from pathlib import Path
 
 import pytest
-from rich.console import Console
 
 from bench.audit import (
     AuditSummary,
@@ -30,7 +29,9 @@ from bench.reporting.audit_pictures import (
     write_cause_pictures,
     write_examples,
 )
-from bench.reporting.audit_tables import audit_tables, to_csv, to_markdown, to_rich
+from bench.reporting.audit_tables import audit_tables, for_terminal, report, to_csv
+from bench.reporting.document import to_markdown
+from tests.reporting.printed import printed
 
 METHOD = build_method("spherical", {"threshold": 0.01})  # so that something is missed
 
@@ -48,18 +49,17 @@ def audit(folder: Path) -> AuditSummary:
 
 
 def test_markdown_holds_every_table_in_full(audit: AuditSummary):
-    text = to_markdown(audit)
+    text = to_markdown(report(audit))
     tables = audit_tables(audit)
     assert [line[3:] for line in text.splitlines() if line.startswith("## ")] == [t.title for t in tables]
     for table in tables:
         assert table.note in text
-        assert all(len(row) == len(table.headings) for row in table.rows)
-        assert all(f"| {' | '.join(row)} |" in text for row in table.rows)
+        assert all(f"| {' | '.join(cell.text for cell in row)} |" in text for row in table.cells())
 
 
 def test_shares_of_a_line_are_100_percent(audit: AuditSummary):
     misses, false = audit_tables(audit)[-2:]
-    first = misses.headings.index("by error %") + 1
+    first = misses.columns.index("by error %") + 1
     rows = [row for row in misses.rows if row[first] != "n/a"]  # where something is missed
     assert rows
     for row in rows:
@@ -82,11 +82,7 @@ def test_csv_holds_the_figures_at_full_precision(audit: AuditSummary):
 
 
 def test_the_terminal_cuts_nothing(audit: AuditSummary):
-    console = Console(width=110, record=True, file=io.StringIO())
-    for table, note in to_rich(audit_tables(audit)):
-        console.print(table)
-        console.print(note, markup=False)
-    shown = console.export_text()
+    shown = printed(for_terminal(audit_tables(audit)))
     assert "…" not in shown
     assert "How well the reference polygons" in shown
     assert "blind: above horizon" in shown

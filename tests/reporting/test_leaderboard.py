@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import pytest
 from matplotlib.text import Annotation
-from rich.console import Console
 
 from bench.errors import DataError
 from bench.evaluation import load_protocol
@@ -16,6 +15,7 @@ from bench.reporting.leaderboard.reading import read_leaderboard
 from bench.reporting.leaderboard.texts import best_line, leaderboard_tables
 from bench.reporting.sweep import TABLE
 from tests.reporting.compare.runs import drawn, write_run
+from tests.reporting.printed import printed
 
 
 @pytest.fixture(scope="module")
@@ -171,10 +171,7 @@ def test_no_best_method_is_told_of_another_state_of_the_protocol_or_too_few_reco
 
 
 def test_the_terminal_tables_fit(folder):
-    console = Console(width=110, record=True, file=io.StringIO())
-    for table in leaderboard_tables(read_leaderboard(folder)):
-        console.print(table)
-    shown = console.export_text()
+    shown = printed(leaderboard_tables(read_leaderboard(folder)))
     assert "…" not in shown
     assert "deep/strong" in shown
 

@@ -7,11 +7,12 @@ from types import SimpleNamespace
 
 import pytest
 from matplotlib.colors import to_hex
-from rich.console import Console
 
 from bench.evaluation import FalsePositiveMetrics, Metric, ObjectMetrics
 from bench.reporting.canvas import BLUE, GREEN, PURPLE, VERMILION
-from bench.reporting.sweep import draw, to_csv, to_markdown, to_rich, write_sweep
+from bench.reporting.document import to_markdown
+from bench.reporting.sweep import draw, report, table, to_csv, write_sweep
+from tests.reporting.printed import printed
 
 
 def metric(value, *, spread=0.1):
@@ -39,12 +40,6 @@ def run(share, *, levels=("10", "50"), frames=40):
 RUNS = {"3e-4": run(0.9), "6e-4": run(0.8, frames=38), "1e-2": run(0.6)}
 
 
-def printed(runs, **options):
-    console = Console(width=110, record=True, file=io.StringIO())
-    console.print(to_rich("threshold", runs, title="threshold on demo", **options))
-    return console.export_text()
-
-
 def axes_of(runs):
     (axes,) = draw("threshold", runs, title="threshold on demo").axes
     return axes
@@ -62,7 +57,7 @@ def test_csv_has_one_line_per_value_at_full_precision():
 
 
 def test_markdown_has_the_headline_metrics_with_intervals():
-    text = to_markdown("threshold", RUNS | {"1": run(math.nan)}, title="threshold on demo", note="A note.")
+    text = to_markdown(report("threshold", RUNS | {"1": run(math.nan)}, title="threshold on demo", note="A note."))
     headings = "| threshold | Images | Object-frames | Recordings | IoU, all | TPR, all | Detection at half |"
     assert headings in text
     assert "| 1e-2 | 12 | 40 | 7 | 30.0 % [20.0, 40.0] | 59.0 % [49.0, 69.0] | 55.0 % [45.0, 65.0] | 28.0 %" in text
@@ -72,15 +67,16 @@ def test_markdown_has_the_headline_metrics_with_intervals():
 
 
 def test_terminal_table_fits():
-    shown = printed({'{"epipolar": 0, "anti_parallel": 0.5}': run(0.5), "{}": run(math.nan)}, note="A note.")
-    assert all(text in shown for text in ("45.0", "35-55", "26-30", "n/a", "A note.", "in percent"))
+    runs = {'{"epipolar": 0, "anti_parallel": 0.5}': run(0.5), "{}": run(math.nan)}
+    shown = printed([table("threshold", runs, title="threshold on demo", note="A note.")])
+    assert all(text in shown for text in ("45.0 %", "[35.0, 55.0]", "[26.0, 30.0]", "n/a", "A note."))
     assert "…" not in shown
     assert all(len(line) <= 110 for line in shown.splitlines())
 
 
 def test_a_protocol_without_the_level_has_no_such_column():
     runs = {value: run(0.5, levels=("10",)) for value in ("1e-3", "2e-3")}
-    assert "Detection at half" not in to_markdown("threshold", runs, title="t")
+    assert "Detection at half" not in to_markdown(report("threshold", runs, title="t"))
     assert "detection_rate_50" not in to_csv("threshold", runs)
     assert len(axes_of(runs).lines) == 3
 

@@ -122,7 +122,7 @@ def test_vehicles_keep_their_shape_and_their_wheels_roll(kind: str) -> None:
     turning = (
         np.abs(body.corners_at(0.4) - body.corners_at(0.0)).reshape(len(body.mesh.corners_m), -1).max(axis=1) > 1e-9
     )
-    still = sum(end - start for start, end, _ in body.parts)
+    still = sum(end - start for start, end, _ in body.linkage.parts)
     assert 0 < turning.sum() <= still
 
 

@@ -64,7 +64,7 @@ def test_other_files_are_refused(scenario_file: Path, text: str) -> None:
 def test_brackets_without_end_are_told_with_their_line(scenario_file: Path, levels: int) -> None:
     scenario_file.write_text(f"{MINIATURE}\nabout: {'[' * levels}{']' * levels}\n")
     line = len(MINIATURE.splitlines()) + 2
-    with pytest.raises(DataError, match=rf"yaml:{line}: .*40 levels"):
+    with pytest.raises(DataError, match=rf"yaml: line {line}: .*50 levels"):
         read_scenario(scenario_file)
 
 

@@ -20,22 +20,10 @@ from bench.recordings.validation import MOST_FAULTS, FileModel, TimeNs, json_fau
 from bench.records.recording import Cuboid, ObjectState, Track, yaw_rates
 
 CLASSES = {
-    "CAR": "vehicle",
-    "VAN": "vehicle",
-    "TRUCK": "vehicle",
-    "TRUCK/BUS": "vehicle",
-    "BUS": "vehicle",
-    "TRAILER": "vehicle",
-    "TRAIN": "vehicle",
-    "OTHER_VEHICLE": "vehicle",
+    **dict.fromkeys(("CAR", "VAN", "TRUCK", "TRUCK/BUS", "BUS", "TRAILER", "TRAIN", "OTHER_VEHICLE"), "vehicle"),
     "PEDESTRIAN": "pedestrian",
-    "BICYCLE": "cyclist",
-    "MOTORCYCLE": "cyclist",
-    "BIKE": "cyclist",
-    "RIDER": "cyclist",
-    "RIDEABLE_VEHICLE": "cyclist",
-    "ANIMAL": "animal",
-    "OTHER_ANIMAL": "animal",
+    **dict.fromkeys(("BICYCLE", "MOTORCYCLE", "BIKE", "RIDER", "RIDEABLE_VEHICLE"), "cyclist"),
+    **dict.fromkeys(("ANIMAL", "OTHER_ANIMAL"), "animal"),
 }
 
 

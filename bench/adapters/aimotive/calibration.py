@@ -10,13 +10,13 @@ import numpy as np
 from pydantic import ConfigDict, Field
 
 from bench.cameras import camera_from_parameters
-from bench.errors import DataError, ShapeError
+from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings.atomic import MOST_LINK_LEVELS
 from bench.recordings.error_handlers import STRICT, OnError, reporting
 from bench.recordings.files import read_object
 from bench.recordings.mounting import Polygon, body_mask, mounted_camera
-from bench.recordings.validation import FileModel, SidePx, data_error, validated
+from bench.recordings.validation import FileModel, SidePx, located, validated
 from bench.records.recording import MountedCamera
 
 LICENCE = "CC BY-NC-SA 4.0"
@@ -64,10 +64,16 @@ class AimotiveOptions(FileModel):
     licence: str = LICENCE
 
 
-class CameraCalibration(FileModel):
-    """The keys of a camera's calibration that are used; the file has many more."""
+class SensorCalibration(FileModel):
+    """The key of any sensor's calibration that is used; the file has many more."""
 
     model_config = ConfigDict(extra="ignore")
+
+    RT_body_from_sensor: tuple[tuple[float, float, float, float], ...] = Field(min_length=4, max_length=4)
+
+
+class CameraCalibration(SensorCalibration):
+    """The keys of a camera's calibration that are used."""
 
     model: str
     xi: float | None = None
@@ -75,7 +81,6 @@ class CameraCalibration(FileModel):
     principal_point_px: tuple[float, float]
     distortion_coeffs: tuple[float, ...] = Field(min_length=4)
     image_resolution_px: tuple[SidePx, SidePx]
-    RT_body_from_sensor: tuple[tuple[float, float, float, float], ...] = Field(min_length=4, max_length=4)
 
 
 def read_cameras(
@@ -132,7 +137,7 @@ def _camera(name: str, content: Mapping[str, Any], file: Path, options: Aimotive
     if entry.xi is None and entry.model == "mei":
         raise DataError(file, field=f"{name}.xi", expected="a value", got="nothing")
     field_deg = options.field_of_view_deg.get(name)
-    try:
+    with located(file, name):
         vehicle_from_camera = RigidTransform.from_matrix(entry.RT_body_from_sensor)
         lens: dict[str, Any] = {
             "width": entry.image_resolution_px[0],
@@ -146,8 +151,6 @@ def _camera(name: str, content: Mapping[str, Any], file: Path, options: Aimotive
             model = camera_from_parameters("unified", **lens, xi=entry.xi, radial=(k1, k2))
         else:
             model = camera_from_parameters("brown_conrady", **lens, radial=(k1, k2, k3))
-    except ShapeError as error:
-        raise data_error(error, file=file, field=name) from error
     return mounted_camera(
         name,
         model,
@@ -158,14 +161,6 @@ def _camera(name: str, content: Mapping[str, Any], file: Path, options: Aimotive
         file=file,
         field=name,
     )
-
-
-class LidarCalibration(FileModel):
-    """The key of a lidar's calibration that is used; the file has many more."""
-
-    model_config = ConfigDict(extra="ignore")
-
-    RT_body_from_sensor: tuple[tuple[float, float, float, float], ...] = Field(min_length=4, max_length=4)
 
 
 def read_lidar_mounting(root: Path, folder: Path) -> RigidTransform:
@@ -186,8 +181,6 @@ def read_lidar_mounting(root: Path, folder: Path) -> RigidTransform:
     names = [n for n, entry in content.items() if isinstance(entry, dict) and entry.get("sensor_type") == "lidar"]
     if len(names) != 1:
         return RigidTransform.identity()
-    entry = validated(LidarCalibration, content[names[0]], file=file, field=names[0])
-    try:
+    entry = validated(SensorCalibration, content[names[0]], file=file, field=names[0])
+    with located(file, f"{names[0]}.RT_body_from_sensor"):
         return RigidTransform.from_matrix(entry.RT_body_from_sensor)
-    except ShapeError as error:
-        raise data_error(error, file=file, field=f"{names[0]}.RT_body_from_sensor") from error

@@ -12,12 +12,12 @@ from scipy.spatial.transform import Rotation
 
 from bench.adapters.aimotive.calibration import AimotiveOptions
 from bench.egomotion import Trajectory, bus_signal_faults, read_bus_signals
-from bench.errors import DataError, ShapeError
+from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings.atomic import linked_folder, path_inside
 from bench.recordings.error_handlers import ErrorHandler, OnError, at_most, reporting, reporting_all
 from bench.recordings.files import read_object
-from bench.recordings.validation import MOST_FAULTS, data_error
+from bench.recordings.validation import MOST_FAULTS, located
 
 FILE = "sensor/gnssins/egomotion.json"
 POSE = "RT_ECEF_body"
@@ -101,10 +101,8 @@ def _is_wanted(key: str, times_ns: Mapping[int, int]) -> bool:
 def _pose(entry: Any, key: str, file: Path) -> RigidTransform:
     field = f"{key}.{POSE}"
     try:
-        matrix = np.array(entry[POSE], dtype=np.float64)
-        return RigidTransform.from_matrix(matrix)
-    except ShapeError as error:
-        raise data_error(error, file=file, field=field) from error
+        with located(file, field):
+            return RigidTransform.from_matrix(np.array(entry[POSE], dtype=np.float64))
     except (KeyError, TypeError, ValueError) as error:
         raise DataError(file, field=field, expected="a 4 x 4 matrix", got=f"none ({type(error).__name__})") from None
 

@@ -56,10 +56,7 @@ _TABLE = (
 )
 LABELS = tuple(Label(name=n, number=i, kitti_number=k, object_class=c) for n, i, k, c in _TABLE)
 BY_KITTI_NUMBER = {label.kitti_number: label for label in LABELS}
-BY_NAME = {label.name: label for label in LABELS} | {
-    "pedestrian": LABELS[0],
-    "unknownVehicle": LABELS[-1],
-}
+BY_NAME = {label.name: label for label in LABELS} | {"pedestrian": LABELS[0], "unknownVehicle": LABELS[-1]}
 GLOBAL_ID_STEP = 1000  # global id = number * 1000 + instance
 
 

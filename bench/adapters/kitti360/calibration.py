@@ -20,14 +20,14 @@ import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
 from bench.cameras import UnifiedCamera
-from bench.errors import DataError, ShapeError
+from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.plain_yaml import parse_yaml
 from bench.recordings.atomic import MOST_LINK_LEVELS, linked_folder, refuse_escape
 from bench.recordings.error_handlers import OnError, reporting
 from bench.recordings.files import numbers, read_text
 from bench.recordings.mounting import Polygon, body_mask, mounted_camera
-from bench.recordings.validation import FileModel, SidePx, data_error, validated
+from bench.recordings.validation import FileModel, SidePx, located, validated
 from bench.records.recording import MountedCamera
 
 LICENCE = "CC BY-NC-SA 3.0"
@@ -190,11 +190,7 @@ def read_rig(root: Path, cameras: tuple[CameraName, ...], options: Kitti360Optio
                 file=folder / "calib_cam_to_pose.txt",
                 field=name,
             )
-    return Rig(
-        vehicle_from_imu=vehicle_from_imu,
-        vehicle_from_lidar=vehicle_from_imu @ imu_from_lidar,
-        cameras=mounted,
-    )
+    return Rig(vehicle_from_imu=vehicle_from_imu, vehicle_from_lidar=vehicle_from_imu @ imu_from_lidar, cameras=mounted)
 
 
 def _lidar_from_camera(root: Path, file: Path, on_error: OnError) -> RigidTransform | None:
@@ -207,7 +203,7 @@ def _lens(
     root: Path, file: Path, name: CameraName, options: Kitti360Options, on_error: OnError
 ) -> UnifiedCamera | None:
     field_deg = options.field_of_view_deg.get(name)
-    try:
+    with reporting(on_error), located(file, name):
         content = _fisheye(root, file)
         if content.camera_name != name:
             raise DataError(file, field="camera_name", expected=repr(name), got=repr(content.camera_name))
@@ -222,10 +218,6 @@ def _lens(
             tangential=(bend.p1, bend.p2),
             max_angle_rad=None if field_deg is None else float(np.deg2rad(field_deg / 2)),
         )
-    except ShapeError as error:
-        on_error(data_error(error, file=file, field=name))
-    except DataError as error:
-        on_error(error)
     return None
 
 
@@ -257,10 +249,8 @@ def _cameras_in_imu(root: Path, file: Path, names: tuple[str, ...], on_error: On
 
 def _transform(words: list[str], *, file: Path, field: str) -> RigidTransform:
     values = numbers(words, 12, file=file, field=field)
-    try:
+    with located(file, field):
         return RigidTransform.from_matrix(np.array(values).reshape(3, 4))
-    except ShapeError as error:
-        raise data_error(error, file=file, field=field) from error
 
 
 def _text(root: Path, file: Path) -> str:

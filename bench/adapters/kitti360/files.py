@@ -8,17 +8,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bench.adapters.kitti360.calibration import TURN_OVER
 from bench.egomotion import Trajectory
-from bench.errors import DataError, ShapeError
+from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep, read_points
 from bench.recordings.error_handlers import STRICT, OnError, at_most, reporting
 from bench.recordings.files import numbers, read_text
-from bench.recordings.validation import MOST_FAULTS, data_error
+from bench.recordings.validation import MOST_FAULTS, located
 
 STAMP = re.compile(r"(19|20)\d\d-\d\d-\d\d \d\d:\d\d:\d\d\.\d{1,9}", re.ASCII)  # other years do not fit int64
 SECOND_NS = 1_000_000_000
@@ -90,9 +89,7 @@ def read_clock(file: Path, frames: list[int], on_error: OnError = STRICT) -> Fra
     if numbered is None or len(times_ns) < len(lines) or late:
         return None
     return FrameClock(
-        file=file,
-        times_ns=dict(zip(numbered, times_ns.values(), strict=True)),
-        interval_ns=int(np.median(steps_ns)),
+        file=file, times_ns=dict(zip(numbered, times_ns.values(), strict=True)), interval_ns=int(np.median(steps_ns))
     )
 
 
@@ -157,7 +154,9 @@ def read_poses(file: Path, clock: FrameClock | None, on_error: OnError) -> dict[
             number, *matrix = numbers(line.split(), 13, file=file, field=f"line {row}")
             if number != round(number) or not 0 <= number <= LARGEST_FRAME:
                 raise DataError(file, field=f"line {row}", expected="a whole frame number", got=f"{number:g}")
-            frame, pose = int(number), _pose(np.array(matrix).reshape(3, 4), file, row)
+            frame = int(number)
+            with located(file, f"row {row}"):
+                pose = RigidTransform.from_matrix(np.array(matrix).reshape(3, 4))
             if clock is not None:
                 clock.at(frame, file=file)
             after, before = before, frame
@@ -214,18 +213,6 @@ def _levelled(global_from_vehicle: RigidTransform) -> RigidTransform:
     """Shift the first pose near to the origin and turn z up, whichever way the global world has it."""
     upright = np.eye(3) if global_from_vehicle.rotation[2, 2] > 0 else TURN_OVER
     return RigidTransform(upright, -upright @ global_from_vehicle.translation_m)
-
-
-def _pose(matrix: NDArray[np.float64], file: Path, row: int) -> RigidTransform:
-    """Global world from IMU, of a row, counted from 1, of `poses.txt`.
-
-    Raises:
-        DataError: the (3, 4) matrix is no pose.
-    """
-    try:
-        return RigidTransform.from_matrix(matrix)
-    except ShapeError as error:
-        raise data_error(error, file=file, field=f"row {row}") from error
 
 
 def _stationary_filled(sparse: Trajectory, clock: FrameClock, stationary_m: float) -> Trajectory:

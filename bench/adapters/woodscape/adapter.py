@@ -53,11 +53,7 @@ def woodscape_recordings(
     if annotations is not None:
         raise DataError(card, field="annotations", expected="none: this data set has masks", got=str(annotations))
     return tuple(
-        RecordingHandle(
-            name=name,
-            opener=partial(open_woodscape, root, pair=name, options=chosen),
-            lenient=True,
-        )
+        RecordingHandle(name=name, opener=partial(open_woodscape, root, pair=name, options=chosen), lenient=True)
         for name in list_pairs(root, chosen)
     )
 

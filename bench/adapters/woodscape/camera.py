@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, model_validator
 
 from bench.cameras import RadialPolynomialCamera
-from bench.errors import DataError, ShapeError
+from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings.atomic import MOST_LINK_LEVELS, path_inside
 from bench.recordings.images import read_mask
 from bench.recordings.mounting import Polygon, body_mask, mounted_camera
-from bench.recordings.validation import LARGEST_SIDE_PX, FileModel, SidePx, data_error, read_json
+from bench.recordings.validation import LARGEST_SIDE_PX, FileModel, SidePx, located, read_json
 from bench.records.recording import MountedCamera
 
 LICENCE = "Valeo WoodScape licence: research, teaching and benchmarking, not commercial"
@@ -148,13 +148,11 @@ def read_camera(root: Path, file: Path, pair: str, options: WoodscapeOptions) ->
         raise DataError(file, field="name", expected=repr(name), got=repr(content.name))
     x, y, z, w = content.extrinsic.quaternion
     field_deg = options.field_of_view_deg.get(content.name)
-    try:
+    with located(file, content.name):
         vehicle_from_camera = RigidTransform.from_quaternion((w, x, y, z), content.extrinsic.translation)
         model = RadialPolynomialCamera.from_woodscape(content.intrinsic.model_dump())
         if field_deg is not None:
             model = replace(model, max_angle_rad=float(np.deg2rad(field_deg / 2)))
-    except ShapeError as error:
-        raise data_error(error, file=file, field=content.name) from error
     return mounted_camera(
         content.name,
         model,

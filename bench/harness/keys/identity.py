@@ -1,19 +1,23 @@
-"""What a method is beside its settings: the code that its import loaded, and the files that it reads.
+"""What a method is beside its settings: the code that is loaded with it, and the files that it reads.
 
-Taken once in the process that starts a run, carried to every worker, and checked there: a worker whose code is another
-one computes nothing, and neither does anybody once a file has changed on disk.
+Taken once, after the method was built, in the process that starts a run; carried to every worker, and checked there: a
+worker whose code is another one computes nothing, and neither does anybody once a file has changed on disk.
+
+The code is what the process has loaded from outside of the interpreter, installed libraries and this package: all of
+the package of the method's class, and every other module whose name is a word in the source of one that counts. One
+too many can only mean that something is computed once more. What a method imports later, while it segments, is refused.
 """
 
 from __future__ import annotations
 
-import ast
 import hashlib
+import re
 import sys
 import sysconfig
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
-from importlib.machinery import ModuleSpec, PathFinder
+from importlib.machinery import ModuleSpec
 from importlib.metadata import packages_distributions, version
 from pathlib import Path
 from site import getusersitepackages
@@ -22,8 +26,8 @@ from uuid import uuid4
 from bench.errors import DataError, UsageError
 from bench.harness.keys.digests import METHOD_PACKAGES, digest_of, source_digest
 from bench.methods import Scorable
-from bench.plug_ins import loaded_with
 
+PROGRAM = ("__main__", "__mp_main__")  # no module imports it
 PROMPT = "typed at a prompt"  # code without a file; nothing tells two states of it apart
 
 
@@ -51,7 +55,7 @@ class MethodIdentity:
     Attributes:
         place: "module:Class".
         files: its own modules and the files that it reads.
-        libraries: (distribution, version) of what its own modules import beside this package.
+        libraries: (distribution, version) of what its own modules name beside this package.
         own_code: digest of this package's code that every method uses.
     """
 
@@ -70,17 +74,23 @@ class MethodIdentity:
         """
         kind = type(method)
         _refuse_settings(method)
-        modules, libraries = _modules(kind)
-        listed = ((name, path, False) for name, path in _listed_files(method))
-        files = tuple(
-            IdentityFile(name=name, path=path, sha256=_loaded(name, path) if module else _on_disk(path), module=module)
-            for name, path, module in (*((name, path, True) for name, path in sorted(modules.items())), *listed)
-        )
-        own_code = source_digest(METHOD_PACKAGES)
-        if kind.__module__ not in modules and kind.__module__.partition(".")[0] != "bench":
-            own_code = f"{PROMPT}: {_PROCESS}"
+        modules = _own_modules(kind.__module__)
+        files = [
+            *(
+                IdentityFile(name=name, path=path, sha256=_first_met(name, path), module=True)
+                for name, path in modules.items()
+            ),
+            *(
+                IdentityFile(name=name, path=path, sha256=_on_disk(path), module=False)
+                for name, path in _listed_files(method)
+            ),
+        ]
+        typed = kind.__module__ not in modules and not _of_bench(kind.__module__)
         identity = cls(
-            place=f"{kind.__module__}:{kind.__qualname__}", files=files, libraries=libraries, own_code=own_code
+            place=f"{kind.__module__}:{kind.__qualname__}",
+            files=tuple(files),
+            libraries=_libraries(modules),
+            own_code=f"{PROMPT}: {_PROCESS}" if typed else source_digest(METHOD_PACKAGES),
         )
         identity.refuse_change()
         return identity
@@ -103,11 +113,15 @@ class MethodIdentity:
         """Refuse to go on with other code or files than the run began with, here or on disk.
 
         Raises:
-            DataError: this process loaded another state of a module, or a file changed since.
+            DataError: this process loaded another state of a module, or one that the run did not begin with, or a file
+                changed since.
         """
+        here = _own_modules(self.place.partition(":")[0])
         for file in self.files:
-            path = _path_here(file)
-            if file.module and _loaded(file.name, path) != file.sha256:
+            if file.module and file.name not in here:
+                continue  # what this process has not loaded decides nothing in it
+            path = here[file.name] if file.module else file.path
+            if file.module and _first_met(file.name, path) != file.sha256:
                 do = "start the workers again with the code of the run"
                 got = f"another state of {file.name}"
                 raise DataError(path, expected="the code that the run began with", got=got, do=do)
@@ -115,40 +129,40 @@ class MethodIdentity:
                 do = "start the run again: what is stored stays, and what follows is computed by the new state"
                 got = "other content on disk"
                 raise DataError(path, expected="the file as it was when the run began", got=got, do=do)
+        begun = _begun.setdefault(self.digest, frozenset(here))
+        for name in here.keys() - begun - {file.name for file in self.files}:
+            do = "import it at the top of a module, or when the method is built"
+            got = f"{name}, which was imported later"
+            raise DataError(here[name], expected="code that is loaded when the run begins", got=got, do=do)
 
 
 _PROCESS = uuid4().hex
-_first: dict[Path, tuple[ModuleSpec | None, str]] = {}  # digests of sources when this process met the module first
-_latest: dict[Path, tuple[tuple[int, ...], str]] = {}  # state and digest of files when they were last read
+_met: dict[str, tuple[ModuleSpec | None, str]] = {}  # digests of sources when this process met the module first
+_begun: dict[str, frozenset[str]] = {}  # by identity, the modules that were loaded when it was checked first
 
 
-def _loaded(name: str, path: Path) -> str:
+def _first_met(name: str, path: Path) -> str:
     """SHA-256 of a module's source as this process met it first; a module that was loaded again counts anew."""
-    spec = getattr(sys.modules.get(name), "__spec__", None)
-    if path not in _first or _first[path][0] is not spec:
-        _first[path] = spec, _on_disk(path)
-    return _first[path][1]
+    spec = getattr(sys.modules[name], "__spec__", None)
+    if name not in _met or _met[name][0] is not spec:
+        _met[name] = spec, _on_disk(path)
+    return _met[name][1]
 
 
 def _on_disk(path: Path) -> str:
     """SHA-256 of a file; read again only when the file system says that something was done to it."""
     try:
-        told = path.stat()
-        state = told.st_dev, told.st_ino, told.st_size, told.st_mtime_ns, told.st_ctime_ns
-        if path not in _latest or _latest[path][0] != state:
-            with path.open("rb") as file:
-                _latest[path] = state, hashlib.file_digest(file, "sha256").hexdigest()
+        state = path.stat()
+        return _sha256(path, state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns)
     except OSError as error:
         got = error.strerror or str(error)
         raise DataError(path, expected="a file of the method that can be read", got=got) from error
-    return _latest[path][1]
 
 
-def _path_here(file: IdentityFile) -> Path:
-    """The file in this process: of a module that is loaded, the one that it was loaded from."""
-    module = sys.modules.get(file.name) if file.module and file.name != "__main__" else None
-    source = getattr(module, "__file__", None)
-    return file.path if source is None else Path(source)
+@cache
+def _sha256(path: Path, *_: int) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _refuse_settings(method: Scorable) -> None:
@@ -160,10 +174,9 @@ def _refuse_settings(method: Scorable) -> None:
 
 def _listed_files(method: Scorable) -> Iterator[tuple[str, Path]]:
     """Name and path of every file that a method lists in `files`, folders walked."""
-    listed = method.files
-    if isinstance(listed, str | bytes | Path) or not isinstance(listed, Iterable):
-        raise UsageError(f"method {method.name!r}: files: expected a sequence of paths, got {listed!r}")
-    for entry in listed:
+    if isinstance(method.files, str | bytes | Path) or not isinstance(method.files, Iterable):
+        raise UsageError(f"method {method.name!r}: files: expected a sequence of paths, got {method.files!r}")
+    for entry in method.files:
         path = Path(entry)
         if path.is_file():
             yield path.name, path
@@ -174,99 +187,49 @@ def _listed_files(method: Scorable) -> Iterator[tuple[str, Path]]:
             raise UsageError(f"method {method.name!r}: files: expected a file or folder, got no such path {entry!r}")
 
 
-def _modules(kind: type) -> tuple[dict[str, Path], tuple[tuple[str, str], ...]]:
-    """Sources of the modules that a class needs, by name, and the installed libraries among them.
+def _own_modules(module: str) -> dict[str, Path]:
+    """Sources of the loaded modules that make a method, by name; none for a class of this package.
 
-    Followed are the class, its bases, the packages around them, and every import that stands in their sources, also
-    one within a function, and what the import of the method loaded by other means. This package, the interpreter's
-    library and what is installed are not followed further, but for the package of the class itself.
+    Args:
+        module: of the method's class. The package that holds it counts wherever it lies.
     """
-    waiting = {base.__module__ for base in kind.__mro__}
-    own_packages = {name.partition(".")[0] for name in waiting}
-    waiting |= loaded_with(kind.__module__)
-    known: set[str] = set()
+    if _of_bench(module):
+        return {}
+    package = module.partition(".")[0]
     found: dict[str, Path] = {}
-    libraries: set[str] = set()
-    while waiting:
-        name = waiting.pop()
-        top = name.partition(".")[0]
-        if name in known or top == "bench":
-            continue
-        known.add(name)
-        if "." in name:
-            waiting.add(name.rpartition(".")[0])
-        source = _source(name)
-        if source is None:
-            continue
-        if top not in own_packages and _lies_in(source, _installed_folders()):
-            libraries.add(top)
-            continue
-        if _lies_in(source, _interpreter_folders()) and not _lies_in(source, _installed_folders()):
-            continue
-        found[name] = source
-        if source.suffix == ".py":
-            waiting |= set(_imports(name, source))
-    return found, _versions(libraries)
+    others: dict[str, Path] = {}
+    for name, loaded in list(sys.modules.items()):
+        source = getattr(loaded, "__file__", None)
+        if source is not None and name.partition(".")[0] == package:
+            found[name] = Path(source)
+        elif source is not None and not (_of_bench(name) or name in PROGRAM or _is_library(source)):
+            others[name] = Path(source)
+    new = found
+    while new:
+        words = _words(new)
+        new = {name: others.pop(name) for name in list(others) if name.rpartition(".")[2] in words}
+        found |= new
+    return dict(sorted(found.items()))
 
 
-def _source(name: str) -> Path | None:
-    """File of a module, loaded or not; None for a namespace, a built-in module, or something that is no module."""
-    if name in sys.modules:
-        file = getattr(sys.modules[name], "__file__", None)
-        return None if file is None else Path(file)
-    spec = _spec(name)
-    return Path(spec.origin) if spec is not None and spec.has_location and spec.origin is not None else None
-
-
-def _spec(name: str) -> ModuleSpec | None:
-    """Where a module would be loaded from; unlike `importlib.util.find_spec` it never imports a parent."""
-    parent = name.rpartition(".")[0]
-    if not parent:
-        return PathFinder.find_spec(name)
-    if parent in sys.modules:
-        places = getattr(sys.modules[parent], "__path__", None)
-    else:
-        above = _spec(parent)
-        places = None if above is None else above.submodule_search_locations
-    return None if places is None else PathFinder.find_spec(name, list(places))
-
-
-def _imports(name: str, source: Path) -> Iterator[str]:
-    """Names of all modules that a source may import; some are no modules but things inside of one."""
-    package = name if source.stem == "__init__" else name.rpartition(".")[0]
-    try:
-        tree = ast.parse(source.read_bytes())
-    except (OSError, SyntaxError, ValueError, RecursionError):
-        return
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            outer = package.split(".")[: len(package.split(".")) - node.level + 1] if node.level else []
-            base = ".".join([*outer, *([node.module] if node.module else [])])
-            if base:
-                yield base
-                yield from (f"{base}.{alias.name}" for alias in node.names)
+def _of_bench(module: str) -> bool:
+    return module.partition(".")[0] == "bench"
 
 
 @cache
-def _installed_folders() -> tuple[Path, ...]:
+def _is_library(source: str) -> bool:
+    """Whether a file belongs to the interpreter or to what is installed."""
     paths = sysconfig.get_paths()
+    named = (paths[name] for name in ("stdlib", "platstdlib", "purelib", "platlib"))
     others = (place for place in sys.path if Path(place).name in {"site-packages", "dist-packages"})
-    return tuple(
-        Path(place).resolve() for place in (paths["purelib"], paths["platlib"], getusersitepackages(), *others)
-    )
+    folders = (Path(place).resolve() for place in (*named, getusersitepackages(), *others))
+    return any(Path(source).resolve().is_relative_to(folder) for folder in folders)
 
 
-@cache
-def _interpreter_folders() -> tuple[Path, ...]:
-    paths = sysconfig.get_paths()
-    return tuple(Path(paths[name]).resolve() for name in ("stdlib", "platstdlib"))
-
-
-def _lies_in(source: Path, folders: Iterable[Path]) -> bool:
-    resolved = source.resolve()
-    return any(resolved.is_relative_to(folder) for folder in folders)
+def _libraries(modules: Mapping[str, Path]) -> tuple[tuple[str, str], ...]:
+    """Versions of the installed libraries whose names are words in a method's modules."""
+    names = {name for top in _words(modules) - {"bench"} for name in _distributions().get(top, ())} if modules else ()
+    return tuple((name, version(name)) for name in sorted(names))
 
 
 @cache
@@ -275,8 +238,11 @@ def _distributions() -> Mapping[str, list[str]]:
     return packages_distributions()
 
 
-def _versions(libraries: set[str]) -> tuple[tuple[str, str], ...]:
-    if not libraries:
-        return ()
-    names = {name for top in libraries for name in _distributions().get(top, [])}
-    return tuple((name, version(name)) for name in sorted(names))
+def _words(modules: Mapping[str, Path]) -> frozenset[str]:
+    return frozenset().union(*(_words_of(path, _on_disk(path)) for path in modules.values()))
+
+
+@cache
+def _words_of(source: Path, _: str) -> frozenset[str]:
+    """Words of a file with this digest."""
+    return frozenset(word.decode(errors="replace") for word in re.findall(rb"\w+", source.read_bytes()))

@@ -1,14 +1,11 @@
 """Masks and scores in files: grey PNG files, NumPy archives, COCO run lengths; what can be wrong, and sizes.
 
-A COCO mask is read column by column; runs of 0 and 1 follow each other, the first of 0. The lengths are a list or
-as text: each number, from the fourth on its difference to the last but one, in groups of five bits, the lowest first,
-bit 6 set where more follow, 48 added to make it a letter. `pycocotools` is not used to decode: for lengths that do not
-add up to the mask it returns memory that was never written (2.0.11), so they would have to be decoded first.
+The files may be foreign: their sizes are checked before anything is unpacked.
 """
 
 from __future__ import annotations
 
-import struct
+import re
 import zipfile
 import zlib
 from collections import defaultdict
@@ -23,10 +20,11 @@ import cv2
 import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
+from pycocotools import mask as coco
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from bench.errors import DataError
-from bench.recordings.images import PNG_START, read_unchanged
+from bench.recordings.images import PNG_START, decode_image, stated_size_px
 
 
 class FaultKind(StrEnum):
@@ -149,11 +147,8 @@ def _block_mean(values: NDArray[Any], factor: int) -> NDArray[np.float32]:
     return means.astype(np.float32)
 
 
-GREY = 0
-COLOUR_TYPES = {2: "a colour PNG", 3: "a PNG with a palette", 4: "a PNG with transparency", 6: "a colour PNG"}
 LARGEST_SCORE = 65535
 LARGEST_BYTES = 1 << 28  # of a file
-_HEADER = struct.Struct(">8xI4sIIBB")  # past the signature: length, "IHDR", width, height, bits, colour type
 
 
 def read_png_map(path: Path, sizes: ImageSizes) -> NDArray[Any]:
@@ -171,11 +166,15 @@ def read_png_map(path: Path, sizes: ImageSizes) -> NDArray[Any]:
         WrongSizeError: before anything is unpacked.
         UnclearError: a mask with other values than 0 and 255, or 0 and 1.
     """
-    width, height = _grey_size(path)
-    sizes.refuse_unfit((width, height), file=path)
-    values = read_unchanged(path)
-    if values.shape != (height, width):
-        raise DataError(path, expected="a grey PNG", got=f"{values.ndim} axes of {values.shape} when unpacked")
+    content = _content(path, LARGEST_BYTES)
+    size_px = stated_size_px(content) if content.startswith(PNG_START) else None
+    if size_px is None:
+        got = f"{len(content)} bytes that begin with {content[:8].hex(' ')}" if content else "an empty file"
+        raise DataError(path, expected="a whole PNG file", got=got)
+    sizes.refuse_unfit(size_px, file=path)
+    values = decode_image(content, cv2.IMREAD_UNCHANGED, file=path)
+    if values.ndim != 2:
+        raise DataError(path, expected="one grey channel", got=f"{values.shape[2]} channels")
     if values.dtype == np.uint16:
         return values.astype(np.float32) / np.float32(LARGEST_SCORE)
     present = np.flatnonzero(np.bincount(values.ravel(), minlength=256)).tolist()
@@ -190,27 +189,14 @@ def read_png_map(path: Path, sizes: ImageSizes) -> NDArray[Any]:
     return moving
 
 
-def _grey_size(path: Path) -> tuple[int, int]:
-    """(width, height) from the header, so that nothing larger than an image is ever unpacked."""
+def _content(path: Path, largest_bytes: int) -> bytes:
     try:
         size = path.stat().st_size
-        with path.open("rb") as file:
-            start = file.read(_HEADER.size)
+        if size > largest_bytes:
+            raise DataError(path, expected=f"a file of at most {largest_bytes} bytes", got=f"{size}")
+        return path.read_bytes()
     except OSError as error:
-        raise DataError(path, expected="a PNG file", got=error.strerror or str(error)) from error
-    if size > LARGEST_BYTES:
-        raise DataError(path, expected=f"a PNG file of at most {LARGEST_BYTES} bytes", got=f"{size}")
-    if not start.startswith(PNG_START) or len(start) < _HEADER.size:
-        got = f"{len(start)} bytes that begin with {start[:8].hex(' ')}" if start else "an empty file"
-        raise DataError(path, expected="a whole PNG file", got=got)
-    _, name, width, height, bits, colour = _HEADER.unpack(start)
-    if name != b"IHDR":
-        raise DataError(path, expected="a PNG file that begins with its header", got=repr(name))
-    if colour != GREY:
-        raise DataError(path, expected="one grey channel", got=COLOUR_TYPES.get(colour, f"colour type {colour}"))
-    if bits not in (1, 2, 4, 8, 16):
-        raise DataError(path, expected="8 bits for a mask, 16 bits for scores", got=f"{bits} bits")
-    return width, height
+        raise DataError(path, expected="a file of predictions", got=error.strerror or str(error)) from error
 
 
 ARRAY = "score"
@@ -267,8 +253,7 @@ def _shape(path: Path, member: IO[bytes]) -> tuple[int, int]:
 
 
 LARGEST_TEXT_BYTES = 1 << 26  # of a file: the text of some twenty thousand masks
-_LETTERS = (48, 111)  # "0" to "o": six bits
-_MOST_GROUPS = 7  # 35 bits, enough for any length and its difference
+_NUMBERS = re.compile("(?:[P-o]{0,6}[0-O])*")  # as text each ends with a letter below "P"; 35 bits are enough
 
 Side = Annotated[int, Field(ge=1, strict=True)]
 
@@ -310,13 +295,9 @@ def read_entries(path: Path) -> list[MaskEntry]:
     Raises:
         DataError: missing, too large, no JSON, or not a list of entries; names the first that is wrong.
     """
+    content = _content(path, LARGEST_TEXT_BYTES)
     try:
-        size = path.stat().st_size
-        if size > LARGEST_TEXT_BYTES:
-            raise DataError(path, expected=f"a file of at most {LARGEST_TEXT_BYTES} bytes", got=f"{size}")
-        return _ENTRIES.validate_json(path.read_bytes())
-    except OSError as error:
-        raise DataError(path, expected="a file of masks", got=error.strerror or str(error)) from error
+        return _ENTRIES.validate_json(content)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         field = ".".join(str(part) for part in first["loc"]) or None
@@ -357,35 +338,32 @@ def decode_union(entries: Sequence[MaskEntry], sizes: ImageSizes, *, file: Path)
 
 
 def _decode(mask: RunLengths, file: Path, field: str) -> NDArray[np.bool_]:
-    height, width = mask.size
-    lengths = _lengths(mask.counts, file, field) if isinstance(mask.counts, str) else mask.counts
-    if any(length < 0 for length in lengths) or sum(lengths) != height * width:
-        expected = f"run lengths that add up to {height} x {width} = {height * width}"
-        got = f"a sum of {sum(lengths)}" if all(length >= 0 for length in lengths) else "a negative length"
-        raise DataError(file, field=field, expected=expected, got=got)
-    values = np.arange(len(lengths)) % 2 == 1
-    return np.ascontiguousarray(np.repeat(values, lengths).reshape(width, height).T)
+    """Unpack a mask.
+
+    `pycocotools` refuses run lengths that are too long for the mask, negative ones too. Where they are too short it
+    returns memory that was never written (2.0.11), and such lengths also fit a mask with a pixel less.
+    """
+    (height, width), counts = mask.size, mask.counts
+    if isinstance(counts, str) and not _NUMBERS.fullmatch(counts):
+        raise DataError(file, field=field, expected="whole COCO run lengths", got=f"{counts[:40]!r}")
+    expected = f"run lengths that add up to {height} x {width} = {height * width}"
+    try:
+        if isinstance(counts, str):
+            text = counts.encode()
+        else:
+            text = coco.frPyObjects(_rle(mask.size, counts), height, width)["counts"]
+        values = np.ascontiguousarray(coco.decode(_rle(mask.size, text)))
+    except (ValueError, OverflowError) as error:
+        raise DataError(file, field=field, expected=expected, got="longer or negative ones") from error
+    try:
+        coco.decode(_rle((height * width - 1, 1), text))
+    except ValueError:
+        return values.view(np.bool_)
+    raise DataError(file, field=field, expected=expected, got="shorter ones")
 
 
-def _lengths(text: str, file: Path, field: str) -> list[int]:
-    lengths: list[int] = []
-    number = groups = 0
-    for letter in text:
-        code = ord(letter)
-        if not _LETTERS[0] <= code <= _LETTERS[1] or groups == _MOST_GROUPS:
-            raise DataError(file, field=field, expected="COCO run lengths", got=f"{letter!r} among them")
-        bits = code - _LETTERS[0]
-        number |= (bits & 0x1F) << 5 * groups
-        groups += 1
-        if bits & 0x20:
-            continue
-        if bits & 0x10:  # the sign
-            number -= 1 << 5 * groups
-        lengths.append(number + lengths[-2] if len(lengths) > 2 else number)
-        number = groups = 0
-    if groups:
-        raise DataError(file, field=field, expected="whole COCO run lengths", got="a number that is cut short")
-    return lengths
+def _rle(size: Size, counts: object) -> dict[str, object]:
+    return {"size": list(size), "counts": counts}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,31 +14,30 @@ from markupsafe import Markup
 
 from bench.errors import BenchError
 from bench.recordings import load_card
+from bench.reporting import document
 from bench.reporting.canvas import write_picture
 from bench.reporting.count_view import AREA_COLOURS, PixelClass
-from bench.reporting.document import environment
-from bench.reporting.formats import json_text, write_texts
+from bench.reporting.formats import write_texts
 from bench.reporting.leaderboard.chart import draw_quality_and_cost
 from bench.reporting.leaderboard.pictures import Example, draw_examples
 from bench.reporting.leaderboard.reading import JUDGED, Entry, Group, Leaderboard
 from bench.reporting.leaderboard.texts import (
-    COST_NOTE,
-    NOTE,
-    ORACLE_NOTE,
+    NOTES,
     best_methods,
     json_group,
+    report,
     to_csv,
     to_json,
-    to_markdown,
 )
 from bench.reporting.page.charts import Chart, inline_svg
 
 CHART = "quality-and-cost"
 DIGITS = 5  # of the page's numbers, which it shows with fewer; leaderboard.json has all
-CHART_NOTE = (
-    f"![IoU of each method under {JUDGED} against its time for an image]({CHART}.png)\n\n*The time of a method against "
-    f"its IoU under `{JUDGED}`; the diamond is the best method, dashed lines are what bounds all of them. [The page]"
-    "(index.html) sorts, filters, and shows any two methods on the same images.*"
+CHART_OF_ALL = document.Picture(
+    f"{CHART}.png",
+    f"IoU of each method under {JUDGED} against its time for an image",
+    f"The time of a method against its IoU under {JUDGED}; the diamond is the best method, dashed lines are what "
+    "bounds all of them. The page, index.html beside this file, sorts, filters, and shows two methods on one image.",
 )
 
 
@@ -67,7 +66,7 @@ def write_leaderboard(
     figure = draw_quality_and_cost(charted) if charted else None
     texts = {
         "index.html": _page(found, out, charted=charted, examples=examples),
-        "leaderboard.md": to_markdown(found, pictures=[CHART_NOTE] if charted else []),
+        "leaderboard.md": document.to_markdown(report(found, charts=[CHART_OF_ALL] if charted else [])),
         "leaderboard.csv": to_csv(found),
         "leaderboard.json": to_json(found),
     }
@@ -96,9 +95,9 @@ def _page(found: Leaderboard, out: Path, *, charted: Sequence[Group], examples: 
     ]
     groups = [json_group(group) | {"pages": _pages(group, out)} for group in found.groups]
     data = {"groups": groups, "examples": {name: [asdict(one) for one in some] for name, some in examples.items()}}
-    shown = json.loads(json_text(data), parse_float=lambda number: round(float(number), DIGITS))
+    shown = json.loads(document.to_json(data), parse_float=lambda number: round(float(number), DIGITS))
     text: str = (
-        environment()
+        document.environment()
         .get_template("leaderboard/board.html.j2")
         .render(
             data=shown,
@@ -106,7 +105,7 @@ def _page(found: Leaderboard, out: Path, *, charted: Sequence[Group], examples: 
             best=list(best_methods(found)),
             damaged=found.damaged,
             judged=JUDGED,
-            notes=(NOTE, ORACLE_NOTE, COST_NOTE),
+            notes=NOTES,
             colours={kind: AREA_COLOURS[kind] for kind in AREA_COLOURS},
             areas=PixelClass,
             pictures=any(examples.values()),

@@ -7,15 +7,12 @@ import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from rich.table import Table
-from rich.text import Text
-
 from bench.evaluation import load_protocol
 from bench.evaluation.slices import ALL_MOVING
 from bench.evaluation.summary import Metric
 from bench.harness.manifest import SHOWN_DIGEST
-from bench.plain_text import escape_markdown, plain
-from bench.reporting import formats
+from bench.reporting import document, formats
+from bench.reporting.document import Block, Cell, Heading, Items, Paragraph, Table
 from bench.reporting.leaderboard.reading import (
     FALSE_POSITIVES,
     JUDGED,
@@ -46,92 +43,93 @@ COST_NOTE = (
     "Cost: the method alone for one image, in one thread and without a cache, in ms, and its ratio to a call of "
     "Farnebäck's flow on the same images."
 )
+NOTES = (NOTE, ORACLE_NOTE, COST_NOTE)
 _MARKS = {Kind.METHOD: "", Kind.ORACLE: " (oracle)", Kind.CEILING: " (ceiling)"}
 
 
-def leaderboard_tables(found: Leaderboard) -> Iterator[Table]:
-    """A table per group over all moving objects, readable at 100 columns."""
+def leaderboard_tables(found: Leaderboard) -> Iterator[Block]:
+    """A table per group over all moving objects, readable at 100 columns; then how to read them."""
     for group in found.groups:
-        table = formats.terminal_table(group_title(group), caption=f"{NOTE} {ORACLE_NOTE} {COST_NOTE}", below=1)
-        table.add_column("Run, method", overflow="fold", min_width=30)
         columns = {
-            name: heading for name, heading in shown_metrics(group).items() if name not in ("iou_detected", OF_PIXELS)
+            name: _SHORT.get(name, heading)
+            for name, heading in shown_metrics(group).items()
+            if name not in ("iou_detected", OF_PIXELS)
         }
-        headings = (
-            heading.replace(", ", "\n").replace(" at", "\nat").replace(" pos", "\npos") for heading in columns.values()
-        )
-        formats.number_columns(table, ("Images,\nrecs", *headings, "ms per\nimage,\nratio", "Date, code"))
-        for entry in group.entries:
-            label = Text(plain(entry.run), style="bold")
-            label.append(f"\n{plain(entry.method)}{_MARKS[entry.kind]}{_failed(entry)}", style="not bold")
-            table.add_row(
-                label,
-                Text(f"{entry.images}\n{group.rows[0].recordings}"),
-                *(_cell(group, entry, name) for name in columns),
-                Text("" if entry.cost is None else f"{entry.cost.method_ms:.1f}\n{entry.cost.ratio:.2f}"),
-                Text(f"{plain(entry.date)}\n{plain(entry.code)}"),
-            )
-        yield table
+        yield Table(
+            title=group_title(group),
+            columns=["Run, method", Cell("Images,", ("recs",)), *columns.values(),
+                     Cell("ms per", ("image,", "ratio")), Cell("Date,", ("code",))],
+            rows=[
+                [Cell(entry.run, (_method(entry),), "strong"),
+                 Cell(str(entry.images), (str(group.rows[0].recordings),)),
+                 *(_lines(group, entry, name) for name in columns),
+                 Cell("") if entry.cost is None else Cell(f"{entry.cost.method_ms:.1f}", (f"{entry.cost.ratio:.2f}",)),
+                 Cell(entry.date, (entry.code,))]
+                for entry in group.entries
+            ],
+        )  # fmt: skip
+    yield from (Paragraph(note, "dim") for note in NOTES)
 
 
-def _cell(group: Group, entry: Entry, name: str) -> Text:
+_SHORT = {
+    "iou": Cell("IoU", ("all",)), "tpr_all": Cell("TPR", ("all",)), FALSE_POSITIVES: Cell("False", ("positives",)),
+    "detection_rate_50": Cell("Detection", ("at 50 %",)),
+}  # fmt: skip
+
+
+def _lines(group: Group, entry: Entry, name: str) -> Cell:
     """Value, interval, and of an IoU the ceiling; a mask that covers everything exceeds that of a coverage."""
     metric, ceiling = entry.metrics[name], group.ceiling(ALL_MOVING, name)
-    text = Text(f"{formats.hundredths(metric.value)}\n{formats.short_interval(metric)}")
-    if entry.kind is Kind.METHOD and not math.isnan(ceiling) and "iou" in name:
-        text.append(f"\nof {formats.hundredths(ceiling)}", style="dim")
-    return text
+    of = [f"of {formats.hundredths(ceiling)}"] if entry.kind is Kind.METHOD and "iou" in name else []
+    below = formats.short_interval(metric), *([] if math.isnan(ceiling) else of)
+    return Cell(formats.hundredths(metric.value), below)
 
 
-def to_markdown(found: Leaderboard, *, pictures: Sequence[str] = ()) -> str:
-    """Two tables per group as GitHub's Markdown, then the runs that cannot be read.
+def _method(entry: Entry) -> str:
+    return f"{entry.method}{_MARKS[entry.kind]}{_failed(entry)}"
+
+
+def report(found: Leaderboard, *, charts: Sequence[Block] = ()) -> Iterator[Block]:
+    """Two tables per group, then the runs that cannot be read.
 
     Args:
         found: the leaderboard.
-        pictures: Markdown of what stands above the tables.
+        charts: what stands above the tables.
     """
-    parts = ["# Leaderboard", f"{NOTE} {ORACLE_NOTE} {COST_NOTE}", *pictures]
+    yield Heading("Leaderboard", 1)
+    yield Paragraph(" ".join(NOTES))
+    yield from charts
     for group in found.groups:
-        parts += [f"## {escape_markdown(group_title(group))}", _overall(group), _by_row(group)]
+        yield from (Heading(group_title(group)), _overall(group), _by_row(group))
     if found.damaged:
-        faults = "\n".join(f"- {escape_markdown(run)}: {escape_markdown(fault)}" for run, fault in found.damaged)
-        parts += ["## Runs that cannot be read", faults]
-    return "\n\n".join(parts) + "\n"
+        yield Heading("Runs that cannot be read")
+        yield Items([f"{run}: {fault}" for run, fault in found.damaged])
 
 
-def _overall(group: Group) -> str:
+def _overall(group: Group) -> Table:
     """Every metric over all moving objects."""
-    columns = shown_metrics(group)
-    headings = ["Method", *columns.values(), "ms per image", "Images", "Run", "Date", "Code"]
+    shown = shown_metrics(group)
+    columns = ["Method", *shown.values(), "ms per image", "Images", "Run", "Date", "Code"]
     rows = [
-        [
-            f"{entry.method}{_MARKS[entry.kind]}{_failed(entry)}",
-            *(_with_interval(entry.metrics[name]) for name in columns),
-            *(_cost(entry), str(entry.images), entry.run, entry.date, entry.code),
-        ]
-        for entry in group.entries
+        [_method(e), *(_with_interval(e.metrics[name]) for name in shown), _cost(e), e.images, e.run, e.date, e.code]
+        for e in group.entries
     ]
-    ceiling = _ceiling_line(group, [(ALL_MOVING, name) for name in columns], len(headings))
-    return f"**All moving objects**\n\n{formats.markdown_table(headings, ceiling + rows)}"
+    ceiling = _ceiling_line(group, [(ALL_MOVING, name) for name in shown], len(columns))
+    return Table(title="All moving objects", columns=columns, rows=[*ceiling, *rows])
 
 
-def _by_row(group: Group) -> str:
+def _by_row(group: Group) -> Table:
     """IoU of each kind of motion."""
-    rows = group.rows[1:]
-    headings = ["IoU over all object-frames", *(row.label for row in rows), "False positives"]
-    frames = [["object-frames, recordings", *(f"{row.object_frames}, {row.recordings}" for row in rows), ""]]
-    ceiling = _ceiling_line(
-        group, [*((row.name, ORDERED_BY) for row in rows), (ALL_MOVING, FALSE_POSITIVES)], len(headings)
-    )
-    lines = [
-        [
-            f"{entry.method}{_MARKS[entry.kind]}",
-            *(_with_interval(entry.values[row.name][ORDERED_BY]) for row in rows),
-            _with_interval(entry.metrics[FALSE_POSITIVES]),
-        ]
+    kinds = group.rows[1:]
+    columns = ["IoU over all object-frames", *(row.label for row in kinds), "False positives"]
+    keys = [*((row.name, ORDERED_BY) for row in kinds), (ALL_MOVING, FALSE_POSITIVES)]
+    frames = [f"{row.object_frames}, {row.recordings}" for row in kinds]
+    rows = [
+        [f"{entry.method}{_MARKS[entry.kind]}", *(_with_interval(entry.values[row][name]) for row, name in keys)]
         for entry in group.entries
     ]
-    return f"**By kind of motion**\n\n{formats.markdown_table(headings, frames + ceiling + lines)}"
+    above = [["object-frames, recordings", *frames, ""], *_ceiling_line(group, keys, len(columns))]
+    return Table(title="By kind of motion", columns=columns, rows=[*above, *rows])
 
 
 def _ceiling_line(group: Group, keys: Sequence[tuple[str, str]], columns: int) -> list[list[str]]:
@@ -145,21 +143,23 @@ def _ceiling_line(group: Group, keys: Sequence[tuple[str, str]], columns: int) -
 
 def to_csv(found: Leaderboard) -> str:
     """One line per run, row and metric, ratios at full precision; empty where there is no number."""
-    columns = ["dataset", "split", "protocol", "protocol_digest", "reference_fingerprint", "run", "method", "kind",
-               "date", "code", "failures", "method_ms", "farneback_ms", "row", "figure", "value", "ci95_low",
-               "ci95_high", "ceiling", "cases", "images", "images_compared", "recordings"]  # fmt: skip
-    lines = [
-        [group.dataset, group.split, group.protocol, group.protocol_digest, group.reference_fingerprint, entry.run,
-         entry.method, entry.kind, entry.date, entry.code, entry.failures,
-         *((None, None) if entry.cost is None else (entry.cost.method_ms, entry.cost.farneback_ms)), row.name, name,
-         metric.value, *(metric.ci95 or (None, None)), _known_ceiling(group, row.name, name), metric.cases,
-         entry.images, group.images, metric.recordings]
+    return document.to_csv(
+        {
+            "dataset": group.dataset, "split": group.split, "protocol": group.protocol,
+            "protocol_digest": group.protocol_digest, "reference_fingerprint": group.reference_fingerprint,
+            "run": entry.run, "method": entry.method, "kind": entry.kind, "date": entry.date, "code": entry.code,
+            "failures": entry.failures, "method_ms": entry.cost and entry.cost.method_ms,
+            "farneback_ms": entry.cost and entry.cost.farneback_ms, "row": row.name, "figure": name,
+            "value": metric.value, "ci95_low": metric.ci95 and metric.ci95[0],
+            "ci95_high": metric.ci95 and metric.ci95[1], "ceiling": _known_ceiling(group, row.name, name),
+            "cases": metric.cases, "images": entry.images, "images_compared": group.images,
+            "recordings": metric.recordings,
+        }
         for group in found.groups
         for entry in group.entries
         for row in group.rows
         for name, metric in entry.values[row.name].items()
-    ]  # fmt: skip
-    return formats.csv_text(lines, columns)
+    )  # fmt: skip
 
 
 def _known_ceiling(group: Group, row: str, name: str) -> float | None:
@@ -173,12 +173,12 @@ def to_json(found: Leaderboard) -> str:
     """What the page shows, at full precision; null where there is no number."""
     content = {
         "schema_version": SCHEMA_VERSION,
-        "note": f"{NOTE} {ORACLE_NOTE} {COST_NOTE}",
+        "note": " ".join(NOTES),
         "best": list(best_methods(found)),
         "groups": [json_group(group) for group in found.groups],
         "damaged": [{"run": run, "fault": fault} for run, fault in found.damaged],
     }
-    return formats.json_text(content)
+    return document.to_json(content)
 
 
 def json_group(group: Group) -> dict[str, object]:

@@ -62,9 +62,11 @@ class Linkage:
 
     Args:
         joints: parents before their children.
+        parts: (first triangle, last triangle + 1, row of the joint) of the parts on joints, in order.
     """
 
-    def __init__(self, joints: Sequence[Joint]) -> None:
+    def __init__(self, joints: Sequence[Joint], parts: tuple[tuple[int, int, int], ...] = ()) -> None:
+        self.parts = parts
         names = [joint.name for joint in joints]
         self.joints = tuple(joints)
         self.parents = tuple(-1 if joint.parent is None else names.index(joint.parent) for joint in joints)
@@ -107,6 +109,34 @@ class Linkage:
                 rotations[..., row, :, :] = rotations[..., parent, :, :] @ rotations[..., row, :, :]
         return rotations, positions_m - (rotations @ self._pivots_m[..., None])[..., 0]
 
+    def posture(self, corners_m: NDArray[np.float64], distance_m: float, amplitude: float) -> NDArray[np.float64]:
+        """Corners (T, 3, 3) of the build posture, in the posture after a distance."""
+        posed = corners_m.copy()
+        if self.parts:
+            rotations, translations_m = self.transforms(distance_m, amplitude)
+            for start, end, row in self.parts:
+                flat = corners_m[start:end].reshape(-1, 3)
+                posed[start:end] = (flat @ rotations[row].T + translations_m[row]).reshape(-1, 3, 3)
+        return posed
+
+    def extent(
+        self, corners_m: NDArray[np.float64], *, cycle_m: float, start_m: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lowest and highest x, y, z over all postures of a cycle and the stationary one."""
+        first = self.parts[0][0] if self.parts else len(corners_m)  # parts on no joint come first
+        still_m = corners_m[:first].reshape(-1, 3)
+        lows, highs = ([still_m.min(axis=0)], [still_m.max(axis=0)]) if first else ([], [])
+        if self.parts:
+            moving = self.transforms(np.arange(STEPS, dtype=np.float64) * (cycle_m / STEPS), 1.0)
+            stationary = self.transforms(np.array([start_m]), 0.0)
+            rotations, translations_m = (np.concatenate(both) for both in zip(moving, stationary, strict=True))
+            for start, end, row in self.parts:
+                axes = rotations[:, row].reshape(-1, 3)  # every axis of every posture
+                along_m = (axes @ _distinct(corners_m[start:end].reshape(-1, 3)).T).reshape(len(rotations), 3, -1)
+                lows.append((along_m.min(axis=2) + translations_m[:, row]).min(axis=0))
+                highs.append((along_m.max(axis=2) + translations_m[:, row]).max(axis=0))
+        return np.min(lows, axis=0), np.max(highs, axis=0)
+
     def _rotations(self, angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:
         """Rodrigues' formula for (..., J) angles about the axes: (..., J, 3, 3)."""
         sine, cosine = np.sin(angles_rad)[..., None, None], np.cos(angles_rad)[..., None, None]
@@ -141,8 +171,7 @@ class Body:
     Attributes:
         object_class: as annotations name it.
         mesh: all parts in the build posture, as it is for a vehicle; its texture serves every posture.
-        linkage: the joints.
-        parts: (first triangle, last triangle + 1, row of the joint) of the parts on joints.
+        linkage: the joints, and the parts on them.
         cycle_m: distance after which walking repeats.
         start_m: where in its cycle the body is at distance 0, so that two of them do not walk in step.
         size_m: (3,) float64, the box that holds every posture: length, width, height.
@@ -151,7 +180,6 @@ class Body:
     object_class: str
     mesh: Mesh
     linkage: Linkage
-    parts: tuple[tuple[int, int, int], ...]
     cycle_m: float
     start_m: float
     size_m: NDArray[np.float64]
@@ -167,7 +195,7 @@ class Body:
             (T, 3, 3) float64, m, object frame.
         """
         amplitude = min(abs(speed_mps) / FULL_PACE_MPS, 1.0)
-        posed = _posture(self.mesh.corners_m, self.linkage, self.parts, self.start_m + distance_m, amplitude)
+        posed = self.linkage.posture(self.mesh.corners_m, self.start_m + distance_m, amplitude)
         if 0.0 < amplitude < 1.0:  # half a step: straighter legs than either foot was placed for
             posed[..., 2] -= min(float(posed[..., 2].min()), 0.0)
         return posed
@@ -197,61 +225,20 @@ def assemble_body(
         for row in range(len(joints))
         if (hangs_on == row).any()
     )
-    mesh, linkage = joined([mesh for mesh, _ in sorted_parts]), Linkage(joints)
-    low, high = _extent(mesh.corners_m, linkage, jointed, cycle_m=cycle_m, start_m=start_m)
+    mesh = joined([mesh for mesh, _ in sorted_parts])
+    low, high = Linkage(joints, jointed).extent(mesh.corners_m, cycle_m=cycle_m, start_m=start_m)
     origin = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, 0.0])
     return Body(
         object_class=object_class,
         mesh=replace(mesh, corners_m=mesh.corners_m - origin),
-        linkage=Linkage([replace(joint, pivot_m=tuple(joint.pivot_m - origin)) for joint in joints]),
-        parts=jointed,
+        linkage=Linkage([replace(joint, pivot_m=tuple(joint.pivot_m - origin)) for joint in joints], jointed),
         cycle_m=cycle_m,
         start_m=start_m,
         size_m=np.array([high[0] - low[0], high[1] - low[1], high[2]]),
     )
 
 
-def _extent(
-    corners_m: NDArray[np.float64],
-    linkage: Linkage,
-    parts: tuple[tuple[int, int, int], ...],
-    *,
-    cycle_m: float,
-    start_m: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Lowest and highest x, y, z over all postures of a cycle and the stationary one."""
-    first = parts[0][0] if parts else len(corners_m)  # what hangs on no joint comes before what does
-    still_m = corners_m[:first].reshape(-1, 3)
-    lows, highs = ([still_m.min(axis=0)], [still_m.max(axis=0)]) if first else ([], [])
-    if parts:
-        amplitude = linkage.transforms(np.arange(STEPS, dtype=np.float64) * (cycle_m / STEPS), 1.0)
-        stationary = linkage.transforms(np.array([start_m]), 0.0)
-        rotations, translations_m = (np.concatenate(both) for both in zip(amplitude, stationary, strict=True))
-        for start, end, row in parts:
-            axes = rotations[:, row].reshape(-1, 3)  # every axis of every posture
-            along_m = (axes @ _distinct(corners_m[start:end].reshape(-1, 3)).T).reshape(len(rotations), 3, -1)
-            lows.append((along_m.min(axis=2) + translations_m[:, row]).min(axis=0))
-            highs.append((along_m.max(axis=2) + translations_m[:, row]).max(axis=0))
-    return np.min(lows, axis=0), np.max(highs, axis=0)
-
-
 def _distinct(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Each point (N, 3) once; triangles that share nothing repeat a corner some six times."""
     ordered = points_m[np.lexsort(points_m.T)]
     return np.asarray(ordered[np.append(True, (ordered[1:] != ordered[:-1]).any(axis=1))])
-
-
-def _posture(
-    corners_m: NDArray[np.float64],
-    linkage: Linkage,
-    parts: tuple[tuple[int, int, int], ...],
-    distance_m: float,
-    amplitude: float,
-) -> NDArray[np.float64]:
-    posed = corners_m.copy()
-    if parts:
-        rotations, translations_m = linkage.transforms(distance_m, amplitude)
-        for start, end, row in parts:
-            flat = corners_m[start:end].reshape(-1, 3)
-            posed[start:end] = (flat @ rotations[row].T + translations_m[row]).reshape(-1, 3, 3)
-    return posed

@@ -13,10 +13,7 @@ from numpy.typing import NDArray
 from bench.cameras import PinholeCamera
 from bench.geometry import RigidTransform
 from bench.synthesis.imaging.faces import GLOW, Faces
-from bench.synthesis.imaging.lens import (
-    lens_of,
-    untiled,
-)
+from bench.synthesis.imaging.lens import lens_of, untiled
 from bench.synthesis.imaging.visibility import find_visible
 
 WHITE_LUX = 15.0

@@ -96,11 +96,7 @@ class ImageRenderer:
             self._world.rows[lamp_faces(self._world), GLOW] = 0.0  # switched off
 
     def render(
-        self,
-        middle: Moment,
-        *,
-        rng: np.random.Generator,
-        shutter: tuple[Moment, Moment] | None = None,
+        self, middle: Moment, *, rng: np.random.Generator, shutter: tuple[Moment, Moment] | None = None
     ) -> RenderedImage:
         """Render one image.
 
@@ -224,6 +220,5 @@ def write_images(
 def moment(scene: Scene, time_ns: int) -> Moment:
     """Return the poses of everything at a time of the scene clock."""
     return Moment(
-        placed=[actor.placed(time_ns) for actor in scene.actors],
-        world_from_vehicle=scene.ego.at([time_ns]).transform(),
+        placed=[actor.placed(time_ns) for actor in scene.actors], world_from_vehicle=scene.ego.at([time_ns]).transform()
     )

@@ -12,17 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.synthesis.mesh import Mesh, Surface, joined, quads, surfaced
-from bench.synthesis.world.solids import (
-    FRAME,
-    KERB,
-    LIT_ADVERT,
-    LIT_PANE,
-    PANE,
-    WOOD,
-    boxes,
-    drawn_wall,
-    tinted,
-)
+from bench.synthesis.world.solids import FRAME, KERB, LIT_ADVERT, LIT_PANE, PANE, WOOD, boxes, drawn_wall, tinted
 
 DEPTH_M = 10.0
 FLOOR_M, GROUND_FLOOR_M = 3.0, 3.4

@@ -87,13 +87,7 @@ def boxes(
 
 
 def posts(
-    feet_m: ArrayLike,
-    heights_m: ArrayLike,
-    radii_m: ArrayLike,
-    surface: Surface,
-    *,
-    sides: int = 7,
-    taper: float = 1.0,
+    feet_m: ArrayLike, heights_m: ArrayLike, radii_m: ArrayLike, surface: Surface, *, sides: int = 7, taper: float = 1.0
 ) -> Mesh:
     """Upright round bars with a lid: (N, 3) feet, (N,) heights and radii, or one for all."""
     feet = np.asarray(feet_m, dtype=np.float64).reshape(-1, 3)

@@ -1,10 +1,12 @@
-"""All code that a method's import loads, and every file that it reads, is part of what its results depend on."""
+"""All code that is loaded with a method, and every file that it reads, is part of what its results depend on."""
 
 import os
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from importlib import import_module
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -23,9 +25,7 @@ FILES = {
 from importlib import import_module
 from pathlib import Path
 
-import numpy as np
-
-from bench.methods import Method, Segmentation
+from bench.methods import Method
 from elsewhere.bases import Base
 from .sibling import LEVEL
 
@@ -35,9 +35,11 @@ class Bright(Base, Method):
     name = "bright"
     files = (Path(__file__).parents[1] / "weights", str(Path(__file__).parents[1] / "lens.txt"))
 
-    def segment(self, frame):
+    def __init__(self):
         from lazily import factor
-        return Segmentation(cell_size_px=1, mask=frame.images[-1] > LEVEL * factor)
+
+    def segment(self, frame):
+        raise NotImplementedError
 """,
     "plug/sibling.py": "from .deeper import LEVEL\n",
     "plug/deeper.py": "LEVEL = 100\n",
@@ -51,6 +53,7 @@ class Bright(Base, Method):
 }
 PART = [name for name in FILES if name != "unrelated.py"]
 PLACE = "plug.method:Bright"
+UNHEARD_OF = "un" + "heard_of"  # a word in no module
 TELL = f"""
 import os, sys
 
@@ -153,6 +156,34 @@ def test_what_changes_after_it_was_taken_is_refused(tmp_path):
     os.utime(tmp_path / "weights.bin", ns=(state.st_atime_ns, state.st_mtime_ns))
     with pytest.raises(DataError, match="got other content on disk; start the run again"):
         identity.refuse_change()
+
+
+def test_code_that_is_imported_after_it_was_taken_is_refused(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / f"{UNHEARD_OF}.py").write_text("")
+    (tmp_path / "imported_later.py").write_text("")
+    identity = MethodIdentity.of(Listing([]))
+    import_module(UNHEARD_OF)
+    identity.refuse_change()
+    import_module("imported_later")
+    for _ in range(2):
+        with pytest.raises(DataError, match="got imported_later, which was imported later; import it at the top of a"):
+            identity.refuse_change()
+    monkeypatch.delitem(sys.modules, "imported_later")
+
+
+def test_versions_of_the_libraries_that_it_names_count(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    lines = [
+        "from bench.methods import Method",
+        "class Mine(Method):",
+        "    name = 'mine'",
+        "    def segment(self, frame): import yaml",
+    ]
+    (tmp_path / "names_a_library.py").write_text("\n".join(lines))
+    identity = MethodIdentity.of(build_method("names_a_library:Mine"))
+    assert identity.libraries == (("PyYAML", version("PyYAML")),)
+    assert MethodIdentity.of(build_method("nothing")).libraries == ()
 
 
 def test_code_that_was_typed_at_a_prompt_is_never_taken_for_another():

@@ -63,9 +63,26 @@ def test_other_values_are_unclear(tmp_path, values, got):
         read_png_map(write_png(tmp_path / "a.png", grey), SIZES)
 
 
-def png_header(width: int, height: int, *, bits: int, colour: int) -> bytes:
-    body = b"IHDR" + struct.pack(">IIBBBBB", width, height, bits, colour, 0, 0, 0)
+def png_header(width: int, height: int, *, bits: int) -> bytes:
+    body = b"IHDR" + struct.pack(">IIBBBBB", width, height, bits, 0, 0, 0, 0)
     return b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + body + struct.pack(">I", zlib.crc32(body))
+
+
+def png(*shape: int) -> bytes:
+    return cv2.imencode(".png", np.zeros(shape, np.uint8))[1].tobytes()
+
+
+def chunk(kind: bytes, body: bytes) -> bytes:
+    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+
+PALETTE = (
+    png(4, 6)[:8]
+    + chunk(b"IHDR", struct.pack(">IIBBBBB", 6, 4, 8, 3, 0, 0, 0))
+    + chunk(b"PLTE", bytes((0, 0, 0, 255, 255, 255)))
+    + chunk(b"IDAT", zlib.compress(bytes(7) * 4))
+    + chunk(b"IEND", b"")
+)
 
 
 @pytest.mark.parametrize(
@@ -73,13 +90,14 @@ def png_header(width: int, height: int, *, bits: int, colour: int) -> bytes:
     [
         (b"", "got an empty file"),
         (b"GIF89a", "6 bytes that begin with 47 49 46"),
-        (png_header(6, 4, bits=8, colour=2), "expected one grey channel, got a colour PNG"),
-        (png_header(6, 4, bits=8, colour=3), "expected one grey channel, got a PNG with a palette"),
-        (png_header(6, 4, bits=8, colour=4), "expected one grey channel, got a PNG with transparency"),
-        (png_header(6, 4, bits=7, colour=0), "got 7 bits"),
-        (png_header(6, 4, bits=8, colour=0), "a PNG cut short at 33 bytes"),
-        (png_header(60_000, 40_000, bits=8, colour=0), "at most 67108864 pixels, got 60000 x 40000"),
-        (png_header(6, 5, bits=16, colour=0), "got 6 x 5"),
+        (png(4, 6)[:20], "expected a whole PNG file, got 20 bytes"),
+        (png(4, 6, 3), "expected one grey channel, got 3 channels"),
+        (png(4, 6, 4), "expected one grey channel, got 4 channels"),
+        (PALETTE, "expected one grey channel, got 3 channels"),
+        (png_header(6, 4, bits=7) + chunk(b"IEND", b""), "an image that can be decoded"),
+        (png_header(6, 4, bits=8), "a PNG cut short at 33 bytes"),
+        (png_header(60_000, 40_000, bits=8), "at most 67108864 pixels, got 60000 x 40000"),
+        (png_header(6, 5, bits=16), "got 6 x 5"),
     ],
 )
 def test_what_is_no_mask_is_refused(tmp_path, content, message):
@@ -198,17 +216,19 @@ def test_several_masks_of_an_image_are_united_and_none_is_empty():
 @pytest.mark.parametrize(
     ("size", "counts", "message"),
     [
-        ((4, 6), [24, 1], "add up to 4 x 6 = 24, got a sum of 25"),
-        ((4, 6), [1, 2], "got a sum of 3"),
-        ((4, 6), [], "got a sum of 0"),
-        ((4, 6), [10**30], "got a sum of 1000000000"),
-        ((4, 6), "5", "got a sum of 5"),
-        ((4, 6), "", "got a sum of 0"),
-        ((4, 6), "h0N", "got a negative length"),
-        ((4, 6), "~", "expected COCO run lengths, got '~'"),
-        ((4, 6), "é", "expected COCO run lengths, got 'é'"),
-        ((4, 6), "P", "got a number that is cut short"),
-        ((4, 6), "P" * 1000, "expected COCO run lengths"),
+        ((4, 6), [24, 1], "add up to 4 x 6 = 24, got longer"),
+        ((4, 6), [1, 2], "got shorter"),
+        ((4, 6), [], "got shorter"),
+        ((4, 6), [10**30], "got longer"),
+        ((4, 6), [2**32 - 1, 25], "got longer"),
+        ((4, 6), "5", "got shorter"),
+        ((4, 6), "", "got shorter"),
+        ((4, 6), "h0N", "got longer or negative ones"),
+        ((4, 6), "~", "expected whole COCO run lengths, got '~'"),
+        ((4, 6), "é", "expected whole COCO run lengths, got 'é'"),
+        ((4, 6), "P", "expected whole COCO run lengths, got 'P'"),
+        ((4, 6), "P" * 1000, "expected whole COCO run lengths"),
+        ((4, 6), "PPPPPPP0", "expected whole COCO run lengths"),
         ((4_000_000, 6_000_000), [24 * 10**12], "at most 67108864 pixels, got 6000000 x 4000000"),
         ((5, 6), [30], "got 6 x 5"),
     ],

@@ -1,4 +1,4 @@
-"""The verdict for CI servers: GitHub annotations and step summary (Markdown), JUnit XML, JSON.
+"""A verdict of the gate for people and CI servers: terminal, GitHub annotations and step summary, JUnit XML, JSON.
 
 Source of the annotations:
     GitHub documentation, "Workflow commands for GitHub Actions"; the escapes are those of `actions/toolkit`
@@ -8,17 +8,17 @@ Source of the annotations:
 from __future__ import annotations
 
 import io
-import json
-import math
 import re
 from bisect import bisect_right
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from itertools import accumulate
 
 from junitparser import Error, Failure, JUnitXml, Skipped, TestCase, TestSuite
 
 from bench.gate.brief import (
+    NOTABLE,
     change_lines,
     check_lines,
     is_overlapping,
@@ -38,7 +38,9 @@ from bench.gate.verdict import (
     value_text,
     worst_text,
 )
-from bench.plain_text import escape_markdown, plain
+from bench.plain_text import plain
+from bench.reporting import document
+from bench.reporting.document import Block, Cell, Folded, Heading, Items, Paragraph, Style, Table
 
 MOST = 10
 
@@ -138,16 +140,13 @@ def _clean(text: str) -> str:
 LARGEST_BYTES = 1024 * 1024 - 1  # of the file, whoever wrote into it
 _SPARE_BYTES = 200  # for the line that says how many rows were left out, and the end of the folded part
 _END = "</details>"
-_HEADING = (
-    "| | Slice | Metric | Recordings | Baseline | Run | Change | 95 % | Tolerated | Note |",
-    "|---|---|---|---:|---:|---:|---:|---:|---:|---|",
-)
 _MARKS = {
     Outcome.FAILED: "❌ failed",
     Outcome.SUSPECT: "⚠️ suspect",
     Outcome.IMPROVED: "✅ improved",
     Outcome.PASSED: "within tolerance",
 }
+_HEADINGS = ("Outcome", "Slice", "Metric", "Recs", "Baseline", "Run", "Change", "95 %", "Tolerated")
 
 
 def to_markdown(verdict: Verdict, *, largest_bytes: int = LARGEST_BYTES) -> str:
@@ -160,51 +159,95 @@ def to_markdown(verdict: Verdict, *, largest_bytes: int = LARGEST_BYTES) -> str:
     Returns:
         The text; "" where not even the headline fits.
     """
-    lines = list(_lines(verdict))
+    lines = document.to_markdown(_summary(verdict)).splitlines()
     ends = list(accumulate(len(line.encode()) + 1 for line in lines))
     if ends[-1] <= largest_bytes:
         return "\n".join(lines) + "\n"
     fitting = bisect_right(ends, largest_bytes - _SPARE_BYTES)
     if fitting == 0:
         return ""
-    cut = sum(line.startswith("| ") and line != _HEADING[0] for line in lines[fitting:])
+    cut = sum(line.startswith("| ") and not line.startswith(f"| {_HEADINGS[0]} |") for line in lines[fitting:])
     left_out = f"{cut} more rows are left out, all are in the JSON and JUnit files."
     end = [_END] if lines[-1] == _END and any(line.startswith("<details>") for line in lines[:fitting]) else []
     return "\n".join([*lines[:fitting], "", left_out, *end]) + "\n"
 
 
-def _lines(verdict: Verdict) -> Iterable[str]:
-    yield f"## {escape_markdown(verdict.headline)}"
-    yield ""
-    yield escape_markdown(verdict.subject)
-    yield ""
-    if verdict.why_none:
-        yield f"- ❌ no verdict: {escape_markdown(verdict.why_none)}"
-    for line in check_lines(verdict):
-        yield f"- ❌ {escape_markdown(line)}"
-    for line in change_lines(verdict):
-        yield f"- {escape_markdown(line)}"
-    if worst := worst_line(verdict):
-        yield f"- {escape_markdown(worst)}"
+def _summary(verdict: Verdict) -> Iterator[Block]:
+    yield Heading(verdict.headline)
+    yield Paragraph(verdict.subject)
+    none = [f"❌ no verdict: {verdict.why_none}"] if verdict.why_none else []
+    failed = [f"❌ {line}" for line in check_lines(verdict)]
+    worst = [line for line in (worst_line(verdict),) if line]
+    yield Items([*none, *failed, *change_lines(verdict), *worst])
     shown = [*overall_rows(verdict), *main_rows(verdict)]
     if shown:
-        yield from ("", *_HEADING, *map(_row, shown))
+        yield row_table(shown, with_notes=True)
     if skipped := not_judged_line(verdict):
-        yield from ("", escape_markdown(skipped))
+        yield Paragraph(skipped)
     others = [row for outcome in _MARKS for row in verdict.rows_with(outcome) if row not in shown]
     if others:
-        yield from ("", f"<details><summary>{len(others)} other rows, those of breakdowns among them</summary>", "")
-        yield from (*_HEADING, *map(_row, others), "", _END)
+        title = f"{len(others)} other rows, those of breakdowns among them"
+        yield Folded(title, [row_table(others, with_notes=True)])
 
 
-def _row(row: Row) -> str:
-    metric, change = row.metric, row.change
-    note = "; ".join(part for part in (worst_text(row), row.reason) if part)
-    values = (value_text(metric, value) for value in (change.before, change.after))
-    cells = [_MARKS.get(row.outcome, row.outcome), row.slice_name, metric, str(change.recordings), *values]
-    cells += [change_text(metric, change.difference), interval_text(metric, change.ci95)]
-    cells += [allowed_text(metric, row.allowed), note]
-    return f"| {' | '.join(map(escape_markdown, cells))} |"
+def row_table(rows: Iterable[Row], *, with_notes: bool = False, caption: str = "") -> Table:
+    """Rows of a verdict in their order.
+
+    Args:
+        rows: of the verdict.
+        with_notes: marks, and a column that says where most was lost and why a row was not judged.
+        caption: below the table.
+    """
+    lines = []
+    for row in rows:
+        metric, change = row.metric, row.change
+        plain_word = "within" if row.outcome is Outcome.PASSED else row.outcome.value
+        outcome = _MARKS.get(row.outcome, plain_word) if with_notes else plain_word
+        values = (value_text(metric, value) for value in (change.before, change.after))
+        style = STYLES[row.outcome]
+        line = [Cell(outcome, style=style), row.slice_name, metric, change.recordings, *values]
+        line += [Cell(change_text(metric, change.difference), style=style), interval_text(metric, change.ci95)]
+        note = ["; ".join(part for part in (worst_text(row), row.reason) if part)] if with_notes else []
+        lines.append([*line, allowed_text(metric, row.allowed), *note])
+    return Table(columns=[*_HEADINGS, *(["Note"] if with_notes else [])], rows=lines, words=3, note=caption)
+
+
+STYLES: dict[Outcome, Style] = {
+    Outcome.FAILED: "bad",
+    Outcome.SUSPECT: "warn",
+    Outcome.IMPROVED: "good",
+    Outcome.PASSED: "",
+    Outcome.NOT_JUDGED: "dim",
+}
+CAPTION = (
+    "Recs: recordings with cases of both. Percent and percentage points; components per image. Suspect: worse than "
+    "tolerated, but the interval includes no change."
+)
+
+
+def head_lines(verdict: Verdict) -> list[Paragraph]:
+    """The subject, the checks that failed, and what changed."""
+    failed = [Paragraph(line, "bad") for line in check_lines(verdict)]
+    return [Paragraph(verdict.subject), *failed, *map(Paragraph, change_lines(verdict))]
+
+
+def full_rows(verdict: Verdict) -> list[Row]:
+    """Every row that failed, is suspect or improved, worst first, then those within tolerance."""
+    return [row for outcome in (*NOTABLE, Outcome.PASSED) for row in verdict.rows_with(outcome)]
+
+
+def full_lines(verdict: Verdict) -> list[Paragraph]:
+    """The checks that are only reported, then each reason not to judge."""
+    lines = [
+        Paragraph(f"{check.outcome}: {check.message}", STYLES[check.outcome])
+        for check in verdict.checks
+        if check.outcome is Outcome.SUSPECT
+    ]
+    rows = verdict.rows_with(Outcome.NOT_JUDGED)
+    for reason, count in sorted(Counter(row.reason for row in rows).items()):
+        slices = dict.fromkeys(row.slice_name for row in rows if row.reason == reason)
+        lines.append(Paragraph(f"not judged: {count} metrics, {reason}: {', '.join(slices)}", "dim"))
+    return lines
 
 
 SCHEMA_VERSION = 1
@@ -227,7 +270,7 @@ def to_json(verdict: Verdict) -> str:
         "checks": [asdict(check) for check in verdict.checks],
         "rows": [_json_row(row) for row in verdict.rows],
     }
-    return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    return document.to_json(content)
 
 
 def _json_row(row: Row) -> dict[str, object]:
@@ -237,20 +280,16 @@ def _json_row(row: Row) -> dict[str, object]:
         "metric": row.metric,
         "outcome": row.outcome.value,
         "reason": row.reason,
-        "before": _number(change.before),
-        "after": _number(change.after),
-        "difference": _number(change.difference),
-        "difference_ci95": None if change.ci95 is None else list(change.ci95),
+        "before": change.before,
+        "after": change.after,
+        "difference": change.difference,
+        "difference_ci95": change.ci95,
         "p_value": change.p_value,
-        "worsening": _number(row.worsening),
-        "allowed": _number(row.allowed),
+        "worsening": row.worsening,
+        "allowed": row.allowed,
         "cases_before": change.cases_before,
         "cases_after": change.cases_after,
         "recordings": change.recordings,
         "worst_recording": row.worst_recording,
         "worst_recordings": [asdict(one) for one in row.worst_recordings],
     }
-
-
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -1,21 +1,29 @@
 """The verdict for people and machines."""
 
 import json
-from io import BytesIO, StringIO
+from io import BytesIO
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 from junitparser import JUnitXml
-from rich.console import Console
 
 from bench.gate import Check, Outcome
 from bench.gate.brief import change_lines, folded_lines, main_rows, overall_rows, worst_line
 from bench.gate.changes import how_to_compare
-from bench.gate.reports import to_annotations, to_json, to_junit, to_markdown
-from bench.gate.terminal import full_lines, full_table, head_lines, main_table
 from bench.harness.method_stamp import MethodStamp
+from bench.reporting.verdict import (
+    full_lines,
+    full_rows,
+    head_lines,
+    row_table,
+    to_annotations,
+    to_json,
+    to_junit,
+    to_markdown,
+)
 from tests.gate.factories import one, scored, sums, verdict_of
+from tests.reporting.printed import printed
 
 
 @pytest.fixture(scope="module")
@@ -164,7 +172,7 @@ def test_the_cause_is_told_first_and_each_fact_once():
     slices = [{"frames": {"false_positive_coverage": sums([0.2] * 6, cases=n)}} for n in (10, 9)]
     fault = {"failures": ("image 3 of 'a': no file",), "reference_fingerprint": "x" * 64, "data_fingerprint": "y" * 64}
     verdict = verdict_of(scored(slices[0]), scored(slices[1], **fault))
-    lines = [line for line, _ in head_lines(verdict)][1:]
+    lines = [line.text for line in head_lines(verdict)][1:]
     assert [line.split(": ")[:2] for line in lines[:4]] == [
         ["failed", "the run has 1 failures"],
         ["probably as a consequence", "data changed"],
@@ -195,7 +203,7 @@ def test_a_pass_has_no_annotations():
 
 def test_the_summary_tells_failures_first(mixed):
     text = to_markdown(mixed)
-    rows = [line for line in text.splitlines() if line.startswith("| ") and not line.startswith("| | Slice")]
+    rows = [line for line in text.splitlines() if line.startswith("| ") and not line.startswith("| Outcome")]
     assert [row.split("|")[1].split()[-1] for row in rows] == ["failed", "suspect", "improved", "tolerance"]
     assert text.startswith("## gate FAILED: 1 of 7 checks of the data failed, 1 failed, 1 suspect, 1 improved, ")
     assert "- ❌ failed: data changed" in text
@@ -245,15 +253,11 @@ def test_json_holds_everything_and_no_nan(mixed):
 
 
 def test_the_terminal_shows_failures_first_and_why_not_judged(mixed):
-    stream = StringIO()
-    screen = Console(file=stream, width=110)
-    screen.print(main_table(mixed))
-    shown = stream.getvalue()
+    shown = printed([row_table(main_rows(mixed))])
     order = [shown.index(word) for word in ("failed ", "suspect ", "improved ")]
     assert order == sorted(order)
     assert "within" not in shown
     assert folded_lines(mixed) == ["not judged: 1 metrics, for too few cases or recordings, or by the tolerances"]
-    screen.print(full_table(mixed))
-    assert "within" in stream.getvalue()
-    told = [line for line, _ in full_lines(mixed)]
+    assert "within" in printed([row_table(full_rows(mixed))])
+    told = [line.text for line in full_lines(mixed)]
     assert "not judged: 1 metrics, cases of both in 1 recording, 6 are needed: points=[30, 100)" in told

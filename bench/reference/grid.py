@@ -1,0 +1,197 @@
+"""Which returns of an object are neighbours on the lidar's grid of rows and columns.
+
+It is found from their directions alone, so that it works for data without rings or times and for any number of beams.
+The directions have to be those from the sensor: a data set that gives its points in other axes has to state
+`Recording.lidar_from_beams`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+QUERIES = 64  # returns of a cluster, evenly chosen, that tell the step between columns
+NEIGHBOURS = 8  # enough to meet the next column even where rows lie four times closer than columns
+BRIDGED_STEPS = 2.5  # one missing return between two is a dropout, two are a gap in the object
+ADJACENT_STEPS = 1.5  # between these two no return is missing
+SAME_ROW = 0.35  # of the step between columns: returns closer in elevation lie in one row
+LOCAL = 100  # returns that tell the usual angle between rows at their elevation
+DEEPEST_STEPS = BRIDGED_STEPS * np.tan(np.radians(80))  # as on a surface this oblique; further behind is another one
+CERTAIN_STEPS = (BRIDGED_STEPS**2 - 1) ** 0.5  # a link as long as that over a missing return
+ROW_KEY = 8.0  # larger than any difference of elevations, which makes (column, elevation) one sortable number
+LEFT, RIGHT, UP, DOWN = range(4)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Grid:
+    """Neighbours of each return, and how far apart the lidar's samples are.
+
+    Attributes:
+        neighbours: (4, N) intp, row of the neighbour to the left, to the right, above and below; -1 where there is none
+            within 2.5 steps.
+        linked: (4, N) bool, the neighbour lies on the same surface: no further behind or before than an oblique one.
+        certain: (4, N) bool, no return is missing between the two, and they are as near as over one missing return;
+            others may be two surfaces.
+        column_step_rad: between columns, one for the cluster.
+        row_step_rad: (N,) float64, between rows at each return; the cluster's median where it has no neighbour.
+        step_sensor: (3, 2, N) float64, m, sensor axes, from each return to where the next beam to the left and the next
+            above would meet a surface square to the beam; NaN on the lidar's axis.
+    """
+
+    neighbours: NDArray[np.intp]
+    linked: NDArray[np.bool_]
+    certain: NDArray[np.bool_]
+    column_step_rad: float
+    row_step_rad: NDArray[np.float64]
+    step_sensor: NDArray[np.float64]
+
+    @property
+    def step_m(self) -> NDArray[np.float64]:
+        """Length of `step_sensor`, (2, N) float64, m."""
+        return np.asarray(np.sqrt(np.square(self.step_sensor).sum(axis=0)))
+
+
+def find_grid(points_sensor: NDArray[np.floating]) -> Grid | None:
+    """Find the neighbours of each return.
+
+    Args:
+        points_sensor: (N, 3), m, sensor frame at each point's own time.
+
+    Returns:
+        The grid; None where no two returns lie beside each other in a row, so that the step between columns is unknown.
+    """
+    if len(points_sensor) < 2:
+        return None
+    azimuth, elevation = _directions(points_sensor)
+    column_step = _column_step(azimuth, elevation)
+    if column_step <= 0:
+        return None
+    above_below, lifts, usual = _above_and_below(azimuth, elevation, column_step)
+    beside, turns = _beside(azimuth, elevation, column_step, usual / 2)
+    nearest = np.where(above_below >= 0, lifts, np.inf).min(axis=0)
+    row_step = np.where(np.isfinite(nearest), np.minimum(nearest, 1.5 * usual), usual)
+    neighbours, steps = np.concatenate([beside, above_below]), np.concatenate([turns / column_step, lifts / usual])
+    x, y, z = points_sensor.astype(np.float64).T
+    flat_m = np.sqrt(x * x + y * y)
+    ranges_m = np.sqrt(flat_m * flat_m + z * z)
+    depth_steps = np.abs(ranges_m[neighbours] - ranges_m)
+    depth_steps[:2] /= flat_m * column_step
+    depth_steps[2:] /= ranges_m * row_step
+    return Grid(
+        neighbours=neighbours,
+        linked=(neighbours >= 0) & (depth_steps <= DEEPEST_STEPS),
+        certain=(neighbours >= 0) & (steps <= ADJACENT_STEPS) & (depth_steps <= CERTAIN_STEPS),
+        column_step_rad=column_step,
+        row_step_rad=row_step,
+        step_sensor=_steps(x, y, z, column_step=column_step, row_step=row_step),
+    )
+
+
+def _steps(
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    z: NDArray[np.float64],
+    *,
+    column_step: float,
+    row_step: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """See `Grid.step_sensor`."""
+    flat_m = np.sqrt(x * x + y * y)
+    with np.errstate(invalid="ignore", divide="ignore"):  # NaN on the lidar's axis
+        slope = z / flat_m
+    left = np.array([-y, x, np.zeros_like(x)]) * column_step
+    above = np.array([-x * slope, -y * slope, flat_m]) * row_step
+    return np.stack([left, above], axis=1)
+
+
+def _directions(points_sensor: NDArray[np.floating]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Azimuth about the middle direction, so that no cluster is cut in two behind the sensor, and elevation; rad."""
+    x, y, z = points_sensor.astype(np.float64).T
+    middle = np.arctan2(y.mean(), x.mean())
+    cosine, sine = np.cos(middle), np.sin(middle)
+    return np.arctan2(y * cosine - x * sine, x * cosine + y * sine), np.arctan2(z, np.hypot(x, y))
+
+
+def _column_step(azimuth: NDArray[np.float64], elevation: NDArray[np.float64]) -> float:
+    """Median angle to the next return of the same row, on one side so that noise does not make it too small."""
+    directions = np.column_stack([azimuth * np.cos(elevation), elevation])
+    tree = cKDTree(directions, balanced_tree=False, compact_nodes=False)
+    asked = np.arange(0, len(directions), max(1, len(directions) // QUERIES))
+    _, nearest = tree.query(directions[asked], k=min(NEIGHBOURS + 1, len(directions)))
+    steps = azimuth[nearest] - azimuth[asked][:, None]
+    lifts = np.abs(elevation[nearest] - elevation[asked][:, None])
+    found = np.where((steps > 0) & (lifts < steps / 2), steps, np.inf).min(axis=1)
+    found = found[np.isfinite(found)]
+    return float(np.median(found)) if found.size else 0.0
+
+
+def _above_and_below(
+    azimuth: NDArray[np.float64], elevation: NDArray[np.float64], column_step: float
+) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]:
+    """Neighbours in the same column, (2, N), the angles to them, and the usual angle between rows at each return."""
+    column = np.floor(azimuth / (1.5 * column_step)) * ROW_KEY  # wide enough to hold a return of every row
+    keys = column + elevation
+    order = np.argsort(keys, kind="stable")
+    keys, column, elevation = keys[order], column[order], elevation[order]
+    least = SAME_ROW * column_step
+    places = np.array([np.searchsorted(keys, keys + least), np.searchsorted(keys, keys - least) - 1])
+    others = np.clip(places, 0, len(order) - 1)
+    lifts = np.abs(elevation[others] - elevation)
+    lifts[(column[others] != column) | (lifts < least)] = np.inf
+    usual = _usual_by_elevation(elevation, lifts.min(axis=0), otherwise=column_step)
+    others = np.where(lifts <= BRIDGED_STEPS * usual, order[others], -1)
+    back = np.empty_like(order)
+    back[order] = np.arange(len(order))
+    return others[:, back], lifts[:, back], usual[back]
+
+
+def _usual_by_elevation(
+    elevation: NDArray[np.float64], lifts: NDArray[np.float64], *, otherwise: float
+) -> NDArray[np.float64]:
+    """Median angle between rows around each return's elevation: lidars have rows close together near the horizon and
+    several times further apart below. Infinite `lifts` are unknown."""
+    order = np.argsort(elevation, kind="stable")
+    parts = -(-len(order) // LOCAL)
+    of_part = np.full(parts * LOCAL, np.inf)
+    of_part[: len(order)] = lifts[order]
+    of_part = np.sort(of_part.reshape(parts, LOCAL), axis=1)
+    known = np.isfinite(of_part).sum(axis=1)
+    medians = of_part[np.arange(parts), np.maximum(known - 1, 0) // 2]
+    if not known.all():
+        whole = lifts[np.isfinite(lifts)]
+        medians[known == 0] = np.median(whole) if whole.size else otherwise
+    usual = np.empty(len(order))
+    usual[order] = np.repeat(medians, LOCAL)[: len(order)]
+    return usual
+
+
+def _beside(
+    azimuth: NDArray[np.float64],
+    elevation: NDArray[np.float64],
+    column_step: float,
+    most_lift: NDArray[np.float64],
+) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """To the left and to the right, (2, N), the return of nearest elevation in the next column, else in the one after
+    it, and the angles to them."""
+    keys = np.floor(azimuth / column_step) * ROW_KEY + elevation
+    order = np.argsort(keys, kind="stable")
+    keys, azimuth, elevation, most_lift = keys[order], azimuth[order], elevation[order], most_lift[order]
+    found, turns = np.full((2, len(order)), -1, dtype=np.intp), np.full((2, len(order)), np.inf)
+    back = np.empty_like(order)
+    back[order] = np.arange(len(order))
+    for number, side in enumerate((1, -1)):
+        asked = np.arange(len(order))
+        for columns in (1, 2):
+            here_u, here_v, least = azimuth[asked], elevation[asked], most_lift[asked]
+            position = np.searchsorted(keys, keys[asked] + side * columns * ROW_KEY)
+            for other in (np.maximum(position - 1, 0), np.minimum(position, len(order) - 1)):
+                turn, lift = (azimuth[other] - here_u) * side, np.abs(elevation[other] - here_v)
+                better = (turn > column_step / 4) & (turn <= BRIDGED_STEPS * column_step) & (lift < least)
+                nearer = asked[better]
+                found[number, nearer], turns[number, nearer] = order[other[better]], turn[better]
+                least = np.where(better, lift, least)
+            asked = np.flatnonzero(found[number] < 0)
+    return found[:, back], turns[:, back]

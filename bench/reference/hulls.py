@@ -1,0 +1,63 @@
+"""Regions that are hulls of an object's projected returns."""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import Polygon
+from typing_extensions import override
+
+from bench.geometry.raster import rasterise
+from bench.reference.kinds import RegionKind
+from bench.reference.regions import Region
+from bench.reference.scanned import ScannedObject
+
+
+class ConvexHull(RegionKind):
+    """The paper's bounding polygon."""
+
+    @override
+    def region(self, scanned: ScannedObject) -> Region | None:
+        return _hull_region(scanned, ratio=None)
+
+
+class ConcaveHull(RegionKind):
+    """A hull as tight as `ReferenceSettings.concave_ratio` says."""
+
+    @override
+    def region(self, scanned: ScannedObject) -> Region | None:
+        return _hull_region(scanned, ratio=scanned.settings.concave_ratio)
+
+
+def _hull_region(scanned: ScannedObject, *, ratio: float | None) -> Region | None:
+    seen, camera = np.isfinite(scanned.pixels[:, 0]), scanned.exposure.camera.model
+    pixels = scanned.pixels if seen.all() else scanned.pixels[seen]
+    polygon = hull_polygon(pixels, ratio=ratio, width=camera.width, height=camera.height)
+    if polygon is None:
+        return None
+    raster = rasterise(polygon, width=camera.width, height=camera.height)
+    return Region.of(polygon, scanned.exposure.in_valid(raster))
+
+
+def hull_polygon(pixels: NDArray[np.float64], *, ratio: float | None, width: int, height: int) -> Polygon | None:
+    """The hull of projected points.
+
+    Args:
+        pixels: (N, 2) float64, px, (u, v), finite; may lie outside the image.
+        ratio: tightness of a concave hull, 0 to 1; None for the convex hull.
+        width: of the image, px.
+        height: of the image, px.
+
+    Returns:
+        The polygon, cut off one image size beyond the border; None for fewer than three points or points on a line.
+    """
+    if len(pixels) < 3:
+        return None
+    row = shapely.linestrings(pixels)  # the hulls take its corners; far faster to build than a MultiPoint
+    hull = shapely.convex_hull(row) if ratio is None else shapely.concave_hull(row, ratio=ratio)
+    frame = (-width, -height, 2 * width, 2 * height)
+    left, top, right, bottom = shapely.bounds(hull).tolist()
+    if left < frame[0] or top < frame[1] or right > frame[2] or bottom > frame[3]:  # never for an empty one, all NaN
+        hull = max(shapely.get_parts(shapely.clip_by_rect(hull, *frame)), key=lambda part: part.area, default=hull)
+    return hull if isinstance(hull, Polygon) and not hull.is_empty else None
