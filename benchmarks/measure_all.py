@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from bench.atomic import write_text
 from bench.evaluation import load_protocol
 from bench.execution import usable_cores
 from bench.flow import DenseFlow, DisFlow, FarnebackFlow
@@ -25,7 +26,7 @@ from bench.harness.perf import PerfReport
 from bench.harness.perf import measure as measure_stages
 from bench.harness.provenance import library_versions
 from bench.methods import build_method
-from bench.recordings import load_card, open_dataset, write_text
+from bench.recordings import load_card, open_dataset
 from benchmarks import large_run, masks, parallel, projections, staging
 from benchmarks.enlarged import enlarge
 

@@ -6,9 +6,9 @@ import pytest
 from bench.cameras import ray_grid
 from bench.flow import cell_mean, dense_flow
 from bench.geometry import RigidTransform, RoadPlane, normalise
+from bench.geometry.raster import rasterise
 from bench.methods.spherical import PAPER_WEIGHTS, deviations, motion_likelihood
 from bench.reference.kinds import hull_polygon
-from bench.reference.polygons import rasterise
 from tests.support.lenses import LENSES
 
 every_lens = pytest.mark.parametrize("name", sorted(LENSES))

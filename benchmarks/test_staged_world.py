@@ -3,7 +3,6 @@
 No time is asserted here.
 """
 
-import json
 from pathlib import Path
 
 import pytest
@@ -12,7 +11,6 @@ from bench.synthesis import read_scenario
 from bench.synthesis.bodies import BODIES, make_body
 from bench.synthesis.draws import named_rng
 from bench.synthesis.placement import box_size, plan_trajectories, swept_ground
-from bench.synthesis.production import MARK, stamped, write_stamp
 from bench.synthesis.world import build_world
 
 DATASETS = Path(__file__).parents[1] / "datasets"
@@ -28,16 +26,6 @@ def paper():
 def test_read_scenario(benchmark, name):
     box_size.cache_clear()  # the first read makes a body of every kind
     assert benchmark(read_scenario, DATASETS / f"{name}.scenario.yaml").recordings
-
-
-def test_see_that_all_drives_are_there(benchmark, paper, tmp_path):
-    content = (DATASETS / "paper.scenario.yaml").read_bytes()
-    names = [spec.name for spec in paper.recordings]
-    for name in names:
-        (tmp_path / name).mkdir()
-        (tmp_path / name / MARK).write_text(json.dumps({"scenario": "paper", "fingerprint": name}))
-    write_stamp(tmp_path, content, names)
-    assert len(benchmark(stamped, tmp_path, content)) == len(names)
 
 
 @pytest.mark.parametrize("kind", BODIES)

@@ -17,6 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict
 
+from bench.atomic import replacing
 from bench.audit.recording import RecordingAudit
 from bench.errors import DataError
 from bench.evaluation import FalsePositiveMetrics, ObjectMetrics
@@ -24,7 +25,6 @@ from bench.evaluation.summary import ProtocolStamp, Ratio
 from bench.harness.manifest import CodeOfRun
 from bench.harness.method_stamp import MethodStamp
 from bench.harness.provenance import Provenance
-from bench.recordings import replacing
 from bench.recordings.sealed_json import read_sealed, write_sealed
 
 ALL = "all"

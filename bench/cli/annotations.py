@@ -115,8 +115,8 @@ def calibration(
     out: Annotated[Path | None, typer.Option(help="The file; default: printed.")] = None,
 ) -> None:
     """Give lenses and mountings of an OpenLABEL file as `cameras` and `lidar` of a recording.json."""
+    from bench.atomic import write_text
     from bench.labels import calibration_text
-    from bench.recordings import write_text
 
     text = calibration_text(file)
     if out is None:

@@ -122,8 +122,8 @@ def _rank(
 @contextmanager
 def _auditing(card: DatasetCard, folder: Path, *, title: str) -> Iterator[Callable[[float, int], None]]:
     """Audit recordings, which are rendered where they are not there, into a folder; takes what is done of how many."""
+    from bench.atomic import output_folder
     from bench.cli.request import render_if_synthetic
-    from bench.recordings.atomic import output_folder
 
     with output_folder(folder):
         render_if_synthetic(card)

@@ -190,7 +190,7 @@ def _print_rest(verdict: Verdict, *, whole: bool) -> None:
 
 def _hand_over(verdict: Verdict, *, junit: Path | None, json: Path | None, github: bool) -> None:
     """To the CI server, whatever the exit status: files, annotations, the step's summary."""
-    from bench.recordings.atomic import write_bytes, write_text
+    from bench.atomic import write_bytes, write_text
     from bench.reporting.verdict import to_annotations, to_json, to_junit
 
     if junit is not None:

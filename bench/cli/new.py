@@ -94,7 +94,7 @@ def _write(files: dict[str, str], stem: str, name: str) -> None:
     for place in places.values():
         if place.exists():
             raise OutputError(place, got="a file that is there already", do="take another name, or move it away")
-    from bench.recordings import write_text
+    from bench.atomic import write_text
 
     folder = resources.files("bench.cli") / "templates"
     for template, place in places.items():

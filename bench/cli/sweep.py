@@ -55,11 +55,11 @@ def sweep(
     Each value is a run in a folder of the sweep. A sweep that was interrupted continues where it stopped, by the same
     command.
     """
+    from bench.atomic import output_folder
     from bench.cli.request import Computing, render_if_synthetic
     from bench.cli.runs import RunReport, ScoringOptions, requested_runs
     from bench.harness import run_benchmark
     from bench.harness.stages import part_of
-    from bench.recordings.atomic import output_folder
     from bench.reporting.formats import file_name
     from bench.reporting.sweep import METHOD_ONLY, table, write_sweep
 

@@ -48,8 +48,9 @@ def validate(
 
 def validate_recordings(dataset: str, *, split: str | None, deep: bool, errors_only: bool, json: Path | None) -> bool:
     """Validate a data set, print what is wrong with it; whether it passed."""
+    from bench.atomic import write_text
     from bench.cli.request import render_if_synthetic
-    from bench.recordings import load_card, open_dataset, write_text
+    from bench.recordings import load_card, open_dataset
     from bench.validation import Depth, Severity, validate_dataset
 
     card = load_card(dataset)

@@ -19,11 +19,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from bench.atomic import write_text
 from bench.errors import BenchError, DataError
 from bench.evaluation.definitions import CAUSE, COUNTS, Definition, find_metric, image_metrics, object_metrics
 from bench.evaluation.protocol import Protocol
 from bench.evaluation.rows import EVALUATED, IMAGE, OBJECT, Rows, read_parts
-from bench.recordings.atomic import write_text
 
 ALL_MOVING, FRAMES, CATEGORY = "all_moving", "frames", "category"
 KEY, TERMS = ["breakdown", "slice", "recording", "metric"], ["numerator", "denominator"]

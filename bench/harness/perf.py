@@ -9,13 +9,14 @@ from time import thread_time
 
 from pydantic import BaseModel, ConfigDict
 
+from bench.atomic import write_text
 from bench.evaluation import Protocol, SequenceScorer
 from bench.flow import DenseFlow, FarnebackFlow
 from bench.harness.frames import FramePipeline, UnscorableFrame
 from bench.harness.keys import MethodIdentity, digest_of
 from bench.harness.stages import StageClock
 from bench.methods import Scorable
-from bench.recordings import DatasetCard, Recording, open_dataset, write_text
+from bench.recordings import DatasetCard, Recording, open_dataset
 from bench.threads import single_threaded
 
 

@@ -8,11 +8,12 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
 
+from bench.atomic import write_text
 from bench.errors import DataError
 from bench.harness.run import Finish, RunRequest, run_benchmark
 from bench.harness.stored import PREDICTIONS, RunSummary
 from bench.methods.predictions import FaultKind, PredictedMotion, PredictionIndex, index_predictions
-from bench.recordings import DatasetCard, write_text
+from bench.recordings import DatasetCard
 
 SCHEMA_VERSION = 1
 

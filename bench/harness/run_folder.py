@@ -15,10 +15,10 @@ from contextlib import contextmanager, suppress
 from fnmatch import fnmatch
 from pathlib import Path
 
+from bench.atomic import folder_lock
 from bench.errors import DataError
 from bench.harness.manifest import MANIFEST, Manifest, differences, read_manifest, write_manifest
 from bench.harness.unit_files import FOLDER
-from bench.recordings.atomic import folder_lock
 
 RESULTS = (
     *("summary.json", MANIFEST, "protocol.json", "predictions.json", "cost.json", "*.parquet", "*.npz"),

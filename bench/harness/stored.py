@@ -24,6 +24,7 @@ import pyarrow.csv
 import pyarrow.dataset
 from pydantic import Field
 
+from bench.atomic import write_text
 from bench.errors import DataError
 from bench.evaluation import (
     FRAMES_SCHEMA,
@@ -42,7 +43,6 @@ from bench.evaluation.rows import Rows, read_parts, sort_rows, to_frame
 from bench.harness.manifest import Manifest, write_manifest
 from bench.harness.provenance import Provenance
 from bench.harness.unit_files import load_image_maps
-from bench.recordings import write_text
 from bench.recordings.sealed_json import read_sealed, write_sealed
 
 SCHEMA_VERSION = 1

@@ -22,13 +22,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from bench.atomic import replacing, write_bytes
 from bench.errors import DataError, OutputError
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, ImageMap, add_image_maps
 from bench.harness.keys import digest_of
 from bench.harness.masks import MASKS, MASKS_SCHEMA
 from bench.harness.unit import Unit, UnitTables
-from bench.recordings import replacing
-from bench.recordings.atomic import write_bytes
 
 FOLDER, SUFFIX = "units", ".unit"
 OBJECTS, FRAMES, MAPS, STATUS = "objects.parquet", "frames.parquet", "maps.npz", "status.json"

@@ -16,11 +16,11 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 from pathlib import Path
 
+from bench.atomic import refuse_escape
 from bench.errors import DataError
 from bench.labels.formats import LabelOptions
 from bench.plain_text import listed
 from bench.recordings import Recording, SweepRef
-from bench.recordings.atomic import refuse_escape
 
 LARGEST_BYTES = 100_000_000  # of one file; a frame with a thousand boxes has half a million
 

@@ -36,12 +36,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from bench.atomic import write_text
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.labels.formats import LabelOptions, LabelSet, left_out, map_classes, tool_class
 from bench.labels.frames import SHOWN, frame_names, frame_numbers, pair_with_sweeps
 from bench.labels.motion import box_state, floating, lidar_from_object, motion_lost, states_at_sweeps, with_motion
-from bench.recordings import Cuboid, ObjectState, Recording, SweepRef, Track, write_text
+from bench.recordings import Cuboid, ObjectState, Recording, SweepRef, Track
 from bench.recordings.files import READ_BYTES, MeteredFile, numbers, read_text, xml_parts
 
 LARGEST_ITEM_BYTES = 8_000_000  # ten thousand poses, a quarter of an hour

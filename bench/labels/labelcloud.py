@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
+from bench.atomic import write_text
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
 from bench.labels.formats import LabelOptions, LabelSet, Length, ToolModel, Vector, left_out, map_classes, tool_class
@@ -39,7 +40,7 @@ from bench.labels.motion import (
     states_at_sweeps,
     with_motion,
 )
-from bench.recordings import OBJECT_CLASSES, Cuboid, ObjectState, Recording, SweepRef, Track, write_text
+from bench.recordings import OBJECT_CLASSES, Cuboid, ObjectState, Recording, SweepRef, Track
 from bench.recordings.validation import located, read_json
 
 Way = Literal["centroid_rel", "centroid_abs", "vertices"]

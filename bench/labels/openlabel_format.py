@@ -12,12 +12,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from bench.atomic import write_text
 from bench.labels.formats import LabelOptions, LabelSet, left_out, map_classes, tool_class
 from bench.labels.motion import floating, with_motion
 from bench.labels.openlabel_calibration import Systems, lens_properties
 from bench.labels.openlabel_file import ELEMENTS, Root, read_label_file
 from bench.labels.openlabel_states import StateReader, frame_times
-from bench.recordings import Recording, Track, openlabel, write_text
+from bench.recordings import Recording, Track, openlabel
 from bench.recordings.annotations import annotation_document
 
 

@@ -21,6 +21,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from bench.atomic import write_bytes
 from bench.errors import DataError, UsageError
 from bench.labels.formats import LabelOptions, LabelSet, map_classes, tool_class
 from bench.labels.frames import frame_files, frame_names, pair_with_sweeps, refuse_other_frames
@@ -43,7 +44,6 @@ from bench.recordings import (
     Recording,
     SweepRef,
     Track,
-    write_bytes,
 )
 from bench.reference.clusters import object_cluster
 from bench.reference.sweeps import PosedSweep, pose_sweep

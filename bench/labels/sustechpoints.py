@@ -21,12 +21,13 @@ import numpy as np
 from pydantic import ConfigDict, Field, RootModel, model_validator
 from scipy.spatial.transform import Rotation
 
+from bench.atomic import write_text
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.labels.formats import LabelOptions, LabelSet, Length, ToolModel, Vector, left_out, map_classes, tool_class
 from bench.labels.frames import frame_files, frame_names, pair_with_sweeps, refuse_other_frames
 from bench.labels.motion import box_state, lidar_from_object, motion_lost, states_at_sweeps, with_motion
-from bench.recordings import MOTION_KINDS, Cuboid, ObjectState, Recording, SweepRef, Track, write_text
+from bench.recordings import MOTION_KINDS, Cuboid, ObjectState, Recording, SweepRef, Track
 from bench.recordings.validation import read_json
 
 _VEHICLES = ("policecar", "tourcar", "longvehicle", "concretetruck", "excavator", "forklift", "crane", "roadroller",

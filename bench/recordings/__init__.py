@@ -6,7 +6,6 @@ conventions once, here, so that no other package depends on the data set.
 """
 
 from bench.recordings.annotations import read_annotations
-from bench.recordings.atomic import replacing, write_bytes, write_text
 from bench.recordings.cards import DatasetCard, list_cards, load_card
 from bench.recordings.catalogue import ADAPTERS, open_dataset
 from bench.recordings.handles import Exclusion, RecordingHandle
@@ -61,8 +60,5 @@ __all__ = [
     "read_annotations",
     "read_image",
     "read_truth",
-    "replacing",
     "write_annotations",
-    "write_bytes",
-    "write_text",
 ]

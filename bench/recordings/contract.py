@@ -25,8 +25,8 @@ from unittest.mock import patch
 
 import numpy as np
 
+from bench.atomic import linked_folder
 from bench.errors import BenchError, DataError
-from bench.recordings.atomic import linked_folder
 from bench.recordings.catalogue import Adapter
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.images import read_image

@@ -14,8 +14,8 @@ import numpy as np
 from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import iterparse
 
+from bench.atomic import refuse_escape
 from bench.errors import DataError
-from bench.recordings.atomic import refuse_escape
 from bench.recordings.error_handlers import OnError, reporting
 
 LARGEST_BYTES = 100_000_000  # a million rows of poses

@@ -10,12 +10,12 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field
 
+from bench.atomic import path_inside, refuse_escape
 from bench.egomotion import Trajectory, bus_signal_faults, read_bus_signals, read_tum
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.lidar import read_sweep
 from bench.recordings.annotations import annotations_or_none
-from bench.recordings.atomic import path_inside, refuse_escape
 from bench.recordings.error_handlers import STRICT, ErrorHandler, OnError, reporting, reporting_all, stationary
 from bench.recordings.files import numbered_files
 from bench.recordings.handles import RecordingHandle

@@ -24,8 +24,8 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
+from bench.atomic import folder_lock, make_folder, write_text
 from bench.errors import BenchError, DataError, OutputError, UsageError
-from bench.recordings.atomic import folder_lock, make_folder, write_text
 from bench.recordings.error_handlers import STRICT, ErrorHandler
 from bench.recordings.handles import RecordingHandle
 from bench.records.recording import Recording

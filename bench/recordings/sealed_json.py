@@ -14,8 +14,8 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel
 
+from bench.atomic import write_text
 from bench.errors import DataError
-from bench.recordings.atomic import write_text
 from bench.recordings.validation import parse_json
 
 SEAL = "sha256"

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from bench.atomic import replacing, write_bytes, write_text
 from bench.cameras import camera_parameters
 from bench.egomotion import write_tum
 from bench.errors import ShapeError
@@ -19,7 +20,6 @@ from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.lidar.files import write_sweep
 from bench.recordings.annotations import annotation_document
-from bench.recordings.atomic import replacing, write_bytes, write_text
 from bench.recordings.openlabel import AnnotationFile
 from bench.recordings.schema import CONVENTIONS, SCHEMA_VERSION, Mounting, RecordingHead
 from bench.recordings.validation import validated

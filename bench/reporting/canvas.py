@@ -26,9 +26,9 @@ from matplotlib.text import Text
 from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 
+from bench.atomic import write_bytes
 from bench.errors import ShapeError
 from bench.plain_text import plain
-from bench.recordings import write_bytes
 from bench.records.reference import Category
 
 if TYPE_CHECKING:

@@ -7,9 +7,9 @@ import re
 from collections.abc import Container, Iterable, Mapping
 from pathlib import Path
 
+from bench.atomic import write_text
 from bench.evaluation import Metric
 from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.recordings import write_text
 from bench.records.reference import Category, ReferenceFrame
 from bench.reporting.document import Cell
 

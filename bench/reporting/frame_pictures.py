@@ -13,10 +13,10 @@ from matplotlib.patches import Polygon as PolygonPatch
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
+from bench.atomic import write_bytes
 from bench.evaluation import Rows
 from bench.evaluation.rows import EVALUATED, read_parts
 from bench.harness import FramePipeline, ProcessedFrame
-from bench.recordings.atomic import write_bytes
 from bench.records.reference import ObjectGeometry, Outline
 from bench.reference import Category, ReferenceObject
 from bench.reporting import canvas

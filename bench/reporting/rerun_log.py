@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from bench.atomic import replacing
 from bench.errors import OutputError, UsageError
 from bench.recordings import Cuboid, ImageRef, Recording
-from bench.recordings.atomic import replacing
 from bench.reporting.video import SeenSweep
 
 TIMELINE = "exposure"

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely.affinity import affine_transform
 
+from bench.atomic import replacing
 from bench.errors import OutputError, ShapeError, UsageError
 from bench.evaluation.counts import count_frame
 from bench.harness import ProcessedFrame
 from bench.recordings import ImageRef, MountedCamera, Recording
-from bench.recordings.atomic import replacing
 from bench.reference.sweeps import PosedSweep, pose_sweep
 from bench.reporting.canvas import category_colour
 from bench.reporting.count_view import AREA_COLOURS, PixelClass, detected_pixels, overlay_counts

@@ -16,10 +16,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from bench.atomic import folder_lock, make_folder, write_text
 from bench.errors import DataError, UsageError
 from bench.execution import FailedTask, ProcessExecutor, SerialExecutor, TaskExecutor, usable_cores
-from bench.recordings import write_text
-from bench.recordings.atomic import folder_lock, make_folder
 from bench.synthesis.reading import read_scenario
 from bench.synthesis.recorder import render_recording
 from bench.synthesis.scenario import RecordingSpec, Scenario

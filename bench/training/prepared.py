@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.api.datasets import Frame, open_dataset
+from bench.atomic import make_folder, replacing, write_text
 from bench.errors import DataError
 from bench.execution import FailedTask, ProcessExecutor, SerialExecutor, TaskExecutor
 from bench.methods.learned import inputs
 from bench.recordings import load_card
-from bench.recordings.atomic import make_folder, replacing, write_text
 from bench.training.pairs import Part, drives_of, pairs_of
 
 TARGET = "moving"  # the last channel: share of moving pixels of each cell, 0 to 255

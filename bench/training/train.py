@@ -28,13 +28,13 @@ from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 from bench import __version__
+from bench.atomic import make_folder, replacing, write_bytes, write_text
 from bench.errors import UsageError
 from bench.evaluation.intervals import ratio_interval
 from bench.execution import usable_cores
 from bench.methods.learned.inputs import ALL_CHANNELS, CHANNELS, INPUT_SETS, MIRRORED, ZERO, InputSet
 from bench.methods.learned.method import MULTIPLE_PX
 from bench.recordings import load_card
-from bench.recordings.atomic import make_folder, replacing, write_bytes, write_text
 from bench.training.network import MotionNetwork, ScoredNetwork
 from bench.training.pairs import DATASET
 from bench.training.prepared import PreparedDrive, prepare

@@ -42,7 +42,7 @@ def test_compare_ends_with_verdicts_files_and_titled_pictures(monkeypatch, capsy
     assert whole["lost"] == whole["before"] > 0
     assert f"{whole['object_frames']} object-frames, detected: {whole['before']} before, 0 after; 0 newly" in shown
     assert "nothing against spherical, over everything: " in shown
-    assert "too few recordings for a verdict: Detection rate" in shown, "three recordings prove nothing"
+    assert "too few recordings for a verdict: IoU, all" in shown, "three recordings prove nothing"
     assert stored["remarks"] == [], "processed again, every picture shows what was stored"
     assert [picture["file"] for picture in stored["pictures"]] == [
         "pictures/01-01-newly-missed.jpg",
@@ -92,7 +92,7 @@ def test_a_picture_that_would_not_show_what_was_scored_is_not_drawn(monkeypatch,
 
 def test_compare_refuses_what_does_not_compare_in_one_line(monkeypatch, capsys, runs, tmp_path):
     words = ("compare", runs / "spherical", runs / "extended", "--out", tmp_path / "out")
-    assert "do not compare: protocol paper-v1" in error_line(monkeypatch, capsys, *words)
+    assert "do not compare: protocol extended-v1" in error_line(monkeypatch, capsys, *words)
     assert not (tmp_path / "out").exists()
 
 

@@ -237,8 +237,9 @@ def test_update_refuses_changed_code_unless_told(monkeypatch, capsys, runs, tmp_
     for name in ("objects.parquet", "frames.parquet", "protocol.json"):
         (folder / name).write_bytes((runs["spherical"] / name).read_bytes())
     summary = read_run(runs["spherical"])
-    made = summary.provenance.model_copy(update={"commit": "0123456789abcdef+"})
-    write_summary(folder, summary.model_copy(update={"provenance": made}))
+    code = summary.manifest.code.model_copy(update={"commit": "0123456789abcdef+"})
+    manifest = summary.manifest.model_copy(update={"code": code})
+    write_summary(folder, summary.model_copy(update={"manifest": manifest}))
     assert call(monkeypatch, "gate", folder, "--baseline", tmp_path / "b.json", "--update") == 2
     assert "--allow-dirty" in capsys.readouterr().err
     assert not (tmp_path / "b.json").exists()
@@ -249,7 +250,7 @@ def test_update_refuses_changed_code_unless_told(monkeypatch, capsys, runs, tmp_
     [
         (("nowhere",), "nowhere/summary.json"),
         (("RUN", "--tolerances", "default-v9"), "did you mean 'default-v1'"),
-        (("EXTENDED",), "protocol 'paper-v1 version 1"),
+        (("EXTENDED",), "protocol paper-v1 version 1"),
         (("RUN", "--update", "--github"), "--github: expected only with a verdict"),
     ],
 )

@@ -223,7 +223,7 @@ def test_a_bug_keeps_its_traceback(monkeypatch, capsys, places):
     assert "Traceback" in shown
 
 
-# Who writes beside `bench.recordings.atomic`, and tells in one line what cannot be written.
+# Who writes beside `bench.atomic`, and tells in one line what cannot be written.
 WRITERS = {
     "execution.py": "results of tasks in a temporary folder",
     "egomotion/tum.py": "to the temporary file of its caller",

@@ -26,6 +26,7 @@ def score(tiny_card, tmp_path):
                 out=tmp_path / out,
                 cache=kept,
                 input_errors=named_input_errors(errors),
+                overwrite=True,
             )
         )
 
@@ -38,7 +39,7 @@ def test_a_run_with_errors_is_none_without(tiny_card, score):
     wrong = [score("run", yaw_rate_bias_degps=3.0), score("run", yaw_rate_bias_degps=2.0)]
     assert [run.provenance.work.units_reused for run in wrong] == [0, 0]
     assert [run.provenance.work.steps_found for run in wrong] == [{"flow": PAIRS, "reference": PAIRS}] * 2
-    assert len({run.provenance.data_fingerprint for run in (plain, *wrong)}) == 3
+    assert len({run.manifest.dataset.data for run in (plain, *wrong)}) == 3
     assert len({run.all_moving.model_dump_json() for run in (plain, *wrong)}) == 3
     assert wrong[1].caveats.endswith("The method was told errors of its input: yaw_rate_bias_degps 2.")
     assert plain.caveats == load_card(str(tiny_card)).content.caveats
@@ -52,7 +53,7 @@ def test_errors_reach_the_method_and_not_the_reference(score):
     assert {name: row.object_frames for name, row in true.categories.items()} == {
         name: row.object_frames for name, row in wrong.categories.items()
     }
-    assert wrong.method == true.method
+    assert wrong.manifest.method == true.manifest.method
 
 
 def test_another_method_can_be_told_errors(score):

@@ -27,5 +27,5 @@ def open_edges(mesh: Mesh) -> int:
 def of_joint(body: Body, name: str, corners_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Corners (N, 3) of what hangs on a joint."""
     row = [joint.name for joint in body.linkage.joints].index(name)
-    start, end, _ = next(part for part in body.parts if part[2] == row)
+    start, end, _ = next(part for part in body.linkage.parts if part[2] == row)
     return corners_m[start:end].reshape(-1, 3)

@@ -35,12 +35,12 @@ import numpy as np
 from bench.adapters.aimotive.boxes import BoxFrame, frames_in_order, read_box_frame, tracks_from_boxes
 from bench.adapters.aimotive.calibration import FRAME_INTERVAL_NS, AimotiveOptions, read_cameras, read_lidar_mounting
 from bench.adapters.aimotive.egomotion import sequence_trajectory
+from bench.atomic import linked_folder
 from bench.egomotion import Trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.lidar import read_sweep
 from bench.recordings.annotations import annotations_or_none
-from bench.recordings.atomic import linked_folder
 from bench.recordings.error_handlers import STRICT, ErrorHandler, OnError, reporting, stationary
 from bench.recordings.files import framed_files
 from bench.recordings.handles import RecordingHandle

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from pydantic import ConfigDict, Field
 
+from bench.atomic import MOST_LINK_LEVELS
 from bench.cameras import camera_from_parameters
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.recordings.atomic import MOST_LINK_LEVELS
 from bench.recordings.error_handlers import STRICT, OnError, reporting
 from bench.recordings.files import read_object
 from bench.recordings.mounting import Polygon, body_mask, mounted_camera

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bench.adapters.aimotive.calibration import AimotiveOptions
+from bench.atomic import linked_folder, path_inside
 from bench.egomotion import Trajectory, bus_signal_faults, read_bus_signals
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.recordings.atomic import linked_folder, path_inside
 from bench.recordings.error_handlers import ErrorHandler, OnError, at_most, reporting, reporting_all
 from bench.recordings.files import read_object
 from bench.recordings.validation import MOST_FAULTS, located

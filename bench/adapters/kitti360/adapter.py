@@ -32,9 +32,9 @@ from bench.adapters.kitti360.boxes import read_boxes
 from bench.adapters.kitti360.calibration import CameraName, Kitti360Options, Rig, read_rig
 from bench.adapters.kitti360.files import Drive, FrameClock, drive_through, read_clock, read_poses, read_turn
 from bench.adapters.kitti360.tracks import Annotated, tracks_from_world
+from bench.atomic import linked_folder, refuse_escape
 from bench.errors import DataError
 from bench.recordings.annotations import annotations_or_none
-from bench.recordings.atomic import linked_folder, refuse_escape
 from bench.recordings.error_handlers import STRICT, ErrorHandler, OnError, at_most, reporting, stationary
 from bench.recordings.files import framed_files
 from bench.recordings.handles import RecordingHandle

@@ -19,11 +19,11 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
+from bench.atomic import MOST_LINK_LEVELS, linked_folder, refuse_escape
 from bench.cameras import UnifiedCamera
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.plain_yaml import parse_yaml
-from bench.recordings.atomic import MOST_LINK_LEVELS, linked_folder, refuse_escape
 from bench.recordings.error_handlers import OnError, reporting
 from bench.recordings.files import numbers, read_text
 from bench.recordings.mounting import Polygon, body_mask, mounted_camera

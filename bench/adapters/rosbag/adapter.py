@@ -38,11 +38,11 @@ from bench.adapters.rosbag.messages import COMPRESSED_IMAGE, IMAGE, POINT_CLOUD,
 from bench.adapters.rosbag.motion import EgoMotionMessages
 from bench.adapters.rosbag.rig import STATIC_FRAMES, CameraRig, LidarRig, RosbagOptions, StaticFrames, read_rig
 from bench.adapters.rosbag.storage import Position
+from bench.atomic import linked_folder, path_inside
 from bench.egomotion import Trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings.annotations import annotations_or_none
-from bench.recordings.atomic import linked_folder, path_inside
 from bench.recordings.error_handlers import STRICT, ErrorHandler, OnError, reporting, stationary
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.images import read_mask

@@ -27,9 +27,9 @@ from bench.adapters.rosbag.storage import (
     decompressed_start,
     stored_messages,
 )
+from bench.atomic import path_inside, refuse_escape
 from bench.errors import DataError
 from bench.plain_yaml import parse_yaml
-from bench.recordings.atomic import path_inside, refuse_escape
 from bench.recordings.error_handlers import OnError
 from bench.recordings.files import read_text
 from bench.recordings.validation import LATEST_NS, validated

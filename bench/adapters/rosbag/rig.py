@@ -12,10 +12,10 @@ from pydantic import Field, model_validator
 
 from bench.adapters.rosbag.bag import BagMessage
 from bench.adapters.rosbag.messages import TRANSFORMS, decode
+from bench.atomic import MOST_LINK_LEVELS, path_inside
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
 from bench.plain_yaml import parse_yaml
-from bench.recordings.atomic import MOST_LINK_LEVELS, path_inside
 from bench.recordings.files import read_text
 from bench.recordings.mounting import Polygon
 from bench.recordings.schema import Mounting, Name

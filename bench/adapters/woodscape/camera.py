@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, model_validator
 
+from bench.atomic import MOST_LINK_LEVELS, path_inside
 from bench.cameras import RadialPolynomialCamera
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.recordings.atomic import MOST_LINK_LEVELS, path_inside
 from bench.recordings.images import read_mask
 from bench.recordings.mounting import Polygon, body_mask, mounted_camera
 from bench.recordings.validation import LARGEST_SIDE_PX, FileModel, SidePx, located, read_json

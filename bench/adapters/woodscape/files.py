@@ -12,9 +12,9 @@ import numpy as np
 from pydantic import BeforeValidator, ConfigDict, Field
 
 from bench.adapters.woodscape.camera import WoodscapeOptions
+from bench.atomic import linked_folder, refuse_escape
 from bench.egomotion import Trajectory, planar_trajectory
 from bench.errors import DataError
-from bench.recordings.atomic import linked_folder, refuse_escape
 from bench.recordings.error_handlers import OnError, reporting
 from bench.recordings.validation import FileModel, read_json
 

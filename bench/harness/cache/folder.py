@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.atomic import replacing
 from bench.errors import DataError, OutputError, UsageError
-from bench.recordings import replacing
 
 DEFAULT_LIMIT_BYTES = 4_000_000_000
 EVICT_AFTER_BYTES = 64_000_000  # a process that has added so much evicts entries

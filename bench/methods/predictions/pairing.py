@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 from numpy.typing import NDArray
 
+from bench.atomic import refuse_escape
 from bench.errors import BenchError, DataError
 from bench.methods.predictions.files import (
     Fault,
@@ -24,7 +25,6 @@ from bench.methods.predictions.files import (
 )
 from bench.methods.predictions.images import CameraImages, ImageKey, NamedImage, Naming, camera_images, named_images
 from bench.recordings import DatasetCard, open_dataset
-from bench.recordings.atomic import refuse_escape
 
 MAP_SUFFIXES = (".png", ".npz")
 LIST_SUFFIX = ".json"

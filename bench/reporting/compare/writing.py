@@ -9,9 +9,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from bench.atomic import replacing, write_bytes
 from bench.evaluation import Metric, find_metric
 from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.recordings import replacing, write_bytes
 from bench.reporting import document
 from bench.reporting.compare.changes import (
     FALSE_POSITIVE_COVERAGE,

@@ -10,8 +10,8 @@ from typing import Any
 
 from markupsafe import Markup
 
+from bench.atomic import write_text
 from bench.evaluation import published
-from bench.recordings.atomic import write_text
 from bench.reference import Category
 from bench.reporting.document import Block, Folded, Paragraph, environment
 from bench.reporting.formats import LABELS

@@ -76,6 +76,7 @@ def chunk(kind: bytes, body: bytes) -> bytes:
     return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
 
 
+NO_PIXELS = chunk(b"IDAT", zlib.compress(b"")) + chunk(b"IEND", b"")
 PALETTE = (
     png(4, 6)[:8]
     + chunk(b"IHDR", struct.pack(">IIBBBBB", 6, 4, 8, 3, 0, 0, 0))
@@ -94,10 +95,11 @@ PALETTE = (
         (png(4, 6, 3), "expected one grey channel, got 3 channels"),
         (png(4, 6, 4), "expected one grey channel, got 4 channels"),
         (PALETTE, "expected one grey channel, got 3 channels"),
-        (png_header(6, 4, bits=7) + chunk(b"IEND", b""), "an image that can be decoded"),
-        (png_header(6, 4, bits=8), "a PNG cut short at 33 bytes"),
-        (png_header(60_000, 40_000, bits=8), "at most 67108864 pixels, got 60000 x 40000"),
-        (png_header(6, 5, bits=16), "got 6 x 5"),
+        (png_header(6, 4, bits=7) + NO_PIXELS, "expected a whole PNG"),
+        (png_header(6, 4, bits=8), "expected a whole PNG file, got 33 bytes"),
+        (png_header(6, 4, bits=8) + NO_PIXELS[:-12], "a PNG cut short at"),
+        (png_header(60_000, 40_000, bits=8) + NO_PIXELS, "at most 67108864 pixels, got 60000 x 40000"),
+        (png_header(6, 5, bits=16) + NO_PIXELS, "got 6 x 5"),
     ],
 )
 def test_what_is_no_mask_is_refused(tmp_path, content, message):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from bench.recordings import replacing, write_text
+from bench.atomic import replacing, write_text
 
 
 def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path):
