@@ -124,11 +124,12 @@ def run_protocols(requests: Sequence[RunRequest], *, finish: Finish | None = Non
         UsageError: requests that differ in something else.
     """
     summaries = []
+    handles = requests[0].recordings()  # before anything is written
     with ExitStack() as held:
         manifests = _begin(requests, held, shared=False)
         with ExitStack() as replaced:
             folders = {request.out: replaced.enter_context(new_results(request.out)) for request in requests}
-            scored = _score(requests, Part(), manifests)
+            scored = _score(requests, handles, Part(), manifests)
             for request in requests:
                 summary = _write_results(folders[request.out], request, scored, manifests[request.out])
                 if finish is not None:
@@ -151,8 +152,9 @@ def score_part(requests: Sequence[RunRequest], part: Part) -> ScoredPart:
     Raises:
         DataError, UsageError: as `run_protocols`, but for a part of which nothing could be used.
     """
+    handles = requests[0].recordings()
     with ExitStack() as held:
-        return _score(requests, part, _begin(requests, held, shared=True))
+        return _score(requests, handles, part, _begin(requests, held, shared=True))
 
 
 @dataclass(kw_only=True)
@@ -224,10 +226,14 @@ def _begin(requests: Sequence[RunRequest], held: ExitStack, *, shared: bool) -> 
     return manifests
 
 
-def _score(requests: Sequence[RunRequest], part: Part, manifests: Mapping[Path, Manifest]) -> ScoredPart:
+def _score(
+    requests: Sequence[RunRequest],
+    handles: Sequence[RecordingHandle],
+    part: Part,
+    manifests: Mapping[Path, Manifest],
+) -> ScoredPart:
     """Open recordings, score the units of a part and store them."""
     asked = requests[0]
-    handles = asked.recordings()
     if asked.cache is not None:
         asked.cache.prepare()
     spec = RunSpec(

@@ -99,7 +99,7 @@ class StoredRows:
     def read(self, recordings: Sequence[str], columns: Sequence[str]) -> pd.DataFrame:
         """All rows of some recordings, in the order of the file."""
         name = pyarrow.dataset.field("recording")
-        wanted = name.isin(list(recordings))
+        wanted = name.isin(pa.array(recordings, pa.string()))
         if recordings:  # groups of rows of others are not read
             wanted &= (name >= min(recordings)) & (name <= max(recordings))
         return to_frame(self._table(columns, wanted))

@@ -29,7 +29,7 @@ METHOD_ONLY = "Injected errors reach the method only: the reference keeps the tr
 def headlines(summary: RunSummary) -> dict[str, Metric]:
     """The headline metrics of a run over all moving objects, and the false positives of its images.
 
-    Detection at half is missing where the protocol has no such level.
+    Detection at 50 % is missing where the protocol has no such level.
     """
     moving = summary.all_moving
     found = {name: moving.metric(name) for name in HEADLINES if name in moving.metric_names()}

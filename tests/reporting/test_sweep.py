@@ -58,7 +58,7 @@ def test_csv_has_one_line_per_value_at_full_precision():
 
 def test_markdown_has_the_headline_metrics_with_intervals():
     text = to_markdown(report("threshold", RUNS | {"1": run(math.nan)}, title="threshold on demo", note="A note."))
-    headings = "| threshold | Images | Object-frames | Recordings | IoU, all | TPR, all | Detection at half |"
+    headings = "| threshold | Images | Object-frames | Recordings | IoU, all | TPR, all | Detection at 50 % |"
     assert headings in text
     assert "| 1e-2 | 12 | 40 | 7 | 30.0 % [20.0, 40.0] | 59.0 % [49.0, 69.0] | 55.0 % [45.0, 65.0] | 28.0 %" in text
     assert text.count("fewer than 6 recordings have none") == text.count("A note.") == 1
@@ -76,7 +76,7 @@ def test_terminal_table_fits():
 
 def test_a_protocol_without_the_level_has_no_such_column():
     runs = {value: run(0.5, levels=("10",)) for value in ("1e-3", "2e-3")}
-    assert "Detection at half" not in to_markdown(report("threshold", runs, title="t"))
+    assert "Detection at 50 %" not in to_markdown(report("threshold", runs, title="t"))
     assert "detection_rate_50" not in to_csv("threshold", runs)
     assert len(axes_of(runs).lines) == 3
 
