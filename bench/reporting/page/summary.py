@@ -1,4 +1,4 @@
-"""A run at a glance: three numbers, the kinds of motion in one table, and statements that are read off the tables."""
+"""A run at a glance: its headlines, the kinds of motion in one table, and statements that are read off the tables."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
-from bench.evaluation import Metric
+from bench.evaluation import Metric, headlines
+from bench.evaluation.definitions import IMAGE_FRAMES
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.summary import ObjectMetrics, Summary
 from bench.reference import Category
@@ -124,18 +125,22 @@ def clearly_below(metric: Metric, other: Metric) -> bool:
 
 
 def tiles(found: Summary, *, category: Category | None) -> list[tuple[str, Cell]]:
-    """Name and value of IoU beside its ceiling, of what is wrongly marked, and of TPR."""
+    """Label and value of the headline metrics; of one kind of motion without the false positives, which have none."""
     row, area = found.all_moving, found.false_positives
     over = f"over {row.object_frames} object-frames"
-    if row.object_frames < LEAST_OBJECT_FRAMES:
-        few = Cell("n/a", (f"{row.object_frames} object-frames, fewer than {LEAST_OBJECT_FRAMES}",))
-        iou = tpr = few
-    else:
-        ceiling = beside_note("iou", metrics_of(row))
-        iou = _tile(row.iou, f"{ceiling}: what exact masks get; {over}" if ceiling else over)
-        tpr = _tile(row.tpr_all, f"of an object is marked; {over}")
-    marked = _tile(area.coverage, f"of the image wrongly marked; over {area.frames} images")
-    return [("IoU, all", iou), *([("False positives", marked)] if category is None else []), ("TPR, all", tpr)]
+    few = Cell("n/a", (f"{row.object_frames} object-frames, fewer than {LEAST_OBJECT_FRAMES}",))
+    shown = []
+    for metric in headlines():
+        if metric.over == IMAGE_FRAMES:
+            if category is None:
+                about = f"of the image wrongly marked; over {area.frames} images"
+                shown.append((metric.label, _tile(area.coverage, about)))
+        elif row.object_frames < LEAST_OBJECT_FRAMES:
+            shown.append((metric.label, few))
+        elif metric.name in row.metric_names():
+            beside = beside_note(metric.name, metrics_of(row))
+            shown.append((metric.label, _tile(row.metric(metric.name), f"{beside}; {over}" if beside else over)))
+    return shown
 
 
 def _tile(metric: Metric, beside: str) -> Cell:

@@ -8,6 +8,7 @@ import pytest
 from bench.evaluation.summary import FrameLedger, Metric, ObjectMetrics
 from bench.reference import Category
 from bench.reporting.document import to_html
+from bench.reporting.formats import percent
 from bench.reporting.page.summary import Standing, breakdowns, kind_table, kinds_of, lowest_of, remarks, tiles
 from bench.reporting.page.tables import breakdown_table
 from tests.reporting.summaries import figure, object_figures, summary
@@ -87,19 +88,23 @@ def test_the_statement_names_what_the_tables_mark():
     assert lowest_of(rows | {"[2, 4)": object_figures(0.2, object_frames=9)}) is None
 
 
-def test_the_page_begins_with_iou_beside_its_ceiling_and_false_positives():
+def test_the_page_begins_with_the_headlines_and_the_ceiling_of_iou():
     figures = summary()
     ceiling = Metric(value=0.92, ci95=None, cases=100, recordings=8)
     with_truth = figures.all_moving.model_copy(update={"ceiling_iou": ceiling})
     shown = tiles(figures.model_copy(update={"all_moving": with_truth}), category=None)
     assert [(name, cell.text) for name, cell in shown] == [
-        ("IoU, all", "27.0 %"), ("False positives", "10.5 %"), ("TPR, all", "42.0 %")
-    ]  # fmt: skip
-    assert shown[0][1].below == ("22.0 to 32.0", "ceiling 92.0 %: what exact masks get; over 100 object-frames")
+        ("IoU, all", "27.0 %"),
+        ("TPR, all", "42.0 %"),
+        ("Detection at 50 %", percent(figures.all_moving.metric("detection_rate_50").value)),
+        ("False-positive coverage", "10.5 %"),
+    ]
+    assert shown[0][1].below == ("22.0 to 32.0", "ceiling 92.0 %; over 100 object-frames")
     assert tiles(figures, category=None)[0][1].below[-1] == "over 100 object-frames"
-    assert [name for name, _ in tiles(figures, category=Category.CROSSING)] == ["IoU, all", "TPR, all"]
+    of_crossing = [name for name, _ in tiles(figures, category=Category.CROSSING)]
+    assert of_crossing == ["IoU, all", "TPR, all", "Detection at 50 %"]
     few = figures.model_copy(update={"all_moving": object_figures(0.4, object_frames=9)})
-    assert [cell.text == "n/a" for _, cell in tiles(few, category=None)] == [True, False, True]
+    assert [cell.text == "n/a" for _, cell in tiles(few, category=None)] == [True, True, True, False]
 
 
 def test_images_that_were_not_scored_are_said():
