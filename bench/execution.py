@@ -51,12 +51,12 @@ class TaskExecutor(Protocol):
 
     @property
     def workers(self) -> int:
-        """How many tasks are computed at a time."""
+        """Number of tasks that are computed at a time."""
         ...
 
     @property
     def shares_disk(self) -> bool:
-        """Whether workers write where this process reads."""
+        """True if workers write where this process reads."""
         ...
 
     def __enter__(self) -> Self: ...

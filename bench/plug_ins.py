@@ -33,11 +33,11 @@ def known_targets(group: str, own: Mapping[str, str]) -> dict[str, str]:
 
 
 def imported(target: str, *, expected: str) -> Any:
-    """What lies at "module:attribute".
+    """Import what lies at "module:attribute".
 
     Args:
-        target: where.
-        expected: for whom and what, for the message.
+        target: "module:attribute".
+        expected: start of the error message: for whom, and what kind of object.
 
     Raises:
         UsageError: nothing to import there, or its import raised.

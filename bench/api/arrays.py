@@ -38,7 +38,7 @@ CHANCE = "chance"  # needs a mask of another time
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Score:
-    """What masks score against references: counts first, ratios last, as docs/metrics.md defines them.
+    """Score of masks against references: counts first, ratios last, as docs/metrics.md defines them.
 
     Ratios are shares in [0, 1], NaN without cases.
     """

@@ -220,7 +220,7 @@ def run_folder(place: str | Path) -> Path:
 def default_folder(
     card: DatasetCard, method: str, settings: Iterable[tuple[str, object]], protocol: Protocol, split: str | None
 ) -> Path:
-    """Where a run goes that no folder is named for: whatever is not the default is part of the name.
+    """Return the folder of a run for which none is given: whatever is not the default is part of its name.
 
     Args:
         card: the data set.

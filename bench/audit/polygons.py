@@ -1,4 +1,4 @@
-"""How well reference polygons fit the exact masks, also with other motion compensation."""
+"""Fit of reference polygons to the exact masks, also with other motion compensation."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from bench.reference import REGION_KINDS, Category, ReferenceBuilder, ReferenceF
 
 
 class Compensation(StrEnum):
-    """What of the motion between a lidar point and the exposure is undone."""
+    """Part of the motion between a lidar point and the exposure that is compensated."""
 
     NONE = "none"  # the sweep is taken for a snapshot at exposure
     EGO_MOTION = "ego_motion"  # every point is compensated for the ego-motion

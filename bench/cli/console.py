@@ -176,7 +176,7 @@ def _progress_lines(title: str, unit: str) -> Callable[[float, int], None]:
 
 
 def _enough(done: float, total: float | None) -> bool:
-    """Whether so much is done that the rest can be estimated: the first of a few takes longest, as workers start."""
+    """True if enough is done to estimate the rest: the first of a few takes longest, as workers start."""
     return total is not None and total > 0.0 and done >= min(LEAST_DONE, total / 4)
 
 
@@ -189,7 +189,7 @@ class _TimeLeftColumn(TimeRemainingColumn):
 
 
 class _RateColumn(ProgressColumn):
-    """How much is done in a second, or a minute where that is little."""
+    """Column of the rate: per second, or per minute where that is little."""
 
     def __init__(self, unit: str) -> None:
         super().__init__()

@@ -160,7 +160,7 @@ def _refuse_with_update(**options: object) -> None:
 
 
 def _print_brief(verdict: Verdict) -> None:
-    """What changed, the overall rows, and where most was lost."""
+    """Print what changed, the overall rows, and where most was lost."""
     from bench.gate.brief import overall_rows, worst_line
     from bench.reporting.verdict import head_lines, row_table
 

@@ -1,4 +1,4 @@
-"""How a command ends that its user, or the system, does not let come to its end."""
+"""End of a command that its user, or the system, interrupts."""
 
 from __future__ import annotations
 

@@ -40,12 +40,12 @@ class Computing:
     scheduler: str | None = None
 
     def executor(self, card: DatasetCard, method: Scorable, *, reads: Sequence[Path] = ()) -> TaskExecutor:
-        """What computes the units.
+        """Return the executor that computes the units.
 
         Args:
-            card: the data set, which is there.
+            card: the data set, which exists.
             method: to be scored.
-            reads: what the method reads beside the data set.
+            reads: files and folders that the method reads beside the data set.
 
         Raises:
             UsageError: options that contradict each other, or a cluster that cannot compute for this run.
@@ -62,7 +62,7 @@ class Computing:
 
     @property
     def cache_folder(self) -> CacheFolder | None:
-        """Where cached steps are stored; None for nowhere."""
+        """Folder of cached steps; None to store none."""
         return None if self.no_cache else CacheFolder(folder=self.cache or default_folder())
 
 

@@ -32,7 +32,7 @@ READ_FIRST = ("summary.json", "table.md", "range_map.png")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScoringOptions:
-    """What is to be scored, as the command line says it.
+    """Options of the command line: what is scored, and how.
 
     Attributes:
         dataset: card, or its name.
@@ -120,7 +120,7 @@ def requested_runs(asked: ScoringOptions, *, render: bool = True) -> list[RunReq
 
 @dataclass(kw_only=True)
 class RunReport:
-    """What belongs to the results of a run beside its tables of counts, and what is printed of it.
+    """Report of a run: the files written beside its tables of counts, and what is printed of them.
 
     Attributes:
         card: the data set.
@@ -179,7 +179,7 @@ def _print_totals(summary: RunSummary, files: Sequence[str], protocol: Protocol)
 
 
 def _print_cost(made: Provenance) -> None:
-    """What a run had to compute, and what that took."""
+    """Print what a run had to compute, and the time and memory that it took."""
     stages = stage_times(made.stage_seconds)
     work = made.work
     images = made.images if work is None else work.images_computed

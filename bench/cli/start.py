@@ -1,4 +1,4 @@
-"""What has to hold before libraries are loaded, and what it means when one of them does not get its memory."""
+"""Checks before libraries are loaded, and the error when one of them does not get its memory."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ VERBOSE, QUIET = ("-v", "--verbose"), ("-q", "--quiet")
 
 
 class Verbosity(Enum):
-    """How much the user wants to read."""
+    """Amount of output that the user wants to read."""
 
     QUIET = "quiet"
     USUAL = "usual"
@@ -28,7 +28,7 @@ _verbosity = Verbosity.USUAL
 
 
 def verbosity() -> Verbosity:
-    """How much the user wants to read."""
+    """Return the amount of output that the user wants to read."""
     return _verbosity
 
 

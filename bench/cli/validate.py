@@ -116,7 +116,7 @@ def _where(finding: Finding) -> str:
 
 
 def _occurrence(findings: Sequence[Finding]) -> str:
-    """How often and when, where that is more than once or at a time."""
+    """Describe how often findings occurred, if more than once, and when, if at a known time; "" for neither."""
     count, time_ns = sum(finding.times for finding in findings), findings[0].timestamp_ns
     times = f"{count} times" if count > 1 else ""
     at = "" if time_ns is None else f"{'first ' if times else ''}at {time_ns}"

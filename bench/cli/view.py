@@ -26,7 +26,7 @@ PICTURES = Path("reports/runs/view")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ViewRequest:
-    """What is to be drawn, as the options of `view` say.
+    """Options of `view`: what is drawn, and into which files.
 
     Attributes:
         recording: name; None for the first.

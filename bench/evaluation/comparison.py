@@ -1,4 +1,4 @@
-"""What changed between two runs over the same data: metrics from two tables of sums, and object-frames from their rows.
+"""Changes between two runs over the same data: metrics from two tables of sums, and object-frames from their rows.
 
 Whole recordings are left out, the same before and after, so that what makes a recording hard cancels out. The gate's
 verdict and the command `compare` both rest on `compare_sums`.
@@ -33,7 +33,7 @@ SIDES = ("_before", "_after")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PairedChange:
-    """How a metric changed from one run to another over the same recordings.
+    """Change of a metric from one run to another over the same recordings.
 
     Attributes:
         before: value, NaN without cases.

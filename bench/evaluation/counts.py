@@ -22,7 +22,7 @@ Window = tuple[slice, slice]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Regions:
-    """Where a detection is right, wrong, or missing.
+    """Regions of an image where a detection is right, wrong, or missing.
 
     Attributes:
         moving: (H, W) bool, all G.
@@ -32,7 +32,7 @@ class Regions:
         true: (H, W) bool, D in all G.
         false: (H, W) bool, D outside all G and I.
         component: (H, W) int32, 1 for the first 8-connected component of D, 0 outside D.
-        components: how many numbers `component` knows, 0 included.
+        components: number of labels of `component`, 0 included.
     """
 
     moving: Mask

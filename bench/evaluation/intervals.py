@@ -63,7 +63,7 @@ Column = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bounds:
-    """What values a metric can have: between two ends, above a least one, or any."""
+    """Range of the values that a metric can have: between two ends, above a least one, or any."""
 
     least: float
     most: float

@@ -1,4 +1,4 @@
-"""Where objects are found: around the vehicle (the paper's second result), in the image, and by how much is covered."""
+"""Maps of found objects: around the vehicle (the paper's second result), in the image, and by how much is covered."""
 
 from __future__ import annotations
 
@@ -259,7 +259,7 @@ class ImageMapSums:
         self._false += count_by_cell(regions.false, CELL_PX)
 
     def finish(self) -> ImageMap:
-        """What came together."""
+        """Return the map of all frames added so far."""
         camera, width, height = self._of
         return ImageMap(
             camera=camera,

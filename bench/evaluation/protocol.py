@@ -56,7 +56,7 @@ class MotionRules(_Part):
 
 
 class LimbRules(_Part):
-    """How a limb moves; see `Limb`."""
+    """Motion of a limb; see `Limb`."""
 
     joint: Annotated[float, Field(gt=0, le=1)]
     end: Annotated[float, Field(ge=0, lt=1)]
@@ -70,7 +70,7 @@ class LimbRules(_Part):
 
 
 class UnknownBandRules(_Part):
-    """What makes outlines uncertain; see `OutlineErrors`."""
+    """Causes of uncertain outlines; see `OutlineErrors`."""
 
     range_noise_m: NotNegative
     angle_deg: NotNegative
@@ -79,7 +79,7 @@ class UnknownBandRules(_Part):
 
 
 class ReferenceRules(_Part):
-    """Which objects are evaluated and how their polygons are built; see `ReferenceSettings`.
+    """Rules of which objects are evaluated and how their polygons are built; see `ReferenceSettings`.
 
     Attributes:
         polygon_kind: kind of the regions.
@@ -102,7 +102,7 @@ class ReferenceRules(_Part):
 
 
 class ScoringRules(_Part):
-    """What counts as detected and as a false alarm.
+    """Rules of what counts as detected and as a false alarm.
 
     Attributes:
         detection_levels: least coverages of an object, beside "any pixel".
@@ -156,7 +156,7 @@ class Protocol(_Part):
         return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
     def reference_settings(self) -> ReferenceSettings:
-        """What the reference builder needs to know, in its units."""
+        """Return the settings of the reference builder, in its units."""
         rules = self.reference
         return ReferenceSettings(
             range_limit_m=rules.range_limit_m,

@@ -108,7 +108,7 @@ class SequenceScorer:
         return objects_table(self._objects), frames_table(self._frames)
 
     def image_map(self) -> ImageMap | None:
-        """Where in the image the frames so far were right and wrong; None without any scored frame."""
+        """Return the map of where the frames so far were right and wrong in the image; None without a scored frame."""
         return None if self._maps is None else self._maps.finish()
 
 

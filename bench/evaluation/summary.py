@@ -1,4 +1,4 @@
-"""What a run comes to: the metrics of the paper's table, as `summary.json` stores them."""
+"""Summary of a run: the metrics of the paper's table, as `summary.json` stores them."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class _Part(BaseModel):
 
 
 class ProtocolStamp(_Part):
-    """Which protocol made the metrics; those of different digests are never put in one table."""
+    """Protocol that made the metrics; those of different digests are never put in one table."""
 
     name: str
     version: int
@@ -136,7 +136,7 @@ class SegmentationMetrics(_Part):
 
 
 class ObjectLedger(_Part):
-    """Where every annotated object of every image ended.
+    """Numbers of annotated objects in all images, by outcome.
 
     Attributes:
         annotated: all of them; equal to `evaluated + static + sum(ignored.values())`.
@@ -152,7 +152,7 @@ class ObjectLedger(_Part):
 
 
 class FrameLedger(_Part):
-    """Where every image ended; `problems` counts the failed and skipped ones by their message."""
+    """Numbers of images, by outcome; `problems` counts the failed and skipped ones by their message."""
 
     images: int
     evaluated: int

@@ -49,7 +49,7 @@ def name_bins(values: pd.Series[float], edges: Sequence[float]) -> pd.Series[str
 
 
 def name_slice(breakdown: str, name: str) -> str:
-    """What a slice is called among all: "crossing", "all_moving", "range_m=[0, 2)"."""
+    """Return the name of a slice among all: "crossing", "all_moving", "range_m=[0, 2)"."""
     return name if breakdown in {CATEGORY, ALL_MOVING, FRAMES} else f"{breakdown}={name}"
 
 

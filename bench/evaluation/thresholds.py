@@ -106,7 +106,7 @@ Histograms = NDArray[np.float64]
 
 
 class ThresholdFreeMetrics(BaseModel):
-    """What a likelihood is worth at all thresholds together.
+    """Metrics of a likelihood over all thresholds together.
 
     Attributes:
         auprc: area under precision over recall, as the sum of precision x gain in recall (average precision).

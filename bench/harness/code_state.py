@@ -1,4 +1,4 @@
-"""Whether others can have the code of a run again: committed as it is, or installed as it was packed."""
+"""Check whether others can obtain the code of a run: committed unchanged, or installed as it was packed."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ SHOWN = 20
 
 
 def unrepeatable_code(identity: MethodIdentity) -> tuple[str, ...]:
-    """What of a run's code nobody else can have, one line each: of this package, and of the method's own files.
+    """List the files of a run's code that nobody else can obtain: of this package, and of the method, one line each.
 
-    A file is repeatable when git has committed it as it is, or when an installed distribution lists it with the
+    A file is repeatable when it is committed to git unchanged, or when an installed distribution lists it with the
     digest that it has.
     """
     files = sorted({path.resolve() for path in (*_own_sources(), *(file.path for file in identity.files))})
@@ -79,7 +79,7 @@ def _uncommitted(files: Iterable[Path]) -> Iterator[str]:
 
 
 def _git(folder: Path, *words: str) -> str | None:
-    """What git says; None where it says no, or is not there."""
+    """Return the output of git; None where it fails or is not installed."""
     try:
         done = subprocess.run(
             ["git", "-C", str(folder), *words], capture_output=True, text=True, check=True, timeout=30

@@ -45,7 +45,7 @@ class SphericalOnExactFlow(SphericalMethod):
 
     @property
     def files(self) -> tuple[Path, ...]:  # type: ignore[override]
-        """What decides its answer beside the methods' own code: the scenario, this file, the generator."""
+        """Files that decide its answer beside the methods' own code: the scenario, this file, the generator."""
         generator = sorted(Path(bench.synthesis.__path__[0]).rglob("*.py"))
         return Path(self.scenario), Path(__file__), *generator
 

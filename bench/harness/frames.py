@@ -159,7 +159,7 @@ class FramePipeline:
                 raise UnscorableFrame(str(reason)) from reason
 
     def method_input(self, index: int) -> MethodInput:
-        """What a method may see of the images up to `index`."""
+        """Return what a method may see of the images up to `index`."""
         first = index - self._method.history
         for later in range(first + 1, index + 1):
             if later in self._gaps:

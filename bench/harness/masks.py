@@ -1,4 +1,4 @@
-"""What a method answered, as a run stores it: enough to draw what was scored without the method.
+"""Answers of a method as a run stores them: enough to draw what was scored without the method.
 
 A row of `masks.parquet` holds an image's mask on the method's cells, one bit each, and for pictures and reasons alone
 where the method could not say, what can mark a cell, the threshold, and the likelihood, rounded: the upper eight bits
@@ -92,7 +92,7 @@ class StoredMasks(Method):
         return self._settings
 
     def segment(self, frame: MethodInput) -> Segmentation:
-        """What was scored on an image.
+        """Return the segmentation that was scored on an image.
 
         Raises:
             DataError: the image was not scored, or the file is damaged.

@@ -1,4 +1,4 @@
-"""Which method made a result, in words and digests: nothing of it is ever imported or called."""
+"""Method that made a result, in words and digests; it is never imported or called."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from bench.methods import METHODS, Scorable, build_method, known_methods
 
 
 class MethodStamp(BaseModel):
-    """Which method made the metrics.
+    """Method that made the metrics.
 
     Attributes:
         name: its own.
         settings: every parameter, as the method reports them.
         asked: parameters that the user named, as they were asked for.
-        place: "module:Class" of its class; told, and never imported from here. None in runs of older versions.
+        place: "module:Class" of its class; recorded only, never imported from here. None in runs of older versions.
         history: images that it needs before the one that it segments; None in runs of older versions.
         identity: SHA-256 over its own code, the libraries that this imports and the files that it reads; None in runs
             of older versions, and where nobody took it.
@@ -51,7 +51,7 @@ class MethodStamp(BaseModel):
 
     @property
     def called(self) -> str:
-        """What `--method` takes for it."""
+        """Value of `--method` that selects it."""
         return self.name if self.place in {None, known_methods().get(self.name)} else str(self.place)
 
     def options(self) -> list[str]:

@@ -131,7 +131,7 @@ Oracle = ReferenceItself | ExactMasks
 
 
 def is_oracle(method: object) -> TypeGuard[Oracle]:
-    """Whether the harness answers in place of a method; never for a class of anybody else."""
+    """True if the harness answers in place of a method; never for a class from elsewhere."""
     return type(method) in (ReferenceItself, ExactMasks)
 
 

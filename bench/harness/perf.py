@@ -1,4 +1,4 @@
-"""What a run costs against the flow that it cannot do without, and what a method costs an image."""
+"""Cost of a run relative to the flow that it cannot do without, and cost of a method per image."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ TIMED_IMAGES = 40
 
 
 class MethodCost(BaseModel):
-    """What a method takes for an image, in one thread, without a cache; stored beside a run's results as `cost.json`.
+    """Time that a method takes per image, in one thread, without a cache; stored beside a run's results as `cost.json`.
 
     Attributes:
         method_ms: mean time of the method alone, ms: no decoding, no reference.

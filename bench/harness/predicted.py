@@ -63,12 +63,12 @@ class PredictionReport(BaseModel):
     faults: dict[str, tuple[StoredFault, ...]]
 
     def count(self, kind: FaultKind) -> int:
-        """How many faults of a kind there are."""
+        """Return the number of faults of a kind."""
         return len(self.faults[kind.value])
 
     @property
     def refusal(self) -> str | None:
-        """Why nothing is scored: any fault where every prediction is asked for, else a file of unknown images only."""
+        """Reason to score nothing: any fault where every prediction is required, else a file of unknown images only."""
         if self.missing_policy != "error":
             return (
                 f"{', '.join(self.unread)}, which cannot be read, so that nobody knows of which images"

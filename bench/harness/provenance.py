@@ -1,4 +1,4 @@
-"""How a result came about: time, memory, work; and the versions and commit of the code."""
+"""Provenance of a result: time, memory, work; and the versions and commit of the code."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ READER_LIBRARIES = (
 
 
 class Work(BaseModel):
-    """What a run had to compute.
+    """Amount of work that a run had to do.
 
     Attributes:
         workers: processes.
@@ -57,7 +57,7 @@ class Work(BaseModel):
 
 
 class Provenance(BaseModel):
-    """How a run came about; none of it decides a metric.
+    """Record of how a run was made; none of it decides a metric.
 
     Attributes:
         started_utc: ISO 8601.
@@ -65,7 +65,7 @@ class Provenance(BaseModel):
         stage_seconds: time of each stage, summed over images; of runs by several protocols, that of their common pass.
         images: scored images.
         peak_memory_mb: largest resident size of a process.
-        work: what had to be computed; None in runs of older versions, and where nothing is told.
+        work: what had to be computed; None in runs of older versions, and where it is not recorded.
         unrepeatable: code that nobody else can have again, one line a file; see `code_state`.
     """
 

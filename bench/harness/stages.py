@@ -1,4 +1,4 @@
-"""What a run tells while it goes on: seconds by stage, and how far it is."""
+"""Progress of a run while it goes on: seconds by stage, and how far it is."""
 
 from __future__ import annotations
 

@@ -184,7 +184,7 @@ def read_threshold_free(run: Path) -> ThresholdFreeMetrics | None:
 
 
 def read_image_maps(run: Path) -> dict[str, ImageMap]:
-    """Where in the image a run's method was right and wrong, by camera.
+    """Read the maps of where in the image a run's method was right and wrong, by camera.
 
     A camera that comes in several sizes has one map for each, as "front, 640 x 480".
 

@@ -26,7 +26,7 @@ UNIT_FORMAT = 4  # raise it when the files of a unit change
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunSpec:
-    """What is the same for all tasks of a run.
+    """Settings that are the same for all tasks of a run.
 
     Attributes:
         method: to be scored.
@@ -103,7 +103,7 @@ class UnitTask:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScoredUnit:
-    """What became of a unit.
+    """Outcome of a unit.
 
     Attributes:
         digests: names of its results by folder of the run; none where it failed.

@@ -100,7 +100,7 @@ def plan_units(recording: Recording, method: Scorable, *, chunk_images: int = CH
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class UnitTables:
-    """What a unit counted.
+    """Tables of what was counted in a unit.
 
     Attributes:
         objects: rows of `OBJECTS_SCHEMA`.

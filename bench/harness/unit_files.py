@@ -82,12 +82,12 @@ class UnitStore:
     run: Path
 
     def file(self, unit: Unit, digest: str) -> Path:
-        """Where a unit is stored: readable, and safe on any file system."""
+        """Return the file of a unit; its name is readable, and safe on any file system."""
         readable = re.sub(r"[^A-Za-z0-9_.-]+", "_", f"{unit.recording}-{unit.camera}")[:80]
         return self.run / FOLDER / f"{readable}-{unit.start:08d}-{digest}{SUFFIX}"
 
     def holds(self, unit: Unit, digest: str) -> bool:
-        """Whether a unit is stored, undamaged."""
+        """True if a unit is stored, undamaged."""
         try:
             _read(self.file(unit, digest), digest)
         except DataError:

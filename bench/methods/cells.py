@@ -1,4 +1,4 @@
-"""What methods with dense flow share: flow on cells, and where each cell's content was in the previous image."""
+"""Parts that methods with dense flow share: flow on cells, and where each cell's content was in the previous image."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a segmentation method is given, what it gives back, and how it is called and its answer checked."""
+"""Contract of a segmentation method: what it is given, what it gives back, how it is called and its answer checked."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class CachedStep(Protocol):
 
 
 def compute_anew(step: str, settings: object, compute: Callable[[], Arrays], *, of: StepOf) -> Arrays:  # noqa: ARG001
-    """Where there is no cache."""
+    """Compute a step where there is no cache."""
     return compute()
 
 

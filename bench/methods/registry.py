@@ -39,7 +39,7 @@ def known_methods() -> dict[str, str]:
 
 
 def describe_method(target: str) -> str:
-    """What a method is, in one line: the first of its class's docstring.
+    """Describe a method in one line: the first of its class's docstring.
 
     Args:
         target: "module:Class".

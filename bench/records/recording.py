@@ -1,4 +1,4 @@
-"""What a recording is, whatever data set it comes from."""
+"""Recording of a drive, the same for whatever data set it comes from."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class MountedCamera:
 
 
 class StoredPart(Protocol):
-    """What lies in a file together with others, such as a message of a log; it travels to other processes."""
+    """Part of a file that holds several, such as a message of a log; it travels to other processes."""
 
     @property
     def container(self) -> Path:

@@ -1,4 +1,4 @@
-"""What the reference says of one image."""
+"""Reference of one image."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ UNKNOWN_CLASS = "unknown"  # of an object of which only pixels are known
 
 
 class Status(StrEnum):
-    """Where an annotated object ends; exactly one of the three."""
+    """Outcome of an annotated object; exactly one of the three."""
 
     EVALUATED = "evaluated"
     IGNORED = "ignored"
@@ -43,7 +43,7 @@ class Direction(StrEnum):
 
 
 class IgnoreReason(StrEnum):
-    """Why a moving object is not evaluated; the first that applies, in this order."""
+    """Reason why a moving object is not evaluated; the first that applies, in this order."""
 
     UNCLEAR = "unclear"
     CLASS = "class_not_in_protocol"
@@ -210,7 +210,7 @@ class Limb:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OutlineErrors:
-    """What makes outlines uncertain, as standard deviations.
+    """Causes of uncertain outlines, as standard deviations.
 
     Attributes:
         range_noise_m: of the lidar.
@@ -227,7 +227,7 @@ class OutlineErrors:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReferenceSettings:
-    """How reference polygons are built and which objects are evaluated.
+    """Settings of how reference polygons are built and which objects are evaluated.
 
     Attributes:
         range_limit_m: objects whose nearest point is further from the camera are ignored.
@@ -243,7 +243,7 @@ class ReferenceSettings:
         motion: thresholds on velocities.
         clearance_above_shape: points lower than `ground_clearance_m` above the bottom of the annotated shape are the
             ground's as well, be it road or pavement; for surface patches always.
-        outline: what makes outlines uncertain; None for regions without an unknown band.
+        outline: causes of uncertain outlines; None for regions without an unknown band.
     """
 
     range_limit_m: float

@@ -61,7 +61,7 @@ class Segmentation:
 
 
 def segmentation_fault(answer: object, *, width: int, height: int) -> str | None:
-    """What is wrong with a method's answer on an image of `width` x `height` px; None where nothing is."""
+    """Describe what is wrong with a method's answer on an image of `width` x `height` px; None where nothing is."""
     return next(_faults(answer, width, height), None)
 
 

@@ -131,9 +131,9 @@ def _distance_px(mask: NDArray[np.bool_]) -> NDArray[np.float32]:
 
 @lru_cache(maxsize=16)
 def pixels_per_radian(camera: CameraModel) -> NDArray[np.float64]:
-    """How large a radian appears at each pixel, (H, W) float64, px/rad, mean of all directions.
+    """Return how large a radian appears at each pixel, (H, W) float64, px/rad, mean of all directions.
 
-    At the border of the lens and beyond, where neighbours are missing, as large as it usually does.
+    At the border of the lens and beyond, where neighbours are missing, the median of all others.
     """
     rays = ray_grid(camera).rays_camera
     right, down = (np.asarray(np.gradient(rays, axis=axis)) for axis in (1, 0))

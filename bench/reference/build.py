@@ -122,7 +122,7 @@ class ReferenceBuilder:
 
 
 def annotated_region(scanned: ScannedObject) -> Region | None:
-    """What the image shows of the annotated shape; of an object whose points are named, the hull of these."""
+    """Return the region that shows the annotated shape; of an object whose points are named, the hull of these."""
     if not len(scanned.parts_world):
         return ConvexHull().region(scanned)
     raster = silhouette(scanned.exposure.camera_from_world.apply(scanned.parts_world), scanned.exposure.camera.model)

@@ -1,4 +1,4 @@
-"""Which lidar points lie on an object, and where they were when the shutter opened."""
+"""Lidar points that lie on an object, and where they were when the shutter opened."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all objects of an image share: when it was taken, from where, and which of its pixels count."""
+"""Properties that all objects of an image share: when it was taken, from where, and which of its pixels count."""
 
 from __future__ import annotations
 

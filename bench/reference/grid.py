@@ -1,6 +1,6 @@
-"""Which returns of an object are neighbours on the lidar's grid of rows and columns.
+"""Neighbours among the returns of an object on the lidar's grid of rows and columns.
 
-It is found from their directions alone, so that it works for data without rings or times and for any number of beams.
+They are found from their directions alone, which works for data without rings or times and for any number of beams.
 The directions have to be those from the sensor: a data set that gives its points in other axes has to state
 `Recording.lidar_from_beams`.
 """

@@ -1,4 +1,4 @@
-"""Which objects are annotated at an exposure, and how each moves: static or not, which category, which direction."""
+"""Objects that are annotated at an exposure, and how each moves: static or not, which category, which direction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How uncertain the outline of an object's returns is, as a standard deviation near each of them.
+"""Uncertainty of the outline of an object's returns, as a standard deviation near each of them.
 
 - **beam spacing**: the outline lies anywhere between the outermost return and the next beam, which missed, uniform over
   one step between columns or rows: step / sqrt(12), along that step. Lidars have rows close together near the horizon
@@ -8,7 +8,7 @@
 - **calibration** between lidar and camera: an angle, and a displacement over the distance.
 - **time** between return and exposure: the object's own motion is compensated, that of its limbs is not. A limb swings
   along the direction of travel, as a sine (rms = peak / sqrt(2)), the faster the farther from its joint: feet move, the
-  head does not. The camera sees what of it lies across its ray.
+  head does not. The camera sees the part of it that lies across its ray.
   Without times of points the relative motion during a revolution is not compensated either: uniform over one.
 """
 
@@ -29,7 +29,7 @@ SINE_RMS = 2.0**-0.5  # of a peak speed, over a stride
 def limb_motion_m(
     limbs: Sequence[Limb], heights: NDArray[np.float64], *, speed_mps: float, times_ns: NDArray[np.int64]
 ) -> NDArray[np.float64]:
-    """How far returns moved with limbs: (N,) float64, m, standard deviation along the direction of travel.
+    """Return how far points moved with limbs: (N,) float64, m, standard deviation along the direction of travel.
 
     Args:
         limbs: of the object; the fastest at each return's height counts.
@@ -50,12 +50,12 @@ def outline_error_m(
     variance_m2: NDArray[np.float64],
     errors: OutlineErrors,
 ) -> NDArray[np.float64]:
-    """How uncertain an object's outline is near each of its returns, for all causes but the spacing of the beams.
+    """Uncertainty of an object's outline near each of its returns, for all causes but the spacing of the beams.
 
     Args:
         points_camera: (N, 3) float64, m, these returns at exposure.
         sensor_camera: (3,) float64, m, where the lidar was.
-        variance_m2: (N,) float64, square of the standard deviation of what of each return's motion nothing tells, as
+        variance_m2: (N,) float64, square of the standard deviation of the unknown part of each return's motion, as
             the camera sees it.
         errors: of the protocol.
 

@@ -30,7 +30,7 @@ OPPOSITE, NEXT_CORNER = [RIGHT, LEFT, DOWN, UP], [1, 2, 3, 0]
 
 
 class Bounds(NamedTuple):
-    """What the clearance and the lidar's vertical field cut off, to be given back as far as the annotated shape goes.
+    """Parts that the clearance and the lidar's vertical field cut off, restored as far as the annotated shape goes.
 
     Patches that end within the clearance above the ground stand on it: shoes and tyres. Below the lowest beam and above
     the highest the lidar is blind, there the column goes on to the end of the annotated shape. Nothing else is added:
@@ -171,11 +171,11 @@ def _corners(points: NDArray[np.float64], reach: NDArray[np.float64], bounds: Bo
 
 
 def end_spread(step_m: NDArray[np.float64], error_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How far a patch without a neighbour may end from half-way to the next beam, as one standard deviation.
+    """Return how far a patch without a neighbour may end from half-way to the next beam, as one standard deviation.
 
     The outline lies anywhere between the outermost return and the next beam, which missed: uniform over a step, half a
     step on average, with a standard deviation of step / sqrt(12). Together with an error that has other causes it is
-    sqrt(error^2 + step^2 / 12); what of this exceeds the error moves the end, along the beams' own rows and columns.
+    sqrt(error^2 + step^2 / 12); the part of this beyond the error moves the end, along the beams' own rows and columns.
 
     Args:
         step_m: (2, N) float64, m, to the next column and row.
@@ -209,7 +209,7 @@ def draw(
 def count_patches(
     patches_px: NDArray[np.float64], layer: NDArray[np.intp], *, layers: int, width: int, height: int
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """How many of many convex patches hold each pixel's centre, in one pass over all edges.
+    """Count the convex patches that hold each pixel's centre, in one pass over all edges.
 
     Every edge adds one to the pixels right of it where it runs down and subtracts one where it runs up, with all
     patches oriented the same way. Layers are drawn one below another.

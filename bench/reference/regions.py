@@ -1,4 +1,4 @@
-"""Which pixels of an image are an object's, and which object they belong to where several overlap."""
+"""Pixels of an image that are an object's, and which object they belong to where several overlap."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the lidar says of one object at an exposure: its returns, its surface, how sure it is, what was out of reach."""
+"""Lidar data of one object at an exposure: its returns, its surface, how sure it is, what was out of reach."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ class ScannedObject:
 
     @cached_property
     def grid(self) -> Grid | None:
-        """Which returns are neighbours; None where too few tell."""
+        """Neighbours of each return; None where there are too few to find them."""
         return None if self.placed is None else self.placed.grid(self.cluster.rows)
 
     @cached_property
@@ -231,10 +231,10 @@ class ScannedObject:
         )
 
     def shadow(self) -> Raster | None:
-        """What of the annotated shape lies behind its own returns: there the lidar sees nothing, and a camera may.
+        """Part of the annotated shape that lies behind its own returns: there the lidar sees nothing, and a camera may.
 
-        The pixels of what the middle lines of the outline's patches, across and upright, sweep on their way along the
-        beam to the end of the shape. None where no such patch or no shape is known.
+        Its pixels are those that the middle lines of the outline's patches, across and upright, sweep on their way
+        along the beam to the end of the shape. None where no such patch or no shape is known.
         """
         if self.grid is None or not len(self.parts_world):
             return None
@@ -252,7 +252,7 @@ class ScannedObject:
         return self.exposure.crop(without_slits(union(counts)), corner - 1)
 
     def unseen(self) -> Raster | None:
-        """What of the annotated shape lies below the lowest beam or above the highest; None where nothing does."""
+        """Part of the annotated shape below the lowest beam or above the highest; None where there is none."""
         assert self.placed is not None, "only where a sweep has met the object"
         lowest, highest = self.placed.slope_range
         found = []

@@ -1,4 +1,4 @@
-"""Which pixels show an annotated shape: the projection of its whole surface, exact at every pixel's centre.
+"""Pixels that show an annotated shape: the projection of its whole surface, exact at every pixel's centre.
 
 A pixel shows a convex body where its ray lies in the cone that the body spans at the camera. The cone is bounded by
 planes through the camera and two corners, so no surface is sampled, and the borders of the image and of the lens's

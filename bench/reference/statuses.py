@@ -1,4 +1,4 @@
-"""Where an annotated object ends before occlusion: evaluated, static, or ignored and why."""
+"""Status of an annotated object before occlusion: evaluated, static, or ignored and why."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bench.reference.scanned import ScannedObject
 
 
 def reference_object(scanned: ScannedObject, region: Region | None) -> ReferenceObject:
-    """What the reference says of an object by itself.
+    """Return the reference of an object by itself.
 
     Args:
         scanned: the object.

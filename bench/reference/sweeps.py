@@ -81,7 +81,7 @@ class PosedSweep:
         return self.lidar_from_sensor.inverse().apply(self.sweep.points_lidar[rows].astype(np.float64))
 
     def grid(self, rows: NDArray[np.intp]) -> Grid | None:
-        """Which of these points are neighbours; cached, since images that share a sweep ask for the same points."""
+        """Neighbours among these points; cached, since images that share a sweep ask for the same points."""
         key = rows.tobytes()
         if key not in self._grids:
             self._grids[key] = find_grid(self.points_sensor(rows))

@@ -42,7 +42,7 @@ OTHERS = {"tpr": "TPR", "detection_rate_50": "Detection at 50 %"}
 
 
 def row_label(name: str) -> str:
-    """What a row is called in tables and pictures."""
+    """Return the name of a row in tables and pictures."""
     others = {ALL_MOVING: "All moving", FALSE_POSITIVES: "False positives"}
     return others.get(name) or formats.LABELS[Category(name)]
 
@@ -118,7 +118,7 @@ def _both(found: Agreement) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
 
 
 def ceiling_table(ranking: RankingSummary) -> Table:
-    """What the exact masks score, and what of the objects is unknown; one line per row."""
+    """Scores of the exact masks, and the unknown share of the objects; one line per row."""
     rows = []
     for row in ranking.rows:
         if row.name == FALSE_POSITIVES:
@@ -137,7 +137,7 @@ def ceiling_table(ranking: RankingSummary) -> Table:
 
 
 def fit_table(ranking: RankingSummary) -> Table:
-    """How far the regions of surface-v1 are right, one line per slice."""
+    """Correctness of the regions of surface-v1, one line per slice."""
     rows = [
         (fit.object_class, fit.range_m, fit.ego_speed_mps, str(fit.object_frames),
          *(formats.hundredths(share) for share in (fit.core_outside, fit.left_out, fit.unknown_share)))
@@ -154,7 +154,7 @@ def fit_table(ranking: RankingSummary) -> Table:
 
 
 def check_table(ranking: RankingSummary) -> Table:
-    """Where a mask that is wrong by construction beats the exact one."""
+    """Comparison of masks that are wrong by construction with the exact one; marked where they win."""
     rows: dict[tuple[str, str], list[str]] = {}
     for row in ranking.rows:
         for check in row.checks:

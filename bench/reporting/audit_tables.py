@@ -65,7 +65,7 @@ def polygon_table(audit: AuditSummary) -> Table:
 
 
 def aim_table(audit: AuditSummary) -> Table:
-    """Which classes reach the aim."""
+    """Classes that have an aim, and whether they reach it."""
     return Table(
         title="The aim for polygons that follow the outline",
         columns=("Kind", "Class", "Frames", "Median IoU", "Aim", "Verdict", "IoU, filled"),

@@ -1,4 +1,4 @@
-"""What every picture starts from: colours, an empty figure, an image on its axes, the ground seen from above.
+"""Basis of every picture: colours, an empty figure, an image on its axes, the ground seen from above.
 
 The colours are Okabe and Ito's, which stay apart for colour-blind readers.
 

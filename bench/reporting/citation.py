@@ -1,4 +1,4 @@
-"""How to cite the paper and this software, as BibTeX; CITATION.cff says the same for code hosts."""
+"""Citation of the paper and this software, as BibTeX; CITATION.cff says the same for code hosts."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ _BACKGROUND_STRENGTH, _OUTSIDE_STRENGTH, _TINT = 0.8, 0.3, 0.62
 
 
 class PixelClass(IntEnum):
-    """What a pixel counts as; every pixel is exactly one of these."""
+    """Class that a pixel counts as; every pixel has exactly one."""
 
     OUTSIDE = 0  # not in V
     BACKGROUND = 1  # in V, neither reference nor detection
@@ -149,7 +149,7 @@ def false_positive_text(reference: ReferenceFrame, *, detected: NDArray[np.bool_
 
 
 def draw_legend(figure: Figure, *, has_bands: bool) -> None:
-    """What the colours of the areas mean, at the foot of a figure."""
+    """Draw what the colours of the areas mean, at the foot of a figure."""
     style: dict[str, Any] = {
         "loc": "lower center",
         "frameon": False,

@@ -175,7 +175,7 @@ _RICH = {"": "", "strong": "bold", "dim": "dim", "good": "green", "warn": "yello
 
 
 def to_terminal(blocks: Iterable[Block], *, clean: Callable[[str], str] = plain) -> Iterator[RichTable | Text]:
-    """What a `rich` console prints, line by line and table by table; pictures are named.
+    """Convert to what a `rich` console prints, line by line and table by table; pictures are named.
 
     Args:
         blocks: of the report.

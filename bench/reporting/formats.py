@@ -1,4 +1,4 @@
-"""How values and intervals are written and images are named, the same in every output of this package."""
+"""Formats of values and intervals and names of images, the same in every output of this package."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def write_texts(folder: Path, texts: Mapping[str, str]) -> tuple[Path, ...]:
 
 
 def image_name(recording: str, camera: str, timestamp_ns: int) -> str:
-    """Which image it is, as every picture says: "drive-1, camera front, 1.20 s"."""
+    """Return the name of an image as every picture shows it: "drive-1, camera front, 1.20 s"."""
     return f"{shortened(recording, LONGEST_RECORDING)}, camera {camera}, {timestamp_ns / 1e9:.2f} s"
 
 
@@ -126,7 +126,7 @@ def frame_name(reference: ReferenceFrame) -> str:
 
 
 def made_by(method: str, protocol: str) -> str:
-    """What a picture shows beside which image it is, "method spherical, protocol paper-v1"."""
+    """Return what a picture shows beside the name of its image: "method spherical, protocol paper-v1"."""
     return f"method {shortened(method, LONGEST_RECORDING)}, protocol {shortened(protocol, LONGEST_RECORDING)}"
 
 

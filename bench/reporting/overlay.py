@@ -103,12 +103,12 @@ Legend = Sequence[tuple[str, str]]  # colours and what they mean
 
 
 def overlay_legend(reference: ReferenceFrame) -> Legend:
-    """What the colours of `overlay_frame` mean."""
+    """Legend of the colours of `overlay_frame`."""
     return [(GREEN, "marked"), *kind_legend(reference)]
 
 
 def kind_legend(reference: ReferenceFrame) -> Legend:
-    """What the colours of outlines mean, of the kinds of motion that the image holds."""
+    """Legend of the colours of outlines, for the kinds of motion that the image holds."""
     kinds = dict.fromkeys(target.category for target, _ in outlined(reference.objects))
     named = [(category_colour(kind), "moving" if kind is None else kind.value.replace("_", " ")) for kind in kinds]
     return [(colour, f"reference, {name}") for colour, name in named]
@@ -154,7 +154,7 @@ def _fitting(text: str, width_px: int) -> float:
 
 
 def unknown_bands(reference: ReferenceFrame) -> NDArray[np.int32]:
-    """Where the unknown bands of the evaluated objects lie.
+    """Find the unknown bands of the evaluated objects.
 
     The reference holds bands and ignored objects in one region. A pixel of it is taken for the band of the nearest
     core, unless an ignored object's polygon is nearer.

@@ -1,4 +1,4 @@
-"""What is wrong with a folder of predictions, as a table."""
+"""Table of what is wrong with a folder of predictions."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ _LONGEST_LABEL, _LONGEST_TITLE = 62, 120
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Side:
-    """What one method made of the image.
+    """Result of one method on the image.
 
     Attributes:
         label: names the run or the method.

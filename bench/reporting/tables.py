@@ -169,12 +169,12 @@ def further_columns(rows: Sequence[TableRow]) -> dict[str, str]:
 
 
 def table_note(rows: Sequence[TableRow]) -> str:
-    """How to read the tables of these rows."""
+    """Return the note on how to read the tables of these rows."""
     return " ".join([BESIDE_NOTE, *_chance_notes(rows), INTERVALS, *_further_notes(rows)])
 
 
 def _chance_notes(rows: Sequence[TableRow]) -> list[str]:
-    """What chance is, and why a row that has cases has none."""
+    """Return notes on what chance is, and on why a row that has cases has none."""
     chances = [row.metrics["chance"].value for row in rows if row.frames and "chance" in row.metrics]
     return [CHANCE_NOTE, NO_CHANCE_NOTE] if any(map(math.isnan, chances)) else [CHANCE_NOTE]
 

@@ -24,13 +24,13 @@ Arrays = dict[str, NDArray[np.generic]]
 
 
 def default_folder() -> Path:
-    """Where steps are cached: `FISHEYE_BENCH_CACHE`, else beside the runs."""
+    """Return the usual folder of cached steps: `FISHEYE_BENCH_CACHE`, else beside the runs."""
     return Path(os.environ.get("FISHEYE_BENCH_CACHE") or "reports/cache").expanduser()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CacheUse:
-    """What a cache folder holds.
+    """Number and size of the files of a cache folder.
 
     Attributes:
         files: entries.
@@ -101,7 +101,7 @@ class CacheFolder:
         return CacheUse(files=left, size_bytes=size_bytes)
 
     def use(self) -> CacheUse:
-        """What the folder holds."""
+        """Count the folder's entries and their bytes."""
         sizes = [size for _, size, _ in self._entries()]
         return CacheUse(files=len(sizes), size_bytes=sum(sizes))
 

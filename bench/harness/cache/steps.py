@@ -121,7 +121,7 @@ class ImageSteps:
 
     @property
     def _noise(self) -> object:
-        """What the noise of the images depends on; None where there is none, so that all other errors share flow."""
+        """Values that the noise of the images depends on; None without noise, so that all other errors share flow."""
         strength_grey = self.cache.inputs.input_errors.image_noise_grey
         seeds = self.given.recording, self.given.camera_name, self.given.timestamps_ns
         return (strength_grey, *seeds) if strength_grey else None

@@ -131,7 +131,7 @@ class ClusterExecutor:
         return self._client
 
     def _worker_count(self) -> int:
-        """How many workers there are; 0 for a while."""
+        """Return the number of workers; 0 at most for `patience_s`."""
         try:
             count = len(self._running().nthreads())
         except OSError as error:

@@ -1,4 +1,4 @@
-"""What a process elsewhere must have in common with a run before it computes for it."""
+"""Requirements that a process elsewhere must meet before it computes for a run."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ CODE = (*SCORING_PACKAGES, "harness")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WorkerRequirements:
-    """What a worker must have.
+    """Properties and files that a worker must have in common with a run.
 
     Attributes:
         versions: of Python, this package and the libraries that decide metrics.
@@ -60,7 +60,7 @@ class WorkerRequirements:
         )
 
     def unmet(self) -> str | None:
-        """Why this process cannot compute for the run, and what to do about it; None where it can."""
+        """Return the reason why this process cannot compute for the run, and what to do about it; None where it can."""
         return self._other_code() or self._other_method() or self._missing_path()
 
     def _other_code(self) -> str | None:

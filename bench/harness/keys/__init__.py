@@ -1,4 +1,4 @@
-"""What a stored result depends on, as digests: contents of files, values, code. Times of change are never trusted."""
+"""Digests of what a stored result depends on: contents of files, values, code. Modification times are never trusted."""
 
 from bench.harness.keys.digests import FileDigests, code_digest, digest_of, source_digest
 from bench.harness.keys.identity import MethodIdentity

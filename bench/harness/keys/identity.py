@@ -1,4 +1,4 @@
-"""What a method is beside its settings: the code that is loaded with it, and the files that it reads.
+"""Identity of a method beside its settings: the code that is loaded with it, and the files that it reads.
 
 Taken once, after the method was built, in the process that starts a run; carried to every worker, and checked there: a
 worker whose code is another one computes nothing, and neither does anybody once a file has changed on disk.
@@ -218,7 +218,7 @@ def _of_bench(module: str) -> bool:
 
 @cache
 def _is_library(source: str) -> bool:
-    """Whether a file belongs to the interpreter or to what is installed."""
+    """True if a file belongs to the interpreter or to an installed package."""
     paths = sysconfig.get_paths()
     named = (paths[name] for name in ("stdlib", "platstdlib", "purelib", "platlib"))
     others = (place for place in sys.path if Path(place).name in {"site-packages", "dist-packages"})

@@ -1,4 +1,4 @@
-"""What the network sees: two images and what geometry knows of them without learning, as channels of bytes.
+"""Inputs of the network: two images and what geometry knows of them without learning, as channels of bytes.
 
 Everything is computed at a working size of about 320 px across, whatever the image's size and lens: rays, road and
 motion enter through the camera model, so the network itself holds no lens. A byte of 128 stands for 0; bytes make what

@@ -133,7 +133,7 @@ def on_cells(values: NDArray[Any], sizes: ImageSizes) -> tuple[NDArray[np.float3
 
 
 def _times(large: Size, small: Size) -> int:
-    """How often `small` goes into `large` along both sides; 0 where it does not."""
+    """Return how often `small` goes into `large` along both sides; 0 where it does not."""
     if min(small) < 1 or large[0] % small[0] or large[1] % small[1]:
         return 0
     factor = large[0] // small[0]
@@ -282,7 +282,7 @@ class MaskEntry(BaseModel):
         return str(self.image)
 
     def is_of(self, camera: str) -> bool:
-        """Whether it is of a camera, or names none."""
+        """True if it belongs to a camera, or names none."""
         return self.camera in (None, camera)
 
 

@@ -33,7 +33,7 @@ Group = dict[str, list[Path]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PredictionFiles:
-    """What a folder holds.
+    """Files of a folder of predictions.
 
     Attributes:
         root: the folder.

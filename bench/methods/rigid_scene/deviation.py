@@ -1,4 +1,4 @@
-"""How many standard deviations a flow vector lies from anything that a rigid scene could show.
+"""Distance of a flow vector, in standard deviations, from anything that a rigid scene could show.
 
 The flow that a rigid scene allows at a pixel is a curve: from what is farthest there (infinitely far, or the road) to
 what is as near as anything comes. A measured flow has a covariance, from the noise of the images and the structure

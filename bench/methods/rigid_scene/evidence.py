@@ -1,4 +1,4 @@
-"""What two images say against a rigid scene: sigmas of the flow, and a photometric test of every static depth."""
+"""Evidence of two images against a rigid scene: sigmas of the flow, and a photometric test of every static depth."""
 
 from __future__ import annotations
 

@@ -147,7 +147,7 @@ class RigidSceneMethod(FlowMethod):
         known: RigidScene | None,
         given: NDArray[np.float32] | None = None,
     ) -> Evidence:
-        """What the current image and the one `back` before it say.
+        """Return the evidence of the current image and the one `back` before it.
 
         Args:
             views: the images.

@@ -170,9 +170,9 @@ def _linearised(
 def _seen_before(
     scene: RigidScene, axes: Floats, corrections: Floats, rays: Floats, depth: Floats
 ) -> tuple[Floats, Floats]:
-    """Where the previous image shows rays at a depth, and on the road, by each of K corrections.
+    """Find where the previous image shows rays at a depth, and on the road, by each of K corrections.
 
-    The same as `RigidScene.previous_pixels` of each corrected scene, but the lens is asked once for all.
+    The same as `RigidScene.previous_pixels` of each corrected scene, but all points are projected in one call.
 
     Args:
         scene: to be corrected.

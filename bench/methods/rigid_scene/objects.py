@@ -41,7 +41,7 @@ LEAST_GUIDING = 5.5  # grey values; weaker edges are none
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObjectSettings:
-    """How evidence becomes objects.
+    """Settings of how evidence becomes objects.
 
     Attributes:
         sigmas: the one threshold, in standard deviations: what lies further than this from all rigid scenes may move.
@@ -93,7 +93,7 @@ class Candidates:
     floating: Mask
 
     def within(self, mask: Mask) -> Candidates:
-        """What of them lies in a mask."""
+        """Return the part of the candidates that lies in a mask."""
         return Candidates(**{field.name: getattr(self, field.name) & mask for field in fields(self)})
 
 
@@ -244,7 +244,7 @@ def _windows(box: NDArray[np.int32], shape: tuple[int, int]) -> tuple[Window, Wi
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Motions:
-    """What may have moved a pixel beside an object: an earlier image and a flow to it, at the size of the evidence.
+    """Motions that a pixel beside an object may have: each an earlier image and a flow to it, at the evidence's size.
 
     Attributes:
         own: the motion of the nearest object.

@@ -1,4 +1,4 @@
-"""What a rigid scene looks like in the previous image: where each pixel's content was, if it lies at a given depth.
+"""Appearance of a rigid scene in the previous image: where each pixel's content was, if it lies at a given depth.
 
 For a point of the static world at inverse depth `rho` along the unit ray p' of the current camera, the previous camera
 saw it along `R^T (p' - rho t)`: for rho = 0, infinitely far, only the rotation counts; for growing rho the point moves
@@ -61,7 +61,7 @@ class RigidScene:
     def previous_pixels(
         self, rays_camera: NDArray[np.float64], inverse_depth: NDArray[np.floating] | float
     ) -> NDArray[np.float64]:
-        """Where the previous image shows static points, (N, 2) float64, px; NaN where it cannot.
+        """Find where the previous image shows static points, (N, 2) float64, px; NaN where it cannot.
 
         Args:
             rays_camera: (N, 3) float64, unit rays of the current camera.

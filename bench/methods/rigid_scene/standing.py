@@ -1,4 +1,4 @@
-"""What stands on the road: its foot tells its distance, and so how high it reaches, and whether it can be static."""
+"""Objects that stand on the road: the foot gives the distance, and so the height, and whether it can be static."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from bench.geometry import RigidTransform, RoadPlane, cross, dot, normalise
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Deviations:
-    """How far each point is from anything a static world could show; (...) float64, >= 0.
+    """Distance of each point from anything a static world could show; (...) float64, >= 0.
 
     Attributes:
         epipolar: xi_e, distance to the epipolar plane.

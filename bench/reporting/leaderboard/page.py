@@ -77,7 +77,7 @@ def write_leaderboard(
 
 
 def _rendered(group: Group) -> bool:
-    """Whether its images may be shown by anyone: of recorded data sets a page may leave the house."""
+    """True if the page may show its images: a page may be passed on, those of recorded data sets may not."""
     try:
         return load_card(group.card).scenario is not None
     except BenchError:

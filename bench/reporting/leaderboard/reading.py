@@ -37,7 +37,7 @@ LEAST_COMMON = 0.5
 
 
 class Kind(StrEnum):
-    """What a run is of."""
+    """Kind of masks that a run scores."""
 
     METHOD = "method"
     ORACLE = "oracle"  # is told what no method may know
@@ -131,7 +131,7 @@ class Group:
 
     @property
     def judged(self) -> bool:
-        """Whether its protocol is the one that says which method is best."""
+        """True if its protocol is the one that says which method is best."""
         return self.protocol == JUDGED
 
     @property
@@ -144,9 +144,9 @@ class Group:
         return next((entry for entry in self.entries if entry.kind is Kind.CEILING), None)
 
     def ceiling(self, row: str, metric: str) -> float:
-        """What the exact masks get; NaN where nobody knows.
+        """Return the value of the exact masks; NaN where it is unknown.
 
-        The run of the exact masks says it of every metric; without it, the runs of data with truth say it of two.
+        The run of the exact masks gives it for every metric; without it, the runs of data with truth give it for two.
         """
         if self._exact is not None:
             return self._exact.values[row][metric].value
@@ -167,7 +167,7 @@ def shown_metrics(group: Group) -> dict[str, str]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Leaderboard:
-    """What a folder holds.
+    """Runs of a folder, in groups.
 
     Attributes:
         groups: runs that compare; never two in one table that do not.
@@ -255,7 +255,7 @@ def _comparable(runs: Sequence[StoredRun]) -> list[list[StoredRun]]:
 
 
 def _agree(group: Sequence[StoredRun], run: StoredRun) -> bool:
-    """Whether a run has enough images in common with all of a group, and the same reference on them."""
+    """True if a run has enough images in common with all of a group, and the same reference on them."""
     if any(_reference(one) == _reference(run) for one in group):
         return True
     images = _common_images([*group, run])

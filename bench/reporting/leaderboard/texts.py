@@ -133,7 +133,7 @@ def _by_row(group: Group) -> Table:
 
 
 def _ceiling_line(group: Group, keys: Sequence[tuple[str, str]], columns: int) -> list[list[str]]:
-    """What the exact masks get, where no run of them stands in the table anyway."""
+    """Return the line of the exact masks, where no run of them stands in the table anyway."""
     values = [group.ceiling(row, name) for row, name in keys]
     if any(entry.kind is Kind.CEILING for entry in group.entries) or all(map(math.isnan, values)):
         return []
@@ -170,7 +170,7 @@ def _known_ceiling(group: Group, row: str, name: str) -> float | None:
 
 
 def to_json(found: Leaderboard) -> str:
-    """What the page shows, at full precision; null where there is no number."""
+    """Convert what the page shows to JSON, at full precision; null where there is no number."""
     content = {
         "schema_version": SCHEMA_VERSION,
         "note": " ".join(NOTES),
@@ -276,7 +276,7 @@ def best_line(file: Path, *, dataset: str) -> str | None:
 
 
 def group_title(group: Group) -> str:
-    """What the runs of a group have in common."""
+    """Return the title of a group: what its runs have in common."""
     protocol = f"{group.protocol} ({group.protocol_digest[:SHOWN_DIGEST]})"
     every = group.rows[0]
     return (

@@ -34,7 +34,7 @@ class PairPicture:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Beside:
-    """What the page says of both runs.
+    """Comparison of both runs on the page.
 
     Attributes:
         table: both values of a few metrics, on the images that both scored.

@@ -29,7 +29,7 @@ WORST, WORST_OF_CATEGORY = 3, 12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Page:
-    """What was written.
+    """Page that was written.
 
     Attributes:
         file: the page.

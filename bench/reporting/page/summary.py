@@ -29,7 +29,7 @@ LEAST_OBJECT_FRAMES = 10  # of fewer nothing is said
 
 
 class Standing(StrEnum):
-    """What the data show of a kind of motion against chance, when half of an object must be found."""
+    """Result of a kind of motion against chance, when half of an object must be found."""
 
     ABOVE = "Above chance"
     NOT_SHOWN = "Not shown to be above chance"
@@ -120,7 +120,7 @@ def lowest_of(rows: Mapping[str, ObjectMetrics]) -> str | None:
 
 
 def clearly_below(metric: Metric, other: Metric) -> bool:
-    """Whether both have intervals and the one lies wholly below the other."""
+    """True if both have intervals and the one lies wholly below the other."""
     return metric.ci95 is not None and other.ci95 is not None and metric.ci95[1] < other.ci95[0]
 
 
@@ -158,7 +158,7 @@ class Remark:
 
 
 def remarks(found: Summary, kinds: list[Kind]) -> list[Remark]:
-    """What a reader should know first: each kind of motion stands in one statement on chance; what is clearly lowest.
+    """List what a reader should know first: one statement on chance for each kind of motion; what is clearly lowest.
 
     Args:
         found: metrics of a run.
@@ -195,7 +195,7 @@ def _condition(standing: Standing, half: str) -> str:
 
 
 def _beside(kind: Kind) -> str:
-    """What the statement on a kind rests on, in parentheses."""
+    """Return the numbers that the statement on a kind rests on, in parentheses."""
     rate, chance = kind.row.metric(kind.half), kind.row.metric(chance_of(kind.half)).value
     if kind.standing is Standing.FEW_CASES:
         return f"({kind.row.object_frames})"

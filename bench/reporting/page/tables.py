@@ -60,7 +60,7 @@ def metrics_of(row: ObjectMetrics) -> dict[str, Metric]:
 
 
 def beside_note(name: str, metrics: Mapping[str, Metric]) -> str:
-    """What bounds a metric: the chance level of a detection rate, the ceiling of IoU; "" for none."""
+    """Return the bound of a metric: the chance level of a detection rate, the ceiling of IoU; "" for none."""
     other = chance_of(name) if name.startswith("detection_rate") else f"ceiling_{name}"
     found = metrics.get(other) if name == "iou" or other.startswith("chance") else None
     if found is None or math.isnan(found.value):
@@ -94,7 +94,7 @@ def _beside_the_paper(row: TableRow, name: str) -> Cell:
 
 
 def false_positive_table(row: TableRow, *, of_recordings: str) -> Table:
-    """What is marked though nothing moves there."""
+    """Table of what is marked though nothing moves there."""
     found, paper = row.metrics, f"paper {row.paper_percent('coverage')} ({row.difference('coverage')})"
     return Table(
         title="False positives: what is marked though nothing moves there; small is good",
@@ -194,7 +194,7 @@ def time_table(stage_seconds: Mapping[str, float], *, images: int) -> Table:
 
 
 def origin_table(run: StoredRun) -> Table:
-    """What made a run."""
+    """Table of what made a run: data, method, protocol, code."""
     manifest, made = run.summary.manifest, run.summary.provenance
     data, method, protocol, code = manifest.dataset, manifest.method, manifest.protocol, manifest.code
     commit = code.commit[:12] + (" with changes" if code.commit.endswith("+") else "") if code.commit else "unknown"
@@ -220,7 +220,7 @@ def origin_table(run: StoredRun) -> Table:
 
 
 def ledger_tables(found: Summary) -> list[Table]:
-    """What became of every annotated object-frame and of every image."""
+    """Tables of the outcome of every annotated object-frame and of every image."""
     objects, images = found.objects, found.images
     ignored = [
         [f"ignored: {reason.replace('_', ' ')}", number, REASONS.get(reason, "")]

@@ -129,7 +129,7 @@ IMAGE_NOTE = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObjectEvidence:
-    """What the image shows of an object beyond the stored counts; shares are of its missed pixels, NaN without any.
+    """Evidence of the image on an object beyond the stored counts; shares are of its missed pixels, NaN without any.
 
     Attributes:
         undefined: share of which the method could not say whether it moves.
@@ -148,7 +148,7 @@ class ObjectEvidence:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameEvidence:
-    """What the image shows of its false positives beyond the stored counts; shares are of them, NaN without any.
+    """Evidence of the image on its false positives beyond the stored counts; shares are of them, NaN without any.
 
     Attributes:
         below_horizon: share that looks downwards.
@@ -160,7 +160,7 @@ class FrameEvidence:
 
 
 def object_facts(row: Row, evidence: ObjectEvidence | None) -> dict[str, str]:
-    """What was measured of an object-frame, by heading; "" for what only the image shows where there is none.
+    """Return what was measured of an object-frame, by heading; "" for what only the image shows where there is none.
 
     Args:
         row: of `OBJECTS_SCHEMA`, evaluated, with `coverage`.
@@ -189,7 +189,7 @@ def _likelihood(evidence: ObjectEvidence) -> str:
 
 
 def image_facts(row: Row, evidence: FrameEvidence | None) -> dict[str, str]:
-    """What was measured of the false positives of an image, by heading, in the same way.
+    """Return what was measured of the false positives of an image, by heading, in the same way.
 
     Args:
         row: of `FRAMES_SCHEMA`, scored, with `coverage`.
@@ -388,7 +388,7 @@ class Card:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WorstCases:
-    """What the galleries show, worst first.
+    """Cards of the galleries, worst first.
 
     Attributes:
         objects: cards by category.
