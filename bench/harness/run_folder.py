@@ -21,7 +21,7 @@ from bench.harness.unit_files import FOLDER
 from bench.recordings.atomic import folder_lock
 
 RESULTS = (
-    *("summary.json", MANIFEST, "protocol.json", "predictions.json", "cost.json", "*.parquet", "*.npz"),
+    *("summary.json", "sums.csv", MANIFEST, "protocol.json", "predictions.json", "cost.json", "*.parquet", "*.npz"),
     *("table.*", "range_map.*", "pictures", "index.html", "index-*.html", "figures", "figures-*"),
 )
 
