@@ -7,7 +7,7 @@ DATASETS ?= demo development paper $(if $(FISHEYE_BENCH_REAL),aimotive-sample)
 PROTOCOL ?= paper-v1,surface-v1
 CATEGORY ?=
 RUN ?= reports/runs/$(basename $(notdir $(DATASET)))-$(METHOD)
-BASELINE ?= reports/baselines/$(basename $(notdir $(DATASET))).json
+BASELINE ?= reports/baselines/$(basename $(notdir $(DATASET)))
 TOLERANCES ?= $(if $(filter datasets/demo.yaml,$(DATASET)),rendered-v1,default-v1)
 
 VENV := .venv
@@ -41,7 +41,7 @@ paper: $(INSTALLED) ## rebuild reports/paper: the simulated experiment with both
 gate: benchmark ## score, then judge both runs by their baselines (BASELINE= and its -surface-v1) and TOLERANCES=
 	@status=0; for end in "" $(if $(findstring surface-v1,$(PROTOCOL)),-surface-v1); do \
 		echo "gate $(RUN)$$end"; \
-		$(BIN)/fisheye-bench gate $(RUN)$$end --baseline $(BASELINE:.json=)$$end.json --tolerances $(TOLERANCES) \
+		$(BIN)/fisheye-bench gate $(RUN)$$end --baseline $(BASELINE)$$end --tolerances $(TOLERANCES) \
 			--junit reports/runs/gate/junit$$end.xml --json reports/runs/gate/verdict$$end.json \
 			$(if $(GITHUB_ACTIONS),--github) || status=$$?; \
 	done; exit $$status

@@ -16,12 +16,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.evaluation import load_protocol, rows, summarise
-from bench.gate import judge, load_tolerances, scored_run
+from bench.evaluation import load_protocol, rows, sum_run, summary_of, write_sums
+from bench.gate import judge, load_tolerances, read_run_sums
 from bench.harness import Provenance, RunSummary, open_tables
 from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest
 from bench.harness.method_stamp import MethodStamp
 from bench.harness.stored import (
+    SUMS,
     read_threshold_free,
     reference_fingerprint,
     write_protocol,
@@ -58,7 +59,9 @@ def summarise_run(one: Path, _: Path) -> None:
     """What ends a run: summary, fingerprint of the reference, threshold-free figures."""
     rules = load_protocol("paper-v1")
     objects, frames = open_tables(one)
-    figures = summarise(objects, frames, protocol=rules)
+    sums = sum_run(objects, frames, protocol=rules)
+    write_sums(sums, one / SUMS)
+    figures = summary_of(sums, protocol=rules)
     manifest = Manifest(
         dataset=DatasetOfRun(name="drawn", card="drawn.yaml", split=None, data=""),
         method=MethodStamp(name="nothing", settings={}),
@@ -83,7 +86,7 @@ STEPS: dict[str, Callable[[Path, Path], object]] = {
     "summary": summarise_run,
     "tables": lambda one, _: write_report_files(one),
     "page": lambda one, _: write_page(one, pictures=False),
-    "gate": lambda one, other: judge(scored_run(one), scored_run(other), tolerances=load_tolerances()),
+    "gate": lambda one, other: judge(read_run_sums(one), read_run_sums(other), tolerances=load_tolerances()),
     "compare": lambda one, other: write_comparison([one, other], one / "comparison", pictures=False),
 }
 

@@ -21,7 +21,7 @@ from bench.recordings.cards import shipped_folder
 card = load_card("demo")
 assert card.file.is_relative_to(sys.argv[1]), card.file
 assert card.scenario.is_file()
-assert (shipped_folder("baselines") / "demo.json").is_file()
+assert (shipped_folder("baselines") / "demo" / "sums.csv").is_file()
 print(card.root)
 os.environ["FISHEYE_BENCH_DATA"] = "mine"
 print(card.root)
@@ -42,9 +42,10 @@ def installed(tmp_path_factory):
 
 
 def test_cards_baselines_and_templates_ship(installed):
-    for place, pattern in (("datasets", "*.yaml"), ("reports/baselines", "*.json")):
-        shipped = {path.name for path in (installed / "bench/shipped" / Path(place).name).iterdir()}
-        assert shipped == {path.name for path in (ROOT / place).glob(pattern)}
+    for place, pattern in (("datasets", "*.yaml"), ("reports/baselines", "*/*")):
+        folder = installed / "bench/shipped" / Path(place).name
+        shipped = {path.relative_to(folder) for path in folder.rglob("*") if path.is_file()}
+        assert shipped == {path.relative_to(ROOT / place) for path in (ROOT / place).glob(pattern)}
     own = {path.relative_to(ROOT) for path in (ROOT / "bench").rglob("*.*") if "__pycache__" not in path.parts}
     assert {path for path in own if not (installed / path).is_file()} == set()
 

@@ -13,7 +13,8 @@ from bench.cli.options import StoredRun
 from bench.errors import BenchError, UsageError
 
 if TYPE_CHECKING:
-    from bench.gate import ScoredRun, Verdict
+    from bench.gate import RunSums, Verdict
+    from bench.harness.manifest import Manifest
 
 PASSED, FAILED, NO_VERDICT = 0, 1, 3
 
@@ -23,8 +24,8 @@ def gate(
     baseline: Annotated[
         Path | None,
         typer.Option(
-            help="The baseline; default: reports/baselines/<data set>.json, with -<protocol> behind the name unless "
-            "that is paper-v1, or the one that ships with the package."
+            help="Folder of the baseline, or of a run; default: reports/baselines/<data set>, with -<protocol> "
+            "behind the name unless that is paper-v1, or the one that ships with the package."
         ),
     ] = None,
     tolerances: Annotated[
@@ -73,34 +74,38 @@ def judge_run(
         judge,
         load_tolerances,
         read_baseline,
+        read_run_sums,
         refuse,
-        scored_run,
         usual_baseline,
     )
     from bench.gate.changes import how_to_compare
     from bench.gate.tolerances import DEFAULT
     from bench.gate.verdict import Outcome
-    from bench.harness import read_run
 
     rules = load_tolerances(tolerances or DEFAULT)
-    scored: ScoredRun | None = None
+    scored: RunSums | None = None
     try:
-        scored = scored_run(run)
-        file = baseline or usual_baseline(scored)
-        before = read_baseline(file)
+        scored = read_run_sums(run)
+        folder = baseline or usual_baseline(scored.manifest)
+        before = read_baseline(folder)
         verdict = judge(before, scored, tolerances=rules)
     except BenchError as error:
-        _hand_over(refuse(scored, tolerances=rules, reason=str(error)), junit=junit, json=json, github=github)
+        _hand_over(
+            refuse(scored.manifest if scored else None, tolerances=rules, reason=str(error)),
+            junit=junit,
+            json=json,
+            github=github,
+        )
         if not isinstance(error, MissingBaselineError):
             raise
         say(f"error: {error}", to_errors=True)
         return NO_VERDICT
     say(verdict.headline, style="green" if verdict.passed else "bold red")
     if baseline is None:
-        note(f"baseline {file}")
+        note(f"baseline {folder}")
     _print_brief(verdict)
     if not verdict.passed or verdict.rows_with(Outcome.SUSPECT):
-        first, *commands = how_to_compare(before, scored, folder=run, card=read_run(run).manifest.dataset.card)
+        first, *commands = how_to_compare(before.manifest, scored.manifest, folder=run)
         say(first)
         for command in commands:
             say(f"  {command}")
@@ -122,18 +127,18 @@ def update_baseline(run: Path, *, baseline: Path | None, allow_dirty: bool, whol
         other_kind,
         own_baseline,
         read_baseline,
-        scored_run,
+        read_run_sums,
         write_baseline,
     )
     from bench.gate.tolerances import DEFAULT
 
-    scored = scored_run(run)
-    file = baseline or own_baseline(scored)
+    scored = read_run_sums(run)
+    folder = baseline or own_baseline(scored.manifest)
     rules, replaced, style = load_tolerances(DEFAULT), "", ""
     difference: Verdict | None = None
     try:
-        before = read_baseline(file)
-        if differing := other_kind(before, scored):
+        before = read_baseline(folder)
+        if differing := other_kind(before.manifest, scored.manifest):
             replaced, style = f"REPLACES WHAT DOES NOT COMPARE: {differing[0]}", "bold red"
         else:
             difference = judge(before, scored, tolerances=rules)
@@ -141,13 +146,13 @@ def update_baseline(run: Path, *, baseline: Path | None, allow_dirty: bool, whol
         replaced = "the first baseline of this name"
     except BenchError as error:
         replaced, style = f"REPLACES WHAT CANNOT BE READ: {error}", "bold red"
-    write_baseline(scored, file, allow_dirty=allow_dirty)
+    write_baseline(scored, folder, allow_dirty=allow_dirty)
     if replaced:
         say(replaced, style=style)
     if difference is not None:
         _print_brief(difference)
         _print_rest(difference, whole=whole)
-    say(f"{file}: {_origin(scored)}")
+    say(f"{folder}: {_origin(scored.manifest)}")
     judged, why_few = judgeable(scored, tolerances=rules)
     say(f"{judged}{why_few}", style="bold red" if why_few else "")
 
@@ -216,9 +221,7 @@ def _append_summary(file: Path, verdict: Verdict) -> None:
         raise UsageError(f"GITHUB_STEP_SUMMARY: expected a file to append to, got {str(file)!r}: {reason}") from error
 
 
-def _origin(scored: ScoredRun) -> str:
-    commit = scored.origin.commit
+def _origin(run: Manifest) -> str:
+    commit = run.code.commit
     made = f"commit {commit[:12]}{'+' if commit.endswith('+') else ''}" if commit else "an unknown commit"
-    return (
-        f"{scored.method.name} on {scored.dataset} by {scored.protocol.name}, version {scored.origin.version}, {made}"
-    )
+    return f"{run.method.name} on {run.dataset.name} by {run.protocol.name}, version {run.code.version}, {made}"

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bench.evaluation.protocol import known_protocols
-from bench.gate.baseline import Origin, ScoredRun
-from bench.harness.manifest import Aspect, differences
+from bench.harness.manifest import Aspect, CodeOfRun, Manifest, differences
 
 SHOWN_DIGEST = 12  # characters of a digest that are shown
 LISTED = 4  # differences that a message lists
 BASELINE_RUN = "reports/runs/baseline"
 OF_ITSELF = ("method", "settings", "protocol", "code", "data", "reference")  # in the order that they are told
-_TOLD = {*OF_ITSELF, Aspect.METHOD_CODE}
+_TOLD_AS = {Aspect.METHOD_CODE: "code", Aspect.INPUT_ERRORS: "data"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,45 +29,43 @@ class Change:
     text: str
 
 
-def changes(baseline: ScoredRun, run: ScoredRun) -> tuple[Change, ...]:
+def changes(baseline: Manifest, run: Manifest) -> tuple[Change, ...]:
     """What changed, in the order of `OF_ITSELF`; what is not named is as it was."""
-    found = [one for one in differences(baseline.manifest, run.manifest) if one.aspect in _TOLD]
-    texts: dict[str, list[str]] = {what: [] for what in OF_ITSELF}
-    for one in found:
-        texts["code" if one.aspect is Aspect.METHOD_CODE else one.aspect].append(one.text)
-    return tuple(Change(what=what, text="; ".join(lines)) for what, lines in texts.items() if lines)
+    texts: dict[str, list[str]] = {}
+    for one in differences(baseline, run):
+        texts.setdefault(_TOLD_AS.get(one.aspect, str(one.aspect)), []).append(one.text)
+    return tuple(Change(what=what, text="; ".join(texts[what])) for what in OF_ITSELF if what in texts)
 
 
-def how_to_compare(baseline: ScoredRun, run: ScoredRun, *, folder: Path, card: str) -> tuple[str, ...]:
+def how_to_compare(baseline: Manifest, run: Manifest, *, folder: Path) -> tuple[str, ...]:
     """Lines that tell how to make the baseline's run again and compare it with a run, with pictures of what changed.
 
     Args:
         baseline: which is sums only, without images.
         run: that was judged.
         folder: of that run.
-        card: of its data set.
     """
     if hindrance := _why_not_again(baseline, run):
         return (f"no command makes the baseline's run again: {hindrance}",)
     known = baseline.protocol.name in known_protocols()
     protocol = baseline.protocol.name if known else str(folder / "protocol.json")
-    words = ["fisheye-bench", "run", card, *baseline.method.options(), "--protocol", protocol]
-    words += ["--split", baseline.split] if baseline.split is not None else []
+    words = ["fisheye-bench", "run", run.dataset.card, *baseline.method.options(), "--protocol", protocol]
+    words += ["--split", baseline.dataset.split] if baseline.dataset.split is not None else []
     again = shlex.join([*words, "--out", BASELINE_RUN, "--no-pictures"])
-    commit = _clean_commit(baseline.origin)
-    place = f", the first in a checkout of {commit[:SHOWN_DIGEST]}" if commit != _clean_commit(run.origin) else ""
+    commit = _clean_commit(baseline.code)
+    place = f", the first in a checkout of {commit[:SHOWN_DIGEST]}" if commit != _clean_commit(run.code) else ""
     return f"compare image by image{place}:", again, shlex.join(["fisheye-bench", "compare", BASELINE_RUN, str(folder)])
 
 
-def _clean_commit(origin: Origin) -> str:
-    return (origin.commit or "").rstrip("+")
+def _clean_commit(code: CodeOfRun) -> str:
+    return (code.commit or "").rstrip("+")
 
 
-def _why_not_again(baseline: ScoredRun, run: ScoredRun) -> str:
+def _why_not_again(baseline: Manifest, run: Manifest) -> str:
     """Why no command makes the baseline's run again; "" where one does."""
-    if baseline.data_fingerprint != run.data_fingerprint:
+    if baseline.dataset.data != run.dataset.data:
         return "it is of other data"
-    was, now = baseline.origin, run.origin
+    was, now = baseline.code, run.code
     if (was.commit is None and now.commit is not None) or (was.commit is None and was.version != now.version):
         return f"it is of version {was.version}, of an unknown commit"
     one, two = baseline.method, run.method

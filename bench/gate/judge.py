@@ -1,49 +1,55 @@
-"""From baseline, run and tolerances to the verdict: a pure function."""
+"""From baseline, run and tolerances to the verdict: a pure function, a layer on the comparison of their sums."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
+
+import pandas as pd
 
 from bench.errors import UsageError
 from bench.evaluation import PairedChange, compare_sums, find_metric
+from bench.evaluation.comparison import SLICE, pair_sums
 from bench.evaluation.definitions import SEGMENTATION
 from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.evaluation.sums import FRAMES, name_slice
-from bench.gate.baseline import MetricSums, ScoredRun
+from bench.evaluation.rows import EVALUATED
+from bench.evaluation.sums import ALL_MOVING, FRAMES, name_slice
+from bench.gate.baseline import RunSums
 from bench.gate.changes import LISTED, changes
 from bench.gate.tolerances import Tolerance, Tolerances
 from bench.gate.verdict import Check, Outcome, RecordingChange, Row, Verdict
-from bench.harness.manifest import Aspect, differences
+from bench.harness.manifest import Aspect, Manifest, differences
 
 COVERAGE = "false_positive_coverage"  # over all scored images
-NO_SUMS = MetricSums(numerators={}, denominators={})
-NO_CHANGE = PairedChange(
-    before=math.nan, after=math.nan, difference=math.nan, ci95=None, p_value=None, cases_before=0, cases_after=0,
-    recordings=0,
-)  # fmt: skip
-UNITS = {"object_frames": "object-frames", "annotated": "annotated objects", "evaluated": "scored images"}
+UNITS = (
+    *("object-frames", "tracks", "annotated objects", "static", "ignored"),
+    *("images", "scored images", "failed", "skipped"),
+)
+BEFORE, AFTER = "denominator_before", "denominator_after"
+Key = tuple[str, str, str]  # breakdown, slice, metric
+Pairs = dict[Key, pd.DataFrame]  # the sums of baseline and run by recording
 
 
-def other_kind(baseline: ScoredRun, run: ScoredRun) -> tuple[str, str] | None:
+def other_kind(baseline: Manifest, run: Manifest) -> tuple[str, str] | None:
     """Why the two cannot be compared at all, and what to do instead; None where they can."""
-    split = f"--split {baseline.split}" if baseline.split is not None else "no --split"
+    split = f"--split {baseline.dataset.split}" if baseline.dataset.split is not None else "no --split"
     protocol = baseline.protocol.name
     rules = f"--protocol {protocol}" if protocol != run.protocol.name else f"{protocol} as it was for the baseline"
     remedies = {
-        Aspect.DATASET: f"name a baseline of {run.dataset!r} with --baseline",
+        Aspect.DATASET: f"name a baseline of {run.dataset.name!r} with --baseline",
         Aspect.SPLIT: f"score with {split}",
         Aspect.PROTOCOL: f"score with {rules}",
     }
-    found = (one for one in differences(baseline.manifest, run.manifest) if not one.comparable)
+    found = (one for one in differences(baseline, run) if not one.comparable)
     other = next(found, None)
     if other is None:
         return None
     return f"the baseline is of {other.aspect} {other.before}, the run of {other.after}", remedies[other.aspect]
 
 
-def data_checks(baseline: ScoredRun, run: ScoredRun, *, tolerances: Tolerances) -> tuple[Check, ...]:
+def data_checks(baseline: RunSums, run: RunSums, pairs: Pairs, *, tolerances: Tolerances) -> tuple[Check, ...]:
     """Check run against baseline, always the same checks, in the order of cause and effect."""
     changed_data = Outcome.FAILED if tolerances.changed_data == "fail" else Outcome.SUSPECT
     found = differences(baseline.manifest, run.manifest)
@@ -61,12 +67,12 @@ def data_checks(baseline: ScoredRun, run: ScoredRun, *, tolerances: Tolerances) 
         ),
         _check(
             "reference_fingerprint",
-            [f"{_other_reference(baseline, run)}; {text}" for text in texts(Aspect.REFERENCE)],
+            [f"{_other_reference(pairs)}; {text}" for text in texts(Aspect.REFERENCE)],
             "reference changed: {listed}",
         ),
         _check("counts", list(_count_differences(baseline, run)), "reference changed: {listed}"),
-        _check("cases", list(_case_differences(baseline, run)), "metrics are over other cases: {listed}"),
-        _check("metrics", list(_missing(baseline, run)), "in the baseline, but not in the run: {listed}"),
+        _check("cases", list(_case_differences(baseline, run, pairs)), "metrics are over other cases: {listed}"),
+        _check("metrics", list(_missing(baseline, run, pairs)), "in the baseline, but not in the run: {listed}"),
         _check(
             "method",
             texts(Aspect.METHOD, Aspect.SETTINGS, Aspect.METHOD_CODE),
@@ -76,19 +82,24 @@ def data_checks(baseline: ScoredRun, run: ScoredRun, *, tolerances: Tolerances) 
     )
 
 
-def _other_reference(baseline: ScoredRun, run: ScoredRun) -> str:
+def _paired_metrics(baseline: RunSums, run: RunSums) -> Pairs:
+    """The sums of both, for each metric of each slice that has a direction."""
+    groups: Iterable[tuple[Any, pd.DataFrame]] = pair_sums(baseline.sums, run.sums).groupby(SLICE, sort=False)
+    return {key: part for key, part in groups}  # noqa: C416 (`dict` would ask pandas for its keys)
+
+
+def _other_reference(pairs: Pairs) -> str:
     """In what the reference is another one: the images that were scored, or what is on them."""
-    were, now = (scored.sheet.slices.get(FRAMES, {}).get(COVERAGE, NO_SUMS) for scored in (baseline, run))
-    names = sorted(were.denominators.keys() | now.denominators.keys())
-    images = [(name, int(now.denominators.get(name, 0)), int(were.denominators.get(name, 0))) for name in names]
-    differing = [found for found in images if found[1] != found[2]]
-    if not differing:
+    images = pairs.get((FRAMES, FRAMES, COVERAGE), pd.DataFrame(columns=["recording", BEFORE, AFTER]))
+    differing = images[images[BEFORE] != images[AFTER]].sort_values("recording")
+    if differing.empty:
         return "other objects, polygons or regions"
-    name, is_now, was = differing[0]
+    first = differing.iloc[0]
     return (
-        f"other images were scored, {now.cases} where the baseline has {were.cases}, and a gate compares equal ones; "
-        f"they differ in {len(differing)} of {len(names)} recordings, the first {name!r} with {is_now} (was {was}), "
-        "as for a method that needs a longer history"
+        f"other images were scored, {images[AFTER].sum():.0f} where the baseline has {images[BEFORE].sum():.0f}, and a "
+        f"gate compares equal ones; they differ in {len(differing)} of {len(images)} recordings, the first "
+        f"{first['recording']!r} with {first[AFTER]:.0f} (was {first[BEFORE]:.0f}), as for a method that needs a "
+        "longer history"
     )
 
 
@@ -100,40 +111,61 @@ def _check(name: str, faults: Sequence[str], message: str, *, outcome: Outcome =
     return Check(name=name, outcome=outcome, message=message.format(count=len(faults), listed=listed))
 
 
-def _count_differences(baseline: ScoredRun, run: ScoredRun) -> Iterator[str]:
+def _count_differences(baseline: RunSums, run: RunSums) -> Iterator[str]:
     """For example "4 object-frames fewer in all_moving (12, were 16)"; the slices of everything first."""
-    differences = [
-        (UNITS.get(name, name.replace("_", " ")), slice_name, was, run.sheet.counts.get(slice_name, {}).get(name, 0))
-        for slice_name, names in baseline.sheet.counts.items()
-        for name, was in names.items()
-    ]
-    whole = {"all_moving": 0, "frames": 1}
-    for unit, slice_name, was, now in sorted(differences, key=lambda found: whole.get(found[1], 2)):
+    before, after = _counts(baseline.sums), _counts(run.sums)
+    whole = {ALL_MOVING: 0, FRAMES: 1}
+    found = before.keys() | after.keys()
+    for slice_name, unit in sorted(found, key=lambda key: (whole.get(key[0], 2), key[0], UNITS.index(key[1]))):
+        was, now = (counts.get((slice_name, unit), 0) for counts in (before, after))
         if now != was:
             yield _difference(unit, slice_name, was, now)
 
 
-def _case_differences(baseline: ScoredRun, run: ScoredRun) -> Iterator[str]:
-    for slice_name, metric, before in _metrics(baseline):
-        after = run.sheet.slices.get(slice_name, {}).get(metric)
-        if after is None or find_metric(metric).cases_by_method or after.denominators == before.denominators:
+def _counts(sums: pd.DataFrame) -> dict[tuple[str, str], int]:
+    """Of slice and unit, what the reference alone decides: objects by slice and by status, images by status."""
+    counts: Counter[tuple[str, str]] = Counter()
+    for breakdown, name, metric, above, below in sums[[*SLICE, "numerator", "denominator"]].itertuples(index=False):
+        called = name_slice(breakdown, name)
+        if metric == "tracks":
+            counts[called, "tracks"] += int(above)
+            counts[called, "object-frames"] += int(below)
+        elif (metric, breakdown) == ("annotated", "status"):
+            counts[ALL_MOVING, "annotated objects"] += int(above)
+            if name != EVALUATED:
+                counts[ALL_MOVING, name] += int(above)
+        elif (metric, breakdown) == ("images", "status"):
+            counts[FRAMES, "images"] += int(above)
+            counts[FRAMES, "scored images" if name == EVALUATED else name] += int(above)
+    return dict(counts)
+
+
+def _case_differences(baseline: RunSums, run: RunSums, pairs: Pairs) -> Iterator[str]:
+    shared = _keys(baseline) & _keys(run)
+    for (breakdown, name, metric), part in pairs.items():
+        if (breakdown, name, metric) not in shared or find_metric(metric).cases_by_method:
             continue
-        if after.cases == before.cases:
-            yield f"{metric} of {slice_name}: {before.cases} cases, spread otherwise over the recordings"
+        if (part[BEFORE] == part[AFTER]).all():
+            continue
+        called, was, now = name_slice(breakdown, name), int(part[BEFORE].sum()), int(part[AFTER].sum())
+        if was == now:
+            yield f"{metric} of {called}: {was} cases, spread otherwise over the recordings"
         else:
-            yield f"{metric}: {_difference('cases', slice_name, before.cases, after.cases)}"
+            yield f"{metric}: {_difference('cases', called, was, now)}"
 
 
-def _missing(baseline: ScoredRun, run: ScoredRun) -> Iterator[str]:
-    for slice_name, metric, _ in _metrics(baseline):
-        if metric not in run.sheet.slices.get(slice_name, {}):
-            yield f"{metric} of {slice_name}"
+def _missing(baseline: RunSums, run: RunSums, pairs: Pairs) -> Iterator[str]:
+    gone = _keys(baseline) - _keys(run)
+    return (
+        f"{metric} of {name_slice(breakdown, name)}"
+        for breakdown, name, metric in pairs
+        if (breakdown, name, metric) in gone
+    )
 
 
-def _metrics(scored: ScoredRun) -> Iterator[tuple[str, str, MetricSums]]:
-    for slice_name, metrics in scored.sheet.slices.items():
-        for metric, sums in metrics.items():
-            yield slice_name, metric, sums
+def _keys(scored: RunSums) -> set[Key]:
+    keys: Any = scored.sums[SLICE].itertuples(index=False, name=None)
+    return set(keys)
 
 
 def _difference(unit: str, slice_name: str, was: int, now: int) -> str:
@@ -145,7 +177,7 @@ WORST = 3  # recordings that are named
 ROUNDING = 1e-12  # a change by exactly what is tolerated is tolerated
 
 
-def judge(baseline: ScoredRun, run: ScoredRun, *, tolerances: Tolerances) -> Verdict:
+def judge(baseline: RunSums, run: RunSums, *, tolerances: Tolerances) -> Verdict:
     """Judge a run.
 
     Args:
@@ -156,29 +188,22 @@ def judge(baseline: ScoredRun, run: ScoredRun, *, tolerances: Tolerances) -> Ver
     Raises:
         UsageError: another data set, split or protocol.
     """
-    if differing := other_kind(baseline, run):
+    if differing := other_kind(baseline.manifest, run.manifest):
         why, do = differing
         raise UsageError(f"{why}: they do not compare; {do}, or replace the baseline with --update")
-    compared = compare_sums(baseline.sheet.table(), run.sheet.table()).reset_index().to_dict("records")
-    found = {(name_slice(row["breakdown"], row["slice"]), row["metric"]): PairedChange.of(row) for row in compared}
+    pairs = _paired_metrics(baseline, run)
+    compared: Iterable[tuple[Any, Any]] = compare_sums(baseline.sums, run.sums).to_dict("index").items()
     return Verdict(
-        dataset=run.dataset,
-        method=run.method.name,
+        baseline=baseline.manifest,
+        run=run.manifest,
         tolerances=f"{tolerances.name} version {tolerances.version}",
-        baseline_origin=baseline.origin,
-        run_origin=run.origin,
-        protocol=run.protocol.name,
-        changes=changes(baseline, run),
-        checks=data_checks(baseline, run, tolerances=tolerances),
-        rows=tuple(
-            _judge_metric(baseline, run, name, metric, tolerances, found.get((name, metric), NO_CHANGE))
-            for name, metrics in run.sheet.slices.items()
-            for metric in metrics
-        ),
+        changes=changes(baseline.manifest, run.manifest),
+        checks=data_checks(baseline, run, pairs, tolerances=tolerances),
+        rows=tuple(_judge_metric(key, PairedChange.of(row), pairs, tolerances) for key, row in compared),
     )
 
 
-def judgeable(run: ScoredRun, *, tolerances: Tolerances) -> tuple[str, str]:
+def judgeable(run: RunSums, *, tolerances: Tolerances) -> tuple[str, str]:
     """What a run can judge as a baseline: "67 of 238 metrics can be judged", and why it is none; "" where some are."""
     rows = judge(run, run, tolerances=tolerances).rows
     judged = sum(row.outcome is not Outcome.NOT_JUDGED for row in rows)
@@ -193,7 +218,7 @@ def judgeable(run: ScoredRun, *, tolerances: Tolerances) -> tuple[str, str]:
     return counted, f": {reasons.most_common(1)[0][0]}"
 
 
-def refuse(run: ScoredRun | None, *, tolerances: Tolerances, reason: str) -> Verdict:
+def refuse(run: Manifest | None, *, tolerances: Tolerances, reason: str) -> Verdict:
     """No verdict, for all that is told of one.
 
     Args:
@@ -201,32 +226,19 @@ def refuse(run: ScoredRun | None, *, tolerances: Tolerances, reason: str) -> Ver
         tolerances: the rules.
         reason: one line.
     """
-    return Verdict(
-        dataset=run.dataset if run else "",
-        method=run.method.name if run else "",
-        tolerances=f"{tolerances.name} version {tolerances.version}",
-        baseline_origin=None,
-        run_origin=run.origin if run else None,
-        protocol=run.protocol.name if run else "",
-        changes=(),
-        checks=(),
-        rows=(),
-        refusal=reason,
-    )
+    rules = f"{tolerances.name} version {tolerances.version}"
+    return Verdict(baseline=None, run=run, tolerances=rules, changes=(), checks=(), rows=(), refusal=reason)
 
 
-def _judge_metric(
-    baseline: ScoredRun, run: ScoredRun, slice_name: str, metric: str, tolerances: Tolerances, change: PairedChange
-) -> Row:
-    before = baseline.sheet.slices.get(slice_name, {}).get(metric, NO_SUMS)
-    after = run.sheet.slices[slice_name][metric]
+def _judge_metric(key: Key, change: PairedChange, pairs: Pairs, tolerances: Tolerances) -> Row:
+    slice_name, metric = name_slice(*key[:2]), key[2]
     tolerance = tolerances.tolerance(slice_name, metric)
     worsening = tolerance.worsening(change.difference) if tolerance else math.nan
     allowed = tolerance.allowed(change.before) if tolerance else math.nan
 
     reason = "no tolerance is stated"
     if tolerance:
-        reason = _why_not_judged(baseline, run, slice_name, metric, tolerances, recordings=change.recordings)
+        reason = _why_not_judged(key, change, pairs, tolerances) if tolerance.judged else "the tolerances say so"
     outcome = Outcome.NOT_JUDGED if reason or not tolerance else _outcome(change, tolerance, worsening, allowed)
     if outcome is Outcome.SUSPECT:
         reason = "worse than tolerated, but the interval includes no change"
@@ -238,7 +250,7 @@ def _judge_metric(
         change=change,
         worsening=worsening,
         allowed=allowed,
-        worst_recordings=_worst_recordings(before, after, tolerance) if tolerance else (),
+        worst_recordings=_worst_recordings(pairs[key], tolerance) if tolerance else (),
     )
 
 
@@ -250,39 +262,31 @@ def _outcome(change: PairedChange, tolerance: Tolerance, worsening: float, allow
     return Outcome.IMPROVED if worsening < -allowed - ROUNDING and high < 0 else Outcome.PASSED
 
 
-def _why_not_judged(
-    baseline: ScoredRun, run: ScoredRun, slice_name: str, metric: str, tolerances: Tolerances, *, recordings: int
-) -> str:
+def _why_not_judged(key: Key, change: PairedChange, pairs: Pairs, tolerances: Tolerances) -> str:
     """Why a metric cannot be judged; "" when it can."""
-    tolerance = tolerances.tolerance(slice_name, metric)
-    if tolerance is not None and not tolerance.judged:
-        return "the tolerances say so"
-    if metric not in baseline.sheet.slices.get(slice_name, {}):
+    breakdown, name, metric = key
+    if not change.cases_before and change.cases_after:
         return "not in the baseline"
-    cases = min(_cases(scored, slice_name, metric) for scored in (baseline, run))
+    cases = min(change.cases_before, change.cases_after)
+    if metric in OVER_PIXELS:
+        images = pairs.get((breakdown, name, COVERAGE))
+        cases = 0 if images is None else int(min(images[BEFORE].sum(), images[AFTER].sum()))
     if cases < tolerances.min_cases:
         return f"{cases} {'case' if cases == 1 else 'cases'}, {tolerances.min_cases} are needed"
     needed = max(tolerances.min_recordings, FEWEST_RECORDINGS)
-    if recordings < needed:
-        unit = "recording" if recordings == 1 else "recordings"
-        return f"cases of both in {recordings} {unit}, {needed} are needed"
+    if change.recordings < needed:
+        unit = "recording" if change.recordings == 1 else "recordings"
+        return f"cases of both in {change.recordings} {unit}, {needed} are needed"
     return ""
 
 
-def _cases(scored: ScoredRun, slice_name: str, metric: str) -> int:
-    if metric in OVER_PIXELS:
-        return scored.sheet.counts.get(slice_name, {}).get("frames", 0)
-    return scored.sheet.slices[slice_name][metric].cases
-
-
-def _worst_recordings(before: MetricSums, after: MetricSums, tolerance: Tolerance) -> tuple[RecordingChange, ...]:
+def _worst_recordings(pairs: pd.DataFrame, tolerance: Tolerance) -> tuple[RecordingChange, ...]:
     """The recordings whose own worsening weighs most, the worst first."""
-    weights: dict[str, float] = {}
-    found: dict[str, RecordingChange] = {}
-    for name, cases in sorted(before.denominators.items()):
-        if name in after.denominators:
-            was, now = before.numerators[name] / cases, after.numerators[name] / after.denominators[name]
-            weights[name] = tolerance.worsening(now - was) * cases
-            found[name] = RecordingChange(name=name, before=was, after=now)
-    worst = sorted((name for name in found if weights[name] > 0), key=lambda name: -weights[name])
-    return tuple(found[name] for name in worst[:WORST])
+    shared = pairs[(pairs[BEFORE] > 0) & (pairs[AFTER] > 0)]
+    was, now = shared["numerator_before"] / shared[BEFORE], shared["numerator_after"] / shared[AFTER]
+    weights = (now - was).map(tolerance.worsening) * shared[BEFORE]
+    ranked = shared.assign(was=was, now=now, weight=weights).sort_values(
+        ["weight", "recording"], ascending=[False, True]
+    )
+    worst = ranked[ranked["weight"] > 0][["recording", "was", "now"]][:WORST]
+    return tuple(RecordingChange(name=name, before=was, after=now) for name, was, now in worst.itertuples(index=False))

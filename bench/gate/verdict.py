@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from bench.evaluation import PairedChange, find_metric
-from bench.gate.baseline import Origin
 from bench.gate.changes import OF_ITSELF, Change
+from bench.harness.manifest import Manifest
 
 NOTHING_JUDGED = (
     "nothing was judged; a verdict needs metrics with a tolerance and cases in enough recordings, in baseline and run"
@@ -67,8 +67,8 @@ class Row:
     """One metric of one slice.
 
     Attributes:
-        slice_name: as the sums per recording name it.
-        metric: as the sums per recording name it.
+        slice_name: as `name_slice` names it.
+        metric: its name.
         outcome: of the metric.
         reason: one line; empty where the numbers say it all.
         change: before, after, interval.
@@ -104,28 +104,37 @@ class Verdict:
     """All of it.
 
     Attributes:
-        dataset: name of the data set; "" for a run that cannot be read.
-        method: name of the run's method; "" for a run that cannot be read.
+        baseline: manifest of the baseline; None where the two were not compared.
+        run: manifest of the run; None where it cannot be read.
         tolerances: name of the rules.
-        baseline_origin: of the baseline; None where the two were not compared.
-        run_origin: of the run; None where it cannot be read.
-        protocol: name of the rules of both; "" for a run that cannot be read.
         changes: what is not as in the baseline beside the scores.
         checks: that both measured the same things, in a fixed order.
-        rows: metrics by slice, in the order of the sums per recording.
+        rows: those of `compare_sums`, in its order.
         refusal: why run and baseline were not compared; "" where they were.
     """
 
-    dataset: str
-    method: str
+    baseline: Manifest | None
+    run: Manifest | None
     tolerances: str
-    baseline_origin: Origin | None
-    run_origin: Origin | None
-    protocol: str
     changes: tuple[Change, ...]
     checks: tuple[Check, ...]
     rows: tuple[Row, ...]
     refusal: str = ""
+
+    @property
+    def dataset(self) -> str:
+        """Name of the data set; "" for a run that cannot be read."""
+        return self.run.dataset.name if self.run else ""
+
+    @property
+    def method(self) -> str:
+        """Name of the run's method; "" for a run that cannot be read."""
+        return self.run.method.name if self.run else ""
+
+    @property
+    def protocol(self) -> str:
+        """Name of the rules of both; "" for a run that cannot be read."""
+        return self.run.protocol.name if self.run else ""
 
     @property
     def passed(self) -> bool:
@@ -145,7 +154,7 @@ class Verdict:
     @property
     def subject(self) -> str:
         """One line: what was judged, and by which rules."""
-        run = f"{self.method} on {self.dataset} by {self.protocol}, " if self.run_origin else ""
+        run = f"{self.method} on {self.dataset} by {self.protocol}, " if self.run else ""
         return f"{run}tolerances {self.tolerances}"
 
     @property

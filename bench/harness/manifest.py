@@ -97,6 +97,7 @@ class Manifest(_Part):
         protocol: the rules.
         code: of this package, and its libraries.
         reference: digest of what the reference alone decides; None until the run is finished.
+        sums: digest of the table of sums, so that a baseline is noticed to be damaged; None until the run is finished.
     """
 
     dataset: DatasetOfRun
@@ -104,6 +105,7 @@ class Manifest(_Part):
     protocol: ProtocolStamp
     code: CodeOfRun
     reference: str | None = None
+    sums: str | None = None
 
     def as_read(self) -> Manifest:
         """The manifest as it reads from a file: lists, not tuples."""

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from bench.errors import DataError, UsageError
-from bench.evaluation import Protocol, summarise
+from bench.evaluation import Protocol, sum_run, summary_of, write_sums
 from bench.evaluation.summary import ProtocolStamp
 from bench.execution import FailedTask, SerialExecutor, TaskExecutor
 from bench.harness.cache import CacheFolder
@@ -25,11 +25,13 @@ from bench.harness.stages import Progress
 from bench.harness.stored import (
     IMAGE_MAPS,
     SCHEMA_VERSION,
+    SUMS,
     RunSummary,
     file_digests,
     open_tables,
     read_threshold_free,
     reference_fingerprint,
+    sums_digest,
     write_protocol,
     write_summary,
 )
@@ -345,7 +347,7 @@ def _score_units(
 
 
 def _write_results(results: Path, request: RunRequest, scored: ScoredPart, manifest: Manifest) -> RunSummary:
-    """Reduce the stored units of a run to its tables and its summary.
+    """Reduce the stored units of a run to its tables, its sums and its summary.
 
     Raises:
         DataError: a unit is damaged, or nothing could be used.
@@ -357,15 +359,18 @@ def _write_results(results: Path, request: RunRequest, scored: ScoredPart, manif
         raise DataError(request.card.file, expected="a recording that can be used", got=got)
     problems = UnitStore(run=run).join(units, results, maps_name=IMAGE_MAPS)
     objects, frames = open_tables(results)
-    metrics = summarise(objects, frames, protocol=protocol)
+    sums = sum_run(objects, frames, protocol=protocol)
+    write_sums(sums, results / SUMS)
+    metrics = summary_of(sums, protocol=protocol)
     write_protocol(results, protocol)
     outlines = [recording.vehicle_outline_m for recording in scored.recordings if recording.vehicle_outline_m]
     digests = {one.name: one.digest for one in scored.recordings if one.digest is not None}
     unrepeatable = unrepeatable_code(MethodIdentity.of(request.method))
+    finished = {"reference": reference_fingerprint(objects, frames), "sums": sums_digest(results)}
     summary = RunSummary(
         **{name: getattr(metrics, name) for name in type(metrics).model_fields},
         schema_version=SCHEMA_VERSION,
-        manifest=manifest.with_data(digests).model_copy(update={"reference": reference_fingerprint(objects, frames)}),
+        manifest=manifest.with_data(digests).model_copy(update=finished),
         provenance=scored.provenance(run, images=metrics.images.evaluated, unrepeatable=unrepeatable),
         vehicle_outline_m=outlines[-1] if outlines else (),
         failures=(*failures, *problems),

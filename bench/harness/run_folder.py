@@ -21,7 +21,7 @@ from bench.harness.manifest import MANIFEST, Manifest, differences, read_manifes
 from bench.harness.unit_files import FOLDER
 
 RESULTS = (
-    *("summary.json", MANIFEST, "protocol.json", "predictions.json", "cost.json", "*.parquet", "*.npz"),
+    *("summary.json", "sums.csv", MANIFEST, "protocol.json", "predictions.json", "cost.json", "*.parquet", "*.npz"),
     *("table.*", "range_map.*", "pictures", "index.html", "index-*.html", "figures", "figures-*"),
 )
 

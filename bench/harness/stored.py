@@ -3,6 +3,7 @@
 ```
 <run>/units/                                                                           see `bench.harness.unit_files`
 <run>/objects.parquet, frames.parquet, masks.parquet, image_maps.npz, summary.json     the whole run
+<run>/sums.csv                                                                         the tables, summed by recording
 <run>/protocol.json                                                                    the rules that it was scored by
 ```
 """
@@ -46,8 +47,8 @@ from bench.harness.unit_files import load_image_maps
 from bench.recordings.sealed_json import read_sealed, write_sealed
 
 SCHEMA_VERSION = 1
-SUMMARY, IMAGE_MAPS = "summary.json", "image_maps.npz"
-Table = Literal["objects.parquet", "frames.parquet", "image_maps.npz", "masks.parquet"]
+SUMMARY, SUMS, IMAGE_MAPS = "summary.json", "sums.csv", "image_maps.npz"
+Table = Literal["objects.parquet", "frames.parquet", "image_maps.npz", "masks.parquet", "sums.csv"]
 PREDICTIONS = "predictions.json"  # of runs of predictions from disk
 
 # What the reference alone decides, in whole numbers and words: no floats, whose text could differ between versions.
@@ -259,6 +260,11 @@ def write_summary(run: Path, summary: RunSummary) -> None:
 def file_digests(run: Path) -> dict[Table, str]:
     """SHA-256 of the files of a run that its summary is of, by name."""
     return {name: _sha256(run / name) for name in get_args(Table) if (run / name).is_file()}
+
+
+def sums_digest(run: Path) -> str:
+    """SHA-256 of `sums.csv`, whatever ends its lines, which a checkout may change."""
+    return hashlib.sha256((run / SUMS).read_text("utf-8").encode()).hexdigest()
 
 
 def read_run(run: Path) -> RunSummary:

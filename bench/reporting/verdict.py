@@ -265,8 +265,8 @@ def to_json(verdict: Verdict) -> str:
         "protocol": verdict.protocol,
         "tolerances": verdict.tolerances,
         "changes": [asdict(change) for change in verdict.changes],
-        "baseline": verdict.baseline_origin and verdict.baseline_origin.model_dump(mode="json"),
-        "run": verdict.run_origin and verdict.run_origin.model_dump(mode="json"),
+        "baseline": verdict.baseline and verdict.baseline.code.model_dump(mode="json"),
+        "run": verdict.run and verdict.run.code.model_dump(mode="json"),
         "checks": [asdict(check) for check in verdict.checks],
         "rows": [_json_row(row) for row in verdict.rows],
     }

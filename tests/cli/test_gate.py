@@ -11,7 +11,7 @@ import pytest
 from junitparser import JUnitXml
 
 from bench.evaluation import load_protocol
-from bench.gate import scored_run, usual_baseline, write_baseline
+from bench.gate import read_run_sums, usual_baseline, write_baseline
 from bench.harness import RunRequest, code_state, read_run, run_benchmark
 from bench.harness.keys import MethodIdentity
 from bench.harness.stored import write_summary
@@ -19,6 +19,7 @@ from bench.methods import build_method
 from bench.recordings import load_card
 from bench.recordings.cards import shipped_folder
 from tests.support.commands import call, error_line
+from tests.support.manifests import manifest
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +49,7 @@ def runs(tiny_card, tmp_path_factory) -> dict[str, Path]:
             card=card, method=build_method("nothing"), protocol=load_protocol("extended-v1"), out=folder / "extended"
         )
     )
-    write_baseline(scored_run(folder / "spherical"), folder / "baseline.json", allow_dirty=True)
+    write_baseline(read_run_sums(folder / "spherical"), folder / "baseline", allow_dirty=True)
     return {path.stem: path for path in folder.iterdir()}
 
 
@@ -62,20 +63,18 @@ def test_the_same_run_passes(monkeypatch, capsys, runs):
 def test_without_a_named_baseline_the_usual_one_is_taken(monkeypatch, capsys, runs, tmp_path):
     monkeypatch.chdir(tmp_path)
     assert call(monkeypatch, "gate", runs["spherical"]) == 3
-    assert "reports/baselines/tiny.json: no baseline there" in capsys.readouterr().err
+    assert "reports/baselines/tiny: no baseline there" in capsys.readouterr().err
     assert call(monkeypatch, "gate", runs["spherical"], "--update", "--allow-dirty") == 0
     assert call(monkeypatch, "gate", runs["spherical"]) == 0
-    assert "baseline reports/baselines/tiny.json\n" in capsys.readouterr().out
-    demo = scored_run(runs["extended"]).model_copy(update={"dataset": "demo"})
-    assert usual_baseline(demo) == Path("reports/baselines/demo-extended-v1.json")
-    paper = scored_run(runs["spherical"]).model_copy(update={"dataset": "demo"})
-    assert usual_baseline(paper) == shipped_folder("baselines") / "demo.json"
+    assert "baseline reports/baselines/tiny\n" in capsys.readouterr().out
+    assert usual_baseline(manifest(protocol=load_protocol("extended-v1"))) == Path("reports/baselines/demo-extended-v1")
+    assert usual_baseline(manifest()) == shipped_folder("baselines") / "demo"
 
 
 def test_a_gate_that_judges_nothing_has_the_status_of_one_without_a_baseline(monkeypatch, capsys, runs, tmp_path):
-    write_baseline(scored_run(runs["few"]), tmp_path / "few.json", allow_dirty=True)
+    write_baseline(read_run_sums(runs["few"]), tmp_path / "few", allow_dirty=True)
     junit = tmp_path / "gate.xml"
-    words = ("--baseline", tmp_path / "few.json", "--junit", junit, "--github")
+    words = ("--baseline", tmp_path / "few", "--junit", junit, "--github")
     assert call(monkeypatch, "gate", runs["few"], *words) == 3
     shown = capsys.readouterr()
     assert "error: nothing was judged" in shown.err
@@ -111,7 +110,7 @@ def test_a_worse_run_fails_in_every_form(monkeypatch, capsys, runs, tmp_path):
 @pytest.mark.parametrize(
     ("run", "baseline", "status", "why"),
     [
-        ("spherical", "none.json", 3, "no baseline there"),
+        ("spherical", "none", 3, "no baseline there"),
         ("extended", "BASELINE", 2, "score with --protocol paper-v1, or replace the baseline with --update"),
         ("nowhere", "BASELINE", 2, "nowhere/summary.json: expected the summary of a run"),
     ],
@@ -132,7 +131,7 @@ def test_no_verdict_is_handed_over_in_every_form(monkeypatch, capsys, runs, tmp_
 
 
 def test_a_missing_baseline_has_a_status_of_its_own(monkeypatch, capsys, runs, tmp_path):
-    assert call(monkeypatch, "gate", runs["spherical"], "--baseline", tmp_path / "none.json") == 3
+    assert call(monkeypatch, "gate", runs["spherical"], "--baseline", tmp_path / "none") == 3
     shown = capsys.readouterr()
     assert shown.err.startswith("error: ")
     assert "nothing was judged" in shown.err
@@ -141,14 +140,14 @@ def test_a_missing_baseline_has_a_status_of_its_own(monkeypatch, capsys, runs, t
 
 
 def test_update_writes_a_baseline_that_the_run_passes(monkeypatch, capsys, runs, tmp_path):
-    file = tmp_path / "baselines" / "tiny.json"
+    file = tmp_path / "baselines" / "tiny"
     assert call(monkeypatch, "gate", runs["spherical"], "--baseline", file, "--update", "--allow-dirty") == 0
     assert f"{file}: spherical on tiny by paper-v1" in capsys.readouterr().out
     assert call(monkeypatch, "gate", runs["spherical"], "--baseline", file) == 0
 
 
 def test_update_shows_what_it_replaces(monkeypatch, capsys, runs, tmp_path):
-    file, update = tmp_path / "b.json", ("--update", "--allow-dirty")
+    file, update = tmp_path / "b", ("--update", "--allow-dirty")
     told = {}
     for name in ("spherical", "nothing", "extended"):
         assert call(monkeypatch, "gate", runs[name], "--baseline", file, *update) == 0
@@ -161,7 +160,7 @@ def test_update_shows_what_it_replaces(monkeypatch, capsys, runs, tmp_path):
 
 
 def test_update_says_at_once_that_a_baseline_can_judge_nothing(monkeypatch, capsys, runs, tmp_path):
-    assert call(monkeypatch, "gate", runs["few"], "--baseline", tmp_path / "b.json", "--update", "--allow-dirty") == 0
+    assert call(monkeypatch, "gate", runs["few"], "--baseline", tmp_path / "b", "--update", "--allow-dirty") == 0
     last = capsys.readouterr().out.splitlines()[-1]
     assert re.fullmatch(r"0 of \d+ metrics can be judged: 3 recordings, 6 needed", last)
 
@@ -188,7 +187,7 @@ def test_update_refuses_a_plug_in_that_is_not_committed_as_it_is(monkeypatch, ca
     monkeypatch.syspath_prepend(str(checkout))
     monkeypatch.setattr(code_state, "_own_sources", list)
     git = ("git", "-C", str(checkout), "-c", "user.name=x", "-c", "user.email=x@x")
-    baseline = ("--baseline", tmp_path / "b.json", "--update")
+    baseline = ("--baseline", tmp_path / "b", "--update")
 
     def refused(number: int) -> str:
         out = tmp_path / f"run-{number}"
@@ -208,7 +207,7 @@ def test_update_refuses_a_plug_in_that_is_not_committed_as_it_is(monkeypatch, ca
     subprocess.run([*git, "add", "."], check=True)
     subprocess.run([*git, "commit", "-qm", "x"], check=True)
     assert refused(3) == ""
-    assert (tmp_path / "b.json").exists()
+    assert (tmp_path / "b").exists()
     (checkout / "own_for_the_gate.py").write_text(PLUG_IN + "# changed\n")
     del sys.modules["own_for_the_gate"]
     assert "own_for_the_gate.py: changed since it was committed" in refused(4)
@@ -234,15 +233,15 @@ def test_an_installed_file_that_was_edited_is_no_installed_one(tmp_path, monkeyp
 def test_update_refuses_changed_code_unless_told(monkeypatch, capsys, runs, tmp_path):
     folder = tmp_path / "run"
     folder.mkdir()
-    for name in ("objects.parquet", "frames.parquet", "protocol.json"):
+    for name in ("objects.parquet", "frames.parquet", "sums.csv", "protocol.json"):
         (folder / name).write_bytes((runs["spherical"] / name).read_bytes())
     summary = read_run(runs["spherical"])
     code = summary.manifest.code.model_copy(update={"commit": "0123456789abcdef+"})
     manifest = summary.manifest.model_copy(update={"code": code})
     write_summary(folder, summary.model_copy(update={"manifest": manifest}))
-    assert call(monkeypatch, "gate", folder, "--baseline", tmp_path / "b.json", "--update") == 2
+    assert call(monkeypatch, "gate", folder, "--baseline", tmp_path / "b", "--update") == 2
     assert "--allow-dirty" in capsys.readouterr().err
-    assert not (tmp_path / "b.json").exists()
+    assert not (tmp_path / "b").exists()
 
 
 @pytest.mark.parametrize(

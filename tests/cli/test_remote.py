@@ -74,7 +74,7 @@ def test_a_cluster_scores_data_on_storage(monkeypatch, remote_card, local, tmp_p
     [
         ("run", CARD, "--out", "s3://me:hidden@bench/run"),
         ("report", "s3://bench/none"),
-        ("gate", "s3://bench/none", "--baseline", "b.json"),
+        ("gate", "s3://bench/none", "--baseline", "b"),
         ("compare", "s3://me:hidden@bench/a", "b"),
         ("report", ""),
     ],

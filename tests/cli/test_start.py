@@ -114,8 +114,8 @@ def test_a_working_folder_that_is_not_utf_8(folder):
         ("run", "x.yaml", "--method", "nothing", "--out", "out"),
         ("report", "out"),
         ("compare", "out", "out", "--out", "compared"),
-        ("gate", "out", "--baseline", "b.json", "--update", "--allow-dirty"),
-        ("gate", "out", "--baseline", "b.json", "--junit", "j.xml", "--json", "v.json"),
+        ("gate", "out", "--baseline", "b", "--update", "--allow-dirty"),
+        ("gate", "out", "--baseline", "b", "--junit", "j.xml", "--json", "v.json"),
         ("validate", "x.yaml", "--json", "told.json"),
         ("view", "x.yaml", "--method", "nothing", "--out", "seen"),
     ):

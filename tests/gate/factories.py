@@ -1,53 +1,71 @@
-"""Scored runs by hand: sums of a few recordings."""
+"""Sums of runs by hand: a few recordings."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import pandas as pd
 
 from bench.evaluation.summary import ProtocolStamp
-from bench.gate import ScoredRun, Tolerances, Verdict, judge, load_tolerances
-from bench.gate.baseline import MetricSums, Origin, RecordingSums
+from bench.evaluation.sums import CATEGORY, FRAMES, KEY, TERMS
+from bench.gate import RunSums, Tolerances, Verdict, judge, load_tolerances
+from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest
 from bench.harness.method_stamp import MethodStamp
 
 CASES = 10
 RULES = load_tolerances()
+Sums = Mapping[str, tuple[float, float]]  # recording -> numerator and denominator
+BREAKDOWNS = {FRAMES: FRAMES, "all_moving": "all_moving"}
 
 
-def sums(values: Sequence[float], *, cases: int = CASES) -> MetricSums:
+def sums(values: Sequence[float], *, cases: int = CASES) -> Sums:
     """A mean of `values[k]` over `cases` cases in each recording k."""
-    names = [f"drive-{k}" for k in range(len(values))]
-    return MetricSums(
-        numerators={name: value * cases for name, value in zip(names, values, strict=True)},
-        denominators=dict.fromkeys(names, float(cases)),
+    return {f"drive-{k}": (value * cases, float(cases)) for k, value in enumerate(values)}
+
+
+def table(slices: Mapping[str, Mapping[str, Sums]]) -> pd.DataFrame:
+    """A table of sums; "range_m=[0, 2)" is a slice of a breakdown."""
+    rows = []
+    for called, metrics in slices.items():
+        breakdown, _, name = called.partition("=") if "=" in called else (BREAKDOWNS.get(called, CATEGORY), "", called)
+        rows += [
+            (breakdown, name, drive, metric, *terms) for metric, own in metrics.items() for drive, terms in own.items()
+        ]
+    return pd.DataFrame(rows, columns=[*KEY, *TERMS])
+
+
+def scored(slices: Mapping[str, Mapping[str, Sums]], *, failures: tuple[str, ...] = (), **changes: object) -> RunSums:
+    """A run with these sums, in what `changed` takes like any other."""
+    run = RunSums(
+        manifest=Manifest(
+            dataset=DatasetOfRun(name="demo", card="datasets/demo.yaml", split=None, data="f" * 64),
+            method=MethodStamp(name="spherical", settings={"weights": {"epipolar": 1.0}, "threshold": 6e-4}),
+            protocol=ProtocolStamp(name="paper-v1", version=1, digest="d" * 64),
+            code=CodeOfRun(version="1", commit="c0ffee", python="3.11", libraries={}),
+            reference="r" * 64,
+        ),
+        sums=table(slices),
+        failures=failures,
     )
+    return changed(run, **changes)
 
 
-def scored(
-    slices: Mapping[str, Mapping[str, MetricSums]],
-    *,
-    counts: Mapping[str, Mapping[str, int]] | None = None,
-    commit: str | None = "c0ffee",
-    **changes: object,
-) -> ScoredRun:
-    found = {name: dict(metrics) for name, metrics in slices.items()}
-    run = ScoredRun(
-        schema_version=1,
-        dataset="demo",
-        split=None,
-        protocol=ProtocolStamp(name="paper-v1", version=1, digest="d" * 64),
-        method=MethodStamp(name="spherical", settings={"weights": {"epipolar": 1.0}, "threshold": 6e-4}),
-        reference_fingerprint="r" * 64,
-        data_fingerprint="f" * 64,
-        origin=Origin(version="1", commit=commit, python="3.11", libraries={}, started_utc="2026-11-21T00:00:00"),
-        sheet=RecordingSums(slices=found, counts={name: dict(part) for name, part in (counts or {}).items()}),
-    )
-    return run.model_copy(update=changes)
+def changed(run: RunSums, **changes: object) -> RunSums:
+    """The same run of another manifest: fields of it, of its data set (`name`, `split`, `data`, ...) or `commit`."""
+    manifest = run.manifest
+    dataset = {name: value for name, value in changes.items() if name in DatasetOfRun.model_fields}
+    code = {name: value for name, value in changes.items() if name in CodeOfRun.model_fields}
+    own = {name: value for name, value in changes.items() if name in Manifest.model_fields}
+    assert {*dataset, *code, *own} == {*changes}
+    parts = {"dataset": manifest.dataset.model_copy(update=dataset), "code": manifest.code.model_copy(update=code)}
+    return replace(run, manifest=manifest.model_copy(update=parts | own))
 
 
-def one(values: Sequence[float], *, metric: str = "tpr_all", cases: int = CASES) -> ScoredRun:
+def one(values: Sequence[float], *, metric: str = "tpr_all", cases: int = CASES) -> RunSums:
     """A run with one metric of one slice."""
     return scored({"crossing": {metric: sums(values, cases=cases)}})
 
 
-def verdict_of(before: ScoredRun, after: ScoredRun, rules: Tolerances = RULES) -> Verdict:
+def verdict_of(before: RunSums, after: RunSums, rules: Tolerances = RULES) -> Verdict:
     return judge(before, after, tolerances=rules)

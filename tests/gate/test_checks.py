@@ -1,14 +1,31 @@
 """A score over other objects, images or data is no better score."""
 
+from dataclasses import replace
+
 import pytest
 
 from bench.errors import UsageError
 from bench.evaluation.summary import ProtocolStamp
 from bench.gate import Outcome, load_tolerances
 from bench.harness.method_stamp import MethodStamp
-from tests.gate.factories import RULES, one, scored, sums, verdict_of
+from tests.gate.factories import RULES, changed, one, scored, sums, verdict_of
 
-COUNTS = {"all_moving": {"object_frames": 40, "annotated": 60}, "frames": {"frames": 20, "evaluated": 20}}
+COUNTS = {
+    "all_moving": {"tracks": {"drive-0": (7.0, 40.0)}},
+    "status=evaluated": {"annotated": {"drive-0": (40.0, 40.0)}, "images": {"drive-0": (20.0, 20.0)}},
+    "status=static": {"annotated": {"drive-0": (20.0, 20.0)}},
+    "status=failed": {"images": {"drive-0": (10.0, 10.0)}},
+}
+
+
+def counted(metric="", difference=0.0):
+    """A run with these counts; of one metric both of its numbers differ in its first slice with that many."""
+    slices = {name: dict(own) for name, own in COUNTS.items()}
+    for called in {"tracks": ["all_moving"], "annotated": ["status=static"], "images": ["status=evaluated"]}.get(
+        metric, []
+    ):
+        slices[called][metric] = {"drive-0": tuple(term + difference for term in slices[called][metric]["drive-0"])}
+    return scored(slices)
 
 
 def check(before, after, name, rules=RULES):
@@ -17,26 +34,31 @@ def check(before, after, name, rules=RULES):
 
 
 @pytest.mark.parametrize(
-    ("slice_name", "unit", "told"),
+    ("metric", "told"),
     [
-        ("all_moving", "object_frames", "3 object-frames fewer in all_moving (37, were 40)"),
-        ("all_moving", "annotated", "3 annotated objects fewer in all_moving (57, were 60)"),
-        ("frames", "evaluated", "3 scored images fewer in frames (17, were 20)"),
+        ("tracks", "3 object-frames fewer in all_moving (37, were 40); 3 tracks fewer in all_moving (4, were 7)"),
+        (
+            "annotated",
+            "3 annotated objects fewer in all_moving (57, were 60); 3 static fewer in all_moving (17, were 20)",
+        ),
+        ("images", "3 images fewer in frames (27, were 30); 3 scored images fewer in frames (17, were 20)"),
     ],
 )
-def test_fewer_objects_or_images_fail(slice_name, unit, told):
-    fewer = {name: dict(part) for name, part in COUNTS.items()}
-    fewer[slice_name][unit] -= 3
-    found, verdict = check(scored({}, counts=COUNTS), scored({}, counts=fewer), "counts")
+def test_fewer_objects_or_images_fail(metric, told):
+    found, verdict = check(counted(), counted(metric, -3.0), "counts")
     assert found.outcome is Outcome.FAILED
     assert found.message == f"reference changed: {told}"
     assert not verdict.passed
 
 
 def test_more_objects_fail_too():
-    more = COUNTS | {"all_moving": {"object_frames": 41, "annotated": 60}}
-    found, _ = check(scored({}, counts=COUNTS), scored({}, counts=more), "counts")
+    found, _ = check(counted(), counted("tracks", 1.0), "counts")
     assert "1 object-frames more in all_moving (41, were 40)" in found.message
+
+
+def test_what_only_the_run_has_fails_too():
+    found, _ = check(scored({}), counted(), "counts")
+    assert "40 object-frames more in all_moving (40, were 0)" in found.message
 
 
 def test_a_metric_over_fewer_cases_fails_though_it_scores_better():
@@ -49,8 +71,7 @@ def test_a_metric_over_fewer_cases_fails_though_it_scores_better():
 
 def test_as_many_cases_of_other_recordings_fail():
     before = one([0.5] * 6)
-    moved = sums([0.5] * 6)
-    moved = moved.model_copy(update={"denominators": moved.denominators | {"drive-0": 11.0, "drive-1": 9.0}})
+    moved = {**sums([0.5] * 6), "drive-0": (5.0, 11.0), "drive-1": (5.0, 9.0)}
     found, verdict = check(before, scored({"crossing": {"tpr_all": moved}}), "cases")
     assert "spread otherwise over the recordings" in found.message
     assert not verdict.passed
@@ -68,16 +89,14 @@ def test_a_metric_or_a_slice_that_is_gone_fails():
 
 
 def test_another_reference_fails():
-    found, verdict = check(
-        one([0.5] * 6), one([0.5] * 6).model_copy(update={"reference_fingerprint": "x" * 64}), "reference_fingerprint"
-    )
+    found, verdict = check(one([0.5] * 6), changed(one([0.5] * 6), reference="x" * 64), "reference_fingerprint")
     assert "reference changed" in found.message
     assert not verdict.passed
 
 
 def test_other_images_are_told_with_their_numbers():
     frames = [{"frames": {"false_positive_coverage": sums([0.2] * 6, cases=n)}} for n in (29, 27)]
-    after = scored(frames[1], reference_fingerprint="x" * 64)
+    after = scored(frames[1], reference="x" * 64)
     found, verdict = check(scored(frames[0]), after, "reference_fingerprint")
     assert found.message.startswith(
         "reference changed: other images were scored, 162 where the baseline has 174, and a gate compares equal ones; "
@@ -87,7 +106,7 @@ def test_other_images_are_told_with_their_numbers():
 
 
 def test_other_data_fail_unless_the_rules_say_report():
-    after = one([0.5] * 6).model_copy(update={"data_fingerprint": "x" * 64})
+    after = changed(one([0.5] * 6), data="x" * 64)
     found, verdict = check(one([0.5] * 6), after, "data_fingerprint")
     assert (found.outcome, verdict.passed) == (Outcome.FAILED, False)
     found, verdict = check(one([0.5] * 6), after, "data_fingerprint", load_tolerances("rendered-v1"))
@@ -96,9 +115,9 @@ def test_other_data_fail_unless_the_rules_say_report():
 
 def test_recordings_with_other_data_are_named():
     drives = {f"drive-{k}": "0" * 16 for k in range(6)}
-    before = one([0.5] * 6).model_copy(update={"recordings": drives | {"gone": "1" * 16}})
+    before = changed(one([0.5] * 6), recordings=drives | {"gone": "1" * 16})
     now = drives | {"drive-4": "2" * 16, "later": "3" * 16}
-    after = one([0.5] * 6).model_copy(update={"data_fingerprint": "x" * 64, "recordings": now})
+    after = changed(one([0.5] * 6), data="x" * 64, recordings=now)
     found, verdict = check(before, after, "data_fingerprint")
     told = (
         "recordings changed: 'drive-4' (1 of 6); recordings new: 'later' (1 of 7); "
@@ -106,15 +125,15 @@ def test_recordings_with_other_data_are_named():
     )
     assert found.message == f"data changed: other images, sweeps, labels, calibration or ego-motion; {told}"
     assert [change.text for change in verdict.changes] == [told]
-    rendered = before.model_copy(update={"data_fingerprint": "x" * 64, "recordings": dict.fromkeys(drives, "4" * 16)})
-    found, _ = check(before.model_copy(update={"recordings": drives}), rendered, "data_fingerprint")
+    rendered = changed(before, data="x" * 64, recordings=dict.fromkeys(drives, "4" * 16))
+    found, _ = check(changed(before, recordings=drives), rendered, "data_fingerprint")
     assert "changed: 'drive-0', 'drive-1', 'drive-2', 'drive-3' and 2 more (6 of 6); digest" in found.message
     found, _ = check(one([0.5] * 6), after, "data_fingerprint")  # a baseline of an older version
     assert "recordings" not in found.message
 
 
 def test_a_run_with_failures_fails():
-    after = one([0.5] * 6).model_copy(update={"failures": ("recording 'a': no calibration", "recording 'b': no lidar")})
+    after = replace(one([0.5] * 6), failures=("recording 'a': no calibration", "recording 'b': no lidar"))
     found, verdict = check(one([0.5] * 6), after, "failures")
     assert found.message.startswith("the run has 2 failures: recording 'a': no calibration;")
     assert not verdict.passed
@@ -122,22 +141,22 @@ def test_a_run_with_failures_fails():
 
 def test_changed_settings_are_told_by_their_dotted_names_and_fail_nothing():
     settings = {"weights": {"epipolar": 0.5}, "threshold": 6e-4}
-    after = one([0.5] * 6).model_copy(update={"method": MethodStamp(name="spherical", settings=settings)})
+    after = changed(one([0.5] * 6), method=MethodStamp(name="spherical", settings=settings))
     found, verdict = check(one([0.5] * 6), after, "method")
     assert found.message == "method changed: weights.epipolar = 0.5, was 1.0"
     assert verdict.passed
 
 
 def test_a_long_list_is_cut_with_its_count():
-    counts = {f"points={k}": {"object_frames": 9} for k in range(6)}
-    found, _ = check(scored({}, counts=counts), scored({}), "counts")
+    slices = {f"points={k}": {"tracks": {"drive-0": (0.0, 9.0)}} for k in range(6)}
+    found, _ = check(scored(slices), scored({}), "counts")
     assert found.message.endswith("; and 2 more")
 
 
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"dataset": "other"}, "data set 'demo', the run of 'other': they do not compare; name a baseline of 'other'"),
+        ({"name": "other"}, "data set 'demo', the run of 'other': they do not compare; name a baseline of 'other'"),
         ({"split": "night"}, "split none, the run of 'night': they do not compare; score with no --split, or replace"),
         (
             {"protocol": ProtocolStamp(name="paper-v1", version=1, digest="e" * 64)},
@@ -151,4 +170,4 @@ def test_a_long_list_is_cut_with_its_count():
 )
 def test_another_data_set_split_or_protocol_is_refused(changes, told):
     with pytest.raises(UsageError, match=told):
-        verdict_of(one([0.5] * 6), one([0.5] * 6).model_copy(update=changes))
+        verdict_of(one([0.5] * 6), changed(one([0.5] * 6), **changes))

@@ -36,7 +36,7 @@ def test_an_example_is_complete_and_its_commands_exist(file):
             called.setdefault(words[1], []).append(words)
     assert set(called) == {"validate", "run", "gate"}
     assert ["--update" in words for words in called["gate"]] == [False, False, True]
-    assert called["gate"][1][-1] == "target.json"  # of a change that brings its own baseline
+    assert called["gate"][1][-1] == "target"  # of a change that brings its own baseline
     assert any(line.startswith("pip install") for line in lines)
     assert any("fetch_recordings.sh datasets/data" in line for line in lines)
 

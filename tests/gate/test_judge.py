@@ -1,14 +1,14 @@
 """When a change fails, and when it does not."""
 
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.evaluation import sum_run
-from bench.gate import Outcome, judge, load_tolerances
-from bench.gate.baseline import MetricSums, RecordingSums
+from bench.gate import Outcome, RunSums, judge, load_tolerances
 from tests.evaluation.runs import PAPER, random_run
 from tests.gate.factories import RULES, one, scored, sums, verdict_of
 
@@ -65,7 +65,7 @@ def test_better_is_told_and_passes():
         (one([0.9]), one([0.0]), "cases of both in 1 recording, 6 are needed"),
         (one([0.9] * 5), one([0.0] * 5), "cases of both in 5 recordings, 6 are needed"),
         (one([0.9] * 6, metric="f1"), one([0.0] * 6, metric="f1"), "no tolerance is stated"),
-        (scored({"crossing": {}}), one([0.0] * 6), "not in the baseline"),
+        (scored({}), one([0.0] * 6), "not in the baseline"),
         (one([0.9] * 6, metric="tpr"), one([], metric="tpr"), "0 cases, 10 are needed"),
     ],
 )
@@ -76,11 +76,13 @@ def test_too_little_to_judge_is_told_with_the_reason(before, after, reason):
 
 
 def test_a_metric_over_pixels_counts_its_images():
-    pixels = {"frames": {"precision": sums([0.9] * 6, cases=5000)}}
-    lost = {"frames": {"precision": sums([0.1] * 6, cases=5000)}}
-    few, many = ({"frames": {"frames": count}} for count in (9, 10))
-    assert verdict_of(scored(pixels, counts=few), scored(lost, counts=few)).rows[0].outcome is Outcome.NOT_JUDGED
-    assert verdict_of(scored(pixels, counts=many), scored(lost, counts=many)).rows[0].outcome is Outcome.FAILED
+    def with_images(value, images):
+        counted = {"false_positive_coverage": {"drive-0": (0.0, images)}}
+        return scored({"frames": {"precision": sums([value] * 6, cases=5000)} | counted})
+
+    few, many = (verdict_of(with_images(0.9, images), with_images(0.1, images)).rows for images in (9.0, 10.0))
+    assert {row.metric: row.outcome for row in few}["precision"] is Outcome.NOT_JUDGED
+    assert {row.metric: row.outcome for row in many}["precision"] is Outcome.FAILED
 
 
 def test_the_worst_comes_first_in_units_of_what_is_tolerated():
@@ -89,20 +91,19 @@ def test_the_worst_comes_first_in_units_of_what_is_tolerated():
     assert [row.metric for row in verdict_of(before, after).rows_with(Outcome.FAILED)] == ["iou", "tpr_all"]
 
 
-def sheet_of(seed: int, **options: int) -> RecordingSums:
-    sums = sum_run(*random_run(seed, **options), protocol=PAPER)
-    return RecordingSums.of(sums, protocol=PAPER)
+def drawn(seed: int, **options: int) -> RunSums:
+    return replace(scored({}), sums=sum_run(*random_run(seed, **options), protocol=PAPER))
 
 
 def test_every_metric_of_a_run_has_a_tolerance_and_every_tolerance_a_metric():
-    sheet = sheet_of(1)
-    assert {metric for metrics in sheet.slices.values() for metric in metrics} == set(RULES.metrics)
+    rows = verdict_of(drawn(1), drawn(1)).rows
+    assert {row.metric for row in rows} == {*RULES.metrics, "f1"}  # F1 follows from precision and recall
 
 
 @settings(max_examples=5, deadline=None)  # each judges some 150 metrics
 @given(seed=st.integers(0, 1000))
 def test_a_run_never_fails_against_itself(seed):
-    run = scored({}, sheet=sheet_of(seed, recordings=7, images=3))
+    run = drawn(seed, recordings=7, images=3)
     verdict = verdict_of(run, run)
     assert verdict.passed
     assert {row.outcome for row in verdict.rows} <= {Outcome.PASSED, Outcome.NOT_JUDGED}
@@ -117,8 +118,7 @@ def test_a_run_never_fails_against_itself(seed):
 )
 def test_what_fails_is_worse_than_tolerated_and_beyond_doubt(before, loss, metric):
     after = [max(0.0, value - loss * (number % 3)) for number, value in enumerate(before)]
-    counts = {"crossing": {"frames": 50}}
-    runs = [scored({"crossing": {metric: sums(values)}}, counts=counts) for values in (before, after)]
+    runs = [scored({"crossing": {metric: sums(values)}}) for values in (before, after)]
     (row,) = judge(*runs, tolerances=load_tolerances()).rows
     assert not math.isnan(row.worsening)
     if row.change.ci95 is None:
@@ -133,7 +133,7 @@ def test_what_fails_is_worse_than_tolerated_and_beyond_doubt(before, loss, metri
 
 
 def test_empty_sums_are_nan_and_not_judged():
-    empty = scored({"crossing": {"tpr": MetricSums(numerators={}, denominators={})}})
+    empty = scored({"crossing": {"tpr": sums([0.0] * 6, cases=0)}})
     (row,) = verdict_of(empty, empty).rows
     assert row.outcome is Outcome.NOT_JUDGED
     assert row.severity == -math.inf

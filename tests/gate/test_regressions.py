@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +14,11 @@ import pytest
 
 from bench.cli.gate import judge_run
 from bench.errors import DataError
-from bench.evaluation import sum_run
-from bench.gate import Outcome, Verdict, judge, load_tolerances, scored_run, write_baseline
-from bench.gate import baseline as stored
-from bench.gate.baseline import MetricSums
-from bench.harness import read_run
-from bench.harness.stored import file_digests, write_summary
+from bench.evaluation import load_protocol, read_sums, sum_run, write_sums
+from bench.evaluation.definitions import COUNTS
+from bench.gate import Outcome, Verdict, judge, load_tolerances, read_run_sums, write_baseline
+from bench.harness import open_tables, read_run
+from bench.harness.stored import SUMS, file_digests, write_summary
 from bench.methods import build_method
 from tests.gate.conftest import run
 from tests.gate.regressions import CalibrationShifted, YawSignFlipped
@@ -30,9 +30,9 @@ SEEDS = range(20)
 
 @pytest.fixture(scope="module")
 def baseline(good_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    file = tmp_path_factory.mktemp("baselines") / "gated.json"
-    write_baseline(scored_run(good_run), file, allow_dirty=True)
-    return file
+    folder = tmp_path_factory.mktemp("baselines") / "gated"
+    write_baseline(read_run_sums(good_run), folder, allow_dirty=True)
+    return folder
 
 
 def command(folder: Path, baseline: Path) -> int:
@@ -40,7 +40,7 @@ def command(folder: Path, baseline: Path) -> int:
 
 
 def verdict(good: Path, other: Path) -> Verdict:
-    return judge(scored_run(good), scored_run(other), tolerances=load_tolerances())
+    return judge(read_run_sums(good), read_run_sums(other), tolerances=load_tolerances())
 
 
 def failed(found: Verdict) -> set[tuple[str, str]]:
@@ -96,6 +96,7 @@ def test_a_run_that_drops_its_hardest_objects(good_run, baseline, tmp_path):
     pq.write_table(kept, folder / "objects.parquet")
     with pytest.raises(DataError, match=r"objects.parquet: expected the file that summary.json is of"):
         read_run(folder)
+    write_sums(sum_run(*open_tables(folder), protocol=load_protocol("paper-v1")), folder / SUMS)
     write_summary(folder, summary.model_copy(update={"files": file_digests(folder)}))  # as if it had been run like this
     found = verdict(good_run, folder)
     (counts,) = [check for check in found.failed_checks if check.name == "counts"]
@@ -104,43 +105,31 @@ def test_a_run_that_drops_its_hardest_objects(good_run, baseline, tmp_path):
     assert command(folder, baseline) == 1
 
 
-def test_a_metric_that_drops_objects(good_run, baseline, monkeypatch, capsys):
-    before = scored_run(good_run)
-
-    def dropping(objects, frames, *, protocol):
-        """The sums, but `tpr_all` leaves out what is covered by less than 90 %."""
-        whole = sum_run(objects, frames, protocol=protocol)
-        partial = sum_run(_well_covered(objects.table()), frames, protocol=protocol)
-        return pd.concat([whole[whole["metric"] != "tpr_all"], partial[partial["metric"] == "tpr_all"]])
-
-    monkeypatch.setattr(stored, "sum_run", dropping)
-    found = judge(before, scored_run(good_run), tolerances=load_tolerances())
+def test_a_metric_that_drops_objects(good_run, baseline, tmp_path, capsys):
+    """`tpr_all` leaves out what is covered by less than 90 %."""
+    folder = copied(good_run, tmp_path)
+    objects, frames = open_tables(folder)
+    whole = read_sums(folder / SUMS)
+    partial = sum_run(_well_covered(objects.table()), frames, protocol=load_protocol("paper-v1"))
+    sums = pd.concat([whole[whole["metric"] != "tpr_all"], partial[partial["metric"] == "tpr_all"]])
+    write_sums(sums, folder / SUMS)
+    write_summary(folder, read_run(good_run).model_copy(update={"files": file_digests(folder)}))
+    found = verdict(good_run, folder)
     assert [check.name for check in found.failed_checks] == ["cases"]
     assert "tpr_all: " in found.failed_checks[0].message
     assert "cases fewer in" in found.failed_checks[0].message
     assert not failed(found)
-    assert command(good_run, baseline) == 1
+    assert command(folder, baseline) == 1
     assert "metrics are over other cases" in " ".join(capsys.readouterr().out.split())
 
 
 def test_a_regression_in_two_recordings_is_suspect_not_failed(gated_card, good_run, tmp_path):
     """A limit of the gate: where few recordings show a mistake, the interval includes no change."""
     folder = run(gated_card, tmp_path / "run", YawSignFlipped())
-    good, bad = scored_run(good_run), scored_run(folder)
+    good, bad = read_run_sums(good_run), read_run_sums(folder)
     kept = {"turning-left", "turning-right"}
-
-    def mixed(before: MetricSums, after: MetricSums) -> MetricSums:
-        part = {name: name in after.numerators and name in kept for name in before.numerators}
-        return MetricSums(
-            numerators={n: after.numerators[n] if part[n] else v for n, v in before.numerators.items()},
-            denominators={n: after.denominators[n] if part[n] else v for n, v in before.denominators.items()},
-        )
-
-    slices = {
-        name: {metric: mixed(part, bad.sheet.slices[name][metric]) for metric, part in metrics.items()}
-        for name, metrics in good.sheet.slices.items()
-    }
-    one = bad.model_copy(update={"sheet": good.sheet.model_copy(update={"slices": slices})})
+    sides = [side.sums[side.sums["recording"].isin(kept) == own] for side, own in ((good, False), (bad, True))]
+    one = replace(bad, sums=pd.concat(sides))
     found = judge(good, one, tolerances=load_tolerances())
     suspect = {(row.slice_name, row.metric): row for row in found.rows_with(Outcome.SUSPECT)}
     assert suspect["frames", "false_positive_coverage"].worst_recording in kept
@@ -148,8 +137,8 @@ def test_a_regression_in_two_recordings_is_suspect_not_failed(gated_card, good_r
 
 
 def test_the_same_code_never_fails(gated_card, good_run, baseline, tmp_path):
-    good, again = scored_run(good_run), scored_run(run(gated_card, tmp_path / "run"))
-    assert again.sheet == good.sheet
+    good, again = read_run_sums(good_run), read_run_sums(run(gated_card, tmp_path / "run"))
+    pd.testing.assert_frame_equal(again.sums, good.sums, check_exact=True)
     found = judge(good, again, tolerances=load_tolerances())
     assert found.passed
     assert {row.outcome for row in found.rows} == {Outcome.PASSED, Outcome.NOT_JUDGED}
@@ -158,20 +147,13 @@ def test_the_same_code_never_fails(gated_card, good_run, baseline, tmp_path):
 
 def test_noise_of_another_processor_never_fails_whatever_the_seed(good_run):
     """Half a percent of every recording's sums; another processor moved false-positive coverage by a hundredth."""
-    good = scored_run(good_run)
+    good = read_run_sums(good_run)
     for seed in SEEDS:
         draw = np.random.default_rng(seed)
-
-        def shaken(part: MetricSums, draw: np.random.Generator = draw) -> MetricSums:
-            factors = {name: 1 + draw.uniform(-0.005, 0.005) for name in part.numerators}
-            return part.model_copy(update={"numerators": {n: v * factors[n] for n, v in part.numerators.items()}})
-
-        slices = {
-            name: {metric: shaken(part) for metric, part in metrics.items()}
-            for name, metrics in good.sheet.slices.items()
-        }
-        other = good.model_copy(update={"sheet": good.sheet.model_copy(update={"slices": slices})})
-        assert judge(good, other, tolerances=load_tolerances()).passed
+        shaken = good.sums.assign(numerator=good.sums["numerator"] * draw.uniform(0.995, 1.005, len(good.sums)))
+        counted = shaken["metric"].isin(COUNTS)
+        shaken.loc[counted, "numerator"] = good.sums.loc[counted, "numerator"]
+        assert judge(good, replace(good, sums=shaken), tolerances=load_tolerances()).passed
 
 
 def _well_covered(objects: pa.Table) -> pa.Table:

@@ -77,12 +77,12 @@ def runs(wild):
         wild_words = ("run", card, "--method", "wild_method:Wild", "--out", wild / f"run{IN_A_PATH}")
         assert call(monkeypatch, *wild_words, *common) == 0
         assert call(monkeypatch, "run", card, "--method", "everything", "--out", wild / "everything", *common) == 0
-        words = ("gate", wild / "everything", "--baseline", wild / "b.json", "--update", "--allow-dirty")
+        words = ("gate", wild / "everything", "--baseline", wild / "b", "--update", "--allow-dirty")
         assert call(monkeypatch, *words) == 0
-    baseline = json.loads((wild / "b.json").read_text())
+    baseline = json.loads((wild / "b" / "manifest.json").read_text())
     del baseline["sha256"]
     # Few recordings are not judged; a baseline of another reference fails, whatever they say.
-    (wild / "b.json").write_text(json.dumps(baseline | {"reference_fingerprint": "0" * 64}))
+    (wild / "b" / "manifest.json").write_text(json.dumps(baseline | {"reference": "0" * 64}))
     return wild / f"run{IN_A_PATH}", wild / "everything"
 
 
@@ -102,7 +102,7 @@ COMMANDS = {
     "leaderboard": (0, ("leaderboard", ".", "--out", "leaderboard")),
     "report": (0, ("report", "WILD", "--no-pictures")),
     "sweep": (2, ("sweep", "datasets/tiny.yaml", "--set", f"{WILD}=1,2")),
-    "gate": (1, ("gate", "WILD", "--baseline", "b.json")),
+    "gate": (1, ("gate", "WILD", "--baseline", "b")),
     "missing baseline": (3, ("gate", "WILD", "--baseline", WILD)),
     "no such run": (2, ("report", WILD)),
 }
@@ -130,7 +130,7 @@ def test_a_failure_is_printed_harmlessly(monkeypatch, capsys, wild):
 
 
 def test_an_annotation_is_one_command(monkeypatch, capsys, runs, wild):
-    assert call(monkeypatch, "gate", runs[0], "--baseline", "b.json", "--github", "--junit", "junit.xml") == 1
+    assert call(monkeypatch, "gate", runs[0], "--baseline", "b", "--github", "--junit", "junit.xml") == 1
     lines = lines_of_github(capsys.readouterr().out)
     assert lines
     assert all(re.match(r"::error title=gate%3A [^:]*::", line) for line in lines)
@@ -143,7 +143,7 @@ def test_the_step_summary_holds_one_line_for_each_row(monkeypatch, runs, wild):
     summary = wild / "summary.md"
     summary.unlink(missing_ok=True)
     monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(summary))
-    assert call(monkeypatch, "gate", runs[0], "--baseline", "b.json") == 1
+    assert call(monkeypatch, "gate", runs[0], "--baseline", "b") == 1
     told = summary.read_text()
     assert "pwned" in told
     rows = [line for line in told.splitlines() if line.startswith("|")]

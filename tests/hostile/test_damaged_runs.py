@@ -19,7 +19,7 @@ def whole(tiny_card, tmp_path_factory) -> Path:
         for method in ("nothing", "everything"):
             words = ("--method", method, "--workers", 1, "--no-pictures", "--out", folder / method)
             assert call(patched, "run", tiny_card, *words) == 0
-        words = ("--baseline", folder / "baseline.json", "--update", "--allow-dirty")
+        words = ("--baseline", folder / "baseline", "--update", "--allow-dirty")
         assert call(patched, "gate", folder / "everything", *words) == 0
     return folder
 
@@ -59,12 +59,13 @@ DAMAGE = {  # file, and what is done to it
     "a flipped bit in the objects": ("objects.parquet", flip),
     "a flipped bit in the frames": ("frames.parquet", flip),
     "a flipped bit in the maps": ("image_maps.npz", flip),
+    "a flipped bit in the sums": ("sums.csv", flip),
     "a flipped bit in the masks": ("masks.parquet", flip),
     "another run's tables": ("objects.parquet", lambda f: shutil.copy(f.parents[1] / "nothing/objects.parquet", f)),
 }  # fmt: skip
 COMMANDS = {
     "report": lambda f: ("report", f / "everything", "--no-pictures"),
-    "gate": lambda f: ("gate", f / "everything", "--baseline", f / "baseline.json"),
+    "gate": lambda f: ("gate", f / "everything", "--baseline", f / "baseline"),
     "compare": lambda f: ("compare", f / "nothing", f / "everything", "--no-pictures", "--out", f / "out"),
     "leaderboard": lambda f: ("leaderboard", f),
 }
@@ -82,28 +83,33 @@ def test_runs(whole, tmp_path, monkeypatch, capsys, what):
         assert "Traceback" not in told
 
 
+@pytest.mark.parametrize("name", ["sums.csv", "manifest.json"])
 @pytest.mark.parametrize("damage", [flip, lambda file: file.write_bytes(b"\xff" + file.read_bytes())])
-def test_baselines(whole, tmp_path, monkeypatch, capsys, damage):
+def test_baselines(whole, tmp_path, monkeypatch, capsys, damage, name):
     folder = shutil.copytree(whole, tmp_path / "runs")
-    damage(folder / "baseline.json")
-    assert_refused(folder / "baseline.json", monkeypatch, capsys)
+    damage(folder / "baseline" / name)
+    assert_refused(folder / "baseline" / name, monkeypatch, capsys)
 
 
 def test_an_edited_baseline(whole, tmp_path, monkeypatch, capsys):
     """Another layout is no other content; another content is refused, as valid as it is."""
     folder = shutil.copytree(whole, tmp_path / "runs")
-    baseline = folder / "baseline.json"
-    content = json.loads(baseline.read_text())
-    baseline.write_text(json.dumps(content))
+    manifest, sums = folder / "baseline" / "manifest.json", folder / "baseline" / "sums.csv"
+    content, rows = json.loads(manifest.read_text()), sums.read_bytes()
+    manifest.write_text(json.dumps(content))
+    sums.write_bytes(rows.replace(b"\n", b"\r\n"))
     assert call(monkeypatch, *COMMANDS["gate"](folder)) == 3, "too few recordings for a verdict"
     capsys.readouterr()
-    baseline.write_text(json.dumps(content | {"dataset": "another"}))
-    assert_refused(baseline, monkeypatch, capsys)
+    sums.write_bytes(b"".join(rows.splitlines(keepends=True)[:-1]))
+    assert_refused(sums, monkeypatch, capsys)
+    sums.write_bytes(rows)
+    manifest.write_text(json.dumps(content | {"reference": "another"}))
+    assert_refused(manifest, monkeypatch, capsys)
 
 
-def assert_refused(baseline: Path, monkeypatch, capsys) -> None:
-    shown = error_line(monkeypatch, capsys, *COMMANDS["gate"](baseline.parent))
-    assert shown.startswith(f"error: {baseline}: expected a baseline, got ")
+def assert_refused(file: Path, monkeypatch, capsys) -> None:
+    shown = error_line(monkeypatch, capsys, *COMMANDS["gate"](file.parents[1]))
+    assert shown.startswith(f"error: {file}: ")
 
 
 def test_a_fault_of_ours_is_no_verdict(whole, monkeypatch, capsys):

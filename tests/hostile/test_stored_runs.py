@@ -67,7 +67,7 @@ def test_commands_that_read_runs(runs, tmp_path, monkeypatch, trap, words):
         "report": [folders[0]],
         "compare": [*folders, "--out", tmp_path / "out"],
         "leaderboard": [tmp_path / "runs", "--out", tmp_path / "out"],
-        "gate": [folders[0], "--baseline", tmp_path / "baseline.json", "--update", "--allow-dirty"],
+        "gate": [folders[0], "--baseline", tmp_path / "baseline", "--update", "--allow-dirty"],
     }[command]
     assert call(monkeypatch, command, *given, *options) == 0
     assert not trap.exists()

@@ -5,10 +5,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from bench.errors import DataError, OutputError
-from bench.evaluation import load_protocol, summarise
+from bench.evaluation import load_protocol, sum_run, summary_of, write_sums
 from bench.evaluation.rows import frames_table, objects_table
 from bench.harness import RunSummary
-from bench.harness.stored import write_protocol, write_summary
+from bench.harness.stored import SUMS, write_protocol, write_summary
 from bench.reporting.table_files import write_report_files
 from tests.support.manifests import manifest, provenance
 from tests.support.result_rows import frame_row, object_row
@@ -24,7 +24,9 @@ def stored(tmp_path_factory):
     frames = frames_table([frame_row(n) for n in range(9)])
     pq.write_table(objects, run / "objects.parquet")
     pq.write_table(frames, run / "frames.parquet")
-    figures = summarise(objects, frames, protocol=load_protocol("paper-v1"))
+    sums = sum_run(objects, frames, protocol=load_protocol("paper-v1"))
+    write_sums(sums, run / SUMS)
+    figures = summary_of(sums, protocol=load_protocol("paper-v1"))
     summary = RunSummary(
         **{name: getattr(figures, name) for name in type(figures).model_fields},
         schema_version=1, manifest=manifest(method="empty"), provenance=provenance(), failures=(),
@@ -66,7 +68,7 @@ def test_a_file_that_cannot_be_replaced_stays_whole(stored, monkeypatch):
         write_report_files(stored)
     assert (stored / "table.md").read_bytes() == before
     assert sorted(file.name for file in stored.iterdir()) == sorted(
-        [*NAMES, "objects.parquet", "frames.parquet", "manifest.json", "summary.json", "protocol.json"]
+        [*NAMES, "objects.parquet", "frames.parquet", "sums.csv", "manifest.json", "summary.json", "protocol.json"]
     )
 
 

@@ -39,7 +39,7 @@ def mixed():
         "overtaking": {"tpr_all": sums([0.5] * 5 + [0.0]), "iou": sums([0.5] * 6)},
         "points=[30, 100)": {"tpr_all": sums([0.5])},
     }
-    return verdict_of(scored(before), scored(after, data_fingerprint="x" * 64))
+    return verdict_of(scored(before), scored(after, data="x" * 64))
 
 
 @pytest.fixture(scope="module")
@@ -113,7 +113,7 @@ def one_fault():
     }
     settings = {"weights": {"epipolar": 0.5}, "threshold": 6e-4}
     base = scored(before)
-    method = base.method.model_copy(update={"settings": settings})
+    method = base.manifest.method.model_copy(update={"settings": settings})
     return verdict_of(base, scored(after, method=method, commit="decade"))
 
 
@@ -152,7 +152,7 @@ def test_the_first_lines_say_what_changed_what_was_lost_and_where(one_fault):
         ({}, {"commit": "decade"}, "compare image by image, the first in a checkout of c0ffee:"),
         ({"commit": None}, {"commit": None}, "compare image by image:"),
         ({"commit": None}, {}, "no command makes the baseline's run again: it is of version 1, of an unknown commit"),
-        ({}, {"data_fingerprint": "x" * 64}, "no command makes the baseline's run again: it is of other data"),
+        ({}, {"data": "x" * 64}, "no command makes the baseline's run again: it is of other data"),
         (
             {"method": MethodStamp(name="own", settings={}, place="own:Own", identity="1")},
             {"method": MethodStamp(name="own", settings={}, place="own:Own", identity="2")},
@@ -162,7 +162,7 @@ def test_the_first_lines_say_what_changed_what_was_lost_and_where(one_fault):
     ],
 )
 def test_only_commands_that_work_are_told(before, after, first):
-    told = how_to_compare(scored({}, **before), scored({}, **after), folder=Path("run"), card="ours.yaml")
+    told = how_to_compare(scored({}, **before).manifest, scored({}, **after).manifest, folder=Path("run"))
     assert told[0] == first
     commands = [line.split()[1] for line in told[1:]]
     assert commands == (["run", "compare"] if first.startswith("compare") else [])
@@ -170,7 +170,7 @@ def test_only_commands_that_work_are_told(before, after, first):
 
 def test_the_cause_is_told_first_and_each_fact_once():
     slices = [{"frames": {"false_positive_coverage": sums([0.2] * 6, cases=n)}} for n in (10, 9)]
-    fault = {"failures": ("image 3 of 'a': no file",), "reference_fingerprint": "x" * 64, "data_fingerprint": "y" * 64}
+    fault = {"failures": ("image 3 of 'a': no file",), "reference": "x" * 64, "data": "y" * 64}
     verdict = verdict_of(scored(slices[0]), scored(slices[1], **fault))
     lines = [line.text for line in head_lines(verdict)][1:]
     assert [line.split(": ")[:2] for line in lines[:4]] == [

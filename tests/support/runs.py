@@ -7,7 +7,7 @@ from bench.evaluation import load_protocol
 from bench.harness import RunRequest, run_benchmark
 from bench.harness.cache import CacheFolder
 from bench.harness.masks import MASKS
-from bench.harness.stored import IMAGE_MAPS
+from bench.harness.stored import IMAGE_MAPS, SUMS
 from bench.methods import build_method
 from bench.recordings import load_card
 
@@ -38,5 +38,7 @@ def bytes_of(run: Path) -> dict[str, bytes]:
     """The whole result but for where it comes from."""
     summary = json.loads((run / "summary.json").read_text())
     del summary["provenance"], summary["sha256"]
-    tables = {name: (run / name).read_bytes() for name in ("objects.parquet", "frames.parquet", MASKS, IMAGE_MAPS)}
+    tables = {
+        name: (run / name).read_bytes() for name in ("objects.parquet", "frames.parquet", SUMS, MASKS, IMAGE_MAPS)
+    }
     return tables | {"summary": json.dumps(summary).encode()}

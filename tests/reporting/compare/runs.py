@@ -7,9 +7,9 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, load_protocol, summarise
+from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, load_protocol, sum_run, summary_of, write_sums
 from bench.harness import RunSummary
-from bench.harness.stored import reference_fingerprint, write_protocol, write_summary
+from bench.harness.stored import SUMS, reference_fingerprint, write_protocol, write_summary
 from tests.support.manifests import manifest, provenance
 
 RECORDINGS, IMAGES = 8, 4
@@ -51,7 +51,9 @@ def write_run(
     pq.write_table(objects, folder / "objects.parquet")
     pq.write_table(frames, folder / "frames.parquet")
     rules = load_protocol(protocol)
-    figures = summarise(objects, frames, protocol=rules)
+    sums = sum_run(objects, frames, protocol=rules)
+    write_sums(sums, folder / SUMS)
+    figures = summary_of(sums, protocol=rules)
     summary = RunSummary(
         **{name: getattr(figures, name) for name in type(figures).model_fields},
         schema_version=1, provenance=provenance(images=len(images)), failures=(),

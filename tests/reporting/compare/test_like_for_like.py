@@ -13,7 +13,7 @@ from bench.cli.compare import compare
 from bench.errors import UsageError
 from bench.evaluation import load_protocol, summarise
 from bench.evaluation.rows import CommonImages, RowsOnImages
-from bench.gate import judge, load_tolerances, scored_run
+from bench.gate import judge, load_tolerances, read_run_sums
 from bench.harness import RunRequest, read_run, run_benchmark
 from bench.harness.stored import open_tables
 from bench.methods import Method, Segmentation
@@ -192,7 +192,7 @@ def test_parts_of_any_size_have_the_same_rows(runs):
 
 
 def test_the_gate_refuses_other_images_and_says_which(runs):
-    verdict = judge(*(scored_run(folder) for folder in runs.values()), tolerances=load_tolerances())
+    verdict = judge(*(read_run_sums(folder) for folder in runs.values()), tolerances=load_tolerances())
     (found,) = [check for check in verdict.checks if check.name == "reference_fingerprint"]
     assert found.message.startswith("reference changed: other images were scored, 9 where the baseline has 12, ")
     assert (

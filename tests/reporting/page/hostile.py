@@ -5,9 +5,9 @@ import shutil
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from bench.evaluation import load_protocol, summarise
+from bench.evaluation import load_protocol, sum_run, summary_of, write_sums
 from bench.harness import read_run, read_tables
-from bench.harness.stored import file_digests, write_summary
+from bench.harness.stored import SUMS, file_digests, write_summary
 
 TRACK = "</script><script>window.broken = true</script><!--<img src=x onerror='window.broken = true'> it's & \u2028"
 PLAIN = "walker"
@@ -22,7 +22,9 @@ def hostile_run(run, folder):
     objects = objects.set_column(place, objects.schema.field(place), pa.array(names))
     summary = read_run(copy)
     pq.write_table(objects, copy / "objects.parquet")
-    figures = summarise(objects, frames, protocol=load_protocol("paper-v1"))
+    sums = sum_run(objects, frames, protocol=load_protocol("paper-v1"))
+    write_sums(sums, copy / SUMS)
+    figures = summary_of(sums, protocol=load_protocol("paper-v1"))
     changed = {name: getattr(figures, name) for name in type(figures).model_fields}
     changed |= {"failures": ("<b>one & all</b>",), "files": file_digests(copy)}
     write_summary(copy, summary.model_copy(update=changed))
