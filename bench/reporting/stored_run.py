@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.evaluation import Protocol, Summary, summarise
+import pandas as pd
+
+from bench.evaluation import Protocol, Summary, read_sums, sum_run, summary_of
 from bench.evaluation.rows import ChosenRows, RowSource
 from bench.harness import RunSummary, open_tables, read_protocol, read_run, run_name
+from bench.harness.stored import SUMS
 from bench.reference import Category
 
 
@@ -24,6 +27,7 @@ class StoredRun:
         metrics: of these object-frames; the summary itself for all.
         objects: of `OBJECTS_SCHEMA`, on disk, of this category, on all images or those that are compared.
         frames: of `FRAMES_SCHEMA`, on all images or those that are compared.
+        sums: table of sums of these rows; `sums.csv` for all of them.
     """
 
     folder: Path
@@ -34,6 +38,7 @@ class StoredRun:
     metrics: Summary
     objects: RowSource
     frames: RowSource
+    sums: pd.DataFrame
 
 
 def read_stored_run(folder: Path, *, label: str | None = None, category: Category | None = None) -> StoredRun:
@@ -48,13 +53,15 @@ def read_stored_run(folder: Path, *, label: str | None = None, category: Categor
     chosen: RowSource = (
         objects if category is None else ChosenRows(source=objects, column="category", word=category.value)
     )
+    sums = read_sums(folder / SUMS) if category is None else sum_run(chosen, frames, protocol=protocol)
     return StoredRun(
         folder=folder,
         label=label or run_name(folder),
         summary=summary,
         protocol=protocol,
         category=category,
-        metrics=summary if category is None else summarise(chosen, frames, protocol=protocol),
+        metrics=summary if category is None else summary_of(sums, protocol=protocol),
         objects=chosen,
         frames=frames,
+        sums=sums,
     )

@@ -27,7 +27,7 @@ from bench.evaluation.definitions import false_share, image_metrics, object_metr
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.rows import EVALUATED, IMAGE, group_recordings
 from bench.evaluation.summary import NO_CASES, Metric, ObjectMetrics, Summary, take_ratios
-from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES, sum_run
+from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES
 from bench.harness.manifest import Aspect, differences
 from bench.reporting.compare.runs import differing_settings, on_common_images, settings_text
 from bench.reporting.formats import chance_of
@@ -475,7 +475,6 @@ def _compare(first: StoredRun, other: StoredRun) -> RunComparison:
     before, after, common = on_common_images(first, other)
     images = (before.summary.images.evaluated, after.summary.images.evaluated, common)
     protocol = before.protocol
-    sums = [sum_run(run.objects, run.frames, protocol=protocol) for run in (before, after)]
     categories = tuple(str(category) for category in protocol.reference.categories)
     detections, frames = sum_changes(paired_objects(before, after), categories=categories)
     settings = differing_settings([before.summary, after.summary])
@@ -486,7 +485,7 @@ def _compare(first: StoredRun, other: StoredRun) -> RunComparison:
         after=after,
         images=images,
         methods=(methods[0], methods[1]),
-        rows=row_changes(sums[0], sums[1], protocol=protocol),
+        rows=row_changes(before.sums, after.sums, protocol=protocol),
         detections=detections,
         frames=[*frames, *changed_images(before, after)],
         notes=_notes(before, after, images),

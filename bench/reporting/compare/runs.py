@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.errors import UsageError
+from bench.evaluation import sum_run
 from bench.evaluation.rows import IMAGE, CommonImages, RowsOnImages, RowSource, group_recordings
 from bench.harness import RunSummary
 from bench.harness.manifest import Aspect, all_settings, differences
@@ -87,20 +88,21 @@ def on_common_images(before: StoredRun, after: StoredRun) -> tuple[StoredRun, St
     if not common:
         raise UsageError(f"{refused}no image was scored by both; the first has {numbers[0]}, the second {numbers[1]}")
     one, two = (restricted(run, images) for run in (before, after))
-    if fingerprint(one) != fingerprint(two):
+    if fingerprint(before, images) != fingerprint(after, images):
         differences = "; ".join(_differences(one, two, images))
         raise UsageError(f"{refused}their references differ on the {common} images that both scored: {differences}")
     return one, two, common
 
 
 def restricted(run: StoredRun, images: CommonImages) -> StoredRun:
-    """A run with its rows on some images; its summary stays that of all."""
-    return replace(run, objects=RowsOnImages(run.objects, images), frames=RowsOnImages(run.frames, images))
+    """A run with its rows on some images, summed again; its summary stays that of all."""
+    objects, frames = RowsOnImages(run.objects, images), RowsOnImages(run.frames, images)
+    return replace(run, objects=objects, frames=frames, sums=sum_run(objects, frames, protocol=run.protocol))
 
 
-def fingerprint(run: StoredRun) -> str:
-    """Of the reference on the run's rows."""
-    return reference_fingerprint(run.objects, run.frames)
+def fingerprint(run: StoredRun, images: CommonImages) -> str:
+    """Of the reference on some images of a run."""
+    return reference_fingerprint(RowsOnImages(run.objects, images), RowsOnImages(run.frames, images))
 
 
 def _differences(one: StoredRun, two: StoredRun, images: CommonImages) -> list[str]:

@@ -10,13 +10,14 @@ from functools import cached_property
 from pathlib import Path
 
 from bench.errors import BenchError, DataError
-from bench.evaluation import find_metric, summarise
+from bench.evaluation import find_metric, summary_of
 from bench.evaluation.rows import CommonImages
 from bench.evaluation.summary import Metric
 from bench.evaluation.sums import ALL_MOVING
 from bench.harness import RunSummary
 from bench.harness.manifest import differences
 from bench.harness.perf import MethodCost, read_cost
+from bench.harness.stored import reference_fingerprint
 from bench.records.reference import Category
 from bench.reporting import formats
 from bench.reporting.compare.runs import (
@@ -216,7 +217,7 @@ def _readable(runs: Sequence[StoredRun], damaged: list[tuple[str, str]]) -> list
     readable = []
     for run in runs:
         try:
-            if fingerprint(run) != _reference(run):
+            if reference_fingerprint(run.objects, run.frames) != _reference(run):
                 raise DataError(
                     run.folder, expected="the tables that summary.json is of", got="those of another reference"
                 )
@@ -262,7 +263,7 @@ def _agree(group: Sequence[StoredRun], run: StoredRun) -> bool:
     common, scored = images.count(), max(one.summary.images.evaluated for one in (*group, run))
     if not common or common < LEAST_COMMON * scored:
         return False
-    return fingerprint(restricted(group[0], images)) == fingerprint(restricted(run, images))
+    return fingerprint(group[0], images) == fingerprint(run, images)
 
 
 def _reference(run: StoredRun) -> str:
@@ -279,8 +280,8 @@ def _group(runs: Sequence[StoredRun]) -> Group:
     reference, summaries = _reference(first), [run.summary for run in runs]
     if len({_reference(run) for run in runs}) > 1:
         images = _common_images(runs)
-        reference = fingerprint(restricted(first, images))
-        summaries = [_summary_on(run, images) for run in runs]
+        reference = fingerprint(first, images)
+        summaries = [_summary_of(restricted(run, images)) for run in runs]
     settings = differing_settings([run.summary for run in runs])
     entries = [_entry(run, of_run, own) for run, of_run, own in zip(runs, summaries, settings, strict=True)]
     found = {ALL_MOVING: summaries[0].all_moving} | summaries[0].categories
@@ -298,10 +299,9 @@ def _group(runs: Sequence[StoredRun]) -> Group:
     )
 
 
-def _summary_on(run: StoredRun, images: CommonImages) -> RunSummary:
-    """The summary with all metrics of some images only."""
-    rows = restricted(run, images)
-    found = summarise(rows.objects, rows.frames, protocol=run.protocol)
+def _summary_of(run: StoredRun) -> RunSummary:
+    """The summary with all metrics of the run's rows only."""
+    found = summary_of(run.sums, protocol=run.protocol)
     return run.summary.model_copy(update={name: getattr(found, name) for name in type(found).model_fields})
 
 

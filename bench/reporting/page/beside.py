@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bench.errors import BenchError
-from bench.evaluation import Metric, find_metric, summarise
+from bench.evaluation import Metric, find_metric, summary_of
 from bench.reference import Category
 from bench.reporting.compare.runs import on_common_images, read_comparable
 from bench.reporting.document import Column, Table
@@ -99,7 +99,7 @@ def _drawn(
 
 
 def _values(one: StoredRun, two: StoredRun) -> list[tuple[str, Metric, Metric]]:
-    summaries = [summarise(run.objects, run.frames, protocol=run.protocol) for run in (one, two)]
+    summaries = [summary_of(run.sums, protocol=run.protocol) for run in (one, two)]
     rows, areas = [found.all_moving for found in summaries], [found.false_positives.coverage for found in summaries]
     values = [(find_metric(n).label, rows[0].metric(n), rows[1].metric(n)) for n in ("iou", "tpr_all")]
     return values if one.category else [*values, ("False positives, share of the image", areas[0], areas[1])]

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
-from bench.evaluation import Metric, sum_run
+from bench.evaluation import Metric
 from bench.evaluation.summary import ObjectMetrics, Summary
 from bench.evaluation.sums import ALL_MOVING, FRAMES
 from bench.reporting.document import Bar, Cell, Column, Table
@@ -139,7 +139,7 @@ def breakdown_table(caption: str, heading: str, rows: Mapping[str, ObjectMetrics
 
 def recording_table(run: StoredRun, worst: WorstCases) -> Table:
     """The recordings with the lowest IoU first, those without object-frames last; at most `LISTED_RECORDINGS`."""
-    sums = sum_run(run.objects, run.frames, protocol=run.protocol).set_index("recording")
+    sums = run.sums.set_index("recording")
     wanted = {"iou": ALL_MOVING, "tpr_all": ALL_MOVING, "false_positive_coverage": FRAMES}
     rows = {name: sums[(sums["breakdown"] == of) & (sums["metric"] == name)] for name, of in wanted.items()}
     found = pd.DataFrame({name: of["numerator"] / of["denominator"] for name, of in rows.items()})

@@ -1,0 +1,22 @@
+"""Gate and comparison are one: of the same two runs they say the same."""
+
+from bench.gate import judge, load_tolerances, read_baseline, read_run_sums
+from bench.reporting.compare.changes import compare_runs
+from bench.reporting.compare.runs import read_comparable
+from tests.reporting.compare.runs import drawn, write_run
+
+
+def test_the_gate_has_the_changes_intervals_and_p_values_of_compare(tmp_path):
+    changed = {key: px - 5 * key[0] if key[2] == "crossing" else px for key, px in drawn(60).items()}
+    folders = [
+        write_run(tmp_path / name, detected, fp_px=fp_px)
+        for name, detected, fp_px in (("before", drawn(50), 3072), ("after", changed, 4000))
+    ]
+    verdict = judge(read_baseline(folders[0]), read_run_sums(folders[1]), tolerances=load_tolerances())
+    (comparison,) = compare_runs(read_comparable(folders))
+    gate = {(row.slice_name, row.metric): row.change for row in verdict.rows}
+    compared = {(row.name, metric): found.change for row in comparison.rows for metric, found in row.metrics.items()}
+    shared = {key for key, change in compared.items() if change.cases_before and change.cases_after}
+    assert shared <= gate.keys()
+    assert {key: gate[key] for key in shared} == {key: compared[key] for key in shared}
+    assert any(gate[key].ci95 is not None and gate[key].p_value is not None for key in shared)
