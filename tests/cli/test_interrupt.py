@@ -7,23 +7,23 @@ import sys
 from pathlib import Path
 
 import pytest
+from troubled import Troubled
 
 from bench.evaluation import load_protocol
 from bench.harness import RunRequest, run_benchmark
 from bench.recordings import load_card
 from tests.harness.conftest import trouble
-from tests.harness.troubled import Troubled
 from tests.support.commands import called_here
 from tests.support.processes import PATIENCE_S, alive, group_lives, pids, until
 from tests.support.runs import bytes_of
-from tests.support.troubled_runs import calm
+from tests.support.troubled_runs import calm, environment
 
 pytestmark = pytest.mark.slow
 
 __all__ = ["calm", "trouble"]
 
 ROOT = Path(__file__).parents[2]
-TROUBLED = ("--method", "tests.harness.troubled:Troubled")
+TROUBLED = ("--method", "troubled:Troubled")
 ENDINGS = {
     "interrupted": (signal.SIGINT, 130, "interrupted; what is done is in"),
     "told to end": (signal.SIGTERM, 143, "ended; what is done is in"),
@@ -35,7 +35,7 @@ def start(command: str, source: Path, *options: object) -> subprocess.Popen:
     """A command at a terminal of its own: an interrupt reaches all its processes, as Ctrl-C does."""
     return subprocess.Popen(
         [sys.executable, "-m", "bench", command, str(source), *map(str, options)],
-        env=os.environ | {"PYTHONPATH": str(ROOT), "COLUMNS": "1000"},
+        env=environment(),
         start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
 

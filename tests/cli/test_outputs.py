@@ -225,7 +225,6 @@ def test_a_bug_keeps_its_traceback(monkeypatch, capsys, places):
 
 # Who writes beside `bench.atomic`, and tells in one line what cannot be written.
 WRITERS = {
-    "execution.py": "results of tasks in a temporary folder",
     "egomotion/tum.py": "to the temporary file of its caller",
     "harness/cache/folder.py": "a cache keeps nothing where it cannot write",
     "harness/run_folder.py": "whole folders of a run, by one rename",

@@ -4,8 +4,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-
-from tests.harness.troubled import FOLDER
+from troubled import FOLDER
 
 
 @pytest.fixture

@@ -6,11 +6,11 @@ import sys
 from pathlib import Path
 
 import pytest
+from troubled import FOLDER, Troubled
 
 from bench.harness import RunRequest, run_benchmark
 from bench.harness.cache import CacheFolder
 from bench.recordings import load_card
-from tests.harness.troubled import FOLDER, Troubled
 from tests.support.commands import called_here
 from tests.support.runs import PAPER
 
@@ -25,7 +25,7 @@ def score(card: Path, out: Path, *, method=None, cache=None, **options):
 
 
 def command(card: Path, out: Path, *options: object) -> list[str]:
-    words = ["run", card, "--out", out, "--method", "tests.harness.troubled:Troubled", "--no-pictures", "--no-cache"]
+    words = ["run", card, "--out", out, "--method", "troubled:Troubled", "--no-pictures", "--no-cache"]
     return [sys.executable, "-m", "bench", *map(str, [*words, *options])]
 
 
@@ -36,7 +36,8 @@ def call(card: Path, out: Path, *options: object) -> subprocess.CompletedProcess
 
 
 def environment() -> dict[str, str]:
-    return os.environ | {"PYTHONPATH": str(Path(__file__).parents[2]), "COLUMNS": "1000"}
+    root = Path(__file__).parents[2]
+    return os.environ | {"PYTHONPATH": f"{root / 'tests/plug_ins'}{os.pathsep}{root}", "COLUMNS": "1000"}
 
 
 @pytest.fixture(scope="module")

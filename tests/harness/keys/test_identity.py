@@ -230,9 +230,7 @@ def test_editing_a_helper_while_a_run_goes_on_stores_nothing_under_the_new_code(
     own.mkdir()
     (own / "slow_method.py").write_text(SLOW)
     (own / "slow_helper.py").write_text("LEVEL = 100\n")
-    words = [
-        word if word != "tests.harness.troubled:Troubled" else "slow_method:Slow" for word in command(tiny_card, out)
-    ]
+    words = [word if word != "troubled:Troubled" else "slow_method:Slow" for word in command(tiny_card, out)]
     words += ["--workers", "1"]
     with subprocess.Popen(
         words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=with_path(own)
