@@ -171,6 +171,8 @@ class Folded:
 Block = Heading | Paragraph | Items | Code | Picture | Table | Folded
 
 
+CONSOLE_COLUMNS = 108  # letters of a line of a table; in wider ones headings of numbers stand a word a line
+LONGEST_WORD = 24  # letters; longer words of a narrow table are broken
 _RICH = {"": "", "strong": "bold", "dim": "dim", "good": "green", "warn": "yellow", "bad": "red"}
 
 
@@ -203,20 +205,37 @@ def to_terminal(blocks: Iterable[Block], *, clean: Callable[[str], str] = plain)
 
 
 def _rich_table(table: Table, clean: Callable[[str], str]) -> RichTable:
-    """Numbers are never cut where there is room; a first word that repeats the one above is left out."""
-    rows = table.cells()
+    """Numbers and words are never cut where there is room; a first word that repeats the one above is left out."""
+    rows, headings = table.cells(), table.headings()
     lines = any(cell.below for row in rows for cell in row)
     shown = RichTable(box=SIMPLE_HEAD, show_edge=False, padding=(0, int(not lines), int(lines), 0))
-    for place, heading in enumerate(table.headings()):
+    widths = [max(map(_width, column)) for column in zip(headings, *rows, strict=True)]
+    too_wide = sum(widths) + 2 * len(widths) > CONSOLE_COLUMNS
+    for place, heading in enumerate(headings):
         of_words = place < table.words
-        justify: Literal["left", "right"] = "left" if of_words else "right"
-        shown.add_column(_rich_text(heading, clean), justify=justify, no_wrap=not of_words, overflow="fold")
+        words = [word for cells in (headings, *rows) for word in cells[place].text.split()]
+        shown.add_column(
+            _rich_text(heading if of_words or not too_wide else _a_word_a_line(heading), clean),
+            justify="left" if of_words else "right",
+            no_wrap=not of_words,
+            min_width=min(max(map(len, words), default=1), LONGEST_WORD) if of_words else None,
+            overflow="fold",
+        )
     above = None
     for first, *others in rows:
         same = table.words > 1 and first == above
         shown.add_row(*(_rich_text(cell, clean) for cell in (Cell("") if same else first, *others)))
         above = first
     return shown
+
+
+def _width(cell: Cell) -> int:
+    return max(map(len, (cell.text, *cell.below)))
+
+
+def _a_word_a_line(heading: Cell) -> Cell:
+    first, *others = heading.text.split() or [""]
+    return replace(heading, text=first, below=(*others, *heading.below))
 
 
 def _rich_text(cell: Cell, clean: Callable[[str], str]) -> Text:
