@@ -170,7 +170,7 @@ DATA = (
 )
 VALIDATE = ("validate", "{}/card.yaml", "--deep")
 RUN = ("run", "{}/tiny.yaml", "--method", "everything", "--workers", "1", "--no-pictures")
-GATE = ("gate", "{}/run", "--baseline", "{}/baseline.json", "--json", "{}/verdict.json")
+GATE = ("gate", "{}/run", "--baseline", "{}/baseline", "--json", "{}/verdict.json")
 STORED = ("run/*.json", "run/*.parquet", "run/*.npz")
 TARGETS = {
     **{f"run {name}": Target(("data/**/*",), DATA, 15) for name in ("aimotive", "kitti360", "mcap", "sqlite")},
@@ -192,7 +192,7 @@ TARGETS = {
     "protocol": Target(("p.yaml",), (*RUN, "--protocol", "{}/p.yaml", "--out", "{}/out"), 15),
     "tolerances": Target(("t.yaml",), (*GATE, "--tolerances", "{}/t.yaml"), 15),
     "gate": Target(STORED, GATE, 50, verdict),
-    "baseline": Target(("baseline.json",), GATE, 50, verdict),
+    "baseline": Target(("baseline/*",), GATE, 50, verdict),
     "report": Target(STORED, ("report", "{}/run", "--no-pictures"), 12, content_of("run/index.html")),
     "page with pictures": Target(("run/masks.parquet", "run/frames.parquet"), ("report", "{}/run"), 10,
                                  content_of("run/index.html")),
@@ -258,7 +258,7 @@ def whole(tiny_card, tmp_path_factory) -> Callable[[str], Path]:
         if name == "compare":
             run_of("nothing", folder / "other")
         if name in {"gate", "baseline", "tolerances"}:
-            words = ("--baseline", folder / "baseline.json", "--update", "--allow-dirty")
+            words = ("--baseline", folder / "baseline", "--update", "--allow-dirty")
             assert call(patched, "gate", folder / "run", *words) == 0
             shutil.copy(BENCH / "gate/tolerances/default-v1.yaml", folder / "t.yaml")
         return folder

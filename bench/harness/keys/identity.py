@@ -4,8 +4,8 @@ Taken once, after the method was built, in the process that starts a run; carrie
 worker whose code is another one computes nothing, and neither does anybody once a file has changed on disk.
 
 The code is what the process has loaded from outside of the interpreter, installed libraries and this package: all of
-the package of the method's class, and every other module whose name is a word in the source of one that counts. One
-too many can only mean that something is computed once more. What a method imports later, while it segments, is refused.
+the package of the method's class, and every other module that an import statement of one that counts names. What a
+method imports later, while it segments, is refused.
 """
 
 from __future__ import annotations
@@ -206,8 +206,8 @@ def _own_modules(module: str) -> dict[str, Path]:
             others[name] = Path(source)
     new = found
     while new:
-        words = _words(new)
-        new = {name: others.pop(name) for name in list(others) if name.rpartition(".")[2] in words}
+        named = _named(new)
+        new = {name: others.pop(name) for name in list(others) if name in named}
         found |= new
     return dict(sorted(found.items()))
 
@@ -228,7 +228,8 @@ def _is_library(source: str) -> bool:
 
 def _libraries(modules: Mapping[str, Path]) -> tuple[tuple[str, str], ...]:
     """Versions of the installed libraries whose names are words in a method's modules."""
-    names = {name for top in _words(modules) - {"bench"} for name in _distributions().get(top, ())} if modules else ()
+    tops = {name.partition(".")[0] for name in _named(modules)} - {"bench"}
+    names = {name for top in tops for name in _distributions().get(top, ())} if modules else ()
     return tuple((name, version(name)) for name in sorted(names))
 
 
@@ -238,11 +239,32 @@ def _distributions() -> Mapping[str, list[str]]:
     return packages_distributions()
 
 
-def _words(modules: Mapping[str, Path]) -> frozenset[str]:
-    return frozenset().union(*(_words_of(path, _on_disk(path)) for path in modules.values()))
+def _named(modules: Mapping[str, Path]) -> frozenset[str]:
+    """Names of all that import statements of modules name, and of the packages that hold it."""
+    return frozenset().union(*(_named_in(name, path, _on_disk(path)) for name, path in modules.items()))
+
+
+_IMPORT = re.compile(
+    r"(?:^|[:;])[ \t]*(?:from[ \t]+(\.*)([\w.]*)[ \t]+import[ \t]+(\([^)]*\)|[^\n#;]+)"
+    r"|import[ \t]+([^\n#;]+))",
+    re.MULTILINE,
+)
+_DYNAMIC_IMPORT = re.compile(r"""import_module\(\s*["']([\w.]+)["']""")
 
 
 @cache
-def _words_of(source: Path, _: str) -> frozenset[str]:
-    """Words of a file with this digest."""
-    return frozenset(word.decode(errors="replace") for word in re.findall(rb"\w+", source.read_bytes()))
+def _named_in(module: str, source: Path, _: str) -> frozenset[str]:
+    """What the import statements of a file with this digest name."""
+    found = set[str]()
+    holder = module if source.name == "__init__.py" else module.rpartition(".")[0]
+    text = source.read_text(encoding="utf-8", errors="replace")
+    statements = [*_IMPORT.findall(text), *(("", "", "", name) for name in _DYNAMIC_IMPORT.findall(text))]
+    for dots, base, items, whole in statements:
+        if dots:
+            above = holder.split(".")[: len(holder.split(".")) - len(dots) + 1]
+            base = ".".join([*above, *([base] if base else [])])
+        for part in (items or whole).strip("() \t").split(","):
+            name = (part.split() or [""])[0]
+            parts = f"{base}.{name}".strip(".").split(".")
+            found |= {".".join(parts[:count]) for count in range(1, len(parts) + 1)}
+    return frozenset(found)
