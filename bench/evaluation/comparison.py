@@ -63,18 +63,26 @@ class PairedChange:
 
 
 def compare_sums(before: pd.DataFrame, after: pd.DataFrame) -> pd.DataFrame:
-    """Compare every metric that has a direction, in every slice that either run has.
+    """Compare every metric that has a direction, in every slice that either run has; see `compare_pairs`.
 
     Args:
         before: table of sums of the one run.
         after: table of sums of the other.
+    """
+    return compare_pairs(pair_sums(before, after))
+
+
+def compare_pairs(pairs: pd.DataFrame) -> pd.DataFrame:
+    """Compare every metric of every slice of two runs.
+
+    Args:
+        pairs: sums of both side by side, as `pair_sums` gives them.
 
     Returns:
         One row for each breakdown, slice and metric, which are its index: the fields of `PairedChange`, `ci95` and
         `p_value` None where there is none, and `improvement`, the difference in the metric's direction, negative for
         worse.
     """
-    pairs = pair_sums(before, after)
     rows = []
     groups: Iterable[tuple[Any, pd.DataFrame]] = pairs.groupby(SLICE, sort=False)
     for key, part in groups:

@@ -10,8 +10,8 @@ from typing import Any
 import pandas as pd
 
 from bench.errors import UsageError
-from bench.evaluation import PairedChange, compare_sums, find_metric
-from bench.evaluation.comparison import SLICE, pair_sums
+from bench.evaluation import PairedChange, find_metric
+from bench.evaluation.comparison import SLICE, compare_pairs, pair_sums
 from bench.evaluation.definitions import SEGMENTATION
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.rows import EVALUATED
@@ -80,12 +80,6 @@ def data_checks(baseline: RunSums, run: RunSums, pairs: Pairs, *, tolerances: To
             outcome=Outcome.SUSPECT,
         ),
     )
-
-
-def _paired_metrics(baseline: RunSums, run: RunSums) -> Pairs:
-    """The sums of both, for each metric of each slice that has a direction."""
-    groups: Iterable[tuple[Any, pd.DataFrame]] = pair_sums(baseline.sums, run.sums).groupby(SLICE, sort=False)
-    return {key: part for key, part in groups}  # noqa: C416 (`dict` would ask pandas for its keys)
 
 
 def _other_reference(pairs: Pairs) -> str:
@@ -191,8 +185,10 @@ def judge(baseline: RunSums, run: RunSums, *, tolerances: Tolerances) -> Verdict
     if differing := other_kind(baseline.manifest, run.manifest):
         why, do = differing
         raise UsageError(f"{why}: they do not compare; {do}, or replace the baseline with --update")
-    pairs = _paired_metrics(baseline, run)
-    compared: Iterable[tuple[Any, Any]] = compare_sums(baseline.sums, run.sums).to_dict("index").items()
+    paired = pair_sums(baseline.sums, run.sums)
+    groups: Iterable[tuple[Any, pd.DataFrame]] = paired.groupby(SLICE, sort=False)
+    pairs: Pairs = {key: part for key, part in groups}  # noqa: C416 (`dict` would ask pandas for its keys)
+    compared: Iterable[tuple[Any, Any]] = compare_pairs(paired).to_dict("index").items()
     return Verdict(
         baseline=baseline.manifest,
         run=run.manifest,

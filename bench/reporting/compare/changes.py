@@ -21,12 +21,11 @@ from bench.evaluation import (
     find_metric,
     headlines,
     holm,
-    summary_of,
 )
 from bench.evaluation.definitions import false_share, image_metrics, object_metrics
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.rows import EVALUATED, IMAGE, group_recordings
-from bench.evaluation.summary import NO_CASES, Metric, ObjectMetrics, Summary, take_ratios
+from bench.evaluation.summary import NO_CASES, Metric, take_ratios
 from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES
 from bench.harness.manifest import Aspect, differences
 from bench.reporting.compare.runs import differing_settings, on_common_images, settings_text
@@ -142,8 +141,7 @@ def row_changes(sums_before: pd.DataFrame, sums_after: pd.DataFrame, *, protocol
         sums_after: of the other run.
         protocol: of both.
     """
-    sides = sums_before, sums_after
-    summaries = summary_of(sums_before, protocol=protocol), summary_of(sums_after, protocol=protocol)
+    sides = [sums[sums["breakdown"].isin([CATEGORY, ALL_MOVING, FRAMES])] for sums in (sums_before, sums_after)]
     ratios = [take_ratios(sums) for sums in sides]
     compared = compare_sums(*sides).reset_index().to_dict("records")
     found = {(row["breakdown"], row["slice"], row["metric"]): PairedChange.of(row) for row in compared}
@@ -157,16 +155,19 @@ def row_changes(sums_before: pd.DataFrame, sums_after: pd.DataFrame, *, protocol
         corrected |= dict(zip(keys, holm([changes[key].p_value for key in keys]), strict=True))
 
     def metric_change(key: tuple[str, str, str]) -> MetricChange:
-        (_, row, metric), change, p_holm = key, changes[key], corrected.get(key)
+        (breakdown, name, metric), change, p_holm = key, changes[key], corrected.get(key)
+        row = breakdown, name
         improvement = find_metric(metric).improvement(change.difference)
         before, after = (of_run.get(key, NO_CASES).ci95 for of_run in ratios)
+        by_chance = [of_run.get((*row, chance_of(metric)), NO_CASES) for of_run in ratios]
+        ceilings = [of_run.get((*row, f"ceiling_{metric}"), NO_CASES).value for of_run in ratios]  # equal where known
         return MetricChange(
             change=change,
             intervals=(before, after),
             p_holm=p_holm,
             verdict=judge(change, p_holm=p_holm, improvement=improvement) if metric in HEADLINES else None,
-            chance=_chance(row, metric, summaries),
-            ceiling=_ceiling(row, metric, summaries),
+            chance=(by_chance[0], by_chance[1]) if metric.startswith("detection_rate") else None,
+            ceiling=None if any(map(math.isnan, ceilings)) else ceilings[0],
         )
 
     cases = {
@@ -182,27 +183,6 @@ def row_changes(sums_before: pd.DataFrame, sums_after: pd.DataFrame, *, protocol
         )
         for row, metrics in names.items()
     ]
-
-
-def _chance(row: str, metric: str, summaries: tuple[Summary, Summary]) -> tuple[Metric, Metric] | None:
-    if not metric.startswith("detection_rate"):
-        return None
-    before, after = _of_row(row, summaries)
-    return before.metric(chance_of(metric)), after.metric(chance_of(metric))
-
-
-def _ceiling(row: str, metric: str, summaries: tuple[Summary, Summary]) -> float | None:
-    """Of the exact masks, which both runs were scored beside: the images and their reference are the same."""
-    name = f"ceiling_{metric}"
-    if row == FRAMES or not all(name in found.metric_names() for found in _of_row(row, summaries)):
-        return None
-    value = _of_row(row, summaries)[0].metric(name).value
-    return None if math.isnan(value) else value
-
-
-def _of_row(row: str, summaries: tuple[Summary, Summary]) -> tuple[ObjectMetrics, ObjectMetrics]:
-    before, after = (s.all_moving if row == ALL_MOVING else s.categories[row] for s in summaries)
-    return before, after
 
 
 LISTED = 10  # of each kind, one per track

@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING
 
 from bench.errors import UsageError
 from bench.evaluation import sum_run
-from bench.evaluation.rows import IMAGE, CommonImages, RowsOnImages, RowSource, group_recordings
+from bench.evaluation.rows import (
+    IMAGE,
+    OBJECT,
+    CommonImages,
+    RowsOnImages,
+    RowSource,
+    group_recordings,
+    merge_rows,
+)
 from bench.harness import RunSummary
 from bench.harness.manifest import Aspect, all_settings, differences
 from bench.harness.stored import REFERENCE_OF_FRAMES, REFERENCE_OF_OBJECTS, reference_fingerprint
@@ -64,9 +72,6 @@ def _labels(folders: Sequence[Path]) -> list[str]:
     return [f"{name} ({before + 1})" if before else name for name, before in zip(names, seen, strict=True)]
 
 
-OBJECT = [*IMAGE, "track_id"]
-
-
 def on_common_images(before: StoredRun, after: StoredRun) -> tuple[StoredRun, StoredRun, int]:
     """Restrict two runs of the same data and protocol to the images that both scored.
 
@@ -87,29 +92,33 @@ def on_common_images(before: StoredRun, after: StoredRun) -> tuple[StoredRun, St
     refused = f"{before.folder} and {after.folder} do not compare: "
     if not common:
         raise UsageError(f"{refused}no image was scored by both; the first has {numbers[0]}, the second {numbers[1]}")
-    one, two = (restricted(run, images) for run in (before, after))
     if fingerprint(before, images) != fingerprint(after, images):
-        differences = "; ".join(_differences(one, two, images))
+        differences = "; ".join(_differences(before, after, images))
         raise UsageError(f"{refused}their references differ on the {common} images that both scored: {differences}")
-    return one, two, common
+    return restricted(before, images), restricted(after, images), common
 
 
 def restricted(run: StoredRun, images: CommonImages) -> StoredRun:
     """A run with its rows on some images, summed again; its summary stays that of all."""
-    objects, frames = RowsOnImages(run.objects, images), RowsOnImages(run.frames, images)
+    objects, frames = _rows_on(run, images)
     return replace(run, objects=objects, frames=frames, sums=sum_run(objects, frames, protocol=run.protocol))
 
 
 def fingerprint(run: StoredRun, images: CommonImages) -> str:
     """Of the reference on some images of a run."""
-    return reference_fingerprint(RowsOnImages(run.objects, images), RowsOnImages(run.frames, images))
+    return reference_fingerprint(*_rows_on(run, images))
+
+
+def _rows_on(run: StoredRun, images: CommonImages) -> tuple[RowsOnImages, RowsOnImages]:
+    return RowsOnImages(run.objects, images), RowsOnImages(run.frames, images)
 
 
 def _differences(one: StoredRun, two: StoredRun, images: CommonImages) -> list[str]:
     """What differs, each with its number and its first example."""
     groups = group_recordings(images.recordings())
-    of_objects = _table_differences((one.objects, two.objects), OBJECT, REFERENCE_OF_OBJECTS, groups, "object-frames")
-    return of_objects or _table_differences((one.frames, two.frames), IMAGE, REFERENCE_OF_FRAMES, groups, "images")
+    objects, frames = zip(_rows_on(one, images), _rows_on(two, images), strict=True)
+    of_objects = _table_differences(objects, OBJECT, REFERENCE_OF_OBJECTS, groups, "object-frames")
+    return of_objects or _table_differences(frames, IMAGE, REFERENCE_OF_FRAMES, groups, "images")
 
 
 def _table_differences(
@@ -130,11 +139,10 @@ def _table_differences(
     name = " ".join(f"{{{column}}}" for column in key)
     for group in groups:
         tables = [source.read(group, columns).astype(dict.fromkeys(columns, object)) for source in sources]
-        both = tables[0].merge(tables[1], on=list(key), how="outer", indicator=True, suffixes=("_before", "_after"))
-        both = both.sort_values(list(key), ignore_index=True)
+        both = merge_rows(*tables, on=key, how="outer").sort_values(list(key), ignore_index=True)
         for side, what in (("left_only", f"{unit} only in the first"), ("right_only", f"{unit} only in the second")):
-            tell(what, both[both["_merge"] == side], name)
-        shared = both[both["_merge"] == "both"]
+            tell(what, both[both["side"] == side], name)
+        shared = both[both["side"] == "both"]
         for column in columns[len(key) :]:
             before, after = (shared[f"{column}_{side}"] for side in ("before", "after"))
             differs = (before != after) & ~(before.isna() & after.isna())
