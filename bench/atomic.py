@@ -132,8 +132,8 @@ def folder_lock(folder: Path, *, shared: bool = False, wait: bool = True) -> Ite
         try:
             fcntl.flock(handle, kind if wait else kind | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            got, do = "one in use by another run", "wait until that run ends, or choose another folder with --out"
-            raise DataError(folder, expected="a folder that no other run uses", got=got, do=do) from error
+            got, hint = "one in use by another run", "wait until that run ends, or choose another folder with --out"
+            raise DataError(folder, expected="a folder that no other run uses", got=got, hint=hint) from error
         yield
     finally:
         os.close(handle)

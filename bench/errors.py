@@ -42,18 +42,18 @@ class DataError(BenchError):
         field: the field, column or array inside the file; None for the file as a whole.
         expected: what the format asks for.
         got: what was found instead.
-        do: what the user can do about it.
+        hint: what the user can do about it.
     """
 
-    def __init__(self, file: Path | str, *, field: str | None = None, expected: str, got: str, do: str = "") -> None:
+    def __init__(self, file: Path | str, *, field: str | None = None, expected: str, got: str, hint: str = "") -> None:
         got = got if len(got) <= MAX_GOT_CHARS else got[: MAX_GOT_CHARS - 3] + "..."
-        self.file, self.field, self.expected, self.got, self.do = str(file), field, expected, got, do
+        self.file, self.field, self.expected, self.got, self.hint = str(file), field, expected, got, hint
         where = self.file if field is None else f"{self.file}: {field}"
-        super().__init__(plain(f"{where}: expected {expected}, got {got}" + (f"; {do}" if do else "")))
+        super().__init__(plain(f"{where}: expected {expected}, got {got}" + (f"; {hint}" if hint else "")))
 
     def __reduce__(self) -> tuple[object, ...]:
         """Survive the way back from a worker process, keyword arguments included."""
-        return _data_error, (self.file, self.field, self.expected, self.got, self.do)
+        return _data_error, (self.file, self.field, self.expected, self.got, self.hint)
 
 
 class OutputError(BenchError):
@@ -62,12 +62,12 @@ class OutputError(BenchError):
     Args:
         file: the file or folder.
         got: the reason.
-        do: what the user can do about it.
+        hint: what the user can do about it.
     """
 
-    def __init__(self, file: Path | str, *, got: str, do: str = "") -> None:
-        self.file, self.got, self.do = str(file), got, do
-        line = f"{self.file}: expected a writable path, got {got}" + (f"; {do}" if do else "")
+    def __init__(self, file: Path | str, *, got: str, hint: str = "") -> None:
+        self.file, self.got, self.hint = str(file), got, hint
+        line = f"{self.file}: expected a writable path, got {got}" + (f"; {hint}" if hint else "")
         super().__init__(plain(line))
 
     @classmethod
@@ -75,12 +75,12 @@ class OutputError(BenchError):
         """From what the system says when `file`, or a folder for it, is written."""
         above = error.filename is not None and str(file).startswith(f"{error.filename}{os.sep}")
         culprit = f" ({error.filename})" if above else ""
-        do = "free some disk space, then run the same command again" if error.errno in DISK_FULL else ""
-        return cls(file, got=f"{error.strerror or error}{culprit}", do=do)
+        hint = "free some disk space, then run the same command again" if error.errno in DISK_FULL else ""
+        return cls(file, got=f"{error.strerror or error}{culprit}", hint=hint)
 
     def __reduce__(self) -> tuple[object, ...]:
         """Survive the way back from a worker process, keyword arguments included."""
-        return _output_error, (self.file, self.got, self.do)
+        return _output_error, (self.file, self.got, self.hint)
 
 
 class UnknownNameError(UsageError):
@@ -90,27 +90,27 @@ class UnknownNameError(UsageError):
         kind: what was looked up, for example "method".
         name: the unknown name.
         known: the names that exist.
-        do: where they were looked up, or what else the user can do.
+        hint: where they were looked up, or what else the user can do.
     """
 
-    def __init__(self, kind: str, name: str, known: Iterable[str], *, do: str = "") -> None:
-        self.kind, self.name, self.known, self.do = kind, name, sorted(known), do
+    def __init__(self, kind: str, name: str, known: Iterable[str], *, hint: str = "") -> None:
+        self.kind, self.name, self.known, self.hint = kind, name, sorted(known), hint
         nearest = get_close_matches(name, self.known, n=1, cutoff=0.5)
-        advice = f"; {do}" if do else ""
-        hint = f"; did you mean {nearest[0]!r}?" if nearest else ""
-        super().__init__(f"unknown {kind} {name!r}: known are {', '.join(self.known) or 'none'}{advice}{hint}")
+        advice = f"; {hint}" if hint else ""
+        near = f"; did you mean {nearest[0]!r}?" if nearest else ""
+        super().__init__(f"unknown {kind} {name!r}: known are {', '.join(self.known) or 'none'}{advice}{near}")
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _unknown_name, (self.kind, self.name, self.known, self.do)
+        return _unknown_name, (self.kind, self.name, self.known, self.hint)
 
 
-def _unknown_name(kind: str, name: str, known: Iterable[str], do: str) -> UnknownNameError:
-    return UnknownNameError(kind, name, known, do=do)
+def _unknown_name(kind: str, name: str, known: Iterable[str], hint: str) -> UnknownNameError:
+    return UnknownNameError(kind, name, known, hint=hint)
 
 
-def _output_error(file: str, got: str, do: str) -> OutputError:
-    return OutputError(file, got=got, do=do)
+def _output_error(file: str, got: str, hint: str) -> OutputError:
+    return OutputError(file, got=got, hint=hint)
 
 
-def _data_error(file: str, field: str | None, expected: str, got: str, do: str) -> DataError:
-    return DataError(file, field=field, expected=expected, got=got, do=do)
+def _data_error(file: str, field: str | None, expected: str, got: str, hint: str) -> DataError:
+    return DataError(file, field=field, expected=expected, got=got, hint=hint)

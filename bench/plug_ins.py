@@ -46,8 +46,8 @@ def imported(target: str, *, expected: str) -> Any:
     try:
         return getattr(import_module(module), attribute)
     except (ImportError, AttributeError) as error:
-        do = f"; name the module without .py: {module[:-3]}:{attribute}" if module.endswith(".py") else ""
-        raise UsageError(f"{expected} that can be imported; {error}{do}") from error
+        hint = f"; name the module without .py: {module[:-3]}:{attribute}" if module.endswith(".py") else ""
+        raise UsageError(f"{expected} that can be imported; {error}{hint}") from error
     except (Exception, SystemExit) as error:
         raise UsageError(f"{expected} that can be imported; {describe_error(error)}") from error
 

@@ -19,15 +19,18 @@ from pathlib import Path
 from bench.evaluation import load_protocol, rows, sum_run, summary_of, write_sums
 from bench.gate import judge, load_tolerances, read_run_sums
 from bench.harness import Provenance, RunSummary, open_tables
+from bench.harness.digests import MethodCode
 from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest
-from bench.harness.method_stamp import MethodStamp
+from bench.harness.method_of_run import MethodOfRun
 from bench.harness.stored import (
     SUMS,
+    file_digests,
     read_threshold_free,
-    reference_fingerprint,
+    reference_digest,
     write_protocol,
     write_summary,
 )
+from bench.methods import build_method
 from bench.reporting.compare.writing import write_comparison
 from bench.reporting.page.build import write_page
 from bench.reporting.table_files import write_report_files
@@ -56,27 +59,28 @@ class Spent:
 
 
 def summarise_run(one: Path, _: Path) -> None:
-    """What ends a run: summary, fingerprint of the reference, threshold-free figures."""
+    """What ends a run: summary, digest of the reference, threshold-free metrics."""
     rules = load_protocol("paper-v1")
     objects, frames = open_tables(one)
     sums = sum_run(objects, frames, protocol=rules)
     write_sums(sums, one / SUMS)
-    figures = summary_of(sums, protocol=rules)
+    metrics = summary_of(sums, protocol=rules)
+    nothing = build_method("nothing")
     manifest = Manifest(
         dataset=DatasetOfRun(name="drawn", card="drawn.yaml", split=None, data=""),
-        method=MethodStamp(name="nothing", settings={}),
-        protocol=figures.protocol,
+        method=MethodOfRun.of(nothing, MethodCode.of(nothing)),
+        protocol=metrics.protocol,
         code=CodeOfRun.here(),
-        reference=reference_fingerprint(objects, frames),
+        reference=reference_digest(objects, frames),
     )
     provenance = Provenance(
-        started_utc="2026-01-02T03:04", seconds=1.0, stage_seconds={}, images=figures.images.evaluated,
+        started_utc="2026-01-02T03:04", seconds=1.0, stage_seconds={}, images=metrics.images.evaluated,
         peak_memory_mb=1.0,
     )  # fmt: skip
     summary = RunSummary(
-        **{name: getattr(figures, name) for name in type(figures).model_fields},
+        **{name: getattr(metrics, name) for name in type(metrics).model_fields},
         schema_version=1, manifest=manifest, provenance=provenance, failures=(), vehicle_outline_m=OUTLINE_M,
-        threshold_free=read_threshold_free(one),
+        threshold_free=read_threshold_free(one), files=file_digests(one),
     )  # fmt: skip
     write_protocol(one, rules)
     write_summary(one, summary)

@@ -265,9 +265,9 @@ def _polygon(outline: object, name: str) -> Polygon:
         return outline
     corners = np.asarray(outline, dtype=np.float64)
     if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3 or not np.isfinite(corners).all():
-        hint = "; an image is passed as an array: numpy.asarray(image)" if corners.ndim == 1 else ""
+        near = "; an image is passed as an array: numpy.asarray(image)" if corners.ndim == 1 else ""
         raise ShapeError(
-            f"{name}: expected a polygon of at least three corners (u, v), got shape {corners.shape}{hint}"
+            f"{name}: expected a polygon of at least three corners (u, v), got shape {corners.shape}{near}"
         )
     return shapely.Polygon(corners)
 

@@ -212,8 +212,8 @@ def run_folder(place: str | Path) -> Path:
     if not str(place):
         raise UsageError("expected a folder, got an empty name")
     if "://" in str(place):
-        do = "copy the run's folder with the storage's own tool (docs/large-runs.md)"
-        raise UsageError(f"expected a folder of this machine, got an address; {do}")
+        hint = "copy the run's folder with the storage's own tool (docs/large-runs.md)"
+        raise UsageError(f"expected a folder of this machine, got an address; {hint}")
     return Path(place)
 
 

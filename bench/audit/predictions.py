@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from bench.errors import UsageError
 from bench.evaluation import Protocol
+from bench.harness.digests import MethodCode, digest_of
 from bench.harness.frames import FramePipeline, InputOnly, UnscorableFrame
-from bench.harness.keys import MethodIdentity, digest_of
 from bench.harness.oracles import ExactMasks, ReferenceItself, is_oracle
 from bench.harness.stages import StageClock
 from bench.methods import Method, MethodInput, Scorable, UnansweredImage, ask_method
@@ -76,7 +76,7 @@ class Prediction:
     @cached_property
     def code(self) -> str:
         """Digest of the code and the files that the method's cached steps depend on."""
-        return MethodIdentity.of(self.method).steps_digest
+        return MethodCode.of(self.method).steps_digest
 
 
 class CameraPredictions:

@@ -53,7 +53,7 @@ from bench.harness.oracles import ExactMasks, is_oracle
 from bench.harness.provenance import Provenance
 from bench.harness.stages import Progress
 from bench.recordings import DatasetCard
-from bench.recordings.sealed_json import read_sealed, write_sealed
+from bench.recordings.checked_json import read_checked, write_checked
 
 RANKING = "ranking.json"
 ALL = "all"
@@ -463,7 +463,7 @@ def run_ranking(
         rows=tuple(rank_row(name, sums[:, k], unknown[:, k], predictions) for k, name in enumerate(ROWS)),
         fits=surface_fits([found.fits for found in ranked]),
         failures=(*failures, *(problem for found in ranked for problem in found.problems)),
-        data=origin.combined_fingerprint([found.fingerprint for found in ranked]),
+        data=origin.combined_digest([found.digest for found in ranked]),
         code=CodeOfRun.here(),
         provenance=origin.provenance_since(
             start,
@@ -471,7 +471,7 @@ def run_ranking(
             images=images,
         ),
     )
-    write_sealed(out / RANKING, summary)
+    write_checked(out / RANKING, summary)
     return summary
 
 
@@ -481,4 +481,4 @@ def read_ranking(folder: Path) -> RankingSummary:
     Raises:
         DataError: missing, or not a ranking of a known version; names the field.
     """
-    return read_sealed(RankingSummary, folder / RANKING, expected="the comparison of references")
+    return read_checked(RankingSummary, folder / RANKING, expected="the comparison of references")

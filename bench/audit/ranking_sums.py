@@ -15,7 +15,7 @@ from bench.errors import BenchError
 from bench.evaluation import count_frame, load_protocol
 from bench.evaluation.sums import name_bins
 from bench.harness.frames import UnscorableFrame
-from bench.harness.provenance import recording_fingerprint
+from bench.harness.provenance import recording_digest
 from bench.harness.stages import StageClock
 from bench.recordings import Recording, read_truth
 from bench.reference import Category, ReferenceBuilder, ReferenceFrame, ReferenceSettings, Status
@@ -69,7 +69,7 @@ class RankingSums:
             object-frames.
         fits: by class, range and ego speed, (len(FITS),) float64 each.
         images: that were scored.
-        fingerprint: of the recording.
+        digest: of the recording.
         problems: one line per image that could not be used.
         seconds: time of each stage.
     """
@@ -78,7 +78,7 @@ class RankingSums:
     unknown: NDArray[np.float64]
     fits: dict[tuple[str, str, str], NDArray[np.float64]] = field(default_factory=dict)
     images: int = 0
-    fingerprint: str = ""
+    digest: str = ""
     problems: list[str] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
 
@@ -158,7 +158,7 @@ def rank_recording(source: AuditSource, *, predictions: Sequence[Prediction]) ->
     with clock.stage("open"):
         recording = source.recorded.open()
         refuse_without_masks(recording)
-        found.fingerprint = recording_fingerprint(recording)
+        found.digest = recording_digest(recording)
     for camera in sorted(recording.cameras):
         _rank_camera(recording, camera, found, predictions=predictions, clock=clock)
     found.seconds = dict(clock.seconds)

@@ -27,7 +27,7 @@ from bench.errors import BenchError, DataError
 from bench.evaluation import Protocol, SequenceScorer
 from bench.harness.frames import FramePipeline, UnscorableFrame
 from bench.harness.oracles import exact_mask, moving_instances
-from bench.harness.provenance import recording_fingerprint
+from bench.harness.provenance import recording_digest
 from bench.harness.stages import StageClock
 from bench.methods import FlowMethod, Method, MethodInput, Segmentation, ask_method
 from bench.recordings import Recording, read_truth
@@ -54,7 +54,7 @@ class RecordingAudit:
         misses: of `MISSES_SCHEMA`.
         false_alarms: of `FALSE_ALARMS_SCHEMA`.
         not_seen: evaluated object-frames of which the camera sees no pixel.
-        fingerprints: of the recordings.
+        digests: of the recordings.
         problems: one line per image that could not be used, and per recording without exact flow.
         seconds: time of each stage.
     """
@@ -64,7 +64,7 @@ class RecordingAudit:
     misses: pa.Table
     false_alarms: pa.Table
     not_seen: int
-    fingerprints: list[str]
+    digests: list[str]
     problems: list[str]
     seconds: dict[str, float]
 
@@ -85,7 +85,7 @@ def audit_recording(source: AuditSource, *, method: Method, protocol: Protocol) 
         recording = source.recorded.open()
         refuse_without_masks(recording)
         exact, problems = _exact_recording(source, method)
-    found = [_nothing(recording_fingerprint(recording), problems)]
+    found = [_nothing(recording_digest(recording), problems)]
     for name in sorted(recording.cameras):
         camera = _CameraAudit(recording, name, source, exact=exact, method=method, protocol=protocol, clock=clock)
         for index in range(method.history, len(recording.images[name])):
@@ -104,7 +104,7 @@ def joined(parts: Sequence[RecordingAudit]) -> RecordingAudit:
         misses=pa.concat_tables(part.misses for part in parts),
         false_alarms=pa.concat_tables(part.false_alarms for part in parts),
         not_seen=sum(part.not_seen for part in parts),
-        fingerprints=[fingerprint for part in parts for fingerprint in part.fingerprints],
+        digests=[digest for part in parts for digest in part.digests],
         problems=[problem for part in parts for problem in part.problems],
         seconds=added_seconds(part.seconds for part in parts),
     )
@@ -119,14 +119,14 @@ def added_seconds(parts: Iterable[Mapping[str, float]]) -> dict[str, float]:
     return dict(total)
 
 
-def _nothing(fingerprint: str, problems: list[str]) -> RecordingAudit:
+def _nothing(digest: str, problems: list[str]) -> RecordingAudit:
     return RecordingAudit(
         polygons=POLYGONS_SCHEMA.empty_table(),
         scores={},
         misses=MISSES_SCHEMA.empty_table(),
         false_alarms=FALSE_ALARMS_SCHEMA.empty_table(),
         not_seen=0,
-        fingerprints=[fingerprint],
+        digests=[digest],
         problems=problems,
         seconds={},
     )
@@ -215,7 +215,7 @@ class _CameraAudit:
             misses=pa.Table.from_pylist(misses, schema=MISSES_SCHEMA),
             false_alarms=pa.Table.from_pylist(false_rows, schema=FALSE_ALARMS_SCHEMA),
             not_seen=self._not_seen,
-            fingerprints=[],
+            digests=[],
             problems=self._problems,
             seconds={},
         )

@@ -21,11 +21,11 @@ from bench.atomic import replacing
 from bench.audit.recording import RecordingAudit
 from bench.errors import DataError
 from bench.evaluation import FalsePositiveMetrics, ObjectMetrics
-from bench.evaluation.summary import ProtocolStamp, Ratio
+from bench.evaluation.summary import ProtocolOfRun, Ratio
 from bench.harness.manifest import CodeOfRun
-from bench.harness.method_stamp import MethodStamp
+from bench.harness.method_of_run import MethodOfRun
 from bench.harness.provenance import Provenance
-from bench.recordings.sealed_json import read_sealed, write_sealed
+from bench.recordings.checked_json import read_checked, write_checked
 
 ALL = "all"
 SCHEMA_VERSION = 1
@@ -177,8 +177,8 @@ class AuditSummary(_Part):
     card: str
     split: str | None
     recordings: int
-    method: MethodStamp
-    protocol: ProtocolStamp
+    method: MethodOfRun
+    protocol: ProtocolOfRun
     polygon_kinds: tuple[str, ...]
     polygons: tuple[PolygonFigures, ...]
     aims: tuple[Aim, ...]
@@ -204,7 +204,7 @@ def write_audit(folder: Path, summary: AuditSummary, audit: RecordingAudit) -> N
     for name, table in tables.items():
         with replacing(folder / name) as temporary:
             pq.write_table(table, temporary, compression="zstd")
-    write_sealed(folder / AUDIT, summary)
+    write_checked(folder / AUDIT, summary)
 
 
 def read_audit(folder: Path) -> AuditSummary:
@@ -213,7 +213,7 @@ def read_audit(folder: Path) -> AuditSummary:
     Raises:
         DataError: missing, or not an audit of a known version; names the field.
     """
-    return read_sealed(AuditSummary, folder / AUDIT, expected="the metrics of an audit")
+    return read_checked(AuditSummary, folder / AUDIT, expected="the metrics of an audit")
 
 
 def read_polygons(folder: Path) -> pa.Table:

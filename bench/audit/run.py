@@ -11,12 +11,12 @@ from bench.audit.reduce import aims, false_alarm_figures, miss_figures, polygon_
 from bench.audit.results import SCHEMA_VERSION, AuditSummary, write_audit
 from bench.audit.sources import NO_SCENARIO, AuditSource, audit_each, audit_sources
 from bench.evaluation import Protocol
-from bench.evaluation.summary import ProtocolStamp
+from bench.evaluation.summary import ProtocolOfRun
 from bench.execution import SerialExecutor, TaskExecutor
 from bench.harness import provenance as origin
-from bench.harness.keys import MethodIdentity
+from bench.harness.digests import MethodCode
 from bench.harness.manifest import CodeOfRun
-from bench.harness.method_stamp import MethodStamp
+from bench.harness.method_of_run import MethodOfRun
 from bench.harness.stages import Progress
 from bench.methods import FlowMethod, Method
 from bench.recordings import DatasetCard
@@ -71,8 +71,8 @@ def run_audit(
         card=str(card.file),
         split=split,
         recordings=len(audits),
-        method=MethodStamp.of(method, MethodIdentity.of(method)),
-        protocol=ProtocolStamp(name=protocol.name, version=protocol.version, digest=protocol.digest),
+        method=MethodOfRun.of(method, MethodCode.of(method)),
+        protocol=ProtocolOfRun(name=protocol.name, version=protocol.version, digest=protocol.digest),
         polygon_kinds=kinds,
         polygons=polygon_figures(audit.polygons, protocol=protocol, kinds=kinds),
         aims=aims(audit.polygons, kinds=kinds),
@@ -82,7 +82,7 @@ def run_audit(
         false_alarms=false_alarm_figures(audit.false_alarms) if explained else None,
         left_out="" if explained else _left_out(sources, method),
         failures=(*failures, *audit.problems),
-        data=origin.combined_fingerprint(audit.fingerprints),
+        data=origin.combined_digest(audit.digests),
         code=CodeOfRun.here(),
         provenance=origin.provenance_since(
             start,

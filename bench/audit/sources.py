@@ -142,7 +142,7 @@ def refuse_without_masks(recording: Recording) -> None:
             recording.root,
             expected="rendered masks (truth/<camera>/<timestamp_ns>.png), against which an audit compares",
             got="a recording without",
-            do="audit a rendered data set, for example demo",
+            hint="audit a rendered data set, for example demo",
         )
 
 
@@ -225,7 +225,7 @@ class SimulatedTruth:
                 self._name,
                 expected="a scenario that describes the scene as it was rendered",
                 got=f"one that shows other objects in {100 * share:.0f} % of their cells",
-                do="render the data set again",
+                hint="render the data set again",
             )
 
     def _compare(self, flow: ExactFlow, ids: NDArray[np.uint16]) -> None:

@@ -90,8 +90,8 @@ def user_message(error: Exception) -> str | None:
     if isinstance(error, OSError) and (
         error.filename is not None or error.errno in DISK_FULL
     ):  # not of our own writers
-        do = "; free some disk space, then run the same command again" if error.errno in DISK_FULL else ""
-        return f"{error.filename or 'this disk'}: {error.strerror or error}{do}"
+        hint = "; free some disk space, then run the same command again" if error.errno in DISK_FULL else ""
+        return f"{error.filename or 'this disk'}: {error.strerror or error}{hint}"
     return None
 
 

@@ -71,12 +71,12 @@ def judge_run(
     """Judge a run, print and write the verdict, or that there is none; return the exit status."""
     from bench.gate import (
         MissingBaselineError,
+        find_baseline,
         judge,
         load_tolerances,
         read_baseline,
         read_run_sums,
         refuse,
-        usual_baseline,
     )
     from bench.gate.changes import how_to_compare
     from bench.gate.tolerances import DEFAULT
@@ -86,7 +86,7 @@ def judge_run(
     scored: RunSums | None = None
     try:
         scored = read_run_sums(run)
-        folder = baseline or usual_baseline(scored.manifest)
+        folder = baseline or find_baseline(scored.manifest)
         before = read_baseline(folder)
         verdict = judge(before, scored, tolerances=rules)
     except BenchError as error:
@@ -121,10 +121,10 @@ def update_baseline(run: Path, *, baseline: Path | None, allow_dirty: bool, whol
     """Store a run as the baseline, and print what differs from the one that it replaces."""
     from bench.gate import (
         MissingBaselineError,
+        incomparable_reason,
         judge,
         judgeable,
         load_tolerances,
-        other_kind,
         own_baseline,
         read_baseline,
         read_run_sums,
@@ -138,7 +138,7 @@ def update_baseline(run: Path, *, baseline: Path | None, allow_dirty: bool, whol
     difference: Verdict | None = None
     try:
         before = read_baseline(folder)
-        if differing := other_kind(before.manifest, scored.manifest):
+        if differing := incomparable_reason(before.manifest, scored.manifest):
             replaced, style = f"REPLACES WHAT DOES NOT COMPARE: {differing[0]}", "bold red"
         else:
             difference = judge(before, scored, tolerances=rules)

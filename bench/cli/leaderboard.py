@@ -185,7 +185,7 @@ def _score(asked: ScoringOptions, *, timed: bool) -> list[RunSummary]:
     from bench.cli.runs import requested_runs
     from bench.harness import run_protocols
     from bench.harness.perf import method_cost, read_cost, write_cost
-    from bench.reporting.leaderboard.reading import JUDGED
+    from bench.reporting.leaderboard.reading import RANKING_PROTOCOL
     from bench.reporting.page.build import write_page
 
     requests = requested_runs(asked, render=False)
@@ -196,7 +196,7 @@ def _score(asked: ScoringOptions, *, timed: bool) -> list[RunSummary]:
     def finish(results: Path, summary: RunSummary) -> None:
         if cost is not None:
             write_cost(results, cost)
-        if summary.protocol.name == JUDGED:
+        if summary.protocol.name == RANKING_PROTOCOL:
             write_page(results, pictures=False)
 
     left = "what is scored stays, and the same command goes on from there"

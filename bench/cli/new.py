@@ -93,7 +93,7 @@ def _write(files: dict[str, str], stem: str, name: str) -> None:
     places = {template: Path(in_users_words(file)) for template, file in files.items()}
     for place in places.values():
         if place.exists():
-            raise OutputError(place, got="a file that is there already", do="take another name, or move it away")
+            raise OutputError(place, got="a file that is there already", hint="take another name, or move it away")
     from bench.atomic import write_text
 
     folder = resources.files("bench.cli") / "templates"

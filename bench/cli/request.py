@@ -58,7 +58,7 @@ class Computing:
         local = card.root if card.remote_root is None else None
         data = [path for path in (local, card.annotations) if path is not None and path.exists()]
         requirements = WorkerRequirements.of(method, reads=(*data, *reads), cache=self.cache_folder)
-        return ClusterExecutor.of_fit_workers(scheduler_address(self.scheduler), requirements)
+        return ClusterExecutor.connect(scheduler_address(self.scheduler), requirements)
 
     @property
     def cache_folder(self) -> CacheFolder | None:

@@ -92,17 +92,17 @@ def _print_findings(recording: RecordingReport) -> None:
     """A few lines a finding, those that read alike in one, those of one check together as the first of them comes."""
     checks: dict[str, dict[tuple[str, ...], list[Finding]]] = {}
     for finding in recording.findings:
-        text = (finding.severity.value, finding.expected, finding.got, finding.do)
+        text = (finding.severity.value, finding.expected, finding.got, finding.hint)
         checks.setdefault(finding.check, {}).setdefault(text, []).append(finding)
     if checks:
         say(recording.name, style="bold")
     for check, groups in checks.items():
-        for (severity, expected, got, do), findings in list(groups.items())[:SHOWN]:
+        for (severity, expected, got, hint), findings in list(groups.items())[:SHOWN]:
             places = listed([_where(finding) for finding in findings], SHOWN_PLACES)
             say(f"  {severity:7}  {check}: {places}{_occurrence(findings)}", style=COLOURS[severity])
             say(f"           expected {expected}; got {got}")
-            if do:
-                say(f"           {do}")
+            if hint:
+                say(f"           {hint}")
         if rest := sum(map(len, list(groups.values())[SHOWN:])):
             say(f"           ... and {rest} more of {check}; --json FILE has all")
 

@@ -124,7 +124,7 @@ class Trajectory:
             field="timestamp_ns",
             expected=f"ego-motion at {timestamp_ns}",
             got=f"poses from {first_ns} to {last_ns}, gaps over {self.max_gap_ns / 1e6:.0f} ms left open",
-            do="give ego-motion that covers every image and sweep",
+            hint="give ego-motion that covers every image and sweep",
         )
 
     def _intervals(

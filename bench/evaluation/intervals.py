@@ -115,7 +115,7 @@ class Jackknife:
     def interval(self, within: Bounds) -> tuple[float, float] | None:
         """Lower and upper end of the 95 % interval; None where it has no finite end."""
         if self.standard_error == 0 or not within.least < self.value < within.most:
-            return self._of_the_same(within)
+            return self.interval_without_spread(within)
         centre = within.unbounded(self.value)
         reach = float(stdtrit(self.degrees, (1 + CONFIDENCE) / 2)) * self.standard_error * within.slope(self.value)
         return within.bounded(centre - reach), within.bounded(centre + reach)
@@ -130,7 +130,8 @@ class Jackknife:
         distance = abs(within.unbounded(self.value) - within.unbounded(of))
         return float(2 * stdtr(self.degrees, -distance / (self.standard_error * within.slope(self.value))))
 
-    def _of_the_same(self, within: Bounds) -> tuple[float, float] | None:
+    def interval_without_spread(self, within: Bounds) -> tuple[float, float] | None:
+        """Interval of a value that is the same without each recording, or at a bound; None where it is unbounded."""
         if math.isinf(within.most):
             return None
         unseen = 1 - (1 - CONFIDENCE) ** (1 / self.recordings)

@@ -38,7 +38,7 @@ class _Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class ProtocolStamp(_Part):
+class ProtocolOfRun(_Part):
     """Protocol that made the metrics; those of different digests are never put in one table."""
 
     name: str
@@ -178,7 +178,7 @@ class Summary(_Part):
         images: ledger of the images.
     """
 
-    protocol: ProtocolStamp
+    protocol: ProtocolOfRun
     categories: dict[str, ObjectMetrics]
     all_moving: ObjectMetrics
     false_positives: FalsePositiveMetrics
@@ -264,7 +264,7 @@ def summary_of(sums: pd.DataFrame, *, protocol: Protocol) -> Summary:
     frames = {breakdown: of_frames(breakdown, names) for breakdown, names in frame_slices(protocol, cameras).items()}
     causes = sorted(metric.removeprefix(CAUSE) for split, _, metric in ratios if split == FRAMES and CAUSE in metric)
     return Summary(
-        protocol=ProtocolStamp(name=protocol.name, version=protocol.version, digest=protocol.digest),
+        protocol=ProtocolOfRun(name=protocol.name, version=protocol.version, digest=protocol.digest),
         categories=objects.pop(CATEGORY),
         all_moving=objects.pop(ALL_MOVING)[ALL_MOVING],
         false_positives=frames.pop(FRAMES)[FRAMES],

@@ -204,14 +204,14 @@ def read_sums(file: Path) -> pd.DataFrame:
     Raises:
         DataError: missing, damaged, or not a table of sums; names the line.
     """
-    expected, do = f"a table of sums with the columns {', '.join([*KEY, *TERMS])}", "write it again from its run"
+    expected, hint = f"a table of sums with the columns {', '.join([*KEY, *TERMS])}", "write it again from its run"
     try:
         table = pd.read_csv(file, dtype=str, keep_default_na=False)
         if [*table.columns] != [*KEY, *TERMS]:
             raise ValueError(", ".join(map(str, table.columns)))
         table = table.astype(dict.fromkeys(TERMS, np.float64))
     except (OSError, ValueError) as error:  # pandas' own errors are of ValueError, as is UnicodeDecodeError
-        raise DataError(file, expected=expected, got=" ".join(str(error).split()), do=do) from error
+        raise DataError(file, expected=expected, got=" ".join(str(error).split()), hint=hint) from error
     above, below = table["numerator"], table["denominator"]
     bounded = table["metric"].map({name: _is_bounded(name, file) for name in table["metric"].unique()}).astype(bool)
     for wrong, what in (
@@ -224,7 +224,7 @@ def read_sums(file: Path) -> pd.DataFrame:
         if wrong.any():
             row = int(np.argmax(wrong))
             got = ", ".join(map(str, table.iloc[row]))
-            raise DataError(file, field=f"line {row + 2}", expected=what, got=got, do=do)
+            raise DataError(file, field=f"line {row + 2}", expected=what, got=got, hint=hint)
     return table
 
 
@@ -232,4 +232,4 @@ def _is_bounded(name: str, file: Path) -> bool:
     try:
         return name in COUNTS or find_metric(name).is_ratio
     except BenchError as error:
-        raise DataError(file, field="metric", expected="known metrics", got=repr(name), do=str(error)) from error
+        raise DataError(file, field="metric", expected="known metrics", got=repr(name), hint=str(error)) from error

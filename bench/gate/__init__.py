@@ -22,13 +22,13 @@ Only the command line calls this package.
 from bench.gate.baseline import (
     MissingBaselineError,
     RunSums,
+    find_baseline,
     own_baseline,
     read_baseline,
     read_run_sums,
-    usual_baseline,
     write_baseline,
 )
-from bench.gate.judge import judge, judgeable, other_kind, refuse
+from bench.gate.judge import incomparable_reason, judge, judgeable, refuse
 from bench.gate.tolerances import Tolerances, known_tolerances, load_tolerances
 from bench.gate.verdict import Check, Outcome, Row, Verdict
 
@@ -40,15 +40,15 @@ __all__ = [
     "RunSums",
     "Tolerances",
     "Verdict",
+    "find_baseline",
+    "incomparable_reason",
     "judge",
     "judgeable",
     "known_tolerances",
     "load_tolerances",
-    "other_kind",
     "own_baseline",
     "read_baseline",
     "read_run_sums",
     "refuse",
-    "usual_baseline",
     "write_baseline",
 ]

@@ -68,7 +68,7 @@ def own_baseline(run: Manifest) -> Path:
     return BASELINES / "-".join(words)
 
 
-def usual_baseline(run: Manifest) -> Path:
+def find_baseline(run: Manifest) -> Path:
     """What a run is judged by unless another folder is named: its own baseline, else one that the package ships."""
     own = own_baseline(run)
     shipped = shipped_folder("baselines") / own.name
@@ -86,12 +86,12 @@ def read_baseline(folder: Path) -> RunSums:
         raise MissingBaselineError(folder)
     manifest = read_manifest(folder)
     if manifest is None:
-        do = "name the folder of a baseline or of a run"
-        raise DataError(folder, expected=f"a folder with {SUMS} and {MANIFEST}", got=f"no {MANIFEST}", do=do)
+        hint = "name the folder of a baseline or of a run"
+        raise DataError(folder, expected=f"a folder with {SUMS} and {MANIFEST}", got=f"no {MANIFEST}", hint=hint)
     sums = read_sums(folder / SUMS)
     if manifest.sums is not None and manifest.sums != sums_digest(folder):
-        do = "take both files from one commit, or make the baseline again with --update"
-        raise DataError(folder / SUMS, expected=f"the file that {MANIFEST} is of", got="another one", do=do)
+        hint = "take both files from one commit, or make the baseline again with --update"
+        raise DataError(folder / SUMS, expected=f"the file that {MANIFEST} is of", got="another one", hint=hint)
     return RunSums(manifest=manifest, sums=sums)
 
 

@@ -66,7 +66,7 @@ def change_lines(verdict: Verdict) -> list[str]:
     already, then what did not; none where the two were not compared."""
     if verdict.refusal:
         return []
-    told = {check.name.removesuffix("_fingerprint") for check in verdict.failed_checks}
+    told = {check.name.removesuffix("_digest") for check in verdict.failed_checks}
     lines = [f"changed: {change.what}: {change.text}" for change in verdict.changes if change.what not in told]
     return [*lines, f"as in the baseline: {', '.join(verdict.unchanged) or 'nothing'}"]
 

@@ -70,6 +70,6 @@ def _why_not_again(baseline: Manifest, run: Manifest) -> str:
         return f"it is of version {was.version}, of an unknown commit"
     one, two = baseline.method, run.method
     own_code = one.place is not None and not one.place.startswith("bench.")
-    if own_code and one.name == two.name and one.identity != two.identity:
+    if own_code and one.name == two.name and one.code_digest != two.code_digest:
         return f"the code of {one.name!r} is another now; run in the baseline's own commit"
     return ""

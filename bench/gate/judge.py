@@ -32,7 +32,7 @@ Key = tuple[str, str, str]  # breakdown, slice, metric
 Pairs = dict[Key, pd.DataFrame]  # the sums of baseline and run by recording
 
 
-def other_kind(baseline: Manifest, run: Manifest) -> tuple[str, str] | None:
+def incomparable_reason(baseline: Manifest, run: Manifest) -> tuple[str, str] | None:
     """Why the two cannot be compared at all, and what to do instead; None where they can."""
     split = f"--split {baseline.dataset.split}" if baseline.dataset.split is not None else "no --split"
     protocol = baseline.protocol.name
@@ -60,13 +60,13 @@ def data_checks(baseline: RunSums, run: RunSums, pairs: Pairs, *, tolerances: To
     return (
         _check("failures", list(run.failures), "the run has {count} failures: {listed}"),
         _check(
-            "data_fingerprint",
+            "data_digest",
             texts(Aspect.DATA),
             "data changed: other images, sweeps, labels, calibration or ego-motion; {listed}",
             outcome=changed_data,
         ),
         _check(
-            "reference_fingerprint",
+            "reference_digest",
             [f"{_other_reference(pairs)}; {text}" for text in texts(Aspect.REFERENCE)],
             "reference changed: {listed}",
         ),
@@ -182,9 +182,9 @@ def judge(baseline: RunSums, run: RunSums, *, tolerances: Tolerances) -> Verdict
     Raises:
         UsageError: another data set, split or protocol.
     """
-    if differing := other_kind(baseline.manifest, run.manifest):
-        why, do = differing
-        raise UsageError(f"{why}: they do not compare; {do}, or replace the baseline with --update")
+    if differing := incomparable_reason(baseline.manifest, run.manifest):
+        why, hint = differing
+        raise UsageError(f"{why}: they do not compare; {hint}, or replace the baseline with --update")
     paired = pair_sums(baseline.sums, run.sums)
     groups: Iterable[tuple[Any, pd.DataFrame]] = paired.groupby(SLICE, sort=False)
     pairs: Pairs = {key: part for key, part in groups}  # noqa: C416 (`dict` would ask pandas for its keys)

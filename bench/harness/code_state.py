@@ -11,18 +11,18 @@ from importlib import resources
 from importlib.metadata import distributions
 from pathlib import Path
 
-from bench.harness.keys import MethodIdentity
+from bench.harness.digests import MethodCode
 
 SHOWN = 20
 
 
-def unrepeatable_code(identity: MethodIdentity) -> tuple[str, ...]:
+def unrepeatable_code(method_code: MethodCode) -> tuple[str, ...]:
     """List the files of a run's code that nobody else can obtain: of this package, and of the method, one line each.
 
     A file is repeatable when it is committed to git unchanged, or when an installed distribution lists it with the
     digest that it has.
     """
-    files = sorted({path.resolve() for path in (*_own_sources(), *(file.path for file in identity.files))})
+    files = sorted({path.resolve() for path in (*_own_sources(), *(file.path for file in method_code.files))})
     packed = _packed_digests(files)
     loose = [path for path in files if path not in packed]
     found = [f"{path}: changed since it was installed" for path in packed if packed[path] != _digest(path)]

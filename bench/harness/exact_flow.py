@@ -79,7 +79,7 @@ def _caster(file: str, recording: str, camera: str, cell_size_px: int) -> ExactF
     cameras = {} if spec is None else mounted_rig(scenario, spec).cameras
     if spec is None or camera not in cameras:
         got = f"none of {recording!r}, camera {camera!r}"
-        do = "name the scenario that the data set was rendered from, with --set scenario=FILE"
-        raise DataError(Path(file), expected="the recording and camera of the image", got=got, do=do)
+        hint = "name the scenario that the data set was rendered from, with --set scenario=FILE"
+        raise DataError(Path(file), expected="the recording and camera of the image", got=got, hint=hint)
     true = cameras[camera]
     return ExactFlowCaster(build_scene(scenario, spec), true, valid=visible_region(true), cell_size_px=cell_size_px)

@@ -103,9 +103,9 @@ class FramePipeline:
             DataError: an image, a sweep or the ego-motion of the frame cannot be used.
             UnscorableFrame: the images before it are missing, or the method has no answer.
         """
-        return self.process_by_all(index)[0]
+        return self.process_for_protocols(index)[0]
 
-    def process_by_all(self, index: int) -> tuple[ProcessedFrame, ...]:
+    def process_for_protocols(self, index: int) -> tuple[ProcessedFrame, ...]:
         """As `process`, once for each protocol; the method is asked once."""
         method, given, image = self._method, self.method_input(index), self.images[index]
         if is_oracle(method):

@@ -11,19 +11,19 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, Field
 
 import bench
-from bench.evaluation.summary import ProtocolStamp
-from bench.harness.keys import code_digest
-from bench.harness.keys.digests import UNIT_CODE
-from bench.harness.method_stamp import MethodStamp, flat_settings
-from bench.harness.provenance import combined_fingerprint, library_versions, package_commit
+from bench.evaluation.summary import ProtocolOfRun
+from bench.harness.digests import code_digest
+from bench.harness.digests.content import UNIT_CODE
+from bench.harness.method_of_run import MethodOfRun, flat_settings
+from bench.harness.provenance import combined_digest, library_versions, package_commit
 from bench.plain_text import listed
-from bench.recordings.sealed_json import read_sealed, write_sealed
+from bench.recordings.checked_json import read_checked, write_checked
 
 MANIFEST = "manifest.json"
 SHOWN_DIGEST = 12  # characters of a digest that are shown
-OF_RECORDING = 16  # characters of the digest of a recording's data that say whether it changed
+RECORDING_DIGEST_CHARS = 16  # characters of the digest of a recording's data that say whether it changed
 LISTED = 4  # recordings that a sentence lists
-PREDICTIONS_DIGEST = "fingerprint"  # a setting of predictions from disk: their content, which is data
+PREDICTIONS_DIGEST = "digest"  # a setting of predictions from disk: their content, which is data
 
 
 class _Part(BaseModel):
@@ -101,8 +101,8 @@ class Manifest(_Part):
     """
 
     dataset: DatasetOfRun
-    method: MethodStamp
-    protocol: ProtocolStamp
+    method: MethodOfRun
+    protocol: ProtocolOfRun
     code: CodeOfRun
     reference: str | None = None
     sums: str | None = None
@@ -113,8 +113,8 @@ class Manifest(_Part):
 
     def with_data(self, digests: Mapping[str, str]) -> Manifest:
         """The manifest with the digests of recordings' data, by name."""
-        recordings = {name: digest[:OF_RECORDING] for name, digest in sorted(digests.items())}
-        data = {"data": combined_fingerprint([*digests.values()]), "recordings": recordings}
+        recordings = {name: digest[:RECORDING_DIGEST_CHARS] for name, digest in sorted(digests.items())}
+        data = {"data": combined_digest([*digests.values()]), "recordings": recordings}
         return self.model_copy(update={"dataset": self.dataset.model_copy(update=data)})
 
 
@@ -205,19 +205,19 @@ def _differences(before: Manifest, after: Manifest) -> Iterator[Difference]:
         yield Difference(aspect=Aspect.REFERENCE, before=str(before.reference), after=str(after.reference), text=text)
 
 
-def all_settings(method: MethodStamp) -> dict[str, object]:
+def all_settings(method: MethodOfRun) -> dict[str, object]:
     """The settings of a method by dotted name: those that it reports, and those asked for that it does not report."""
     return flat_settings(method.asked) | flat_settings(method.settings)
 
 
-def protocol_text(protocol: ProtocolStamp) -> str:
+def protocol_text(protocol: ProtocolOfRun) -> str:
     """For example "paper-v1 version 1 (dde8f4b79b8f)"."""
     return f"{protocol.name} version {protocol.version} ({protocol.digest[:SHOWN_DIGEST]})"
 
 
 def write_manifest(run: Path, manifest: Manifest) -> None:
     """Write `manifest.json`."""
-    write_sealed(run / MANIFEST, manifest)
+    write_checked(run / MANIFEST, manifest)
 
 
 def read_manifest(run: Path) -> Manifest | None:
@@ -227,7 +227,7 @@ def read_manifest(run: Path) -> Manifest | None:
         DataError: damaged.
     """
     file = run / MANIFEST
-    return read_sealed(Manifest, file, expected="the manifest of a run") if file.exists() else None
+    return read_checked(Manifest, file, expected="the manifest of a run") if file.exists() else None
 
 
 def _one(aspect: Aspect, before: str, after: str) -> Iterator[Difference]:
@@ -258,9 +258,9 @@ def _code(before: Manifest, after: Manifest) -> Iterator[Difference]:
             text = f"{name} {later}, was {earlier}"
             yield Difference(aspect=Aspect.CODE, before=earlier, after=later, text=text, name=name)
     one, two = before.method, after.method
-    if one.name == two.name and None not in (one.identity, two.identity) and one.identity != two.identity:
-        text = f"the method's own code, libraries or files: {_digests(one.identity, two.identity)}"
-        yield Difference(aspect=Aspect.METHOD_CODE, before=str(one.identity), after=str(two.identity), text=text)
+    if one.name == two.name and None not in (one.code_digest, two.code_digest) and one.code_digest != two.code_digest:
+        text = f"the method's own code, libraries or files: {_digests(one.code_digest, two.code_digest)}"
+        yield Difference(aspect=Aspect.METHOD_CODE, before=str(one.code_digest), after=str(two.code_digest), text=text)
 
 
 def _changed_recordings(was: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:

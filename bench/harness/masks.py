@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from bench.errors import DataError
-from bench.harness.method_stamp import MethodStamp
+from bench.harness.method_of_run import MethodOfRun
 from bench.methods import Method, MethodInput, Segmentation
 
 MASKS = "masks.parquet"
@@ -71,21 +71,21 @@ class StoredMasks(Method):
 
     Args:
         run: folder.
-        method: stamp of the method.
+        method: that made them.
 
     Raises:
-        DataError: the run holds none, as runs of older versions.
+        DataError: the run holds none.
     """
 
     reads_images = False
 
-    def __init__(self, run: Path, method: MethodStamp) -> None:
+    def __init__(self, run: Path, method: MethodOfRun) -> None:
         self.file = run / MASKS
-        self.name, self.history = method.name, 1 if method.history is None else method.history
+        self.name, self.history = method.name, method.history
         self._settings = method.settings
         if not self.file.is_file():
-            do = "score again: runs of older versions hold no masks, and a stored run never calls its method"
-            raise DataError(self.file, expected="the masks that were scored", got="no such file", do=do)
+            hint = "run again: pictures are drawn from stored masks, and the method of a stored run is never called"
+            raise DataError(self.file, expected="the masks that were scored", got="no such file", hint=hint)
 
     def settings(self) -> dict[str, object]:
         """Those of the method."""
@@ -121,7 +121,7 @@ def _segmentation(row: Mapping[str, Any]) -> Segmentation:
         likelihood=None if likelihood is None else _spread(likelihood, shape, step),
         likelihood_is_score=bool(row["likelihood_is_score"]),
         threshold=row["threshold"],
-        causes=tuple(row["causes"] or ()),  # neither is in runs of older versions
+        causes=tuple(row["causes"]),
     )
 
 

@@ -87,7 +87,7 @@ class ExactMasks(Scorable):
                 recording.root,
                 expected="exact masks (truth/<camera>/<timestamp_ns>.png)",
                 got="a recording without",
-                do="only simulated data have them: score a method, or --method reference",
+                hint="only simulated data have them: score a method, or --method reference",
             )
         return self.of_truth(read_truth(image, recording.cameras[image.camera]), recording, reference)
 

@@ -12,8 +12,8 @@ from pydantic import BaseModel, ConfigDict
 from bench.atomic import write_text
 from bench.evaluation import Protocol, SequenceScorer
 from bench.flow import DenseFlow, FarnebackFlow
+from bench.harness.digests import MethodCode, digest_of
 from bench.harness.frames import FramePipeline, UnscorableFrame
-from bench.harness.keys import MethodIdentity, digest_of
 from bench.harness.stages import StageClock
 from bench.methods import Scorable
 from bench.recordings import DatasetCard, Recording, open_dataset
@@ -149,7 +149,7 @@ def method_cost(card: DatasetCard, method: Scorable, *, protocol: Protocol, know
         protocol: the rules of the reference, which has no part in the cost.
         known: an earlier cost, which stays while method, settings and data set are the same.
     """
-    of = digest_of(card.name, MethodIdentity.of(method).digest, method.settings())
+    of = digest_of(card.name, MethodCode.of(method).digest, method.settings())
     if known is not None and known.of == of:
         return known
     found = measure(

@@ -36,7 +36,7 @@ class PredictionReport(BaseModel):
         split: of it; None for all.
         folder: of the predictions, as it was named.
         form: masks or scores.
-        fingerprint: SHA-256 over the usable predictions' images and the content of their files.
+        digest: SHA-256 over the usable predictions' images and the content of their files.
         expected: images that will be scored.
         usable: predictions of these that can be read.
         unscored: predictions of images that are not scored.
@@ -53,7 +53,7 @@ class PredictionReport(BaseModel):
     split: str | None
     folder: str
     form: Literal["mask", "score"]
-    fingerprint: str
+    digest: str
     expected: int
     usable: int
     unscored: int
@@ -81,11 +81,11 @@ class PredictionReport(BaseModel):
 
     def refuse(self, listed_in: Path) -> DataError:
         """The error of a folder that is not scored."""
-        do = "fix these files"
+        hint = "fix these files"
         if self.missing_policy == "error":
-            do = "fix them, or leave images without one out with --missing skip, or count them with --missing empty"
+            hint = "fix them, or leave images without one out with --missing skip, or count them with --missing empty"
         got = f"{self.refusal}; all of them in {listed_in}"
-        return DataError(self.folder, expected=f"a prediction of each of {self.expected} images", got=got, do=do)
+        return DataError(self.folder, expected=f"a prediction of each of {self.expected} images", got=got, hint=hint)
 
 
 def check_predictions(
@@ -146,7 +146,7 @@ def _report(card: DatasetCard, method: PredictedMotion, found: PredictionIndex) 
         split=method.split,
         folder=method.folder,
         form=found.form,
-        fingerprint=found.fingerprint,
+        digest=found.digest,
         expected=found.expected,
         usable=len(found.usable),
         unscored=found.unscored,

@@ -20,7 +20,7 @@ from pydantic import BaseModel, ConfigDict
 import bench
 from bench.recordings import Recording
 
-FIGURE_LIBRARIES = ("numpy", "scipy", "numba", "opencv-python-headless", "shapely", "pandas", "pyarrow")
+METRIC_LIBRARIES = ("numpy", "scipy", "numba", "opencv-python-headless", "shapely", "pandas", "pyarrow")
 READER_LIBRARIES = (
     "kornia-rs",
     "laspy",
@@ -65,8 +65,8 @@ class Provenance(BaseModel):
         stage_seconds: time of each stage, summed over images; of runs by several protocols, that of their common pass.
         images: scored images.
         peak_memory_mb: largest resident size of a process.
-        work: what had to be computed; None in runs of older versions, and where it is not recorded.
-        unrepeatable: code that nobody else can have again, one line a file; see `code_state`.
+        work: what had to be computed; None of an audit.
+        unrepeatable: code that cannot be had again, one line a file; see `code_state`.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -120,7 +120,7 @@ def provenance_since(
         images: that were scored.
         work: what had to be computed.
         peak_memory_mb: of the largest process; None for this one.
-        unrepeatable: code that nobody else can have again.
+        unrepeatable: code that cannot be had again.
     """
     return Provenance(
         started_utc=start.utc.isoformat(timespec="seconds"),
@@ -140,7 +140,7 @@ def library_versions() -> dict[str, str]:
 
 @cache
 def _library_versions() -> tuple[tuple[str, str], ...]:
-    found = [(name, version(name)) for name in FIGURE_LIBRARIES]
+    found = [(name, version(name)) for name in METRIC_LIBRARIES]
     for name in READER_LIBRARIES:  # which of them there are depends on the platform and the interpreter
         with suppress(PackageNotFoundError):
             found.append((name, version(name)))
@@ -193,7 +193,7 @@ def largest_resident_mb() -> float:
     return size / (1e6 if platform.system() == "Darwin" else 1e3)
 
 
-def recording_fingerprint(recording: Recording) -> str:
+def recording_digest(recording: Recording) -> str:
     """SHA-256 over the relative paths and sizes of images and sweeps, over annotations and calibration as read,
     and over errors of what a method is told."""
     digest = hashlib.sha256(recording.name.encode())
@@ -212,6 +212,6 @@ def recording_fingerprint(recording: Recording) -> str:
     return digest.hexdigest()
 
 
-def combined_fingerprint(parts: Sequence[str]) -> str:
-    """SHA-256 over fingerprints, whatever their order."""
+def combined_digest(parts: Sequence[str]) -> str:
+    """SHA-256 over digests, whatever their order."""
     return hashlib.sha256("".join(sorted(parts)).encode()).hexdigest()

@@ -51,9 +51,9 @@ class StoredFrames:
         key = recording, camera
         if key not in self._pipelines:
             if recording not in self._handles:
-                do = "name the data set that the run was scored on"
+                hint = "name the data set that the run was scored on"
                 got = f"{len(self._handles)} others"
-                raise DataError(self._card.file, expected=f"recording {recording!r} of the run", got=got, do=do)
+                raise DataError(self._card.file, expected=f"recording {recording!r} of the run", got=got, hint=hint)
             opened = self._handles[recording].open()
             if camera not in opened.cameras:
                 got = ", ".join(opened.cameras)

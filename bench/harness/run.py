@@ -12,13 +12,13 @@ from typing import TypeVar
 
 from bench.errors import DataError, UsageError
 from bench.evaluation import Protocol, sum_run, summary_of, write_sums
-from bench.evaluation.summary import ProtocolStamp
+from bench.evaluation.summary import ProtocolOfRun
 from bench.execution import FailedTask, SerialExecutor, TaskExecutor
 from bench.harness.cache import CacheFolder
 from bench.harness.code_state import unrepeatable_code
-from bench.harness.keys import MethodIdentity
+from bench.harness.digests import MethodCode
 from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest, all_settings
-from bench.harness.method_stamp import MethodStamp
+from bench.harness.method_of_run import MethodOfRun
 from bench.harness.provenance import Provenance, Start, Work, largest_resident_mb, provenance_since
 from bench.harness.run_folder import begin_run, held_run_folder, new_results
 from bench.harness.stages import Progress
@@ -30,7 +30,7 @@ from bench.harness.stored import (
     file_digests,
     open_tables,
     read_threshold_free,
-    reference_fingerprint,
+    reference_digest,
     sums_digest,
     write_protocol,
     write_summary,
@@ -83,18 +83,18 @@ class RunRequest:
         """The recordings to be scored, with the input errors."""
         return [replace(handle, input_errors=self.input_errors) for handle in open_dataset(self.card, self.split)]
 
-    def manifest(self, identity: MethodIdentity) -> Manifest:
+    def manifest(self, method_code: MethodCode) -> Manifest:
         """The manifest of the run, as far as it is known before it begins.
 
         Args:
-            identity: of the method.
+            method_code: of the method.
         """
         rules = self.protocol
         errors = dict(self.input_errors.named)
         return Manifest(
             dataset=DatasetOfRun(name=self.card.name, card=str(self.card.file), split=self.split, input_errors=errors),
-            method=MethodStamp.of(self.method, identity, asked=self.settings),
-            protocol=ProtocolStamp(name=rules.name, version=rules.version, digest=rules.digest),
+            method=MethodOfRun.of(self.method, method_code, asked=self.settings),
+            protocol=ProtocolOfRun(name=rules.name, version=rules.version, digest=rules.digest),
             code=CodeOfRun.here(),
         ).as_read()
 
@@ -220,8 +220,8 @@ def _begin(requests: Sequence[RunRequest], held: ExitStack, *, shared: bool) -> 
         own = getattr(first, name)
         if any(getattr(one, name) is not own and getattr(one, name) != own for one in requests[1:]):
             raise UsageError(f"expected runs that differ in protocol and folder alone, got several of {name}")
-    identity = MethodIdentity.of(first.method)
-    manifests = {request.out: request.manifest(identity) for request in requests}
+    method_code = MethodCode.of(first.method)
+    manifests = {request.out: request.manifest(method_code) for request in requests}
     for request in requests:
         held.enter_context(held_run_folder(request.out, shared=shared))
         begin_run(request.out, manifests[request.out], overwrite=request.overwrite)
@@ -240,7 +240,7 @@ def _score(
         asked.cache.prepare()
     spec = RunSpec(
         method=asked.method,
-        identity=MethodIdentity.of(asked.method),
+        method_code=MethodCode.of(asked.method),
         settings=all_settings(manifests[asked.out].method),
         protocols={request.out: request.protocol for request in requests},
         cache=asked.cache,
@@ -365,8 +365,8 @@ def _write_results(results: Path, request: RunRequest, scored: ScoredPart, manif
     write_protocol(results, protocol)
     outlines = [recording.vehicle_outline_m for recording in scored.recordings if recording.vehicle_outline_m]
     digests = {one.name: one.digest for one in scored.recordings if one.digest is not None}
-    unrepeatable = unrepeatable_code(MethodIdentity.of(request.method))
-    finished = {"reference": reference_fingerprint(objects, frames), "sums": sums_digest(results)}
+    unrepeatable = unrepeatable_code(MethodCode.of(request.method))
+    finished = {"reference": reference_digest(objects, frames), "sums": sums_digest(results)}
     summary = RunSummary(
         **{name: getattr(metrics, name) for name in type(metrics).model_fields},
         schema_version=SCHEMA_VERSION,

@@ -39,12 +39,12 @@ def held_run_folder(run: Path, *, shared: bool = False) -> Iterator[None]:
     """
     try:
         if run.exists() and any(run.iterdir()) and not (run / FOLDER).is_dir() and not _beside(run, "new").exists():
-            do = "give another folder with --out, or remove what is in it"
-            raise DataError(run, expected="an empty folder or an older run", got="a folder with other files", do=do)
+            hint = "give another folder with --out, or remove what is in it"
+            raise DataError(run, expected="an empty folder or an older run", got="a folder with other files", hint=hint)
         (run / FOLDER).mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        got, do = error.strerror or str(error), "give another folder with --out"
-        raise DataError(run, expected="a folder for the run", got=got, do=do) from error
+        got, hint = error.strerror or str(error), "give another folder with --out"
+        raise DataError(run, expected="a folder for the run", got=got, hint=hint) from error
     with folder_lock(run, shared=shared, wait=False):
         if not shared:
             _recover(run)
@@ -64,15 +64,15 @@ def begin_run(run: Path, manifest: Manifest, *, overwrite: bool) -> None:
 
 
 def _refuse_other(run: Path, manifest: Manifest) -> None:
-    do = "give another folder with --out, or replace what is there with --overwrite"
+    hint = "give another folder with --out, or replace what is there with --overwrite"
     try:
         there = read_manifest(run)
     except DataError as error:
-        raise DataError(error.file, field=error.field, expected=error.expected, got=error.got, do=do) from error
+        raise DataError(error.file, field=error.field, expected=error.expected, got=error.got, hint=hint) from error
     others = [] if there is None else [str(d) for d in differences(there, manifest) if d.of_the_request]
     if others:
         got = f"another one: {'; '.join(others)}"
-        raise DataError(run, expected="an empty folder or the run that is asked for", got=got, do=do)
+        raise DataError(run, expected="an empty folder or the run that is asked for", got=got, hint=hint)
 
 
 @contextmanager
@@ -92,8 +92,10 @@ def new_results(run: Path) -> Iterator[Path]:
     try:
         new.mkdir()
     except OSError as error:
-        do = "give another folder with --out"
-        raise DataError(new, expected="a folder for new results", got=error.strerror or str(error), do=do) from error
+        hint = "give another folder with --out"
+        raise DataError(
+            new, expected="a folder for new results", got=error.strerror or str(error), hint=hint
+        ) from error
     try:
         yield new
     except BaseException:
@@ -106,9 +108,9 @@ def new_results(run: Path) -> Iterator[Path]:
         place.rename(old)
         new.rename(place)
     except OSError as error:
-        do = f"the new results are in {new}; the same command brings them to their place"
+        hint = f"the new results are in {new}; the same command brings them to their place"
         got = error.strerror or str(error)
-        raise DataError(place, expected="a folder that can be renamed", got=got, do=do) from error
+        raise DataError(place, expected="a folder that can be renamed", got=got, hint=hint) from error
     shutil.rmtree(old, ignore_errors=True)
 
 

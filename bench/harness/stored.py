@@ -23,7 +23,6 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv
 import pyarrow.dataset
-from pydantic import Field
 
 from bench.atomic import write_text
 from bench.errors import DataError
@@ -44,7 +43,7 @@ from bench.evaluation.rows import Rows, read_parts, sort_rows, to_frame
 from bench.harness.manifest import Manifest, write_manifest
 from bench.harness.provenance import Provenance
 from bench.harness.unit_files import load_image_maps
-from bench.recordings.sealed_json import read_sealed, write_sealed
+from bench.recordings.checked_json import read_checked, write_checked
 
 SCHEMA_VERSION = 1
 SUMMARY, SUMS, IMAGE_MAPS = "summary.json", "sums.csv", "image_maps.npz"
@@ -144,9 +143,8 @@ class RunSummary(Summary):
         vehicle_outline_m: the ego vehicle from above, vehicle frame, for pictures.
         caveats: what a reader has to know of the data set, from its card.
         failures: one line per recording, unit or image that could not be used; the metrics are of the rest.
-        threshold_free: what the method's likelihood is worth at all thresholds; None for a method without one and in
-            runs of older versions.
-        files: SHA-256 of the tables that the metrics are of, by name; empty in runs of older versions.
+        threshold_free: what the method's likelihood is worth at all thresholds; None for a method without one.
+        files: SHA-256 of the tables that the metrics are of, by name.
     """
 
     schema_version: int
@@ -156,7 +154,7 @@ class RunSummary(Summary):
     failures: tuple[str, ...]
     caveats: str = ""
     threshold_free: ThresholdFreeMetrics | None = None
-    files: dict[Table, str] = Field(default_factory=dict)
+    files: dict[Table, str]
 
 
 def read_tables(run: Path, *, histograms: bool = True) -> tuple[pa.Table, pa.Table]:
@@ -190,7 +188,7 @@ def read_image_maps(run: Path) -> dict[str, ImageMap]:
     A camera that comes in several sizes has one map for each, as "front, 640 x 480".
 
     Raises:
-        DataError: missing, as in runs of older versions, or damaged.
+        DataError: missing or damaged.
     """
     maps = load_image_maps(run / IMAGE_MAPS)
     several = [camera for camera, count in Counter(item.camera for item in maps).items() if count > 1]
@@ -237,7 +235,7 @@ def read_protocol(run: Path, summary: RunSummary) -> Protocol:
     return protocol
 
 
-def reference_fingerprint(objects: Rows, frames: Rows) -> str:
+def reference_digest(objects: Rows, frames: Rows) -> str:
     """SHA-256 over the columns that the method has no part in, some recordings in memory at a time."""
     digest = hashlib.sha256()
     for rows, whole, columns, key in (
@@ -254,7 +252,7 @@ def reference_fingerprint(objects: Rows, frames: Rows) -> str:
 def write_summary(run: Path, summary: RunSummary) -> None:
     """Write `manifest.json` and `summary.json`; NaN becomes null."""
     write_manifest(run, summary.manifest)
-    write_sealed(run / SUMMARY, summary)
+    write_checked(run / SUMMARY, summary)
 
 
 def file_digests(run: Path) -> dict[Table, str]:
@@ -274,11 +272,11 @@ def read_run(run: Path) -> RunSummary:
         DataError: missing, not a summary of a known version, damaged, or beside tables of something else.
     """
     file = run / SUMMARY
-    summary = read_sealed(RunSummary, file, expected="the summary of a run")
+    summary = read_checked(RunSummary, file, expected="the summary of a run")
     if summary.schema_version != SCHEMA_VERSION:
         expected, got = f"{SCHEMA_VERSION}", f"{summary.schema_version}"
         raise DataError(
-            file, field="schema_version", expected=expected, got=got, do="read it with the version it is of"
+            file, field="schema_version", expected=expected, got=got, hint="read it with the version it is of"
         )
     for name, digest in summary.files.items():
         _check(run / name, digest)
@@ -298,8 +296,8 @@ def _check(file: Path, digest: str) -> None:
     except OSError as error:
         raise DataError(file, expected="a file of a run", got=error.strerror or str(error)) from error
     if found != digest:
-        got, do = "another one: it is damaged, or of another run", "score again"
-        raise DataError(file, expected=f"the file that {SUMMARY} is of", got=got, do=do)
+        got, hint = "another one: it is damaged, or of another run", "score again"
+        raise DataError(file, expected=f"the file that {SUMMARY} is of", got=got, hint=hint)
 
 
 def _sha256(file: Path) -> str:

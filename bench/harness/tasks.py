@@ -12,9 +12,9 @@ import bench
 from bench.errors import BenchError, DataError, OutputError
 from bench.evaluation import Protocol
 from bench.harness.cache import CacheFolder, StepCache
-from bench.harness.keys import MethodIdentity, RecordingInputs, code_digest, digest_of
-from bench.harness.keys.digests import UNIT_CODE
-from bench.harness.provenance import largest_resident_mb, recording_fingerprint
+from bench.harness.digests import MethodCode, RecordingInputs, code_digest, digest_of
+from bench.harness.digests.content import UNIT_CODE
+from bench.harness.provenance import largest_resident_mb, recording_digest
 from bench.harness.stages import StageClock
 from bench.harness.unit import Unit, plan_units, run_unit
 from bench.harness.unit_files import UnitStore, encode_unit
@@ -30,7 +30,7 @@ class RunSpec:
 
     Attributes:
         method: to be scored.
-        identity: of the method, in the process that started the run.
+        method_code: of the method, in the process that started the run.
         settings: of the method, as it reports them and as they were asked for.
         protocols: the rules, each by the folder of its run.
         cache: where cached steps are stored; None to compute everything.
@@ -39,7 +39,7 @@ class RunSpec:
     """
 
     method: Scorable
-    identity: MethodIdentity
+    method_code: MethodCode
     settings: Mapping[str, object]
     protocols: Mapping[Path, Protocol]
     cache: CacheFolder | None = None
@@ -53,9 +53,9 @@ class RunSpec:
             DataError: this process has other code of this package or of the method, or a file of it changed on disk.
         """
         if code_digest(UNIT_CODE) != self.code:
-            place, do = Path(bench.__file__).parent, "start the run, and its workers, again"
-            raise DataError(place, expected="the code that the run began with", got="another state of it", do=do)
-        self.identity.refuse_change()
+            place, hint = Path(bench.__file__).parent, "start the run, and its workers, again"
+            raise DataError(place, expected="the code that the run began with", got="another state of it", hint=hint)
+        self.method_code.refuse_change()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,7 +138,7 @@ def plan_recording(spec: RunSpec, handle: RecordingHandle) -> PlannedRecording:
     return PlannedRecording(
         name=handle.name,
         units=units,
-        digest=recording_fingerprint(opened.recording),
+        digest=recording_digest(opened.recording),
         vehicle_outline_m=tuple((float(x), float(y)) for x, y in opened.recording.vehicle_outline_m),
         failure=None,
         seconds=clock.seconds["open"],
@@ -164,7 +164,7 @@ def score_unit(spec: RunSpec, task: UnitTask) -> ScoredUnit:
             opened = _open(spec, task.handle)
         with clock.stage("digest"):
             spec.refuse_other_code()
-            inputs = opened.inputs.afresh()
+            inputs = opened.inputs.reread()
             decided_by = deciding_digests(spec, opened.recording, unit, inputs)
             names = {run: digest_of(parts) for run, parts in decided_by.items()}
             digests = {run: digest for run, digest in names.items() if _is_stored(task, run, digest)}
@@ -172,7 +172,9 @@ def score_unit(spec: RunSpec, task: UnitTask) -> ScoredUnit:
         if due:
             steps = None
             if spec.cache is not None:
-                steps = StepCache(folder=spec.cache, recording=opened.recording, inputs=inputs, identity=spec.identity)
+                steps = StepCache(
+                    folder=spec.cache, recording=opened.recording, inputs=inputs, method_code=spec.method_code
+                )
             protocols = [spec.protocols[run] for run in due]
             tables = run_unit(opened.recording, unit, method=spec.method, protocols=protocols, clock=clock, steps=steps)
             with clock.stage("digest"):
@@ -213,7 +215,7 @@ def deciding_digests(
     shared = {
         "format": digest_of(UNIT_FORMAT),
         "code": spec.code,
-        "method": digest_of(spec.method.name, spec.identity.digest),
+        "method": digest_of(spec.method.name, spec.method_code.digest),
         "settings": digest_of(spec.settings),
         "unit": digest_of(unit, recording.frame_interval_ns),
         "camera": inputs.camera(unit.camera),
@@ -263,10 +265,10 @@ def _open(spec: RunSpec, handle: RecordingHandle) -> _Opened:
 
 def _refuse_change(spec: RunSpec, opened: _Opened, unit: Unit, before: Mapping[Path, Mapping[str, str]]) -> None:
     """Refuse a result of files that changed while they were read: nobody knows which of them it is of."""
-    if deciding_digests(spec, opened.recording, unit, opened.inputs.afresh()) != before:
+    if deciding_digests(spec, opened.recording, unit, opened.inputs.reread()) != before:
         raise DataError(
             opened.recording.root,
             expected="files that stay the same while they are scored",
             got="other content at the end than at the beginning",
-            do="run again when nobody writes there",
+            hint="run again when nobody writes there",
         )

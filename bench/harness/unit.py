@@ -89,8 +89,8 @@ def plan_units(recording: Recording, method: Scorable, *, chunk_images: int = CH
     """
     images_of_all = [image for images in recording.images.values() for image in images]
     if images_of_all and not any(image.scored for image in images_of_all):
-        do = f"write {recording.name}.json into the folder that the card's annotations names (annotations/README.md)"
-        raise DataError(recording.root, field=recording.name, expected="annotations", got="none", do=do)
+        hint = f"write {recording.name}.json into the folder that the card's annotations names (annotations/README.md)"
+        raise DataError(recording.root, field=recording.name, expected="annotations", got="none", hint=hint)
     for camera in sorted(recording.cameras):
         images = len(recording.images[camera])
         first = next((i for i, image in enumerate(recording.images[camera]) if image.scored), images)
@@ -159,7 +159,7 @@ def run_unit(
 
     for index in range(unit.start, unit.stop):
         try:
-            frames = pipeline.process_by_all(index)
+            frames = pipeline.process_for_protocols(index)
             exact = pipeline.exact_masks(index, [frame.reference for frame in frames])
         except UnscorableFrame as reason:
             leave_out(index, "skipped", str(reason))

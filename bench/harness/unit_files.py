@@ -25,7 +25,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from bench.atomic import replacing, write_bytes
 from bench.errors import DataError, OutputError
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, ImageMap, add_image_maps
-from bench.harness.keys import digest_of
+from bench.harness.digests import digest_of
 from bench.harness.masks import MASKS, MASKS_SCHEMA
 from bench.harness.unit import Unit, UnitTables
 
@@ -111,8 +111,8 @@ class UnitStore:
         try:
             write_bytes(file, content)
         except OutputError as error:
-            do = "free some disk space, then run the same command again: units that are stored are not computed again"
-            raise OutputError(file, got=error.got, do=do) from error
+            hint = "free some disk space, then run the same command again: units that are stored are not computed again"
+            raise OutputError(file, got=error.got, hint=hint) from error
 
     def keep_only(self, units: Mapping[Unit, str]) -> None:
         """Remove what is not of these units, by digest."""
@@ -171,7 +171,7 @@ def _read(file: Path, digest: str) -> tuple[UnitStatus, Mapping[str, bytes]]:
     Raises:
         DataError: the unit is not stored, or damaged.
     """
-    do = "give the command of the run again; it computes what is missing"
+    hint = "give the command of the run again; it computes what is missing"
     try:
         content = file.read_bytes()
         with ZipFile(io.BytesIO(content)) as archive:
@@ -181,15 +181,15 @@ def _read(file: Path, digest: str) -> tuple[UnitStatus, Mapping[str, bytes]]:
             files = {entry.filename: archive.read(entry) for entry in entries}
         status = UnitStatus.model_validate_json(files.pop(STATUS))
     except FileNotFoundError as error:
-        raise DataError(file, expected="a stored unit", got="no such file", do=do) from error
+        raise DataError(file, expected="a stored unit", got="no such file", hint=hint) from error
     except (OSError, ValueError, KeyError, NotImplementedError, RuntimeError, EOFError, BadZipFile) as error:
         got = "a damaged status" if isinstance(error, ValidationError) else " ".join(str(error).split())
-        raise DataError(file, expected="a stored unit", got=got, do=do) from error
+        raise DataError(file, expected="a stored unit", got=got, hint=hint) from error
     contents = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
     if contents != status.sha256 or not TABLES.keys() <= contents.keys():
-        raise DataError(file, expected="the files that its status lists", got="others, or damaged ones", do=do)
+        raise DataError(file, expected="the files that its status lists", got="others, or damaged ones", hint=hint)
     if digest_of(status.decided_by) != digest:
-        raise DataError(file, expected="a unit of the digest in its name", got="another one", do=do)
+        raise DataError(file, expected="a unit of the digest in its name", got="another one", hint=hint)
     return status, files
 
 
@@ -235,7 +235,7 @@ def load_image_maps(file: Path, content: BinaryIO | None = None) -> tuple[ImageM
                 for number, entry in enumerate(index)
             )
     except FileNotFoundError as error:
-        got = "no such file; runs of older versions have none"
+        got = "no such file"
         raise DataError(file, expected="the image maps of a run", got=got) from error
     except (OSError, ValueError, KeyError, TypeError, NotImplementedError, BadZipFile, EOFError, zlib.error) as error:
         raise DataError(file, expected="the image maps of a run", got=" ".join(str(error).split())[:200]) from error

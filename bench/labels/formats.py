@@ -152,7 +152,7 @@ def map_classes(
             field="classes",
             expected=f"classes that map to one of {', '.join(OBJECT_CLASSES)}",
             got=", ".join(repr(name) for name in unknown),
-            do=_class_hint(unknown),
+            hint=_class_hint(unknown),
         )
     return {name: table[name.casefold()] for name in classes}
 

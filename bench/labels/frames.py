@@ -42,8 +42,10 @@ def frame_files(source: Path, suffix: str, *, folders: tuple[str, ...] = (), wit
         raise DataError(source, expected=f"a folder of {suffix} files", got="a file" if source.exists() else "nothing")
     inner = [source / name for name in folders if (source / name).is_dir()]
     if len(inner) > 1:
-        do = f"give the one that is meant, for example {inner[0]}"
-        raise DataError(source, expected="one folder of labels", got=" and ".join(path.name for path in inner), do=do)
+        hint = f"give the one that is meant, for example {inner[0]}"
+        raise DataError(
+            source, expected="one folder of labels", got=" and ".join(path.name for path in inner), hint=hint
+        )
     folder = inner[0] if inner else source
     left_out = set(without)
     files = sorted(
@@ -82,7 +84,7 @@ def refuse_other_frames(folder: Path, suffix: str, names: Iterable[str], *, with
     if others:
         expected = f"no frames but the {len(written) - len(set(without))} that are written"
         raise DataError(
-            folder, expected=expected, got=f"{len(others)} others, as {others[0]}", do="give another folder"
+            folder, expected=expected, got=f"{len(others)} others, as {others[0]}", hint="give another folder"
         )
 
 
@@ -170,11 +172,11 @@ def _paired(
         return chosen
     called = f"{sweeps[0].path.stem} to {sweeps[-1].path.stem}"
     expected = f"frames named like the {len(sweeps)} sweeps, {called}"
-    do = "name frames after the sweeps"
+    hint = "name frames after the sweeps"
     if places:
         expected += f", or {options.first_frame} to {options.first_frame + len(sweeps) - 1}"
-        do += ", or give the number of the first sweep with --first-frame"
-    raise DataError(source, field="frames", expected=expected, got=listed(unpaired, SHOWN), do=do)
+        hint += ", or give the number of the first sweep with --first-frame"
+    raise DataError(source, field="frames", expected=expected, got=listed(unpaired, SHOWN), hint=hint)
 
 
 def _is_number(text: str) -> bool:

@@ -418,8 +418,8 @@ def _listed_frames(file: Path, options: LabelOptions) -> dict[int, str] | None:
     if not file.is_file():
         return None
     if options.first_frame:
-        got, do = f"--first-frame {options.first_frame} as well", "leave that out, or take the file away"
-        raise DataError(file, expected="frames by name or by number", got=got, do=do)
+        got, hint = f"--first-frame {options.first_frame} as well", "leave that out, or take the file away"
+        raise DataError(file, expected="frames by name or by number", got=got, hint=hint)
     listed: dict[int, str] = {}
     for row, line in enumerate(read_text(file).splitlines(), start=1):
         if not line.strip():
@@ -469,8 +469,8 @@ def _runs(posed: Sequence[tuple[int, Cuboid]]) -> list[list[tuple[int, Cuboid]]]
 def _refuse_lean(pose: TrackletPose, file: Path, field: str) -> None:
     rx, ry, _ = pose.angles_rad
     if abs(rx) > UPRIGHT_RAD or abs(ry) > UPRIGHT_RAD:
-        do = "files of CVAT, which turns boxes about all axes, are read as cvat-tracklets"
-        raise DataError(file, field=f"{field}.rx, ry", expected="0", got=f"{rx:.4g} and {ry:.4g}", do=do)
+        hint = "files of CVAT, which turns boxes about all axes, are read as cvat-tracklets"
+        raise DataError(file, field=f"{field}.rx, ry", expected="0", got=f"{rx:.4g} and {ry:.4g}", hint=hint)
 
 
 def _lean_rad(pose: RigidTransform) -> float:

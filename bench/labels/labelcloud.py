@@ -205,8 +205,8 @@ class LabelCloud:
             raise DataError(file, field="type", expected="object_detection, labels of boxes", got=stated.type)
         if stated.format != self.way:
             other = f"read it as labelcloud-{stated.format.replace('_', '-')}"
-            do = other if stated.format in WAYS else "export the labels from labelCloud in one of its JSON formats"
-            raise DataError(file, field="format", expected=f"{self.way}, as asked for", got=stated.format, do=do)
+            hint = other if stated.format in WAYS else "export the labels from labelCloud in one of its JSON formats"
+            raise DataError(file, field="format", expected=f"{self.way}, as asked for", got=stated.format, hint=hint)
 
     def _boxes(self, file: Path, sweep: SweepRef, recording: Recording) -> list[tuple[str, ObjectState]]:
         """Class and state of each box."""

@@ -111,9 +111,9 @@ class Systems:
             if chained is not None:
                 self._taken = anchor if number else self._taken
                 return vehicle_from_anchor @ chained
-        do = "give pose_wrt_parent, or frame_properties.transforms in every frame"
+        hint = "give pose_wrt_parent, or frame_properties.transforms in every frame"
         expected = f"poses from {start!r} to {' or '.join(map(repr, self._anchors))}"
-        raise DataError(self._file, field=field, expected=expected, got="none", do=do)
+        raise DataError(self._file, field=field, expected=expected, got="none", hint=hint)
 
     def _anchored(self, recording: Recording) -> dict[str, RigidTransform]:
         """Systems at which a chain may end, the first that it reaches, and our vehicle frame from each."""
@@ -296,9 +296,9 @@ def _fisheye(values: Mapping[str, Any], file: Path, field: str) -> CameraModel:
     width, height = _size(values, file, field)
     u, v = (_number(values, names, file, field) for names in CENTRES)
     if not (0 < u < width and 0 < v < height):
-        do = "some files have the distance from the middle of the image here: add (width - 1) / 2, (height - 1) / 2"
+        hint = "some files have the distance from the middle of the image here: add (width - 1) / 2, (height - 1) / 2"
         expected = f"a centre in the image of {width} x {height} px"
-        raise DataError(file, field=f"{field}.center_x_px, center_y_px", expected=expected, got=f"{u}, {v}", do=do)
+        raise DataError(file, field=f"{field}.center_x_px, center_y_px", expected=expected, got=f"{u}, {v}", hint=hint)
     focal_x = _number(values, ("focal_length_x",), file, field, default=0.0)
     ratio = _number(values, ("aspect_ratio",), file, field, default=1.0) or 1.0
     model = next((values[name] for name in MODELS if isinstance(values.get(name), str)), None)
@@ -341,9 +341,9 @@ def _pinhole(values: Mapping[str, Any], file: Path, field: str) -> CameraModel:
     if not any(distortion):
         return camera_from_parameters("pinhole", **shape)
     if len(distortion) < 4 or any(distortion[5:]):
-        do = "give images without distortion, or another camera model in intrinsics_custom"
+        hint = "give images without distortion, or another camera model in intrinsics_custom"
         expected, place = "k1, k2, p1, p2 and k3", f"{field}.distortion_coeffs"
-        raise DataError(file, field=place, expected=expected, got=f"{len(distortion)} coefficients", do=do)
+        raise DataError(file, field=place, expected=expected, got=f"{len(distortion)} coefficients", hint=hint)
     k1, k2, p1, p2, k3 = (*distortion, 0.0)[:5]
     return camera_from_parameters("brown_conrady", **shape, radial=(k1, k2, k3), tangential=(p1, p2))
 

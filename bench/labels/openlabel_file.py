@@ -193,7 +193,7 @@ def read_label_file(file: Path) -> Root:
     if not isinstance(version, str) or not version.startswith("1."):
         field = "openlabel.metadata.schema_version"
         raise DataError(
-            file, field=field, expected="1.0.0", got=repr(version)[:80], do="convert the file to OpenLABEL 1.0.0"
+            file, field=field, expected="1.0.0", got=repr(version)[:80], hint="convert the file to OpenLABEL 1.0.0"
         )
     for number, frame in content.frames.items():
         for uid in frame.objects:

@@ -71,8 +71,8 @@ def frame_times(
     frames = content.frames
     if not frames:
         got = f"none, and {len(content.objects)} objects" if content.objects else "none"
-        do = "an annotation needs times; export the labels with frames"
-        raise DataError(file, field="openlabel.frames", expected="frames, to pair with sweeps", got=got, do=do)
+        hint = "an annotation needs times; export the labels with frames"
+        raise DataError(file, field="openlabel.frames", expected="frames, to pair with sweeps", got=got, hint=hint)
     ways = [way for way in map(partial(_stamps, content), STAMPS) if any(stamp is not None for stamp in way.values())]
     whole = [way for way in ways if all(stamp is not None for stamp in way.values())]
     if whole:

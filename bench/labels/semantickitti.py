@@ -100,8 +100,10 @@ def read_labels(file: Path, *, points: int) -> tuple[NDArray[np.int64], NDArray[
     values = _stored_labels(file)
     if len(values) != points or file.stat().st_size % 4:
         got = f"{file.stat().st_size} bytes, {len(values)} labels" + (" and a rest" if file.stat().st_size % 4 else "")
-        do = "labels count in the sweep as the recording has it: give those of the same, uncut sweeps"
-        raise DataError(file, expected=f"{points} labels of 4 bytes, one for each point of its sweep", got=got, do=do)
+        hint = "labels count in the sweep as the recording has it: give those of the same, uncut sweeps"
+        raise DataError(
+            file, expected=f"{points} labels of 4 bytes, one for each point of its sweep", got=got, hint=hint
+        )
     values = values.astype(np.int64)
     return values & LARGEST_INSTANCE, values >> INSTANCE_BITS
 
@@ -246,8 +248,8 @@ def _sweep_labels(
     pointless = 0
     placed = pose_sweep(sweep, recording.trajectory, recording.vehicle_from_lidar)
     if placed is None and count and any(not isinstance(state.shape, PointIndices) for _, state in objects):
-        do = "give ego-motion that covers every sweep"
-        raise DataError(ref.path, expected="ego-motion during the whole sweep", got="none for part of it", do=do)
+        hint = "give ego-motion that covers every sweep"
+        raise DataError(ref.path, expected="ego-motion during the whole sweep", got="none for part of it", hint=hint)
     for track, state in sorted(objects, key=lambda one: -_volume(one[1].shape)):
         rows = _rows(track, state, ref, count, placed, recording)
         pointless += not len(rows)
@@ -263,7 +265,7 @@ def _rows(
         if rows.size and not 0 <= int(rows.min()) <= int(rows.max()) < count:
             got = f"{int(rows.min())} to {int(rows.max())}"
             expected = f"point indices of {track.track_id!r} from 0 to {count - 1}"
-            raise DataError(ref.path, expected=expected, got=got, do="annotate the sweep as the recording has it")
+            raise DataError(ref.path, expected=expected, got=got, hint="annotate the sweep as the recording has it")
         return rows
     if placed is None:
         return np.empty(0, dtype=np.int64)

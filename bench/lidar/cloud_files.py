@@ -53,8 +53,8 @@ def open3d() -> ModuleType:
     try:
         import open3d as module
     except (ImportError, OSError) as error:
-        do = "it links against libraries that slim systems lack, on Debian: apt-get install libegl1 libgl1 libx11-6"
-        raise UsageError(f"open3d: expected a library that loads, got {error}; {do}") from error
+        hint = "it links against libraries that slim systems lack, on Debian: apt-get install libegl1 libgl1 libx11-6"
+        raise UsageError(f"open3d: expected a library that loads, got {error}; {hint}") from error
     finally:
         if without_viewers:
             del sys.modules[viewers]
@@ -128,12 +128,12 @@ def read_cloud(path: Path) -> Arrays:
     except (ValueError, IndexError, KeyError, StopIteration):
         raise DataError(path, expected=f"the header of a {path.suffix} file", got="another or none") from None
     if layout.lost:
-        got, do = (
+        got, hint = (
             "0, so that their offsets are unknown",
             "write the cloud again without padding, or without these fields",
         )
         expected = f"a COUNT of 1 or more for each field before {', '.join(layout.lost)}"
-        raise DataError(path, field="COUNT", expected=expected, got=got, do=do)
+        raise DataError(path, field="COUNT", expected=expected, got=got, hint=hint)
     if not 0 < layout.rows * layout.row_bytes <= LARGEST_BYTES:
         got = f"a header of {layout.rows} points of {layout.row_bytes} bytes"
         raise DataError(path, expected=f"points of at most {LARGEST_BYTES} bytes", got=got)
@@ -208,9 +208,9 @@ def _typed(path: Path, name: str, words: NDArray[np.bytes_], dtype: np.dtype[Any
 def _compressed(path: Path, body: bytes, layout: Layout) -> dict[str, NDArray[Any]]:
     """By open3d, which allocates what the two lengths before the points state, and prints what it cannot read."""
     if layout.padded:
-        do = "store the points as binary: pcl_convert_pcd_ascii_binary IN OUT 1"
+        hint = "store the points as binary: pcl_convert_pcd_ascii_binary IN OUT 1"
         expected = "fields of one number each in compressed points"
-        raise DataError(path, field="FIELDS", expected=expected, got="padding, or several", do=do)
+        raise DataError(path, field="FIELDS", expected=expected, got="padding, or several", hint=hint)
     unpacked = layout.rows * layout.row_bytes
     if len(body) < 8:
         raise DataError(path, expected="compressed points", got=f"{len(body)} bytes; the file is cut short")

@@ -136,10 +136,10 @@ class DatasetCard:
         def expanded(match: re.Match[str]) -> str:
             value = os.environ.get(match[1])
             if not value:
-                do = f"set {match[1]}, for example: export {match[1]}=/path/to/data"
-                do += f"; {self.content.how_to_get}" if self.content.how_to_get else ""
+                hint = f"set {match[1]}, for example: export {match[1]}=/path/to/data"
+                hint += f"; {self.content.how_to_get}" if self.content.how_to_get else ""
                 got = f"the variable {match[1]}, which is not set"
-                raise DataError(self.file, field=field, expected="a folder", got=got, do=do)
+                raise DataError(self.file, field=field, expected="a folder", got=got, hint=hint)
             return value
 
         try:
@@ -199,10 +199,10 @@ def load_card(path_or_name: Path | str, *, folder: Path | None = None) -> Datase
     if path.suffix not in OTHER_SUFFIX:
         path = _find_card(str(path_or_name), card_folders() if folder is None else (folder,))
     elif not path.exists() and (shipped_folder() / path.name).is_file():
-        do = f"the card {path.stem!r} ships with the package and is found by this name, without folder and suffix"
-        raise DataError(path, expected="a readable card", got="no such file", do=do)
+        hint = f"the card {path.stem!r} ships with the package and is found by this name, without folder and suffix"
+        raise DataError(path, expected="a readable card", got="no such file", hint=hint)
     elif not path.exists() and (other := path.with_suffix(OTHER_SUFFIX[path.suffix])).is_file():
-        raise DataError(path, expected="a readable card", got="no such file", do=f"is {other.name} meant?")
+        raise DataError(path, expected="a readable card", got="no such file", hint=f"is {other.name} meant?")
     return DatasetCard(file=path, content=validated(CardFile, _read_yaml(path), file=path))
 
 
@@ -222,7 +222,7 @@ def _find_card(name: str, folders: Sequence[Path]) -> Path:
             return path
     known = {path.stem for folder in folders for path in folder.glob("*.yaml") if not path.stem.endswith(".scenario")}
     places = ", ".join(str(folder) for folder in folders)
-    raise UnknownNameError("data set", name, known, do=f"looked in {places}; a card elsewhere is named by its path")
+    raise UnknownNameError("data set", name, known, hint=f"looked in {places}; a card elsewhere is named by its path")
 
 
 def _same(one: Path, other: Path) -> bool:

@@ -68,7 +68,7 @@ def open_dataset(card: DatasetCard, split: str | None = None) -> tuple[Recording
         raise DataError(_root(card), expected="recordings of different names", got=f"{twice!r} twice")
     for name in handles:
         if any("\ud800" <= character <= "\udfff" for character in name):
-            raise DataError(_root(card), expected="recordings with names in UTF-8", got=repr(name), do="rename it")
+            raise DataError(_root(card), expected="recordings with names in UTF-8", got=repr(name), hint="rename it")
     if not handles:
         raise DataError(_root(card), expected=f"recordings of the adapter {card.content.adapter!r}", got="none")
     chosen = card.content.splits.get(split, "*") if split is not None else "*"
@@ -91,8 +91,8 @@ def _listed(card: DatasetCard) -> tuple[RecordingHandle, ...]:
     if url is not None:
         return remote_recordings(url, card.content.adapter, list_recordings)
     if not card.root.is_dir():
-        do, got = card.content.how_to_get or "see the card", f"{card.root}, which is missing"
-        raise DataError(card.file, field="root", expected="a folder with the data", got=got, do=do)
+        hint, got = card.content.how_to_get or "see the card", f"{card.root}, which is missing"
+        raise DataError(card.file, field="root", expected="a folder with the data", got=got, hint=hint)
     return list_recordings(card.root)
 
 
@@ -123,9 +123,11 @@ def _refuse_strange_annotations(card: DatasetCard, handles: Mapping[str, Recordi
     if folder is None:
         return
     if not folder.is_dir():
-        do = "the path counts from the card's own folder; correct it, or take the key out"
+        hint = "the path counts from the card's own folder; correct it, or take the key out"
         got = f"{folder}, which is missing"
-        raise DataError(card.file, field="annotations", expected="a folder of <recording>.json files", got=got, do=do)
+        raise DataError(
+            card.file, field="annotations", expected="a folder of <recording>.json files", got=got, hint=hint
+        )
     files = sorted(folder.glob("*.json"))
     if files and not any(file.stem in handles for file in files):
         expected = f"files called as recordings in {folder}: {', '.join(sorted(handles)[:SHOWN])}"

@@ -173,7 +173,7 @@ def _jpeg(content: bytes, header: PngImageFile | JpegImageFile | None, kind: int
         pixels = kornia_rs.io.decode_image_jpegturbo(content, "mono" if grey else "rgb")
     except Exception as error:  # it raises no narrower kind, without details
         got = "data that is damaged or ends before the last line"
-        raise DataError(file, expected="a whole JPEG", got=got, do="fetch or record the image again") from error
+        raise DataError(file, expected="a whole JPEG", got=got, hint="fetch or record the image again") from error
     seen = np.asarray(pixels, dtype=np.uint8)
     return seen[..., 0] if grey else np.asarray(cv2.cvtColor(seen, cv2.COLOR_RGB2BGR), dtype=np.uint8)
 

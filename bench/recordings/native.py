@@ -85,8 +85,8 @@ def _truth(root: Path, name: str, option: str) -> Path:
     """A file of the exact truth, which only synthetic recordings have."""
     file = root / name
     if not file.is_file():
-        do = f"set the card's option {option}: recorded, or render the recording again"
-        raise DataError(file, expected=f"the truth for {option}: exact", got="no such file", do=do)
+        hint = f"set the card's option {option}: recorded, or render the recording again"
+        raise DataError(file, expected=f"the truth for {option}: exact", got="no such file", hint=hint)
     refuse_escape(root, file, file=file)
     return file
 
@@ -175,8 +175,8 @@ def _ego_motion(root: Path, ego_motion: Source) -> Trajectory:
     present = [root / name for name in EGOMOTION_FILES if (root / name).is_file()]
     if len(present) != 1:
         expected = f"one of {' and '.join(EGOMOTION_FILES)}"
-        do = "" if present else "the reference cannot do without: it moves lidar points to the time of the image"
-        raise DataError(root, expected=expected, got="both" if present else "neither", do=do)
+        hint = "" if present else "the reference cannot do without: it moves lidar points to the time of the image"
+        raise DataError(root, expected=expected, got="both" if present else "neither", hint=hint)
     refuse_escape(root, present[0], file=present[0])
     if present[0].name == "egomotion.csv":
         return read_bus_signals(present[0]).trajectory()
@@ -198,8 +198,8 @@ def _annotation_file(root: Path, annotations: Path | None) -> Path:
         return annotations
     file = root / "annotations.json"
     if not file.is_file():
-        do = "write one without objects where nothing is annotated"
-        raise DataError(file, expected="an annotation file", got="no such file", do=do)
+        hint = "write one without objects where nothing is annotated"
+        raise DataError(file, expected="an annotation file", got="no such file", hint=hint)
     refuse_escape(root, file, file=file)
     return file
 
@@ -249,7 +249,7 @@ def open_native(
     usable = [name for name in cameras if name in images]
     if head is None or not usable:
         on_error.stop()
-    beams = head.lidar.lidar_from_beams
+    beams = head.lidar.lidar_from_sensor
     return Recording(
         name=root.resolve().name,
         root=root,
@@ -262,7 +262,7 @@ def open_native(
         sweeps=sweeps,
         tracks=tracks,
         vehicle_outline_m=np.array(head.vehicle.outline_m, dtype=np.float64),
-        lidar_from_beams=RigidTransform.identity() if beams is None else beams.transform,
+        lidar_from_sensor=RigidTransform.identity() if beams is None else beams.transform,
     )
 
 

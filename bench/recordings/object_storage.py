@@ -191,8 +191,8 @@ def open_remote(
     for handle in list_recordings(local_copy(url, parts)):
         if handle.name == name:
             return handle.opener(on_error=on_error) if handle.lenient else handle.opener()
-    do = "run again: it was there when the data set was listed"
-    raise DataError(url.text, expected=f"the recording {name!r}", got="a folder without it", do=do)
+    hint = "run again: it was there when the data set was listed"
+    raise DataError(url.text, expected=f"the recording {name!r}", got="a folder without it", hint=hint)
 
 
 def _list_by_names(url: RemoteUrl, list_recordings: ListRecordings) -> tuple[list[str], Handles]:
@@ -243,7 +243,9 @@ def list_objects(url: RemoteUrl, parts: Sequence[str] = ()) -> dict[str, StoredO
             version = " ".join(f"{key}={entry[key]}" for key in VERSION_KEYS if entry.get(key) is not None)
             found[path.removeprefix(f"{root}/")] = StoredObject(entry["size"], version)
     if not found:
-        raise DataError(url.text, expected="a folder with data", got="nothing there", do="check bucket and credentials")
+        raise DataError(
+            url.text, expected="a folder with data", got="nothing there", hint="check bucket and credentials"
+        )
     refuse_unsafe(url, found)
     return dict(sorted(found.items()))
 
@@ -292,7 +294,7 @@ def local_copy(url: RemoteUrl, parts: Sequence[str] = ()) -> Path:
                 write_text(index_file, json.dumps(index))
     if missing and list_objects(url, parts) != listed:
         expected, got = "objects that stay the same while they are downloaded", "others at the end than at the start"
-        raise DataError(url.text, expected=expected, got=got, do="files changed during the copy; run again")
+        raise DataError(url.text, expected=expected, got=got, hint="files changed during the copy; run again")
     return folder
 
 
@@ -305,7 +307,7 @@ def _copy(url: RemoteUrl, folder: Path, wanted: Mapping[str, StoredObject]) -> I
             expected, size = wanted[name].size_bytes, file.stat().st_size if file.is_file() else 0
             if expected not in (None, size):
                 listed = f"{expected} bytes, as listed"
-                raise DataError(url.text, field=name, expected=listed, got=str(size), do="run again")
+                raise DataError(url.text, field=name, expected=listed, got=str(size), hint="run again")
             make_folder((folder / name).parent)
             file.replace(folder / name)
     return {name: _noted(stored, folder / name) for name, stored in wanted.items()}
@@ -359,7 +361,7 @@ def _explained(url: RemoteUrl, expected: str) -> Iterator[None]:
     except Exception as error:
         reason = without_secrets(" ".join(str(error).split())) or "no reason given"
         got = f"{type(error).__name__}: {reason}"
-        raise DataError(url.text, expected=expected, got=got, do=_remedy(error)) from error
+        raise DataError(url.text, expected=expected, got=got, hint=_remedy(error)) from error
 
 
 @contextmanager
@@ -368,7 +370,7 @@ def _space_for(url: RemoteUrl, folder: Path) -> Iterator[None]:
         yield
     except (OSError, OutputError) as error:
         got = error.got if isinstance(error, OutputError) else error.strerror or str(error)
-        raise DataError(folder, expected=f"a local folder with space for {url}", got=got, do=FREE_SPACE) from error
+        raise DataError(folder, expected=f"a local folder with space for {url}", got=got, hint=FREE_SPACE) from error
 
 
 def _remedy(error: Exception) -> str:

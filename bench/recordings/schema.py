@@ -83,12 +83,12 @@ class LidarHead(FileModel):
 
     Attributes:
         vehicle_from_lidar: from the frame in which the sweeps give their points.
-        lidar_from_beams: where in that frame the beams start and the axes about which they turn; null where points are
+        lidar_from_sensor: where in that frame the beams start and the axes about which they turn; null where points are
             given in the sensor's own axes.
     """
 
     vehicle_from_lidar: Mounting
-    lidar_from_beams: Mounting | None = None
+    lidar_from_sensor: Mounting | None = None
 
 
 class TrueCalibration(FileModel):

@@ -138,14 +138,14 @@ def located(file: Path, field: str) -> Iterator[None]:
 
 def _data_error(error: ValidationError, file: Path, prefix: str = "") -> DataError:
     faults = error.errors(include_url=False, include_context=False)
-    do = f"{len(faults) - 1} more faults in this file" if len(faults) > 1 else ""
-    return _one_error(faults[0], file, prefix, do)
+    hint = f"{len(faults) - 1} more faults in this file" if len(faults) > 1 else ""
+    return _one_error(faults[0], file, prefix, hint)
 
 
-def _one_error(fault: ErrorDetails, file: Path, prefix: str = "", do: str = "") -> DataError:
+def _one_error(fault: ErrorDetails, file: Path, prefix: str = "", hint: str = "") -> DataError:
     path = ".".join(str(part) for part in (*([prefix] if prefix else []), *fault["loc"]))
     expected, got = _expected_and_got(fault["type"], fault["msg"], fault.get("input"))
-    return DataError(file, field=path or None, expected=expected, got=got, do=do)
+    return DataError(file, field=path or None, expected=expected, got=got, hint=hint)
 
 
 def _expected_and_got(kind: str, message: str, value: object) -> tuple[str, str]:

@@ -46,7 +46,7 @@ class RecordingWriter:
         vehicle_from_lidar: RigidTransform,
         vehicle_outline_m: NDArray[np.float64],
         ground_height_m: float = 0.0,
-        lidar_from_beams: RigidTransform | None = None,
+        lidar_from_sensor: RigidTransform | None = None,
     ) -> None:
         """Write `recording.json` and the masks of the ego vehicle's body.
 
@@ -58,12 +58,12 @@ class RecordingWriter:
             vehicle_from_lidar: mounting of the lidar.
             vehicle_outline_m: (K, 2) float64, the ego vehicle seen from above, vehicle frame, m.
             ground_height_m: height of the road in the vehicle frame.
-            lidar_from_beams: as of the recording; None where points are given in the lidar's own axes.
+            lidar_from_sensor: as of the recording; None where points are given in the lidar's own axes.
 
         Raises:
             ShapeError: a camera whose lens has another size than its images, or a value that the format refuses.
         """
-        beams = {} if lidar_from_beams is None else {"lidar_from_beams": _mounting(lidar_from_beams)}
+        beams = {} if lidar_from_sensor is None else {"lidar_from_sensor": _mounting(lidar_from_sensor)}
         head = {
             "schema_version": SCHEMA_VERSION,
             "name": name,

@@ -272,7 +272,7 @@ class Recording:
         sweeps: by increasing time.
         tracks: annotated objects.
         vehicle_outline_m: (K, 2) float64, the ego vehicle seen from above, vehicle frame, m.
-        lidar_from_beams: where the beams start and the axes about which they turn, in the frame of the points; not the
+        lidar_from_sensor: where the beams start and the axes about which they turn, in the frame of the points; not the
             identity where a data set gives its points in other axes than the sensor's own, such as the vehicle's.
         input_errors: injected into the method's input; calibration and ego-motion above are the true ones.
     """
@@ -290,7 +290,7 @@ class Recording:
     vehicle_outline_m: NDArray[np.float64] = field(
         default_factory=lambda: np.array([[-1.0, -0.9], [3.8, -0.9], [3.8, 0.9], [-1.0, 0.9]])
     )
-    lidar_from_beams: RigidTransform = field(default_factory=RigidTransform.identity)
+    lidar_from_sensor: RigidTransform = field(default_factory=RigidTransform.identity)
     input_errors: InputErrors = NO_INPUT_ERRORS
 
 

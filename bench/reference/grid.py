@@ -2,7 +2,7 @@
 
 They are found from their directions alone, which works for data without rings or times and for any number of beams.
 The directions have to be those from the sensor: a data set that gives its points in other axes has to state
-`Recording.lidar_from_beams`.
+`Recording.lidar_from_sensor`.
 """
 
 from __future__ import annotations

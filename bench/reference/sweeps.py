@@ -26,7 +26,7 @@ class PosedSweep:
         interpolation_ns: (K,) int64, K >= 2.
         rotations: (K, 3, 3) float64, world_from_lidar.
         positions_m: (K, 3) float64, m.
-        lidar_from_sensor: `Recording.lidar_from_beams`, the pose of the sensor in the frame of the points.
+        lidar_from_sensor: `Recording.lidar_from_sensor`, the pose of the sensor in the frame of the points.
         revolution_ns: how long a revolution takes; 0 where unknown.
     """
 
@@ -175,5 +175,5 @@ class SweepCache:
     def _placed(self, sweep: LidarSweep) -> PosedSweep | None:
         drive = self._recording
         return pose_sweep(
-            sweep, drive.trajectory, drive.vehicle_from_lidar, drive.lidar_from_beams, self._revolution_ns
+            sweep, drive.trajectory, drive.vehicle_from_lidar, drive.lidar_from_sensor, self._revolution_ns
         )

@@ -119,7 +119,7 @@ def _told(path: Path) -> Iterator[None]:
     try:
         yield
     except RuntimeError as error:  # the library's thread that writes has ended; why, it prints itself
-        raise OutputError(path, got=str(error), do="free some disk space, then run the same command again") from error
+        raise OutputError(path, got=str(error), hint="free some disk space, then run the same command again") from error
 
 
 def viewer() -> ModuleType:

@@ -203,7 +203,7 @@ class VideoFile:
         length = int.from_bytes(head[4:], "little") + 8 if head.startswith(b"RIFF") else 0  # .avi, its last picture too
         if not self.pictures == stated == found or length > self._path.stat().st_size:
             got = "a file that ends before its last picture"
-            raise OutputError(self._named, got=got, do="free some disk space, then run the same command again")
+            raise OutputError(self._named, got=got, hint="free some disk space, then run the same command again")
 
     def _opened(self, size: tuple[int, int]) -> cv2.VideoWriter:
         codec = CODECS[self._named.suffix.lower()]

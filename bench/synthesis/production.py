@@ -36,8 +36,8 @@ def _rendered(scenario: Scenario, specs: list[RecordingSpec], out: Path, workers
     with executor, closing(executor.compute(partial(_produce, scenario=scenario, out=out), specs)) as results:
         for spec, outcome in results:
             if isinstance(outcome, FailedTask):
-                do = "call it again, with fewer workers where memory is short; what is rendered stays"
-                raise DataError(out / spec.name, expected="a rendered recording", got=outcome.reason, do=do)
+                hint = "call it again, with fewer workers where memory is short; what is rendered stays"
+                raise DataError(out / spec.name, expected="a rendered recording", got=outcome.reason, hint=hint)
             yield spec
 
 
@@ -85,8 +85,8 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
 
 def _refuse_foreign(folder: Path) -> None:
     if not _read_manifest(folder):
-        do, got = "render into another folder, or move this one away", f"a folder without {MANIFEST}"
-        raise DataError(folder, expected="no such folder or a recording made by synthesize", got=got, do=do)
+        hint, got = "render into another folder, or move this one away", f"a folder without {MANIFEST}"
+        raise DataError(folder, expected="no such folder or a recording made by synthesize", got=got, hint=hint)
 
 
 def _remove_former(scenario: Scenario, out: Path) -> None:

@@ -49,12 +49,12 @@ class ScenarioText:
         try:
             return validated(model, values, file=self.path, field=field)
         except DataError as error:
-            raise self.fault(error.field or "", expected=error.expected, got=error.got, do=error.do) from None
+            raise self.fault(error.field or "", expected=error.expected, got=error.got, hint=error.hint) from None
 
-    def fault(self, field: str, *, expected: str, got: str, do: str = "") -> DataError:
+    def fault(self, field: str, *, expected: str, got: str, hint: str = "") -> DataError:
         """An error about a field, with its line."""
         location = f"{self.path}:{_line_of(self.tree, field.split('.'))}"
-        return DataError(location, field=field or None, expected=expected, got=got, do=do)
+        return DataError(location, field=field or None, expected=expected, got=got, hint=hint)
 
 
 def read_scenario_text(path: Path) -> ScenarioText:
@@ -107,7 +107,7 @@ def read_scenario(path: Path) -> Scenario:
     for number, spec in enumerate(file.recordings):
         if (clash := first_clash(file, spec)) is not None:
             field = f"recordings.{number}.actors.{clash[0]}"
-            raise text.fault(field, expected=EXPECTED_SPACE, got=clash[1], do=f"see {spec.name}")
+            raise text.fault(field, expected=EXPECTED_SPACE, got=clash[1], hint=f"see {spec.name}")
     drawn = [_drawn(text, file, number, index) for number, one in enumerate(file.series) for index in range(one.count)]
     head = {key: getattr(file, key) for key in ScenarioHead.model_fields}
     return text.validated(Scenario, {**head, "recordings": (*file.recordings, *drawn)})
@@ -129,7 +129,7 @@ def _drawn(text: ScenarioText, file: ScenarioFile, number: int, index: int) -> R
         line,
         expected=f"space for all bodies in recording {index + 1} of {series.count}",
         got=f"bodies inside one another in each of {ATTEMPTS} draws, at last {reason}",
-        do="give them more space, or ask for fewer",
+        hint="give them more space, or ask for fewer",
     )
 
 
@@ -141,4 +141,4 @@ def _validated(text: ScenarioText, values: dict[str, Any], field: str, origins: 
         keys = (error.field or "").split(".")
         if len(keys) > 3 and keys[2] == "actors" and keys[3].isdigit():
             keys[3] = str(origins[int(keys[3])])
-        raise text.fault(".".join(keys), expected=error.expected, got=error.got, do=error.do) from None
+        raise text.fault(".".join(keys), expected=error.expected, got=error.got, hint=error.hint) from None

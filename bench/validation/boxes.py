@@ -114,7 +114,7 @@ def _sizes(track: Track) -> Iterator[Finding]:
                 field=f"{field}: {what}",
                 expected=f"{low} to {high} m for a {track.object_class}",
                 got=f"{worst:.2f} m",
-                do="check the class, the unit and the order of the sizes (length, width, height; full, not half)",
+                hint="check the class, the unit and the order of the sizes (length, width, height; full, not half)",
                 **occurrences(off, times_ns),
             )
     boxes = np.array([isinstance(state.shape, Cuboid) for state, _ in boxed])
@@ -129,7 +129,7 @@ def _sizes(track: Track) -> Iterator[Finding]:
                 field=f"{field}: {('length', 'width', 'height')[axis]}",
                 expected="one size of a rigid body",
                 got=f"{values.min():.2f} to {values.max():.2f} m",
-                do="two objects under one name, or boxes of what is seen instead of the whole",
+                hint="two objects under one name, or boxes of what is seen instead of the whole",
             )
 
 
@@ -145,7 +145,7 @@ def _tilt(track: Track) -> Iterator[Finding]:
             field=object_field(track),
             expected="an upright box",
             got=f"one tilted by up to {np.degrees(tilt_rad.max()):.0f} degrees",
-            do="check the order of the quaternion (OpenLABEL: x, y, z, w) and of angles",
+            hint="check the order of the quaternion (OpenLABEL: x, y, z, w) and of angles",
             **occurrences(tilted, times_ns),
         )
 
@@ -171,7 +171,7 @@ def _above_road(recording: Recording) -> Iterator[Finding]:
             field="cuboid, z",
             expected=f"objects within {NEAR_M:.0f} m that are on the road, at {road_m:+.2f} m",
             got=f"their undersides {abs(off_m):.2f} m {side} it, median of {len(every)} objects",
-            do="the origin of a box is its centre here; some formats give the middle of its bottom",
+            hint="the origin of a box is its centre here; some formats give the middle of its bottom",
             times=len(every),
         )
 
@@ -207,7 +207,7 @@ def _same_place(recording: Recording) -> Iterator[Finding]:
             field=field,
             expected="one box for each object",
             got=f"boxes that overlap by more than half {when}",
-            do="one object under two names",
+            hint="one object under two names",
             times=times,
             timestamp_ns=first_ns,
         )
@@ -218,7 +218,7 @@ def _same_place(recording: Recording) -> Iterator[Finding]:
             field="cuboid",
             expected=f"at most {MOST_PAIRS} pairs of boxes of a class that touch",
             got=f"more; at {len(given_up_ns)} of {len(at)} times not all were compared",
-            do="fix the reported ones, then validate again",
+            hint="fix the reported ones, then validate again",
             times=len(given_up_ns),
             timestamp_ns=given_up_ns[0],
         )
@@ -272,7 +272,7 @@ def _in_ego_vehicle(recording: Recording) -> Iterator[Finding]:
                 field=object_field(track),
                 expected="objects outside of the ego vehicle",
                 got=f"its centre in the ego vehicle at {len(inside)} times",
-                do="check the frame of the annotations: the vehicle's, not the lidar's or the world's",
+                hint="check the frame of the annotations: the vehicle's, not the lidar's or the world's",
                 times=len(inside),
                 timestamp_ns=inside[0],
             )

@@ -44,7 +44,7 @@ def _mounting(camera: MountedCamera, recording: Recording, field: str) -> Iterat
             field=f"{field}.vehicle_from_camera.translation_m",
             expected="a camera {} to {} m above the road".format(*CAMERA_HEIGHT_M),
             got=f"{height_m:.2f} m",
-            do="check the unit and the height of the road in the vehicle frame",
+            hint="check the unit and the height of the road in the vehicle frame",
         )
     yield from _outside(camera.vehicle_from_camera.translation_m, recording, f"{field}.vehicle_from_camera")
     axis, down = camera.vehicle_from_camera.rotation[:, 2], camera.vehicle_from_camera.rotation[:, 1]
@@ -55,7 +55,7 @@ def _mounting(camera: MountedCamera, recording: Recording, field: str) -> Iterat
             field=f"{field}.vehicle_from_camera.quaternion_wxyz",
             expected="an optical axis (z of the camera frame) towards the road users",
             got=f"one {abs(pitch_up_deg):.0f} degrees {'above' if pitch_up_deg > 0 else 'below'} the horizon",
-            do="camera axes are x right, y down, z forward; quaternions w, x, y, z; camera into vehicle",
+            hint="camera axes are x right, y down, z forward; quaternions w, x, y, z; camera into vehicle",
         )
         return
     tilt_deg = float(
@@ -67,7 +67,7 @@ def _mounting(camera: MountedCamera, recording: Recording, field: str) -> Iterat
             field=f"{field}.vehicle_from_camera.quaternion_wxyz",
             expected="y of the camera frame towards the road",
             got=f"one turned by {tilt_deg:.0f} degrees about the optical axis",
-            do="turn the images upright, or check the order of the quaternion",
+            hint="turn the images upright, or check the order of the quaternion",
         )
 
 
@@ -86,7 +86,7 @@ def _outside(place_m: np.ndarray, recording: Recording, field: str) -> Iterator[
             field=f"{field}.translation_m",
             expected="a sensor on the vehicle",
             got=f"one {away_m:.1f} m outside of its outline",
-            do="check the direction of the transform, its unit, and the vehicle's outline",
+            hint="check the direction of the transform, its unit, and the vehicle's outline",
         )
 
 
@@ -102,7 +102,7 @@ def _lens(camera: MountedCamera, field: str) -> Iterator[Finding]:
             field=f"{field}.model.principal_point",
             expected=f"a point {'near the middle of' if inside else 'in'} the {model.width} x {model.height} px image",
             got=f"({u:.1f}, {v:.1f})",
-            do="pixels of the stored image, not offsets from its centre",
+            hint="pixels of the stored image, not offsets from its centre",
         )
     grid_u, grid_v = np.meshgrid(np.linspace(0, model.width - 1, GRID), np.linspace(0, model.height - 1, GRID))
     pixels = np.column_stack([grid_u.ravel(), grid_v.ravel()])
@@ -118,7 +118,7 @@ def _lens(camera: MountedCamera, field: str) -> Iterator[Finding]:
             field=f"{field}.model",
             expected="a ray for most pixels, and the pixel for each ray",
             got=got,
-            do="check the model's name, the order of its parameters, and their unit",
+            hint="check the model's name, the order of its parameters, and their unit",
         )
 
 
@@ -139,7 +139,7 @@ def _body_mask(camera: MountedCamera, field: str) -> Iterator[Finding]:
             field=f"{field}.ego_body_mask",
             expected="a mask of the ego vehicle's body, not 0 where it is",
             got=f"one that covers {100 * mask.mean():.0f} % of the image",
-            do="it may be inverted",
+            hint="it may be inverted",
         )
 
 
@@ -154,6 +154,6 @@ def _lidar(recording: Recording) -> Iterator[Finding]:
             field="lidar.vehicle_from_lidar.translation_m",
             expected="a lidar {} to {} m above the road".format(*LIDAR_HEIGHT_M),
             got=f"{height_m:.2f} m",
-            do="check the unit and the direction of the transform",
+            hint="check the unit and the direction of the transform",
         )
     yield from _outside(recording.vehicle_from_lidar.translation_m, recording, "lidar.vehicle_from_lidar")

@@ -58,7 +58,7 @@ def check_coverage(recording: Recording) -> Iterator[Finding]:
                 field=f"images of {camera}",
                 expected="a lidar sweep within 100 ms of every image",
                 got=f"none for {int(without_sweep.sum())} of {len(times_ns)} images",
-                do="check that both clocks have the same epoch" if none else "objects in them are not evaluated",
+                hint="check that both clocks have the same epoch" if none else "objects in them are not evaluated",
                 **occurrences(without_sweep, times_ns),
             )
     yield from _without_motion(recording, sweeps_ns, "lidar sweeps")
@@ -83,7 +83,7 @@ def check_annotation_times(recording: Recording) -> Iterator[Finding]:
             field="timestamp",
             expected=f"times of the recording, {sensors_ns[0]} to {sensors_ns[-1]}",
             got=f"{int(outside.sum())} of {len(annotated_ns)} annotated times outside",
-            do="check the unit and the epoch of the clock; annotations of another recording?",
+            hint="check the unit and the epoch of the clock; annotations of another recording?",
             **occurrences(outside, annotated_ns),
         )
     unseen = (distance_to(annotated_ns, sensors_ns) > MATCHED_NS) & ~outside
@@ -108,7 +108,7 @@ def check_annotation_times(recording: Recording) -> Iterator[Finding]:
             field="timestamp",
             expected="a lidar sweep at each annotated time, as at most of them",
             got=f"{int(lost.sum())} of {len(annotated_ns)} annotated times without one",
-            do=OLDER_POINTS,
+            hint=OLDER_POINTS,
             **occurrences(lost, annotated_ns),
         )
 
@@ -147,7 +147,7 @@ def _rate(recording: Recording, camera: str) -> Iterator[Finding]:
         field="frame_interval_ns",
         expected=f"the time between images of {camera}, median {median_ns:.0f} ns",
         got=f"{recording.frame_interval_ns} ns",
-        do=f"the times look like {meant}" if meant else "pairs further apart than 1.5 intervals are not evaluated",
+        hint=f"the times look like {meant}" if meant else "pairs further apart than 1.5 intervals are not evaluated",
     )
 
 
@@ -164,7 +164,7 @@ def _gaps(recording: Recording, camera: str) -> Iterator[Finding]:
         field=f"images of {camera}",
         expected=f"images about {recording.frame_interval_ns / 1e6:.1f} ms apart",
         got=f"{len(gaps)} gaps, the longest {max(g.current_ns - g.previous_ns for g in gaps) / 1e6:.1f} ms",
-        do="pairs across a gap are not evaluated",
+        hint="pairs across a gap are not evaluated",
         times=len(gaps),
         timestamp_ns=first.current_ns,
     )
@@ -185,7 +185,7 @@ def _sweep_gaps(recording: Recording) -> Iterator[Finding]:
             field="lidar sweeps",
             expected=f"sweeps about {middle_ns / 1e6:.1f} ms apart",
             got=f"{int(gaps.sum())} gaps, the longest {steps_ns.max() / 1e6:.1f} ms",
-            do=OLDER_POINTS,
+            hint=OLDER_POINTS,
             **occurrences(gaps, times_ns[1:]),
         )
 
@@ -204,7 +204,7 @@ def _jitter(times_ns: NDArray[np.int64], what: str) -> Iterator[Finding]:
             field=what,
             expected=f"steps of about {middle_ns / 1e6:.1f} ms",
             got=f"{int(unsteady.sum())} of {len(steps_ns)} more than a quarter off",
-            do="times of arrival instead of exposure?",
+            hint="times of arrival instead of exposure?",
             **occurrences(unsteady, times_ns[1:]),
         )
 
@@ -221,7 +221,7 @@ def _without_motion(recording: Recording, times_ns: NDArray[np.int64], what: str
             field=what,
             expected="ego-motion at all of them",
             got=f"none at {int((~valid).sum())} of {len(times_ns)}; it runs from {first_ns} to {last_ns}",
-            do="give ego-motion that covers every image and sweep, without gaps over half a second",
+            hint="give ego-motion that covers every image and sweep, without gaps over half a second",
             **occurrences(~valid, times_ns),
         )
 
@@ -247,7 +247,7 @@ def _drift(recording: Recording) -> Iterator[Finding]:
                 field=f"{one} and {other}",
                 expected=f"intervals as {simple.denominator} to {simple.numerator}, as sensors of one clock have them",
                 got=f"{1e6 * rate:+.0f} ppm more, {apart_ns / 1e6:.1f} ms over the recording",
-                do="two clocks: convert the times to one of them"
+                hint="two clocks: convert the times to one of them"
                 if clocks
                 else "take the times of free-running sensors from one clock",
                 timestamp_ns=int(first_ns),

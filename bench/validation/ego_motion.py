@@ -67,7 +67,7 @@ def check_ego_limits(recording: Recording) -> Iterator[Finding]:
                 field=what,
                 expected=f"at most {limit:.3g} {unit}",
                 got=f"up to {values.max():.3g} {unit}",
-                do=hint,
+                hint=hint,
                 **occurrences(beyond, times_ns[before]),
             )
             return  # consequences of a wrong unit are not reported again
@@ -173,7 +173,7 @@ def check_path(recording: Recording) -> Iterator[Finding]:
             field=best.field,
             expected="a path on which neighbouring lidar sweeps meet",
             got=f"sweeps {100 * means[STATED]:.0f} cm apart; {100 * means[best]:.0f} cm if this is {best.description}",
-            do="check unit and sign",
+            hint="check unit and sign",
             times=len(totals[best]),
         )
 

@@ -43,7 +43,7 @@ class Finding:
         field: the field, camera or object in it; None for the whole file.
         expected: the correct state.
         got: what was found.
-        do: what the user can do about it.
+        hint: what the user can do about it.
         times: how often it was found.
         timestamp_ns: of the first time; None where no time belongs to it.
     """
@@ -55,14 +55,14 @@ class Finding:
     field: str | None = None
     expected: str
     got: str
-    do: str = ""
+    hint: str = ""
     times: int = 1
     timestamp_ns: int | None = None
 
 
 def unusable(error: DataError, *, check: str = "file", timestamp_ns: int | None = None) -> Finding:
     """Finding of a file that cannot be read, from its reader's error."""
-    fields = {name: getattr(error, name) for name in ("file", "field", "expected", "got", "do")}
+    fields = {name: getattr(error, name) for name in ("file", "field", "expected", "got", "hint")}
     return Finding(check=check, timestamp_ns=timestamp_ns, **fields)
 
 

@@ -127,7 +127,7 @@ def check_motion(recording: Recording) -> Iterator[Finding]:
             expected="velocities over the ground along the vehicle's axes, as the positions change",
             got=f"{len(found)} objects off by up to {max(off for _, off in found):.1f} m/s: "
             + listed([name for name, _ in found]),
-            do=cause,
+            hint=cause,
             times=len(found),
         )
 
@@ -150,7 +150,7 @@ def _jumps(path: TrackPath, field: str) -> Iterator[Finding]:
             field=field,
             expected="a path without jumps",
             got=f"{int(jumps.sum())} steps off their line by up to {off_m[jumps].max():.1f} m",
-            do="two objects under one name, or a box left behind",
+            hint="two objects under one name, or a box left behind",
             **occurrences(jumps, path.times_ns[1:]),
         )
 
@@ -166,7 +166,7 @@ def _too_fast(path: TrackPath, limits: BodyLimits, field: str) -> Iterator[Findi
             field=field,
             expected=f"at most {limits.top_speed_mps:.0f} m/s",
             got=f"{fastest:.1f} m/s {'along its positions' if fastest == mean_mps else 'as stated'}",
-            do="km/h instead of m/s, another class, or another frame",
+            hint="km/h instead of m/s, another class, or another frame",
             timestamp_ns=int(path.times_ns[0]),
         )
 
@@ -179,7 +179,7 @@ def _turns(path: TrackPath, limits: BodyLimits, field: str) -> Iterator[Finding]
             field=f"{field}: yaw_rate_radps",
             expected=f"at most {limits.top_turn_radps} rad/s",
             got=f"{fastest:.3g}",
-            do="degrees per second instead of rad/s?",
+            hint="degrees per second instead of rad/s?",
             timestamp_ns=int(path.times_ns[int(np.argmax(np.abs(path.stated_turn_radps)))]),
         )
 
@@ -203,7 +203,7 @@ def _heading(path: TrackPath, field: str) -> Iterator[Finding]:
         field=field,
         expected="a box whose x points where the object goes",
         got=f"{np.median(angles):.0f} degrees between them",
-        do="back to front, unless it reverses"
+        hint="back to front, unless it reverses"
         if backwards
         else "length and width swapped, or another zero of the angle",
         times=len(angles),

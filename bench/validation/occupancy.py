@@ -97,7 +97,7 @@ class Occupancy:
             yield Finding(check="crowded-boxes", severity=Severity.WARNING, file=file, field="cuboid",
                           expected=f"at most {MOST_BOXES} boxes in a sweep",
                           got=f"more; in {self._left_out} boxes no points were looked for",
-                          do="fix the reported ones, then validate again", times=self._left_out)  # fmt: skip
+                          hint="fix the reported ones, then validate again", times=self._left_out)  # fmt: skip
         sweeps_ns = {sweep.timestamp_ns for sweep in self._recording.sweeps}
         for track in self._recording.tracks:
             yield from _unknown_sweeps(track, sweeps_ns, file)
@@ -117,7 +117,7 @@ class Occupancy:
                     field=object_field(track),
                     expected="lidar points in the box where beams pass through it",
                     got=f"none in {tally.empty} of {tally.looked} sweeps, with {tally.beams} beams through it",
-                    do="the lidar's y has the wrong sign? Mirrored, points would fill the box (y is left)"
+                    hint="the lidar's y has the wrong sign? Mirrored, points would fill the box (y is left)"
                     if tally.mirrored > tally.empty / 2
                     else "the box is elsewhere than its object, or at another time",
                     times=tally.empty,
@@ -133,7 +133,7 @@ class Occupancy:
                     expected=f"{LEAST_POINTS} lidar points in the box, below which the protocols ignore an object",
                     got=f"{few} points in {len(tally.tight_ns)} of {tally.looked} sweeps that see it, and more within "
                     f"{100 * OUTSIDE_M:.0f} cm outside",
-                    do="the box is too tight (leave some centimetres around the object), or at another time",
+                    hint="the box is too tight (leave some centimetres around the object), or at another time",
                     times=len(tally.tight_ns),
                     timestamp_ns=tally.tight_ns[0],
                 )

@@ -111,7 +111,7 @@ def _causes_first(findings: list[Finding]) -> list[Finding]:
         return findings
     others = [finding for finding in findings if finding.check not in BY_EGO_MOTION]
     return others + [
-        replace(finding, severity=Severity.WARNING, do="may follow from the ego-motion: correct that, validate again")
+        replace(finding, severity=Severity.WARNING, hint="may follow from the ego-motion: correct that, validate again")
         for finding in findings
         if finding.check in BY_EGO_MOTION
     ]

@@ -214,7 +214,7 @@ class SweepChecks:
                 file=file,
                 expected=expected[check][0],
                 got=got,
-                do=expected[check][1],
+                hint=expected[check][1],
                 times=len(found),
                 timestamp_ns=time_ns,
             )
@@ -236,7 +236,7 @@ class SweepChecks:
                 field="lidar.vehicle_from_lidar or the road's height",
                 expected=expected,
                 got=f"{height_m:+.2f} m, median of {len(self._roads)} sweeps",
-                do="check the height of the lidar, and that its mounting is applied once",
+                hint="check the height of the lidar, and that its mounting is applied once",
                 times=len(self._roads),
             )
         elif len(lanes_m) >= LEAST_ROADS and abs(np.median(lanes_m) - stated_m) > LANE_OFF_M:
@@ -247,7 +247,7 @@ class SweepChecks:
                 field="the road's height, ground_height_m",
                 expected=expected,
                 got=f"{np.median(lanes_m):+.2f} m in the vehicle's lane, median of {len(lanes_m)} sweeps",
-                do="set ground_height_m to that; points within the ground clearance of it are taken for the road",
+                hint="set ground_height_m to that; points within the ground clearance of it are taken for the road",
                 times=len(lanes_m),
             )
         if tilt_rad > ROAD_TILT_RAD:
@@ -258,6 +258,6 @@ class SweepChecks:
                 field="lidar.vehicle_from_lidar",
                 expected="a road level in the vehicle frame",
                 got=f"one tilted by {np.degrees(tilt_rad):.1f} degrees, median of {len(self._roads)} sweeps",
-                do="check roll and pitch of the lidar, and the order of its quaternion",
+                hint="check roll and pitch of the lidar, and the order of its quaternion",
                 times=len(self._roads),
             )

@@ -36,16 +36,16 @@ def handle(tmp_path):
 
 def test_beams_start_at_the_one_lidar_and_points_stay_where_they_are(handle):
     recording = handle(M_LIDAR_M=lidar()).open()
-    assert recording.lidar_from_beams.matrix == pytest.approx(MOUNTING.matrix)
+    assert recording.lidar_from_sensor.matrix == pytest.approx(MOUNTING.matrix)
     assert np.array_equal(recording.vehicle_from_lidar.matrix, np.eye(4))
-    assert handle(M_LIDAR_M=lidar()).read_leniently().recording.lidar_from_beams.matrix == pytest.approx(
+    assert handle(M_LIDAR_M=lidar()).read_leniently().recording.lidar_from_sensor.matrix == pytest.approx(
         MOUNTING.matrix
     )
 
 
 @pytest.mark.parametrize("sensors", [{}, {"LEFT": lidar(), "RIGHT": lidar()}, {"M_LIDAR_M": [1, 2]}])
 def test_without_one_lidar_beams_start_at_the_origin(handle, sensors):
-    assert np.array_equal(handle(**sensors).open().lidar_from_beams.matrix, np.eye(4))
+    assert np.array_equal(handle(**sensors).open().lidar_from_sensor.matrix, np.eye(4))
 
 
 @pytest.mark.parametrize(
@@ -81,7 +81,7 @@ def test_the_rows_of_beams_on_the_real_van_are_found(real):
     ]
     linked = {
         name: np.mean(find_grid(seen).neighbours[0] >= 0)
-        for name, seen in {"beams": real.lidar_from_beams.inverse().apply(van), "body": van}.items()
+        for name, seen in {"beams": real.lidar_from_sensor.inverse().apply(van), "body": van}.items()
     }
     assert linked["beams"] > 0.95
     assert linked["body"] < 0.85

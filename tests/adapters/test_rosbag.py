@@ -16,7 +16,7 @@ from bench.adapters.rosbag.rig import Rig, RosbagOptions
 from bench.cameras import camera_from_parameters
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.harness.keys import RecordingInputs
+from bench.harness.digests import RecordingInputs
 from bench.recordings import load_card, read_image
 from bench.recordings.contract import check_adapter
 from bench.recordings.validation import validated

@@ -9,7 +9,7 @@ import pytest
 
 from bench.adapters.rosbag.clouds import cloud_sweep
 from bench.adapters.rosbag.images import BagImage
-from bench.adapters.rosbag.messages import NO_STAMP, Topic, header_stamp_ns
+from bench.adapters.rosbag.messages import NO_TIME, Topic, header_stamp_ns
 from bench.adapters.rosbag.rig import LidarRig
 from bench.adapters.rosbag.storage import Position
 from bench.errors import DataError
@@ -175,11 +175,11 @@ def test_stamps():
     little = b"\x00\x01\x00\x00" + (17).to_bytes(4, "little") + (5).to_bytes(4, "little")
     big = b"\x00\x00\x00\x00" + (17).to_bytes(4, "big") + (5).to_bytes(4, "big")
     assert header_stamp_ns(little) == header_stamp_ns(big) == 17_000_000_005
-    assert header_stamp_ns(little[:11]) == NO_STAMP
-    assert header_stamp_ns(b"\x00\x07" + little[2:]) == NO_STAMP
-    assert header_stamp_ns(little[:4] + b"\xff\xff\xff\xff" + little[8:]) == NO_STAMP
-    assert header_stamp_ns(little[:4] + bytes(8)) == NO_STAMP  # what a driver leaves that sets none
-    assert header_stamp_ns(little[:8] + (10**9).to_bytes(4, "little")) == NO_STAMP
+    assert header_stamp_ns(little[:11]) == NO_TIME
+    assert header_stamp_ns(b"\x00\x07" + little[2:]) == NO_TIME
+    assert header_stamp_ns(little[:4] + b"\xff\xff\xff\xff" + little[8:]) == NO_TIME
+    assert header_stamp_ns(little[:4] + bytes(8)) == NO_TIME  # what a driver leaves that sets none
+    assert header_stamp_ns(little[:8] + (10**9).to_bytes(4, "little")) == NO_TIME
 
 
 def points_of(layout, count=5, **columns):

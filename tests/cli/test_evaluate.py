@@ -428,12 +428,12 @@ def test_pictures_and_the_page_come_from_the_same_files(monkeypatch, tiny_card, 
 
 
 def test_the_fingerprint_is_of_the_content_not_of_the_names(evaluate, images, masks, tmp_path):
-    by_time = read_run(evaluate(masks, out="a")).manifest.method.settings["fingerprint"]
+    by_time = read_run(evaluate(masks, out="a")).manifest.method.settings["digest"]
     for image in images:
         write_map(tmp_path / "frames", image.place, image.frame, image.moving)
-    assert read_run(evaluate(tmp_path / "frames", out="b")).manifest.method.settings["fingerprint"] == by_time
+    assert read_run(evaluate(tmp_path / "frames", out="b")).manifest.method.settings["digest"] == by_time
     write_map(tmp_path / "frames", images[0].place, images[0].frame, images[0].moving * 0)
-    assert read_run(evaluate(tmp_path / "frames", out="b")).manifest.method.settings["fingerprint"] != by_time
+    assert read_run(evaluate(tmp_path / "frames", out="b")).manifest.method.settings["digest"] != by_time
 
 
 def test_excluded_images_and_gaps_ask_for_no_prediction(evaluate, images, masks, tiny_card, tmp_path):

@@ -11,9 +11,9 @@ import pytest
 from junitparser import JUnitXml
 
 from bench.evaluation import load_protocol
-from bench.gate import read_run_sums, usual_baseline, write_baseline
+from bench.gate import find_baseline, read_run_sums, write_baseline
 from bench.harness import RunRequest, code_state, read_run, run_benchmark
-from bench.harness.keys import MethodIdentity
+from bench.harness.digests import MethodCode
 from bench.harness.stored import write_summary
 from bench.methods import build_method
 from bench.recordings import load_card
@@ -67,8 +67,8 @@ def test_without_a_named_baseline_the_usual_one_is_taken(monkeypatch, capsys, ru
     assert call(monkeypatch, "gate", runs["spherical"], "--update", "--allow-dirty") == 0
     assert call(monkeypatch, "gate", runs["spherical"]) == 0
     assert "baseline reports/baselines/tiny\n" in capsys.readouterr().out
-    assert usual_baseline(manifest(protocol=load_protocol("extended-v1"))) == Path("reports/baselines/demo-extended-v1")
-    assert usual_baseline(manifest()) == shipped_folder("baselines") / "demo"
+    assert find_baseline(manifest(protocol=load_protocol("extended-v1"))) == Path("reports/baselines/demo-extended-v1")
+    assert find_baseline(manifest()) == shipped_folder("baselines") / "demo"
 
 
 def test_a_gate_that_judges_nothing_has_the_status_of_one_without_a_baseline(monkeypatch, capsys, runs, tmp_path):
@@ -194,8 +194,9 @@ def test_update_refuses_a_plug_in_that_is_not_committed_as_it_is(monkeypatch, ca
         options = ("--method", "own_for_the_gate:Own", "--out", out, "--workers", 1, "--no-pictures", "--no-cache")
         assert call(monkeypatch, "run", tiny_card, *options) == 0
         patched = read_run(out)
-        made = patched.provenance.model_copy(update={"commit": None})
-        write_summary(out, patched.model_copy(update={"provenance": made}))
+        code = patched.manifest.code.model_copy(update={"commit": "c0ffee"})
+        manifest = patched.manifest.model_copy(update={"code": code})
+        write_summary(out, patched.model_copy(update={"manifest": manifest}))
         capsys.readouterr()
         status = call(monkeypatch, "gate", out, *baseline)
         assert status in (0, 2)
@@ -224,10 +225,10 @@ def test_an_installed_file_that_was_edited_is_no_installed_one(tmp_path, monkeyp
     (info / "RECORD").write_text(f"packed/method.py,sha256={code_state._digest(file)},6\n")
     monkeypatch.syspath_prepend(str(site))
     monkeypatch.setattr(code_state, "_own_sources", lambda: [file])
-    identity = MethodIdentity.of(build_method("nothing"))
-    assert code_state.unrepeatable_code(identity) == ()
+    method_code = MethodCode.of(build_method("nothing"))
+    assert code_state.unrepeatable_code(method_code) == ()
     file.write_text("x = 2\n")
-    assert code_state.unrepeatable_code(identity) == (f"{file}: changed since it was installed",)
+    assert code_state.unrepeatable_code(method_code) == (f"{file}: changed since it was installed",)
 
 
 def test_update_refuses_changed_code_unless_told(monkeypatch, capsys, runs, tmp_path):

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import pandas as pd
 
-from bench.evaluation.summary import ProtocolStamp
+from bench.evaluation.summary import ProtocolOfRun
 from bench.evaluation.sums import CATEGORY, FRAMES, KEY, TERMS
 from bench.gate import RunSums, Tolerances, Verdict, judge, load_tolerances
 from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest
-from bench.harness.method_stamp import MethodStamp
+from tests.support.manifests import method_of_run
 
 CASES = 10
 RULES = load_tolerances()
@@ -40,8 +40,8 @@ def scored(slices: Mapping[str, Mapping[str, Sums]], *, failures: tuple[str, ...
     run = RunSums(
         manifest=Manifest(
             dataset=DatasetOfRun(name="demo", card="datasets/demo.yaml", split=None, data="f" * 64),
-            method=MethodStamp(name="spherical", settings={"weights": {"epipolar": 1.0}, "threshold": 6e-4}),
-            protocol=ProtocolStamp(name="paper-v1", version=1, digest="d" * 64),
+            method=method_of_run("spherical", settings={"weights": {"epipolar": 1.0}, "threshold": 6e-4}),
+            protocol=ProtocolOfRun(name="paper-v1", version=1, digest="d" * 64),
             code=CodeOfRun(version="1", commit="c0ffee", python="3.11", libraries={}),
             reference="r" * 64,
         ),

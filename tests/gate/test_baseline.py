@@ -84,7 +84,7 @@ def test_a_missing_baseline_is_an_error_of_its_own(tmp_path):
     ("name", "text", "message"),
     [
         ("manifest.json", "{", r"manifest\.json: expected the manifest of a run, got no JSON"),
-        ("manifest.json", "{}", r"manifest\.json: dataset"),
+        ("manifest.json", "{}", r"manifest\.json: expected the manifest of a run"),
         ("sums.csv", "a,b\n", r"sums\.csv: expected a table of sums"),
         ("sums.csv", None, r"sums\.csv: expected a table of sums"),
         ("manifest.json", None, r"expected a folder with sums\.csv and manifest\.json"),

@@ -83,7 +83,7 @@ def test_calibration_shifted_by_5_px_in_the_data(gated_card, good_run, baseline,
         camera["model"]["principal_point"][0] += 5
         file.write_text(json.dumps(recording))
     found = verdict(good_run, run(folder / gated_card.name, tmp_path / "run"))
-    assert {check.name for check in found.failed_checks} >= {"reference_fingerprint", "data_fingerprint"}
+    assert {check.name for check in found.failed_checks} >= {"reference_digest", "data_digest"}
     assert command(tmp_path / "run", baseline) == 1
 
 

@@ -7,13 +7,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from bench.harness.masks import MASKS, MASKS_SCHEMA, StoredMasks, mask_row
-from bench.harness.method_stamp import MethodStamp
 from bench.methods import Segmentation
+from tests.support.manifests import method_of_run
 
 IMAGE = SimpleNamespace(recording="drive", camera_name="front", timestamps_ns=(0, 7))
 
 
-def test_an_answer_is_read_back_and_older_runs_know_neither_threshold_nor_causes(tmp_path):
+def test_an_answer_is_read_back(tmp_path):
     mask = np.arange(20).reshape(4, 5) % 3 == 0
     answer = Segmentation(
         cell_size_px=2, mask=mask, likelihood=mask.astype(np.float32), threshold=0.25, causes=("epipolar",)
@@ -21,9 +21,6 @@ def test_an_answer_is_read_back_and_older_runs_know_neither_threshold_nor_causes
     row = mask_row(answer, recording="drive", camera="front", timestamp_ns=7)
     table = pa.Table.from_pylist([row], schema=MASKS_SCHEMA)
     pq.write_table(table, tmp_path / MASKS)
-    read = StoredMasks(tmp_path, MethodStamp(name="own", settings={})).segment(IMAGE)
+    read = StoredMasks(tmp_path, method_of_run("own")).segment(IMAGE)
     assert (read.threshold, read.causes) == (0.25, ("epipolar",))
     assert (read.mask == mask).all()
-    pq.write_table(table.drop_columns(["threshold", "causes"]), tmp_path / MASKS)
-    old = StoredMasks(tmp_path, MethodStamp(name="own", settings={})).segment(IMAGE)
-    assert (old.threshold, old.causes) == (None, ())

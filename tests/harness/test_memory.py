@@ -16,7 +16,7 @@ import json, os, sys
 from pathlib import Path
 
 from bench.evaluation import load_protocol
-from bench.harness.keys import MethodIdentity
+from bench.harness.digests import MethodCode
 from bench.harness.tasks import RunSpec, UnitTask, plan_recording, score_unit
 from bench.methods import build_method
 from bench.recordings import load_card, open_dataset
@@ -29,7 +29,7 @@ if __name__ == "__main__":
     method = build_method("spherical", {})
     run = Path("run")
     protocols = {run: load_protocol("paper-v1")}
-    spec = RunSpec(method=method, identity=MethodIdentity.of(method), settings={}, protocols=protocols)
+    spec = RunSpec(method=method, method_code=MethodCode.of(method), settings={}, protocols=protocols)
     sizes = []
     for turn in range(int(sys.argv[2])):
         for handle in open_dataset(load_card(sys.argv[1])):

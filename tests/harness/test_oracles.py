@@ -46,7 +46,7 @@ def test_the_reference_scores_perfectly(tiny_card, tmp_path, monkeypatch, protoc
             assert figures.metric(name).value == 1.0
     assert summary.false_positives.coverage.value == summary.false_positives.frame_rate.value == 0.0
     assert summary.images.evaluated == 12
-    # The stamp tells that this is no method.
+    # The manifest tells that this is no method.
     assert summary.manifest.method.name == "reference"
     assert summary.manifest.method.settings == {"sees_the_reference": True}
 
@@ -68,7 +68,7 @@ def test_regions_with_unknown_bands_are_the_same_in_one_process_and_in_two(tiny_
 
 
 def test_it_compares_with_methods_on_the_same_images(tiny_card, tmp_path):
-    fingerprints = {
+    digests = {
         run_benchmark(
             RunRequest(
                 card=load_card(str(tiny_card)),
@@ -79,7 +79,7 @@ def test_it_compares_with_methods_on_the_same_images(tiny_card, tmp_path):
         ).manifest.reference
         for name in ("reference", "nothing", "background-subtraction", "spherical-sparse")
     }
-    assert len(fingerprints) == 1
+    assert len(digests) == 1
 
 
 def test_it_is_no_method(monkeypatch, tiny_card, capsys):

@@ -9,7 +9,7 @@ import pytest
 import bench
 from bench.errors import DataError
 from bench.evaluation import load_protocol
-from bench.harness.keys import digests as code
+from bench.harness.digests import content as code
 from bench.harness.masks import MASKS
 from tests.support.changed_data import (
     DAMAGES,

@@ -22,10 +22,10 @@ from bench.harness import (
 )
 from bench.harness import run as run_module
 from bench.harness.manifest import Manifest, read_manifest
-from bench.harness.method_stamp import MethodStamp
 from bench.methods import build_method
 from bench.methods.spherical.method import SphericalMethod
 from bench.recordings import load_card, open_dataset
+from tests.support.manifests import method_of_run
 
 PROTOCOL = load_protocol("paper-v1")
 
@@ -75,7 +75,7 @@ def test_two_runs_store_the_same_bytes(tiny_card, tmp_path):
     assert first.manifest.dataset.data == second.manifest.dataset.data
 
 
-def test_the_reference_fingerprint_is_of_the_reference_alone(tiny_card, own_card, tmp_path):
+def test_the_reference_digest_is_of_the_reference_alone(tiny_card, own_card, tmp_path):
     ours, nothing = (run(tiny_card, tmp_path / name, method=name) for name in ("spherical", "nothing"))
     assert ours.manifest.reference == nothing.manifest.reference
     labels = own_card.parent / "data" / "tiny" / "crossing" / "annotations.json"
@@ -208,7 +208,7 @@ def test_what_is_no_summary_is_refused_by_name(tmp_path):
     with pytest.raises(DataError, match=r"summary\.json: expected the summary of a run"):
         read_run(tmp_path)
     (tmp_path / "summary.json").write_text('{"schema_version": 1}')
-    with pytest.raises(DataError, match=r"summary\.json: protocol"):
+    with pytest.raises(DataError, match=r"summary\.json: expected the summary of a run"):
         read_run(tmp_path)
     with pytest.raises(DataError, match=r"objects\.parquet"):
         read_tables(tmp_path)
@@ -216,7 +216,7 @@ def test_what_is_no_summary_is_refused_by_name(tmp_path):
 
 def test_what_a_stored_method_is_called(tiny_card, tmp_path):
     assert run(tiny_card, tmp_path / "ours").manifest.method.called == "spherical"
-    stranger = MethodStamp(name="stranger", settings={}, place="bench.methods.baselines:Nothing")
+    stranger = method_of_run("stranger", place="bench.methods.baselines:Nothing")
     assert stranger.called == "bench.methods.baselines:Nothing"
 
 

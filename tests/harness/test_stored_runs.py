@@ -31,10 +31,6 @@ def summary_of(part: object, path: str = "") -> dict[str, Metric]:
     return {name: figure for key, inner in pairs for name, figure in summary_of(inner, f"{path}/{key}").items()}
 
 
-def test_there_is_a_stored_run_of_version_1():
-    assert "v1" in [run.name for run in RUNS]
-
-
 def test_a_stored_run_reduces_to_its_figures(stored):
     summary = read_run(stored)
     protocol = read_protocol(stored, summary)

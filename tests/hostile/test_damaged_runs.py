@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from bench.recordings.checked_json import with_digest
 from tests.support.commands import call, error_line
 
 pytestmark = pytest.mark.slow
@@ -37,25 +38,26 @@ def raise_a_digit(file: Path) -> None:
     file.write_text(text.replace('"value": 1.0', '"value": 0.5', 1).replace('"recordings": 3', '"recordings": 4', 1))
 
 
-def without_seal(file: Path, change) -> None:
-    """As a file of an older version, or of somebody who knows the digest."""
+def with_changed_content(file: Path, change) -> None:
+    """As by somebody who knows the digest."""
     content = json.loads(file.read_text())
-    del content["sha256"], content["files"]
     change(content)
-    file.write_text(json.dumps(content))
+    file.write_text(json.dumps(with_digest(content)))
 
 
 DAMAGE = {  # file, and what is done to it
     "not UTF-8": ("summary.json", lambda file: file.write_bytes(b"\xff\xfe" + file.read_bytes())),
     "cut short": ("summary.json", lambda file: file.write_bytes(file.read_bytes()[:-100])),
     "another figure": ("summary.json", raise_a_digit),
-    "a row missing": ("summary.json", lambda f: without_seal(f, lambda c: c["categories"].pop("crossing"))),
+    "a row missing": ("summary.json", lambda f: with_changed_content(f, lambda c: c["categories"].pop("crossing"))),
     "an unknown row": (
-        "summary.json", lambda f: without_seal(f, lambda c: c["categories"].update(flying=c["all_moving"]))
+        "summary.json", lambda f: with_changed_content(f, lambda c: c["categories"].update(flying=c["all_moving"]))
     ),
-    "a figure missing": ("summary.json", lambda f: without_seal(f, lambda c: c["all_moving"].pop("iou"))),
-    "a level missing": ("summary.json", lambda f: without_seal(f, lambda c: c["all_moving"].pop("detection_rate_10"))),
-    "a version to come": ("summary.json", lambda f: without_seal(f, lambda c: c.update(schema_version=99))),
+    "a figure missing": ("summary.json", lambda f: with_changed_content(f, lambda c: c["all_moving"].pop("iou"))),
+    "a level missing": (
+        "summary.json", lambda f: with_changed_content(f, lambda c: c["all_moving"].pop("detection_rate_10")),
+    ),
+    "a version to come": ("summary.json", lambda f: with_changed_content(f, lambda c: c.update(schema_version=99))),
     "a flipped bit in the objects": ("objects.parquet", flip),
     "a flipped bit in the frames": ("frames.parquet", flip),
     "a flipped bit in the maps": ("image_maps.npz", flip),
@@ -123,5 +125,5 @@ def test_a_fault_of_ours_is_no_verdict(whole, monkeypatch, capsys):
 
 def test_a_run_of_an_older_version_is_read(whole, tmp_path, monkeypatch):
     folder = shutil.copytree(whole, tmp_path / "runs")
-    without_seal(folder / "everything" / "summary.json", lambda content: content["all_moving"].keys())
+    with_changed_content(folder / "everything" / "summary.json", lambda content: content["all_moving"].keys())
     assert call(monkeypatch, *COMMANDS["report"](folder)) == 0

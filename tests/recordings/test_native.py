@@ -126,8 +126,8 @@ BEAMS = RigidTransform.from_quaternion((0.8, 0.0, 0.0, 0.6), (0.25, -0.5, 2.0))
 
 def test_where_the_beams_start_may_be_told(root):
     """Points of some recordings stand in other axes than the sensor's own."""
-    assert np.array_equal(open_native(root).lidar_from_beams.matrix, np.eye(4))
-    assert "lidar_from_beams" not in (root / "recording.json").read_text()
+    assert np.array_equal(open_native(root).lidar_from_sensor.matrix, np.eye(4))
+    assert "lidar_from_sensor" not in (root / "recording.json").read_text()
     RecordingWriter(root).header(
         name="drive",
         licence="Apache-2.0",
@@ -135,10 +135,10 @@ def test_where_the_beams_start_may_be_told(root):
         cameras={"front": tiny.front_camera()},
         vehicle_from_lidar=tiny.VEHICLE_FROM_LIDAR,
         vehicle_outline_m=tiny.OUTLINE_M,
-        lidar_from_beams=BEAMS,
+        lidar_from_sensor=BEAMS,
     )
     for recording in (open_native(root), open_native(root, on_error=ErrorCollector())):
-        assert recording.lidar_from_beams.matrix == pytest.approx(BEAMS.matrix, abs=1e-12)
+        assert recording.lidar_from_sensor.matrix == pytest.approx(BEAMS.matrix, abs=1e-12)
         assert recording.vehicle_from_lidar.matrix == pytest.approx(tiny.VEHICLE_FROM_LIDAR.matrix, abs=1e-12)
 
 
@@ -146,10 +146,10 @@ def test_exact_calibration_keeps_where_the_beams_start(root):
     RecordingWriter(root).true_calibration(
         cameras={"front": tiny.front_camera()}, vehicle_from_lidar=RigidTransform.identity()
     )
-    change(root, "lidar.lidar_from_beams", {"quaternion_wxyz": [1, 0, 0, 0], "translation_m": [0, 0, 2]})
+    change(root, "lidar.lidar_from_sensor", {"quaternion_wxyz": [1, 0, 0, 0], "translation_m": [0, 0, 2]})
     recording = open_native(root, calibration="exact")
     assert recording.vehicle_from_lidar.translation_m.tolist() == [0, 0, 0]
-    assert recording.lidar_from_beams.translation_m.tolist() == [0, 0, 2]
+    assert recording.lidar_from_sensor.translation_m.tolist() == [0, 0, 2]
 
 
 def test_a_gap_in_time_is_told_but_no_fault_of_opening(root):
@@ -209,14 +209,14 @@ HEAD_FAULTS = [
     ("cameras.front.vehicle_from_camera.translation_m", [0.0, 0.0, -1.0], "expected a camera above the road"),
     ("lidar.vehicle_from_lidar.translation_m", [0.0, 1.0], "lidar.vehicle_from_lidar.translation_m"),
     (
-        "lidar.lidar_from_beams",
+        "lidar.lidar_from_sensor",
         {"quaternion_wxyz": [2.0, 0.0, 0.0, 0.0], "translation_m": [0.0, 0.0, 0.0]},
-        "lidar.lidar_from_beams.quaternion_wxyz: expected a quaternion w, x, y, z of length 1",
+        "lidar.lidar_from_sensor.quaternion_wxyz: expected a quaternion w, x, y, z of length 1",
     ),
     (
-        "lidar.lidar_from_beams",
+        "lidar.lidar_from_sensor",
         {"translation_m": [0.0, 0.0, 0.0]},
-        "lidar_from_beams.quaternion_wxyz: expected a value",
+        "lidar_from_sensor.quaternion_wxyz: expected a value",
     ),
     ("lidar.vehicle_from_beams", None, "lidar.vehicle_from_beams: expected no such key"),
     ("vehicle.outline_m", [[0.0, 0.0]], "vehicle.outline_m"),

@@ -164,7 +164,7 @@ def test_points_in_the_vehicles_axes_give_the_same_polygon_once_it_is_told_where
     in_vehicle_axes = replace(sweep, points_lidar=LIDAR.apply(sweep.points_lidar))
     ref = replace(recording.sweeps[0], reader=lambda *_: in_vehicle_axes)
     merged = replace(recording, sweeps=(ref,), vehicle_from_lidar=RigidTransform.identity())
-    stated = replace(merged, lidar_from_beams=LIDAR)
+    stated = replace(merged, lidar_from_sensor=LIDAR)
     expected, found, unstated = (
         ReferenceBuilder(one, "front", with_settings(polygon_kind="surface-patches"))
         .build(one.images["front"][0])

@@ -10,7 +10,7 @@ from bench.evaluation.summary import (
     Metric,
     ObjectLedger,
     ObjectMetrics,
-    ProtocolStamp,
+    ProtocolOfRun,
     SegmentationMetrics,
     Summary,
 )
@@ -59,7 +59,7 @@ def summary() -> Summary:
     """All categories but the static host, which has no cases."""
     categories = {c.value: object_figures(RATES.get(c, math.nan)) for c in Category if c is not Category.MOVING}
     return Summary(
-        protocol=ProtocolStamp(name="paper-v1", version=1, digest="0" * 64),
+        protocol=ProtocolOfRun(name="paper-v1", version=1, digest="0" * 64),
         categories=categories,
         all_moving=object_figures(0.6),
         false_positives=FalsePositiveMetrics(

@@ -8,7 +8,7 @@ from bench.errors import DataError, OutputError
 from bench.evaluation import load_protocol, sum_run, summary_of, write_sums
 from bench.evaluation.rows import frames_table, objects_table
 from bench.harness import RunSummary
-from bench.harness.stored import SUMS, write_protocol, write_summary
+from bench.harness.stored import SUMS, file_digests, write_protocol, write_summary
 from bench.reporting.table_files import write_report_files
 from tests.support.manifests import manifest, provenance
 from tests.support.result_rows import frame_row, object_row
@@ -26,10 +26,11 @@ def stored(tmp_path_factory):
     pq.write_table(frames, run / "frames.parquet")
     sums = sum_run(objects, frames, protocol=load_protocol("paper-v1"))
     write_sums(sums, run / SUMS)
-    figures = summary_of(sums, protocol=load_protocol("paper-v1"))
+    metrics = summary_of(sums, protocol=load_protocol("paper-v1"))
     summary = RunSummary(
-        **{name: getattr(figures, name) for name in type(figures).model_fields},
+        **{name: getattr(metrics, name) for name in type(metrics).model_fields},
         schema_version=1, manifest=manifest(method="empty"), provenance=provenance(), failures=(),
+        files=file_digests(run),
         caveats="Staged, not the paper's.",
         vehicle_outline_m=((-1.0, -0.9), (3.8, -0.9), (3.8, 0.9), (-1.0, 0.9)),
     )  # fmt: skip

@@ -11,7 +11,6 @@ from junitparser import JUnitXml
 from bench.gate import Check, Outcome
 from bench.gate.brief import change_lines, folded_lines, main_rows, overall_rows, worst_line
 from bench.gate.changes import how_to_compare
-from bench.harness.method_stamp import MethodStamp
 from bench.reporting.verdict import (
     full_lines,
     full_rows,
@@ -24,6 +23,7 @@ from bench.reporting.verdict import (
 )
 from tests.gate.factories import one, scored, sums, verdict_of
 from tests.reporting.printed import printed
+from tests.support.manifests import method_of_run
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def test_junit_has_a_case_for_every_check_and_judged_row(mixed):
     assert len(cases) == len(mixed.checks) + len(mixed.rows) == 7 + 4 + 1  # one for all that are not judged
     assert cases["gate.crossing", "tpr_all"].is_failure
     assert "90.0 % -> 50.0 %, -40.0 pt" in cases["gate.crossing", "tpr_all"].result[0].message
-    assert cases["gate.data", "data_fingerprint"].is_failure
+    assert cases["gate.data", "data_digest"].is_failure
     assert cases["gate.overtaking", "tpr_all"].is_passed
     assert cases["gate.overtaking", "tpr_all"].system_out.startswith("suspect: ")
     skipped = cases["gate.metrics", "not judged"]
@@ -154,8 +154,8 @@ def test_the_first_lines_say_what_changed_what_was_lost_and_where(one_fault):
         ({"commit": None}, {}, "no command makes the baseline's run again: it is of version 1, of an unknown commit"),
         ({}, {"data": "x" * 64}, "no command makes the baseline's run again: it is of other data"),
         (
-            {"method": MethodStamp(name="own", settings={}, place="own:Own", identity="1")},
-            {"method": MethodStamp(name="own", settings={}, place="own:Own", identity="2")},
+            {"method": method_of_run("own", code_digest="1")},
+            {"method": method_of_run("own", code_digest="2")},
             "no command makes the baseline's run again: the code of 'own' is another now; "
             "run in the baseline's own commit",
         ),

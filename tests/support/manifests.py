@@ -1,14 +1,22 @@
 """Manifests and provenance of runs that tests write by hand."""
 
 from bench.evaluation import Protocol, load_protocol
-from bench.evaluation.summary import ProtocolStamp
+from bench.evaluation.summary import ProtocolOfRun
 from bench.harness import Provenance
 from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest
-from bench.harness.method_stamp import MethodStamp
+from bench.harness.method_of_run import MethodOfRun
+from bench.methods import known_methods
 
 
 def provenance(*, images: int = 9) -> Provenance:
     return Provenance(started_utc="2026-01-02T03:04", seconds=2.0, stage_seconds={}, images=images, peak_memory_mb=1.0)
+
+
+def method_of_run(
+    name: str, *, settings: dict[str, object] | None = None, place: str = "", code_digest: str = "0" * 64
+) -> MethodOfRun:
+    place = place or known_methods().get(name, "own:Own")
+    return MethodOfRun(name=name, settings=settings or {}, place=place, history=1, code_digest=code_digest)
 
 
 def manifest(
@@ -25,8 +33,8 @@ def manifest(
     rules = protocol or load_protocol("paper-v1")
     return Manifest(
         dataset=DatasetOfRun(name=dataset, card=card, split=split, data=""),
-        method=MethodStamp(name=method, settings=settings or {}),
-        protocol=ProtocolStamp(name=rules.name, version=rules.version, digest=rules.digest),
+        method=method_of_run(method, settings=settings or {}),
+        protocol=ProtocolOfRun(name=rules.name, version=rules.version, digest=rules.digest),
         code=CodeOfRun(version="0", commit=commit, python="3", libraries={}),
         reference=reference,
     )

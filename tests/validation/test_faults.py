@@ -154,7 +154,7 @@ def test_degrees_per_second(root):
     assert (cause.check, cause.severity) == ("ego-turn", Severity.ERROR)
     labels = [finding for finding in others if finding.check in BY_EGO_MOTION]
     assert labels
-    assert {(finding.severity, finding.do) for finding in labels} == {
+    assert {(finding.severity, finding.hint) for finding in labels} == {
         (Severity.WARNING, "may follow from the ego-motion: correct that, validate again")
     }
 
@@ -308,7 +308,7 @@ def test_point_times_in_microseconds(root):
 
     change_sweeps(root, timed)
     (told,) = found(root)
-    assert (told.check, told.do) == ("point-times", "check the unit: expected nanoseconds")
+    assert (told.check, told.hint) == ("point-times", "check the unit: expected nanoseconds")
 
 
 def test_a_lidar_mounted_too_low(root):
@@ -457,7 +457,7 @@ def test_a_lidar_that_is_mirrored_left_to_right(root):
     for sweep in recording.sweeps:
         looked.add(sweep.read())
     (rider,) = [finding for finding in looked.findings() if finding.field == "object 'rider' (cyclist)"]
-    assert (rider.check, rider.do.split("?")[0]) == ("empty-box", "the lidar's y has the wrong sign")
+    assert (rider.check, rider.hint.split("?")[0]) == ("empty-box", "the lidar's y has the wrong sign")
 
 
 def test_an_object_that_jumps(root):
@@ -484,7 +484,7 @@ def test_velocities_of_another_kind(root, change, cause):
 
     change_boxes(root, told, only="leader")
     velocity = [finding for finding in found(root) if finding.check == "velocity"]
-    assert [finding.do for finding in velocity] == [cause]
+    assert [finding.hint for finding in velocity] == [cause]
 
 
 def test_a_walker_faster_than_a_sprinter(root):

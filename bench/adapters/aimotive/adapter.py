@@ -14,7 +14,7 @@ What is translated here, once:
 - The body frame is x forward, y left, z up, but its origin is not on the road: the card's `ground_height_m` says where
   the road is. It serves as the vehicle frame as it stands.
 - An image has the time of the box file with its number.
-- Points are in body axes already, so `vehicle_from_lidar` is the identity and `lidar_from_beams` the mounting of the
+- Points are in body axes already, so `vehicle_from_lidar` is the identity and `lidar_from_sensor` the mounting of the
   sensor.
 - A revolution runs from about 68 ms before to 32 ms after the time of its frame, in the same clock. Frames are 67 ms
   apart, so neighbouring revolutions share the points of 33 ms; an image takes those of one revolution only.
@@ -112,7 +112,7 @@ def open_aimotive(
     with reporting(on_error):
         paths = framed_files(within, folder / SWEEPS, r"frame_(\d+)\.laz", on_error)
         sweeps = tuple(SweepRef(timestamp_ns=t, path=path, reader=read_sweep) for t, path in timed(paths))
-    lidar_from_beams = _lidar_mounting(within, folder, on_error)
+    lidar_from_sensor = _lidar_mounting(within, folder, on_error)
     if not cameras or not boxes:
         on_error.stop()
     if trajectory is None:
@@ -131,7 +131,7 @@ def open_aimotive(
         sweeps=sweeps,
         tracks=tracks or (),
         vehicle_outline_m=np.array(options.vehicle_outline_m, dtype=np.float64),
-        lidar_from_beams=lidar_from_beams,
+        lidar_from_sensor=lidar_from_sensor,
     )
 
 

@@ -211,8 +211,8 @@ def _annotated(
     file = root / BOXES / options.boxes / f"{sequence}.xml"
     with reporting(on_error):
         if not file.is_file():
-            do = "test sequences have none; choose a split that has, or name a folder of annotations in the card"
-            raise DataError(file, expected="a file of boxes", got="no such file", do=do)
+            hint = "test sequences have none; choose a split that has, or name a folder of annotations in the card"
+            raise DataError(file, expected="a file of boxes", got="no such file", hint=hint)
         refuse_escape(linked_folder(root, file, levels=options.follow_links), file, file=file)
         boxes = read_boxes(file, at_most(MOST_FAULTS, on_error))
         if drive is None or clock is None:

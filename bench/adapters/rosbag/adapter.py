@@ -100,10 +100,10 @@ class _Source:
         recording = _Opening(self, on_error, losses.append if on_error is STRICT else on_error).recording()
         if losses and not self.options.accept_losses:
             first, more = losses[0], len(losses) - 1
-            hints = [first.do, "set the card's option accept_losses: true to use the rest"]
+            hints = [first.hint, "set the card's option accept_losses: true to use the rest"]
             hints += [f"{more} more faults, which fisheye-bench validate lists"] if more else []
-            do = "; ".join(filter(None, hints))
-            raise DataError(first.file, field=first.field, expected=first.expected, got=first.got, do=do)
+            hint = "; ".join(filter(None, hints))
+            raise DataError(first.file, field=first.field, expected=first.expected, got=first.got, hint=hint)
         return recording
 
 

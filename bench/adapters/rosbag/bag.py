@@ -95,7 +95,7 @@ class BagMessage:
     Attributes:
         topic: that it was sent on.
         log_ns: when it was recorded.
-        stamp_ns: the time in its header; `NO_STAMP` where that has none, `log_ns` where its type has no header.
+        stamp_ns: the time in its header; `NO_TIME` where that has none, `log_ns` where its type has no header.
         file_number: of the file that holds it.
         file: the same.
         position: where in the file.
@@ -149,16 +149,16 @@ class TimedRows:
         times_ns = log_ns if clock == "bag" else stamp_ns
         valid = np.ones(len(table), dtype=bool)
 
-        def keep(good: NDArray[np.bool_], expected: str, got: str, do: str = "") -> None:
+        def keep(good: NDArray[np.bool_], expected: str, got: str, hint: str = "") -> None:
             bad = valid & ~good
             if bad.any():
                 got = f"{got} in {bad.sum()} of {len(bad)} messages, the first recorded at {log_ns[np.argmax(bad)]} ns"
                 field = self.topic.name if self.topic else None
-                on_loss(DataError(file, field=field, expected=expected, got=got, do=do))
+                on_loss(DataError(file, field=field, expected=expected, got=got, hint=hint))
             valid[bad] = False
 
-        do = "set the card's option clock: bag where the driver sets no stamps"
-        keep((times_ns > 0) & (times_ns < LATEST_NS), "a time in the header", "none", do)
+        hint = "set the card's option clock: bag where the driver sets no stamps"
+        keep((times_ns > 0) & (times_ns < LATEST_NS), "a time in the header", "none", hint)
         delay_ns = times_ns - log_ns
         usual_ns = int(np.median(delay_ns[valid])) if valid.any() else 0
         keep(np.abs(delay_ns - usual_ns) <= LARGEST_JUMP_NS, "stamps of one clock", "jumps")
@@ -187,8 +187,8 @@ def open_bag(root: Path, path: Path) -> Bag:
     """
     refuse_escape(root, path, file=path)
     if path.suffix == ROS1_SUFFIX:
-        do = f"convert it: rosbags-convert --src {path.name} --dst {path.stem}"
-        raise DataError(path, expected="a bag of ROS 2", got="one of ROS 1", do=do)
+        hint = f"convert it: rosbags-convert --src {path.name} --dst {path.stem}"
+        raise DataError(path, expected="a bag of ROS 2", got="one of ROS 1", hint=hint)
     if path.is_file():
         return Bag(path=path, files=(path,))
     file = path / METADATA
@@ -202,8 +202,8 @@ def open_bag(root: Path, path: Path) -> Bag:
         found = sorted((entry for entry in path.iterdir() if entry.suffix in SUFFIXES), key=_recording_order)
         bag = Bag(path=path, files=tuple(found), losses=(missing,))
     if not bag.files:
-        do = "unpack them: unzstd *.zstd, then ros2 bag reindex" if any(path.glob("*.zstd")) else ""
-        raise DataError(path, expected=f"files of messages, {' or '.join(SUFFIXES)}", got="none", do=do)
+        hint = "unpack them: unzstd *.zstd, then ros2 bag reindex" if any(path.glob("*.zstd")) else ""
+        raise DataError(path, expected=f"files of messages, {' or '.join(SUFFIXES)}", got="none", hint=hint)
     for entry in bag.files:
         refuse_escape(root, entry, file=entry)
     return bag
@@ -267,8 +267,8 @@ def _described_bag(path: Path, information: _Information) -> Bag:
             entry = path / PurePosixPath(relative).name
         if entry.suffix not in SUFFIXES or entry in files:
             expected, got = f"another file {' or '.join(SUFFIXES)}", repr(relative[:80])
-            do = f"unpack it: unzstd {path.name}/*.zstd, then ros2 bag reindex" if entry.suffix == ".zstd" else ""
-            raise DataError(file, field=where, expected=expected, got=got, do=do)
+            hint = f"unpack it: unzstd {path.name}/*.zstd, then ros2 bag reindex" if entry.suffix == ".zstd" else ""
+            raise DataError(file, field=where, expected=expected, got=got, hint=hint)
         if entry.is_file():
             files.append(entry)
         else:

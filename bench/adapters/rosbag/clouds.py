@@ -53,8 +53,10 @@ class BagSweep(StoredMessage):
         message = decode(self.topic, payload, file=self.container)
         frame = str(message.header.frame_id).lstrip("/")
         if self.rig.frame is not None and frame != self.rig.frame:
-            expected, do = f"{self.rig.frame!r}, as the rig file says", "name this frame there, if its points are"
-            raise DataError(name, field="header.frame_id", expected=expected, got=repr(frame), do=f"{do} as measured")
+            expected, hint = f"{self.rig.frame!r}, as the rig file says", "name this frame there, if its points are"
+            raise DataError(
+                name, field="header.frame_id", expected=expected, got=repr(frame), hint=f"{hint} as measured"
+            )
         return cloud_sweep(message, timestamp_ns, stamp_ns=header_stamp_ns(payload), rig=self.rig, name=name)
 
 
@@ -156,6 +158,6 @@ def _offsets_ns(values: NDArray[Any], stamp_ns: int, rig: LidarRig, name: Path, 
     farthest_ns = float(np.abs(offsets_ns).max(initial=0.0))
     if not farthest_ns < FARTHEST_TIME_NS:
         got = f"times up to {farthest_ns / 1e9:.3g} s away, read as {unit}"
-        do = "set time_unit and time_from of the lidar in the rig file"
-        raise DataError(name, field=field, expected="times within a second of the message", got=got, do=do)
+        hint = "set time_unit and time_from of the lidar in the rig file"
+        raise DataError(name, field=field, expected="times within a second of the message", got=got, hint=hint)
     return offsets_ns.astype(np.int64)

@@ -21,7 +21,7 @@ POSES = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseWithCovarianceS
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 HEADER = "std_msgs/msg/Header"
 HEADER_BYTES = 64  # of a message: enough for the time in its header
-NO_STAMP = -1
+NO_TIME = -1
 SECOND_NS = 1_000_000_000
 LONGEST_DEFINITION = 100_000  # blank lines of this length take two seconds to parse
 TYPE_NAME = re.compile(r"[A-Za-z]\w{0,99}(/[A-Za-z]\w{0,99}){1,2}", re.ASCII)
@@ -112,12 +112,12 @@ def header_stamp_ns(start: bytes) -> int:
         start: the first bytes of the message, in CDR: four that give the byte order, seconds, nanoseconds.
 
     Returns:
-        ns; `NO_STAMP` for a time that no clock can show, and for 0, which drivers leave that set none.
+        ns; `NO_TIME` for a time that no clock can show, and for 0, which drivers leave that set none.
     """
     if len(start) < 12 or start[0] != 0 or start[1] not in (0, 1):
-        return NO_STAMP
+        return NO_TIME
     seconds, rest_ns = struct.unpack_from("<iI" if start[1] else ">iI", start, 4)
-    return NO_STAMP if seconds < 0 or rest_ns >= SECOND_NS else seconds * SECOND_NS + rest_ns or NO_STAMP
+    return NO_TIME if seconds < 0 or rest_ns >= SECOND_NS else seconds * SECOND_NS + rest_ns or NO_TIME
 
 
 def _types(topic: Topic, file: Path) -> Typestore:
@@ -129,7 +129,7 @@ def _types(topic: Topic, file: Path) -> Typestore:
     if name in _typestore().fielddefs:
         return _typestore()
     if not 0 < len(topic.definition) <= LONGEST_DEFINITION:
-        got, do = (
+        got, hint = (
             f"{len(topic.definition)} characters",
             "record with MCAP, or with ROS 2 Iron or later, which store the definitions of messages",
         )
@@ -138,7 +138,7 @@ def _types(topic: Topic, file: Path) -> Typestore:
             field=topic.name,
             expected=f"the definition of {name} in at most {LONGEST_DEFINITION} characters of .msg text",
             got=got,
-            do=do,
+            hint=hint,
         )
     try:
         return _typestore(name, topic.definition)

@@ -161,7 +161,7 @@ def _repairable(file: Path, expected: str) -> Iterator[None]:
             tool = f"sqlite3 {file.name} .recover | sqlite3"
         got = " ".join(str(error).split())[:200] or f"the end in the middle of it ({type(error).__name__})"
         raise DataError(
-            file, expected=expected, got=got, do=f"repair it, then replace it by the result: {tool} {repaired}"
+            file, expected=expected, got=got, hint=f"repair it, then replace it by the result: {tool} {repaired}"
         ) from error
 
 
@@ -298,8 +298,8 @@ def _cached_chunk(file: Path, state: tuple[int, int], position: int) -> bytes:
 def _sqlite_messages(file: Path, start_bytes: Mapping[str, int]) -> Iterator[tuple[Topic, int, Position, bytes]]:
     log = file.with_name(f"{file.name}-wal")
     if log.is_file() and log.stat().st_size:
-        do = f"merge it: sqlite3 {file.name} 'PRAGMA wal_checkpoint(TRUNCATE)'"
-        raise DataError(file, expected="all messages in it", got=f"the last ones still in {log.name}", do=do)
+        hint = f"merge it: sqlite3 {file.name} 'PRAGMA wal_checkpoint(TRUNCATE)'"
+        raise DataError(file, expected="all messages in it", got=f"the last ones still in {log.name}", hint=hint)
     with closing(_connected(file)) as connection:
         topics = _sqlite_topics(connection, file)
         query = "SELECT id, topic_id, timestamp, length(data) FROM messages ORDER BY id"

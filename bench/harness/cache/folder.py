@@ -116,12 +116,15 @@ class CacheFolder:
             mark = self.folder / MARK
             # Looked for twice: another process may mark the folder, and fill it, in between.
             if not mark.exists() and any(self.folder.iterdir()) and not mark.exists():
-                do = "name another folder with --cache or FISHEYE_BENCH_CACHE"
-                raise DataError(self.folder, expected="an empty folder or a cache", got="other files", do=do)
+                hint = "name another folder with --cache or FISHEYE_BENCH_CACHE"
+                raise DataError(self.folder, expected="an empty folder or a cache", got="other files", hint=hint)
             mark.touch()
         except OSError as error:
-            got, do = error.strerror or str(error), "name another folder with --cache, or cache nothing with --no-cache"
-            raise DataError(self.folder, expected="a folder for the cache", got=got, do=do) from error
+            got, hint = (
+                error.strerror or str(error),
+                "name another folder with --cache, or cache nothing with --no-cache",
+            )
+            raise DataError(self.folder, expected="a folder for the cache", got=got, hint=hint) from error
 
     def _file(self, step: str, digest: str) -> Path:
         """The file of an entry; the name of its step comes from a method.

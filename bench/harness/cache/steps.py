@@ -8,8 +8,8 @@ from functools import cached_property
 
 from bench.harness.cache.folder import Arrays, CacheFolder
 from bench.harness.cache.reference_arrays import reference_arrays, reference_from_arrays
-from bench.harness.keys import MethodIdentity, RecordingInputs, code_digest, digest_of
-from bench.harness.keys.digests import METHOD_PACKAGES, REFERENCE_CODE
+from bench.harness.digests import MethodCode, RecordingInputs, code_digest, digest_of
+from bench.harness.digests.content import METHOD_PACKAGES, REFERENCE_CODE
 from bench.methods import MethodInput
 from bench.methods.contract import StepOf
 from bench.recordings import ImageRef, Recording
@@ -24,18 +24,18 @@ class StepCache:
         folder: the cache.
         recording: the drive.
         inputs: digests of it.
-        identity: of the method whose steps they are.
+        method_code: of the method whose steps they are.
     """
 
     folder: CacheFolder
     recording: Recording
     inputs: RecordingInputs
-    identity: MethodIdentity
+    method_code: MethodCode
 
     @cached_property
     def code(self) -> str:
         """Digest of the code and the files that a method's steps depend on."""
-        return digest_of(code_digest(METHOD_PACKAGES), self.identity.steps_digest)
+        return digest_of(code_digest(METHOD_PACKAGES), self.method_code.steps_digest)
 
     def of_image(self, given: MethodInput, images: Sequence[ImageRef], *, colour: bool) -> ImageSteps:
         """The cached steps of a method on an image.
@@ -97,7 +97,7 @@ class ImageSteps:
         found = self.cache.folder.get(step, digest)
         if found is None:
             found = compute()
-            self.cache.identity.refuse_change()
+            self.cache.method_code.refuse_change()
             self.cache.folder.put(step, digest, found)
         return found
 

@@ -29,16 +29,16 @@ def scheduler_address(text: str) -> str:
     """
     if "://" in text:
         return text
-    expected, do = "an address, or the file of a Dask scheduler", "for example tcp://localhost:8786"
+    expected, hint = "an address, or the file of a Dask scheduler", "for example tcp://localhost:8786"
     try:
         content = json.loads(Path(text).read_text(encoding="utf-8"))
     except OSError as error:
-        raise DataError(text, expected=expected, got=error.strerror or str(error), do=do) from error
+        raise DataError(text, expected=expected, got=error.strerror or str(error), hint=hint) from error
     except (ValueError, RecursionError) as error:
-        raise DataError(text, expected=expected, got=f"no JSON ({error})", do=do) from error
+        raise DataError(text, expected=expected, got=f"no JSON ({error})", hint=hint) from error
     address = content.get("address") if isinstance(content, dict) else None
     if not isinstance(address, str):
-        raise DataError(text, field="address", expected="text", got=repr(address), do=do)
+        raise DataError(text, field="address", expected="text", got=repr(address), hint=hint)
     return address
 
 
@@ -49,16 +49,16 @@ def connected(scheduler: str) -> Iterator[Client]:
         import dask
         from distributed import Client
     except ImportError as error:
-        do = "install it: pip install 'fisheye-bench[cluster]'"
-        raise UsageError(f"--scheduler: expected Dask, which is optional, got none ({error}); {do}") from error
+        hint = "install it: pip install 'fisheye-bench[cluster]'"
+        raise UsageError(f"--scheduler: expected Dask, which is optional, got none ({error}); {hint}") from error
     logging.getLogger("distributed").setLevel(logging.CRITICAL + 1)  # for good: its threads outlive the client
     with dask.config.set({"distributed.comm.timeouts.connect": f"{CONNECTION_S:g}s"}):
         try:
             client = Client(scheduler, timeout=CONNECTION_S, set_as_default=False, name="fisheye-bench")
         except (OSError, ValueError, TimeoutError) as error:
             got = f"none within {CONNECTION_S:g} s ({' '.join(str(error).split())})"
-            do = "start one with `dask scheduler`, and workers with `dask worker`; or compute here, with --workers"
-            raise DataError(scheduler, expected="a Dask scheduler", got=got, do=do) from error
+            hint = "start one with `dask scheduler`, and workers with `dask worker`; or compute here, with --workers"
+            raise DataError(scheduler, expected="a Dask scheduler", got=got, hint=hint) from error
         try:
             yield client
         finally:

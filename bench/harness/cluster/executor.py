@@ -60,9 +60,7 @@ class ClusterExecutor:
     _seen_s: float = field(default=0.0, init=False, repr=False)
 
     @classmethod
-    def of_fit_workers(
-        cls, scheduler: str, requirements: WorkerRequirements, *, patience_s: float = PATIENCE_S
-    ) -> Self:
+    def connect(cls, scheduler: str, requirements: WorkerRequirements, *, patience_s: float = PATIENCE_S) -> Self:
         """The executor of a cluster that has workers, all of them fit for the run.
 
         Raises:
@@ -96,7 +94,7 @@ class ClusterExecutor:
         """See `TaskExecutor.compute`.
 
         Raises:
-            UsageError: as `of_fit_workers`, of a worker that came later.
+            UsageError: as `connect`, of a worker that came later.
             DataError: the scheduler does not answer, or no longer, or all workers have gone.
         """
         call = pickle.dumps((uuid4().hex, self.requirements, pickle.dumps(function)))
@@ -140,8 +138,10 @@ class ClusterExecutor:
             self._seen_s = monotonic()
         elif monotonic() - self._seen_s > self.patience_s:
             got = f"none for {self.patience_s:g} s"
-            do = f"start some, for example: dask worker {self.scheduler} --nthreads 1, then give the same command again"
-            raise DataError(self.scheduler, expected="workers", got=got, do=do)
+            hint = (
+                f"start some, for example: dask worker {self.scheduler} --nthreads 1, then give the same command again"
+            )
+            raise DataError(self.scheduler, expected="workers", got=got, hint=hint)
         return count
 
     def _refuse_unfit_workers(self) -> None:
@@ -158,8 +158,8 @@ class ClusterExecutor:
             raise self._lost() from error
         for address, found in answers.items():
             if isinstance(found, ImportError):
-                hint = "install it on all machines as it is here"
-                raise UsageError(f"worker {address}: it cannot import fisheye-bench ({found}); {hint}")
+                near = "install it on all machines as it is here"
+                raise UsageError(f"worker {address}: it cannot import fisheye-bench ({found}); {near}")
             if isinstance(found, Exception) and not isinstance(found, OSError):
                 raise found
         return {
@@ -189,8 +189,10 @@ class ClusterExecutor:
             raise self._lost() from error
 
     def _lost(self) -> DataError:
-        do = "start it and its workers, then give the same command again: units that are stored are not computed again"
-        return DataError(self.scheduler, expected="the Dask scheduler", got="a connection that was lost", do=do)
+        hint = (
+            "start it and its workers, then give the same command again: units that are stored are not computed again"
+        )
+        return DataError(self.scheduler, expected="the Dask scheduler", got="a connection that was lost", hint=hint)
 
 
 _one_at_a_time = threading.Lock()

@@ -12,8 +12,8 @@ from pathlib import Path
 import bench
 from bench.errors import DataError
 from bench.harness.cache import CacheFolder
-from bench.harness.keys import MethodIdentity, code_digest
-from bench.harness.keys.digests import SCORING_PACKAGES
+from bench.harness.digests import MethodCode, code_digest
+from bench.harness.digests.content import SCORING_PACKAGES
 from bench.harness.provenance import library_versions
 from bench.methods import Scorable
 
@@ -27,7 +27,7 @@ class WorkerRequirements:
     Attributes:
         versions: of Python, this package and the libraries that decide metrics.
         code: digest of this package's source.
-        method: identity of the method.
+        method: its code.
         folder: where the run was started; relative paths count from it.
         reads: files and folders that must be there, absolute.
         cache: where cached steps are stored; None for nowhere.
@@ -35,7 +35,7 @@ class WorkerRequirements:
 
     versions: Mapping[str, str]
     code: str
-    method: MethodIdentity
+    method: MethodCode
     folder: Path
     reads: tuple[Path, ...]
     cache: CacheFolder | None
@@ -53,7 +53,7 @@ class WorkerRequirements:
         return cls(
             versions=_versions(),
             code=code_digest(CODE),
-            method=MethodIdentity.of(method),
+            method=MethodCode.of(method),
             folder=folder,
             reads=tuple(folder / path for path in reads),
             cache=cache if cache is None else CacheFolder(folder=folder / cache.folder, limit_bytes=cache.limit_bytes),

@@ -59,11 +59,11 @@ class Weights:
                 error.filename or file, expected="a network and its card", got=str(error.strerror)
             ) from error
         except (ValueError, KeyError, TypeError) as error:
-            do = "export it with python -m bench.training.train"
-            raise DataError(card, expected="the card of a network", got=repr(error), do=do) from error
+            hint = "export it with python -m bench.training.train"
+            raise DataError(card, expected="the card of a network", got=repr(error), hint=hint) from error
         if digest != expected:
             raise DataError(
-                file, expected=f"sha256 {expected}, as {card.name} says", got=digest, do="restore both files"
+                file, expected=f"sha256 {expected}, as {card.name} says", got=digest, hint="restore both files"
             )
         if unknown := [name for name in channels if name not in ALL_CHANNELS]:
             raise DataError(card, field="channels", expected="channels of this version", got=", ".join(unknown))

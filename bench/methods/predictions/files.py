@@ -70,7 +70,7 @@ def kind_of(error: DataError) -> FaultKind:
 def reason_of(error: DataError) -> str:
     """The text of an error, without the file."""
     where = f"{error.field}: " if error.field else ""
-    return f"{where}expected {error.expected}, got {error.got}" + (f"; {error.do}" if error.do else "")
+    return f"{where}expected {error.expected}, got {error.got}" + (f"; {error.hint}" if error.hint else "")
 
 
 Size = tuple[int, int]
@@ -183,7 +183,7 @@ def read_png_map(path: Path, sizes: ImageSizes) -> NDArray[Any]:
             path,
             expected="a mask of the values 0 and 255, or 0 and 1",
             got=f"the values {', '.join(map(str, present[:6]))}{', ...' if len(present) > 6 else ''}",
-            do="write scores as 16-bit PNG (0 to 65535) or .npz",
+            hint="write scores as 16-bit PNG (0 to 65535) or .npz",
         )
     moving: NDArray[np.bool_] = values > 0
     return moving
@@ -236,8 +236,8 @@ def read_npz_scores(path: Path, sizes: ImageSizes) -> NDArray[np.float32]:
     low, high = float(scores.min()), float(scores.max())
     if not (low >= 0 and high <= 1):  # also for NaN
         got = f"{low:g} to {high:g}"
-        do = "bring them to [0, 1], for example by the logistic function; the order is what counts"
-        raise UnclearError(path, field=ARRAY, expected="scores in [0, 1]", got=got, do=do)
+        hint = "bring them to [0, 1], for example by the logistic function; the order is what counts"
+        raise UnclearError(path, field=ARRAY, expected="scores in [0, 1]", got=got, hint=hint)
     return scores.astype(np.float32)
 
 

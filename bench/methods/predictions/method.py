@@ -36,7 +36,7 @@ class PredictedMotion(Method):
             for nothing that moves.
         naming: what the names of the files are.
         history: images that must lie before one that is scored; 1 scores the same images as methods that compare two.
-        fingerprint: that the folder must have; None for any.
+        digest: that the folder must have; None for any.
 
     Raises:
         UsageError: a value that an argument cannot have.
@@ -55,7 +55,7 @@ class PredictedMotion(Method):
         missing: MissingPolicy = "error",
         naming: Naming = "auto",
         history: int = 1,
-        fingerprint: str | None = None,
+        digest: str | None = None,
     ) -> None:
         _refuse_unknown("missing", missing, MISSING_POLICIES)
         _refuse_unknown("names", naming, NAMINGS)
@@ -65,7 +65,7 @@ class PredictedMotion(Method):
             raise UsageError(f"threshold: expected a number in [0, 1), got {threshold}")
         self.name, self.folder, self.dataset, self.split = name, folder, dataset, split
         self.threshold, self.missing, self.naming, self.history = threshold, missing, naming, history
-        self.fingerprint = fingerprint
+        self.digest = digest
         self._index: PredictionIndex | None = None
         self._reader = PredictionReader()
 
@@ -73,17 +73,17 @@ class PredictedMotion(Method):
         """Take a folder that was gone through.
 
         Raises:
-            DataError: it has another fingerprint than was asked for.
+            DataError: it has another digest than was asked for.
             UsageError: a threshold for masks.
         """
-        if self.fingerprint is not None and index.fingerprint != self.fingerprint:
-            expected = f"predictions with the fingerprint {self.fingerprint[:12]}"
-            raise DataError(self.folder, expected=expected, got=f"{index.fingerprint[:12]}; they have changed")
+        if self.digest is not None and index.digest != self.digest:
+            expected = f"predictions with the digest {self.digest[:12]}"
+            raise DataError(self.folder, expected=expected, got=f"{index.digest[:12]}; they have changed")
         if index.form == "mask" and self.threshold is not None:
             raise UsageError(f"threshold: expected none for masks, got {self.threshold}; {self.folder} holds no scores")
         if index.form == "score" and self.threshold is None:
             self.threshold = DEFAULT_THRESHOLD
-        self.fingerprint, self._index = index.fingerprint, index
+        self.digest, self._index = index.digest, index
 
     def segment(self, frame: MethodInput) -> Segmentation:
         """The prediction from the image's file.
@@ -98,7 +98,7 @@ class PredictedMotion(Method):
         index, key = self._indexed(), ImageKey(frame.recording, frame.camera_name, frame.timestamps_ns[-1])
         if key in index.faulty:
             fault = index.faulty[key]
-            raise DataError(fault.file, field=fault.field, expected=fault.expected, got=fault.got, do=fault.do)
+            raise DataError(fault.file, field=fault.field, expected=fault.expected, got=fault.got, hint=fault.hint)
         if key in index.usable:
             prediction = index.usable[key]
             values = self._reader.read(prediction)

@@ -113,7 +113,7 @@ class PredictionIndex:
         unscored: predictions of images that are not scored: first ones, those after a gap, excluded ones.
         elsewhere: files of recordings that are not of the split, excluded, or cannot be opened.
         unread: files of many images that cannot be read, relative to the folder; which images they are of is unknown.
-        fingerprint: SHA-256 over the usable predictions' images and the content of their files.
+        digest: SHA-256 over the usable predictions' images and the content of their files.
     """
 
     form: Form
@@ -124,7 +124,7 @@ class PredictionIndex:
     unscored: int
     elsewhere: int
     unread: tuple[str, ...]
-    fingerprint: str
+    digest: str
 
     def of_kind(self, kind: FaultKind) -> tuple[Fault, ...]:
         """The faults of a kind."""
@@ -218,10 +218,10 @@ class Pairing:
             unscored=self._unscored,
             elsewhere=elsewhere,
             unread=tuple(map(self.files.relative, self._unread)),
-            fingerprint=self._fingerprint(),
+            digest=self._whole_digest(),
         )
 
-    def _fingerprint(self) -> str:
+    def _whole_digest(self) -> str:
         """SHA-256 over the usable predictions' images and the content of their files."""
         digest = hashlib.sha256()
         for key, prediction in sorted(self._usable.items()):
@@ -316,7 +316,7 @@ class Pairing:
                 self.files.root,
                 expected="16-bit scores of 0 to 65535",
                 got=f"{round(self._largest_of_16_bits * 65535)} as the largest of all",
-                do="multiply scores of 0 to 255 by 257, or write masks as 8-bit PNG",
+                hint="multiply scores of 0 to 255 by 257, or write masks as 8-bit PNG",
             )
 
 

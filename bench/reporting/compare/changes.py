@@ -255,9 +255,9 @@ def paired_objects(before: StoredRun, after: StoredRun) -> Iterator[pd.DataFrame
             first = " ".join(str(alone.iloc[0][name]) for name in (*IMAGE, "track_id"))
             raise DataError(
                 after.folder / "objects.parquet",
-                expected=f"the object-frames of {before.folder}, whose reference has the same fingerprint",
+                expected=f"the object-frames of {before.folder}, whose reference has the same digest",
                 got=f"at least {len(alone)} that only one has, first {first}",
-                do="run again what was changed by hand",
+                hint="run again what was changed by hand",
             )
         yield part
 

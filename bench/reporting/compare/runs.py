@@ -21,7 +21,7 @@ from bench.evaluation.rows import (
 )
 from bench.harness import RunSummary
 from bench.harness.manifest import Aspect, all_settings, differences
-from bench.harness.stored import REFERENCE_OF_FRAMES, REFERENCE_OF_OBJECTS, reference_fingerprint
+from bench.harness.stored import REFERENCE_OF_FRAMES, REFERENCE_OF_OBJECTS, reference_digest
 from bench.reporting.stored_run import StoredRun, read_stored_run
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ def on_common_images(before: StoredRun, after: StoredRun) -> tuple[StoredRun, St
     refused = f"{before.folder} and {after.folder} do not compare: "
     if not common:
         raise UsageError(f"{refused}no image was scored by both; the first has {numbers[0]}, the second {numbers[1]}")
-    if fingerprint(before, images) != fingerprint(after, images):
+    if digest(before, images) != digest(after, images):
         differences = "; ".join(_differences(before, after, images))
         raise UsageError(f"{refused}their references differ on the {common} images that both scored: {differences}")
     return restricted(before, images), restricted(after, images), common
@@ -104,9 +104,9 @@ def restricted(run: StoredRun, images: CommonImages) -> StoredRun:
     return replace(run, objects=objects, frames=frames, sums=sum_run(objects, frames, protocol=run.protocol))
 
 
-def fingerprint(run: StoredRun, images: CommonImages) -> str:
+def digest(run: StoredRun, images: CommonImages) -> str:
     """Of the reference on some images of a run."""
-    return reference_fingerprint(*_rows_on(run, images))
+    return reference_digest(*_rows_on(run, images))
 
 
 def _rows_on(run: StoredRun, images: CommonImages) -> tuple[RowsOnImages, RowsOnImages]:

@@ -31,7 +31,7 @@
     const found = groupsOf(by("dataset").value);
     const names = found.map(([, group]) => group.protocol);
     fill(by("protocol"), found.map(([index, group]) => [index, names.filter((n) => n === group.protocol).length > 1
-      ? `${group.protocol}, reference ${group.reference_fingerprint.slice(0, 8)}` : group.protocol]));
+      ? `${group.protocol}, reference ${group.reference_digest.slice(0, 8)}` : group.protocol]));
     chooseGroup();
     choosePair();
   }

@@ -20,7 +20,7 @@ from bench.reporting.count_view import AREA_COLOURS, PixelClass
 from bench.reporting.formats import write_texts
 from bench.reporting.leaderboard.chart import draw_quality_and_cost
 from bench.reporting.leaderboard.pictures import Example, draw_examples
-from bench.reporting.leaderboard.reading import JUDGED, Entry, Group, Leaderboard
+from bench.reporting.leaderboard.reading import RANKING_PROTOCOL, Entry, Group, Leaderboard
 from bench.reporting.leaderboard.texts import (
     NOTES,
     best_methods,
@@ -35,9 +35,9 @@ CHART = "quality-and-cost"
 DIGITS = 5  # of the page's numbers, which it shows with fewer; leaderboard.json has all
 CHART_OF_ALL = document.Picture(
     f"{CHART}.png",
-    f"IoU of each method under {JUDGED} against its time for an image",
-    f"The time of a method against its IoU under {JUDGED}; the diamond is the best method, dashed lines are what "
-    "bounds all of them. The page, index.html beside this file, sorts, filters, and shows two methods on one image.",
+    f"IoU of each method under {RANKING_PROTOCOL} against its time for an image",
+    f"The time of a method against its IoU under {RANKING_PROTOCOL}; the diamond is the best method, dashed lines are "
+    "what bounds all of them. The page, index.html beside this file, sorts, filters and shows two methods on an image.",
 )
 
 
@@ -104,7 +104,7 @@ def _page(found: Leaderboard, out: Path, *, charted: Sequence[Group], examples: 
             charts=[inline_svg(chart) for chart in charts],
             best=list(best_methods(found)),
             damaged=found.damaged,
-            judged=JUDGED,
+            judged=RANKING_PROTOCOL,
             notes=NOTES,
             colours={kind: AREA_COLOURS[kind] for kind in AREA_COLOURS},
             areas=PixelClass,

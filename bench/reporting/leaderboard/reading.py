@@ -17,12 +17,12 @@ from bench.evaluation.sums import ALL_MOVING
 from bench.harness import RunSummary
 from bench.harness.manifest import differences
 from bench.harness.perf import MethodCost, read_cost
-from bench.harness.stored import reference_fingerprint
+from bench.harness.stored import reference_digest
 from bench.records.reference import Category
 from bench.reporting import formats
 from bench.reporting.compare.runs import (
     differing_settings,
-    fingerprint,
+    digest,
     restricted,
     settings_text,
 )
@@ -31,7 +31,7 @@ from bench.reporting.sweep import TABLE as TABLE_OF_SWEEP
 
 UNITS = "units"  # a run that did not end has these and no summary
 ORDERED_BY = "iou"
-JUDGED = "surface-v1"  # orders methods as exact masks do (reports/paper/reference.md)
+RANKING_PROTOCOL = "surface-v1"  # orders methods as exact masks do (reports/paper/reference.md)
 FALSE_POSITIVES, OF_PIXELS = "false_positive_coverage", "segmentation_iou"  # of whole images, the same in every row
 # Of the images of each run, so many must be common: one run that scored a few would else shrink the table of all.
 LEAST_COMMON = 0.5
@@ -117,7 +117,7 @@ class Group:
         card: file of the data set's card, as the runs name it.
         rows: all moving objects, then the categories that occur.
         images: that all runs scored; all values are of these.
-        reference_fingerprint: of the reference on these images.
+        reference_digest: of the reference on these images.
     """
 
     dataset: str
@@ -125,7 +125,7 @@ class Group:
     split: str | None
     protocol: str
     protocol_digest: str
-    reference_fingerprint: str
+    reference_digest: str
     images: int
     rows: tuple[Row, ...]
     entries: tuple[Entry, ...]
@@ -133,7 +133,7 @@ class Group:
     @property
     def judged(self) -> bool:
         """True if its protocol is the one that says which method is best."""
-        return self.protocol == JUDGED
+        return self.protocol == RANKING_PROTOCOL
 
     @property
     def methods(self) -> tuple[Entry, ...]:
@@ -217,7 +217,7 @@ def _readable(runs: Sequence[StoredRun], damaged: list[tuple[str, str]]) -> list
     readable = []
     for run in runs:
         try:
-            if reference_fingerprint(run.objects, run.frames) != _reference(run):
+            if reference_digest(run.objects, run.frames) != _reference(run):
                 raise DataError(
                     run.folder, expected="the tables that summary.json is of", got="those of another reference"
                 )
@@ -263,7 +263,7 @@ def _agree(group: Sequence[StoredRun], run: StoredRun) -> bool:
     common, scored = images.count(), max(one.summary.images.evaluated for one in (*group, run))
     if not common or common < LEAST_COMMON * scored:
         return False
-    return fingerprint(group[0], images) == fingerprint(run, images)
+    return digest(group[0], images) == digest(run, images)
 
 
 def _reference(run: StoredRun) -> str:
@@ -280,7 +280,7 @@ def _group(runs: Sequence[StoredRun]) -> Group:
     reference, summaries = _reference(first), [run.summary for run in runs]
     if len({_reference(run) for run in runs}) > 1:
         images = _common_images(runs)
-        reference = fingerprint(first, images)
+        reference = digest(first, images)
         summaries = [_summary_of(restricted(run, images)) for run in runs]
     settings = differing_settings([run.summary for run in runs])
     entries = [_entry(run, of_run, own) for run, of_run, own in zip(runs, summaries, settings, strict=True)]
@@ -292,7 +292,7 @@ def _group(runs: Sequence[StoredRun]) -> Group:
         split=first.summary.manifest.dataset.split,
         protocol=first.summary.protocol.name,
         protocol_digest=first.summary.protocol.digest,
-        reference_fingerprint=reference,
+        reference_digest=reference,
         images=summaries[0].images.evaluated,
         rows=tuple(row for row in rows if row.object_frames or row.name == ALL_MOVING),
         entries=tuple(sorted(entries, key=lambda entry: entry.order)),
@@ -307,12 +307,12 @@ def _summary_of(run: StoredRun) -> RunSummary:
 
 # Settings by which a table tells from methods what is told more than they are; paths of files distinguish no methods.
 _MARKS = ("sees_the_truth", "sees_the_reference")
-_UNTOLD = (*_MARKS, "scenario")
+_NOT_SHOWN = (*_MARKS, "scenario")
 
 
 def _entry(run: StoredRun, compared: RunSummary, settings: dict[str, object]) -> Entry:
     summary, code = run.summary, run.summary.manifest.code
-    told = {name: value for name, value in settings.items() if name not in _UNTOLD}
+    told = {name: value for name, value in settings.items() if name not in _NOT_SHOWN}
     commit = "" if code.commit is None else f" {code.commit[:8]}{'+' if code.commit.endswith('+') else ''}"
     of_images = {FALSE_POSITIVES: compared.false_positives.coverage, OF_PIXELS: compared.segmentation.iou}
     of_rows = {ALL_MOVING: compared.all_moving} | compared.categories

@@ -15,10 +15,10 @@ from bench.reporting import document, formats
 from bench.reporting.document import Block, Cell, Heading, Items, Paragraph, Table
 from bench.reporting.leaderboard.reading import (
     FALSE_POSITIVES,
-    JUDGED,
     LEAST_COMMON,
     OF_PIXELS,
     ORDERED_BY,
+    RANKING_PROTOCOL,
     Entry,
     Group,
     Kind,
@@ -146,7 +146,7 @@ def to_csv(found: Leaderboard) -> str:
     return document.to_csv(
         {
             "dataset": group.dataset, "split": group.split, "protocol": group.protocol,
-            "protocol_digest": group.protocol_digest, "reference_fingerprint": group.reference_fingerprint,
+            "protocol_digest": group.protocol_digest, "reference_digest": group.reference_digest,
             "run": entry.run, "method": entry.method, "kind": entry.kind, "date": entry.date, "code": entry.code,
             "failures": entry.failures, "method_ms": entry.cost and entry.cost.method_ms,
             "farneback_ms": entry.cost and entry.cost.farneback_ms, "row": row.name, "figure": name,
@@ -189,7 +189,7 @@ def json_group(group: Group) -> dict[str, object]:
         "split": group.split,
         "protocol": group.protocol,
         "protocol_digest": group.protocol_digest,
-        "reference_fingerprint": group.reference_fingerprint,
+        "reference_digest": group.reference_digest,
         "judged": group.judged,
         "images": group.images,
         "metrics": names,
@@ -230,7 +230,7 @@ def _numbers(metric: Metric) -> list[float]:
 
 def best_methods(found: Leaderboard) -> Iterator[dict[str, object]]:
     """For each data set the method that leads under the protocol that is judged by; the oracles are none."""
-    today = load_protocol(JUDGED).digest
+    today = load_protocol(RANKING_PROTOCOL).digest
     for dataset in dict.fromkeys(group.dataset for group in found.groups):
         judged = [g for g in found.groups if (g.dataset, g.split, g.judged) == (dataset, None, True) and g.methods]
         if judged:
@@ -261,7 +261,7 @@ def best_line(file: Path, *, dataset: str) -> str | None:
     """
     try:
         best = next(best for best in json.loads(file.read_bytes())["best"] if best["dataset"] == dataset)
-        if best["protocol_digest"] != load_protocol(JUDGED).digest:
+        if best["protocol_digest"] != load_protocol(RANKING_PROTOCOL).digest:
             return None
         iou, *ends = (f"{100 * value:.1f}" for value in best["iou"])
         interval = f"[{ends[0]}, {ends[1]}]" if ends else "(too few recordings for an interval)"
@@ -281,7 +281,7 @@ def group_title(group: Group) -> str:
     every = group.rows[0]
     return (
         f"{group.dataset}, {group.split or 'all recordings'}, {protocol}, "
-        f"reference {group.reference_fingerprint[:SHOWN_DIGEST]}: {group.images} images that all scored, "
+        f"reference {group.reference_digest[:SHOWN_DIGEST]}: {group.images} images that all scored, "
         f"{every.object_frames} object-frames, {every.recordings} recordings"
     )
 

@@ -51,7 +51,7 @@ def score(tiny_card: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> S
         executor: TaskExecutor = SerialExecutor()
         if address is not None:
             requirements = WorkerRequirements.of(chosen, reads=(card.root,), cache=None)
-            executor = ClusterExecutor.of_fit_workers(address, requirements, patience_s=patience_s)
+            executor = ClusterExecutor.connect(address, requirements, patience_s=patience_s)
         return run_benchmark(
             RunRequest(
                 card=card, method=chosen, protocol=load_protocol("paper-v1"), out=tmp_path / out, executor=executor

@@ -106,7 +106,7 @@ def test_a_worker_without_this_package_is_refused(own_cluster, score, tmp_path):
     with pytest.raises(UsageError, match=r"worker tcp://.*: it cannot import fisheye-bench .*; install it"):
         score("run", own_cluster.address)
     with pytest.raises(UsageError, match=r"worker tcp://.*: it cannot import fisheye-bench .*; install it"):
-        ClusterExecutor.of_fit_workers(own_cluster.address, WorkerRequirements.of(Nothing(), reads=(), cache=None))
+        ClusterExecutor.connect(own_cluster.address, WorkerRequirements.of(Nothing(), reads=(), cache=None))
 
 
 def test_a_worker_that_cannot_import_the_method_is_refused(own_cluster, score):

@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, load_protocol, sum_run, summary_of, write_sums
 from bench.harness import RunSummary
-from bench.harness.stored import SUMS, reference_fingerprint, write_protocol, write_summary
+from bench.harness.stored import SUMS, file_digests, reference_digest, write_protocol, write_summary
 from tests.support.manifests import manifest, provenance
 
 RECORDINGS, IMAGES = 8, 4
@@ -53,13 +53,13 @@ def write_run(
     rules = load_protocol(protocol)
     sums = sum_run(objects, frames, protocol=rules)
     write_sums(sums, folder / SUMS)
-    figures = summary_of(sums, protocol=rules)
+    metrics = summary_of(sums, protocol=rules)
     summary = RunSummary(
-        **{name: getattr(figures, name) for name in type(figures).model_fields},
-        schema_version=1, provenance=provenance(images=len(images)), failures=(),
+        **{name: getattr(metrics, name) for name in type(metrics).model_fields},
+        schema_version=1, provenance=provenance(images=len(images)), failures=(), files=file_digests(folder),
         manifest=manifest(
             dataset=dataset, card=card, split=split, method=method, settings=settings, protocol=rules,
-            commit="0123456789+", reference=reference_fingerprint(objects, frames),
+            commit="0123456789+", reference=reference_digest(objects, frames),
         ),
         vehicle_outline_m=((-1.0, -0.9), (3.8, -0.9), (3.8, 0.9), (-1.0, 0.9)),
     )  # fmt: skip

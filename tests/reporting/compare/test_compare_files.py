@@ -88,7 +88,7 @@ def test_without_data_there_are_no_pictures_and_the_reason_is_said(folders, tmp_
     assert not (tmp_path / "pictures").exists()
     remarks = [comparison.remarks for comparison in comparisons]
     assert len(remarks) == 2
-    assert all("runs of older versions hold no masks" in remark for (remark,) in remarks)
+    assert all("pictures are drawn from stored masks" in remark for (remark,) in remarks)
     for folder in folders:
         pq.write_table(MASKS_SCHEMA.empty_table(), folder / MASKS)
     comparisons, _ = write_comparison(folders, tmp_path)

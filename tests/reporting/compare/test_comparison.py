@@ -10,6 +10,7 @@ from bench.evaluation import holm
 from bench.reporting.compare.changes import HEADLINES, Kind, Verdict, compare_runs, verdict_line
 from bench.reporting.compare.runs import differing_settings, read_comparable
 from tests.reporting.compare.runs import IMAGE_PX, IMAGES, RECORDINGS, drawn, write_run
+from tests.support.stored_files import change_summary
 
 
 def compared(*folders):
@@ -143,6 +144,7 @@ def test_object_frames_that_one_run_alone_has_are_an_error(half, tmp_path):
     other = write_run(tmp_path / "other", drawn(50))
     objects = pq.read_table(other / "objects.parquet")
     pq.write_table(objects.slice(1), other / "objects.parquet")
+    change_summary(other)
     with pytest.raises(DataError, match=r"1 that only one has, first drive-0 front 0 crossing"):
         compared(half, other)
 
@@ -153,6 +155,7 @@ def test_the_order_of_the_rows_changes_nothing(half, tmp_path):
     for name in ("objects.parquet", "frames.parquet"):
         table = pq.read_table(two / name)
         pq.write_table(table.take(pa.array(range(len(table))[::-1])), two / name)
+    change_summary(two)
     (first,), (second,) = compared(half, one), compared(half, two)
     # As text, since NaN is not equal to itself; sums may differ in their last digits.
     texts = [

@@ -69,8 +69,8 @@ def _image(row):
 
 def test_methods_of_other_history_scored_other_images(runs):
     assert {name: read_run(folder).images.evaluated for name, folder in runs.items()} == SCORED
-    fingerprints = {read_run(folder).manifest.reference for folder in runs.values()}
-    assert len(fingerprints) == 2
+    digests = {read_run(folder).manifest.reference for folder in runs.values()}
+    assert len(digests) == 2
 
 
 @pytest.mark.parametrize("order", [("one", "two"), ("two", "one")])
@@ -193,7 +193,7 @@ def test_parts_of_any_size_have_the_same_rows(runs):
 
 def test_the_gate_refuses_other_images_and_says_which(runs):
     verdict = judge(*(read_run_sums(folder) for folder in runs.values()), tolerances=load_tolerances())
-    (found,) = [check for check in verdict.checks if check.name == "reference_fingerprint"]
+    (found,) = [check for check in verdict.checks if check.name == "reference_digest"]
     assert found.message.startswith("reference changed: other images were scored, 9 where the baseline has 12, ")
     assert (
         "3 of 3 recordings, the first 'crossing' with 3 (was 4), as for a method that needs a longer" in found.message

@@ -214,7 +214,7 @@ def test_a_picture_that_would_not_show_what_was_scored_is_not_drawn(tiny_run, tm
 def test_without_masks_there_are_no_pictures_and_the_reason_is_said(tiny_run, tmp_path):
     run = shutil.copytree(tiny_run, tmp_path / "run")
     (run / "masks.parquet").unlink()
-    assert "runs of older versions hold no masks" in str(write_page(run).problems)
+    assert "pictures are drawn from stored masks" in str(write_page(run).problems)
     (run / "masks.parquet").write_bytes((tiny_run / "masks.parquet").read_bytes()[:-50])
     change_summary(run)
     assert "expected the masks of a run" in str(write_page(run).problems)

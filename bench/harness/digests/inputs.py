@@ -6,7 +6,7 @@ import copy
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from bench.harness.keys.digests import FileDigests, columns_of, digest_of
+from bench.harness.digests.content import FileDigests, columns_of, digest_of
 from bench.recordings import Recording
 from bench.records.recording import ImageRef, PointIndices, SweepRef
 
@@ -33,7 +33,7 @@ class RecordingInputs:
         self.annotations = digest_of(
             [(columns_of([replace(track, states=())]), columns_of(track.states)) for track in recording.tracks]
         )
-        self.lidar_mounting = digest_of(recording.vehicle_from_lidar, recording.lidar_from_beams)
+        self.lidar_mounting = digest_of(recording.vehicle_from_lidar, recording.lidar_from_sensor)
         self.input_errors = recording.input_errors
         self._cameras = {name: digest_of(camera) for name, camera in recording.cameras.items()}
         self._named_sweeps = [
@@ -43,7 +43,7 @@ class RecordingInputs:
             if isinstance(state.shape, PointIndices)
         ]
 
-    def afresh(self) -> RecordingInputs:
+    def reread(self) -> RecordingInputs:
         """The same, with every image and sweep read once more."""
         other = copy.copy(self)
         other._digests = FileDigests()

@@ -9,21 +9,20 @@ from types import MappingProxyType
 from pydantic import BaseModel, ConfigDict, Field
 
 from bench.errors import UsageError
-from bench.harness.keys import MethodIdentity
+from bench.harness.digests import MethodCode
 from bench.methods import METHODS, Scorable, build_method, known_methods
 
 
-class MethodStamp(BaseModel):
+class MethodOfRun(BaseModel):
     """Method that made the metrics.
 
     Attributes:
         name: its own.
         settings: every parameter, as the method reports them.
         asked: parameters that the user named, as they were asked for.
-        place: "module:Class" of its class; recorded only, never imported from here. None in runs of older versions.
-        history: images that it needs before the one that it segments; None in runs of older versions.
-        identity: SHA-256 over its own code, the libraries that this imports and the files that it reads; None in runs
-            of older versions, and where nobody took it.
+        place: "module:Class" of its class; recorded only, never imported from here.
+        history: images that it needs before the one that it segments.
+        code_digest: SHA-256 over its own code, the libraries that this imports and the files that it reads.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -31,28 +30,28 @@ class MethodStamp(BaseModel):
     name: str
     settings: dict[str, object]
     asked: dict[str, object] = Field(default_factory=dict)
-    place: str | None = None
-    history: int | None = None
-    identity: str | None = None
+    place: str
+    history: int
+    code_digest: str
 
     @classmethod
     def of(
-        cls, method: Scorable, identity: MethodIdentity, *, asked: Mapping[str, object] = MappingProxyType({})
-    ) -> MethodStamp:
-        """The stamp of a method."""
+        cls, method: Scorable, method_code: MethodCode, *, asked: Mapping[str, object] = MappingProxyType({})
+    ) -> MethodOfRun:
+        """Record a method in this process."""
         return cls(
             name=method.name,
             settings=method.settings(),
             asked=dict(asked),
-            place=identity.place,
+            place=method_code.place,
             history=method.history,
-            identity=identity.digest,
+            code_digest=method_code.digest,
         )
 
     @property
     def called(self) -> str:
         """Value of `--method` that selects it."""
-        return self.name if self.place in {None, known_methods().get(self.name)} else str(self.place)
+        return self.name if self.place == known_methods().get(self.name) else self.place
 
     def options(self) -> list[str]:
         """The options of a command that ask for it: `--method`, and `--set` for each setting that is not its default.

@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from scipy.spatial.transform import Rotation
 from shapely import box
 
-from bench.harness.keys import digest_of
+from bench.harness.digests import digest_of
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def test_what_a_model_worked_out_does_not_count():
 
 
 def test_every_process_gives_the_same():
-    told = "from bench.harness.keys import digest_of; print(digest_of({'a': {'x', 'y', 'z'}, 'b': (1, 2.5, None)}))"
+    told = "from bench.harness.digests import digest_of; print(digest_of({'a': {'x', 'y', 'z'}, 'b': (1, 2.5, None)}))"
     here = digest_of({"a": {"x", "y", "z"}, "b": (1, 2.5, None)})
     for seed in ("1", "2"):
         done = subprocess.run(

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from bench.errors import DataError, UsageError
-from bench.harness.keys import MethodIdentity
+from bench.harness.digests import MethodCode
 from bench.methods import Method, build_method
 from tests.support.processes import PATIENCE_S, until
 from tests.support.troubled_runs import command, environment
@@ -57,13 +57,13 @@ UNHEARD_OF = "un" + "heard_of"  # a word in no module
 TELL = f"""
 import os, sys
 
-from bench.harness.keys import MethodIdentity
+from bench.harness.digests import MethodCode
 from bench.methods import build_method
 
 for folder in sys.stdin:
     if os.fork() == 0:
         sys.path.insert(0, folder.rstrip())
-        print(MethodIdentity.of(build_method({PLACE!r})).digest, flush=True)
+        print(MethodCode.of(build_method({PLACE!r})).digest, flush=True)
         os._exit(0)
     if os.wait()[1]:
         sys.exit("no digest")
@@ -86,7 +86,7 @@ def with_path(folder: Path) -> dict[str, str]:
 
 @pytest.fixture(scope="module")
 def digest() -> Iterator[Callable[[Path], str]]:
-    """The identity as a new process takes it: one that has loaded this package, and nothing of the plug-in."""
+    """The code as a new process takes it: one that has loaded this package, and nothing of the plug-in."""
     with subprocess.Popen(
         [sys.executable, "-c", TELL], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment()
     ) as process:
@@ -135,40 +135,40 @@ class Listing(Method):
 
 def test_files_that_are_no_list_of_paths_are_refused(tmp_path):
     with pytest.raises(UsageError, match=r"expected a sequence of paths, got 'weights\.bin'"):
-        MethodIdentity.of(Listing("weights.bin"))
+        MethodCode.of(Listing("weights.bin"))
     with pytest.raises(UsageError, match="expected a file or folder, got no such path"):
-        MethodIdentity.of(Listing([tmp_path / "missing.bin"]))
+        MethodCode.of(Listing([tmp_path / "missing.bin"]))
 
 
 def test_settings_that_cannot_be_told_apart_are_refused():
     method = Listing([])
     method.settings = lambda: {"callable": object()}  # type: ignore[method-assign]
     with pytest.raises(UsageError, match=r"method 'listing': settings\(\)"):
-        MethodIdentity.of(method)
+        MethodCode.of(method)
 
 
 def test_what_changes_after_it_was_taken_is_refused(tmp_path):
     (tmp_path / "weights.bin").write_text("1")
-    identity = MethodIdentity.of(Listing([tmp_path / "weights.bin"]))
-    identity.refuse_change()
+    code = MethodCode.of(Listing([tmp_path / "weights.bin"]))
+    code.refuse_change()
     state = (tmp_path / "weights.bin").stat()
     (tmp_path / "weights.bin").write_text("2")
     os.utime(tmp_path / "weights.bin", ns=(state.st_atime_ns, state.st_mtime_ns))
     with pytest.raises(DataError, match="got other content on disk; start the run again"):
-        identity.refuse_change()
+        code.refuse_change()
 
 
 def test_code_that_is_imported_after_it_was_taken_is_refused(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / f"{UNHEARD_OF}.py").write_text("")
     (tmp_path / "imported_later.py").write_text("")
-    identity = MethodIdentity.of(Listing([]))
+    code = MethodCode.of(Listing([]))
     import_module(UNHEARD_OF)
-    identity.refuse_change()
+    code.refuse_change()
     import_module("imported_later")
     for _ in range(2):
         with pytest.raises(DataError, match="got imported_later, which was imported later; import it at the top of a"):
-            identity.refuse_change()
+            code.refuse_change()
     monkeypatch.delitem(sys.modules, "imported_later")
 
 
@@ -181,16 +181,16 @@ def test_versions_of_the_libraries_that_it_names_count(tmp_path, monkeypatch):
         "    def segment(self, frame): import yaml",
     ]
     (tmp_path / "names_a_library.py").write_text("\n".join(lines))
-    identity = MethodIdentity.of(build_method("names_a_library:Mine"))
-    assert identity.libraries == (("PyYAML", version("PyYAML")),)
-    assert MethodIdentity.of(build_method("nothing")).libraries == ()
+    code = MethodCode.of(build_method("names_a_library:Mine"))
+    assert code.libraries == (("PyYAML", version("PyYAML")),)
+    assert MethodCode.of(build_method("nothing")).libraries == ()
 
 
 def test_code_that_was_typed_at_a_prompt_is_never_taken_for_another():
     tell = (
         "from bench.methods import Method\nclass Typed(Method):\n    name = 'typed'\n"
         "    def segment(self, frame): return None\n"
-        "from bench.harness.keys import MethodIdentity; print(MethodIdentity.of(Typed()).digest)"
+        "from bench.harness.digests import MethodCode; print(MethodCode.of(Typed()).digest)"
     )
     told = {
         subprocess.run(
@@ -202,8 +202,8 @@ def test_code_that_was_typed_at_a_prompt_is_never_taken_for_another():
 
 
 def test_methods_of_this_package_have_one_identity_each():
-    assert MethodIdentity.of(build_method("nothing")).digest == MethodIdentity.of(build_method("nothing")).digest
-    assert MethodIdentity.of(build_method("nothing")).digest != MethodIdentity.of(build_method("everything")).digest
+    assert MethodCode.of(build_method("nothing")).digest == MethodCode.of(build_method("nothing")).digest
+    assert MethodCode.of(build_method("nothing")).digest != MethodCode.of(build_method("everything")).digest
 
 
 SLOW = """

@@ -1,4 +1,4 @@
-"""Identity of a method beside its settings: the code that is loaded with it, and the files that it reads.
+"""Code that is loaded with a method, and the files that it reads.
 
 Taken once, after the method was built, in the process that starts a run; carried to every worker, and checked there: a
 worker whose code is another one computes nothing, and neither does anybody once a file has changed on disk.
@@ -24,7 +24,7 @@ from site import getusersitepackages
 from uuid import uuid4
 
 from bench.errors import DataError, UsageError
-from bench.harness.keys.digests import METHOD_PACKAGES, digest_of, source_digest
+from bench.harness.digests.content import METHOD_PACKAGES, digest_of, source_digest
 from bench.methods import Scorable
 
 PROGRAM = ("__main__", "__mp_main__")  # no module imports it
@@ -32,7 +32,7 @@ PROMPT = "typed at a prompt"  # code without a file; nothing tells two states of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class IdentityFile:
+class CodeFile:
     """A file that decides what a method answers.
 
     Attributes:
@@ -49,8 +49,8 @@ class IdentityFile:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class MethodIdentity:
-    """The identity of a method.
+class MethodCode:
+    """The code of a method, and the files that it reads, by digest.
 
     Attributes:
         place: "module:Class".
@@ -60,13 +60,13 @@ class MethodIdentity:
     """
 
     place: str
-    files: tuple[IdentityFile, ...]
+    files: tuple[CodeFile, ...]
     libraries: tuple[tuple[str, str], ...]
     own_code: str
 
     @classmethod
-    def of(cls, method: Scorable) -> MethodIdentity:
-        """The identity of a method in this process.
+    def of(cls, method: Scorable) -> MethodCode:
+        """The code of a method in this process.
 
         Raises:
             UsageError: `files` or `settings()` are not what the contract asks for.
@@ -77,23 +77,23 @@ class MethodIdentity:
         modules = _own_modules(kind.__module__)
         files = [
             *(
-                IdentityFile(name=name, path=path, sha256=_first_met(name, path), module=True)
+                CodeFile(name=name, path=path, sha256=_first_met(name, path), module=True)
                 for name, path in modules.items()
             ),
             *(
-                IdentityFile(name=name, path=path, sha256=_on_disk(path), module=False)
+                CodeFile(name=name, path=path, sha256=_on_disk(path), module=False)
                 for name, path in _listed_files(method)
             ),
         ]
         typed = kind.__module__ not in modules and not _of_bench(kind.__module__)
-        identity = cls(
+        method_code = cls(
             place=f"{kind.__module__}:{kind.__qualname__}",
             files=tuple(files),
             libraries=_libraries(modules),
             own_code=f"{PROMPT}: {_PROCESS}" if typed else source_digest(METHOD_PACKAGES),
         )
-        identity.refuse_change()
-        return identity
+        method_code.refuse_change()
+        return method_code
 
     @property
     def digest(self) -> str:
@@ -122,23 +122,23 @@ class MethodIdentity:
                 continue  # what this process has not loaded decides nothing in it
             path = here[file.name] if file.module else file.path
             if file.module and _first_met(file.name, path) != file.sha256:
-                do = "start the workers again with the code of the run"
+                hint = "start the workers again with the code of the run"
                 got = f"another state of {file.name}"
-                raise DataError(path, expected="the code that the run began with", got=got, do=do)
+                raise DataError(path, expected="the code that the run began with", got=got, hint=hint)
             if _on_disk(path) != file.sha256:
-                do = "start the run again: what is stored stays, and what follows is computed by the new state"
+                hint = "start the run again: what is stored stays, and what follows is computed by the new state"
                 got = "other content on disk"
-                raise DataError(path, expected="the file as it was when the run began", got=got, do=do)
+                raise DataError(path, expected="the file as it was when the run began", got=got, hint=hint)
         begun = _begun.setdefault(self.digest, frozenset(here))
         for name in here.keys() - begun - {file.name for file in self.files}:
-            do = "import it at the top of a module, or when the method is built"
+            hint = "import it at the top of a module, or when the method is built"
             got = f"{name}, which was imported later"
-            raise DataError(here[name], expected="code that is loaded when the run begins", got=got, do=do)
+            raise DataError(here[name], expected="code that is loaded when the run begins", got=got, hint=hint)
 
 
 _PROCESS = uuid4().hex
 _met: dict[str, tuple[ModuleSpec | None, str]] = {}  # digests of sources when this process met the module first
-_begun: dict[str, frozenset[str]] = {}  # by identity, the modules that were loaded when it was checked first
+_begun: dict[str, frozenset[str]] = {}  # by digest, the modules that were loaded when it was checked first
 
 
 def _first_met(name: str, path: Path) -> str:
