@@ -1,5 +1,6 @@
 """The one import of open3d."""
 
+import os
 import re
 import subprocess
 import sys
@@ -24,7 +25,8 @@ def _reason():
     return None
 
 
-loads = pytest.mark.skipif(_reason() is not None, reason=str(_reason()))
+# Nowhere in CI, whose script installs the system's libraries: there these tests fail.
+loads = pytest.mark.skipif(_reason() is not None and not os.environ.get("CI"), reason=str(_reason()))
 
 
 @loads
