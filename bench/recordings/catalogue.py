@@ -20,6 +20,7 @@ ADAPTERS = {
     "kitti360": "bench.adapters.kitti360:kitti360_recordings",
     "woodscape": "bench.adapters.woodscape:woodscape_recordings",
     "rosbag": "bench.adapters.rosbag:rosbag_recordings",
+    "123d": "bench.adapters.log123d:log123d_recordings",
 }
 ENTRY_POINTS = "fisheye_bench.adapters"
 SHOWN = 10  # names that a message lists

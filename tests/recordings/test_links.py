@@ -18,6 +18,7 @@ PLACES = {  # folders at the top, which may lie on other disks, and one further 
     "aimotive": (("data",), f"{AIMOTIVE}/dynamic/raw-revolutions"),
     "native": (("drive",), "drive/lidar"),
     "rosbag": (("drive",), None),
+    "123d": (("drives_test",), "drives_test/drive"),
 }
 
 

@@ -1,6 +1,6 @@
 """A small data set for every adapter."""
 
-from tests.support import tiny, tiny_aimotive, tiny_kitti360, tiny_rosbag, tiny_woodscape
+from tests.support import log123d, tiny, tiny_aimotive, tiny_kitti360, tiny_rosbag, tiny_woodscape
 
 
 def native(root):
@@ -28,5 +28,17 @@ def rosbag(root):
     return tiny_rosbag.OPTIONS
 
 
-DATA_SETS = {"native": native, "aimotive": aimotive, "kitti360": kitti360, "woodscape": woodscape, "rosbag": rosbag}
+def log_of_123d(root):
+    log123d.write_data_set(root)
+    return log123d.OPTIONS
+
+
+DATA_SETS = {
+    "native": native,
+    "aimotive": aimotive,
+    "kitti360": kitti360,
+    "woodscape": woodscape,
+    "rosbag": rosbag,
+    "123d": log_of_123d,
+}
 LABELLED_APART = {"rosbag"}  # annotations only beside the data

@@ -1,0 +1,166 @@
+"""Images and sweeps of a log: found again by their cells, decoded when they are read."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import laspy
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from bench.adapters.log123d.tables import MICROSECOND_NS, StoredCell
+from bench.errors import DataError
+from bench.lidar import LidarSweep
+from bench.lidar.sweep import LARGEST_BYTES
+from bench.recordings.images import decode_image
+
+ARROW_START, LAZ_START, DRACO_START = b"\xff\xff\xff\xff", b"LASF", b"DRACO"
+TIMES, RINGS, LIDARS, INTENSITIES = "timestamps", "channel", "ids", "intensity"
+LARGEST_INTENSITY = 255
+LONGEST_SWEEP_NS = 1_000_000_000  # points further in time from their sweep's are of another clock or unit
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogImage(StoredCell):
+    """An image in a log; a `bench.records.recording.StoredImage`."""
+
+    def pixels(self, *, colour: bool) -> NDArray[np.uint8]:
+        """Decode it: (height, width) uint8 grey or (height, width, 3) uint8 BGR.
+
+        Raises:
+            DataError: it cannot be read or decoded.
+        """
+        value = self.value()
+        if isinstance(value, bytes):
+            return decode_image(value, cv2.IMREAD_COLOR if colour else cv2.IMREAD_GRAYSCALE, file=self.container)
+        frame = _video_frame(self.container.with_suffix(".mp4"), int(value))
+        return frame if colour else np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+
+
+def _video_frame(file: Path, number: int) -> NDArray[np.uint8]:
+    """A frame of a video, BGR; it is looked for from the last key frame."""
+    video = cv2.VideoCapture(str(file), cv2.CAP_FFMPEG)
+    try:
+        video.set(cv2.CAP_PROP_POS_FRAMES, number)
+        there = int(video.get(cv2.CAP_PROP_POS_FRAMES))
+        read, frame = video.read()
+    finally:
+        video.release()
+    if not read or there != number:
+        got = "no such file" if not file.is_file() else f"frame {there}" if read else "none"
+        raise DataError(file, expected=f"frame {number} of the video", got=got)
+    return np.asarray(frame, dtype=np.uint8)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogSweep(StoredCell):
+    """A sweep in a log, and the reader of its `SweepRef`.
+
+    Attributes:
+        lidar_id: whose points are used, of several that are merged; None for all.
+        as_measured: whether points are each at their own time; else all are as at the time of the sweep.
+    """
+
+    lidar_id: int | None
+    as_measured: bool
+
+    def content(self) -> bytes:
+        """All that decides what is read."""
+        return StoredCell.content(self) + repr((self.lidar_id, self.as_measured)).encode()
+
+    def __call__(self, name: Path, timestamp_ns: int) -> LidarSweep:
+        """Decode it.
+
+        Args:
+            name: of the sweep, for messages.
+            timestamp_ns: its reference time.
+
+        Raises:
+            DataError: it cannot be read or decoded, or lacks what the card asks for.
+        """
+        value = self.value()
+        if not isinstance(value, bytes):
+            hint = "convert again with lidar_store_option: binary"
+            got = "the path of a file of the original data set"
+            raise DataError(name, expected="points in the log itself", got=got, hint=hint)
+        fields = decode_points(value, name)
+        points = np.column_stack([fields.pop(axis) for axis in "xyz"])
+        if self.lidar_id is not None:
+            if LIDARS not in fields:
+                raise DataError(name, field=LIDARS, expected="the lidar of each point", got="none")
+            own = fields[LIDARS] == self.lidar_id
+            points, fields = points[own], {key: values[own] for key, values in fields.items()}
+        if not np.isfinite(points).all():
+            raise DataError(name, expected="finite points", got="NaN or infinity")
+        rings, intensity = fields.get(RINGS), fields.get(INTENSITIES)
+        return LidarSweep(
+            timestamp_ns=timestamp_ns,
+            points_lidar=points,
+            time_offset_ns=_offsets_ns(fields.get(TIMES), timestamp_ns, name) if self.as_measured else None,
+            intensity=None if intensity is None else (intensity / LARGEST_INTENSITY).astype(np.float32),
+            ring=None if rings is None else rings.astype(np.uint8),
+        )
+
+
+def decode_points(content: bytes, name: Path) -> dict[str, NDArray[Any]]:
+    """Decode points, each coordinate and feature an array (N,).
+
+    Args:
+        content: an Arrow stream or a .laz file.
+        name: for messages.
+
+    Raises:
+        DataError: neither of the two, or damaged.
+    """
+    if content.startswith(DRACO_START):
+        hint = "convert again with lidar_codec: laz or ipc_zstd"
+        raise DataError(name, expected="points as Arrow or .laz", got="Draco", hint=hint)
+    if not content.startswith((ARROW_START, LAZ_START)):
+        raise DataError(name, expected="points as Arrow or .laz", got=f"bytes that begin with {content[:8].hex(' ')}")
+    try:
+        fields = _from_arrow(content) if content.startswith(ARROW_START) else _from_laz(content)
+    except (pa.ArrowException, laspy.LaspyException, OSError, ValueError, MemoryError, RuntimeError) as error:
+        got = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+        raise DataError(name, expected="whole points", got=got) from error
+    if missing := set("xyz") - fields.keys():
+        raise DataError(name, expected="the coordinates x, y and z", got=f"no {', '.join(sorted(missing))}")
+    return fields
+
+
+def _from_arrow(content: bytes) -> dict[str, NDArray[Any]]:
+    with pa.ipc.open_stream(pa.BufferReader(content)) as stream:
+        batch = stream.read_next_batch()
+    batch.validate(full=True)
+    if batch.nbytes > LARGEST_BYTES:
+        raise ValueError(f"{batch.nbytes} bytes when unpacked")
+    return {name: batch.column(name).to_numpy(zero_copy_only=False) for name in batch.schema.names}
+
+
+def _from_laz(content: bytes) -> dict[str, NDArray[Any]]:
+    """Features that share the name of a dimension of the format have the prefix `extra_`."""
+    with laspy.open(io.BytesIO(content)) as opened:
+        if opened.header.point_count * opened.header.point_format.size > LARGEST_BYTES:
+            raise ValueError(f"{opened.header.point_count} points")
+        points = opened.read()
+    fields: dict[str, NDArray[Any]] = {axis: np.asarray(points[axis], dtype=np.float32) for axis in "xyz"}
+    for name in opened.header.point_format.extra_dimension_names:
+        fields[name.removeprefix("extra_")] = np.asarray(points[name])
+    return fields
+
+
+def _offsets_ns(times_us: NDArray[np.int64] | None, timestamp_ns: int, name: Path) -> NDArray[np.int64] | None:
+    """(N,) int64, times of points from the sweep's; None where the log does not say them."""
+    if times_us is None or not times_us.size:
+        return None
+    offsets_ns = times_us.astype(np.int64) * MICROSECOND_NS - timestamp_ns
+    farthest_ns = int(np.abs(offsets_ns).max())
+    if farthest_ns > LONGEST_SWEEP_NS:
+        expected, got = "times in microseconds, within 1 s of the sweep's", f"{farthest_ns / 1e9:.3g} s from it"
+        hint = "set the card's option motion_compensated: true if they are no times of the points"
+        raise DataError(name, field=TIMES, expected=expected, got=got, hint=hint)
+    return offsets_ns

@@ -1,0 +1,195 @@
+"""The adapter of 123D: a drive as a log, written by pyarrow and by the library's own writer, reads as itself."""
+
+import cv2
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from bench.adapters.log123d.adapter import log123d_recordings
+from bench.adapters.log123d.boxes import CLASSES
+from bench.adapters.log123d.rig import CameraHead
+from bench.cameras import RadialPolynomialCamera, UnifiedCamera
+from bench.errors import DataError, ShapeError
+from bench.recordings import read_image
+from bench.records.recording import OBJECT_CLASSES, Cuboid
+from tests.support import log123d, tiny
+
+
+@pytest.fixture(scope="module")
+def native(tmp_path_factory):
+    return log123d.tiny_recording(tmp_path_factory.mktemp("native"))
+
+
+def opened(root, **options):
+    (handle,) = log123d_recordings(root, options=log123d.OPTIONS | options, card=root / "card.yaml", annotations=None)
+    return handle.open()
+
+
+def assert_same(found, native, *, points_m=1e-5):
+    """The same cameras, images, poses, boxes and points, times to a microsecond, points within `points_m`."""
+    (camera,), (own,) = found.cameras.values(), native.cameras.values()
+    assert isinstance(camera.model, RadialPolynomialCamera)
+    rays = np.random.default_rng(3).normal(size=(500, 3))
+    np.testing.assert_allclose(camera.model.project(rays)[0], own.model.project(rays)[0], atol=1e-9)
+    np.testing.assert_allclose(camera.vehicle_from_camera.matrix, own.vehicle_from_camera.matrix, atol=1e-9)
+    np.testing.assert_allclose(camera.road.height_m, own.road.height_m, atol=1e-9)
+    for image, before in zip(found.images["ftcam_f0"], native.images["front"], strict=True):
+        assert abs(image.timestamp_ns - before.timestamp_ns) <= 500
+        np.testing.assert_array_equal(read_image(image, camera), read_image(before, own))
+    times_ns = native.trajectory.timestamps_ns[1:-1]
+    for now, then in zip(found.trajectory.at(times_ns), native.trajectory.at(times_ns), strict=True):
+        np.testing.assert_allclose(now, then, atol=1e-5)
+    for ref, before in zip(found.sweeps, native.sweeps, strict=True):
+        sweep, then = ref.read(), before.read()
+        assert np.abs(sweep.times_ns - then.times_ns).max() <= 500
+        points = found.vehicle_from_lidar.apply(sweep.points_lidar.astype(np.float64))
+        expected = native.vehicle_from_lidar.apply(then.points_lidar.astype(np.float64))
+        np.testing.assert_allclose(points, expected, atol=points_m)
+        np.testing.assert_array_equal(sweep.ring, then.ring)
+        np.testing.assert_allclose(sweep.intensity, then.intensity, atol=1 / 255)
+    mounting = native.vehicle_from_lidar @ native.lidar_from_sensor
+    np.testing.assert_allclose((found.vehicle_from_lidar @ found.lidar_from_sensor).matrix, mounting.matrix, atol=1e-9)
+    boxed = {t.track_id: t for t in native.tracks if any(isinstance(s.shape, Cuboid) for s in t.states)}
+    assert {track.track_id for track in found.tracks} == {*boxed}
+    for track in found.tracks:
+        before = boxed[track.track_id]
+        assert track.object_class == before.object_class
+        for state, then in zip(track.states, before.states, strict=True):
+            np.testing.assert_allclose(
+                state.shape.vehicle_from_object.matrix, then.shape.vehicle_from_object.matrix, atol=1e-4
+            )
+            np.testing.assert_allclose(state.shape.size_m, then.shape.size_m)
+            np.testing.assert_allclose(state.velocity_mps, then.velocity_mps, atol=1e-6)
+
+
+@pytest.mark.parametrize("compression", [None, "zstd"])
+def test_a_log_reads_as_the_recording_that_it_was_made_of(native, tmp_path, compression):
+    log123d.write_log(native, tmp_path, compression=compression)
+    found = opened(tmp_path)
+    assert_same(found, native)
+    assert found.name == "drive"
+    np.testing.assert_allclose(found.vehicle_outline_m.min(axis=0), [1.4 - 2.4, -0.9])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("codec", "points_m"), [("ipc_zstd", 1e-5), ("laz", 0.01)])  # it rounds to centimetres
+def test_a_log_of_the_librarys_own_writer_reads_as_the_recording(native, tmp_path, library, codec, points_m):
+    settings = {"camera_store_option": "png_binary", "lidar_codec": codec}
+    log123d.write_log_by_library(native, tmp_path, library, **settings)
+    assert_same(opened(tmp_path), native, points_m=points_m)
+
+
+@pytest.mark.slow
+def test_points_by_draco_are_refused_with_what_to_do(native, tmp_path, library):
+    settings = {"camera_store_option": "jpeg_binary", "lidar_codec": "draco"}
+    log123d.write_log_by_library(native, tmp_path, library, **settings)
+    recording = opened(tmp_path)
+    with pytest.raises(DataError, match="convert again with lidar_codec"):
+        recording.sweeps[0].read()
+    (camera,) = recording.cameras.values()
+    assert read_image(recording.images["ftcam_f0"][0], camera).shape == (tiny.HEIGHT, tiny.WIDTH)
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory):
+    return log123d.install_library(tmp_path_factory.mktemp("library"))
+
+
+def test_images_of_a_video_are_found_by_their_number(native, tmp_path):
+    folder = log123d.write_log(native, tmp_path)
+    smooth = [np.full((tiny.HEIGHT, tiny.WIDTH, 3), grey, np.uint8) for grey in (40, 120, 200)]
+    video = cv2.VideoWriter(
+        str(folder / "camera.ftcam_f0.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 15, (tiny.WIDTH, tiny.HEIGHT)
+    )
+    for image in smooth:
+        video.write(image)
+    video.release()
+    numbers = pa.array([0, 1, 2], pa.int32())
+    rewritten(folder / "camera.ftcam_f0.arrow", lambda t: t.set_column(1, "camera.ftcam_f0.data", numbers))
+    recording = opened(tmp_path)
+    for number in (2, 0, 1):
+        image = recording.images["ftcam_f0"][number]
+        assert abs(float(read_image(image, recording.cameras["ftcam_f0"]).mean()) - smooth[number].mean()) < 4
+    (folder / "camera.ftcam_f0.mp4").unlink()
+    with pytest.raises(DataError, match=r"ftcam_f0\.mp4: expected frame 2 of the video, got no such file"):
+        read_image(recording.images["ftcam_f0"][2], recording.cameras["ftcam_f0"])
+
+
+def test_lenses_are_those_of_the_head():
+    head = {"width": 1400, "height": 1400, "camera_to_imu_se3": (0, 0, 0, 1, 0, 0, 0)}
+    mei = CameraHead(
+        camera_model="fisheye_mei", mirror_parameter=2.2, distortion=(0.01, 0.02, 1e-3, 2e-3),
+        projection=(1300.0, 1301.0, 700.0, 701.0), **head,
+    ).model(None)  # fmt: skip
+    assert isinstance(mei, UnifiedCamera)
+    assert (mei.xi, mei.focal, mei.principal_point) == (2.2, (1300.0, 1301.0), (700.0, 701.0))
+    pinhole = CameraHead(camera_model="pinhole", intrinsics=(900.0, 901.0, 700.0, 701.0, 0.0), **head).model(1.0)
+    pixel, _ = pinhole.project(np.array([[0.1, 0.2, 1.0]]))
+    np.testing.assert_allclose(pixel, [[790.0, 881.2]])
+    with pytest.raises(ShapeError, match="no skew"):
+        CameraHead(camera_model="pinhole", intrinsics=(900.0, 901.0, 700.0, 701.0, 2.0), **head).model(None)
+    with pytest.raises(ShapeError, match="mirror_parameter: expected 1 numbers, got none"):
+        CameraHead(camera_model="fisheye_mei", projection=(1.0, 1.0, 1.0, 1.0), **head).model(None)
+
+
+def test_every_label_is_one_of_our_classes():
+    assert {name for classes in CLASSES.values() for name in classes.values()} == {*OBJECT_CLASSES}
+
+
+def rewritten(file, change):
+    """The table with another content."""
+    table = pa.ipc.open_file(file).read_all()
+    changed = change(table).replace_schema_metadata(table.schema.metadata)
+    with pa.ipc.new_file(str(file), changed.schema) as writer:
+        writer.write_table(changed)
+
+
+FAULTS = {
+    "cut short": ("camera.ftcam_f0", lambda f: f.write_bytes(f.read_bytes()[:300]), "an Arrow file of a 123D log"),
+    "no table": ("ego_state_se3", lambda f: f.unlink(), "an Arrow file of a 123D log"),
+    "times in disorder": (
+        "camera.ftcam_f0",
+        lambda f: rewritten(f, lambda t: t.take([2, 1, 0])),
+        "times that increase",
+    ),
+    "no column": (
+        "lidar.lidar_top",
+        lambda f: rewritten(f, lambda t: t.drop_columns(["lidar.lidar_top.data"])),
+        "data",
+    ),
+    "no points": (
+        "lidar.lidar_top",
+        lambda f: rewritten(f, lambda t: t.set_column(2, "lidar.lidar_top.data", pa.array([b"x", b"y"]))),
+        "points as Arrow or .laz",
+    ),
+    "no head": (
+        "camera.ftcam_f0",
+        lambda f: pa.ipc.new_file(str(f), pa.schema([("a", pa.int64())])).close(),
+        "the head of a table",
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_damaged_table_is_one_clear_error(native, tmp_path, fault):
+    name, damage, message = FAULTS[fault]
+    file = log123d.write_log(native, tmp_path, compression=None) / f"{name}.arrow"
+    damage(file)
+
+    def read_all():
+        for sweep in opened(tmp_path).sweeps:
+            sweep.read()
+
+    with pytest.raises(DataError, match=message) as found:
+        read_all()
+    assert file.stem in str(found.value)
+
+
+def test_paths_of_images_stay_inside_the_data_set(native, tmp_path):
+    file = log123d.write_log(native, tmp_path) / "camera.ftcam_f0.arrow"
+    paths = pa.array(["../../secret.png"] * len(tiny.TIMES_NS))
+    rewritten(file, lambda t: t.set_column(1, "camera.ftcam_f0.data", paths))
+    with pytest.raises(DataError, match="set the card's option sensors"):
+        opened(tmp_path)
+    with pytest.raises(DataError, match=r"camera\.ftcam_f0"):
+        opened(tmp_path, sensors="images")
