@@ -10,8 +10,10 @@ from bench.adapters.log123d.boxes import CLASSES
 from bench.adapters.log123d.rig import CameraHead
 from bench.cameras import RadialPolynomialCamera, UnifiedCamera
 from bench.errors import DataError, ShapeError
-from bench.recordings import read_image
+from bench.evaluation import load_protocol
+from bench.recordings import load_card, open_dataset, read_image
 from bench.records.recording import OBJECT_CLASSES, Cuboid
+from bench.reference import ReferenceBuilder, Status
 from tests.support import log123d, tiny
 
 
@@ -193,3 +195,27 @@ def test_paths_of_images_stay_inside_the_data_set(native, tmp_path):
         opened(tmp_path)
     with pytest.raises(DataError, match=r"camera\.ftcam_f0"):
         opened(tmp_path, sensors="images")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("protocol", ["paper-v1", "surface-v1"])
+def test_a_rendered_drive_has_the_same_reference_as_a_log(tiny_card, tmp_path, library, protocol):
+    native = open_dataset(load_card(tiny_card))[0].open()
+    settings = {"camera_store_option": "png_binary", "lidar_codec": "ipc_zstd"}
+    log123d.write_log_by_library(native, tmp_path, library, **settings)
+    found = opened(tmp_path, body_polygons={})
+    rules = load_protocol(protocol).reference_settings()
+    (name,), (log_name,) = native.cameras, found.cameras
+    builders = ReferenceBuilder(native, name, rules), ReferenceBuilder(found, log_name, rules)
+    evaluated = 0
+    for image, now in zip(native.images[name][1:], found.images[log_name][1:], strict=True):
+        before, after = builders[0].build(image), builders[1].build(now)
+        for one, other in zip(before.objects, after.objects, strict=True):
+            assert (one.track_id, one.status, one.category) == (other.track_id, other.status, other.category)
+            assert abs(one.points - other.points) <= 0.01 * one.points  # times are rounded to microseconds
+        evaluated += sum(o.status is Status.EVALUATED for o in after.objects)
+        inside = before.valid & after.valid
+        changed = (before.labels != after.labels) & inside
+        edge = cv2.morphologyEx((before.labels > 0).astype(np.uint8), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
+        assert not (changed & (edge == 0)).any(), "only pixels of outlines may differ"
+    assert evaluated >= 4
