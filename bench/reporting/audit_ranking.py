@@ -106,8 +106,12 @@ def _kind_cells(found: Sequence[KindAgreement | None]) -> list[str]:
     return [
         cell
         for one in found
-        for cell in (("", "") if one is None else (decimal(one.tau), f"{100 * one.signed_difference:+.1f}"))
+        for cell in (("", "") if one is None else (decimal(one.tau), _signed_points(one.signed_difference)))
     ]
+
+
+def _signed_points(difference: float) -> str:
+    return "n/a" if math.isnan(difference) else f"{100 * difference:+.1f}"
 
 
 def _names(ranking: RankingSummary, kind: str) -> str:
@@ -326,7 +330,7 @@ def draw_ranking(ranking: RankingSummary) -> Figure:
     handles = [*figure.axes[0].get_legend_handles_labels()[0]] if figure.axes else []
     figure.legend(
         handles=handles, loc="upper left", bbox_to_anchor=(place[0] / width_in, place[1] / height_in), frameon=False,
-        title="filled: real methods\nhollow: " + ERRORS[OUTLINES]
+        title="filled: real methods\nhollow: exact, or " + ERRORS[OUTLINES]
         + "\nhalf: " + ERRORS[OBJECTS], alignment="left", fontsize=8, title_fontsize=8,
     )  # fmt: skip
     left, top = 0.08 / width_in, 1 - 0.08 / height_in
