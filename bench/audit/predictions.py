@@ -43,10 +43,27 @@ ALL_PREDICTIONS = (
     "truth:grow_px=4",
     "truth:grow_px=10",
     "truth:shape=hull",
-    "truth:shape=upper_half",
+    "truth:shape=box",
+    "truth:shape=box:grow_px=4",
     "truth:shift_px=2",
     "truth:shift_px=5",
+    "truth:lag_images=1",
+    "truth:lag_images=2",
+    "truth:lag_images=4",
+    "truth:shape=upper_half",
+    "truth:shape=feet",
+    "truth:drop_share=0.1",
+    "truth:drop_share=0.25",
+    "truth:drop_share=0.5",
+    "truth:ghost_widths=0.5",
+    "truth:ghost_widths=1",
+    "truth:ghost_widths=3",
+    "truth:merge_px=20",
+    "truth:merge_px=80",
+    "truth:shadow=0.3",
+    "truth:shadow=0.8",
 )
+OUTLINES, OBJECTS = "outlines", "objects"  # kinds of errors of wrong masks
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +89,13 @@ class Prediction:
     def real(self) -> bool:
         """True for a method that can be run on real data; False for what is made of the exact masks."""
         return not is_oracle(self.method)
+
+    @property
+    def error(self) -> str | None:
+        """Kind of the error of a mask that is made of the exact ones: `OUTLINES` or `OBJECTS`; None for all others."""
+        if not isinstance(self.method, ExactMasks) or self.method == ExactMasks():
+            return None
+        return OBJECTS if self.method.changes_objects else OUTLINES
 
     @cached_property
     def code(self) -> str:

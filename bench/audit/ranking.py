@@ -2,8 +2,9 @@
 
 Many predictions, real methods and exact masks that are wrong in known ways, are scored against lidar references and
 against the exact masks, over the same object-frames. A reference is good where both scores agree: the mean absolute
-difference is small, the order of the predictions is the same (Kendall's tau-b), and no prediction that is worse than
-the exact mask by construction beats it.
+difference is small, the order of the predictions is the same (Kendall's tau-b), and no mask that is wrong by
+construction beats the exact one. Wrong masks are of two kinds: outlines that are off, and objects or parts that lack or
+are added. A reference may keep the order within a kind and lose it between the two.
 
 Intervals are percentiles over draws of whole recordings with replacement, since images of one recording are not
 independent. They are for reading how far a value may be chance, not for a verdict: over few recordings they are too
@@ -17,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +26,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 from scipy.stats import kendalltau
 
-from bench.audit.predictions import Prediction
+from bench.audit.predictions import OBJECTS, OUTLINES, Prediction
 from bench.audit.ranking_sums import (
     BINS,
     CATEGORIES,
@@ -57,12 +59,12 @@ from bench.recordings.checked_json import read_checked, write_checked
 
 RANKING = "ranking.json"
 ALL = "all"
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 DRAWS, SEED = 1000, 2020
 ROUNDING = 12  # decimals; scores that differ by less are the same
 LEAST_TAU = 0.95
 LARGEST_DIFFERENCE, LARGEST_REAL_DIFFERENCE = 0.03, 0.01  # of IoU, mean over categories
-NEVER_BETTER = (ExactMasks(shape="hull"), ExactMasks(grow_px=4))
+KINDS = (OUTLINES, OBJECTS)
 
 
 class _Part(BaseModel):
@@ -76,6 +78,20 @@ class Estimate(_Part):
     ci95: tuple[float, float] | None
 
 
+class KindAgreement(_Part):
+    """Agreement over the masks with one kind of error.
+
+    Attributes:
+        predictions: how many.
+        tau: Kendall's tau-b of these masks and the exact one.
+        signed_difference: mean score by lidar less the score by exact masks; positive where the errors cost too little.
+    """
+
+    predictions: int
+    tau: Ratio
+    signed_difference: Ratio
+
+
 class Agreement(_Part):
     """Agreement of a lidar reference with the exact masks in one row.
 
@@ -84,20 +100,24 @@ class Agreement(_Part):
             NaN where all are equal.
         difference: by metric, mean absolute difference over the predictions that have the metric against both.
         difference_real: the same over the real methods.
+        by_kind: by kind of error, of `KINDS`; kinds without a mask are left out.
+        tau_between: tau-b over the pairs of masks with errors of different kinds; NaN without such pairs.
     """
 
     tau: Estimate
     difference: dict[str, Estimate]
     difference_real: dict[str, Estimate]
+    by_kind: dict[str, KindAgreement]
+    tau_between: Ratio
 
 
 class Check(_Part):
-    """Check that a mask that is worse than the exact one by construction has at most its IoU.
+    """Check that a mask that is wrong by construction has at most the IoU of the exact one.
 
     Attributes:
-        prediction: name of the worse one.
+        prediction: name of the wrong one.
         reference: that scores both.
-        iou: of the worse one.
+        iou: of the wrong one.
         exact_iou: of the exact masks.
     """
 
@@ -108,7 +128,7 @@ class Check(_Part):
 
     @property
     def holds(self) -> bool:
-        """The worse mask does not win."""
+        """The wrong mask does not win."""
         return not self.iou > self.exact_iou
 
 
@@ -169,6 +189,7 @@ class RankingSummary(_Part):
         images: that were scored.
         predictions: names, in the order asked for.
         real: those that are methods, not made of the exact masks.
+        errors: kind of error, of `KINDS`, by name of the wrong mask.
         ceiling: name of the exact masks as they are; None where they are not among the predictions.
         rows: by kind of motion, then all, then false positives.
         fits: of `surface-v1`: over all, by class, by class and range, by ego speed.
@@ -186,6 +207,7 @@ class RankingSummary(_Part):
     images: int
     predictions: tuple[str, ...]
     real: tuple[str, ...]
+    errors: dict[str, str]
     ceiling: str | None
     rows: tuple[RankedRow, ...]
     fits: tuple[SurfaceFit, ...]
@@ -203,8 +225,20 @@ class RankingSummary(_Part):
         ]
         return float(np.mean(found)) if found else float("nan")
 
+    def mean_of_motion(self, reference: str, kind: str) -> KindAgreement | None:
+        """Agreement over the masks with one kind of error, mean of the kinds of motion; None without such masks."""
+        rows = [row.agreement[reference].by_kind for row in self.rows if row.name in CATEGORIES and row.cases]
+        found = [by_kind[kind] for by_kind in rows if kind in by_kind]
+        if not found:
+            return None
+        return KindAgreement(
+            predictions=found[0].predictions,
+            tau=float(np.mean([one.tau for one in found])),
+            signed_difference=float(np.mean([one.signed_difference for one in found])),
+        )
+
     def misses(self, reference: str) -> tuple[str, ...]:
-        """List the aims that a reference misses, in words; none where it ranks as the truth does.
+        """List the aims that a reference misses, in words.
 
         The order counts in rows with at least six recordings.
         """
@@ -245,6 +279,25 @@ def rank_correlation(by_lidar: Values, by_masks: Values) -> float:
     return float(kendalltau(by_lidar, by_masks, variant="b").statistic)
 
 
+def correlation_between(by_lidar: Values, by_masks: Values, kinds: Sequence[str | None]) -> float:
+    """Kendall's tau-b over the pairs of predictions of different kinds.
+
+    Args:
+        by_lidar: (P,) float64.
+        by_masks: (P,) float64.
+        kinds: of each prediction; those of None are left out.
+
+    Returns:
+        Concordant less discordant pairs over sqrt(pairs not tied by lidar * pairs not tied by masks); NaN where either
+        is 0.
+    """
+    pairs = [(i, j) for i, j in combinations(range(len(kinds)), 2) if None not in (kinds[i], kinds[j])]
+    one, other = np.array([(i, j) for i, j in pairs if kinds[i] != kinds[j]], dtype=np.intp).reshape(-1, 2).T
+    lidar, masks = (np.sign(values[one] - values[other]) for values in (by_lidar, by_masks))
+    untied = np.sqrt(np.count_nonzero(lidar) * np.count_nonzero(masks))
+    return float((lidar * masks).sum() / untied) if untied else float("nan")
+
+
 def mean_difference(by_lidar: Values, by_masks: Values) -> Values:
     """Mean absolute difference over predictions.
 
@@ -279,7 +332,12 @@ def draw_recordings(sums: Values) -> Values | None:
 
 
 def agreement(
-    sums: Values, draws: Values | None, *, reference: int, metrics: Sequence[str], real: NDArray[np.bool_]
+    sums: Values,
+    draws: Values | None,
+    *,
+    reference: int,
+    metrics: Sequence[str],
+    predictions: Sequence[Prediction],
 ) -> Agreement:
     """Agreement of a reference with the last one.
 
@@ -288,7 +346,7 @@ def agreement(
         draws: (draws, references, predictions, accumulators) float64; None for no intervals.
         reference: index of the one to be compared.
         metrics: of the row; the predictions are ranked by the first.
-        real: (predictions,) bool.
+        predictions: in the order of the sums.
     """
 
     def estimate(
@@ -304,11 +362,30 @@ def agreement(
     def differences(who: NDArray[np.bool_]) -> dict[str, Estimate]:
         return {metric: estimate(mean_difference, metric, who) for metric in metrics}
 
+    real = np.array([prediction.real for prediction in predictions])
     every = np.ones_like(real)
+    scores = metric_values(sums, metrics[0])
+    kinds = [prediction.error for prediction in predictions]
+    exact = _number(predictions, ExactMasks())
     return Agreement(
         tau=estimate(_rank_correlations, metrics[0], every),
         difference=differences(every),
         difference_real=differences(real),
+        by_kind={
+            kind: _kind_agreement(scores[reference], scores[-1], of_kind, exact=exact)
+            for kind in KINDS
+            if (of_kind := [k for k, error in enumerate(kinds) if error == kind])
+        },
+        tau_between=correlation_between(scores[reference], scores[-1], kinds),
+    )
+
+
+def _kind_agreement(by_lidar: Values, by_masks: Values, of_kind: list[int], *, exact: int | None) -> KindAgreement:
+    ranked = of_kind if exact is None else [exact, *of_kind]
+    return KindAgreement(
+        predictions=len(of_kind),
+        tau=rank_correlation(by_lidar[ranked], by_masks[ranked]) if len(ranked) > 1 else float("nan"),
+        signed_difference=float(np.mean(by_lidar[of_kind] - by_masks[of_kind])),
     )
 
 
@@ -339,7 +416,6 @@ def rank_row(name: str, sums: Values, unknown: Values, predictions: Sequence[Pre
     sums, whole = sums[held], sums[held].sum(axis=0)
     draws = draw_recordings(sums)
     metrics = FRAME_METRICS if name == FALSE_POSITIVES else OBJECT_METRICS
-    real = np.array([prediction.real for prediction in predictions])
     names = [prediction.name for prediction in predictions]
     cases = int(whole[0, 0, SUMS.index("every")])
     values = {metric: metric_values(whole, metric) for metric in metrics}
@@ -356,7 +432,7 @@ def rank_row(name: str, sums: Values, unknown: Values, predictions: Sequence[Pre
             for metric, of_metric in values.items()
         },
         agreement={
-            reference: agreement(whole, draws, reference=number, metrics=metrics, real=real)
+            reference: agreement(whole, draws, reference=number, metrics=metrics, predictions=predictions)
             for number, reference in enumerate(REFERENCES[:-1])
         },
         checks=() if name == FALSE_POSITIVES else tuple(_checks(values["iou"], predictions)),
@@ -396,14 +472,11 @@ def surface_fits(parts: Sequence[Mapping[tuple[str, str, str], Values]]) -> tupl
 def _checks(iou: Values, predictions: Sequence[Prediction]) -> Iterator[Check]:
     """The checks of a row; `iou` is (references, predictions) float64."""
     exact = _number(predictions, ExactMasks())
-    for worse in NEVER_BETTER:
-        number = _number(predictions, worse)
-        if exact is None or number is None:
+    for number, prediction in enumerate(predictions):
+        if exact is None or prediction.error is None:
             continue
         for reference, scores in zip(REFERENCES, iou.tolist(), strict=True):
-            yield Check(
-                prediction=predictions[number].name, reference=reference, iou=scores[number], exact_iou=scores[exact]
-            )
+            yield Check(prediction=prediction.name, reference=reference, iou=scores[number], exact_iou=scores[exact])
 
 
 def _number(predictions: Sequence[Prediction], method: ExactMasks) -> int | None:
@@ -459,6 +532,7 @@ def run_ranking(
         images=images,
         predictions=tuple(names),
         real=tuple(prediction.name for prediction in predictions if prediction.real),
+        errors={prediction.name: prediction.error for prediction in predictions if prediction.error is not None},
         ceiling=None if exact is None else names[exact],
         rows=tuple(rank_row(name, sums[:, k], unknown[:, k], predictions) for k, name in enumerate(ROWS)),
         fits=surface_fits([found.fits for found in ranked]),

@@ -2,29 +2,33 @@
 
 Neither is a method, for methods never see annotations. The harness answers in their place, and a run's settings say so:
 `sees_the_reference`, `sees_the_truth`. The reference scored against itself checks the evaluation: every metric must be
-perfect. The exact masks are the ceiling: what the truth scores under a protocol. Their variants (grown, shifted,
-filled to the convex hull, upper half) show what a protocol thinks of masks that are wrong in a known way.
+perfect. The exact masks are the ceiling: what the truth scores under a protocol. Their variants, outlines that are off
+and objects or parts that lack or are added (`bench.harness.wrong_masks`), show what a protocol thinks of masks that are
+wrong in a known way.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Literal, TypeGuard
+from dataclasses import dataclass, replace
+from typing import Literal, TypeGuard, get_args
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.cameras import ray_grid
 from bench.errors import DataError, UsageError
+from bench.harness.wrong_masks import grown, merged, reshaped, shifted, with_ghost, with_shadow
 from bench.methods import Method, Scorable, Segmentation, build_method, known_methods
 from bench.methods.contract import not_derived
 from bench.methods.registry import build
 from bench.recordings import ImageRef, Recording, read_truth
 from bench.reference import ReferenceFrame, Status
 
-Shape = Literal["exact", "hull", "upper_half"]
+Shape = Literal["exact", "hull", "box", "upper_half", "feet"]
+WHOLE = {"cell_size_px": (1, 1000), "grow_px": (-100, 1000), "shift_px": (-1000, 1000), "lag_images": (0, 1000),
+         "merge_px": (0, 1000)}  # fmt: skip
+SHARES = {"drop_share": 1.0, "ghost_widths": 100.0, "shadow": 10.0}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +61,12 @@ class ExactMasks(Scorable):
         cell_size_px: side of the cells of the answer, each of which is what its centre shows; 1 for every pixel.
         grow_px: pixels by which each object's mask grows, in a disc; negative: shrinks.
         shift_px: pixels by which it moves to the right.
-        shape: the mask as it is, its convex hull, or its upper half.
+        shape: the mask as it is, its convex hull, its bounding box, its upper half, or its lowest fifth.
+        lag_images: images by which the answer is late; at the start of a recording the first image's.
+        drop_share: share of the object-frames that are missed.
+        ghost_widths: distance of a copy to the right of each object, in widths of the object; 0 for none.
+        merge_px: objects at most so far apart are one, with their common hull; 0 for none.
+        shadow: length of a shadow of each object, over the object's height; 0 for none.
         sees_the_truth: the mark by which a table tells it from methods.
     """
 
@@ -68,17 +77,32 @@ class ExactMasks(Scorable):
     grow_px: int = 0
     shift_px: int = 0
     shape: Shape = "exact"
+    lag_images: int = 0
+    drop_share: float = 0.0
+    ghost_widths: float = 0.0
+    merge_px: int = 0
+    shadow: float = 0.0
     sees_the_truth: bool = True
 
     def __post_init__(self) -> None:
         if self.sees_the_truth is not True:
             raise UsageError(f"truth: it sees the exact masks and nothing else, got {self.sees_the_truth!r}")
-        for name, least in (("cell_size_px", 1), ("grow_px", -100), ("shift_px", -1000)):
+        for name, (least, most) in WHOLE.items():
             value = getattr(self, name)
-            if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= 1000:
-                raise UsageError(f"truth: {name}: expected a whole number from {least} to 1000, got {value!r}")
-        if self.shape not in ("exact", "hull", "upper_half"):
-            raise UsageError(f"truth: shape: expected exact, hull or upper_half, got {self.shape!r}")
+            if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
+                raise UsageError(f"truth: {name}: expected a whole number from {least} to {most}, got {value!r}")
+        for name, largest in SHARES.items():
+            value = getattr(self, name)
+            if not isinstance(value, int | float) or isinstance(value, bool) or not 0 <= value <= largest:
+                raise UsageError(f"truth: {name}: expected a number from 0 to {largest:g}, got {value!r}")
+        if self.shape not in get_args(Shape):
+            raise UsageError(f"truth: shape: expected one of {', '.join(get_args(Shape))}, got {self.shape!r}")
+
+    @property
+    def changes_objects(self) -> bool:
+        """Whole objects or parts lack or are added; else outlines are off at most."""
+        whole_objects = self.drop_share or self.ghost_widths or self.merge_px or self.shadow
+        return bool(whole_objects) or self.shape in ("upper_half", "feet")
 
     def answer(self, recording: Recording, image: ImageRef, reference: ReferenceFrame) -> Segmentation:
         """The pixels of every annotated object that moves, evaluated or not."""
@@ -93,38 +117,40 @@ class ExactMasks(Scorable):
 
     def of_truth(self, ids: NDArray[np.uint16], recording: Recording, reference: ReferenceFrame) -> Segmentation:
         """The same, from the image's true instance ids, (H, W)."""
-        if (self.grow_px, self.shift_px, self.shape) == (0, 0, "exact"):
-            mask = exact_mask(ids, recording, reference)
-        else:
-            mask = np.zeros(ids.shape, dtype=bool)
-            for number in moving_instances(recording, reference):
-                mask |= self._varied(ids == number)
+        ids = self._late(ids, recording, reference)
+        numbers = [k for k in moving_instances(recording, reference) if not self._dropped(k, reference.timestamp_ns)]
+        mask = np.isin(ids, np.array(numbers, dtype=np.int64))
+        if self != replace(self, grow_px=0, shift_px=0, shape="exact", ghost_widths=0.0, merge_px=0, shadow=0.0):
+            masks = [self._varied(ids == number) for number in numbers if (ids == number).any()]
+            masks = merged([one for one in masks if one.any()], self.merge_px) if self.merge_px else masks
+            mask = np.logical_or.reduce([np.zeros_like(mask), *masks])
         if self.cell_size_px > 1:
             camera = recording.cameras[reference.camera]
             mask = ray_grid(camera.model, self.cell_size_px).at_centres(mask)
         return Segmentation(cell_size_px=self.cell_size_px, mask=mask)
 
+    def _late(self, ids: NDArray[np.uint16], recording: Recording, reference: ReferenceFrame) -> NDArray[np.uint16]:
+        """The ids of the image that the answer is of."""
+        if not self.lag_images:
+            return ids
+        images = recording.images[reference.camera]
+        current = next(k for k, image in enumerate(images) if image.timestamp_ns == reference.timestamp_ns)
+        return read_truth(images[max(current - self.lag_images, 0)], recording.cameras[reference.camera])
+
+    def _dropped(self, number: int, timestamp_ns: int) -> bool:
+        """The same for every reference and in every process."""
+        return bool(np.random.default_rng([number, timestamp_ns]).random() < self.drop_share)
+
     def _varied(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """The mask of one object, wrong as the parameters say."""
-        if not mask.any():
-            return mask
-        rows = np.flatnonzero(mask.any(axis=1))
-        varied = mask.astype(np.uint8)
-        if self.shape == "upper_half":
-            varied[(rows[0] + rows[-1]) // 2 + 1 :] = 0
-        elif self.shape == "hull":
-            points = cv2.findNonZero(varied)
-            cv2.fillConvexPoly(varied, cv2.convexHull(points), 1)
+        """The mask of one object, not empty, wrong as the parameters say."""
+        varied = reshaped(mask, self.shape)
+        if self.shadow:
+            varied = with_shadow(varied, self.shadow)
+        if self.ghost_widths:
+            varied = with_ghost(varied, self.ghost_widths)
         if self.grow_px:
-            size = 2 * abs(self.grow_px) + 1
-            disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
-            change = cv2.dilate if self.grow_px > 0 else cv2.erode
-            varied = change(varied, disc).astype(np.uint8, copy=False)
-        if self.shift_px:
-            shift = np.array([[1.0, 0.0, self.shift_px], [0.0, 1.0, 0.0]])
-            size_px = (mask.shape[1], mask.shape[0])
-            varied = cv2.warpAffine(varied, shift, size_px, flags=cv2.INTER_NEAREST).astype(np.uint8, copy=False)
-        return varied > 0
+            varied = grown(varied, self.grow_px)
+        return shifted(varied, self.shift_px) if self.shift_px else varied
 
 
 Oracle = ReferenceItself | ExactMasks

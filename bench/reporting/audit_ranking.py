@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bench.audit.predictions import ALL_PREDICTIONS
+from bench.audit.predictions import ALL_PREDICTIONS, OBJECTS, OUTLINES
 from bench.audit.ranking import (
+    KINDS,
     LARGEST_DIFFERENCE,
     LARGEST_REAL_DIFFERENCE,
     LEAST_TAU,
     RANKING,
     Agreement,
     Estimate,
+    KindAgreement,
     RankedRow,
     RankingSummary,
     read_ranking,
@@ -38,6 +40,8 @@ NAMES = dict(
 LIDAR = REFERENCES[:-1]
 MARKERS = dict(zip(LIDAR, ("o", "s", "^", "D"), strict=True))
 COLOURS = dict(zip(LIDAR, (canvas.ORANGE, canvas.SKY_BLUE, canvas.GREEN, canvas.VERMILION), strict=True))
+ERRORS = {OUTLINES: "outline errors", OBJECTS: "errors of whole objects or parts"}
+FILLS = {OUTLINES: "none", OBJECTS: "left"}  # of the markers; real methods are filled
 OTHERS = {"tpr": "TPR", "detection_rate_50": "Detection at 50 %"}
 
 
@@ -66,8 +70,53 @@ def overview_table(ranking: RankingSummary) -> Table:
         "kinds of motion. Tau: Kendall's tau-b of the two orders of the predictions, by IoU, of false positives by "
         f"their area. The aims: tau of at least {LEAST_TAU} in every row with at least {FEWEST_RECORDINGS} recordings, "
         f"at most {100 * LARGEST_DIFFERENCE:g} points over all predictions and {100 * LARGEST_REAL_DIFFERENCE:g} over "
-        "real methods. Wrong masks: how often a hull-shaped or a fat mask scores more than the exact one.",
+        "real methods. Wrong masks: how often one that is made of the exact masks scores more than these.",
     )
+
+
+def kind_table(ranking: RankingSummary) -> Table:
+    """Agreement by kind of error, one line per row and lidar reference; then means over the kinds of motion."""
+    rows = [
+        (
+            *(row_label(row.name), NAMES[reference]),
+            *_kind_cells([found.by_kind.get(kind) for kind in KINDS]),
+            decimal(found.tau_between),
+        )
+        for row in ranking.rows
+        for reference, found in row.agreement.items()
+    ]
+    rows += [
+        ("Mean of kinds", NAMES[name], *_kind_cells([ranking.mean_of_motion(name, kind) for kind in KINDS]), "")
+        for name in LIDAR
+    ]
+    headings = [heading for kind in KINDS for heading in (f"Tau {kind}", f"{kind.capitalize()}, points")]
+    return Table(
+        title="Masks that are wrong in known ways, by kind of error",
+        columns=("Type", "Reference", *headings, "Tau between"),
+        rows=rows,
+        note="Outlines: " + _names(ranking, OUTLINES) + ". Objects, or parts of them, lack or are added: "
+        + _names(ranking, OBJECTS) + ". Tau: of these masks and the exact one; between: of the pairs of two masks with "
+        "errors of different kinds. Points: mean of IoU by the lidar reference less IoU by exact masks; positive where "
+        "the errors cost too little. In the row of false positives: their area.",
+        words=2,
+    )  # fmt: skip
+
+
+def _kind_cells(found: Sequence[KindAgreement | None]) -> list[str]:
+    return [
+        cell
+        for one in found
+        for cell in (("", "") if one is None else (decimal(one.tau), _signed_points(one.signed_difference)))
+    ]
+
+
+def _signed_points(difference: float) -> str:
+    return "n/a" if math.isnan(difference) else f"{100 * difference:+.1f}"
+
+
+def _names(ranking: RankingSummary, kind: str) -> str:
+    names = [name.removeprefix("truth:") for name in ranking.predictions if ranking.errors.get(name) == kind]
+    return ", ".join(names) or "none"
 
 
 def agreement_table(ranking: RankingSummary) -> Table:
@@ -154,18 +203,20 @@ def fit_table(ranking: RankingSummary) -> Table:
 
 
 def check_table(ranking: RankingSummary) -> Table:
-    """Comparison of masks that are wrong by construction with the exact one; marked where they win."""
-    rows: dict[tuple[str, str], list[str]] = {}
+    """Masks that are wrong by construction and beat the exact one somewhere, one line per row and mask."""
+    rows: dict[tuple[str, str], dict[str, str]] = {}
     for row in ranking.rows:
         for check in row.checks:
-            cells = rows.setdefault((row_label(row.name), check.prediction), [])
             iou = f"{formats.hundredths(check.iou)} : {formats.hundredths(check.exact_iou)}"
-            cells.append(iou if check.holds else f"WINS {iou}")
+            cells = rows.setdefault((row_label(row.name), check.prediction), {})
+            cells[check.reference] = iou if check.holds else f"WINS {iou}"
+    won = {key: cells for key, cells in rows.items() if any("WINS" in cell for cell in cells.values())}
     return Table(
-        title="A hull-shaped or fat mask never beats the exact one",
+        title="Wrong masks that beat the exact one",
         columns=("Type", "Mask", *NAMES.values()),
-        rows=[(*key, *cells) for key, cells in rows.items()],
-        note="IoU of the mask : IoU of the exact mask, in percent.",
+        rows=[(*key, *(cells[reference] for reference in NAMES)) for key, cells in won.items()],
+        note=f"IoU of the mask : IoU of the exact mask, in percent. {len(rows) - len(won)} of {len(rows)} masks and "
+        "rows are left out, in which the exact mask scores at least as much by every reference.",
         words=2,
     )
 
@@ -206,7 +257,7 @@ def _points(found: Estimate) -> str:
 def ranking_tables(ranking: RankingSummary) -> tuple[Table, ...]:
     """The tables that are printed."""
     tables = [overview_table(ranking), agreement_table(ranking), ceiling_table(ranking), fit_table(ranking)]
-    return (*tables, check_table(ranking)) if any(row.checks for row in ranking.rows) else tuple(tables)
+    return (*tables, kind_table(ranking), check_table(ranking)) if ranking.errors else tuple(tables)
 
 
 def report(ranking: RankingSummary) -> Iterator[Block]:
@@ -248,6 +299,10 @@ def _csv_rows(ranking: RankingSummary) -> Iterator[dict[str, object]]:
             numbers = {("tau", ""): found.tau}
             numbers |= {("difference", metric): number for metric, number in found.difference.items()}
             numbers |= {("difference_real", metric): number for metric, number in found.difference_real.items()}
+            for kind, of_kind in found.by_kind.items():
+                for table, ratio in (("tau", of_kind.tau), ("signed_difference", of_kind.signed_difference)):
+                    yield of_row | {"table": table, "reference": reference, "metric": kind, "value": ratio}
+            yield of_row | {"table": "tau", "reference": reference, "metric": "between", "value": found.tau_between}
             for (table, metric), number in numbers.items():
                 low, high = number.ci95 or (None, None)
                 yield of_row | {"table": table, "reference": reference, "metric": metric, "value": number.value,
@@ -275,7 +330,8 @@ def draw_ranking(ranking: RankingSummary) -> Figure:
     handles = [*figure.axes[0].get_legend_handles_labels()[0]] if figure.axes else []
     figure.legend(
         handles=handles, loc="upper left", bbox_to_anchor=(place[0] / width_in, place[1] / height_in), frameon=False,
-        title="filled: real methods\nhollow: made of exact masks", alignment="left", fontsize=8, title_fontsize=8,
+        title="filled: real methods\nhollow: exact, or " + ERRORS[OUTLINES]
+        + "\nhalf: " + ERRORS[OBJECTS], alignment="left", fontsize=8, title_fontsize=8,
     )  # fmt: skip
     left, top = 0.08 / width_in, 1 - 0.08 / height_in
     title = f"{ranking.dataset}: scores against the lidar reference over scores against exact masks"
@@ -289,12 +345,14 @@ def _draw_row(axes: Axes, row: RankedRow, ranking: RankingSummary) -> None:
     limits = (-3.0, 103.0)
     axes.plot(limits, limits, color=canvas.GREY, linewidth=0.8, zorder=1)
     for reference in LIDAR:
-        for real in (True, False):
-            names = [name for name in ranking.predictions if (name in ranking.real) == real]
-            x, y = ([100 * scores[of][name] for name in names] for of in (EXACT, reference))
+        names: dict[str, list[str]] = {"full": [], "none": [], "left": []}
+        for name in ranking.predictions:
+            names["full" if name in ranking.real else FILLS[ranking.errors.get(name, OUTLINES)]].append(name)
+        for fill, of_fill in names.items():
+            x, y = ([100 * scores[of][name] for name in of_fill] for of in (EXACT, reference))
             axes.plot(
                 x, y, MARKERS[reference], color=COLOURS[reference], markersize=3.6, markeredgewidth=0.9, zorder=3,
-                markerfacecolor=COLOURS[reference] if real else "none", label=NAMES[reference] if real else "_",
+                fillstyle=fill, markerfacecoloralt="white", label=NAMES[reference] if fill == "full" else "_",
             )  # fmt: skip
     unit = "image area (%)" if areas else "IoU (%)"
     axes.set(xlim=limits, ylim=limits, xlabel=f"{unit}, exact masks", ylabel=f"{unit}, lidar reference")

@@ -13,9 +13,9 @@ from matplotlib.lines import Line2D
 
 from bench.audit.predictions import ALL_PREDICTIONS, Prediction, SharedStep, shortened_input
 from bench.audit.ranking import (
-    NEVER_BETTER,
     RankedRow,
     RankingSummary,
+    correlation_between,
     mean_difference,
     rank_correlation,
     rank_row,
@@ -38,14 +38,17 @@ from bench.recordings import load_card
 from bench.reference import IgnoreReason, Status
 from bench.reporting.audit_ranking import (
     agreement_table,
+    check_table,
     draw_ranking,
     fit_table,
+    kind_table,
     overview_table,
     ranking_tables,
 )
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object
 from tests.support.commands import call
 
+WRONG = (ExactMasks(shape="hull"), ExactMasks(grow_px=4), ExactMasks(drop_share=0.5))
 ANY = [Prediction(name=name, method=build_method(name)) for name in ("everything", "nothing", "frame-difference")]
 
 
@@ -103,22 +106,44 @@ def test_intervals_need_six_recordings_and_are_the_same_again(monkeypatch):
     rng = np.random.default_rng(1)
     sums = rng.random((8, len(REFERENCES), 3, len(SUMS))) + 0.1
     first, second = (rank_row("crossing", sums, np.zeros(8), ANY) for _ in range(2))
-    assert first == second
+    assert first.model_dump_json() == second.model_dump_json()
     low, high = first.agreement[PAPER].difference["iou"].ci95
     assert low < first.agreement[PAPER].difference["iou"].value < high
 
 
 def test_a_wrong_mask_that_beats_the_exact_one_is_found():
-    predictions = [Prediction(name=str(k), method=m) for k, m in enumerate((ExactMasks(), *NEVER_BETTER))]
-    checks = row(by_lidar=[0.6, 0.7, 0.5], by_masks=[1.0, 0.8, 0.5], predictions=predictions).checks
+    predictions = [Prediction(name=str(k), method=m) for k, m in enumerate((ExactMasks(), *WRONG))]
+    by_lidar, by_masks = [0.6, 0.7, 0.5, 0.61], [1.0, 0.8, 0.5, 0.4]
+    checks = row(by_lidar=by_lidar, by_masks=by_masks, predictions=predictions).checks
     found = {(check.prediction, check.reference): check.holds for check in checks}
-    assert found["1", PAPER] is False
+    assert found["1", PAPER] is found["3", PAPER] is False
     assert found["2", PAPER] is found["1", EXACT] is True
+
+
+def test_errors_of_outlines_and_of_objects_are_told_apart():
+    methods = (ExactMasks(), *WRONG[:2], ExactMasks(shape="feet"), *WRONG[2:])
+    predictions = [*ANY[:1], *(Prediction(name=str(k), method=method) for k, method in enumerate(methods))]
+    by_lidar, by_masks = [0.1, 0.9, 0.85, 0.8, 0.2, 0.3], [0.2, 1.0, 0.7, 0.6, 0.5, 0.65]
+    found = row(by_lidar=by_lidar, by_masks=by_masks, predictions=predictions).agreement[SURFACE]
+    outlines, objects = found.by_kind["outlines"], found.by_kind["objects"]
+    assert (outlines.predictions, objects.predictions) == (2, 2)
+    assert outlines.signed_difference == pytest.approx((0.15 + 0.2) / 2)  # too high
+    assert objects.signed_difference == pytest.approx((-0.3 - 0.35) / 2)  # too low
+    assert outlines.tau == objects.tau == pytest.approx(1)  # each in order, the exact one first
+    # Of the four pairs of a hull-shaped or fat and a missed or halved one, fat and missed change places.
+    assert found.tau_between == pytest.approx((3 - 1) / 4)
+
+
+def test_pairs_of_one_kind_do_not_count_between_kinds():
+    kinds = ["outlines", "outlines", "objects", None]
+    found = correlation_between(np.array([3.0, 1, 2, 9]), np.array([3.0, 1, 1, 0]), kinds)
+    assert found == pytest.approx(1 / 2**0.5)  # one agrees, one is tied by masks
+    assert np.isnan(correlation_between(np.ones(2), np.ones(2), ["outlines", "outlines"]))
 
 
 def test_the_tables_show_differences_order_and_which_aims_are_missed(monkeypatch):
     monkeypatch.setattr("bench.audit.ranking.DRAWS", 20)
-    masks = [Prediction(name="truth", method=ExactMasks()), Prediction(name="fat", method=NEVER_BETTER[1])]
+    masks = [Prediction(name="truth", method=ExactMasks()), Prediction(name="fat", method=WRONG[1])]
     predictions = [*ANY[:2], *masks]
     six = row(by_lidar=[0.2, 0, 0.8, 0.9], by_masks=[0.1, 0, 1, 0.7], recordings=6, predictions=predictions)
     names = [prediction.name for prediction in predictions]
@@ -126,13 +151,20 @@ def test_the_tables_show_differences_order_and_which_aims_are_missed(monkeypatch
     near = {("pedestrian", "[0, 2)", "[0, 0.05)"): np.array([1, 4, 1, 8, 0, 0.5])}
     far = {("pedestrian", "[2, 4)", "[0, 0.05)"): np.array([1, 6, 4, 2, 1, 0.25])}
     found = RankingSummary.model_construct(
-        predictions=names, real=names[:2], ceiling="truth", rows=(six,), fits=surface_fits([near, far])
+        predictions=names,
+        real=names[:2],
+        errors={"fat": "outlines"},
+        ceiling="truth",
+        rows=(six,),
+        fits=surface_fits([near, far]),
     )
     (*_, surface), agreement_of_rows = overview_table(found).rows, agreement_table(found).rows
     # Differences of 10, 0, 20 and 20 points; of six pairs five are in the same order, so tau is (5 - 1) / 6.
     aims = "tau 0.67 in crossing; mean difference 12.5 over all predictions; mean difference 5.0 over real methods"
     assert surface == ("surface-v1", "12.5", "5.0", "0.67", "1 of 1", aims)
     assert {cells[4].partition(" ")[0] for cells in agreement_of_rows} == {"0.67"}
+    assert kind_table(found).rows[0] == ("Crossing", "convex hull (paper-v1)", "-1.00", "+20.0", "", "", "n/a")
+    assert check_table(found).rows == [("Crossing", "fat", *["WINS 90.0 : 80.0"] * 4, "70.0 : 100.0")]
     every, of_class, *_ = fit_table(found).rows
     assert every == ("all", "all", "all", "2", "50.0", "10.0", "37.5")
     assert of_class == ("pedestrian", *every[1:])
@@ -233,7 +265,9 @@ def test_all_holds_real_methods_and_masks_that_are_wrong_in_known_ways():
     assert len(set(ALL_PREDICTIONS)) >= 16
     assert sum(prediction.real for prediction in found) >= 12
     methods = [prediction.method for prediction in found]
-    assert all(oracle in methods for oracle in (ExactMasks(), *NEVER_BETTER))
+    assert all(oracle in methods for oracle in (ExactMasks(), *WRONG))
+    errors = [prediction.error for prediction in found]
+    assert (errors.count("outlines"), errors.count("objects")) == (12, 12)
 
 
 @pytest.mark.parametrize(
@@ -250,7 +284,7 @@ def test_a_wrong_list_is_refused(text: str, error: type[Exception], told: str):
         parse_methods(text)
 
 
-METHODS = "spherical,epipolar-only,background-subtraction,everything,nothing,truth,truth:grow_px=4,truth:shape=hull"
+METHODS = "spherical,epipolar-only,background-subtraction,everything,nothing,truth,truth:grow_px=4,truth:shape=feet"
 
 
 def ranked(card: Path, out: Path, methods: str = METHODS, **options: object) -> RankingSummary:
@@ -331,7 +365,13 @@ def test_the_command_prints_the_tables_and_leaves_the_files(monkeypatch, capsys,
     words = ("audit", tiny_card, "--methods", METHODS, "--recordings", 2, "--workers", 1, "--out", tmp_path)
     assert call(monkeypatch, *words) == 0
     shown = capsys.readouterr().out
-    for text in ("Agreement with the exact masks", "Ceiling: IoU of the exact masks", "never beats", "too few"):
+    for text in (
+        "Agreement with the exact masks",
+        "Ceiling: IoU of the exact masks",
+        "by kind of error",
+        "beat the exact one",
+        "too few",
+    ):
         assert text in shown
     assert "\u2026" not in shown  # no cell is cut
     for name in ("ranking.json", "ranking.md", "ranking.csv", "ranking.png", "ranking.svg"):

@@ -13,8 +13,10 @@ from bench.evaluation import load_protocol
 from bench.execution import ProcessExecutor, SerialExecutor
 from bench.harness import FramePipeline, RunRequest, build_scorable, read_run, run_benchmark, scorable_methods
 from bench.harness.oracles import ExactMasks, ReferenceItself, moving_instances
+from bench.harness.wrong_masks import merged, with_ghost
 from bench.methods import build_method, known_methods
 from bench.recordings import load_card, open_dataset, read_truth
+from tests.evaluation.frames import picture
 
 
 def call(monkeypatch, *words) -> int:
@@ -120,6 +122,14 @@ def test_cells_of_the_exact_masks_are_what_their_centres_show(tiny_card):
     assert np.array_equal(frame.segmentation.mask, np.isin(ids, moving)[2::5, 2::5])
 
 
+def filled_box(mask: np.ndarray) -> np.ndarray:
+    return mask.any(axis=1)[:, None] & mask.any(axis=0)
+
+
+def lowest_row(mask: np.ndarray) -> int:
+    return int(np.flatnonzero(mask.any(axis=1))[-1])
+
+
 @pytest.mark.parametrize(
     ("settings", "expected"),
     [
@@ -128,11 +138,34 @@ def test_cells_of_the_exact_masks_are_what_their_centres_show(tiny_card):
         ({"shape": "hull"}, lambda wrong, exact: (wrong[exact].all(), wrong.sum() > exact.sum())),
         ({"shape": "upper_half"}, lambda wrong, exact: (exact[wrong].all(), 0 < wrong.sum() < 0.9 * exact.sum())),
         ({"shift_px": 4}, lambda wrong, exact: (np.array_equal(wrong[:, 4:], exact[:, :-4]), not wrong[:, :4].any())),
+        ({"shape": "box"}, lambda wrong, exact: (wrong[exact].all(), np.array_equal(wrong, filled_box(exact)))),
+        ({"shape": "feet"}, lambda wrong, exact: (exact[wrong].all(), 0 < wrong.sum() < 0.4 * exact.sum())),
+        ({"drop_share": 1}, lambda wrong, exact: (exact.any(), not wrong.any())),
+        ({"drop_share": 0.0}, lambda wrong, exact: (np.array_equal(wrong, exact),)),
+        ({"shadow": 0.5}, lambda wrong, exact: (wrong[exact].all(), lowest_row(wrong) > lowest_row(exact))),
+        ({"merge_px": 50}, lambda wrong, exact: (np.array_equal(wrong, exact),)),  # one object has no neighbour
     ],
 )
 def test_masks_that_are_wrong_in_a_known_way(tiny_card, settings, expected):
     exact = truth_frame(tiny_card)[0].segmentation.mask
     assert all(expected(truth_frame(tiny_card, **settings)[0].segmentation.mask, exact))
+
+
+def test_a_late_mask_is_that_of_an_earlier_image(tiny_card):
+    late, earlier = truth_frame(tiny_card, index=3, lag_images=2)[0], truth_frame(tiny_card, index=1)[0]
+    assert np.array_equal(late.segmentation.mask, earlier.segmentation.mask)
+
+
+def test_a_ghost_is_a_copy_beside_the_object():
+    two_wide = picture("11......\n.1......") > 0
+    assert np.array_equal(with_ghost(two_wide, 1), picture("1111....\n.1.1....") > 0)
+    assert np.array_equal(with_ghost(two_wide, 2.5), picture("11...11.\n.1....1.") > 0)
+
+
+def test_neighbours_are_one_with_their_common_hull():
+    left, right, far = (picture("11.22...3") == number for number in (1, 2, 3))
+    assert np.array_equal(np.logical_or.reduce(merged([left, right, far], 2)), picture("11111...1") > 0)
+    assert np.array_equal(np.logical_or.reduce(merged([left, right, far], 1)), picture("11.11...1") > 0)
 
 
 def test_exact_masks_are_scored_and_marked_and_follow_their_files(own_card, tmp_path):
@@ -151,7 +184,16 @@ def test_exact_masks_are_scored_and_marked_and_follow_their_files(own_card, tmp_
 
 
 @pytest.mark.parametrize(
-    "settings", [{"sees_the_truth": False}, {"cell_size_px": 0}, {"shape": "box"}, {"grow_px": 0.5}]
+    "settings",
+    [
+        {"sees_the_truth": False},
+        {"cell_size_px": 0},
+        {"shape": "star"},
+        {"grow_px": 0.5},
+        {"lag_images": -1},
+        {"drop_share": 1.5},
+        {"shadow": float("nan")},
+    ],
 )
 def test_wrong_parameters_of_the_exact_masks(settings):
     with pytest.raises(UsageError, match=f"truth: .*{next(iter(settings)).removeprefix('sees_the_truth')}"):
