@@ -17,6 +17,7 @@ from bench.execution import ProcessExecutor
 from bench.harness import RunRequest, run_benchmark
 from bench.methods import build_method
 from bench.recordings import load_card
+from bench.recordings.checked_json import with_digest
 from tests.support.commands import call
 
 pytestmark = pytest.mark.slow
@@ -199,8 +200,7 @@ def test_a_damaged_audit_is_refused(folder: Path, tmp_path: Path):
     (tmp_path / "audit.json").write_text(text.replace('"recordings": 3', '"recordings": "many"'))
     with pytest.raises(DataError, match="other content than was written"):
         read_audit(tmp_path)
-    content = json.loads((tmp_path / "audit.json").read_text())
-    del content["sha256"]
+    content = with_digest(json.loads((tmp_path / "audit.json").read_text()))
     (tmp_path / "audit.json").write_text(json.dumps(content))
     with pytest.raises(DataError, match="recordings"):
         read_audit(tmp_path)
