@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bench.cli import options
-from bench.cli.console import note, print_failures, progress_bar, say, show, stage_times
-from bench.cli.interrupts import interruptible
+from bench.cli.console import note, print_failures, say, show, stage_times
+from bench.cli.progress import interruptible, progress_bar
 from bench.errors import UsageError
 
 if TYPE_CHECKING:

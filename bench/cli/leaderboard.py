@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bench.cli import options
-from bench.cli.console import note_files, progress_bar, say, show
-from bench.cli.interrupts import interruptible
+from bench.cli.console import note_files, say, show
+from bench.cli.progress import interruptible, progress_bar
 from bench.errors import BenchError, UsageError
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def leaderboard(
             files, problems = write_leaderboard(found, out, pictures=pictures, progress=progress)
         for problem in problems:
             say(f"no picture: {problem}", style="yellow")
-        note_files([str(file) for file in files])
+        note_files(files)
     if found.damaged or failures:
         raise typer.Exit(options.FAILURES)
 

@@ -7,7 +7,8 @@ from typing import Annotated
 import typer
 
 from bench.cli import options
-from bench.cli.console import progress_bar, say, show
+from bench.cli.console import say, show
+from bench.cli.progress import progress_bar
 
 
 def perf(

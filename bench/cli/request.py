@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from bench.cli.console import detail, note, progress_bar
-from bench.cli.interrupts import interruptible
+from bench.cli.console import detail, note
+from bench.cli.progress import interruptible, progress_bar
 from bench.errors import DataError, UsageError
 from bench.evaluation import Protocol, load_protocol
 from bench.execution import ProcessExecutor, SerialExecutor, TaskExecutor, usable_cores

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from bench.api.runs import run_requests
-from bench.cli.console import note, note_files, print_failures, progress_bar, say, show, stage_times
-from bench.cli.interrupts import resumable
+from bench.cli.console import note, note_files, print_failures, say, show, stage_times
+from bench.cli.progress import progress_bar, resumable
 from bench.cli.request import Computing, parse_settings, render_if_synthetic
 from bench.cli.view import draw_example_frames
 from bench.evaluation import Protocol
@@ -132,7 +132,7 @@ class RunReport:
     protocol: Protocol
     pictures: bool
     _rows: tuple[TableRow, ...] = ()
-    _files: list[str] = field(default_factory=list)
+    _files: list[Path] = field(default_factory=list)
     _remarks: list[str] = field(default_factory=list)
 
     def write(self, results: Path, summary: RunSummary) -> None:
@@ -150,18 +150,18 @@ class RunReport:
                 )
         self._rows = tuple(rows)
         every = (results / "summary.json", *files, *drawn)
-        names = [file.relative_to(results).as_posix() for file in every]
-        self._files = sorted(names, key=lambda name: name not in READ_FIRST)  # of these the first few are printed
+        names = [file.relative_to(results) for file in every]
+        self._files = sorted(names, key=lambda name: str(name) not in READ_FIRST)  # the first few are printed
 
     def print(self, summary: RunSummary, folder: Path) -> None:
         """Print the table, what became of the images, the cost, and where everything is."""
         show(terminal_report(self._rows))
-        _print_totals(summary, [str(folder / file) for file in self._files], self.protocol)
+        _print_totals(summary, [folder / file for file in self._files], self.protocol)
         for remark in self._remarks:
             say(f"no picture: {remark}", style="yellow")
 
 
-def _print_totals(summary: RunSummary, files: Sequence[str], protocol: Protocol) -> None:
+def _print_totals(summary: RunSummary, files: Sequence[Path], protocol: Protocol) -> None:
     ledger, images = summary.objects, summary.images
     limits: dict[str, str] = {IgnoreReason.RANGE: f" (beyond {protocol.reference.range_limit_m:g} m)"}
     reasons = [f"{count} {reason}{limits.get(reason, '')}" for reason, count in ledger.ignored.items() if count]

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from bench.cli import options
-from bench.cli.console import note, note_files, print_failures, progress_bar, show
-from bench.cli.interrupts import resumable
+from bench.cli.console import note, note_files, print_failures, show
+from bench.cli.progress import progress_bar, resumable
 from bench.errors import DataError, UsageError
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def sweep(
     works = [summary.provenance.work for summary in runs.values() if summary.provenance.work is not None]
     computed, reused = sum(work.units_computed for work in works), sum(work.units_reused for work in works)
     note(f"{len(runs)} values; units computed {computed}, found done {reused}")
-    note_files([str(file) for file in files])
+    note_files(files)
     if failures:
         raise typer.Exit(options.FAILURES)
 

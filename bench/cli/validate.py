@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bench.cli.console import progress_bar, say
+from bench.cli.console import say
 from bench.cli.options import Split
+from bench.cli.progress import progress_bar
 from bench.errors import UsageError
 from bench.plain_text import listed
 

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bench.cli import options
-from bench.cli.console import note_files, progress_bar, say
+from bench.cli.console import note_files, say
+from bench.cli.progress import progress_bar
 from bench.errors import BenchError, UnknownNameError, UsageError
 
 if TYPE_CHECKING:
@@ -124,7 +125,7 @@ def view(
         files += _film(pipeline, indices, request, made)
     if request.out is not None or not films:
         files += _pictures(pipeline, indices, request.out, made)
-    note_files([str(file) for file in files])
+    note_files(files)
 
 
 def _pictures(pipeline: FramePipeline, indices: range, out: Path | None, made: str) -> Iterator[Path]:
