@@ -16,8 +16,7 @@ from bench.errors import BenchError, UsageError
 
 if TYPE_CHECKING:
     from bench.cli.request import Computing
-    from bench.cli.runs import ScoringOptions
-    from bench.harness import RunSummary
+    from bench.harness import RunRequest, RunSummary
     from bench.recordings import DatasetCard
 
 # Settings that make another method of one; the others come from the registry alone.
@@ -114,24 +113,21 @@ def competitors(card: DatasetCard, methods: str | None) -> list[Competitor]:
     Raises:
         UsageError: a setting that is none.
     """
+    from bench.cli.request import split_methods
     from bench.methods import known_methods
 
-    if methods is not None:
-        names = [text.strip() for text in methods.split(",")]
-    else:
+    if methods is None:
         variants = {known: [f"{known}:{setting}" for setting in VARIANTS.get(known, ())] for known in known_methods()}
         names = [name for known in known_methods() for name in (known, *variants[known])]
-        names += CEILINGS if card.scenario is not None else ()
-    return [_competitor(name, card) for name in names]
+        methods = ",".join([*names, *(CEILINGS if card.scenario is not None else ())])
+    return [_competitor(name, settings, card) for _, name, settings in split_methods(methods)]
 
 
-def _competitor(text: str, card: DatasetCard) -> Competitor:
-    from bench.cli.request import split_method
+def _competitor(name: str, settings: list[str], card: DatasetCard) -> Competitor:
     from bench.methods import known_methods
 
-    name, settings = split_method(text)
-    told = any(setting.startswith("scenario=") for setting in settings)
-    if name == EXACT_FLOW and card.scenario is not None and not told:
+    named = any(setting.startswith("scenario=") for setting in settings)
+    if name == EXACT_FLOW and card.scenario is not None and not named:
         settings = [*settings, f"scenario={card.scenario}"]
     return Competitor(name=name, settings=tuple(settings), timed=name in known_methods() or ":" in name)
 
@@ -149,26 +145,24 @@ def score_all(dataset: str, *, methods: str | None, protocol: str, runs: Path, c
     Returns:
         How many methods, images, units and recordings could not be used; each method's reason is printed.
     """
-    from bench.cli.request import render_if_synthetic
-    from bench.cli.runs import ScoringOptions
+    from bench.cli.request import render_if_synthetic, scoring_requests
     from bench.recordings import load_card
 
     card = load_card(dataset)
     render_if_synthetic(card)
     failures = 0
     for competitor in competitors(card, methods):
-        asked = ScoringOptions(
-            dataset=dataset,
-            method=competitor.name,
-            settings=competitor.settings,
-            protocol=protocol,
-            split=None,
-            out=str(runs / card.name / competitor.folder),
-            overwrite=True,
-            computing=computing,
-        )
         try:
-            summaries = _score(asked, timed=competitor.timed)
+            requests = scoring_requests(
+                dataset,
+                competitor.name,
+                settings=competitor.settings,
+                protocol=protocol,
+                split=None,
+                out=runs / card.name / competitor.folder,
+                overwrite=True,
+            )
+            summaries = _score(computing.equip(requests), timed=competitor.timed)
         except BenchError as error:
             say(f"left out: {card.name}, {competitor.folder}: {error}", style="red")
             failures += 1
@@ -180,15 +174,13 @@ def score_all(dataset: str, *, methods: str | None, protocol: str, runs: Path, c
     return failures
 
 
-def _score(asked: ScoringOptions, *, timed: bool) -> list[RunSummary]:
+def _score(requests: list[RunRequest], *, timed: bool) -> list[RunSummary]:
     """Score one method, time it, and write the page of the run that is judged."""
-    from bench.cli.runs import requested_runs
     from bench.harness import run_protocols
     from bench.harness.perf import method_cost, read_cost, write_cost
     from bench.reporting.leaderboard.reading import RANKING_PROTOCOL
     from bench.reporting.page.build import write_page
 
-    requests = requested_runs(asked, render=False)
     first, cost = requests[0], None
     if timed:
         cost = method_cost(first.card, first.method, protocol=first.protocol, known=read_cost(first.out))
@@ -200,5 +192,5 @@ def _score(asked: ScoringOptions, *, timed: bool) -> list[RunSummary]:
             write_page(results, pictures=False)
 
     left = "what is scored stays, and the same command goes on from there"
-    with interruptible(left), progress_bar(f"scoring {asked.method} on {first.card.name}", "images") as progress:
+    with interruptible(left), progress_bar(f"scoring {first.method.name} on {first.card.name}", "images") as progress:
         return run_protocols([replace(request, progress=progress) for request in requests], finish=finish)

@@ -21,13 +21,14 @@ def perf(
     images: Annotated[int, typer.Option(help="Images to time.")] = 200,
 ) -> None:
     """Time every stage, and the whole against its Farnebäck call alone in the same run."""
-    from bench.cli.request import chosen, render_if_synthetic
+    from bench.cli.request import parse_settings, render_if_synthetic
+    from bench.evaluation import load_protocol
     from bench.harness.perf import measure
     from bench.methods import build_method
-    from bench.recordings import open_dataset
+    from bench.recordings import load_card, open_dataset
     from bench.reporting.document import Column, Table
 
-    card, built, rules = chosen(dataset, build_method, method=method, settings=set_, protocol=protocol)
+    card, built, rules = load_card(dataset), build_method(method, parse_settings(set_)), load_protocol(protocol)
     render_if_synthetic(card)
     with progress_bar("timing", "images") as report:
         found = measure(

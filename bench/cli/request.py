@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
+from bench.api.runs import run_requests
 from bench.cli.console import detail, note
 from bench.cli.progress import interruptible, progress_bar
 from bench.errors import DataError, UsageError
-from bench.evaluation import Protocol, load_protocol
 from bench.execution import ProcessExecutor, SerialExecutor, TaskExecutor, usable_cores
+from bench.harness import RunRequest
 from bench.harness.cache import CacheFolder, default_folder
 from bench.harness.cluster import ClusterExecutor, WorkerRequirements, scheduler_address
 from bench.methods import Scorable
 from bench.plain_yaml import parse_yaml
-from bench.recordings import DatasetCard, load_card
-
-Built = TypeVar("Built")
+from bench.recordings import DatasetCard
 
 LONGEST = 1000  # characters of one setting
 
@@ -60,6 +59,11 @@ class Computing:
         requirements = WorkerRequirements.of(method, reads=(*data, *reads), cache=self.cache_folder)
         return ClusterExecutor.connect(scheduler_address(self.scheduler), requirements)
 
+    def equip(self, requests: Sequence[RunRequest]) -> list[RunRequest]:
+        """Give runs of one data set and method, which exist, their executor and cache."""
+        executor, cache = self.executor(requests[0].card, requests[0].method), self.cache_folder
+        return [replace(request, executor=executor, cache=cache) for request in requests]
+
     @property
     def cache_folder(self) -> CacheFolder | None:
         """Folder of cached steps; None to store none."""
@@ -76,37 +80,49 @@ def local_executor(workers: int | None) -> TaskExecutor:
     return SerialExecutor() if count == 1 else ProcessExecutor(workers=count)
 
 
-def chosen(
+def scoring_requests(
     dataset: str,
-    build: Callable[[str, Mapping[str, object]], Built],
-    *,
     method: str,
+    *,
     settings: Sequence[str] | None,
+    input_errors: Sequence[str] | None = None,
     protocol: str,
-) -> tuple[DatasetCard, Built, Protocol]:
-    """Load what options name: data set, method, protocol.
+    split: str | None,
+    out: str | Path | None,
+    overwrite: bool,
+) -> list[RunRequest]:
+    """Assemble the runs that a command line names, one for each protocol; as `bench.api.runs.run_requests`.
 
     Args:
         dataset: card, or its name.
-        build: `build_method`, or `build_scorable` to take also what sees the truth and is no method.
         method: name, or "module:Class".
         settings: of the method, "name=value".
-        protocol: name or file.
-
-    Raises:
-        UnknownNameError, UsageError, DataError: one of them is not there or cannot be used.
+        input_errors: injected into what the method is given, "name=value".
+        protocol: names or files, with commas in between; the method is asked once for all of them.
+        split: of the data set; None for all of it.
+        out: folder of the run; None for the usual one.
+        overwrite: replace another run.
     """
-    return load_card(dataset), build(method, parse_settings(settings or [])), load_protocol(protocol)
+    return run_requests(
+        dataset,
+        method,
+        settings=parse_settings(settings),
+        protocols=[name.strip() for name in protocol.split(",")],
+        split=split,
+        input_errors=parse_settings(input_errors, option="--input-error"),
+        out=out,
+        overwrite=overwrite,
+    )
 
 
-def parse_settings(pairs: Sequence[str], *, option: str = "--set") -> dict[str, Any]:
-    """Parse assignments: `weights.anti_parallel=0` becomes `{"weights": {"anti_parallel": 0}}`.
+def parse_settings(pairs: Sequence[str] | None, *, option: str = "--set") -> dict[str, Any]:
+    """Parse assignments; none for None: `weights.anti_parallel=0` becomes `{"weights": {"anti_parallel": 0}}`.
 
     Raises:
         UsageError: no `=`, a value that is no YAML, or a name that is both a value and a group.
     """
     parsed: dict[str, Any] = {}
-    for pair in pairs:
+    for pair in pairs or ():
         if len(pair) > LONGEST:
             raise UsageError(f"{option}: expected at most {LONGEST} characters, got {len(pair)}")
         name, equals, text = pair.partition("=")
@@ -126,18 +142,24 @@ def parse_settings(pairs: Sequence[str], *, option: str = "--set") -> dict[str, 
     return parsed
 
 
-def split_method(text: str) -> tuple[str, list[str]]:
-    """Name and settings of a method on one line: `spherical:flow=dis:cell_size_px=4`.
+def split_methods(text: str) -> list[tuple[str, str, list[str]]]:
+    """Split methods with commas in between and settings behind colons: `nothing,spherical:flow=dis:cell_size_px=4`.
+
+    Returns:
+        Each as it is written, the method's name, and its settings, "name=value".
 
     Raises:
         UsageError: words behind a setting that are none.
     """
-    words = text.split(":")
-    settings = [word for word in words if "=" in word]
-    method = words[: len(words) - len(settings)]  # "module:Class" has a colon of its own
-    if any("=" in word for word in method):
-        raise UsageError(f"--methods: expected METHOD:NAME=VALUE:NAME=VALUE, got {text!r}")
-    return ":".join(method), settings
+    found = []
+    for written in (part.strip() for part in text.split(",")):
+        words = written.split(":")
+        settings = [word for word in words if "=" in word]
+        method = words[: len(words) - len(settings)]  # "module:Class" has a colon of its own
+        if any("=" in word for word in method):
+            raise UsageError(f"--methods: expected METHOD:NAME=VALUE:NAME=VALUE, got {written!r}")
+        found.append((written, ":".join(method), settings))
+    return found
 
 
 def _number(value: object) -> object:

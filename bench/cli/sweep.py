@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -16,7 +17,6 @@ from bench.cli.progress import progress_bar, resumable
 from bench.errors import DataError, UsageError
 
 if TYPE_CHECKING:
-    from bench.cli.runs import ScoringOptions
     from bench.harness import RunRequest
 
 SWEEPS = Path("reports/sweeps")
@@ -56,8 +56,8 @@ def sweep(
     command.
     """
     from bench.atomic import output_folder
-    from bench.cli.request import Computing, render_if_synthetic
-    from bench.cli.runs import RunReport, ScoringOptions, requested_runs
+    from bench.cli.request import Computing, render_if_synthetic, scoring_requests
+    from bench.cli.runs import RunReport
     from bench.harness import run_benchmark
     from bench.harness.stages import part_of
     from bench.reporting.formats import file_name
@@ -65,21 +65,25 @@ def sweep(
 
     if "," in protocol:
         raise UsageError(f"sweep: expected one protocol, got {protocol!r}")
-    asked = ScoringOptions(
-        dataset=dataset,
-        method=method,
-        settings=set_ or [],
-        input_errors=input_error or [],
-        protocol=protocol,
-        split=split,
-        out=None if out is None else str(out),
-        overwrite=overwrite,
-        computing=Computing(workers=workers, cache=cache, no_cache=no_cache),
-    )
-    setting, choices = one_for_each_value(asked)
-    requests = {value: requested_runs(one, render=False)[0] for value, one in choices.items()}
+    setting, choices = one_for_each_value(set_ or [], input_error or [])
+    computing = Computing(workers=workers, cache=cache, no_cache=no_cache)
+    requests = {
+        value: computing.equip(
+            scoring_requests(
+                dataset,
+                method,
+                settings=settings,
+                input_errors=input_errors,
+                protocol=protocol,
+                split=split,
+                out=out,
+                overwrite=overwrite,
+            )
+        )[0]
+        for value, (settings, input_errors) in choices.items()
+    }
     first = next(iter(requests.values()))
-    folder = SWEEPS / _usual_name(asked, first, setting) if out is None else out
+    folder = SWEEPS / _usual_name([*(set_ or []), *(input_error or [])], first, setting) if out is None else out
     title = f"{setting} of {first.method.name} on {first.card.name} by {first.protocol.name}"
     about = METHOD_ONLY if any(request.input_errors.named for request in requests.values()) else ""
     runs = {}
@@ -109,27 +113,29 @@ def sweep(
         raise typer.Exit(options.FAILURES)
 
 
-def one_for_each_value(asked: ScoringOptions) -> tuple[str, dict[str, ScoringOptions]]:
-    """Find the setting or input error with several values; its name, and by value the run that is asked for.
+def one_for_each_value(
+    settings: Sequence[str], input_errors: Sequence[str]
+) -> tuple[str, dict[str, tuple[Sequence[str], Sequence[str]]]]:
+    """Find the setting or input error with several values; its name, and by value the settings and errors of a run.
 
     Raises:
         UsageError: none or two of them, or values that are no YAML.
     """
+    assigned = [*settings, *input_errors]
     found = []
-    for option in ("settings", "input_errors"):
-        texts = list(getattr(asked, option))
-        for place, (name, _, values) in enumerate(text.partition("=") for text in texts):
-            chosen = split_values(name, values)
-            if len(chosen) > 1:
-                of_value: dict[str, Any] = {
-                    shown: {option: [*texts[:place], f"{name}={value}", *texts[place + 1 :]]}
-                    for shown, value in chosen.items()
-                }
-                found.append((name, {shown: replace(asked, **changed) for shown, changed in of_value.items()}))
+    for place, text in enumerate(assigned):
+        name, _, values = text.partition("=")
+        chosen = split_values(name, values)
+        if len(chosen) > 1:
+            found.append((place, name, chosen))
     if len(found) != 1:
         expected = "one --set or --input-error with several values, as --set threshold=3e-4,6e-4,1e-3"
         raise UsageError(f"sweep: expected {expected}, got {len(found)}")
-    return found[0]
+    ((place, name, chosen),) = found
+    of_values = {
+        shown: [*assigned[:place], f"{name}={value}", *assigned[place + 1 :]] for shown, value in chosen.items()
+    }
+    return name, {shown: (one[: len(settings)], one[len(settings) :]) for shown, one in of_values.items()}
 
 
 def split_values(name: str, values: str) -> dict[str, str]:
@@ -148,10 +154,10 @@ def split_values(name: str, values: str) -> dict[str, str]:
     return {value if isinstance(value, str) else text: text for value, text in zip(parsed, written, strict=True)}
 
 
-def _usual_name(asked: ScoringOptions, request: RunRequest, setting: str) -> str:
+def _usual_name(assigned: Sequence[str], request: RunRequest, setting: str) -> str:
     """Data set, method, what else is not the default, and the setting that is swept."""
     from bench.api.runs import default_folder
 
-    assigned = (text.partition("=") for text in (*asked.settings, *asked.input_errors))
-    fixed = [(name, value) for name, _, value in assigned if name != setting]
+    pairs = (text.partition("=") for text in assigned)
+    fixed = [(name, value) for name, _, value in pairs if name != setting]
     return f"{default_folder(request.card, request.method.name, fixed, request.protocol, request.split).name}-{setting}"
