@@ -16,7 +16,6 @@ from bench.errors import UsageError
 
 if TYPE_CHECKING:
     from bench.audit import AuditSummary
-    from bench.audit.predictions import Prediction
     from bench.audit.ranking import RankingSummary
     from bench.recordings import DatasetCard
     from bench.reporting.document import Table
@@ -54,10 +53,11 @@ def audit(
     begins again.
     """
     from bench.audit import audit_sources, read_misses, read_polygons, run_audit
+    from bench.audit.predictions import parse_predictions
     from bench.audit.ranking import run_ranking
-    from bench.cli.request import parse_settings
     from bench.evaluation import load_protocol
     from bench.methods import FlowMethod, build_method
+    from bench.methods.settings import parse_settings
     from bench.recordings import load_card
     from bench.reporting.audit_pictures import write_audit_files, write_cause_pictures, write_examples
     from bench.reporting.audit_ranking import ranking_tables, write_ranking_files
@@ -72,7 +72,7 @@ def audit(
                 "--methods: expected none of --method, --set and --protocol beside it; settings follow a method's name "
                 "behind a colon, and the references are always the same"
             )
-        ranked = parse_methods(methods)
+        ranked = parse_predictions(methods)
         ranking = compute(partial(run_ranking, predictions=ranked), title=f"ranking {len(ranked)} on {card.name}")
         _print(ranking, ranking_tables(ranking), write_ranking_files(folder), all_in="ranking.json")
         return
@@ -107,25 +107,6 @@ def _compute(
         with interruptible(LEFT), progress_bar(title, "recordings") as report:
             executor = local_executor(workers)
             return compute(card, out=folder, split=split, recordings=recordings, executor=executor, progress=report)
-
-
-def parse_methods(text: str) -> tuple[Prediction, ...]:
-    """Build the methods of a list with commas, settings behind colons: `spherical,spherical:flow=dis:cell_size_px=4`.
-
-    Args:
-        text: the list, or "all".
-
-    Raises:
-        UsageError: a method or a setting that does not exist, or words behind a setting that are none.
-    """
-    from bench.audit.predictions import ALL_PREDICTIONS, Prediction
-    from bench.cli.request import parse_settings, split_methods
-    from bench.harness import build_scorable
-
-    return tuple(
-        Prediction(name=written, method=build_scorable(method, parse_settings(settings)))
-        for written, method, settings in split_methods(",".join(ALL_PREDICTIONS) if text == "all" else text)
-    )
 
 
 def _print(

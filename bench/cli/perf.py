@@ -21,10 +21,11 @@ def perf(
     images: Annotated[int, typer.Option(help="Images to time.")] = 200,
 ) -> None:
     """Time every stage, and the whole against its Farnebäck call alone in the same run."""
-    from bench.cli.request import parse_settings, render_if_synthetic
+    from bench.cli.request import render_if_synthetic
     from bench.evaluation import load_protocol
     from bench.harness.perf import measure
     from bench.methods import build_method
+    from bench.methods.settings import parse_settings
     from bench.recordings import load_card, open_dataset
     from bench.reporting.document import Column, Table
 

@@ -5,21 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from bench.api.runs import run_requests
 from bench.cli.console import detail, note
 from bench.cli.progress import interruptible, progress_bar
-from bench.errors import DataError, UsageError
+from bench.errors import UsageError
 from bench.execution import ProcessExecutor, SerialExecutor, TaskExecutor, usable_cores
 from bench.harness import RunRequest
 from bench.harness.cache import CacheFolder, default_folder
 from bench.harness.cluster import ClusterExecutor, WorkerRequirements, scheduler_address
 from bench.methods import Scorable
-from bench.plain_yaml import parse_yaml
+from bench.methods.settings import parse_settings
 from bench.recordings import DatasetCard
-
-LONGEST = 1000  # characters of one setting
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,63 +110,6 @@ def scoring_requests(
         out=out,
         overwrite=overwrite,
     )
-
-
-def parse_settings(pairs: Sequence[str] | None, *, option: str = "--set") -> dict[str, Any]:
-    """Parse assignments; none for None: `weights.anti_parallel=0` becomes `{"weights": {"anti_parallel": 0}}`.
-
-    Raises:
-        UsageError: no `=`, a value that is no YAML, or a name that is both a value and a group.
-    """
-    parsed: dict[str, Any] = {}
-    for pair in pairs or ():
-        if len(pair) > LONGEST:
-            raise UsageError(f"{option}: expected at most {LONGEST} characters, got {len(pair)}")
-        name, equals, text = pair.partition("=")
-        if not (equals and name):
-            raise UsageError(f"{option}: expected NAME=VALUE, got {pair!r}")
-        try:
-            value = parse_yaml(text, file=f"{option} {name}")
-        except DataError as error:
-            raise UsageError(f"{option} {name}: expected a YAML value, got {text!r}") from error
-        group = parsed
-        *parents, leaf = name.split(".")
-        for parent in parents:
-            group = group.setdefault(parent, {})
-            if not isinstance(group, dict):
-                raise UsageError(f"{option} {name}: {parent!r} already has the value {group!r}")
-        group[leaf] = _number(value)
-    return parsed
-
-
-def split_methods(text: str) -> list[tuple[str, str, list[str]]]:
-    """Split methods with commas in between and settings behind colons: `nothing,spherical:flow=dis:cell_size_px=4`.
-
-    Returns:
-        Each as it is written, the method's name, and its settings, "name=value".
-
-    Raises:
-        UsageError: words behind a setting that are none.
-    """
-    found = []
-    for written in (part.strip() for part in text.split(",")):
-        words = written.split(":")
-        settings = [word for word in words if "=" in word]
-        method = words[: len(words) - len(settings)]  # "module:Class" has a colon of its own
-        if any("=" in word for word in method):
-            raise UsageError(f"--methods: expected METHOD:NAME=VALUE:NAME=VALUE, got {written!r}")
-        found.append((written, ":".join(method), settings))
-    return found
-
-
-def _number(value: object) -> object:
-    """YAML 1.1 reads `6e-4` as text; users mean the number."""
-    if isinstance(value, str):
-        try:
-            return float(value)
-        except ValueError:
-            return value
-    return value
 
 
 def render(scenario: Path, out: Path, *, workers: int | None = None) -> None:

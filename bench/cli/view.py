@@ -51,9 +51,10 @@ def view(
 ) -> None:
     """Draw frames: panels, areas, overlay and lidar clusters of each, a video, or a log for the viewer."""
     from bench.api.datasets import Dataset
-    from bench.cli.request import parse_settings, render_if_synthetic
+    from bench.cli.request import render_if_synthetic
     from bench.evaluation import load_protocol
     from bench.harness import FramePipeline, build_scorable
+    from bench.methods.settings import parse_settings
     from bench.recordings import load_card, open_dataset
     from bench.reporting.film import refuse_other_files, write_film
     from bench.reporting.formats import made_by

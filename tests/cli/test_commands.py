@@ -9,8 +9,8 @@ import pytest
 
 import bench
 from bench.cli.app import app
-from bench.cli.request import parse_settings
 from bench.errors import UsageError
+from bench.methods.settings import parse_settings
 from tests.support.commands import call, error_line
 
 COMMANDS = {
