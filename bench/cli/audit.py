@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 import typer
 
 from bench.cli import options
-from bench.cli.console import note, print_failures, say, show, stage_times
+from bench.cli.console import note, print_failures, say, show
 from bench.cli.progress import interruptible, progress_bar
 from bench.errors import UsageError
 
@@ -119,6 +119,7 @@ def _print(
 ) -> None:
     """Print the tables, the cost, failures and files, and end with the status that tells of failures."""
     from bench.reporting.audit_tables import for_terminal
+    from bench.reporting.totals import stage_times
 
     show(for_terminal(tables))
     made = found.provenance

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from enum import Enum
 from io import TextIOWrapper
 from pathlib import Path
@@ -130,11 +130,6 @@ def note_files(files: Iterable[Path]) -> None:
         note(str(file))
     if rest := paths[len(shown) :]:
         note(f"and {len(rest)} more files in {os.path.commonpath([file.parent for file in rest]) or '.'}")
-
-
-def stage_times(seconds: Mapping[str, float]) -> str:
-    """Seconds by stage, as "decode 1.4, method 30.9"."""
-    return ", ".join(f"{name} {spent:.1f}" for name, spent in seconds.items())
 
 
 def _print(shown: Table | Text, *, to_errors: bool = False, wrap: bool = False) -> None:

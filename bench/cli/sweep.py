@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,7 +11,7 @@ import typer
 from bench.cli import options
 from bench.cli.console import note, note_files, print_failures, show
 from bench.cli.progress import progress_bar, resumable
-from bench.errors import DataError, UsageError
+from bench.errors import UsageError
 
 if TYPE_CHECKING:
     from bench.harness import RunRequest
@@ -55,12 +52,9 @@ def sweep(
     Each value is a run in a folder of the sweep. A sweep that was interrupted continues where it stopped, by the same
     command.
     """
+    from bench.api.sweep import run_values
     from bench.atomic import output_folder
     from bench.cli.request import Computing, render_if_synthetic, scoring_requests
-    from bench.cli.runs import RunReport
-    from bench.harness import run_benchmark
-    from bench.harness.stages import part_of
-    from bench.reporting.formats import file_name
     from bench.reporting.sweep import METHOD_ONLY, table, write_sweep
 
     if "," in protocol:
@@ -86,21 +80,10 @@ def sweep(
     folder = SWEEPS / _usual_name([*(set_ or []), *(input_error or [])], first, setting) if out is None else out
     title = f"{setting} of {first.method.name} on {first.card.name} by {first.protocol.name}"
     about = METHOD_ONLY if any(request.input_errors.named for request in requests.values()) else ""
-    runs = {}
-    with output_folder(folder), ExitStack() as held:
+    with output_folder(folder):
         render_if_synthetic(first.card)
-        held.enter_context(resumable(folder))
-        report = held.enter_context(progress_bar(f"scoring {len(requests)} values of {setting}", "values"))
-        executor = held.enter_context(first.executor)  # of all values, so that workers start once
-        for number, (value, request) in enumerate(requests.items()):
-            run = replace(
-                request,
-                out=folder / (file_name(value).lstrip(".") or "_"),
-                executor=executor,
-                progress=part_of(report, number=number, total=len(requests)),
-            )
-            written = RunReport(card=run.card, protocol=run.protocol, pictures=False)
-            runs[value] = run_benchmark(run, finish=written.write)
+        with resumable(folder), progress_bar(f"scoring {len(requests)} values of {setting}", "values") as progress:
+            runs = run_values(requests, folder, progress=progress)
     files = write_sweep(folder, setting, runs, title=title, note=about)
     show([table(setting, runs, title=title, note=about)])
     failures = [f"{value}: {failure}" for value, summary in runs.items() for failure in summary.failures]
@@ -121,6 +104,8 @@ def one_for_each_value(
     Raises:
         UsageError: none or two of them, or values that are no YAML.
     """
+    from bench.methods.settings import split_values
+
     assigned = [*settings, *input_errors]
     found = []
     for place, text in enumerate(assigned):
@@ -136,22 +121,6 @@ def one_for_each_value(
         shown: [*assigned[:place], f"{name}={value}", *assigned[place + 1 :]] for shown, value in chosen.items()
     }
     return name, {shown: (one[: len(settings)], one[len(settings) :]) for shown, one in of_values.items()}
-
-
-def split_values(name: str, values: str) -> dict[str, str]:
-    """Split values of YAML at the commas between them: as they are shown, and as they are written.
-
-    Raises:
-        UsageError: they are no YAML.
-    """
-    from bench.plain_yaml import parse_yaml
-
-    try:
-        parsed = parse_yaml(f"[{values}]", file=name)
-    except DataError as error:
-        raise UsageError(f"{name}: expected values of YAML with commas in between, got {values!r}") from error
-    written = [json.dumps(value, default=str) for value in parsed]
-    return {value if isinstance(value, str) else text: text for value, text in zip(parsed, written, strict=True)}
 
 
 def _usual_name(assigned: Sequence[str], request: RunRequest, setting: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from typing import Any
 
@@ -66,3 +67,17 @@ def _number(value: object) -> object:
         except ValueError:
             return value
     return value
+
+
+def split_values(name: str, values: str) -> dict[str, str]:
+    """Split values of YAML at the commas between them: as they are shown, and as they are written.
+
+    Raises:
+        UsageError: they are no YAML.
+    """
+    try:
+        parsed = parse_yaml(f"[{values}]", file=name)
+    except DataError as error:
+        raise UsageError(f"{name}: expected values of YAML with commas in between, got {values!r}") from error
+    written = [json.dumps(value, default=str) for value in parsed]
+    return {value if isinstance(value, str) else text: text for value, text in zip(parsed, written, strict=True)}
