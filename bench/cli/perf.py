@@ -12,9 +12,7 @@ from bench.cli.progress import progress_bar
 
 
 def perf(
-    dataset: Annotated[
-        str, typer.Argument(help="A data-set card: its path, or a name that `datasets` lists.")
-    ] = "demo",
+    dataset: options.Dataset = "demo",
     method: options.MethodName = "spherical",
     set_: options.Settings = None,
     protocol: options.ProtocolName = "paper-v1",
